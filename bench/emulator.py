@@ -16,10 +16,10 @@ from controller.packet import ZERO_VEC, Packet, VecInt, encode
 from controller.packet_table import (
     ID_LAST,
     Bank,
+    CentreParam,
     Com,
     FeedbackSwitch,
     GainKind,
-    Point,
     greeting,
     next_id,
 )
@@ -193,7 +193,7 @@ class Client:
         """Set limits, TCP and gains, start both kinds of force feedback."""
         for bank, vec in LIMITS.items():
             self.say(Com.LIMITS, bank, vec)
-        self.say(Com.TCP, Point.TCP)
+        self.say(Com.TCP, CentreParam.TCP)
         self.say(Com.GAINS, GainKind.INTEGRAL, GAINS_I)
         self.say(Com.FEEDBACK, FeedbackSwitch.POSITION)
         self.say(Com.FEEDBACK, FeedbackSwitch.ORIENTATION)

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from cli.demo.scenario import ScenarioError
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array
@@ -39,7 +39,7 @@ APPROACH_N_S = 140.0  # rise of the force at first contact, as in the demo's cel
 SOFT_N_M = 2000.0  # so that pressing takes centimetres
 
 Robot = Literal["sim", "tcp"]
-How = Literal["kill", "freeze", "cut"]
+FaultKind = Literal["kill", "freeze", "cut"]
 Motion = Literal["approach", "press", "retreat", "move"]
 ROBOTS: tuple[Robot, ...] = get_args(Robot)
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
@@ -58,7 +58,7 @@ class Case:
     """One fault: a role that is killed or frozen, or a key of the bus that is cut."""
 
     robot: Robot
-    how: How
+    how: FaultKind
     what: str
     motion: Motion
 
@@ -105,7 +105,7 @@ class CutTransport(MemoryTransport):
             self.kinds[header.epoch, header.seq] = kind
 
 
-class World:
+class FaultCell:
     """Virtual cell with fault injection, and the true motion of its flange."""
 
     def __init__(self, robot: Robot, **changes: float) -> None:
@@ -207,7 +207,9 @@ class World:
         self.live(WATCH_S)
 
 
-def cell_for(robot: Robot, *, stiffness_N_m: float = SOFT_N_M, gap_m: float | None = None) -> Cell:
+def cell_for(
+    robot: Robot, *, stiffness_N_m: float = SOFT_N_M, gap_m: float | None = None
+) -> CellConfig:
     """Return a demo cell at 125 Hz, with the default deadlines of a lab PC."""
     name = "demo.yaml" if robot == "sim" else "demo-tcp.yaml"
     robot_hz = HZ if robot == "sim" else 40
@@ -238,7 +240,7 @@ def cases() -> Iterator[Case]:
 
 def run(case: Case) -> Outcome:
     """Play one case."""
-    world = World(case.robot)
+    world = FaultCell(case.robot)
     world.begin(case.motion)
     speed_m_s, begun, fault_ns = float(world.speeds_m_s()[-1]), len(world.p_m), world.now_ns
     world.strike(case)

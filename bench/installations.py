@@ -21,21 +21,21 @@ from rich.table import Table
 from bench.installations_page import Outcome, page, short
 from bench.installations_stage import (
     EYE,
-    Mistake,
+    InstallationError,
     Stage,
-    as_shown,
     attitude_times,
     changed,
+    readings_with,
     true_cell,
 )
-from bench.sensor_faults import PRESSED_N, Eyes
+from bench.sensor_faults import PRESSED_N, TruthObserver
 from forcemesh import topics
 from forcemesh.errors import ConfigError, ForcemeshError
 from forcemesh.requests import ArmRequest, Empty
 from identification.installation.axis_fit import SIGNED
 from identification.installation.check import judge_installation
-from identification.installation.terms import Belief
-from tools.figures import whole
+from identification.installation.terms import ExpectedInstallation
+from tools.figures import as_block_page
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "installations.md"
 PRESS_S, REST_S = 6.0, 0.1
@@ -44,13 +44,13 @@ ALL, FORCES, TORQUES, UNITS = "all six channels", "forces", "torques", "units an
 KGF, LBF = 1.0 / 9.80665, 1.0 / 4.4482216
 
 
-def wirings(group: str) -> Iterator[Mistake]:
+def wirings(group: str) -> Iterator[InstallationError]:
     """Yield the 47 wrong wirings of some channels."""
     for wiring in SIGNED[1:]:
         rows = [
             f"{'-' if row.min() < 0.0 else '+'}{'xyz'[int(np.argmax(abs(row)))]}" for row in wiring
         ]
-        yield Mistake(
+        yield InstallationError(
             " ".join(rows),
             group,
             EYE if group == TORQUES else wiring,
@@ -58,9 +58,9 @@ def wirings(group: str) -> Iterator[Mistake]:
         )
 
 
-def others() -> Iterator[Mistake]:
+def others() -> Iterator[InstallationError]:
     """Yield wrong units and payloads."""
-    sensor = partial(Mistake, group=UNITS)
+    sensor = partial(InstallationError, group=UNITS)
     yield sensor("none: all correct")
     yield sensor("forces in kgf", force=KGF * EYE)
     yield sensor("forces in pounds", force=LBF * EYE)
@@ -91,7 +91,7 @@ def others() -> Iterator[Mistake]:
         )
 
 
-def play(mistake: Mistake) -> Outcome:
+def play(mistake: InstallationError) -> Outcome:
     """Test the lines of defence that are relevant for a group.
 
     Torques have no effect on a straight press; errors of the forces press like all six channels.
@@ -103,7 +103,7 @@ def play(mistake: Mistake) -> Outcome:
         return Outcome(
             mistake.name, mistake.group, "wrong", (said,), NO_CELL, NO_CELL, "", 0.0, 0.0
         )
-    found = judge_installation(as_shown(mistake), Belief.of(believed))
+    found = judge_installation(readings_with(mistake), ExpectedInstallation.of(believed))
     tare, arming = ("", "") if mistake.group == FORCES else _arming(mistake)
     press = ("", 0.0, 0.0) if mistake.group in (FORCES, TORQUES) else _press(mistake)
     return Outcome(
@@ -117,7 +117,7 @@ def play(mistake: Mistake) -> Outcome:
     )
 
 
-def _arming(mistake: Mistake) -> tuple[str, str]:
+def _arming(mistake: InstallationError) -> tuple[str, str]:
     """Return why the tare, and arming for force with a rotated wrist, were refused."""
     stage = Stage(mistake)
     tare = stage.world.client.ask(topics.TARE, Empty())
@@ -130,7 +130,7 @@ def _arming(mistake: Mistake) -> tuple[str, str]:
     return refused, "" if reply.accepted else f"{reply.code}: {reply.text}"
 
 
-def _press(mistake: Mistake) -> tuple[str, float, float]:
+def _press(mistake: InstallationError) -> tuple[str, float, float]:
     """Return why the press was stopped, its true peak force and its travel."""
     stage = Stage(mistake, hidden=True)
     client = stage.world.client
@@ -139,7 +139,7 @@ def _press(mistake: Mistake) -> tuple[str, float, float]:
     reply = client.ask(topics.ARM, ArmRequest())
     if not reply.accepted:
         return f"not armed: {reply.text}", 0.0, 0.0
-    eyes = Eyes(stage)
+    eyes = TruthObserver(stage)
     try:
         stage.feedback(PRESSED_N, "pc")
     except ForcemeshError as error:
@@ -192,7 +192,7 @@ def main() -> None:
     text = page(outcomes())
     if writes:
         command = "python -m bench.installations --write"
-        PAGE.write_text(whole("installations", text, command), encoding="utf-8")
+        PAGE.write_text(as_block_page("installations", text, command), encoding="utf-8")
     else:
         print(text)
 

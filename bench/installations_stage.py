@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.faults import CutTransport, World, cell_for
+from bench.faults import CutTransport, FaultCell, cell_for
 from bench.sensor_faults import STIFF_N_M
 from cli.calibration.drive import Drive
 from cli.calibration.gather import Gatherer
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
 from common.motion.convert import joints
 from common.motion.frames import (
@@ -30,7 +30,7 @@ from forcemesh.messages import RobotState
 from forcemesh.requests import MoveRequest
 from forcemesh.topics import Qos
 from identification.dwells import Dwell, samples_of
-from identification.excitation.plan import Options, Plan, make_plan
+from identification.excitation.plan import CalibrationPlan, PlanOptions, make_plan
 from identification.recording import Samples
 from launch.virtual_cell import VirtualCell
 from sim.robot.arm import SimArm
@@ -46,7 +46,7 @@ REST_S = 0.6
 
 
 @dataclass(frozen=True)
-class Mistake:
+class InstallationError:
     """One installation error: channel matrix, changes of the cell file, reported attitudes."""
 
     name: str
@@ -69,20 +69,20 @@ class Mistake:
         return not (np.array_equal(self.force, EYE) and np.array_equal(self.torque, EYE))
 
 
-def true_cell() -> Cell:
+def true_cell() -> CellConfig:
     """Return the demo's cell, with a plate close to the tool, and the correct payload."""
     cell = cell_for("sim", gap_m=GAP_M, stiffness_N_m=STIFF_N_M)
     return changed(cell, {"payload.com_m": COM_M, "sim.tool_com_m": COM_M})
 
 
-def bias_of(cell: Cell) -> Array:
+def bias_of(cell: CellConfig) -> Array:
     """Return the reading of the simulated sensor without load. Raises SimulationError."""
     if cell.sim is None:
         raise SimulationError("the cell file has no section `sim`")
     return np.array([*cell.sim.bias_force_N, *cell.sim.bias_torque_Nm])
 
 
-def changed(cell: Cell, changes: dict[str, Any]) -> Cell:
+def changed(cell: CellConfig, changes: dict[str, Any]) -> CellConfig:
     """Return a cell with other entries, by their dotted keys."""
     tree = cell.model_dump(mode="json")
     for key, value in changes.items():
@@ -99,7 +99,7 @@ def attitude_times(R: Array, times: float) -> Array:
     return R_from_oat(Oat(*(times * angle for angle in oat_from_R(R))))
 
 
-class BentTransport(CutTransport):
+class AttitudeErrorTransport(CutTransport):
     """Bus on which the robot reports a wrong orientation."""
 
     def __init__(self, attitude: Callable[[Array], Array] | None) -> None:
@@ -122,10 +122,10 @@ class BentTransport(CutTransport):
         return put_bent
 
 
-class MistakenCell(VirtualCell):
+class MisinstalledCell(VirtualCell):
     """Cell whose processes use one cell file while arm and sensor follow another one."""
 
-    def __init__(self, believed: Cell, true: Cell, transport: MemoryTransport) -> None:
+    def __init__(self, believed: CellConfig, true: CellConfig, transport: MemoryTransport) -> None:
         """Start all services."""
         self._true = true
         super().__init__(believed, transport)
@@ -137,20 +137,20 @@ class MistakenCell(VirtualCell):
         return robot.arm
 
 
-class Stage(World):
+class Stage(FaultCell):
     """Cell with an error, just started: neither tared nor armed."""
 
-    def __init__(self, mistake: Mistake, *, hidden: bool = False) -> None:
+    def __init__(self, mistake: InstallationError, *, hidden: bool = False) -> None:
         """Start it; hidden: the error is removed from the reading at rest, as by a tare."""
         true = true_cell()
-        self.bus = BentTransport(mistake.attitude)
-        self.world = MistakenCell(changed(true, mistake.changes), true, self.bus)
+        self.bus = AttitudeErrorTransport(mistake.attitude)
+        self.world = MisinstalledCell(changed(true, mistake.changes), true, self.bus)
         self.host = "pc"
         self.p_m = []
         self.last_ns = 0
         sensor = self.world.arm.ft_sensor
         if mistake.of_sensor and hidden:
-            sensor.disturb = hide(self.world.arm.sample_ft(), mistake.wiring)
+            sensor.disturb = tared_sensor(self.world.arm.sample_ft(), mistake.wiring)
         else:
             sensor.wiring = mistake.wiring
         self.world.advance(1.6)
@@ -167,7 +167,7 @@ class Stage(World):
         self.world.advance(REST_S + 1.0)
 
 
-def hide(rest: FtSample, wiring: Array) -> Callable[[FtSample], FtSample]:
+def tared_sensor(rest: FtSample, wiring: Array) -> Callable[[FtSample], FtSample]:
     """Return a sensor with the correct reading at rest whose changes pass through a wiring."""
     at_rest = np.concatenate((rest.force_N, rest.torque_Nm))
 
@@ -180,14 +180,14 @@ def hide(rest: FtSample, wiring: Array) -> Callable[[FtSample], FtSample]:
 
 
 @cache
-def plan_of() -> Plan:
+def plan_of() -> CalibrationPlan:
     """Return the six poses of the automatic check, from the initial pose of the demo's arm."""
-    stage = Stage(Mistake("none", ""))
+    stage = Stage(InstallationError("none", ""))
     arm = stage.world.arm
-    return make_plan(stage.world.cell, arm.kinematics, np.array(arm.q), Options(POSES, 1))
+    return make_plan(stage.world.cell, arm.kinematics, np.array(arm.q), PlanOptions(POSES, 1))
 
 
-def gather(mistake: Mistake) -> Samples:
+def gather(mistake: InstallationError) -> Samples:
     """Move through the poses of the check; return the readings with this error."""
     stage, plan = Stage(mistake), plan_of()
     bus, route = stage.world.client, plan.route
@@ -207,10 +207,10 @@ def gather(mistake: Mistake) -> Samples:
 @cache
 def gathered() -> Samples:
     """Return the readings of a correct installation, to which each error is applied."""
-    return gather(Mistake("none", ""))
+    return gather(InstallationError("none", ""))
 
 
-def as_shown(mistake: Mistake) -> Samples:
+def readings_with(mistake: InstallationError) -> Samples:
     """Return the readings of the check with an error; equal to a new run with it."""
     rows, true = gathered(), true_cell()
     believed = changed(true, mistake.changes)

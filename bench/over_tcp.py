@@ -18,13 +18,13 @@ from typer import Option
 from typer import run as run_typer
 
 from bench.settling import MODES, STIFFNESSES_N_M
-from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
 from cli.demo.play import play_real, play_virtual
-from cli.demo.scenario import Plan, ScenarioError, Trace
-from common.config.cell import Cell
+from cli.demo.scenario import ScenarioError, ScenarioPlan, Trace
+from common.config.cell import CellConfig
 from forcemesh.messages import Host, Mode
-from tools.figures import whole
+from tools.figures import as_block_page
 from tuning.gain_rule import tune
 
 HOSTS: tuple[Host, ...] = get_args(Host)
@@ -48,7 +48,7 @@ manuals leave open. Run {how}; made by `{command}`.
 | host, mode, stiffness | AS step | settling | overshoot | loop | sender |
 |---|---|---:|---:|---:|---:|"""
 
-Play = Callable[[Cell, Plan], Trace]
+Play = Callable[[CellConfig, ScenarioPlan], Trace]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,12 +62,12 @@ class Case:
     pessimistic: bool
 
 
-def in_lock_step(cell: Cell, plan: Plan) -> Trace:
+def in_lock_step(cell: CellConfig, plan: ScenarioPlan) -> Trace:
     """Play on the virtual clock: the same on every machine, to the last digit."""
     return play_virtual(cell, plan, lambda *_: None, 0.0)
 
 
-def in_processes(cell: Cell, plan: Plan) -> Trace:
+def in_processes(cell: CellConfig, plan: ScenarioPlan) -> Trace:
     """Play in real processes over a real socket."""
     return play_real(cell, plan, lambda *_: None, 0.0)
 
@@ -85,14 +85,14 @@ def run(case: Case, play: Play = in_lock_step) -> Result:
     """Play one case with the documented gain rule. Raises ScenarioError if the arm was stopped."""
     cell = demo_cell(
         CELL,
-        Trial(
+        DemoOverrides(
             tilt_deg=DEFAULT_TILT_DEG[case.mode],
             stiffness_N_m=case.stiffness_N_m,
             as_step_s=case.as_step_s,
             pessimistic=case.pessimistic,
         ),
     )
-    plan = Plan(
+    plan = ScenarioPlan(
         mode=case.mode,
         host=case.host,
         setpoint_N=DEFAULT_SETPOINT_N[case.mode],
@@ -142,7 +142,7 @@ def main(
         rows = map(row_of_real, cases()) if real else pool.map(row, cases())
         text = page(bar.track(rows, total=len(cases())), real=real)
     if write:
-        PAGE.write_text(whole("over-tcp", text, "make bench-tcp ARGS=--write"))
+        PAGE.write_text(as_block_page("over-tcp", text, "make bench-tcp ARGS=--write"))
     else:
         Console().print(Markdown(text))
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 # Everything except rendering, which needs a graphics card.
-LOOK = """
+SCRIPT = """
 import sys, time
 from playwright.sync_api import sync_playwright
 spare = '''
@@ -33,7 +33,7 @@ ENDS_WITHIN_S = 20.0
 def one_browser(address: str) -> Iterator[None]:
     """Keep an address open in a headless Chromium until the end of the block."""
     process = subprocess.Popen(
-        ["nice", "-n", "19", sys.executable, "-c", LOOK, address],  # noqa: S607 - of every system
+        ["nice", "-n", "19", sys.executable, "-c", SCRIPT, address],  # noqa: S607 - of every system
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

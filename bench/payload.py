@@ -17,7 +17,7 @@ from bench.payload_peers import PEERS
 from bench.payload_worlds import (
     SAMPLES_PER_DWELL,
     WORLDS,
-    World,
+    CellErrors,
     attitudes,
     read,
     recording,
@@ -52,7 +52,7 @@ def errors(payload: Payload, samples: Samples) -> Array:
     return np.array([np.linalg.norm(v, axis=1).mean() for v in left])
 
 
-def compared(world: World, poses: int, seeds: int) -> tuple[dict[str, Array], Counter[str]]:
+def compared(world: CellErrors, poses: int, seeds: int) -> tuple[dict[str, Array], Counter[str]]:
     """Return each method's errors on the other poses, shape (seeds, 2), and our models."""
     found: dict[str, list[Array]] = {name: [] for name in (*PEERS, "ours")}
     models: Counter[str] = Counter()
@@ -102,7 +102,10 @@ def accuracy_table(seeds: int) -> Table:
     )
     for name in ("cell", "mean N", "95 %", "mean mN m", "95 %", "within 2 sigma", *NAMES):
         table.add_column(name)
-    for label, world in (("no error", World()), ("tilt, mounting 1 deg", World(1.0, 1.0))):
+    for label, world in (
+        ("no error", CellErrors()),
+        ("tilt, mounting 1 deg", CellErrors(1.0, 1.0)),
+    ):
         found = [trial(world, seed) for seed in range(seeds)]
         left = np.array([error for error, _ in found])
         inside = {n: np.concatenate([z[n] for _, z in found if n in z]) for n in found[0][1]}
@@ -125,7 +128,7 @@ def shares(z: Array) -> str:
     return " ".join(f"{100 * share:.1f}" for share in (np.abs(z) < 2.0).mean(axis=0))
 
 
-def trial(world: World, seed: int, poses: int = 10) -> tuple[Array, dict[str, Array]]:
+def trial(world: CellErrors, seed: int, poses: int = 10) -> tuple[Array, dict[str, Array]]:
     """Return the error over random orientations, and each parameter's error over its deviation.
 
     A tilt or a mounting that was not identified counts as an infinite error.
@@ -159,7 +162,7 @@ def trial(world: World, seed: int, poses: int = 10) -> tuple[Array, dict[str, Ar
     return left, z
 
 
-def left_out_table(path: Path | None) -> Table:
+def leave_one_out_table(path: Path | None) -> Table:
     """Return the residual of each pose when a method is fitted to the others."""
     if path is None:
         rng = np.random.default_rng(7)
@@ -236,7 +239,7 @@ def main() -> None:
     part = 10 if asked.quick else 1
     screen = Console(width=200)
     screen.print(cost_table())
-    screen.print(left_out_table(asked.recording))
+    screen.print(leave_one_out_table(asked.recording))
     screen.print(comparison_table(20 // (4 if asked.quick else 1)))
     screen.print(accuracy_table(500 // part))
 

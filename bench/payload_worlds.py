@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.config.payload import DOWN, Drift, Payload, predict
+from common.config.payload import DOWN, BiasDrift, Payload, predict
 from common.motion.frames import Array, R_from_quaternion, rotation_from_vector
 from identification.estimates import vector
 from identification.recording import Samples
@@ -20,7 +20,7 @@ LEVEL = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class CellErrors:
     """Errors of the cell: tilt and mounting [degrees], gain and drift as multiples."""
 
     tilt_deg: float = 0.0
@@ -30,16 +30,16 @@ class World:
 
 
 WORLDS = {
-    "no error": World(),
-    "tilt 1 deg": World(tilt_deg=1.0),
-    "mounting 1 deg": World(mounting_deg=1.0),
-    "gain 3 %": World(gain=1.0),
-    "drift 1 N, 50 mNm": World(drift=1.0),
-    "all of them": World(1.0, 1.0, 1.0, 1.0),
+    "no error": CellErrors(),
+    "tilt 1 deg": CellErrors(tilt_deg=1.0),
+    "mounting 1 deg": CellErrors(mounting_deg=1.0),
+    "gain 3 %": CellErrors(gain=1.0),
+    "drift 1 N, 50 mNm": CellErrors(drift=1.0),
+    "all of them": CellErrors(1.0, 1.0, 1.0, 1.0),
 }
 
 
-def truth(world: World, rng: np.random.Generator) -> Payload:
+def truth(world: CellErrors, rng: np.random.Generator) -> Payload:
     """Return the payload of one cell: errors of the given size, in random directions."""
     heading = rng.uniform(0.0, 2.0 * np.pi)
     axis = rng.normal(size=3)
@@ -55,7 +55,7 @@ def truth(world: World, rng: np.random.Generator) -> Payload:
         mounting_rotation_rad=vector(np.radians(world.mounting_deg) * axis / np.linalg.norm(axis)),
         force_gain=vector(gains[0]),
         torque_gain=vector(gains[1]),
-        drift=Drift(0.0, DURATION_S, vector(drifts[0]), vector(drifts[1])),
+        drift=BiasDrift(0.0, DURATION_S, vector(drifts[0]), vector(drifts[1])),
     )
 
 

@@ -24,9 +24,9 @@ from forcemesh import topics
 from forcemesh.requests import Empty, RecordRequest
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
-from launch.started_process import Process, Running, say_on_stderr
+from launch.started_process import ChildProcess, ProcessSpec, say_on_stderr
 from services.recorder.reading import RecordedFile
-from services.recorder.sequence_gaps import Numbering
+from services.recorder.sequence_gaps import SequenceGaps
 from tests.chaos.common_net import free_port
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,7 +43,7 @@ TICKS_HZ = os.sysconf("SC_CLK_TCK")
 
 
 @dataclass(slots=True)
-class Work:
+class RecordingRun:
     """Measurements of a recording."""
 
     minutes: float
@@ -64,7 +64,7 @@ class Work:
         return self.lost == self.lost_told == 0 and self.cpu_pct < MOST_CPU_PCT
 
 
-class Rig:
+class RecorderRig:
     """A pressing cell, and its recorder as a separate process."""
 
     def __init__(self, folder: Path, exits: ExitStack) -> None:
@@ -80,10 +80,10 @@ class Rig:
         self._exits = exits
         self.recorder = self.start()
 
-    def start(self) -> Running:
+    def start(self) -> ChildProcess:
         """Start a recorder and wait for its health message."""
-        process = Process("services.recorder", ("recorder",))
-        self.recorder = Running(process, self._file, say_on_stderr)
+        process = ProcessSpec("services.recorder", ("recorder",))
+        self.recorder = ChildProcess(process, self._file, say_on_stderr)
         self._exits.callback(self.recorder.finish, 3.0)
         give_up_s = time.monotonic() + WITHIN_S
         health = self.client.feed(topics.RECORDER_HEALTH)
@@ -121,14 +121,14 @@ class Rig:
 
 
 @contextmanager
-def rig() -> Iterator[Rig]:
+def rig() -> Iterator[RecorderRig]:
     """A cell and a recorder in a folder that goes with them."""
     os.environ.pop(ENDPOINT_VARIABLE, None)
     with tempfile.TemporaryDirectory() as folder, ExitStack() as exits:
-        yield Rig(Path(folder), exits)
+        yield RecorderRig(Path(folder), exits)
 
 
-def work(minutes: float) -> Work:
+def measure_recording(minutes: float) -> RecordingRun:
     """Record a cell at work for so long, and count what is in the files."""
     with rig() as here:
         here.press()
@@ -140,13 +140,13 @@ def work(minutes: float) -> Work:
         pressed = here.client.status().state == "ACTIVE"
         told = here.client.ask(topics.RECORD_STOP, Empty(), answer_s=WITHIN_S).text
         files = sorted(here.folder.glob("*.mcap"))
-        numbering, messages = Numbering(), 0
+        numbering, messages = SequenceGaps(), 0
         places = {topic.key: place for place, topic in enumerate(topics.TOPICS)}
         for path in files:
             for said in RecordedFile(path).said():
                 numbering.saw(places[said.topic], said.fields["epoch"], said.fields["seq"])
                 messages += 1
-        return Work(
+        return RecordingRun(
             minutes=minutes,
             messages=messages,
             lost=numbering.lost,
@@ -161,7 +161,7 @@ def work(minutes: float) -> Work:
         )
 
 
-def kills(count: int = KILLS) -> list[float]:
+def measure_kills(count: int = KILLS) -> list[float]:
     """Kill recorders at random times; return the missing end of each recording [s]."""
     missing = []
     with rig() as here:
@@ -181,7 +181,7 @@ def kills(count: int = KILLS) -> list[float]:
     return missing
 
 
-def rows(worked: Work, missing: list[float]) -> list[tuple[str, str, str]]:
+def rows(worked: RecordingRun, missing: list[float]) -> list[tuple[str, str, str]]:
     """Return the measurements: name, value, limit or detail."""
     per_s = worked.messages / (60.0 * worked.minutes + WARM_UP_S)
     per_message_B = 1e6 * worked.file_MB / max(worked.messages, 1)
@@ -204,7 +204,7 @@ def rows(worked: Work, missing: list[float]) -> list[tuple[str, str, str]]:
 
 def table(minutes: float = 1.0) -> Table:
     """Measure, and return the table."""
-    return _table(rows(work(minutes), kills()))
+    return _table(rows(measure_recording(minutes), measure_kills()))
 
 
 def _table(measured: list[tuple[str, str, str]]) -> Table:
@@ -232,7 +232,7 @@ def main() -> int:
     parser.add_argument("--minutes", type=float, default=1.0)
     parser.add_argument("--write", action="store_true", help="into docs/recordings.md")
     given = parser.parse_args()
-    worked, missing = work(given.minutes), kills()
+    worked, missing = measure_recording(given.minutes), measure_kills()
     measured = rows(worked, missing)
     Console().print(_table(measured))
     if given.write:

@@ -12,7 +12,7 @@ from itertools import permutations, product
 import numpy as np
 from rich.table import Table
 
-from bench.faults import World
+from bench.faults import FaultCell
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
@@ -25,7 +25,7 @@ PRESSED_N, PRESS_S, WITHIN_S, SLIDE_S = 8.0, 1.5, 0.3, 6.0
 TOUCH_N = 0.5
 
 
-def stuck() -> Disturb:
+def frozen() -> Disturb:
     """Return a sensor that repeats the next reading forever."""
     kept: list[FtSample] = []
 
@@ -53,7 +53,7 @@ FAULTS: dict[str, Callable[[], Disturb]] = {
     "beyond 95 % of its range": lambda: adding(480.0),
     "reports a fault": lambda: adding(0.0, "fault"),
     "a step larger than physics allows": lambda: adding(250.0),
-    "frozen": stuck,
+    "frozen": frozen,
     "silent": lambda: lambda _: None,
 }
 
@@ -68,10 +68,10 @@ class Outcome:
     way_m: float = 0.0
 
 
-class Eyes:
+class TruthObserver:
     """Observer of the true force and travel each millisecond until the arbiter holds."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: FaultCell) -> None:
         """Observe a cell."""
         self._world, self._arm = world.world, world.world.arm
         self._arbiter = self._world.client.reader(topics.ARBITER_STATUS)
@@ -112,10 +112,10 @@ class Eyes:
 
 def fault(name: str) -> Outcome:
     """Press, let the sensor fail, observe."""
-    world = World("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
+    world = FaultCell("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
     world.feedback(PRESSED_N, "pc")
     world.live(PRESS_S)
-    eyes = Eyes(world)
+    eyes = TruthObserver(world)
     before_N = float(np.linalg.norm(world.world.arm.true_wrench().force_N))
     world.world.arm.ft_sensor.disturb = FAULTS[name]()
     held_s = eyes.until_held(WITHIN_S)
@@ -131,7 +131,7 @@ def wirings() -> list[Array]:
 
 def wiring(number: int) -> Outcome:
     """Tare, apply one of these wirings to the force axes, and press."""
-    world = World("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
+    world = FaultCell("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
     sensor, wired = world.world.arm.ft_sensor, wirings()[number]
     rest = world.world.arm.sample_ft()
 
@@ -140,7 +140,7 @@ def wiring(number: int) -> Outcome:
         return FtSample(force_N, sample.torque_Nm, sample.status, sample.counter)
 
     sensor.disturb = disturb
-    eyes = Eyes(world)
+    eyes = TruthObserver(world)
     world.feedback(PRESSED_N, "pc")
     held_s = eyes.until_held(SLIDE_S)
     return Outcome(held_s, eyes.code(), more_N=eyes.peak_N, way_m=eyes.way_m)

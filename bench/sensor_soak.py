@@ -17,15 +17,15 @@ from rich.console import Console
 from rich.table import Table
 
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
-from common.runtime.service import spare_the_loop
+from common.runtime.service import prepare_realtime
 from forcemesh import topics
 from forcemesh.bus import Reader
 from forcemesh.errors import BusError
 from forcemesh.messages import Health, SensorWrench
 from launch.processes import Supervisor
-from launch.started_process import Process
+from launch.started_process import ProcessSpec
 
 ROOT = Path(__file__).resolve().parent.parent
 RATE_HZ = 1000
@@ -91,7 +91,7 @@ class Soak:
         return seen
 
 
-def soak_cell() -> Cell:
+def soak_cell() -> CellConfig:
     """Return a cell whose sensor is on free ports of this machine."""
     ports = [_free_port() for _ in range(3)]
     return load_cell(
@@ -110,14 +110,14 @@ def soak_cell() -> Cell:
     )
 
 
-def processes_of(cell: Cell) -> list[Process]:
+def processes_of(cell: CellConfig) -> list[ProcessSpec]:
     """Return hub, sensor and driver."""
     ports = ("--port", str(cell.sensor.port), "--page-port", str(cell.sensor.page_port))
     netft = (sys.executable, "-m", "sim.netft", *ports, "--rate-hz", str(RATE_HZ))
     return [
-        Process("services.hub", ("hub",)),
-        Process("sim.netft", ("netft",), argv=netft),
-        Process("services.sensor", ("sensor",)),
+        ProcessSpec("services.hub", ("hub",)),
+        ProcessSpec("sim.netft", ("netft",), argv=netft),
+        ProcessSpec("services.sensor", ("sensor",)),
     ]
 
 
@@ -133,7 +133,7 @@ def soak(minutes: float) -> Seen:
         ):
             run = Soak(bus.reader(topics.SENSOR_WRENCH), bus.reader(topics.SENSOR_HEALTH))
             run.wait_until_good()
-            spare_the_loop()
+            prepare_realtime()
             run.live(WARM_UP_S)
             end_s = time.monotonic() + 60.0 * minutes
             run.seen = Seen()

@@ -9,12 +9,12 @@ from typing import Literal, get_args
 
 from rich.table import Table
 
-from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
 from cli.demo.play import play_virtual
-from cli.demo.scenario import Plan
+from cli.demo.scenario import ScenarioPlan
 from forcemesh.messages import Mode
-from tools.figures import put
+from tools.figures import replace_block
 from tuning.gain_rule import tune
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,13 +37,13 @@ def run(case: Case) -> Result:
     """Play one case with the documented gain rule."""
     cell = demo_cell(
         CELL,
-        Trial(
+        DemoOverrides(
             tilt_deg=DEFAULT_TILT_DEG[case.mode],
             stiffness_N_m=case.stiffness_N_m,
             delay_s=case.delay_ms / 1e3,
         ),
     )
-    plan = Plan(mode=case.mode, setpoint_N=DEFAULT_SETPOINT_N[case.mode])
+    plan = ScenarioPlan(mode=case.mode, setpoint_N=DEFAULT_SETPOINT_N[case.mode])
     trace = play_virtual(cell, plan, lambda *_: None, 0.0)
     return measure(trace, plan, surface_of(cell), tune(cell).tau_s)
 
@@ -88,7 +88,7 @@ def write() -> None:
     head = ["settling time, in tau, overshoot", *(f"delay {delay_ms} ms" for delay_ms in DELAYS_MS)]
     shown = [head, ["---", *("---:" for _ in DELAYS_MS)], *rows(found)]
     text = "\n".join(lines(shown))
-    put(ROOT / "docs" / "demo.md", "settling", text, 'make bench ARGS="settling --write"')
+    replace_block(ROOT / "docs" / "demo.md", "settling", text, 'make bench ARGS="settling --write"')
 
 
 def _cell(result: Result) -> str:

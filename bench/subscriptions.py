@@ -26,11 +26,11 @@ from rich.console import Console
 from rich.table import Table
 
 from common.bus.hub_settings import hub_settings
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.topics import TOPICS
 from forcemesh.zenoh_settings import client_settings
-from tools.figures import put
+from tools.figures import replace_block
 
 DEMO = Path(__file__).parents[1] / "cells" / "demo.yaml"
 PAGE = Path(__file__).parents[1] / "docs" / "network.md"
@@ -41,7 +41,7 @@ ROUND_S = 1.5
 RATE_HZ = 1500
 SIZE_B = 300
 # name: sessions of the client, subscriptions in each
-WAYS: dict[str, tuple[int, int]] = {
+CONFIGURATIONS: dict[str, tuple[int, int]] = {
     "none": (0, 0),
     "1 session, 1 subscription": (1, 1),
     "1 session, 100 subscriptions": (1, 100),
@@ -52,7 +52,7 @@ WAYS: dict[str, tuple[int, int]] = {
 
 
 @dataclass(slots=True)
-class Found:
+class Measurement:
     """Measurements of one configuration of subscriptions."""
 
     cpu_s: list[float] = field(default_factory=list)  # of the hub, per 1000 messages
@@ -60,7 +60,7 @@ class Found:
     declared_s: list[float] = field(default_factory=list)  # until all were declared
 
 
-def rows(found: dict[str, Found]) -> list[list[str]]:
+def rows(found: dict[str, Measurement]) -> list[list[str]]:
     """Return a row per configuration, relative to one subscription of one session."""
     base = found["1 session, 1 subscription"]
     return [
@@ -82,7 +82,7 @@ def table() -> Table:
     return result
 
 
-def markdown(found: dict[str, Found]) -> str:
+def markdown(found: dict[str, Measurement]) -> str:
     """Return the measurements as Markdown for the page."""
     rounds = f"{ROUNDS} rounds of {RATE_HZ * ROUND_S:.0f} messages"
     lines = [
@@ -100,17 +100,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.subscriptions", description=__doc__)
     parser.add_argument("--write", action="store_true", help=f"write it into docs/{PAGE.name}")
     if parser.parse_args().write:
-        put(PAGE, "subscriptions", markdown(measure()), COMMAND)
+        replace_block(PAGE, "subscriptions", markdown(measure()), COMMAND)
     else:
         Console().print(table())
 
 
-def measure() -> dict[str, Found]:
+def measure() -> dict[str, Measurement]:
     """Measure all configurations several times in turn."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     cell = load_cell(DEMO, {"bus.endpoint": endpoint})
-    found = {name: Found() for name in WAYS}
+    found = {name: Measurement() for name in CONFIGURATIONS}
     with _hub(cell) as pid, _session(cell) as writer, _session(cell) as reader:
         arrived: list[float] = []
 
@@ -121,7 +121,7 @@ def measure() -> dict[str, Found]:
         kept = reader.declare_subscriber(f"{cell.cell}/{TOPICS[0].key}", hear)
         publishers = [writer.declare_publisher(f"{cell.cell}/{topic.key}") for topic in TOPICS]
         for _ in range(ROUNDS):
-            for name, (sessions, each) in WAYS.items():
+            for name, (sessions, each) in CONFIGURATIONS.items():
                 with ExitStack() as stack:
                     began_s = time.monotonic()
                     _subscribe(cell, sessions, each, stack)
@@ -143,7 +143,7 @@ def patterns(cell: str) -> list[str]:
     return [f"{cell}/**", *(f"{cell}/$*{a}$*/$*{b}$*" for a in parts[::7] for b in parts[::3])]
 
 
-def _subscribe(cell: Cell, sessions: int, each: int, stack: ExitStack) -> None:
+def _subscribe(cell: CellConfig, sessions: int, each: int, stack: ExitStack) -> None:
     for _ in range(sessions):
         session = stack.enter_context(_session(cell))
         for pattern in patterns(cell.cell)[:each]:
@@ -168,7 +168,7 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _opened(cell: Cell) -> zenoh.Session:
+def _opened(cell: CellConfig) -> zenoh.Session:
     settings = client_settings(cell.bus.endpoint, "monitor", {})
     give_up_s = time.monotonic() + 30.0
     while True:
@@ -181,7 +181,7 @@ def _opened(cell: Cell) -> zenoh.Session:
 
 
 @contextmanager
-def _session(cell: Cell) -> Iterator[zenoh.Session]:
+def _session(cell: CellConfig) -> Iterator[zenoh.Session]:
     session = _opened(cell)
     try:
         yield session
@@ -189,13 +189,13 @@ def _session(cell: Cell) -> Iterator[zenoh.Session]:
         session.close()
 
 
-def _be_the_hub(cell: Cell) -> None:
+def _be_the_hub(cell: CellConfig) -> None:
     with zenoh.open(zenoh.Config.from_json5(json.dumps(hub_settings(cell, cell.bus.endpoint)))):
         time.sleep(3600.0)
 
 
 @contextmanager
-def _hub(cell: Cell) -> Iterator[int]:
+def _hub(cell: CellConfig) -> Iterator[int]:
     process = multiprocessing.get_context("spawn").Process(target=_be_the_hub, args=(cell,))
     process.start()
     try:

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.topics import REQUESTS, TOPICS
 
 
-def bus_table(cell: Cell) -> dict[str, Any]:
+def bus_table(cell: CellConfig) -> dict[str, Any]:
     """Return the table as a dict for JSON."""
     return {
         "cell": cell.cell,
@@ -37,7 +37,7 @@ def bus_table(cell: Cell) -> dict[str, Any]:
     }
 
 
-def print_bus_table(cell: Cell) -> None:
+def print_bus_table(cell: CellConfig) -> None:
     """Print the table on the terminal."""
     from rich.console import Console
     from rich.table import Table

@@ -7,10 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cli.context import USAGE, CellOption, JsonOption, fail, find_cell_file, one_line_errors
+from cli.context import (
+    USAGE,
+    CellOption,
+    JsonOption,
+    exit_with_error,
+    find_cell_file,
+    one_line_errors,
+)
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
 
 config = typer.Typer(no_args_is_help=True, help="Cell files.")
 
@@ -79,13 +86,15 @@ def init(
 
     name = out.stem.lower()
     if re.match(CELL_NAME, name) is None:
-        fail(f"{name!r} from FILE is not a cell name: a cell's name {WORDS[CELL_NAME]}", USAGE)
+        exit_with_error(
+            f"{name!r} from FILE is not a cell name: a cell's name {WORDS[CELL_NAME]}", USAGE
+        )
     if out.exists():
-        fail(f"{out} exists already: choose another name", USAGE)
+        exit_with_error(f"{out} exists already: choose another name", USAGE)
     try:
         out.write_text(_filled_in(name, kind), encoding="utf-8")
     except OSError as error:
-        fail(f"{error.filename}: {error.strerror}", USAGE)
+        exit_with_error(f"{error.filename}: {error.strerror}", USAGE)
     typer.echo(f"{out} written: fill it in, then `forcemesh config check {out}`")
 
 
@@ -98,7 +107,7 @@ def _filled_in(name: str, kind: str) -> str:
     )
 
 
-def _rows(cell: "Cell") -> dict[str, dict[str, Any]]:
+def _rows(cell: "CellConfig") -> dict[str, dict[str, Any]]:
     """Return every value by its dotted path, with its source."""
     rows: dict[str, dict[str, Any]] = {}
 

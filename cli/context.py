@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rich.status import Status
 
     from common.bus.configured_cell import ConfiguredCell
-    from common.config.cell import Cell as CellFile
+    from common.config.cell import CellConfig as CellFile
     from forcemesh.bus import Bus
     from forcemesh.errors import ForcemeshError
     from forcemesh.messages import Record
@@ -91,7 +91,7 @@ def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
     live = [run for run in runs if run.live]
     if len(live) > 1:
         names = ", ".join(f"{run.cell} ({run.cell_file})" for run in live)
-        fail(f"several cells are up: {names}; choose one with --cell", USAGE)
+        exit_with_error(f"several cells are up: {names}; choose one with --cell", USAGE)
     found = live or [run for run in runs if ended and Path(run.cell_file).exists()]
     return Path(found[0].cell_file) if found else default_cell_file()
 
@@ -111,7 +111,7 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
     """
     from pydantic import ValidationError
 
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
     from common.config.load import load_cell
     from forcemesh.errors import ConfigError
     from launch.run_file import read_runs
@@ -120,7 +120,7 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
     for run in read_runs():
         if run.live and run.cell_file == str(path.resolve()):
             with suppress(ValidationError):  # written by another version in another format
-                return Cell.model_validate_json(run.as_started)
+                return CellConfig.model_validate_json(run.as_started)
     try:
         return load_cell(path)
     except ConfigError as error:
@@ -141,9 +141,9 @@ def one_line_errors() -> Iterator[None]:
     try:
         yield
     except ValidationError as error:  # of a request, before it was sent
-        fail(first_mistake(error).text, USAGE)
+        exit_with_error(first_mistake(error).text, USAGE)
     except ForcemeshError as error:
-        fail(sentence_of(error), exit_code_of(error))
+        exit_with_error(sentence_of(error), exit_code_of(error))
 
 
 def sentence_of(error: "ForcemeshError") -> str:
@@ -166,12 +166,12 @@ def answers_yes(question: str) -> bool:
         return typer.confirm(question, err=True)
     except typer.Abort as error:
         if isinstance(error.__context__, KeyboardInterrupt):
-            fail("\ninterrupted: nothing was moved", INTERRUPTED)
+            exit_with_error("\ninterrupted: nothing was moved", INTERRUPTED)
         typer.echo("\nno reply on standard input; --yes confirms without a question", err=True)
         return False
 
 
-def fail(text: str, code: int) -> NoReturn:
+def exit_with_error(text: str, code: int) -> NoReturn:
     """Print an error on standard error and end with an exit code."""
     typer.echo(text, err=True)
     raise typer.Exit(code)
@@ -197,10 +197,10 @@ def confirmed(question: str, *, yes: bool) -> None:
         yes: Whether it was confirmed by an option.
     """
     if not yes and not answers_yes(question):
-        fail("cancelled: not confirmed (--yes confirms without a question)", REFUSED)
+        exit_with_error("cancelled: not confirmed (--yes confirms without a question)", REFUSED)
 
 
-def tell(reply: "Reply") -> None:
+def print_reply(reply: "Reply") -> None:
     """Print the reply of a service."""
     typer.echo(reply.text or "accepted")
 
@@ -226,5 +226,5 @@ def ask(bus: "Bus", request: "Request[Q]", message: Q) -> "Reply":
     from forcemesh.client.ask import ask as ask_once
 
     reply = ask_once(bus, request, message)
-    tell(reply)
+    print_reply(reply)
     return reply

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.context import USAGE, fail, one_line_errors, waiting
+from cli.context import USAGE, exit_with_error, one_line_errors, waiting
 from cli.replay import OnlyOption, RecordingArgument, chosen_topics
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def export(
 ) -> None:
     """Export a recording as tables; the column names carry the units."""
     if csv and parquet:
-        fail("choose one of --csv and --parquet", USAGE)
+        exit_with_error("choose one of --csv and --parquet", USAGE)
     with one_line_errors():
         from services.recorder.reading import RecordedFile
 
@@ -63,7 +63,7 @@ def export(
                 else:
                     written = _topics(read, topics, folder, suffix)
         except OSError as error:
-            fail(f"{folder}: cannot be written: {error.strerror}", USAGE)
+            exit_with_error(f"{folder}: cannot be written: {error.strerror}", USAGE)
     for path, rows in written:
         typer.echo(f"{path}: {rows} rows")
     if not read.is_whole:
@@ -148,6 +148,6 @@ def _write_parquet(path: Path, columns: list[str], rows: "list[Row]") -> None:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
-        fail(NO_PYARROW, USAGE)
+        exit_with_error(NO_PYARROW, USAGE)
     table = pa.table({name: [row.get(name) for row in rows] for name in columns})
     parquet.write_table(table, path, compression="zstd")

@@ -10,8 +10,8 @@ NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
 
 
 @dataclass(frozen=True, slots=True)
-class Names:
-    """Names and unit of the numbers of a vector."""
+class VectorFormat:
+    """Format and unit of the numbers of a vector."""
 
     names: tuple[str, ...]
     unit: str
@@ -20,12 +20,12 @@ class Names:
         return f"{','.join(self.names)} ({self.unit})"
 
 
-POSE = Names(("X", "Y", "Z", "O", "A", "T"), "mm and degrees")
+POSE = VectorFormat(("X", "Y", "Z", "O", "A", "T"), "mm and degrees")
 MOST_DEG = 5000.0  # a request accepts 100 rad
-JOINTS = Names(("J1", "J2", "J3", "J4", "J5", "J6"), "degrees")
+JOINTS = VectorFormat(("J1", "J2", "J3", "J4", "J5", "J6"), "degrees")
 
 
-def parse_vector(text: str, names: Names) -> tuple[float, ...]:
+def parse_vector(text: str, names: VectorFormat) -> tuple[float, ...]:
     """Return the numbers of a vector. Raise typer.BadParameter for anything else."""
     parts = [part.strip() for part in text.strip().strip("[]()").split(",")]
     if len(parts) != len(names.names):
@@ -42,7 +42,7 @@ def parse_gain(text: str | None, unit: str) -> tuple[float, float, float] | None
         return None
     if "," not in text:
         text = ",".join([text] * 3)
-    x, y, z = parse_vector(text, Names(("x", "y", "z"), unit))
+    x, y, z = parse_vector(text, VectorFormat(("x", "y", "z"), unit))
     if min(x, y, z) < 0.0:
         raise typer.BadParameter(f"a gain is zero or positive, found {text!r}")
     return (x, y, z)

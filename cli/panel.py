@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.context import CellOption, client_of, find_cell_file, one_line_errors
-from launch.sidecar import beside
+from launch.sidecar import sidecar
 
 if TYPE_CHECKING:
     from launch.processes import Supervisor
@@ -48,6 +48,6 @@ def panel(
         main(words)
 
 
-def panel_beside(supervisor: "Supervisor", *, wanted: bool = True) -> AbstractContextManager[None]:
+def panel_sidecar(supervisor: "Supervisor", *, wanted: bool = True) -> AbstractContextManager[None]:
     """Serve the panel of a running cell while the context is open."""
-    return beside("services.panel", "panel", supervisor, wanted=wanted)
+    return sidecar("services.panel", "panel", supervisor, wanted=wanted)

@@ -48,7 +48,7 @@ def fit(
         from common.config.payload import save
         from identification.identify import identify_recording
         from identification.installation.check import judge_recording
-        from identification.installation.terms import Belief
+        from identification.installation.terms import ExpectedInstallation
         from identification.recording import read_recording
         from identification.report import fit_report
 
@@ -56,7 +56,9 @@ def fit(
         axes, found, reason = identify_recording(data, named_axes(wrench_axes))
         report = fit_report(data, axes, found)
         # A payload can explain some wrong axes: the residual alone does not reveal them.
-        if (complaint := judge_recording(data, axes, Belief())[1].complaint) is not None:
+        if (
+            complaint := judge_recording(data, axes, ExpectedInstallation())[1].complaint
+        ) is not None:
             report["warnings"].append(complaint)
         if out is not None:
             save(found.payload, out)

@@ -10,12 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import NOT_WELL, USAGE, CellOption, fail, find_cell_file, one_line_errors
+from cli.context import (
+    NOT_WELL,
+    USAGE,
+    CellOption,
+    exit_with_error,
+    find_cell_file,
+    one_line_errors,
+)
 
 if TYPE_CHECKING:
     import datetime as dt
 
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
     from common.security.pki import Pair
 
 app = typer.Typer(no_args_is_help=True, help="Certificates for a bus that other machines use.")
@@ -71,7 +78,7 @@ def init(
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
         if (where / f"{AUTHORITY}.pem").exists() and not again:
-            fail(
+            exit_with_error(
                 f"{where} already has an authority: `forcemesh pki issue NAME` adds a certificate, "
                 "--again creates a new authority, after which all old certificates are refused",
                 USAGE,
@@ -121,12 +128,16 @@ def issue(
     with one_line_errors():
         loaded, where = _cell_and_folder(cell, folder)
         if name not in (*NAMES, PAGE):
-            fail(f"unknown name {name!r}: choose from {', '.join((*NAMES, PAGE))}", USAGE)
+            exit_with_error(
+                f"unknown name {name!r}: choose from {', '.join((*NAMES, PAGE))}", USAGE
+            )
         if host and name not in (HUB, PAGE):
-            fail(f"--host is for hub and {PAGE} only: {name} accepts no connections", USAGE)
+            exit_with_error(
+                f"--host is for hub and {PAGE} only: {name} accepts no connections", USAGE
+            )
         target = where if to is None else to.expanduser()
         if (target / f"{name}.pem").exists() and not again:
-            fail(f"{target / name}.pem exists already: --again replaces it", USAGE)
+            exit_with_error(f"{target / name}.pem exists already: --again replaces it", USAGE)
         if name == PAGE:
             _issue_page(loaded, where, hosts=host or [], days=days, target=target)
         else:
@@ -153,7 +164,7 @@ def check(folder: FolderOption = None, cell: CellOption = None) -> None:
         raise typer.Exit(NOT_WELL)
 
 
-def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[Cell, Path]:
+def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[CellConfig, Path]:
     from common.config.load import load_cell
     from forcemesh.identity import folder_of
 
@@ -162,7 +173,7 @@ def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[Cell, Path
 
 
 def _issue(
-    authority: Pair, name: str, cell: Cell, folder: Path, *, hosts: list[str], days: int
+    authority: Pair, name: str, cell: CellConfig, folder: Path, *, hosts: list[str], days: int
 ) -> None:
     from common.security.pki import make_certificate, write_pair
     from forcemesh.identity import HUB
@@ -173,7 +184,7 @@ def _issue(
 
 
 def _issue_page(
-    cell: Cell,
+    cell: CellConfig,
     folder: Path,
     *,
     hosts: list[str],

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import NOT_WELL, OK, CellOption, JsonOption, cell_of, tell
-from launch.sidecar import beside
+from cli.context import NOT_WELL, OK, CellOption, JsonOption, cell_of, print_reply
+from launch.sidecar import sidecar
 
 if TYPE_CHECKING:
     from forcemesh.messages import RecorderStatus
@@ -25,11 +25,11 @@ NoRecorder = Annotated[
 ]
 
 
-def recorder_beside(
+def recorder_sidecar(
     supervisor: "Supervisor", *, wanted: bool = True
 ) -> AbstractContextManager[None]:
     """Run the recorder of a cell, with a ring buffer of the last minutes, during the context."""
-    return beside("services.recorder", "recorder", supervisor, wanted=wanted)
+    return sidecar("services.recorder", "recorder", supervisor, wanted=wanted)
 
 
 @record.command("start")
@@ -47,7 +47,7 @@ def record_start(
 
     with cell_of(cell) as client:
         request = RecordRequest(label=label[:100], past=past)
-        tell(client.ask(topics.RECORD_START, request, answer_s=ANSWER_S))
+        print_reply(client.ask(topics.RECORD_START, request, answer_s=ANSWER_S))
 
 
 @record.command("stop")
@@ -57,7 +57,7 @@ def record_stop(cell: CellOption = None) -> None:
     from forcemesh.requests import Empty
 
     with cell_of(cell) as client:
-        tell(client.ask(topics.RECORD_STOP, Empty(), answer_s=ANSWER_S))
+        print_reply(client.ask(topics.RECORD_STOP, Empty(), answer_s=ANSWER_S))
 
 
 @record.command("status")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from forcemesh.errors import DataError
 
 if TYPE_CHECKING:
-    from services.recorder.reading import RecordedFile, Said
+    from services.recorder.reading import RecordedFile, RecordedMessage
 
 Row = dict[str, Any]
 TIME = "time_s"  # since the first message of the recording
@@ -39,7 +39,7 @@ def first_ns(read: "RecordedFile") -> int:
     return begin
 
 
-def table_of(said: "Iterable[Said]", begin_ns: int) -> tuple[list[str], list[Row]]:
+def table_of(said: "Iterable[RecordedMessage]", begin_ns: int) -> tuple[list[str], list[Row]]:
     """Return columns and rows of one topic; a value that a message lacks is left out of its row."""
     rows = [{TIME: (each.at_ns - begin_ns) / NS_PER_S, **dict(flat(each.fields))} for each in said]
     columns: dict[str, None] = {}
@@ -87,7 +87,7 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
     return rows
 
 
-def _needed(read: "RecordedFile") -> "list[Said]":
+def _needed(read: "RecordedFile") -> "list[RecordedMessage]":
     wanted = ("wrench", "robot/command", "robot/state")
     return [said for said in read.said() if said.topic in wanted and said.fields.get("valid", True)]
 

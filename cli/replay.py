@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import REFUSED, USAGE, fail, one_line_errors
+from cli.context import REFUSED, USAGE, exit_with_error, one_line_errors
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
     from forcemesh.bus import Bus
     from services.recorder.reading import RecordedFile
 
@@ -94,15 +94,15 @@ def chosen_topics(only: list[str] | None) -> frozenset[str]:
     return frozenset(find_topic(topic).key for topic in only or ())
 
 
-def cell_in(read: "RecordedFile") -> "Cell":
+def cell_in(read: "RecordedFile") -> "CellConfig":
     """Return the cell of a recording."""
     if read.cell is None:
         what = f"recorded by version {read.about.get('version', 'unknown')}"
-        fail(f"{read.path}: this version cannot read the cell file in it: {what}", USAGE)
+        exit_with_error(f"{read.path}: this version cannot read the cell file in it: {what}", USAGE)
     return read.cell
 
 
-def _called(cell: "Cell", name: str) -> "Cell":
+def _called(cell: "CellConfig", name: str) -> "CellConfig":
     from common.config.load import cell_from_tree
 
     return cell_from_tree(cell.model_dump() | {"cell": name}, "--as")
@@ -110,7 +110,7 @@ def _called(cell: "Cell", name: str) -> "Cell":
 
 @contextmanager
 def _bus_of(
-    cell: "Cell", *, port: int | None, onto: Path | None, topics: frozenset[str]
+    cell: "CellConfig", *, port: int | None, onto: Path | None, topics: frozenset[str]
 ) -> "Iterator[Bus]":
     """Open an own hub, or connect to another one if no cell is running there."""
     import typer
@@ -127,14 +127,14 @@ def _bus_of(
             _refuse_if_alive(bus, topics)
             yield bus
         return
-    from launch.run_file import writable_folder, write_whole
+    from launch.run_file import writable_folder, write_atomically
 
     endpoint = f"tcp/127.0.0.1:{port or _free_port()}"
     own = cell.bus.model_copy(update={"endpoint": endpoint, "upstream": None, "tls": None})
     host = cell.model_copy(update={"bus": own})
     os.environ[ENDPOINT_VARIABLE] = endpoint
     path = writable_folder() / f"replay-{cell.cell}.yaml"
-    write_whole(path, dump_cell(host))
+    write_atomically(path, dump_cell(host))
     try:
         with open_hub(host) as bus:
             typer.echo(f"hub at {endpoint}; connect with --cell {path}", err=True)
@@ -157,7 +157,7 @@ def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
         heard = [key for key, tap in taps.items() if tap.take() is not None]
         if heard:
             text = f"refused: a cell {bus.cell} is running there and publishes {', '.join(heard)}"
-            fail(f"{text}; choose another name with --as, or omit --onto", REFUSED)
+            exit_with_error(f"{text}; choose another name with --as, or omit --onto", REFUSED)
         time.sleep(TICK_S)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from cli.context import USAGE, fail, waiting
+from cli.context import USAGE, exit_with_error, waiting
 from cli.recording_tables import flat
 from common.bus.memory_bus import MemoryTransport
 from common.runtime.service import Runner, Service, reporter_of
@@ -19,8 +19,8 @@ from forcemesh.messages import Message
 from forcemesh.topics import TOPICS, Topic
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell
-    from services.recorder.reading import Heard, RecordedFile
+    from common.config.cell import CellConfig
+    from services.recorder.reading import RecordedBytes, RecordedFile
 
 TICK_NS = 1_000_000
 SETTLES_NS = NS_PER_S  # filters start empty
@@ -42,15 +42,15 @@ class RecordedClock(ManualClock):
         return self._recorded_boot
 
 
-def replay_to_service(read: "RecordedFile", cell: "Cell", role: str) -> None:
+def replay_to_service(read: "RecordedFile", cell: "CellConfig", role: str) -> None:
     """Feed a service and print the differences of its output."""
     make = _makers().get(role)
     if make is None:
-        fail(f"--to-service {role}: it must be one of {', '.join(_makers())}", USAGE)
+        exit_with_error(f"--to-service {role}: it must be one of {', '.join(_makers())}", USAGE)
     with waiting(f"feeding {role}"):
         heard = list(read.heard())
         if not heard:
-            fail(f"{read.path}: the recording contains no message", USAGE)
+            exit_with_error(f"{read.path}: the recording contains no message", USAGE)
         said = feed(heard, cell, role, make=make, about=read.about)
     for topic in written_by(role):
         recorded = _decoded([each.data for each in heard if each.topic == topic.key], topic)
@@ -67,8 +67,8 @@ def written_by(role: str) -> list[Topic[Any]]:
 
 
 def feed(
-    heard: "list[Heard]",
-    cell: "Cell",
+    heard: "list[RecordedBytes]",
+    cell: "CellConfig",
     role: str,
     *,
     make: Callable[[Bus, Any], Service],

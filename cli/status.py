@@ -6,7 +6,7 @@ from typing import TypedDict
 
 from cli.exits import NO_ANSWER, NOT_WELL, OK
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.errors import BusError, SetupError
 from forcemesh.identity import folder_of, is_encrypted
@@ -54,7 +54,7 @@ class CellStatus(TypedDict):
     services: list[ServiceStatus]
 
 
-def cell_status(cell: Cell, run: Run | None, only: str | None = None) -> CellStatus:
+def cell_status(cell: CellConfig, run: Run | None, only: str | None = None) -> CellStatus:
     """Return the status of a cell, also when no hub responds.
 
     Args:
@@ -83,7 +83,7 @@ def died_text(restart: Restart) -> str:
     return f"{restart['name']}: {restart['how']} at {restart['at']}{times}; restarted"
 
 
-def in_words(name: str, number: float) -> str:
+def describe_number(name: str, number: float) -> str:
     """Return a number of a health message as text, in the unit that its name ends with."""
     for ending, scale, unit in (
         ("_s", 1e3, "ms"),
@@ -119,7 +119,7 @@ def _is_heard(view: CellView, expected: set[str]) -> bool:
 
 
 def _judge(
-    cell: Cell, run: Run | None, view: CellView | None, *, waited_s: float, only: str | None
+    cell: CellConfig, run: Run | None, view: CellView | None, *, waited_s: float, only: str | None
 ) -> CellStatus:
     listed = {only, *helpers_of(view, run)}
     helpers = [name for name in topics.HELPERS if name in listed]
@@ -139,7 +139,7 @@ def _judge(
     )
 
 
-def _name_certificates(cell: Cell, silent: list[ServiceStatus]) -> None:
+def _name_certificates(cell: CellConfig, silent: list[ServiceStatus]) -> None:
     """Add certificate errors of silent roles, for certificates on this machine."""
     if not silent or not is_encrypted(cell.bus.endpoint):
         return

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from cli.context import USAGE, fail
+from cli.context import USAGE, exit_with_error
 
 bench = typer.Typer(no_args_is_help=True, help="Benchmarks of the project; need its checkout.")
 
@@ -40,7 +40,7 @@ def _run(module: str, arguments: list[str]) -> int:
     """Run one of the project's benchmarks; return its exit code."""
     if not (ROOT / module.replace(".", "/")).is_dir():
         text = f"{module} not found: the benchmarks need a checkout of the project"
-        fail(f"{text}, `git clone` it and `make setup`", USAGE)
+        exit_with_error(f"{text}, `git clone` it and `make setup`", USAGE)
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
     command = [sys.executable, "-m", module, *arguments]

@@ -4,7 +4,15 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from cli.context import USAGE, CellOption, JsonOption, cell_of, fail, tell, waiting
+from cli.context import (
+    USAGE,
+    CellOption,
+    JsonOption,
+    cell_of,
+    exit_with_error,
+    print_reply,
+    waiting,
+)
 from cli.numbers import NEGATIVE_NUMBERS, parse_gain
 
 force = typer.Typer(no_args_is_help=True, help="Force feedback: start, stop, gains.")
@@ -33,7 +41,9 @@ def _axes(text: str) -> tuple[bool, bool, bool, bool, bool, bool]:
     named = [name.strip() for name in text.split(",")]
     unknown = [name for name in named if name not in AXES]
     if unknown:
-        fail(f"--axes: unknown axis {', '.join(unknown)}: choose from {', '.join(AXES)}", USAGE)
+        exit_with_error(
+            f"--axes: unknown axis {', '.join(unknown)}: choose from {', '.join(AXES)}", USAGE
+        )
     x, y, z, rx, ry, rz = (axis in named for axis in AXES)
     return (x, y, z, rx, ry, rz)
 
@@ -82,14 +92,14 @@ def force_start(
         frame=frame,
     )
     with cell_of(cell) as client:
-        tell(client.force.begin(request))
+        print_reply(client.force.begin(request))
 
 
 @force.command("stop")
 def force_stop(cell: CellOption = None) -> None:
     """Stop force feedback; the arm stays where it is."""
     with cell_of(cell) as client:
-        tell(client.force.stop())
+        print_reply(client.force.stop())
 
 
 @force.command("gains", context_settings=NEGATIVE_NUMBERS)
@@ -131,4 +141,4 @@ def force_gains(
 def tare(cell: CellOption = None) -> None:
     """Tare: set the present reading to zero force; refused in motion or in contact."""
     with cell_of(cell) as client, waiting("taring: arm at rest, tool free"):
-        tell(client.tare())
+        print_reply(client.tare())

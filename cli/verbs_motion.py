@@ -11,8 +11,8 @@ from cli.context import (
     JsonOption,
     cell_of,
     confirmed,
-    fail,
-    tell,
+    exit_with_error,
+    print_reply,
     waiting,
 )
 
@@ -40,7 +40,7 @@ def arm(
 ) -> None:
     """Run the preflight checks, then enable motion."""
     with cell_of(cell) as client, waiting("preflight"):
-        tell(client.arm("jog" if jog else "all", within_s=wait))
+        print_reply(client.arm("jog" if jog else "all", within_s=wait))
 
 
 def back_off(
@@ -75,7 +75,7 @@ def back_off(
             end = _backed_off(client, without_force=True)
         is_loaded = client.load_N() is not None
     if end.code != "back_off":
-        fail(f"not free yet: {end.text}", NOT_WELL)
+        exit_with_error(f"not free yet: {end.text}", NOT_WELL)
     step = "arm for jog, then `forcemesh retract`" if is_loaded else "arm, when the path is free"
     typer.echo(f"{end.text}; the arm holds: {step}")
 
@@ -96,13 +96,13 @@ def hold(
 ) -> None:
     """Stop the motion and hold; always accepted. This is not a safety function."""
     with cell_of(cell) as client:
-        tell(client.hold(reason))
+        print_reply(client.hold(reason))
 
 
 def clear(cell: CellOption = None) -> None:
     """Acknowledge a hold or a fault; the next step is arming."""
     with cell_of(cell) as client:
-        tell(client.clear())
+        print_reply(client.clear())
 
 
 def speed(

@@ -12,7 +12,7 @@ from cli.context import (
     CellOption,
     cell_of,
     confirmed,
-    fail,
+    exit_with_error,
     one_line_errors,
     waiting,
 )
@@ -56,12 +56,12 @@ def move_to(
 ) -> None:
     """Move the flange to a pose in base: position [mm], Kawasaki's O, A, T [degrees]."""
     x, y, z, o, a, t = parse_vector(pose, POSE)
-    from forcemesh.client.rotations import of_oat_deg
+    from forcemesh.client.rotations import from_oat_deg
     from forcemesh.messages import PoseRecord
     from forcemesh.requests import MoveRequest
 
     record = PoseRecord(
-        position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=of_oat_deg((o, a, t))
+        position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=from_oat_deg((o, a, t))
     )
     with one_line_errors():
         request = MoveRequest(kind="pose", pose=record, speed_m_s=_m_s(speed), commander=asker)
@@ -123,7 +123,7 @@ def jog(
     It asks first when the tool is loaded, and stops when the force rises by limits.move_rise_N.
     """
     if axis not in JOG_AXES:
-        fail(f"unknown axis {axis!r}: choose from {', '.join(JOG_AXES)}", USAGE)
+        exit_with_error(f"unknown axis {axis!r}: choose from {', '.join(JOG_AXES)}", USAGE)
     far = parse_number(by, "BY")
     if axis not in "xyz":
         check_angle(far, "BY")

@@ -11,7 +11,7 @@ from cli.context import (
     USAGE,
     CellOption,
     JsonOption,
-    fail,
+    exit_with_error,
     find_cell_file,
     live_cell,
     one_line_errors,
@@ -45,7 +45,7 @@ def status(
 
         names = (*ROLES, *HELPERS)
         if service is not None and service not in names:
-            fail(f"unknown role {service!r}: choose from {', '.join(names)}", USAGE)
+            exit_with_error(f"unknown role {service!r}: choose from {', '.join(names)}", USAGE)
         loaded = live_cell(cell, ended=True)
         found = cell_status(loaded, read_run(loaded.cell), only=service)
     if service is not None:
@@ -92,7 +92,7 @@ def _print_status(found: "CellStatus") -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from cli.status import died_text, in_words
+    from cli.status import describe_number, died_text
 
     state = found["state"]
     console = Console(highlight=False, soft_wrap=True)
@@ -122,5 +122,5 @@ def _print_status(found: "CellStatus") -> None:
     console.print(table)
     for row in found["services"]:
         if row["numbers"]:
-            words = ", ".join(in_words(*item) for item in sorted(row["numbers"].items()))
+            words = ", ".join(describe_number(*item) for item in sorted(row["numbers"].items()))
             console.print(f"  {row['name']}: {words}", markup=False)

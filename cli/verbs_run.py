@@ -14,14 +14,14 @@ from cli.context import (
     NOT_WELL,
     USAGE,
     default_cell_file,
-    fail,
+    exit_with_error,
     one_line_errors,
 )
-from cli.panel import NoPanel, panel_beside
-from cli.record import NoRecorder, recorder_beside
+from cli.panel import NoPanel, panel_sidecar
+from cli.record import NoRecorder, recorder_sidecar
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
     from launch.processes import Supervisor
 
 POLL_S = 0.05
@@ -71,12 +71,12 @@ def up(
     try:
         supervisor.__enter__()
     except ForcemeshError as error:
-        fail(f"up: {error}", USAGE)
+        exit_with_error(f"up: {error}", USAGE)
     with ExitStack() as afterwards:  # sidecars end last: the arm is stopped first
 
         def start_helpers() -> None:
-            afterwards.enter_context(recorder_beside(supervisor, wanted=not no_recorder))
-            afterwards.enter_context(panel_beside(supervisor, wanted=not no_panel))
+            afterwards.enter_context(recorder_sidecar(supervisor, wanted=not no_recorder))
+            afterwards.enter_context(panel_sidecar(supervisor, wanted=not no_panel))
 
         try:
             _watch(supervisor, loaded, path, stop=stop, when_ready=start_helpers)
@@ -85,13 +85,13 @@ def up(
         finally:
             supervisor.stop()
     if supervisor.died:
-        fail("; ".join(f"died: {died}" for died in supervisor.died), NOT_WELL)
+        exit_with_error("; ".join(f"died: {died}" for died in supervisor.died), NOT_WELL)
     typer.echo(f"cell {loaded.cell} is down", err=True)
 
 
 def _watch(
     supervisor: "Supervisor",
-    cell: "Cell",
+    cell: "CellConfig",
     path: Path,
     *,
     stop: threading.Event,

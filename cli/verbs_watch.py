@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.context import USAGE, CellOption, cell_of, fail
+from cli.context import USAGE, CellOption, cell_of, exit_with_error
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
-    from forcemesh.client import Feed, Heard
+    from forcemesh.client import Feed, Received
     from forcemesh.messages import Message
     from forcemesh.topics import Topic
 
@@ -77,11 +77,11 @@ def find_topic(name: str) -> "Topic[Message]":
     if name not in rows:
         near = difflib.get_close_matches(name, rows, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(rows)}"
-        fail(f"unknown topic {name!r}: {hint}", USAGE)
+        exit_with_error(f"unknown topic {name!r}: {hint}", USAGE)
     return rows[name]
 
 
-def _messages(feed: "Feed[Message]", count: int | None) -> "Iterator[Heard[Message]]":
+def _messages(feed: "Feed[Message]", count: int | None) -> "Iterator[Received[Message]]":
     for number, heard in enumerate(feed.stream(silence_s=SILENCE_S), 1):
         yield heard
         if number == count:
@@ -108,7 +108,7 @@ def _show(feed: "Feed[Message]", count: int | None) -> None:
                 live.update(table, refresh=console.is_terminal or seen == count)
 
 
-def _table(feed: "Feed[Message]", heard: "Heard[Message]", *, rate_hz: float) -> Any:
+def _table(feed: "Feed[Message]", heard: "Received[Message]", *, rate_hz: float) -> Any:
     from rich.table import Table
 
     age_ms = (time.monotonic_ns() - heard.header.stamp_ns) / 1e6

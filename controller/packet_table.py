@@ -65,7 +65,7 @@ class Bank(IntEnum):
     UPPER_CORNER = 3
 
 
-class Point(IntEnum):
+class CentreParam(IntEnum):
     """Param of command 11: the TCP, or only the centre of rotation of force feedback."""
 
     TCP = 0

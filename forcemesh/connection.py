@@ -11,26 +11,26 @@ from forcemesh.patterns import CELL_NAME, ENDPOINT
 from forcemesh.validation_texts import what_is_wrong
 
 
-class Section(BaseModel):
+class ConfigSection(BaseModel):
     """Base of every section of a cell file: unknown keys and non-finite numbers are mistakes."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class TlsSection(Section):
+class TlsSection(ConfigSection):
     """Location of the certificates of this cell's bus."""
 
     folder: str = Field(min_length=1)  # `~` is the user's home
 
 
-class UpstreamSection(Section):
+class UpstreamSection(ConfigSection):
     """The hub of another cell, through which this cell can be monitored."""
 
     endpoint: str = Field(pattern=ENDPOINT)
     cell: str = Field(pattern=CELL_NAME)
 
 
-class BusSection(Section):
+class BusSection(ConfigSection):
     """Address of the hub, and protection against unauthorised clients (docs/network.md)."""
 
     endpoint: str = Field("tcp/127.0.0.1:7447", pattern=ENDPOINT)

@@ -184,7 +184,7 @@ class RemoteProtocolError(ProtocolError):
     """The controller violated the protocol. Close the link."""
 
 
-class Mistake(NamedTuple):
+class FieldError(NamedTuple):
     """One invalid field of a model."""
 
     where: str  # the field, dotted; "" for the whole
@@ -198,8 +198,8 @@ class Mistake(NamedTuple):
         return f"{self.where}: {self.what}" if self.where else self.what
 
 
-def first_mistake(error: "ValidationError") -> Mistake:
+def first_mistake(error: "ValidationError") -> FieldError:
     """Return the first mistake that pydantic found."""
     first = error.errors(include_url=False)[0]
     where = ".".join(str(part) for part in first["loc"])
-    return Mistake(where, what_is_wrong(first), first["type"], first["input"])
+    return FieldError(where, what_is_wrong(first), first["type"], first["input"])

@@ -14,7 +14,7 @@ MOST_RADIANS = 2.0 * pi + 1e-3  # in degrees, no joint range of an arm is this s
 SLOWEST_DEG_S = 20.0  # no joint of an arm is this slow
 
 
-class Wrong(NamedTuple):
+class OtherUnit(NamedTuple):
     """Another common unit of the same quantity."""
 
     name: str
@@ -25,38 +25,45 @@ class Unit(NamedTuple):
     """The unit at the end of a field's name."""
 
     symbol: str
-    wrongs: tuple[Wrong, ...]
+    wrongs: tuple[OtherUnit, ...]
 
 
-MM, MS, GRAM = Wrong("millimetres", 1e-3), Wrong("milliseconds", 1e-3), Wrong("grams", 1e-3)
-MILLIDEGREES, MILLIRADIANS = Wrong("thousandths of a degree", 1e-3), Wrong("milliradians", 1e-3)
+MM, MS, GRAM = (
+    OtherUnit("millimetres", 1e-3),
+    OtherUnit("milliseconds", 1e-3),
+    OtherUnit("grams", 1e-3),
+)
+MILLIDEGREES, MILLIRADIANS = (
+    OtherUnit("thousandths of a degree", 1e-3),
+    OtherUnit("milliradians", 1e-3),
+)
 # fmt: off
 UNITS: Mapping[str, Unit] = {  # by name ending; the longest match counts
     "_m":             Unit("m",        (MM,)),
-    "_mm":            Unit("mm",       (Wrong("metres", 1e3),)),
-    "_m_s":           Unit("m/s",      (Wrong("millimetres a second", 1e-3),)),
-    "_m_s2":          Unit("m/s²",     (Wrong("millimetres a second squared", 1e-3),)),
+    "_mm":            Unit("mm",       (OtherUnit("metres", 1e3),)),
+    "_m_s":           Unit("m/s",      (OtherUnit("millimetres a second", 1e-3),)),
+    "_m_s2":          Unit("m/s²",     (OtherUnit("millimetres a second squared", 1e-3),)),
     "_s":             Unit("s",        (MS,)),
-    "_min":           Unit("min",      (Wrong("seconds", 1.0 / 60.0), MS)),
-    "_hz":            Unit("Hz",       (Wrong("kilohertz", 1e3), Wrong("millihertz", 1e-3))),
-    "_deg":           Unit("degrees",  (Wrong("radians", 180.0 / pi), MILLIDEGREES)),
-    "_deg_s":         Unit("degrees/s", (Wrong("radians a second", 180.0 / pi), MILLIDEGREES)),
-    "_deg_s2":        Unit("degrees/s²", (Wrong("radians/s²", 180.0 / pi), MILLIDEGREES)),
-    "_rad":           Unit("rad",      (Wrong("degrees", pi / 180.0), MILLIRADIANS)),
-    "_rad_s":         Unit("rad/s",    (Wrong("degrees a second", pi / 180.0), MILLIRADIANS)),
+    "_min":           Unit("min",      (OtherUnit("seconds", 1.0 / 60.0), MS)),
+    "_hz":            Unit("Hz",       (OtherUnit("kilohertz", 1e3), OtherUnit("millihertz", 1e-3))),
+    "_deg":           Unit("degrees",  (OtherUnit("radians", 180.0 / pi), MILLIDEGREES)),
+    "_deg_s":         Unit("degrees/s", (OtherUnit("radians a second", 180.0 / pi), MILLIDEGREES)),
+    "_deg_s2":        Unit("degrees/s²", (OtherUnit("radians/s²", 180.0 / pi), MILLIDEGREES)),
+    "_rad":           Unit("rad",      (OtherUnit("degrees", pi / 180.0), MILLIRADIANS)),
+    "_rad_s":         Unit("rad/s",    (OtherUnit("degrees a second", pi / 180.0), MILLIRADIANS)),
     "_kg":            Unit("kg",       (GRAM,)),
-    "_kg_m2":         Unit("kg m²",    (Wrong("grams times square metres", 1e-3),)),
-    "_N":             Unit("N",        (Wrong("millinewtons", 1e-3),)),
-    "_Nm":            Unit("N m",      (Wrong("newton millimetres", 1e-3),)),
-    "_N_s":           Unit("N/s",      (Wrong("millinewtons a second", 1e-3),)),
-    "_N_m":           Unit("N/m",      (Wrong("newtons per millimetre", 1e3), Wrong("mN/m", 1e-3))),
-    "_Nm_rad":        Unit("N m/rad",  (Wrong("newton millimetres per radian", 1e-3),)),
-    "_J":             Unit("J",        (Wrong("millijoules", 1e-3),)),
-    "_per_mm":        Unit("per mm",   (Wrong("counts per metre", 1e-3),)),
-    "_per_deg":       Unit("per degree", (Wrong("counts per thousand degrees", 1e-3),)),
-    "_per_N":         Unit("per N",    (Wrong("counts per kilonewton", 1e-3),)),
-    "_per_Nm":        Unit("per N m",  (Wrong("counts per kilonewton metre", 1e-3),)),
-    "_per_mm_s":      Unit("per mm/s", (Wrong("counts per metre a second", 1e-3),)),
+    "_kg_m2":         Unit("kg m²",    (OtherUnit("grams times square metres", 1e-3),)),
+    "_N":             Unit("N",        (OtherUnit("millinewtons", 1e-3),)),
+    "_Nm":            Unit("N m",      (OtherUnit("newton millimetres", 1e-3),)),
+    "_N_s":           Unit("N/s",      (OtherUnit("millinewtons a second", 1e-3),)),
+    "_N_m":           Unit("N/m",      (OtherUnit("newtons per millimetre", 1e3), OtherUnit("mN/m", 1e-3))),
+    "_Nm_rad":        Unit("N m/rad",  (OtherUnit("newton millimetres per radian", 1e-3),)),
+    "_J":             Unit("J",        (OtherUnit("millijoules", 1e-3),)),
+    "_per_mm":        Unit("per mm",   (OtherUnit("counts per metre", 1e-3),)),
+    "_per_deg":       Unit("per degree", (OtherUnit("counts per thousand degrees", 1e-3),)),
+    "_per_N":         Unit("per N",    (OtherUnit("counts per kilonewton", 1e-3),)),
+    "_per_Nm":        Unit("per N m",  (OtherUnit("counts per kilonewton metre", 1e-3),)),
+    "_per_mm_s":      Unit("per mm/s", (OtherUnit("counts per metre a second", 1e-3),)),
 }
 # fmt: on
 

@@ -52,7 +52,7 @@ def open_session(cell: Reachable, role: str, patience_s: float) -> Iterator["Zen
             _refuse_a_false_hub(session, cell, endpoint)
         if security and role != CLIENT:
             with _connect(endpoint, role, patience_s, security) as other:
-                _refuse_an_open_hub(session, other, f"{cell.cell}/{SELF_TEST}", endpoint)
+                _refuse_hub_without_acl(session, other, f"{cell.cell}/{SELF_TEST}", endpoint)
         yield transport
     finally:
         transport.close()
@@ -82,7 +82,9 @@ def log_refusals() -> None:
     zenoh.init_log_from_env_or("warn,zenoh_link_tls=debug,zenoh::net::routing::interceptor=trace")
 
 
-def _refuse_an_open_hub(ear: zenoh.Session, mouth: zenoh.Session, key: str, endpoint: str) -> None:
+def _refuse_hub_without_acl(
+    ear: zenoh.Session, mouth: zenoh.Session, key: str, endpoint: str
+) -> None:
     """Self-test of access control: publish on a key that the ACL denies to every role.
 
     Receiving it means that the hub enforces no ACL. Without a match it is inconclusive.
@@ -146,7 +148,7 @@ class ZenohSource:
     ) -> None:
         """Read from an open subscriber."""
         self._subscriber = subscriber
-        self._ear: Ear | None = None
+        self._ear: ReceiverThread | None = None
 
     def close(self) -> None:
         """Wait for the receiver thread to end; the session has been closed."""
@@ -163,11 +165,11 @@ class ZenohSource:
     def wait(self, timeout_s: float) -> None:
         """Sleep until a message arrives, at most for a time [s]."""
         if self._ear is None:  # only waiting needs a thread
-            self._ear = Ear(self._subscriber.recv)
+            self._ear = ReceiverThread(self._subscriber.recv)
         self._ear.news.wait(timeout_s)
 
 
-class Ear:
+class ReceiverThread:
     """Receiver thread that keeps the newest sample: waiting costs a third of polling."""
 
     def __init__(self, receive: Callable[[], zenoh.Sample]) -> None:

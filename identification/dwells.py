@@ -10,7 +10,7 @@ import numpy as np
 
 from common.motion.frames import Array, quaternion_from_R
 from forcemesh.errors import DataError
-from identification.recording import COLUMNS, Recording, Samples
+from identification.recording import COLUMNS, Samples, WrenchRecording
 
 Purpose = Literal["fit", "verify"]
 DIGITS = 9
@@ -67,10 +67,10 @@ def means_of(dwells: Sequence[Dwell]) -> Samples:
     )
 
 
-def recording_of(dwells: Sequence[Dwell], source: Path) -> Recording:
+def recording_of(dwells: Sequence[Dwell], source: Path) -> WrenchRecording:
     """Return the readings as `read_recording` would return their file."""
     samples, count = samples_of(dwells), sum(len(dwell) for dwell in dwells)
-    return Recording(
+    return WrenchRecording(
         source=str(source),
         line=tuple(range(2, count + 2)),
         time_s=np.concatenate([dwell.time_s for dwell in dwells]),

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from common.config.payload import Drift, Payload, Vector
+from common.config.payload import BiasDrift, Payload, Vector
 from common.motion.frames import Array, vector_from_rotation
 from identification.least_squares import Solution
-from identification.payload_model import USUAL
+from identification.payload_model import PRIOR_STD
 
-HARDLY = 0.7  # share of the prior deviation: above it the variance is not even halved
+IDENTIFIED_SHARE = 0.7  # share of the prior deviation: above it the variance is not even halved
 END = (0.5, 2.0 / 3.0)  # basis functions of the drift at the end of the recording
 
 
@@ -46,7 +46,7 @@ class Parameter:
     @property
     def told(self) -> bool:
         """Return whether the recording improves on the prior."""
-        return self.std <= HARDLY * self.usual
+        return self.std <= IDENTIFIED_SHARE * self.usual
 
 
 def payload_of(solution: Solution, time_s: Array | None) -> Payload:
@@ -58,7 +58,7 @@ def payload_of(solution: Solution, time_s: Array | None) -> Payload:
     if solution.model.drift and time_s is not None:
         (line_F, line_M), (bend_F, bend_M) = state.drift
         vectors = [vector(v) for v in (line_F, line_M, bend_F, bend_M)]
-        drift = Drift(float(time_s.min()), float(time_s.max()), *vectors)
+        drift = BiasDrift(float(time_s.min()), float(time_s.max()), *vectors)
     return Payload(
         mass_kg=m,
         com_m=vector(h / max(m, 1e-12)),
@@ -129,7 +129,7 @@ def parameters(payload: Payload, std: Deviations, solution: Solution) -> tuple[P
         deviation = getattr(std, name)
         if deviation is None:
             continue
-        amplified, usual = solution.amplified[places[group]], USUAL.get(group, np.inf)
+        amplified, usual = solution.amplified[places[group]], PRIOR_STD.get(group, np.inf)
         if isinstance(value, float):
             found.append(Parameter(name, value, deviation, float(amplified.max()), usual))
         else:

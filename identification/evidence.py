@@ -10,15 +10,15 @@ import numpy as np
 from pydantic import ValidationError
 
 from common.config.calibration import CalibrationSection, PayloadSection
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.payload import Payload
 from forcemesh.errors import first_mistake
 from identification.dwells import Dwell, means_of, of_purpose, recording_of
 from identification.errors import CalibrationError
 from identification.identify import Identification, identify
-from identification.recording import Recording, Samples, WrenchAxes
+from identification.recording import Samples, WrenchAxes, WrenchRecording
 from identification.report import fit_report
-from identification.verification import Bounds, Left, Verdict, judge, left_of
+from identification.verification import Residual, Verification, VerificationBounds, judge, left_of
 
 Method = Literal["arm", "manual", "recording"]
 
@@ -28,7 +28,7 @@ class Evidence:
     """Readings and their fit; `verify` has the mean readings of held-out poses."""
 
     method: Method
-    recording: Recording
+    recording: WrenchRecording
     axes: WrenchAxes
     fit: Identification
     verify: Samples | None = None
@@ -43,10 +43,10 @@ class Findings:
     section: CalibrationSection
     evidence: Evidence
     report: dict[str, Any]  # identification.report.fit_report
-    fit_left: Left
-    verify_left: Left | None
-    bounds: Bounds
-    verdict: Verdict
+    fit_left: Residual
+    verify_left: Residual | None
+    bounds: VerificationBounds
+    verdict: Verification
 
 
 def evidence_of(
@@ -65,13 +65,13 @@ def evidence_of(
     return Evidence(method, recording, "sensor", fit, verify, serial, notes)
 
 
-def findings_of(cell: Cell, evidence: Evidence, bounds: Bounds) -> Findings:
+def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds) -> Findings:
     """Verify a fit by its held-out poses and assemble the calibration of a cell.
 
     Raises CalibrationError when a fitted value is outside the limits of a calibration.
     """
     fit, verify = evidence.fit, evidence.verify
-    fit_left = Left(
+    fit_left = Residual(
         np.linalg.norm(fit.residual_force_N, axis=1), np.linalg.norm(fit.residual_torque_Nm, axis=1)
     )
     verify_left = None if verify is None else left_of(fit.payload, verify)

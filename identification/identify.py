@@ -10,7 +10,7 @@ from common.config.payload import Payload, residual
 from common.motion.frames import Array
 from forcemesh.errors import DataError
 from identification.estimates import (
-    HARDLY,
+    IDENTIFIED_SHARE,
     Deviations,
     Parameter,
     deviations,
@@ -20,8 +20,8 @@ from identification.estimates import (
 from identification.least_squares import FORCE_FLOOR_N, TORQUE_FLOOR_NM
 from identification.model_selection import Candidate, choose
 from identification.next_pose import NextPose, next_pose
-from identification.payload_model import NAMES, USUAL
-from identification.recording import Recording, Samples, WrenchAxes
+from identification.payload_model import NAMES, PRIOR_STD
+from identification.recording import Samples, WrenchAxes, WrenchRecording
 from identification.screening import Rejected, screen
 from identification.static_poses import check_poses
 
@@ -111,7 +111,7 @@ def identify(samples: Samples) -> Identification:
     )
 
 
-def identify_recording(recording: Recording, wrench_axes: WrenchAxes | None) -> AxesFit:
+def identify_recording(recording: WrenchRecording, wrench_axes: WrenchAxes | None) -> AxesFit:
     """Fit a recording with its wrench in the given axes; with None, in those that fit better.
 
     Raises DataError when the recording cannot be fitted, or when both axes fit equally well.
@@ -139,7 +139,7 @@ def identify_recording(recording: Recording, wrench_axes: WrenchAxes | None) -> 
     return AxesFit(best, fits[best], f"wrench taken to be in {best} axes: rms residual {found}")
 
 
-def axes_of(recording: Recording, payload: Payload) -> tuple[WrenchAxes, str]:
+def axes_of(recording: WrenchRecording, payload: Payload) -> tuple[WrenchAxes, str]:
     """Return the axes in which a payload explains a recording, and the reason.
 
     If the payload does not decide (another payload, another bias), a fit of the recording may.
@@ -213,7 +213,7 @@ def _untold(found: tuple[Parameter, ...], candidates: tuple[Candidate, ...]) -> 
     chosen = next(c for c in candidates if c.chosen).model.places
     std = np.sqrt(np.diag(richest.covariance))
     for name, place in richest.model.places.items():
-        if name not in chosen and np.min(std[place]) > HARDLY * USUAL[name]:
+        if name not in chosen and np.min(std[place]) > IDENTIFIED_SHARE * PRIOR_STD[name]:
             lines.append(f"{NAMES[name]}: not identified, with all errors fitted at once")
     return tuple(lines)
 

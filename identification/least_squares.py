@@ -13,15 +13,15 @@ import numpy.typing as npt
 from common.motion.frames import Array
 from identification.payload_model import (
     LINEAR,
-    USUAL,
+    PRIOR_STD,
     Model,
     State,
     extras,
     jacobian,
+    make_mass_positive,
     moved,
     residuals,
     start_state,
-    upright,
 )
 from identification.recording import Samples
 
@@ -69,7 +69,7 @@ class Solution:
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
+class _FitProblem:
     """Model with the readings that it is fitted to."""
 
     samples: Samples
@@ -107,9 +107,9 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
         model: Parameters to fit.
         start: Directions to start from.
     """
-    task = _Task(samples, weight, model)
-    state = upright(_fitted_linear(task, start))
-    widths = {name: USUAL[name] for name in model.places}
+    task = _FitProblem(samples, weight, model)
+    state = make_mass_positive(_fitted_linear(task, start))
+    widths = {name: PRIOR_STD[name] for name in model.places}
     left = residuals(state, samples)
     noise = _noise(left, weight, np.array([4.0, 6.0]))
     converged = False
@@ -117,7 +117,7 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
         normal = _normal(state, task, noise, widths, left=left)
         covariance = normal.covariance
         step = covariance @ normal.slope
-        state = upright(moved(state, step, model))
+        state = make_mass_positive(moved(state, step, model))
         left = residuals(state, samples)
         widths = _widened(state, model)
         borne = [float(np.sum(covariance * square)) for square in normal.squares]
@@ -154,7 +154,7 @@ def plain_conditioning(samples: Samples, weight: Array) -> float:
         samples: Readings in sensor axes.
         weight: Weight of each reading. Shape (n,).
     """
-    return _plain_normal(_Task(samples, weight, Model()), start_state()).conditioning
+    return _plain_normal(_FitProblem(samples, weight, Model()), start_state()).conditioning
 
 
 def _variances(model: Model, widths: dict[str, float]) -> Array:
@@ -168,11 +168,11 @@ def _variances(model: Model, widths: dict[str, float]) -> Array:
 def _widened(state: State, model: Model) -> dict[str, float]:
     """Return the prior deviation of each group, or its rms if the recording shows more."""
     found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extras(state, model).items()}
-    return {name: max(USUAL[name], size) for name, size in found.items()}
+    return {name: max(PRIOR_STD[name], size) for name, size in found.items()}
 
 
 def _normal(
-    state: State, task: _Task, noise: Array, widths: dict[str, float], *, left: Array
+    state: State, task: _FitProblem, noise: Array, widths: dict[str, float], *, left: Array
 ) -> _Normal:
     """Build and factorise the normal equations; `left` are the residuals at this state."""
     samples, model = task.samples, task.model
@@ -199,7 +199,7 @@ def _normal(
 
 def _evidence(
     state: State,
-    task: _Task,
+    task: _FitProblem,
     noise: Array,
     widths: dict[str, float],
     *,
@@ -249,14 +249,14 @@ def _folds(n: int) -> list[npt.NDArray[np.intp]]:
     return tables if longer else tables[1:]
 
 
-def _fitted_linear(task: _Task, start: State) -> State:
+def _fitted_linear(task: _FitProblem, start: State) -> State:
     """Return the start with the linear unknowns fitted; the blocks share none of them."""
     still = replace(start, linear=np.zeros(LINEAR))
     normal = _plain_normal(replace(task, model=Model()), still)
     return replace(still, linear=normal.covariance @ normal.slope)
 
 
-def _plain_normal(task: _Task, state: State) -> _Normal:
+def _plain_normal(task: _FitProblem, state: State) -> _Normal:
     return _normal(state, task, np.ones(2), {}, left=residuals(state, task.samples))
 
 

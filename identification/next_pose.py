@@ -7,7 +7,7 @@ import numpy as np
 from common.motion.frames import Array, R_from_quaternion, quaternion_from_R
 from identification.estimates import END
 from identification.least_squares import Solution
-from identification.payload_model import LINEAR, NAMES, USUAL, Model, jacobian
+from identification.payload_model import LINEAR, NAMES, PRIOR_STD, Model, jacobian
 from identification.recording import Samples
 
 ATTITUDES = 200
@@ -75,7 +75,7 @@ def _sizes(solution: Solution) -> Array:
     sizes = np.empty(model.size)
     sizes[:LINEAR] = [mass, *[moment] * 3, *[bias_F] * 3, *[bias_M] * 3]
     for name, place in model.places.items():
-        sizes[place] = USUAL[name]
+        sizes[place] = PRIOR_STD[name]
     return sizes
 
 

@@ -81,7 +81,7 @@ def _places(model: Model) -> Mapping[str, slice]:
     return MappingProxyType(places)
 
 
-USUAL = {
+PRIOR_STD = {
     "tilt": float(TILT_RAD),
     "mounting": float(MOUNTING_RAD),
     "gain_F": GAIN,
@@ -217,7 +217,7 @@ def moved(state: State, step: Array, model: Model) -> State:
     return State(state.linear + step[:LINEAR], down, R_mount, gain, drift)
 
 
-def upright(state: State) -> State:
+def make_mass_positive(state: State) -> State:
     """Make the mass positive: a negative one is the same as gravity pointing up."""
     if state.linear[0] >= 0.0:
         return state

@@ -43,7 +43,7 @@ class Samples:
 
 
 @dataclass(frozen=True, slots=True)
-class Recording:
+class WrenchRecording:
     """Recording as stored in the file; the axes of its wrench are not known here.
 
     time_s has shape (n,), R_base_sensor (n, 3, 3), the others (n, 3). `line` is the line of the
@@ -72,7 +72,7 @@ class Recording:
         return Samples(self.R_base_sensor, force, torque, self.time_s)
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path) -> WrenchRecording:
     """Read a CSV recording with the columns t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz.
 
     Pose of the sensor in base [m, unit quaternion x y z w], wrench [N, Nm]. The columns may be in
@@ -90,7 +90,7 @@ def read_recording(path: Path) -> Recording:
     if not rows:
         raise DataError(f"{path}, line 2: no rows after the header")
     numbers = np.array([values for _, values in rows])
-    return Recording(
+    return WrenchRecording(
         source=str(path),
         line=tuple(line for line, _ in rows),
         time_s=numbers[:, 0],

@@ -9,10 +9,10 @@ from common.config.payload import Payload, residual
 from common.motion.frames import Array
 from identification.identify import Identification
 from identification.model_selection import Candidate
-from identification.recording import Recording, WrenchAxes
+from identification.recording import WrenchAxes, WrenchRecording
 
 
-def fit_report(recording: Recording, axes: WrenchAxes, fit: Identification) -> dict[str, Any]:
+def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification) -> dict[str, Any]:
     """Return all results of a fit, in SI units and sensor axes, ready for JSON."""
     payload, chosen = fit.payload, fit.chosen
     force = np.linalg.norm(fit.residual_force_N, axis=1)
@@ -74,7 +74,7 @@ def _payload_report(fit: Identification) -> dict[str, Any]:
     }
 
 
-def check_report(recording: Recording, axes: WrenchAxes, payload: Payload) -> dict[str, Any]:
+def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload) -> dict[str, Any]:
     """Return the residual of a payload over a recording: mean and maximum of the norms.
 
     The drift of the fit applies only near the times of its recording; `drift` reports whether.

@@ -14,7 +14,7 @@ from identification.recording import Samples
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class VerificationBounds:
     """Limits of the residuals at any pose."""
 
     force_N: float = 0.5
@@ -22,7 +22,7 @@ class Bounds:
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class Residual:
     """Norms of the residuals at each pose: force [N] and torque about the sensor [N m], (n,)."""
 
     force_N: Array
@@ -40,20 +40,20 @@ class Left:
         )
 
 
-def left_of(payload: Payload, means: Samples) -> Left:
+def left_of(payload: Payload, means: Samples) -> Residual:
     """Return the residuals of a payload as in the running cell: without the drift of its fit."""
     force, torque = residual(
         payload, means.R_base_sensor, force_N=means.force_N, torque_Nm=means.torque_Nm
     )
-    return Left(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
+    return Residual(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
 
 
-def left_by(payload: Payload, dwells: Sequence[Dwell]) -> Left:
+def left_by(payload: Payload, dwells: Sequence[Dwell]) -> Residual:
     """Return the residuals of a payload for the mean of each dwell."""
     return left_of(payload, means_of(dwells))
 
 
-def left_in_use(dwells: Sequence[Dwell]) -> Left:
+def left_in_use(dwells: Sequence[Dwell]) -> Residual:
     """Return the residuals that the running cell published at each pose.
 
     Raises DataError when the wrench was not valid at one of them.
@@ -62,11 +62,11 @@ def left_in_use(dwells: Sequence[Dwell]) -> Left:
     torque = [dwell.left_Nm for dwell in dwells if dwell.left_Nm is not None]
     if len(force) < len(dwells):
         raise DataError("the wrench was not valid at every pose: see `forcemesh status`")
-    return Left(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
+    return Residual(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Verification:
     """PASS, FAIL, or NOT VERIFIED (None), with its reason."""
 
     passed: bool | None
@@ -78,11 +78,11 @@ class Verdict:
         return {True: "PASS", False: "FAIL", None: "NOT VERIFIED"}[self.passed]
 
 
-def judge(left: Left | None, bounds: Bounds) -> Verdict:
+def judge(left: Residual | None, bounds: VerificationBounds) -> Verification:
     """Return the verdict on held-out poses; None when there are none."""
     if left is None:
         text = "no held-out pose; the residuals of the fit alone do not verify it"
-        return Verdict(None, f"NOT VERIFIED: {text}")
+        return Verification(None, f"NOT VERIFIED: {text}")
     found = left.summary
     passed = found.force_max_N <= bounds.force_N and found.torque_max_Nm <= bounds.torque_Nm
     poses = f"{found.poses} fresh pose{'' if found.poses == 1 else 's'}"
@@ -91,4 +91,4 @@ def judge(left: Left | None, bounds: Bounds) -> Verdict:
         f"(mean), {found.force_max_N:.3f} N and {found.torque_max_Nm:.4f} N m (max); limits "
         f"{bounds.force_N:g} N, {bounds.torque_Nm:g} N m"
     )
-    return Verdict(passed, f"{'PASS' if passed else 'FAIL'}: {text}")
+    return Verification(passed, f"{'PASS' if passed else 'FAIL'}: {text}")

@@ -3,11 +3,11 @@
 import time
 from collections.abc import Callable
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.info import cell_info
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
-from forcemesh.client.roles import Roles
+from forcemesh.client.roles import RoleHealth
 from forcemesh.messages import ArbiterStatus, Health, SensorWrench
 
 POLL_S = 0.02
@@ -17,13 +17,13 @@ HELPER_PERIODS = 1.5  # a running sidecar has published its health by then
 class CellView:
     """Subscriber to the health and arbiter status of one cell."""
 
-    def __init__(self, bus: Bus, cell: Cell) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Subscribe. An external sensor publishes no health; its readings show that it is alive."""
         self._clock = bus.clock
         self.longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
         self.helper_wait_s = HELPER_PERIODS / cell.rates.health_hz
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
-        self._roles = Roles(bus, cell_info(cell))
+        self._roles = RoleHealth(bus, cell_info(cell))
         for name in (*topics.ROLES, *topics.HELPERS):
             self._roles.health(name)
 

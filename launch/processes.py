@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import dump_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -20,10 +20,10 @@ from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import HoldRequest
 from forcemesh.zenoh_settings import endpoint_of
 from launch.cell_view import POLL_S, CellView
-from launch.restart import PAUSE_S, Patience, Reviver
-from launch.run_file import read_run, writable_folder, write_whole
+from launch.restart import PAUSE_S, Restarter, RestartPolicy
+from launch.run_file import read_run, writable_folder, write_atomically
 from launch.run_log import RunLog
-from launch.started_process import Died, Process, Running, Say, say_on_stderr
+from launch.started_process import ChildProcess, ProcessExit, ProcessSpec, WriteLine, say_on_stderr
 
 # Role: {implementation in the cell file: module}. None: an external process publishes it.
 # fmt: off
@@ -53,7 +53,7 @@ NOT_STARTED = "cell {cell} was not started"
 HELD = ("HOLDING", "FAULT", "BOOT")  # states of the arbiter after a hold
 
 
-def processes_of(cell: Cell) -> tuple[Process, ...]:
+def processes_of(cell: CellConfig) -> tuple[ProcessSpec, ...]:
     """Return the processes of a cell in start order; one may implement several roles."""
     players = {"robot": cell.roles.robot, "sensor": cell.roles.sensor}
     roles_of: dict[str, tuple[str, ...]] = {}
@@ -70,7 +70,8 @@ def processes_of(cell: Cell) -> tuple[Process, ...]:
             EMULATOR: ("controller",),
         } | roles_of
     return tuple(
-        Process(module, roles, words=WORDS.get(module, ())) for module, roles in roles_of.items()
+        ProcessSpec(module, roles, words=WORDS.get(module, ()))
+        for module, roles in roles_of.items()
     )
 
 
@@ -82,28 +83,28 @@ class Supervisor:
 
     def __init__(
         self,
-        cell: Cell,
+        cell: CellConfig,
         cell_file: Path | None = None,
         *,
-        processes: Sequence[Process] | None = None,
+        processes: Sequence[ProcessSpec] | None = None,
         stop: threading.Event | None = None,
-        say: Say = say_on_stderr,
+        say: WriteLine = say_on_stderr,
     ) -> None:
         """Prepare. Without a cell file the cell is written next to the run file."""
-        self.died: list[Died] = []
+        self.died: list[ProcessExit] = []
         self._cell = cell
         self._cell_file = cell_file
         self._processes = processes_of(cell) if processes is None else tuple(processes)
         self._stop = stop or threading.Event()
         self._say = say
-        self._running: list[Running] = []
+        self._running: list[ChildProcess] = []
         self._log: RunLog | None = None
         self._stopping = threading.Event()
         self._watcher = threading.Thread(target=self._watch, daemon=True)
         self._exits = ExitStack()
         self._client: Bus | None = None
         self._view: CellView | None = None
-        self._reviver: Reviver | None = None
+        self._reviver: Restarter | None = None
 
     # --- start and stop ---------------------------------------------------------------------------
 
@@ -122,7 +123,7 @@ class Supervisor:
         path = self._cell_file
         if path is None:
             path = self._cell_file = writable_folder() / f"{self._cell.cell}.yaml"
-            write_whole(path, dump_cell(self._cell))
+            write_atomically(path, dump_cell(self._cell))
         self._stop_on_sigterm()
         self._log = RunLog(self._cell, path.resolve())
         try:
@@ -203,8 +204,8 @@ class Supervisor:
 
     def keep_up(self) -> None:
         """Restart what dies from now on, in `tend`: the cell was ready once."""
-        patience = Patience(max(PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
-        self._reviver = Reviver(self._start_again, self._hold, self._say, patience)
+        patience = RestartPolicy(max(PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
+        self._reviver = Restarter(self._start_again, self._hold, self._say, patience)
 
     def tend(self) -> None:
         """Restart what has died; to be called often, by the thread that entered.
@@ -248,18 +249,18 @@ class Supervisor:
             if "hub" in process.roles:
                 self._connect(running.pid)
 
-    def begin(self, process: Process) -> Running:
+    def begin(self, process: ProcessSpec) -> ChildProcess:
         """Start a process."""
-        running = Running(process, self.cell_file.resolve(), self._say)
+        running = ChildProcess(process, self.cell_file.resolve(), self._say)
         self.log.started(process, running.pid)
         self._running.append(running)
         return running
 
-    def _start_again(self, process: Process, died: Died) -> int:
+    def _start_again(self, process: ProcessSpec, died: ProcessExit) -> int:
         """Restart a process that died; return its pid."""
         old = next(running for running in self._running if running.pid == died.pid)
         old.finish(0.0)
-        new = Running(process, self.cell_file.resolve(), self._say)
+        new = ChildProcess(process, self.cell_file.resolve(), self._say)
         self.log.started(process, new.pid)
         self._running = [new if running is old else running for running in self._running]
         return new.pid
@@ -338,7 +339,7 @@ class Supervisor:
         return f"hold was requested: {reply.text}; the arbiter is {self._last_state()}"[:300]
 
 
-def _end_all(processes: list[Running], give_up_s: float) -> None:
+def _end_all(processes: list[ChildProcess], give_up_s: float) -> None:
     """Send SIGTERM to all, and kill what has not ended by then (monotonic time [s])."""
     for running in processes:
         running.terminate()

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from launch.started_process import Died, Process, Say
+from launch.started_process import ProcessExit, ProcessSpec, WriteLine
 
 MOST, WITHIN_S = 5, 60.0  # deaths of one process until it is given up
 PAUSE_S = 0.2  # shortest back-off before the first restart; doubled for each later one
@@ -16,7 +16,7 @@ NEXT = "the arm is held: `forcemesh clear`, then `forcemesh arm`"
 
 
 @dataclass(slots=True)
-class Patience:
+class RestartPolicy:
     """Restart policy: exponential back-off and a limit of deaths within a window. Pure.
 
     The first pause is no shorter than the deadline of commands: with a shorter one the loss of a
@@ -42,24 +42,24 @@ class Patience:
 
 
 @dataclass(slots=True)
-class Reviver:
+class Restarter:
     """Restarts of the processes of a cell; for the thread that starts them.
 
     The watching thread reports deaths with `fell`.
     """
 
-    start: Callable[[Process, Died], int]  # returns the pid
+    start: Callable[[ProcessSpec, ProcessExit], int]  # returns the pid
     hold: Callable[[str], str]
-    say: Say
-    patience: Patience = field(default_factory=Patience)
-    _fallen: deque[Died] = field(default_factory=deque)
-    _waiting: list[tuple[float, Died]] = field(default_factory=list)
+    say: WriteLine
+    patience: RestartPolicy = field(default_factory=RestartPolicy)
+    _fallen: deque[ProcessExit] = field(default_factory=deque)
+    _waiting: list[tuple[float, ProcessExit]] = field(default_factory=list)
 
-    def fell(self, died: Died) -> None:
+    def fell(self, died: ProcessExit) -> None:
         """Queue a death."""
         self._fallen.append(died)
 
-    def tend(self, now_s: float) -> list[Died]:
+    def tend(self, now_s: float) -> list[ProcessExit]:
         """Hold the arm for new deaths, restart what is due; return what is given up."""
         given_up = []
         fallen = [self._fallen.popleft() for _ in range(len(self._fallen))]
@@ -85,7 +85,7 @@ class Reviver:
         return given_up
 
 
-def given_up_text(died: Died) -> str:
+def given_up_text(died: ProcessExit) -> str:
     """Return the message for a process that is given up."""
     return (
         f"{' and '.join(died.process.roles)} died {MOST} times within {WITHIN_S:g} s and is not "

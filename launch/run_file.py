@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 from pydantic import BaseModel, ValidationError
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER_VARIABLE = "FORCEMESH_RUN_FOLDER"
 NOT_KEPT = {"calibration", "panel"}  # one changes while a cell is up, the other holds tokens
 
 
-class Ended(BaseModel):
+class ExitRecord(BaseModel):
     """Unexpected exit of a process: cause and time."""
 
     code: int  # as subprocess has it: negative is the number of the signal
@@ -28,16 +28,16 @@ class Ended(BaseModel):
     at: str
 
 
-class Entry(BaseModel):
+class ProcessRecord(BaseModel):
     """Process and the roles that it implements."""
 
     roles: tuple[str, ...]
     module: str
     pid: int
     started_ticks: int | None  # distinguishes a process from a later one with the same pid
-    ended: Ended | None = None
+    ended: ExitRecord | None = None
     is_helper: bool = False  # its death does not end the cell
-    deaths: tuple[Ended, ...] = ()  # of its predecessors, the newest last
+    deaths: tuple[ExitRecord, ...] = ()  # of its predecessors, the newest last
 
     @property
     def alive(self) -> bool:
@@ -56,19 +56,19 @@ class Run(BaseModel):
     ended_at: str | None = None
     last_state: str = ""  # of the arbiter
     as_started: str = ""  # the cell as its processes have it, JSON; its file may change meanwhile
-    processes: list[Entry] = []
+    processes: list[ProcessRecord] = []
 
     @property
     def live(self) -> bool:
         """Whether the supervisor that wrote this still runs."""
         return self.ended_at is None and is_alive(self.supervisor_pid, self.supervisor_ticks)
 
-    def entry(self, role: str) -> Entry | None:
+    def entry(self, role: str) -> ProcessRecord | None:
         """Return the process that implements a role, if this run has one."""
         return next((entry for entry in self.processes if role in entry.roles), None)
 
 
-def new_run(cell: "Cell", cell_file: Path) -> Run:
+def new_run(cell: "CellConfig", cell_file: Path) -> Run:
     """Return the run that this process is about to supervise."""
     pid = os.getpid()
     return Run(
@@ -85,11 +85,11 @@ def write_run(run: Run, folder: Path | None = None) -> Path:
     """Write a run file atomically."""
     folder = folder or writable_folder()
     path = folder / f"{run.cell}.json"
-    write_whole(path, run.model_dump_json(indent=1) + "\n")
+    write_atomically(path, run.model_dump_json(indent=1) + "\n")
     return path
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Replace a file atomically: readers see the old text or the new text."""
     draft = path.with_name(f"{path.name}.{os.getpid()}")
     draft.write_text(text, encoding="utf-8")

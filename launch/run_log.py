@@ -4,9 +4,18 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 
-from common.config.cell import Cell
-from launch.run_file import Ended, Entry, Run, new_run, now, remove_run, start_ticks, write_run
-from launch.started_process import Died, Process
+from common.config.cell import CellConfig
+from launch.run_file import (
+    ExitRecord,
+    ProcessRecord,
+    Run,
+    new_run,
+    now,
+    remove_run,
+    start_ticks,
+    write_run,
+)
+from launch.started_process import ProcessExit, ProcessSpec
 
 MOST_DEATHS = 10  # of one process, kept in a run file
 
@@ -14,17 +23,17 @@ MOST_DEATHS = 10  # of one process, kept in a run file
 class RunLog:
     """Writer of the run file; writes every change at once, thread-safe."""
 
-    def __init__(self, cell: Cell, cell_file: Path) -> None:
+    def __init__(self, cell: CellConfig, cell_file: Path) -> None:
         """Begin a run; nothing is written before the first process."""
         self._run: Run = new_run(cell, cell_file)
         self._lock = threading.Lock()
         self._closed = False
 
-    def started(self, process: Process, pid: int, *, is_helper: bool = False) -> None:
+    def started(self, process: ProcessSpec, pid: int, *, is_helper: bool = False) -> None:
         """Add a process; a restarted one replaces the one that died."""
         old = next((e for e in self._run.processes if e.roles == process.roles and e.ended), None)
         before = () if old is None or old.ended is None else (*old.deaths, old.ended)
-        entry = Entry(
+        entry = ProcessRecord(
             roles=process.roles,
             module=process.module,
             pid=pid,
@@ -36,9 +45,9 @@ class RunLog:
             rest = [each for each in self._run.processes if each is not old]
             self._put(processes=[*rest, entry])
 
-    def ended(self, died: Died) -> None:
+    def ended(self, died: ProcessExit) -> None:
         """Record how a process ended."""
-        end = Ended(code=died.code, how=died.how, at=now())
+        end = ExitRecord(code=died.code, how=died.how, at=now())
         with self._lock:
             self._put(
                 processes=[

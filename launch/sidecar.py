@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from launch.processes import Supervisor
-    from launch.started_process import Process
+    from launch.started_process import ProcessSpec
 
 ENDS_WITHIN_S = 3.0
 LOOK_S = 0.2
@@ -19,17 +19,17 @@ REFUSED = 2  # exit code of a process that has reported why it cannot run
 
 
 @contextmanager
-def beside(
+def sidecar(
     module: str, name: str, supervisor: "Supervisor", *, wanted: bool = True
 ) -> Iterator[None]:
     """Run a sidecar process while the context is open."""
     if not wanted:
         yield
         return
-    from launch.started_process import Process
+    from launch.started_process import ProcessSpec
 
     over, begun = threading.Event(), threading.Event()
-    words = [Process(module, (name,)), supervisor, over, begun]
+    words = [ProcessSpec(module, (name,)), supervisor, over, begun]
     thread = threading.Thread(target=_play, args=words, daemon=True)
     thread.start()
     begun.wait()
@@ -41,18 +41,18 @@ def beside(
 
 
 def _play(
-    process: "Process", supervisor: "Supervisor", over: threading.Event, begun: threading.Event
+    process: "ProcessSpec", supervisor: "Supervisor", over: threading.Event, begun: threading.Event
 ) -> None:
     """Run a sidecar process until `over` is set; it would die with the thread that starts it.
 
     A process that has reported why it cannot run is not restarted.
     """
-    from launch.restart import Patience
-    from launch.started_process import Running, say_on_stderr
+    from launch.restart import RestartPolicy
+    from launch.started_process import ChildProcess, say_on_stderr
 
-    patience = Patience()
+    patience = RestartPolicy()
     while True:
-        running = Running(process, supervisor.cell_file, say_on_stderr)
+        running = ChildProcess(process, supervisor.cell_file, say_on_stderr)
         supervisor.log.started(process, running.pid, is_helper=True)
         begun.set()
         while (died := running.ended()) is None and not over.wait(LOOK_S):

@@ -25,11 +25,11 @@ COLOURS = {
     "up": 1,
 }
 
-Say = Callable[[str, str], None]  # name, one line
+WriteLine = Callable[[str, str], None]  # name, one line
 
 
 @dataclass(frozen=True, slots=True)
-class Process:
+class ProcessSpec:
     """Row of a cell's process table."""
 
     module: str
@@ -44,10 +44,10 @@ class Process:
 
 
 @dataclass(frozen=True, slots=True)
-class Died:
+class ProcessExit:
     """Unexpected exit of a process."""
 
-    process: Process
+    process: ProcessSpec
     pid: int
     code: int
     last_words: str = ""
@@ -63,10 +63,10 @@ class Died:
         return f"{roles} ({self.process.module}, pid {self.pid}): {self.how}{words}"
 
 
-class Running:
+class ChildProcess:
     """Child process with its own session, so that Ctrl-C reaches its supervisor only."""
 
-    def __init__(self, process: Process, cell_file: Path, say: Say) -> None:
+    def __init__(self, process: ProcessSpec, cell_file: Path, say: WriteLine) -> None:
         """Start the process. It dies with the calling thread."""
         self.process = process
         self._say = say
@@ -92,14 +92,14 @@ class Running:
         self._pump = threading.Thread(target=self._pump_lines, daemon=True)
         self._pump.start()
 
-    def ended(self) -> Died | None:
+    def ended(self) -> ProcessExit | None:
         """Return how it ended, or None while it runs."""
         code = self._popen.poll()
         if code is None:
             return None
         self._pump.join(DRAIN_S)
         words = self._lines[-1] if self._lines and code > 0 else ""
-        return Died(self.process, self.pid, code, words)
+        return ProcessExit(self.process, self.pid, code, words)
 
     def terminate(self) -> None:
         """Send SIGTERM to the process and its children."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.runtime.service import Runner, Service, reporter_of
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
@@ -19,7 +19,7 @@ from services.wrench.service import WrenchService
 from sim.controller.network import MemoryNetwork
 from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
-from sim.controller.wire import LockStepWire
+from sim.controller.wire import LockStepLink
 from sim.robot.arm import SimArm
 from sim.robot.service import SimRobot
 
@@ -48,7 +48,7 @@ class WorldClock:
 class VirtualCell:
     """Cell whose processes are stepped in turn each virtual millisecond."""
 
-    def __init__(self, cell: Cell, transport: MemoryTransport | None = None) -> None:
+    def __init__(self, cell: CellConfig, transport: MemoryTransport | None = None) -> None:
         """Start all services at the same virtual instant; without a transport on a new bus."""
         self.cell = cell
         self.clock = ManualClock()
@@ -82,7 +82,7 @@ class VirtualCell:
         controller.machine.pendant.monitor_speed(100.0)
         controller.machine.pendant.execute("fm.main")
         self._add("sensor", controller, sensor_bus)
-        wire = LockStepWire(network, self.cell.gateway.port, News)
+        wire = LockStepLink(network, self.cell.gateway.port, News)
         self._add("robot", Gateway(bus, self.cell, wire), bus)
         return controller.arm
 

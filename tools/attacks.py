@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.security.pki import (
     copy_certificate,
@@ -70,7 +70,7 @@ class Outcome:
 class Scene:
     """Cell at rest, observed by a monitor."""
 
-    def __init__(self, cell: Cell, monitor: zenoh.Session) -> None:
+    def __init__(self, cell: CellConfig, monitor: zenoh.Session) -> None:
         """Observe the arm and all commands to it."""
         self.commands: list[bytes] = []
         self.joints: list[tuple[float, ...]] = []
@@ -109,7 +109,7 @@ class Scene:
         self.joints.append(state.joint_rad)
 
 
-Say = Callable[[zenoh.Session, Scene], None]
+SendAttack = Callable[[zenoh.Session, Scene], None]
 
 
 def forging(session: zenoh.Session, scene: Scene) -> None:
@@ -145,7 +145,7 @@ class Attack(NamedTuple):
 
     name: str
     shown: str
-    say: Say
+    say: SendAttack
     code: str
 
 
@@ -162,12 +162,12 @@ ATTACKS = (
 )
 
 
-def attack_all(cell: Cell, folder: Path) -> Iterator[Outcome]:
+def attack_all(cell: CellConfig, folder: Path) -> Iterator[Outcome]:
     """Try every attack on a running cell, one after the other."""
     endpoint = endpoint_of(cell)
     with tempfile.TemporaryDirectory() as scratch:
         stranger, foreign = Path(scratch, "stranger"), Path(scratch, "foreign")
-        _make_strangers(cell, folder, stranger, foreign)
+        _make_attack_certificates(cell, folder, stranger, foreign)
         who = {"stranger": Identity("stranger", stranger), "foreign": Identity("arbiter", foreign)}
         watching = client_settings(endpoint, "monitor", Identity("monitor", folder).settings())
         with _session(watching) as monitor:
@@ -206,7 +206,9 @@ def _settings(shown: str, identity: Identity, endpoint: str) -> dict[str, object
     return client_settings(endpoint, shown, identity.settings())
 
 
-def _make_strangers(cell: Cell, folder: Path, stranger: Path, foreign: Path) -> None:
+def _make_attack_certificates(
+    cell: CellConfig, folder: Path, stranger: Path, foreign: Path
+) -> None:
     """Issue a certificate for an unknown name, and an arbiter's by another authority."""
     now, hosts = dt.datetime.now(dt.UTC), ["localhost"]
     ours, theirs = read_authority(folder), make_authority("elsewhere", now)

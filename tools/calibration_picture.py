@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread, imsave
 
 from cli.calibration.pictures import attitudes, before_after, residual_bars
-from cli.calibration.wizard import Pace, Wizard
-from common.config.cell import Cell
+from cli.calibration.wizard import CalibrationWizard, WizardTiming
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
 from identification.evidence import Findings, evidence_of, findings_of
-from identification.excitation.plan import Options, make_plan
-from identification.verification import Bounds
+from identification.excitation.plan import PlanOptions, make_plan
+from identification.verification import VerificationBounds
 from launch.virtual_cell import VirtualCell
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -36,14 +36,16 @@ class Silence:
         """Say nothing."""
 
 
-def calibrated(cell: Cell) -> Findings:
+def calibrated(cell: CellConfig) -> Findings:
     """Run the wizard in a virtual cell and return its findings."""
     world = VirtualCell(cell)
     world.advance(1.5)
-    plan = make_plan(cell, ArmKinematics(), world.arm.q, Options())
-    wizard = Wizard(world.client, cell, plan, pace=Pace(0.1), teller=Silence())
+    plan = make_plan(cell, ArmKinematics(), world.arm.q, PlanOptions())
+    wizard = CalibrationWizard(world.client, cell, plan, pace=WizardTiming(0.1), teller=Silence())
     wizard.run()
-    return findings_of(cell, evidence_of("arm", wizard.dwells, source=Path("demo.csv")), Bounds())
+    return findings_of(
+        cell, evidence_of("arm", wizard.dwells, source=Path("demo.csv")), VerificationBounds()
+    )
 
 
 def pixels(figure: Figure) -> Array:

@@ -15,10 +15,10 @@ from http.client import HTTPConnection
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from cli.demo.scenario import Plan, Scenario, Trace
+from cli.demo.scenario import Scenario, ScenarioPlan, Trace
 from common.bus.cell_bus import open_bus
 from common.bus.configured_cell import ConfiguredCell as Client
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
@@ -34,10 +34,10 @@ from tools.compose_rig import (
     ROOT,
     Compose,
     Operator,
-    PromiseError,
+    RequirementError,
     compose_command,
     run,
-    told,
+    run_check,
 )
 
 HEALTHY_S = 60.0
@@ -46,7 +46,7 @@ STEADY_S = 2.0
 HARDER_N = 5.0
 PUBLISHED = {"hub 127.0.0.1:7447", "panel 127.0.0.1:8080"}
 
-Check = Callable[[Compose, Cell, Operator], str]
+Check = Callable[[Compose, CellConfig, Operator], str]
 
 INSIDE = """
 import os, pathlib, sys
@@ -78,18 +78,18 @@ for folder in pathlib.Path('/proc').glob('[0-9]*'):
 """
 
 
-def hardened(compose: Compose, _cell: Cell, _operator: Operator) -> str:
+def hardened(compose: Compose, _cell: CellConfig, _operator: Operator) -> str:
     """No process is root, has unneeded write access or capabilities, or another role's key."""
     for name in compose.names():
         others = [] if name.endswith("-cell") else ["/in-use/x"]
         run("docker", "exec", compose.id(name), "python", "-c", INSIDE, *others)
         limits = compose.facts(name)["HostConfig"]
         if not (limits["Memory"] and limits["PidsLimit"] and limits["ReadonlyRootfs"]):
-            raise PromiseError(f"{name} has no limits")
+            raise RequirementError(f"{name} has no limits")
     return f"{len(compose.names())} containers: not root, read-only, no capabilities, own key only"
 
 
-def ports(compose: Compose, _cell: Cell, _operator: Operator) -> str:
+def ports(compose: Compose, _cell: CellConfig, _operator: Operator) -> str:
     """Two ports are published, on the loopback address; the device networks reach no bus."""
     published = {
         f"{name} {place['HostIp']}:{place['HostPort']}"
@@ -98,16 +98,16 @@ def ports(compose: Compose, _cell: Cell, _operator: Operator) -> str:
         for place in places or []
     }
     if published != PUBLISHED:
-        raise PromiseError(f"published: {sorted(published)}")
+        raise RequirementError(f"published: {sorted(published)}")
     if "controller-sim" in compose.names():
         reach = "import socket; socket.create_connection(('hub', 7447), 2)"
-        with suppress(PromiseError):
+        with suppress(RequirementError):
             run("docker", "exec", compose.id("controller-sim"), "python", "-c", reach)
             raise AssertionError("a device in the robot's network reaches the bus")
     return f"{' and '.join(sorted(PUBLISHED))}, nothing else"
 
 
-def cockpit(_compose: Compose, cell: Cell, _operator: Operator) -> str:
+def panel_access(_compose: Compose, cell: CellConfig, _operator: Operator) -> str:
     """The panel refuses requests without its token, and serves its page with it."""
 
     def get(path: str, cookie: str = "") -> tuple[int, str, bytes]:
@@ -120,11 +120,11 @@ def cockpit(_compose: Compose, cell: Cell, _operator: Operator) -> str:
     _, cookie, _ = get(f"/?token={os.environ[TOKEN_VARIABLE]}")  # kept from now on
     with_it, _, page = get("/", cookie.split(";")[0])
     if without == HTTPStatus.OK or with_it != HTTPStatus.OK or b"<html" not in page.lower():
-        raise PromiseError(f"the panel answers {without} without its token, {with_it} with it")
+        raise RequirementError(f"the panel answers {without} without its token, {with_it} with it")
     return f"without its token {without}, with it the page"
 
 
-def recorded(_compose: Compose, cell: Cell, _operator: Operator) -> str:
+def recorded(_compose: Compose, cell: CellConfig, _operator: Operator) -> str:
     """A recording is started and stopped from outside; its file is on the PC's own disk."""
     with Client(cell, patience_s=10.0) as client:
         began = client.ask(topics.RECORD_START, RecordRequest(label="compose-test"))
@@ -132,64 +132,64 @@ def recorded(_compose: Compose, cell: Cell, _operator: Operator) -> str:
         ended = client.ask(topics.RECORD_STOP, Empty())
     name = Path(ended.text.split(":")[0]).name
     if not (Path(os.environ["FORCEMESH_RECORDINGS"]) / name).exists():
-        raise PromiseError(f"no {name} in recordings/: {began.text}")
+        raise RequirementError(f"no {name} in recordings/: {began.text}")
     return ended.text
 
 
-def topics_seen(_compose: Compose, _cell: Cell, operator: Operator) -> str:
+def topics_seen(_compose: Compose, _cell: CellConfig, operator: Operator) -> str:
     """From outside, with a certificate, every topic is received."""
     wanted = {topic.key for topic in TOPICS}
     operator.until(lambda: operator.seen() == wanted, 15.0, f"all of {len(wanted)} topics")
     return f"{len(wanted)} topics received from outside"
 
 
-def demo(_compose: Compose, cell: Cell, operator: Operator) -> str:
+def demo(_compose: Compose, cell: CellConfig, operator: Operator) -> str:
     """The demo: press with 30 N, release to zero by force feedback."""
     trace = operator.again_after_a_stall(partial(_played, cell, operator))
     if trace.settled_at_s is None:
-        raise PromiseError("the force did not settle")
+        raise RequirementError("the force did not settle")
     time.sleep(0.5)
     return f"from 30 N to zero in {1e3 * trace.settled_at_s:.0f} ms"
 
 
-def _played(cell: Cell, operator: Operator) -> Trace:
+def _played(cell: CellConfig, operator: Operator) -> Trace:
     operator.clear()
     with open_bus(cell, topics.CLIENT) as bus:
-        script = Scenario(bus, Plan(), check=lambda: None, progress=lambda *_: None)
+        script = Scenario(bus, ScenarioPlan(), check=lambda: None, progress=lambda *_: None)
         return script.run()
 
 
-def attacked(compose: Compose, _cell: Cell, _operator: Operator) -> str:
+def attacked(compose: Compose, _cell: CellConfig, _operator: Operator) -> str:
     """Nine attacks move nothing, and the hub logs the cause of each refusal."""
     done = subprocess.run(
         [sys.executable, "-m", "tools.attacks", "--cell", str(_file_of(compose))],
         capture_output=True, text=True, check=False, cwd=ROOT,
     )  # fmt: skip
     if done.returncode != 0 or done.stdout.count("ok  ") != len(ATTACKS):
-        raise PromiseError(done.stdout + done.stderr)
+        raise RequirementError(done.stdout + done.stderr)
     log = compose("logs", "--no-color", "hub")
     silent = [attack.name for attack in ATTACKS if f"refused {attack.code}" not in log]
     if silent:
-        raise PromiseError(f"the hub logs no refusal of {silent}")
+        raise RequirementError(f"the hub logs no refusal of {silent}")
     return f"{len(ATTACKS)} attacks, 0 moved the arm, each with its cause in the hub's log"
 
 
-def full_disk(compose: Compose, _cell: Cell, operator: Operator) -> str:
+def full_disk(compose: Compose, _cell: CellConfig, operator: Operator) -> str:
     """A full /tmp, where every container may write, affects no process."""
     fill = "f = open('/tmp/full', 'wb', 0)\nwhile True: f.write(bytes(1 << 20))"
     for name in compose.names():
-        with suppress(PromiseError):
+        with suppress(RequirementError):
             run("docker", "exec", compose.id(name), "python", "-c", fill)
             raise AssertionError("no size limit on /tmp")
     time.sleep(STEADY_S)
     if not operator.all_well():
-        raise PromiseError("a process reports a fault with a full /tmp")
+        raise RequirementError("a process reports a fault with a full /tmp")
     for name in compose.names():
         run("docker", "exec", compose.id(name), "rm", "/tmp/full")  # noqa: S108 - in the container
     return "no fault"
 
 
-def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
+def fault_injected(compose: Compose, how: str, name: str, operator: Operator) -> str:
     """Disable a container while the arm presses: it holds in time, recovery moves nothing."""
     operator.press()
     container = compose.id(name)
@@ -218,7 +218,7 @@ def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
     operator.rests(STEADY_S)
     harder_N = operator.force_N() - PRESS_N
     if harder_N > HARDER_N:
-        raise PromiseError(f"press force increased by {harder_N:.1f} N")
+        raise RequirementError(f"press force increased by {harder_N:.1f} N")
     operator.retreat()
     return f"{took}; nothing moved after the recovery"
 
@@ -226,7 +226,7 @@ def broken(compose: Compose, how: str, name: str, operator: Operator) -> str:
 def crashed(compose: Compose, name: str, operator: Operator) -> str:
     """A process that ends by itself is restarted by the engine, and stays in IDLE."""
     operator.press()
-    with suppress(PromiseError):  # the killing process ends with the container
+    with suppress(RequirementError):  # the killing process ends with the container
         run("docker", "exec", compose.id(name), "python", "-c", KILL_THE_SERVICE)
     operator.until(lambda: operator.state() not in MAY_MOVE, HELD_S, "the hold")
     operator.rests(STEADY_S)
@@ -234,7 +234,7 @@ def crashed(compose: Compose, name: str, operator: Operator) -> str:
     operator.rests(STEADY_S)
     restarts = compose.facts(name)["RestartCount"]
     if restarts < 1:
-        raise PromiseError(f"{name} was not restarted by the engine")
+        raise RequirementError(f"{name} was not restarted by the engine")
     operator.retreat()
     return f"restarted by the engine {restarts} time(s), nothing moved"
 
@@ -257,20 +257,22 @@ def main() -> int:
     compose = Compose(sys.argv[1], compose_command())
     cell = load_cell(_file_of(compose))
     where = compose.profile
-    wrong = told(where, "healthy", lambda: f"after {compose.wait_healthy(HEALTHY_S):.0f} s")
+    wrong = run_check(where, "healthy", lambda: f"after {compose.wait_healthy(HEALTHY_S):.0f} s")
     with ExitStack() as exits:
         folder = Path(exits.enter_context(TemporaryDirectory(prefix="forcemesh-compose-")))
         bus = exits.enter_context(open_bus(cell, topics.CLIENT))
         operator = Operator(bus, cell, exits.enter_context(witness(folder)))
         operator.at_home()
-        checks: list[Check] = [topics_seen, hardened, ports, cockpit, recorded]
+        checks: list[Check] = [topics_seen, hardened, ports, panel_access, recorded]
         checks += [demo, attacked, full_disk, another_profile]
         for each in checks:
             name = each.__name__.replace("_", " ")
-            wrong += told(where, name, partial(each, compose, cell, operator))
+            wrong += run_check(where, name, partial(each, compose, cell, operator))
         for how, name in trials(compose):
-            wrong += told(where, f"{how} {name}", partial(broken, compose, how, name, operator))
-        wrong += told(where, "crash wrench", partial(crashed, compose, "wrench", operator))
+            wrong += run_check(
+                where, f"{how} {name}", partial(fault_injected, compose, how, name, operator)
+            )
+        wrong += run_check(where, "crash wrench", partial(crashed, compose, "wrench", operator))
     print(f"{where}: repeated after a stall of the machine: {operator.repeats}", flush=True)
     return wrong
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 
-from common.config.cell import Cell
-from tools.compose_rig import Compose, Operator, PromiseError, in_namespace, run, told
+from common.config.cell import CellConfig
+from tools.compose_rig import Compose, Operator, RequirementError, in_namespace, run, run_check
 
 HEALTHY_S = 60.0
 DEFAULT_HEALTHY_S = 30.0
@@ -20,18 +20,18 @@ SETTINGS = "FORCEMESH_"
 OPENS = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8080/', timeout=5).status)"
 
 
-def another_profile(compose: Compose, _cell: Cell, operator: Operator) -> str:
+def another_profile(compose: Compose, _cell: CellConfig, operator: Operator) -> str:
     """What is typed on top of a running profile makes no container of it anew."""
     before = lives(compose)
     sim = Compose("sim", compose.command)
     sim("up", "-d", "--no-build")
     if compose.profile == "sim":
         if lives(compose) != before:
-            raise PromiseError("a second `docker compose up` has made containers anew")
+            raise RequirementError("a second `docker compose up` has made containers anew")
         return f"{len(before)} containers as before"
     sim.says("sim-cell", f"on standby: the profile {compose.profile} replaces the simulation")
     if lives(compose) != before:
-        raise PromiseError(f"`docker compose up` has changed {before} to {lives(compose)}")
+        raise RequirementError(f"`docker compose up` has changed {before} to {lives(compose)}")
     _is_still("robot-sim", compose)
     operator.until(operator.all_well, 30.0, "all well beside a simulation that stands back")
     return f"the simulation stands back, {len(before)} containers as before"
@@ -52,7 +52,7 @@ def runs(name: str, compose: Compose) -> bool:
 
 def _is_still(name: str, compose: Compose) -> None:
     if runs(name, compose):
-        raise PromiseError(f"{name} runs beside the profile {compose.profile}")
+        raise RequirementError(f"{name} runs beside the profile {compose.profile}")
 
 
 @contextmanager
@@ -67,7 +67,7 @@ def without_settings() -> Iterator[None]:
         os.environ.update(kept)
 
 
-def no_word_at_all(compose: Compose, namespace: str) -> str:
+def default_profile(compose: Compose, namespace: str) -> str:
     """`docker compose up` and nothing else: well in time, the panel opens, status from outside."""
     began_s = time.monotonic()
     compose("up", "-d", "--no-build")
@@ -92,7 +92,7 @@ def open_to_others(compose: Compose) -> str:
             compose("up", "-d", "--no-build")
             compose.says("sim-cell", f"{name}=0.0.0.0 is reachable from outside")
             if any(runs(each, compose) for each in ("hub", "panel", "robot-sim")):
-                raise PromiseError(f"something runs with {name}=0.0.0.0")
+                raise RequirementError(f"something runs with {name}=0.0.0.0")
             said.append(name)
         finally:
             del os.environ[name]
@@ -117,7 +117,7 @@ def real_replaces_the_simulation(compose: Compose, settings: dict[str, str]) -> 
         _comes("hub", real)
         _is_still("robot-sim", real)
         if real.facts("gateway")["State"]["StartedAt"] != gateway:
-            raise PromiseError("`docker compose up` has started the gateway anew")
+            raise RequirementError("`docker compose up` has started the gateway anew")
     finally:
         real("down", "-v", "-t", "2")
     return "in both orders the gateway runs and the simulation does not"
@@ -127,7 +127,7 @@ def _comes(name: str, compose: Compose) -> None:
     give_up_s = time.monotonic() + WAITS_S
     while not runs(name, compose):
         if time.monotonic() > give_up_s:
-            raise PromiseError(f"{name} does not run: {compose('logs', '--no-color', name)}")
+            raise RequirementError(f"{name} does not run: {compose('logs', '--no-color', name)}")
         time.sleep(0.5)
 
 
@@ -135,7 +135,7 @@ def _ends(name: str, compose: Compose) -> None:
     give_up_s = time.monotonic() + WAITS_S
     while runs(name, compose):
         if time.monotonic() > give_up_s:
-            raise PromiseError(f"{name} runs beside the profile {compose.profile}")
+            raise RequirementError(f"{name} runs beside the profile {compose.profile}")
         time.sleep(0.5)
 
 
@@ -163,13 +163,15 @@ def check_profiles(command: tuple[str, ...], namespace: str) -> int:
     secure = {name: value for name, value in os.environ.items() if name.startswith(SETTINGS)}
     with without_settings():
         try:
-            wrong = told("default", "docker compose up", partial(no_word_at_all, sim, namespace))
+            wrong = run_check(
+                "default", "docker compose up", partial(default_profile, sim, namespace)
+            )
         finally:
             sim("down", "-v", "-t", "2")
-        wrong += told("default", "open to others", partial(open_to_others, sim))
+        wrong += run_check("default", "open to others", partial(open_to_others, sim))
     secure["CELL"] = "emulated.yaml"
     replaces = partial(real_replaces_the_simulation, sim, secure)
-    wrong += told("profiles", "real and simulation", replaces)
+    wrong += run_check("profiles", "real and simulation", replaces)
     os.environ.pop("CELL", None)
-    wrong += told("profiles", "no cell file", partial(no_cell_file, command))
+    wrong += run_check("profiles", "no cell file", partial(no_cell_file, command))
     return min(wrong, 1)

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
@@ -33,7 +33,7 @@ STEADY_S = 0.5  # of constant force: the press has settled
 POLL_S = 0.01
 
 
-class PromiseError(Exception):
+class RequirementError(Exception):
     """A requirement that was not met."""
 
 
@@ -44,11 +44,11 @@ def run(*words: str, timeout_s: float = 120.0, **environment: str) -> str:
         words, capture_output=True, text=True, check=False, cwd=ROOT, timeout=timeout_s, env=around
     )
     if done.returncode != 0:
-        raise PromiseError(f"{' '.join(words)}: {(done.stderr or done.stdout).strip()[-1500:]}")
+        raise RequirementError(f"{' '.join(words)}: {(done.stderr or done.stdout).strip()[-1500:]}")
     return done.stdout.strip()
 
 
-def told(where: str, name: str, check: Callable[[], str]) -> int:
+def run_check(where: str, name: str, check: Callable[[], str]) -> int:
     """Run a check and print its result; return 1 if a requirement was not met, else 0."""
     began_s, wrong = time.monotonic(), 0
     try:
@@ -97,7 +97,7 @@ class Compose:
         give_up_s = time.monotonic() + within_s
         while text not in (log := self("logs", "--no-color", name)):
             if time.monotonic() > give_up_s:
-                raise PromiseError(f"{name} does not log {text!r} but {log}")
+                raise RequirementError(f"{name} does not log {text!r} but {log}")
             time.sleep(0.2)
 
     def wait_healthy(self, within_s: float) -> float:
@@ -108,7 +108,9 @@ class Compose:
             waiting = {name for name in waiting if self.health(name) != "healthy"}
             if time.monotonic() - began_s > within_s:
                 logs = "\n".join(self("logs", "--no-color", "--tail", "5", n) for n in waiting)
-                raise PromiseError(f"not healthy after {within_s:.0f} s: {sorted(waiting)}\n{logs}")
+                raise RequirementError(
+                    f"not healthy after {within_s:.0f} s: {sorted(waiting)}\n{logs}"
+                )
             time.sleep(0.5)
         return time.monotonic() - began_s
 
@@ -116,7 +118,7 @@ class Compose:
 class Operator:
     """Operator of the cell: moves, presses, holds, and observes the arm."""
 
-    def __init__(self, bus: Bus, cell: Cell, witness: Witness) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig, witness: Witness) -> None:
         """Subscribe to every topic."""
         self._bus, self._witness = bus, witness
         self._deadline_s = min(cell.deadlines.command_s, cell.deadlines.sensor_s)
@@ -157,7 +159,7 @@ class Operator:
         began_s = time.monotonic()
         while not what():
             if time.monotonic() - began_s > within_s:
-                raise PromiseError(f"not within {within_s:g} s: {name}; {self._why()}")
+                raise RequirementError(f"not within {within_s:g} s: {name}; {self._why()}")
             time.sleep(POLL_S)
         return time.monotonic() - began_s
 
@@ -178,7 +180,7 @@ class Operator:
         began_ns = time.monotonic_ns()
         try:
             return what()
-        except (PromiseError, ForcemeshError) as error:
+        except (RequirementError, ForcemeshError) as error:
             stall_s = self._witness.worst_s(began_ns, time.monotonic_ns())
             if stall_s <= self._deadline_s or self.repeats == MOST_REPEATS:
                 raise
@@ -229,9 +231,11 @@ class Operator:
         give_up_s = time.monotonic() + seconds
         while time.monotonic() < give_up_s:
             if self.state() in MAY_MOVE:
-                raise PromiseError(f"motion is permitted again without a person: {self.state()}")
+                raise RequirementError(
+                    f"motion is permitted again without a person: {self.state()}"
+                )
             if self._distance(before) > STILL_RAD:
-                raise PromiseError("the arm moves again without a person")
+                raise RequirementError("the arm moves again without a person")
             time.sleep(POLL_S)
 
     def is_held(self, broken: str) -> bool:
@@ -266,7 +270,7 @@ class Operator:
             if reply is not None and reply.accepted:
                 return
             if time.monotonic() > give_up_s:  # a temporary obstacle has passed by then
-                raise PromiseError(f"{request.key}: {reply}")
+                raise RequirementError(f"{request.key}: {reply}")
             time.sleep(0.2)
 
 

@@ -25,7 +25,7 @@ from tools.compose_rig import (
     PROJECT,
     ROOT,
     Compose,
-    PromiseError,
+    RequirementError,
     compose_command,
     environment_of,
     in_namespace,
@@ -94,7 +94,7 @@ def engine_runs() -> bool:
     """Return whether an engine responds."""
     try:
         run("docker", "info")
-    except (PromiseError, OSError):
+    except (RequirementError, OSError):
         return False
     return True
 
@@ -151,7 +151,7 @@ def revision() -> list[str]:
     """Return the build argument for the revision label of the image."""
     try:
         return ["--build-arg", f"REVISION={run('git', 'describe', '--always', '--dirty')}"]
-    except (PromiseError, OSError):
+    except (RequirementError, OSError):
         return []
 
 

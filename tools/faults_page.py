@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from forcemesh.faults import FAULTS, Fault
+from forcemesh.faults import FAULTS, FaultCode
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "faults.md"
 HEAD = """# Faults
@@ -29,7 +29,7 @@ def page() -> str:
     return HEAD + "".join(_row(fault) for fault in FAULTS.values())
 
 
-def _row(fault: Fault) -> str:
+def _row(fault: FaultCode) -> str:
     return f"| {fault.rule} | `{fault.code}` | {fault.kind} | {fault.cause} | {fault.remedy} |\n"
 
 

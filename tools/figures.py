@@ -45,13 +45,13 @@ def block(name: str, text: str, command: str, root: Path = ROOT) -> str:
     return f"<!-- measured {name} by `{command}` {stamp} -->\n{text}\n<!-- end of {name} -->"
 
 
-def whole(name: str, page: str, command: str) -> str:
+def as_block_page(name: str, page: str, command: str) -> str:
     """Return a generated page, all of it except the title in a block."""
     title, _, rest = page.partition("\n")
     return f"{title}\n\n{block(name, rest, command)}\n"
 
 
-def put(page: Path, name: str, text: str, command: str) -> None:
+def replace_block(page: Path, name: str, text: str, command: str) -> None:
     """Write a block into a page, replacing the one with this name.
 
     Raises:
@@ -82,7 +82,7 @@ def listed(root: Path = ROOT) -> dict[str, list[str]]:
     return {page: each for page, each in found.items() if each}
 
 
-def mistakes(root: Path = ROOT) -> Iterator[str]:
+def mismatches(root: Path = ROOT) -> Iterator[str]:
     """Yield the location of every figure that is neither generated nor reviewed."""
     known = yaml.safe_load((root / "docs" / LIST.name).read_text(encoding="utf-8")) or {}
     for page in pages(root):
@@ -115,7 +115,7 @@ def main() -> int:
         text = yaml.safe_dump(listed(), allow_unicode=True, width=100, default_flow_style=None)
         LIST.write_text(head + text, encoding="utf-8")
         return 0
-    found = list(mistakes())
+    found = list(mismatches())
     print("\n".join(found))
     return 1 if found else 0
 

@@ -79,7 +79,7 @@ def change(value: Any, rng: random.Random) -> Any:
     return rng.choice(ODD)
 
 
-def spoiled(fields: dict[str, Any], cell: str, key: str, rng: random.Random) -> bytes:
+def corrupted(fields: dict[str, Any], cell: str, key: str, rng: random.Random) -> bytes:
     """Return a request or message with one or several errors."""
     chance = rng.random()
     if chance < 0.1:
@@ -98,7 +98,7 @@ def spoiled(fields: dict[str, Any], cell: str, key: str, rng: random.Random) -> 
     return data[: rng.randrange(len(data))] if chance > 0.95 else data
 
 
-class Outsider:
+class HostileClient:
     """Client that receives all topics of a cell, and publishes hostile messages."""
 
     def __init__(self, session: zenoh.Session, cell: str, seed: int) -> None:
@@ -171,9 +171,9 @@ class Outsider:
             self._message(forge=forge)
             return
         key = self.rng.choice(sorted(REQUESTS if forge else REQUESTS.keys() - ENDING))
-        data = spoiled(REQUESTS[key], self.cell, key, self.rng)
+        data = corrupted(REQUESTS[key], self.cell, key, self.rng)
         if key == "request/arm":  # a valid one would correctly be accepted
-            data = spoiled({"purpose": "none"}, self.cell, key, self.rng)
+            data = corrupted({"purpose": "none"}, self.cell, key, self.rng)
         self.ask(key, data, 0.3)
 
     def _message(self, *, forge: bool) -> None:
@@ -182,7 +182,7 @@ class Outsider:
         fields = {**self.newest[key], "epoch": self.rng.choice((1, 2, 2**62))}
         if not forge:
             fields["topic"] = f"other/{key}"
-        data = spoiled(fields, self.cell, key, self.rng)
+        data = corrupted(fields, self.cell, key, self.rng)
         if not forge and len(data) > 4 and f"{self.cell}/{key}".encode() in data:
             data = data[:-1]
         self.session.put(f"{self.cell}/{key}", data)
@@ -225,7 +225,7 @@ class Outsider:
         return tuple(self.newest["robot/state"]["joint_rad"])
 
 
-def while_armed(outsider: Outsider, count: int) -> tuple[list[bool], int]:
+def while_armed(outsider: HostileClient, count: int) -> tuple[list[bool], int]:
     """Attack an arm that may move; return results of the holds, and the times it was armed."""
     holds, armed = [], 0
     for number in range(count):
@@ -238,7 +238,7 @@ def while_armed(outsider: Outsider, count: int) -> tuple[list[bool], int]:
     return holds, armed
 
 
-def while_held(outsider: Outsider, count: int) -> tuple[list[bool], float]:
+def while_held(outsider: HostileClient, count: int) -> tuple[list[bool], float]:
     """Attack an arm that must not move; return results of the holds, and the joint motion."""
     holds, moved_rad = [outsider.hold_works()], 0.0
     time.sleep(1.0)  # until it is at rest
@@ -251,7 +251,7 @@ def while_held(outsider: Outsider, count: int) -> tuple[list[bool], float]:
     return holds, moved_rad
 
 
-def assault(outsider: Outsider, count: int) -> dict[str, Any]:
+def attack_cell(outsider: HostileClient, count: int) -> dict[str, Any]:
     """Send `count` hostile requests and messages; return the results."""
     pids = outsider.ready()
     holds, armed = while_armed(outsider, count // 2)
@@ -276,7 +276,7 @@ def assault(outsider: Outsider, count: int) -> dict[str, Any]:
     }
 
 
-def is_well(found: dict[str, Any]) -> bool:
+def is_unaffected(found: dict[str, Any]) -> bool:
     """Return whether the attacks had no effect."""
     return bool(
         not found["processes_ended"]
@@ -350,11 +350,11 @@ def main() -> int:
     with running_cell(given.up) if given.up else _nothing(given.endpoint) as endpoint:
         session = connected(endpoint)
         try:
-            found = assault(Outsider(session, given.cell, given.seed), given.count)
+            found = attack_cell(HostileClient(session, given.cell, given.seed), given.count)
         finally:
             session.close()
     print(json.dumps(found, indent=1))
-    return 0 if is_well(found) else 1
+    return 0 if is_unaffected(found) else 1
 
 
 @contextmanager

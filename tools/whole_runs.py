@@ -89,7 +89,7 @@ def keep(name: str, root: Path = ROOT, run: WholeRun | None = None) -> int:
     return process.returncode
 
 
-def complaint(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
+def defect(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
     """Return the defect of the recorded run of a row, empty if there is none."""
     run = run or RUNS[name]
     path = root / FOLDER / f"{name}.json"
@@ -138,7 +138,7 @@ def main() -> int:
     given = parser.parse_args()
     if given.verb == "keep":
         return min(keep(given.name), 2)
-    complaints = [said for name in RUNS if (said := complaint(name))]
+    complaints = [said for name in RUNS if (said := defect(name))]
     print("\n".join([*complaints, *failures()]) or f"{len(RUNS)} whole runs are kept, all well")
     return 1 if complaints else 0
 

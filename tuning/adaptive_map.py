@@ -9,11 +9,11 @@ the plain law runs.
 
 from dataclasses import dataclass
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 
 
 @dataclass(frozen=True, slots=True)
-class MeasuredLoops:
+class AdaptiveRange:
     """Slowest loop, longest delay, and the softest contact with at most 5 % overshoot there."""
 
     slowest_hz: float
@@ -22,20 +22,20 @@ class MeasuredLoops:
 
 
 MEASURED = (
-    MeasuredLoops(60.0, 0.060, 1e3),
-    MeasuredLoops(125.0, 0.070, 1e3),
-    MeasuredLoops(15.0, 0.030, 2e3),
-    MeasuredLoops(15.0, 0.060, 5e3),
+    AdaptiveRange(60.0, 0.060, 1e3),
+    AdaptiveRange(125.0, 0.070, 1e3),
+    AdaptiveRange(15.0, 0.030, 2e3),
+    AdaptiveRange(15.0, 0.060, 5e3),
 )
 SAME = 1.0 - 1e-6  # tolerance of rates and delays typed with fewer digits
 
 
-def loop_hz(cell: Cell) -> float:
+def loop_hz(cell: CellConfig) -> float:
     """Return the loop rate: the slower one of regulator and robot [Hz]."""
     return min(cell.rates.control_hz, cell.rates.robot_hz)
 
 
-def softest_N_m(cell: Cell) -> float | None:
+def softest_N_m(cell: CellConfig) -> float | None:
     """Return the softest contact the adaptive law is valid for in a cell [N/m]; None: none."""
     rate_hz, delay_s = loop_hz(cell), cell.robot.delay_s
     rows = (
@@ -46,7 +46,7 @@ def softest_N_m(cell: Cell) -> float | None:
     return min(rows, default=None)
 
 
-def remark(cell: Cell) -> str:
+def restriction(cell: CellConfig) -> str:
     """Return the restriction of the adaptive law in a cell, empty when there is none."""
     softest = softest_N_m(cell)
     loop = f"{loop_hz(cell):g} Hz and {cell.robot.delay_s * 1e3:g} ms of delay"

@@ -4,11 +4,11 @@ from dataclasses import asdict, dataclass
 from math import ceil
 from typing import Any
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.messages import Gains, Host
 from tuning import plain_map
-from tuning.adaptive_map import loop_hz, remark
-from tuning.contact_response import Answer
+from tuning.adaptive_map import loop_hz, restriction
+from tuning.contact_response import ContactResponse
 from tuning.contact_spring import Spring
 from tuning.gain_rule import INERTIA_MARGIN, LOOP_GAIN
 from tuning.margins import Forecast, Loop, Margins, forecast, margins
@@ -23,12 +23,12 @@ APPROACH_SHARE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredCell:
     """Measurements; None when not measured."""
 
     servo: Servo
     spring: Spring | None
-    controller: Answer | None = None
+    controller: ContactResponse | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class Advice:
 
 
 def advise(
-    cell: Cell, measured: Measured, host: Host, *, force_now: float, torque_now: float
+    cell: CellConfig, measured: MeasuredCell, host: Host, *, force_now: float, torque_now: float
 ) -> Advice:
     """Return the gains for a loop host, by the gain rule, reduced where margins are too small.
 
@@ -92,19 +92,21 @@ def advise(
     )
 
 
-def refused(cell: Cell, measured: Measured, advices: list[Advice]) -> str:
+def refused(cell: CellConfig, measured: MeasuredCell, advices: list[Advice]) -> str:
     """Return why nothing is recommended; empty when the law covers the measured values."""
     k = cell.contact.stiffness_N_m if measured.spring is None else measured.spring.k_N_m
     found = (plain_map.outside(loop_hz(cell), advice.tau_s, k) for advice in advices)
     return next((text for text in found if text), "")
 
 
-def remarks(cell: Cell, measured: Measured, sections: dict[str, dict[str, float]]) -> list[str]:
+def remarks(
+    cell: CellConfig, measured: MeasuredCell, sections: dict[str, dict[str, float]]
+) -> list[str]:
     """Return remarks on the recommended values when the cell uses the adaptive law."""
     if cell.force.law != "adaptive":
         return []
     robot = cell.robot.model_copy(update=sections["robot"])
-    said = [remark(cell.model_copy(update={"robot": robot}))]
+    said = [restriction(cell.model_copy(update={"robot": robot}))]
     longer_s = robot.delay_s + robot.lag_s - measured.servo.least_s
     if longer_s > LONGER_S:
         said.append(
@@ -114,7 +116,9 @@ def remarks(cell: Cell, measured: Measured, sections: dict[str, dict[str, float]
     return [text for text in said if text]
 
 
-def _delays(cell: Cell, measured: Measured, host: Host, lag_s: float) -> tuple[float, float, float]:
+def _delays(
+    cell: CellConfig, measured: MeasuredCell, host: Host, lag_s: float
+) -> tuple[float, float, float]:
     """Return dead time, lag and filter time of a loop whose arm has a lag [s]."""
     filter_s = cell.filter.lowpass_s
     if host == "controller" and measured.controller is not None:
@@ -128,7 +132,7 @@ def _least(loops: list[Loop], bandwidth_rad_s: float) -> Loop:
     return min((recommended(loop, bandwidth_rad_s) for loop in loops), key=lambda one: one.gain)
 
 
-def stiffness_of(cell: Cell, measured: Measured) -> tuple[float, float]:
+def stiffness_of(cell: CellConfig, measured: MeasuredCell) -> tuple[float, float]:
     """Return the stiffness and the tilt stiffness to design gains for.
 
     A softer contact also tilts more easily: the cell file's tilt stiffness is scaled with the
@@ -154,7 +158,9 @@ def judged(loop: Loop) -> Judged:
     return Judged(loop.gain, loop, margins(loop), forecast(loop))
 
 
-def lines(cell: Cell, measured: Measured, advices: list[Advice]) -> dict[str, dict[str, float]]:
+def lines(
+    cell: CellConfig, measured: MeasuredCell, advices: list[Advice]
+) -> dict[str, dict[str, float]]:
     """Return the cell file sections with the measured values; the gains follow from them.
 
     One delay serves both loop hosts: that of the slower one. The lag stays the cell file's when it
@@ -177,7 +183,7 @@ def lines(cell: Cell, measured: Measured, advices: list[Advice]) -> dict[str, di
     return found
 
 
-def _bandwidth(cell: Cell, advices: list[Advice]) -> float:
+def _bandwidth(cell: CellConfig, advices: list[Advice]) -> float:
     """Return the bandwidth [rad/s] whose inertia rule yields the reduced gains."""
     smaller = [
         INERTIA_MARGIN / (one.loop.inertia * one.gain)
@@ -197,7 +203,10 @@ def _ruled(loop: Loop, bandwidth_rad_s: float) -> float:
 
 
 def as_dict(
-    cell: Cell, measured: Measured, advices: list[Advice], sections: dict[str, dict[str, float]]
+    cell: CellConfig,
+    measured: MeasuredCell,
+    advices: list[Advice],
+    sections: dict[str, dict[str, float]],
 ) -> dict[str, Any]:
     """Return the output of `--json`; infinite numbers become null.
 

@@ -20,7 +20,7 @@ SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ContactResponse:
     """Total delay of a closed loop, with its standard deviation."""
 
     tau_s: float
@@ -34,7 +34,7 @@ class Answer:
 
 def loop_delay(
     t: Array, force_N: Array, *, first_N: float, then_N: float, ramp_N_s: float, rate: float
-) -> Answer:
+) -> ContactResponse:
     """Return tau of a closed loop from its response to a new set point.
 
         dF/dt = -rate (F(t - tau) - F_set(t - tau)),    rate = k Ki
@@ -63,10 +63,10 @@ def loop_delay(
             f"the force did not follow its set point: residual {rests[best]:.1f} N to the model, "
             f"whose delay is {1e3 * LONGEST_TAU_S:.0f} ms at most"
         )
-    return Answer(float(taus[best]), _deviation_s(off_N, best))
+    return ContactResponse(float(taus[best]), _deviation_s(off_N, best))
 
 
-def repeats(answers: Sequence[Answer]) -> bool:
+def repeats(answers: Sequence[ContactResponse]) -> bool:
     """Return whether the last two delays agree within REPEATS_S."""
     if len(answers) < LEAST_ANSWERS:
         return False
@@ -74,12 +74,12 @@ def repeats(answers: Sequence[Answer]) -> bool:
     return abs(last.tau_s - before.tau_s) <= REPEATS_S
 
 
-def together(answers: Sequence[Answer]) -> Answer:
+def together(answers: Sequence[ContactResponse]) -> ContactResponse:
     """Return the mean of repeated delays; the variance between them is not divided."""
     taus_s = np.array([answer.tau_s for answer in answers])
     noise_s = np.array([answer.deviation_s for answer in answers])
     variance = np.var(taus_s) + np.mean(noise_s**2) / len(answers)
-    return Answer(float(np.mean(taus_s)), sqrt(float(variance)))
+    return ContactResponse(float(np.mean(taus_s)), sqrt(float(variance)))
 
 
 def _deviation_s(off_N: Array, best: int) -> float:

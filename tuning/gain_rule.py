@@ -10,7 +10,7 @@ robot's bandwidth: Ki < 1 / (m w_b), halved here.
 from dataclasses import dataclass
 from math import pi
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.messages import Gains, Preset
 
 LOOP_GAIN = 0.45  # k Ki tau
@@ -36,7 +36,7 @@ class Tuning:
         )
 
 
-def tune(cell: Cell, preset: Preset = "normal") -> Tuning:
+def tune(cell: CellConfig, preset: Preset = "normal") -> Tuning:
     """Apply the gain rule to a cell.
 
     `gentle` never overshoots and takes three times as long. `stiff` reduces the error on a moving
@@ -57,7 +57,7 @@ def tune(cell: Cell, preset: Preset = "normal") -> Tuning:
     return Tuning(tau_s, force, torque)
 
 
-def instability(cell: Cell, gains: Gains) -> str:
+def instability(cell: CellConfig, gains: Gains) -> str:
     """Return the gains that make the loop unstable at the stiffest contact, empty if none does.
 
     This is a warning, not a refusal: the actual contact may be softer.
@@ -81,6 +81,6 @@ def instability(cell: Cell, gains: Gains) -> str:
     return f"unstable at {where}: {', '.join(beyond)}"
 
 
-def loop_delay_s(cell: Cell) -> float:
+def loop_delay_s(cell: CellConfig) -> float:
     """Return the loop delay tau from a change of force to the arm's response [s]."""
     return cell.loop_delay_s

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class MeasuredLoops:
+class PlainRange:
     """Slowest loop, and the softest contact with at most 5 % overshoot there."""
 
     slowest_hz: float
     softest_N_m: float
 
 
-MEASURED = (MeasuredLoops(125.0, 1e3), MeasuredLoops(15.0, 5e3))
+MEASURED = (PlainRange(125.0, 1e3), PlainRange(15.0, 5e3))
 LONGEST_TAU_S = 0.17
 STIFFEST_N_M = 2e5
 SAME = 1.0 - 1e-6  # tolerance of numbers typed with fewer digits

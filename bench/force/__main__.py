@@ -13,12 +13,12 @@ from rich.markdown import Markdown
 from bench.force import settle
 from bench.force.page import page
 from bench.force.promises import Rows
-from bench.force.rig import World
+from bench.force.rig import SceneSettings
 from bench.force.run import QUICK, SHORT, TABLES, Extent
-from tools.figures import whole
+from tools.figures import as_block_page
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-TUNED_FOR = World(2e4, 10)
+TUNED_FOR = SceneSettings(2e4, 10)
 MOST_OVERSHOOT_PCT = 25.0
 
 
@@ -28,7 +28,7 @@ def fixed_taus(place: tuple[float, int]) -> float:
     Not a number if it does not settle, or lifts off the plate.
     """
     gain = 0.45 / (TUNED_FOR.stiffness_N_m * settle.true_tau_s(TUNED_FOR))
-    world = World(*place)
+    world = SceneSettings(*place)
     done = settle.plain(world, gain, longest_s=6.0)
     flies = done.overshoot_pct > MOST_OVERSHOOT_PCT
     return float("nan") if done.taus is None or flies else done.taus
@@ -67,7 +67,7 @@ def main() -> None:
         if asked.write:
             from bench.force import pictures  # noqa: PLC0415 - matplotlib takes a second
 
-            text = whole("force", page(rows, command), command)
+            text = as_block_page("force", page(rows, command), command)
             (DOCS / "force.md").write_text(text, encoding="utf-8")
             pictures.releases(DOCS / "pictures" / "force-releases.png")
             pictures.following(DOCS / "pictures" / "force-following.png")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from bench.force.measures import means
-from bench.force.rig import Rig, World
+from bench.force.rig import ForceRig, SceneSettings
 from bench.force.stage import Make, Measures
 from common.motion.frames import Array
 from sim.robot.settings import TICK_S
@@ -15,24 +15,24 @@ GRIP_N_M, GRIP_NS_M, HAND_M_S = 500.0, 20.0, 0.03
 FIRM_N_M = 1000.0  # grip of a hand that presses against the wall
 WALL_M, LEAN_S, BACK_S, END_S = 0.005, 0.4, 1.2, 2.2
 
-Way = Callable[[float], tuple[Array, Array]]  # of the hand since the grip [m], [m/s]
+HandMotion = Callable[[float], tuple[Array, Array]]  # of the hand since the grip [m], [m/s]
 
 
-def guide(world: World, make: Make) -> Measures:
+def guide(world: SceneSettings, make: Make) -> Measures:
     """A hand pulls the free tool at 30 mm/s."""
     along = np.array([0.0, HAND_M_S, 0.0])
-    rig = Rig(replace(world, gap_m=0.05).cell())
+    rig = ForceRig(replace(world, gap_m=0.05).cell())
     pilot = make(rig)
-    rig.every_tick = held(rig, lambda t: (along * t, along), GRIP_N_M)
+    rig.every_tick = grip_force(rig, lambda t: (along * t, along), GRIP_N_M)
     trace = rig.run(pilot, 2.0)
     force = np.array(trace.force_N)[:, 1][np.array(trace.t_s) > 1.0]
     return {"hand_N": float(np.abs(force).mean()), "hand_peak_N": float(np.abs(force).max())}
 
 
-def guide_to_a_wall(world: World, make: Make) -> Measures:
+def guide_to_a_wall(world: SceneSettings, make: Make) -> Measures:
     """A hand guides the tool down against the plate, presses, and guides it up again."""
     down = np.array([0.0, 0.0, -HAND_M_S])
-    rig = Rig(replace(world, gap_m=WALL_M).cell())
+    rig = ForceRig(replace(world, gap_m=WALL_M).cell())
     pilot = make(rig)
 
     def lean(t: float) -> tuple[Array, Array]:
@@ -40,7 +40,7 @@ def guide_to_a_wall(world: World, make: Make) -> Measures:
             return down * t, down
         return down * (LEAN_S - max(0.0, t - BACK_S)), (-down if t > BACK_S else 0.0 * down)
 
-    rig.every_tick = held(rig, lean, FIRM_N_M)
+    rig.every_tick = grip_force(rig, lean, FIRM_N_M)
     trace = rig.run(pilot, END_S)
     t, push = np.array(trace.t_s), np.array(trace.push_N)
     z = np.array([T.translation[2] for T in trace.T_base_tcp])
@@ -53,13 +53,13 @@ def guide_to_a_wall(world: World, make: Make) -> Measures:
     }
 
 
-def held(rig: Rig, way: Way, grip_N_m: float) -> Callable[[Rig], None]:
+def grip_force(rig: ForceRig, way: HandMotion, grip_N_m: float) -> Callable[[ForceRig], None]:
     """Return the function that applies the force of the hand at every tick."""
     tool, start = rig.arm.model.body("tool").id, rig.arm.ticks
     home: Array = np.array(rig.arm.T_base_tcp.translation)
     last = [home.copy()]
 
-    def pull(rig: Rig) -> None:
+    def pull(rig: ForceRig) -> None:
         at = np.array(rig.arm.T_base_tcp.translation)
         speed, last[0] = (at - last[0]) / TICK_S, at
         place, wanted = way((rig.arm.ticks - start) * TICK_S)

@@ -10,10 +10,10 @@ from itertools import product
 from typing import Any
 
 from bench.over_tcp import CELL, in_lock_step
-from cli.demo.cell import Trial, demo_cell, surface_of
+from cli.demo.cell import DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import measure
-from cli.demo.scenario import Plan, ScenarioError
-from common.config.cell import Cell
+from cli.demo.scenario import ScenarioError, ScenarioPlan
+from common.config.cell import CellConfig
 from tuning.gain_rule import tune
 
 STEPS_S = (0.0001, 0.0002, 0.0004)  # about 60, 30 and 15 iterations of the loop per second
@@ -29,9 +29,9 @@ class Case:
     as_step_s: float
     stiffness_N_m: float
 
-    def cell(self) -> Cell:
+    def cell(self) -> CellConfig:
         """Return a cell configured for the stiffest contact, not for this one."""
-        trial = Trial(stiffness_N_m=STIFFEST_N_M, as_step_s=self.as_step_s, law="adaptive")
+        trial = DemoOverrides(stiffness_N_m=STIFFEST_N_M, as_step_s=self.as_step_s, law="adaptive")
         cell = demo_cell(CELL, trial)
         if cell.sim is None:
             raise ValueError("the benchmark needs a simulated cell")
@@ -45,7 +45,7 @@ CASES = tuple(Case(step_s, k) for step_s, k in product(STEPS_S, STIFFNESSES_N_M)
 def row(case: Case) -> dict[str, Any]:
     """Return the measures of a release from 30 N at first contact."""
     cell = case.cell()
-    plan = Plan(mode="position", host="controller", setpoint_N=0.0, settled_for_s=STAYS_S)
+    plan = ScenarioPlan(mode="position", host="controller", setpoint_N=0.0, settled_for_s=STAYS_S)
     found: dict[str, Any] = {"as_step_s": case.as_step_s, "stiffness_N_m": case.stiffness_N_m}
     try:
         result = measure(in_lock_step(cell, plan), plan, surface_of(cell), tune(cell).tau_s)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from bench.force.promises import Rows, beside, promises
+from bench.force.promises import Rows, requirements, with_own_results
 from bench.force.run import Row
 
 HEAD = """# Force control benchmark
@@ -24,7 +24,7 @@ of the 30 N. Surfaces move under a tool at rest, equivalent to a sliding tool. M
 The speed ratio to a peer law is given as its reciprocal, so smaller is better in every row.
 """
 
-MET = """First contact (the law starts from 2e5 N/m) / with the stiffness identified, and the
+IDENTIFIED = """First contact (the law starts from 2e5 N/m) / with the stiffness identified, and the
 estimate of the effective stiffness then: it includes the servos in series, about 8e5 N/m.
 """
 CONTROLLER = """Above, host pc: the robot accepts one pose per iteration of the loop. Below, host
@@ -35,7 +35,8 @@ improves. It starts from the gain for 1e5 N/m, and has no prediction.
 LIMITED = """At 10 ms of delay, with a lower speed limit. At 1e3 N/m the speed limit bounds the
 first part of the travel and the inertia limit the rest, so the times of both add up.
 """
-BRAKES = """The same releases with a lower acceleration limit: settling in tau, first contact /
+LOW_ACCELERATION = """\
+The same releases with a lower acceleration limit: settling in tau, first contact /
 with the stiffness identified, and overshoot. Braking takes longer, without more overshoot.
 """
 PEERS = """Every law is tuned by the same search (bench/force/search.py): 10 gains times 3 second
@@ -52,7 +53,7 @@ def page(rows: Rows, command: str) -> str:
         HEAD.format(command=command),
         _promises(rows),
         "## Release from 30 N: settling in tau, overshoot\n",
-        MET,
+        IDENTIFIED,
         *_releases(rows["release"]),
         "## Slow loops\n",
         _slow(rows["slow loops"]),
@@ -61,11 +62,11 @@ def page(rows: Rows, command: str) -> str:
         LIMITED,
         _limited(rows["limited speed"]),
         "## Arms with low braking acceleration\n",
-        BRAKES,
+        LOW_ACCELERATION,
         _brakes(rows["slow brakes"]),
         "## Comparison with other control laws\n",
         PEERS,
-        *_peers(beside(rows)),
+        *_peers(with_own_results(rows)),
         _fixed(rows["fixed gain"][0]),
         "## Scenes\n",
         "![10 N on waves](pictures/force-following.png)\n",
@@ -77,7 +78,7 @@ def page(rows: Rows, command: str) -> str:
 def _promises(rows: Rows) -> str:
     body = [
         (p.text, f"{p.limit:.3g}", f"{p.found:.3g}", p.where, "yes" if p.kept else "**no**")
-        for p in promises(rows)
+        for p in requirements(rows)
     ]
     return _table(("quantity", "limit", "worst result", "where", "met"), body)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from bench.force.rig import Heard
+from bench.force.rig import LawSample
 from common.motion.frames import Array
 
 KEPT_SPEED = 0.9  # of the virtual model at each step
@@ -42,7 +42,7 @@ class Admittance:
         self._gain, self._time_s, self._longest_m_s = gain_m_per_Ns, time_s, longest_m_s
         self.setpoint_N = 0.0
 
-    def step(self, heard: Heard) -> pin.SE3:
+    def step(self, heard: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
         error_N = _error_N(heard, self.setpoint_N)
         if heard.limited:
@@ -65,7 +65,7 @@ class Fdcc:
         self._last_N: Array | None = None
         self.setpoint_N = 0.0
 
-    def step(self, heard: Heard) -> pin.SE3:
+    def step(self, heard: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
         error_N = _error_N(heard, self.setpoint_N)
         change = np.zeros(3) if self._last_N is None else (error_N - self._last_N) / heard.dt_s
@@ -77,5 +77,5 @@ class Fdcc:
         return self._body.moved(speed, heard.dt_s, self._longest_m_s)
 
 
-def _error_N(heard: Heard, setpoint_N: float) -> Array:
+def _error_N(heard: LawSample, setpoint_N: float) -> Array:
     return np.asarray(heard.force_N + setpoint_N * heard.T_base_tcp.rotation[:, 2])

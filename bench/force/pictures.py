@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from bench.force import scenes, stage
-from bench.force.rig import Rig, World
+from bench.force.rig import ForceRig, SceneSettings
 from bench.force.run import LAWS, Row
 from bench.force.settle import PRESS_N
 
@@ -19,7 +19,7 @@ def releases(path: Path) -> None:
     figure, panes = plt.subplots(1, 3, figsize=(11, 3.4), sharey=True, layout="constrained")
     for pane, k in zip(panes, (5e3, 2e4, 1e5), strict=True):
         for name, make in LAWS.items():
-            rig = Rig(World(k, 10).cell())
+            rig = ForceRig(SceneSettings(k, 10).cell())
             rig.press(PRESS_N)
             pilot = make(rig)
             pilot.setpoint_N = 0.0
@@ -64,7 +64,7 @@ def following(path: Path) -> None:
     """Draw the force on a wavy surface under two laws."""
     figure, pane = plt.subplots(figsize=(9, 3.4), layout="constrained")
     for name in ("adaptive", "plain, known k"):
-        trace = scenes.followed(World(2e4, 30), LAWS[name], "sine")
+        trace = scenes.followed(SceneSettings(2e4, 30), LAWS[name], "sine")
         pane.plot(trace.t_s, trace.push_N, label=name)
     pane.axhline(stage.HOLD_N, color="black", linewidth=0.8)
     pane.set(title="10 N on waves of 2 mm / 100 mm at 20 mm/s, 2e4 N/m, delay 30 ms")

@@ -5,25 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from bench.force.rig import Heard
-from common.config.cell import Cell
+from bench.force.rig import LawSample
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh.messages import Mode
 from services.regulator import adaptive
 from services.regulator import admittance as guiding
 from services.regulator.adaptive import AdaptiveSettings
-from services.regulator.admittance import GuideSettings
-from services.regulator.law import LawInput, LawState, PiGains, put_back, start_at, step
+from services.regulator.admittance import AdmittanceSettings
+from services.regulator.law import LawInput, LawState, PiGains, back_calculate, start_at, step
 from services.regulator.settings import law_settings, pi_gains
 from tuning.gain_rule import tune
 
 
-class Ours:
+class AdaptiveLawRunner:
     """The adaptive law as the regulator runs it."""
 
     def __init__(
         self,
-        cell: Cell,
+        cell: CellConfig,
         T_base_tcp: pin.SE3,
         T_measured: pin.SE3 | None = None,
         *,
@@ -37,9 +37,9 @@ class Ours:
         self.law = start_at(T_base_tcp)
         self.memory = adaptive.begin(T_base_tcp, T_measured or T_base_tcp, self.settings)
 
-    def step(self, heard: Heard) -> pin.SE3:
+    def step(self, heard: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = put_back(self.law, heard.T_let_through) if heard.limited else self.law
+        law = back_calculate(self.law, heard.T_let_through) if heard.limited else self.law
         sample = _sample(heard, self, law)
         self.law, self.memory = adaptive.advance(
             law,
@@ -50,16 +50,16 @@ class Ours:
             plain=self.plain,
             settings=self.settings,
         )
-        self.law = _moved(self.law, self.across_m_s * heard.dt_s)
+        self.law = with_lateral_travel(self.law, self.across_m_s * heard.dt_s)
         return self.law.T_base_tcp
 
 
-class Plain:
+class PlainLawRunner:
     """The specification's PI law."""
 
     def __init__(
         self,
-        cell: Cell,
+        cell: CellConfig,
         T_base_tcp: pin.SE3,
         gain_m_per_Ns: float | None = None,
         *,
@@ -76,29 +76,29 @@ class Plain:
         self.mode, self.setpoint_N, self.across_m_s = mode, setpoint_N, np.zeros(3)
         self.law = start_at(T_base_tcp)
 
-    def step(self, heard: Heard) -> pin.SE3:
+    def step(self, heard: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = put_back(self.law, heard.T_let_through) if heard.limited else self.law
+        law = back_calculate(self.law, heard.T_let_through) if heard.limited else self.law
         sample = _sample(heard, self, law)
         self.law = step(law, sample, self.gains, self.plain)
-        self.law = _moved(self.law, self.across_m_s * heard.dt_s)
+        self.law = with_lateral_travel(self.law, self.across_m_s * heard.dt_s)
         return self.law.T_base_tcp
 
 
-class Guided:
+class GuidingLawRunner:
     """Hand guiding as the regulator runs it."""
 
-    def __init__(self, cell: Cell, T_base_tcp: pin.SE3, T_measured: pin.SE3) -> None:
+    def __init__(self, cell: CellConfig, T_base_tcp: pin.SE3, T_measured: pin.SE3) -> None:
         """Start at rest, without a hand on the tool."""
-        self.settings, self.plain = GuideSettings.of(cell), law_settings(cell)
+        self.settings, self.plain = AdmittanceSettings.of(cell), law_settings(cell)
         self.gains = pi_gains(tune(cell).gains)
         self.mode: Mode = "position"
         self.setpoint_N, self.across_m_s = 0.0, np.zeros(3)
         self.law, self.memory = start_at(T_base_tcp), guiding.begin(T_measured)
 
-    def step(self, heard: Heard) -> pin.SE3:
+    def step(self, heard: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = put_back(self.law, heard.T_let_through) if heard.limited else self.law
+        law = back_calculate(self.law, heard.T_let_through) if heard.limited else self.law
         self.law, self.memory = guiding.advance(
             law,
             self.memory,
@@ -111,7 +111,9 @@ class Guided:
         return self.law.T_base_tcp
 
 
-def _sample(heard: Heard, pilot: "Ours | Plain", law: LawState) -> LawInput:
+def _sample(
+    heard: LawSample, pilot: "AdaptiveLawRunner | PlainLawRunner", law: LawState
+) -> LawInput:
     """Return the input of a law; axes of an imposed lateral motion are not force-controlled."""
     led = bool(pilot.across_m_s.any())
     return LawInput(
@@ -125,7 +127,7 @@ def _sample(heard: Heard, pilot: "Ours | Plain", law: LawState) -> LawInput:
     )
 
 
-def _moved(law: LawState, way_m: Array) -> LawState:
+def with_lateral_travel(law: LawState, way_m: Array) -> LawState:
     """Move the tool perpendicular to its axis, independent of the force."""
     T, axis = law.T_base_tcp, law.T_base_tcp.rotation[:, 2]
     across_m = way_m - (way_m @ axis) * axis

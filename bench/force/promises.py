@@ -12,7 +12,7 @@ Rows = dict[str, list[Row]]
 
 
 @dataclass(frozen=True, slots=True)
-class Promise:
+class Requirement:
     """One requirement: quantity, limit, and the worst result. Met when found <= limit."""
 
     text: str
@@ -26,22 +26,22 @@ class Promise:
         return self.found <= self.limit
 
 
-def promises(rows: Rows) -> list[Promise]:
+def requirements(rows: Rows) -> list[Requirement]:
     """Return every requirement that these rows cover."""
-    made: list[Promise | None] = [
+    made: list[Requirement | None] = [
         *_releases(rows["release"]),
         *_slow(rows["slow loops"]),
         *_limited(rows["limited speed"]),
         *_brakes(rows["slow brakes"]),
         *_scenes(rows["scenes"]),
     ]
-    made += [*_peers(beside(rows)), _fixed(rows["fixed gain"][0])]
+    made += [*_peers(with_own_results(rows)), _fixed(rows["fixed gain"][0])]
     return [promise for promise in made if promise is not None]
 
 
 def _worst(
     text: str, limit: float, rows: Iterable[Row], of: Callable[[Row], float]
-) -> Promise | None:
+) -> Requirement | None:
     chosen = list(rows)
     if not chosen:
         return None  # not run
@@ -49,7 +49,7 @@ def _worst(
     worst = int(np.argmax(values))
     row = chosen[worst]
     loop = f", {row['loop_hz']:g} Hz" if row.get("loop_hz", 250.0) != 250.0 else ""
-    return Promise(
+    return Requirement(
         text, limit, values[worst], f"{row['stiffness_N_m']:g} N/m, {row['delay_ms']} ms{loop}"
     )
 
@@ -66,7 +66,7 @@ def _overshoot(row: Row) -> float:
     return max(float(row["first_overshoot_pct"]), float(row["met_overshoot_pct"]))
 
 
-def _releases(rows: list[Row]) -> Iterable[Promise | None]:
+def _releases(rows: list[Row]) -> Iterable[Requirement | None]:
     stiff = [row for row in rows if row["stiffness_N_m"] >= 5e3]
     right = [row for row in stiff if row["delay_error_ms"] == 0.0]
     safe = [row for row in stiff if row["delay_error_ms"] in {0.0, 5.0}]
@@ -95,7 +95,7 @@ def _capped_s(row: Row) -> float:
     return 3.5 / (5e-3 * float(row["stiffness_N_m"])) + float(row["tau_s"])
 
 
-def _limited(rows: list[Row]) -> Iterable[Promise | None]:
+def _limited(rows: list[Row]) -> Iterable[Requirement | None]:
     def part(row: Row) -> float:
         way_s = (PRESS_N - BAND_N) / (float(row["stiffness_N_m"]) * float(row["speed_m_s"]))
         limited_s = way_s + 5.0 * float(row["tau_s"])
@@ -107,11 +107,11 @@ def _limited(rows: list[Row]) -> Iterable[Promise | None]:
     yield _worst("the same at 1e3 N/m, or relative to the line above if longer", 1.0, soft, part)
 
 
-def _brakes(rows: list[Row]) -> Iterable[Promise | None]:
+def _brakes(rows: list[Row]) -> Iterable[Requirement | None]:
     yield _worst("arms with low braking acceleration, overshoot, %", 5.0, rows, _overshoot)
 
 
-def beside(rows: Rows) -> list[Row]:
+def with_own_results(rows: Rows) -> list[Row]:
     """Return the peers' rows with our results in the same scene."""
     ours = {
         (row["stiffness_N_m"], row["delay_ms"]): row
@@ -122,7 +122,7 @@ def beside(rows: Rows) -> list[Row]:
     return [peer | {"first_s": row["first_s"], "met_s": row["met_s"]} for peer, row in both]
 
 
-def _slow(rows: list[Row]) -> Iterable[Promise | None]:
+def _slow(rows: list[Row]) -> Iterable[Requirement | None]:
     for hz, first, met in ((60.0, 0.5, 0.35), (30.0, 0.8, 0.45), (15.0, 1.4, 0.65)):
         these = [row for row in rows if row["loop_hz"] == hz]
         yield _worst(
@@ -134,7 +134,7 @@ def _slow(rows: list[Row]) -> Iterable[Promise | None]:
     yield _worst("slow loops, overshoot, %", 5.0, rows, _overshoot)
 
 
-def _scenes(rows: list[Row]) -> Iterable[Promise | None]:
+def _scenes(rows: list[Row]) -> Iterable[Requirement | None]:
     ours = [row for row in rows if row["law"] == "adaptive"]
 
     def of(scene: str, least_k: float = 2e4, most_k: float = 1e5) -> list[Row]:
@@ -164,24 +164,24 @@ def _scenes(rows: list[Row]) -> Iterable[Promise | None]:
     )  # fmt: skip
 
 
-def _peers(rows: list[Row]) -> Iterable[Promise]:
+def _peers(rows: list[Row]) -> Iterable[Requirement]:
     """Yield reciprocal speed ratios: met when ours is faster by the required factor."""
     one = [_or_never(row["one_s"]) / _or_never(row["first_s"]) for row in rows]
     here = [_or_never(row["tuned_here_s"]) / _or_never(row["met_s"]) for row in rows]
     scenes = [f"{row['law']}, {row['stiffness_N_m']:g} N/m, {row['delay_ms']} ms" for row in rows]
-    yield Promise(
+    yield Requirement(
         "1 / median speed ratio, one setting for all", 1 / 5.0, 1 / float(np.median(one)), ""
     )
-    yield Promise(
+    yield Requirement(
         "1 / smallest speed ratio, one setting for all",
         1.0,
         1 / min(one),
         scenes[int(np.argmin(one))],
     )
-    yield Promise(
+    yield Requirement(
         "1 / median speed ratio, tuned per scene", 1 / 1.3, 1 / float(np.median(here)), ""
     )
-    yield Promise(
+    yield Requirement(
         "1 / smallest speed ratio, tuned per scene",
         1.1,
         1 / min(here),
@@ -189,8 +189,8 @@ def _peers(rows: list[Row]) -> Iterable[Promise]:
     )
 
 
-def _fixed(row: Row) -> Promise:
+def _fixed(row: Row) -> Requirement:
     lead = _or_never(row["fixed_s"]) / _or_never(row["met_s"])
-    return Promise(
+    return Requirement(
         "1 / speed ratio to a fixed gain safe at 1e5, at 5e3 N/m", 1 / 12.0, 1 / lead, ""
     )

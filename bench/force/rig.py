@@ -12,15 +12,15 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.config.payload import Payload
 from common.motion.frames import Array
 from common.motion.limits import Limits
-from common.motion.rate_limiter import Pace, limit_motion, still
+from common.motion.rate_limiter import CommandedMotion, at_rest, limit_motion
 from common.motion.setpoint_monitor import SPEED_MARGIN
 from services.wrench.compensation import Wrench, compensate
-from services.wrench.plausibility import Bounds, History, judge
+from services.wrench.plausibility import ReadingHistory, ReadingLimits, check_reading
 from services.wrench.smoothing import Filter, feed
 from sim.robot.arm import SimArm
 from sim.robot.motion import MotionGenerator
@@ -33,7 +33,7 @@ STIFFEST_N_M = 2e5
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class SceneSettings:
     """Parameters of a scene."""
 
     stiffness_N_m: float = 2e4
@@ -48,7 +48,7 @@ class World:
     accel_m_s2: float = 10.0
     overrides: tuple[tuple[str, object], ...] = ()
 
-    def cell(self) -> Cell:
+    def cell(self) -> CellConfig:
         """Return the cell file of the benchmark: the demo's, at its own speed and delay."""
         delay_s = self.delay_ms / 1e3
         chosen: dict[str, object] = {
@@ -74,7 +74,7 @@ class World:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class LawSample:
     """Inputs of a law at each of its steps."""
 
     force_N: Array  # base axes, about the TCP
@@ -88,7 +88,7 @@ class Heard:
 class Pilot(Protocol):
     """Interface of a control law."""
 
-    def step(self, heard: Heard) -> pin.SE3:
+    def step(self, heard: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
 
 
@@ -104,10 +104,10 @@ class Trace:
     push_N: list[float] = field(default_factory=list)  # back along the tool's axis
 
 
-class Rig:
+class ForceRig:
     """One arm, one plate, and the loop that moves the arm."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Start at the home pose above the plate."""
         if cell.sim is None:
             raise ValueError("the benchmark needs a simulated cell")
@@ -126,13 +126,13 @@ class Rig:
             sim.tool_mass_kg, sim.tool_com_m, sim.bias_force_N, sim.bias_torque_Nm
         )
         self._filter = Filter(cell.filter.median, cell.filter.lowpass_s)
-        self._bounds, self._history = Bounds.of(cell), History()
+        self._bounds, self._history = ReadingLimits.of(cell), ReadingHistory()
         self._sensor_ticks = round(1.0 / cell.rates.sensor_hz / TICK_S)
         self._law_ticks = max(1, round(1.0 / cell.rates.control_hz / TICK_S))
-        self._pace: Pace = still(self.arm.T_base_flange)
+        self._pace: CommandedMotion = at_rest(self.arm.T_base_flange)
         self._on_its_way: list[tuple[int, pin.SE3]] = []
         self._limited = False
-        self.every_tick: Callable[[Rig], None] = _nothing
+        self.every_tick: Callable[[ForceRig], None] = _nothing
         for _ in range(30):
             self._tick()
 
@@ -171,7 +171,7 @@ class Rig:
             for _ in range(100 + self.arm.settings.delay_ticks):
                 self._tick()
             T_now = pin.SE3(T.rotation, T.translation + T.rotation[:, 2] * way_m)
-            self._pace = still(T_now)
+            self._pace = at_rest(T_now)
             way_m = (force_N - self.push_N()) / k
             if abs(force_N - self.push_N()) < 0.3:
                 break
@@ -190,7 +190,7 @@ class Rig:
     def _steer(self, pilot: Pilot) -> None:
         wrench, dt_s = self.wrench(), self._law_ticks * TICK_S
         T_let_through = self.T_base_tcp
-        heard = Heard(
+        heard = LawSample(
             wrench.force_N,
             wrench.torque_Nm,
             self.arm.T_base_tcp,
@@ -223,10 +223,10 @@ class Rig:
             if sample is not None:
                 reading = np.concatenate((sample.force_N, sample.torque_Nm))
                 dt_s = self._sensor_ticks * TICK_S
-                self._history, _ = judge(self._history, reading, dt_s, self._bounds)
+                self._history, _ = check_reading(self._history, reading, dt_s, self._bounds)
                 if self._history.counts:
                     self._filter = feed(self._filter, reading, dt_s)
 
 
-def _nothing(_: Rig) -> None:
+def _nothing(_: ForceRig) -> None:
     """Do nothing: default of `every_tick`."""

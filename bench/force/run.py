@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.force import on_controller, scenes, search, settle, stage
-from bench.force.rig import World
+from bench.force.rig import SceneSettings
 from bench.force.settle import Release
 
 Row = dict[str, Any]
@@ -22,10 +22,15 @@ LAWS: dict[str, stage.Make] = {
 }
 HAND_GUIDING = "hand guiding"
 GUIDED = ("guide", "guide to a wall")
-SCENE_WORLDS = (World(5e3, 10), *(World(k, d) for k, d in product((2e4, 1e5), (10, 30))))
-LIMITED = tuple(World(k, 10, speed_m_s=v) for v, k in product((0.02, 0.05), (1e3, 5e3, 2e4)))
+SCENE_WORLDS = (
+    SceneSettings(5e3, 10),
+    *(SceneSettings(k, d) for k, d in product((2e4, 1e5), (10, 30))),
+)
+LIMITED = tuple(
+    SceneSettings(k, 10, speed_m_s=v) for v, k in product((0.02, 0.05), (1e3, 5e3, 2e4))
+)
 BRAKES = tuple(
-    World(k, d, accel_m_s2=a)
+    SceneSettings(k, d, accel_m_s2=a)
     for a, d, k in product((1, 2, 5, 7.5), (0, 10, 30, 60), (5e3, 2e4, 2e5))
 )
 SLOW_PLAIN_S = 20.0
@@ -39,24 +44,24 @@ class Extent:
     stiffnesses_N_m: Sequence[float] = settle.STIFFNESSES_N_M
     delays_ms: Sequence[int] = settle.DELAYS_MS
     errors_ms: Sequence[float] = DELAY_ERRORS_MS
-    scene_worlds: Sequence[World] = SCENE_WORLDS
-    search_scenes: Sequence[World] = search.SCENES
+    scene_worlds: Sequence[SceneSettings] = SCENE_WORLDS
+    search_scenes: Sequence[SceneSettings] = search.SCENES
     search_part: int = 1
-    limited: Sequence[World] = LIMITED
-    brakes: Sequence[World] = BRAKES
+    limited: Sequence[SceneSettings] = LIMITED
+    brakes: Sequence[SceneSettings] = BRAKES
     controller: Sequence[on_controller.Case] = on_controller.CASES
 
 
 SHORT = Extent(
-    scene_worlds=(World(2e4, 10), World(1e5, 30)),
+    scene_worlds=(SceneSettings(2e4, 10), SceneSettings(1e5, 30)),
     search_scenes=tuple(world for world in search.SCENES if world.delay_ms in {10, 30}),
 )
 QUICK = Extent(
     (5e3, 2e4, 1e5),
     (10, 30),
     (0.0,),
-    (World(2e4, 10),),
-    (World(5e3, 10), World(1e5, 10)),
+    (SceneSettings(2e4, 10),),
+    (SceneSettings(5e3, 10), SceneSettings(1e5, 10)),
     5,
     LIMITED[-1:],
     BRAKES[-1:],
@@ -67,7 +72,7 @@ QUICK = Extent(
 def release_rows(extent: Extent, pool: Executor) -> list[Row]:
     """Return the releases over stiffness, delay and delay error."""
     worlds = [
-        World(k, d, delay_error_ms=error)
+        SceneSettings(k, d, delay_error_ms=error)
         for error, d, k in product(extent.errors_ms, extent.delays_ms, extent.stiffnesses_N_m)
     ]
     return list(pool.map(release_row, worlds))
@@ -75,7 +80,7 @@ def release_rows(extent: Extent, pool: Executor) -> list[Row]:
 
 def slow_rows(_: Extent, pool: Executor) -> list[Row]:
     """Return the releases with a controller of low pose rate."""
-    slow = [World(k, 10, hz) for hz, k in product(LOOPS_HZ, (5e3, 2e4, 1e5))]
+    slow = [SceneSettings(k, 10, hz) for hz, k in product(LOOPS_HZ, (5e3, 2e4, 1e5))]
     return list(pool.map(release_row, slow))
 
 
@@ -99,7 +104,7 @@ def scene_rows(extent: Extent, pool: Executor) -> list[Row]:
     return list(pool.map(scene_row, scene_jobs(extent)))
 
 
-def release_row(world: World) -> Row:
+def release_row(world: SceneSettings) -> Row:
     """Return first contact and identified stiffness, for our law."""
     first, met = settle.ours(world)
     row: Row = {
@@ -119,7 +124,7 @@ def release_row(world: World) -> Row:
 
 def fixed_gain_rows(_: Extent, __: Executor) -> list[Row]:
     """Return the settling of a PI law safe at 1e5 N/m and of ours, at 5e3 N/m."""
-    world = World(5e3, 10)
+    world = SceneSettings(5e3, 10)
     tau_s = settle.true_tau_s(world)
     fixed: Release = settle.plain(world, 0.45 / (1e5 * tau_s), SLOW_PLAIN_S)
     met = settle.ours(world)[1]
@@ -150,7 +155,7 @@ def _settled(seconds: float) -> float | None:
     return None if seconds >= search.NOT_SETTLED_S else float(seconds)
 
 
-def scene_jobs(extent: Extent) -> list[tuple[str, str, World]]:
+def scene_jobs(extent: Extent) -> list[tuple[str, str, SceneSettings]]:
     """Return every combination of scene, law and world."""
     jobs = [
         (scene, law, world)
@@ -163,7 +168,7 @@ def scene_jobs(extent: Extent) -> list[tuple[str, str, World]]:
     return jobs + [(*slow_wall, world) for world in worlds]
 
 
-def scene_row(job: tuple[str, str, World]) -> Row:
+def scene_row(job: tuple[str, str, SceneSettings]) -> Row:
     """Return the measures of one law in one scene."""
     scene, law, world = job
     row: Row = {

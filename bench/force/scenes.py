@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from bench.force.guided import guide, guide_to_a_wall
 from bench.force.measures import energy_mJ, means, settling_s
-from bench.force.rig import Rig, Trace, World
+from bench.force.rig import ForceRig, SceneSettings, Trace
 from bench.force.settle import true_tau_s
 from bench.force.stage import HOLD_N, Make, Measures, holding, plain
 from bench.force.turning import align, lateral, slide
@@ -20,7 +20,7 @@ STEP_N = 10.0
 SPIKE_N, SPIKE_SHARE = 20.0, 0.01
 
 
-def press(world: World, make: Make) -> Measures:
+def press(world: SceneSettings, make: Make) -> Measures:
     """From a contact with 3 N to 10 N, then 1 s of holding at rest."""
     rig, pilot, found = holding(world, make)
     still = rig.run(pilot, 1.0)
@@ -34,9 +34,9 @@ def press(world: World, make: Make) -> Measures:
     }
 
 
-def touch(world: World, make: Make) -> Measures:
+def touch(world: SceneSettings, make: Make) -> Measures:
     """From 0.5 mm above the plate to 10 N."""
-    rig = Rig(replace(world, gap_m=0.0005).cell())
+    rig = ForceRig(replace(world, gap_m=0.0005).cell())
     pilot = make(rig)
     pilot.setpoint_N = HOLD_N
     trace = rig.run(pilot, 4.0)
@@ -51,12 +51,12 @@ def touch(world: World, make: Make) -> Measures:
     }
 
 
-def followed(world: World, make: Make, kind: str) -> Trace:
+def followed(world: SceneSettings, make: Make, kind: str) -> Trace:
     """Return a trace on a surface that moves like a slope or waves under a sliding tool."""
     rig, pilot, _ = holding(world, make)
     rest_m, start = rig.arm.plate.point_m.copy(), rig.arm.ticks
 
-    def move(rig: Rig) -> None:
+    def move(rig: ForceRig) -> None:
         t = (rig.arm.ticks - start) * 1e-3
         up = SLOPE_M_S * t if kind == "slope" else SINE_M * np.sin(2 * np.pi * SINE_HZ * t)
         rig.arm.plate.point_m = rest_m + np.array([0.0, 0.0, up])
@@ -65,7 +65,7 @@ def followed(world: World, make: Make, kind: str) -> Trace:
     return rig.run(pilot, 6.0)
 
 
-def follow(world: World, make: Make, kind: str) -> Measures:
+def follow(world: SceneSettings, make: Make, kind: str) -> Measures:
     """Hold 10 N on a surface that moves."""
     trace = followed(world, make, kind)
     t, error = np.array(trace.t_s), np.array(trace.push_N) - HOLD_N
@@ -79,7 +79,7 @@ def follow(world: World, make: Make, kind: str) -> Measures:
     }
 
 
-def set_point_step(world: World, make: Make) -> Measures:
+def set_point_step(world: SceneSettings, make: Make) -> Measures:
     """From 10 N to 20 N, as fast as the regulator lets a set point change."""
     rig, pilot, _ = holding(world, make)
     trace = Trace()
@@ -96,9 +96,9 @@ def set_point_step(world: World, make: Make) -> Measures:
     }
 
 
-def payload_error(world: World, make: Make) -> Measures:
+def payload_error(world: SceneSettings, make: Make) -> Measures:
     """The tool is 100 g heavier than configured: true force on the plate."""
-    rig = Rig(world.cell())
+    rig = ForceRig(world.cell())
     rig.payload = replace(rig.payload, mass_kg=rig.payload.mass_kg - 0.1)
     rig.press(3.0)
     pilot = make(rig)
@@ -110,9 +110,9 @@ def payload_error(world: World, make: Make) -> Measures:
     return {"true_error_N": abs(float(np.mean(truth)) - HOLD_N)}
 
 
-def spikes(world: World, make: Make) -> Measures:
+def spikes(world: SceneSettings, make: Make) -> Measures:
     """One sample of the sensor in a hundred is 20 N off."""
-    rig = Rig(world.cell())
+    rig = ForceRig(world.cell())
     rig.press(3.0)
     rng = np.random.default_rng(world.seed + 1)
 
@@ -132,7 +132,7 @@ def spikes(world: World, make: Make) -> Measures:
     return {"ripple_N": float(np.std(truth))}
 
 
-def vanish(world: World, make: Make) -> Measures:
+def wall_vanishes(world: SceneSettings, make: Make) -> Measures:
     """The wall vanishes: travel until the search is as slow as an approach."""
     rig, pilot, _ = holding(world, make)
     rig.arm.plate.point_m[2] -= 0.1
@@ -142,7 +142,7 @@ def vanish(world: World, make: Make) -> Measures:
     return {"travel_mm": 1e3 * (z - lowest)}
 
 
-def stiffer(world: World, make: Make) -> Measures:
+def ten_times_stiffer(world: SceneSettings, make: Make) -> Measures:
     """The contact becomes ten times stiffer while the set point changes from 10 to 20 N."""
     rig, pilot, _ = holding(replace(world, stiffness_N_m=world.stiffness_N_m / 10.0), make)
     plate, springs = rig.arm.plate, rig.arm.plate.springs
@@ -163,7 +163,7 @@ def stiffer(world: World, make: Make) -> Measures:
     }
 
 
-SCENES: dict[str, Callable[[World, Make], Measures]] = {
+SCENES: dict[str, Callable[[SceneSettings, Make], Measures]] = {
     "press": press,
     "touch": touch,
     "slope": lambda world, make: follow(world, make, "slope"),
@@ -176,8 +176,8 @@ SCENES: dict[str, Callable[[World, Make], Measures]] = {
     "guide to a wall": guide_to_a_wall,
     "payload error": payload_error,
     "spikes": spikes,
-    "wall vanishes": vanish,
-    "ten times stiffer": stiffer,
+    "wall vanishes": wall_vanishes,
+    "ten times stiffer": ten_times_stiffer,
 }
 
 
@@ -189,6 +189,6 @@ def _mean_abs(trace: Trace) -> float:
     return float(np.abs(np.array(trace.push_N) - HOLD_N).mean())
 
 
-def _true_N(rig: Rig) -> float:
+def _true_N(rig: ForceRig) -> float:
     T: pin.SE3 = rig.arm.T_base_tcp
     return -float(rig.arm.true_wrench().force_N @ T.rotation[:, 2])

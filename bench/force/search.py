@@ -13,14 +13,14 @@ import numpy as np
 
 from bench.force import settle
 from bench.force.peers import Admittance, Fdcc
-from bench.force.pilots import Plain
-from bench.force.rig import Rig, World
+from bench.force.pilots import PlainLawRunner
+from bench.force.rig import ForceRig, SceneSettings
 from common.motion.frames import Array
 
 LAWS = ("plain PI", "admittance", "FDCC-like")
 GAINS_M_PER_NS = tuple(np.geomspace(2e-5, 1e-2, 10).tolist())
 TIMES_S = (0.002, 0.01, 0.03)  # the second number of each law
-SCENES = tuple(World(k, d) for k, d in product((5e3, 2e4, 1e5), (0, 10, 30, 60)))
+SCENES = tuple(SceneSettings(k, d) for k, d in product((5e3, 2e4, 1e5), (0, 10, 30, 60)))
 LONGEST_S = 3.0
 NOT_SETTLED_S = 6.0  # what a run that does not settle is counted as
 MOST_OVERSHOOT_PCT = 5.0
@@ -41,17 +41,19 @@ def candidates(law: str, part: int = 1) -> list[Candidate]:
     return [Candidate(law, gain, time_s) for gain, time_s in pairs]
 
 
-def score_s(job: tuple[Candidate, World]) -> float:
+def score_s(job: tuple[Candidate, SceneSettings]) -> float:
     """Return the settling time of one release; excessive lift-off counts as not settled."""
     candidate, world = job
     cell = world.cell()
-    rig = Rig(cell)
+    rig = ForceRig(cell)
     rig.press(settle.PRESS_N)
     longest_m_s = cell.force.speed_max_m_s
     gain, time_s = candidate.gain_m_per_Ns, candidate.time_s
     pilot: settle.Presser
     if candidate.law == "plain PI":
-        pilot = Plain(cell, rig.T_base_tcp, gain, gain_p_m_per_N=0.2 * gain * time_s / TIMES_S[-1])
+        pilot = PlainLawRunner(
+            cell, rig.T_base_tcp, gain, gain_p_m_per_N=0.2 * gain * time_s / TIMES_S[-1]
+        )
     elif candidate.law == "admittance":
         pilot = Admittance(rig.T_base_tcp, gain, time_s, longest_m_s=longest_m_s)
     else:
@@ -70,7 +72,7 @@ class Tuned:
     each_s: Array
 
 
-def tuned(law: str, scenes: Sequence[World], pool: Executor, part: int = 1) -> Tuned:
+def tuned(law: str, scenes: Sequence[SceneSettings], pool: Executor, part: int = 1) -> Tuned:
     """Try every candidate on every scene."""
     tried = candidates(law, part)
     jobs = [(candidate, scene) for candidate in tried for scene in scenes]

@@ -7,9 +7,9 @@ import numpy as np
 import pinocchio as pin
 
 from bench.force.measures import IGNORED_S, means, settling_s
-from bench.force.pilots import Ours, Plain
-from bench.force.rig import Heard, Rig, Trace, World
-from common.config.cell import Cell
+from bench.force.pilots import AdaptiveLawRunner, PlainLawRunner
+from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace
+from common.config.cell import CellConfig
 
 PRESS_N, BAND_N = 30.0, 1.0
 STIFFNESSES_N_M = (1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 2e5)
@@ -23,7 +23,7 @@ class Presser(Protocol):
 
     setpoint_N: float
 
-    def step(self, heard: Heard) -> pin.SE3:
+    def step(self, heard: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
 
 
@@ -42,15 +42,15 @@ class Release:
         return None if self.settling_s is None else self.settling_s / self.tau_s
 
 
-def true_tau_s(world: World) -> float:
+def true_tau_s(world: SceneSettings) -> float:
     """Return all delay and lag of the loop, without the delay error [s]."""
     return replace(world, delay_error_ms=0.0).cell().loop_delay_s
 
 
 def release(
-    rig: Rig,
+    rig: ForceRig,
     pilot: Presser,
-    world: World,
+    world: SceneSettings,
     longest_s: float = LONGEST_S,
     *,
     most_overshoot_pct: float = float("inf"),
@@ -71,18 +71,18 @@ def release(
     return Release(settled, _overshoot_pct(trace, world), true_tau_s(world))
 
 
-def _overshoot_pct(trace: Trace, world: World) -> float:
+def _overshoot_pct(trace: Trace, world: SceneSettings) -> float:
     time_s = np.array(trace.t_s)
     lifted_m = means(time_s, np.array(trace.lift_off_m))[time_s >= IGNORED_S]
     return 100.0 * float(lifted_m.max(initial=0.0)) * world.stiffness_N_m / PRESS_N
 
 
-def ours(world: World) -> tuple[Release, Release]:
+def ours(world: SceneSettings) -> tuple[Release, Release]:
     """Return first contact and, after pressing again, a release with identified stiffness."""
     cell = world.cell()
-    rig = Rig(cell)
+    rig = ForceRig(cell)
     rig.press(PRESS_N)
-    pilot = Ours(cell, rig.T_base_tcp, rig.arm.T_base_tcp)
+    pilot = AdaptiveLawRunner(cell, rig.T_base_tcp, rig.arm.T_base_tcp)
     longest_s = max(1.0, 8.0 / (5e-3 * world.stiffness_N_m))
     first = release(rig, pilot, world, longest_s)
     for setpoint_N in (0.5 * PRESS_N, PRESS_N):
@@ -97,9 +97,9 @@ def ours(world: World) -> tuple[Release, Release]:
     return first, Release(met.settling_s, met.overshoot_pct, met.tau_s, believed)
 
 
-def plain(world: World, gain_m_per_Ns: float, longest_s: float = 20.0) -> Release:
+def plain(world: SceneSettings, gain_m_per_Ns: float, longest_s: float = 20.0) -> Release:
     """Return the same with the PI law at a fixed gain."""
-    cell: Cell = world.cell()
-    rig = Rig(cell)
+    cell: CellConfig = world.cell()
+    rig = ForceRig(cell)
     rig.press(PRESS_N)
-    return release(rig, Plain(cell, rig.T_base_tcp, gain_m_per_Ns), world, longest_s)
+    return release(rig, PlainLawRunner(cell, rig.T_base_tcp, gain_m_per_Ns), world, longest_s)

@@ -15,10 +15,10 @@ from cli.calibration.finish import Job, conclude, keep_readings
 from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
-from cli.calibration.wizard import BOTH, Pace, Wizard, expected_s
+from cli.calibration.wizard import BOTH, CalibrationWizard, WizardTiming, expected_s
 from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of
 from cli.doctor.pose import Frames, check_pose, model_of
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.kinematics import ArmKinematics
 from forcemesh.bus import Bus
@@ -26,7 +26,7 @@ from forcemesh.errors import ForcemeshError
 from forcemesh.messages import RobotState
 from identification.errors import CalibrationError, InContactError, NotBegunError, StoppedError
 from identification.evidence import Evidence, evidence_of
-from identification.excitation.plan import Options, Plan, make_plan, spread_deg
+from identification.excitation.plan import CalibrationPlan, PlanOptions, make_plan, spread_deg
 from identification.verification import judge, left_in_use
 from services.gateway.scales import Scales
 from services.gateway.service import scales_of
@@ -35,16 +35,16 @@ BY_HAND = "calibrate with --manual, which needs no arm model"
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class ArmOptions:
     """Options of an automatic calibration, and whether motion is confirmed already."""
 
-    options: Options
-    pace: Pace
+    options: PlanOptions
+    pace: WizardTiming
     yes: bool = False
     free: bool = False  # the tool is in free space, whatever force is measured
 
 
-def calibrate(job: Job, wish: Wish, bus: Bus) -> int:
+def calibrate(job: Job, wish: ArmOptions, bus: Bus) -> int:
     """Plan, confirm, move, fit, verify, write, put into use, return. Returns the exit code."""
     if not wish.free:
         refuse_loaded_tool(bus, job.cell)
@@ -55,7 +55,7 @@ def calibrate(job: Job, wish: Wish, bus: Bus) -> int:
     return finish(job, wizard, ended, lambda: conclude(job, evidence(job, wizard), bus))
 
 
-def evidence(job: Job, wizard: Wizard) -> Evidence:
+def evidence(job: Job, wizard: CalibrationWizard) -> Evidence:
     """Return the wizard's readings and their fit. Raises ForcemeshError when they are invalid."""
     refuse_wrong_axes(job, wizard.dwells)
     count = len(wizard.plan.refused)
@@ -71,7 +71,7 @@ def evidence(job: Job, wizard: Wizard) -> Evidence:
 
 def finish(
     job: Job,
-    wizard: Wizard,
+    wizard: CalibrationWizard,
     ended: int | None,
     conclusion: Callable[[], int],
     *,
@@ -103,7 +103,7 @@ def finish(
     return code if ended is None else ended
 
 
-def verify(job: Job, wish: Wish, bus: Bus) -> int:
+def verify(job: Job, wish: ArmOptions, bus: Bus) -> int:
     """Visit fresh poses and judge the running cell's residuals. Returns the exit code."""
     plan = planned(job.cell, bus, wish)
     ask_person(explained(job.cell, plan, wish.pace, fitting=False), yes=wish.yes)
@@ -117,7 +117,7 @@ def verify(job: Job, wish: Wish, bus: Bus) -> int:
     return OK if verdict.passed else NOT_WELL
 
 
-def planned(cell: Cell, bus: Bus, wish: Wish) -> Plan:
+def planned(cell: CellConfig, bus: Bus, wish: ArmOptions) -> CalibrationPlan:
     """Return the plan from the present pose. Raises CalibrationError with the remedy."""
     arm = Drive(bus, wish.pace.speed_m_s)
     arm.refuse_unless_free()
@@ -125,7 +125,7 @@ def planned(cell: Cell, bus: Bus, wish: Wish) -> Plan:
     return make_plan(cell, _model(cell, state), np.array(state.joint_rad), wish.options)
 
 
-def _model(cell: Cell, state: RobotState) -> ArmKinematics:
+def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
     """Return the arm model. Raises CalibrationError when the arm does not agree with it."""
     arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
     if arm is None:
@@ -145,7 +145,9 @@ def _model(cell: Cell, state: RobotState) -> ArmKinematics:
     return arm
 
 
-def explained(cell: Cell, plan: Plan, pace: Pace, *, fitting: bool = True) -> str:
+def explained(
+    cell: CellConfig, plan: CalibrationPlan, pace: WizardTiming, *, fitting: bool = True
+) -> str:
     """Return the description of the motion, for confirmation."""
     low, high = (
         [1e3 * v for v in corner]
@@ -185,22 +187,28 @@ def ask_person(explanation: str, *, yes: bool) -> None:
 
 
 def measure(
-    cell: Cell, bus: Bus, plan: Plan, pace: Pace, *, teller: Teller
-) -> tuple[Wizard, int | None]:
+    cell: CellConfig, bus: Bus, plan: CalibrationPlan, pace: WizardTiming, *, teller: Teller
+) -> tuple[CalibrationWizard, int | None]:
     """Visit every pose and stay at the last; return the exit code too when it ended early."""
-    wizard = Wizard(bus, cell, plan, pace=pace, teller=teller)
+    wizard = CalibrationWizard(bus, cell, plan, pace=pace, teller=teller)
     return wizard, _guarded(wizard, wizard.measure)
 
 
 def drive(
-    cell: Cell, bus: Bus, plan: Plan, pace: Pace, *, teller: Teller, fitting: bool = True
-) -> tuple[Wizard, int | None]:
+    cell: CellConfig,
+    bus: Bus,
+    plan: CalibrationPlan,
+    pace: WizardTiming,
+    *,
+    teller: Teller,
+    fitting: bool = True,
+) -> tuple[CalibrationWizard, int | None]:
     """Visit every pose and return; return the exit code too when it ended early."""
-    wizard = Wizard(bus, cell, plan, pace=pace, teller=teller)
+    wizard = CalibrationWizard(bus, cell, plan, pace=pace, teller=teller)
     return wizard, _guarded(wizard, lambda: wizard.run(BOTH if fitting else ("verify",)))
 
 
-def _guarded(wizard: Wizard, action: Callable[[], None]) -> int | None:
+def _guarded(wizard: CalibrationWizard, action: Callable[[], None]) -> int | None:
     """Execute an action; Ctrl-C and every error end in a hold, the readings are kept."""
     try:
         with _ended_like_ctrl_c():
@@ -216,7 +224,7 @@ def _guarded(wizard: Wizard, action: Callable[[], None]) -> int | None:
     return None
 
 
-def _interrupted(wizard: Wizard, teller: Teller) -> int:
+def _interrupted(wizard: CalibrationWizard, teller: Teller) -> int:
     with _deaf():
         teller.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
     return INTERRUPTED

@@ -11,7 +11,7 @@ from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
 from cli.context import INTERRUPTED, NOT_WELL
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
@@ -39,7 +39,7 @@ class Keys(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class HandOptions:
     """Number of poses, duration of a dwell, and whether capture is automatic."""
 
     poses: int = 10
@@ -51,7 +51,9 @@ class Wish:
 class Watcher:
     """Recorder of poses to which the user moves the arm; it moves nothing itself."""
 
-    def __init__(self, bus: Bus, cell: Cell, wish: Wish, *, keys: Keys, teller: Teller) -> None:
+    def __init__(
+        self, bus: Bus, cell: CellConfig, wish: HandOptions, *, keys: Keys, teller: Teller
+    ) -> None:
         """Subscribe."""
         self.dwells: list[Dwell] = []
         self._clock, self._wish = bus.clock, wish
@@ -211,7 +213,7 @@ def watch(watcher: Watcher, teller: Teller) -> int | None:
     return None
 
 
-def calibrate(job: Job, wish: Wish, bus: Bus, keys: Keys) -> int:
+def calibrate(job: Job, wish: HandOptions, bus: Bus, keys: Keys) -> int:
     """Record poses, save the readings, fit, verify, write, send. Returns the exit code."""
     with screen(with_time=False) as teller:
         watcher = Watcher(bus, job.cell, wish, keys=keys, teller=teller)

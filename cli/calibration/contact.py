@@ -4,7 +4,7 @@ from math import hypot
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -15,7 +15,7 @@ HEARD_WITHIN_S = 1.0
 POLL_S = 0.01
 
 
-def refuse_loaded_tool(bus: Bus, cell: Cell) -> None:
+def refuse_loaded_tool(bus: Bus, cell: CellConfig) -> None:
     """Raise NotBegunError when the compensated wrench shows a force on the tool.
 
     Without a calibration the wrench contains the tool's weight: then nothing is checked here, and
@@ -39,7 +39,7 @@ def refuse_loaded_tool(bus: Bus, cell: Cell) -> None:
     )
 
 
-def refuse_relieved(before_N: Array, after_N: Array, lifted_m: float, cell: Cell) -> None:
+def refuse_relieved(before_N: Array, after_N: Array, lifted_m: float, cell: CellConfig) -> None:
     """Raise InContactError when the force has changed while the tool was lifted.
 
     Args:

@@ -11,12 +11,12 @@ from cli.calibration.page import save_page
 from cli.calibration.places import Places, keep_before
 from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED
 from cli.payload_tables import print_fit
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.errors import BusError
 from identification.dwells import Dwell, save
 from identification.evidence import Evidence, Findings, findings_of
-from identification.verification import Bounds
-from services.wrench.active_calibration import of_calibration
+from identification.verification import VerificationBounds
+from services.wrench.active_calibration import active_calibration
 
 if TYPE_CHECKING:
     from forcemesh.bus import Bus
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 class Job:
     """Cell to calibrate, output files, limits and use of the result."""
 
-    cell: Cell
+    cell: CellConfig
     places: Places
-    bounds: Bounds
+    bounds: VerificationBounds
     force: bool = False  # write a failed result too, without using it
     use: bool = False  # put a passed result into use
 
@@ -60,7 +60,7 @@ def settle(job: Job, found: Findings, bus: "Bus | None") -> int:
         _write(job.places.unused, found)
         typer.echo(_not_used(job.places, "only --use puts it into use"))
         return OK
-    objection = of_calibration(found.section, job.cell).objection
+    objection = active_calibration(found.section, job.cell).objection
     if found.verdict.passed is None:
         objection = "no fresh pose has verified it (--verify-with, or --verify-poses above 0)"
     if objection:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import Array
 from forcemesh import topics
@@ -15,7 +15,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError
 from identification.dwells import Dwell, Purpose
 from identification.errors import CalibrationError
-from identification.excitation.stillness import Sample, Stillness
+from identification.excitation.stillness import PoseSample, StillnessDetector
 
 POLL_S = 0.001
 STILL_WITHIN_S = 10.0
@@ -43,7 +43,7 @@ class _Left:
 class Gatherer:
     """Subscriber to sensor, robot state and wrench, with a rest detector."""
 
-    def __init__(self, bus: Bus, cell: Cell) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Subscribe."""
         self._clock = bus.clock
         self._started_ns = bus.clock.now_ns()
@@ -53,11 +53,11 @@ class Gatherer:
         self._T_flange_sensor: pin.SE3 = cell.sensor.T_flange_sensor.pose
         self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
         self._seen = (0, 0)  # epoch and number of the last sample
-        self.stillness = Stillness()
+        self.stillness = StillnessDetector()
         self.serial = ""  # of the sensor
         self.in_use = ""  # the calibration that the running cell uses
 
-    def take(self) -> Sample | None:
+    def take(self) -> PoseSample | None:
         """Return the newest sample when it is new, else None.
 
         Raises ReadingLostError while sensor or robot data is missing or invalid.
@@ -76,7 +76,7 @@ class Gatherer:
         self._seen = (header.epoch, header.seq)
         self.serial = message.serial or self.serial
         T = pose_of(state) * self._T_flange_sensor
-        sample = Sample(
+        sample = PoseSample(
             header.stamp_ns,
             np.array(T.translation),
             np.array(T.rotation),
@@ -130,7 +130,7 @@ class Gatherer:
         raise CalibrationError(f"after {STILL_WITHIN_S:g} s still waiting for {waits_for}")
 
     def _read(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
-        samples: list[Sample] = []
+        samples: list[PoseSample] = []
         left = _Left(np.zeros(3), np.zeros(3))
         end_ns = self._clock.now_ns() + round(dwell_s * NS_PER_S)
         while self._clock.now_ns() < end_ns:
@@ -158,7 +158,7 @@ class Gatherer:
             left.torque_Nm / left.count if left.count else None,
         )
 
-    def _add_wrench(self, left: _Left, sample: Sample) -> None:
+    def _add_wrench(self, left: _Left, sample: PoseSample) -> None:
         """Add the published wrench, with its torque moved to the sensor's origin."""
         if not self._wrench.poll():
             return

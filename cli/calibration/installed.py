@@ -9,12 +9,12 @@ from collections.abc import Sequence
 import typer
 
 from cli.calibration.finish import Job
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from identification.dwells import Dwell, of_purpose, recording_of
 from identification.errors import CalibrationError
 from identification.installation.check import judge_recording
-from identification.installation.terms import Belief
-from identification.recording import Recording, WrenchAxes
+from identification.installation.terms import ExpectedInstallation
+from identification.recording import WrenchAxes, WrenchRecording
 
 
 def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:
@@ -24,7 +24,7 @@ def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:
 
 
 def refuse_wrong(
-    cell: Cell, recording: Recording, axes: WrenchAxes | None, *, force: bool = False
+    cell: CellConfig, recording: WrenchRecording, axes: WrenchAxes | None, *, force: bool = False
 ) -> None:
     """Raise CalibrationError with the finding and its remedy; with force, print a warning.
 
@@ -34,7 +34,7 @@ def refuse_wrong(
         axes: Axes in which the wrench was recorded; None: detect them.
         force: Continue in spite of a finding.
     """
-    belief = Belief.of(cell)
+    belief = ExpectedInstallation.of(cell)
     found = judge_recording(recording, axes, belief)[1]
     if belief.mass_kg is None and "mass_kg" in found.evidence:
         typer.echo(

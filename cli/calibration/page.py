@@ -9,7 +9,7 @@ from cli.calibration import pictures
 from cli.payload_tables import is_worth_it
 from forcemesh.errors import DataError
 from identification.evidence import Findings
-from identification.verification import Verdict
+from identification.verification import Verification
 
 MODELS_SHOWN = 7
 LEFT = ["", "poses", "force, mean [N]", "max [N]", "torque, mean [N m]", "max [N m]"]
@@ -165,7 +165,7 @@ def _remarks(found: Findings) -> list[str]:
     return lines or ["none: every reading was used, every parameter is determined"]
 
 
-def _banner(verdict: Verdict) -> str:
+def _banner(verdict: Verification) -> str:
     colour = COLOURS[verdict.word]
     return f'<p class="verdict" style="background: {colour}">{escape(verdict.text)}</p>'
 

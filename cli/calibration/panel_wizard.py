@@ -23,7 +23,7 @@ from cli.calibration import by_arm
 from cli.calibration.contact import refuse_loaded_tool
 from cli.calibration.finish import Job, settle
 from cli.calibration.places import places_of
-from cli.calibration.wizard import Pace
+from cli.calibration.wizard import WizardTiming
 from cli.context import NOT_WELL, PATIENCE_S, USAGE
 from cli.payload_tables import found_parameters
 from common.bus.cell_bus import open_bus
@@ -32,14 +32,14 @@ from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
 from forcemesh.topics import CLIENT
 from identification.evidence import Evidence, findings_of
-from identification.excitation.plan import Options
-from identification.verification import Bounds
+from identification.excitation.plan import PlanOptions
+from identification.verification import VerificationBounds
 
 EACH_S = 0.2  # update interval of the progress bar
 SPEED_M_S, DWELL_S, TURN_DEG = 0.1, 0.5, 120.0
 
 
-class Said:
+class JsonLineOutput:
     """Standard output of this process, one JSON object per line; printed text becomes notes."""
 
     def __init__(self, out: IO[str]) -> None:
@@ -86,7 +86,7 @@ def main(
     speed: Annotated[float, typer.Option(min=1.0, max=1000.0, help="[mm/s]")] = 1e3 * SPEED_M_S,
 ) -> None:
     """Identify payload and sensor bias, verify them, write the cell's calibration."""
-    said = Said(sys.stdout)
+    said = JsonLineOutput(sys.stdout)
     with _as_notes(said):
         try:
             code = _run(said, cell, (poses, verify_poses), speed / 1e3)
@@ -97,11 +97,11 @@ def main(
     raise typer.Exit(code)
 
 
-def _run(said: Said, path: Path, counts: tuple[int, int], speed_m_s: float) -> int:
+def _run(said: JsonLineOutput, path: Path, counts: tuple[int, int], speed_m_s: float) -> int:
     cell = load_cell(path, {"calibration": None})
-    job = Job(cell, places_of(cell, path, None), Bounds(), use=True)
-    pace = Pace(min(speed_m_s, cell.limits.speed_m_s), DWELL_S)
-    wish = by_arm.Wish(Options(*counts, radians(TURN_DEG)), pace, yes=True)
+    job = Job(cell, places_of(cell, path, None), VerificationBounds(), use=True)
+    pace = WizardTiming(min(speed_m_s, cell.limits.speed_m_s), DWELL_S)
+    wish = by_arm.ArmOptions(PlanOptions(*counts, radians(TURN_DEG)), pace, yes=True)
     with open_bus(cell, CLIENT, patience_s=PATIENCE_S) as bus:
         refuse_loaded_tool(bus, cell)
         plan = by_arm.planned(cell, bus, wish)
@@ -119,7 +119,7 @@ def _run(said: Said, path: Path, counts: tuple[int, int], speed_m_s: float) -> i
         )
 
 
-def _conclude(said: Said, job: Job, evidence: Evidence, bus: Bus) -> int:
+def _conclude(said: JsonLineOutput, job: Job, evidence: Evidence, bus: Bus) -> int:
     """Show the result and the residual at each pose, then conclude as the command does."""
     found = findings_of(job.cell, evidence, job.bounds)
     fresh = found.verify_left
@@ -142,7 +142,7 @@ def _rounded(lengths: np.ndarray[Any, Any]) -> list[float]:
 
 
 @contextlib.contextmanager
-def _as_notes(said: Said) -> Iterator[None]:
+def _as_notes(said: JsonLineOutput) -> Iterator[None]:
     """Convert everything that the wizard's functions print to notes."""
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         yield

@@ -5,7 +5,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import calibration_file
 from forcemesh.errors import DataError
 
@@ -35,7 +35,7 @@ class Places:
         return self.calibration.with_suffix(".failed.html")
 
 
-def places_of(cell: Cell, cell_file: Path, out: Path | None) -> Places:
+def places_of(cell: CellConfig, cell_file: Path, out: Path | None) -> Places:
     """Return the paths of this cell's calibration.
 
     The path in the cell file; else `calibration/<cell>.yaml` in the current folder.

@@ -6,13 +6,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import PATIENCE_S, USAGE, CellOption, fail, find_cell_file, one_line_errors
+from cli.context import (
+    PATIENCE_S,
+    USAGE,
+    CellOption,
+    exit_with_error,
+    find_cell_file,
+    one_line_errors,
+)
 from cli.payload import Axes, AxesOption
 
 if TYPE_CHECKING:
     from cli.calibration import by_arm
     from cli.calibration.finish import Job
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
 
 USUAL_SPEED_MM_S = 100.0
 
@@ -71,7 +78,7 @@ VerifyOnly = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class _Way:
+class _Method:
     """Selected calibration method."""
 
     manual: bool
@@ -101,7 +108,7 @@ class _Way:
 
 
 @dataclass(frozen=True, slots=True)
-class Fate:
+class ResultDestination:
     """Destination of the result; --out alone never activates it."""
 
     out: Path | None
@@ -150,11 +157,11 @@ def calibrate(
     in the running cell at once. With --manual, --from or --out it is only written; --use activates
     it if verification passes. This is not a safety function.
     """
-    way = _Way(manual, auto_capture, from_file, verify_with, verify_only, wrench_axes)
-    fate = Fate(out, use, force, moves_arm=not (manual or from_file))
+    way = _Method(manual, auto_capture, from_file, verify_with, verify_only, wrench_axes)
+    fate = ResultDestination(out, use, force, moves_arm=not (manual or from_file))
     mistake = way.mistake() or fate.mistake()
     if mistake:
-        fail(mistake, USAGE)
+        exit_with_error(mistake, USAGE)
     with one_line_errors():
         path = find_cell_file(cell)
         job = _job(path, fate, (max_force, max_torque))
@@ -164,53 +171,57 @@ def calibrate(
             code = _by_hand(job, way, (poses, verify_poses, dwell))
         else:
             if verify_poses == 0:
-                fail("--verify-poses 0 requires --manual: the wizard verifies its fit", USAGE)
+                exit_with_error(
+                    "--verify-poses 0 requires --manual: the wizard verifies its fit", USAGE
+                )
             wish = _wish(job.cell, (poses, verify_poses, turn), speed, dwell, assured=(yes, free))
             code = _by_arm(job, wish, verify_only=verify_only)
     raise typer.Exit(code)
 
 
-def _job(path: Path, fate: Fate, bounds: tuple[float, float]) -> "Job":
+def _job(path: Path, fate: ResultDestination, bounds: tuple[float, float]) -> "Job":
     from cli.calibration.finish import Job
     from cli.calibration.places import places_of
     from common.config.load import load_cell
-    from identification.verification import Bounds
+    from identification.verification import VerificationBounds
 
     cell = load_cell(path, {"calibration": None})  # not needed, and possibly invalid
     places = places_of(cell, path, fate.out)
     if fate.out is not None and not fate.uses and not places.advice:
-        fail(
+        exit_with_error(
             f"--out {fate.out} is the calibration file that the cell loads at start: use --use to "
             "activate the result, or another file name to write it only",
             USAGE,
         )
-    return Job(cell, places, Bounds(*bounds), force=fate.force, use=fate.uses)
+    return Job(cell, places, VerificationBounds(*bounds), force=fate.force, use=fate.uses)
 
 
 def _wish(
-    cell: "Cell",
+    cell: "CellConfig",
     poses: tuple[int, int, float],
     speed_mm_s: float | None,
     dwell_s: float,
     *,
     assured: tuple[bool, bool],
-) -> "by_arm.Wish":
+) -> "by_arm.ArmOptions":
     from math import radians
 
-    from cli.calibration.by_arm import Wish
-    from cli.calibration.wizard import Pace
-    from identification.excitation.plan import Options
+    from cli.calibration.by_arm import ArmOptions
+    from cli.calibration.wizard import WizardTiming
+    from identification.excitation.plan import PlanOptions
 
     count, fresh, turn_deg = poses
     most_mm_s = 1e3 * cell.limits.speed_m_s
     if speed_mm_s is not None and speed_mm_s > most_mm_s:
-        fail(f"--speed {speed_mm_s:g}: limits.speed_m_s allows {most_mm_s:g} mm/s", USAGE)
+        exit_with_error(
+            f"--speed {speed_mm_s:g}: limits.speed_m_s allows {most_mm_s:g} mm/s", USAGE
+        )
     usual_mm_s = min(USUAL_SPEED_MM_S, most_mm_s)
-    pace = Pace((usual_mm_s if speed_mm_s is None else speed_mm_s) / 1e3, dwell_s)
-    return Wish(Options(count, fresh, radians(turn_deg)), pace, *assured)
+    pace = WizardTiming((usual_mm_s if speed_mm_s is None else speed_mm_s) / 1e3, dwell_s)
+    return ArmOptions(PlanOptions(count, fresh, radians(turn_deg)), pace, *assured)
 
 
-def _by_arm(job: "Job", wish: "by_arm.Wish", *, verify_only: bool) -> int:
+def _by_arm(job: "Job", wish: "by_arm.ArmOptions", *, verify_only: bool) -> int:
     from cli.calibration import by_arm
     from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
@@ -219,19 +230,19 @@ def _by_arm(job: "Job", wish: "by_arm.Wish", *, verify_only: bool) -> int:
         return by_arm.verify(job, wish, bus) if verify_only else by_arm.calibrate(job, wish, bus)
 
 
-def _by_hand(job: "Job", way: _Way, poses: tuple[int, int, float]) -> int:
+def _by_hand(job: "Job", way: _Method, poses: tuple[int, int, float]) -> int:
     from cli.calibration import by_hand
     from cli.calibration.screen import Keyboard
     from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
 
     count, fresh, dwell_s = poses
-    wish = by_hand.Wish(count, fresh, dwell_s, way.auto_capture)
+    wish = by_hand.HandOptions(count, fresh, dwell_s, way.auto_capture)
     with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
         return by_hand.calibrate(job, wish, bus, Keyboard())
 
 
-def _by_file(job: "Job", recording: Path, way: _Way) -> int:
+def _by_file(job: "Job", recording: Path, way: _Method) -> int:
     from cli.calibration import by_file
     from cli.payload import named_axes
     from forcemesh.errors import DataError
@@ -239,4 +250,4 @@ def _by_file(job: "Job", recording: Path, way: _Way) -> int:
     try:
         return by_file.calibrate(job, recording, way.verify_with, named_axes(way.axes))
     except DataError as error:  # usage error, as for any invalid file
-        fail(str(error), USAGE)
+        exit_with_error(str(error), USAGE)

@@ -13,14 +13,14 @@ from cli.calibration.contact import refuse_relieved
 from cli.calibration.drive import Drive
 from cli.calibration.gather import Gatherer
 from cli.calibration.tell import Teller
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RefusedError
 from identification.dwells import Dwell, Purpose
 from identification.errors import InContactError, PoseRefusedError, StoppedError
-from identification.excitation.plan import Plan
+from identification.excitation.plan import CalibrationPlan
 from identification.excitation.stillness import WINDOW_S
 
 BOTH: tuple[Purpose, ...] = ("fit", "verify")
@@ -29,17 +29,25 @@ RAMP_S = 0.5  # acceleration, deceleration and detection of the arrival
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class WizardTiming:
     """Speed of the arm and duration of a dwell."""
 
     speed_m_s: float
     dwell_s: float = 0.5
 
 
-class Wizard:
+class CalibrationWizard:
     """One calibration, from arming to the return to the start."""
 
-    def __init__(self, bus: Bus, cell: Cell, plan: Plan, *, pace: Pace, teller: Teller) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        cell: CellConfig,
+        plan: CalibrationPlan,
+        *,
+        pace: WizardTiming,
+        teller: Teller,
+    ) -> None:
         """Subscribe; nothing moves before `run`."""
         self.plan = plan
         self.dwells: list[Dwell] = []
@@ -177,7 +185,9 @@ class Wizard:
         self.teller.progress(min(done_s, self._total_s), self._total_s, f"{self._stage}: {what}")
 
 
-def expected_s(plan: Plan, pace: Pace, purposes: tuple[Purpose, ...] = BOTH) -> float:
+def expected_s(
+    plan: CalibrationPlan, pace: WizardTiming, purposes: tuple[Purpose, ...] = BOTH
+) -> float:
     """Return the approximate duration of a plan [s]."""
     route = plan.route
     places = [p for purpose in purposes for p in (plan.fit if purpose == "fit" else plan.verify)]

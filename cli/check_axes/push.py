@@ -8,7 +8,7 @@ import numpy as np
 
 from cli.calibration.gather import Gatherer, ReadingLostError
 from cli.calibration.tell import Teller
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -21,12 +21,16 @@ from identification.installation.push import (
     LEAST,
     STEPS,
     USUAL_N,
-    Asked,
-    Done,
-    Follower,
+    PushDetector,
+    PushRequest,
+    PushResult,
     judge_pushes,
 )
-from identification.installation.terms import Belief, Finding, Installation
+from identification.installation.terms import (
+    ExpectedInstallation,
+    Installation,
+    InstallationFinding,
+)
 
 POLL_S = 0.002
 WITHIN_S = 30.0  # for each push
@@ -45,13 +49,15 @@ PROMPTS = {
 class PushTest:
     """Guided push test of one cell."""
 
-    def __init__(self, bus: Bus, cell: Cell, teller: Teller, *, within_s: float = WITHIN_S) -> None:
+    def __init__(
+        self, bus: Bus, cell: CellConfig, teller: Teller, *, within_s: float = WITHIN_S
+    ) -> None:
         """Subscribe; no request is sent. Each push must come within `within_s`."""
         self._clock, self._teller, self._within_s = bus.clock, teller, within_s
         self._gatherer = Gatherer(bus, cell)
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
 
-    def run(self, belief: Belief) -> Installation:
+    def run(self, belief: ExpectedInstallation) -> Installation:
         """Prompt for each push, evaluate them all. Raises CalibrationError with a remedy."""
         self._gatherer.until_heard()
         lengths = length_findings(belief)
@@ -61,9 +67,9 @@ class PushTest:
         evidence = {f"push_{each.asked.name}_{each.asked.by}_cosine": each.along for each in done}
         return Installation((*lengths, *findings, *_of_size(sizes)), tuple(unseen), evidence)
 
-    def _step(self, asked: Asked) -> Done | None:
+    def _step(self, asked: PushRequest) -> PushResult | None:
         """Prompt up to three times; a push in another direction counts when it is repeated."""
-        last: Done | None = None
+        last: PushResult | None = None
         for _ in range(TRIES):
             rest = self._rest()
             self._teller.note(PROMPTS[asked.name, asked.by])
@@ -100,9 +106,9 @@ class PushTest:
                 return _reading(dwell)
         raise AssertionError  # the last attempt returns or raises
 
-    def _follow(self, asked: Asked, rest: Array) -> Done | None:
+    def _follow(self, asked: PushRequest, rest: Array) -> PushResult | None:
         """Wait for a push; return None after the timeout."""
-        follower, began_ns = Follower(asked.by), self._clock.now_ns()
+        follower, began_ns = PushDetector(asked.by), self._clock.now_ns()
         while self._clock.now_ns() - began_ns < self._within_s * NS_PER_S:
             self._clock.sleep_s(POLL_S)
             self._refuse_armed()
@@ -110,7 +116,7 @@ class PushTest:
                 sample = self._gatherer.take()
             except ReadingLostError:
                 self._gatherer.until_heard()
-                follower = Follower(asked.by)
+                follower = PushDetector(asked.by)
                 continue
             if sample is None:
                 continue
@@ -118,11 +124,11 @@ class PushTest:
             self._show(asked, sample.R_base_sensor, grown)
             found = follower.see(sample.at_ns / NS_PER_S, grown)
             if found is not None:
-                return Done(asked, found[:3], found[3:], sample.R_base_sensor)
+                return PushResult(asked, found[:3], found[3:], sample.R_base_sensor)
         self._teller.note(f"no {asked.by} {asked.name} within {self._within_s:g} s")
         return None
 
-    def _show(self, asked: Asked, R_base_sensor: Array, grown: Array) -> None:
+    def _show(self, asked: PushRequest, R_base_sensor: Array, grown: Array) -> None:
         unit, read = ("N", grown[:3]) if asked.by == "push" else ("N m", grown[3:])
         x, y, z = R_base_sensor @ read
         text = f"{asked.by} {asked.name}: x {x:+6.2f}  y {y:+6.2f}  z {z:+6.2f} {unit}"
@@ -142,17 +148,17 @@ def _reading(dwell: Dwell) -> Array:
     return np.concatenate((dwell.force_N.mean(axis=0), dwell.torque_Nm.mean(axis=0)))
 
 
-def _alike(a: Done, b: Done) -> bool:
+def _alike(a: PushResult, b: PushResult) -> bool:
     """Return whether two pushes for the same prompt have about the same direction."""
     one, other = (d.grown_N if d.asked.by == "push" else d.grown_Nm for d in (a, b))
     return float(one @ other) > ALIKE * float(np.linalg.norm(one) * np.linalg.norm(other))
 
 
-def _of_size(sizes: list[float]) -> list[Finding]:
+def _of_size(sizes: list[float]) -> list[InstallationFinding]:
     """Return an unsure finding on the unit when pushes of about 10 N measure out of range."""
     size, (low, high) = float(np.median(sizes)), USUAL_N
     if low <= size <= high:
         return []
     text = f"pushes of about 10 N were requested, {size:.3g} N were measured"
     mend = "if you pushed with about 10 N, correct the force unit of the sensor"
-    return [Finding("force_unit", text, mend, "unsure")]
+    return [InstallationFinding("force_unit", text, mend, "unsure")]

@@ -18,7 +18,7 @@ HEADLINES = {
 }
 
 
-def tell(found: Installation, source: str, *, as_json: bool) -> None:
+def print_installation(found: Installation, source: str, *, as_json: bool) -> None:
     """Print verdict, findings with remedies, what was not observed, and the measured numbers."""
     if as_json:
         typer.echo(json.dumps(as_tree(found, source), allow_nan=False))
@@ -33,7 +33,7 @@ def tell(found: Installation, source: str, *, as_json: bool) -> None:
         typer.echo(f"  ({numbers})")
 
 
-def tell_cell(bus: Bus, found: Installation) -> None:
+def report_axes_to_cell(bus: Bus, found: Installation) -> None:
     """Report to the cell that its axes are right, which permits hand guiding."""
     if found.verdict != "right":
         return

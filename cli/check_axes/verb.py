@@ -13,15 +13,15 @@ from cli.context import (
     JsonOption,
     answers_yes,
     client_of,
-    fail,
+    exit_with_error,
     find_cell_file,
     one_line_errors,
 )
 from cli.payload import Axes, AxesOption
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell
-    from identification.installation.terms import Belief, Installation
+    from common.config.cell import CellConfig
+    from identification.installation.terms import ExpectedInstallation, Installation
 
 check = typer.Typer(no_args_is_help=True, help="Check the installation of a cell.")
 
@@ -63,10 +63,10 @@ def axes(
     the workspace is free; the weight serves as reference. This is not a safety function.
     """
     if push and from_file is not None:
-        fail("--push and --from cannot be combined: choose one", USAGE)
+        exit_with_error("--push and --from cannot be combined: choose one", USAGE)
     if wrench_axes is not AxesOption.AUTO and from_file is None:
-        fail("--wrench-axes requires --from: otherwise the sensor itself is read", USAGE)
-    from cli.check_axes.result import tell
+        exit_with_error("--wrench-axes requires --from: otherwise the sensor itself is read", USAGE)
+    from cli.check_axes.result import print_installation
 
     with one_line_errors():
         path = find_cell_file(cell)
@@ -77,16 +77,16 @@ def axes(
             if push
             else _by_arm(path, mass, speed, yes=yes)
         )
-    tell(found, source, as_json=as_json)
+    print_installation(found, source, as_json=as_json)
     raise typer.Exit(OK if found.verdict == "right" else NOT_WELL)
 
 
-def _belief(cell: "Cell", mass_kg: float | None) -> "Belief":
+def _expected_installation(cell: "CellConfig", mass_kg: float | None) -> "ExpectedInstallation":
     from dataclasses import replace
 
-    from identification.installation.terms import Belief
+    from identification.installation.terms import ExpectedInstallation
 
-    believed = Belief.of(cell)
+    believed = ExpectedInstallation.of(cell)
     return believed if mass_kg is None else replace(believed, mass_kg=mass_kg)
 
 
@@ -99,11 +99,11 @@ def _by_file(
     from identification.installation.check import judge_recording
     from identification.recording import read_recording
 
-    believed = _belief(load_cell(path), mass_kg)
+    believed = _expected_installation(load_cell(path), mass_kg)
     try:
         data = read_recording(recording)
     except DataError as error:  # code 1 means that the installation is wrong
-        fail(str(error), USAGE)
+        exit_with_error(str(error), USAGE)
     taken, found = judge_recording(data, named_axes(option), believed)
     return found, f"{recording} in {taken} axes, against {path}"
 
@@ -111,15 +111,15 @@ def _by_file(
 def _by_hand(path: Path) -> "tuple[Installation, str]":
     from cli.calibration.screen import screen
     from cli.check_axes.push import PushTest
-    from cli.check_axes.result import tell_cell
-    from identification.installation.terms import Belief
+    from cli.check_axes.result import report_axes_to_cell
+    from identification.installation.terms import ExpectedInstallation
 
     with client_of(path) as (cell, bus), screen(with_time=False) as teller:
         try:
-            found = PushTest(bus, cell, teller).run(Belief.of(cell))
+            found = PushTest(bus, cell, teller).run(ExpectedInstallation.of(cell))
         except KeyboardInterrupt:
-            fail("interrupted: no result", NOT_WELL)
-        tell_cell(bus, found)
+            exit_with_error("interrupted: no result", NOT_WELL)
+        report_axes_to_cell(bus, found)
     return found, f"pushes by hand, against {path}"
 
 
@@ -128,24 +128,24 @@ def _by_arm(
 ) -> "tuple[Installation, str]":
     from cli.calibration import by_arm
     from cli.calibration.screen import screen
-    from cli.calibration.wizard import Pace
-    from cli.check_axes.result import tell_cell
+    from cli.calibration.wizard import WizardTiming
+    from cli.check_axes.result import report_axes_to_cell
     from identification.dwells import samples_of
-    from identification.excitation.plan import Options
+    from identification.excitation.plan import PlanOptions
     from identification.installation.check import judge_installation
 
     with client_of(path) as (cell, bus):
         most_mm_s = 1e3 * cell.limits.speed_m_s
-        pace = Pace(min(speed_mm_s, most_mm_s) / 1e3, DWELL_S)
-        wish = by_arm.Wish(Options(poses=POSES, verify_poses=0), pace, yes)
+        pace = WizardTiming(min(speed_mm_s, most_mm_s) / 1e3, DWELL_S)
+        wish = by_arm.ArmOptions(PlanOptions(poses=POSES, verify_poses=0), pace, yes)
         plan = by_arm.planned(cell, bus, wish)
         typer.echo(by_arm.explained(cell, plan, pace), err=True)
         if not yes and not answers_yes("is the workspace free, and may the arm move?"):
-            fail("nothing was moved", NOT_WELL)
+            exit_with_error("nothing was moved", NOT_WELL)
         with screen() as teller:
             wizard, ended = by_arm.drive(cell, bus, plan, pace, teller=teller)
         if ended is not None:
             raise typer.Exit(ended)
-        found = judge_installation(samples_of(wizard.dwells), _belief(cell, mass_kg))
-        tell_cell(bus, found)
+        found = judge_installation(samples_of(wizard.dwells), _expected_installation(cell, mass_kg))
+        report_axes_to_cell(bus, found)
         return found, f"{len(wizard.dwells)} poses of the arm, against {path}"

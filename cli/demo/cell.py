@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from cli.demo.measures import Surface
-from cli.demo.scenario import Plan
-from common.config.cell import Cell
+from cli.demo.scenario import ScenarioPlan
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Law
@@ -21,7 +21,7 @@ LEAST_PRESS_N = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class DemoOverrides:
     """Overrides of the cell file by the demo; None keeps the value of the file."""
 
     tilt_deg: float = 0.0
@@ -33,7 +33,7 @@ class Trial:
     law: Law | None = None
 
 
-def demo_cell(path: Path, trial: Trial) -> Cell:
+def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
     """Load a cell file with the demo's options; the gain rule uses the same values.
 
     The plate rests on springs at its corners, so its tilt stiffness scales with its stiffness.
@@ -66,7 +66,7 @@ def demo_cell(path: Path, trial: Trial) -> Cell:
     return cell
 
 
-def _controller(plain: Cell, trial: Trial) -> dict[str, object]:
+def _controller(plain: CellConfig, trial: DemoOverrides) -> dict[str, object]:
     """Return the overrides for another speed of the emulated controller.
 
     The delay of its program and the rate of its reports scale with the step.
@@ -83,7 +83,7 @@ def _controller(plain: Cell, trial: Trial) -> dict[str, object]:
     }
 
 
-def plate_of(cell: Cell) -> SimSettings:
+def plate_of(cell: CellConfig) -> SimSettings:
     """Return the simulated cell's settings, checked before any process is started."""
     if cell.sim is None:
         text = "the demo needs a cell with a section `sim`: it arms and presses without asking"
@@ -91,7 +91,7 @@ def plate_of(cell: Cell) -> SimSettings:
     return sim_settings(cell, cell.sim)
 
 
-def check_plan(cell: Cell, plan: Plan) -> None:
+def check_plan(cell: CellConfig, plan: ScenarioPlan) -> None:
     """Raise ConfigError for a plan that the cell cannot run, before any process is started."""
     mistakes = []
     highest_N = min(cell.force.setpoint_max_N, cell.limits.force_N)
@@ -120,7 +120,7 @@ def check_plan(cell: Cell, plan: Plan) -> None:
         raise ConfigError("demo", mistakes)
 
 
-def surface_of(cell: Cell) -> Surface:
+def surface_of(cell: CellConfig) -> Surface:
     """Return the plate of a simulated cell, at which contact begins."""
     settings = plate_of(cell)
     plate = plate_at_rest(settings)

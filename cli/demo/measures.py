@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pinocchio as pin
 
-from cli.demo.scenario import Plan, Sample, Trace
+from cli.demo.scenario import ScenarioPlan, ScenarioSample, Trace
 from common.motion.frames import Array
 from sim.robot.contact import lift_off_m
 
@@ -26,7 +26,7 @@ class Surface:
     stiffness_N_m: float
     T_flange_tcp: pin.SE3
 
-    def lift_off_m(self, sample: Sample) -> float:
+    def lift_off_m(self, sample: ScenarioSample) -> float:
         """Distance of the disc's lowest point to the plate at rest; positive is free [m]."""
         T_base_flange = pin.SE3(sample.T_base_flange)
         return lift_off_m(
@@ -36,7 +36,7 @@ class Surface:
             disc_radius_m=self.disc_radius_m,
         )
 
-    def misalignment_deg(self, sample: Sample) -> float:
+    def misalignment_deg(self, sample: ScenarioSample) -> float:
         """Angle between the disc's axis and the plate's normal [degrees]."""
         T_base_tcp = pin.SE3(sample.T_base_flange) * self.T_flange_tcp
         cosine = -float(self.normal @ T_base_tcp.rotation[:, 2])
@@ -66,7 +66,7 @@ class Result:
         return asdict(self)
 
 
-def measure(trace: Trace, plan: Plan, surface: Surface, tau_s: float) -> Result:
+def measure(trace: Trace, plan: ScenarioPlan, surface: Surface, tau_s: float) -> Result:
     """Return the measures of a trace."""
     work = trace.work
     final = [sample for sample in work if sample.t_s >= work[-1].t_s - FINAL_WINDOW_S]
@@ -90,7 +90,7 @@ def measure(trace: Trace, plan: Plan, surface: Surface, tau_s: float) -> Result:
     )
 
 
-def overshoot_pct(trace: Trace, plan: Plan, lift_off_force_N: float) -> float:
+def overshoot_pct(trace: Trace, plan: ScenarioPlan, lift_off_force_N: float) -> float:
     """Return the overshoot in percent of the step.
 
     A contact cannot pull: at set point 0 the overshoot is the true lift-off times the stiffness,
@@ -108,7 +108,7 @@ def overshoot_pct(trace: Trace, plan: Plan, lift_off_force_N: float) -> float:
     return 100.0 * float(max(0.0, *beyond_N)) / max(abs(step_N), 1.0)
 
 
-def mean_force(samples: list[Sample]) -> list[tuple[float, float]]:
+def mean_force(samples: list[ScenarioSample]) -> list[tuple[float, float]]:
     """Return time and force averaged over a few milliseconds."""
     times = np.array([sample.t_s for sample in samples])
     forces = np.array([sample.force for sample in samples])

@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
-from cli.demo.scenario import Plan, Progress, Scenario, ScenarioError, Trace
-from common.config.cell import Cell
+from cli.demo.scenario import Progress, Scenario, ScenarioError, ScenarioPlan, Trace
+from common.config.cell import CellConfig
 from forcemesh.errors import ForcemeshError
 
 if TYPE_CHECKING:
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 REFRESH_S = 0.05
 
 
-def play_virtual(cell: Cell, plan: Plan, progress: Progress, _linger_s: float) -> Trace:
+def play_virtual(
+    cell: CellConfig, plan: ScenarioPlan, progress: Progress, _linger_s: float
+) -> Trace:
     """Run in one process on a virtual clock."""
     from launch.virtual_cell import VirtualCell
 
@@ -30,8 +32,8 @@ def play_virtual(cell: Cell, plan: Plan, progress: Progress, _linger_s: float) -
 
 
 def play_real(
-    cell: Cell,
-    plan: Plan,
+    cell: CellConfig,
+    plan: ScenarioPlan,
     progress: Progress,
     linger_s: float,
     *,
@@ -45,8 +47,8 @@ def play_real(
             `linger_s` before that, so that `forcemesh status` can be used.
         BusError: There was no reply, and no process died.
     """
-    from cli.panel import panel_beside
-    from cli.record import recorder_beside
+    from cli.panel import panel_sidecar
+    from cli.record import recorder_sidecar
     from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
     from launch.processes import Supervisor
@@ -55,8 +57,8 @@ def play_real(
         processes.wait_ready()
         try:
             with (
-                recorder_beside(processes, wanted=recorder),
-                panel_beside(processes, wanted=panel),
+                recorder_sidecar(processes, wanted=recorder),
+                panel_sidecar(processes, wanted=panel),
                 open_bus(cell, CLIENT) as client,
             ):
                 check = _refuse_the_dead(processes)
@@ -78,7 +80,7 @@ def _refuse_the_dead(processes: "Supervisor") -> Callable[[], None]:
 
 
 @contextmanager
-def live_progress(screen: Console, plan: Plan) -> Iterator[Progress]:
+def live_progress(screen: Console, plan: ScenarioPlan) -> Iterator[Progress]:
     """Show phase, force and torque while the scenario runs."""
     columns = (
         TextColumn("{task.description:<16}"),

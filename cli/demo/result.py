@@ -8,8 +8,14 @@ from rich.table import Table
 
 from cli.demo.cell import plate_of
 from cli.demo.measures import Result, Surface
-from cli.demo.scenario import SETTLED_FORCE_N, SETTLED_TORQUE_NM, Plan, Sample, Trace
-from common.config.cell import Cell
+from cli.demo.scenario import (
+    SETTLED_FORCE_N,
+    SETTLED_TORQUE_NM,
+    ScenarioPlan,
+    ScenarioSample,
+    Trace,
+)
+from common.config.cell import CellConfig
 
 # fmt: off
 LABELS = {  # of the numbers in robot/health
@@ -26,7 +32,7 @@ LABELS = {  # of the numbers in robot/health
 # fmt: on
 
 
-def table(result: Result, plan: Plan, started: str) -> Table:
+def table(result: Result, plan: ScenarioPlan, started: str) -> Table:
     """Return the result as a table; its title is the regulator's confirmation of the start."""
     goal = {
         "position": f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N",
@@ -64,7 +70,7 @@ def table(result: Result, plan: Plan, started: str) -> Table:
     return rows
 
 
-def plot(trace: Trace, plan: Plan, surface: Surface, path: Path) -> None:
+def plot(trace: Trace, plan: ScenarioPlan, surface: Surface, path: Path) -> None:
     """Write force, torque and depth over time as a PNG."""
     import matplotlib as mpl
 
@@ -98,7 +104,7 @@ def plot(trace: Trace, plan: Plan, surface: Surface, path: Path) -> None:
     plt.close(figure)
 
 
-def picture(cell: Cell, sample: Sample, path: Path) -> None:
+def picture(cell: CellConfig, sample: ScenarioSample, path: Path) -> None:
     """Write a picture of the scene at one sample. Raises RenderUnavailable without EGL."""
     from common.motion.kinematics import ArmKinematics
     from sim.robot.render import render_png

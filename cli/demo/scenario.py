@@ -39,7 +39,7 @@ class ScenarioError(ForcemeshError):
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class ScenarioPlan:
     """Parameters of the scenario."""
 
     mode: Mode = "position"
@@ -49,7 +49,7 @@ class Plan:
     timeout_s: float = 60.0
     settled_for_s: float = SETTLED_FOR_S  # time that it must stay within the band
 
-    def within(self, sample: "Sample") -> bool:
+    def within(self, sample: "ScenarioSample") -> bool:
         """Return whether a sample is within the settled band of this task."""
         force_ok = abs(sample.force - self.setpoint_N) <= SETTLED_FORCE_N
         torque_ok = sample.torque <= SETTLED_TORQUE_NM
@@ -57,7 +57,7 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class ScenarioSample:
     """Wrench message with the newest pose at that time."""
 
     t_s: float  # since the start request of force feedback; negative while pressing
@@ -80,8 +80,8 @@ class Sample:
 class Trace:
     """Samples, latencies and outcome of a scenario."""
 
-    press: list[Sample] = field(default_factory=list)
-    work: list[Sample] = field(default_factory=list)
+    press: list[ScenarioSample] = field(default_factory=list)
+    work: list[ScenarioSample] = field(default_factory=list)
     started: str = ""  # the regulator's confirmation: the law that runs, and why
     settled_at_s: float | None = None
     stages: dict[str, dict[int, int]] = field(default_factory=dict)  # stage: sensor seq: age [ns]
@@ -91,7 +91,9 @@ class Trace:
 class Scenario:
     """Run of a plan on a cell that is up and IDLE."""
 
-    def __init__(self, client: Bus, plan: Plan, *, check: Check, progress: Progress) -> None:
+    def __init__(
+        self, client: Bus, plan: ScenarioPlan, *, check: Check, progress: Progress
+    ) -> None:
         """Subscribe to the topics that are recorded."""
         self._client, self._clock = client, client.clock
         self._plan, self._check, self._progress = plan, check, progress
@@ -181,7 +183,7 @@ class Scenario:
             raise ScenarioError(f"{request.key} was refused ({reply.code}): {reply.text}")
         return reply
 
-    def _watch(self, phase: str, samples: list[Sample]) -> Sample | None:
+    def _watch(self, phase: str, samples: list[ScenarioSample]) -> ScenarioSample | None:
         """Sleep for one sample time; return the newest sample if there is a new one."""
         fresh = self._tick(phase)
         now_ns = self._clock.now_ns()
@@ -191,7 +193,7 @@ class Scenario:
         wrench, robot = self._wrench.read(now_ns).message, self._robot.read(now_ns).message
         if not fresh or wrench is None or robot is None or not wrench.valid:
             return None
-        sample = Sample(
+        sample = ScenarioSample(
             t_s=(now_ns - self._start_ns) / NS_PER_S,
             force_N=np.array(wrench.force_N),
             torque_Nm=np.array(wrench.torque_Nm),
@@ -227,8 +229,8 @@ class Scenario:
         return True
 
 
-def _shifted(sample: Sample, by_s: float) -> Sample:
-    return Sample(sample.t_s + by_s, sample.force_N, sample.torque_Nm, sample.T_base_flange)
+def _shifted(sample: ScenarioSample, by_s: float) -> ScenarioSample:
+    return ScenarioSample(sample.t_s + by_s, sample.force_N, sample.torque_Nm, sample.T_base_flange)
 
 
 def _why_stopped(status: object, fault: str) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.context import NOT_WELL, OK, USAGE, default_cell_file, exit_code_of, fail
+from cli.context import NOT_WELL, OK, USAGE, default_cell_file, exit_code_of, exit_with_error
 from cli.panel import NoPanel
 from cli.record import NoRecorder
 from forcemesh.errors import ForcemeshError
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from cli.demo.measures import Result
-    from cli.demo.scenario import Plan, Trace
-    from common.config.cell import Cell
+    from cli.demo.scenario import ScenarioPlan, Trace
+    from common.config.cell import CellConfig
 
 PLATE = "Plate and robot"
 JOB = "Task"
@@ -69,18 +69,24 @@ def demo(
     from rich.console import Console
     from rich.markup import escape
 
-    from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, check_plan, demo_cell
+    from cli.demo.cell import (
+        DEFAULT_SETPOINT_N,
+        DEFAULT_TILT_DEG,
+        DemoOverrides,
+        check_plan,
+        demo_cell,
+    )
     from cli.demo.play import live_progress, play_real, play_virtual
-    from cli.demo.scenario import Plan
+    from cli.demo.scenario import ScenarioPlan
 
     screen = Console(stderr=True)
     _make_folder(out)
     setpoint_N = DEFAULT_SETPOINT_N[mode] if setpoint is None else setpoint
-    plan = Plan(mode=mode, host=host, press_N=force, setpoint_N=setpoint_N)
+    plan = ScenarioPlan(mode=mode, host=host, press_N=force, setpoint_N=setpoint_N)
     try:
         cell = demo_cell(
             cell_file or default_cell_file(),
-            Trial(
+            DemoOverrides(
                 tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
                 stiffness_N_m=stiffness,
                 delay_s=_seconds(delay_ms),
@@ -113,14 +119,18 @@ def _make_folder(out: Path) -> None:
         with tempfile.TemporaryFile(dir=out):
             pass
     except OSError as error:
-        fail(f"--out {out}: cannot be written: {error.strerror}; choose another folder", USAGE)
+        exit_with_error(
+            f"--out {out}: cannot be written: {error.strerror}; choose another folder", USAGE
+        )
 
 
 def _seconds(milliseconds: float | None) -> float | None:
     return None if milliseconds is None else milliseconds / 1e3
 
 
-def report(screen: "Console", cell: "Cell", plan: "Plan", *, trace: "Trace", out: Path) -> "Result":
+def report(
+    screen: "Console", cell: "CellConfig", plan: "ScenarioPlan", *, trace: "Trace", out: Path
+) -> "Result":
     """Print the table, write plot and picture, and report a missing picture."""
     from cli.demo import result as demo_report
     from cli.demo.cell import surface_of

@@ -4,10 +4,10 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
-from cli.doctor.checks import RoleHeard
+from cli.doctor.checks import ObservedRole
 from cli.status import helpers_of
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_hash
 from forcemesh import topics
 from forcemesh.bus import Bus, Reader
@@ -29,16 +29,16 @@ STREAMS = (
 
 
 @dataclass(slots=True)
-class Overheard:
+class ObservedCell:
     """State of a cell as received from its bus."""
 
-    roles: list[RoleHeard]
+    roles: list[ObservedRole]
     robot: Health | None  # the robot's process, while its health is fresh
     state: RobotState | None  # the newest, valid or not
     stream_hz: dict[str, float | None] = field(default_factory=dict)
 
 
-def listen(cell: Cell, watch_s: float = WATCH_S) -> Overheard | None:
+def observe_cell(cell: CellConfig, watch_s: float = WATCH_S) -> ObservedCell | None:
     """Receive from a cell for some seconds; return None when no hub responds."""
     try:
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
@@ -81,9 +81,9 @@ class _Count:
         return (self._last[1] - self._first[1]) * 1e9 / (self._last[2] - self._first[2])
 
 
-def _overheard(cell: Cell, bus: Bus, view: CellView, counts: list[_Count]) -> Overheard:
+def _overheard(cell: CellConfig, bus: Bus, view: CellView, counts: list[_Count]) -> ObservedCell:
     state = counts[0].reader.read(bus.clock.now_ns()).message
-    return Overheard(
+    return ObservedCell(
         roles=[
             _role(cell, view, role)
             for role in (*topics.ROLES, *helpers_of(view, read_run(cell.cell)))
@@ -99,15 +99,15 @@ def _fresh_health(view: CellView, role: str) -> Health | None:
     return message if isinstance(message, Health) else None
 
 
-def _role(cell: Cell, view: CellView, role: str) -> RoleHeard:
+def _role(cell: CellConfig, view: CellView, role: str) -> ObservedRole:
     reading = view.health(role)
     message = reading.message
     if message is None:
-        return RoleHeard(role, None, is_fresh=False)
-    heard = RoleHeard(role, reading.age_s, is_fresh=not reading.silent)
+        return ObservedRole(role, None, is_fresh=False)
+    heard = ObservedRole(role, reading.age_s, is_fresh=not reading.silent)
     if not isinstance(message, Health):
         return heard
-    return RoleHeard(
+    return ObservedRole(
         role,
         reading.age_s,
         is_fresh=not reading.silent,

@@ -19,7 +19,7 @@ Greeted = Literal["answered", "silent", "closed", "garbled"]
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class ReportLine:
     """One line of the report."""
 
     check: str
@@ -28,19 +28,19 @@ class Line:
     remedy: str = ""
 
 
-def passed(check: str, found: str) -> Line:
+def passed(check: str, found: str) -> ReportLine:
     """Return a line that needs no action."""
-    return Line(check, "PASS", found)
+    return ReportLine(check, "PASS", found)
 
 
-def skipped(check: str, why: str) -> Line:
+def skipped(check: str, why: str) -> ReportLine:
     """Return a line for a skipped check; always with a reason."""
-    return Line(check, "SKIP", why)
+    return ReportLine(check, "SKIP", why)
 
 
-def trouble(check: str, word: Word, found: str, remedy: str) -> Line:
+def finding(check: str, word: Word, found: str, remedy: str) -> ReportLine:
     """Return a line with a remedy from the table of remedies."""
-    return Line(check, word, found, REMEDIES[remedy])
+    return ReportLine(check, word, found, REMEDIES[remedy])
 
 
 # --- connection -----------------------------------------------------------------------------------
@@ -48,7 +48,7 @@ def trouble(check: str, word: Word, found: str, remedy: str) -> Line:
 
 def check_address(
     where: str, opened: Opened, detail: str, took_s: float, *, is_emulated: bool = False
-) -> Line:
+) -> ReportLine:
     """Check the TCP connection to the controller; `detail` is the system's error text."""
     if opened == "open":
         return passed("address", f"{where} responds in {1e3 * took_s:.1f} ms")
@@ -60,10 +60,10 @@ def check_address(
     }
     found = texts[opened] + (f" ({detail})" if detail else "")
     remedy = "address.emulated" if is_emulated else f"address.{opened}"
-    return trouble("address", "FAIL", found, remedy)
+    return finding("address", "FAIL", found, remedy)
 
 
-def check_hello(greeted: Greeted, detail: str, took_s: float) -> Line:
+def check_hello(greeted: Greeted, detail: str, took_s: float) -> ReportLine:
     """Check whether the program replied to hello."""
     if greeted == "answered":
         return passed("hello", f"reply in {1e3 * took_s:.0f} ms")
@@ -73,40 +73,40 @@ def check_hello(greeted: Greeted, detail: str, took_s: float) -> Line:
         "garbled": "the reply is not a packet",
     }
     found = texts[greeted] + (f": {detail}" if detail else "")
-    return trouble("hello", "FAIL", found, f"hello.{greeted}")
+    return finding("hello", "FAIL", found, f"hello.{greeted}")
 
 
-def check_protocol(version: int) -> Line:
+def check_protocol(version: int) -> ReportLine:
     """Compare the protocol version of the program with ours."""
     if version == PROTOCOL_VERSION:
         return passed("protocol", f"version {version}")
     found = f"the controller uses version {version}, this PC {PROTOCOL_VERSION}"
-    return trouble("protocol", "FAIL", found, "protocol")
+    return finding("protocol", "FAIL", found, "protocol")
 
 
-def check_arm(number: int, wanted: int) -> Line:
+def check_arm(number: int, wanted: int) -> ReportLine:
     """Compare the number of the arm with the cell file's: cables may be swapped."""
     if number == wanted:
         return passed("arm", f"number {number}")
-    return trouble("arm", "FAIL", f"number {number}, the cell file requires {wanted}", "arm")
+    return finding("arm", "FAIL", f"number {number}, the cell file requires {wanted}", "arm")
 
 
-def check_peer(*, any_peer: bool | None) -> Line:
+def check_peer(*, any_peer: bool | None) -> ReportLine:
     """Check whether the program accepts a connection from any address."""
     if any_peer is None:
-        return trouble("peer", "WARN", "unknown: no 103 received", "error.none")
+        return finding("peer", "WARN", "unknown: no 103 received", "error.none")
     if any_peer:
-        return trouble("peer", "WARN", "connections from any address are accepted", "peer")
+        return finding("peer", "WARN", "connections from any address are accepted", "peer")
     return passed("peer", "connections from one address only")
 
 
-def check_scales(asked: "Scales", answered: "VecInt") -> Line:
+def check_scales(asked: "Scales", answered: "VecInt") -> ReportLine:
     """Compare the scales that the program has set with those of the cell file."""
     names = [field.name for field in fields(asked)]
     triples = list(zip(names, asked.vec, answered, strict=True))
     wrong = [f"{name} requested {a}, set {b}" for name, a, b in triples if a != b]
     if wrong:
-        return trouble("scales", "FAIL", "; ".join(wrong), "scales")
+        return finding("scales", "FAIL", "; ".join(wrong), "scales")
     return passed("scales", "as requested: " + ", ".join(f"{name} {a}" for name, a, _ in triples))
 
 
@@ -115,93 +115,93 @@ def check_scales(asked: "Scales", answered: "VecInt") -> Line:
 
 def check_sender(
     hz: float | None, longest_gap_s: float | None, *, robot_hz: float, stale_after_s: float
-) -> Line:
+) -> ReportLine:
     """Check the rate of pose and joint reports: 101 and 102 are one sample."""
     if not hz:
-        return trouble("sender", "FAIL", "no 101 and 102 received", "reports.none")
+        return finding("sender", "FAIL", "no 101 and 102 received", "reports.none")
     found = f"{hz:.1f} samples/s, the cell file expects {robot_hz:g}"
     if longest_gap_s is not None:
         found += f"; longest gap {1e3 * longest_gap_s:.0f} ms"
     if 1.0 / hz > stale_after_s:
-        return trouble("sender", "FAIL", found, "sender.stale")
+        return finding("sender", "FAIL", found, "sender.stale")
     if hz < SLOW_BELOW * robot_hz:
-        return trouble("sender", "WARN", found, "sender.slow")
+        return finding("sender", "WARN", found, "sender.slow")
     if longest_gap_s is not None and longest_gap_s > stale_after_s:
         found += f", stale from {1e3 * stale_after_s:.0f} ms"
-        return trouble("sender", "WARN", found, "sender.gap")
+        return finding("sender", "WARN", found, "sender.gap")
     return passed("sender", found)
 
 
-def check_status(status: Status) -> list[Line]:
+def check_status(status: Status) -> list[ReportLine]:
     """Check the controller's status bits one by one."""
     lines = []
     for row in BITS:
         if bool(status & row.bit) == row.good:
             lines.append(passed(row.check, row.good_text))
         else:
-            lines.append(Line(row.check, row.word, row.bad_text, row.remedy))
+            lines.append(ReportLine(row.check, row.word, row.bad_text, row.remedy))
     held = "held, until the next motion" if status & Status.HELD else "no"
     return [*lines, passed("held", held)]
 
 
-def check_error_code(code: int | None) -> Line:
+def check_error_code(code: int | None) -> ReportLine:
     """Check the error code of 103: 0, a fault of the program, or an AS error."""
     if code is None:
-        return trouble("error code", "WARN", "no 103 received", "error.none")
+        return finding("error code", "WARN", "no 103 received", "error.none")
     if code == 0:
         return passed("error code", "0")
     if code < 0:
-        return trouble("error code", "FAIL", f"{code}: AS error", "error.as")
+        return finding("error code", "FAIL", f"{code}: AS error", "error.as")
     fault = FAULTS.get(code)
     if fault is None:
-        return trouble("error code", "WARN", f"{code}", "error.unknown")
-    return Line("error code", fault.word, f"{code}: {fault.text}", fault.remedy)
+        return finding("error code", "WARN", f"{code}", "error.unknown")
+    return ReportLine("error code", fault.word, f"{code}: {fault.text}", fault.remedy)
 
 
-def check_loops(hz: float | None) -> Line:
+def check_loops(hz: float | None) -> ReportLine:
     """Check the rate of the robot program's loop; when idle it runs twice a second."""
     if hz is None:
-        return trouble("program loop", "WARN", "unknown", "loops.unknown")
+        return finding("program loop", "WARN", "unknown", "loops.unknown")
     if hz <= 0.0:
-        return trouble("program loop", "FAIL", "stopped", "loops.stand")
+        return finding("program loop", "FAIL", "stopped", "loops.stand")
     return passed("program loop", f"{hz:.1f} cycles/s (about 2 when idle, plus one per command)")
 
 
-def check_monitor_speed(fraction: float | None) -> Line:
+def check_monitor_speed(fraction: float | None) -> ReportLine:
     """Check the pendant's speed: it scales every other speed."""
     if fraction is None:
-        return trouble("monitor speed", "WARN", "unknown: no 103 received", "error.none")
+        return finding("monitor speed", "WARN", "unknown: no 103 received", "error.none")
     found = f"{100.0 * fraction:g} %"
     if fraction <= 0.0:
-        return trouble("monitor speed", "FAIL", found, "monitor speed.zero")
+        return finding("monitor speed", "FAIL", found, "monitor speed.zero")
     if fraction < 1.0:
-        return trouble("monitor speed", "WARN", found, "monitor speed.slow")
+        return finding("monitor speed", "WARN", found, "monitor speed.slow")
     return passed("monitor speed", found)
 
 
-def check_round_trip(spread: "Spread | None", watchdog_s: float) -> Line:
+def check_round_trip(spread: "Spread | None", watchdog_s: float) -> ReportLine:
     """Check the time from a packet to its acknowledgement (102) against the watchdog's limit."""
     if spread is None:
-        return trouble("round trip", "FAIL", "command 12 was not acknowledged", "round trip.none")
+        return finding("round trip", "FAIL", "command 12 was not acknowledged", "round trip.none")
     found = f"p50 {1e3 * spread.p50_s:.0f} ms, p99 {1e3 * spread.p99_s:.0f} ms"
     if spread.p99_s > 0.5 * watchdog_s:
         found += f": more than half of the watchdog's {1e3 * watchdog_s:.0f} ms"
-        return trouble("round trip", "WARN", found, "round trip.long")
+        return finding("round trip", "WARN", found, "round trip.long")
     return passed("round trip", found)
 
 
-def check_goodbye(held: bool) -> Line:
+def check_goodbye(held: bool) -> ReportLine:
     """Check in which state the controller was left."""
     if held:
         return passed("left behind", "hold confirmed, connection closed, nothing armed")
-    return trouble("left behind", "WARN", "hold sent, not confirmed; closed", "goodbye")
+    return finding("left behind", "WARN", "hold sent, not confirmed; closed", "goodbye")
 
 
 # --- the cell's processes -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class RoleHeard:
+class ObservedRole:
     """Health of a role as received."""
 
     role: str
@@ -213,33 +213,33 @@ class RoleHeard:
     version: str = ""  # empty: not reported
 
 
-def check_role(heard: RoleHeard) -> Line:
+def check_role(heard: ObservedRole) -> ReportLine:
     """Check one role by its health."""
     check = f"process {heard.role}"
     if heard.age_s is None:
-        return trouble(check, "FAIL", "no health received", "role.silent")
+        return finding(check, "FAIL", "no health received", "role.silent")
     found = f"health {1e3 * heard.age_s:.0f} ms old"
     if heard.rate_hz is not None:
         found += f", {heard.rate_hz:.0f} steps/s"
     if not heard.is_fresh:
-        return trouble(check, "FAIL", found, "role.silent")
+        return finding(check, "FAIL", found, "role.silent")
     if heard.fault:
-        return trouble(check, "FAIL", heard.fault, "role.fault")
+        return finding(check, "FAIL", heard.fault, "role.fault")
     if heard.version and heard.version != __version__:
         found += f", version {heard.version}, this is {__version__}"
-        return trouble(check, "FAIL", found, "role.version")
+        return finding(check, "FAIL", found, "role.version")
     if not heard.same_config:
-        return trouble(check, "WARN", found + ", another cell file", "role.config")
+        return finding(check, "WARN", found + ", another cell file", "role.config")
     return passed(check, found)
 
 
 def check_stream(
     key: str, hz: float | None, wanted_hz: float, *, slow_below: float = SLOW_BELOW
-) -> Line:
+) -> ReportLine:
     """Check the rate of a topic."""
     if hz is None:
-        return trouble(key, "FAIL", "no messages", "stream.silent")
+        return finding(key, "FAIL", "no messages", "stream.silent")
     found = f"{hz:.1f}/s, the cell file expects {wanted_hz:g}"
     if hz < slow_below * wanted_hz:
-        return trouble(key, "WARN", found, "stream.slow")
+        return finding(key, "WARN", found, "stream.slow")
     return passed(key, found)

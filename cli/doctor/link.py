@@ -20,7 +20,7 @@ from forcemesh.errors import RemoteProtocolError
 from services.gateway.commands import Pacing
 from services.gateway.dialogue import Dialogue
 from services.gateway.reports import HealthReport, JointReport, PoseReport
-from services.gateway.round_trips import Rate, RoundTrips, Spread, Turns
+from services.gateway.round_trips import Rate, RoundTrips, Spread, WrappingCounterRate
 from services.gateway.scales import Scales
 
 PROBE_EVERY_S = 0.1
@@ -29,7 +29,7 @@ LOOPS_SPAN = 500_000
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class VisitTimeouts:
     """Timeouts and watch time of a visit."""
 
     connect_s: float = 2.0
@@ -39,11 +39,11 @@ class Patience:
     confirm_s: float = 1.0
 
 
-PATIENCE = Patience()
+PATIENCE = VisitTimeouts()
 
 
 @dataclass(slots=True)
-class Heard:
+class ReceivedReports:
     """Reports received from the controller during a visit."""
 
     pose: PoseReport | None = None
@@ -68,11 +68,11 @@ class Visit:
     greeted_detail: str = ""
     greeted_s: float = 0.0
     hello: Packet | None = None
-    heard: Heard | None = None  # None: version or scales did not match
+    heard: ReceivedReports | None = None  # None: version or scales did not match
 
 
 def visit(
-    host: str, port: int, scales: Scales, patience: Patience | None = None, *, arm: int = 1
+    host: str, port: int, scales: Scales, patience: VisitTimeouts | None = None, *, arm: int = 1
 ) -> Visit:
     """Connect, greet, watch for some seconds, disconnect. Raises nothing for errors of the peer."""
     found, patience = Visit(), patience or PATIENCE
@@ -95,7 +95,7 @@ def _any_id() -> int:
     return ID_FIRST + secrets.randbelow(ID_COUNT)
 
 
-def _open(where: tuple[str, int], found: Visit, patience: Patience) -> socket.socket | None:
+def _open(where: tuple[str, int], found: Visit, patience: VisitTimeouts) -> socket.socket | None:
     """Open the connection, or record why it failed."""
     try:
         address = socket.getaddrinfo(*where, socket.AF_INET, socket.SOCK_STREAM)[0][4]
@@ -130,10 +130,10 @@ class _Talk:
 
     sock: socket.socket
     dialogue: Dialogue
-    patience: Patience
-    heard: Heard = field(default_factory=Heard)
+    patience: VisitTimeouts
+    heard: ReceivedReports = field(default_factory=ReceivedReports)
     samples: Rate = field(default_factory=Rate)
-    loops: Turns = field(default_factory=lambda: Turns(LOOPS_SPAN))
+    loops: WrappingCounterRate = field(default_factory=lambda: WrappingCounterRate(LOOPS_SPAN))
     trips: RoundTrips = field(default_factory=RoundTrips)
     sample_ns: int | None = None  # time of the last sample
     pending: PoseReport | None = None
@@ -166,7 +166,7 @@ class _Talk:
             if found.hello is None:
                 found.greeted, found.greeted_detail = "garbled", str(error)
 
-    def watch(self) -> Heard:
+    def watch(self) -> ReceivedReports:
         """Receive reports, and periodically send command 12 followed by a hold."""
         try:
             self._listen(self.patience.reports_s, lambda: self.heard.joints is not None)

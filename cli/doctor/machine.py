@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
-from cli.doctor.checks import Line, passed, skipped, trouble
+from cli.doctor.checks import ReportLine, finding, passed, skipped
 from common.runtime.priority import PRIORITY
 from forcemesh.version import __version__
 from forcemesh.zenoh_settings import endpoint_of
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
 
 PACKAGES = ("eclipse-zenoh", "msgpack", "numpy", "pin", "pydantic")
 NAPS = 50
@@ -28,19 +28,19 @@ OLD_DAYS = 365
 
 
 @dataclass(frozen=True, slots=True)
-class Naps:
+class SleepTimes:
     """Measured durations of short sleeps [s]."""
 
     median_s: float
     longest_s: float
 
 
-def machine_lines(cell: "Cell", *, is_up: bool) -> list[Line]:
+def machine_lines(cell: "CellConfig", *, is_up: bool) -> list[ReportLine]:
     """Return the lines for this PC and this cell's files; takes a tenth of a second."""
     return [
         check_versions(_versions()),
         check_clock(_naps(), dt.datetime.now(dt.UTC)),
-        check_priority(is_granted=may_go_first()),
+        check_priority(is_granted=can_set_realtime_priority()),
         check_ports(_taken(cell), is_up=is_up),
         check_calibration(cell, dt.datetime.now(dt.UTC)),
     ]
@@ -49,36 +49,36 @@ def machine_lines(cell: "Cell", *, is_up: bool) -> list[Line]:
 # --- pure -----------------------------------------------------------------------------------------
 
 
-def check_versions(found: dict[str, str]) -> Line:
+def check_versions(found: dict[str, str]) -> ReportLine:
     """Check the installed versions; a missing library was not installed."""
     text = ", ".join(f"{name} {number or 'missing'}" for name, number in found.items())
     if not all(found.values()):
-        return trouble("versions", "FAIL", text, "versions")
+        return finding("versions", "FAIL", text, "versions")
     return passed("versions", text)
 
 
-def check_clock(naps: Naps, now: dt.datetime) -> Line:
+def check_clock(naps: SleepTimes, now: dt.datetime) -> ReportLine:
     """Check how exactly this PC can wait, and whether its date was ever set."""
     found = (
         f"a wait of {1e3 * NAP_S:g} ms takes {1e3 * naps.median_s:.1f} ms, at most "
         f"{1e3 * naps.longest_s:.1f}; date {now:%Y-%m-%d %H:%M} UTC"
     )
     if now.year < OLDEST_YEAR:
-        return trouble("clock", "WARN", found, "clock.calendar")
+        return finding("clock", "WARN", found, "clock.calendar")
     if naps.longest_s > LATE_S:
-        return trouble("clock", "WARN", found, "clock.late")
+        return finding("clock", "WARN", found, "clock.late")
     return passed("clock", found)
 
 
-def check_priority(*, is_granted: bool) -> Line:
+def check_priority(*, is_granted: bool) -> ReportLine:
     """Check whether the services get real-time priority."""
     if is_granted:
         return passed("real-time priority", f"granted: SCHED_FIFO {PRIORITY}")
     found = "not granted: CPU load can delay a message past its deadline; the arm then holds"
-    return trouble("real-time priority", "WARN", found, "priority")
+    return finding("real-time priority", "WARN", found, "priority")
 
 
-def check_ports(taken: dict[str, bool], *, is_up: bool) -> Line:
+def check_ports(taken: dict[str, bool], *, is_up: bool) -> ReportLine:
     """Check that the ports of the cell are free; while it is up, its own hub uses them."""
     names = ", ".join(taken)
     if not taken:
@@ -88,34 +88,34 @@ def check_ports(taken: dict[str, bool], *, is_up: bool) -> Line:
     held = [name for name, is_taken in taken.items() if is_taken]
     if held:
         found = f"{', '.join(held)}: another program listens there"
-        return trouble("ports", "FAIL", found, "ports")
+        return finding("ports", "FAIL", found, "ports")
     return passed("ports", f"{names}: free")
 
 
-def check_calibration(cell: "Cell", now: dt.datetime) -> Line:
+def check_calibration(cell: "CellConfig", now: dt.datetime) -> ReportLine:
     """Check whether payload and bias are known, match this tool, and are recent."""
-    from services.wrench.active_calibration import of_calibration
+    from services.wrench.active_calibration import active_calibration
 
     found = cell.calibration
     if found is None:
         if cell.payload.weighs:
             return passed("calibration", f"the cell file's payload, {cell.payload.mass_kg:g} kg")
         if cell.payload.accept_uncalibrated:
-            return trouble("calibration", "WARN", "none, and the cell accepts that", "calibration")
-        return trouble("calibration", "FAIL", "none, and the payload is zero", "calibration")
+            return finding("calibration", "WARN", "none, and the cell accepts that", "calibration")
+        return finding("calibration", "FAIL", "none, and the payload is zero", "calibration")
     days = (now - found.made_at).days
     text = f"revision {found.revision}, {days} days old, tool {found.tool or 'without a name'}"
-    if objection := of_calibration(found, cell).objection:
-        return trouble("calibration", "FAIL", f"{text}: {objection}", "calibration")
+    if objection := active_calibration(found, cell).objection:
+        return finding("calibration", "FAIL", f"{text}: {objection}", "calibration")
     if days > OLD_DAYS:
-        return trouble("calibration", "WARN", text, "calibration.old")
+        return finding("calibration", "WARN", text, "calibration.old")
     return passed("calibration", text)
 
 
 # --- probes ---------------------------------------------------------------------------------------
 
 
-def may_go_first() -> bool:
+def can_set_realtime_priority() -> bool:
     """Try to set real-time priority, in a thread that ends with it."""
     granted = False
 
@@ -145,16 +145,16 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _naps() -> Naps:
+def _naps() -> SleepTimes:
     took_s = []
     for _ in range(NAPS):
         began_s = time.monotonic()
         time.sleep(NAP_S)
         took_s.append(time.monotonic() - began_s)
-    return Naps(statistics.median(took_s), max(took_s))
+    return SleepTimes(statistics.median(took_s), max(took_s))
 
 
-def _taken(cell: "Cell") -> dict[str, bool]:
+def _taken(cell: "CellConfig") -> dict[str, bool]:
     """Return the listen addresses of the cell on this PC, and whether each is in use."""
     endpoint = endpoint_of(cell)
     found = {}

@@ -15,7 +15,7 @@ from math import degrees, radians
 import numpy as np
 import pinocchio as pin
 
-from cli.doctor.checks import Line, passed, trouble
+from cli.doctor.checks import ReportLine, finding, passed
 from common.motion.frames import Array, oat_from_R
 from common.motion.kinematics import JOINTS, ArmKinematics
 from services.gateway.scales import Scales
@@ -63,7 +63,7 @@ class Frames:
 
 def check_pose(
     T_reported: pin.SE3, q: Array, *, scales: Scales, frames: Frames, arm: ArmKinematics
-) -> Line:
+) -> ReportLine:
     """Check the reported pose by forward kinematics of the reported joints [rad]."""
     T_model, limit = arm.flange_pose(q), rounding(q, scales, arm)
     off = distance(T_model, T_reported)
@@ -74,13 +74,13 @@ def check_pose(
     if _within(off, limit):
         return passed("pose", found)
     if _within(off, Tolerance(SMALL_M, SMALL_RAD)):
-        return trouble("pose", "WARN", found, "pose.small")
+        return finding("pose", "WARN", found, "pose.small")
     near = Tolerance(limit.position_m + SMALL_M, limit.rotation_rad + SMALL_RAD)
     for text, remedy, T_explained in _explanations(T_model, q, frames, arm):
         if _within(distance(T_explained, T_reported), near):
-            return trouble("pose", "FAIL", f"{found}: {text}", remedy)
+            return finding("pose", "FAIL", f"{found}: {text}", remedy)
     text, remedy = _frame_that_would(T_model, T_reported, near)
-    return trouble("pose", "FAIL", f"{found}: {text}", remedy)
+    return finding("pose", "FAIL", f"{found}: {text}", remedy)
 
 
 def _within(off: Tolerance, limit: Tolerance) -> bool:

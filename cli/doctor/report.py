@@ -6,7 +6,7 @@ import numpy as np
 
 from cli.doctor.checks import (
     SLOW_BELOW,
-    Line,
+    ReportLine,
     check_address,
     check_arm,
     check_error_code,
@@ -22,9 +22,9 @@ from cli.doctor.checks import (
     check_sender,
     check_status,
     check_stream,
+    finding,
     passed,
     skipped,
-    trouble,
 )
 from cli.doctor.pose import Frames, check_pose, model_of
 from common.motion.convert import pose_of
@@ -37,21 +37,21 @@ from services.gateway.service import CONTROLLER_BITS
 if TYPE_CHECKING:
     import pinocchio as pin
 
-    from cli.doctor.bus import Overheard
-    from cli.doctor.link import Heard, Visit
-    from common.config.cell import Cell, GatewaySection
+    from cli.doctor.bus import ObservedCell
+    from cli.doctor.link import ReceivedReports, Visit
+    from common.config.cell import CellConfig, GatewaySection
     from forcemesh.messages import Health, Joints, RobotState, RobotStatus
     from services.gateway.scales import Scales
 
-THINNED_BELOW = 0.6
-WAY = ("address", "hello", "protocol", "arm", "scales")
+DECIMATED_BELOW = 0.6
+CONNECTION_CHECKS = ("address", "hello", "protocol", "arm", "scales")
 REST = ("sender", "status bits", "error code", "pose", "program loop", "monitor speed",
         "peer", "round trip", "left behind")  # fmt: skip
 
 
 def link_lines(
-    cell: "Cell", section: "GatewaySection", scales: "Scales", found: "Visit"
-) -> list[Line]:
+    cell: "CellConfig", section: "GatewaySection", scales: "Scales", found: "Visit"
+) -> list[ReportLine]:
     """Return the lines of a visit to the controller; unreached checks are listed as skipped."""
     where = f"{section.host}:{section.port}"
     lines = [
@@ -72,17 +72,17 @@ def link_lines(
     if found.heard is not None:
         return [*lines, *_heard_lines(cell, section, scales, found.heard)]
     done = {line.check for line in lines}
-    missing = [check for check in (*WAY, *REST) if check not in done]
+    missing = [check for check in (*CONNECTION_CHECKS, *REST) if check not in done]
     return [*lines, *(skipped(check, "not checked: see above") for check in missing)]
 
 
 def _heard_lines(
-    cell: "Cell", section: "GatewaySection", scales: "Scales", heard: "Heard"
-) -> list[Line]:
+    cell: "CellConfig", section: "GatewaySection", scales: "Scales", heard: "ReceivedReports"
+) -> list[ReportLine]:
     stale_after_s = cell.stale_after_s(topics.ROBOT_STATE)
     lines = []
     if heard.broken:
-        lines.append(trouble("connection", "FAIL", heard.broken, "reports.broken"))
+        lines.append(finding("connection", "FAIL", heard.broken, "reports.broken"))
     lines.append(
         check_sender(
             heard.sender_hz,
@@ -110,7 +110,7 @@ def _heard_lines(
     ]
 
 
-def bus_lines(cell: "Cell", scales: "Scales", found: "Overheard") -> list[Line]:
+def bus_lines(cell: "CellConfig", scales: "Scales", found: "ObservedCell") -> list[ReportLine]:
     """Return the lines of a cell that is up, from the reports of its gateway on the bus."""
     lines = [check_role(heard) for heard in found.roles]
     lines += [
@@ -123,11 +123,11 @@ def bus_lines(cell: "Cell", scales: "Scales", found: "Overheard") -> list[Line]:
         lines += unused_lines(cell, skip=("pose",))
         return [*lines, _state_pose(cell, scales, found.state)]
     why = "the cell is up and its gateway uses the only connection: read from the bus"
-    lines += [skipped(check, why) for check in (*WAY, "left behind")]
+    lines += [skipped(check, why) for check in (*CONNECTION_CHECKS, "left behind")]
     state = found.state
     if state is None or not state.valid or not state.link.connected:
         reason = "no robot/state received" if state is None else state.reason or "not connected"
-        lines.append(trouble("link", "FAIL", reason, "link"))
+        lines.append(finding("link", "FAIL", reason, "link"))
         rest = (check for check in REST if check != "left behind")
         return [*lines, *(skipped(check, "no reports: see link") for check in rest)]
     times = f"{state.link.reconnects} reconnects, {state.link.errors} protocol errors"
@@ -138,19 +138,19 @@ def bus_lines(cell: "Cell", scales: "Scales", found: "Overheard") -> list[Line]:
     return [*lines, *_number_lines(cell, cell.gateway, found.robot)]
 
 
-def unused_lines(cell: "Cell", skip: tuple[str, ...] = ()) -> list[Line]:
+def unused_lines(cell: "CellConfig", skip: tuple[str, ...] = ()) -> list[ReportLine]:
     """Return a line for each check of the link, in a cell that has none."""
     why = f"not used by this cell: roles.robot is {cell.roles.robot}"
-    return [skipped(check, why) for check in (*WAY, *REST) if check not in skip]
+    return [skipped(check, why) for check in (*CONNECTION_CHECKS, *REST) if check not in skip]
 
 
-def _slow_below(cell: "Cell", key: str) -> float:
+def _slow_below(cell: "CellConfig", key: str) -> float:
     """Return the share of its rate below which a topic is slow.
 
     The gateway forwards whole samples: of a faster sender every second or third.
     """
     is_thinned = key == topics.ROBOT_STATE.key and cell.roles.robot == "gateway"
-    return THINNED_BELOW if is_thinned else SLOW_BELOW
+    return DECIMATED_BELOW if is_thinned else SLOW_BELOW
 
 
 def status_of(robot: "RobotStatus") -> Status:
@@ -169,7 +169,9 @@ def status_of(robot: "RobotStatus") -> Status:
     return bits
 
 
-def _number_lines(cell: "Cell", section: "GatewaySection", robot: "Health | None") -> list[Line]:
+def _number_lines(
+    cell: "CellConfig", section: "GatewaySection", robot: "Health | None"
+) -> list[ReportLine]:
     """Check the measurements of the gateway."""
     numbers = {} if robot is None else robot.numbers
     p50_s, p99_s = (numbers.get(f"framed_round_trip_{p}_s") for p in ("p50", "p99"))
@@ -194,7 +196,7 @@ def _number_lines(cell: "Cell", section: "GatewaySection", robot: "Health | None
     ]
 
 
-def _state_pose(cell: "Cell", scales: "Scales", state: "RobotState | None") -> Line:
+def _state_pose(cell: "CellConfig", scales: "Scales", state: "RobotState | None") -> ReportLine:
     if state is None or not state.valid:
         return skipped("pose", "robot/state is missing or not valid")
     T_base_flange, status = pose_of(state), status_of(state.status)
@@ -202,13 +204,13 @@ def _state_pose(cell: "Cell", scales: "Scales", state: "RobotState | None") -> L
 
 
 def _pose_line(
-    cell: "Cell", scales: "Scales", *, T_base_flange: "pin.SE3", q: "Joints", status: Status
-) -> Line:
+    cell: "CellConfig", scales: "Scales", *, T_base_flange: "pin.SE3", q: "Joints", status: Status
+) -> ReportLine:
     arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
     if arm is None:
         why = "the cell's joint limits are not those of the RS007L, the only arm with a model"
         return skipped("pose", why)
     if status & Status.MOVING:
-        return trouble("pose", "WARN", "not compared: the arm moves", "pose.moving")
+        return finding("pose", "WARN", "not compared: the arm moves", "pose.moving")
     frames = Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose)
     return check_pose(T_base_flange, np.array(q), scales=scales, frames=frames, arm=arm)

@@ -7,27 +7,27 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cli.doctor.checks import Line, passed, skipped, trouble
-from services.sensor.rdt import Command, Record, parse, request
+from cli.doctor.checks import ReportLine, finding, passed, skipped
+from services.sensor.rdt import RdtCommand, RdtRecord, parse, request
 from services.sensor.rdt_status import is_good, status_text
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell, SensorSection
+    from common.config.cell import CellConfig, SensorSection
 
 LISTEN_S = 0.5
 PACKAGES = {"robotiq": "serial", "bota": "bota_driver"}
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class ReceivedStream:
     """Records received from a sensor after a stream request."""
 
     records: int
-    newest: Record | None
+    newest: RdtRecord | None
     trouble: str = ""  # error text of the system
 
 
-def sensor_line(cell: "Cell", *, is_up: bool) -> Line:
+def sensor_line(cell: "CellConfig", *, is_up: bool) -> ReportLine:
     """Check the cell's sensor unless the cell is up: it streams to its last client only."""
     player, sensor = cell.roles.sensor, cell.sensor
     if player != "driver":
@@ -42,35 +42,35 @@ def sensor_line(cell: "Cell", *, is_up: bool) -> Line:
     )
 
 
-def check_stream_of(where: str, found: Stream, listened_s: float) -> Line:
+def check_stream_of(where: str, found: ReceivedStream, listened_s: float) -> ReportLine:
     """Check the records of a sensor on the network."""
     if found.newest is None:
         detail = found.trouble or f"no record in {listened_s:g} s"
-        return trouble("sensor", "FAIL", f"{where}: {detail}", "sensor.silent")
+        return finding("sensor", "FAIL", f"{where}: {detail}", "sensor.silent")
     text = f"{where}: {found.records / listened_s:.0f} records/s"
     if not is_good(found.newest.status):
         said = f"{text}, status: {status_text(found.newest.status)}"
-        return trouble("sensor", "FAIL", said, "sensor.status")
+        return finding("sensor", "FAIL", said, "sensor.status")
     return passed("sensor", text)
 
 
-def check_device(sensor: "SensorSection", *, is_there: bool, has_package: bool) -> Line:
+def check_device(sensor: "SensorSection", *, is_there: bool, has_package: bool) -> ReportLine:
     """Check whether a sensor on a serial line can be opened."""
     if not has_package:
         found = f"driver {sensor.driver} needs the package {_package(sensor)}"
-        return trouble("sensor", "FAIL", found, f"sensor.{sensor.driver}")
+        return finding("sensor", "FAIL", found, f"sensor.{sensor.driver}")
     if not is_there:
-        return trouble("sensor", "FAIL", f"{sensor.device} does not exist", "sensor.device")
+        return finding("sensor", "FAIL", f"{sensor.device} does not exist", "sensor.device")
     return passed("sensor", f"{sensor.driver}: {sensor.device} exists; it was not opened")
 
 
-def listen(address: str, port: int, for_s: float) -> Stream:
+def listen(address: str, port: int, for_s: float) -> ReceivedStream:
     """Request the stream of a sensor, count its records, stop the stream."""
     records, newest = 0, None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         try:
             line.connect((address, port))
-            line.send(request(Command.START))
+            line.send(request(RdtCommand.START))
             end_s = time.monotonic() + for_s
             while (left_s := end_s - time.monotonic()) > 0.0:
                 line.settimeout(left_s)
@@ -80,9 +80,9 @@ def listen(address: str, port: int, for_s: float) -> Stream:
         except TimeoutError:
             pass
         except OSError as error:
-            return Stream(records, newest, error.strerror or str(error))
-        line.send(request(Command.STOP))
-    return Stream(records, newest)
+            return ReceivedStream(records, newest, error.strerror or str(error))
+        line.send(request(RdtCommand.STOP))
+    return ReceivedStream(records, newest)
 
 
 def _package(sensor: "SensorSection") -> str:

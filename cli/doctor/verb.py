@@ -20,13 +20,13 @@ from cli.context import (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cli.doctor.bus import Overheard
-    from cli.doctor.checks import Line
-    from common.config.cell import Cell
+    from cli.doctor.bus import ObservedCell
+    from cli.doctor.checks import ReportLine
+    from common.config.cell import CellConfig
 
 COLOURS = {"PASS": "green", "WARN": "yellow", "FAIL": "red", "SKIP": "dim"}
 # A FAIL of one of these means that no peer was reached.
-NOBODY_THERE = ("address", "hello", "bus")
+CONNECTION_CHECKS = ("address", "hello", "bus")
 
 
 def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
@@ -52,17 +52,17 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
     raise typer.Exit(code)
 
 
-def exit_code(lines: "list[Line]") -> int:
+def exit_code(lines: "list[ReportLine]") -> int:
     """Return the exit code of a report."""
     failed = [line.check for line in lines if line.word == "FAIL"]
     if "cell file" in failed:
         return USAGE
-    if any(check in NOBODY_THERE for check in failed):
+    if any(check in CONNECTION_CHECKS for check in failed):
         return NO_ANSWER
     return NOT_WELL if failed else OK
 
 
-def print_lines(lines: "list[Line]") -> None:
+def print_lines(lines: "list[ReportLine]") -> None:
     """Print a report on the terminal."""
     from rich.console import Console
     from rich.markup import escape
@@ -81,32 +81,32 @@ def print_lines(lines: "list[Line]") -> None:
     )
 
 
-def _cell_line(path: "Path") -> "tuple[list[Line], Cell | None]":
-    from cli.doctor.checks import passed, trouble
+def _cell_line(path: "Path") -> "tuple[list[ReportLine], CellConfig | None]":
+    from cli.doctor.checks import finding, passed
     from common.config.load import cell_hash, load_cell
     from forcemesh.errors import ConfigError
 
     try:
         loaded = load_cell(path)
     except ConfigError as error:
-        return [trouble("cell file", "FAIL", str(error), "cell file")], None
+        return [finding("cell file", "FAIL", str(error), "cell file")], None
     return [passed("cell file", f"{path}, {cell_hash(loaded)}")], loaded
 
 
-def _look(cell: "Cell") -> "list[Line]":
+def _look(cell: "CellConfig") -> "list[ReportLine]":
     """Check this PC and the sensor; then the bus when the cell is up, else the link."""
-    from cli.doctor.bus import listen
+    from cli.doctor.bus import observe_cell
     from cli.doctor.machine import machine_lines
     from cli.doctor.sensor import sensor_line
     from launch.run_file import read_run
 
-    run, found = read_run(cell.cell), listen(cell)
+    run, found = read_run(cell.cell), observe_cell(cell)
     is_up = (run is not None and run.live) or found is not None
     lines = [*machine_lines(cell, is_up=is_up), _zenoh(cell, found), sensor_line(cell, is_up=is_up)]
     return [*lines, *_look_at_robot(cell, found, has_run=run is not None and run.live)]
 
 
-def _zenoh(cell: "Cell", found: "Overheard | None") -> "Line":
+def _zenoh(cell: "CellConfig", found: "ObservedCell | None") -> "ReportLine":
     """Check whether the bus responds; a cell that is not up has none."""
     from cli.doctor.checks import passed, skipped
     from forcemesh.zenoh_settings import endpoint_of
@@ -117,9 +117,11 @@ def _zenoh(cell: "Cell", found: "Overheard | None") -> "Line":
     return passed("zenoh", f"the hub responds at {where}")
 
 
-def _look_at_robot(cell: "Cell", found: "Overheard | None", *, has_run: bool) -> "list[Line]":
+def _look_at_robot(
+    cell: "CellConfig", found: "ObservedCell | None", *, has_run: bool
+) -> "list[ReportLine]":
     """Check the bus when the cell is up, else the link; the lines report which and why."""
-    from cli.doctor.checks import skipped, trouble
+    from cli.doctor.checks import finding, skipped
     from cli.doctor.report import bus_lines, link_lines, unused_lines
     from services.gateway.scales import Scales
     from services.gateway.service import scales_of
@@ -129,9 +131,9 @@ def _look_at_robot(cell: "Cell", found: "Overheard | None", *, has_run: bool) ->
     if found is not None and (has_run or found.robot is not None or section is None):
         return bus_lines(cell, scales, found)
     if has_run:
-        return [trouble("bus", "FAIL", "the cell is up, but its hub does not respond", "bus")]
+        return [finding("bus", "FAIL", "the cell is up, but its hub does not respond", "bus")]
     if section is None:
-        nobody = trouble("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
+        nobody = finding("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
         return [nobody, *unused_lines(cell)]
     from cli.doctor.link import visit
 
@@ -141,7 +143,9 @@ def _look_at_robot(cell: "Cell", found: "Overheard | None", *, has_run: bool) ->
     return [*lines, skipped("processes", "the cell is not up: the link itself was checked")]
 
 
-def _as_object(cell: "Cell | None", path: "Path", lines: "list[Line]", code: int) -> dict[str, Any]:
+def _as_object(
+    cell: "CellConfig | None", path: "Path", lines: "list[ReportLine]", code: int
+) -> dict[str, Any]:
     return {
         "cell": None if cell is None else cell.cell,
         "cell_file": str(path),

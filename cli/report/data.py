@@ -17,7 +17,7 @@ from services.panel.readout import Readout
 from services.panel.watch import Snapshot
 
 if TYPE_CHECKING:
-    from common.config.cell import Cell
+    from common.config.cell import CellConfig
     from services.recorder.reading import RecordedFile
 
 POINTS = 3000  # of a plot: more than the pixels of a screen
@@ -34,7 +34,7 @@ TYPES = {topic.key: topic.message for topic in TOPICS}
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StopEvent:
     """Stop of the arm: time, cause and remedy."""
 
     at_s: float
@@ -49,7 +49,7 @@ class Stop:
 
 
 @dataclass(slots=True)
-class Came:
+class TopicStatistics:
     """Statistics of one topic: count, losses, gaps, rate."""
 
     count: int = 0
@@ -77,7 +77,7 @@ class Came:
 
 
 @dataclass(slots=True)
-class Story:
+class ReportContent:
     """Content of one recording."""
 
     begin_ns: int
@@ -85,19 +85,19 @@ class Story:
     times_s: list[float] = field(default_factory=list)
     series: dict[str, list[float]] = field(default_factory=dict)
     states: list[tuple[float, str]] = field(default_factory=list)  # since when, of the arbiter
-    stops: list[Stop] = field(default_factory=list)
-    came: dict[str, Came] = field(default_factory=dict)
+    stops: list[StopEvent] = field(default_factory=list)
+    came: dict[str, TopicStatistics] = field(default_factory=dict)
     force_max_N: float = 0.0
     torque_max_Nm: float = 0.0
     unreadable: int = 0
 
 
-def story_of(read: "RecordedFile", cell: "Cell") -> Story:
+def story_of(read: "RecordedFile", cell: "CellConfig") -> ReportContent:
     """Read a recording twice: once for its length, once for its content."""
     times = [heard.at_ns for heard in read.heard()]
     if not times:
         raise DataError(f"{read.path}: the recording contains no message")
-    story = Story(times[0], (times[-1] - times[0]) / NS_PER_S)
+    story = ReportContent(times[0], (times[-1] - times[0]) / NS_PER_S)
     readout, next_s = Readout(cell), 0.0
     for at_s, key, snapshot in _snapshots(read, story):
         if key == topics.ARBITER_STATUS.key:
@@ -113,13 +113,13 @@ def story_of(read: "RecordedFile", cell: "Cell") -> Story:
 def moments(read: "RecordedFile", begin_ns: int, rate_hz: float) -> Iterator[tuple[float, Any]]:
     """Yield time [s] and the newest messages at that time, at most at a rate."""
     next_s = 0.0
-    for at_s, key, snapshot in _snapshots(read, Story(begin_ns, 0.0)):
+    for at_s, key, snapshot in _snapshots(read, ReportContent(begin_ns, 0.0)):
         if key == topics.ROBOT_STATE.key and at_s >= next_s:
             next_s = at_s + 1.0 / rate_hz
             yield at_s, snapshot
 
 
-def _snapshots(read: "RecordedFile", story: Story) -> Iterator[tuple[float, str, Snapshot]]:
+def _snapshots(read: "RecordedFile", story: ReportContent) -> Iterator[tuple[float, str, Snapshot]]:
     """Yield after each message its time [s], its topic, and the newest message of every topic."""
     snapshot = Snapshot()
     for heard in read.heard():
@@ -128,7 +128,7 @@ def _snapshots(read: "RecordedFile", story: Story) -> Iterator[tuple[float, str,
         except (MessageError, KeyError):
             story.unreadable += 1
             continue
-        story.came.setdefault(heard.topic, Came()).saw(header, heard.at_ns)
+        story.came.setdefault(heard.topic, TopicStatistics()).saw(header, heard.at_ns)
         if heard.topic in PLACES:
             reading = Reading(message, header, 0.0, "" if message.valid else message.reason or "-")
             changes: Any = {PLACES[heard.topic]: reading}
@@ -136,7 +136,7 @@ def _snapshots(read: "RecordedFile", story: Story) -> Iterator[tuple[float, str,
             yield (heard.at_ns - story.begin_ns) / NS_PER_S, heard.topic, snapshot
 
 
-def _note_state(story: Story, at_s: float, status: Message | None) -> None:
+def _note_state(story: ReportContent, at_s: float, status: Message | None) -> None:
     if not isinstance(status, ArbiterStatus):
         return
     before = story.states[-1][1] if story.states else ""
@@ -144,16 +144,16 @@ def _note_state(story: Story, at_s: float, status: Message | None) -> None:
         return
     story.states.append((at_s, status.state))
     if status.state in STOPPED and before not in STOPPED:
-        story.stops += [Stop(at_s, status.state, trip) for trip in status.trips]
+        story.stops += [StopEvent(at_s, status.state, trip) for trip in status.trips]
 
 
-def _note_extremes(story: Story, wrench: Message | None) -> None:
+def _note_extremes(story: ReportContent, wrench: Message | None) -> None:
     if isinstance(wrench, WrenchAtTcp) and wrench.valid:
         story.force_max_N = max(story.force_max_N, math.hypot(*wrench.force_N))
         story.torque_max_Nm = max(story.torque_max_Nm, math.hypot(*wrench.torque_Nm))
 
 
-def _add_point(story: Story, at_s: float, numbers: dict[str, float]) -> None:
+def _add_point(story: ReportContent, at_s: float, numbers: dict[str, float]) -> None:
     for name in (*story.series, *numbers):
         column = story.series.setdefault(name, [math.nan] * len(story.times_s))
         if len(column) == len(story.times_s):

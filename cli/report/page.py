@@ -5,7 +5,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cli.report.data import Story
+    from cli.report.data import ReportContent
     from services.recorder.reading import RecordedFile
 
 COLOURS = {
@@ -38,7 +38,7 @@ iframe { width: 100%; height: 540px; border: 0; border-radius: 8px; }
 """
 
 
-def page_of(read: "RecordedFile", story: "Story", plots: list[str], scene: str) -> str:
+def page_of(read: "RecordedFile", story: "ReportContent", plots: list[str], scene: str) -> str:
     """Return the whole page."""
     about = read.about
     when = datetime.fromtimestamp(story.begin_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
@@ -65,7 +65,7 @@ def page_of(read: "RecordedFile", story: "Story", plots: list[str], scene: str) 
     return f'<!doctype html><html lang="en"><head>{head}{view}</head><body>{body}</body></html>\n'
 
 
-def _cards(story: "Story") -> str:
+def _cards(story: "ReportContent") -> str:
     lost = sum(came.lost for came in story.came.values())
     messages = sum(came.count for came in story.came.values())
     chain = sorted(value for value in story.series.get("chain", []) if value == value)  # noqa: PLR0124 - not NaN
@@ -84,7 +84,7 @@ def _cards(story: "Story") -> str:
     return f"<div class=cards>{inside}</div>"
 
 
-def _states(story: "Story") -> str:
+def _states(story: "ReportContent") -> str:
     ends = [*(at_s for at_s, _ in story.states[1:]), story.lasted_s]
     spans = "".join(
         f'<span title="{escape(state)} {at_s:.2f} s to {end_s:.2f} s" style="flex:'
@@ -95,7 +95,7 @@ def _states(story: "Story") -> str:
     return f"<h2>Arbiter states</h2><div class=bar>{spans}</div>" if spans else ""
 
 
-def _stops(story: "Story") -> str:
+def _stops(story: "ReportContent") -> str:
     if not story.stops:
         return "<p class=sub>The arm was not stopped.</p>"
     return "<h2>Stops</h2>" + "".join(
@@ -115,7 +115,7 @@ def _scene(scene: str) -> str:
     )
 
 
-def _topics(story: "Story") -> str:
+def _topics(story: "ReportContent") -> str:
     rows = "".join(
         f"<tr><td>{escape(key)}</td><td class=n>{came.count}</td>"
         f"<td class=n>{came.rate_hz:.1f}</td>"

@@ -5,7 +5,7 @@ import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cli.report.data import Story
+    from cli.report.data import ReportContent
 
 # Title, unit, and the lines with their colours.
 PLOTS: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
@@ -23,7 +23,7 @@ LABELS = {"press": "measured"}
 GREY = "#868e96"
 
 
-def plots_of(story: "Story") -> list[str]:
+def plots_of(story: "ReportContent") -> list[str]:
     """Return one SVG for each plot with data."""
     import matplotlib as mpl
 
@@ -36,7 +36,7 @@ def plots_of(story: "Story") -> list[str]:
     return drawn
 
 
-def _plot(story: "Story", title: str, unit: str, lines: list[tuple[str, str]]) -> str:
+def _plot(story: "ReportContent", title: str, unit: str, lines: list[tuple[str, str]]) -> str:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 2.3), layout="constrained")

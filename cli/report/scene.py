@@ -5,15 +5,15 @@ from io import StringIO
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cli.report.data import Story
-    from common.config.cell import Cell
+    from cli.report.data import ReportContent
+    from common.config.cell import CellConfig
     from services.recorder.reading import RecordedFile
 
 FASTEST_HZ = 20.0
 MOST_FRAMES = 4000
 
 
-def scene_html(read: "RecordedFile", cell: "Cell", story: "Story") -> str:
+def scene_html(read: "RecordedFile", cell: "CellConfig", story: "ReportContent") -> str:
     """Return a page that plays the arm's motion; it needs no network."""
     import socket
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from cli.context import USAGE, fail, one_line_errors, waiting
+from cli.context import USAGE, exit_with_error, one_line_errors, waiting
 from cli.replay import RecordingArgument, cell_in
 
 
@@ -42,5 +42,5 @@ def report(
         try:
             path.write_text(page_of(read, story, plots, scene), encoding="utf-8")
         except OSError as error:
-            fail(f"{path}: cannot be written: {error.strerror}", USAGE)
+            exit_with_error(f"{path}: cannot be written: {error.strerror}", USAGE)
     typer.echo(f"{path}: {story.lasted_s:.1f} s, {len(story.stops)} stops")

@@ -13,7 +13,7 @@ from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import pose_of
 from common.motion.frames import Array
 from forcemesh import topics
-from forcemesh.client.ask import stopped
+from forcemesh.client.ask import stopped_error
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ArmStoppedError, ForcemeshError, LostError, NotReachedError
 from forcemesh.messages import RegulatorTarget
@@ -22,11 +22,11 @@ POLL_S = 0.001
 SILENCE_S = 1.0
 STARTED_WITHIN_S = 0.5  # by then the regulator must report the requested mode
 
-Tell = Callable[[float, float, str], None]  # completed, total, description
+ReportProgress = Callable[[float, float, str], None]  # completed, total, description
 
 
 @dataclass(frozen=True, slots=True)
-class Felt:
+class ContactSample:
     """Wrench at the TCP with the pose measured at that time."""
 
     t_s: float  # since the monitor was created
@@ -38,7 +38,7 @@ class Felt:
     left_m: float | None  # remaining path
 
 
-class Feeler:
+class ContactMonitor:
     """Monitor of the contact force and TCP pose of a cell."""
 
     def __init__(self, cell: ConfiguredCell) -> None:
@@ -57,7 +57,7 @@ class Feeler:
         """Return the pose of the TCP in base. Raises LostError, NotValidError."""
         return pose_of(self._cell.state()) * self._T_flange_tcp
 
-    def next(self) -> Felt:
+    def next(self) -> ContactSample:
         """Wait for the next wrench.
 
         Raises:
@@ -79,12 +79,12 @@ class Feeler:
             raise NotReachedError(f"force feedback ended: {target.reason}")
         return self.now()
 
-    def now(self) -> Felt:
+    def now(self) -> ContactSample:
         """Return the newest wrench. Raises LostError and NotValidError as `next`."""
         target = self._cell.target.reading().message
         wrench = self._wrench.read(self._clock.now_ns()).fresh or self._cell.wrench()
         T, force_N = self.here(), np.array(wrench.force_N)
-        return Felt(
+        return ContactSample(
             t_s=self.t_s,
             press_N=-float(force_N @ T.rotation[:, 2]),
             force_N=force_N,
@@ -109,13 +109,18 @@ class Feeler:
     def _raise_when_stopped(self) -> None:
         status = self._cell.status()
         if not status.goes_on:
-            raise stopped(status, "the arm was stopped")
+            raise stopped_error(status, "the arm was stopped")
 
     def until(
-        self, done: Callable[[Felt], bool], *, within_s: float, what: str, tell: Tell
-    ) -> list[Felt]:
+        self,
+        done: Callable[[ContactSample], bool],
+        *,
+        within_s: float,
+        what: str,
+        tell: ReportProgress,
+    ) -> list[ContactSample]:
         """Return all samples until a condition holds. Raises as `next`, and after the timeout."""
-        felt: list[Felt] = []
+        felt: list[ContactSample] = []
         end_s = self.t_s + within_s
         while True:
             felt.append(self.next())
@@ -126,15 +131,15 @@ class Feeler:
                 raise NotReachedError(f"{what}: target not reached within {within_s:g} s")
 
 
-class Steady:
+class Debounce:
     """Debounce: true when a condition has held without a break for a given time."""
 
-    def __init__(self, so: Callable[[Felt], bool], steady_s: float) -> None:
+    def __init__(self, so: Callable[[ContactSample], bool], steady_s: float) -> None:
         """Start without samples."""
         self._so, self._steady_s = so, steady_s
         self.since_s: float | None = None
 
-    def __call__(self, felt: Felt) -> bool:
+    def __call__(self, felt: ContactSample) -> bool:
         """Evaluate one more sample."""
         if not self._so(felt):
             self.since_s = None
@@ -158,14 +163,14 @@ def force_ends(cell: ConfiguredCell) -> Iterator[None]:
             cell.force.stop()
         raise
     except BaseException:
-        with deaf(), suppress(ForcemeshError):
+        with ignore_sigint(), suppress(ForcemeshError):
             cell.hold("a skill was interrupted")
         raise
     cell.force.stop()
 
 
 @contextmanager
-def like_ctrl_c() -> Iterator[None]:
+def interrupt_on_signals() -> Iterator[None]:
     """Handle SIGHUP (closed terminal) and SIGTERM like Ctrl-C: they stop the arm."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
@@ -177,7 +182,7 @@ def like_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def deaf() -> Iterator[None]:
+def ignore_sigint() -> Iterator[None]:
     """Ignore further Ctrl-C while the hold that the first one requested is sent."""
 
     def nothing(_signal: int, _frame: FrameType | None) -> None:
@@ -204,5 +209,5 @@ def is_running(target: RegulatorTarget | None) -> bool:
     return target is not None and target.mode is not None
 
 
-def silent(_done: float, _total: float, _text: str) -> None:
+def no_progress(_done: float, _total: float, _text: str) -> None:
     """Discard the progress."""

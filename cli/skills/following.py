@@ -7,8 +7,15 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
-from cli.skills.pressing import BAND_N, STEADY_S, How
+from cli.skills.contact_monitor import (
+    ContactMonitor,
+    ContactSample,
+    Debounce,
+    ReportProgress,
+    force_ends,
+    no_progress,
+)
+from cli.skills.pressing import BAND_N, STEADY_S, ForceSettings
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
@@ -22,13 +29,13 @@ AHEAD = 250  # points queued at the regulator, besides those of one request
 ALONG, FLAT = (False, False, True, False, False, False), (False, False, True, True, True, False)
 START_WITHIN_M = 0.02  # lateral; a path that starts farther away is rejected
 BEGINNING_S = 1.0  # start of the path, not counted in the mean error
-STANDS_S = 0.2
+AT_REST_S = 0.2
 DONE_M = 1e-5
 LEAST_M = 1e-4  # shortest path
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
+class FollowResult:
     """Result: press force held along a path."""
 
     length_mm: float
@@ -41,7 +48,7 @@ class Followed:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class PathParameters:
     """Force, speed and placement of a path."""
 
     force_N: float
@@ -53,12 +60,12 @@ class Way:
 def follow(
     cell: ConfiguredCell,
     points: Sequence[Array],
-    way: Way,
+    way: PathParameters,
     *,
-    how: How,
+    how: ForceSettings,
     within_s: float,
-    tell: Tell = silent,
-) -> Followed:
+    tell: ReportProgress = no_progress,
+) -> FollowResult:
     """Press, then move along points across the tool's axis while the force is held.
 
     Args:
@@ -75,7 +82,7 @@ def follow(
         NotReachedError: The force was not reached in time.
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
-    feeler = Feeler(cell)
+    feeler = ContactMonitor(cell)
     start = feeler.here()
     placed = _placed(points, start.translation, start.rotation[:, 2], way)
     limits = Limits.of(cell.config)
@@ -90,13 +97,13 @@ def follow(
     )
     with force_ends(cell):
         cell.force.begin(request)
-        there = Steady(lambda felt: abs(felt.press_N - way.force_N) <= BAND_N, STEADY_S)
+        there = Debounce(lambda felt: abs(felt.press_N - way.force_N) <= BAND_N, STEADY_S)
         feeler.until(there, within_s=within_s, what="pressing", tell=tell)
         felt = _go(cell, feeler, placed, way=way, to_go=to_go, tell=tell)
     return _judged(felt, way, to_go[0])
 
 
-def _placed(points: Sequence[Array], here: Array, axis: Array, way: Way) -> list[Array]:
+def _placed(points: Sequence[Array], here: Array, axis: Array, way: PathParameters) -> list[Array]:
     """Return the points at their final positions. Raises DataError."""
     if way.from_here:
         return [point - points[0] + here for point in points]
@@ -125,16 +132,16 @@ def _left_m(points: list[Array], here: Array, axis: Array, limits: Limits) -> li
 
 def _go(
     cell: ConfiguredCell,
-    feeler: Feeler,
+    feeler: ContactMonitor,
     points: list[Array],
     *,
-    way: Way,
+    way: PathParameters,
     to_go: list[float],
-    tell: Tell,
-) -> list[Felt]:
+    tell: ReportProgress,
+) -> list[ContactSample]:
     """Send the points in chunks until the end of the path is reached; return the samples."""
     length_m = to_go[0]
-    sent, behind, felt, done = 0, 0, [feeler.next()], Steady(_has_arrived, STANDS_S)
+    sent, behind, felt, done = 0, 0, [feeler.next()], Debounce(_has_arrived, AT_REST_S)
     while True:
         left_m = length_m
         if sent and felt[-1].left_m is not None:
@@ -150,17 +157,17 @@ def _go(
             return felt
 
 
-def _send(cell: ConfiguredCell, points: list[Array], way: Way, *, append: bool) -> None:
+def _send(cell: ConfiguredCell, points: list[Array], way: PathParameters, *, append: bool) -> None:
     asked: list[Vec3] = [(float(p[0]), float(p[1]), float(p[2])) for p in points]
     request = PathRequest(points_m=tuple(asked), append=append, speed_m_s=way.speed_m_s)
     cell.ask(topics.FORCE_PATH, request)
 
 
-def _has_arrived(felt: Felt) -> bool:
+def _has_arrived(felt: ContactSample) -> bool:
     return felt.left_m is not None and felt.left_m <= DONE_M
 
 
-def _judged(felt: list[Felt], way: Way, length_m: float) -> Followed:
+def _judged(felt: list[ContactSample], way: PathParameters, length_m: float) -> FollowResult:
     began_s = felt[0].t_s
     errors_N = np.array([abs(f.press_N - way.force_N) for f in felt])
     late = np.array([f.t_s - began_s > BEGINNING_S for f in felt])
@@ -168,7 +175,7 @@ def _judged(felt: list[Felt], way: Way, length_m: float) -> Followed:
     touching = [f.contact == "contact" for f in felt]
     axis = felt[0].T_base_tcp.rotation[:, 2]
     heights_m = [float(f.T_base_tcp.translation @ axis) for f in felt]
-    return Followed(
+    return FollowResult(
         length_mm=1e3 * length_m,
         took_s=felt[-1].t_s - began_s,
         setpoint_N=way.force_N,

@@ -11,7 +11,7 @@ import typer
 from cli.context import cell_of
 
 if TYPE_CHECKING:
-    from cli.skills.contact_monitor import Tell
+    from cli.skills.contact_monitor import ReportProgress
     from common.bus.configured_cell import ConfiguredCell
 
 INTERRUPTED = 130
@@ -21,9 +21,9 @@ LOADED = "the tool is already loaded with {:.1f} N: `forcemesh retract` leaves a
 
 
 @contextmanager
-def at_work(named: Path | None) -> "Iterator[tuple[ConfiguredCell, Tell]]":
+def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportProgress]]":
     """Connect and show a progress bar; Ctrl-C, a closed terminal and SIGTERM hold the arm."""
-    from cli.skills.contact_monitor import deaf, like_ctrl_c
+    from cli.skills.contact_monitor import ignore_sigint, interrupt_on_signals
     from forcemesh.errors import ForcemeshError
 
     with cell_of(named) as cell:
@@ -32,11 +32,11 @@ def at_work(named: Path | None) -> "Iterator[tuple[ConfiguredCell, Tell]]":
         elif (load_N := cell.load_N()) is not None:
             typer.echo(LOADED.format(load_N), err=True)
         try:
-            with bar() as tell, like_ctrl_c():
+            with bar() as tell, interrupt_on_signals():
                 yield cell, tell
         except KeyboardInterrupt:
             text = "the arm holds"
-            with deaf():
+            with ignore_sigint():
                 try:
                     cell.hold("a verb was interrupted")
                 except ForcemeshError as error:
@@ -46,11 +46,11 @@ def at_work(named: Path | None) -> "Iterator[tuple[ConfiguredCell, Tell]]":
 
 
 @contextmanager
-def bar() -> "Iterator[Tell]":
+def bar() -> "Iterator[ReportProgress]":
     """Show the progress on a terminal; nothing otherwise."""
     from cli.calibration.screen import screen
-    from cli.skills.contact_monitor import silent
+    from cli.skills.contact_monitor import no_progress
 
     shown = screen(with_time=False) if sys.stderr.isatty() else nullcontext()
     with shown as on_screen:
-        yield silent if on_screen is None else on_screen.progress
+        yield no_progress if on_screen is None else on_screen.progress

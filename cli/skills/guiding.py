@@ -7,7 +7,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from cli.skills.contact_monitor import Feeler, Felt, Tell, force_ends, silent
+from cli.skills.contact_monitor import (
+    ContactMonitor,
+    ContactSample,
+    ReportProgress,
+    force_ends,
+    no_progress,
+)
 from cli.skills.path_file import thinned, write_poses
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import record_of
@@ -18,7 +24,7 @@ RECORD_S = 0.02
 
 
 @dataclass(slots=True)
-class Recording:
+class GuidedPath:
     """Recorded path of the flange in base; it grows while the arm is guided."""
 
     times_s: list[float] = field(default_factory=list)
@@ -38,12 +44,12 @@ class Recording:
 
 def guide(
     cell: ConfiguredCell,
-    recording: Recording,
+    recording: GuidedPath,
     *,
     mode: Mode,
     seconds: float,
     enough: Callable[[], bool],
-    tell: Tell = silent,
+    tell: ReportProgress = no_progress,
 ) -> None:
     """Let a hand guide the tool for a period, or until `enough` returns true.
 
@@ -58,10 +64,10 @@ def guide(
     Raises:
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
-    feeler = Feeler(cell)
+    feeler = ContactMonitor(cell)
     T_tcp_flange = cell.config.tool.T_flange_tcp.pose.inverse()
 
-    def see(felt: Felt) -> bool:
+    def see(felt: ContactSample) -> bool:
         if not recording.times_s or felt.t_s - recording.times_s[-1] >= RECORD_S:
             recording.times_s.append(felt.t_s)
             recording.poses.append(felt.T_base_tcp * T_tcp_flange)
@@ -79,7 +85,7 @@ def play_back(
     *,
     tolerance_m: float,
     speed_m_s: float | None,
-    tell: Tell = silent,
+    tell: ReportProgress = no_progress,
 ) -> int:
     """Move along recorded poses of the flange with a stop at each; return their number.
 

@@ -6,7 +6,14 @@ from math import degrees
 import numpy as np
 import pinocchio as pin
 
-from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
+from cli.skills.contact_monitor import (
+    ContactMonitor,
+    ContactSample,
+    Debounce,
+    ReportProgress,
+    force_ends,
+    no_progress,
+)
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import rotation_between
 from forcemesh.errors import NotReachedError
@@ -21,7 +28,7 @@ BACK_M_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class How:
+class ForceSettings:
     """Law and gain preset of force feedback."""
 
     law: StartLaw | None = None  # None: the cell file's
@@ -29,7 +36,7 @@ class How:
 
 
 @dataclass(frozen=True, slots=True)
-class Touched:
+class TouchResult:
     """Result: position and peak force of the first contact."""
 
     tcp_mm: Vec3  # base axes
@@ -64,8 +71,8 @@ def touch(
     force_N: float,
     within_m: float | None,
     back_m: float,
-    tell: Tell = silent,
-) -> Touched:
+    tell: ReportProgress = no_progress,
+) -> TouchResult:
     """Approach along the tool's axis until contact, stop there, or retract.
 
     Args:
@@ -79,11 +86,11 @@ def touch(
         NotReachedError: No contact within the travel.
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
-    feeler = Feeler(cell)
+    feeler = ContactMonitor(cell)
     start = feeler.here()
     most_m = cell.config.force.search_m if within_m is None else within_m
 
-    def is_there(felt: Felt) -> bool:
+    def is_there(felt: ContactSample) -> bool:
         way_m = _along(start, felt)
         if way_m > most_m:
             raise NotReachedError(f"no contact within {1e3 * most_m:g} mm")
@@ -97,7 +104,7 @@ def touch(
     if back_m > 0.0:
         cell.jog(shift_m=(0.0, 0.0, -back_m), axes="tool", speed_m_s=_back_m_s(cell))
     x, y, z = (1e3 * float(part) for part in last.T_base_tcp.translation)
-    return Touched((x, y, z), max(0.0, 1e3 * _along(start, last)), peak_N)
+    return TouchResult((x, y, z), max(0.0, 1e3 * _along(start, last)), peak_N)
 
 
 def press(
@@ -106,22 +113,22 @@ def press(
     force_N: float,
     hold_s: float,
     within_s: float,
-    how: How,
-    tell: Tell = silent,
+    how: ForceSettings,
+    tell: ReportProgress = no_progress,
 ) -> Held:
     """Press along the tool's axis until the force is reached, and hold it for a period.
 
     Raises NotReachedError when it is not reached within `within_s`, or not held until the end;
     else as `touch`.
     """
-    feeler = Feeler(cell)
+    feeler = ContactMonitor(cell)
     with force_ends(cell):
         cell.force.begin(_start(force_N, "position", how))
-        there = Steady(lambda felt: _presses_with(felt, force_N), STEADY_S)
+        there = Debounce(lambda felt: _presses_with(felt, force_N), STEADY_S)
         felt = feeler.until(there, within_s=within_s, what="pressing", tell=tell)
         since_s = there.since_s or 0.0
         kept = feeler.until(
-            Steady(lambda _: True, hold_s), within_s=hold_s + 1.0, what="holding", tell=tell
+            Debounce(lambda _: True, hold_s), within_s=hold_s + 1.0, what="holding", tell=tell
         )
     forces = np.array([sample.press_N for sample in kept])
     last_N = float(forces[[sample.t_s >= kept[-1].t_s - STEADY_S for sample in kept]].mean())
@@ -138,22 +145,27 @@ def press(
 
 
 def align(
-    cell: ConfiguredCell, *, force_N: float, within_s: float, how: How, tell: Tell = silent
+    cell: ConfiguredCell,
+    *,
+    force_N: float,
+    within_s: float,
+    how: ForceSettings,
+    tell: ReportProgress = no_progress,
 ) -> Aligned:
     """Press and rotate about the TCP until no torque is left, so that the face lies flat.
 
     Raises as `press`.
     """
-    feeler = Feeler(cell)
+    feeler = ContactMonitor(cell)
     start = feeler.here()
 
-    def is_flat(felt: Felt) -> bool:
+    def is_flat(felt: ContactSample) -> bool:
         rests = float(np.linalg.norm(felt.torque_Nm)) <= BAND_NM
         return rests and _presses_with(felt, force_N)
 
     with force_ends(cell):
         cell.force.begin(_start(force_N, "both", how))
-        there = Steady(is_flat, STEADY_S)
+        there = Debounce(is_flat, STEADY_S)
         felt = feeler.until(there, within_s=within_s, what="laying flat", tell=tell)
     turned = rotation_between(start.rotation, felt[-1].T_base_tcp.rotation)
     return Aligned(
@@ -164,20 +176,20 @@ def align(
     )
 
 
-def _start(force_N: float, mode: Mode, how: How) -> ForceStartRequest:
+def _start(force_N: float, mode: Mode, how: ForceSettings) -> ForceStartRequest:
     return ForceStartRequest(mode=mode, setpoint_N=force_N, law=how.law, preset=how.preset)
 
 
-def _presses_with(felt: Felt, force_N: float) -> bool:
+def _presses_with(felt: ContactSample, force_N: float) -> bool:
     """Return whether the tool is in contact and presses with a force; noise alone is no contact."""
     return felt.contact == "contact" and abs(felt.press_N - force_N) <= BAND_N
 
 
-def _first_contact_s(felt: list[Felt]) -> float:
+def _first_contact_s(felt: list[ContactSample]) -> float:
     return next((sample.t_s for sample in felt if sample.contact == "contact"), felt[0].t_s)
 
 
-def _along(start: pin.SE3, felt: Felt) -> float:
+def _along(start: pin.SE3, felt: ContactSample) -> float:
     """Return the travel of the TCP along the tool's axis since the start [m]."""
     way_m = felt.T_base_tcp.translation - start.translation
     return float(way_m @ start.rotation[:, 2])

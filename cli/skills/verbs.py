@@ -10,9 +10,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from cli.context import USAGE, CellOption, JsonOption, fail
+from cli.context import USAGE, CellOption, JsonOption, exit_with_error
 from cli.numbers import NEGATIVE_NUMBERS
-from cli.skills.force_session import at_work
+from cli.skills.force_session import force_session
 from cli.verbs_force import PresetOption
 
 NO_HAND = 600.0
@@ -56,12 +56,12 @@ def touch(
     cell: CellOption = None,
 ) -> None:
     """Approach along the tool's axis until contact; print the contact position."""
-    with at_work(cell) as (client, tell):
+    with force_session(cell) as (client, tell):
         from cli.skills import pressing
 
         most_mm = 1e3 * client.config.force.search_m
         if within is not None and within > most_mm:
-            fail(f"--within {within:g}: force.search_m allows {most_mm:g} mm", USAGE)
+            exit_with_error(f"--within {within:g}: force.search_m allows {most_mm:g} mm", USAGE)
         found = pressing.touch(
             client,
             force_N=force,
@@ -85,10 +85,10 @@ def press(
     cell: CellOption = None,
 ) -> None:
     """Press along the tool's axis, hold the force; print its mean, ripple and peak."""
-    with at_work(cell) as (client, tell):
+    with force_session(cell) as (client, tell):
         from cli.skills import pressing
 
-        how = pressing.How(law, preset)
+        how = pressing.ForceSettings(law, preset)
         held = pressing.press(
             client, force_N=force, hold_s=seconds, within_s=timeout, how=how, tell=tell
         )
@@ -106,10 +106,10 @@ def align(
     cell: CellOption = None,
 ) -> None:
     """Lay the tool's face flat: press and rotate about the TCP until no torque is left."""
-    with at_work(cell) as (client, tell):
+    with force_session(cell) as (client, tell):
         from cli.skills import pressing
 
-        how = pressing.How(law, preset)
+        how = pressing.ForceSettings(law, preset)
         flat = pressing.align(client, force_N=force, within_s=timeout, how=how, tell=tell)
     text = f"rotated by {flat.turned_deg:.2f} degrees in {flat.reached_s:.2f} s of contact"
     _say(
@@ -135,18 +135,20 @@ def follow(
     cell: CellOption = None,
 ) -> None:
     """Follow a path at constant force along the tool's axis; default law: adaptive."""
-    with at_work(cell) as (client, tell):
+    with force_session(cell) as (client, tell):
         from cli.skills import following, path_file, pressing
 
         most_mm_s = 1e3 * client.config.force.speed_max_m_s
         if speed > most_mm_s:
-            fail(f"--speed {speed:g}: force.speed_max_m_s allows {most_mm_s:g} mm/s", USAGE)
-        way = following.Way(force, speed / 1e3, from_here, flat)
+            exit_with_error(
+                f"--speed {speed:g}: force.speed_max_m_s allows {most_mm_s:g} mm/s", USAGE
+            )
+        way = following.PathParameters(force, speed / 1e3, from_here, flat)
         done = following.follow(
             client,
             _of_the_file(path_file.read_points, path),
             way,
-            how=pressing.How(law, preset),
+            how=pressing.ForceSettings(law, preset),
             within_s=timeout,
             tell=tell,
         )
@@ -187,14 +189,16 @@ def guide(
     may be within reach, with a hand at the emergency stop.
     """
     if playback is not None and record is not None:
-        fail("--record and --playback cannot be combined: choose one", USAGE)
+        exit_with_error("--record and --playback cannot be combined: choose one", USAGE)
     if playback is None and speed is not None:
-        fail("--speed requires --playback: the hand sets the speed of a guided arm", USAGE)
+        exit_with_error(
+            "--speed requires --playback: the hand sets the speed of a guided arm", USAGE
+        )
     if overwrite and record is None:
-        fail("--overwrite requires --record", USAGE)
+        exit_with_error("--overwrite requires --record", USAGE)
     if record is not None:
         _check_record(record, overwrite=overwrite)
-    with at_work(cell) as (client, tell):
+    with force_session(cell) as (client, tell):
         from cli.skills import guiding, path_file
 
         if playback is not None:
@@ -205,7 +209,7 @@ def guide(
             )
             typer.echo(f"playback finished: {gone} poses of {len(poses)} recorded")
             return
-        seen = guiding.Recording()
+        seen = guiding.GuidedPath()
         try:
             guiding.guide(
                 client, seen, mode=mode, seconds=seconds, enough=_enter_pressed(), tell=tell
@@ -220,13 +224,13 @@ def guide(
 def _check_record(path: Path, *, overwrite: bool) -> None:
     """End the verb before guiding if the record file cannot be written."""
     if path.exists() and not overwrite:
-        fail(f"--record {path}: file exists: choose another name, or --overwrite", USAGE)
+        exit_with_error(f"--record {path}: file exists: choose another name, or --overwrite", USAGE)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        fail(f"--record {path}: cannot be written: {error.strerror}", USAGE)
+        exit_with_error(f"--record {path}: cannot be written: {error.strerror}", USAGE)
 
 
 def _enter_pressed() -> Callable[[], bool]:
@@ -246,4 +250,4 @@ def _of_the_file(read: Callable[[Path], Any], path: Path) -> Any:
     try:
         return read(path)
     except DataError as error:
-        fail(str(error), USAGE)
+        exit_with_error(str(error), USAGE)

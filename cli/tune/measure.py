@@ -14,13 +14,20 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from cli.skills.contact_monitor import Feeler, Felt, Steady, Tell, force_ends, silent
+from cli.skills.contact_monitor import (
+    ContactMonitor,
+    ContactSample,
+    Debounce,
+    ReportProgress,
+    force_ends,
+    no_progress,
+)
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Reader
-from forcemesh.client.ask import stopped
+from forcemesh.client.ask import stopped_error
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError, NotReachedError, RefusedError
 from forcemesh.faults import FAULTS
@@ -28,7 +35,7 @@ from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, MoveRequest, PathRequest
 from tuning import contact_response as answer
 from tuning import servo
-from tuning.contact_response import Answer, loop_delay
+from tuning.contact_response import ContactResponse, loop_delay
 from tuning.contact_spring import Spring, spring
 from tuning.identify import Steps, identify
 from tuning.servo import Round, Servo
@@ -48,7 +55,7 @@ BACK_M_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class TuningTrial:
     """Step size and press force of a measurement."""
 
     step_m: float = 0.003
@@ -65,8 +72,8 @@ class Readings:
     ways_m: list[float] = field(default_factory=list)
     forces_N: list[float] = field(default_factory=list)
     spring: Spring | None = None
-    answers: list[Answer] = field(default_factory=list)
-    controller: Answer | None = None
+    answers: list[ContactResponse] = field(default_factory=list)
+    controller: ContactResponse | None = None
 
     @property
     def arm(self) -> Servo:
@@ -76,10 +83,12 @@ class Readings:
         return self.servo
 
 
-class Measuring:
+class TuningMeasurement:
     """One measurement of a cell, step by step."""
 
-    def __init__(self, cell: ConfiguredCell, trial: Trial, tell: Tell = silent) -> None:
+    def __init__(
+        self, cell: ConfiguredCell, trial: TuningTrial, tell: ReportProgress = no_progress
+    ) -> None:
         """Read the start pose; nothing moves yet. Raises LostError, NotValidError."""
         self._cell, self._trial, self._tell = cell, trial, tell
         self._clock = cell.session.clock
@@ -127,7 +136,7 @@ class Measuring:
 
         Raises DataError when it does not, and as `until`.
         """
-        feeler, readings = Feeler(self._cell), self.readings
+        feeler, readings = ContactMonitor(self._cell), self.readings
         for press in range(1, MOST_PRESSES + 1):
             for number, share in enumerate(SHARES):
                 level_N = share * self._trial.force_N
@@ -166,10 +175,10 @@ class Measuring:
             answers.append(self._answer(gain, first_N, then_N))
         self.readings.controller = answer.together(answers[-answer.LEAST_ANSWERS :])
 
-    def _answer(self, gain: float, first_N: float, then_N: float) -> Answer:
+    def _answer(self, gain: float, first_N: float, then_N: float) -> ContactResponse:
         """Return the delay of the controller's force after one set point step."""
         assert self.readings.spring is not None  # noqa: S101 - measured before
-        feeler = Feeler(self._cell)
+        feeler = ContactMonitor(self._cell)
         self._cell.force.begin(_press(first_N, host="controller"))
         rested = self._place(feeler, first_N, "in the controller")[1]
         sent_s = feeler.t_s
@@ -228,17 +237,17 @@ class Measuring:
             if spent_s > within_s:
                 raise NotReachedError(f"the small steps took longer than {within_s:g} s")
             if not self._cell.status().goes_on:
-                raise stopped(self._cell.status(), "the arm was stopped")
+                raise stopped_error(self._cell.status(), "the arm was stopped")
 
-    def _place(self, feeler: Feeler, level_N: float, what: str) -> tuple[float, float]:
+    def _place(self, feeler: ContactMonitor, level_N: float, what: str) -> tuple[float, float]:
         """Return travel along the tool's axis and force, at rest at a force level."""
-        there = Steady(lambda felt: abs(felt.press_N - level_N) <= NEAR_N, STEADY_S)
+        there = Debounce(lambda felt: abs(felt.press_N - level_N) <= NEAR_N, STEADY_S)
         feeler.until(there, within_s=LEVEL_WITHIN_S, what=what, tell=self._tell)
-        read = Steady(lambda _: True, READ_S)
+        read = Debounce(lambda _: True, READ_S)
         felt = feeler.until(read, within_s=2.0, what=what, tell=self._tell)
         return self._way_m(felt), float(np.mean([one.press_N for one in felt]))
 
-    def _way_m(self, felt: list[Felt]) -> float:
+    def _way_m(self, felt: list[ContactSample]) -> float:
         T = self._start * self._T_flange_tcp
         places = np.array([one.T_base_tcp.translation for one in felt])
         return float((places.mean(axis=0) - T.translation) @ T.rotation[:, 2])
@@ -303,12 +312,12 @@ class Ears:
 
 def measure(
     cell: ConfiguredCell,
-    trial: Trial,
+    trial: TuningTrial,
     *,
     gain: float,
     with_press: bool,
     with_controller: bool,
-    tell: Tell = silent,
+    tell: ReportProgress = no_progress,
 ) -> Readings:
     """Execute the requested measurements; the arm returns to its start unless it was stopped.
 
@@ -325,7 +334,7 @@ def measure(
         NotReachedError: The arm is not free, a step or a force was not reached in time.
         RefusedError, ArmStoppedError, LostError: As the client raises them.
     """
-    measuring = Measuring(cell, trial, tell)
+    measuring = TuningMeasurement(cell, trial, tell)
     measuring.check()
     measuring.steps()
     if not with_press:

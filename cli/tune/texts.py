@@ -5,9 +5,9 @@ from pathlib import Path
 import yaml
 
 from cli.calibration.places import keep_before
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.errors import DataError
-from tuning.advice import Advice, Judged, Measured, refused, remarks
+from tuning.advice import Advice, Judged, MeasuredCell, refused, remarks
 from tuning.servo import SIGMAS, Servo
 
 HEAD = """\
@@ -18,7 +18,10 @@ HEAD = """\
 
 
 def told(
-    cell: Cell, measured: Measured, advices: list[Advice], sections: dict[str, dict[str, float]]
+    cell: CellConfig,
+    measured: MeasuredCell,
+    advices: list[Advice],
+    sections: dict[str, dict[str, float]],
 ) -> list[str]:
     """Return the lines of the report."""
     lines = [_late(cell, measured.servo), _split(cell, measured.servo)]
@@ -48,7 +51,7 @@ def told(
     return lines + [f"  {line}" for line in _yaml(sections).splitlines()]
 
 
-def _late(cell: Cell, servo: Servo) -> str:
+def _late(cell: CellConfig, servo: Servo) -> str:
     found = f"{1e3 * servo.sum_s:.1f} +/- {1e3 * SIGMAS * servo.deviation_s:.1f} ms"
     file_ms = 1e3 * (cell.robot.delay_s + cell.robot.lag_s)
     return (
@@ -57,7 +60,7 @@ def _late(cell: Cell, servo: Servo) -> str:
     )
 
 
-def _split(cell: Cell, servo: Servo) -> str:
+def _split(cell: CellConfig, servo: Servo) -> str:
     least_ms, most_ms = (1e3 * lag_s for lag_s in servo.lags_s)
     said = f"(cell file: {1e3 * cell.robot.lag_s:.1f} ms)"
     if servo.is_split:

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import NOT_WELL, OK, USAGE, CellOption, JsonOption, fail
-from cli.skills.force_session import at_work
+from cli.context import NOT_WELL, OK, USAGE, CellOption, JsonOption, exit_with_error
+from cli.skills.force_session import force_session
 
 if TYPE_CHECKING:
     from cli.tune.measure import Readings
     from common.bus.configured_cell import ConfiguredCell
     from forcemesh.messages import Gains
-    from tuning.advice import Advice, Measured
+    from tuning.advice import Advice, MeasuredCell
 
 SMALLEST_STEP_MM, LEAST_N = 0.5, 3.0
 
@@ -56,26 +56,26 @@ def tune(
     Start armed, in free space, with a surface in front of the tool: the arm makes small steps and
     presses gently until the results repeat, then returns. Ctrl-C holds the arm.
     """
-    with at_work(cell) as (client, tell):
-        from cli.tune.measure import Trial, measure
-        from tuning.advice import Measured, refused
+    with force_session(cell) as (client, tell):
+        from cli.tune.measure import TuningTrial, measure
+        from tuning.advice import MeasuredCell, refused
 
         hosts = client.config.robot.hosts
         _refuse_wrong_options(client, force, for_host, apply=apply)
         gains = client.force.gains()
         readings = measure(
             client,
-            Trial(step / 1e3, force),
+            TuningTrial(step / 1e3, force),
             gain=_along(client, gains),
             with_press=not no_press,
             with_controller="controller" in hosts and not no_controller and not no_press,
             tell=tell,
         )
-        measured = Measured(readings.arm, readings.spring, readings.controller)
+        measured = MeasuredCell(readings.arm, readings.spring, readings.controller)
         advices = _advices(client, measured, gains)
         _tell(client, measured, advices, readings, as_json=as_json, out=out)
         if why_not := refused(client.config, measured, advices):
-            fail(f"nothing is recommended, written or set: {why_not}", NOT_WELL)
+            exit_with_error(f"nothing is recommended, written or set: {why_not}", NOT_WELL)
         if write is not None:
             _write(client, measured, advices, write)
         if apply:
@@ -90,11 +90,11 @@ def _refuse_wrong_options(
     config = client.config
     largest_N = min(config.force.setpoint_max_N, config.limits.force_N)
     if force_N > largest_N:
-        fail(f"--force {force_N:g}: the cell allows at most {largest_N:g} N", USAGE)
+        exit_with_error(f"--force {force_N:g}: the cell allows at most {largest_N:g} N", USAGE)
     if host not in config.robot.hosts:
-        fail(f"--for {host}: this cell offers {', '.join(config.robot.hosts)}", USAGE)
+        exit_with_error(f"--for {host}: this cell offers {', '.join(config.robot.hosts)}", USAGE)
     if host != "pc" and not apply:
-        fail("--for goes with --apply: the table shows every host", USAGE)
+        exit_with_error("--for goes with --apply: the table shows every host", USAGE)
 
 
 def _along(client: "ConfiguredCell", gains: "Gains") -> float:
@@ -107,7 +107,7 @@ def _along(client: "ConfiguredCell", gains: "Gains") -> float:
     return float((axis * axis) @ np.array(gains.force_i_m_per_Ns))
 
 
-def _advices(client: "ConfiguredCell", measured: "Measured", gains: "Gains") -> "list[Advice]":
+def _advices(client: "ConfiguredCell", measured: "MeasuredCell", gains: "Gains") -> "list[Advice]":
     from tuning.advice import advise
 
     return [
@@ -125,7 +125,7 @@ def _advices(client: "ConfiguredCell", measured: "Measured", gains: "Gains") -> 
 
 def _tell(
     client: "ConfiguredCell",
-    measured: "Measured",
+    measured: "MeasuredCell",
     advices: "list[Advice]",
     readings: "Readings",
     *,
@@ -150,7 +150,7 @@ def _tell(
 
 
 def _write(
-    client: "ConfiguredCell", measured: "Measured", advices: "list[Advice]", path: Path
+    client: "ConfiguredCell", measured: "MeasuredCell", advices: "list[Advice]", path: Path
 ) -> None:
     from cli.tune import texts as words
     from tuning import advice
@@ -163,7 +163,7 @@ def _apply(client: "ConfiguredCell", advice: "Advice | None", host: str) -> None
     from forcemesh.requests import GainsRequest
 
     if advice is None:
-        fail(f"--for {host}: its loop was not measured, so no gains are set", USAGE)
+        exit_with_error(f"--for {host}: its loop was not measured, so no gains are set", USAGE)
     gains = advice.gains
     client.force.ask_gains(
         GainsRequest(

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from common.bus.hub_settings import hub_settings
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.bus import Bus
 from forcemesh.clock import Clock, MonotonicClock
 from forcemesh.zenoh_session import open_router, open_session
@@ -13,7 +13,7 @@ from forcemesh.zenoh_settings import endpoint_of
 
 @contextmanager
 def open_bus(
-    cell: Cell, role: str, *, clock: Clock | None = None, patience_s: float = 10.0
+    cell: CellConfig, role: str, *, clock: Clock | None = None, patience_s: float = 10.0
 ) -> Iterator[Bus]:
     """Connect a role to its cell's hub; close the session in any case.
 
@@ -25,7 +25,7 @@ def open_bus(
 
 
 @contextmanager
-def open_hub(cell: Cell, role: str = "hub", *, clock: Clock | None = None) -> Iterator[Bus]:
+def open_hub(cell: CellConfig, role: str = "hub", *, clock: Clock | None = None) -> Iterator[Bus]:
     """Be the cell's hub: a Zenoh router that listens on the cell's endpoint.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from common.config.cell import Cell as CellFile
+from common.config.cell import CellConfig as CellFile
 from common.config.info import cell_info
 from common.config.load import load_cell
 from forcemesh.bus import Bus

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.security.access_control import access_control, rate_limits
 from forcemesh.identity import refuse_in_the_clear
 from forcemesh.zenoh_settings import security_of, session_settings
@@ -25,7 +25,7 @@ HUB_TRANSPORT = {
 }
 
 
-def hub_settings(cell: Cell, endpoint: str, role: str = "hub") -> dict[str, Any]:
+def hub_settings(cell: CellConfig, endpoint: str, role: str = "hub") -> dict[str, Any]:
     """Return what makes a Zenoh router the hub of a cell; `zenohd` takes the same.
 
     Raises:

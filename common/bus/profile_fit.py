@@ -39,7 +39,7 @@ def command_of(profile: str, verb: str) -> str:
     return f"docker compose {word}{verb}"
 
 
-def misfit(choice: Choice, settings: Mapping[str, str] = os.environ) -> str:
+def problem_with(choice: Choice, settings: Mapping[str, str] = os.environ) -> str:
     """Return why a cell file cannot be used with its profile here, empty when it can."""
     if choice.file.is_dir():
         return (

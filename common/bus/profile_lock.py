@@ -24,7 +24,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from common.bus.profile_fit import PLAYERS, REPLACED_BY, Choice, command_of, misfit
+from common.bus.profile_fit import PLAYERS, REPLACED_BY, Choice, command_of, problem_with
 from common.runtime.heartbeat import Heartbeat, heartbeat_of_this_process
 
 FOLDER = Path("/in-use")
@@ -156,7 +156,7 @@ class Keeper:
             return self._tell("", stands_back(other))
         if self._lock is not None:
             return self._tell("", f"in use with {self._wanted.file}")
-        if complaint := misfit(self._wanted):
+        if complaint := problem_with(self._wanted):
             return self._tell(complaint, complaint)
         self._lock = claim(self._folder, self._wanted)
         if self._lock is not None:
@@ -267,7 +267,7 @@ def check(folder: Path, wanted: Choice) -> int:
     """Wait until a choice is in use, or print why it is not; return the exit code."""
     patient_until_s = time.monotonic() + PATIENCE_S
     while chosen(folder) != wanted or replaced_by(folder, wanted.profile):
-        complaint = misfit(wanted)
+        complaint = problem_with(wanted)
         if not complaint and time.monotonic() > patient_until_s:
             other = replaced_by(folder, wanted.profile)
             complaint = stands_back(other) if other else taken(chosen(folder), wanted)

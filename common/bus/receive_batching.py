@@ -16,7 +16,7 @@ BUSY = 50  # messages in a step: with fewer, batching has no benefit
 LOOKS = 20  # steps between searches for new connections
 
 
-class Wakes:
+class ReceiveBatching:
     """Receive batching on all TCP connections of this process."""
 
     def __init__(self) -> None:

@@ -14,7 +14,7 @@ import yaml
 from pydantic import AwareDatetime, Field, model_validator
 
 from common.config.cell_terms import AxisGain, FrameSection, NotNegative
-from forcemesh.connection import Section
+from forcemesh.connection import ConfigSection
 from forcemesh.errors import DataError
 from forcemesh.messages import Vec3
 from forcemesh.units import mounting_objection
@@ -34,7 +34,7 @@ BiasForce = tuple[ForcePart, ForcePart, ForcePart]
 BiasTorque = tuple[TorquePart, TorquePart, TorquePart]
 
 
-class DriftSection(Section):
+class DriftSection(ConfigSection):
     """Bias drift during the recording of a fit: stored with the payload, not used at run time."""
 
     start_s: float
@@ -45,7 +45,7 @@ class DriftSection(Section):
     torque_bend_Nm: BiasTorque = (0.0, 0.0, 0.0)
 
 
-class PayloadSection(Section):
+class PayloadSection(ConfigSection):
     """Payload on the sensor and sensor bias, as written by `forcemesh payload fit --out`."""
 
     mass_kg: float = Field(ge=0.0, le=50.0)
@@ -90,7 +90,7 @@ class PayloadSection(Section):
         return self.mass_kg > 0.0 or any(self.com_m)
 
 
-class Residuals(Section):
+class Residuals(ConfigSection):
     """Residuals of a payload over its poses, in free space."""
 
     poses: int = Field(ge=1)
@@ -100,7 +100,7 @@ class Residuals(Section):
     torque_max_Nm: NotNegative
 
 
-class CalibrationSection(Section):
+class CalibrationSection(ConfigSection):
     """A payload with its provenance: tool, sensor, date, method, residuals."""
 
     revision: str = ""  # hash of all fields below; empty in a file: it is computed

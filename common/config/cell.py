@@ -12,7 +12,7 @@ from common.config.cell_panel import PanelSection
 from common.config.cell_recorder import RecorderSection
 from common.config.cell_sim import SimSection
 from common.config.cell_terms import Angle, Fraction, FrameSection, Positive
-from forcemesh.connection import BusSection, Section
+from forcemesh.connection import BusSection, ConfigSection
 from forcemesh.messages import Host, Law, Vec3
 from forcemesh.patterns import CELL_NAME
 from forcemesh.topics import Topic
@@ -38,14 +38,14 @@ Far = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]  # [m] in base
 Place = tuple[Far, Far, Far]
 
 
-class Roles(Section):
+class RolesSection(ConfigSection):
     """Implementation of the roles robot and sensor: simulated or real."""
 
     robot: Literal["sim", "gateway"]
     sensor: Literal["sim", "driver", "external"]
 
 
-class Rates(Section):
+class Rates(ConfigSection):
     """Rates of this cell [Hz]."""
 
     robot_hz: float = Field(250.0, ge=5.0, le=1000.0)
@@ -55,7 +55,7 @@ class Rates(Section):
     health_hz: float = Field(4.0, ge=1.0, le=20.0)
 
 
-class Deadlines(Section):
+class Deadlines(ConfigSection):
     """Minimum stale time of each class of input; three of its periods if that is longer."""
 
     command_s: float = Field(0.040, ge=0.040, le=1.0)
@@ -64,7 +64,7 @@ class Deadlines(Section):
     health_s: float = Field(1.0, ge=0.3, le=10.0)
 
 
-class RobotSection(Section):
+class RobotSection(ConfigSection):
     """Robot parameters of the regulator, for any implementation of the robot."""
 
     hosts: tuple[Host, ...] = ("pc",)  # hosts that can run force feedback
@@ -104,7 +104,7 @@ class RobotSection(Section):
         return self
 
 
-class SensorSection(Section):
+class SensorSection(ConfigSection):
     """The force/torque sensor: mounting, range, connection."""
 
     T_flange_sensor: FrameSection
@@ -133,14 +133,14 @@ class SensorSection(Section):
         return self
 
 
-class ToolSection(Section):
+class ToolSection(ConfigSection):
     """Tool centre point in the flange frame; its z axis points out of the tool."""
 
     name: str = Field("", max_length=100)  # tools of the same name share one calibration
     T_flange_tcp: FrameSection
 
 
-class FilterSection(Section):
+class FilterSection(ConfigSection):
     """Wrench filter: median of `median` samples, then a first-order low-pass."""
 
     median: Literal[1, 3, 5] = 3
@@ -148,7 +148,7 @@ class FilterSection(Section):
     inertial: bool = False  # inertial compensation of the tool; adds noise, no delay
 
 
-class ContactSection(Section):
+class ContactSection(ConfigSection):
     """Stiffest contact for which the gains must be stable: basis of the gain rule."""
 
     stiffness_N_m: float = Field(ge=250.0, le=1e7)
@@ -159,7 +159,7 @@ class ContactSection(Section):
     )  # moment of inertia in front of the sensor, about the TCP
 
 
-class ForceSection(Section):
+class ForceSection(ConfigSection):
     """Parameters of the regulator other than its gains."""
 
     chain_s: float = Field(
@@ -194,7 +194,7 @@ class ForceSection(Section):
     tare_age_max_s: float = Field(28_800.0, ge=60.0, le=864_000.0)  # age of the last tare at arming
 
 
-class PlaneSection(Section):
+class PlaneSection(ConfigSection):
     """Workspace plane in base axes: the TCP must stay on the side of the normal."""
 
     point_m: Place  # any point of the plane
@@ -207,7 +207,7 @@ class PlaneSection(Section):
         return self
 
 
-class LimitsSection(Section):
+class LimitsSection(ConfigSection):
     """Limits on motion and force, checked by the arbiter and again by the robot's own process.
 
     The upper bounds of the fields are hard: a cell file above them is not loaded.
@@ -261,7 +261,7 @@ class LimitsSection(Section):
         return self
 
 
-class GatewaySection(Section):
+class GatewaySection(ConfigSection):
     """Address of the controller, and the scales requested from it (design section 3)."""
 
     host: str = "192.168.0.2"
@@ -281,14 +281,14 @@ class GatewaySection(Section):
     heartbeat_s: float = Field(0.04, gt=0.0, le=0.1)
 
 
-class Cell(Section):
+class CellConfig(ConfigSection):
     """One robot cell."""
 
     cell: str = Field(pattern=CELL_NAME)
     bus: BusSection = BusSection()
     panel: PanelSection = PanelSection()
     recorder: RecorderSection = RecorderSection()
-    roles: Roles
+    roles: RolesSection
     rates: Rates = Rates()
     deadlines: Deadlines = Deadlines()
     robot: RobotSection
@@ -305,7 +305,7 @@ class Cell(Section):
     sim: SimSection | None = None
 
     @model_validator(mode="after")
-    def _roles_have_their_sections(self) -> "Cell":
+    def _roles_have_their_sections(self) -> "CellConfig":
         if self.roles.robot == "gateway" and self.gateway is None:
             raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
@@ -326,7 +326,7 @@ class Cell(Section):
         return self
 
     @model_validator(mode="after")
-    def _set_point_is_below_the_ceiling(self) -> "Cell":
+    def _set_point_is_below_the_ceiling(self) -> "CellConfig":
         most_N = SETPOINT_SHARE * self.limits.force_N
         if self.force.setpoint_max_N > most_N:
             raise ValueError(
@@ -337,7 +337,7 @@ class Cell(Section):
         return self
 
     @model_validator(mode="after")
-    def _sensor_carries_its_numbers(self) -> "Cell":
+    def _sensor_carries_its_numbers(self) -> "CellConfig":
         payloads = [("payload", self.payload)]
         if self.calibration is not None:
             payloads.append(("calibration.payload", self.calibration.payload))

@@ -2,14 +2,14 @@
 
 from pydantic import Field, field_validator, model_validator
 
-from forcemesh.connection import Section
+from forcemesh.connection import ConfigSection
 from forcemesh.patterns import TOKEN
 
 SHORTEST_TOKEN = 16
 SAME_TOKEN = "token and view_token are the same: a viewer could operate"  # noqa: S105 - a sentence
 
 
-class PanelSection(Section):
+class PanelSection(ConfigSection):
     """The web panel (docs/panel.md).
 
     Without a token the panel listens on this machine only.

@@ -2,10 +2,10 @@
 
 from pydantic import Field
 
-from forcemesh.connection import Section
+from forcemesh.connection import ConfigSection
 
 
-class RecorderSection(Section):
+class RecorderSection(ConfigSection):
     """Recorder of every topic (docs/recordings.md), with bounded disk and memory use."""
 
     # Relative to the project. The environment variable FORCEMESH_RECORDINGS takes precedence.

@@ -5,12 +5,12 @@ from typing import Annotated
 from pydantic import Field
 
 from common.config.calibration import BiasForce, ComPart
-from forcemesh.connection import Section
+from forcemesh.connection import ConfigSection
 
 SimTorque = Annotated[float, Field(ge=-20.0, le=20.0)]  # [N m] of the simulated sensor's bias
 
 
-class SimSection(Section):
+class SimSection(ConfigSection):
     """The simulated arm, its controller, its sensor, its tool and the plate below it."""
 
     seed: int = 0

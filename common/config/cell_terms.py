@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from forcemesh.connection import Section
+from forcemesh.connection import ConfigSection
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -18,7 +18,7 @@ AxisGain = Annotated[float, Field(ge=0.5, le=1.5)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
-class FrameSection(Section):
+class FrameSection(ConfigSection):
     """Pose of one frame in another, as on the pendant."""
 
     position_m: tuple[Coordinate, Coordinate, Coordinate]

@@ -11,7 +11,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from yaml.constructor import SafeConstructor
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.errors import ConfigError
 from forcemesh.validation_texts import what_is_wrong
 
@@ -25,7 +25,7 @@ TUNED = (  # fields permitted in the file that a cell file names as `tuning`
 )
 
 
-def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell:
+def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> CellConfig:
     """Read a cell file.
 
     Args:
@@ -84,17 +84,17 @@ def _take_tuning(tree: Any, path: Path, source: str) -> None:
             _set(tree, dotted, value, source)
 
 
-def cell_from_tree(tree: object, source: str) -> Cell:
+def cell_from_tree(tree: object, source: str) -> CellConfig:
     """Validate an already parsed cell file. Raise ConfigError as `load_cell` does."""
     if not isinstance(tree, dict):
         raise ConfigError(source, ["the file must hold a map of sections"])
     try:
-        return Cell.model_validate(tree)
+        return CellConfig.model_validate(tree)
     except ValidationError as error:
         raise ConfigError(source, [_explain(item) for item in error.errors()]) from None
 
 
-def cell_hash(cell: Cell) -> str:
+def cell_hash(cell: CellConfig) -> str:
     """Return a short hash of the effective configuration: equal in every process of a cell.
 
     The calibration is excluded: one process uses it, reports its revision, and may load another.
@@ -104,7 +104,7 @@ def cell_hash(cell: Cell) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def dump_cell(cell: Cell) -> str:
+def dump_cell(cell: CellConfig) -> str:
     """Return a cell file that loads into the same cell."""
     text: str = yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True), sort_keys=False)
     return text
@@ -191,7 +191,7 @@ def _explain(item: Any) -> str:
 
 def _names_at(location: tuple[int | str, ...]) -> list[str]:
     """Return the field names of the section at a location."""
-    section: type[BaseModel] = Cell
+    section: type[BaseModel] = CellConfig
     for part in location:
         if isinstance(part, int):  # index in a list of sections
             continue

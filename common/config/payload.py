@@ -33,7 +33,7 @@ REACH = 1.0  # validity of the drift beyond the recording, in lengths of the rec
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class BiasDrift:
     """Bias drift during the recording of a fit, for readings taken near that time.
 
     The first two are start and end on the clock of the recording. `force_N` and `torque_Nm` are the
@@ -94,7 +94,7 @@ class Payload:
     mounting_rotation_rad: Vector = (0.0, 0.0, 0.0)
     force_gain: Vector = (1.0, 1.0, 1.0)
     torque_gain: Vector = (1.0, 1.0, 1.0)
-    drift: Drift | None = None
+    drift: BiasDrift | None = None
 
     def __post_init__(self) -> None:
         """Reject an impossible payload, so that its users need no checks."""
@@ -109,7 +109,7 @@ class Payload:
                 raise DataError(f"payload: {name} must be from {GAIN_LEAST:g} to {GAIN_MOST:g}")
 
 
-def _check_shapes(data: Payload | Drift, where: str, numbers: tuple[str, ...]) -> None:
+def _check_shapes(data: Payload | BiasDrift, where: str, numbers: tuple[str, ...]) -> None:
     """Reject values that are not finite or of the wrong shape."""
     for field in fields(data):
         value = getattr(data, field.name)
@@ -213,7 +213,9 @@ def load(path: Path) -> Payload:
     try:
         values = _values(path, data, Payload, "")
         if "drift" in data:
-            values["drift"] = Drift(**_values(path, _submapping(path, data), Drift, "drift: "))
+            values["drift"] = BiasDrift(
+                **_values(path, _submapping(path, data), BiasDrift, "drift: ")
+            )
         return Payload(**values)
     except DataError as error:
         raise DataError(str(error) if str(path) in str(error) else f"{path}: {error}") from error

@@ -33,14 +33,14 @@ TURN_RAD = radians(1.0)  # measured rotation of the flange
 # A force that does not fall over half the path is no contact force: a lost bias, or a hooked tool.
 MUST_FALL_AFTER_M, MUST_FALL_N = 0.5 * FARTHEST_M, 3.0
 LATE_M, FAST = 2e-3, 1.5  # tolerance of the measured travel: rounding, report latency
-SAME_WAY = 0.9  # cosine between the paths that two processes compute from their own readings
-SAME_WAY_M, SAME_TURN_RAD = 1e-3, radians(0.2)
+SAME_DIRECTION = 0.9  # cosine between the paths that two processes compute from their own readings
+SAME_PATH_M, SAME_TURN_RAD = 1e-3, radians(0.2)
 
 Kind = Literal["force", "workspace", "blind"]
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class BackOffPlan:
     """A straight path of the tool without rotation, in base axes."""
 
     kind: Kind
@@ -68,7 +68,7 @@ def plan(
     wrench: WrenchAtTcp | None,
     *,
     confirmed: bool,
-) -> Plan | Trip:
+) -> BackOffPlan | Trip:
     """Return the path, or why there is none.
 
     Args:
@@ -85,12 +85,14 @@ def plan(
     if isinstance(found, Trip):
         if found.code != "no_direction" or not confirmed:
             return found
-        found = Plan("blind", -BLIND_M * T_base_tcp.rotation[:, 2])
+        found = BackOffPlan("blind", -BLIND_M * T_base_tcp.rotation[:, 2])
     way_m = _not_outward(limits, T_base_tcp.translation, found.way_m)
-    return _within(freed(limits, T_base_tcp), T_base_tcp, replace(found, way_m=way_m))
+    return _within(relaxed_limits(limits, T_base_tcp), T_base_tcp, replace(found, way_m=way_m))
 
 
-def _followed(limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None) -> Plan | Trip:
+def _followed(
+    limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None
+) -> BackOffPlan | Trip:
     if wrench is None or not wrench.calibrated:
         why = "is not known" if wrench is None else wrench.calibration_fault or "is not calibrated"
         return tripped("no_direction", f"no force can be followed: the wrench {why}")
@@ -104,10 +106,10 @@ def _followed(limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None) -
         )
         return tripped("already", text, value=force_N, limit=ENDS_BELOW * limits.force_N)
     way = _inside(limits, np.asarray(T_base_tcp.translation)) - T_base_tcp.translation
-    return Plan("workspace", way * min(1.0, FARTHEST_M / length(way)))
+    return BackOffPlan("workspace", way * min(1.0, FARTHEST_M / length(way)))
 
 
-def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> Plan | Trip:
+def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> BackOffPlan | Trip:
     if force_N < LEAST_FORCE_N:
         text = f"a force of {force_N:.1f} N has no reliable direction: the torque is too high"
         return tripped("no_direction", text, value=force_N, limit=LEAST_FORCE_N)
@@ -115,7 +117,7 @@ def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> Plan | Trip:
     if forward > MOST_FORWARD:
         text = "the measured force pulls the tool forward: wrong sign or bias, or tool is hooked"
         return tripped("no_direction", text, value=forward, limit=MOST_FORWARD)
-    return Plan("force", FARTHEST_M / force_N * force)
+    return BackOffPlan("force", FARTHEST_M / force_N * force)
 
 
 def _inside(limits: Limits, p: Array) -> Array:
@@ -136,7 +138,7 @@ def _not_outward(limits: Limits, p: Array, way: Array) -> Array:
     return np.where(outward & little, 0.0, way)
 
 
-def _within(limits: Limits, T_base_tcp: pin.SE3, found: Plan) -> Plan | Trip:
+def _within(limits: Limits, T_base_tcp: pin.SE3, found: BackOffPlan) -> BackOffPlan | Trip:
     """Return the part of a path that leads no farther outside, or why that is too short."""
     way_m = length(found.way_m)
     for share in np.linspace(1.0, 0.0, 41):
@@ -149,10 +151,10 @@ def _within(limits: Limits, T_base_tcp: pin.SE3, found: Plan) -> Plan | Trip:
     return tripped("workspace", text)
 
 
-def freed(limits: Limits, T_base_tcp: pin.SE3, slack_m: float = 0.0) -> Limits:
+def relaxed_limits(limits: Limits, T_base_tcp: pin.SE3, slack_m: float = 0.0) -> Limits:
     """Return limits for backing off: no farther outside than now, limited travel, no rotation.
 
-    The ceilings are removed: `Load` checks the load.
+    The ceilings are removed: `LoadRatchet` checks the load.
     """
     p = np.asarray(T_base_tcp.translation)
     planes = tuple(
@@ -168,7 +170,7 @@ def freed(limits: Limits, T_base_tcp: pin.SE3, slack_m: float = 0.0) -> Limits:
         workspace_min_m=np.minimum(limits.workspace_min_m, p) - slack_m,
         workspace_max_m=np.maximum(limits.workspace_max_m, p) + slack_m,
         planes=planes,
-        tether_m=FARTHEST_M + SAME_WAY_M,
+        tether_m=FARTHEST_M + SAME_PATH_M,
         tether_rad=TURN_RAD,
         speed_m_s=min(limits.speed_m_s, SPEED_M_S),
         force_N=inf,
@@ -198,7 +200,7 @@ def is_over(kind: Kind, limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp
     return kind == "workspace" and check_workspace(limits, T_base_tcp) is None
 
 
-def goal_trip(own: Plan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed) -> Trip | None:
+def goal_trip(own: BackOffPlan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed) -> Trip | None:
     """Check a goal against the path that this process has computed itself.
 
     Args:
@@ -220,16 +222,16 @@ def goal_trip(own: Plan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed) ->
     if turn_rad > SAME_TURN_RAD:
         text = f"backing off would rotate the tool by {degrees(turn_rad):.2f} degrees"
         return tripped("state", text, value=turn_rad, limit=SAME_TURN_RAD)
-    if way_m > own_m + SAME_WAY_M:
+    if way_m > own_m + SAME_PATH_M:
         text = f"backing off by {way_m * 1e3:.1f} mm, {own_m * 1e3:.1f} mm are expected from here"
         return tripped("state", text, value=way_m, limit=own_m)
-    if way_m > SAME_WAY_M and float(way @ own.way_m) < SAME_WAY * way_m * own_m:
+    if way_m > SAME_PATH_M and float(way @ own.way_m) < SAME_DIRECTION * way_m * own_m:
         return tripped("state", "backing off in a direction other than expected from here")
     return None
 
 
 @dataclass(frozen=True, slots=True)
-class Load:
+class LoadRatchet:
     """Lowest load so far, as a ratchet: a later load must not rise much above it."""
 
     rise_N: float = RISE_N
@@ -238,7 +240,7 @@ class Load:
     lowest_N: float = inf
     lowest_Nm: float = inf
 
-    def after(self, wrench: WrenchAtTcp) -> "Load":
+    def after(self, wrench: WrenchAtTcp) -> "LoadRatchet":
         """Return the load after one more sample."""
         force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
         return replace(
@@ -261,22 +263,24 @@ class Load:
         return None
 
 
-def in_move(limits: Limits, load: Load | None, wrench: WrenchAtTcp) -> tuple[Load, Trip | None]:
+def in_move(
+    limits: Limits, load: LoadRatchet | None, wrench: WrenchAtTcp
+) -> tuple[LoadRatchet, Trip | None]:
     """Check the load of a move against its lowest load; return the updated lowest load, too."""
-    load = load or Load(rise_N=limits.move_rise_N, rise_Nm=inf)
+    load = load or LoadRatchet(rise_N=limits.move_rise_N, rise_Nm=inf)
     trip = load.trip(wrench, "in the move: limits.move_rise_N")
     return load.after(wrench), trip
 
 
 @dataclass(frozen=True, slots=True)
-class BackOff:
+class BackOffState:
     """State of one back-off motion in one process."""
 
     T_start: pin.SE3
     since_ns: int
-    load: Load = Load()
+    load: LoadRatchet = LoadRatchet()
 
-    def felt(self, wrench: WrenchAtTcp | None) -> tuple["BackOff", Trip | None]:
+    def felt(self, wrench: WrenchAtTcp | None) -> tuple["BackOffState", Trip | None]:
         """Return the state after one more wrench, and why it must end; None is no wrench."""
         if wrench is None:
             return self, None

@@ -12,9 +12,9 @@ from math import radians
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion import back_off
-from common.motion.back_off import BackOff, Load
+from common.motion.back_off import BackOffState, LoadRatchet
 from common.motion.convert import pose_of
 from common.motion.frames import Array, is_finite_pose, rotation_between, rotation_from_vector
 from common.motion.limits import (
@@ -26,7 +26,7 @@ from common.motion.limits import (
     check_workspace,
     check_wrench,
 )
-from common.motion.setpoint_monitor import S_PER_NS, StreamBudget
+from common.motion.setpoint_monitor import S_PER_NS, SetpointMonitor
 from forcemesh.faults import tripped
 from forcemesh.messages import Feedback, Goal, Joints, Purpose, Speed, Trip, WrenchAtTcp
 
@@ -36,16 +36,16 @@ MEASURED_SLACK_RAD = radians(0.5)
 JOINT_SPEED_MARGIN = 1.1
 JOINT_SPEED_OVER_S = 0.1
 LONGEST_LEVER_M = 0.3  # from the TCP to a contact point: beyond any tool
-SAMPLES_OF_A_WAY = 25
+PATH_SAMPLES = 25
 ROUNDING_M = 2e-4  # between two readings of an arm at rest
 
 FlangeAt = Callable[[Array], pin.SE3]
 
 
-class Guard:
+class LastCheck:
     """Limit check of commands and of the measured arm, with the limits of this cell."""
 
-    def __init__(self, cell: Cell, flange_at: FlangeAt | None = None) -> None:
+    def __init__(self, cell: CellConfig, flange_at: FlangeAt | None = None) -> None:
         """Store the cell's limits; nothing is allowed before `start`.
 
         Args:
@@ -55,15 +55,15 @@ class Guard:
         """
         self._cell_limits = self._limits = Limits.of(cell)
         self._wide = _widened(self._limits)
-        self._back_off: BackOff | None = None  # under a lease for that
-        self._load: Load | None = None  # of the move under way
+        self._back_off: BackOffState | None = None  # under a lease for that
+        self._load: LoadRatchet | None = None  # of the move under way
         self._wrench: WrenchAtTcp | None = None
         self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
         self._setpoint_max_N = cell.force.setpoint_max_N
         self._joint_speed_max = np.radians(cell.robot.joint_speed_max_deg_s)
         self._flange_at = flange_at
         self._T_armed: pin.SE3 | None = None
-        self._budget = StreamBudget(cell.limits)
+        self._budget = SetpointMonitor(cell.limits)
         self._joints: deque[tuple[int, Array]] = deque()
 
     def start(self, T_base_flange: pin.SE3, now_ns: int = 0, purpose: Purpose = "all") -> None:
@@ -75,8 +75,8 @@ class Guard:
         self._limits, self._back_off, self._load = self._cell_limits, None, None
         if purpose == "back_off":
             T_base_tcp = T_base_flange * self._T_flange_tcp
-            self._limits = back_off.freed(self._cell_limits, T_base_tcp, ROUNDING_M)
-            self._back_off = BackOff(self._T_armed, now_ns)
+            self._limits = back_off.relaxed_limits(self._cell_limits, T_base_tcp, ROUNDING_M)
+            self._back_off = BackOffState(self._T_armed, now_ns)
         self._wide = _widened(self._limits)
 
     # --- commands ---------------------------------------------------------------------------------
@@ -230,7 +230,7 @@ class Guard:
         trip = check_joints(self._limits, q_to)
         if trip is not None or self._flange_at is None:
             return trip
-        shares = np.linspace(0.0, 1.0, SAMPLES_OF_A_WAY)
+        shares = np.linspace(0.0, 1.0, PATH_SAMPLES)
         flange_at = self._flange_at
         return self._way_trip(flange_at(q_from + share * (q_to - q_from)) for share in shares)
 
@@ -252,7 +252,7 @@ def _between(T_from: pin.SE3, T_to: pin.SE3) -> Iterable[pin.SE3]:
         return
     way = T_to.translation - T_from.translation
     turn = rotation_between(T_from.rotation, T_to.rotation)
-    for share in np.linspace(0.0, 1.0, SAMPLES_OF_A_WAY):
+    for share in np.linspace(0.0, 1.0, PATH_SAMPLES):
         R = rotation_from_vector(share * turn) @ T_from.rotation
         yield pin.SE3(R, T_from.translation + share * way)
 

@@ -9,7 +9,7 @@ from math import degrees, hypot, radians
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell, PlaneSection
+from common.config.cell import CellConfig, PlaneSection
 from common.motion.frames import (
     Array,
     is_finite,
@@ -53,7 +53,7 @@ class Limits:
     planes: tuple[Plane, ...] = ()
 
     @classmethod
-    def of(cls, cell: Cell) -> "Limits":
+    def of(cls, cell: CellConfig) -> "Limits":
         """Return the limits of a cell file."""
         limits = cell.limits
         return cls(

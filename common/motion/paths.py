@@ -16,7 +16,7 @@ _FINEST_SHARE = 1e-3
 _JUMP_RAD = 0.6  # largest joint change between two samples, thus also between two ticks
 
 
-class Path(Protocol):
+class MotionPath(Protocol):
     """Path: joint angles as a function of the path parameter."""
 
     extent_m: float  # largest speed on the path when s runs from 0 to 1 in 1 s [m/s]

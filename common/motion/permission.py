@@ -18,7 +18,7 @@ from forcemesh.messages import Accepted, Permission, RobotCommand, Trip
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class GateDecision:
     """Decision of the gate: execute a command, or hold for a reason."""
 
     command: RobotCommand | None
@@ -38,7 +38,7 @@ class Verdict:
 
 
 MOST_DEAD = 64  # stored leases: the bus reader bounds former publishers in the same way
-NO_COMMAND_YET = Verdict(None, tripped("no_lease", "no command yet"), None)
+NO_COMMAND_YET = GateDecision(None, tripped("no_lease", "no command yet"), None)
 
 
 class CommandGate:
@@ -51,7 +51,7 @@ class CommandGate:
         self._dead: dict[tuple[int, int], Trip] = {}  # lease: what ended it
         self._newest = (0, 0, 0)  # arbiter's epoch, lease, turn
 
-    def judge(self, reading: Reading[RobotCommand], now_ns: int) -> Verdict:
+    def judge(self, reading: Reading[RobotCommand], now_ns: int) -> GateDecision:
         """Return the decision at this time."""
         command, header = reading.fresh, reading.header
         if command is None or header is None:
@@ -90,7 +90,7 @@ class CommandGate:
                 sensor_stamp_ns=header.sensor_stamp_ns,
                 sensor_seq=header.sensor_seq,
             )
-        return Verdict(command, None, self._accepted, is_new)
+        return GateDecision(command, None, self._accepted, is_new)
 
     def _is_over(self, epoch: int, permission: Permission) -> bool:
         """Return whether a newer turn of this arbiter was received, even a refused one."""
@@ -100,18 +100,18 @@ class CommandGate:
         self._newest = seen
         return False
 
-    def revoke(self, why: Trip) -> Verdict:
+    def revoke(self, why: Trip) -> GateDecision:
         """End the live lease from the robot's side, after a command that it cannot execute."""
         return self._refuse(why)
 
-    def _refuse(self, why: Trip) -> Verdict:
+    def _refuse(self, why: Trip) -> GateDecision:
         """Hold, and mark the live lease as dead."""
         if self._live_lease is not None:
             self._dead[self._live_lease] = why
             self._live_lease = None
             if len(self._dead) > MOST_DEAD:
                 del self._dead[next(iter(self._dead))]
-        return Verdict(None, why, self._accepted)
+        return GateDecision(None, why, self._accepted)
 
 
 def _trip(code: str, reason: str) -> Trip:

@@ -24,7 +24,7 @@ NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class CommandedMotion:
     """A commanded flange pose and its velocity, in base axes."""
 
     T_base_flange: pin.SE3
@@ -45,12 +45,14 @@ class Pace:
         return all(abs(speed) <= AT_REST for speed in speeds)
 
 
-def still(T_base_flange: pin.SE3) -> Pace:
+def at_rest(T_base_flange: pin.SE3) -> CommandedMotion:
     """Return the state of a pose at rest."""
-    return Pace(T_base_flange, T_base_flange, np.zeros(3), np.zeros(3))
+    return CommandedMotion(T_base_flange, T_base_flange, np.zeros(3), np.zeros(3))
 
 
-def limit_motion(limits: Limits, before: Pace, T_wished: pin.SE3, dt_s: float) -> Pace:
+def limit_motion(
+    limits: Limits, before: CommandedMotion, T_wished: pin.SE3, dt_s: float
+) -> CommandedMotion:
     """Return the pose towards a target that speed and acceleration allow after `dt_s` [s].
 
     A target within the limits is returned as the same object. A target at rest is reached without
@@ -77,19 +79,19 @@ def limit_motion(limits: Limits, before: Pace, T_wished: pin.SE3, dt_s: float) -
     change = wanted - now
     reached = now + change * most.change(change)
     if np.array_equal(reached, now + change) and np.abs(reached - asked).max() <= AT_REST:
-        return Pace(T_wished, T_wished, asked[0], asked[1])
+        return CommandedMotion(T_wished, T_wished, asked[0], asked[1])
     pace = _moved(last, T_wished, reached, dt_s)
     return replace(pace, lags=most.is_behind(_between(pace.T_base_flange, T_wished)))
 
 
-def brake(limits: Limits, before: Pace, dt_s: float) -> Pace:
+def brake(limits: Limits, before: CommandedMotion, dt_s: float) -> CommandedMotion:
     """Return the next pose of the fastest stop."""
     now = np.array([before.speed_m_s, before.turning_rad_s])
     reached = now * (1.0 - _Most(limits, dt_s).change(now))
     return _moved(before.T_base_flange, before.T_wished, reached, dt_s)
 
 
-def resting_place(limits: Limits, pace: Pace) -> pin.SE3:
+def resting_place(limits: Limits, pace: CommandedMotion) -> pin.SE3:
     """Return the flange pose at the end of braking from now."""
     way, turn = pace.speed_m_s, pace.turning_rad_s
     half_s = 0.5 * max(length(way) / limits.accel_m_s2, length(turn) / limits.accel_rad_s2)
@@ -141,28 +143,28 @@ def _along(T: pin.SE3, pair: Array) -> pin.SE3:
     return pin.SE3(rotation_from_vector(pair[1]) @ T.rotation, T.translation + pair[0])
 
 
-def _moved(T: pin.SE3, T_wished: pin.SE3, speeds: Array, dt_s: float) -> Pace:
-    return Pace(_along(T, speeds * dt_s), T_wished, speeds[0], speeds[1])
+def _moved(T: pin.SE3, T_wished: pin.SE3, speeds: Array, dt_s: float) -> CommandedMotion:
+    return CommandedMotion(_along(T, speeds * dt_s), T_wished, speeds[0], speeds[1])
 
 
 # --- windows of time ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class PathWindow:
     """Commands of the last quarter of a second: time [ns], distance [m], angle [rad]."""
 
     steps: tuple[tuple[int, float, float], ...] = ()
 
-    def after(self, now_ns: int, T_from: pin.SE3, T_to: pin.SE3) -> "Window":
+    def after(self, now_ns: int, T_from: pin.SE3, T_to: pin.SE3) -> "PathWindow":
         """Return the window with one more step."""
         pair = _between(T_from, T_to)
         first_ns = now_ns - WINDOW_S * NS_PER_S
         kept = [step for step in self.steps if step[0] > first_ns]
-        return Window((*kept, (now_ns, length(pair[0]), length(pair[1]))))
+        return PathWindow((*kept, (now_ns, length(pair[0]), length(pair[1]))))
 
 
-def check_rate(limits: Limits, window: Window) -> Trip | None:
+def check_rate(limits: Limits, window: PathWindow) -> Trip | None:
     """Refuse a longer path in a window than the speed limits allow, for any number of commands."""
     longest_s = WINDOW_S * WINDOW_MARGIN
     way_m = sum([step[1] for step in window.steps])

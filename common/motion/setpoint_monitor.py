@@ -27,7 +27,7 @@ S_PER_NS = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class StreamStep:
     """One commanded pose: time, and distance from the previous one."""
 
     at_ns: int
@@ -36,7 +36,7 @@ class Step:
     turn_rad: float
 
 
-class StreamBudget:
+class SetpointMonitor:
     """Monitor of a set point stream: accepts a set point, or returns the broken limit."""
 
     def __init__(self, limits: LimitsSection) -> None:
@@ -46,7 +46,7 @@ class StreamBudget:
         self._step_m, self._step_rad = limits.step_m, radians(limits.step_deg)
         self._left_m, self._left_rad = self._step_m, self._step_rad
         self._left_at_ns: int | None = None
-        self._steps: deque[Step] = deque()  # of the last window, and the one before
+        self._steps: deque[StreamStep] = deque()  # of the last window, and the one before
         self._last: pin.SE3 | None = None  # commanded last, None when something else moved the arm
 
     def moved_otherwise(self) -> None:
@@ -58,7 +58,7 @@ class StreamBudget:
         if self._last is not None and now_ns - self._steps[-1].at_ns < WINDOW_S / S_PER_NS:
             return self.spend(T_measured, now_ns)
         self._last = None
-        self._put(Step(now_ns, T_measured, 0.0, 0.0))
+        self._put(StreamStep(now_ns, T_measured, 0.0, 0.0))
         return None
 
     def spend(self, T_wanted: pin.SE3, now_ns: int) -> Trip | None:
@@ -67,7 +67,7 @@ class StreamBudget:
             return tripped("no_stream", "no stream of set points is active")
         way = T_wanted.translation - self._last.translation
         turn = rotation_between(self._last.rotation, T_wanted.rotation)
-        step = Step(now_ns, T_wanted, length(way), length(turn))
+        step = StreamStep(now_ns, T_wanted, length(way), length(turn))
         trip = self._speed_trip(step) or self._rate_trip(step) or self._acceleration_trip(step)
         if trip is None:
             self._left_m, self._left_rad = self._grown(now_ns)
@@ -78,7 +78,7 @@ class StreamBudget:
 
     # --- the three rules --------------------------------------------------------------------------
 
-    def _speed_trip(self, step: Step) -> Trip | None:
+    def _speed_trip(self, step: StreamStep) -> Trip | None:
         grown_m, grown_rad = self._grown(step.at_ns)
         text = "set points are faster than the speed limit"
         if step.way_m > grown_m:
@@ -95,7 +95,7 @@ class StreamBudget:
             min(self._left_rad + self._speed_rad_s * time_s, self._step_rad),
         )
 
-    def _rate_trip(self, step: Step) -> Trip | None:
+    def _rate_trip(self, step: StreamStep) -> Trip | None:
         recent = [one for one in self._steps if step.at_ns - one.at_ns < WINDOW_S / S_PER_NS]
         way_m = step.way_m + sum([one.way_m for one in recent])
         turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
@@ -107,7 +107,7 @@ class StreamBudget:
             return tripped("rate", text, value=turn_rad, limit=self._speed_rad_s * time_s)
         return None
 
-    def _acceleration_trip(self, step: Step) -> Trip | None:
+    def _acceleration_trip(self, step: StreamStep) -> Trip | None:
         half_ns = HALF_S / S_PER_NS
         middle, first = self._at(step.at_ns - half_ns), self._at(step.at_ns - 2 * half_ns)
         way_m = (step.T.translation - middle.translation) - (middle.translation - first.translation)
@@ -122,7 +122,7 @@ class StreamBudget:
                 return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
         return None
 
-    def _more_than_before(self, step: Step, half_ns: float) -> tuple[float, float]:
+    def _more_than_before(self, step: StreamStep, half_ns: float) -> tuple[float, float]:
         """Return by how much distance and angle of the last 60 ms exceed those of the 60 before."""
         way_m = turn_rad = 0.0
         for one in (*self._steps, step):
@@ -140,10 +140,10 @@ class StreamBudget:
                 return step.T
         return self._steps[0].T
 
-    def _put(self, step: Step) -> None:
+    def _put(self, step: StreamStep) -> None:
         """Store a step and drop those older than the window, except the one at its start."""
         if self._last is None:  # earlier poses are of another motion: only their distances count
-            kept = [Step(one.at_ns, step.T, one.way_m, one.turn_rad) for one in self._steps]
+            kept = [StreamStep(one.at_ns, step.T, one.way_m, one.turn_rad) for one in self._steps]
             self._steps = deque(kept)
         self._steps.append(step)
         self._last = step.T

@@ -12,7 +12,7 @@ from math import degrees, radians
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Joints, Trip
@@ -24,7 +24,7 @@ SLACK_S = 0.1
 
 
 @dataclass(slots=True)
-class Commanded:
+class CommandedPoses:
     """Commanded poses: the newest is valid without time limit, older ones for the delay."""
 
     poses: deque[tuple[int, pin.SE3]] = field(default_factory=deque)
@@ -32,23 +32,23 @@ class Commanded:
     joints: tuple[Array, Array] | None = None  # a joint move, from and to
 
 
-class Tracking:
+class TrackingMonitor:
     """Comparison of each report with the commanded poses; more than five deviations trip."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Begin without a command: nothing is compared."""
         self._limit_m = cell.limits.tracking_m
         self._limit_rad = radians(cell.limits.tracking_deg)
         report_s = 1.0 / cell.rates.robot_hz
         delay_s = DELAY_MARGIN * (cell.robot.delay_s + cell.robot.lag_s) + report_s + SLACK_S
         self._delay_ns = round(delay_s * 1e9)
-        self._commanded = Commanded()
+        self._commanded = CommandedPoses()
         self._is_resting = False
         self._off = 0  # reports in a row
 
     def free(self) -> None:
         """Stop comparing: the motion of the arm is unknown."""
-        self._commanded, self._is_resting, self._off = Commanded(), False, 0
+        self._commanded, self._is_resting, self._off = CommandedPoses(), False, 0
 
     def stream(self, T_wanted: pin.SE3, now_ns: int) -> None:
         """Register a commanded set point."""
@@ -59,12 +59,12 @@ class Tracking:
     def line(self, T_from: pin.SE3, T_to: pin.SE3) -> None:
         """Register a commanded straight move."""
         self.free()
-        self._commanded = Commanded(deque([(0, T_from), (0, T_to)]), is_line=True)
+        self._commanded = CommandedPoses(deque([(0, T_from), (0, T_to)]), is_line=True)
 
     def turn(self, from_rad: Joints | Array, to_rad: Joints | Array) -> None:
         """Register a commanded joint move: all joints start and arrive together."""
         self.free()
-        self._commanded = Commanded(joints=(np.array(from_rad), np.array(to_rad)))
+        self._commanded = CommandedPoses(joints=(np.array(from_rad), np.array(to_rad)))
 
     def rest(self, T_measured: pin.SE3, *, moving: bool) -> None:
         """Register that nothing is commanded: an arm at rest must stay there."""
@@ -78,7 +78,10 @@ class Tracking:
     def judge(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
         """Check a report; call it once for each."""
         if self._commanded.joints is not None:
-            away_m, away_rad = 0.0, _beside(*self._commanded.joints, np.array(joint_rad))
+            away_m, away_rad = (
+                0.0,
+                _distance_to_segment(*self._commanded.joints, np.array(joint_rad)),
+            )
         else:
             away_m, away_rad = self._away(T_measured, now_ns)
         if away_m <= self._limit_m and away_rad <= self._limit_rad:
@@ -108,14 +111,14 @@ class Tracking:
         for k in range(max(1, len(known) - 1)):
             b = known[-1 - k]
             a = known[-2 - k] if len(known) > 1 else b
-            away_m = min(away_m, _beside(a.translation, b.translation, T.translation))
+            away_m = min(away_m, _distance_to_segment(a.translation, b.translation, T.translation))
             away_rad = min(away_rad, _turned(a, b, T))
             if away_m <= self._limit_m and away_rad <= self._limit_rad:
                 break
         return away_m, away_rad
 
 
-def _beside(a: Array, b: Array, point: Array) -> float:
+def _distance_to_segment(a: Array, b: Array, point: Array) -> float:
     """Return the distance of a point from a line segment."""
     way = b - a
     square = float(way @ way)
@@ -126,4 +129,4 @@ def _beside(a: Array, b: Array, point: Array) -> float:
 def _turned(a: pin.SE3, b: pin.SE3, T: pin.SE3) -> float:
     """Return the angle to the nearest orientation between two [rad]."""
     turn, seen = rotation_between(a.rotation, b.rotation), rotation_between(a.rotation, T.rotation)
-    return _beside(np.zeros(3), turn, seen)
+    return _distance_to_segment(np.zeros(3), turn, seen)

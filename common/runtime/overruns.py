@@ -10,7 +10,7 @@ Measured with cells/demo.yaml on two shared cores, longest gap between two steps
 
 from collections import deque
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.clock import NS_PER_S
 from forcemesh.topics import TOPICS
 
@@ -21,7 +21,7 @@ ALLOWED_SHARE = 2.0 / 3.0
 MOST_OVERRUNS = 3  # within the window; more in a loop that commands motion is a fault
 
 
-def allowed_gap_s(cell: Cell, role: str) -> float | None:
+def allowed_gap_s(cell: CellConfig, role: str) -> float | None:
     """Return the longest time between two steps of a role [s], None for one without a stream."""
     streams = [topic for topic in TOPICS if topic.writer == role and topic.qos == "stream"]
     if not streams:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_hash, load_cell
 from common.runtime.heartbeat import heartbeat_of_this_process
 from common.runtime.memory_lock import is_memory_locked, lock_memory
@@ -73,7 +73,7 @@ class Closable(Protocol):
 
 
 @runtime_checkable
-class Measuring(Protocol):
+class HasNumbers(Protocol):
     """A service that publishes measured numbers in its health."""
 
     def numbers(self, now_ns: int) -> dict[str, float]:
@@ -88,7 +88,7 @@ class Metered(Protocol):
         """Return the duration of the longest put that began after a monotonic time [s]."""
 
 
-Connect = Callable[[Cell, str], AbstractContextManager[Bus]]
+Connect = Callable[[CellConfig, str], AbstractContextManager[Bus]]
 
 
 @runtime_checkable
@@ -102,7 +102,7 @@ class Stoppable(Protocol):
 class HealthReporter:
     """Publisher of a role's health, from the role's own loop."""
 
-    def __init__(self, bus: Bus, cell: Cell, publisher: Publisher[Health]) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig, publisher: Publisher[Health]) -> None:
         """Prepare the constant fields."""
         self._clock = bus.clock
         self._transport = bus.transport
@@ -159,7 +159,7 @@ class HealthReporter:
 
     def _numbers(self, now_ns: int, service: Service) -> dict[str, float]:
         """Return the numbers of the service, and the longest put since the last report."""
-        numbers = service.numbers(now_ns) if isinstance(service, Measuring) else {}
+        numbers = service.numbers(now_ns) if isinstance(service, HasNumbers) else {}
         if isinstance(self._transport, Metered):
             numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
         return numbers
@@ -260,7 +260,7 @@ class Runner:
             self.service.trigger.wait(longest_s)
 
 
-def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
+def reporter_of(bus: Bus, cell: CellConfig) -> HealthReporter:
     """Return the health publisher of the bus's role."""
     topic = EVERY_HEALTH[bus.role]
     return HealthReporter(bus, cell, bus.publisher(topic))
@@ -268,7 +268,7 @@ def reporter_of(bus: Bus, cell: Cell) -> HealthReporter:
 
 def main(
     roles: str | tuple[str, ...],
-    make_service: Callable[[Bus, Cell], Service],
+    make_service: Callable[[Bus, CellConfig], Service],
     *,
     player: str | None = None,
     connect: Connect = open_bus,
@@ -290,7 +290,7 @@ def main(
     with exit_on_error(roles[0]), ExitStack() as exits:
         if player is not None:
             for role in roles:
-                refuse_unless_played_by(cell, role, player)
+                refuse_other_implementation(cell, role, player)
         bus = exits.enter_context(connect(cell, roles[0]))
         exits.callback(give_up_realtime_priority)
         service = make_service(bus, cell)
@@ -300,7 +300,7 @@ def main(
         reporters = [reporter_of(each, cell) for each in buses]
         runner = Runner(service, reporters, bus.clock, contain=Containment(roles[0]))
         if realtime:
-            spare_the_loop()
+            prepare_realtime()
         runner.run(stop)
 
 
@@ -309,7 +309,7 @@ def _granted() -> dict[str, int]:
     return {"realtime": int(has_realtime_priority()), "memory_locked": int(is_memory_locked())}
 
 
-def spare_the_loop() -> None:
+def prepare_realtime() -> None:
     """Prepare for real time after start-up: collect garbage, lock memory, set the priority.
 
     Objects from start-up stay in memory; a garbage collection over all of them takes tens of
@@ -321,7 +321,7 @@ def spare_the_loop() -> None:
     take_realtime_priority()
 
 
-def refuse_unless_played_by(cell: Cell, role: str, player: str) -> None:
+def refuse_other_implementation(cell: CellConfig, role: str, player: str) -> None:
     """Prevent two processes from running one role.
 
     Raises:
@@ -336,7 +336,7 @@ def refuse_unless_played_by(cell: Cell, role: str, player: str) -> None:
         raise ConfigError(f"cell {cell.cell}", [mistake])
 
 
-def cell_from_arguments(role: str) -> Cell:
+def cell_from_arguments(role: str) -> CellConfig:
     """Read the cell file named on the command line; exit and list its mistakes if any."""
     parser = argparse.ArgumentParser(prog=role, description=f"The {role} of a forcemesh cell.")
     parser.add_argument("--cell", required=True, metavar="FILE", help="the cell file")

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.identity import MONITOR, OPERATOR, PANEL, common_name
 from forcemesh.topics import (
     DESCRIBE,
@@ -27,7 +27,7 @@ from forcemesh.topics import (
 REPORT_ROOM = 20.0  # times the rate of a topic
 QUESTIONS_HZ = 100.0  # of one kind from one client; `hold` is never limited
 DESCRIPTIONS_HZ = 5.0  # they are long
-ANYBODY = "anybody"  # with a certificate of this authority; named, so that Zenoh logs denials
+ANY_CLIENT = "anybody"  # with a certificate of this authority; named, so that Zenoh logs denials
 INGRESS, EGRESS = "ingress", "egress"
 
 
@@ -50,18 +50,18 @@ class Rule:
         }
 
 
-def access_control(cell: Cell) -> dict[str, Any]:
+def access_control(cell: CellConfig) -> dict[str, Any]:
     """Return Zenoh's section `access_control` for a cell's hub."""
-    subjects: list[dict[str, Any]] = [{"id": ANYBODY}]
+    subjects: list[dict[str, Any]] = [{"id": ANY_CLIENT}]
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
-    for name, allowed in _everybody(cell):
+    for name, allowed in _all_rules(cell):
         ids: list[str] = []
         for rule in allowed:
             if rule.keys:  # Zenoh refuses an empty list
                 ids.append(f"{name} {len(ids)}")
                 rules.append(rule.for_zenoh(ids[-1]))
-        if name != ANYBODY:
+        if name != ANY_CLIENT:
             subjects.append({"id": name, "cert_common_names": [name]})
         policies.append({"subjects": [name], "rules": ids})
     return {
@@ -73,12 +73,12 @@ def access_control(cell: Cell) -> dict[str, Any]:
     }
 
 
-def names_of(cell: Cell) -> frozenset[str]:
+def names_of(cell: CellConfig) -> frozenset[str]:
     """Return the certificate names that have rights in a cell."""
-    return frozenset(name for name, _ in _everybody(cell)) - {ANYBODY}
+    return frozenset(name for name, _ in _all_rules(cell)) - {ANY_CLIENT}
 
 
-def rate_limits(cell: Cell) -> list[dict[str, Any]]:
+def rate_limits(cell: CellConfig) -> list[dict[str, Any]]:
     """Return Zenoh's section `downsampling`: rate limits of one client."""
     reports = [
         {
@@ -102,16 +102,16 @@ def rate_limits(cell: Cell) -> list[dict[str, Any]]:
     ]
 
 
-def plays(cell: Cell, role: str) -> tuple[str, ...]:
+def roles_of_process(cell: CellConfig, role: str) -> tuple[str, ...]:
     """Return the roles of the process with a role's certificate: two for a simulated arm."""
     both = cell.roles.robot == "sim" and cell.roles.sensor == "sim"
     return ("robot", "sensor") if role == "robot" and both else (role,)
 
 
-def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
-    yield ANYBODY, [Rule(INGRESS, ("declare_subscriber",), _keys(cell.cell, [SELF_TEST]))]
+def _all_rules(cell: CellConfig) -> Iterator[tuple[str, list[Rule]]]:
+    yield ANY_CLIENT, [Rule(INGRESS, ("declare_subscriber",), _keys(cell.cell, [SELF_TEST]))]
     # The hub itself needs no rights; its healthcheck is a client with the hub's certificate.
-    yield common_name("hub", cell.cell), _hears(_keys(cell.cell, [HEALTH["hub"].key]))
+    yield common_name("hub", cell.cell), _subscribe_rules(_keys(cell.cell, [HEALTH["hub"].key]))
     for role in ROLES:
         if role != "hub":
             yield common_name(role, cell.cell), _role(cell, role)
@@ -122,41 +122,41 @@ def _everybody(cell: Cell) -> Iterator[tuple[str, list[Rule]]]:
         yield common_name(name, cell.cell), _person(cell, [request.key for request in REQUESTS])
     yield common_name(MONITOR, cell.cell), _person(cell, may_hold)
     for other in cell.bus.below:
-        yield common_name("hub", other), _said_below(other)
+        yield common_name("hub", other), _publish_from_below(other)
     if cell.bus.upstream is not None:
-        yield common_name("hub", cell.bus.upstream.cell), _heard_above(cell.cell)
+        yield common_name("hub", cell.bus.upstream.cell), _subscribe_from_above(cell.cell)
 
 
-def _role(cell: Cell, role: str) -> list[Rule]:
-    played = plays(cell, role)
+def _role(cell: CellConfig, role: str) -> list[Rule]:
+    played = roles_of_process(cell, role)
     heard = [topic.key for topic in TOPICS if set(topic.readers) & set(played)]
     heard += [HEALTH[each].key for each in played]  # its own, for the healthcheck
     return _process(cell, played, heard)
 
 
-def _helper(cell: Cell, helper: str) -> list[Rule]:
+def _helper(cell: CellConfig, helper: str) -> list[Rule]:
     """Return the rights of a helper: read every topic as a client, publish and serve its own."""
     return _process(cell, (helper,), [topic.key for topic in TOPICS])
 
 
-def _process(cell: Cell, played: tuple[str, ...], heard: Sequence[str]) -> list[Rule]:
+def _process(cell: CellConfig, played: tuple[str, ...], heard: Sequence[str]) -> list[Rule]:
     said = [topic.key for topic in TOPICS if topic.writer in played]
     served = [request.key for request in REQUESTS if request.server in played]
     return [
         Rule(INGRESS, ("put",), _keys(cell.cell, said)),
         # A publisher must learn of subscribers, or it sends nothing.
         Rule(EGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
-        *_hears(_keys(cell.cell, [*heard, SELF_TEST])),
+        *_subscribe_rules(_keys(cell.cell, [*heard, SELF_TEST])),
         Rule(INGRESS, ("declare_queryable", "reply"), _keys(cell.cell, served)),
         Rule(EGRESS, ("query",), _keys(cell.cell, served)),
     ]
 
 
-def _hears(keys: tuple[str, ...]) -> list[Rule]:
+def _subscribe_rules(keys: tuple[str, ...]) -> list[Rule]:
     return [Rule(INGRESS, ("declare_subscriber",), keys), Rule(EGRESS, ("put",), keys)]
 
 
-def _person(cell: Cell, asked: Sequence[str]) -> list[Rule]:
+def _person(cell: CellConfig, asked: Sequence[str]) -> list[Rule]:
     """Return the rights of a client: read topics of these cells, send some requests to its own.
 
     Every client with a certificate may query the description of the bus.
@@ -172,7 +172,7 @@ def _person(cell: Cell, asked: Sequence[str]) -> list[Rule]:
     ]
 
 
-def _said_below(other: str) -> list[Rule]:
+def _publish_from_below(other: str) -> list[Rule]:
     """Return the rights of the hub of a cell below: publish its own topics here, read nothing."""
     return [
         Rule(INGRESS, ("put",), _keys(other, [topic.key for topic in TOPICS])),
@@ -180,7 +180,7 @@ def _said_below(other: str) -> list[Rule]:
     ]
 
 
-def _heard_above(cell: str) -> list[Rule]:
+def _subscribe_from_above(cell: str) -> list[Rule]:
     """Return the rights of the hub above: read this cell's topics, publish nothing."""
     return [
         Rule(INGRESS, ("declare_subscriber",), (f"{cell}/**",)),

@@ -22,7 +22,7 @@ REMEDY = "forcemesh pki issue {name} --again"
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CertificateFinding:
     """One finding: verdict, name, text and remedy."""
 
     verdict: Literal["good", "soon", "wrong"]
@@ -31,12 +31,12 @@ class Finding:
     remedy: str = ""
 
 
-def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[Finding]:
+def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[CertificateFinding]:
     """Return the findings on every certificate of a cell; the authority first."""
     try:
         authority = read_certificate(folder / f"{AUTHORITY}.pem")
     except DataError as error:
-        return [Finding("wrong", AUTHORITY, str(error), "forcemesh pki init")]
+        return [CertificateFinding("wrong", AUTHORITY, str(error), "forcemesh pki init")]
     found = list(_of_file(folder, AUTHORITY, authority, now, must_have_key=False))
     there = [name for name in NAMES if (folder / f"{name}.pem").exists()]
     for name in there:
@@ -44,9 +44,14 @@ def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[Finding]:
     missing = [name for name in NAMES if name not in there]
     # A monitoring machine has one certificate; the authority's folder must hold all of them.
     if missing and (folder / f"{AUTHORITY}.key").exists():
-        found += [Finding("wrong", name, "missing", REMEDY.format(name=name)) for name in missing]
+        found += [
+            CertificateFinding("wrong", name, "missing", REMEDY.format(name=name))
+            for name in missing
+        ]
     if not there:
-        found.append(Finding("wrong", "all", "no certificate of any name", "forcemesh pki init"))
+        found.append(
+            CertificateFinding("wrong", "all", "no certificate of any name", "forcemesh pki init")
+        )
     found += _of_page(folder, now)
     wrong = {finding.name for finding in found if finding.verdict == "wrong"}
     return [each for each in found if each.verdict != "good" or each.name not in wrong]
@@ -54,24 +59,24 @@ def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[Finding]:
 
 def _of_name(
     folder: Path, name: str, cell: str, authority: x509.Certificate, *, now: dt.datetime
-) -> Iterator[Finding]:
+) -> Iterator[CertificateFinding]:
     remedy = REMEDY.format(name=name)
     try:
         certificate = read_certificate(folder / f"{name}.pem")
     except DataError as error:
-        yield Finding("wrong", name, str(error), remedy)
+        yield CertificateFinding("wrong", name, str(error), remedy)
         return
     said = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     says = str(said[0].value) if said else "nothing"
     if says != common_name(name, cell):
         text = f"it is for {says}, not for {common_name(name, cell)}"
-        yield Finding("wrong", name, text, remedy)
+        yield CertificateFinding("wrong", name, text, remedy)
     try:
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError):
-        yield Finding("wrong", name, f"{AUTHORITY}.pem here has not signed it", remedy)
+        yield CertificateFinding("wrong", name, f"{AUTHORITY}.pem here has not signed it", remedy)
     if can_be_the_hub(certificate) != (name == HUB):
-        yield Finding("wrong", name, _wrong_end(name, certificate), remedy)
+        yield CertificateFinding("wrong", name, _wrong_end(name, certificate), remedy)
     yield from _of_file(folder, name, certificate, now, must_have_key=True)
 
 
@@ -85,7 +90,7 @@ def _wrong_end(name: str, certificate: x509.Certificate) -> str:
     )
 
 
-def _of_page(folder: Path, now: dt.datetime) -> Iterator[Finding]:
+def _of_page(folder: Path, now: dt.datetime) -> Iterator[CertificateFinding]:
     """Check the certificate of the panel's page, if there is one; only browsers receive it."""
     if not (folder / f"{PAGE}.pem").exists():
         return
@@ -93,19 +98,19 @@ def _of_page(folder: Path, now: dt.datetime) -> Iterator[Finding]:
         certificate = read_certificate(folder / f"{PAGE}.pem")
         authority = read_certificate(folder / f"{PAGE_AUTHORITY}.pem")
     except DataError as error:
-        yield Finding("wrong", PAGE, str(error), REMEDY.format(name=PAGE))
+        yield CertificateFinding("wrong", PAGE, str(error), REMEDY.format(name=PAGE))
         return
     try:
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError):
         text = f"{PAGE_AUTHORITY}.pem here has not signed it"
-        yield Finding("wrong", PAGE, text, REMEDY.format(name=PAGE))
+        yield CertificateFinding("wrong", PAGE, text, REMEDY.format(name=PAGE))
     yield from _of_file(folder, PAGE, certificate, now, must_have_key=True)
 
 
 def _of_file(
     folder: Path, name: str, certificate: x509.Certificate, now: dt.datetime, *, must_have_key: bool
-) -> Iterator[Finding]:
+) -> Iterator[CertificateFinding]:
     remedy = REMEDY.format(name=name) if must_have_key else "forcemesh pki init --again"
     key = folder / f"{name}.key"
     if key.exists() or must_have_key:
@@ -115,24 +120,26 @@ def _of_file(
     if now < certificate.not_valid_before_utc:
         begins = certificate.not_valid_before_utc
         text = f"not valid before {begins:%Y-%m-%d %H:%M}: is this machine's clock right?"
-        yield Finding("wrong", name, text, "set the clock")
+        yield CertificateFinding("wrong", name, text, "set the clock")
     elif now >= ends:
-        yield Finding("wrong", name, f"expired on {ends:%Y-%m-%d}", remedy)
+        yield CertificateFinding("wrong", name, f"expired on {ends:%Y-%m-%d}", remedy)
     elif now >= ends - SOON:
-        yield Finding("soon", name, left, remedy)
+        yield CertificateFinding("soon", name, left, remedy)
     else:
-        yield Finding("good", name, left)
+        yield CertificateFinding("good", name, left)
 
 
-def _of_key(path: Path, name: str, certificate: x509.Certificate, remedy: str) -> Iterator[Finding]:
+def _of_key(
+    path: Path, name: str, certificate: x509.Certificate, remedy: str
+) -> Iterator[CertificateFinding]:
     try:
         mode = stat.S_IMODE(path.stat().st_mode)
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
     except (OSError, ValueError) as error:
-        yield Finding("wrong", name, f"{path.name}: no key: {error}", remedy)
+        yield CertificateFinding("wrong", name, f"{path.name}: no key: {error}", remedy)
         return
     if mode & OTHERS:
         text = f"{path.name} is readable by others (mode {mode:o}): it may be compromised"
-        yield Finding("wrong", name, text, f"chmod 400 {path}; {remedy}")
+        yield CertificateFinding("wrong", name, text, f"chmod 400 {path}; {remedy}")
     if key.public_key() != certificate.public_key():
-        yield Finding("wrong", name, f"{path.name} is not the key of {name}.pem", remedy)
+        yield CertificateFinding("wrong", name, f"{path.name} is not the key of {name}.pem", remedy)

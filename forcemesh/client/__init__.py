@@ -6,8 +6,8 @@ Command line, panel and notebooks use it; it imports neither physics nor plots.
 """
 
 from forcemesh.client.cell import Cell
-from forcemesh.client.feed import Feed, Heard
-from forcemesh.client.force import Force, Pressed
+from forcemesh.client.feed import Feed, Received
+from forcemesh.client.force import Force, PressResult
 from forcemesh.client.moves import Move, Moves
 from forcemesh.errors import (
     ArmStoppedError,
@@ -30,12 +30,12 @@ __all__ = [
     "Feed",
     "Force",
     "ForcemeshError",
-    "Heard",
     "LostError",
     "Move",
     "Moves",
     "NotReachedError",
     "NotValidError",
-    "Pressed",
+    "PressResult",
+    "Received",
     "RefusedError",
 ]

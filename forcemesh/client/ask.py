@@ -18,11 +18,11 @@ Q = TypeVar("Q", bound=Record)
 
 ANSWER_S = 2.0
 AGAIN_S = 0.1
-PASSING = ("not_ready", "moving", "wait")  # refusals that clear by waiting
+TRANSIENT = ("not_ready", "moving", "wait")  # refusals that clear by waiting
 
 
 @contextmanager
-def well_formed() -> Iterator[None]:
+def raise_data_errors() -> Iterator[None]:
     """Raise DataError, which names argument and value, for arguments outside a request's bounds."""
     try:
         yield
@@ -51,12 +51,12 @@ def ask_until(bus: Bus, request: Request[Q], message: Q, within_s: float) -> Rep
         try:
             return ask(bus, request, message)
         except RefusedError as error:
-            if error.code not in PASSING or bus.clock.now_ns() >= give_up_ns:
+            if error.code not in TRANSIENT or bus.clock.now_ns() >= give_up_ns:
                 raise
         bus.clock.sleep_s(AGAIN_S)
 
 
-def stopped(status: ArbiterStatus, what: str) -> ArmStoppedError:
+def stopped_error(status: ArbiterStatus, what: str) -> ArmStoppedError:
     """Return the exception of a stopped arm: what ended, and why."""
     why = "; ".join(trip.text for trip in status.trips) or "no reason given"
     code = status.trips[-1].code if status.trips else "hold"

@@ -10,11 +10,11 @@ from typing import Any, Self, TypeVar
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo, ask_for_info
-from forcemesh.client.ask import stopped, well_formed
+from forcemesh.client.ask import raise_data_errors, stopped_error
 from forcemesh.client.feed import Feed
 from forcemesh.client.force import Force
 from forcemesh.client.moves import Moves
-from forcemesh.client.session import Session
+from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S, MonotonicClock
 from forcemesh.connection import Reachable, connection, read_connection
 from forcemesh.errors import NotReachedError
@@ -98,7 +98,7 @@ class Cell:
         except BaseException:
             self._exits.close()
             raise
-        self.session = session = Session(bus, self.info, commander)
+        self.session = session = ClientSession(bus, self.info, commander)
         self.state: Feed[RobotState] = session.feed(topics.ROBOT_STATE)
         self.wrench: Feed[WrenchAtTcp] = session.feed(topics.WRENCH)
         self.sensor: Feed[SensorWrench] = session.feed(topics.SENSOR_WRENCH)
@@ -128,7 +128,7 @@ class Cell:
 
     # --- who may move -----------------------------------------------------------------------------
 
-    @well_formed()
+    @raise_data_errors()
     def arm(self, purpose: ArmPurpose = "all", *, within_s: float = READY_WITHIN_S) -> Reply:
         """Enable motion, after the preflight; for `jog` moves only, also in contact.
 
@@ -138,7 +138,7 @@ class Cell:
         """
         reply = self.ask(topics.ARM, ArmRequest(purpose=purpose), within_s=within_s)
         if not self._shows(lambda status: status.goes_on):
-            raise stopped(self.status(), "arming was granted, but")
+            raise stopped_error(self.status(), "arming was granted, but")
         return reply
 
     def back_off(self, *, without_force: bool = False, timeout_s: float = BACKED_OFF_S) -> Trip:
@@ -165,7 +165,7 @@ class Cell:
         status = self.status()
         end = next((trip for trip in status.trips if trip.code in BACKED_OFF), None)
         if end is None:
-            raise stopped(status, "backing off was stopped")
+            raise stopped_error(status, "backing off was stopped")
         return end
 
     def hold(self, reason: str = "asked to hold") -> Reply:
@@ -180,7 +180,7 @@ class Cell:
 
     # --- settings ---------------------------------------------------------------------------------
 
-    @well_formed()
+    @raise_data_errors()
     def speed(
         self,
         *,

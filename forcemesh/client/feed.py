@@ -18,7 +18,7 @@ M = TypeVar("M", bound=Message)
 
 FIRST_WITHIN_S = 2.0  # the slowest topic comes four times a second
 SILENCE_S = 3.0
-LOOK_S = 0.05  # period of the silence check of a stream
+SILENCE_CHECK_S = 0.05  # period of the silence check of a stream
 POLL_S = 0.002
 MARK_NS = NS_PER_S // 10
 MARKS = 16  # window of the rate estimate: more than a second
@@ -27,7 +27,7 @@ Lost = Callable[[str], LostError]  # makes the exception: it knows which other r
 
 
 @dataclass(frozen=True, slots=True)
-class Heard(Generic[M]):
+class Received(Generic[M]):
     """One received message, valid or not, with its header."""
 
     header: Header
@@ -39,7 +39,7 @@ class Heard(Generic[M]):
         return self.header.stamp_ns / NS_PER_S
 
 
-class Pace:
+class RateEstimator:
     """Rate of a topic from the sequence numbers of its messages, so that none is missed."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class Feed(Generic[M]):
         self._lost = lost
         self._lock = threading.Lock()
         self._reader: Reader[M] | None = None
-        self._pace = Pace()
+        self._pace = RateEstimator()
 
     def __call__(self, within_s: float = FIRST_WITHIN_S) -> M:
         """Return the newest message; wait for a valid one.
@@ -109,7 +109,7 @@ class Feed(Generic[M]):
 
     def stream(
         self, *, seconds: float | None = None, silence_s: float = SILENCE_S
-    ) -> Iterator[Heard[M]]:
+    ) -> Iterator[Received[M]]:
         """Yield each received message, valid or not, with its header.
 
         A slow consumer receives the newest only: gaps show in `header.seq`.
@@ -128,7 +128,7 @@ class Feed(Generic[M]):
                 heard_ns = clock.now_ns()
                 reading = reader.read(heard_ns)
                 if reading.header is not None and reading.message is not None:
-                    yield Heard(reading.header, reading.message)
+                    yield Received(reading.header, reading.message)
             elif clock.now_ns() - heard_ns > silence_s * NS_PER_S:
                 why = reader.counters.last_error
                 text = f"nothing on {self.topic.key} for {silence_s:g} s"
@@ -150,6 +150,6 @@ class Feed(Generic[M]):
 def _wait(reader: Reader[Any], clock: Clock) -> None:
     """Wait for a message; on a virtual clock advance the time."""
     before_ns = clock.now_ns()
-    reader.wait(LOOK_S)
+    reader.wait(SILENCE_CHECK_S)
     if clock.now_ns() == before_ns:
         clock.sleep_s(POLL_S)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from forcemesh import topics
 from forcemesh.client import rotations as turning
-from forcemesh.client.ask import stopped, well_formed
-from forcemesh.client.session import Session
+from forcemesh.client.ask import raise_data_errors, stopped_error
+from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError, NotReachedError
 from forcemesh.messages import (
@@ -31,7 +31,7 @@ Progress = Callable[[float], None]  # force [N]
 
 
 @dataclass(frozen=True, slots=True)
-class Pressed:
+class PressResult:
     """Result of pressing."""
 
     force_N: float  # along the tool's axis, positive: the tool presses
@@ -44,14 +44,14 @@ class Force:
     Only gains keep the values set last, also by a preset.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: ClientSession) -> None:
         """Start without force feedback."""
         self._session = session
         self._wanted: ForceStartRequest | None = None  # last start request of this client
         tool = session.info.T_flange_tcp
-        self._axis_in_flange = turning.turned(tool.orientation_xyzw, (0.0, 0.0, 1.0))
+        self._axis_in_flange = turning.rotate(tool.orientation_xyzw, (0.0, 0.0, 1.0))
 
-    @well_formed()
+    @raise_data_errors()
     def start(
         self,
         setpoint_N: float = 0.0,
@@ -78,7 +78,7 @@ class Force:
         self._wanted = wanted
         return reply
 
-    @well_formed()
+    @raise_data_errors()
     def set(self, setpoint_N: float) -> Reply:
         """Change the set point [N] of the force feedback of this client; the force follows a ramp.
 
@@ -95,7 +95,7 @@ class Force:
         self._wanted = None
         return self._session.ask(topics.FORCE_STOP, Empty())
 
-    @well_formed()
+    @raise_data_errors()
     def path(
         self,
         points_m: tuple[Vec3, ...],
@@ -114,7 +114,7 @@ class Force:
         )
         return self._session.ask(topics.FORCE_PATH, request)
 
-    @well_formed()
+    @raise_data_errors()
     def gains(
         self,
         preset: Preset | None = None,
@@ -153,7 +153,7 @@ class Force:
         band_N: float = 1.0,
         steady_s: float = 0.3,
         progress: Progress | None = None,
-    ) -> Pressed:
+    ) -> PressResult:
         """Press along the tool's axis until the force has stayed within a band for `steady_s`.
 
         In free space the tool approaches first. It keeps pressing until `stop`.
@@ -178,7 +178,7 @@ class Force:
         band_N: float = 1.0,
         steady_s: float = 0.3,
         progress: Progress | None = None,
-    ) -> Pressed:
+    ) -> PressResult:
         """Wait until the force has settled within a band at the set point of `start` or `set`.
 
         Raises as `press`, but force feedback keeps running.
@@ -199,7 +199,7 @@ class Force:
             else:
                 inside_ns = now_ns if inside_ns is None else inside_ns
                 if now_ns - inside_ns >= steady_s * NS_PER_S:
-                    return Pressed(found_N, (inside_ns - began_ns) / NS_PER_S)
+                    return PressResult(found_N, (inside_ns - began_ns) / NS_PER_S)
             if now_ns - began_ns > within_s * NS_PER_S:
                 text = f"{force_N:g} N were not reached within {within_s:g} s: {found_N:.1f} N"
                 raise NotReachedError(text)
@@ -218,7 +218,7 @@ class Force:
         """Raise when the arm or force feedback was stopped."""
         status = self._session.feed(topics.ARBITER_STATUS)()
         if not status.goes_on:
-            raise stopped(status, "pressing ended")
+            raise stopped_error(status, "pressing ended")
         target = self._session.feed(topics.REGULATOR_TARGET).reading().message
         ended = target is not None and target.mode is None
         if ended and target is not None and since_ns > STARTED_WITHIN_S * NS_PER_S:
@@ -226,5 +226,5 @@ class Force:
 
     def _along(self, robot: RobotState, wrench: WrenchAtTcp) -> float:
         q_base_flange = turning.unit(robot.orientation_xyzw)
-        axis = turning.turned(q_base_flange, self._axis_in_flange)
+        axis = turning.rotate(q_base_flange, self._axis_in_flange)
         return -sum(f * a for f, a in zip(wrench.force_N, axis, strict=True))

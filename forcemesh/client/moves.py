@@ -5,8 +5,8 @@ from typing import Literal, NoReturn
 
 from forcemesh import topics
 from forcemesh.client import rotations as turning
-from forcemesh.client.ask import remedy_of, stopped, well_formed
-from forcemesh.client.session import Session
+from forcemesh.client.ask import raise_data_errors, remedy_of, stopped_error
+from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
 from forcemesh.messages import ZERO3, Joints, PoseRecord, Quaternion, RobotState, Vec3
@@ -27,7 +27,7 @@ Progress = Callable[[RobotState], None]
 class Move:
     """One accepted move under way."""
 
-    def __init__(self, session: Session, number: int) -> None:
+    def __init__(self, session: ClientSession, number: int) -> None:
         """Track the goal with this number."""
         self.id = number
         self.began = False
@@ -92,7 +92,7 @@ class Move:
         while self._clock.now_ns() < end_ns:
             status = self._arbiter.reading().fresh
             if status is not None and status.state in STOPPED:
-                raise stopped(status, ENDED)
+                raise stopped_error(status, ENDED)
             self._clock.sleep_s(POLL_S)
         if self.began:
             raise NotReachedError(f"{ENDED}: {reason}")
@@ -104,7 +104,7 @@ class Move:
         if status is None or status.goal_id == self.id:
             self._mine_ns = now_ns
         elif status.state in STOPPED:
-            raise stopped(status, ENDED)
+            raise stopped_error(status, ENDED)
         elif now_ns - self._mine_ns > TAKEN_S * NS_PER_S:
             why = "; ".join(trip.text for trip in status.trips) or "no reason given"
             code = status.trips[-1].code if status.trips else "preempted"
@@ -121,11 +121,11 @@ class Moves:
     the move and returns the `Move` to wait for.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: ClientSession) -> None:
         """Start without a move."""
         self._session = session
 
-    @well_formed()
+    @raise_data_errors()
     def to(
         self,
         position_m: Vec3,
@@ -139,7 +139,7 @@ class Moves:
         pose = PoseRecord(position_m=position_m, orientation_xyzw=turned)
         return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
 
-    @well_formed()
+    @raise_data_errors()
     def joints(
         self, joint_rad: Joints, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
     ) -> RobotState:
@@ -147,7 +147,7 @@ class Moves:
         request = MoveRequest(kind="joints", joint_rad=joint_rad, speed_m_s=speed_m_s)
         return self._go(request, timeout_s)
 
-    @well_formed()
+    @raise_data_errors()
     def by(
         self, joint_rad: Joints, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
     ) -> RobotState:
@@ -155,7 +155,7 @@ class Moves:
         request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=speed_m_s)
         return self._go(request, timeout_s)
 
-    @well_formed()
+    @raise_data_errors()
     def jog(
         self,
         shift_m: Vec3 = ZERO3,
@@ -177,7 +177,7 @@ class Moves:
         pose = self.jogged(shift_m, turn_rad, axes=axes)
         return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
 
-    @well_formed()
+    @raise_data_errors()
     def retract(
         self,
         way_m: float = RETRACT_M,
@@ -188,7 +188,7 @@ class Moves:
         """Leave a contact: move straight back along the tool's axis, away from the surface."""
         return self.jog((0.0, 0.0, -way_m), axes="tool", speed_m_s=speed_m_s, timeout_s=timeout_s)
 
-    @well_formed()
+    @raise_data_errors()
     def jogged(
         self, shift_m: Vec3 = ZERO3, turn_rad: Vec3 = ZERO3, *, axes: Literal["base", "tool"]
     ) -> PoseRecord:

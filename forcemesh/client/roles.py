@@ -11,8 +11,8 @@ from forcemesh.messages import Health, SensorWrench
 POLL_S = 0.02
 
 
-class Roles:
-    """Roles and helpers of one cell. Subscribes to a health topic at the first read."""
+class RoleHealth:
+    """Health of roles and helpers of one cell. Subscribes to a health topic at the first read."""
 
     def __init__(self, bus: Bus, info: CellInfo) -> None:
         """Prepare the feeds; an external sensor has no health topic, so its readings are used."""

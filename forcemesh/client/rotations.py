@@ -28,7 +28,7 @@ def inverse(q: Quaternion) -> Quaternion:
     return (-x, -y, -z, w)
 
 
-def turned(q: Quaternion, v: Vec3) -> Vec3:
+def rotate(q: Quaternion, v: Vec3) -> Vec3:
     """Return a vector rotated by a unit quaternion."""
     x, y, z, _ = times(times(q, (*v, 0.0)), inverse(q))
     return (x, y, z)
@@ -39,7 +39,7 @@ def plus(a: Vec3, b: Vec3) -> Vec3:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
-def of_vector(rotation_rad: Vec3) -> Quaternion:
+def from_rotation_vector(rotation_rad: Vec3) -> Quaternion:
     """Return the unit quaternion of a rotation vector [rad]."""
     angle = math.hypot(*rotation_rad)
     share = 0.5 if angle < 1e-9 else math.sin(angle / 2.0) / angle
@@ -47,11 +47,12 @@ def of_vector(rotation_rad: Vec3) -> Quaternion:
     return unit((x, y, z, math.cos(angle / 2.0)))
 
 
-def of_oat_deg(oat_deg: Vec3) -> Quaternion:
+def from_oat_deg(oat_deg: Vec3) -> Quaternion:
     """Return the unit quaternion of Kawasaki's O, A, T [degrees]: about z, then y, then z."""
     o, a, t = (math.radians(angle) for angle in oat_deg)
     return times(
-        times(of_vector((0.0, 0.0, o)), of_vector((0.0, a, 0.0))), of_vector((0.0, 0.0, t))
+        times(from_rotation_vector((0.0, 0.0, o)), from_rotation_vector((0.0, a, 0.0))),
+        from_rotation_vector((0.0, 0.0, t)),
     )
 
 
@@ -81,14 +82,14 @@ def jogged(
     """
     q_base_flange = unit(flange.orientation_xyzw)
     q_base_tool = times(q_base_flange, tool.orientation_xyzw)
-    p_base_tool = plus(flange.position_m, turned(q_base_flange, tool.position_m))
-    turn = of_vector(turn_rad)
+    p_base_tool = plus(flange.position_m, rotate(q_base_flange, tool.position_m))
+    turn = from_rotation_vector(turn_rad)
     if in_tool_axes:
-        p_base_tool = plus(p_base_tool, turned(q_base_tool, shift_m))
+        p_base_tool = plus(p_base_tool, rotate(q_base_tool, shift_m))
         q_base_tool = times(q_base_tool, turn)
     else:
         p_base_tool = plus(p_base_tool, shift_m)
         q_base_tool = times(turn, q_base_tool)
     q_new = unit(times(q_base_tool, inverse(tool.orientation_xyzw)))
-    x, y, z = turned(q_new, tool.position_m)
+    x, y, z = rotate(q_new, tool.position_m)
     return PoseRecord(position_m=plus(p_base_tool, (-x, -y, -z)), orientation_xyzw=q_new)

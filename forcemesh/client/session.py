@@ -7,7 +7,7 @@ from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo
 from forcemesh.client import ask as asking
 from forcemesh.client.feed import Feed
-from forcemesh.client.roles import Roles
+from forcemesh.client.roles import RoleHealth
 from forcemesh.clock import Clock
 from forcemesh.errors import BusError, LostError
 from forcemesh.messages import Asker, Message, Record
@@ -18,13 +18,13 @@ M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
 
 
-class Session:
+class ClientSession:
     """One client on one cell's bus. Thread-safe."""
 
     def __init__(self, bus: Bus, info: CellInfo, commander: Asker) -> None:
         """Use an open bus; subscribe on demand."""
         self.bus, self.info, self.commander = bus, info, commander
-        self.roles = Roles(bus, info)
+        self.roles = RoleHealth(bus, info)
         self._lock = threading.Lock()
         self._feeds: dict[str, Feed[Any]] = {}
 

@@ -10,7 +10,7 @@ from math import degrees
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, length, rotation_between
 from common.motion.kinematics import ArmKinematics
 from common.motion.limits import Limits
@@ -37,7 +37,7 @@ class Fence:
     floor_m: float
 
     @classmethod
-    def of(cls, cell: Cell, arm: ArmKinematics, q_start: Array) -> "Fence":
+    def of(cls, cell: CellConfig, arm: ArmKinematics, q_start: Array) -> "Fence":
         """Return the fence of a cell; its floor is the lowest point at q_start [rad]."""
         T_flange_sensor, T_flange_tcp = (
             cell.sensor.T_flange_sensor.pose,

@@ -12,7 +12,7 @@ from math import degrees
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.payload import Payload
 from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
@@ -24,7 +24,7 @@ from identification.excitation.pose_choice import (
     conditioning,
     fresh_attitudes,
 )
-from identification.excitation.route import Route, shortest_order
+from identification.excitation.route import JointRoute, shortest_order
 from identification.identify import POOR_CONDITIONING
 from identification.static_poses import WORST_CONDITIONING
 
@@ -43,7 +43,7 @@ ADVICE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class PlanOptions:
     """Options of the plan."""
 
     poses: int = 10
@@ -52,13 +52,13 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class CalibrationPlan:
     """Joint goals [rad], each of shape (6,), in the order of the visit.
 
     `q` has shape (n, 6): all reachable poses; `fit` and `verify` are indices into it.
     """
 
-    route: Route
+    route: JointRoute
     payload: Payload
     q: Array
     R_base_sensor: Array
@@ -68,7 +68,7 @@ class Plan:
     warnings: tuple[str, ...] = ()
     refused: tuple[int, ...] = field(default=())
 
-    def without(self, place: int) -> "Plan":
+    def without(self, place: int) -> "CalibrationPlan":
         """Return the plan with a refused pose replaced by the next best one, at the end.
 
         Raises CalibrationError when too few poses remain.
@@ -89,7 +89,9 @@ class Plan:
         return replace(self, fit=fit, verify=verify, refused=refused)
 
 
-def make_plan(cell: Cell, arm: ArmKinematics, q_start: Array, options: Options) -> Plan:
+def make_plan(
+    cell: CellConfig, arm: ArmKinematics, q_start: Array, options: PlanOptions
+) -> CalibrationPlan:
     """Plan a calibration from joint angles q_start [rad], shape (6,).
 
     Raises CalibrationError, with the remedy, when there is no good plan.
@@ -114,10 +116,10 @@ def make_plan(cell: Cell, arm: ArmKinematics, q_start: Array, options: Options) 
         )
     verify = fresh_attitudes(R, options.verify_poses, tuple(fit))
     found = conditioning(R[fit])
-    route = Route(inner, fence, q_start, hub)
+    route = JointRoute(inner, fence, q_start, hub)
     fit = shortest_order(route, q, fit, hub)
     verify = shortest_order(route, q, verify, q[fit[-1]])
-    return Plan(
+    return CalibrationPlan(
         route,
         payload,
         q,
@@ -129,7 +131,9 @@ def make_plan(cell: Cell, arm: ArmKinematics, q_start: Array, options: Options) 
     )
 
 
-def _warnings(fit: int, verify: int, options: Options, condition_number: float) -> tuple[str, ...]:
+def _warnings(
+    fit: int, verify: int, options: PlanOptions, condition_number: float
+) -> tuple[str, ...]:
     """Return the warnings of a plan. Raises CalibrationError when it is too poor."""
     if condition_number > WORST_CONDITIONING:
         raise CalibrationError(
@@ -183,7 +187,7 @@ def _is_regular(arm: ArmKinematics, q: Array) -> bool:
     return bool(values[-1] >= LEAST_SINGULAR_VALUE)
 
 
-def spread_deg(plan: Plan) -> float:
+def spread_deg(plan: CalibrationPlan) -> float:
     """Return the largest angle between gravity directions in sensor axes, of the fit [degrees]."""
     down = -plan.R_base_sensor[list(plan.fit), 2, :]
     return degrees(float(np.arccos(np.clip((down @ down.T).min(), -1.0, 1.0))))

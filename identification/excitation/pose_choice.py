@@ -11,7 +11,7 @@ from common.config.payload import Payload
 from common.motion.frames import Array
 from identification.least_squares import plain_conditioning
 from identification.next_pose import LINEAR_SIZES
-from identification.payload_model import LINEAR, USUAL, Model, jacobian, start_state
+from identification.payload_model import LINEAR, PRIOR_STD, Model, jacobian, start_state
 from identification.recording import Samples
 from identification.static_poses import angle
 
@@ -87,5 +87,5 @@ def _prior(payload: Payload) -> Array:
     sizes = np.empty(FULL.size)
     sizes[:LINEAR] = [mass, *[com * payload.mass_kg] * 3, *[bias_F] * 3, *[bias_M] * 3]
     for name, place in FULL.places.items():
-        sizes[place] = USUAL[name]
+        sizes[place] = PRIOR_STD[name]
     return np.diag(1.0 / sizes**2)

@@ -14,7 +14,7 @@ ROUNDS = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class JointRoute:
     """Allowed regions, start and hub of the paths.
 
     `fence` applies between the poses, `near_start` between the start and the hub.
@@ -55,7 +55,7 @@ class Route:
         return sum(JointPath(self.fence.arm, a, b).extent_m for a, b in pairs)
 
 
-def shortest_order(route: Route, q: Array, places: list[int], q_from: Array) -> list[int]:
+def shortest_order(route: JointRoute, q: Array, places: list[int], q_from: Array) -> list[int]:
     """Return the poses in an order of short travel: nearest neighbour, then 2-opt.
 
     Args:

@@ -17,7 +17,7 @@ DEVIATIONS = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class PoseSample:
     """One sensor reading in sensor axes, with the sensor's pose in base axes."""
 
     at_ns: int
@@ -26,22 +26,22 @@ class Sample:
     reading: Array  # force [N] and torque [N m]. Shape (6,).
 
 
-class Stillness:
+class StillnessDetector:
     """Sliding window of samples; reports what is not at rest in it."""
 
     def __init__(self, window_s: float = WINDOW_S) -> None:
         """Create an empty window."""
         self._window_ns = round(1e9 * window_s)
-        self._samples: deque[Sample] = deque()
+        self._samples: deque[PoseSample] = deque()
 
-    def see(self, sample: Sample) -> None:
+    def see(self, sample: PoseSample) -> None:
         """Add a newer sample."""
         self._samples.append(sample)
         while len(self._samples) > 2 and sample.at_ns - self._samples[1].at_ns >= self._window_ns:
             self._samples.popleft()
 
     @property
-    def newest(self) -> Sample | None:
+    def newest(self) -> PoseSample | None:
         """The last sample, None after a gap."""
         return self._samples[-1] if self._samples else None
 

@@ -13,9 +13,9 @@ from identification.installation.axis_fit import (
     turn_angle,
 )
 from identification.installation.payload import COM_M
-from identification.installation.terms import Belief, Finding
+from identification.installation.terms import ExpectedInstallation, InstallationFinding
 from identification.installation.texts import (
-    driver_mend,
+    driver_remedy,
     oat_words,
     turn_words,
     was_radians,
@@ -33,7 +33,7 @@ def same(A: Array, B: Array) -> bool:
     return bool(np.array_equal(A, B))
 
 
-def side(com_m: Array, belief: Belief) -> int:
+def side(com_m: Array, belief: ExpectedInstallation) -> int:
     """Return 1 for a centre of mass on the side of the tool, -1 if opposite, 0 if unknown.
 
     Both the known payload and the TCP count. Either may be that of another tool, so one that
@@ -50,12 +50,14 @@ def side(com_m: Array, belief: Belief) -> int:
     return 1 if 1 in sides else min(sides)
 
 
-def plausible(torque: TorqueFits, belief: Belief) -> list[TorqueFit]:
+def plausible(torque: TorqueFits, belief: ExpectedInstallation) -> list[TorqueFit]:
     """Return the torque fits whose centre of mass is not on the wrong side."""
     return [fit for fit in torque.fits if side(fit.com_m, belief) >= 0]
 
 
-def axis_findings(force: ForceFit, torque: TorqueFits, belief: Belief) -> list[Finding]:
+def axis_findings(
+    force: ForceFit, torque: TorqueFits, belief: ExpectedInstallation
+) -> list[InstallationFinding]:
     """Return the findings on axes and signs, given a force fit that is explained and unique."""
     fits = plausible(torque, belief) or list(torque.fits)
     strange = [] if torque.explained else [_no_moment(torque)]
@@ -72,16 +74,16 @@ def axis_findings(force: ForceFit, torque: TorqueFits, belief: Belief) -> list[F
     return [turned_finding(Q, belief, shown=torque.shown and not own), *strange]
 
 
-def _no_moment(torque: TorqueFits) -> Finding:
+def _no_moment(torque: TorqueFits) -> InstallationFinding:
     text = (
         f"the moments ({torque.spread_Nm:.3g} N m rms) fit a weight in no "
         f"axis map, the residual is {torque.fits[0].rms_Nm:.2g} N m"
     )
     mend = "check for a dead channel, a cable that pulls, or a wrong calibration matrix"
-    return Finding("torque_axes", text, mend)
+    return InstallationFinding("torque_axes", text, mend)
 
 
-def _of_torque(torque: TorqueFits, belief: Belief) -> list[Finding]:
+def _of_torque(torque: TorqueFits, belief: ExpectedInstallation) -> list[InstallationFinding]:
     """Return the findings on the torques when the forces are right."""
     fits = plausible(torque, belief)
     if not torque.shown or any(same(fit.wiring, EYE) for fit in fits):
@@ -95,10 +97,10 @@ def _of_torque(torque: TorqueFits, belief: Belief) -> list[Finding]:
     else:
         best = _most_likely(fits or list(torque.fits), belief)
         text = f"the forces are right, but of the torques {wrong_channels(best.wiring, 'M')}"
-    return [Finding("torque_axes", text, driver_mend(best.wiring, "M"))]
+    return [InstallationFinding("torque_axes", text, driver_remedy(best.wiring, "M"))]
 
 
-def _most_likely(fits: list[TorqueFit], belief: Belief) -> TorqueFit:
+def _most_likely(fits: list[TorqueFit], belief: ExpectedInstallation) -> TorqueFit:
     """Return the fit with the expected centre of mass, else that with the fewest mistakes."""
 
     def likelihood(fit: TorqueFit) -> tuple[bool, float, float]:
@@ -109,7 +111,9 @@ def _most_likely(fits: list[TorqueFit], belief: Belief) -> TorqueFit:
     return max(fits, key=likelihood)
 
 
-def _apart(force: ForceFit, fits: list[TorqueFit], belief: Belief) -> Finding:
+def _apart(
+    force: ForceFit, fits: list[TorqueFit], belief: ExpectedInstallation
+) -> InstallationFinding:
     """Return the finding for forces and torques that differ: an error of channels, not mounting."""
     torque = _most_likely(fits, belief).wiring
     of = "of the torques " + wrong_channels(torque, "M")
@@ -117,17 +121,17 @@ def _apart(force: ForceFit, fits: list[TorqueFit], belief: Belief) -> Finding:
     if same(force.wiring, EYE):
         text = f"the forces are rotated by {turn_words(force.turn.T)}, but {torques}"
         mend = "check for a rotation that the driver applies to the forces but not to the torques"
-        return Finding("force_axes", f"{text}: no mounting does that", mend)
+        return InstallationFinding("force_axes", f"{text}: no mounting does that", mend)
     text = f"of the forces {wrong_channels(force.wiring, 'F')}, but {torques}"
-    mends = [driver_mend(force.wiring, "F")]
-    mends += [] if same(torque, EYE) else [driver_mend(torque, "M")]
-    return Finding("force_axes", f"{text}: no mounting does that", "; ".join(mends))
+    mends = [driver_remedy(force.wiring, "F")]
+    mends += [] if same(torque, EYE) else [driver_remedy(torque, "M")]
+    return InstallationFinding("force_axes", f"{text}: no mounting does that", "; ".join(mends))
 
 
-def _mirrored(force: ForceFit) -> Finding:
+def _mirrored(force: ForceFit) -> InstallationFinding:
     """Return the finding for mirrored axes, which no mounting has; a hanging arm reads the same."""
     hung = -force.wiring
-    mend = driver_mend(force.wiring, "FM")
+    mend = driver_remedy(force.wiring, "FM")
     if same(hung, EYE):
         text = (
             "all six readings are reversed: the sensor reports the tool's reaction, not the load "
@@ -137,16 +141,16 @@ def _mirrored(force: ForceFit) -> Finding:
             f"push the tool by hand ({PUSH}): if the force reads against the push, reverse all six "
             "signs in the driver; if along it, write payload.gravity_direction_in_base: [0, 0, 1]"
         )
-        return Finding("reaction", text, mend)
+        return InstallationFinding("reaction", text, mend)
     text = f"the axes are mirrored: {wrong_channels(force.wiring, 'F')}, and the torques alike"
     mend += (
         "; only if the arm hangs from the ceiling: payload.gravity_direction_in_base: [0, 0, 1], "
         f"and a sensor turned by {turn_words(hung.T)}"
     )
-    return Finding("force_axes", f"{text}: no mounting does that", mend)
+    return InstallationFinding("force_axes", f"{text}: no mounting does that", mend)
 
 
-def turned_finding(Q: Array, belief: Belief, *, shown: bool) -> Finding:
+def turned_finding(Q: Array, belief: ExpectedInstallation, *, shown: bool) -> InstallationFinding:
     """Return the finding for a sensor whose mounting differs from the cell file.
 
     Args:
@@ -160,7 +164,9 @@ def turned_finding(Q: Array, belief: Belief, *, shown: bool) -> Finding:
     if channels:
         text += f" ({channels}{', and the torques alike' if shown else ''})"
     if belief.R_flange_sensor is None:
-        return Finding("mounting", text, "rotate the recorded attitudes of the sensor by it")
+        return InstallationFinding(
+            "mounting", text, "rotate the recorded attitudes of the sensor by it"
+        )
     R = belief.R_flange_sensor @ Q.T
     if belief.oat_deg is not None and was_radians(belief.oat_deg, R):
         text += f": oat_deg {list(belief.oat_deg)} is in radians, it must be in degrees"
@@ -168,10 +174,10 @@ def turned_finding(Q: Array, belief: Belief, *, shown: bool) -> Finding:
     mend = f"write {oat_words(R)}"
     if not shown:
         mend += f", if the torques are rotated too, which this tool's moment does not show; {PUSH}"
-    return Finding("mounting", text, mend)
+    return InstallationFinding("mounting", text, mend)
 
 
-def unseen(torque: TorqueFits, belief: Belief) -> list[str]:
+def unseen(torque: TorqueFits, belief: ExpectedInstallation) -> list[str]:
     """Return the properties that the tool's moment could not identify."""
     if not torque.shown:
         return [f"the torques, for the tool's moment is only {torque.spread_Nm:.2g} N m: {PUSH}"]

@@ -26,12 +26,16 @@ from identification.installation.axis_fit import (
 )
 from identification.installation.hypotheses import too_few, unexplained, without_spoiled
 from identification.installation.payload import length_findings, lever_finding, mass_finding
-from identification.installation.terms import Belief, Finding, Installation
-from identification.recording import Recording, Samples, WrenchAxes
+from identification.installation.terms import (
+    ExpectedInstallation,
+    Installation,
+    InstallationFinding,
+)
+from identification.recording import Samples, WrenchAxes, WrenchRecording
 from identification.static_poses import Poses, sort_into_poses
 
 
-def judge_installation(samples: Samples, belief: Belief) -> Installation:
+def judge_installation(samples: Samples, belief: ExpectedInstallation) -> Installation:
     """Check axes, signs, units and payload against the cell file.
 
     Args:
@@ -71,7 +75,7 @@ def judge_installation(samples: Samples, belief: Belief) -> Installation:
 
 
 def judge_recording(
-    recording: Recording, axes: WrenchAxes | None, belief: Belief
+    recording: WrenchRecording, axes: WrenchAxes | None, belief: ExpectedInstallation
 ) -> tuple[WrenchAxes, Installation]:
     """Check a recording with its wrench in the given axes; with None, in those that fit best."""
     both: tuple[WrenchAxes, ...] = ("sensor", "base") if axes is None else (axes,)
@@ -80,12 +84,14 @@ def judge_recording(
     return taken, found[taken]
 
 
-def installation_complaint(samples: Samples, belief: Belief) -> str | None:
+def installation_complaint(samples: Samples, belief: ExpectedInstallation) -> str | None:
     """Return why a calibration from these readings must not be written, None when it may be."""
     return judge_installation(samples, belief).complaint
 
 
-def _not_told(poses: Poses, force: ForceFit, belief: Belief) -> Finding | None:
+def _not_told(
+    poses: Poses, force: ForceFit, belief: ExpectedInstallation
+) -> InstallationFinding | None:
     """Return why the force does not identify the axes, None when it does."""
     if force.explained and force.told:
         return None
@@ -94,7 +100,7 @@ def _not_told(poses: Poses, force: ForceFit, belief: Belief) -> Finding | None:
     return unexplained(poses, force, belief)
 
 
-def _com(force: ForceFit, torque: TorqueFits, belief: Belief) -> Array | None:
+def _com(force: ForceFit, torque: TorqueFits, belief: ExpectedInstallation) -> Array | None:
     """Return the centre of mass if the torques show it, in the axes of the cell file."""
     if not torque.shown:
         return None

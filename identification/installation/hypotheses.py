@@ -19,7 +19,7 @@ from identification.installation.axis_fit import (
     free_gain,
     free_gravity,
 )
-from identification.installation.terms import Belief, Finding
+from identification.installation.terms import ExpectedInstallation, InstallationFinding
 from identification.recording import Samples
 from identification.static_poses import Poses, angle
 
@@ -49,7 +49,7 @@ def _from_base_axes(samples: Samples) -> Samples:
     return replace(samples, force_N=force, torque_Nm=torque)
 
 
-STORIES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
+HYPOTHESES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
     (
         "each attitude is that of the base in the sensor, not of the sensor in the base",
         "transpose the matrices, or conjugate the quaternions",
@@ -79,17 +79,17 @@ def explains(force: ForceFit) -> bool:
     return force.explained and force.told and straight
 
 
-def unexplained(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
+def unexplained(poses: Poses, force: ForceFit, belief: ExpectedInstallation) -> InstallationFinding:
     """Return the first hypothesis that explains readings that no axis permutation explains."""
     down = belief.down_in_base
-    for what, mend, story in STORIES:
+    for what, mend, story in HYPOTHESES:
         if explains(fit_force(replace(poses, means=story(poses.means)), down)):
-            return Finding("attitude", what, mend)
+            return InstallationFinding("attitude", what, mend)
     return (
         _no_weight(force, belief)
         or _gravity(poses)
         or _gain(poses, down)
-        or Finding(
+        or InstallationFinding(
             "attitude",
             "no mounting and no axis map explains the readings as a weight: the attitudes do not "
             "match (degrees taken for radians, another order of the angles, another robot), "
@@ -99,7 +99,7 @@ def unexplained(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
     )
 
 
-def too_few(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
+def too_few(poses: Poses, force: ForceFit, belief: ExpectedInstallation) -> InstallationFinding:
     """Return the finding for too similar attitudes, whose unit may be wrong."""
     R = poses.means.R_base_sensor
     widest = max(float(angle(attitude, R).max()) for attitude in R)
@@ -110,19 +110,21 @@ def too_few(poses: Poses, force: ForceFit, belief: Belief) -> Finding:
             f"the attitudes differ by only {math.degrees(widest):.2g} degrees, but the force "
             f"as if {per_turn_kg:.3g} kg had been turned by that: radians are taken for degrees"
         )
-        return Finding("attitude", text, "multiply the angles of the attitudes by 57.2958")
+        return InstallationFinding(
+            "attitude", text, "multiply the angles of the attitudes by 57.2958"
+        )
     text = f"{len(poses)} poses this similar do not identify the axes"
-    return Finding("poses", text, POSES, "unsure")
+    return InstallationFinding("poses", text, POSES, "unsure")
 
 
-def _no_weight(force: ForceFit, belief: Belief) -> Finding | None:
+def _no_weight(force: ForceFit, belief: ExpectedInstallation) -> InstallationFinding | None:
     """Return the finding for forces that do not change with the attitude."""
     known_N = LIGHT_KG if belief.mass_kg is None else belief.mass_kg
     if force.spread_N > HARDLY * GRAVITY_M_S2 * known_N:
         return None
     text = f"the forces hardly change with the attitude ({force.spread_N:.2g} N): no weight is read"
     mend = "check that the sensor is live, its unit, and that the tool is mounted on it"
-    return Finding("no_weight", text, mend)
+    return InstallationFinding("no_weight", text, mend)
 
 
 def without_spoiled(poses: Poses, down_in_base: Array) -> tuple[Poses, list[int]]:
@@ -146,7 +148,7 @@ def _some(poses: Poses, rows: list[int], but: int | None = None) -> Poses:
     return Poses(poses.means[kept], poses.weight[kept], poses.first_row[kept])
 
 
-def _gravity(poses: Poses) -> Finding | None:
+def _gravity(poses: Poses) -> InstallationFinding | None:
     """Return the finding for correct axes on an arm mounted on a wall or a slope."""
     direction, left_N = free_gravity(poses)
     force = fit_force(poses, direction)
@@ -156,10 +158,12 @@ def _gravity(poses: Poses) -> Finding | None:
     text = (
         f"gravity points along ({told}) in the base: the arm is not mounted as the cell file says"
     )
-    return Finding("gravity", text, f"write payload.gravity_direction_in_base: [{told}]")
+    return InstallationFinding(
+        "gravity", text, f"write payload.gravity_direction_in_base: [{told}]"
+    )
 
 
-def _gain(poses: Poses, down_in_base: Array) -> Finding | None:
+def _gain(poses: Poses, down_in_base: Array) -> InstallationFinding | None:
     """Return the finding for axes of unequal gain, dead ones included."""
     A, left_N = free_gain(poses, down_in_base)
     gains = np.linalg.norm(A, axis=1)
@@ -176,4 +180,4 @@ def _gain(poses: Poses, down_in_base: Array) -> Finding | None:
         if dead
         else ("check the calibration matrix and the counts per newton of each axis")
     )
-    return Finding("gain", text, mend)
+    return InstallationFinding("gain", text, mend)

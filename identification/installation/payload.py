@@ -3,7 +3,7 @@
 import numpy as np
 
 from common.motion.frames import GRAVITY_M_S2, Array
-from identification.installation.terms import Belief, Finding
+from identification.installation.terms import ExpectedInstallation, InstallationFinding
 from identification.installation.units import (
     FORCE_UNITS,
     LEVER_MOST_M,
@@ -19,17 +19,21 @@ SURE_TIMES = 2.0  # times the residual
 LEVER_KNOWN_M = 0.01
 
 
-def length_findings(belief: Belief) -> list[Finding]:
+def length_findings(belief: ExpectedInstallation) -> list[InstallationFinding]:
     """Return every length of the cell file that must be in millimetres."""
     found = []
     for key, value in belief.lengths_m.items():
         if value is not None and in_millimetres(value):
             text = f"{key} is {np.linalg.norm(value):.4g} m long: it is in millimetres"
-            found.append(Finding("length", text, f"write {key}: {_vector(value / 1e3)}"))
+            found.append(
+                InstallationFinding("length", text, f"write {key}: {_vector(value / 1e3)}")
+            )
     return found
 
 
-def mass_finding(mass_kg: float, rms_N: float, belief: Belief) -> Finding | None:
+def mass_finding(
+    mass_kg: float, rms_N: float, belief: ExpectedInstallation
+) -> InstallationFinding | None:
     """Return the finding for a measured mass that certainly differs from the expected one.
 
     Args:
@@ -50,16 +54,18 @@ def mass_finding(mass_kg: float, rms_N: float, belief: Belief) -> Finding | None
             f"divide the forces by {unit.factor:.4g}, or, if this is another tool, write its "
             "payload.mass_kg"
         )
-        return Finding("force_unit", text, mend)
+        return InstallationFinding("force_unit", text, mend)
     text = (
         f"the tool weighs {mass_kg:.3g} kg, but the cell file says {known:.3g} kg "
         f"({100 * (known / mass_kg - 1.0):+.0f} %)"
     )
     mend = f"write payload.mass_kg: {mass_kg:.3f}, or run `forcemesh calibrate`"
-    return Finding("mass", text, mend, "payload")
+    return InstallationFinding("mass", text, mend, "payload")
 
 
-def lever_finding(com_m: Array, unsure_m: float, belief: Belief) -> Finding | None:
+def lever_finding(
+    com_m: Array, unsure_m: float, belief: ExpectedInstallation
+) -> InstallationFinding | None:
     """Return the finding for a measured centre of mass that is implausible or not the expected one.
 
     Args:
@@ -76,13 +82,15 @@ def lever_finding(com_m: Array, unsure_m: float, belief: Belief) -> Finding | No
                 f"the moments put the centre of mass {lever_m:.3g} m from the sensor, but it is "
                 f"{known_m:.3g} m away: {unit.text}"
             )
-            return Finding("torque_unit", text, f"divide the torques by {unit.factor:.4g}")
+            return InstallationFinding(
+                "torque_unit", text, f"divide the torques by {unit.factor:.4g}"
+            )
     if lever_m > LEVER_MOST_M:
         units = units_of_lever(lever_m)
         which = ", or ".join(unit.text for unit in units) or "the unit of the torques is wrong"
         text = f"the centre of mass would be {lever_m:.3g} m from the sensor: {which}"
         by = " or ".join(f"{unit.factor:.4g}" for unit in units) or "what its manual says"
-        return Finding("torque_unit", text, f"divide the torques by {by}")
+        return InstallationFinding("torque_unit", text, f"divide the torques by {by}")
     if known is None or np.linalg.norm(com_m - known) <= max(COM_M, SURE_TIMES * unsure_m):
         return None
     text = (
@@ -90,7 +98,7 @@ def lever_finding(com_m: Array, unsure_m: float, belief: Belief) -> Finding | No
         f"{_millimetres(known)} mm, {1e3 * np.linalg.norm(com_m - known):.0f} mm away"
     )
     mend = f"write payload.com_m: {_vector(com_m)}, or run `forcemesh calibrate`"
-    return Finding("com", text, mend, "payload")
+    return InstallationFinding("com", text, mend, "payload")
 
 
 def _vector(v: Array) -> str:

@@ -12,8 +12,8 @@ import numpy as np
 from common.motion.frames import Array
 from identification.installation.axes import EYE, same, turned_finding
 from identification.installation.axis_fit import SIGNED
-from identification.installation.terms import Belief, Finding
-from identification.installation.texts import driver_mend, wrong_channels
+from identification.installation.terms import ExpectedInstallation, InstallationFinding
+from identification.installation.texts import driver_remedy, wrong_channels
 
 By = Literal["push", "twist"]
 LEAST = {"push": 3.0, "twist": 0.15}  # N, N m
@@ -26,7 +26,7 @@ MOMENT_ALONG = float(np.cos(np.radians(50.0)))  # the hand is not exactly at the
 LEVER_M, MOMENT_NM = 0.03, 0.1  # less is not evaluated
 
 
-class Asked(NamedTuple):
+class PushRequest(NamedTuple):
     """Push or twist that the operator is asked for, in base axes."""
 
     name: str
@@ -35,18 +35,18 @@ class Asked(NamedTuple):
 
 
 STEPS = (
-    Asked("+x", "push", (1.0, 0.0, 0.0)),
-    Asked("+y", "push", (0.0, 1.0, 0.0)),
-    Asked("+z", "push", (0.0, 0.0, 1.0)),
-    Asked("+z", "twist", (0.0, 0.0, 1.0)),
+    PushRequest("+x", "push", (1.0, 0.0, 0.0)),
+    PushRequest("+y", "push", (0.0, 1.0, 0.0)),
+    PushRequest("+z", "push", (0.0, 0.0, 1.0)),
+    PushRequest("+z", "twist", (0.0, 0.0, 1.0)),
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class PushResult:
     """Change of the reading during a push or twist. Sensor axes, about the sensor's origin."""
 
-    asked: Asked
+    asked: PushRequest
     grown_N: Array
     grown_Nm: Array
     R_base_sensor: Array
@@ -72,7 +72,7 @@ class Done:
 
 
 @dataclass(slots=True)
-class Follower:
+class PushDetector:
     """Detector of one push or twist: threshold, peak and end."""
 
     by: By
@@ -105,7 +105,9 @@ class Follower:
         return float(np.linalg.norm(grown[:3] if self.by == "push" else grown[3:]))
 
 
-def judge_pushes(done: list[Done], belief: Belief) -> tuple[list[Finding], list[str]]:
+def judge_pushes(
+    done: list[PushResult], belief: ExpectedInstallation
+) -> tuple[list[InstallationFinding], list[str]]:
     """Return the findings on axes and signs of three pushes and a twist, and what is not shown.
 
     Args:
@@ -120,7 +122,9 @@ def judge_pushes(done: list[Done], belief: Belief) -> tuple[list[Finding], list[
     )
     if wiring is None:
         text = "the pushes fit no axis map: they were not along the axes, or not in this order"
-        return [Finding("pushes", text, "repeat them, along the axes of the base", "unsure")], []
+        return [
+            InstallationFinding("pushes", text, "repeat them, along the axes of the base", "unsure")
+        ], []
     torques = _torque_wirings(done, belief)
     unseen = [] if len(torques) == 1 else _torques_unseen(torques)
     finding = _finding(wiring, torques, belief)
@@ -138,7 +142,7 @@ def _wiring(true: list[Array], read: list[Array], least: float) -> Array | None:
     return best if all(_cosine(best @ t, r) > least for t, r in pairs) else None
 
 
-def _torque_wirings(done: list[Done], belief: Belief) -> list[Array]:
+def _torque_wirings(done: list[PushResult], belief: ExpectedInstallation) -> list[Array]:
     """Return every signed permutation of the torques that explains the measured moments.
 
     A push at the tip has a moment about the sensor's origin by its lever, if the tool is known.
@@ -165,17 +169,21 @@ def _torques_unseen(wirings: list[Array]) -> list[str]:
     return [f"all of {', '.join(rows)}: push at the tip of the tool, and twist it"]
 
 
-def _finding(wiring: Array, torques: list[Array], belief: Belief) -> Finding | None:
+def _finding(
+    wiring: Array, torques: list[Array], belief: ExpectedInstallation
+) -> InstallationFinding | None:
     right = any(same(W, EYE) for W in torques)
     if same(wiring, EYE):
         if right:
             return None
         if not torques:
             text = "the forces are right, but the torques match no axis of the pushes and twists"
-            return Finding("torque_axes", text, "push at the tip of the tool, then check again")
+            return InstallationFinding(
+                "torque_axes", text, "push at the tip of the tool, then check again"
+            )
         W = max(torques, key=lambda W: float(np.trace(W)))
         text = f"the forces are right, but of the torques {wrong_channels(W, 'M')}"
-        return Finding("torque_axes", text, driver_mend(W, "M"))
+        return InstallationFinding("torque_axes", text, driver_remedy(W, "M"))
     together = any(same(W, wiring) for W in torques)
     if together and np.linalg.det(wiring) > 0.0:
         return turned_finding(wiring, belief, shown=not right)
@@ -183,7 +191,9 @@ def _finding(wiring: Array, torques: list[Array], belief: Belief) -> Finding | N
         text = (
             "the force reads against the push: the sensor reports reactions, or its sign is wrong"
         )
-        return Finding("reaction", text, driver_mend(wiring, "FM" if together else "F"))
+        return InstallationFinding(
+            "reaction", text, driver_remedy(wiring, "FM" if together else "F")
+        )
     also = ", and the torques alike" if together else ""
     text = f"of the forces {wrong_channels(wiring, 'F')}{also}: no mounting does that"
-    return Finding("force_axes", text, driver_mend(wiring, "FM" if together else "F"))
+    return InstallationFinding("force_axes", text, driver_remedy(wiring, "FM" if together else "F"))

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.payload import DOWN
 from common.motion.frames import Array
 from identification.installation.units import in_millimetres
@@ -17,7 +17,7 @@ Kind = Literal["installation", "payload", "unsure"]
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
+class ExpectedInstallation:
     """Expected installation, from the cell file; None: not known.
 
     `com_m` in sensor axes from the sensor's origin; `down_in_base` a unit vector; positions in
@@ -33,7 +33,7 @@ class Belief:
     p_flange_tcp_m: Array | None = None
 
     @classmethod
-    def of(cls, cell: Cell) -> "Belief":
+    def of(cls, cell: CellConfig) -> "ExpectedInstallation":
         """Return the expected installation of a cell, its calibration included."""
         payload = cell.payload if cell.calibration is None else cell.calibration.payload
         sensor, tcp = cell.sensor.T_flange_sensor, cell.tool.T_flange_tcp
@@ -64,7 +64,7 @@ class Belief:
             "payload.com_m": self.com_m,
         }
 
-    def in_metres(self) -> "Belief":
+    def in_metres(self) -> "ExpectedInstallation":
         """Return a copy in which lengths that must be in millimetres are converted."""
         sensor, tcp, com = (
             v / 1e3 if v is not None and in_millimetres(v) else v for v in self.lengths_m.values()
@@ -73,7 +73,7 @@ class Belief:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class InstallationFinding:
     """One suspected error: a code for programs, a sentence, and the remedy."""
 
     code: str
@@ -94,7 +94,7 @@ class Installation:
     units in the names; `force_wiring` the signed permutation of the force channels, if identified.
     """
 
-    findings: tuple[Finding, ...]
+    findings: tuple[InstallationFinding, ...]
     unseen: tuple[str, ...]
     evidence: dict[str, float]
     force_wiring: Array | None = None

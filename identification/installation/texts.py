@@ -60,7 +60,7 @@ def was_radians(oat_deg: tuple[float, float, float], R_flange_sensor: Array) -> 
     return small and turn_angle(as_radians.T @ R_flange_sensor) < LOOKS_LIKE_RAD
 
 
-def driver_mend(wiring: Array, of: str) -> str:
+def driver_remedy(wiring: Array, of: str) -> str:
     """Return the remedy in the driver or the adapter as text.
 
     Args:

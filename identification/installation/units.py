@@ -29,27 +29,29 @@ TORQUE_UNITS = {
 }
 
 
-class Unit(NamedTuple):
+class WrongUnit(NamedTuple):
     """Wrong unit: its description, and the factor to divide the readings by."""
 
     text: str
     factor: float
 
 
-def unit_of(times: float, units: dict[float, str]) -> Unit | None:
+def unit_of(times: float, units: dict[float, str]) -> WrongUnit | None:
     """Return the wrong unit that explains a ratio of measured to expected value, if one does."""
     if times <= 0.0:
         return None
     factor = min(units, key=lambda u: abs(np.log(times / u)))
     if abs(np.log(times / factor)) > np.log(SAME_FACTOR):
         return None
-    return Unit(units[factor], factor)
+    return WrongUnit(units[factor], factor)
 
 
-def units_of_lever(lever_m: float) -> list[Unit]:
+def units_of_lever(lever_m: float) -> list[WrongUnit]:
     """Return the wrong units of torque that would explain an implausible lever."""
     least_m, most_m = LEVER_USUAL_M
-    return [Unit(text, f) for f, text in TORQUE_UNITS.items() if least_m <= lever_m / f <= most_m]
+    return [
+        WrongUnit(text, f) for f, text in TORQUE_UNITS.items() if least_m <= lever_m / f <= most_m
+    ]
 
 
 def in_millimetres(length_m: Array) -> bool:

@@ -21,7 +21,7 @@ MEASURED_SLACK_RAD = radians(0.5)  # measurement tolerance of an arm at rest on 
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class ArmBounds:
     """Limits of the cell, with the pose at arming as the tether's origin."""
 
     limits: Limits

@@ -13,17 +13,17 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.faults import refusal, refused, tripped
 from forcemesh.messages import Commander, Goal, RegulatorTarget, RobotState, Trip
 from forcemesh.requests import MoveRequest, Reply
-from services.arbiter.bounds import Bounds
+from services.arbiter.bounds import ArmBounds
 from services.arbiter.goals import goal_trip, speed_trip
-from services.arbiter.ownership import SETTLE_WITHIN_S, Claim, Rest, Turn
-from services.arbiter.ranks import goes_before
-from services.arbiter.stream import Moment, Stream, begin, faded, follow
+from services.arbiter.ownership import SETTLE_WITHIN_S, Ownership, PendingMove, Rest
+from services.arbiter.ranks import outranks
+from services.arbiter.stream import SetpointStream, Tick, begin, braked, follow
 
 NOTHING_TO_DO = "the regulator's target contains no command"
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class CommandStep:
     """Command to the robot in this period, and the resulting event."""
 
     kind: Literal["idle", "goal", "setpoint", "feedback"] = "idle"
@@ -38,8 +38,8 @@ class Commanders:
 
     def __init__(self, rest_needed_s: float) -> None:
         """Start without an owner."""
-        self.turn = Turn()
-        self.claim: Claim | None = None
+        self.turn = Ownership()
+        self.claim: PendingMove | None = None
         self._rest = Rest()
         self._rest_needed_s = rest_needed_s
         self._last_goal_id = 0
@@ -62,15 +62,15 @@ class Commanders:
     # --- requests ---------------------------------------------------------------------------------
 
     def ask(
-        self, request: MoveRequest, robot: RobotState, bounds: Bounds, claim: Claim
-    ) -> tuple[Reply, Step]:
+        self, request: MoveRequest, robot: RobotState, bounds: ArmBounds, claim: PendingMove
+    ) -> tuple[Reply, CommandStep]:
         """Accept or refuse a move; it begins at once if the arm is free and at rest."""
         holder = self.turn.commander if self.claim is None else self.claim.commander
-        if not goes_before(request.commander, holder):
-            return refusal("busy", f"the {holder} commands the arm; stop that first"), Step()
+        if not outranks(request.commander, holder):
+            return refusal("busy", f"the {holder} commands the arm; stop that first"), CommandStep()
         trip = goal_trip(request, robot, bounds) or speed_trip(claim.speed, bounds.limits)
         if trip is not None:
-            return refused(trip), Step()
+            return refused(trip), CommandStep()
         # Above the robot's number too: a restarted arbiter must not repeat one.
         self._last_goal_id = max(self._last_goal_id, robot.goal.id) + 1
         self.claim = replace(claim, goal=claim.goal.model_copy(update={"id": self._last_goal_id}))
@@ -79,25 +79,27 @@ class Commanders:
         )
         return reply, self._take(self.claim, holder, robot, bounds)
 
-    def _take(self, claim: Claim, holder: Commander, robot: RobotState, bounds: Bounds) -> Step:
+    def _take(
+        self, claim: PendingMove, holder: Commander, robot: RobotState, bounds: ArmBounds
+    ) -> CommandStep:
         text = f"the {claim.commander} took the arm from the {holder}"
         told = () if holder == "none" else (tripped("preempted", text),)
         if self.turn.commander != "none":
             self.turn, self._rest = self.turn.next(), Rest()
         if self._rests(claim.since_ns):
             return self._begin(claim, robot, bounds, told)
-        return Step(event="take", told=told)
+        return CommandStep(event="take", told=told)
 
     def _rests(self, now_ns: int) -> bool:
         return self._rest.lasts_s(now_ns) >= self._rest_needed_s
 
     def _begin(
-        self, claim: Claim, robot: RobotState, bounds: Bounds, told: tuple[Trip, ...]
-    ) -> Step:
+        self, claim: PendingMove, robot: RobotState, bounds: ArmBounds, told: tuple[Trip, ...]
+    ) -> CommandStep:
         self.claim = None
         trip = goal_trip(claim.request, robot, bounds)  # angles count from where the arm rests
         if trip is not None:
-            return Step(event="end", told=(*told, tripped("goal_refused", trip.text)))
+            return CommandStep(event="end", told=(*told, tripped("goal_refused", trip.text)))
         turn = replace(self.turn, commander=claim.commander, goal=claim.goal, speed=claim.speed)
         self.turn = turn
         return self._pursue(claim.goal, event="begin", told=told)
@@ -108,11 +110,11 @@ class Commanders:
         self,
         robot: RobotState,
         target: RegulatorTarget | None,
-        bounds: Bounds,
-        moment: Moment,
+        bounds: ArmBounds,
+        moment: Tick,
         *,
         told: tuple[Trip, ...],
-    ) -> Step:
+    ) -> CommandStep:
         """Return the command of this period.
 
         Args:
@@ -131,56 +133,58 @@ class Commanders:
         if self.turn.commander == "regulator":
             return self._regulate(target, bounds, moment)
         if target is None or not self._regulator_rested:
-            return Step()
+            return CommandStep()
         if not self._rests(moment.now_ns):  # the regulator continues from here until it may begin
-            return Step(content={"pose": record_of(moment.T_measured), "limited": True})
+            return CommandStep(content={"pose": record_of(moment.T_measured), "limited": True})
         stream = begin(moment.T_measured) if target.host == "pc" else None
         self.turn = replace(self.turn, commander="regulator", host=target.host, stream=stream)
         return replace(self._regulate(target, bounds, moment), event="begin", told=())
 
     def _settle(
         self,
-        claim: Claim,
+        claim: PendingMove,
         robot: RobotState,
-        bounds: Bounds,
+        bounds: ArmBounds,
         *,
         now_ns: int,
         told: tuple[Trip, ...],
-    ) -> Step:
+    ) -> CommandStep:
         if self._rests(now_ns):
             return self._begin(claim, robot, bounds, told)
         if now_ns - claim.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
-            return Step()
+            return CommandStep()
         text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {claim.commander}'s request"
-        return Step(stop=tripped("handover", text))
+        return CommandStep(stop=tripped("handover", text))
 
-    def _watch(self, goal: Goal, robot: RobotState) -> Step:
+    def _watch(self, goal: Goal, robot: RobotState) -> CommandStep:
         if robot.goal.id != goal.id or robot.goal.state not in {"done", "refused"}:
             return self._pursue(goal)
         refused_goal = (tripped("goal_refused", robot.goal.reason),)
         return self._end(refused_goal if robot.goal.state == "refused" else None)
 
-    def _pursue(self, goal: Goal, **changed: Any) -> Step:
-        return Step("goal", {"goal": goal}, **changed)
+    def _pursue(self, goal: Goal, **changed: Any) -> CommandStep:
+        return CommandStep("goal", {"goal": goal}, **changed)
 
-    def _end(self, told: tuple[Trip, ...] | None = None) -> Step:
+    def _end(self, told: tuple[Trip, ...] | None = None) -> CommandStep:
         self.turn = self.turn.next()
-        return Step(event="end", told=told)
+        return CommandStep(event="end", told=told)
 
-    def _regulate(self, target: RegulatorTarget | None, bounds: Bounds, moment: Moment) -> Step:
+    def _regulate(
+        self, target: RegulatorTarget | None, bounds: ArmBounds, moment: Tick
+    ) -> CommandStep:
         stream = self.turn.stream
         if target is None and stream is not None and not stream.pace.is_still:
-            return self._set_point(faded(stream, bounds, moment.dt_s))  # stopped: ramp down
+            return self._set_point(braked(stream, bounds, moment.dt_s))  # stopped: ramp down
         if target is None or target.host != self.turn.host:
             return self._end()
         if stream is None and target.feedback is not None:
-            return Step("feedback", {"host": "controller", "feedback": target.feedback})
+            return CommandStep("feedback", {"host": "controller", "feedback": target.feedback})
         if stream is None or target.pose is None:
-            return Step(stop=tripped("regulator", NOTHING_TO_DO))
+            return CommandStep(stop=tripped("regulator", NOTHING_TO_DO))
         stream, trip = follow(stream, pose_of(target.pose), bounds, moment)
-        return self._set_point(stream) if trip is None else Step(stop=trip)
+        return self._set_point(stream) if trip is None else CommandStep(stop=trip)
 
-    def _set_point(self, stream: Stream) -> Step:
+    def _set_point(self, stream: SetpointStream) -> CommandStep:
         self.turn, pace = replace(self.turn, stream=stream), stream.pace
         pose = record_of(pace.T_base_flange)
-        return Step("setpoint", {"pose": pose, "limited": pace.lags})
+        return CommandStep("setpoint", {"pose": pose, "limited": pace.lags})

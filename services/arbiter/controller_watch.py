@@ -5,7 +5,7 @@ in the controller, and `streamed_round_trip_p50_s`, the median time from sending
 report that the robot program has executed it. A robot without these numbers is not checked.
 """
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 from services.arbiter.inputs import Inputs
@@ -20,7 +20,7 @@ STREAMED, MONITOR = "streamed_round_trip_p50_s", "monitor_speed_fraction"
 class ControllerWatch:
     """Comparison of the controller's numbers with the cell file and with their start values."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Start without force feedback.
 
         Args:

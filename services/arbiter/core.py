@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
-from common.motion.back_off import Load, in_move
+from common.config.cell import CellConfig
+from common.motion.back_off import LoadRatchet, in_move
 from common.motion.convert import pose_of, record_of
 from common.motion.limits import Limits, check_joint_count
 from common.motion.rate_limiter import JointTrack
@@ -27,16 +27,16 @@ from forcemesh.messages import (
 from forcemesh.requests import MoveRequest, Reply
 from services.arbiter import freeing, stops
 from services.arbiter import inputs as known
-from services.arbiter.bounds import Bounds
-from services.arbiter.commanders import Commanders, Step
+from services.arbiter.bounds import ArmBounds
+from services.arbiter.commanders import Commanders, CommandStep
 from services.arbiter.freeing import Freeing
 from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip
 from services.arbiter.inputs import Inputs
-from services.arbiter.ownership import REST_S, Claim
-from services.arbiter.preflight import Terms, complaints, lasting, load_text
+from services.arbiter.ownership import REST_S, PendingMove
+from services.arbiter.preflight import Terms, failed_checks, load_text, persistent
 from services.arbiter.reports import lines, recent, what_next
 from services.arbiter.states import CLEARS, TABLE, after
-from services.arbiter.stream import Moment
+from services.arbiter.stream import Tick
 
 LONGEST_GAP_PERIODS = 3.0  # longest period, in nominal ones, over which set points advance
 LEAST_REPORTS = 3.0  # robot reports over which the arm must be at rest
@@ -45,17 +45,17 @@ LEAST_REPORTS = 3.0  # robot reports over which the arm must be at rest
 class Arbiter:
     """State machine of the arm: one commander, arm and hold, limits, deadlines."""
 
-    def __init__(self, cell: Cell, *, command_deadline_s: float) -> None:
+    def __init__(self, cell: CellConfig, *, command_deadline_s: float) -> None:
         """Start in BOOT without inputs."""
         self.state: ArbiterState = "BOOT"
         self.trips: tuple[Trip, ...] = ()
         self._deadline_s = command_deadline_s
         self._longest_gap_s = LONGEST_GAP_PERIODS / cell.rates.control_hz
         self._terms, self._retreat = Terms.of(cell), stops.Retreat.of(cell)
-        self._cells = Bounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity())
+        self._cells = ArmBounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity())
         self._bounds = self._cells
         self._freeing: Freeing | None = None
-        self._load: Load | None = None  # of the move under way
+        self._load: LoadRatchet | None = None  # of the move under way
         self._commanders = Commanders(max(REST_S, LEAST_REPORTS / cell.rates.robot_hz))
         self._stopping: stops.Stopping | None = None
         self._speed = Speed()
@@ -83,7 +83,7 @@ class Arbiter:
         command = None
         robot = inputs.robot.fresh
         if self.state in MAY_MOVE and robot is not None:
-            moment = Moment(pose_of(robot), inputs.now_ns, min(dt_s, self._longest_gap_s))
+            moment = Tick(pose_of(robot), inputs.now_ns, min(dt_s, self._longest_gap_s))
             command = self._move_on(robot, inputs, moment)
         return command or RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
 
@@ -109,8 +109,8 @@ class Arbiter:
         if self._seen is None:
             return [tripped("not_ready", "starting")]
         good_s = _since_s(self._good_since_ns, self._seen)
-        found = complaints(self._seen, self._terms, good_s, "all")
-        return lasting(found) if self.state in MAY_MOVE else found
+        found = failed_checks(self._seen, self._terms, good_s, "all")
+        return persistent(found) if self.state in MAY_MOVE else found
 
     def _watch_readiness(self, inputs: Inputs, lost: list[Trip]) -> None:
         if lost and known.missing(inputs, blind=True):  # a subset of `lost`
@@ -180,7 +180,7 @@ class Arbiter:
         watched = inputs.watched
         return (watched.calibration or watched.slower) if by_force else None
 
-    def _move_on(self, robot: RobotState, inputs: Inputs, moment: Moment) -> RobotCommand | None:
+    def _move_on(self, robot: RobotState, inputs: Inputs, moment: Tick) -> RobotCommand | None:
         """Return the command of this period, None when the robot must hold."""
         if self._stopping is not None:
             return self._stop_softly(moment)
@@ -202,11 +202,11 @@ class Arbiter:
         self._react(step.stop, inputs)
         return self._stop_softly(moment)
 
-    def _note(self, step: Step) -> None:
+    def _note(self, step: CommandStep) -> None:
         self.state = after(self.state, step.event)
         self.trips = self.trips if step.told is None else step.told
 
-    def _command(self, step: Step) -> RobotCommand:
+    def _command(self, step: CommandStep) -> RobotCommand:
         turn = self._commanders.turn
         content = {"host": "pc"} | step.content
         permission = Permission(
@@ -251,7 +251,7 @@ class Arbiter:
             now_ns=inputs.now_ns,
         )
 
-    def _stop_softly(self, moment: Moment) -> RobotCommand | None:
+    def _stop_softly(self, moment: Tick) -> RobotCommand | None:
         """Return the next set point of a soft stop; None when it is over or not permitted."""
         if self._stopping is None:
             return None
@@ -261,7 +261,7 @@ class Arbiter:
             self._stop("hold")
             return None
         pose = record_of(stopping.pace.T_base_flange)
-        return self._command(Step("setpoint", {"pose": pose, "limited": True}))
+        return self._command(CommandStep("setpoint", {"pose": pose, "limited": True}))
 
     def _stop(self, event: str, *trips: Trip) -> None:
         """Stop and latch. A second cause is added to the first one."""
@@ -295,7 +295,7 @@ class Arbiter:
         if after(self.state, "arm") != "ARMED":
             return refusal("state", f"the arbiter is {self.state}: {CLEARS[self.state]}")
         good_s = _since_s(self._good_since_ns, inputs)
-        not_ready = complaints(inputs, self._terms, good_s, purpose)
+        not_ready = failed_checks(inputs, self._terms, good_s, purpose)
         if not_ready or robot is None:
             return _not_ready(not_ready)
         bounds = replace(self._cells, T_armed=pose_of(robot))
@@ -303,7 +303,7 @@ class Arbiter:
         load = load_text(inputs, self._terms)
         return Reply(accepted=True, text=f"armed, lease {self._lease}{load}")
 
-    def _begin_lease(self, event: str, purpose: Purpose, bounds: Bounds, inputs: Inputs) -> None:
+    def _begin_lease(self, event: str, purpose: Purpose, bounds: ArmBounds, inputs: Inputs) -> None:
         self._armed_for, self._joints = purpose, JointTrack()
         self._commanders.drop()
         self.state, self.trips = after(self.state, event), ()
@@ -323,7 +323,7 @@ class Arbiter:
         if "back_off" not in TABLE[self.state]:
             return refusal("state", f"the arbiter is {self.state}: hold first")
         good_s = _since_s(self._blind_since_ns if blind else self._good_since_ns, inputs)
-        not_ready = complaints(inputs, self._terms, good_s, "back_off", blind=blind)
+        not_ready = failed_checks(inputs, self._terms, good_s, "back_off", blind=blind)
         if not_ready or robot is None:
             return _not_ready(not_ready)
         begun = freeing.begin(inputs, robot, self._cells, confirmed=confirmed)
@@ -333,7 +333,7 @@ class Arbiter:
         unknown = tuple(known.fault_trips(inputs)) if blind else ()
         self._freeing, request = replace(begun, unknown=unknown), begun.request
         goal = Goal(id=0, kind=request.kind, pose=request.pose)
-        claim = Claim("operator", request, goal, begun.speed, inputs.now_ns)
+        claim = PendingMove("operator", request, goal, begun.speed, inputs.now_ns)
         reply, step = self._commanders.ask(request, robot, self._bounds, claim)
         self._note(step)
         if not reply.accepted:
@@ -370,7 +370,7 @@ class Arbiter:
             return refusal("busy", "the arm is backing off: wait until it has ended, or hold")
         goal = Goal(id=0, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad)
         speed = speed_of(request, self._speed)
-        claim = Claim(request.commander, request, goal, speed, inputs.now_ns)
+        claim = PendingMove(request.commander, request, goal, speed, inputs.now_ns)
         reply, step = self._commanders.ask(request, robot, self._bounds, claim)
         self._note(step)
         return reply

@@ -9,14 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion import back_off
-from common.motion.back_off import BackOff, Plan
+from common.motion.back_off import BackOffPlan, BackOffState
 from common.motion.convert import pose_of, record_of
 from common.motion.last_check import MEASURED_SLACK_M
 from common.motion.limits import Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import RobotState, Speed, Trip, WrenchAtTcp
 from forcemesh.requests import MoveRequest
-from services.arbiter.bounds import Bounds
+from services.arbiter.bounds import ArmBounds
 from services.arbiter.inputs import Inputs
 
 
@@ -24,10 +24,10 @@ from services.arbiter.inputs import Inputs
 class Freeing:
     """One back-off, from arming to its end."""
 
-    plan: Plan
-    run: BackOff
+    plan: BackOffPlan
+    run: BackOffState
     limits: Limits  # of the cell: the arm is free within them
-    bounds: Bounds  # limits while backing off
+    bounds: ArmBounds  # limits while backing off
     blind: bool  # without sensor or wrench: their inputs are not required
     unknown: tuple[Trip, ...] = ()  # why it is blind: still a fault when it ends
 
@@ -48,7 +48,9 @@ def is_blind(inputs: Inputs) -> bool:
     return inputs.wrench.fresh is None or inputs.sensor.fresh is None
 
 
-def begin(inputs: Inputs, robot: RobotState, bounds: Bounds, *, confirmed: bool) -> Freeing | Trip:
+def begin(
+    inputs: Inputs, robot: RobotState, bounds: ArmBounds, *, confirmed: bool
+) -> Freeing | Trip:
     """Return the back-off from here, or why there is none.
 
     Args:
@@ -62,10 +64,10 @@ def begin(inputs: Inputs, robot: RobotState, bounds: Bounds, *, confirmed: bool)
     plan = back_off.plan(bounds.limits, T, bounds.T_flange_tcp, wrench, confirmed=confirmed)
     if isinstance(plan, Trip):
         return plan
-    around = back_off.freed(bounds.limits, T * bounds.T_flange_tcp, MEASURED_SLACK_M)
+    around = back_off.relaxed_limits(bounds.limits, T * bounds.T_flange_tcp, MEASURED_SLACK_M)
     return Freeing(
         plan=plan,
-        run=BackOff(T, inputs.now_ns),
+        run=BackOffState(T, inputs.now_ns),
         limits=bounds.limits,
         bounds=replace(bounds, limits=around, T_armed=T),
         blind=blind,

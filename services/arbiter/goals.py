@@ -7,10 +7,10 @@ from common.motion.limits import Limits, check_joint_count, check_joints
 from forcemesh.faults import tripped
 from forcemesh.messages import RobotState, Speed, Trip
 from forcemesh.requests import MoveRequest
-from services.arbiter.bounds import Bounds
+from services.arbiter.bounds import ArmBounds
 
 
-def goal_trip(request: MoveRequest, robot: RobotState, bounds: Bounds) -> Trip | None:
+def goal_trip(request: MoveRequest, robot: RobotState, bounds: ArmBounds) -> Trip | None:
     """Return the limit that the end of a move would violate, or None.
 
     Args:

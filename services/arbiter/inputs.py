@@ -144,7 +144,7 @@ def _fault_of_robot(fault: Trip) -> Trip:
     return fault.model_copy(update={"text": FAULTS[fault.code].remedy})
 
 
-def strangers(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
+def mismatched_roles(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
     """Return the roles with another cell file or version than the arbiter's."""
     trips = []
     for role, reading in inputs.health.items():

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Asker, Commander, Goal, Host, RobotState, Speed
 from forcemesh.requests import MoveRequest
-from services.arbiter.stream import Stream
+from services.arbiter.stream import SetpointStream
 
 REST_S = 0.1  # time at rest before a hand-over, besides three of the robot's reports
 SETTLE_WITHIN_S = 3.0  # longest time from the request to the arm at rest
 
 
 @dataclass(frozen=True, slots=True)
-class Turn:
+class Ownership:
     """Ownership period: without an owner at first, then one owner's until its command ends.
 
     Its number goes out in the permission as a fencing token. The robot echoes it: once the new
@@ -24,15 +24,15 @@ class Turn:
     host: Host = "pc"  # where the regulator runs
     goal: Goal | None = None
     speed: Speed | None = None  # of this goal
-    stream: Stream | None = None  # of the regulator's set points
+    stream: SetpointStream | None = None  # of the regulator's set points
 
-    def next(self) -> "Turn":
+    def next(self) -> "Ownership":
         """Return the next ownership period, without an owner yet."""
-        return Turn(self.number + 1)
+        return Ownership(self.number + 1)
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class PendingMove:
     """Pending move, which begins when the arm is at rest."""
 
     commander: Asker
@@ -48,7 +48,7 @@ class Rest:
 
     since_ns: int | None = None
 
-    def seen(self, robot: RobotState | None, turn: Turn, now_ns: int) -> "Rest":
+    def seen(self, robot: RobotState | None, turn: Ownership, now_ns: int) -> "Rest":
         """Return the state after another report; a robot that holds accepts no owner: no rest.
 
         A robot that has never accepted a command has no turn number to compare.

@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_hash
 from common.motion.convert import vec3
 from common.motion.limits import Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip, Vec3
 from forcemesh.version import __version__
-from services.arbiter.inputs import Inputs, limit_trip, missing, robot_complaints, strangers
+from services.arbiter.inputs import Inputs, limit_trip, mismatched_roles, missing, robot_complaints
 
 PREFLIGHT_S = 1.0  # time for which the inputs must have been good
 
@@ -38,7 +38,7 @@ class Terms:
     tare_age_max_s: float
 
     @classmethod
-    def of(cls, cell: Cell) -> "Terms":
+    def of(cls, cell: CellConfig) -> "Terms":
         """Return the reference values of a cell."""
         return cls(
             config_hash=cell_hash(cell),
@@ -57,7 +57,7 @@ MOVES: tuple[Purpose, ...] = ("all", "jog")
 FORCE: tuple[Purpose, ...] = ("all",)
 
 
-class Look(NamedTuple):
+class PreflightContext(NamedTuple):
     """Arguments of a check."""
 
     inputs: Inputs
@@ -70,49 +70,49 @@ class Check(NamedTuple):
     """One row of the preflight."""
 
     what: str
-    complaints: Callable[[Look], list[Trip]]
+    complaints: Callable[[PreflightContext], list[Trip]]
     purposes: tuple[Purpose, ...]
 
 
-def _heard(look: Look) -> list[Trip]:
+def _heard(look: PreflightContext) -> list[Trip]:
     return missing(look.inputs, blind=look.blind)
 
 
-def _steady(look: Look) -> list[Trip]:
+def _steady(look: PreflightContext) -> list[Trip]:
     if look.good_s >= PREFLIGHT_S:
         return []
     text = f"inputs have been good for {look.good_s:.1f} s, {PREFLIGHT_S:g} s are required"
     return [tripped("not_ready", text, value=look.good_s, limit=PREFLIGHT_S)]
 
 
-def _controller(look: Look) -> list[Trip]:
+def _controller(look: PreflightContext) -> list[Trip]:
     return robot_complaints(look.inputs)
 
 
-def _strangers(look: Look) -> list[Trip]:
-    return strangers(look.inputs, look.terms.config_hash, look.terms.version)
+def _strangers(look: PreflightContext) -> list[Trip]:
+    return mismatched_roles(look.inputs, look.terms.config_hash, look.terms.version)
 
 
-def _limits(look: Look) -> list[Trip]:
+def _limits(look: PreflightContext) -> list[Trip]:
     return _some(limit_trip(look.inputs, look.terms.limits, look.terms.p_flange_tcp_m))
 
 
-def _rest(look: Look) -> list[Trip]:
+def _rest(look: PreflightContext) -> list[Trip]:
     return _some(look.inputs.watched.unrest)
 
 
-def _residual(look: Look) -> list[Trip]:
+def _residual(look: PreflightContext) -> list[Trip]:
     return _some(look.inputs.watched.residual)
 
 
-def _calibration(look: Look) -> list[Trip]:
+def _calibration(look: PreflightContext) -> list[Trip]:
     wrench = look.inputs.wrench.fresh
     if wrench is None or wrench.calibrated:
         return []
     return [tripped("payload", wrench.calibration_fault or "the wrench is not calibrated")]
 
 
-def _approach(look: Look) -> list[Trip]:
+def _approach(look: PreflightContext) -> list[Trip]:
     value, limit = look.terms.approach_m_s, look.terms.approach_limit_m_s
     if value <= limit:
         return []
@@ -123,11 +123,11 @@ def _approach(look: Look) -> list[Trip]:
     return [tripped("approach_speed", text, value=value, limit=limit)]
 
 
-def _controller_speed(look: Look) -> list[Trip]:
+def _controller_speed(look: PreflightContext) -> list[Trip]:
     return _some(look.inputs.watched.slow)
 
 
-def _tare(look: Look) -> list[Trip]:
+def _tare(look: PreflightContext) -> list[Trip]:
     """Check the age of the tare; the text contains the present reading."""
     reading, wrench = look.inputs.health.get("wrench"), look.inputs.wrench.fresh
     health = None if reading is None else reading.fresh
@@ -163,7 +163,7 @@ CHECKS: tuple[Check, ...] = (
 # fmt: on
 
 
-def complaints(
+def failed_checks(
     inputs: Inputs, terms: Terms, good_s: float, purpose: Purpose, *, blind: bool = False
 ) -> list[Trip]:
     """Return why the arm must not be armed; faults of the inputs exclude all other checks.
@@ -175,7 +175,7 @@ def complaints(
         purpose: Purpose of arming.
         blind: To back off without a measured force.
     """
-    look = Look(inputs, terms, good_s, blind)
+    look = PreflightContext(inputs, terms, good_s, blind)
     found = CHECKS[0].complaints(look)
     if found:
         return found
@@ -191,6 +191,6 @@ def load_text(inputs: Inputs, terms: Terms) -> str:
     return f"; the tool is loaded with {force_N:.1f} N: `forcemesh retract` leaves a contact"
 
 
-def lasting(trips: list[Trip]) -> list[Trip]:
+def persistent(trips: list[Trip]) -> list[Trip]:
     """Return the causes that remain once a moving arm has come to rest."""
     return [trip for trip in trips if trip.code != "moving"]

@@ -15,6 +15,6 @@ RANKS: dict[Commander, int] = {
 # fmt: on
 
 
-def goes_before(asker: Commander, holder: Commander) -> bool:
+def outranks(asker: Commander, holder: Commander) -> bool:
     """Return whether a commander may take the arm from its holder."""
     return RANKS[asker] > RANKS[holder]

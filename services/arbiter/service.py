@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus, Incoming
 from forcemesh.clock import NS_PER_S
@@ -11,18 +11,18 @@ from forcemesh.messages import ArbiterState, Trip
 from forcemesh.requests import Reply
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
-from services.arbiter.watch import Watch
+from services.arbiter.watch import InputMonitors
 
 
 class ArbiterService:
     """Service that passes on one commander's motion, and publishes the reason when it does not."""
 
-    def __init__(self, bus: Bus, cell: Cell) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Open the topics and requests of this role."""
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._core = Arbiter(cell, command_deadline_s=cell.stale_after_s(topics.ROBOT_COMMAND))
-        self._watch = Watch(cell)
+        self._watch = InputMonitors(cell)
         self._robot = bus.reader(topics.ROBOT_STATE)
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
         self._wrench = bus.reader(topics.WRENCH)

@@ -13,13 +13,13 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.limits import Limits
-from common.motion.rate_limiter import NS_PER_S, Pace, brake, limit_motion
+from common.motion.rate_limiter import NS_PER_S, CommandedMotion, brake, limit_motion
 from forcemesh.faults import clipped
 from forcemesh.messages import Trip, WrenchAtTcp
-from services.arbiter.bounds import Bounds
-from services.arbiter.stream import Moment, Stream
+from services.arbiter.bounds import ArmBounds
+from services.arbiter.stream import SetpointStream, Tick
 
 Reaction = Literal["hold", "fade", "retreat"]
 
@@ -46,7 +46,7 @@ class Retreat:
     speed_m_s: float
 
     @classmethod
-    def of(cls, cell: Cell) -> "Retreat":
+    def of(cls, cell: CellConfig) -> "Retreat":
         """Return the settings of a cell."""
         return cls(cell.force.retreat_m, cell.force.retreat_m_s)
 
@@ -63,7 +63,7 @@ class Stopping:
     """State of a soft stop: its cause, and the set points that come to rest."""
 
     trip: Trip
-    pace: Pace
+    pace: CommandedMotion
     since_ns: int
     speed_m_s: float = 0.0  # of a retreat
     T_back: pin.SE3 | None = None  # end pose of a retreat; None for a fade
@@ -78,8 +78,8 @@ def reaction_to(trip: Trip) -> Reaction:
 
 def begin(
     trip: Trip,
-    stream: Stream,
-    bounds: Bounds,
+    stream: SetpointStream,
+    bounds: ArmBounds,
     *,
     retreat: Retreat,
     wrench: WrenchAtTcp | None,
@@ -102,7 +102,7 @@ def begin(
     return Stopping(trip, pace, now_ns, retreat.speed_m_s, T_back, retreat.way_m)
 
 
-def step(stopping: Stopping, bounds: Bounds, moment: Moment) -> Stopping:
+def step(stopping: Stopping, bounds: ArmBounds, moment: Tick) -> Stopping:
     """Return the stop one period later; at its end the trip contains cause and travel."""
     if stopping.T_back is None:
         pace = brake(bounds.limits, stopping.pace, moment.dt_s)

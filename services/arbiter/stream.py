@@ -7,33 +7,33 @@ import pinocchio as pin
 from common.motion.frames import is_finite_pose
 from common.motion.limits import check_step, check_workspace
 from common.motion.rate_limiter import (
-    Pace,
-    Window,
+    CommandedMotion,
+    PathWindow,
+    at_rest,
     brake,
     check_rate,
     limit_motion,
     resting_place,
-    still,
 )
 from forcemesh.messages import Trip
-from services.arbiter.bounds import Bounds
+from services.arbiter.bounds import ArmBounds
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class SetpointStream:
     """State of the stream: the last command, and the travel of the last quarter of a second."""
 
-    pace: Pace
-    window: Window
+    pace: CommandedMotion
+    window: PathWindow
 
 
-def begin(T_measured: pin.SE3) -> Stream:
+def begin(T_measured: pin.SE3) -> SetpointStream:
     """Return a stream that starts at the measured pose at rest, without a jump."""
-    return Stream(still(T_measured), Window())
+    return SetpointStream(at_rest(T_measured), PathWindow())
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class Tick:
     """One period: measured pose, time and length."""
 
     T_measured: pin.SE3
@@ -42,8 +42,8 @@ class Moment:
 
 
 def follow(
-    stream: Stream, T_wished: pin.SE3, bounds: Bounds, moment: Moment
-) -> tuple[Stream, Trip | None]:
+    stream: SetpointStream, T_wished: pin.SE3, bounds: ArmBounds, moment: Tick
+) -> tuple[SetpointStream, Trip | None]:
     """Return the stream after a target pose, or unchanged with the limit that it violates.
 
     From every accepted set point the arm can be braked inside the bounds.
@@ -58,9 +58,9 @@ def follow(
         or check_step(limits, moment.T_measured, pace.T_base_flange)
         or check_rate(limits, window)
     )
-    return (Stream(pace, window), None) if trip is None else (stream, trip)
+    return (SetpointStream(pace, window), None) if trip is None else (stream, trip)
 
 
-def faded(stream: Stream, bounds: Bounds, dt_s: float) -> Stream:
+def braked(stream: SetpointStream, bounds: ArmBounds, dt_s: float) -> SetpointStream:
     """Return the stream after one period of braking."""
     return replace(stream, pace=brake(bounds.limits, stream.pace, dt_s))

@@ -8,7 +8,7 @@ from math import hypot
 
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import is_finite_pose, length, rotation_between
 from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
@@ -27,10 +27,10 @@ STOOD_STILL_S = 1.0  # stall of the arbiter after which all inputs look stale
 MISALIGNED_PAIRS = 2  # debounce: one pair may straddle a message in transit
 
 
-class Watch:
+class InputMonitors:
     """Set of all monitors."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Start without snapshots."""
         self._own = Overruns(allowed_gap_s(cell, "arbiter"))
         self._rest = RestWatch(1.0 / cell.rates.robot_hz)

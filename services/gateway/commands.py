@@ -18,10 +18,10 @@ from controller.packet_table import (
     GAIN_P,
     PERCENT,
     Bank,
+    CentreParam,
     Com,
     FeedbackSwitch,
     GainKind,
-    Point,
     Status,
     greeting,
 )
@@ -204,7 +204,7 @@ def set_up(kept: ControllerLimits, scales: Scales) -> tuple[Command, ...]:
         _feedback_limits(kept, scales),
         _motion_limits(kept, scales),
         *(Command(Com.LIMITS, int(bank), _corner(place, scales)) for bank, place in corners),
-        tcp(kept.T_flange_tcp, scales, Point.TCP),
+        tcp(kept.T_flange_tcp, scales, CentreParam.TCP),
     )
 
 
@@ -243,7 +243,7 @@ def _corner(place_m: Vec3, scales: Scales) -> VecInt:
     return (x, y, z, 0, 0, 0)
 
 
-def tcp(T_flange_tcp: pin.SE3, scales: Scales, point: Point) -> Command:
+def tcp(T_flange_tcp: pin.SE3, scales: Scales, point: CentreParam) -> Command:
     """Return command 11: the TCP, or only the centre of rotation of force feedback."""
     _refuse_unless_finite(T_flange_tcp)
     position_mm = T_flange_tcp.translation * MM_PER_M

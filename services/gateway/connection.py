@@ -9,10 +9,10 @@ from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import Trip
 from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue
-from services.gateway.goals import REPORTS_TO_BELIEVE, Measured
+from services.gateway.goals import REPORTS_TO_BELIEVE, ControllerReport
 from services.gateway.link import News
 from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
-from services.gateway.round_trips import LEAST_STREAMED, Rate, Turns
+from services.gateway.round_trips import LEAST_STREAMED, Rate, WrappingCounterRate
 
 SET_UP_WITHIN_NS = NS_PER_S  # time for the controller to execute its limits
 LOOPS_SPAN = 500_000  # modulus of the loop counter of 103
@@ -27,7 +27,7 @@ NEEDED = {
 FORBIDDEN = {Status.WATCHDOG_LATCHED: "robot_latched", Status.ERROR: "robot_error"}
 
 
-class Wire(Protocol):
+class ByteLink(Protocol):
     """Byte transport: a socket, or the emulator in lock step."""
 
     connections: int
@@ -46,17 +46,17 @@ class Wire(Protocol):
         """Close the connection."""
 
 
-class Connection:
+class ControllerConnection:
     """State of the connection to the controller."""
 
     def __init__(
-        self, wire: Wire, dialogue: Dialogue, kept: ControllerLimits, *, stale_after_s: float
+        self, wire: ByteLink, dialogue: Dialogue, kept: ControllerLimits, *, stale_after_s: float
     ) -> None:
         """Join the two; `poll` connects. `kept` is sent after every hello and hold."""
         self.dialogue = dialogue
         self.errors = 0  # connections closed for a protocol error of the controller
         self.code = "robot_link"  # of `trouble`
-        self.measured: Measured | None = None
+        self.measured: ControllerReport | None = None
         self.health: HealthReport | None = None
         self._wire = wire
         self._kept = kept
@@ -65,7 +65,7 @@ class Connection:
         self._greeted_ns = 0
         self._voided = 0  # consecutive reports with limits neither executed nor queued
         self._pose: PoseReport | None = None
-        self._samples, self._loops = Rate(), Turns(LOOPS_SPAN)
+        self._samples, self._loops = Rate(), WrappingCounterRate(LOOPS_SPAN)
 
     @property
     def reconnects(self) -> int:
@@ -184,7 +184,7 @@ class Connection:
 
     def _down(self) -> None:
         self._up, self._pose, self.measured, self.health = False, None, None, None
-        self._samples, self._loops = Rate(), Turns(LOOPS_SPAN)
+        self._samples, self._loops = Rate(), WrappingCounterRate(LOOPS_SPAN)
 
     def _take(self, event: Event, now_ns: int) -> bool:
         if isinstance(event, HelloReceived):
@@ -205,7 +205,7 @@ class Connection:
                     f"{self._pose.counter}: a packet is missing"
                 )
             self._samples.count(1, now_ns)
-            self.measured = Measured(
+            self.measured = ControllerReport(
                 T_base_flange=self._pose.T_base_flange,
                 joint_rad=event.joint_rad,
                 status=event.status,

@@ -14,13 +14,13 @@ from collections import deque
 import pinocchio as pin
 
 from controller.packet import Packet, PacketReader, encode
-from controller.packet_table import FEEDBACK_BITS, NO_ID, Com, Point, Status
+from controller.packet_table import FEEDBACK_BITS, NO_ID, CentreParam, Com, Status
 from forcemesh.errors import LocalProtocolError
 from forcemesh.messages import Gains, Joints, Mode, Speed, Vec3
 from services.gateway import commands
 from services.gateway.commands import Command, ControllerLimits, Pacing, PoseCarry
 from services.gateway.numbering import NONE_YET, EchoMark, id_of, number_of
-from services.gateway.pending_commands import Offers
+from services.gateway.pending_commands import PendingCommands
 from services.gateway.reports import Event, JointReport, PoseReport, parse_hello, parse_report
 from services.gateway.round_trips import Echoes, is_taken
 from services.gateway.scales import Scales
@@ -68,7 +68,7 @@ class Dialogue:
 
     def _forget_motion(self, running: Gains | None = None) -> None:
         """Reset the set-point stream and force feedback: nothing pending, no rounding carried."""
-        self._offers = Offers(self.scales, self._pacing, running)
+        self._offers = PendingCommands(self.scales, self._pacing, running)
         self._untaken: deque[int] = deque()
 
     # --- connection -------------------------------------------------------------------------------
@@ -219,7 +219,7 @@ class Dialogue:
     def set_centre(self, T_flange_centre: pin.SE3, now_ns: int) -> bytes:
         """Return the centre of rotation, to be sent before force feedback starts."""
         self._refuse_during_feedback(Com.TCP)
-        return self._send(now_ns, commands.tcp(T_flange_centre, self.scales, Point.CENTRE))
+        return self._send(now_ns, commands.tcp(T_flange_centre, self.scales, CentreParam.CENTRE))
 
     def start_feedback(self, mode: Mode, gains: Gains, *, permitted: bool, now_ns: int) -> bytes:
         """Return gains and the start, in this order. Set points must have stopped before."""

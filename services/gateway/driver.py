@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.convert import pose_of
-from common.motion.last_check import Guard
-from common.motion.tracking import Tracking
+from common.motion.last_check import LastCheck
+from common.motion.tracking import TrackingMonitor
 from controller.packet_table import FEEDBACK_BITS, Status
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
@@ -29,15 +29,15 @@ from forcemesh.messages import (
 )
 from services.gateway import goals
 from services.gateway.dialogue import Dialogue
-from services.gateway.goals import Measured, Track
-from services.gateway.setpoint_shaper import Departures
+from services.gateway.goals import ControllerReport, Track
+from services.gateway.setpoint_shaper import SetpointShaper
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
 CENTRE_STEP_M = 3e-3  # travel of the contact point below which no command is sent
 
 
 @dataclass(frozen=True, slots=True)
-class Running:
+class RunningFeedback:
     """Force feedback requested from the controller."""
 
     feedback: Feedback
@@ -53,9 +53,9 @@ class Driver:
         dialogue: Dialogue,
         send: Callable[[bytes, int], None],
         *,
-        guard: Guard,
-        departures: Departures,
-        tracking: Tracking,
+        guard: LastCheck,
+        departures: SetpointShaper,
+        tracking: TrackingMonitor,
         speed_m_s: float,
         T_flange_tcp: pin.SE3,
     ) -> None:
@@ -72,7 +72,7 @@ class Driver:
         self._T_flange_tcp = T_flange_tcp
         self._stream_speed = Speed(mechanical_m_s=speed_m_s)
         self._track = Track()
-        self._running: Running | None = None
+        self._running: RunningFeedback | None = None
         self._streaming = False  # a stream is active; its first set point was the measured pose
         self._stream_from = 0  # packet number of that set point
         self._holding = True  # every connection begins with hello and hold
@@ -104,7 +104,7 @@ class Driver:
             self._holding = True
             self._send(self._dialogue.hold(now_ns), now_ns)
 
-    def watch(self, measured: Measured, now_ns: int) -> None:
+    def watch(self, measured: ControllerReport, now_ns: int) -> None:
         """Check a new report under permission. Raises RefusedError as `obey`."""
         joint_rad, T = measured.joint_rad, measured.T_base_flange
         _refuse(self._guard.arm(T, joint_rad, now_ns))
@@ -113,14 +113,14 @@ class Driver:
             raise RefusedError("robot_refuses", "the controller refused a set point")
         _refuse(self._tracking.judge(T, joint_rad, now_ns))
 
-    def follow_goal(self, measured: Measured, now_ns: int) -> None:
+    def follow_goal(self, measured: ControllerReport, now_ns: int) -> None:
         """Update the state of the goal from a report."""
         self._track = goals.follow(self._track, measured, now_ns)
 
     def obey(
         self,
         command: RobotCommand,
-        measured: Measured,
+        measured: ControllerReport,
         *,
         lease: tuple[int, int],
         wrench: Reading[WrenchAtTcp],
@@ -158,7 +158,7 @@ class Driver:
 
     # --- goals and set points ---------------------------------------------------------------------
 
-    def _pursue(self, goal: Goal, speed: Speed, measured: Measured, now_ns: int) -> None:
+    def _pursue(self, goal: Goal, speed: Speed, measured: ControllerReport, now_ns: int) -> None:
         track = self._track
         if goal.id == track.report.id and track.report.state != "queued":
             return
@@ -178,7 +178,7 @@ class Driver:
             self._track = goals.sent(goal, self._dialogue.last, measured.joint_rad, now_ns)
             self._expect(self._track, measured)
 
-    def _knows_where(self, goal: Goal, measured: Measured) -> bool:
+    def _knows_where(self, goal: Goal, measured: ControllerReport) -> bool:
         """Return whether the start of a move is known, which the end of a relative one needs."""
         at_rest = self._dialogue.settled and not measured.status & Status.MOVING
         return goal.kind != "by" or at_rest
@@ -192,7 +192,7 @@ class Driver:
             return self._dialogue.move_by_joints(goal.joint_rad, speed, now_ns)
         return self._dialogue.move_to_joints(goal.joint_rad, speed, now_ns)
 
-    def _stream(self, command: RobotCommand, measured: Measured, now_ns: int) -> None:
+    def _stream(self, command: RobotCommand, measured: ControllerReport, now_ns: int) -> None:
         """Offer a set point; the first of a stream is the measured pose, to avoid a jump."""
         if command.pose is None:
             raise RefusedError("malformed", "a set point without a pose")
@@ -212,7 +212,7 @@ class Driver:
         self._dialogue.offer_setpoint(T_wanted)
         self._tracking.stream(T_wanted, now_ns)
 
-    def _expect(self, track: Track, measured: Measured) -> None:
+    def _expect(self, track: Track, measured: ControllerReport) -> None:
         """Set the expected path of the arm to a goal, for the tracking check."""
         if track.T_target is not None:
             self._tracking.line(measured.T_base_flange, track.T_target)
@@ -263,9 +263,9 @@ class Driver:
         )
         self._send(data, now_ns)
         self._departures.moved_otherwise()
-        self._running = Running(feedback, now_ns, feedback.lever_m)
+        self._running = RunningFeedback(feedback, now_ns, feedback.lever_m)
 
-    def _turn_about(self, running: Running, feedback: Feedback) -> Vec3:
+    def _turn_about(self, running: RunningFeedback, feedback: Feedback) -> Vec3:
         """Offer the contact point as centre of rotation when it has moved; return the lever."""
         way_m = np.linalg.norm(np.array(feedback.lever_m) - np.array(running.lever_m))
         if way_m < CENTRE_STEP_M:

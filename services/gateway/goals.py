@@ -21,7 +21,7 @@ STOPPED_SHORT_NS = 500_000_000  # time at rest away from the target
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class ControllerReport:
     """Newest pose and joints reported by the controller."""
 
     T_base_flange: pin.SE3
@@ -82,7 +82,7 @@ def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int) -> Track:
     )
 
 
-def follow(track: Track, measured: Measured, now_ns: int) -> Track:
+def follow(track: Track, measured: ControllerReport, now_ns: int) -> Track:
     """Return the goal updated by the newest report."""
     if track.report.state != "running":
         return track
@@ -104,7 +104,9 @@ def follow(track: Track, measured: Measured, now_ns: int) -> Track:
     return track.ended(candidate, reason)
 
 
-def _verdict(track: Track, measured: Measured, now_ns: int) -> tuple[GoalState, str, int | None]:
+def _verdict(
+    track: Track, measured: ControllerReport, now_ns: int
+) -> tuple[GoalState, str, int | None]:
     """Return the state by one report, its reason, and since when the arm is at rest."""
     if measured.status & Status.MOVING:
         return "running", "", None
@@ -121,7 +123,7 @@ def _verdict(track: Track, measured: Measured, now_ns: int) -> tuple[GoalState, 
     return "running", "", rest_ns
 
 
-def _missing(track: Track, measured: Measured) -> str:
+def _missing(track: Track, measured: ControllerReport) -> str:
     """Return the distance to the target as a text, empty when it is reached."""
     if track.T_target is not None:
         T = measured.T_base_flange

@@ -2,14 +2,14 @@
 
 import pinocchio as pin
 
-from controller.packet_table import Point
+from controller.packet_table import CentreParam
 from forcemesh.messages import Gains, Vec3
 from services.gateway import commands
 from services.gateway.commands import Command, Pacing, PoseCarry
 from services.gateway.scales import Scales
 
 
-class Offers:
+class PendingCommands:
     """Pending set point of a stream, or wrench, centre and gains of running force feedback.
 
     Raises LocalProtocolError on offering a value that does not fit into a packet.
@@ -43,7 +43,7 @@ class Offers:
 
     def centre(self, T_flange_tcp: pin.SE3) -> None:
         """Store a centre of rotation."""
-        self._centre = (commands.tcp(T_flange_tcp, self._scales, Point.CENTRE),)
+        self._centre = (commands.tcp(T_flange_tcp, self._scales, CentreParam.CENTRE),)
 
     def gains(self, gains: Gains) -> None:
         """Store both sets of gains."""

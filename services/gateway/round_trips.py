@@ -135,7 +135,7 @@ class Rate:
         return (self._total - before) * NS_PER_S / (now_ns - since_ns)
 
 
-class Turns:
+class WrappingCounterRate:
     """Rate of a counter with wraparound, from its readings."""
 
     def __init__(self, modulus: int) -> None:

@@ -5,11 +5,11 @@ from math import radians
 
 import numpy as np
 
-from common.config.cell import Cell, GatewaySection
+from common.config.cell import CellConfig, GatewaySection
 from common.motion.convert import record_of, vec3
-from common.motion.last_check import MEASURED_SLACK_M, Guard
-from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict
-from common.motion.tracking import Tracking
+from common.motion.last_check import MEASURED_SLACK_M, LastCheck
+from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
+from common.motion.tracking import TrackingMonitor
 from controller.packet_table import ID_COUNT, ID_FIRST, Status
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -18,13 +18,13 @@ from forcemesh.errors import ConfigError, LocalProtocolError, RefusedError
 from forcemesh.faults import clipped, tripped
 from forcemesh.messages import KawasakiStatus, LinkHealth, Mode, RobotState, RobotStatus, Trip
 from services.gateway.commands import ControllerLimits, Pacing
-from services.gateway.connection import Connection, Wire
+from services.gateway.connection import ByteLink, ControllerConnection
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
-from services.gateway.goals import Measured
+from services.gateway.goals import ControllerReport
 from services.gateway.link import Link, LinkSettings
 from services.gateway.scales import Scales
-from services.gateway.setpoint_shaper import CatchUp, Departures
+from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
 
 STEP_S = 0.002  # longest time that a report of the controller waits in the socket
 # Margins of the controller's own limits over those of this process.
@@ -46,7 +46,7 @@ EARLY = 0.75  # least share of a period between two published reports
 class Gateway:
     """Service that executes `robot/command` under permission and publishes `robot/state`."""
 
-    def __init__(self, bus: Bus, cell: Cell, wire: Wire | None = None) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig, wire: ByteLink | None = None) -> None:
         """Open the topics of the robot; `wire` replaces the socket."""
         section = cell.gateway
         if section is None:
@@ -55,9 +55,9 @@ class Gateway:
         self.fault = ""
         self._clock = bus.clock
         kept = controller_limits(cell, section)
-        guard = Guard(cell)
+        guard = LastCheck(cell)
         step = set_point_step(cell, section)
-        departures = Departures(cell.limits, guard.place, CatchUp.of(cell), step)
+        departures = SetpointShaper(cell.limits, guard.place, CatchUp.of(cell), step)
         pacing = Pacing(
             max_untaken=section.max_untaken_setpoints,
             heartbeat_after_s=section.heartbeat_s,
@@ -66,7 +66,7 @@ class Gateway:
         # A restarted process must not attribute echoes of its predecessor's IDs to itself.
         last_id = ID_FIRST + bus.epoch % ID_COUNT
         self._dialogue = Dialogue(scales_of(section), pacing, arm=section.arm, last_id=last_id)
-        self._connection = Connection(
+        self._connection = ControllerConnection(
             wire or Link(LinkSettings(section.host, section.port)),
             self._dialogue,
             kept,
@@ -77,7 +77,7 @@ class Gateway:
             self._connection.send,
             guard=guard,
             departures=departures,
-            tracking=Tracking(cell),
+            tracking=TrackingMonitor(cell),
             speed_m_s=cell.limits.speed_m_s,
             T_flange_tcp=cell.tool.T_flange_tcp.pose,
         )
@@ -92,12 +92,12 @@ class Gateway:
         self.trigger = self._command
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> GateDecision:
         """Command that is executed now, or why none is."""
         return self._verdict
 
     @property
-    def measured(self) -> Measured | None:
+    def measured(self) -> ControllerReport | None:
         """Last report of the controller."""
         return self._connection.measured
 
@@ -134,7 +134,7 @@ class Gateway:
 
     # --- commands ---------------------------------------------------------------------------------
 
-    def _judge(self, now_ns: int, *, is_new: bool) -> Verdict:
+    def _judge(self, now_ns: int, *, is_new: bool) -> GateDecision:
         """Execute a permitted command; any fault ends its lease."""
         verdict = self._gate.judge(self._command.read(now_ns), now_ns)
         measured = self._connection.measured
@@ -169,7 +169,7 @@ class Gateway:
             )
         return verdict
 
-    def _with_cause(self, verdict: Verdict) -> Verdict:
+    def _with_cause(self, verdict: GateDecision) -> GateDecision:
         """Put the controller's present fault, the cause, before the reason of the ended lease."""
         if (unfit := self._connection.unfit()) is None:
             return verdict
@@ -198,7 +198,7 @@ class Gateway:
                 )
             )
 
-    def _state_of(self, measured: Measured) -> RobotState:
+    def _state_of(self, measured: ControllerReport) -> RobotState:
         flange, health = record_of(measured.T_base_flange), self._connection.health
         return RobotState(
             position_m=flange.position_m,
@@ -252,7 +252,7 @@ def scales_of(section: GatewaySection) -> Scales:
     )
 
 
-def set_point_step(cell: Cell, section: GatewaySection) -> tuple[float, float]:
+def set_point_step(cell: CellConfig, section: GatewaySection) -> tuple[float, float]:
     """Return the largest distance between two set points [m, rad]."""
     limits = cell.limits
     return (
@@ -261,7 +261,7 @@ def set_point_step(cell: Cell, section: GatewaySection) -> tuple[float, float]:
     )
 
 
-def controller_limits(cell: Cell, section: GatewaySection) -> ControllerLimits:
+def controller_limits(cell: CellConfig, section: GatewaySection) -> ControllerLimits:
     """Return the limits that the controller enforces itself, also without this process.
 
     They are a little wider than the limits of this process, so that rounding causes no refusal and

@@ -18,7 +18,7 @@ from math import inf, radians
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell, LimitsSection
+from common.config.cell import CellConfig, LimitsSection
 from common.motion.frames import rotation_between, rotation_from_vector
 from common.motion.setpoint_monitor import ACCEL_MARGIN, EARLY_S, HALF_S, SPEED_MARGIN, WINDOW_S
 from forcemesh.clock import NS_PER_S
@@ -43,14 +43,14 @@ class CatchUp:
     late_s: float = inf  # time since the last set point sent that counts as a stall
 
     @classmethod
-    def of(cls, cell: Cell) -> "CatchUp":
+    def of(cls, cell: CellConfig) -> "CatchUp":
         """Return the settings of a cell: the catch-up speed is that of an approach."""
         speed_m_s = min(cell.force.approach_m_s, cell.approach_limit_m_s)
         return cls(speed_m_s, max(LATE_PERIODS / cell.rates.robot_hz, LATE_S))
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
+class Sent:
     """One set point sent: its time, and its distance from the one before."""
 
     at_ns: int
@@ -58,7 +58,7 @@ class Left:
     turn_rad: float
 
 
-class Departures:
+class SetpointShaper:
     """Stream of set points as sent to the controller."""
 
     def __init__(
@@ -76,7 +76,7 @@ class Departures:
         self._speed = (limits.speed_m_s, radians(limits.speed_deg_s))
         self._accel = (limits.accel_m_s2, radians(limits.accel_deg_s2))
         self._place = place
-        self._left: deque[Left] = deque()  # in the last window
+        self._left: deque[Sent] = deque()  # in the last window
         self._last: pin.SE3 | None = None  # None: the arm was moved otherwise
         self._flows = False  # a stream is active
         self._catch_up = catch_up or CatchUp()
@@ -116,7 +116,7 @@ class Departures:
             T = _between(self._last, T_wanted, share)
             if self._place(T) is not None:
                 return None
-        self._left.append(Left(now_ns, *_steps(self._last, T)))
+        self._left.append(Sent(now_ns, *_steps(self._last, T)))
         self._departed += 1
         self._last, self._last_ns = T, now_ns if self._departed >= RUNS_FROM else None
         return T

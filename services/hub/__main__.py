@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager
 from functools import partial
 
 from common.bus.cell_bus import open_hub
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.runtime.service import main
 from common.security.access_control import names_of
 from forcemesh.bus import Bus
@@ -16,7 +16,7 @@ from services.hub.refusals import Refusals
 from services.hub.service import Hub
 
 
-def connect(cell: Cell, role: str, *, refusals: Refusals) -> AbstractContextManager[Bus]:
+def connect(cell: CellConfig, role: str, *, refusals: Refusals) -> AbstractContextManager[Bus]:
     """Open the hub; with access control, capture Zenoh's log of refusals first."""
     if is_encrypted(endpoint_of(cell)):
         os.environ["NO_COLOR"] = "1"

@@ -46,7 +46,7 @@ HUNG_UP = ("handshake eof", "Connection reset", "Broken pipe")  # consequences o
 
 
 @dataclass(slots=True)
-class Judge:
+class RefusalParser:
     """Parser of Zenoh's log lines.
 
     A refusal is the line `Msg intercepted!`; the line before it on the same thread has its cause.
@@ -116,7 +116,7 @@ class Refusals:
         """Start without a log to read."""
         self.counts: Counter[str] = Counter()
         self._say = say
-        self._judge = Judge(frozenset())
+        self._judge = RefusalParser(frozenset())
         self._waiting: Counter[tuple[str, str]] = Counter()
         self._file = -1
         self._rest = b""
@@ -124,7 +124,7 @@ class Refusals:
 
     def capture(self, known: frozenset[str]) -> None:
         """Redirect this process's standard output, Zenoh's log, to a file in memory."""
-        self._judge = Judge(known)
+        self._judge = RefusalParser(known)
         self._file = os.memfd_create("zenoh-log", os.MFD_CLOEXEC)
         # Append mode: the file can be truncated between two writes.
         appending = os.open(f"/proc/self/fd/{self._file}", os.O_WRONLY | os.O_APPEND)

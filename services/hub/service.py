@@ -3,7 +3,7 @@
 from collections import Counter
 from typing import Protocol, runtime_checkable
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.info import cell_info
 from forcemesh.bus import Bus
 from forcemesh.cell_info import InfoServer
@@ -27,7 +27,7 @@ class Linked(Protocol):
 class Hub:
     """Service around Zenoh's router: healthy while this loop runs."""
 
-    def __init__(self, bus: Bus, cell: Cell, refusals: Refusals | None = None) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig, refusals: Refusals | None = None) -> None:
         """Step a little more often than the health is published."""
         self.period_s = 1.0 / (STEPS_PER_REPORT * cell.rates.health_hz)
         self.trigger = None

@@ -31,9 +31,9 @@ def main(words: list[str] | None = None) -> None:
         )
         context_of(cell, door)  # fails early when a certificate is missing
         _be_nice()
-        from services.panel.page import Page  # noqa: PLC0415 - slow imports, after the checks
+        from services.panel.page import PanelPage  # noqa: PLC0415 - slow imports, after the checks
 
-        page = Page(cell, asked.cell, door)
+        page = PanelPage(cell, asked.cell, door)
     try:
         scheme = "https" if door.is_encrypted else "http"
         address = f"{scheme}://{'127.0.0.1' if door.host == '0.0.0.0' else door.host}:{door.port}"  # noqa: S104

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, quaternion_from_R
 
 _ASKED = os.environ.get("MUJOCO_GL")
@@ -36,7 +36,7 @@ ORANGE, GREEN = [0.93, 0.55, 0.13, 1.0], [0.20, 0.58, 0.34, 1.0]
 CYLINDER, BOX = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX
 
 
-def is_known(cell: Cell) -> bool:
+def is_known(cell: CellConfig) -> bool:
     """Return whether the cell's joint limits are those of the RS007L model."""
     joints = mujoco.MjModel.from_xml_path(str(MODEL)).jnt_range[:JOINTS]
     limits = np.radians([cell.robot.joint_min_deg, cell.robot.joint_max_deg]).T
@@ -46,7 +46,7 @@ def is_known(cell: Cell) -> bool:
 class ArmModel:
     """MuJoCo model of arm, sensor and tool, and its body poses at given joint angles."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Build the model."""
         spec = mujoco.MjSpec.from_file(str(MODEL))
         _add_tool(spec, cell)
@@ -62,7 +62,7 @@ class ArmModel:
         mujoco.mj_kinematics(self.model, self.data)
 
 
-def _tcp_at_home(cell: Cell) -> Array:
+def _tcp_at_home(cell: CellConfig) -> Array:
     """Return the TCP position of the simulated arm at home, in base [m]. Shape (3,)."""
     model = mujoco.MjModel.from_xml_path(str(MODEL))
     data = mujoco.MjData(model)
@@ -73,7 +73,7 @@ def _tcp_at_home(cell: Cell) -> Array:
     return np.asarray(flange.xpos + flange.xmat.reshape(3, 3) @ p_flange_tcp)
 
 
-def _add_tool(spec: mujoco.MjSpec, cell: Cell) -> None:
+def _add_tool(spec: mujoco.MjSpec, cell: CellConfig) -> None:
     """Attach sensor and tool to the flange, by the cell file's frames."""
     T_flange_sensor = cell.sensor.T_flange_sensor.pose
     T_sensor_tcp = T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose
@@ -99,7 +99,7 @@ def _add_tool(spec: mujoco.MjSpec, cell: Cell) -> None:
     )
 
 
-def _add_plate(spec: mujoco.MjSpec, cell: Cell, p_tcp_m: Array) -> None:
+def _add_plate(spec: mujoco.MjSpec, cell: CellConfig, p_tcp_m: Array) -> None:
     """Draw the simulated plate below the tool at home, and its stand."""
     if cell.sim is None:
         return

@@ -20,7 +20,7 @@ QUESTION = html(
 )
 
 
-class BackOff:
+class BackOffButton:
     """Confirms, requests the back-off and shows its result on the page that requested it."""
 
     def __init__(self, viewer: Viewer) -> None:

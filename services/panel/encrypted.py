@@ -7,13 +7,13 @@ The bus does not trust it, so it can be distributed to every phone of a lab.
 import ssl
 from pathlib import Path
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.errors import ForcemeshError
 from forcemesh.identity import PAGE, folder_of
 from services.panel.access import Door
 
 
-def context_of(cell: Cell, door: Door) -> ssl.SSLContext | None:
+def context_of(cell: CellConfig, door: Door) -> ssl.SSLContext | None:
     """Return the TLS context of the panel, None when only this machine reaches it.
 
     Raises:

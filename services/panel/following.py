@@ -7,7 +7,7 @@ from services.panel.viewer import put
 
 
 @dataclass(slots=True)
-class Followed:
+class SyncedField:
     """One field: it follows the cell, but does not overwrite an edited value.
 
     A value that differs from the one shown last is edited, until it is sent or restored.

@@ -12,7 +12,7 @@ POINTS = 400  # most points of a plot; one each 50 ms
 ROOM = 0.4  # share of an axis range below which the range shrinks
 
 
-class History:
+class PlotHistory:
     """Ring buffer of samples of named values; a missing value is a gap (NaN)."""
 
     def __init__(self, names: tuple[str, ...], points: int = POINTS) -> None:

@@ -10,13 +10,13 @@ from typing import Any
 
 import viser
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.runtime.heartbeat import heartbeat_of_this_process
 from forcemesh.clock import NS_PER_S
 from services.panel.access import Door
 from services.panel.encrypted import context_of
 from services.panel.faultlog import FaultLog
-from services.panel.history import History
+from services.panel.history import PlotHistory
 from services.panel.plots import PERIOD_S as PLOTS_S
 from services.panel.plots import Plots
 from services.panel.prose import Prose, paragraphs
@@ -27,9 +27,9 @@ from services.panel.sessions import Rights
 from services.panel.status_bar import may_stop, strip
 from services.panel.stopping import UNANSWERED, stop_text
 from services.panel.tabs import Refresh, all_tabs
-from services.panel.viewer import Answer, Viewer, ask, put
-from services.panel.watch import Snapshot, Watch
-from services.panel.wizard import Wizard
+from services.panel.viewer import RequestOutcome, Viewer, ask, put
+from services.panel.watch import CellMonitor, Snapshot
+from services.panel.wizard import WizardProcess
 
 PERIOD_S = 0.05  # of the scene and of the samples in the plots
 FORMS_S = 0.25
@@ -42,18 +42,18 @@ DARK_KEY = "forcemesh dark"
 REMEMBERS_S = 20.0
 
 
-class Page:
+class PanelPage:
     """Panel of one cell: server, scene, plots, forms and their update loop."""
 
-    def __init__(self, cell: Cell, cell_file: Path, door: Door) -> None:
+    def __init__(self, cell: CellConfig, cell_file: Path, door: Door) -> None:
         """Start the server; the page is available when this returns.
 
         Raises:
             ForcemeshError: The port is in use, or access control is not effective.
         """
-        self._cell, self._wizard = cell, Wizard(cell_file)
-        self._watch = Watch(cell)
-        self._readout, self._history = Readout(cell), History(NAMES)
+        self._cell, self._wizard = cell, WizardProcess(cell_file)
+        self._watch = CellMonitor(cell)
+        self._readout, self._history = Readout(cell), PlotHistory(NAMES)
         self._log = FaultLog(lambda: datetime.now().astimezone().strftime("%H:%M:%S"))
         self._forms: dict[int, tuple[Viewer, list[Refresh]]] = {}
         self._heard = Snapshot()
@@ -117,7 +117,7 @@ class Page:
         text = stop_text(answer, self._watch.look())
         return {"text": text, "answered": UNANSWERED not in text}
 
-    def _hold(self) -> Answer:
+    def _hold(self) -> RequestOutcome:
         self._watch.wait(JOINED_WITHIN_S)
         return ask(self._watch, lambda cell: cell.hold(STOPPED_BY).text)
 

@@ -7,7 +7,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from services.panel.history import WINDOW_S, History, Series, Span
+from services.panel.history import WINDOW_S, PlotHistory, Series, Span
 from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
 PERIOD_S = 0.2
@@ -39,7 +39,7 @@ WIDE, DASHED = {"press", "chain"}, {"set point", "target"}
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class PlotKind:
     """Title, series and axis range of one plot."""
 
     title: str
@@ -49,17 +49,17 @@ class Kind:
 
 
 KINDS = (
-    Kind("Force [N]", FORCES, 5.0),
-    Kind("Torque [N m]", TORQUES, 0.5),
-    Kind("Position error [mm]", ERRORS, 0.5),
-    Kind("Latency, sensor to robot [ms]", LATENCIES, 5.0, signed=False),
+    PlotKind("Force [N]", FORCES, 5.0),
+    PlotKind("Torque [N m]", TORQUES, 0.5),
+    PlotKind("Position error [mm]", ERRORS, 0.5),
+    PlotKind("Latency, sensor to robot [ms]", LATENCIES, 5.0, signed=False),
 )
 
 
 class Plots:
     """Plots of a page, in their own panel."""
 
-    def __init__(self, server: viser.ViserServer, history: History) -> None:
+    def __init__(self, server: viser.ViserServer, history: PlotHistory) -> None:
         """Add the panel, docked at the left; on a phone it is a section of the sheet."""
         self._history = history
         self._panel = server.gui.add_panel()

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import Array, R_from_quaternion
 from forcemesh.messages import RobotCommand, RobotState, WrenchAtTcp
@@ -35,7 +35,7 @@ class Tool:
 class Readout:
     """Plotted values of one cell; keeps the last set point while it cannot be derived."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Read the frames and the deadband from the cell file."""
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._deadband_N = cell.force.deadband_N

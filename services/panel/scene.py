@@ -9,7 +9,7 @@ import numpy as np
 import viser
 from mjviser import ViserMujocoScene
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, quaternion_from_R
 from forcemesh.messages import RobotState
 from services.panel.arm_model import FLOOR_Z_M, ArmModel, is_known
@@ -32,7 +32,7 @@ FORCE_RGB, TORQUE_RGB, BOX_RGB, TOUCH_RGB = (
 class Scene:
     """Contents of the 3D view; shared by all pages."""
 
-    def __init__(self, server: viser.ViserServer, cell: Cell) -> None:
+    def __init__(self, server: viser.ViserServer, cell: CellConfig) -> None:
         """Build the scene."""
         self._server = server
         self._readout = Readout(cell)
@@ -133,7 +133,7 @@ def _set_the_stage(server: viser.ViserServer) -> None:
     server.initial_camera.up = (0.0, 0.0, 1.0)
 
 
-def _add_workspace(server: viser.ViserServer, cell: Cell) -> None:
+def _add_workspace(server: viser.ViserServer, cell: CellConfig) -> None:
     """Draw the edges of the workspace box and the limiting planes."""
     low, high = np.array(cell.limits.workspace_min_m), np.array(cell.limits.workspace_max_m)
     server.scene.add_line_segments(

@@ -21,7 +21,7 @@ BYTES = 32
 
 
 @dataclass(slots=True)
-class Session:
+class BrowserSession:
     """Rights of one session, its start and its last use."""
 
     rights: Rights
@@ -39,7 +39,7 @@ class Sessions:
 
     def __init__(self) -> None:
         """Create an empty store."""
-        self._open: OrderedDict[bytes, Session] = OrderedDict()
+        self._open: OrderedDict[bytes, BrowserSession] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._open)
@@ -50,7 +50,7 @@ class Sessions:
         while len(self._open) >= MOST:
             self._open.popitem(last=False)
         number = secrets.token_urlsafe(BYTES)
-        self._open[_key(number)] = Session(rights, now_ns, now_ns)
+        self._open[_key(number)] = BrowserSession(rights, now_ns, now_ns)
         return number
 
     def rights(self, number: str, now_ns: int) -> Rights | None:

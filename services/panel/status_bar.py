@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.messages import ArbiterStatus
@@ -26,17 +26,17 @@ STREAMS = {  # role: topic whose age is shown; its health topic is published at 
 }
 
 
-def mode_of(cell: Cell) -> str:
+def mode_of(cell: CellConfig) -> str:
     """Return whether the cell is simulated or real."""
     return "SIMULATION" if cell.sim is not None else "REAL"
 
 
-def may_stop(cell: Cell, rights: Rights) -> bool:
+def may_stop(cell: CellConfig, rights: Rights) -> bool:
     """Return whether a page may request a hold; a view-only page has a monitor's rights."""
     return rights == "operate" or cell.bus.monitor_may_hold
 
 
-def strip(cell: Cell, heard: Snapshot, rights: Rights) -> dict[str, Any]:
+def strip(cell: CellConfig, heard: Snapshot, rights: Rights) -> dict[str, Any]:
     """Return the contents of the status bar."""
     state, look, why = state_of(heard)
     return {

@@ -5,13 +5,13 @@ NO ANSWER at the same time.
 """
 
 from services.panel.status_bar import held_as
-from services.panel.viewer import Answer
+from services.panel.viewer import RequestOutcome
 from services.panel.watch import Snapshot
 
 UNANSWERED = "NO ANSWER"
 
 
-def stop_text(answer: Answer, heard: Snapshot) -> str:
+def stop_text(answer: RequestOutcome, heard: Snapshot) -> str:
     """Return the text for the operator, from the reply and the state received after it."""
     if answer.word == "done":
         return answer.text

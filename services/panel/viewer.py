@@ -11,14 +11,14 @@ from typing import Any, Literal
 
 import viser
 
-from common.config.cell import Cell as CellFile
+from common.config.cell import CellConfig as CellFile
 from forcemesh.client import Cell, RefusedError
 from forcemesh.errors import BusError, ForcemeshError
 from services.panel.faultlog import FaultLog
 from services.panel.markup import Html, html
 from services.panel.prose import Prose
-from services.panel.watch import Watch
-from services.panel.wizard import Wizard
+from services.panel.watch import CellMonitor
+from services.panel.wizard import WizardProcess
 
 Action = Callable[[Cell], str]  # executes a request and returns its result
 
@@ -34,23 +34,23 @@ MARKS = {"done": "✔", "refused": "✖", "stopped": "✖", "no answer": "⚠"}
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class RequestOutcome:
     """Result of a request: outcome and text."""
 
     word: Literal["done", "refused", "stopped", "no answer"]
     text: str
 
 
-def ask(watch: Watch, action: Action) -> Answer:
+def ask(watch: CellMonitor, action: Action) -> RequestOutcome:
     """Execute an action as a client of the cell; return its result as text."""
     try:
-        return Answer("done", action(watch.client))
+        return RequestOutcome("done", action(watch.client))
     except RefusedError as error:
-        return Answer("refused", f"{error.code}: {error}")
+        return RequestOutcome("refused", f"{error.code}: {error}")
     except BusError as error:
-        return Answer("no answer", str(error))
+        return RequestOutcome("no answer", str(error))
     except ForcemeshError as error:
-        return Answer("stopped", str(error))
+        return RequestOutcome("stopped", str(error))
 
 
 @dataclass(slots=True)
@@ -58,9 +58,9 @@ class Viewer:
     """One connected browser with operator rights."""
 
     client: viser.ClientHandle
-    watch: Watch
+    watch: CellMonitor
     cell: CellFile
-    wizard: Wizard
+    wizard: WizardProcess
     log: FaultLog
     _confirming: Any = None
     _answer: Prose | None = None
@@ -75,7 +75,7 @@ class Viewer:
         """Execute an action without confirmation and show the reply."""
         self.show(what, ask(self.watch, action))
 
-    def show(self, what: str, answer: Answer) -> None:
+    def show(self, what: str, answer: RequestOutcome) -> None:
         """Show a reply to this client: as a notification and in the permanent line."""
         text = answer.text or answer.word
         if self._answer is not None:

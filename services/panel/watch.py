@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from common.bus.configured_cell import ConfiguredCell
-from common.config.cell import Cell as CellFile
+from common.config.cell import CellConfig as CellFile
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S, Clock, MonotonicClock
@@ -49,7 +49,7 @@ class Snapshot:
     health: dict[str, Reading[Health] | Reading[SensorWrench]] = field(default_factory=dict)
 
 
-class Watch:
+class CellMonitor:
     """Client of the cell; one thread joins and leaves, every thread may read."""
 
     def __init__(self, cell: CellFile, clock: Clock | None = None) -> None:

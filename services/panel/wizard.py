@@ -45,7 +45,7 @@ class Progress:
             self.phase = "done" if said["end"] == 0 else "failed"
 
 
-class Wizard:
+class WizardProcess:
     """Runner of at most one calibration at a time; every page shows its progress."""
 
     def __init__(self, cell_file: Path) -> None:

@@ -48,7 +48,7 @@ class Quaternion(msgspec.Struct, gc=False):
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FieldLayout:
     """Type of a field: its schema, the type it is decoded to, and the conversion if any."""
 
     schema: dict[str, Any]
@@ -119,33 +119,35 @@ def schema_of(topic: Topic[Message]) -> dict[str, Any]:
     return about | layout_of(topic).schema
 
 
-def _kind(annotation: Any) -> Kind:
+def _kind(annotation: Any) -> FieldLayout:
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return _kind(args[0])
     if origin in (Union, types.UnionType):
         inner = _kind(next(arg for arg in args if arg is not types.NoneType))
-        return Kind(inner.schema, inner.read_as, inner.change, optional=True)
+        return FieldLayout(inner.schema, inner.read_as, inner.change, optional=True)
     if origin is Literal:
-        return Kind({"type": "string", "enum": list(args)}, annotation)
+        return FieldLayout({"type": "string", "enum": list(args)}, annotation)
     if origin is dict:
         values = _kind(args[1]).schema
         schema = {"type": "object", "properties": {}, "additionalProperties": values}
-        return Kind(schema, annotation)
+        return FieldLayout(schema, annotation)
     if origin is tuple:
         return _tuple(args)
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         inside = Layout(annotation)
-        return Kind(inside.schema, inside.read_as, inside.change)
-    return Kind({"type": SCALARS[annotation]}, annotation)
+        return FieldLayout(inside.schema, inside.read_as, inside.change)
+    return FieldLayout({"type": SCALARS[annotation]}, annotation)
 
 
-def _tuple(args: tuple[Any, ...]) -> Kind:
+def _tuple(args: tuple[Any, ...]) -> FieldLayout:
     """Return the kind of a tuple: an object for a vector, else a list."""
     if set(args) <= {float, Gain} and len(args) == 3:
-        return Kind(_parts("xyz"), tuple[float, float, float], lambda v: Vector(*v))
+        return FieldLayout(_parts("xyz"), tuple[float, float, float], lambda v: Vector(*v))
     if set(args) <= {float, Gain} and len(args) == 4:
-        return Kind(_parts("xyzw"), tuple[float, float, float, float], lambda v: Quaternion(*v))
+        return FieldLayout(
+            _parts("xyzw"), tuple[float, float, float, float], lambda v: Quaternion(*v)
+        )
     item = _kind(args[0])
     schema: dict[str, Any] = {"type": "array", "items": item.schema}
     part: Any = item.read_as
@@ -154,7 +156,9 @@ def _tuple(args: tuple[Any, ...]) -> Kind:
         schema |= {"minItems": len(args), "maxItems": len(args)}
         read_as = tuple[(part,) * len(args)]  # type: ignore[misc]
     change = item.change
-    return Kind(schema, read_as, change and (lambda values: [change(value) for value in values]))
+    return FieldLayout(
+        schema, read_as, change and (lambda values: [change(value) for value in values])
+    )
 
 
 def _parts(names: str) -> dict[str, Any]:

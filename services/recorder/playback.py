@@ -10,18 +10,18 @@ from forcemesh.bus import Transport
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.codec import readdressed
 from forcemesh.topics import TOPICS
-from services.recorder.reading import Heard
+from services.recorder.reading import RecordedBytes
 
 QOS = {topic.key: topic.qos for topic in TOPICS}
 
 
-def chosen(heard: Iterable[Heard], only: frozenset[str]) -> Iterator[Heard]:
+def chosen(heard: Iterable[RecordedBytes], only: frozenset[str]) -> Iterator[RecordedBytes]:
     """Yield the messages of the named topics, of all if none is named."""
     return (each for each in heard if not only or each.topic in only)
 
 
 def play(
-    heard: Iterable[Heard],
+    heard: Iterable[RecordedBytes],
     transport: Transport,
     cell: str,
     *,

@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.stream_reader import StreamReader
 from pydantic_core import from_json
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError, DataError
@@ -36,7 +36,7 @@ class Event(NamedTuple):
     what: str  # a code of forcemesh/faults.py
 
 
-class Said(NamedTuple):
+class RecordedMessage(NamedTuple):
     """One message as readable JSON: vectors are maps, None is omitted."""
 
     topic: str
@@ -44,7 +44,7 @@ class Said(NamedTuple):
     fields: dict[str, Any]
 
 
-class Heard(NamedTuple):
+class RecordedBytes(NamedTuple):
     """One message byte for byte."""
 
     topic: str
@@ -69,7 +69,7 @@ class RecordedFile:
             raise DataError(f"{path}: not a forcemesh recording: the metadata are missing")
 
     @cached_property
-    def cell(self) -> Cell | None:
+    def cell(self) -> CellConfig | None:
         """Return the recorded cell; None if another version wrote it: its messages can be read."""
         if self._cell_file is None:
             return None
@@ -78,7 +78,7 @@ class RecordedFile:
         except (ConfigError, yaml.YAMLError):
             return None
 
-    def said(self, topic: str | None = None) -> Iterator[Said]:
+    def said(self, topic: str | None = None) -> Iterator[RecordedMessage]:
         """Yield every message, or those of one topic, in the order of the file.
 
         Within a topic that is the order of publication; between topics approximately.
@@ -86,21 +86,21 @@ class RecordedFile:
         for channel, at_ns, data in self._messages():
             key = channel.topic
             if channel.message_encoding == "json" and topic in (None, key):
-                yield Said(key, at_ns, from_json(data))
+                yield RecordedMessage(key, at_ns, from_json(data))
 
-    def heard(self) -> Iterator[Heard]:
+    def heard(self) -> Iterator[RecordedBytes]:
         """Yield every message byte for byte, in the order of time.
 
         Raises DataError if the frames are of an unknown format.
         """
-        waiting: list[tuple[int, int, Heard]] = []
+        waiting: list[tuple[int, int, RecordedBytes]] = []
         number = 0
         for channel, _, data in self._messages():
             if channel.topic != FRAMES_TOPIC:
                 continue
             for frame in self._frames(data):
                 topic = channel.metadata[str(frame.topic)]
-                heapq.heappush(waiting, (frame.at_ns, number, Heard(topic, *frame[1:])))
+                heapq.heappush(waiting, (frame.at_ns, number, RecordedBytes(topic, *frame[1:])))
                 number += 1
             newest_ns = max(entry[0] for entry in waiting)
             while waiting and waiting[0][0] < newest_ns - DISORDER_NS:

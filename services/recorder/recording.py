@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.cell_panel import PanelSection
 from common.config.load import cell_hash, dump_cell
 from forcemesh.clock import NS_PER_S
@@ -17,8 +17,8 @@ from services.recorder.folder import new_file
 from services.recorder.frames import HEAD, Frame
 from services.recorder.layout import Layout, layout_of, schema_of
 from services.recorder.mcap_writer import McapWriter
-from services.recorder.sequence_gaps import Numbering
-from services.recorder.wall_clock import Wall
+from services.recorder.sequence_gaps import SequenceGaps
+from services.recorder.wall_clock import WallClock
 
 FRAMES_TOPIC = "frames"
 METADATA = "forcemesh"
@@ -42,7 +42,7 @@ PLACES = {str(place): topic.key for place, topic in enumerate(TOPICS)}
 class RecordingFile:
     """One MCAP file: a JSON channel for each topic, and one channel of frames."""
 
-    def __init__(self, path: Path, cell: Cell, about: dict[str, str], *, at_ns: int) -> None:
+    def __init__(self, path: Path, cell: CellConfig, about: dict[str, str], *, at_ns: int) -> None:
         """Write metadata, cell file and channels. Raises OSError if that fails."""
         self.path = path
         self._stream = path.open("xb")
@@ -106,12 +106,12 @@ class Recording:
     """Recording from start to stop, split into files by duration and size."""
 
     def __init__(
-        self, folder: Path, name: str, cell: Cell, *, cause: str, wall: Wall, now_ns: int
+        self, folder: Path, name: str, cell: CellConfig, *, cause: str, wall: WallClock, now_ns: int
     ) -> None:
         """Open the first file. Raises OSError if the folder cannot be written."""
         self.messages = 0
         self.unshaped = 0  # of them: kept byte for byte, but not decodable
-        self.numbering = Numbering()
+        self.numbering = SequenceGaps()
         self.cause, self.since_ns = cause, now_ns
         self._folder, self._name, self._cell, self._wall = folder, name, cell, wall
         self._opened_ns = self._flushed_ns = now_ns

@@ -4,23 +4,23 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.faults import clipped
 from services.recorder.folder import STOP, file_name, folder_of, forget_oldest, free_bytes
 from services.recorder.frames import Frame
 from services.recorder.recording import Recording
 from services.recorder.ring_buffer import Block
-from services.recorder.wall_clock import Wall
+from services.recorder.wall_clock import WallClock
 
 LOOK_NS = NS_PER_S  # period of the check of free space
 GB = 1_000_000_000
 
 
-class Tape:
+class RecordingWriter:
     """Writer of at most one recording, with its write queue."""
 
-    def __init__(self, cell: Cell, clock: Clock, wall_ns: Callable[[], int]) -> None:
+    def __init__(self, cell: CellConfig, clock: Clock, wall_ns: Callable[[], int]) -> None:
         """Start without a recording."""
         self.recording: Recording | None = None
         self.last: Recording | None = None  # the present or the last one
@@ -47,7 +47,7 @@ class Tape:
         if self._no_space:
             return False
         now_ns = self._clock.now_ns()
-        wall = Wall(self._clock.boot, self._wall_ns() - now_ns)
+        wall = WallClock(self._clock.boot, self._wall_ns() - now_ns)
         name = file_name(self._cell.cell, wall.arrival_ns(now_ns), label)
 
         def open_it() -> None:

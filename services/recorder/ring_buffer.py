@@ -23,7 +23,7 @@ class Block(NamedTuple):
         return list(frames_of(zstandard.decompress(self.packed)))
 
 
-class Past:
+class RingBuffer:
     """Ring buffer of frames, limited by age and by size."""
 
     def __init__(self, keep_s: float, most_bytes: int) -> None:

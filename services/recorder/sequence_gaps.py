@@ -1,7 +1,7 @@
 """Counter of lost messages by sequence gaps of each topic. Pure."""
 
 
-class Numbering:
+class SequenceGaps:
     """Sequence gaps of every topic, across restarts of the publishers."""
 
     def __init__(self) -> None:

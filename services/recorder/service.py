@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from common.bus.receive_batching import Wakes
-from common.config.cell import Cell
+from common.bus.receive_batching import ReceiveBatching
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
@@ -17,8 +17,8 @@ from forcemesh.requests import RecordRequest, Reply
 from forcemesh.topics import TOPICS
 from services.recorder.folder import safe_label
 from services.recorder.frames import Frame
-from services.recorder.recording_writer import Tape, fault_label
-from services.recorder.ring_buffer import Past
+from services.recorder.recording_writer import RecordingWriter, fault_label
+from services.recorder.ring_buffer import RingBuffer
 
 STEPS_HZ = 10.0
 ROOM = 4096  # receive queue of one topic: eight seconds of the fastest one
@@ -34,21 +34,23 @@ MOST = 2**53  # largest integer that every language represents exactly
 class Recorder:
     """Recorder of every topic: on request, and by itself around a fault."""
 
-    def __init__(self, bus: Bus, cell: Cell, *, wall_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(
+        self, bus: Bus, cell: CellConfig, *, wall_ns: Callable[[], int] = time.time_ns
+    ) -> None:
         """Subscribe to every topic."""
         self.period_s = 1.0 / STEPS_HZ
         self.trigger = None
         self._section = cell.recorder
         self._status_address = f"{cell.cell}/{topics.ARBITER_STATUS.key}"
         self._taps = [(place, bus.tap(topic, ROOM)) for place, topic in enumerate(TOPICS)]
-        self._past = Past(60.0 * self._section.keep_min, round(self._section.memory_MB * MB))
-        self._tape = Tape(cell, bus.clock, wall_ns)
+        self._past = RingBuffer(60.0 * self._section.keep_min, round(self._section.memory_MB * MB))
+        self._tape = RecordingWriter(cell, bus.clock, wall_ns)
         self._until_ns: int | None = None  # end of a recording that a fault triggered
         self._state = ""  # of the arbiter, as last received
         self._starts = bus.inbox(topics.RECORD_START)
         self._stops = bus.inbox(topics.RECORD_STOP)
         self._says = bus.publisher(topics.RECORDER_STATUS)
-        self._wakes = Wakes()
+        self._wakes = ReceiveBatching()
         self._status_ns = round(NS_PER_S / cell.rates.health_hz)
         self._next_status_ns = 0
 

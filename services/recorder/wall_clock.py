@@ -10,7 +10,7 @@ LONGEST_WAY_NS = 600 * NS_PER_S  # a stamp farther than this from its arrival is
 MOST_CLOCKS = 64  # an unexpected publisher could name a new one with every message
 
 
-class Wall:
+class WallClock:
     """Conversion of stamps to this machine's wall clock."""
 
     def __init__(self, boot: str, offset_ns: int) -> None:

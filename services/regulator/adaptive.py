@@ -21,24 +21,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, length
 from services.regulator import contact_travel as ways
 from services.regulator import response
 from services.regulator import stiffness as stiff
-from services.regulator.contact_travel import Reports, Way
-from services.regulator.delay_model import PathSettings
-from services.regulator.gain_schedule import Heat, braked, heat_of
+from services.regulator.contact_travel import ContactTravel, MeasuredTravel
+from services.regulator.delay_model import DelayModelSettings
+from services.regulator.gain_schedule import GainLimits, gain_limits_of, limit_gain_for_braking
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
-from services.regulator.response import Answer, Response
+from services.regulator.response import Response, ResponseSample
 from services.regulator.stiffness import Stiffness, StiffnessSettings
-from services.regulator.surface_tracking import NOT_FOLLOWED, Felt, Follow, followed, worth
+from services.regulator.surface_tracking import (
+    NOT_TRACKING,
+    PressAxisState,
+    SurfaceTracking,
+    followed,
+    noise_weight,
+)
 from tuning.adaptive_map import softest_N_m
 from tuning.gain_rule import INERTIA_MARGIN as PLAIN_MARGIN
 from tuning.gain_rule import LOOP_GAIN, tune
 
 INERTIA_SHARE = 0.7  # share of the tool's inertial force removed from the control error
-INERTIA_HEARD = 0.9  # the same share for identification: it closes no loop
+IDENTIFICATION_INERTIA_SHARE = 0.9  # the same share for identification: it closes no loop
 INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
 LOOPS_S = (0.008, 0.016)  # loop periods with full prediction and with none
 LEAST_FADE = 0.05  # least share of the gain range over which the prediction fades in, slowest loop
@@ -56,7 +62,7 @@ class AdaptiveSettings:
     """Constants of the adaptive law for one cell."""
 
     tau_s: float
-    path: PathSettings
+    path: DelayModelSettings
     stiffness: StiffnessSettings
     period_s: float  # nominal: tau holds half of it
     inertia_cap_m_per_Ns: float  # 1 / (m w_b), before its margin
@@ -64,13 +70,13 @@ class AdaptiveSettings:
     plain_gain_m_per_Ns: float  # of the gain rule: requested gains below it reduce the gain
     inertia_kg: float
     touch_N: float
-    heat: Heat
+    heat: GainLimits
     softest_N_m: float  # below it the plain law's gain holds: see adaptive_map.py
     predicts: bool
     tracks: bool
 
     @classmethod
-    def of(cls, cell: Cell) -> "AdaptiveSettings":
+    def of(cls, cell: CellConfig) -> "AdaptiveSettings":
         """Return the constants of a cell."""
         tau_s, contact = cell.loop_delay_s, cell.contact
         slower_hz = min(cell.rates.control_hz, cell.rates.robot_hz)
@@ -79,7 +85,7 @@ class AdaptiveSettings:
         return cls(
             tau_s=tau_s,
             period_s=1.0 / cell.rates.control_hz,
-            path=PathSettings.of(cell),
+            path=DelayModelSettings.of(cell),
             stiffness=StiffnessSettings(
                 STIFFER * contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_WAY_M
             ),
@@ -88,7 +94,7 @@ class AdaptiveSettings:
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
             inertia_kg=contact.inertia_kg,
             touch_N=TOUCH_SHARE * cell.force.touch_N,
-            heat=heat_of(cell),
+            heat=gain_limits_of(cell),
             softest_N_m=softest_N_m(cell) or 0.0,
             predicts=cell.force.delay_compensation,
             tracks=cell.force.surface_tracking,
@@ -96,14 +102,14 @@ class AdaptiveSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Adaptive:
+class AdaptiveState:
     """State of the adaptive law beside that of the PI law. Travel is of the contact point."""
 
-    command: Way
-    measured: Reports
+    command: ContactTravel
+    measured: MeasuredTravel
     stiffness: Stiffness  # tool axes
     response: Response  # tool axes
-    follow: Follow = NOT_FOLLOWED
+    follow: SurfaceTracking = NOT_TRACKING
     free_s: float = 0.0  # time without contact
 
     @property
@@ -114,23 +120,23 @@ class Adaptive:
 
 def begin(
     T_command: pin.SE3, T_measured: pin.SE3, settings: AdaptiveSettings, k: Array | None = None
-) -> Adaptive:
+) -> AdaptiveState:
     """Return the state of a tool at rest; `k`: stiffness identified here before. Shape (3,)."""
     state = stiff.stiffest(settings.stiffness) if k is None else stiff.believing(k)
-    command, measured = ways.begin(T_command), Reports(ways.begin(T_measured))
-    return Adaptive(command, measured, state, response.unheard())
+    command, measured = ways.begin(T_command), MeasuredTravel(ways.begin(T_measured))
+    return AdaptiveState(command, measured, state, response.unheard())
 
 
 def advance(
     law: LawState,
-    memory: Adaptive,
+    memory: AdaptiveState,
     sample: LawInput,
     T_measured: pin.SE3,
     *,
     gains: PiGains,
     plain: LawSettings,
     settings: AdaptiveSettings,
-) -> tuple[LawState, Adaptive]:
+) -> tuple[LawState, AdaptiveState]:
     """Return the next states of the PI law and of the adaptive law.
 
     Args:
@@ -143,10 +149,10 @@ def advance(
         settings: Settings of this law.
     """
     R = law.T_base_tcp.rotation
-    memory = listen(law, memory, sample, T_measured=T_measured, settings=settings)
+    memory = update_estimates(law, memory, sample, T_measured=T_measured, settings=settings)
     k, command = memory.k, memory.command.path
     Ki, w = gain_for(k, settings, sample.dt_s)
-    Ki = asked_share(gains, R, settings) * Ki
+    Ki = requested_gain_share(gains, R, settings) * Ki
     is_measured = k >= settings.softest_N_m
     own_kg = INERTIA_SHARE * settings.inertia_kg * is_measured
     foreseen_N = (
@@ -156,19 +162,19 @@ def advance(
     )
     drift_m_s = None
     if not settings.tracks or sample.mode == "orientation" or not is_measured[2]:
-        memory = replace(memory, follow=NOT_FOLLOWED)  # an old surface estimate is useless later
+        memory = replace(memory, follow=NOT_TRACKING)  # an old surface estimate is useless later
     else:
         felt = _press_axis(memory, R[:, 2], settings)
         follow = followed(memory.follow, felt, sample, Ki=float(Ki[2]), tau_s=settings.tau_s)
         memory = replace(memory, follow=follow)
         ahead_s = settings.tau_s - sample.dt_s
-        share = follow.share * worth(follow.drift.speed_m_s, felt.k_N_m * settings.tau_s)
+        share = follow.share * noise_weight(follow.drift.speed_m_s, felt.k_N_m * settings.tau_s)
         ahead_m = share * follow.drift.ahead_m(ahead_s, follow.calm)
         foreseen_N = foreseen_N + w[2] * k[2] * ahead_m * R[:, 2]
         speed_m_s = share * follow.drift.speed_in_m_s(ahead_s, follow.calm)
         drift_m_s = (speed_m_s + follow.trim_m_s) * R[:, 2]
     error_N = R.T @ foreseen_N + np.array([0.0, 0.0, sample.setpoint_N])
-    Ki = braked(Ki, error_N, k, settings.heat.brake_m_s2)
+    Ki = limit_gain_for_braking(Ki, error_N, k, settings.heat.brake_m_s2)
     richer = replace(sample, foreseen_N=foreseen_N, drift_m_s=drift_m_s, R_base_gains=R)
     band = DEADBAND_IN_CONTACT if memory.free_s == 0.0 else 1.0
     tuned = replace(gains, force_i_m_per_Ns=Ki)
@@ -178,32 +184,32 @@ def advance(
     return step(law, richer, tuned, plain), memory
 
 
-def asked_share(gains: PiGains, R: Array, settings: AdaptiveSettings) -> Array:
+def requested_gain_share(gains: PiGains, R: Array, settings: AdaptiveSettings) -> Array:
     """Return requested gain over rule gain along the tool's axes, at most 1. Shape (3,)."""
     return np.minimum((R * R).T @ gains.force_i_m_per_Ns / settings.plain_gain_m_per_Ns, 1.0)
 
 
-def plain_gain(memory: Adaptive, settings: AdaptiveSettings) -> Array:
+def plain_gain(memory: AdaptiveState, settings: AdaptiveSettings) -> Array:
     """Return the gain rule's integral gains for the estimated stiffness, tool axes [m/(N s)]."""
     Ki = LOOP_GAIN / (memory.k * settings.tau_s)
     return np.minimum(Ki, settings.plain_cap_m_per_Ns)
 
 
-def listen(
+def update_estimates(
     law: LawState,
-    memory: Adaptive,
+    memory: AdaptiveState,
     sample: LawInput,
     *,
     T_measured: pin.SE3,
     settings: AdaptiveSettings,
-) -> Adaptive:
+) -> AdaptiveState:
     """Return the state with the stiffness and response estimates updated by this sample.
 
     While a moving surface is tracked, travel without force carries no stiffness information.
     """
     path = settings.path
-    command = ways.commanded(memory.command, law, sample.dt_s, path)
-    measured = ways.reported(memory.measured, law, T_measured, sample=sample, settings=path)
+    command = ways.update_commanded(memory.command, law, sample.dt_s, path)
+    measured = ways.update_measured(memory.measured, law, T_measured, sample=sample, settings=path)
     memory = replace(memory, command=command, measured=measured)
     R = law.T_base_tcp.rotation
     touches = length(sample.force_N) > settings.touch_N
@@ -211,9 +217,9 @@ def listen(
         free_s = memory.free_s + sample.dt_s
         if free_s <= FREE_TAUS * settings.tau_s:
             return replace(memory, free_s=free_s)
-        forgotten = replace(memory, response=response.unheard(), follow=NOT_FOLLOWED, free_s=free_s)
+        forgotten = replace(memory, response=response.unheard(), follow=NOT_TRACKING, free_s=free_s)
         return replace(forgotten, stiffness=stiff.stiffest(settings.stiffness))
-    own_N = INERTIA_HEARD * settings.inertia_kg * command.path.acceleration
+    own_N = IDENTIFICATION_INERTIA_SHARE * settings.inertia_kg * command.path.acceleration
     force_N = R.T @ (sample.force_N + own_N)
     state = memory.stiffness
     if measured.is_new:
@@ -229,7 +235,7 @@ def listen(
     if memory.follow.near:
         return memory
     known = settings.stiffness
-    heard = Answer(
+    heard = ResponseSample(
         command.felt_m,
         R.T @ command.path.speed,
         force_N,
@@ -261,10 +267,10 @@ def gain_for(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, 
     return np.where(is_measured, Ki, slow), np.where(is_measured, w, 0.0)
 
 
-def _press_axis(memory: Adaptive, axis: Array, settings: AdaptiveSettings) -> Felt:
+def _press_axis(memory: AdaptiveState, axis: Array, settings: AdaptiveSettings) -> PressAxisState:
     command = memory.command.path
     coming_m = command.command - command.felt
-    return Felt(
+    return PressAxisState(
         axis=axis,
         k_N_m=float(memory.k[2]),
         is_known=bool(memory.stiffness.known[2]),

@@ -19,10 +19,10 @@ from math import exp
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, length
 from services.regulator import delay_model as way
-from services.regulator.delay_model import Path, PathSettings
+from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 from services.regulator.law import (
     LawInput,
     LawSettings,
@@ -46,7 +46,7 @@ RELAX_M, RELAX_S = 0.001, 0.5  # decay of k per travel and time while the force 
 
 
 @dataclass(frozen=True, slots=True)
-class GuideSettings:
+class AdmittanceSettings:
     """Constants of hand guiding for one cell."""
 
     tau_s: float
@@ -54,52 +54,54 @@ class GuideSettings:
     deadband_N: float
     deadband_Nm: float
     speed_max_m_s: float
-    path: PathSettings  # delay model from the measured pose to the filtered force
+    path: DelayModelSettings  # delay model from the measured pose to the filtered force
     stiffest_N_m: float
 
     @classmethod
-    def of(cls, cell: Cell) -> "GuideSettings":
+    def of(cls, cell: CellConfig) -> "AdmittanceSettings":
         """Return the constants of a cell."""
-        path, tau_s = PathSettings.of(cell), cell.loop_delay_s
+        path, tau_s = DelayModelSettings.of(cell), cell.loop_delay_s
         return cls(
             tau_s=tau_s,
             mass_kg=MASSES * cell.contact.inertia_kg,
             deadband_N=max(cell.force.idle_max_N, cell.force.deadband_N),
             deadband_Nm=max(TURN_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm),
             speed_max_m_s=cell.force.speed_max_m_s,
-            path=PathSettings(path.median_s, 0.0, path.filter_s, path.median_s),
+            path=DelayModelSettings(path.median_s, 0.0, path.filter_s, path.median_s),
             stiffest_N_m=max(STIFFER * cell.contact.stiffness_N_m, HAND_N_M),
         )
 
 
 @dataclass(frozen=True, slots=True)
-class Guide:
+class AdmittanceState:
     """State of hand guiding; vectors along the tool's axes, of shape (3,)."""
 
     T_measured: pin.SE3  # of the TCP
-    measured: Path  # measured travel through the wrench filter's model, base axes
+    measured: LoopDelayModel  # measured travel through the wrench filter's model, base axes
     k_N_m: Array  # estimated stiffness of the contact
     speed_m_s: Array
     recent_m: Array  # low-passed travel and force
     recent_N: Array
 
 
-def begin(T_measured: pin.SE3) -> Guide:
+def begin(T_measured: pin.SE3) -> AdmittanceState:
     """Return the state of a tool at rest in free space."""
     zero = np.zeros(3)
-    return Guide(T_measured.copy(), way.at_rest(zero), np.full(3, HAND_N_M), zero, zero, zero)
+    return AdmittanceState(
+        T_measured.copy(), way.at_rest(zero), np.full(3, HAND_N_M), zero, zero, zero
+    )
 
 
 def advance(
     law: LawState,
-    guide: Guide,
+    guide: AdmittanceState,
     sample: LawInput,
     T_measured: pin.SE3,
     *,
     gains: PiGains,
     plain: LawSettings,
-    settings: GuideSettings,
-) -> tuple[LawState, Guide]:
+    settings: AdmittanceSettings,
+) -> tuple[LawState, AdmittanceState]:
     """Return the next states of the PI law and of hand guiding.
 
     Args:
@@ -128,8 +130,13 @@ def advance(
 
 
 def _felt(
-    guide: Guide, R: Array, sample: LawInput, *, T_measured: pin.SE3, settings: GuideSettings
-) -> Guide:
+    guide: AdmittanceState,
+    R: Array,
+    sample: LawInput,
+    *,
+    T_measured: pin.SE3,
+    settings: AdmittanceSettings,
+) -> AdmittanceState:
     """Return the state with the stiffness estimate updated by this sample."""
     moved_m = guide.measured.command + T_measured.translation - guide.T_measured.translation
     measured = way.follow(guide.measured, moved_m, sample.dt_s, settings.path)

@@ -5,17 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import vec3
 from common.motion.frames import Array, rotation_between
 from forcemesh.messages import Gains, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest
 from services.regulator import adaptive
-from services.regulator.adaptive import Adaptive, AdaptiveSettings
+from services.regulator.adaptive import AdaptiveSettings, AdaptiveState
 from services.regulator.law import LawInput, LawSettings, LawState, PiGains, step
 from services.regulator.settings import law_settings, pi_gains
 
-MET_WITHIN_M, MET_WITHIN_RAD = 0.002, 0.05  # an identified stiffness is valid this close by
+VALID_WITHIN_M, VALID_WITHIN_RAD = 0.002, 0.05  # an identified stiffness is valid this close by
 GAIN_RAMP_S = 0.1  # time constant
 SAME_GAIN = 0.15  # relative change of the controller's gains below which no command is sent
 
@@ -28,13 +28,13 @@ class LawTools:
     adaptive: AdaptiveSettings
 
     @classmethod
-    def of(cls, cell: Cell) -> "LawTools":
+    def of(cls, cell: CellConfig) -> "LawTools":
         """Return the settings of a cell."""
         return cls(law_settings(cell), AdaptiveSettings.of(cell))
 
 
 @dataclass(frozen=True, slots=True)
-class Met:
+class ContactStiffness:
     """Contact stiffness identified last, with its pose: valid after a stop and a start in place."""
 
     k: Array  # shape (3,), tool axes
@@ -44,28 +44,30 @@ class Met:
         """Return the stiffness if it is valid at a pose, None elsewhere."""
         way_m = np.linalg.norm(T_base_tcp.translation - self.T_base_tcp.translation)
         turn_rad = rotation_between(self.T_base_tcp.rotation, T_base_tcp.rotation)
-        if way_m > MET_WITHIN_M or np.linalg.norm(turn_rad) > MET_WITHIN_RAD:
+        if way_m > VALID_WITHIN_M or np.linalg.norm(turn_rad) > VALID_WITHIN_RAD:
             return None
         return self.k
 
 
-def met(memory: Adaptive | None) -> Met | None:
+def last_identified(memory: AdaptiveState | None) -> ContactStiffness | None:
     """Return the stiffness that a session identified; None out of contact or if it did not."""
     if memory is None or memory.free_s > 0.0 or not memory.stiffness.known[2]:
         return None
-    return Met(memory.stiffness.k, memory.measured.way.T_base_tcp)
+    return ContactStiffness(memory.stiffness.k, memory.measured.way.T_base_tcp)
 
 
-def forgotten(
-    memory: Adaptive | None, law: LawState, T_measured: pin.SE3, tools: LawTools
-) -> Adaptive | None:
+def reset_predictor(
+    memory: AdaptiveState | None, law: LawState, T_measured: pin.SE3, tools: LawTools
+) -> AdaptiveState | None:
     """Return a reset state: the commands were not sent, so the predicted force does not occur."""
     if memory is None:
         return None
     return adaptive.begin(law.T_base_tcp, T_measured, tools.adaptive)
 
 
-def kept(before: Met | None, wrench: WrenchAtTcp | None, tools: LawTools) -> Met | None:
+def still_valid(
+    before: ContactStiffness | None, wrench: WrenchAtTcp | None, tools: LawTools
+) -> ContactStiffness | None:
     """Return the identified stiffness while no force feedback runs, None once contact is lost."""
     if before is None or wrench is None:
         return None
@@ -79,13 +81,13 @@ def task_frame(wanted: ForceStartRequest, R_base_tcp: Array) -> Array:
 
 def control(
     law: LawState,
-    memory: Adaptive | None,
+    memory: AdaptiveState | None,
     sample: LawInput,
     T_measured: pin.SE3,
     *,
     gains: PiGains,
     tools: LawTools,
-) -> tuple[LawState, Adaptive | None]:
+) -> tuple[LawState, AdaptiveState | None]:
     """Return the next states; without an adaptive state the plain law runs."""
     if memory is None:
         return step(law, sample, gains, tools.plain), None
@@ -112,14 +114,14 @@ def ramped(now: Gains, goal: Gains, dt_s: float) -> Gains:
 
 
 def controller_gains(
-    sent: Gains | None, asked: Gains, R_base_tcp: Array, *, memory: Adaptive, tools: LawTools
+    sent: Gains | None, asked: Gains, R_base_tcp: Array, *, memory: AdaptiveState, tools: LawTools
 ) -> Gains:
     """Return the gains for force feedback in the controller, from the estimated stiffness.
 
     The controller has no predictor, so the plain gain rule applies. Small changes are not sent.
     R_base_tcp has shape (3, 3).
     """
-    share = adaptive.asked_share(pi_gains(asked), R_base_tcp, tools.adaptive)
+    share = adaptive.requested_gain_share(pi_gains(asked), R_base_tcp, tools.adaptive)
     wanted = (R_base_tcp * R_base_tcp) @ (share * adaptive.plain_gain(memory, tools.adaptive))
     if sent is not None:
         now = np.array(sent.force_i_m_per_Ns)

@@ -12,7 +12,7 @@ from math import ceil, exp
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 
 INSTANT_S = 1e-5  # a shorter lag counts as zero
@@ -20,7 +20,7 @@ SUBSTEP_S = 0.001  # three lags in series are accurate enough in steps of a mill
 
 
 @dataclass(frozen=True, slots=True)
-class PathSettings:
+class DelayModelSettings:
     """Parameters of the delay model."""
 
     delay_s: float  # controller, processes, and the median of the wrench filter
@@ -29,7 +29,7 @@ class PathSettings:
     median_s: float  # part of the delay
 
     @classmethod
-    def of(cls, cell: Cell) -> "PathSettings":
+    def of(cls, cell: CellConfig) -> "DelayModelSettings":
         """Return the parameters of a cell; with half a period their sum is tau."""
         median_s = cell.filter_delay_s - cell.filter.lowpass_s
         delay_s = cell.robot.delay_s + cell.force.chain_s + median_s
@@ -37,7 +37,7 @@ class PathSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Path:
+class LoopDelayModel:
     """State of the delay model: commands in flight and its lags. Each of shape (3,), one unit."""
 
     sent: tuple[tuple[float, Array], ...]  # command and its time [s], oldest first
@@ -54,14 +54,16 @@ class Path:
         return self.sent[-1][1]
 
 
-def at_rest(command: Array) -> Path:
+def at_rest(command: Array) -> LoopDelayModel:
     """Return the steady state of a constant command. Shape (3,)."""
     still = np.array(command, dtype=float)
     zero = np.zeros_like(still)
-    return Path(((0.0, still),), 0.0, still, still, still, zero, zero)
+    return LoopDelayModel(((0.0, still),), 0.0, still, still, still, zero, zero)
 
 
-def follow(path: Path, command: Array, dt_s: float, settings: PathSettings) -> Path:
+def follow(
+    path: LoopDelayModel, command: Array, dt_s: float, settings: DelayModelSettings
+) -> LoopDelayModel:
     """Return the state after `command` was constant for the last `dt_s` [s]. Shape (3,)."""
     sent = path.sent
     if not np.array_equal(command, path.command):
@@ -83,7 +85,7 @@ def follow(path: Path, command: Array, dt_s: float, settings: PathSettings) -> P
     if min(filter_s, half_s) > INSTANT_S:
         speed = (arm - felt) / filter_s
         acceleration = ((first - arm) / half_s - speed) / filter_s
-    return Path(sent[at:], path.now_s + dt_s, first, arm, felt, speed, acceleration)
+    return LoopDelayModel(sent[at:], path.now_s + dt_s, first, arm, felt, speed, acceleration)
 
 
 def _share(dt_s: float, lag_s: float) -> float:

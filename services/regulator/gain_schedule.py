@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, length
 
 ROBOT_PERIODS_S = (0.010, 0.025)
@@ -35,7 +35,7 @@ LEAST_ERROR_N, LEAST_SHARE = 1e-9, 0.1  # least share of the braking per axis
 
 
 @dataclass(frozen=True, slots=True)
-class Heat:
+class GainLimits:
     """Limits of a loop with prediction."""
 
     loop: float  # k Ki tau at most
@@ -45,16 +45,16 @@ class Heat:
     brake_m_s2: float
 
 
-def heat_of(cell: Cell) -> Heat:
+def gain_limits_of(cell: CellConfig) -> GainLimits:
     """Return the gain limits of a cell."""
     period_s = 1.0 / cell.rates.robot_hz
     rows = (LOOP, FORESEEN_LOOP, MOST_FORESEEN)
     loop, foreseen_loop, most = (float(np.interp(period_s, ROBOT_PERIODS_S, row)) for row in rows)
     accel_m_s2 = cell.limits.accel_m_s2
-    return Heat(loop, foreseen_loop, most, ACCEL_SHARE * accel_m_s2, BRAKE_SHARE * accel_m_s2)
+    return GainLimits(loop, foreseen_loop, most, ACCEL_SHARE * accel_m_s2, BRAKE_SHARE * accel_m_s2)
 
 
-def braked(Ki: Array, error_N: Array, k: Array, brake_m_s2: float) -> Array:
+def limit_gain_for_braking(Ki: Array, error_N: Array, k: Array, brake_m_s2: float) -> Array:
     """Return the gain along each axis with which the arm still comes to rest in time.
 
     Axes share the deceleration in proportion to their errors.

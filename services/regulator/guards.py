@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 from services.regulator import unverified_axes as unproven
 from services.regulator.law import Contact
-from services.regulator.oscillation import Swing, SwingSettings, follow
-from services.regulator.unverified_axes import Motion, Yielding, YieldSettings
+from services.regulator.oscillation import HalfWaves, OscillationSettings, follow
+from services.regulator.unverified_axes import ToolMotion, YieldSettings, YieldTravel
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # smaller steps are pose noise
 SWUNG_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much
@@ -31,7 +31,7 @@ RISE_PART = 0.5  # of the set point, plus touch_N: no correct rotation raises th
 
 
 Flags = npt.NDArray[np.bool_]
-STILL = Motion(np.zeros(3), np.zeros(3))
+STILL = ToolMotion(np.zeros(3), np.zeros(3))
 NONE_LIMITED: Flags = np.zeros(3, dtype=bool)
 
 
@@ -43,20 +43,20 @@ class GuardSettings:
     search_m: float
     lost_m: float
     given_J: float
-    swing: SwingSettings
+    swing: OscillationSettings
     yielding: YieldSettings
 
     @classmethod
-    def of(cls, cell: Cell) -> "GuardSettings":
+    def of(cls, cell: CellConfig) -> "GuardSettings":
         """Return the limits of a cell."""
         force = cell.force
-        swing = SwingSettings.of(cell)
+        swing = OscillationSettings.of(cell)
         yielding = YieldSettings.of(cell)
         return cls(force.touch_N, force.search_m, force.lost_m, force.given_J, swing, yielding)
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class GuardSample:
     """One sample for the monitors: wrench in base axes about the TCP, pose and mode."""
 
     force_N: Array
@@ -68,7 +68,7 @@ class Seen:
     dt_s: float
     follows: bool = False  # tracks a moving surface, whose work along the tool axis is its own
     presses: bool = True  # the set point is not zero: the environment must not move the tool
-    motion: Motion = STILL  # by force feedback only
+    motion: ToolMotion = STILL  # by force feedback only
     limited: Flags = field(
         default_factory=lambda: NONE_LIMITED
     )  # unverified axes of the tool. Shape (3,)
@@ -81,33 +81,33 @@ class Seen:
 
 
 @dataclass(frozen=True, slots=True)
-class Watch:
+class GuardState:
     """State of the monitors from the start of force feedback on."""
 
-    first: Seen | None = None
-    worked: Seen | None = None  # last sample whose work is counted
+    first: GuardSample | None = None
+    worked: GuardSample | None = None  # last sample whose work is counted
     touched: bool = False
     found: bool = False  # the force has been at its set point or below
     given_J: float = 0.0  # work done on the tool by the environment
     got_J: float = 0.0  # work done by the tool
     p_search_m: Array | None = None  # where the present search for contact began
-    swing: Swing = field(default_factory=Swing)
-    yielding: Yielding = field(default_factory=Yielding)
+    swing: HalfWaves = field(default_factory=HalfWaves)
+    yielding: YieldTravel = field(default_factory=YieldTravel)
 
 
-def carried(before: Watch) -> Watch:
+def kept_over_restart(before: GuardState) -> GuardState:
     """Return the state kept over a change of set point or mode: the work budgets continue.
 
     A tool without contact may begin its approach now, with the present readings as reference.
     """
     is_free = before.worked is not None and before.worked.contact != "contact"
-    now = replace(before, p_search_m=None, swing=Swing(), found=False)
+    now = replace(before, p_search_m=None, swing=HalfWaves(), found=False)
     if before.touched and not (is_free and not _began_free(before)):
         return now
     return replace(now, first=None, worked=None, touched=False, given_J=0.0, got_J=0.0)
 
 
-def proof_of(now: Watch, seen: Seen, settings: GuardSettings) -> bool:
+def verifies_press_axis(now: GuardState, seen: GuardSample, settings: GuardSettings) -> bool:
     """Return whether a touch from free space has pushed back along the tool."""
     if not _began_free(now) or now.first is None or not seen.presses:
         return False
@@ -116,7 +116,9 @@ def proof_of(now: Watch, seen: Seen, settings: GuardSettings) -> bool:
     return back_N > max(settings.touch_N, MAIN_PART * length(grown_N))
 
 
-def watch(before: Watch, seen: Seen, settings: GuardSettings) -> tuple[Watch, Trip | None]:
+def watch(
+    before: GuardState, seen: GuardSample, settings: GuardSettings
+) -> tuple[GuardState, Trip | None]:
     """Return the state after one sample, and the trip of the first monitor that fired."""
     touched = before.touched or seen.contact == "contact"
     p_search_m = before.p_search_m
@@ -145,11 +147,11 @@ def watch(before: Watch, seen: Seen, settings: GuardSettings) -> tuple[Watch, Tr
     return now, next((trip for rule in rules if (trip := rule(now, seen, settings))), None)
 
 
-def _began_free(now: Watch) -> bool:
+def _began_free(now: GuardState) -> bool:
     return now.first is not None and now.first.contact == "approach"
 
 
-def _count_work(before: Watch, seen: Seen) -> Watch:
+def _count_work(before: GuardState, seen: GuardSample) -> GuardState:
     """Add the work between tool and environment since the last counted sample."""
     last = before.worked
     if last is None or not before.touched:
@@ -170,7 +172,7 @@ def _count_work(before: Watch, seen: Seen) -> Watch:
     return replace(before, worked=seen, given_J=before.given_J + given_J, got_J=got_J)
 
 
-def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
+def _sign_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check that the force of the first touch pushes back along the tool axis."""
     if now.touched or now.first is None or not _began_free(now):
         return None
@@ -186,7 +188,7 @@ def _sign_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     return tripped("sensor_sign", text, value=back_N, limit=MAIN_PART * length_N)
 
 
-def _work_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
+def _work_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check passivity: the environment cannot return more work than it received."""
     more_J = now.given_J - (1.0 + SWUNG_PART) * now.got_J
     if not _began_free(now) or not seen.presses or more_J <= settings.given_J:
@@ -198,7 +200,7 @@ def _work_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     return tripped("sensor_sign", text, value=more_J, limit=settings.given_J)
 
 
-def _rise_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
+def _rise_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check the force while the tool turns on unverified torques: it must not keep rising."""
     limit_N = (1.0 + RISE_PART) * seen.setpoint_N + settings.touch_N
     unproven_turn = seen.turns and seen.presses and bool(seen.limited.any())
@@ -212,13 +214,13 @@ def _rise_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     return tripped("sensor_sign", text, value=seen.pushed_back_N, limit=limit_N)
 
 
-def _yield_trip(now: Watch, seen: Seen, _: GuardSettings) -> Trip | None:
+def _yield_trip(now: GuardState, seen: GuardSample, _: GuardSettings) -> Trip | None:
     """Check the travel along unverified axes."""
     force_tool_N = seen.T_base_tcp.rotation.T @ seen.force_N
     return unproven.trip_of(now.yielding, force_tool_N, seen.limited, turns=seen.turns)
 
 
-def _way_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
+def _way_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check the travel of a search for contact."""
     if now.p_search_m is None:
         return None
@@ -234,7 +236,7 @@ def _way_trip(now: Watch, seen: Seen, settings: GuardSettings) -> Trip | None:
     return tripped("travel", text, value=way_m, limit=limit_m)
 
 
-def _swing_trip(now: Watch, seen: Seen, _: GuardSettings) -> Trip | None:
+def _swing_trip(now: GuardState, seen: GuardSample, _: GuardSettings) -> Trip | None:
     if not now.swing.swings:
         return None
     height_N = length(seen.error[:3])

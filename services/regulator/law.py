@@ -7,7 +7,7 @@ PI control in velocity form on an unrounded commanded pose x of the TCP, error e
 
 In mode both, the rotation is fed forward to the position so that the contact point stays in place.
 Anti-windup is back-calculation: the state continues from the pose that the limits passed on
-(`put_back`), so nothing accumulates behind a limit.
+(`back_calculate`), so nothing accumulates behind a limit.
 
 Positive force is exerted by the environment on the robot; yielding means moving along it.
 """
@@ -88,7 +88,7 @@ def start_at(T_base_tcp: pin.SE3) -> LawState:
     return LawState(T_base_tcp.copy())
 
 
-def put_back(state: LawState, T_base_tcp: pin.SE3) -> LawState:
+def back_calculate(state: LawState, T_base_tcp: pin.SE3) -> LawState:
     """Return the state that continues, from rest, at the pose that a limit passed on."""
     return replace(state, T_base_tcp=T_base_tcp, speed_m_s=None, approach_m_s=0.0)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 
 REPORTS, SAMPLES = 2.0, 2.0
@@ -26,7 +26,7 @@ WAY_AND_TURN = np.repeat([[1.0, 0.0], [0.0, 0.5]], [3, 9], axis=0)
 
 
 @dataclass(frozen=True, slots=True)
-class Commanded:
+class CommandHistory:
     """Commands of the last window, oldest first: age [s], and pose of the TCP in base."""
 
     window_s: float
@@ -34,19 +34,19 @@ class Commanded:
     poses: Array  # position and rotation matrix, row by row. Shape (n, 12)
 
     @classmethod
-    def of(cls, cell: Cell) -> "Commanded":
+    def of(cls, cell: CellConfig) -> "CommandHistory":
         """Return an empty history with the window of a cell."""
         loop_s = cell.robot.delay_s + cell.force.chain_s
         reports_s = REPORTS / cell.rates.robot_hz
         window_s = loop_s + reports_s + SAMPLES / cell.rates.control_hz
         return cls(window_s, np.zeros(0), np.zeros((0, 12)))
 
-    def after(self, T_base_tcp: pin.SE3, dt_s: float) -> "Commanded":
+    def after(self, T_base_tcp: pin.SE3, dt_s: float) -> "CommandHistory":
         """Return the history with one more command, `dt_s` after the last one."""
         ages_s = self.ages_s + dt_s
         first = int((-ages_s).searchsorted(-self.window_s))
         poses = np.concatenate((self.poses[first:], _row(T_base_tcp)))
-        return Commanded(self.window_s, np.concatenate((ages_s[first:], (0.0,))), poses)
+        return CommandHistory(self.window_s, np.concatenate((ages_s[first:], (0.0,))), poses)
 
     @property
     def oldest(self) -> pin.SE3:
@@ -54,9 +54,9 @@ class Commanded:
         row = self.poses[0]
         return pin.SE3(row[3:].reshape(3, 3), row[:3])
 
-    def anew(self) -> "Commanded":
+    def anew(self) -> "CommandHistory":
         """Return a history with the oldest command only."""
-        return Commanded(self.window_s, np.zeros(1), self.poses[:1])
+        return CommandHistory(self.window_s, np.zeros(1), self.poses[:1])
 
     def lag(self, T_sent: pin.SE3 | None) -> bool:
         """Return whether the sent pose is behind every command of the window; None: unknown."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 
 HALF_WAVES = 10  # five periods
@@ -19,7 +19,7 @@ SHORTEST_HALF_TAU, LONGEST_HALF_TAU = 0.5, 8.0
 
 
 @dataclass(frozen=True, slots=True)
-class SwingSettings:
+class OscillationSettings:
     """Least height and range of durations of a half wave."""
 
     least: Array  # height in N, N, N, N m, N m, N m. Shape (6,)
@@ -27,7 +27,7 @@ class SwingSettings:
     longest_s: float
 
     @classmethod
-    def of(cls, cell: Cell) -> "SwingSettings":
+    def of(cls, cell: CellConfig) -> "OscillationSettings":
         """Return the settings of a cell."""
         deadbands = np.repeat([cell.force.deadband_N, cell.force.deadband_Nm], 3)
         tau_s = cell.loop_delay_s
@@ -39,7 +39,7 @@ def _zeros() -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Swing:
+class HalfWaves:
     """Half waves of six errors, each detected separately. All of shape (6,)."""
 
     side: Array = field(default_factory=_zeros)  # sign of the error, 0 before the first half wave
@@ -55,7 +55,7 @@ class Swing:
         return bool(max(self.count.tolist()) >= HALF_WAVES)
 
 
-def follow(swing: Swing, error: Array, dt_s: float, settings: SwingSettings) -> Swing:
+def follow(swing: HalfWaves, error: Array, dt_s: float, settings: OscillationSettings) -> HalfWaves:
     """Return the half waves after one more sample.
 
     Args:
@@ -72,7 +72,7 @@ def follow(swing: Swing, error: Array, dt_s: float, settings: SwingSettings) -> 
     ended = crossed & (swing.side != 0.0)
     in_time = (swing.age_s >= settings.shortest_s) & (swing.age_s <= settings.longest_s)
     lives = in_time & (swing.height >= settings.least) & (swing.height >= KEPT * swing.before_last)
-    return Swing(
+    return HalfWaves(
         side=np.where(crossed, side, swing.side),
         height=np.where(crossed, size, height),
         age_s=np.where(crossed, 0.0, age_s),

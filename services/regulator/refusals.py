@@ -5,22 +5,22 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from forcemesh.bus import Reading
 from forcemesh.faults import refusal, refused
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
-from services.regulator.session import Session, mover
-from services.regulator.tcp_path import MOST_POINTS, across
+from services.regulator.session import ForceSession, active_commander
+from services.regulator.tcp_path import MOST_POINTS, component_across
 
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
 AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # as on the command line
 
 
 def refused_start(
-    wanted: ForceStartRequest, cell: Cell, arbiter: ArbiterStatus | None, worse: Reading[Any]
+    wanted: ForceStartRequest, cell: CellConfig, arbiter: ArbiterStatus | None, worse: Reading[Any]
 ) -> Reply | None:
     """Return why force feedback cannot start, None when it can; `worse`: input with a fault."""
     largest_N = cell.force.setpoint_max_N
@@ -46,7 +46,7 @@ def refused_start(
     if arbiter.armed_for != "all":
         what = "jog" if arbiter.armed_for == "jog" else "backing off"
         return refusal("not_armed", f"armed for {what} alone: hold, then arm for all")
-    if who := mover(arbiter):
+    if who := active_commander(arbiter):
         text = f"the {who} commands the arm: wait for the move to end, or hold"
         return refusal("busy", text)
     return refusal(worse.code, worse.fault) if worse.fault else None
@@ -91,7 +91,9 @@ def refused_guide(wanted: ForceStartRequest, wrench: WrenchAtTcp) -> Reply | Non
     return refusal("axes_unproved", text)
 
 
-def refused_path(wanted: PathRequest, session: Session | None, cell: Cell) -> Reply | None:
+def refused_path(
+    wanted: PathRequest, session: ForceSession | None, cell: CellConfig
+) -> Reply | None:
     """Return why a path cannot be followed, None when it can."""
     if session is None or session.failure is not None:
         return refusal("not_armed", "no force feedback is running: start it first")
@@ -114,11 +116,11 @@ def refused_path(wanted: PathRequest, session: Session | None, cell: Cell) -> Re
     return _point_outside(wanted, session.law.T_base_tcp, cell)
 
 
-def _point_outside(wanted: PathRequest, T_base_tcp: pin.SE3, cell: Cell) -> Reply | None:
+def _point_outside(wanted: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) -> Reply | None:
     """Refuse a point outside the workspace; along the tool's axis the force decides."""
     limits, p, axis = Limits.of(cell), T_base_tcp.translation, T_base_tcp.rotation[:, 2]
     for number, point in enumerate(wanted.points_m, start=1):
-        aim = p + across(np.array(point) - p, axis)
+        aim = p + component_across(np.array(point) - p, axis)
         trip = check_workspace(limits, pin.SE3(T_base_tcp.rotation, aim))
         if trip is not None:
             return refused(trip.model_copy(update={"text": f"point {number}: {trip.text}"}))

@@ -27,7 +27,7 @@ PARALLEL = 1e-6  # collinear travel and speed: limit relative to the product of 
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class ResponseSample:
     """One sample along the tool's axes, of shape (3,) each, with its noise levels."""
 
     way_m: Array
@@ -54,7 +54,7 @@ def unheard() -> Response:
     return Response(np.ones(3), 0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
 
 
-def hear(state: Response, answer: Answer, k: Array) -> Response:
+def hear(state: Response, answer: ResponseSample, k: Array) -> Response:
     """Return the state after one more sample in contact; k of the measured pose, shape (3,)."""
     kept = exp(-answer.dt_s / answer.memory_s)
     weight = kept * state.weight + 1.0
@@ -65,7 +65,7 @@ def hear(state: Response, answer: Answer, k: Array) -> Response:
     return now if weight < FEW else replace(now, share=_believed(now, answer, k))
 
 
-def _believed(now: Response, answer: Answer, k: Array) -> Array:
+def _believed(now: Response, answer: ResponseSample, k: Array) -> Array:
     ways, both, speeds = now.sums[0, 0], now.sums[0, 1], now.sums[1, 1]
     by_way, by_speed = now.sums[0, 2], now.sums[1, 2]
     square = ways * speeds - both**2

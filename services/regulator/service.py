@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of, vec3
 from common.motion.frames import Array
 from forcemesh import topics
@@ -28,22 +28,28 @@ from forcemesh.messages import (
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator import adaptive
 from services.regulator import admittance as guiding
-from services.regulator.adaptive import Adaptive
-from services.regulator.admittance import Guide, GuideSettings
+from services.regulator.adaptive import AdaptiveState
+from services.regulator.admittance import AdmittanceSettings, AdmittanceState
 from services.regulator.control import (
+    ContactStiffness,
     LawTools,
-    Met,
     control,
     controller_gains,
-    forgotten,
-    kept,
-    met,
+    last_identified,
     ramped,
+    reset_predictor,
+    still_valid,
     task_frame,
 )
-from services.regulator.guards import GuardSettings, Watch, carried, proof_of, watch
-from services.regulator.law import LawInput, LawState, put_back, start_at
-from services.regulator.link_lag import Commanded
+from services.regulator.guards import (
+    GuardSettings,
+    GuardState,
+    kept_over_restart,
+    verifies_press_axis,
+    watch,
+)
+from services.regulator.law import LawInput, LawState, back_calculate, start_at
+from services.regulator.link_lag import CommandHistory
 from services.regulator.refusals import (
     refused_axes,
     refused_guide,
@@ -52,26 +58,26 @@ from services.regulator.refusals import (
 )
 from services.regulator.session import (
     Failure,
-    Session,
-    along,
+    ForceSession,
+    active_commander,
+    apply_path,
     failure_of,
     first_setpoint_N,
+    guard_sample,
     in_words,
-    mover,
     next_route,
-    seen_by,
     way_left,
 )
 from services.regulator.settings import merged_gains, pi_gains
 from services.regulator.unverified_axes import (
-    Motion,
-    Proof,
-    Yielding,
+    AxisVerification,
+    ToolMotion,
+    YieldTravel,
     checked_by,
     motion_between,
     origin,
 )
-from tuning.adaptive_map import remark, softest_N_m
+from tuning.adaptive_map import restriction, softest_N_m
 from tuning.gain_rule import instability, tune
 
 STOPPED = "stopped"
@@ -81,20 +87,22 @@ LONGEST_GAP_PERIODS = 3.0  # longest time between samples that is integrated
 class Regulator:
     """Service that publishes proposed poses while force feedback runs, otherwise valid=False."""
 
-    def __init__(self, bus: Bus, cell: Cell) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Open the topics of this role and tune the gains for this cell."""
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
         self._tools, self._guards = LawTools.of(cell), GuardSettings.of(cell)
-        self._guide = GuideSettings.of(cell)
-        self._met: Met | None = None
-        self._proof = Proof()
-        self._yielded: tuple[int, Yielding] | None = None  # lease, and travel of its last session
+        self._guide = AdmittanceSettings.of(cell)
+        self._met: ContactStiffness | None = None
+        self._proof = AxisVerification()
+        self._yielded: tuple[int, YieldTravel] | None = (
+            None  # lease, and travel of its last session
+        )
         self._gains = tune(cell).gains
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._T_tcp_flange = self._T_flange_tcp.inverse()
-        self._session: Session | None = None
+        self._session: ForceSession | None = None
         self._stop_reason = STOPPED
         self._now_ns = 0
         self._wrench = bus.reader(topics.WRENCH)
@@ -125,7 +133,7 @@ class Regulator:
         if wrench.fresh is not None:
             self._proof = checked_by(self._proof, wrench.fresh)
         if session is None:
-            self._met = kept(self._met, wrench.fresh, self._tools)
+            self._met = still_valid(self._met, wrench.fresh, self._tools)
             return RegulatorTarget(valid=False, reason=self._stop_reason)
         wanted = session.wanted
         failure = session.failure or failure_of(wrench) or failure_of(robot)
@@ -154,7 +162,7 @@ class Regulator:
             path_left_m=way_left(session),
         )
 
-    def _give_up(self, session: Session, failure: Failure) -> RegulatorTarget:
+    def _give_up(self, session: ForceSession, failure: Failure) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
         self._session, self.fault = replace(session, failure=failure), failure.text
         wanted, (code, text) = session.wanted, failure
@@ -164,13 +172,13 @@ class Regulator:
 
     def _advance(
         self,
-        session: Session,
+        session: ForceSession,
         reading: Reading[WrenchAtTcp],
         wrench: WrenchAtTcp,
         T_base_tcp: pin.SE3,
         *,
         robot: Reading[RobotState],
-    ) -> tuple[Session, Trip | None]:
+    ) -> tuple[ForceSession, Trip | None]:
         """Integrate once per sample, over the time that passed between the samples' stamps."""
         stamp_ns = reading.header.stamp_ns if reading.header else session.last_sample_ns
         gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
@@ -184,7 +192,7 @@ class Regulator:
         T_let_through = self._let_through(command)
         before = session.law
         if command is not None and command.limited and T_let_through is not None:
-            before = put_back(before, T_let_through)  # back-calculation anti-windup
+            before = back_calculate(before, T_let_through)  # back-calculation anti-windup
         sample = LawInput(
             force_N=np.array(wrench.force_N), torque_Nm=np.array(wrench.torque_Nm),
             setpoint_N=setpoint_N, mode=session.wanted.mode, dt_s=dt_s,
@@ -193,7 +201,7 @@ class Regulator:
             axes=session.wanted.axes,
         )  # fmt: skip
         gains = ramped(session.gains, self._gains, dt_s)
-        commanded = session.commanded or Commanded.of(self._cell)
+        commanded = session.commanded or CommandHistory.of(self._cell)
         T_commanded = before.T_base_tcp if T_let_through is None else T_let_through
         commanded = commanded.after(T_commanded, dt_s)
         law, memory, guide, way = before, session.memory, session.guide, session.route
@@ -204,13 +212,13 @@ class Regulator:
         motion = self._motion(session, law, T_base_tcp)
         if law.T_base_tcp is not before.T_base_tcp:
             most_m_s = self._cell.force.speed_max_m_s
-            law, way = along(before, law, way, dt_s=dt_s, speed_max_m_s=most_m_s)
+            law, way = apply_path(before, law, way, dt_s=dt_s, speed_max_m_s=most_m_s)
         sent = self._for_controller(session, memory, law.T_base_tcp.rotation)
         turns = session.wanted.mode != "position"
         limited = self._proof.limited(wrench.calibration, turns=turns)
-        seen = seen_by(law, sample, T_base_tcp, memory, motion=motion, limited=limited)
+        seen = guard_sample(law, sample, T_base_tcp, memory, motion=motion, limited=limited)
         watched, trip = watch(session.watch, seen, self._guards)
-        if trip is None and proof_of(watched, seen, self._guards):
+        if trip is None and verifies_press_axis(watched, seen, self._guards):
             self._proof = replace(self._proof, touched=origin(wrench.calibration))
         session = replace(
             session, law=law, memory=memory, guide=guide, setpoint_N=setpoint_N, gains=gains,
@@ -220,7 +228,7 @@ class Regulator:
         return session, trip
 
     def _for_controller(
-        self, session: Session, memory: Adaptive | None, R_base_tcp: Array
+        self, session: ForceSession, memory: AdaptiveState | None, R_base_tcp: Array
     ) -> Gains | None:
         """Return the adaptive law's gains for the controller, None when the PC is the host."""
         if memory is None or session.wanted.host != "controller":
@@ -230,23 +238,27 @@ class Regulator:
         )
 
     def _behind(
-        self, session: Session, before: LawState, commanded: Commanded, T_measured: pin.SE3
-    ) -> tuple[LawState, Adaptive | None, Commanded]:
+        self,
+        session: ForceSession,
+        before: LawState,
+        commanded: CommandHistory,
+        T_measured: pin.SE3,
+    ) -> tuple[LawState, AdaptiveState | None, CommandHistory]:
         """Return states at rest behind a stalled link; without a path, at the oldest command."""
         if session.route is not None:  # the pending commands contain path motion
-            return put_back(before, before.T_base_tcp), session.memory, commanded
-        law = put_back(before, commanded.oldest)
-        return law, forgotten(session.memory, law, T_measured, self._tools), commanded.anew()
+            return back_calculate(before, before.T_base_tcp), session.memory, commanded
+        law = back_calculate(before, commanded.oldest)
+        return law, reset_predictor(session.memory, law, T_measured, self._tools), commanded.anew()
 
     def _law(
         self,
-        session: Session,
+        session: ForceSession,
         before: LawState,
         sample: LawInput,
         T_measured: pin.SE3,
         *,
         gains: Gains,
-    ) -> tuple[LawState, Adaptive | None, Guide | None]:
+    ) -> tuple[LawState, AdaptiveState | None, AdmittanceState | None]:
         """Return the next states of the active law."""
         plain, pi = self._tools.plain, pi_gains(gains)
         if (guide := session.guide) is not None:
@@ -272,11 +284,11 @@ class Regulator:
         return pose_of(command.pose) * self._T_flange_tcp
 
     @staticmethod
-    def _motion(session: Session, law: LawState, T_measured: pin.SE3) -> Motion:
+    def _motion(session: ForceSession, law: LawState, T_measured: pin.SE3) -> ToolMotion:
         """Return the measured motion: a command in flight has changed no force yet."""
         return motion_between(session.T_measured or T_measured, T_measured, law.lever_m)
 
-    def _approach_N(self, session: Session) -> float:
+    def _approach_N(self, session: ForceSession) -> float:
         """Return the largest set point during the approach.
 
         The controller has no approach speed: without contact it moves at gain times set point, also
@@ -292,7 +304,7 @@ class Regulator:
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s
         return min(max(wanted_N, now_N - step_N), now_N + step_N)
 
-    def _feedback(self, session: Session) -> Feedback:
+    def _feedback(self, session: ForceSession) -> Feedback:
         law = session.law
         R_base_flange = (law.T_base_tcp * self._T_tcp_flange).rotation
         lever_m = np.zeros(3) if law.lever_m is None else R_base_flange.T @ law.lever_m
@@ -315,12 +327,15 @@ class Regulator:
             self._end(f"the arbiter is {arbiter.state}")
         elif arbiter.lease != self._session.lease:  # held and armed again between two readings
             self._end("the arm was armed again")
-        elif who := mover(arbiter):
+        elif who := active_commander(arbiter):
             self._end(f"the {who} commands the arm")
 
     def _end(self, reason: str) -> None:
         if (session := self._session) is not None:
-            self._met, self._yielded = met(session.memory), (session.lease, session.watch.yielding)
+            self._met, self._yielded = (
+                last_identified(session.memory),
+                (session.lease, session.watch.yielding),
+            )
         self._session, self._stop_reason, self.fault = None, reason, ""
 
     def _serve(self, now_ns: int, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
@@ -358,7 +373,9 @@ class Regulator:
         running = self._session
         if running is not None and running.wanted.host == wanted.host and not running.failure:
             memory = self._memory(wanted, running.law.T_base_tcp, robot.fresh, running.memory)
-            running = replace(running, wanted=wanted, watch=carried(running.watch), memory=memory)
+            running = replace(
+                running, wanted=wanted, watch=kept_over_restart(running.watch), memory=memory
+            )
             guide = guide and (running.guide or guide)
             self._session = replace(running, guide=guide, route=None)
             return self._started(wanted)
@@ -367,8 +384,10 @@ class Regulator:
         memory = self._memory(wanted, law.T_base_tcp, robot.fresh, None)
         setpoint_N = first_setpoint_N(np.array(wrench.fresh.force_N), T_measured, wanted.setpoint_N)
         goes_on = self._yielded is not None and self._yielded[0] == arbiter.lease
-        watched = Watch(yielding=self._yielded[1]) if self._yielded and goes_on else Watch()
-        self._session = Session(
+        watched = (
+            GuardState(yielding=self._yielded[1]) if self._yielded and goes_on else GuardState()
+        )
+        self._session = ForceSession(
             wanted, setpoint_N, law, stamp_ns, arbiter.lease, watched, self._gains, memory, guide
         )
         return self._started(wanted)
@@ -381,7 +400,7 @@ class Regulator:
     def _started(self, wanted: ForceStartRequest) -> Reply:
         text = in_words(wanted, self._law_of(wanted))
         asked_law = wanted.law or self._cell.force.law
-        remarks = remark(self._cell) if asked_law == "adaptive" else ""
+        remarks = restriction(self._cell) if asked_law == "adaptive" else ""
         return Reply(accepted=True, text=f"{text}; {remarks}" if remarks else text)
 
     def _follow_path(self, wanted: PathRequest) -> Reply:
@@ -397,8 +416,8 @@ class Regulator:
         wanted: ForceStartRequest,
         T_command: pin.SE3,
         robot: RobotState,
-        running: Adaptive | None,
-    ) -> Adaptive | None:
+        running: AdaptiveState | None,
+    ) -> AdaptiveState | None:
         """Return the initial state of the adaptive law, None for the plain law."""
         if self._law_of(wanted) != "adaptive":
             return None

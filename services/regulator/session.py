@@ -10,13 +10,13 @@ from common.motion.frames import Array
 from forcemesh.bus import Reading
 from forcemesh.messages import ArbiterStatus, Gains, StartLaw
 from forcemesh.requests import ForceStartRequest, PathRequest
-from services.regulator.adaptive import Adaptive
-from services.regulator.admittance import Guide
-from services.regulator.guards import Flags, Seen, Watch
+from services.regulator.adaptive import AdaptiveState
+from services.regulator.admittance import AdmittanceState
+from services.regulator.guards import Flags, GuardSample, GuardState
 from services.regulator.law import LawInput, LawState
-from services.regulator.link_lag import Commanded
-from services.regulator.tcp_path import Route, go, left_m, routed
-from services.regulator.unverified_axes import Motion
+from services.regulator.link_lag import CommandHistory
+from services.regulator.tcp_path import TcpPath, go, remaining_m, routed
+from services.regulator.unverified_axes import ToolMotion
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
 
@@ -29,7 +29,7 @@ class Failure(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class ForceSession:
     """Force feedback from its start to its stop."""
 
     wanted: ForceStartRequest
@@ -37,15 +37,15 @@ class Session:
     law: LawState
     last_sample_ns: int
     lease: int  # under which it was started
-    watch: Watch
+    watch: GuardState
     gains: Gains  # ramped
-    memory: Adaptive | None = None  # state of the adaptive law, if it runs
-    guide: Guide | None = None  # state of hand guiding, if it runs
-    route: Route | None = None  # path across the tool's axis, if there is one
+    memory: AdaptiveState | None = None  # state of the adaptive law, if it runs
+    guide: AdmittanceState | None = None  # state of hand guiding, if it runs
+    route: TcpPath | None = None  # path across the tool's axis, if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
     report: tuple[int, int] | None = None  # the robot's last one: epoch and number
     T_measured: pin.SE3 | None = None  # of the TCP, at the last sample
-    commanded: Commanded | None = None  # recent commands, with the PC as host
+    commanded: CommandHistory | None = None  # recent commands, with the PC as host
     failure: Failure | None = None  # latched: an input failed, or a monitor tripped
 
 
@@ -70,26 +70,26 @@ def in_words(wanted: ForceStartRequest, law: StartLaw) -> str:
     return f"{wanted.mode}, set point {wanted.setpoint_N:g} N, law {law}{preset}, on {host}"
 
 
-def mover(arbiter: ArbiterStatus) -> str:
+def active_commander(arbiter: ArbiterStatus) -> str:
     """Return the commander that moves the arm or is next, empty if only the regulator may."""
     both = (arbiter.commander, arbiter.next_commander)
     return next((who for who in both if who in MOVERS), "")
 
 
-def seen_by(
+def guard_sample(
     law: LawState,
     sample: LawInput,
     T_base_tcp: pin.SE3,
-    memory: Adaptive | None,
+    memory: AdaptiveState | None,
     *,
-    motion: Motion,
+    motion: ToolMotion,
     limited: Flags,
-) -> Seen:
+) -> GuardSample:
     """Return the monitors' view of one sample; mode orientation has no approach."""
     error_N = _free(law.error_force_N, sample, 0)
     error_Nm = _free(law.error_torque_Nm, sample, 3)
     moves, turns = sample.mode != "orientation", sample.mode != "position"
-    return Seen(
+    return GuardSample(
         force_N=sample.force_N,
         torque_Nm=sample.torque_Nm,
         T_base_tcp=T_base_tcp,
@@ -118,7 +118,7 @@ def failure_of(reading: Reading[Any]) -> Failure | None:
     return Failure(reading.code, reading.fault) if reading.fault else None
 
 
-def next_route(session: Session, wanted: PathRequest) -> Route:
+def next_route(session: ForceSession, wanted: PathRequest) -> TcpPath:
     """Return the path that a session follows from now on."""
     ahead = session.route if wanted.append else None
     route = routed(
@@ -131,9 +131,9 @@ def next_route(session: Session, wanted: PathRequest) -> Route:
     return replace(route, now_m_s=session.route.now_m_s if session.route else 0.0)
 
 
-def along(
-    before: LawState, law: LawState, route: Route | None, *, dt_s: float, speed_max_m_s: float
-) -> tuple[LawState, Route | None]:
+def apply_path(
+    before: LawState, law: LawState, route: TcpPath | None, *, dt_s: float, speed_max_m_s: float
+) -> tuple[LawState, TcpPath | None]:
     """Return the state after one period of path motion, and the rest of the path.
 
     Force control and path together keep the regulator's speed limit.
@@ -154,9 +154,9 @@ def along(
     return replace(law, T_base_tcp=pin.SE3(T.rotation, T.translation + shift_m)), route
 
 
-def way_left(session: Session) -> float | None:
+def way_left(session: ForceSession) -> float | None:
     """Return the path length to the last point [m], None without a path."""
     if session.route is None:
         return None
     T = session.law.T_base_tcp
-    return left_m(session.route, T.translation, T.rotation[:, 2])
+    return remaining_m(session.route, T.translation, T.rotation[:, 2])

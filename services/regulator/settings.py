@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.messages import Gains
 from forcemesh.requests import GainsRequest
 from services.regulator.law import LawSettings, PiGains
 from tuning.gain_rule import tune
 
 PROBE_N = 5.0  # overshoot of the first touch, which verifies the signs and must stay gentle
-INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
+APPROACH_INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
 
-def law_settings(cell: Cell) -> LawSettings:
+def law_settings(cell: CellConfig) -> LawSettings:
     """Return the law's settings; the approach speed follows from its force budget.
 
     The first touch adds about k v tau before the loop reacts.
@@ -25,7 +25,7 @@ def law_settings(cell: Cell) -> LawSettings:
         speed_max_m_s=min(force.speed_max_m_s, cell.limits.speed_m_s),
         speed_max_rad_s=force.speed_max_rad_s,
         approach_m_s=min(force.approach_m_s, cell.approach_limit_m_s, probe_m_s),
-        approach_accel_m_s2=INERTIA_SHARE * force.touch_N / cell.contact.inertia_kg,
+        approach_accel_m_s2=APPROACH_INERTIA_SHARE * force.touch_N / cell.contact.inertia_kg,
         touch_N=force.touch_N,
     )
 
@@ -40,7 +40,7 @@ def pi_gains(gains: Gains) -> PiGains:
     )
 
 
-def merged_gains(gains: Gains, change: GainsRequest, cell: Cell) -> Gains:
+def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
     """Return the gains after a request: its preset first, then its single gains."""
     if change.preset is not None:
         gains = tune(cell, change.preset).gains

@@ -10,7 +10,7 @@ from math import exp
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class SurfaceMotion:
     """Position and motion of the surface; position None before the first sample."""
 
     place_m: float | None = None
@@ -28,14 +28,14 @@ class Drift:
         return self.speed_m_s + share * self.accel_m_s2 * (self.late_s + time_s)
 
 
-def look(drift: Drift, seen_m: float, dt_s: float, time_s: float) -> Drift:
+def look(drift: SurfaceMotion, seen_m: float, dt_s: float, time_s: float) -> SurfaceMotion:
     """Return the estimate updated by a measured position `seen_m`; T is `time_s`."""
     if drift.place_m is None:
-        return Drift(seen_m, late_s=2.0 * time_s)
+        return SurfaceMotion(seen_m, late_s=2.0 * time_s)
     pole = exp(-dt_s / time_s)
     expected_m = drift.place_m + drift.speed_m_s * dt_s
     missed_m = seen_m - expected_m
     gained_m_s = (1.0 - pole) ** 2 / dt_s * missed_m
     accel_m_s2 = pole * drift.accel_m_s2 + (1.0 - pole) * gained_m_s / dt_s
     place_m = expected_m + (1.0 - pole * pole) * missed_m
-    return Drift(place_m, drift.speed_m_s + gained_m_s, accel_m_s2, drift.late_s)
+    return SurfaceMotion(place_m, drift.speed_m_s + gained_m_s, accel_m_s2, drift.late_s)

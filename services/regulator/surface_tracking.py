@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from common.motion.frames import Array
 from services.regulator import surface_motion as surface
 from services.regulator.law import LawInput
-from services.regulator.surface_motion import Drift
+from services.regulator.surface_motion import SurfaceMotion
 
 NEAR_N = 2.0  # force error at which surface tracking starts
 FADE_S = 0.05
@@ -21,26 +21,26 @@ DRIFT_TAUS, DRIFT_LEAST_S, DRIFT_NOISE_N = 0.7, 0.025, 0.2
 CALM_N, CALM_UP_S, CALM_DOWN_S = 3.0, 0.3, 0.01  # use of the surface's acceleration
 TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
 
-NO_DRIFT = Drift()
+NO_DRIFT = SurfaceMotion()
 
 
 @dataclass(frozen=True, slots=True)
-class Follow:
+class SurfaceTracking:
     """State of surface tracking."""
 
     near: bool = False  # near the set point since it changed or contact was lost: tracking
-    drift: Drift = NO_DRIFT
+    drift: SurfaceMotion = NO_DRIFT
     share: float = 0.0  # of the drift that is fed forward
     calm: float = 0.0  # share of its acceleration that is used
     trim_m_s: float = 0.0  # integral correction of the model's remaining error
     setpoint_N: float = 0.0
 
 
-NOT_FOLLOWED = Follow()
+NOT_TRACKING = SurfaceTracking()
 
 
 @dataclass(frozen=True, slots=True)
-class Felt:
+class PressAxisState:
     """Quantities along the press axis that surface tracking needs."""
 
     axis: Array  # in base. Shape (3,)
@@ -52,7 +52,9 @@ class Felt:
     touches: bool
 
 
-def followed(before: Follow, felt: Felt, sample: LawInput, *, Ki: float, tau_s: float) -> Follow:
+def followed(
+    before: SurfaceTracking, felt: PressAxisState, sample: LawInput, *, Ki: float, tau_s: float
+) -> SurfaceTracking:
     """Return the state of surface tracking after this sample.
 
     Args:
@@ -70,7 +72,7 @@ def followed(before: Follow, felt: Felt, sample: LawInput, *, Ki: float, tau_s: 
         near = False
     share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)
     if not near:
-        return Follow(share=share, setpoint_N=sample.setpoint_N)
+        return SurfaceTracking(share=share, setpoint_N=sample.setpoint_N)
     seen_m = felt.way_m + (force_N + felt.own_N) / felt.k_N_m
     time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
     drift = surface.look(before.drift, seen_m, dt_s, time_s)
@@ -79,10 +81,10 @@ def followed(before: Follow, felt: Felt, sample: LawInput, *, Ki: float, tau_s: 
     calm = before.calm + (is_calm - before.calm) * min(1.0, dt_s / calm_s)
     most = TRIM_SHARE * share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
     trim = before.trim_m_s + Ki * error_N / (TRIM_TAUS * tau_s) * share * dt_s
-    return Follow(near, drift, share, calm, min(max(trim, -most), most), sample.setpoint_N)
+    return SurfaceTracking(near, drift, share, calm, min(max(trim, -most), most), sample.setpoint_N)
 
 
-def worth(speed_m_s: float, k_tau: float) -> float:
+def noise_weight(speed_m_s: float, k_tau: float) -> float:
     """Return the weight of a speed against noise, 0 to 1: a surface at rest is not tracked."""
     height_N = (k_tau * speed_m_s) ** 2
     return height_N / (height_N + DRIFT_NOISE_N**2)

@@ -19,7 +19,7 @@ THERE_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class TcpPath:
     """Pending points of a path and its speed."""
 
     points: tuple[Array, ...]  # base axes, each of shape (3,)
@@ -32,13 +32,13 @@ class Route:
 
 
 def routed(
-    before: Route | None,
+    before: TcpPath | None,
     points: tuple[Array, ...],
     *,
     speed_m_s: float,
     accel_m_s2: float,
     in_contact: bool,
-) -> Route:
+) -> TcpPath:
     """Return the path along points, appended to those of `before` if there is one."""
     ahead = (() if before is None else before.points) + points
     beyond_m, stops_m = [0.0], [0.0]
@@ -51,7 +51,7 @@ def routed(
         beyond_m.append(length_m + beyond_m[-1])
         after = way
     now_m_s = 0.0 if before is None else before.now_m_s
-    return Route(
+    return TcpPath(
         ahead,
         tuple(reversed(beyond_m)),
         tuple(reversed(stops_m)),
@@ -62,16 +62,16 @@ def routed(
     )
 
 
-def left_m(route: Route, p: Array, axis: Array) -> float:
+def remaining_m(route: TcpPath, p: Array, axis: Array) -> float:
     """Return the path length from `p` to the last point [m], its first part across the axis."""
     if not route.points:
         return 0.0
-    return float(np.linalg.norm(across(route.points[0] - p, axis))) + route.beyond_m[0]
+    return float(np.linalg.norm(component_across(route.points[0] - p, axis))) + route.beyond_m[0]
 
 
 def go(
-    route: Route, p: Array, axis: Array, *, dt_s: float, pushed_m: Array, most_m: float
-) -> tuple[Route, Array]:
+    route: TcpPath, p: Array, axis: Array, *, dt_s: float, pushed_m: Array, most_m: float
+) -> tuple[TcpPath, Array]:
     """Return the path after one period, and the motion across the axis in it [m]. Shape (3,).
 
     Args:
@@ -85,7 +85,7 @@ def go(
     route = _reached(route, p, axis)
     if not route.points:
         return replace(route, now_m_s=0.0), np.zeros(3)
-    aim = across(route.points[0] - p, axis)
+    aim = component_across(route.points[0] - p, axis)
     length_m = float(np.linalg.norm(aim))
     stop_m = length_m + (route.stops_m[0] if _goes_on(route, aim) else 0.0)
     stops_m_s = sqrt(2.0 * route.accel_m_s2 * stop_m)
@@ -98,15 +98,18 @@ def go(
     return replace(route, now_m_s=speed_m_s), step_m * direction
 
 
-def across(way: Array, axis: Array) -> Array:
+def component_across(way: Array, axis: Array) -> Array:
     """Return the component of a vector across a unit axis. Shapes (3,)."""
     return way - (way @ axis) * axis
 
 
-def _reached(route: Route, p: Array, axis: Array) -> Route:
+def _reached(route: TcpPath, p: Array, axis: Array) -> TcpPath:
     """Return the path without the points that have been reached."""
     at = 0
-    while at < len(route.points) and np.linalg.norm(across(route.points[at] - p, axis)) < THERE_M:
+    while (
+        at < len(route.points)
+        and np.linalg.norm(component_across(route.points[at] - p, axis)) < THERE_M
+    ):
         at += 1
     if not at:
         return route
@@ -114,7 +117,7 @@ def _reached(route: Route, p: Array, axis: Array) -> Route:
     return replace(route, points=left[0], beyond_m=left[1], stops_m=left[2])
 
 
-def _goes_on(route: Route, aim: Array) -> bool:
+def _goes_on(route: TcpPath, aim: Array) -> bool:
     """Return whether the path continues beyond the next point without a sharp corner."""
     if len(route.points) < 2:
         return False

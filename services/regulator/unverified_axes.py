@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array, cross, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip, WrenchAtTcp
@@ -30,7 +30,7 @@ TARED = ", tared"  # suffix of a calibration's name after a tare
 
 
 @dataclass(frozen=True, slots=True)
-class Proof:
+class AxisVerification:
     """Verification of the sensor's axes and signs so far."""
 
     checked: bool = False  # `forcemesh check axes` passed with the calibration in use
@@ -51,26 +51,26 @@ def origin(calibration: str) -> str:
     return calibration.removesuffix(TARED)
 
 
-def checked_by(proof: Proof, wrench: WrenchAtTcp) -> Proof:
+def checked_by(proof: AxisVerification, wrench: WrenchAtTcp) -> AxisVerification:
     """Return the verification that applies to this wrench."""
-    return Proof(wrench.axes_checked, proof.touched)
+    return AxisVerification(wrench.axes_checked, proof.touched)
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class ToolMotion:
     """Motion of one period, base axes."""
 
     moved_m: Array  # of the contact point. Shape (3,)
     turned_rad: Array  # shape (3,)
 
 
-def motion_between(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array | None) -> Motion:
+def motion_between(T_from: pin.SE3, T_to: pin.SE3, lever_m: Array | None) -> ToolMotion:
     """Return the motion of the contact point, including that of a rotation about the TCP."""
     turned_rad = rotation_between(T_from.rotation, T_to.rotation)
     moved_m = T_to.translation - T_from.translation
     if lever_m is not None:
         moved_m = moved_m + cross(turned_rad, lever_m)
-    return Motion(moved_m, turned_rad)
+    return ToolMotion(moved_m, turned_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +81,13 @@ class YieldSettings:
     idle_Nm: float
 
     @classmethod
-    def of(cls, cell: Cell) -> "YieldSettings":
+    def of(cls, cell: CellConfig) -> "YieldSettings":
         """Return the settings of a cell."""
         return cls(IDLE_BANDS * cell.force.deadband_N, IDLE_BANDS * cell.force.deadband_Nm)
 
 
 @dataclass(frozen=True, slots=True)
-class Yielding:
+class YieldTravel:
     """Travel along the force since the tool was idle; along the tool's axes, shape (3,)."""
 
     way_m: Array = field(default_factory=lambda: np.zeros(3))
@@ -96,15 +96,15 @@ class Yielding:
 
 
 def update(
-    before: Yielding,
-    motion: Motion,
+    before: YieldTravel,
+    motion: ToolMotion,
     R_base_tcp: Array,
     *,
     force_N: Array,
     torque_Nm: Array,
     limited: "npt.NDArray[np.bool_]",
     settings: YieldSettings,
-) -> Yielding:
+) -> YieldTravel:
     """Return the travel after one more period.
 
     Args:
@@ -134,11 +134,11 @@ def update(
     else:
         along_rad = float(motion.turned_rad @ spin_Nm) / spin
         turn_rad = max(turn_rad + along_rad, 0.0)
-    return Yielding(way_m, most_N, turn_rad)
+    return YieldTravel(way_m, most_N, turn_rad)
 
 
 def trip_of(
-    now: Yielding, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, turns: bool
+    now: YieldTravel, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, turns: bool
 ) -> Trip | None:
     """Return why force feedback must end, if it must; `force_tool_N` in tool axes, shape (3,)."""
     too_far = length(now.way_m * limited) > LIMIT_M  # before the travel that the force allows
@@ -164,7 +164,7 @@ def trip_of(
     return None
 
 
-def _fallen_N(now: Yielding, size_N: Array, limited: "npt.NDArray[np.bool_]") -> Array:
+def _fallen_N(now: YieldTravel, size_N: Array, limited: "npt.NDArray[np.bool_]") -> Array:
     """Return by how much yielding has reduced the force along each axis [N]. Shape (3,).
 
     The force of a released contact falls as a whole. With swapped axes, the force along one axis

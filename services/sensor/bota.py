@@ -14,7 +14,7 @@ from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
-from services.sensor.driver import Complaint, Info, Sample, fault_sample, saturation
+from services.sensor.driver import Info, SensorFault, SensorSample, fault_sample, saturation
 
 WRAP_US = 1 << 32  # of the sensor's stamps
 GAP_PERIODS = 1.5
@@ -23,7 +23,7 @@ WINDOW = 100
 GRUDGE_S = 0.25  # time for which a restart is reported
 
 
-class Source(Protocol):
+class BotaSource(Protocol):
     """Interface of the maker's driver, as far as it is used."""
 
     def read_frame(self) -> Any:
@@ -42,7 +42,7 @@ class Source(Protocol):
 class BotaDriver:
     """Driver that takes each reading once, by the sensor's own stamp."""
 
-    def __init__(self, sensor: SensorSection, source: Source) -> None:
+    def __init__(self, sensor: SensorSection, source: BotaSource) -> None:
         """Use an active source."""
         self._sensor, self._source = sensor, source
         self._step_us = max(1, int(source.get_expected_timestep_us()))
@@ -71,13 +71,13 @@ class BotaDriver:
         """Return counts of received and lost readings."""
         return dict(self._counts)
 
-    def complaint(self) -> Complaint:
+    def complaint(self) -> SensorFault:
         """Return why no sample is received."""
         if self._fault:
-            return Complaint("sensor_silent", f"{self.where}: {self._fault}")
+            return SensorFault("sensor_silent", f"{self.where}: {self._fault}")
         if self._last_us is None:
-            return Complaint("sensor_silent", f"{self.where}: nothing received")
-        return Complaint("sensor_stalled", f"{self.where}: its stamp stays at {self._last_us} us")
+            return SensorFault("sensor_silent", f"{self.where}: nothing received")
+        return SensorFault("sensor_stalled", f"{self.where}: its stamp stays at {self._last_us} us")
 
     def close(self) -> None:
         """Stop the sensor and close its connection."""
@@ -85,7 +85,7 @@ class BotaDriver:
             self._source.deactivate()
             self._source.shutdown()
 
-    def read(self, now_ns: int) -> Sequence[Sample]:
+    def read(self, now_ns: int) -> Sequence[SensorSample]:
         """Return the newest reading if it was not returned before."""
         try:
             frame = self._source.read_frame()
@@ -117,7 +117,7 @@ class BotaDriver:
             return 0
         return round(passed_us / self._step_us) - 1
 
-    def _sample(self, frame: Any, now_ns: int) -> Sample:
+    def _sample(self, frame: Any, now_ns: int) -> SensorSample:
         where = (self._number, now_ns)
         force_N, torque_Nm = _vec3(frame.force), _vec3(frame.torque)
         for code, reason in self._faults(frame.status, now_ns):
@@ -127,21 +127,21 @@ class BotaDriver:
         if frame.status.overrange and not reason:
             reason = "the sensor reports that it is beyond its range"
         if reason:
-            return Sample(force_N, torque_Nm, "saturated", reason, "sensor_saturated", *where)
-        return Sample(force_N, torque_Nm, counter=where[0], stamp_ns=where[1])
+            return SensorSample(force_N, torque_Nm, "saturated", reason, "sensor_saturated", *where)
+        return SensorSample(force_N, torque_Nm, counter=where[0], stamp_ns=where[1])
 
-    def _faults(self, status: Any, now_ns: int) -> list[Complaint]:
+    def _faults(self, status: Any, now_ns: int) -> list[SensorFault]:
         """Return the faults that make a reading invalid."""
         faults = []
         if status.invalid:
             text = f"the sensor reports status 0x{status.val:X}: invalid"
-            faults.append(Complaint("sensor_fault", text))
+            faults.append(SensorFault("sensor_fault", text))
         if now_ns < self._grudge_until_ns:
-            faults.append(Complaint("sensor_restarted", "the sensor's stamps restarted"))
+            faults.append(SensorFault("sensor_restarted", "the sensor's stamps restarted"))
         lost, frames = sum(self._window), len(self._window)
         if frames >= WINDOW // 2 and lost > BAD_SHARE * (lost + frames):
             text = f"{lost} of the last {lost + frames} readings were lost"
-            faults.append(Complaint("sensor_lossy", text))
+            faults.append(SensorFault("sensor_lossy", text))
         return faults
 
 

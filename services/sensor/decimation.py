@@ -7,7 +7,7 @@ MARGIN = 2.05  # times the cell's rate: twice, plus tolerance of clocks and meas
 
 
 @dataclass(frozen=True, slots=True)
-class Thinning:
+class Decimation:
     """State of the decimation: the sensor's measured rate, and the ratio."""
 
     wanted_hz: float
@@ -17,7 +17,7 @@ class Thinning:
     since: tuple[int, int] | None = None  # number and time [ns] at the start of the measurement
 
 
-def thin(state: Thinning, number: int, now_ns: int) -> tuple[Thinning, bool]:
+def decimate(state: Decimation, number: int, now_ns: int) -> tuple[Decimation, bool]:
     """Return the state after a sample, and whether to keep it.
 
     Up to twice the wanted rate every sample is kept, above it every n-th, counted by the sensor's
@@ -30,12 +30,12 @@ def thin(state: Thinning, number: int, now_ns: int) -> tuple[Thinning, bool]:
     return replace(state, kept=number), True
 
 
-def pause(state: Thinning) -> Thinning:
+def pause(state: Decimation) -> Decimation:
     """Restart the measurement after a gap; keep the ratio until it is done."""
     return replace(state, since=None)
 
 
-def _measure(state: Thinning, number: int, now_ns: int) -> Thinning:
+def _measure(state: Decimation, number: int, now_ns: int) -> Decimation:
     if state.since is None:
         return replace(state, since=(number, now_ns))
     elapsed_ns = now_ns - state.since[1]

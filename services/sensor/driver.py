@@ -13,18 +13,18 @@ SATURATED_FROM = 0.95  # of the range, on any axis
 AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))
 
 
-class Complaint(NamedTuple):
+class SensorFault(NamedTuple):
     """Fault: a code of forcemesh/faults.py and a text; both empty: no fault."""
 
     code: str
     text: str
 
 
-FINE = Complaint("", "")
+NO_FAULT = SensorFault("", "")
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class SensorSample:
     """Reading in SI units, sensor axes, about the sensor's origin, with its status."""
 
     force_N: Vec3
@@ -52,17 +52,17 @@ class Info:
         return f"{self.model}{serial}, range {ranges}, {self.calibration}"
 
 
-class Driver(Protocol):
-    """Driver of one make of sensor. It never blocks, and never raises after construction."""
+class SensorInterface(Protocol):
+    """Interface to one make of sensor. It never blocks, and never raises after construction."""
 
     @property
     def where(self) -> str:
         """Return name and address of the sensor for messages."""
 
-    def read(self, now_ns: int) -> Sequence[Sample]:
+    def read(self, now_ns: int) -> Sequence[SensorSample]:
         """Return every sample received since the last call, oldest first."""
 
-    def complaint(self) -> Complaint:
+    def complaint(self) -> SensorFault:
         """Return why no sample is received at present, as far as the driver knows."""
 
     def info(self) -> Info | None:
@@ -75,9 +75,9 @@ class Driver(Protocol):
         """Stop the stream and release the connection."""
 
 
-def fault_sample(code: str, reason: str, *, counter: int = 0, stamp_ns: int = 0) -> Sample:
+def fault_sample(code: str, reason: str, *, counter: int = 0, stamp_ns: int = 0) -> SensorSample:
     """Return a sample with a fault and no reading."""
-    return Sample(ZERO3, ZERO3, "fault", reason, code, counter, stamp_ns)
+    return SensorSample(ZERO3, ZERO3, "fault", reason, code, counter, stamp_ns)
 
 
 def saturation(force_N: Vec3, torque_Nm: Vec3, force_range_N: float, torque_range_Nm: float) -> str:

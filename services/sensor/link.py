@@ -16,7 +16,7 @@ RECEIVES_PER_POLL = 1000  # a flood cannot block the loop
 
 
 @dataclass(frozen=True, slots=True)
-class LinkSettings:
+class UdpLinkSettings:
     """Address of the sensor, and the requests that are sent to it."""
 
     host: str  # preferably an IP address: name resolution can take long
@@ -29,7 +29,7 @@ class LinkSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedDatagrams:
     """Datagrams received since the last poll, oldest first."""
 
     datagrams: list[bytes]
@@ -38,10 +38,10 @@ class Heard:
     unanswered: int = 0  # requests so far
 
 
-class Link:
+class UdpLink:
     """UDP link to the sensor."""
 
-    def __init__(self, settings: LinkSettings) -> None:
+    def __init__(self, settings: UdpLinkSettings) -> None:
         """Store the settings; the first `poll` opens the socket."""
         self.settings = settings
         self.requests = 0
@@ -57,7 +57,7 @@ class Link:
         """Return the address of the sensor."""
         return f"sensor {self.settings.host}:{self.settings.port}"
 
-    def poll(self, now_ns: int) -> Heard:
+    def poll(self, now_ns: int) -> ReceivedDatagrams:
         """Receive waiting datagrams; request the stream after a time of silence."""
         since_ns = self._emptied_ns
         datagrams = self._receive(now_ns)
@@ -67,7 +67,7 @@ class Link:
         asked = now_ns >= self._ask_at_ns
         if asked:
             self._ask(now_ns)
-        return Heard(datagrams, since_ns, asked, self._unanswered)
+        return ReceivedDatagrams(datagrams, since_ns, asked, self._unanswered)
 
     def close(self) -> None:
         """Send the stop request, if the sensor can be reached, and close the socket."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from common.config.cell import SensorSection
 from forcemesh.errors import DataError
-from services.sensor.driver import FINE, Complaint, Info
+from services.sensor.driver import NO_FAULT, Info, SensorFault
 from services.sensor.rdt import Scale
 
 PATH = "/netftapi2.xml"
@@ -34,7 +34,7 @@ TORQUE_CODES = {1: "lbf-in", 2: "lbf-ft", 3: "Nm", 4: "N-mm", 5: "kgf-cm", 6: "k
 
 
 @dataclass(frozen=True, slots=True)
-class Page:
+class SettingsPage:
     """Settings of the sensor, in SI units."""
 
     counts_per_N: float
@@ -47,7 +47,7 @@ class Page:
     torque_range_Nm: float | None = None
 
 
-def parse(text: str) -> Page:
+def parse(text: str) -> SettingsPage:
     """Parse a page.
 
     Raises:
@@ -58,7 +58,7 @@ def parse(text: str) -> Page:
     torque_unit, in_Nm = _unit(found, "tu", TORQUE_UNITS, TORQUE_CODES)
     ratings = [_rating(part) for part in RATINGS.split(found.get("cfgmr", ""))]
     is_whole = len(ratings) == 6 and all(0.0 < rating < math.inf for rating in ratings)
-    return Page(
+    return SettingsPage(
         counts_per_N=_counts(found, "cfgcpf") / in_N,
         counts_per_Nm=_counts(found, "cfgcpt") / in_Nm,
         force_unit=force_unit,
@@ -70,7 +70,7 @@ def parse(text: str) -> Page:
     )
 
 
-def scale_of(sensor: SensorSection, page: Page | None = None) -> Scale:
+def scale_of(sensor: SensorSection, page: SettingsPage | None = None) -> Scale:
     """Return calibration and range: the page's counts if there is one, else the cell file's."""
     source = sensor if page is None else page
     return Scale(
@@ -81,7 +81,7 @@ def scale_of(sensor: SensorSection, page: Page | None = None) -> Scale:
     )
 
 
-def disagreement(sensor: SensorSection, page: Page) -> Complaint:
+def disagreement(sensor: SensorSection, page: SettingsPage) -> SensorFault:
     """Return the fault of a value in which cell file and sensor's page differ."""
     pairs = (
         ("counts_per_N", sensor.counts_per_N, page.counts_per_N, page.force_unit),
@@ -93,7 +93,7 @@ def disagreement(sensor: SensorSection, page: Page) -> Complaint:
                 f"sensor.{name} is {ours:.9g} in the cell file and {theirs:.9g} on the sensor's "
                 f"page (its unit is {unit}): {ours / theirs:.4g} times as much"
             )
-            return Complaint("sensor_calibration", text)
+            return SensorFault("sensor_calibration", text)
     ranges = (
         ("force_range_N", sensor.force_range_N, page.force_range_N),
         ("torque_range_Nm", sensor.torque_range_Nm, page.torque_range_Nm),
@@ -101,11 +101,11 @@ def disagreement(sensor: SensorSection, page: Page) -> Complaint:
     for name, wanted, rated in ranges:
         if rated is not None and wanted > rated * (1.0 + SAME):
             text = f"sensor.{name} is {wanted:g} in the cell file, {rated:g} on the sensor's page"
-            return Complaint("sensor_calibration", f"{text} for its strongest axis")
-    return FINE
+            return SensorFault("sensor_calibration", f"{text} for its strongest axis")
+    return NO_FAULT
 
 
-def info_of(sensor: SensorSection, page: Page | None) -> Info:
+def info_of(sensor: SensorSection, page: SettingsPage | None) -> Info:
     """Return the identity of an RDT sensor."""
     scale = scale_of(sensor, page if sensor.calibration == "page" else None)
     counts = f"{scale.counts_per_N:.9g} counts per N, {scale.counts_per_Nm:.9g} per N m"

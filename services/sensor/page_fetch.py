@@ -6,7 +6,7 @@ from typing import Protocol
 
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError
-from services.sensor.netft_page import PATH, Page, parse
+from services.sensor.netft_page import PATH, SettingsPage, parse
 
 TIMEOUT_S = 2.0
 AGAIN_S = 1.0
@@ -18,7 +18,7 @@ class PageSource(Protocol):
 
     fault: str
 
-    def poll(self, now_ns: int) -> Page | None:
+    def poll(self, now_ns: int) -> SettingsPage | None:
         """Return the page, None until it is received."""
 
     def forget(self) -> None:
@@ -32,11 +32,11 @@ class PageFetch:
         """Store the address; the first `poll` sends the request."""
         self.fault = "not read yet"
         self._where = (host, port)
-        self._page: Page | None = None
+        self._page: SettingsPage | None = None
         self._next_ns = 0
         self._thread: threading.Thread | None = None
 
-    def poll(self, now_ns: int) -> Page | None:
+    def poll(self, now_ns: int) -> SettingsPage | None:
         """Return the page, None until it is received."""
         busy = self._thread is not None and self._thread.is_alive()
         if self._page is None and not busy and now_ns >= self._next_ns:

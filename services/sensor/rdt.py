@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Literal
 
-from services.sensor.driver import Sample, fault_sample, saturation
+from services.sensor.driver import SensorSample, fault_sample, saturation
 from services.sensor.rdt_status import ERROR_BIT, SATURATION_BITS, is_good, status_text
 
 REQUEST = struct.Struct(">HHI")  # header, command, number of records (0: endless)
@@ -25,7 +25,7 @@ FROZEN_AFTER_NS = 100_000_000  # noise of a live sensor never repeats six counts
 FROZEN_RECORDS = 20
 
 
-class Command(IntEnum):
+class RdtCommand(IntEnum):
     """Commands to the sensor. Tare is not one: it would apply to every client of the sensor."""
 
     STOP = 0x0000
@@ -33,7 +33,7 @@ class Command(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class RdtRecord:
     """One record as received."""
 
     rdt_sequence: int
@@ -42,17 +42,17 @@ class Record:
     counts: tuple[int, ...]  # Fx Fy Fz Tx Ty Tz
 
 
-def request(command: Command) -> bytes:
+def request(command: RdtCommand) -> bytes:
     """Return the datagram of a command; a stream has no end."""
     return REQUEST.pack(REQUEST_HEADER, command, 0)
 
 
-def parse(datagram: bytes) -> Record | None:
+def parse(datagram: bytes) -> RdtRecord | None:
     """Return the record in a datagram, None if it is not one."""
     if len(datagram) != RECORD.size:
         return None
     rdt_sequence, ft_sequence, status, *counts = RECORD.unpack(datagram)
-    return Record(rdt_sequence, ft_sequence, status, tuple(counts))
+    return RdtRecord(rdt_sequence, ft_sequence, status, tuple(counts))
 
 
 # --- sample of a record ---------------------------------------------------------------------------
@@ -68,7 +68,7 @@ class Scale:
     torque_range_Nm: float
 
 
-def sample_of(record: Record, scale: Scale) -> Sample:
+def sample_of(record: RdtRecord, scale: Scale) -> SensorSample:
     """Return the sample of a record, in N and N m.
 
     A saturated axis distorts the others too, so the whole sample is invalid. Its values are kept:
@@ -84,8 +84,8 @@ def sample_of(record: Record, scale: Scale) -> Sample:
     torque_Nm = (tx / scale.counts_per_Nm, ty / scale.counts_per_Nm, tz / scale.counts_per_Nm)
     reason = saturation(force_N, torque_Nm, scale.force_range_N, scale.torque_range_Nm)
     if reason:
-        return Sample(force_N, torque_Nm, "saturated", reason, "sensor_saturated")
-    return Sample(force_N, torque_Nm)
+        return SensorSample(force_N, torque_Nm, "saturated", reason, "sensor_saturated")
+    return SensorSample(force_N, torque_Nm)
 
 
 # --- sequence of the stream -----------------------------------------------------------------------
@@ -106,10 +106,10 @@ class Tally:
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class RdtStream:
     """State of a stream: its newest record, and the gaps before it."""
 
-    newest: Record | None = None
+    newest: RdtRecord | None = None
     missing: int = 0  # bit i: the record i places before the newest is missing
     number: int = 0  # of the newest record since the process started, losses included
     still_records: int = 0  # with the same six counts as the newest
@@ -117,7 +117,7 @@ class Stream:
     tally: Tally = Tally()
 
 
-def follow(stream: Stream, record: Record, now_ns: int) -> tuple[Stream, Kind]:
+def follow(stream: RdtStream, record: RdtRecord, now_ns: int) -> tuple[RdtStream, Kind]:
     """Return the stream after a record, and its kind. Only the newest record is a sample."""
     tally = replace(stream.tally, records=stream.tally.records + 1)
     newest = stream.newest
@@ -138,12 +138,12 @@ def follow(stream: Stream, record: Record, now_ns: int) -> tuple[Stream, Kind]:
     return replace(stream, tally=tally), "duplicate"
 
 
-def begin_anew(stream: Stream) -> Stream:
+def begin_anew(stream: RdtStream) -> RdtStream:
     """Reset the stream after a request: the new sequence may start anywhere."""
     return replace(stream, newest=None)
 
 
-def frozen_reason(stream: Stream, now_ns: int) -> str:
+def frozen_reason(stream: RdtStream, now_ns: int) -> str:
     """Return the fault of a constant reading while samples are counted, or an empty text."""
     still_ns = now_ns - stream.still_since_ns
     if stream.still_records < FROZEN_RECORDS or still_ns < FROZEN_AFTER_NS:
@@ -151,11 +151,13 @@ def frozen_reason(stream: Stream, now_ns: int) -> str:
     return f"the sensor is frozen: {stream.still_records} samples without a trace of noise"
 
 
-def _begin(stream: Stream, record: Record, tally: Tally, now_ns: int) -> Stream:
-    return Stream(record, 0, stream.number + 1, 1, now_ns, tally)
+def _begin(stream: RdtStream, record: RdtRecord, tally: Tally, now_ns: int) -> RdtStream:
+    return RdtStream(record, 0, stream.number + 1, 1, now_ns, tally)
 
 
-def _go_on(stream: Stream, record: Record, tally: Tally, now_ns: int) -> tuple[Stream, Kind]:
+def _go_on(
+    stream: RdtStream, record: RdtRecord, tally: Tally, now_ns: int
+) -> tuple[RdtStream, Kind]:
     newest = stream.newest or record
     ahead = signed(record.rdt_sequence - newest.rdt_sequence)
     gap = ((1 << ahead) - 1) & ~1  # bits of the records between the two
@@ -166,7 +168,7 @@ def _go_on(stream: Stream, record: Record, tally: Tally, now_ns: int) -> tuple[S
         tally = replace(tally, repeated=tally.repeated + 1)
     # A sensor that repeats a sample is stalled, not frozen: its constant reading is not counted.
     is_still = record.counts == newest.counts
-    followed = Stream(
+    followed = RdtStream(
         newest=record,
         missing=missing,
         number=stream.number + ahead,

@@ -6,14 +6,14 @@ from typing import Protocol
 
 from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
-from services.sensor.driver import FINE, Complaint, Info, Sample, fault_sample
-from services.sensor.link import Heard, Link, LinkSettings
+from services.sensor.driver import NO_FAULT, Info, SensorFault, SensorSample, fault_sample
+from services.sensor.link import ReceivedDatagrams, UdpLink, UdpLinkSettings
 from services.sensor.netft_page import disagreement, info_of, scale_of
 from services.sensor.page_fetch import PageFetch, PageSource
 from services.sensor.rdt import (
-    Command,
-    Record,
-    Stream,
+    RdtCommand,
+    RdtRecord,
+    RdtStream,
     begin_anew,
     follow,
     frozen_reason,
@@ -27,17 +27,17 @@ from services.sensor.rdt_status import MONITOR_CONDITIONS
 
 # Every sample is a fault for this long after a restart or a theft of the stream: a reader that
 # keeps only the newest message must not miss it.
-GRUDGE_S = 0.25
+FAULT_HOLD_S = 0.25
 AT_ONCE_S = 0.05  # from a request to its reply, in a local network
-NOTHING_COMES = Complaint(
+NOTHING_COMES = SensorFault(
     "sensor_silent",
     "nothing received: check address and power, and that no other client takes the stream",
 )
-NO_MORE = Complaint("sensor_silent", "nothing received any more")
-BEING_READ = Complaint("sensor_calibration", "the sensor's page is being read")
+NO_MORE = SensorFault("sensor_silent", "nothing received any more")
+BEING_READ = SensorFault("sensor_calibration", "the sensor's page is being read")
 
 
-class Wire(Protocol):
+class DatagramLink(Protocol):
     """Interface of the link that the driver uses."""
 
     requests: int
@@ -47,7 +47,7 @@ class Wire(Protocol):
     def where(self) -> str:
         """Return the name of the peer for messages."""
 
-    def poll(self, now_ns: int) -> Heard:
+    def poll(self, now_ns: int) -> ReceivedDatagrams:
         """Return the received datagrams without waiting."""
 
     def close(self) -> None:
@@ -58,18 +58,23 @@ class RdtDriver:
     """Driver that classifies records by sequence: lost, duplicate, late, stalled or restarted."""
 
     def __init__(
-        self, sensor: SensorSection, wire: Wire, page: PageSource | None, *, stale_after_s: float
+        self,
+        sensor: SensorSection,
+        wire: DatagramLink,
+        page: PageSource | None,
+        *,
+        stale_after_s: float,
     ) -> None:
         """Store the settings. `page`: None if the cell file's counts are used."""
         self._sensor, self._wire, self._page = sensor, wire, page
         self._scale = scale_of(sensor) if page is None else None
-        self._page_trouble = FINE
+        self._page_trouble = NO_FAULT
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
-        self._stream = Stream()
+        self._stream = RdtStream()
         self._quality = Quality()
         self._silence = NOTHING_COMES
-        self._grudge, self._grudge_until_ns = FINE, 0
-        self._last: Record | None = None  # newest one received, also of an earlier stream
+        self._grudge, self._grudge_until_ns = NO_FAULT, 0
+        self._last: RdtRecord | None = None  # newest one received, also of an earlier stream
         self._last_ns = 0
         self._ft_step = 1
         self._asked: tuple[int, int] | None = None  # time, and number of unanswered requests
@@ -96,13 +101,13 @@ class RdtDriver:
         """Stop the sensor's stream."""
         self._wire.close()
 
-    def complaint(self) -> Complaint:
+    def complaint(self) -> SensorFault:
         """Return why no sample is received: network, sensor, or this process."""
         if self._wire.fault:
-            return Complaint("sensor_silent", self._wire.fault)
-        return Complaint(self._silence.code, f"{self.where}: {self._silence.text}")
+            return SensorFault("sensor_silent", self._wire.fault)
+        return SensorFault(self._silence.code, f"{self.where}: {self._silence.text}")
 
-    def read(self, now_ns: int) -> Sequence[Sample]:
+    def read(self, now_ns: int) -> Sequence[SensorSample]:
         """Return every sample received since the last call, oldest first."""
         self._calibrate(now_ns)
         heard = self._wire.poll(now_ns)
@@ -116,12 +121,12 @@ class RdtDriver:
 
     # --- one record -------------------------------------------------------------------------------
 
-    def _take(self, datagram: bytes, now_ns: int, age_ns: int) -> Sample | None:
+    def _take(self, datagram: bytes, now_ns: int, age_ns: int) -> SensorSample | None:
         record = parse(datagram)
         if record is None:
             self._counts["malformed"] += 1
             text = f"{len(datagram)} bytes received, which are not an RDT record of 36 bytes"
-            self._silence = Complaint("sensor_stranger", text)
+            self._silence = SensorFault("sensor_stranger", text)
             return None
         if self._asked is not None and not self._goes_on_with(record):
             self._stream = begin_anew(self._stream)
@@ -131,20 +136,20 @@ class RdtDriver:
         self._quality = self._quality.moved_on(self._stream.tally, self._stream.number)
         if kind == "repeated":
             text = f"the sensor is stalled: ft_sequence stays at {record.ft_sequence}"
-            self._silence = Complaint("sensor_stalled", text)
+            self._silence = SensorFault("sensor_stalled", text)
         if kind != "sample":
             return None
         if age_ns > self._stale_after_ns:
             # It waited in the socket while this process was delayed, for an unknown time.
             self._counts["late"] += 1
             text = f"records waited up to {age_ns / 1e6:.0f} ms to be read"
-            self._silence = Complaint("overrun", text)
+            self._silence = SensorFault("overrun", text)
             return None
         self._counts["monitor_conditions"] += record.status in MONITOR_CONDITIONS
         self._silence = NO_MORE
         return self._sample(record, now_ns)
 
-    def _sample(self, record: Record, now_ns: int) -> Sample:
+    def _sample(self, record: RdtRecord, now_ns: int) -> SensorSample:
         """Return the sample of a record, or its first fault in order of severity."""
         number = self._stream.number
         if self._scale is None or self._page_trouble.code:
@@ -154,14 +159,14 @@ class RdtDriver:
         if said.status == "ok":
             frozen = frozen_reason(self._stream, now_ns)
             causes = (
-                self._grudge if now_ns < self._grudge_until_ns else FINE,
-                Complaint("sensor_frozen", frozen) if frozen else FINE,
+                self._grudge if now_ns < self._grudge_until_ns else NO_FAULT,
+                SensorFault("sensor_frozen", frozen) if frozen else NO_FAULT,
                 self._quality.complaint(self._stream.tally, number),
             )
             said = next((fault_sample(*cause) for cause in causes if cause.code), said)
         return replace(said, counter=number, stamp_ns=now_ns)
 
-    def _look_for_a_break(self, record: Record, now_ns: int, *, is_new: bool) -> None:
+    def _look_for_a_break(self, record: RdtRecord, now_ns: int, *, is_new: bool) -> None:
         """Classify the first record of a new stream; store the newest one."""
         last, asked = self._last, self._asked
         if self._goes_on_with(record):
@@ -184,12 +189,12 @@ class RdtDriver:
         if self._stream.newest is record:
             self._last, self._last_ns = record, now_ns
 
-    def _goes_on_with(self, record: Record) -> bool:
+    def _goes_on_with(self, record: RdtRecord) -> bool:
         """Return whether a record continues the stream received last."""
         return self._last is not None and continues(self._last, record, self._ft_step)
 
-    def _bear_a_grudge(self, what: Complaint, now_ns: int) -> None:
-        self._grudge, self._grudge_until_ns = what, now_ns + round(GRUDGE_S * NS_PER_S)
+    def _bear_a_grudge(self, what: SensorFault, now_ns: int) -> None:
+        self._grudge, self._grudge_until_ns = what, now_ns + round(FAULT_HOLD_S * NS_PER_S)
         is_theft = what.code == "sensor_stolen"
         self._counts["thefts" if is_theft else "sensor_restarts"] += 1
         if self._page is not None and not is_theft:
@@ -204,7 +209,7 @@ class RdtDriver:
             return
         page = self._page.poll(now_ns)
         if page is None:
-            self._page_trouble = Complaint("sensor_calibration", f"its page: {self._page.fault}")
+            self._page_trouble = SensorFault("sensor_calibration", f"its page: {self._page.fault}")
             return
         self._page_trouble = disagreement(self._sensor, page)
         self._scale = scale_of(self._sensor, page if self._sensor.calibration == "page" else None)
@@ -212,14 +217,14 @@ class RdtDriver:
 
 def rdt_driver(sensor: SensorSection, *, stale_after_s: float) -> RdtDriver:
     """Return the driver of a cell file, with real sockets."""
-    settings = LinkSettings(
+    settings = UdpLinkSettings(
         sensor.address,
         sensor.port,
-        start=request(Command.START),
-        stop=request(Command.STOP),
+        start=request(RdtCommand.START),
+        stop=request(RdtCommand.STOP),
         # Before the topic is stale: the reason is known by then.
         ask_after_s=0.5 * stale_after_s,
     )
     wants_page = sensor.calibration != "cell"
     page = PageFetch(sensor.address, sensor.page_port) if wants_page else None
-    return RdtDriver(sensor, Link(settings), page, stale_after_s=stale_after_s)
+    return RdtDriver(sensor, UdpLink(settings), page, stale_after_s=stale_after_s)

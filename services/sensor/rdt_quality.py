@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from services.sensor.driver import FINE, Complaint
-from services.sensor.rdt import JUMP, Record, Tally, signed
+from services.sensor.driver import NO_FAULT, SensorFault
+from services.sensor.rdt import JUMP, RdtRecord, Tally, signed
 
 WINDOW = 250  # places of the stream; the last one to two windows are evaluated
 BAD_SHARE = 0.1  # of the records: above it, the network path is unreliable
@@ -30,11 +30,11 @@ class Quality:
             return self
         return Quality(self.newer, self.newer_place, tally, place)
 
-    def complaint(self, tally: Tally, place: int) -> Complaint:
+    def complaint(self, tally: Tally, place: int) -> SensorFault:
         """Return the fault of the records in the window."""
         places = place - self.older_place
         if places < LEAST_PLACES:
-            return FINE
+            return NO_FAULT
         shares = (
             ("sensor_lossy", "were lost", tally.lost - self.older.lost),
             ("sensor_disorder", "arrived out of order", tally.reordered - self.older.reordered),
@@ -42,11 +42,11 @@ class Quality:
         )
         for code, what, count in shares:
             if count > BAD_SHARE * places:
-                return Complaint(code, f"{count} of the last {places} records {what}")
-        return FINE
+                return SensorFault(code, f"{count} of the last {places} records {what}")
+        return NO_FAULT
 
 
-def continues(last: Record, record: Record, ft_step: int) -> bool:
+def continues(last: RdtRecord, record: RdtRecord, ft_step: int) -> bool:
     """Return whether a record is of the same stream: both sequences changed together."""
     places = signed(record.rdt_sequence - last.rdt_sequence)
     samples = signed(record.ft_sequence - last.ft_sequence)
@@ -55,8 +55,8 @@ def continues(last: Record, record: Record, ft_step: int) -> bool:
 
 
 def meaning_of_break(
-    last: Record, first: Record, *, silent_s: float, ft_step: int, at_once: bool
-) -> Complaint:
+    last: RdtRecord, first: RdtRecord, *, silent_s: float, ft_step: int, at_once: bool
+) -> SensorFault:
     """Return the cause of the interruption between two streams.
 
     Args:
@@ -68,16 +68,16 @@ def meaning_of_break(
     """
     gap = signed(first.ft_sequence - last.ft_sequence)
     if gap < 0 or gap > silent_s * MOST_FT_HZ + FT_MARGIN:
-        return Complaint(
+        return SensorFault(
             "sensor_restarted",
             f"the sensor restarted: ft_sequence went from {last.ft_sequence} "
             f"to {first.ft_sequence}",
         )
     if at_once and gap > AWAY_RECORDS * max(ft_step, 1):
         # It kept measuring and can be reached, but it had stopped sending here.
-        return Complaint(
+        return SensorFault(
             "sensor_stolen",
             f"the sensor sent nothing for {silent_s * 1e3:.0f} ms, kept measuring and answered "
             "the next request at once: another client took its stream",
         )
-    return FINE
+    return NO_FAULT

@@ -36,7 +36,7 @@ def start() -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class RobotiqFrame:
     """One reading, with the number of unframed bytes before it."""
 
     force_N: Vec3
@@ -65,10 +65,10 @@ class Framer:
         """Return the number of unframed bytes since the last frame."""
         return self._skipped
 
-    def feed(self, data: bytes) -> list[Frame]:
+    def feed(self, data: bytes) -> list[RobotiqFrame]:
         """Take received bytes; return the complete frames."""
         self._rest += data
-        frames: list[Frame] = []
+        frames: list[RobotiqFrame] = []
         while (begin := self._rest.find(HEAD)) >= 0 and len(self._rest) - begin >= FRAME_BYTES:
             self._skip(begin)
             candidate = self._rest[:FRAME_BYTES]
@@ -79,7 +79,7 @@ class Framer:
             fx, fy, fz, tx, ty, tz = struct.unpack("<6h", candidate[2:14])
             force_N = (fx / 100.0, fy / 100.0, fz / 100.0)
             torque_Nm = (tx / 1000.0, ty / 1000.0, tz / 1000.0)
-            frames.append(Frame(force_N, torque_Nm, self._skipped))
+            frames.append(RobotiqFrame(force_N, torque_Nm, self._skipped))
             self._rest, self._skipped = self._rest[FRAME_BYTES:], 0
         self._forget_rubbish()
         return frames

@@ -11,7 +11,7 @@ from typing import Protocol
 from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
-from services.sensor.driver import Complaint, Info, Sample, fault_sample, saturation
+from services.sensor.driver import Info, SensorFault, SensorSample, fault_sample, saturation
 from services.sensor.robotiq import (
     BAUD,
     FORCE_RANGE_N,
@@ -19,8 +19,8 @@ from services.sensor.robotiq import (
     RATE_HZ,
     STOP,
     TORQUE_RANGE_NM,
-    Frame,
     Framer,
+    RobotiqFrame,
     start,
 )
 
@@ -31,7 +31,7 @@ WINDOW = 100
 RECEIVE_BYTES = 4096
 
 
-class Line(Protocol):
+class SerialLine(Protocol):
     """Interface of the serial line: pyserial's Serial, opened without blocking."""
 
     def read(self, size: int) -> bytes:
@@ -48,12 +48,12 @@ class RobotiqDriver:
     """Driver that requests the stream, reads frames, and reopens the line after an error."""
 
     def __init__(
-        self, sensor: SensorSection, open_line: Callable[[], Line], *, stale_after_s: float
+        self, sensor: SensorSection, open_line: Callable[[], SerialLine], *, stale_after_s: float
     ) -> None:
         """Store the settings; the first `read` opens the line. `open_line` may raise OSError."""
         self._sensor, self._open_line = sensor, open_line
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
-        self._line: Line | None = None
+        self._line: SerialLine | None = None
         self._framer = Framer()
         self._counts = dict.fromkeys(("records", "lost", "malformed", "late", "requests"), 0)
         self._number = 0
@@ -81,17 +81,17 @@ class RobotiqDriver:
         """Return counts of received, lost and malformed frames."""
         return {**self._counts, "bad_crc": self._framer.bad_crc}
 
-    def complaint(self) -> Complaint:
+    def complaint(self) -> SensorFault:
         """Return why no sample is received."""
         if self._fault:
-            return Complaint("sensor_silent", f"{self.where}: {self._fault}")
+            return SensorFault("sensor_silent", f"{self.where}: {self._fault}")
         if self._framer.skipped >= FEWEST_STRANGE_BYTES:
             text = f"{self._framer.skipped} bytes received without a frame of an FT 300"
-            return Complaint("sensor_stranger", f"{self.where}: {text}")
+            return SensorFault("sensor_stranger", f"{self.where}: {text}")
         if self._is_late:
-            return Complaint("overrun", f"{self.where}: readings waited too long to be read")
+            return SensorFault("overrun", f"{self.where}: readings waited too long to be read")
         text = f"{self.where}: nothing received: check power and sensor.device"
-        return Complaint("sensor_silent", text)
+        return SensorFault("sensor_silent", text)
 
     def close(self) -> None:
         """Stop the stream and close the line."""
@@ -100,7 +100,7 @@ class RobotiqDriver:
                 self._line.write(STOP)
         self._drop()
 
-    def read(self, now_ns: int) -> Sequence[Sample]:
+    def read(self, now_ns: int) -> Sequence[SensorSample]:
         """Return every sample received since the last call, oldest first."""
         since_ns, self._emptied_ns = self._emptied_ns or now_ns, now_ns
         frames = self._framer.feed(self._receive())
@@ -116,7 +116,7 @@ class RobotiqDriver:
             return []
         return samples
 
-    def _take(self, read: Frame, now_ns: int) -> Sample:
+    def _take(self, read: RobotiqFrame, now_ns: int) -> SensorSample:
         # The reply to the request, or the rest of a frame, precedes the first frame.
         lost = -(-read.skipped // FRAME_BYTES) if self._counts["records"] else 0
         self._counts["malformed"] += bool(lost)
@@ -127,15 +127,17 @@ class RobotiqDriver:
         said = self._judged(read)
         return replace(said, counter=self._number, stamp_ns=now_ns)
 
-    def _judged(self, read: Frame) -> Sample:
+    def _judged(self, read: RobotiqFrame) -> SensorSample:
         info, lost, frames = self.info(), sum(self._window), len(self._window)
         reason = saturation(read.force_N, read.torque_Nm, info.force_range_N, info.torque_range_Nm)
         if reason:
-            return Sample(read.force_N, read.torque_Nm, "saturated", reason, "sensor_saturated")
+            return SensorSample(
+                read.force_N, read.torque_Nm, "saturated", reason, "sensor_saturated"
+            )
         if frames >= WINDOW // 2 and lost > BAD_SHARE * (lost + frames):
             text = f"{lost} of the last {lost + frames} readings were lost"
             return fault_sample("sensor_lossy", text)
-        return Sample(read.force_N, read.torque_Nm)
+        return SensorSample(read.force_N, read.torque_Nm)
 
     # --- the line ---------------------------------------------------------------------------------
 
@@ -183,8 +185,8 @@ def robotiq_driver(sensor: SensorSection, *, stale_after_s: float) -> RobotiqDri
         mistake = "sensor.driver: robotiq needs pyserial: pip install pyserial"
         raise ConfigError("the sensor's driver", [mistake]) from error
 
-    def open_line() -> Line:
-        line: Line = serial.Serial(sensor.device, BAUD, timeout=0, write_timeout=0.1)
+    def open_line() -> SerialLine:
+        line: SerialLine = serial.Serial(sensor.device, BAUD, timeout=0, write_timeout=0.1)
         return line
 
     return RobotiqDriver(sensor, open_line, stale_after_s=stale_after_s)

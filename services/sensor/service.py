@@ -2,13 +2,13 @@
 
 import sys
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import SensorWrench
-from services.sensor.decimation import Thinning, pause, thin
-from services.sensor.driver import Driver, Sample, fault_sample
+from services.sensor.decimation import Decimation, decimate, pause
+from services.sensor.driver import SensorInterface, SensorSample, fault_sample
 from services.sensor.drivers import driver_of
 
 LONGEST_STEP_S = 0.001  # longest time that a record waits in the socket
@@ -20,15 +20,15 @@ LONGEST_REASON = 400
 class SensorDriver:
     """Service that publishes every sample on reception, and a fault at its rate without samples."""
 
-    def __init__(self, bus: Bus, cell: Cell, driver: Driver | None = None) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig, driver: SensorInterface | None = None) -> None:
         """Create the publisher; `driver` replaces the one that the cell file names."""
         self.period_s = min(LONGEST_STEP_S, 1.0 / (STEPS_PER_SAMPLE * cell.rates.sensor_hz))
         self.trigger = None
         self.fault = "no sample yet"
         stale_after_s = cell.stale_after_s(topics.SENSOR_WRENCH)
         self._driver = driver or driver_of(cell.sensor, stale_after_s=stale_after_s)
-        self._thinning = Thinning(cell.rates.sensor_hz)
-        self._worst: Sample | None = None  # sample since the last one published
+        self._thinning = Decimation(cell.rates.sensor_hz)
+        self._worst: SensorSample | None = None  # sample since the last one published
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
         self._period_ns = round(NS_PER_S / cell.rates.sensor_hz)
         self._sampled_ns = bus.clock.now_ns()
@@ -65,7 +65,7 @@ class SensorDriver:
             code, text = self._driver.complaint()
             self._put(fault_sample(code, f"no sample for {silent_ns / 1e6:.0f} ms, {text}"))
 
-    def _take(self, sample: Sample, now_ns: int) -> None:
+    def _take(self, sample: SensorSample, now_ns: int) -> None:
         """Publish or drop a sample; a fault in a dropped one is published with the next."""
         silent = now_ns - self._sampled_ns > self._stale_after_ns // 2
         if silent:
@@ -75,14 +75,14 @@ class SensorDriver:
         self._sampled_ns, self._counter = now_ns, sample.counter
         if self._worst is None or SEVERITY[sample.status] >= SEVERITY[self._worst.status]:
             self._worst = sample
-        self._thinning, is_kept = thin(self._thinning, sample.counter, now_ns)
+        self._thinning, is_kept = decimate(self._thinning, sample.counter, now_ns)
         if is_kept:
             worst, self._worst = self._worst, None
             self._put(sample if worst.status == "ok" else worst)
         else:
             self._thinned += 1
 
-    def _put(self, sample: Sample) -> None:
+    def _put(self, sample: SensorSample) -> None:
         self.fault = sample.reason[:LONGEST_REASON]
         self._published += 1
         self._out.put(

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from common.config.calibration import CalibrationSection
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.cell_terms import FrameSection
 from common.config.payload import Payload
 from common.motion.frames import rotation_between
@@ -22,7 +22,7 @@ LARGEST = 1e6  # limit for every number of a calibration
 
 
 @dataclass(frozen=True, slots=True)
-class InUse:
+class ActiveCalibration:
     """Payload that is subtracted, with its origin and the objection to it."""
 
     payload: Payload
@@ -37,7 +37,7 @@ class InUse:
         """Return the name that each wrench message carries."""
         return f"{self.origin}, tared" if self.tared else self.origin
 
-    def with_bias_of(self, payload: Payload) -> "InUse":
+    def with_bias_of(self, payload: Payload) -> "ActiveCalibration":
         """Return a copy with the payload of a tare."""
         return replace(self, payload=payload, tared=True)
 
@@ -51,10 +51,10 @@ class InUse:
         )
 
 
-def of_cell(cell: Cell) -> InUse:
+def initial_calibration(cell: CellConfig) -> ActiveCalibration:
     """Return the initial calibration of a cell: stored, or the payload of the cell file."""
     if cell.calibration is not None:
-        return of_calibration(cell.calibration, cell)
+        return active_calibration(cell.calibration, cell)
     section = cell.payload
     objection = ""
     if not section.weighs and not section.accept_uncalibrated:
@@ -63,15 +63,17 @@ def of_cell(cell: Cell) -> InUse:
             "run `forcemesh calibrate`"
         )
     objection = objection or _too_heavy(section.mass_kg, cell)
-    return InUse(section.payload, OF_THE_CELL_FILE, objection=objection)
+    return ActiveCalibration(section.payload, OF_THE_CELL_FILE, objection=objection)
 
 
-def of_calibration(found: CalibrationSection, cell: Cell) -> InUse:
+def active_calibration(found: CalibrationSection, cell: CellConfig) -> ActiveCalibration:
     """Return a stored calibration with its validity in this cell."""
-    return InUse(found.payload.payload, found.revision, found.sensor, _objection(found, cell))
+    return ActiveCalibration(
+        found.payload.payload, found.revision, found.sensor, _objection(found, cell)
+    )
 
 
-def parsed(text: str) -> CalibrationSection:
+def parse_calibration(text: str) -> CalibrationSection:
     """Parse a calibration received over the bus. Raises DataError with the mistake."""
     try:
         found = CalibrationSection.model_validate_json(text)
@@ -95,7 +97,7 @@ def _numbers(value: Any, where: str) -> Iterator[tuple[str, float]]:
         yield where, value
 
 
-def _objection(found: CalibrationSection, cell: Cell) -> str:
+def _objection(found: CalibrationSection, cell: CellConfig) -> str:
     """Return why a calibration is not valid for this cell."""
     name = f"calibration {found.revision}"
     if found.cell != cell.cell:
@@ -115,7 +117,7 @@ def _objection(found: CalibrationSection, cell: Cell) -> str:
     return _unverified(found, cell) or _too_heavy(found.payload.payload.mass_kg, cell)
 
 
-def _unverified(found: CalibrationSection, cell: Cell) -> str:
+def _unverified(found: CalibrationSection, cell: CellConfig) -> str:
     """Return why a fit is not verified: no fresh poses, or a residual beyond the limits."""
     name, left = f"calibration {found.revision}", found.verified
     if left is None:
@@ -129,7 +131,7 @@ def _unverified(found: CalibrationSection, cell: Cell) -> str:
     )
 
 
-def _too_heavy(mass_kg: float, cell: Cell) -> str:
+def _too_heavy(mass_kg: float, cell: CellConfig) -> str:
     """Return an objection if the tool is heavier than the gain limits allow for."""
     inertia_kg = cell.contact.inertia_kg
     if mass_kg <= HEAVIER * inertia_kg:

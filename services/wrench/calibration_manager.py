@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.payload import Payload, residual
 from common.motion.convert import pose_of
 from common.motion.frames import Array, rotation_between
@@ -17,9 +17,14 @@ from forcemesh.errors import DataError
 from forcemesh.faults import refusal
 from forcemesh.messages import RobotState
 from forcemesh.requests import Reply
-from services.wrench.active_calibration import InUse, of_calibration, of_cell, parsed
+from services.wrench.active_calibration import (
+    ActiveCalibration,
+    active_calibration,
+    initial_calibration,
+    parse_calibration,
+)
 from services.wrench.compensation import Mounting
-from services.wrench.plausibility import FINE, Complaint
+from services.wrench.plausibility import NO_FAULT, WrenchFault
 from services.wrench.tare import TareLimits, tare
 
 WINDOW_S = 0.25
@@ -27,20 +32,20 @@ REST_POSITION_M = 2e-4  # the flange moved less than this during the window: at 
 REST_TURN_RAD = 2e-3  # the same for its orientation: an error of 2 g per kilogram
 
 
-class Moment(NamedTuple):
+class RequestContext(NamedTuple):
     """Inputs at the time of a request."""
 
-    complaint: Complaint  # of the inputs
+    complaint: WrenchFault  # of the inputs
     robot: RobotState | None
     feedback_runs: bool
 
 
-class Desk:
+class CalibrationManager:
     """Active calibration, changed on request or refused with a reason."""
 
-    def __init__(self, cell: Cell, mounting: Mounting) -> None:
+    def __init__(self, cell: CellConfig, mounting: Mounting) -> None:
         """Start with the calibration of the cell, or with the payload of its file."""
-        self.in_use: InUse = of_cell(cell)
+        self.in_use: ActiveCalibration = initial_calibration(cell)
         self._cell = cell
         self._mounting = mounting
         self._limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
@@ -55,7 +60,7 @@ class Desk:
         """Clear the window after a gap or a fault."""
         self._recent.clear()
 
-    def tare(self, moment: Moment) -> Reply:
+    def tare(self, moment: RequestContext) -> Reply:
         """Take the present reading as zero."""
         robot = moment.robot
         refused = self._refusal(moment)
@@ -68,7 +73,7 @@ class Desk:
             self.in_use = self.in_use.with_bias_of(payload)
         return reply
 
-    def calibrate(self, moment: Moment, text: str) -> Reply:
+    def calibrate(self, moment: RequestContext, text: str) -> Reply:
         """Activate another calibration if it explains the present reading.
 
         Args:
@@ -76,10 +81,10 @@ class Desk:
             text: The calibration as JSON.
         """
         try:
-            found = parsed(text)
+            found = parse_calibration(text)
         except DataError as error:
             return refusal("malformed", f"not a calibration: {error}"[:400])
-        new = of_calibration(found, self._cell)
+        new = active_calibration(found, self._cell)
         if new.objection:
             return refusal("payload", new.objection)
         robot = moment.robot
@@ -126,8 +131,8 @@ class Desk:
         text = f"axes and signs are verified for calibration {self.in_use.name}"
         return Reply(accepted=True, text=text)
 
-    def _refusal(self, moment: Moment) -> Reply | None:
-        if moment.complaint != FINE or moment.robot is None:
+    def _refusal(self, moment: RequestContext) -> Reply | None:
+        if moment.complaint != NO_FAULT or moment.robot is None:
             return refusal(moment.complaint.code, moment.complaint.text)
         if moment.feedback_runs:
             return refusal("busy", "force feedback is running: stop it first")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.payload import Payload
 from common.motion.convert import pose_of
 from common.motion.frames import Array, rotation_from_vector
@@ -28,7 +28,7 @@ PERIODS_SEEN = 50  # window in which the robot's real period is measured
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class ReportedPose:
     """Reported pose: sequence number, time of publication, position of the centre of mass."""
 
     seq: int
@@ -37,16 +37,16 @@ class Seen:
     p_com_m: Array
 
 
-class Acceleration:
+class AccelerationEstimator:
     """Acceleration of the centre of mass, base axes; zero until enough poses came without a gap."""
 
-    def __init__(self, cell: Cell, mounting: Mounting) -> None:
+    def __init__(self, cell: CellConfig, mounting: Mounting) -> None:
         """Choose the length of the parabola from the delay of the filter."""
         half = max(1, round(cell.filter_delay_s * cell.rates.robot_hz))
         offsets = np.arange(-half, half + 1, dtype=float)
         self._weights = 2.0 * np.linalg.pinv(np.vander(offsets, 3))[0]  # of the second derivative
         self._mounting = mounting
-        self._seen: deque[Seen] = deque(maxlen=max(len(offsets), PERIODS_SEEN))
+        self._seen: deque[ReportedPose] = deque(maxlen=max(len(offsets), PERIODS_SEEN))
 
     def see(self, robot: Reading[RobotState], payload: Payload) -> None:
         """Store a new pose; a stale pose or a gap clears the window."""
@@ -63,7 +63,7 @@ class Acceleration:
         T = pose_of(robot.fresh) * self._mounting.T_flange_sensor
         R_mount = rotation_from_vector(np.array(payload.mounting_rotation_rad))
         p_com_m = np.asarray(T.act(R_mount @ np.array(payload.com_m)))
-        self._seen.append(Seen(header.seq, header.epoch, header.stamp_ns, p_com_m))
+        self._seen.append(ReportedPose(header.seq, header.epoch, header.stamp_ns, p_com_m))
 
     def now(self) -> Array:
         """Return the acceleration [m/s^2], base axes. Shape (3,)."""

@@ -6,23 +6,23 @@ from typing import Any
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import SensorWrench
-from services.wrench.plausibility import Complaint
+from services.wrench.plausibility import WrenchFault
 
 LONGEST_TEXT = 400
 
 
-def heard(sensor: Reading[SensorWrench]) -> Complaint:
+def sensor_fault(sensor: Reading[SensorWrench]) -> WrenchFault:
     """Return the fault that the sensor topic reports, before its numbers are checked."""
     if sensor.silent:
-        return Complaint("sensor_silent", sensor.fault)
+        return WrenchFault("sensor_silent", sensor.fault)
     sample = sensor.message
     if sample is not None and sample.status != "ok" and sensor.code in ("", "invalid"):
         code = "sensor_saturated" if sample.status == "saturated" else "sensor_fault"
         reason = f": {sample.reason}" if sample.reason else ""
-        return Complaint(code, f"the sensor reports {sample.status}{reason}"[:LONGEST_TEXT])
+        return WrenchFault(code, f"the sensor reports {sample.status}{reason}"[:LONGEST_TEXT])
     if sensor.code == "invalid":
-        return Complaint("sensor_fault", sensor.fault)
-    return Complaint(sensor.code, sensor.fault)
+        return WrenchFault("sensor_fault", sensor.fault)
+    return WrenchFault(sensor.code, sensor.fault)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.frames import Array
 
 SATURATED_FROM = 0.95  # of the range, on any axis: near its end a sensor is no longer linear
@@ -21,18 +21,18 @@ LEVER_BEYOND_TCP_M = 0.1  # largest distance of a contact from the TCP
 AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
 
 
-class Complaint(NamedTuple):
+class WrenchFault(NamedTuple):
     """Fault: a code of forcemesh/faults.py and a text; both empty: no fault."""
 
     code: str
     text: str
 
 
-FINE = Complaint("", "")
+NO_FAULT = WrenchFault("", "")
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class ReadingLimits:
     """Limits of plausible readings for this sensor, tool and arm."""
 
     range: tuple[float, ...]  # N, N, N, N m, N m, N m
@@ -41,7 +41,7 @@ class Bounds:
     frozen_s: float  # limit for the same six numbers; 0: this sensor has no noise
 
     @classmethod
-    def of(cls, cell: Cell) -> "Bounds":
+    def of(cls, cell: CellConfig) -> "ReadingLimits":
         """Return the limits of a cell.
 
         An impact at speed v on a contact of stiffness k raises the force by k v each second, and
@@ -64,7 +64,7 @@ class Bounds:
         )
 
 
-class History(NamedTuple):
+class ReadingHistory(NamedTuple):
     """State of the check: the readings before this one."""
 
     raw: Array | None = None  # the last reading
@@ -81,9 +81,9 @@ class History(NamedTuple):
         return self.taken is not None and self.taken is self.raw
 
 
-def judge(
-    before: History, reading: Array, dt_s: float, bounds: Bounds
-) -> tuple[History, Complaint]:
+def check_reading(
+    before: ReadingHistory, reading: Array, dt_s: float, bounds: ReadingLimits
+) -> tuple[ReadingHistory, WrenchFault]:
     """Return the state after one more reading, and the fault of the sensor.
 
     A single outlier is rejected; the next reading decides whether it was a spike or a fault.
@@ -107,30 +107,30 @@ def judge(
     jump = _jump(after, reading, bounds)
     if jump is None:
         tame = min(after.tame + 1, WILD_APART)
-        return after._replace(taken=reading, taken_s=0.0, tame=tame), FINE
+        return after._replace(taken=reading, taken_s=0.0, tame=tame), NO_FAULT
     if after.tame >= WILD_APART:
-        return after._replace(tame=0, spikes=after.spikes + 1), FINE
+        return after._replace(tame=0, spikes=after.spikes + 1), NO_FAULT
     return after._replace(taken=None, tame=0), jump
 
 
-def _beyond_range(reading: Array, bounds: Bounds) -> Complaint | None:
+def _beyond_range(reading: Array, bounds: ReadingLimits) -> WrenchFault | None:
     for (axis, unit), value, full in zip(AXES, reading.tolist(), bounds.range, strict=True):
         if not isfinite(value):
-            return Complaint("not_finite", f"{axis} of the sensor is not finite")
+            return WrenchFault("not_finite", f"{axis} of the sensor is not finite")
         if abs(value) >= SATURATED_FROM * full:
             text = f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range"
-            return Complaint("sensor_saturated", f"{text} of {full:g} {unit} or beyond")
+            return WrenchFault("sensor_saturated", f"{text} of {full:g} {unit} or beyond")
     return None
 
 
-def _frozen(now: History, bounds: Bounds) -> Complaint | None:
+def _frozen(now: ReadingHistory, bounds: ReadingLimits) -> WrenchFault | None:
     if bounds.frozen_s == 0.0 or now.still_s < bounds.frozen_s or now.repeats < FEWEST_REPEATS:
         return None
     text = f"the sensor is frozen: the same six numbers for {now.still_s * 1e3:.0f} ms"
-    return Complaint("sensor_frozen", text)
+    return WrenchFault("sensor_frozen", text)
 
 
-def _jump(now: History, reading: Array, bounds: Bounds) -> Complaint | None:
+def _jump(now: ReadingHistory, reading: Array, bounds: ReadingLimits) -> WrenchFault | None:
     if now.taken is None:
         return None
     change = (reading - now.taken).tolist()
@@ -141,5 +141,5 @@ def _jump(now: History, reading: Array, bounds: Bounds) -> Complaint | None:
         limit = step + per_s * now.taken_s
         if size > limit:
             text = f"the reading jumped by {size:.4g} {unit}, the limit for contact is"
-            return Complaint("sensor_jump", f"{text} {limit:.4g} {unit}")
+            return WrenchFault("sensor_jump", f"{text} {limit:.4g} {unit}")
     return None

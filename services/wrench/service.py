@@ -3,42 +3,52 @@
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of, vec3
 from common.motion.frames import is_finite_pose
 from forcemesh import topics
 from forcemesh.bus import Bus, Origin, Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import RobotState, SensorWrench, WrenchAtTcp
-from services.wrench.calibration_manager import Desk, Moment
+from services.wrench.calibration_manager import CalibrationManager, RequestContext
 from services.wrench.compensation import Mounting, Wrench, compensate
-from services.wrench.inertia import Acceleration
-from services.wrench.inputs import Pairing, heard, pair
-from services.wrench.plausibility import FINE, Bounds, Complaint, History, judge
+from services.wrench.inertia import AccelerationEstimator
+from services.wrench.inputs import Pairing, pair, sensor_fault
+from services.wrench.plausibility import (
+    NO_FAULT,
+    ReadingHistory,
+    ReadingLimits,
+    WrenchFault,
+    check_reading,
+)
 from services.wrench.smoothing import Filter, feed
 
 
 class WrenchService:
     """Service that filters every sensor sample and publishes the wrench at the control rate."""
 
-    def __init__(self, bus: Bus, cell: Cell) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Create readers, publisher and inboxes; take mounting and payload from the cell."""
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
         self._p_sensor_tcp_in_sensor = self._mounting.p_sensor_tcp_in_sensor
-        self._desk = Desk(cell, self._mounting)
-        self._bounds, self._history, self._pairing = Bounds.of(cell), History(), Pairing()
+        self._desk = CalibrationManager(cell, self._mounting)
+        self._bounds, self._history, self._pairing = (
+            ReadingLimits.of(cell),
+            ReadingHistory(),
+            Pairing(),
+        )
         self._apart_max_s = apart_max_s(cell)
-        self._complaint, self._complain_until_ns = FINE, 0
+        self._complaint, self._complain_until_ns = NO_FAULT, 0
         # A fault is published for this long: a reader that misses it finds the topic stale.
         self._complain_for_ns = round(cell.stale_after_s(topics.WRENCH) * NS_PER_S)
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._filter = self._empty_filter
         self._filter_delay_s = cell.filter_delay_s
         inertial = cell.filter.inertial
-        self._acceleration = Acceleration(cell, self._mounting) if inertial else None
+        self._acceleration = AccelerationEstimator(cell, self._mounting) if inertial else None
         self._last_stamp_ns = 0
         # After a restart the age of the zero is unknown: it counts from here.
         self._tared_ns = bus.clock.now_ns()
@@ -69,11 +79,11 @@ class WrenchService:
     def step(self, now_ns: int) -> None:
         """Filter the newest sample; publish at the control rate, at once when a fault begins."""
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
-        was_fine = self._complaint == FINE
+        was_fine = self._complaint == NO_FAULT
         T_base_flange = None if robot.fresh is None else pose_of(robot.fresh)
         self._complain(self._take(sensor, robot), self._of_pose(robot, T_base_flange), now_ns)
         self._serve(robot, now_ns)
-        if now_ns >= self._next_put_ns or (was_fine and self._complaint != FINE):
+        if now_ns >= self._next_put_ns or (was_fine and self._complaint != NO_FAULT):
             # Half a sensor period early is on time: samples and periods are not aligned.
             slack_ns = round(0.5 * self._sensor_period_s * NS_PER_S)
             self._next_put_ns = now_ns + round(self.period_s * NS_PER_S) - slack_ns
@@ -82,7 +92,7 @@ class WrenchService:
     def _serve(self, robot: Reading[RobotState], now_ns: int) -> None:
         target = self._target.read(now_ns).fresh
         feedback_runs = target is not None and target.valid
-        moment = Moment(self._complaint, robot.fresh, feedback_runs)
+        moment = RequestContext(self._complaint, robot.fresh, feedback_runs)
         for tare in self._tares.take_all():
             reply = self._desk.tare(moment)
             self._tared_ns = now_ns if reply.accepted else self._tared_ns
@@ -94,24 +104,24 @@ class WrenchService:
         for axes in self._axes.take_all():
             axes.reply(self._desk.axes_checked(axes.request.calibration))
 
-    def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> Complaint:
+    def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> WrenchFault:
         """Filter a new, valid sample; reset the filter after a gap or a fault."""
-        complaint, sample = heard(sensor), sensor.fresh
-        if sample is not None and sensor.header is not None and complaint == FINE:
+        complaint, sample = sensor_fault(sensor), sensor.fresh
+        if sample is not None and sensor.header is not None and complaint == NO_FAULT:
             stamp_ns = sensor.header.stamp_ns
             if stamp_ns == self._last_stamp_ns:
-                return FINE
+                return NO_FAULT
             dt_s = max(stamp_ns - self._last_stamp_ns, 0) / NS_PER_S if self._last_stamp_ns else 0.0
             self._last_stamp_ns = stamp_ns
             reading = np.array(sample.force_N + sample.torque_Nm)
-            self._history, complaint = judge(self._history, reading, dt_s, self._bounds)
+            self._history, complaint = check_reading(self._history, reading, dt_s, self._bounds)
             if self._history.counts:
                 self._filter = feed(self._filter, reading, dt_s)
                 if robot.fresh is not None:
                     self._desk.remember(reading, robot.fresh)
         else:
-            self._history = History(spikes=self._history.spikes)
-        if complaint != FINE:
+            self._history = ReadingHistory(spikes=self._history.spikes)
+        if complaint != NO_FAULT:
             self._filter = self._empty_filter
             self._desk.forget()
         self._pairing = pair(self._pairing, sensor, robot)
@@ -119,31 +129,33 @@ class WrenchService:
             self._acceleration.see(robot, self._desk.in_use.payload)
         return complaint
 
-    def _complain(self, of_sensor: Complaint, of_pose: Complaint, now_ns: int) -> None:
+    def _complain(self, of_sensor: WrenchFault, of_pose: WrenchFault, now_ns: int) -> None:
         """Set the fault, and hold it until every reader must have received it."""
-        complaint = of_pose if of_sensor == FINE else of_sensor
-        if complaint != FINE:
+        complaint = of_pose if of_sensor == NO_FAULT else of_sensor
+        if complaint != NO_FAULT:
             waited_for = complaint.text.endswith(" missing")
             self._complain_until_ns = now_ns + (0 if waited_for else self._complain_for_ns)
-        if complaint != FINE or now_ns >= self._complain_until_ns:
+        if complaint != NO_FAULT or now_ns >= self._complain_until_ns:
             self._complaint = complaint
         self.fault = self._complaint.text
 
-    def _of_pose(self, robot: Reading[RobotState], T_base_flange: pin.SE3 | None) -> Complaint:
+    def _of_pose(self, robot: Reading[RobotState], T_base_flange: pin.SE3 | None) -> WrenchFault:
         if T_base_flange is None:
-            return Complaint(robot.code, robot.fault)
+            return WrenchFault(robot.code, robot.fault)
         if not is_finite_pose(T_base_flange):
-            return Complaint("invalid", "robot/state holds a quaternion of length zero")
+            return WrenchFault("invalid", "robot/state holds a quaternion of length zero")
         apart_s = self._pairing.apart_s
         if apart_s > self._apart_max_s:
             text = f"wrench and pose are {apart_s * 1e3:.0f} ms apart"
-            return Complaint("misaligned", f"{text}, the limit is {self._apart_max_s * 1e3:.0f} ms")
-        return FINE
+            return WrenchFault(
+                "misaligned", f"{text}, the limit is {self._apart_max_s * 1e3:.0f} ms"
+            )
+        return NO_FAULT
 
     def _put(self, sensor: Reading[SensorWrench], T_base_flange: pin.SE3 | None) -> None:
         filtered = self._filter.output
         if self.fault or filtered is None or T_base_flange is None or sensor.fresh is None:
-            why = self._complaint if self.fault else Complaint("not_ready", "no sample yet")
+            why = self._complaint if self.fault else WrenchFault("not_ready", "no sample yet")
             self._out.put(WrenchAtTcp(valid=False, reason=why.text, code=why.code), sensor.origin)
             return
         T_base_sensor = T_base_flange * self._mounting.T_flange_sensor
@@ -169,7 +181,7 @@ class WrenchService:
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))
 
 
-def apart_max_s(cell: Cell) -> float:
+def apart_max_s(cell: CellConfig) -> float:
     """Return the largest time offset between wrench and pose [s]: two periods of the slower one.
 
     Half of the sensor's deadline, if the cell file makes that longer.

@@ -15,7 +15,7 @@ SPELLINGS = {"=<": "<=", "=>": ">=", "!=": "<>"}
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class ParsedLine:
     """One line: its label and its statement (None: label only, or empty line)."""
 
     label: str | None
@@ -55,13 +55,13 @@ def as_word(argument: Expression | None) -> Expression | None:
     """Convert an expression that parsed as a variable or function into a bare word."""
     if isinstance(argument, syntax.Variable) and not argument.indices:
         return syntax.Word(argument.name)
-    if isinstance(argument, syntax.Function) and not argument.arguments:
+    if isinstance(argument, syntax.FunctionCall) and not argument.arguments:
         return syntax.Word(argument.name.lower())  # SWITCH(ERROR): ERROR is also a function
     return argument
 
 
 @v_args(inline=True)
-class ExpressionBuilder(Transformer[Token, Line]):
+class ExpressionBuilder(Transformer[Token, ParsedLine]):
     """Lark transformer with one method per expression rule of the grammar."""
 
     def number(self, token: Token) -> Expression:
@@ -82,7 +82,7 @@ class ExpressionBuilder(Transformer[Token, Line]):
             if upper in keywords.CONSTANTS:
                 return syntax.Number(keywords.CONSTANTS[upper])
             if upper in keywords.WITHOUT_ARGUMENTS:
-                return syntax.Function(upper)
+                return syntax.FunctionCall(upper)
         indices = rest[0].indices if rest and isinstance(rest[0], Brackets) else ()
         if len(indices) > 3:
             raise AsError("P0119", f"{token.value} has {len(indices)} indices, limit 3")
@@ -102,7 +102,7 @@ class ExpressionBuilder(Transformer[Token, Line]):
         given = tuple(slot.argument for slot in arguments)
         if upper in keywords.WORD_ARGUMENTS:
             given = tuple(as_word(argument) for argument in given)
-        return syntax.Function(upper, () if given == (None,) else given)
+        return syntax.FunctionCall(upper, () if given == (None,) else given)
 
     def joint_literal(self, *values: Expression) -> Expression:
         """`#[1,2,3,4,5,6]`."""

@@ -15,14 +15,14 @@ from sim.controller import execute_waits as waits
 from sim.controller import syntax as s
 from sim.controller.compiled import Compiled, Op
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Evaluate
+from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.expressions import Expressions
-from sim.controller.syntax import Instruction, Program, SourceFile, Step
+from sim.controller.syntax import Instruction, Program, ProgramStep, SourceFile
 
 if TYPE_CHECKING:
     from sim.controller.task import Task
 
-CompileInstruction = Callable[[Instruction, int, Evaluate], Op]
+CompileInstruction = Callable[[Instruction, int, ArgumentCompiler], Op]
 
 _FLOW: dict[type, Callable[..., Op]] = {
     s.If: flow.compile_if,
@@ -30,16 +30,16 @@ _FLOW: dict[type, Callable[..., Op]] = {
     s.Until: flow.compile_until,
     s.For: flow.compile_for,
     s.End: flow.compile_end,
-    s.Case: flow.compile_case,
+    s.CaseStatement: flow.compile_case,
     s.Goto: flow.compile_goto,
     s.Return: flow.compile_return,
 }
 _STATEMENTS: dict[type, Callable[..., Op]] = {
     s.Assign: poses.compile_assign,
-    s.Point: poses.compile_point,
+    s.PointStatement: poses.compile_point,
     s.Here: poses.compile_here,
     s.Decompose: poses.compile_decompose,
-    s.Call: tasks.compile_call,
+    s.CallStatement: tasks.compile_call,
     s.Scall: tasks.compile_scall,
     s.Print: output.compile_print,
 }
@@ -97,11 +97,11 @@ INSTRUCTIONS: dict[str, CompileInstruction] = {
 @lru_cache(maxsize=8)
 def compile_file(source: SourceFile) -> Mapping[str, Compiled]:
     """Return the compiled programs of a file; all machines share them."""
-    evaluate = Evaluate(Expressions())
+    evaluate = ArgumentCompiler(Expressions())
     return {name: compile_program(p, evaluate) for name, p in source.programs.items()}
 
 
-def compile_program(program: Program, evaluate: Evaluate) -> Compiled:
+def compile_program(program: Program, evaluate: ArgumentCompiler) -> Compiled:
     """Return a program that can be executed.
 
     A step that cannot be compiled does not reject the file: it fails when it is reached, as on the
@@ -114,7 +114,7 @@ def compile_program(program: Program, evaluate: Evaluate) -> Compiled:
     return Compiled(program, ops)
 
 
-def _when_reached(step: Step, at: int, evaluate: Evaluate, ops: list[Op]) -> Op:
+def _when_reached(step: ProgramStep, at: int, evaluate: ArgumentCompiler, ops: list[Op]) -> Op:
     """Return an operation that compiles itself at the first call and then replaces itself."""
     op: Op | None = None
 
@@ -127,13 +127,13 @@ def _when_reached(step: Step, at: int, evaluate: Evaluate, ops: list[Op]) -> Op:
     return run
 
 
-def _compile(step: Step, at: int, evaluate: Evaluate) -> Op:
+def _compile(step: ProgramStep, at: int, evaluate: ArgumentCompiler) -> Op:
     statement = step.statement
     try:
         if isinstance(statement, s.Comment | s.Do):
-            return flow.go_on(at + 1)
+            return flow.jump_to(at + 1)
         if isinstance(statement, s.Else | s.Value | s.Any):
-            return flow.go_on(statement.end_at)
+            return flow.jump_to(statement.end_at)
         compile_flow = _FLOW.get(type(statement))
         if compile_flow is not None:
             return compile_flow(statement, at, evaluate)
@@ -144,7 +144,7 @@ def _compile(step: Step, at: int, evaluate: Evaluate) -> Op:
         return _failing(error)
 
 
-def _compile_instruction(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def _compile_instruction(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     compiler = INSTRUCTIONS.get(statement.name)
     if compiler is None:
         known = "unknown" if statement.unknown else "not emulated"

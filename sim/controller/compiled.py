@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sim.controller.syntax import Program, Step
+from sim.controller.syntax import Program, ProgramStep
 
 if TYPE_CHECKING:
     from sim.controller.task import Task
@@ -29,6 +29,6 @@ class Compiled:
         return self.program.name
 
     @property
-    def steps(self) -> tuple[Step, ...]:
+    def steps(self) -> tuple[ProgramStep, ...]:
         """The parsed steps."""
         return self.program.steps

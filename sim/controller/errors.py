@@ -49,7 +49,7 @@ TEXTS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Mistake:
+class SyntaxMistake:
     """One mistake in a file: position, code, the text found and the text expected."""
 
     where: Position
@@ -65,7 +65,7 @@ class Mistake:
 class AsSyntaxError(ForcemeshError):
     """Error: a file is not valid AS. `mistakes` lists all mistakes found."""
 
-    def __init__(self, mistakes: tuple[Mistake, ...]) -> None:
+    def __init__(self, mistakes: tuple[SyntaxMistake, ...]) -> None:
         """Put one mistake on each line."""
         self.mistakes = mistakes
         super().__init__("\n".join(str(mistake) for mistake in mistakes))

@@ -9,14 +9,14 @@ import pinocchio as pin
 from common.motion.frames import Array
 from sim.controller.errors import AsError
 from sim.controller.expressions import Expressions
-from sim.controller.machine_api import Context
+from sim.controller.machine_api import EvaluationContext
 from sim.controller.memory import Locals, bind, following
 from sim.controller.syntax import Expression, Instruction, Program, Variable
 from sim.controller.values import NUMBER, Joints, Transformation, Value, se3_of
 from sim.controller.variables import Store
 
-Real = Callable[[Context], float]
-StoreAt = Callable[[Context, int, Value], None]
+Real = Callable[[EvaluationContext], float]
+StoreAt = Callable[[EvaluationContext, int, Value], None]
 """Stores a value at an offset in elements from the element named in the program."""
 
 _NULL = Transformation()
@@ -30,7 +30,7 @@ class Target:
     T: pin.SE3 | None = None
 
 
-class Evaluate:
+class ArgumentCompiler:
     """Compiles the arguments of instructions."""
 
     def __init__(self, expressions: Expressions) -> None:
@@ -48,13 +48,13 @@ class Evaluate:
             raise AsError("P0100", f"{statement.name} needs argument {index + 1}")
         return lambda _: default
 
-    def target(self, expression: Expression | None) -> Callable[[Context], Target]:
+    def target(self, expression: Expression | None) -> Callable[[EvaluationContext], Target]:
         """Return a reader of a motion target."""
         if expression is None:
             raise AsError("P0100", "a motion needs a location")
         read = self.pose(expression)
 
-        def run(context: Context) -> Target:
+        def run(context: EvaluationContext) -> Target:
             value = read(context)
             if isinstance(value, Joints):
                 return Target(q=np.radians(value.values))
@@ -62,7 +62,9 @@ class Evaluate:
 
         return run
 
-    def pose_or_null(self, expression: Expression | None) -> Callable[[Context], Transformation]:
+    def pose_or_null(
+        self, expression: Expression | None
+    ) -> Callable[[EvaluationContext], Transformation]:
         """Return a reader of a transformation; NULL if it is omitted."""
         return self._expressions.place(expression) if expression else lambda _: _NULL
 
@@ -87,28 +89,30 @@ class Evaluate:
         """Return a writer of consecutive elements."""
         locate = self._expressions.locate(variable)
 
-        def run(context: Context, count: int, value: Value) -> None:
+        def run(context: EvaluationContext, count: int, value: Value) -> None:
             array, index = locate(context)
             array.cell(following(index, count)).value = value
 
         return run
 
-    def store_row(self, variable: Variable) -> Callable[[Context, Sequence[Value]], None]:
+    def store_row(self, variable: Variable) -> Callable[[EvaluationContext, Sequence[Value]], None]:
         """Return a writer of a sequence of values into consecutive elements."""
         locate = self._expressions.locate(variable)
 
-        def run(context: Context, values: Sequence[Value]) -> None:
+        def run(context: EvaluationContext, values: Sequence[Value]) -> None:
             array, index = locate(context)
             for count, value in enumerate(values):
                 array.cell(following(index, count)).value = value
 
         return run
 
-    def text_element(self, statement: Instruction, index: int) -> Callable[[Context, int], str]:
+    def text_element(
+        self, statement: Instruction, index: int
+    ) -> Callable[[EvaluationContext, int], str]:
         """Return a reader of consecutive string elements (E0104)."""
         read = self._element(self.variable(statement, index), "E0104")
 
-        def run(context: Context, count: int) -> str:
+        def run(context: EvaluationContext, count: int) -> str:
             value = read(context, count)
             if not isinstance(value, str):
                 raise AsError("P0118", f"{statement.name} needs strings")
@@ -116,11 +120,13 @@ class Evaluate:
 
         return run
 
-    def element(self, statement: Instruction, index: int) -> Callable[[Context, int], float]:
+    def element(
+        self, statement: Instruction, index: int
+    ) -> Callable[[EvaluationContext, int], float]:
         """Return a reader of consecutive numeric elements (E0102)."""
         read = self._element(self.variable(statement, index), "E0102")
 
-        def run(context: Context, count: int) -> float:
+        def run(context: EvaluationContext, count: int) -> float:
             value = read(context, count)
             if not isinstance(value, NUMBER):
                 raise AsError("P0118", f"{statement.name} needs numbers")
@@ -130,24 +136,26 @@ class Evaluate:
 
     def arguments(
         self, expressions: Sequence[Expression | None]
-    ) -> Callable[[Context, Program], Locals]:
+    ) -> Callable[[EvaluationContext, Program], Locals]:
         """Return a function that binds the arguments of CALL to the parameters of a program."""
         given = [self._expressions.refer(expression) for expression in expressions]
         return lambda context, program: bind(
             program.parameters, [read(context) for read in given], program.name
         )
 
-    def printed(self, items: Sequence[Expression | None]) -> Callable[[Context], tuple[str, bool]]:
+    def printed(
+        self, items: Sequence[Expression | None]
+    ) -> Callable[[EvaluationContext], tuple[str, bool]]:
         """Return the text of PRINT's items and whether a line feed follows."""
         return self._expressions.layout(items)
 
-    def _element(self, variable: Variable, code: str) -> Callable[[Context, int], Value]:
+    def _element(self, variable: Variable, code: str) -> Callable[[EvaluationContext, int], Value]:
         if not variable.indices:  # a scalar is accepted as an array of one
             read_scalar = self._expressions.value(variable)
             return lambda context, count: _only(count, variable, code, read_scalar(context))
         locate = self._expressions.locate(variable)
 
-        def run(context: Context, count: int) -> Value:
+        def run(context: EvaluationContext, count: int) -> Value:
             array, index = locate(context)
             at = following(index, count)
             value = array.cell(at).value

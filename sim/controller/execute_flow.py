@@ -5,35 +5,35 @@ from collections.abc import Callable
 from sim.controller import syntax as s
 from sim.controller.compiled import Op
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Evaluate
+from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.task import Task
 from sim.controller.values import single
 
 
-def go_on(at: int) -> Op:
+def jump_to(at: int) -> Op:
     """Return an unconditional jump to a step."""
     return lambda _: at
 
 
-def compile_if(statement: s.If, at: int, evaluate: Evaluate) -> Op:
+def compile_if(statement: s.If, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile `IF condition THEN`."""
     return _unless(evaluate.truth(statement.condition), at + 1, statement.false_at)
 
 
-def compile_while(statement: s.While, at: int, evaluate: Evaluate) -> Op:
+def compile_while(statement: s.While, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile `WHILE condition DO`."""
     return _unless(evaluate.truth(statement.condition), at + 1, statement.after_at)
 
 
-def compile_until(statement: s.Until, at: int, evaluate: Evaluate) -> Op:
+def compile_until(statement: s.Until, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile `UNTIL condition`."""
     return _unless(evaluate.truth(statement.condition), at + 1, statement.do_at)
 
 
-def compile_goto(statement: s.Goto, at: int, evaluate: Evaluate) -> Op:
+def compile_goto(statement: s.Goto, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile GOTO; a missing label fails when it is executed (E0101)."""
     found = statement.target != s.UNRESOLVED
-    jump = go_on(statement.target) if found else _no_label(statement.label)
+    jump = jump_to(statement.target) if found else _no_label(statement.label)
     if statement.condition is None:
         return jump
     condition = evaluate.truth(statement.condition)
@@ -42,7 +42,7 @@ def compile_goto(statement: s.Goto, at: int, evaluate: Evaluate) -> Op:
     return lambda task: jump(task) if condition(task) else at + 1
 
 
-def compile_for(statement: s.For, at: int, evaluate: Evaluate) -> Op:
+def compile_for(statement: s.For, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile FOR: stores the action of its END in the frame's `loops`."""
     assign, read = evaluate.store(statement.variable), evaluate.real(statement.variable)
     start, stop = evaluate.real(statement.start), evaluate.real(statement.stop)
@@ -66,13 +66,13 @@ def compile_for(statement: s.For, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_end(statement: s.End, at: int, _: Evaluate) -> Op:
+def compile_end(statement: s.End, at: int, _: ArgumentCompiler) -> Op:
     """Compile END: jump to the top of a loop, otherwise to the next step."""
     start = statement.start_at
     if statement.of == "WHILE":
-        return go_on(start)
+        return jump_to(start)
     if statement.of != "FOR":
-        return go_on(at + 1)
+        return jump_to(at + 1)
 
     def run(task: Task) -> int:
         advance = task.frames[-1].loops.get(start)
@@ -83,7 +83,7 @@ def compile_end(statement: s.End, at: int, _: Evaluate) -> Op:
     return run
 
 
-def compile_case(statement: s.Case, _: int, evaluate: Evaluate) -> Op:
+def compile_case(statement: s.CaseStatement, _: int, evaluate: ArgumentCompiler) -> Op:
     """Compile CASE and SCASE: the first branch that holds an equal value."""
     of = evaluate.text if statement.text else evaluate.real
     selector = of(statement.selector)
@@ -104,7 +104,7 @@ def compile_case(statement: s.Case, _: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_return(_: s.Return, at: int, __: Evaluate) -> Op:
+def compile_return(_: s.Return, at: int, __: ArgumentCompiler) -> Op:
     """Compile RETURN: return to the caller; in the main program it ends the cycle."""
 
     def run(task: Task) -> int:

@@ -10,29 +10,29 @@ from common.motion.frames import Array
 from common.motion.kinematics import JOINTS
 from sim.controller.compiled import Op
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Evaluate, Target
-from sim.controller.motion_requests import Motion, Speed
+from sim.controller.evaluate import ArgumentCompiler, Target
+from sim.controller.motion_requests import MotionRequest, ProgramSpeed
 from sim.controller.speeds import checked, percent, speed_of
 from sim.controller.syntax import Instruction
 from sim.controller.task import Task
 
 Kind = Literal["linear", "joint"]
-Make = Callable[[Task], Motion]
+Make = Callable[[Task], MotionRequest]
 _KINDS: dict[str, Kind] = {"L": "linear", "J": "joint", "H": "linear"}
 
 
-def compile_move(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_move(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile LMOVE p, JMOVE p and HMOVE p (as LMOVE)."""
     kind, target = _KINDS[statement.name[0]], evaluate.target(statement.arguments[0])
     return _handed_over(lambda task: _motion(task, kind, target(task)), at)
 
 
-def compile_approach(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_approach(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile LAPPRO p,d and JAPPRO p,d: d [mm] before p, along its -Z."""
     kind, target = _KINDS[statement.name[0]], evaluate.target(statement.arguments[0])
     distance_mm = evaluate.argument(statement, 1)
 
-    def make(task: Task) -> Motion:
+    def make(task: Task) -> MotionRequest:
         goal = target(task)
         T = goal.T if goal.T is not None else task.machine.robot.pose_of(_joints(goal))
         return _motion(task, kind, Target(T=T * _along_z(-distance_mm(task))))
@@ -40,46 +40,46 @@ def compile_approach(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return _handed_over(make, at)
 
 
-def compile_depart(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_depart(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile LDEPART d and JDEPART d: d [mm] back along the tool's -Z."""
     kind = _KINDS[statement.name[0]]
     distance_mm = evaluate.argument(statement, 0)
 
-    def make(task: Task) -> Motion:
+    def make(task: Task) -> MotionRequest:
         T = task.machine.robot.destination()
         return _motion(task, kind, Target(T=T * _along_z(-distance_mm(task))))
 
     return _handed_over(make, at)
 
 
-def compile_home(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_home(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile HOME and HOME n: a joint motion to #HOME."""
     number = evaluate.argument(statement, 0, 1.0)
 
-    def make(task: Task) -> Motion:
+    def make(task: Task) -> MotionRequest:
         q = task.machine.home_rad(checked(number(task), 1, 2, "HOME"))
         return _motion(task, "joint", Target(q=q))
 
     return _handed_over(make, at)
 
 
-def compile_drive(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_drive(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile DRIVE jt,deg[,speed]: one joint, relative; the speed is a % of monitor speed."""
     joint = evaluate.argument(statement, 0)
     angle_deg = evaluate.argument(statement, 1)
     speed = evaluate.argument(statement, 2, 100.0)
 
-    def make(task: Task) -> Motion:
+    def make(task: Task) -> MotionRequest:
         number = int(checked(joint(task), 1, JOINTS, "the joint of DRIVE"))
         q = task.machine.robot.q_destination().copy()
         q[number - 1] += np.radians(angle_deg(task))
-        value = Speed(percent(speed(task), "the speed of DRIVE"))
+        value = ProgramSpeed(percent(speed(task), "the speed of DRIVE"))
         return _motion(task, "joint", Target(q=q), speed=value)
 
     return _handed_over(make, at)
 
 
-def compile_draw(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_draw(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile DRAW (base axes) and TDRAW (tool axes): dx,dy,dz,rx,ry,rz,speed, linear, relative.
 
     The rotation is Rx Ry Rz; with DRAW it is about the base axes through the TCP.
@@ -89,7 +89,7 @@ def compile_draw(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     speed = evaluate.argument(statement, 6, 100.0)
     in_tool = statement.name == "TDRAW"
 
-    def make(task: Task) -> Motion:
+    def make(task: Task) -> MotionRequest:
         x, y, z, rx, ry, rz = (number(task) for number in numbers)
         turn = _rotation("x", rx) @ _rotation("y", ry) @ _rotation("z", rz)
         way = np.array([x, y, z]) * 1e-3
@@ -103,13 +103,13 @@ def compile_draw(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return _handed_over(make, at)
 
 
-def compile_pause(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_pause(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile DELAY s and STABLE s: the arm dwells, then the next motion starts."""
     duration_s = evaluate.argument(statement, 0)
 
-    def make(task: Task) -> Motion:
+    def make(task: Task) -> MotionRequest:
         pause_s = checked(duration_s(task), 0.0, 3600.0, statement.name)
-        return Motion("pause", task.machine.manner(), pause_s=pause_s)
+        return MotionRequest("pause", task.machine.manner(), pause_s=pause_s)
 
     return _handed_over(make, at)
 
@@ -135,12 +135,14 @@ def refuse_outside_robot_program(task: Task) -> None:
         raise AsError("P0111", "no motion in a program that ONE calls")
 
 
-def _motion(task: Task, kind: Kind, target: Target, *, speed: Speed | None = None) -> Motion:
+def _motion(
+    task: Task, kind: Kind, target: Target, *, speed: ProgramSpeed | None = None
+) -> MotionRequest:
     machine = task.machine
     manner = machine.manner(speed)
     if target.q is not None:
-        return Motion(kind, manner, q=target.q)
-    return Motion(kind, manner, T_base_tcp=machine.robot.in_robot_base(target.T))
+        return MotionRequest(kind, manner, q=target.q)
+    return MotionRequest(kind, manner, T_base_tcp=machine.robot.in_robot_base(target.T))
 
 
 def _joints(target: Target) -> Array:

@@ -1,12 +1,12 @@
 """PRINT and TYPE: output of one line."""
 
 from sim.controller.compiled import Op
-from sim.controller.evaluate import Evaluate
+from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.syntax import Print
 from sim.controller.task import Task
 
 
-def compile_print(statement: Print, at: int, evaluate: Evaluate) -> Op:
+def compile_print(statement: Print, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile PRINT [device:] items and TYPE items; all devices share one output."""
     layout = evaluate.printed(statement.items)
 

@@ -3,7 +3,7 @@
 from sim.controller import syntax as s
 from sim.controller.compiled import Op
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Evaluate
+from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.task import Task
 from sim.controller.values import Joints, Pose, Transformation, compose, inverse
 
@@ -14,7 +14,7 @@ _PARTS = {
 }  # fmt: skip
 
 
-def compile_assign(statement: s.Assign, at: int, evaluate: Evaluate) -> Op:
+def compile_assign(statement: s.Assign, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile `x = 1`, `$s = "a"`, `@n = 3`."""
     store = evaluate.store(statement.target)
     if statement.target.kind == "$":
@@ -34,7 +34,7 @@ def compile_assign(statement: s.Assign, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_point(statement: s.Point, at: int, evaluate: Evaluate) -> Op:
+def compile_point(statement: s.PointStatement, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile POINT p = pose, POINT #j = pose[,#near], POINT/X p = pose."""
     target = statement.target
     store, value = evaluate.store(target), evaluate.pose(statement.value)
@@ -56,7 +56,7 @@ def compile_point(statement: s.Point, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_here(statement: s.Here, at: int, evaluate: Evaluate) -> Op:
+def compile_here(statement: s.Here, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile HERE p, HERE #j and HERE a+p: current pose from the encoders."""
     store = evaluate.store(statement.target)
     if statement.target.kind == "#":
@@ -78,7 +78,7 @@ def compile_here(statement: s.Here, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_decompose(statement: s.Decompose, at: int, evaluate: Evaluate) -> Op:
+def compile_decompose(statement: s.Decompose, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile DECOMPOSE x[k] = pose: six reals from element k on."""
     store = evaluate.store_row(statement.target)
     value = evaluate.pose(statement.value)
@@ -107,7 +107,7 @@ def joints_of(value: Pose, task: Task, near: Pose | None) -> Joints:
     return task.machine.joints_of(value, near if isinstance(near, Joints) else None)
 
 
-def _part(statement: s.Point, at: int, evaluate: Evaluate) -> Op:
+def _part(statement: s.PointStatement, at: int, evaluate: ArgumentCompiler) -> Op:
     target = statement.target
     store, value, old = (
         evaluate.store(target),

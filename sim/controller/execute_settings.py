@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from sim.controller.compiled import Op
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Evaluate
+from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.execute_motion import refuse_outside_robot_program
 from sim.controller.speeds import checked, percent, speed_of
 from sim.controller.syntax import Instruction
@@ -13,7 +13,7 @@ from sim.controller.task import Task
 _LONGEST_ACCURACY_MM = 5000.0
 
 
-def compile_speed(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_speed(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile SPEED v [unit] [ALWAYS]."""
     if len(statement.arguments) > 1:
         return _refused("a rotational SPEED is an option of the controller")
@@ -21,7 +21,7 @@ def compile_speed(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return _setting(at, "speed", lambda task: speed_of(value(task), modifiers), always=modifiers)
 
 
-def compile_accuracy(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_accuracy(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile ACCURACY mm [ALWAYS] [FINE]."""
     value = evaluate.argument(statement, 0)
 
@@ -31,7 +31,7 @@ def compile_accuracy(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return _setting(at, "accuracy_m", accuracy_m, always=statement.modifiers)
 
 
-def compile_ramp(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_ramp(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile ACCEL % [ALWAYS] and DECEL % [ALWAYS]."""
     value, name = evaluate.argument(statement, 0), statement.name
     field = "accel_fraction" if name == "ACCEL" else "decel_fraction"
@@ -42,20 +42,20 @@ def compile_ramp(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return _setting(at, field, fraction, always=statement.modifiers)
 
 
-def compile_break(_: Instruction, at: int, __: Evaluate) -> Op:
+def compile_break(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
     """Compile BREAK: wait until the motion has ended and the arm is at rest."""
-    return when_still(at, _nothing)
+    return when_at_rest(at, _nothing)
 
 
-def compile_posture(_: Instruction, at: int, __: Evaluate) -> Op:
+def compile_posture(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
     """Compile LEFTY, RIGHTY, ABOVE, BELOW, UWRIST, DWRIST: they only break CP.
 
     The inverse kinematics stays on the current branch of the arm.
     """
-    return when_still(at, _nothing)
+    return when_at_rest(at, _nothing)
 
 
-def compile_weight(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_weight(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile WEIGHT kg,x,y,z,..: checked, but without effect on the simulated servos."""
     numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
@@ -66,9 +66,9 @@ def compile_weight(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_brake(_: Instruction, at: int, __: Evaluate) -> Op:
+def compile_brake(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
     """Compile BRAKE: stop at once. Only the robot program waits for standstill."""
-    still = when_still(at, _nothing)
+    still = when_at_rest(at, _nothing)
 
     def run(task: Task) -> int:
         task.machine.brake()
@@ -77,7 +77,7 @@ def compile_brake(_: Instruction, at: int, __: Evaluate) -> Op:
     return run
 
 
-def compile_mvwait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_mvwait(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile MVWAIT mm: wait until the remaining distance is at most this."""
     if "S" in statement.modifiers:
         return _refused("MVWAIT with seconds; give the distance in mm")
@@ -93,7 +93,7 @@ def compile_mvwait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_frame(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_frame(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile BASE t and TOOL t; without t the frame is cleared. Both break CP."""
     name = statement.name
     argument = statement.arguments[0] if statement.arguments else None
@@ -102,7 +102,7 @@ def compile_frame(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     def apply(task: Task) -> None:
         task.machine.set_frame(name, pose(task))
 
-    still = when_still(at, apply)
+    still = when_at_rest(at, apply)
 
     def run(task: Task) -> int:
         refuse_outside_robot_program(task)
@@ -111,7 +111,7 @@ def compile_frame(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def when_still(at: int, action: Callable[[Task], None]) -> Op:
+def when_at_rest(at: int, action: Callable[[Task], None]) -> Op:
     """Return an operation that acts as soon as the arm is at rest and no motion is active."""
 
     def run(task: Task) -> int:

@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 from sim.controller import syntax as s
 from sim.controller.compiled import Op
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Evaluate
+from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.speeds import checked, percent
 from sim.controller.syntax import Instruction, Word
-from sim.controller.task import FOR_EVER, PC_PROGRAMS, Frame, Task
+from sim.controller.task import FOR_EVER, PC_PROGRAMS, StackFrame, Task
 
 if TYPE_CHECKING:
     from sim.controller.machine import Machine
 
 
-def compile_call(statement: s.Call, at: int, evaluate: Evaluate) -> Op:
+def compile_call(statement: s.CallStatement, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile CALL prog(arguments)."""
     bind = evaluate.arguments(statement.arguments)
     name = statement.program
@@ -24,13 +24,13 @@ def compile_call(statement: s.Call, at: int, evaluate: Evaluate) -> Op:
         machine = task.machine
         program = machine.program(name)
         machine.refuse_if_in_use(program, task)
-        task.enter(Frame(program, bind(task, program.program)))
+        task.enter(StackFrame(program, bind(task, program.program)))
         return at + 1
 
     return run
 
 
-def compile_scall(statement: s.Scall, at: int, evaluate: Evaluate) -> Op:
+def compile_scall(statement: s.Scall, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile SCALL $name[,result]: with a result, an error code is stored instead of raised."""
     name = evaluate.text(statement.program)
     store = evaluate.store(statement.result) if statement.result else None
@@ -41,7 +41,7 @@ def compile_scall(statement: s.Scall, at: int, evaluate: Evaluate) -> Op:
         try:
             program = machine.program(name(task).lower())
             machine.refuse_if_in_use(program, task)
-            task.enter(Frame(program, bind(task, program.program)))
+            task.enter(StackFrame(program, bind(task, program.program)))
         except AsError as error:
             if store is None:
                 raise
@@ -54,7 +54,9 @@ def compile_scall(statement: s.Scall, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def store_in(store: Callable[[Task, float], None], task: Task, frame: Frame, value: float) -> None:
+def store_in(
+    store: Callable[[Task, float], None], task: Task, frame: StackFrame, value: float
+) -> None:
     """Store a value in the scope of a frame that is not the top of the stack."""
     frames = task.frames
     task.frames = [frame]
@@ -64,7 +66,7 @@ def store_in(store: Callable[[Task, float], None], task: Task, frame: Frame, val
         task.frames = frames
 
 
-def compile_one(statement: Instruction, at: int, _: Evaluate) -> Op:
+def compile_one(statement: Instruction, at: int, _: ArgumentCompiler) -> Op:
     """Compile ONE prog: error handler called when a step fails."""
     name = _program(statement, 0)
 
@@ -75,7 +77,7 @@ def compile_one(statement: Instruction, at: int, _: Evaluate) -> Op:
     return run
 
 
-def compile_returne(_: Instruction, at: int, __: Evaluate) -> Op:
+def compile_returne(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
     """Compile RETURNE: return from the error handler to the step after the failed one."""
 
     def run(task: Task) -> int:
@@ -88,17 +90,17 @@ def compile_returne(_: Instruction, at: int, __: Evaluate) -> Op:
     return run
 
 
-def compile_halt(_: Instruction, at: int, __: Evaluate) -> Op:
+def compile_halt(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
     """Compile HALT: end the program regardless of remaining cycles, after its last motion."""
     return _at_rest(at, lambda task: task.machine.end(task))
 
 
-def compile_stop(_: Instruction, at: int, __: Evaluate) -> Op:
+def compile_stop(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
     """Compile STOP: end this cycle; the main program restarts if cycles remain."""
     return _at_rest(at, lambda task: task.machine.end_cycle(task))
 
 
-def compile_pause(_: Instruction, at: int, __: Evaluate) -> Op:
+def compile_pause(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
     """Compile PAUSE: hold the program; CONTINUE resumes at the next step."""
 
     def run(task: Task) -> int:
@@ -120,7 +122,7 @@ def compile_pause(_: Instruction, at: int, __: Evaluate) -> Op:
     return run
 
 
-def compile_lock(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_lock(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile LOCK p: checked, but without effect: there is only one robot program."""
     value = evaluate.argument(statement, 0)
 
@@ -131,7 +133,7 @@ def compile_lock(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_pcexecute(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_pcexecute(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile PCEXECUTE n: prog[,cycles[,step]]."""
     number, cycles, step = (evaluate.argument(statement, k, 1.0) for k in (0, 2, 3))
     name = _program(statement, 1)
@@ -148,7 +150,7 @@ def compile_pcexecute(statement: Instruction, at: int, evaluate: Evaluate) -> Op
     return run
 
 
-def compile_pcabort(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_pcabort(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile PCABORT n: and PCKILL n: (at once), PCEND n: (at the end of the cycle)."""
     number = evaluate.argument(statement, 0, 1.0)
     at_once = statement.name != "PCEND"
@@ -160,7 +162,7 @@ def compile_pcabort(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_pcscan(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_pcscan(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile PCSCAN s: minimum cycle time of this program."""
     period_s = evaluate.argument(statement, 0)
 
@@ -171,7 +173,7 @@ def compile_pcscan(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_mc(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_mc(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile MC EXECUTE, ABORT, HOLD, CONTINUE, ERESET, SPEED: in PC programs only."""
     command = statement.name.removeprefix("MC ")
     simple: dict[str, Callable[[Machine], None]] = {

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from sim.controller.compiled import Op
-from sim.controller.evaluate import Evaluate
+from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.network import Octets
 from sim.controller.speeds import checked
 from sim.controller.syntax import Instruction
@@ -13,14 +13,14 @@ from sim.controller.tcp import (
     ELEMENT_CHARS,
     PORTS,
     Operation,
-    Outcome,
+    TcpResult,
 )
 
 _MOST_ELEMENTS = 4096
 _LONGEST_TIMEOUT_S = 3600.0
 
 
-def compile_listen(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_listen(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile TCP_LISTEN ret,port and TCP_END_LISTEN ret,port."""
     store = evaluate.result(statement, 0)
     port = evaluate.argument(statement, 1)
@@ -34,7 +34,7 @@ def compile_listen(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_close(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_close(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile TCP_CLOSE ret,socket."""
     store = evaluate.result(statement, 0)
     number = evaluate.argument(statement, 1)
@@ -46,13 +46,13 @@ def compile_close(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_accept(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_accept(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile TCP_ACCEPT socket,port[,timeout[,ip[k]]]."""
     store, port = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     timeout_s = evaluate.argument(statement, 2, DEFAULT_TIMEOUT_S)
     store_peer = evaluate.results(statement, 3)
 
-    def finish(task: Task, outcome: Outcome) -> None:
+    def finish(task: Task, outcome: TcpResult) -> None:
         store(task, outcome.code)
         if store_peer is not None and outcome.code > 0:
             for k, octet in enumerate(outcome.peer):
@@ -66,7 +66,7 @@ def compile_accept(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_connect(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_connect(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile TCP_CONNECT socket,port,ip[k][,timeout]."""
     store, port = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     octet, timeout_s = (
@@ -85,7 +85,7 @@ def compile_connect(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_send(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_send(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile TCP_SEND ret,socket,$a[k],n[,timeout]."""
     store, number = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     element, count = evaluate.text_element(statement, 2), evaluate.argument(statement, 3)
@@ -103,7 +103,7 @@ def compile_send(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_receive(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_receive(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile TCP_RECV ret,socket,$a[k],n[,timeout[,maxlen]]; n receives the count."""
     store, number = evaluate.result(statement, 0), evaluate.argument(statement, 1)
     store_text = evaluate.store_at(evaluate.variable(statement, 2))
@@ -111,7 +111,7 @@ def compile_receive(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     timeout_s = evaluate.argument(statement, 4, DEFAULT_TIMEOUT_S)
     longest = evaluate.argument(statement, 5, float(ELEMENT_CHARS))
 
-    def finish(task: Task, outcome: Outcome) -> None:
+    def finish(task: Task, outcome: TcpResult) -> None:
         store(task, outcome.code)
         store_count(task, len(outcome.elements))
         for k, text in enumerate(outcome.elements):
@@ -139,7 +139,7 @@ def timeout_of(value_s: float, task: Task) -> float:
     return task.machine.behaviour.timeout_s(asked_s)
 
 
-def code_to(store: Callable[[Task, float], None]) -> Callable[[Task, Outcome], None]:
+def code_to(store: Callable[[Task, float], None]) -> Callable[[Task, TcpResult], None]:
     """Return a function that stores only the code of an outcome."""
     return lambda task, outcome: store(task, float(outcome.code))
 
@@ -150,7 +150,7 @@ def _wait_for(
     operation: Operation,
     *,
     now_ns: int,
-    finish: Callable[[Task, Outcome], None],
+    finish: Callable[[Task, TcpResult], None],
 ) -> int:
     """Finish at once if the operation has completed, otherwise poll it every millisecond."""
     outcome = operation(now_ns)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from forcemesh.clock import NS_PER_S
 from sim.controller.compiled import Op
 from sim.controller.errors import AsError
-from sim.controller.evaluate import Evaluate
+from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.speeds import checked
 from sim.controller.syntax import Instruction, Word
 from sim.controller.task import Task
@@ -14,13 +14,13 @@ from sim.controller.timers import TIMERS
 _LONGEST_S = 1e6
 
 
-def compile_wait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_wait(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile WAIT condition."""
     condition = evaluate.argument(statement, 0)
     return wait_until(at, lambda task: lambda _: condition(task) != 0.0)
 
 
-def compile_twait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_twait(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile TWAIT s."""
     duration_s = evaluate.argument(statement, 0)
 
@@ -33,7 +33,7 @@ def compile_twait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_swait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_swait(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile SWAIT s1,s2,..: wait until all are in the given state; negative means OFF."""
     numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
@@ -45,7 +45,7 @@ def compile_swait(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return wait_until(at, begin)
 
 
-def compile_signal(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_signal(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile SIGNAL s1,s2,..: switch on, or off with a negative number."""
     numbers = [evaluate.argument(statement, k) for k in range(len(statement.arguments))]
 
@@ -58,7 +58,7 @@ def compile_signal(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_pulse(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_pulse(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile PULSE s,t: on for t seconds (0.2 by default); does not wait."""
     number = evaluate.argument(statement, 0)
     duration_s = evaluate.argument(statement, 1, 0.2)
@@ -74,7 +74,7 @@ def compile_pulse(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_bits(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_bits(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile BITS s,n = v: the low n bits of v on signals s, s+1, ..."""
     first, count, value = (evaluate.argument(statement, k) for k in range(3))
 
@@ -90,7 +90,7 @@ def compile_bits(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_reset(_: Instruction, at: int, __: Evaluate) -> Op:
+def compile_reset(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
     """Compile RESET: switch every output off."""
 
     def run(task: Task) -> int:
@@ -100,7 +100,7 @@ def compile_reset(_: Instruction, at: int, __: Evaluate) -> Op:
     return run
 
 
-def compile_timer(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
+def compile_timer(statement: Instruction, at: int, evaluate: ArgumentCompiler) -> Op:
     """Compile TIMER n = s."""
     number = evaluate.argument(statement, 0)
     value_s = evaluate.argument(statement, 1)
@@ -114,7 +114,7 @@ def compile_timer(statement: Instruction, at: int, evaluate: Evaluate) -> Op:
     return run
 
 
-def compile_switch(statement: Instruction, at: int, _: Evaluate) -> Op:
+def compile_switch(statement: Instruction, at: int, _: ArgumentCompiler) -> Op:
     """Compile `name ON` and `name OFF`."""
     words = [word.name for word in statement.arguments if isinstance(word, Word)]
     on = "ON" in statement.modifiers

@@ -1,4 +1,4 @@
-"""Compiler from expressions to closures: each takes a `Context` and returns a value.
+"""Compiler from expressions to closures: each takes an `EvaluationContext` and returns a value.
 
     expressions = Expressions()
     read = expressions.real(expression)       # once, when the program is loaded
@@ -19,8 +19,8 @@ from typing import cast
 from sim.controller import formats, functions_number, syntax, variables
 from sim.controller.errors import AsError
 from sim.controller.function_calls import compile_function
-from sim.controller.machine_api import Context
-from sim.controller.memory import Array, Cell, index_of, plain
+from sim.controller.machine_api import EvaluationContext
+from sim.controller.memory import Array, VariableCell, index_of, plain
 from sim.controller.operations import compile_binary, compile_unary, compile_with_constant
 from sim.controller.syntax import Expression, Variable
 from sim.controller.values import Joints, Pose, Transformation, joints
@@ -31,7 +31,7 @@ _globals_of: NamesOf = attrgetter("globals")
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class ControllerOptions:
     """Options of a controller. `optional_formats`: /J /K /L."""
 
     optional_formats: bool = False
@@ -40,9 +40,9 @@ class Options:
 class Expressions:
     """Expression compiler."""
 
-    def __init__(self, options: Options | None = None) -> None:
+    def __init__(self, options: ControllerOptions | None = None) -> None:
         """Bind to the installed options of a controller."""
-        self.options = options or Options()
+        self.options = options or ControllerOptions()
 
     # --- values -----------------------------------------------------------------------------------
 
@@ -59,7 +59,7 @@ class Expressions:
                 return self._binary(expression, location=location)
             case syntax.Unary(sign, operand):
                 return compile_unary(sign, self.value(operand, location=location and sign == "-"))
-            case syntax.Function():
+            case syntax.FunctionCall():
                 return compile_function(self, expression)
             case syntax.JointLiteral(values):
                 readers = [self.real(item) for item in values]
@@ -69,16 +69,16 @@ class Expressions:
             case syntax.Format(code):
                 return refuse("P0114", f"/{code} is a format, not a value")
 
-    def real(self, expression: Expression) -> Callable[[Context], float]:
+    def real(self, expression: Expression) -> Callable[[EvaluationContext], float]:
         """Compile to a number (P0118)."""
         if isinstance(expression, syntax.Number):
             constant = expression.value
             return lambda _: constant
         read = self.value(expression)
         if gives_number(expression):
-            return cast("Callable[[Context], float]", read)
+            return cast("Callable[[EvaluationContext], float]", read)
 
-        def run(context: Context) -> float:
+        def run(context: EvaluationContext) -> float:
             value = read(context)
             if value.__class__ is float or isinstance(value, float | int):
                 return value
@@ -86,15 +86,15 @@ class Expressions:
 
         return run
 
-    def truth(self, expression: Expression) -> Callable[[Context], float]:
+    def truth(self, expression: Expression) -> Callable[[EvaluationContext], float]:
         """Compile to a condition: every number but 0 is true, for AS as for Python."""
         return self.real(expression)
 
-    def text(self, expression: Expression) -> Callable[[Context], str]:
+    def text(self, expression: Expression) -> Callable[[EvaluationContext], str]:
         """Compile to a string (P0118)."""
         read = self.value(expression)
 
-        def run(context: Context) -> str:
+        def run(context: EvaluationContext) -> str:
             value = read(context)
             if isinstance(value, str):
                 return value
@@ -102,11 +102,11 @@ class Expressions:
 
         return run
 
-    def pose(self, expression: Expression) -> Callable[[Context], Pose]:
+    def pose(self, expression: Expression) -> Callable[[EvaluationContext], Pose]:
         """Compile to a transformation or joint values (E0103, P0118)."""
         read = self.value(expression, location=True)
 
-        def run(context: Context) -> Pose:
+        def run(context: EvaluationContext) -> Pose:
             value = read(context)
             if isinstance(value, Transformation | Joints):
                 return value
@@ -114,11 +114,11 @@ class Expressions:
 
         return run
 
-    def place(self, expression: Expression) -> Callable[[Context], Transformation]:
+    def place(self, expression: Expression) -> Callable[[EvaluationContext], Transformation]:
         """Compile to a transformation; the machine converts joint values."""
         read = self.pose(expression)
 
-        def run(context: Context) -> Transformation:
+        def run(context: EvaluationContext) -> Transformation:
             value = read(context)
             if isinstance(value, Joints):
                 return context.machine.transformation_of(value)
@@ -132,7 +132,9 @@ class Expressions:
         """Compile to a writer of a variable or element (P0150, P0132, P0133)."""
         return variables.store(variable, _names_of(variable), self.indices(variable))
 
-    def refer(self, expression: Expression | None) -> Callable[[Context], Cell | Array | None]:
+    def refer(
+        self, expression: Expression | None
+    ) -> Callable[[EvaluationContext], VariableCell | Array | None]:
         """Compile an argument of CALL: a variable by reference, or a new cell with a value."""
         if expression is None:
             return lambda _: None
@@ -141,7 +143,7 @@ class Expressions:
         if isinstance(expression, Variable):
             return self.refer_variable(expression)
         read = self.value(expression)
-        return lambda context: Cell(read(context))
+        return lambda context: VariableCell(read(context))
 
     def refer_variable(self, variable: Variable) -> Refer:
         """Compile to the cell or array of a variable."""
@@ -164,7 +166,9 @@ class Expressions:
 
     # --- text of PRINT and $ENCODE ----------------------------------------------------------------
 
-    def layout(self, items: Sequence[Expression | None]) -> Callable[[Context], tuple[str, bool]]:
+    def layout(
+        self, items: Sequence[Expression | None]
+    ) -> Callable[[EvaluationContext], tuple[str, bool]]:
         """Compile items to their text, and whether a line feed follows."""
         parts = [
             item if isinstance(item, syntax.Format) else self.value(item)
@@ -200,7 +204,7 @@ def gives_number(expression: Expression) -> bool:
             return sign not in "+-" or gives_number(left) or gives_number(right)
         case syntax.Unary(sign, operand):
             return sign != "-" or gives_number(operand)
-        case syntax.Function(name):
+        case syntax.FunctionCall(name):
             return name in functions_number.FUNCTIONS
         case _:
             return False
@@ -213,7 +217,7 @@ def _names_of(variable: Variable) -> NamesOf:
 def refuse(code: str, detail: str) -> Read:
     """Return a reader that raises when it is executed."""
 
-    def run(_: Context) -> float:
+    def run(_: EvaluationContext) -> float:
         raise AsError(code, detail)
 
     return run

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from sim.controller.syntax import Position, Program, Step
+from sim.controller.syntax import Position, Program, ProgramStep
 
 Kind = Literal["not executed", "warning"]
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class LintFinding:
     """One finding: an unsupported construct or a warning."""
 
     where: Position
@@ -24,6 +24,8 @@ class Finding:
         return f"{self.where}: {self.kind}: {self.text} [{self.rule}]{place}"
 
 
-def at(program: Program, step: Step, rule: str, text: str, *, kind: Kind = "warning") -> Finding:
+def at(
+    program: Program, step: ProgramStep, rule: str, text: str, *, kind: Kind = "warning"
+) -> LintFinding:
     """Return a finding at a step."""
-    return Finding(step.where, rule, text, kind, program.name, step.number)
+    return LintFinding(step.where, rule, text, kind, program.name, step.number)

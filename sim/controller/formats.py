@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 from sim.controller.errors import AsError
 from sim.controller.functions_number import rounded
-from sim.controller.machine_api import Context
+from sim.controller.machine_api import EvaluationContext
 from sim.controller.syntax_expressions import Format
 from sim.controller.values import NUMBER
 from sim.controller.variables import Read
@@ -22,10 +22,10 @@ SPACES = {"X": " ", "C": "\n"}
 
 def layout(
     items: Sequence[Read | Format], *, optional: bool
-) -> Callable[[Context], tuple[str, bool]]:
+) -> Callable[[EvaluationContext], tuple[str, bool]]:
     """Compile items to their text, and whether a line feed follows (not after /S)."""
     current = DEFAULT
-    parts: list[Callable[[Context], str]] = []
+    parts: list[Callable[[EvaluationContext], str]] = []
     for item in items:
         if not isinstance(item, Format):
             parts.append(_written(item, current))
@@ -43,24 +43,24 @@ def layout(
     return lambda context: ("".join([part(context) for part in parts]), feed)
 
 
-def _refused(reason: str) -> Callable[[Context], str]:
-    def run(_: Context) -> str:
+def _refused(reason: str) -> Callable[[EvaluationContext], str]:
+    def run(_: EvaluationContext) -> str:
         raise AsError("P0108", reason)
 
     return run
 
 
-def _space(item: Format) -> Callable[[Context], str]:
+def _space(item: Format) -> Callable[[EvaluationContext], str]:
     if item.code not in SPACES:
         return _refused(f"unknown format /{item.code}; use /D /E /F /G /H /I /C /S /X")
     space = SPACES[item.code] * (item.width or 0)
     return lambda _: space
 
 
-def _written(read: Read, style: Format) -> Callable[[Context], str]:
+def _written(read: Read, style: Format) -> Callable[[EvaluationContext], str]:
     write, width = WRITERS[style.code], style.width
 
-    def run(context: Context) -> str:
+    def run(context: EvaluationContext) -> str:
         value = read(context)
         if isinstance(value, str):
             return value

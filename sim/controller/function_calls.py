@@ -10,22 +10,22 @@ from sim.controller.functions import Argument
 from sim.controller.functions_number import rounded
 from sim.controller.functions_text import decode
 from sim.controller.special_functions import EXISTS, EXTREMES, FUNCTIONS, exists, extreme_index
-from sim.controller.syntax import Expression, Function, Variable
+from sim.controller.syntax import Expression, FunctionCall, Variable
 from sim.controller.values import Value, text
 
 if TYPE_CHECKING:
     from sim.controller.expressions import Expressions
-    from sim.controller.functions import Function as Described
-    from sim.controller.machine_api import Context
+    from sim.controller.functions import FunctionSignature
+    from sim.controller.machine_api import EvaluationContext
     from sim.controller.variables import Read
 
-    ReadArgument = Callable[[Context], Argument]
+    ReadArgument = Callable[[EvaluationContext], Argument]
 
 # Fast path for one single-precision real argument: equivalent Python functions.
 OF_REAL: dict[str, Callable[[float], float]] = {"ABS": abs, "ROUND": rounded}
 
 
-def compile_function(expressions: Expressions, call: Function) -> Read:
+def compile_function(expressions: Expressions, call: FunctionCall) -> Read:
     """Compile a call; an unknown function or a wrong number of arguments raises when executed."""
     if call.name == "$ENCODE":
         layout = expressions.layout(call.arguments)
@@ -37,7 +37,7 @@ def compile_function(expressions: Expressions, call: Function) -> Read:
     return _computed(expressions, call)
 
 
-def _computed(expressions: Expressions, call: Function) -> Read:
+def _computed(expressions: Expressions, call: FunctionCall) -> Read:
     function = FUNCTIONS.get(call.name)
     if function is None:
         return _refuse("P0115", f"{call.name} is not emulated")
@@ -57,7 +57,7 @@ def _computed(expressions: Expressions, call: Function) -> Read:
     # `check` depends only on types: a type combination that passed once always passes.
     passed: set[tuple[type, ...]] = set()
 
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         arguments = [read(context) for read in readers]
         types = tuple(map(type, arguments))
         if types not in passed:
@@ -68,18 +68,18 @@ def _computed(expressions: Expressions, call: Function) -> Read:
     return run
 
 
-def _of_one(function: Described, only: ReadArgument) -> Read:
+def _of_one(function: FunctionSignature, only: ReadArgument) -> Read:
     compute, check, of_real = function.compute, function.check, OF_REAL.get(function.name)
     passed: set[type] = set()
 
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         argument = only(context)
         if argument.__class__ not in passed:
             check((argument,))
             passed.add(argument.__class__)
         return compute(context.machine, (argument,))
 
-    def run_of_real(context: Context) -> Value:
+    def run_of_real(context: EvaluationContext) -> Value:
         argument = only(context)
         if argument.__class__ is float:
             return of_real(argument)  # type: ignore[misc]
@@ -89,11 +89,11 @@ def _of_one(function: Described, only: ReadArgument) -> Read:
     return run if of_real is None else run_of_real
 
 
-def _of_two(function: Described, first: ReadArgument, second: ReadArgument) -> Read:
+def _of_two(function: FunctionSignature, first: ReadArgument, second: ReadArgument) -> Read:
     compute, check = function.compute, function.check
     passed: set[tuple[type, type]] = set()
 
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         a, b = arguments = first(context), second(context)
         types = a.__class__, b.__class__
         if types not in passed:
@@ -105,12 +105,12 @@ def _of_two(function: Described, first: ReadArgument, second: ReadArgument) -> R
 
 
 def _of_three(
-    function: Described, first: ReadArgument, second: ReadArgument, third: ReadArgument
+    function: FunctionSignature, first: ReadArgument, second: ReadArgument, third: ReadArgument
 ) -> Read:
     compute, check = function.compute, function.check
     passed: set[tuple[type, type, type]] = set()
 
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         a, b, c = arguments = first(context), second(context), third(context)
         types = a.__class__, b.__class__, c.__class__
         if types not in passed:
@@ -127,7 +127,7 @@ def _reader(expressions: Expressions, item: Expression | None, *, location: bool
     return expressions.value(item, location=location)
 
 
-def _decode(expressions: Expressions, call: Function) -> Read:
+def _decode(expressions: Expressions, call: FunctionCall) -> Read:
     """Compile $DECODE: it removes the returned text from its variable."""
     if not 2 <= len(call.arguments) <= 3:
         return _refuse("P0116", "$DECODE takes a string variable, a separator and a mode")
@@ -138,7 +138,7 @@ def _decode(expressions: Expressions, call: Function) -> Read:
     mark = expressions.text(separator)
     mode = expressions.real(rest[0]) if rest and rest[0] is not None else _zero
 
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         characters = read(context)
         taken, left = decode(characters, mark(context), mode(context))
         store(context, left)
@@ -147,7 +147,7 @@ def _decode(expressions: Expressions, call: Function) -> Read:
     return run
 
 
-def _looked_up(expressions: Expressions, call: Function) -> Read:
+def _looked_up(expressions: Expressions, call: FunctionCall) -> Read:
     """Compile EXISTxxx and MAXINDEX: their argument is a variable, or a string with its name."""
     if not call.arguments or call.arguments[0] is None:
         return _refuse("P0116", f"{call.name} takes a variable or a string with its name")
@@ -156,7 +156,7 @@ def _looked_up(expressions: Expressions, call: Function) -> Read:
     dimension = _dimension(expressions, call)
     name, is_exists = call.name, call.name in EXISTS
 
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         spelled = spelling(context)
         local = always_local or spelled.startswith(".")
         names = context.locals if local else context.globals
@@ -167,7 +167,9 @@ def _looked_up(expressions: Expressions, call: Function) -> Read:
     return run
 
 
-def _spelling(expressions: Expressions, name: str, item: Expression) -> Callable[[Context], str]:
+def _spelling(
+    expressions: Expressions, name: str, item: Expression
+) -> Callable[[EvaluationContext], str]:
     """Compile the name to look up: that of the variable, or the content of a string."""
     own = isinstance(item, Variable) and (
         item.kind != "$" or name.endswith("CHAR") or name in EXTREMES
@@ -179,7 +181,7 @@ def _spelling(expressions: Expressions, name: str, item: Expression) -> Callable
     if indices is None:
         return lambda _: base
 
-    def spell(context: Context) -> str:
+    def spell(context: EvaluationContext) -> str:
         index = indices(context)
         numbers = index if isinstance(index, tuple) else (index,)
         return f"{base}[{','.join(map(str, numbers))}]"
@@ -187,21 +189,23 @@ def _spelling(expressions: Expressions, name: str, item: Expression) -> Callable
     return spell
 
 
-def _dimension(expressions: Expressions, call: Function) -> Callable[[Context], float]:
+def _dimension(
+    expressions: Expressions, call: FunctionCall
+) -> Callable[[EvaluationContext], float]:
     given = call.arguments[1] if len(call.arguments) > 1 else None
     return _one if given is None else expressions.real(given)
 
 
-def _zero(_: Context) -> float:
+def _zero(_: EvaluationContext) -> float:
     return 0.0
 
 
-def _one(_: Context) -> float:
+def _one(_: EvaluationContext) -> float:
     return 1.0
 
 
 def _refuse(code: str, detail: str) -> Read:
-    def run(_: Context) -> float:
+    def run(_: EvaluationContext) -> float:
         raise AsError(code, detail)
 
     return run

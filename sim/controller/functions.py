@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sim.controller.errors import AsError
-from sim.controller.machine_api import Machine
+from sim.controller.machine_api import MachineInterface
 from sim.controller.values import NUMBER, Joints, Transformation, Value
 
 Argument = Value | None
-Compute = Callable[[Machine, Sequence[Argument]], Value]
+Compute = Callable[[MachineInterface, Sequence[Argument]], Value]
 
 TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "r": ((float, int), "a number"),
@@ -26,7 +26,7 @@ TYPES: dict[str, tuple[tuple[type, ...], str]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Function:
+class FunctionSignature:
     """One function: argument types, number of required arguments, computation."""
 
     name: str
@@ -54,17 +54,21 @@ class Function:
             raise AsError("P0116", f"{self.name} takes at least {self.required}, found {count}")
 
 
-def function(name: str, types: str, compute: Compute, *, most: int | None = None) -> Function:
+def function(
+    name: str, types: str, compute: Compute, *, most: int | None = None
+) -> FunctionSignature:
     """Return a function with a type signature: "sr(r)" is a string, a number, an optional number.
 
     `most` allows more arguments of the last type.
     """
     letters = types.replace("(", "").replace(")", "")
     required = types.index("(") if "(" in types else len(types)
-    return Function(name, letters, required, len(letters) if most is None else most, compute)
+    return FunctionSignature(
+        name, letters, required, len(letters) if most is None else most, compute
+    )
 
 
-def table(*functions: Function) -> dict[str, Function]:
+def table(*functions: FunctionSignature) -> dict[str, FunctionSignature]:
     """Return functions by name."""
     return {item.name: item for item in functions}
 

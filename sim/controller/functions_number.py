@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from sim.controller.errors import AsError
 from sim.controller.functions import Argument, function, number, table, whole
-from sim.controller.machine_api import Machine
+from sim.controller.machine_api import MachineInterface
 from sim.controller.values import single, truth
 
 JOINTS = range(1, 7)
@@ -16,7 +16,7 @@ def rounded(value: float) -> float:
     return math.copysign(math.floor(abs(value) + 0.5), value) + 0.0
 
 
-def _sqrt(_: Machine, a: Sequence[Argument]) -> float:
+def _sqrt(_: MachineInterface, a: Sequence[Argument]) -> float:
     value = number(a[0])
     if value < 0.0:
         raise AsError("E0106", f"SQRT({value:g}): the argument is negative")
@@ -35,7 +35,7 @@ def _sine(degrees: float, shift: float) -> float:
     return single(math.sin(math.radians(turned))) if found is None else found
 
 
-def _sig(machine: Machine, a: Sequence[Argument]) -> float:
+def _sig(machine: MachineInterface, a: Sequence[Argument]) -> float:
     """Return whether every signal is on; a negative number tests for off."""
     result = True
     for item in a:
@@ -46,14 +46,14 @@ def _sig(machine: Machine, a: Sequence[Argument]) -> float:
     return truth(result)
 
 
-def _bits(machine: Machine, a: Sequence[Argument]) -> float:
+def _bits(machine: MachineInterface, a: Sequence[Argument]) -> float:
     start, count = whole(a[0]), whole(a[1] if len(a) > 1 else 1)
     if not 1 <= count <= 16:
         raise AsError("E0106", f"BITS: 1 to 16 signals, not {count}")
     return float(sum(machine.signal(start + k) << k for k in range(count)))
 
 
-def _bits32(machine: Machine, a: Sequence[Argument]) -> float:
+def _bits32(machine: MachineInterface, a: Sequence[Argument]) -> float:
     start, count = whole(a[0]), whole(a[1] if len(a) > 1 else 1)
     if not 1 <= count <= 32:
         raise AsError("E0106", f"BITS32: 1 to 32 signals, not {count}")

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from sim.controller.errors import AsError
 from sim.controller.functions import Argument, function, number, table, whole
-from sim.controller.machine_api import Machine
+from sim.controller.machine_api import MachineInterface
 from sim.controller.values import (
     Joints,
     Pose,
@@ -33,7 +33,7 @@ def _pose(value: Argument) -> Pose:
     return value if isinstance(value, Joints) else _place(value)
 
 
-def _as_place(machine: Machine, value: Argument) -> Transformation:
+def _as_place(machine: MachineInterface, value: Argument) -> Transformation:
     return machine.transformation_of(value) if isinstance(value, Joints) else _place(value)
 
 
@@ -42,7 +42,7 @@ def shift(place: Transformation, dx: float, dy: float, dz: float) -> Transformat
     return transformation(place.x + dx, place.y + dy, place.z + dz, place.o, place.a, place.t)
 
 
-def _shift(_: Machine, a: Sequence[Argument]) -> Transformation:
+def _shift(_: MachineInterface, a: Sequence[Argument]) -> Transformation:
     dx, dy, dz = (number(a[k]) if k < len(a) else 0.0 for k in (1, 2, 3))
     return shift(_place(a[0]), dx, dy, dz)
 
@@ -70,24 +70,24 @@ def frame(
     return transformation_of(pin.SE3(R, se3_of(origin).translation))
 
 
-def _dext(_: Machine, a: Sequence[Argument]) -> float:
+def _dext(_: MachineInterface, a: Sequence[Argument]) -> float:
     which = whole(a[1])
     if not 1 <= which <= 6:
         raise AsError("E0106", f"DEXT: components are 1 to 6, not {which}")
     return _pose(a[0]).numbers()[which - 1]
 
 
-def _distance(machine: Machine, a: Sequence[Argument]) -> float:
+def _distance(machine: MachineInterface, a: Sequence[Argument]) -> float:
     first, second = (_as_place(machine, item).numbers()[:3] for item in a)
     return single(math.dist(first, second))
 
 
-def _in_range(machine: Machine, a: Sequence[Argument]) -> float:
+def _in_range(machine: MachineInterface, a: Sequence[Argument]) -> float:
     configuration = a[1] if len(a) > 1 and isinstance(a[1], Joints) else None
     return float(machine.in_range(_pose(a[0]), configuration))
 
 
-def _home(machine: Machine, a: Sequence[Argument]) -> Value:
+def _home(machine: MachineInterface, a: Sequence[Argument]) -> Value:
     return machine.home_joints(whole(a[0], 1) if a else 1)
 
 

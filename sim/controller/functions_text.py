@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from sim.controller.errors import AsError, code_of, error_text
 from sim.controller.functions import Argument, function, string, table, whole
-from sim.controller.machine_api import Machine
+from sim.controller.machine_api import MachineInterface
 from sim.controller.values import single, text
 
 DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([Ee][+-]?\d+)?", re.ASCII)
@@ -73,24 +73,24 @@ def decode(characters: str, separator: str, mode: float) -> tuple[str, str]:
     return characters[:end], characters[end:]
 
 
-def _asc(_: Machine, a: Sequence[Argument]) -> float:
+def _asc(_: MachineInterface, a: Sequence[Argument]) -> float:
     characters, place = string(a[0]), max(whole(a[1], 1) if len(a) > 1 else 1, 1)
     return float(ord(characters[place - 1])) if place <= len(characters) else -1.0
 
 
-def _chr(_: Machine, a: Sequence[Argument]) -> str:
+def _chr(_: MachineInterface, a: Sequence[Argument]) -> str:
     code = whole(a[0])
     if not 0 <= code <= 255:
         raise AsError("E0106", f"$CHR({code}): codes are 0 to 255")
     return chr(code)
 
 
-def _mid(_: Machine, a: Sequence[Argument]) -> str:
+def _mid(_: MachineInterface, a: Sequence[Argument]) -> str:
     count = None if len(a) < 3 or a[2] is None else whole(a[2])
     return middle(string(a[0]), whole(a[1], 1) if len(a) > 1 else 1, count)
 
 
-def _instr(_: Machine, a: Sequence[Argument]) -> float:
+def _instr(_: MachineInterface, a: Sequence[Argument]) -> float:
     if isinstance(a[0], str):
         if len(a) > 2:
             raise AsError("P0116", "INSTR takes (start,string,wanted) or (string,wanted)")
@@ -100,16 +100,16 @@ def _instr(_: Machine, a: Sequence[Argument]) -> float:
     return float(position(whole(a[0], 1), string(a[1]), string(a[2])))
 
 
-def _val(_: Machine, a: Sequence[Argument]) -> float:
+def _val(_: MachineInterface, a: Sequence[Argument]) -> float:
     return value_of(string(a[0]), whole(a[1]) if len(a) > 1 else 0)
 
 
-def _error(_: Machine, a: Sequence[Argument]) -> str:
+def _error(_: MachineInterface, a: Sequence[Argument]) -> str:
     code = code_of(whole(a[0]))
     return f"({code}){error_text(code)}" if code else ""
 
 
-def _errors(_: Machine, a: Sequence[Argument]) -> str:
+def _errors(_: MachineInterface, a: Sequence[Argument]) -> str:
     return error_text(string(a[0]).strip().upper())
 
 

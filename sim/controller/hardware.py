@@ -9,14 +9,14 @@ from forcemesh.clock import NS_PER_S
 from sim.controller.behaviour import Behaviour
 from sim.controller.errors import AsError
 from sim.controller.motion_queue import Ticket
-from sim.controller.motion_requests import Manner, Motion, Speed
+from sim.controller.motion_requests import MotionParameters, MotionRequest, ProgramSpeed
 from sim.controller.motion_settings import MotionSettings
 from sim.controller.network import Network
 from sim.controller.robot import Robot
 from sim.controller.scheduler import Scheduler
 from sim.controller.signals import Signals
-from sim.controller.switches import Switches
-from sim.controller.task import PC_PROGRAMS, ROBOT, Stop, Task
+from sim.controller.switches import SystemSwitches
+from sim.controller.task import PC_PROGRAMS, ROBOT, ProgramStop, Task
 from sim.controller.tcp import TcpUnit
 from sim.controller.timers import Timers
 from sim.controller.values import (
@@ -32,7 +32,7 @@ from sim.robot.scene import home_rad
 FACTORY_MONITOR_SPEED = 0.1
 
 
-class Parts:
+class ControllerHardware:
     """Arm, sockets, signals, timers, switches, tasks and their scheduler."""
 
     def __init__(
@@ -57,11 +57,11 @@ class Parts:
         self.teach_lock = False
         self.held = False
         self.emergency = False
-        self.error: Stop | None = None  # latched until ERESET
-        self.stops: list[Stop] = []
+        self.error: ProgramStop | None = None  # latched until ERESET
+        self.stops: list[ProgramStop] = []
         self.tasks = [Task(n, self.cycle_ended, self.failed) for n in (ROBOT, *PC_PROGRAMS)]
         self.scheduler = Scheduler(self.tasks, self._tick, self.behaviour, now_ns=now_ns)
-        self.switches = Switches(self._reports())
+        self.switches = SystemSwitches(self._reports())
         self.after_tick: list[Callable[[], None]] = []  # sensor feed, probe of a test
         self._later: list[tuple[int, Callable[[], None]]] = []
         self._line = ""  # pending output of PRINT with /S
@@ -115,7 +115,7 @@ class Parts:
 
     # --- the arm ----------------------------------------------------------------------------------
 
-    def move(self, motion: Motion) -> Ticket:
+    def move(self, motion: MotionRequest) -> Ticket:
         """Queue a motion of the robot program. Raises AsError."""
         self.robot.queue.continuous_path = self.switches.read("cp")
         ticket = self.robot.move(motion)
@@ -124,7 +124,7 @@ class Parts:
             self.scheduler.stall(self.behaviour.planning_stall_s)
         return ticket
 
-    def manner(self, speed: Speed | None = None) -> Manner:
+    def manner(self, speed: ProgramSpeed | None = None) -> MotionParameters:
         """Return the parameters of the next motion; an own speed does not use up SPEED."""
         return self.settings.take(self.robot.T_flange_tcp, speed)
 

@@ -10,10 +10,10 @@ from lark import Lark, Token
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken, VisitError
 
 from sim.controller import keywords, syntax
-from sim.controller.builder import Line
+from sim.controller.builder import ParsedLine
 from sim.controller.errors import AsError
 from sim.controller.statements import LineBuilder
-from sim.controller.token_classifier import Lexis
+from sim.controller.token_classifier import TokenClassifier
 
 GRAMMAR = Path(__file__).with_name("grammar.lark")
 DEEPEST = 100
@@ -50,7 +50,7 @@ def _lark() -> Lark:
         GRAMMAR.read_text(encoding="utf-8"),
         parser="lalr",
         lexer="basic",
-        postlex=Lexis(),
+        postlex=TokenClassifier(),
         start=["line", "parameters"],
         maybe_placeholders=False,
         transformer=LineBuilder(),
@@ -58,7 +58,7 @@ def _lark() -> Lark:
 
 
 @lru_cache(maxsize=2048)
-def parse_line(text: str) -> Line:
+def parse_line(text: str) -> ParsedLine:
     """Return label and statement of a line of a program; raise `LineError`.
 
     Cached by text: programs repeat lines, and versions of a program share most of them.
@@ -70,7 +70,7 @@ def parse_line(text: str) -> Line:
         if unread is not None:
             return unread
         raise _explain(text, error) from None
-    line = cast("Line", result)
+    line = cast("ParsedLine", result)
     _refuse_depth(line.statement)
     return line
 
@@ -86,14 +86,14 @@ def parse_parameters(text: str) -> tuple[syntax.Variable, ...]:
     return result
 
 
-def _unread(text: str) -> Line | None:
+def _unread(text: str) -> ParsedLine | None:
     """Accept a line with an unknown instruction as raw text: real backups contain such lines."""
     match = UNREAD.match(text)
     if match is None or keywords.instruction(match["word"]) or match["word"].upper() == "MC":
         return None
     words = syntax.Text((match["rest"] or "").strip())
     statement = syntax.Instruction(match["word"].upper(), (words,), unknown=True)
-    return Line(match["label"], statement)
+    return ParsedLine(match["label"], statement)
 
 
 def _explain(text: str, error: Exception) -> LineError:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forcemesh.errors import DataError
-from sim.controller.errors import Mistake
-from sim.controller.findings import Finding
+from sim.controller.errors import SyntaxMistake
+from sim.controller.findings import LintFinding
 from sim.controller.lint_lines import line_traps
 from sim.controller.lint_names import name_traps
 from sim.controller.lint_support import not_executed
@@ -19,12 +19,12 @@ from sim.controller.syntax import SourceFile
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class LintReport:
     """Result of a check: parsed file, mistakes and findings."""
 
     source: SourceFile
-    mistakes: tuple[Mistake, ...]
-    findings: tuple[Finding, ...]
+    mistakes: tuple[SyntaxMistake, ...]
+    findings: tuple[LintFinding, ...]
 
     def exit_code(self, *, strict: bool) -> int:
         """Return 2 if the file does not parse, 1 for findings in strict mode, else 0."""
@@ -33,19 +33,19 @@ class Report:
         return 1 if strict and self.findings else 0
 
 
-def check_text(text: str, name: str = "text") -> Report:
+def check_text(text: str, name: str = "text") -> LintReport:
     """Parse the text of a file and collect all mistakes and findings."""
     source, mistakes = examine(text, name)
     lines = re.split(r"\r\n|\n|\r", text)
     found = [
-        *(Finding(remark.where, "remark", remark.text) for remark in source.remarks),
+        *(LintFinding(remark.where, "remark", remark.text) for remark in source.remarks),
         *not_executed(source),
         *line_traps(source, lines),
         *traps(source),
         *name_traps(source),
         *task_traps(source),
     ]
-    return Report(source, mistakes, tuple(sorted(set(found), key=_in_order_of_file)))
+    return LintReport(source, mistakes, tuple(sorted(set(found), key=_in_order_of_file)))
 
 
 def check_file(path: Path, *, strict: bool) -> int:
@@ -59,7 +59,7 @@ def check_file(path: Path, *, strict: bool) -> int:
     return report.exit_code(strict=strict)
 
 
-def _print(report: Report, *, strict: bool) -> None:
+def _print(report: LintReport, *, strict: bool) -> None:
     for line in (*report.mistakes, *report.findings):
         sys.stdout.write(f"{line}\n")
     source = report.source
@@ -68,7 +68,7 @@ def _print(report: Report, *, strict: bool) -> None:
     sys.stdout.write(f"{source.name}: {_summary(report)}{_verdict(report, strict=strict)}\n")
 
 
-def _summary(report: Report) -> str:
+def _summary(report: LintReport) -> str:
     source = report.source
     steps = sum(len(program.steps) for program in source.programs.values())
     unsupported = sum(finding.kind == "not executed" for finding in report.findings)
@@ -80,10 +80,10 @@ def _summary(report: Report) -> str:
     return ", ".join(f"{count} {what}" for what, count in counts.items())
 
 
-def _verdict(report: Report, *, strict: bool) -> str:
+def _verdict(report: LintReport, *, strict: bool) -> str:
     verdicts: Sequence[str] = ("", "; strict: findings are errors", "; it does not parse")
     return verdicts[report.exit_code(strict=strict)]
 
 
-def _in_order_of_file(finding: Finding) -> tuple[int, str, str]:
+def _in_order_of_file(finding: LintFinding) -> tuple[int, str, str]:
     return finding.where.line, finding.rule, finding.text

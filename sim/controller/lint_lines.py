@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 
 from sim.controller import keywords
-from sim.controller.findings import Finding
+from sim.controller.findings import LintFinding
 from sim.controller.special_functions import ALL_NAMES
 from sim.controller.syntax import SIGNIFICANT_CHARACTERS, Position, SourceFile
 
@@ -14,7 +14,7 @@ NAME = re.compile(r"\.?[$#@&]?[A-Za-z][A-Za-z0-9_.]*", re.ASCII)
 NO_CODE = re.compile(r'"[^"]*"|\'.|;.*')
 
 
-def line_traps(source: SourceFile, lines: Sequence[str]) -> Iterator[Finding]:
+def line_traps(source: SourceFile, lines: Sequence[str]) -> Iterator[LintFinding]:
     """Yield warnings about the lines of the programs of a file."""
     spellings: dict[str, dict[str, Position]] = defaultdict(dict)
     for program in source.programs.values():
@@ -28,15 +28,15 @@ def line_traps(source: SourceFile, lines: Sequence[str]) -> Iterator[Finding]:
         yield from _names(names)
 
 
-def _characters(where: Position, line: str, code: str) -> Iterator[Finding]:
+def _characters(where: Position, line: str, code: str) -> Iterator[LintFinding]:
     if len(line) > LONGEST_LINE:
         text = f"{len(line)} columns; {LONGEST_LINE} are safe on every controller"
-        yield Finding(where, "long-line", text)
+        yield LintFinding(where, "long-line", text)
     if not line.isascii():
         text = "a character that is not ASCII: on LOAD it may swallow the end of the line"
-        yield Finding(where, "non-ascii", text)
+        yield LintFinding(where, "non-ascii", text)
     if "!=" in code:
-        yield Finding(where, "not-equal", "!= is not in the manual; write <>")
+        yield LintFinding(where, "not-equal", "!= is not in the manual; write <>")
 
 
 def _long_names(code: str) -> Iterator[str]:
@@ -51,11 +51,11 @@ def _significant(name: str) -> int:
     return SIGNIFICANT_CHARACTERS + len(name) - len(name.lstrip(".$#@&"))
 
 
-def _names(names: dict[str, Position]) -> Iterator[Finding]:
+def _names(names: dict[str, Position]) -> Iterator[LintFinding]:
     for name, where in names.items():
         short = name[: _significant(name)]
-        yield Finding(where, "long-name", f"{name} is {short}: 15 characters are significant")
+        yield LintFinding(where, "long-name", f"{name} is {short}: 15 characters are significant")
     first, *others = names
     for other in others:
         text = f"{other} and {first} are the same variable: their first 15 characters are equal"
-        yield Finding(names[other], "same-name", text)
+        yield LintFinding(names[other], "same-name", text)

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from sim.controller import keywords, syntax
-from sim.controller.findings import Finding, at
+from sim.controller.findings import LintFinding, at
 from sim.controller.memory import key_of
 from sim.controller.special_functions import ALL_NAMES
-from sim.controller.syntax import Program, SourceFile, Step, Variable
+from sim.controller.syntax import Program, ProgramStep, SourceFile, Variable
 from sim.controller.walk import nodes
 
 RESERVED = keywords.KNOWN | keywords.OPERATORS | keywords.STATEMENTS.keys() | ALL_NAMES
@@ -22,19 +22,20 @@ WRITERS = frozenset(
 class Uses:
     """Uses of a variable: first position, and kinds of use."""
 
-    place: tuple[Program, Step]
+    place: tuple[Program, ProgramStep]
     defined: bool = False
     scalar: bool = False
     array: bool = False
     kinds: set[str] = field(default_factory=set)
 
 
-def name_traps(source: SourceFile) -> Iterator[Finding]:
+def name_traps(source: SourceFile) -> Iterator[LintFinding]:
     """Yield warnings about the variables of a file."""
     shared: dict[str, Uses] = {}
     for item in source.data:
         uses = Uses(
-            (Program("", (), (), item.where), Step(0, syntax.Comment(), item.where)), defined=True
+            (Program("", (), (), item.where), ProgramStep(0, syntax.Comment(), item.where)),
+            defined=True,
         )
         shared.setdefault(key_of(item.variable), uses)
     for program in source.programs.values():
@@ -48,7 +49,9 @@ def name_traps(source: SourceFile) -> Iterator[Finding]:
     yield from _judge(shared, "")
 
 
-def _note(program: Program, step: Step, own: dict[str, Uses], shared: dict[str, Uses]) -> None:
+def _note(
+    program: Program, step: ProgramStep, own: dict[str, Uses], shared: dict[str, Uses]
+) -> None:
     written = dict(_written(step.statement))
     for node in nodes(step.statement):
         if not isinstance(node, Variable):
@@ -68,11 +71,11 @@ def _written(statement: syntax.Statement) -> Iterator[tuple[int, str]]:
     match statement:
         case syntax.Assign(target) | syntax.For(target):
             yield id(target), "real"
-        case syntax.Point(target) | syntax.Here(target):
+        case syntax.PointStatement(target) | syntax.Here(target):
             yield id(target), "location"
         case syntax.Decompose(target):
             yield id(target), "passed"
-        case syntax.Call(arguments=arguments):
+        case syntax.CallStatement(arguments=arguments):
             yield from ((id(_variable(item)), "passed") for item in arguments)
         case syntax.Scall(result=result):
             yield id(result), "real"
@@ -86,7 +89,7 @@ def _variable(item: syntax.Expression | None) -> object:
     return item.variable if isinstance(item, syntax.Reference) else item
 
 
-def _judge(names: dict[str, Uses], dot: str) -> Iterator[Finding]:
+def _judge(names: dict[str, Uses], dot: str) -> Iterator[LintFinding]:
     for key, uses in names.items():
         program, step = uses.place
         name = f"{dot}{key}"

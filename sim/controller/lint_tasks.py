@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Mapping
 
 from sim.controller import syntax
-from sim.controller.findings import Finding, at
-from sim.controller.syntax import Program, SourceFile, Step
+from sim.controller.findings import LintFinding, at
+from sim.controller.syntax import Program, ProgramStep, SourceFile
 from sim.controller.walk import steps_with_nodes
 
 MOTION = frozenset(
@@ -14,7 +14,7 @@ MOTION = frozenset(
 FRAMES = frozenset({"BASE", "TOOL"})
 
 
-def task_traps(source: SourceFile) -> Iterator[Finding]:
+def task_traps(source: SourceFile) -> Iterator[LintFinding]:
     """Yield warnings about calls, shared subroutines and statements not allowed in a task."""
     programs = source.programs
     calls = {name: set(_called(program)) for name, program in programs.items()}
@@ -34,7 +34,7 @@ def task_traps(source: SourceFile) -> Iterator[Finding]:
 def _called(program: Program) -> Iterator[str]:
     for step in program.steps:
         match step.statement:
-            case syntax.Call(program=name):
+            case syntax.CallStatement(program=name):
                 yield name
             case syntax.Instruction(name="ONE" | "ON" | "ONI", arguments=arguments):
                 yield from (item.name for item in arguments if isinstance(item, syntax.Word))
@@ -66,18 +66,20 @@ def _reached(root: str, calls: Mapping[str, set[str]]) -> set[str]:
     return reached
 
 
-def _shared(programs: Mapping[str, Program], tasks: Mapping[str, set[str]]) -> Iterator[Finding]:
+def _shared(
+    programs: Mapping[str, Program], tasks: Mapping[str, set[str]]
+) -> Iterator[LintFinding]:
     for name, program in programs.items():
         users = [task for task, reached in tasks.items() if name in reached]
         if len(users) > 1 and name not in tasks:
             text = f"{name} is called from {' and '.join(users)}: in two tasks at once it is P1014"
-            yield Finding(program.where, "shared-program", text, program=name)
+            yield LintFinding(program.where, "shared-program", text, program=name)
 
 
-def _calls(program: Program, programs: Mapping[str, Program]) -> Iterator[Finding]:
+def _calls(program: Program, programs: Mapping[str, Program]) -> Iterator[LintFinding]:
     for step in program.steps:
         match step.statement:
-            case syntax.Call(program=name, arguments=arguments):
+            case syntax.CallStatement(program=name, arguments=arguments):
                 called = programs.get(name)
                 if called is None:
                     yield at(program, step, "no-program", f"there is no program {name} in the file")
@@ -91,8 +93,11 @@ def _calls(program: Program, programs: Mapping[str, Program]) -> Iterator[Findin
 
 
 def _types(
-    program: Program, step: Step, called: Program, arguments: tuple[syntax.Expression | None, ...]
-) -> Iterator[Finding]:
+    program: Program,
+    step: ProgramStep,
+    called: Program,
+    arguments: tuple[syntax.Expression | None, ...],
+) -> Iterator[LintFinding]:
     for number, (given, wanted) in enumerate(zip(arguments, called.parameters, strict=True), 1):
         variable = given.variable if isinstance(given, syntax.Reference) else given
         if isinstance(variable, syntax.Variable) and variable.kind != wanted.kind:
@@ -100,13 +105,13 @@ def _types(
             yield at(program, step, "P0138", f"{text}the parameter is {wanted.spelling}")
 
 
-def _forbidden(program: Program, root: str) -> Iterator[Finding]:
+def _forbidden(program: Program, root: str) -> Iterator[LintFinding]:
     for step, node in steps_with_nodes(program):
         match node:
             case syntax.Instruction(name=name) if name in MOTION:
                 text = f"{name} in PC program {root}: motion belongs in the robot program"
                 yield at(program, step, "E1095", text)
-            case syntax.Instruction(name=name) | syntax.Function(name=name) if name in FRAMES:
+            case syntax.Instruction(name=name) | syntax.FunctionCall(name=name) if name in FRAMES:
                 yield at(program, step, "pc-frame", f"{name} cannot be used in PC program {root}")
             case _:
                 pass

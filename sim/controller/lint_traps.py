@@ -3,11 +3,19 @@
 from collections.abc import Iterator
 
 from sim.controller import syntax
-from sim.controller.findings import Finding, at
+from sim.controller.findings import LintFinding, at
 from sim.controller.formats import OPTIONAL
 from sim.controller.functions_text import DECIMAL
 from sim.controller.operations import FAST_RELATIONS
-from sim.controller.syntax import Binary, Expression, Function, Number, Program, SourceFile, Step
+from sim.controller.syntax import (
+    Binary,
+    Expression,
+    FunctionCall,
+    Number,
+    Program,
+    ProgramStep,
+    SourceFile,
+)
 from sim.controller.walk import nodes, steps_with_nodes
 
 RELATIONS = frozenset(FAST_RELATIONS)
@@ -19,7 +27,7 @@ TIMEOUTS = {"TCP_ACCEPT": 2, "TCP_CONNECT": 3, "TCP_SEND": 4, "TCP_RECV": 4}
 PORTS = {"TCP_LISTEN": 1, "TCP_ACCEPT": 1, "TCP_END_LISTEN": 1}
 
 
-def traps(source: SourceFile) -> Iterator[Finding]:
+def traps(source: SourceFile) -> Iterator[LintFinding]:
     """Yield warnings about statements that are valid but probably unintended."""
     flags = set(_flags(source))
     for program in source.programs.values():
@@ -31,7 +39,7 @@ def traps(source: SourceFile) -> Iterator[Finding]:
                          " never equal; write the condition alone, or == TRUE")  # fmt: skip
 
 
-def _expression(program: Program, step: Step, node: object) -> Iterator[Finding]:
+def _expression(program: Program, step: ProgramStep, node: object) -> Iterator[LintFinding]:
     match node:
         case Binary(operator, syntax.Unary("NOT"), _) if operator in RELATIONS:
             text = f"NOT binds tighter than {operator}: NOT a {operator} b is (NOT a) {operator} b"
@@ -43,27 +51,27 @@ def _expression(program: Program, step: Step, node: object) -> Iterator[Finding]
             yield at(program, step, "text-relation", text)
         case syntax.Format(code) if code in OPTIONAL:
             yield at(program, step, "optional-format", f"/{code} is an option of the controller")
-        case Function("VAL", (syntax.Text(value), *_)) if not _is_number(value):
+        case FunctionCall("VAL", (syntax.Text(value), *_)) if not _is_number(value):
             yield at(program, step, "val", f"the result of VAL for {value!a} is not documented")
         case _:
             pass
 
 
-def _instruction(program: Program, step: Step, node: object) -> Iterator[Finding]:
+def _instruction(program: Program, step: ProgramStep, node: object) -> Iterator[LintFinding]:
     match node:
         case syntax.Goto(label=label, target=syntax.UNRESOLVED):
             yield at(program, step, "E0101", f"there is no label {label} in {program.name}")
-        case syntax.Case(selector, text=False) if _is_text(selector):
+        case syntax.CaseStatement(selector, text=False) if _is_text(selector):
             yield at(program, step, "text-case", "CASE takes a number; a string needs SCASE")
         case syntax.Instruction(name=name, arguments=arguments):
             yield from _tcp(program, step, name, arguments)
-        case syntax.Step() | _ if step.label == "any" and node is step.statement:
+        case syntax.ProgramStep() | _ if step.label == "any" and node is step.statement:
             yield at(program, step, "any-label", "ANY: without a blank before the colon is a label")
 
 
 def _tcp(
-    program: Program, step: Step, name: str, arguments: tuple[Expression | None, ...]
-) -> Iterator[Finding]:
+    program: Program, step: ProgramStep, name: str, arguments: tuple[Expression | None, ...]
+) -> Iterator[LintFinding]:
     timeout_s = _constant(arguments, TIMEOUTS.get(name))
     if timeout_s is not None and not 1.0 <= timeout_s <= 60.0:
         text = f"the time-out of {name} is 1 to 60 s, not {timeout_s:g}; less may not be honoured"
@@ -93,7 +101,7 @@ def _is_truth(value: Expression) -> bool:
             return True
         case Binary(operator):
             return operator in RELATIONS or operator in LOGICAL
-        case Function(name):
+        case FunctionCall(name):
             return name in TRUTHS
         case _:
             return False
@@ -115,7 +123,7 @@ def _is_text(node: Expression) -> bool:
     for inner in nodes(node):
         if isinstance(inner, Binary) and inner.operator == "+":
             continue
-        if isinstance(inner, Function):
+        if isinstance(inner, FunctionCall):
             return inner.name.startswith("$")
         return isinstance(inner, syntax.Text) or getattr(inner, "kind", "") == "$"
     return False

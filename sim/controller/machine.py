@@ -10,7 +10,7 @@ from sim.controller.errors import AsError
 from sim.controller.memory import Memory
 from sim.controller.pendant import Pendant
 from sim.controller.planner import reach_error
-from sim.controller.program_control import Control
+from sim.controller.program_control import ProgramControl
 from sim.controller.speeds import checked
 from sim.controller.syntax import SourceFile
 from sim.controller.task import PC_PROGRAMS, ROBOT
@@ -21,7 +21,7 @@ OUT_OF_REACH = 32768
 _TASK_STATES = {"idle": 0, "running": 1, "held": 2, "stopped": 2, "ending": 3}
 
 
-class Machine(Control):
+class Machine(ProgramControl):
     """Complete emulated controller; implements `machine_api.Machine`. Arguments as for `Parts`."""
 
     def __init__(self, *args: object, **kwargs: object) -> None:

@@ -1,15 +1,15 @@
 """Interface from the language to the machine: robot, signals and tasks.
 
-`Machine` implements it; expressions use nothing else. Lengths in mm, angles in degrees.
+`MachineInterface` implements it; expressions use nothing else. Lengths in mm, angles in degrees.
 """
 
 from typing import Protocol
 
-from sim.controller.memory import Locals, Names
+from sim.controller.memory import Locals, Namespace
 from sim.controller.values import Joints, Pose, Transformation
 
 
-class Machine(Protocol):
+class MachineInterface(Protocol):
     """Controller as seen by the language.
 
     Methods raise `AsError` as AS does: `base` and `tool` in a PC program, numbers of signals and
@@ -87,7 +87,7 @@ class Machine(Protocol):
         """Return whether a program of that name (lower case) is loaded (EXISTPGM)."""
 
 
-class Context(Protocol):
+class EvaluationContext(Protocol):
     """Evaluation context of an expression: task variables and machine."""
 
     @property
@@ -95,9 +95,9 @@ class Context(Protocol):
         """The local variables of the running program."""
 
     @property
-    def globals(self) -> Names:
+    def globals(self) -> Namespace:
         """The global variables."""
 
     @property
-    def machine(self) -> Machine:
+    def machine(self) -> MachineInterface:
         """The controller that executes the task."""

@@ -26,7 +26,7 @@ HOLDS: dict[str, tuple[type, ...]] = {
 Index = int | tuple[int, ...]
 
 
-class Cell:
+class VariableCell:
     """One variable or array element."""
 
     __slots__ = ("value",)
@@ -44,13 +44,13 @@ class Array:
 
     def __init__(self) -> None:
         """Create an empty array."""
-        self.cells: dict[Index, Cell] = {}
+        self.cells: dict[Index, VariableCell] = {}
 
-    def cell(self, index: Index) -> Cell:
+    def cell(self, index: Index) -> VariableCell:
         """Return an element, undefined if it is new."""
         found = self.cells.get(index)
         if found is None:
-            found = self.cells[index] = Cell()
+            found = self.cells[index] = VariableCell()
         return found
 
     def indices(self, dimension: int = 1) -> list[int]:
@@ -65,19 +65,19 @@ class Array:
         return any(cell.value is not None for cell in self.cells.values())
 
 
-class Names(dict[str, Cell | Array]):
+class Namespace(dict[str, VariableCell | Array]):
     """A namespace: spelling without index and without the dot of locals -> Cell or Array."""
 
     __slots__ = ()
 
-    def scalar(self, key: str) -> Cell:
+    def scalar(self, key: str) -> VariableCell:
         """Return a variable, undefined if it is new; P0133 if the name is an array."""
         found = self.get(key)
-        if isinstance(found, Cell):
+        if isinstance(found, VariableCell):
             return found
         if found is not None and found.defined:
             raise AsError("P0133", f"{key} is an array")
-        cell = self[key] = Cell()
+        cell = self[key] = VariableCell()
         return cell
 
     def array(self, key: str) -> Array:
@@ -91,7 +91,7 @@ class Names(dict[str, Cell | Array]):
         return array
 
 
-Locals = Names
+Locals = Namespace
 
 
 class Memory:
@@ -99,7 +99,7 @@ class Memory:
 
     def __init__(self, data: Iterable[DataValue] = ()) -> None:
         """Initialise from the data sections of a file."""
-        self.globals = Names()
+        self.globals = Namespace()
         self.fill(data)
 
     def fill(self, data: Iterable[DataValue]) -> None:
@@ -118,8 +118,8 @@ class Memory:
         """Return a global by its spelling, such as `$s` or `x[1,2]`; None if it is undefined."""
         name, _, rest = spelling.lower().partition("[")
         entry = self.globals.get(name)
-        if not rest or isinstance(entry, Cell) or entry is None:
-            return entry.value if isinstance(entry, Cell) and not rest else None
+        if not rest or isinstance(entry, VariableCell) or entry is None:
+            return entry.value if isinstance(entry, VariableCell) and not rest else None
         cell = entry.cells.get(index_of([int(n) for n in rest.rstrip("]").split(",")]))
         return None if cell is None else cell.value
 
@@ -181,7 +181,7 @@ def plain(value: Value) -> str:
 
 
 def bind(
-    parameters: Sequence[Variable], arguments: Sequence[Cell | Array | None], program: str
+    parameters: Sequence[Variable], arguments: Sequence[VariableCell | Array | None], program: str
 ) -> Locals:
     """Return the locals of a call, its parameters bound to the arguments.
 
@@ -195,11 +195,15 @@ def bind(
     for number, (parameter, given) in enumerate(zip(parameters, arguments, strict=True), start=1):
         entry = given
         if entry is None:
-            entry = Array() if parameter.whole else Cell()
+            entry = Array() if parameter.whole else VariableCell()
         if isinstance(entry, Array) != parameter.whole:
             what = "an array" if parameter.whole else "a single value"
             raise AsError("P0138", f"argument {number} of {program} must be {what}")
-        if isinstance(entry, Cell) and entry.value is not None and not fits(parameter, entry.value):
+        if (
+            isinstance(entry, VariableCell)
+            and entry.value is not None
+            and not fits(parameter, entry.value)
+        ):
             text = f"argument {number} of {program} is {plain(entry.value)}"
             raise AsError("P0138", f"{text}, the parameter {parameter.spelling} is not")
         names[key_of(parameter)] = entry

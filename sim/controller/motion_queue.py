@@ -12,7 +12,7 @@ import numpy as np
 from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
 from sim.controller.errors import AsError
-from sim.controller.motion_requests import Motion
+from sim.controller.motion_requests import MotionRequest
 from sim.controller.planner import joint_target, plan
 from sim.controller.segment import Segment
 
@@ -22,7 +22,7 @@ TicketState = Literal["waiting", "under way", "finished", "dropped", "failed"]
 class Ticket:
     """State of a queued motion."""
 
-    def __init__(self, motion: Motion) -> None:
+    def __init__(self, motion: MotionRequest) -> None:
         """Create the ticket of a motion that has not started."""
         self.motion = motion
         self.state: TicketState = "waiting"
@@ -45,7 +45,7 @@ class MotionQueue:
         self.q_command: Array = np.array(q_start, dtype=float)
         self.q_end: Array = self.q_command  # end of the last queued motion
         self._base: Array = self.q_command  # base of the displacements of the active segments
-        self.last: Motion | None = None
+        self.last: MotionRequest | None = None
         self.started = 0
 
     # --- interface for the program ----------------------------------------------------------------
@@ -65,7 +65,7 @@ class MotionQueue:
         """Whether a motion can be queued now."""
         return self.ahead is None
 
-    def offer(self, motion: Motion, *, arrived: bool) -> Ticket:
+    def offer(self, motion: MotionRequest, *, arrived: bool) -> Ticket:
         """Queue a motion; it starts at once if no motion is active.
 
         Raises AsError if its target cannot be reached from the end of the last motion.

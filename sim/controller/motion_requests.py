@@ -18,7 +18,7 @@ SpeedUnit = Literal["%", "M/S", "S"]
 
 
 @dataclass(frozen=True, slots=True)
-class Speed:
+class ProgramSpeed:
     """Program speed: a percentage, metres per second, or the duration of the motion in seconds."""
 
     value: float = 100.0
@@ -40,10 +40,10 @@ class Speed:
 
 
 @dataclass(frozen=True, slots=True)
-class Manner:
+class MotionParameters:
     """Motion parameters: snapshot of the program's settings at the step of the motion."""
 
-    speed: Speed = Speed()
+    speed: ProgramSpeed = ProgramSpeed()
     accuracy_m: float = 0.001
     accel_fraction: float = 1.0
     decel_fraction: float = 1.0
@@ -51,11 +51,11 @@ class Manner:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class MotionRequest:
     """One motion. Exactly one of the targets is set, or `pause_s` for DELAY and STABLE."""
 
     kind: Literal["linear", "joint", "pause"]
-    manner: Manner
+    manner: MotionParameters
     T_base_tcp: pin.SE3 | None = None
     q: Array | None = None
     pause_s: float = 0.0

@@ -5,7 +5,7 @@ from typing import Any
 
 import pinocchio as pin
 
-from sim.controller.motion_requests import Manner, Speed
+from sim.controller.motion_requests import MotionParameters, ProgramSpeed
 
 
 class MotionSettings:
@@ -21,12 +21,12 @@ class MotionSettings:
         self._always, self._next = {}, {}
 
     def change(self, field: str, value: Any, *, always: bool) -> None:
-        """Set one field of `Manner`, permanently or for the next motion only."""
+        """Set one field of `MotionParameters`, permanently or for the next motion only."""
         self._next.pop(field, None)
         (self._always if always else self._next)[field] = value
 
-    def take(self, T_flange_tcp: pin.SE3, speed: Speed | None = None) -> Manner:
+    def take(self, T_flange_tcp: pin.SE3, speed: ProgramSpeed | None = None) -> MotionParameters:
         """Return the parameters of the motion to be queued, optionally with its own speed."""
-        manner = Manner(**{**self._always, **self._next})
+        manner = MotionParameters(**{**self._always, **self._next})
         self._next = {}
         return replace(manner, T_flange_tcp=T_flange_tcp, speed=speed or manner.speed)

@@ -15,7 +15,7 @@ WIRE_BYTES = 16_384  # buffer of an in-memory stream before its writer has to wa
 ANY_ADDRESS = ""  # a controller listens on its Ethernet port at any address
 
 
-class Stream(Protocol):
+class ByteStream(Protocol):
     """One end of a connection."""
 
     @property
@@ -38,7 +38,7 @@ class Stream(Protocol):
 class Listener(Protocol):
     """Listening port."""
 
-    def accept(self) -> Stream | None:
+    def accept(self) -> ByteStream | None:
         """Return a new connection, or None."""
 
     def close(self) -> None:
@@ -51,7 +51,7 @@ class Network(Protocol):
     def listen(self, port: int) -> Listener:
         """Open a port. Raises OSError if it is in use."""
 
-    def connect(self, peer: Octets, port: int) -> Stream:
+    def connect(self, peer: Octets, port: int) -> ByteStream:
         """Start a connection; it is established later (`ready`). Raises OSError."""
 
 
@@ -122,7 +122,7 @@ class SocketListener:
         port: int = self._socket.getsockname()[1]
         return port
 
-    def accept(self) -> Stream | None:
+    def accept(self) -> ByteStream | None:
         """Return a new connection, or None."""
         try:
             connection, address = self._socket.accept()
@@ -151,7 +151,7 @@ class SocketNetwork:
         self.bound[port] = listener.port
         return listener
 
-    def connect(self, peer: Octets, port: int) -> Stream:
+    def connect(self, peer: Octets, port: int) -> ByteStream:
         """Start a connection; it is established later (`ready`). Raises OSError."""
         connection = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         stream = SocketStream(connection, peer, pending=True)
@@ -228,7 +228,7 @@ class MemoryListener:
         self._network, self._port = network, port
         self.waiting: deque[MemoryStream] = deque()
 
-    def accept(self) -> Stream | None:
+    def accept(self) -> ByteStream | None:
         """Return a new connection, or None."""
         return self.waiting.popleft() if self.waiting else None
 
@@ -253,7 +253,7 @@ class MemoryNetwork:
         self.listeners[port] = MemoryListener(self, port)
         return self.listeners[port]
 
-    def connect(self, peer: Octets, port: int) -> Stream:
+    def connect(self, peer: Octets, port: int) -> ByteStream:
         """Connect to a port of this network. Raises OSError if it is not open."""
         stream = self.dial(port)
         stream.peer = peer

@@ -3,7 +3,7 @@
 import operator
 from collections.abc import Callable
 
-from sim.controller.machine_api import Context
+from sim.controller.machine_api import EvaluationContext
 from sim.controller.operators import BINARY, UNARY
 from sim.controller.values import Value, single, text
 from sim.controller.variables import Read
@@ -51,7 +51,7 @@ def compile_with_constant(sign: str, left: Read, constant: float) -> Read:
 
 
 def _plus(slow: Callable[[Value, Value], Value], left: Read, right: Read) -> Read:
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         a, b = left(context), right(context)
         if a.__class__ is float and b.__class__ is float:
             return single(a + b)
@@ -66,7 +66,7 @@ def _arithmetic(
     fast: Callable[[float, float], float], slow: Callable[[Value, Value], Value],
     left: Read, right: Read,
 ) -> Read:  # fmt: skip
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         a, b = left(context), right(context)
         if a.__class__ is float and b.__class__ is float:
             return single(fast(a, b))
@@ -79,7 +79,7 @@ def _relation(
     fast: Callable[[float, float], bool], slow: Callable[[Value, Value], Value],
     left: Read, right: Read,
 ) -> Read:  # fmt: skip
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         a, b = left(context), right(context)
         if a.__class__ is float and b.__class__ is float:
             return -1.0 if fast(a, b) else 0.0
@@ -92,7 +92,7 @@ def _constant_arithmetic(
     fast: Callable[[float, float], float], slow: Callable[[Value, Value], Value],
     left: Read, constant: float,
 ) -> Read:  # fmt: skip
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         value = left(context)
         if value.__class__ is float:
             return single(fast(value, constant))
@@ -105,7 +105,7 @@ def _constant_relation(
     fast: Callable[[float, float], bool], slow: Callable[[Value, Value], Value],
     left: Read, constant: float,
 ) -> Read:  # fmt: skip
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         value = left(context)
         if value.__class__ is float:
             return -1.0 if fast(value, constant) else 0.0
@@ -118,7 +118,7 @@ def _logic(
     fast: Callable[[bool, bool], bool], slow: Callable[[Value, Value], Value],
     left: Read, right: Read,
 ) -> Read:  # fmt: skip
-    def run(context: Context) -> Value:
+    def run(context: EvaluationContext) -> Value:
         a, b = left(context), right(context)
         if a.__class__ is float and b.__class__ is float:
             return -1.0 if fast(a != 0.0, b != 0.0) else 0.0

@@ -12,7 +12,7 @@ from pathlib import Path
 from forcemesh.errors import DataError
 from sim.controller import syntax
 from sim.controller.builder import short_name
-from sim.controller.errors import AsSyntaxError, Mistake
+from sim.controller.errors import AsSyntaxError, SyntaxMistake
 from sim.controller.lines import LineError, parse_line, parse_parameters
 from sim.controller.sections import DATA_SECTIONS, data_line
 from sim.controller.structure import Linker
@@ -20,10 +20,10 @@ from sim.controller.syntax import (
     SIGNIFICANT_CHARACTERS,
     Position,
     Program,
+    ProgramStep,
     Remark,
-    Section,
+    SkippedSection,
     SourceFile,
-    Step,
 )
 
 HEADER = re.compile(r"\.(?P<word>[A-Za-z][A-Za-z0-9_]*)(?P<rest>.*)", re.DOTALL)
@@ -52,7 +52,7 @@ def parse(text: str, name: str = "text") -> SourceFile:
 
 
 @lru_cache(maxsize=8)
-def examine(text: str, name: str = "text") -> tuple[SourceFile, tuple[Mistake, ...]]:
+def examine(text: str, name: str = "text") -> tuple[SourceFile, tuple[SyntaxMistake, ...]]:
     """Parse the text of a file; return the parsed part, and every mistake.
 
     The result is immutable and cached: equal texts share it.
@@ -72,9 +72,9 @@ class _Reader:
         self.program: _ProgramReader | None = None
         self.programs: dict[str, Program] = {}
         self.data: list[syntax.DataValue] = []
-        self.skipped: list[Section] = []
+        self.skipped: list[SkippedSection] = []
         self.remarks: list[Remark] = []
-        self.mistakes: list[Mistake] = []
+        self.mistakes: list[SyntaxMistake] = []
 
     def read(self, line: str, where: Position) -> None:
         """Parse the next line."""
@@ -97,7 +97,7 @@ class _Reader:
             text = f"{stripped!a:.60} is outside of any .PROGRAM or data section"
             self._complain(where, "P0109", text)
 
-    def finish(self) -> tuple[SourceFile, tuple[Mistake, ...]]:
+    def finish(self) -> tuple[SourceFile, tuple[SyntaxMistake, ...]]:
         """Return the file and its mistakes in the order of the file."""
         if self.program is not None:
             self._complain(self.program.where, "P0140", "the program has no .END")
@@ -112,7 +112,7 @@ class _Reader:
         if self.section == ".PROGRAM":
             self.program = _ProgramReader(header["rest"], where)
         elif self.section not in DATA_SECTIONS:
-            self.skipped.append(Section(self.section, where))
+            self.skipped.append(SkippedSection(self.section, where))
 
     def _close(self) -> None:
         if self.program is None:
@@ -136,7 +136,7 @@ class _Reader:
             self._complain(where, error.code, error.text)
 
     def _complain(self, where: Position, code: str, text: str) -> None:
-        self.mistakes.append(Mistake(where, code, text))
+        self.mistakes.append(SyntaxMistake(where, code, text))
 
 
 class _ProgramReader:
@@ -144,9 +144,9 @@ class _ProgramReader:
 
     def __init__(self, header: str, where: Position) -> None:
         self.where = where
-        self.mistakes: list[Mistake] = []
+        self.mistakes: list[SyntaxMistake] = []
         self.remarks: list[Remark] = []
-        self.steps: list[Step] = []
+        self.steps: list[ProgramStep] = []
         self.labels: dict[str, int] = {}
         self.name = ""
         self.parameters: tuple[syntax.Variable, ...] = ()
@@ -157,7 +157,7 @@ class _ProgramReader:
                 text = f"only the first {SIGNIFICANT_CHARACTERS} characters of {name} are used"
                 self.remarks.append(Remark(where, text))
         except LineError as error:
-            self.mistakes.append(Mistake(where, error.code, error.text))
+            self.mistakes.append(SyntaxMistake(where, error.code, error.text))
 
     def read(self, line: str, where: Position) -> None:
         """Parse the next line; blank lines are not steps."""
@@ -167,13 +167,13 @@ class _ProgramReader:
         try:
             parsed = parse_line(line)
         except LineError as error:
-            self.mistakes.append(Mistake(where, error.code, error.text, error.column))
+            self.mistakes.append(SyntaxMistake(where, error.code, error.text, error.column))
             return
         if parsed.label is not None:
             self._label(parsed.label, where)
         number = len(self.steps) + 1
         statement = parsed.statement or syntax.Comment()
-        self.steps.append(Step(number, statement, where, text, parsed.label))
+        self.steps.append(ProgramStep(number, statement, where, text, parsed.label))
 
     def finish(self) -> Program:
         """Link the steps and return the program."""
@@ -187,7 +187,7 @@ class _ProgramReader:
         if label in self.labels:
             first = self.steps[self.labels[label]].where.line
             text = f"label {label} is already defined in line {first}"
-            self.mistakes.append(Mistake(where, "P0146", text))
+            self.mistakes.append(SyntaxMistake(where, "P0146", text))
         self.labels.setdefault(label, len(self.steps))
 
 

@@ -1,12 +1,12 @@
 """Teach pendant and operation panel: motor power, REPEAT/TEACH, teach lock, HOLD/RUN."""
 
-from sim.controller.program_control import Control
+from sim.controller.program_control import ProgramControl
 
 
 class Pendant:
     """Buttons and switches of the controller, with immediate effect."""
 
-    def __init__(self, controller: Control) -> None:
+    def __init__(self, controller: ProgramControl) -> None:
         """Connect to a controller."""
         self._controller = controller
 

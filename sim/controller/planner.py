@@ -14,13 +14,13 @@ from sim.controller.motion_requests import (
     JOINT_ACCEL_TIME_S,
     LINEAR_ACCEL_M_S2,
     LINEAR_MAX_M_S,
-    Motion,
+    MotionRequest,
 )
 from sim.controller.paths import TcpLine
 from sim.controller.segment import Ramp, Segment
 
 _LEAST_EXTENT = 1e-9
-_NO_WAY = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion of zero length
+_ZERO_LENGTH = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion of zero length
 _WHOLE_TURN_RAD = 2.0 * np.pi
 # Further start values of the inverse kinematics if it fails from the current joints [deg]: JT1
 # and JT5 decide the branch, so these few cover all branches.
@@ -32,7 +32,7 @@ _STARTS_DEG = tuple(
 )
 
 
-def plan(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment:
+def plan(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> Segment:
     """Return the segment of a motion that starts at q_from [rad].
 
     Raises AsError: E6007, E6008, E6016 if the target or its path cannot be reached.
@@ -43,7 +43,7 @@ def plan(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment:
     return _joint(kinematics, motion, q_from=q_from, q_to=q_to)
 
 
-def joint_target(kinematics: ArmKinematics, motion: Motion, q_near: Array) -> Array:
+def joint_target(kinematics: ArmKinematics, motion: MotionRequest, q_near: Array) -> Array:
     """Return the joint angles [rad] at the end of a motion, near `q_near`.
 
     Raises AsError: E6007, E6008, E6016 if the target cannot be reached.
@@ -97,7 +97,7 @@ def reach_error(reason: str) -> AsError:
     return AsError("E6016" if "singular" in reason else "E6008", reason)
 
 
-def _linear(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment:
+def _linear(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> Segment:
     tool = motion.manner.T_flange_tcp or pin.SE3.Identity()
     T_from = kinematics.flange_pose(q_from) * tool
     T_to = motion.T_base_tcp
@@ -105,7 +105,7 @@ def _linear(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment
         T_to = kinematics.flange_pose(joint_target(kinematics, motion, q_from)) * tool
     line = TcpLine(kinematics, T_flange_tcp=tool, T_from=T_from, T_to=T_to)
     if line.extent_m < _LEAST_EXTENT:
-        return Segment(line, _NO_WAY, q_from=q_from, q_to=q_from)
+        return Segment(line, _ZERO_LENGTH, q_from=q_from, q_to=q_from)
     end = line.walk(q_from)
     if end.q is None:
         raise reach_error(end.reason)
@@ -120,11 +120,13 @@ def _linear(kinematics: ArmKinematics, motion: Motion, q_from: Array) -> Segment
     return Segment(line, ramp, q_from=q_from, q_to=end.q)
 
 
-def _joint(kinematics: ArmKinematics, motion: Motion, *, q_from: Array, q_to: Array) -> Segment:
+def _joint(
+    kinematics: ArmKinematics, motion: MotionRequest, *, q_from: Array, q_to: Array
+) -> Segment:
     full_speed_s = float((np.abs(q_to - q_from) / MAX_SPEED_RAD_S).max())
     path, manner = JointPath(kinematics, q_from, q_to), motion.manner
     if full_speed_s < _LEAST_EXTENT:
-        return Segment(path, _NO_WAY, q_from=q_from, q_to=q_from)
+        return Segment(path, _ZERO_LENGTH, q_from=q_from, q_to=q_from)
     # The manual's 100 % ramps take every joint to its full speed in the same time. The flange
     # also stays within the linear ramp, which limits the acceleration of the tool.
     full_accel = min(

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from forcemesh.clock import NS_PER_S
 from sim.controller.compiled import Compiled
 from sim.controller.errors import AsError
-from sim.controller.hardware import Parts
+from sim.controller.hardware import ControllerHardware
 from sim.controller.memory import Locals
-from sim.controller.task import FOR_EVER, PC_PROGRAMS, Frame, Stop, Task
+from sim.controller.task import FOR_EVER, PC_PROGRAMS, ProgramStop, StackFrame, Task
 
 
-class Control(Parts):
+class ProgramControl(ControllerHardware):
     """Loaded programs of the controller and their execution control."""
 
     programs: Mapping[str, Compiled] = {}
@@ -104,7 +104,7 @@ class Control(Parts):
     # --- cycles -----------------------------------------------------------------------------------
 
     def _start(self, task: Task, program: Compiled, *, cycles: int, step: int) -> None:
-        task.start(Frame(program, Locals(), pc=step - 1), cycles=cycles)
+        task.start(StackFrame(program, Locals(), pc=step - 1), cycles=cycles)
         task.began_ns = self.now_ns
 
     def cycle_ended(self, task: Task) -> None:
@@ -115,7 +115,7 @@ class Control(Parts):
             self.end(task)
             return
         program = task.frames[0].program
-        task.frames = [Frame(program, Locals())]
+        task.frames = [StackFrame(program, Locals())]
         due_ns = task.began_ns + round(task.scan_s * NS_PER_S)
         if due_ns > self.now_ns:
             task.wait(lambda now_ns: now_ns >= due_ns)
@@ -151,11 +151,11 @@ class Control(Parts):
             except AsError:
                 pass
             else:
-                task.frames.append(Frame(handler, Locals(), handles=error))
+                task.frames.append(StackFrame(handler, Locals(), handles=error))
                 return
         self._stop(task, stop)
 
-    def _stop(self, task: Task, stop: Stop) -> None:
+    def _stop(self, task: Task, stop: ProgramStop) -> None:
         task.stop = stop
         self.error = stop
         task.set_state("stopped" if task.is_robot else "idle")

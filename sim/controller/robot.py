@@ -11,7 +11,7 @@ from common.motion.frames import Array
 from common.motion.kinematics import IkResult
 from sim.controller.errors import AsError
 from sim.controller.motion_queue import MotionQueue, Ticket
-from sim.controller.motion_requests import Motion
+from sim.controller.motion_requests import MotionRequest
 from sim.controller.planner import inverse
 from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S
@@ -91,7 +91,7 @@ class Robot:
         still = not self.arm.moving or self._off_rad() < _STANDING_RAD
         return still or self.arm.ticks - self._commanded_at > _SETTLED_TICKS
 
-    def move(self, motion: Motion) -> Ticket:
+    def move(self, motion: MotionRequest) -> Ticket:
         """Queue a motion. Raises AsError: P1000, E6007, E6008, E6016."""
         if not self.motor_power:
             raise AsError("P1000")

@@ -11,16 +11,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.runtime.priority import give_up_realtime_priority
 from common.runtime.service import (
     HealthReporter,
     Runner,
     exit_on_error,
-    refuse_unless_played_by,
+    prepare_realtime,
+    refuse_other_implementation,
     reporter_of,
-    spare_the_loop,
     stop_on_signals,
 )
 from forcemesh.clock import Clock, MonotonicClock
@@ -37,7 +37,7 @@ from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S, SimSettings
 
 LOOPBACK_ADDRESS = "127.0.0.1"
-TICKS_BETWEEN_LOOKS = 20
+TICKS_BETWEEN_CHECKS = 20
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -101,7 +101,7 @@ def run_alone(
     with ExitStack() as exits:
         exits.callback(machine.tcp.close_all)
         start(machine, source, arguments)
-        watch = Watch(machine, network)
+        watch = ChangeLogger(machine, network)
         machine.scheduler.skip_to(clock.now_ns())
         while not stop.is_set() and watch.alive:
             machine.scheduler.catch_up(clock.now_ns())
@@ -122,17 +122,17 @@ def run_in_cell(
         exits.callback(service.close)
         service.machine.say = say
         start(service.machine, source, arguments)
-        watch = Watch(service.machine, network)
+        watch = ChangeLogger(service.machine, network)
         service.machine.after_tick.append(watch.ticked)
         runner = Runner(service, reporters, clock)
-        spare_the_loop()
+        prepare_realtime()
         service.begin(clock.now_ns())
         runner.run(stop)
     return 1 if service.machine.stops else 0
 
 
 def _with_its_sensor(
-    cell: Cell, network: SocketNetwork, behaviour: Behaviour, exits: ExitStack
+    cell: CellConfig, network: SocketNetwork, behaviour: Behaviour, exits: ExitStack
 ) -> tuple[EmulatedController, list[HealthReporter], Clock]:
     """Return the controller, its health reporters, and its clock.
 
@@ -142,13 +142,13 @@ def _with_its_sensor(
         clock, server = MonotonicClock(), server_of(cell)
         say(f"RDT at {cell.sensor.address}:{server.port}, page and faults at {server.page_port}")
         return ControllerNetft(server, clock, cell, network, behaviour=behaviour), [], clock
-    refuse_unless_played_by(cell, "sensor", "sim")
+    refuse_other_implementation(cell, "sensor", "sim")
     bus = exits.enter_context(open_bus(cell, "sensor"))
     service = ControllerSensor(bus, cell, network, behaviour=behaviour)
     return service, [reporter_of(bus, cell)], bus.clock
 
 
-def gateway_port(cell: Cell) -> int | None:
+def gateway_port(cell: CellConfig) -> int | None:
     """Return the port at which the cell's gateway expects the controller."""
     return None if cell.gateway is None else cell.gateway.port
 
@@ -178,7 +178,7 @@ def default_program(source: SourceFile) -> str:
     return next(iter(source.programs))
 
 
-class Watch:
+class ChangeLogger:
     """Logs changes: ports, sockets, programs that start or end."""
 
     def __init__(self, machine: Machine, network: SocketNetwork) -> None:
@@ -191,7 +191,7 @@ class Watch:
     def ticked(self) -> None:
         """Check every TICKS_BETWEEN_LOOKS ticks: each tick would cost 25 % of the arm's time."""
         self._ticks += 1
-        if self._ticks % TICKS_BETWEEN_LOOKS == 0:
+        if self._ticks % TICKS_BETWEEN_CHECKS == 0:
             self.look()
 
     def look(self) -> None:

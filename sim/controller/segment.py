@@ -12,7 +12,7 @@ import numpy as np
 
 from common.motion.frames import Array
 from common.motion.kinematics import MAX_SPEED_RAD_S
-from common.motion.paths import Path
+from common.motion.paths import MotionPath
 from sim.controller.errors import AsError
 
 _SHRINKS = 8
@@ -32,7 +32,7 @@ class Ramp:
 class Segment:
     """Motion between two points. `q` is the current joint position of this segment."""
 
-    def __init__(self, path: Path, ramp: Ramp, *, q_from: Array, q_to: Array) -> None:
+    def __init__(self, path: MotionPath, ramp: Ramp, *, q_from: Array, q_to: Array) -> None:
         """Start at the beginning of the path with rate zero. Shapes (6,)."""
         self.path, self.ramp = path, ramp
         self.q_from, self.q_to = q_from, q_to

@@ -4,7 +4,7 @@ The gateway connects to it over TCP. Sensor samples are published on the bus, as
 sent to the driver over RDT, as by a real sensor.
 """
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import SimulationError
@@ -17,14 +17,19 @@ from sim.robot.arm import SimArm
 from sim.robot.sensor_feed import SensorFeed
 from sim.robot.service import sim_settings
 from sim.robot.settings import TICK_S
-from sim.robot.trace import wanted_trace
+from sim.robot.trace import trace_from_environment
 
 
 class EmulatedController:
     """Service that advances the controller to the clock in each step."""
 
     def __init__(
-        self, clock: Clock, cell: Cell, network: Network, *, behaviour: Behaviour | None = None
+        self,
+        clock: Clock,
+        cell: CellConfig,
+        network: Network,
+        *,
+        behaviour: Behaviour | None = None,
     ) -> None:
         """Build the arm of this cell and its controller, without programs.
 
@@ -41,7 +46,7 @@ class EmulatedController:
             behaviour=behaviour or behaviour_in(cell.sim),
             now_ns=clock.now_ns(),
         )
-        trace = wanted_trace(self.arm, clock)
+        trace = trace_from_environment(self.arm, clock)
         if trace is not None:
             self.machine.after_tick.append(trace.ticked)
 
@@ -75,7 +80,7 @@ class ControllerSensor(EmulatedController):
     """Emulated controller that publishes the samples of the sensor on its arm."""
 
     def __init__(
-        self, bus: Bus, cell: Cell, network: Network, *, behaviour: Behaviour | None = None
+        self, bus: Bus, cell: CellConfig, network: Network, *, behaviour: Behaviour | None = None
     ) -> None:
         """Build the controller of this cell and claim the sensor topic as publisher."""
         super().__init__(bus.clock, cell, network, behaviour=behaviour)
@@ -89,7 +94,7 @@ class ControllerNetft(EmulatedController):
         self,
         server: NetftServer,
         clock: Clock,
-        cell: Cell,
+        cell: CellConfig,
         network: Network,
         *,
         behaviour: Behaviour | None = None,

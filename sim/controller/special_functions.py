@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 
 from sim.controller import functions_number, functions_pose, functions_text
-from sim.controller.functions import Function
-from sim.controller.memory import Array, Cell, Names, index_of
+from sim.controller.functions import FunctionSignature
+from sim.controller.memory import Array, Namespace, VariableCell, index_of
 from sim.controller.values import Joints, Transformation, Value, truth
 
-FUNCTIONS: Mapping[str, Function] = {
+FUNCTIONS: Mapping[str, FunctionSignature] = {
     **functions_text.FUNCTIONS,
     **functions_number.FUNCTIONS,
     **functions_pose.FUNCTIONS,
@@ -33,13 +33,13 @@ MODIFYING = frozenset({"$DECODE", "$ENCODE"})
 ALL_NAMES = frozenset({*FUNCTIONS, *EXISTS, *EXTREMES, *MODIFYING})
 
 
-def exists(name: str, spelling: str, names: Names) -> float:
+def exists(name: str, spelling: str, names: Namespace) -> float:
     """Return TRUE if a variable of the function's type is defined under a spelling."""
     prefix, kinds = EXISTS[name]
     base, _, rest = spelling.lower().lstrip(".").partition("[")
     entry = names.get(prefix + base.lstrip("$#@"))
     value: Value | None = None
-    if isinstance(entry, Cell) and not rest:
+    if isinstance(entry, VariableCell) and not rest:
         value = entry.value
     elif isinstance(entry, Array):
         if not rest.rstrip("] "):
@@ -50,7 +50,7 @@ def exists(name: str, spelling: str, names: Names) -> float:
     return truth(value.__class__ in kinds)
 
 
-def extreme_index(name: str, spelling: str, dimension: int, names: Names) -> float:
+def extreme_index(name: str, spelling: str, dimension: int, names: Namespace) -> float:
     """Return MAXINDEX or MININDEX: -1 if the name is not an array, -2 if it is undefined."""
     base = spelling.lower().lstrip(".").partition("[")[0]
     entry = names.get(base)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from sim.controller.errors import AsError
-from sim.controller.motion_requests import Speed
+from sim.controller.motion_requests import ProgramSpeed
 from sim.controller.values import single
 
 LEAST_PERCENT, MOST_PERCENT = 0.01, 100.0
@@ -30,7 +30,7 @@ def percent(value: float, name: str) -> float:
     return checked(value, LEAST_PERCENT, MOST_PERCENT, name)
 
 
-def speed_of(value: float, modifiers: Sequence[str]) -> Speed:
+def speed_of(value: float, modifiers: Sequence[str]) -> ProgramSpeed:
     """Return the speed of a value with its unit; without a unit it is a percentage.
 
     Raises AsError E0106 outside its range, E0111 for a unit that is not emulated.
@@ -38,9 +38,9 @@ def speed_of(value: float, modifiers: Sequence[str]) -> Speed:
     unit = next((word for word in modifiers if word in UNITS_M_S), "")
     if unit:
         speed_m_s = value * UNITS_M_S[unit]
-        return Speed(checked(speed_m_s, 1e-5, 20.0, "SPEED in m/s"), "M/S")
+        return ProgramSpeed(checked(speed_m_s, 1e-5, 20.0, "SPEED in m/s"), "M/S")
     if "S" in modifiers:
-        return Speed(checked(value, *SECONDS, "SPEED in seconds"), "S")
+        return ProgramSpeed(checked(value, *SECONDS, "SPEED in seconds"), "S")
     if "DEG/S" in modifiers or "DEG/MIN" in modifiers:
         raise AsError("E0111", "a rotational SPEED is an option of the controller")
-    return Speed(percent(value, "SPEED"))
+    return ProgramSpeed(percent(value, "SPEED"))

@@ -3,7 +3,7 @@
 from lark import Token, v_args
 
 from sim.controller import keywords, syntax
-from sim.controller.builder import ExpressionBuilder, Line, Prefix, Slot, short_name
+from sim.controller.builder import ExpressionBuilder, ParsedLine, Prefix, Slot, short_name
 from sim.controller.errors import AsError
 from sim.controller.syntax import Expression, Statement
 
@@ -14,10 +14,12 @@ ONE = syntax.Number(1.0)
 class LineBuilder(ExpressionBuilder):
     """Lark transformer with one method per statement of the grammar."""
 
-    def line(self, *items: Token | Statement) -> Line:
+    def line(self, *items: Token | Statement) -> ParsedLine:
         """Combine label and statement."""
         label = next((short_name(item.value) for item in items if isinstance(item, Token)), None)
-        return Line(label, next((item for item in items if not isinstance(item, Token)), None))
+        return ParsedLine(
+            label, next((item for item in items if not isinstance(item, Token)), None)
+        )
 
     def assign(self, target: Expression, value: Expression) -> Statement:
         """`x = 1`."""
@@ -27,7 +29,7 @@ class LineBuilder(ExpressionBuilder):
         """`POINT/X p = q, #c`."""
         part = items[0].value[1:].upper() if isinstance(items[0], Token) else ""
         target, value, *rest = (item for item in items if not isinstance(item, Token))
-        return syntax.Point(_variable(target), value, part, rest[0] if rest else None)
+        return syntax.PointStatement(_variable(target), value, part, rest[0] if rest else None)
 
     def here(self, place: Expression) -> Statement:
         """`HERE a+b`."""
@@ -75,7 +77,7 @@ class LineBuilder(ExpressionBuilder):
 
     def case(self, keyword: Token, selector: Expression) -> Statement:
         """`CASE x OF`, `SCASE $x OF`."""
-        return syntax.Case(selector, text=keyword.value == "SCASE")
+        return syntax.CaseStatement(selector, text=keyword.value == "SCASE")
 
     def value(self, *values: Expression) -> Statement:
         """`VALUE 1,2:`."""
@@ -92,7 +94,7 @@ class LineBuilder(ExpressionBuilder):
     def call(self, program: Token, arguments: tuple[Slot, ...] = ()) -> Statement:
         """`CALL p(1,x)`."""
         given = tuple(slot.argument for slot in arguments)
-        return syntax.Call(short_name(program.value), () if given == (None,) else given)
+        return syntax.CallStatement(short_name(program.value), () if given == (None,) else given)
 
     def scall(self, program: Expression, result: Expression | None = None) -> Statement:
         """`SCALL $p,ret`."""
@@ -136,7 +138,7 @@ def _variable(expression: Expression) -> syntax.Variable:
     """Return the variable on the left of `=`; P0117 for anything else."""
     if isinstance(expression, syntax.Variable) and not expression.whole:
         return expression
-    found = f"the function {expression.name}" if isinstance(expression, syntax.Function) else (
+    found = f"the function {expression.name}" if isinstance(expression, syntax.FunctionCall) else (
         "a value, not a variable"
     )  # fmt: skip
     raise AsError("P0117", f"expected a variable or an array element; found {found}")

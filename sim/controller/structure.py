@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from sim.controller import syntax
-from sim.controller.errors import Mistake
-from sim.controller.syntax import Position, Statement, Step
+from sim.controller.errors import SyntaxMistake
+from sim.controller.syntax import Position, ProgramStep, Statement
 
 OPENS = {
-    syntax.If: "IF", syntax.While: "WHILE", syntax.For: "FOR", syntax.Case: "CASE",
+    syntax.If: "IF", syntax.While: "WHILE", syntax.For: "FOR", syntax.CaseStatement: "CASE",
     syntax.Do: "DO",
 }  # fmt: skip
 CLOSED_BY = {"IF": "END", "WHILE": "END", "FOR": "END", "CASE": "END", "DO": "UNTIL"}
@@ -27,15 +27,15 @@ class Open:
 class Linker:
     """Linker of one program; mistakes are collected, not raised."""
 
-    def __init__(self, steps: list[Step], labels: dict[str, int]) -> None:
+    def __init__(self, steps: list[ProgramStep], labels: dict[str, int]) -> None:
         """Start with the parsed steps, whose targets are unresolved."""
         self.statements: list[Statement] = [step.statement for step in steps]
         self.steps = steps
         self.labels = labels
         self.stack: list[Open] = []
-        self.mistakes: list[Mistake] = []
+        self.mistakes: list[SyntaxMistake] = []
 
-    def link(self) -> tuple[Step, ...]:
+    def link(self) -> tuple[ProgramStep, ...]:
         """Return the steps with resolved targets."""
         for at, statement in enumerate(self.statements):
             self._visit(at, statement)
@@ -97,7 +97,7 @@ class Linker:
                 self.statements[opened.at] = replace(head, false_at=false_at)
             case syntax.While() | syntax.For():
                 self.statements[opened.at] = replace(head, after_at=at + 1)
-            case syntax.Case():
+            case syntax.CaseStatement():
                 self.statements[opened.at] = self._case(head, opened.inner, at)
             case _:
                 pass
@@ -107,7 +107,7 @@ class Linker:
         if isinstance(statement, syntax.Else | syntax.Value | syntax.Any):
             self.statements[inner] = replace(statement, end_at=end)
 
-    def _case(self, head: syntax.Case, inner: list[int], end: int) -> syntax.Case:
+    def _case(self, head: syntax.CaseStatement, inner: list[int], end: int) -> syntax.CaseStatement:
         branches = []
         default_at = end
         for at in inner:
@@ -128,7 +128,7 @@ class Linker:
         )
 
     def _complain(self, at: int, code: str, text: str) -> None:
-        self.mistakes.append(Mistake(self._where(at), code, text))
+        self.mistakes.append(SyntaxMistake(self._where(at), code, text))
 
     def _where(self, at: int) -> Position:
         return self.steps[at].where

@@ -36,7 +36,7 @@ FACTORY = {
 }
 
 
-class Switches:
+class SystemSwitches:
     """Switches by lower-case name. Some only report the state of the machine."""
 
     def __init__(self, reported: dict[str, Callable[[], bool]]) -> None:

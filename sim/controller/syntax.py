@@ -34,7 +34,7 @@ from sim.controller.syntax_expressions import (
     Binary,
     Expression,
     Format,
-    Function,
+    FunctionCall,
     JointLiteral,
     Number,
     Reference,
@@ -48,8 +48,8 @@ from sim.controller.syntax_statements import (
     Any,
     Assign,
     Branch,
-    Call,
-    Case,
+    CallStatement,
+    CaseStatement,
     Comment,
     Decompose,
     Do,
@@ -60,7 +60,7 @@ from sim.controller.syntax_statements import (
     Here,
     If,
     Instruction,
-    Point,
+    PointStatement,
     Print,
     Return,
     Scall,
@@ -77,8 +77,8 @@ __all__ = [
     "Assign",
     "Binary",
     "Branch",
-    "Call",
-    "Case",
+    "CallStatement",
+    "CaseStatement",
     "Comment",
     "DataValue",
     "Decompose",
@@ -88,25 +88,25 @@ __all__ = [
     "Expression",
     "For",
     "Format",
-    "Function",
+    "FunctionCall",
     "Goto",
     "Here",
     "If",
     "Instruction",
     "JointLiteral",
     "Number",
-    "Point",
+    "PointStatement",
     "Position",
     "Print",
     "Program",
+    "ProgramStep",
     "Reference",
     "Remark",
     "Return",
     "Scall",
-    "Section",
+    "SkippedSection",
     "SourceFile",
     "Statement",
-    "Step",
     "Text",
     "Unary",
     "Until",
@@ -131,7 +131,7 @@ class Position:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ProgramStep:
     """One step of a program; `number` counts from 1, as in the controller's messages."""
 
     number: int
@@ -147,7 +147,7 @@ class Program:
 
     name: str
     parameters: tuple[Variable, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[ProgramStep, ...]
     where: Position
     labels: Mapping[str, int] = field(default_factory=dict)
 
@@ -165,7 +165,7 @@ class DataValue:
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class SkippedSection:
     """A skipped section: its name (".ROBOTDATA1") and position."""
 
     name: str
@@ -190,5 +190,5 @@ class SourceFile:
     name: str
     programs: Mapping[str, Program]
     data: tuple[DataValue, ...] = ()
-    skipped: tuple[Section, ...] = ()
+    skipped: tuple[SkippedSection, ...] = ()
     remarks: tuple[Remark, ...] = ()

@@ -60,7 +60,7 @@ class Binary:
 
 
 @dataclass(frozen=True, slots=True)
-class Function:
+class FunctionCall:
     """A function with its arguments, `None` if one is omitted: TRANS(1,,3), PI, $LEFT($s,1).
 
     SHIFT(p BY x,y,z) holds (p, x, y, z). SWITCH(CP) and the EXIST functions hold `Word`s.
@@ -101,5 +101,14 @@ class Reference:
 
 
 Expression = (
-    Number | Text | Variable | Unary | Binary | Function | JointLiteral | Format | Word | Reference
+    Number
+    | Text
+    | Variable
+    | Unary
+    | Binary
+    | FunctionCall
+    | JointLiteral
+    | Format
+    | Word
+    | Reference
 )

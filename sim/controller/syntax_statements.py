@@ -21,7 +21,7 @@ class Assign:
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class PointStatement:
     """`POINT p = expr`, `POINT #j = trans, #configuration`, `POINT/X p = q`.
 
     `part` is "" or one of X Y Z OAT O A T (also EXT and similar: not executed).
@@ -109,7 +109,7 @@ class Branch:
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class CaseStatement:
     """`CASE x OF` or (`text` True) `SCASE $x OF`; `default_at` is after ANY, or at the END."""
 
     selector: Expression
@@ -151,7 +151,7 @@ class Goto:
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class CallStatement:
     """`CALL prog(a, &b, 1+2)`. A Variable or Reference is passed by reference."""
 
     program: str
@@ -206,6 +206,6 @@ class Instruction:
 
 
 Statement = (
-    Comment | Assign | Point | Here | Decompose | If | Else | While | Do | Until | For | Case
-    | Value | Any | End | Goto | Call | Scall | Return | Print | Instruction
+    Comment | Assign | PointStatement | Here | Decompose | If | Else | While | Do | Until | For |
+    CaseStatement | Value | Any | End | Goto | CallStatement | Scall | Return | Print | Instruction
 )  # fmt: skip

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sim.controller.compiled import Compiled
 from sim.controller.errors import AsError
-from sim.controller.memory import Locals, Names
+from sim.controller.memory import Locals, Namespace
 
 if TYPE_CHECKING:
     from sim.controller.machine import Machine
@@ -26,7 +26,7 @@ Wait = Callable[[int], bool]
 
 
 @dataclass(slots=True)
-class Frame:
+class StackFrame:
     """Stack frame of a program: program counter, locals, actions of the END of each FOR."""
 
     program: Compiled
@@ -37,7 +37,7 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class ProgramStop:
     """Cause and position of a program stop."""
 
     error: AsError
@@ -57,7 +57,7 @@ class Task:
 
     # The executing machine, and the global variables: set by the machine.
     machine: "Machine"
-    globals: Names
+    globals: Namespace
 
     def __init__(
         self,
@@ -68,11 +68,11 @@ class Task:
         """Start without a program. `ended`: called after a cycle; `failed`: after a failed step."""
         self.number = number
         self.state: TaskState = "idle"
-        self.frames: list[Frame] = []
+        self.frames: list[StackFrame] = []
         self.main = ""
         self.cycles = 0
         self.handler = ""  # ONE
-        self.stop: Stop | None = None
+        self.stop: ProgramStop | None = None
         self.scan_s = 0.0  # PCSCAN: minimum cycle time
         self.began_ns = 0  # start of this cycle
         self.ready = False
@@ -87,7 +87,7 @@ class Task:
         return self.number == ROBOT
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> StackFrame:
         """The frame of the running program."""
         return self.frames[-1]
 
@@ -103,7 +103,7 @@ class Task:
 
     # --- states -----------------------------------------------------------------------------------
 
-    def start(self, frame: Frame, *, cycles: int) -> None:
+    def start(self, frame: StackFrame, *, cycles: int) -> None:
         """Start a program."""
         self.frames = [frame]
         self.main, self.cycles = frame.program.name, cycles
@@ -128,12 +128,14 @@ class Task:
         """Index of the step that is being executed or waiting."""
         return self._waits_at if self._wait is not None else self.frame.pc
 
-    def where(self, error: AsError) -> Stop:
+    def where(self, error: AsError) -> ProgramStop:
         """Return the program position for an error."""
         frame = self.frame
         steps = frame.program.steps
         step = steps[min(self.step_index, len(steps) - 1)]
-        return Stop(error, frame.program.name, step.number, step.text.strip(), str(step.where))
+        return ProgramStop(
+            error, frame.program.name, step.number, step.text.strip(), str(step.where)
+        )
 
     # --- steps ------------------------------------------------------------------------------------
 
@@ -168,7 +170,7 @@ class Task:
         self._wait = None
         self.waiting, self.ready = False, self.state == "running"
 
-    def enter(self, frame: Frame) -> None:
+    def enter(self, frame: StackFrame) -> None:
         """Call a subroutine. Raises AsError E0112 if calls are nested too deeply."""
         if len(self.frames) > DEEPEST_CALL:
             raise AsError("E0112", f"more than {DEEPEST_CALL} levels")

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from forcemesh.clock import NS_PER_S
-from sim.controller.network import Listener, Network, Octets, Stream
+from sim.controller.network import ByteStream, Listener, Network, Octets
 
 OK = 0
 TOO_LONG = -34022
@@ -28,7 +28,7 @@ NO_PEER: Octets = (0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class TcpResult:
     """Result of an operation: its code (or socket), and received data."""
 
     code: int
@@ -36,7 +36,7 @@ class Outcome:
     elements: tuple[str, ...] = ()
 
 
-Operation = Callable[[int], Outcome | None]
+Operation = Callable[[int], TcpResult | None]
 """Poll function of an operation at a time [ns]: the outcome, or None while in progress."""
 
 
@@ -48,7 +48,7 @@ class TcpUnit:
         self._network = network
         self._endless_send = send_ignores_timeout
         self._listeners: dict[int, Listener] = {}
-        self._streams: dict[int, Stream] = {}
+        self._streams: dict[int, ByteStream] = {}
         self._next = 1
 
     @property
@@ -102,17 +102,17 @@ class TcpUnit:
         """Wait for a connection: the code is the socket's number, or negative."""
         end_ns = _end_ns(now_ns, timeout_s)
 
-        def poll(now_ns: int) -> Outcome | None:
+        def poll(now_ns: int) -> TcpResult | None:
             listener = self._listeners.get(port)
             if listener is None:
-                return Outcome(NOT_LISTENING)
+                return TcpResult(NOT_LISTENING)
             try:
                 stream = listener.accept()
             except OSError:
-                return Outcome(ABORTED)
+                return TcpResult(ABORTED)
             if stream is not None:
-                return Outcome(self._add(stream), stream.peer)
-            return Outcome(TIMED_OUT) if now_ns >= end_ns else None
+                return TcpResult(self._add(stream), stream.peer)
+            return TcpResult(TIMED_OUT) if now_ns >= end_ns else None
 
         return poll
 
@@ -122,19 +122,19 @@ class TcpUnit:
         try:
             stream = self._network.connect(peer, port)
         except OSError:
-            return lambda _: Outcome(CANNOT_REACH)
+            return lambda _: TcpResult(CANNOT_REACH)
 
-        def poll(now_ns: int) -> Outcome | None:
+        def poll(now_ns: int) -> TcpResult | None:
             try:
                 if stream.ready():
-                    return Outcome(self._add(stream), peer)
+                    return TcpResult(self._add(stream), peer)
             except OSError:
                 stream.close()
-                return Outcome(CANNOT_REACH)
+                return TcpResult(CANNOT_REACH)
             if now_ns < end_ns:
                 return None
             stream.close()
-            return Outcome(TIMED_OUT)
+            return TcpResult(TIMED_OUT)
 
         return poll
 
@@ -144,22 +144,22 @@ class TcpUnit:
         """Send strings without separators; at most 4096 bytes."""
         rest = "".join(elements).encode("latin-1")
         if len(rest) > BYTES_PER_CALL:
-            return lambda _: Outcome(TOO_LONG)
+            return lambda _: TcpResult(TOO_LONG)
         end_ns = _end_ns(now_ns, timeout_s)
 
-        def poll(now_ns: int) -> Outcome | None:
+        def poll(now_ns: int) -> TcpResult | None:
             nonlocal rest
             stream = self._streams.get(number)
             if stream is None:
-                return Outcome(BAD_SOCKET)
+                return TcpResult(BAD_SOCKET)
             try:
                 rest = rest[stream.send(rest) :] if rest else rest
             except OSError:
-                return Outcome(ABORTED)
+                return TcpResult(ABORTED)
             if not rest:
-                return Outcome(OK)
+                return TcpResult(OK)
             late = now_ns >= end_ns and not self._endless_send
-            return Outcome(TIMED_OUT) if late else None
+            return TcpResult(TIMED_OUT) if late else None
 
         return poll
 
@@ -170,23 +170,23 @@ class TcpUnit:
         """
         end_ns = _end_ns(now_ns, timeout_s)
 
-        def poll(now_ns: int) -> Outcome | None:
+        def poll(now_ns: int) -> TcpResult | None:
             stream = self._streams.get(number)
             if stream is None:
-                return Outcome(BAD_SOCKET)
+                return TcpResult(BAD_SOCKET)
             try:
                 data = stream.receive(BYTES_PER_CALL)
             except OSError:
-                return Outcome(ABORTED)
+                return TcpResult(ABORTED)
             if data is None:
-                return Outcome(TIMED_OUT) if now_ns >= end_ns else None
+                return TcpResult(TIMED_OUT) if now_ns >= end_ns else None
             text = data.decode("latin-1")
             cuts = range(0, len(text), longest)
-            return Outcome(OK, elements=tuple(text[at : at + longest] for at in cuts))
+            return TcpResult(OK, elements=tuple(text[at : at + longest] for at in cuts))
 
         return poll
 
-    def _add(self, stream: Stream) -> int:
+    def _add(self, stream: ByteStream) -> int:
         number, self._next = self._next, self._next + 1
         self._streams[number] = stream
         return number

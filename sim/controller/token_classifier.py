@@ -19,7 +19,7 @@ BEFORE_OPERAND = keywords.OPERATORS | {"IF", "TO", "STEP", "BY", "TILL"}
 WORDLIKE = frozenset({"NAME", "SIGIL_NAME"})
 
 
-class Lexis:
+class TokenClassifier:
     """Lark `postlex` step between lexer and parser."""
 
     always_accept = ()

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 
 from sim.controller.errors import AsError
-from sim.controller.machine_api import Context
+from sim.controller.machine_api import EvaluationContext
 from sim.controller.memory import (
     Array,
-    Cell,
     Index,
-    Names,
+    Namespace,
+    VariableCell,
     check_type,
     index_of,
     key_of,
@@ -17,12 +17,12 @@ from sim.controller.memory import (
 from sim.controller.syntax import Variable
 from sim.controller.values import NUMBER, Joints, Transformation, Value, single
 
-Read = Callable[[Context], Value]
-Store = Callable[[Context, Value], None]
-Refer = Callable[[Context], Cell | Array]
-Locate = Callable[[Context], tuple[Array, Index]]
-Indices = Callable[[Context], Index]
-NamesOf = Callable[[Context], Names]
+Read = Callable[[EvaluationContext], Value]
+Store = Callable[[EvaluationContext, Value], None]
+Refer = Callable[[EvaluationContext], VariableCell | Array]
+Locate = Callable[[EvaluationContext], tuple[Array, Index]]
+Indices = Callable[[EvaluationContext], Index]
+NamesOf = Callable[[EvaluationContext], Namespace]
 """Namespace of a variable: the locals or the globals of the context."""
 
 
@@ -30,7 +30,7 @@ def read_scalar(variable: Variable, names_of: NamesOf, *, location: bool) -> Rea
     """Return a reader of a variable without index."""
     key = key_of(variable)
 
-    def read(context: Context) -> Value:
+    def read(context: EvaluationContext) -> Value:
         cell = names_of(context).get(key)
         if cell is not None and (value := cell.value) is not None:
             return value
@@ -45,7 +45,7 @@ def read_element(
     """Return a reader of an array element."""
     key = key_of(variable)
 
-    def read(context: Context) -> Value:
+    def read(context: EvaluationContext) -> Value:
         array = names_of(context).get(key)
         index = indices(context)
         if array.__class__ is Array:
@@ -83,21 +83,21 @@ def store(variable: Variable, names_of: NamesOf, indices: Indices | None) -> Sto
     # Types that need no check while unchanged: only integers may need conversion.
     plain = () if variable.kind == "@" else (float, str, Transformation, Joints)
 
-    def keep(cell: Cell, value: Value) -> None:
+    def keep(cell: VariableCell, value: Value) -> None:
         check_type(variable, cell.value, value)
         cell.value = converted(variable, value)
 
-    def store_scalar(context: Context, value: Value) -> None:
+    def store_scalar(context: EvaluationContext, value: Value) -> None:
         names_here = names_of(context)
         cell = names_here.get(key)
-        if cell is None or cell.__class__ is not Cell:
+        if cell is None or cell.__class__ is not VariableCell:
             cell = names_here.scalar(key)
         if value.__class__ is cell.value.__class__ and value.__class__ in plain:
             cell.value = value
         else:
             keep(cell, value)
 
-    def store_element(context: Context, value: Value) -> None:
+    def store_element(context: EvaluationContext, value: Value) -> None:
         array = names_of(context).get(key)
         if array is None or array.__class__ is not Array:
             array = names_of(context).array(key)
@@ -134,13 +134,13 @@ def indices_of(readers: list[Read]) -> Indices:
         return lambda context: index_of([number(reader(context)) for reader in readers])
     only, *others = readers
 
-    def single_index(context: Context) -> Index:
+    def single_index(context: EvaluationContext) -> Index:
         value = only(context)
         if value.__class__ is float and 0.0 <= value < 10000.0:
             return int(value)
         return index_of([number(value)])
 
-    def pair(context: Context) -> Index:
+    def pair(context: EvaluationContext) -> Index:
         a, b = number(only(context)), number(second(context))
         if 0.0 <= a < 10000.0 and 0.0 <= b < 10000.0:
             return int(a), int(b)
@@ -152,7 +152,7 @@ def indices_of(readers: list[Read]) -> Indices:
     return pair
 
 
-def missing(variable: Variable, entry: Cell | Array | None, *, location: bool) -> AsError:
+def missing(variable: Variable, entry: VariableCell | Array | None, *, location: bool) -> AsError:
     """Return the error for a variable that cannot be read."""
     if isinstance(entry, Array) and entry.defined:
         return AsError("P0133", f"{variable.spelling} is an array")
@@ -166,5 +166,5 @@ def undefined_element(variable: Variable, index: Index, *, location: bool) -> As
     return AsError(error.code, f"{variable.spelling}[{','.join(map(str, numbers))}]")
 
 
-def _first(_: Context) -> Index:
+def _first(_: EvaluationContext) -> Index:
     return 0

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 
-from sim.controller.syntax import Program, Step
+from sim.controller.syntax import Program, ProgramStep
 
 
 def nodes(node: object) -> Iterator[object]:
@@ -18,7 +18,7 @@ def nodes(node: object) -> Iterator[object]:
             stack.extend(getattr(top, field.name) for field in reversed(fields(top)))
 
 
-def steps_with_nodes(program: Program) -> Iterator[tuple[Step, object]]:
+def steps_with_nodes(program: Program) -> Iterator[tuple[ProgramStep, object]]:
     """Yield every node of a program with its step."""
     for step in program.steps:
         for node in nodes(step.statement):

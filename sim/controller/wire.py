@@ -16,7 +16,7 @@ RECEIVE_BYTES = 16_384
 News = TypeVar("News")
 
 
-class LockStepWire(Generic[News]):
+class LockStepLink(Generic[News]):
     """Connects to a port of a MemoryNetwork and reconnects after a loss."""
 
     def __init__(

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from common.runtime.service import exit_on_error, spare_the_loop, stop_on_signals
+from common.runtime.service import exit_on_error, prepare_realtime, stop_on_signals
 from forcemesh.clock import NS_PER_S
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About
 from sim.netft.sensor import NetftSensor
@@ -67,13 +67,13 @@ def main() -> None:
         say(f"RDT at {given.address}:{server.port}, page {where}{PAGE}, switches {where}{FAULTS}")
         still = np.concatenate((given.force, given.torque))
         noise = np.array([given.noise_N] * 3 + [given.noise_Nm] * 3)
-        spare_the_loop()
-        run(server, Stillness(still, noise, given.seed), given.rate_hz, stop)
+        prepare_realtime()
+        run(server, ConstantWrench(still, noise, given.seed), given.rate_hz, stop)
         server.close()
         say(f"{server.sent} records sent, {server.unsendable} unsendable")
 
 
-class Stillness:
+class ConstantWrench:
     """Constant wrench with white noise."""
 
     def __init__(self, wrench: np.ndarray, noise: np.ndarray, seed: int) -> None:
@@ -87,7 +87,7 @@ class Stillness:
         return reading
 
 
-def run(server: NetftServer, source: Stillness, rate_hz: float, stop: threading.Event) -> None:
+def run(server: NetftServer, source: ConstantWrench, rate_hz: float, stop: threading.Event) -> None:
     """Sample at a rate until a stop signal; a delay is made up for, up to MOST_BEHIND records."""
     period_ns = round(NS_PER_S / rate_hz)
     due_ns = time.monotonic_ns()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from sim.netft.protocol import About
 from sim.netft.sensor import NetftSensor
 from sim.netft.server import NetftServer
@@ -13,7 +13,7 @@ from sim.robot.settings import TICK_S
 class RdtFeed:
     """Passes sensor samples of the arm to the RDT server."""
 
-    def __init__(self, server: NetftServer, cell: Cell, arm: SimArm) -> None:
+    def __init__(self, server: NetftServer, cell: CellConfig, arm: SimArm) -> None:
         """Sample at the cell's sensor rate."""
         self._server, self._arm = server, arm
         self._ticks = max(1, round(1.0 / cell.rates.sensor_hz / TICK_S))
@@ -27,7 +27,7 @@ class RdtFeed:
             self._server.measured(np.concatenate((sample.force_N, sample.torque_Nm)).tolist())
 
 
-def server_of(cell: Cell) -> NetftServer:
+def server_of(cell: CellConfig) -> NetftServer:
     """Return the server of a cell's simulated Net F/T, at the address that its driver uses."""
     sensor = cell.sensor
     about = About(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sim.netft.protocol import BIAS, START, STOP, About, command_of, record
-from sim.netft.switches import Switches
+from sim.netft.switches import FaultSwitches
 
 Address = Any  # of a client, in the type of the transport
 STEAL_AFTER = 300  # records sent to a client before the second one takes the stream again
@@ -19,7 +19,7 @@ class NetftSensor:
     def __init__(self, about: About | None = None, *, ft_step: int = 7, seed: int = 0) -> None:
         """Power on. `ft_step`: internal samples between two records."""
         self.about = about or About()
-        self.switches = Switches()
+        self.switches = FaultSwitches()
         self.client: Address | None = None
         self.thefts = 0
         self.ft_sequence = 0

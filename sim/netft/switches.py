@@ -8,7 +8,7 @@ EVENT = "restart"  # an event, not a state
 
 
 @dataclass(frozen=True, slots=True)
-class Switches:
+class FaultSwitches:
     """Fault switches, all off by default. Shares are of records, 0 to 1."""
 
     loss: float = 0.0
@@ -22,7 +22,7 @@ class Switches:
     steal: bool = False  # a second client requests the stream repeatedly
     status: int = 0
 
-    def changed(self, words: Mapping[str, str]) -> "Switches":
+    def changed(self, words: Mapping[str, str]) -> "FaultSwitches":
         """Return a copy with some switches set by name.
 
         Raises:

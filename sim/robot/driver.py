@@ -6,10 +6,10 @@ A violated limit is a trip and the caller then ends the lease; a rejected goal d
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.last_check import Guard
-from common.motion.tracking import Tracking
+from common.motion.last_check import LastCheck
+from common.motion.tracking import TrackingMonitor
 from forcemesh.faults import tripped
 from forcemesh.messages import (
     Goal,
@@ -27,12 +27,12 @@ from sim.robot.motion import MotionGenerator, MotionSpeed
 class SimDriver:
     """Converts commands into arm motions; rejects commands that violate a limit of the cell."""
 
-    def __init__(self, cell: Cell, arm: SimArm, motion: MotionGenerator) -> None:
+    def __init__(self, cell: CellConfig, arm: SimArm, motion: MotionGenerator) -> None:
         """Start at rest."""
         self.goal = GoalReport()
         self._arm, self._motion = arm, motion
-        self._guard = Guard(cell, arm.kinematics.flange_pose)
-        self._tracking = Tracking(cell)
+        self._guard = LastCheck(cell, arm.kinematics.flange_pose)
+        self._tracking = TrackingMonitor(cell)
         self._lease: tuple[int, int] | None = None  # arbiter's epoch, lease
         self._streaming = False
         self._seeded = True

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from common.motion.frames import Array, rotation_between
 from common.motion.kinematics import MAX_SPEED_RAD_S, ArmKinematics
-from common.motion.paths import TURN_RADIUS_M, JointPath, LinearPath, Path
+from common.motion.paths import TURN_RADIUS_M, JointPath, LinearPath, MotionPath
 
 MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
 
@@ -52,7 +52,7 @@ class MotionGenerator:
     ) -> None:
         """Start at rest at q_start [rad], shape (6,); `speed` is for streamed poses."""
         self._kinematics = kinematics
-        self._path: Path | None = None
+        self._path: MotionPath | None = None
         self._speed = MotionSpeed()
         self._share, self._share_speed = 0.0, 0.0  # s and ds/dt of the path
         self.q_command: Array = np.array(q_start, dtype=float)
@@ -133,7 +133,7 @@ class MotionGenerator:
         way_m, turn_rad = math.sqrt(way.dot(way)), math.sqrt(turn.dot(turn))
         return max(way_m, TURN_RADIUS_M * turn_rad) / self._stream_m_s
 
-    def _start(self, path: Path, speed: MotionSpeed) -> str:
+    def _start(self, path: MotionPath, speed: MotionSpeed) -> str:
         self._path, self._speed = path, speed
         self._share, self._share_speed = 0.0, 0.0
         self.state, self.reason = "running", ""
@@ -184,7 +184,7 @@ class MotionGenerator:
         faster = self._share_speed + accel * dt_s
         return min(faster, self._speed.speed_m_s * scale, max(stopping, half))
 
-    def _allowed_step(self, path: Path, dt_s: float) -> tuple[float, Array | None]:
+    def _allowed_step(self, path: MotionPath, dt_s: float) -> tuple[float, Array | None]:
         """Return the share and joints after this tick, shortened to the joints' speed limits."""
         step = self._share_speed * dt_s
         for _ in range(_SHRINKS):

@@ -55,7 +55,7 @@ class Disc(NamedTuple):
         return self.centre_m[2] - self.radius_m * math.hypot(bx, by)
 
 
-class Push(NamedTuple):
+class ContactWrench(NamedTuple):
     """Wrench of the plate on the disc, in the undeflected plate frame, about the disc's centre."""
 
     force_N: Vector3 = (0.0, 0.0, 0.0)
@@ -101,10 +101,10 @@ class SprungPlate:
         angles2 = self.slope[0] ** 2 + self.slope[1] ** 2 + self.twist_rad**2
         return 0.5 * (self.stiffness_N_m * lengths2 + self.tilt_stiffness_Nm_rad * angles2)
 
-    def step(self, disc: Disc, dt_s: float) -> Push:
+    def step(self, disc: Disc, dt_s: float) -> ContactWrench:
         """Advance by `dt_s` [s] to the given disc state; return the wrench on the disc."""
         if self.rests and disc.lift_m >= 0.0:
-            return Push()
+            return ContactWrench()
         rule = _Midpoint.of(self, dt_s)
         free_slope = (rule.kept * self.slope[0], rule.kept * self.slope[1])
         squeeze = _Squeeze(disc, rule, rule.kept * self.travel_m, free_slope)
@@ -114,7 +114,7 @@ class SprungPlate:
         fx, fy, twist_Nm = self._rub(disc, arm, normal_N, rule)
         force = (fx - normal_N * self.slope[0], fy - normal_N * self.slope[1], normal_N)
         tx, ty, tz = _cross(arm, force)
-        return Push(force, (tx, ty, tz + twist_Nm), normal_N)
+        return ContactWrench(force, (tx, ty, tz + twist_Nm), normal_N)
 
     def _misses(self, disc: Disc, squeeze: "_Squeeze") -> bool:
         """Return whether the disc is beside the plate or below it."""

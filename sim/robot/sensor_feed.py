@@ -1,6 +1,6 @@
 """Role `sensor` of a simulated arm: publishes `sensor/wrench` at the sensor rate."""
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import vec3
 from common.motion.frames import is_finite
 from forcemesh import topics
@@ -16,7 +16,7 @@ CODES = {"ok": "", "saturated": "sensor_saturated", "fault": "sensor_fault"}
 class SensorFeed:
     """Publishes a sample every fixed number of ticks of the arm."""
 
-    def __init__(self, sensor_bus: Bus, cell: Cell, arm: SimArm) -> None:
+    def __init__(self, sensor_bus: Bus, cell: CellConfig, arm: SimArm) -> None:
         """Claim the sensor topic as publisher."""
         self._arm = arm
         self._ticks = max(1, round(1.0 / cell.rates.sensor_hz / TICK_S))

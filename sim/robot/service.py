@@ -4,10 +4,10 @@ from functools import cache
 
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.cell_sim import SimSection
 from common.motion.convert import joints, record_of
-from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict
+from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
 from common.motion.setpoint_monitor import SPEED_MARGIN
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -19,7 +19,7 @@ from sim.robot.driver import SimDriver
 from sim.robot.motion import MotionGenerator
 from sim.robot.sensor_feed import SensorFeed
 from sim.robot.settings import TICK_S, SensorSettings, SimSettings
-from sim.robot.trace import wanted_trace
+from sim.robot.trace import trace_from_environment
 
 MOST_TICKS_PER_STEP = 50  # a process delayed for longer drops simulated time instead
 TICK_NS = round(TICK_S * NS_PER_S)
@@ -29,7 +29,7 @@ _LINK = LinkHealth(connected=True, round_trip_s=0.0)
 class SimRobot:
     """Executes `robot/command` under the same permission as the gateway; steps the physics."""
 
-    def __init__(self, bus: Bus, cell: Cell) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Build the arm of this cell and claim the robot and sensor topics as publisher."""
         if cell.sim is None:
             raise SimulationError("the cell file has no section `sim`")
@@ -50,10 +50,10 @@ class SimRobot:
         self._wrench = bus.reader(topics.WRENCH)
         self._state = bus.publisher(topics.ROBOT_STATE)
         self._sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
-        self._trace = wanted_trace(self.arm, bus.clock)
+        self._trace = trace_from_environment(self.arm, bus.clock)
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> GateDecision:
         """Permission in force, or the reason for a hold."""
         return self._verdict
 
@@ -143,7 +143,7 @@ def _status(*, moving: bool, held: bool) -> RobotStatus:
     return RobotStatus(ready=True, moving=moving, held=held)
 
 
-def sim_settings(cell: Cell, sim: SimSection) -> SimSettings:
+def sim_settings(cell: CellConfig, sim: SimSection) -> SimSettings:
     """Return the settings of the simulated cell from a cell file."""
     T_flange_sensor = cell.sensor.T_flange_sensor.pose
     T_sensor_tcp: pin.SE3 = T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose

@@ -41,7 +41,7 @@ class ArmTrace:
         self._file.close()
 
 
-def wanted_trace(arm: SimArm, clock: Clock) -> ArmTrace | None:
+def trace_from_environment(arm: SimArm, clock: Clock) -> ArmTrace | None:
     """Return the trace requested by the environment variable, or None."""
     path = os.environ.get(VARIABLE)
     return ArmTrace(arm, clock, Path(path)) if path else None

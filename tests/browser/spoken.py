@@ -55,9 +55,9 @@ class SpokenWatch:
 @contextmanager
 def served(monkeypatch, watch: SpokenWatch, progress: Progress | None = None) -> Iterator[str]:
     """Serve a panel that sees what this watch sees; yield its address."""
-    monkeypatch.setattr(page_module, "Watch", lambda _cell: watch)
+    monkeypatch.setattr(page_module, "CellMonitor", lambda _cell: watch)
     port, stop = free_port(), threading.Event()
-    page = page_module.Page(load_cell(CELL), CELL, Door("127.0.0.1", port))
+    page = page_module.PanelPage(load_cell(CELL), CELL, Door("127.0.0.1", port))
     if progress is not None:
         page._wizard.progress = progress
     thread = threading.Thread(target=page.run, args=[stop])

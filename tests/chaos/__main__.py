@@ -10,9 +10,9 @@ from tests.chaos.journal import Journal
 from tests.chaos.memory import limit_file
 from tests.chaos.outcome import violations
 from tests.chaos.page import PAGE, page
-from tests.chaos.run import Report, Runner
+from tests.chaos.run import CaseRunner, Report
 from tests.chaos.table import rows
-from tools.figures import whole
+from tools.figures import as_block_page
 
 ROOT = Path(__file__).resolve().parents[2]
 UNTRIED_SHARE = 0.1  # share of trials that may be lost to machine stalls; they are listed
@@ -35,11 +35,11 @@ def main() -> int:
     except ValueError as error:
         parser.error(str(error))
     journal = Journal(given.journal)
-    report = Runner(journal).run(journal.left(cases))
+    report = CaseRunner(journal).run(journal.left(cases))
     broken = conclude(report)
     if given.write:
         text = page(report, given.each, datetime.now(UTC))
-        (ROOT / PAGE).write_text(whole("chaos", text, "make chaos-full"), encoding="utf-8")
+        (ROOT / PAGE).write_text(as_block_page("chaos", text, "make chaos-full"), encoding="utf-8")
     return 1 if broken else 0
 
 

@@ -17,14 +17,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.runtime.priority import take_realtime_priority
 from forcemesh.errors import ForcemeshError
 from launch.processes import processes_of
-from launch.started_process import Process
+from launch.started_process import ProcessSpec
 from sim.robot.trace import VARIABLE as TRACE
 from tests.chaos.common_net import CellUnderTest, child, free_port, make_cell, running_cell, table
-from tests.chaos.network_judge import Truth
+from tests.chaos.network_judge import GroundTruthTrace
 from tests.chaos.network_lab import CANNOT_RUN
 from tests.chaos.network_play import environment
 from tests.chaos.witness import STALL_S, Witness, witness
@@ -42,7 +42,7 @@ HEAD = ("clock", "proof", "outcome", "force N", "fastest mm/s", "witness ms", ""
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class ClockCase:
     """One clock fault and its outcome."""
 
     clock: str
@@ -71,10 +71,10 @@ def why_not() -> str:
     return "" if shutil.which("cc") else "a C compiler is missing: apt-get install gcc libc6-dev"
 
 
-class Watch:
+class ClockFaultObserver:
     """Observer of a pressing cell during a clock fault."""
 
-    def __init__(self, cell: CellUnderTest, truth: Truth, idle: Witness) -> None:
+    def __init__(self, cell: CellUnderTest, truth: GroundTruthTrace, idle: Witness) -> None:
         """Start to press."""
         self.cell, self._truth, self._idle = cell, truth, idle
         cell.tare()
@@ -83,7 +83,7 @@ class Watch:
         time.sleep(SETTLE_S)
         self._mark, self._began_ns = truth.mark(), time.monotonic_ns()
 
-    def result(self, clock: str, proof: str) -> Case:
+    def result(self, clock: str, proof: str) -> ClockCase:
         """Observe the cell for a while; return the outcome."""
         time.sleep(WATCH_S)
         cell, mistakes = self.cell, []
@@ -103,24 +103,28 @@ class Watch:
         if not on and idle_s < STALL_S:
             mistakes.append(f"held: {causes}")
         outcome = "no effect" if on else f"held: {causes}"
-        return Case(clock, proof, outcome, force_N, fastest_m_s, idle_s, tuple(mistakes))
+        return ClockCase(clock, proof, outcome, force_N, fastest_m_s, idle_s, tuple(mistakes))
 
 
-def pressing(exits: ExitStack, processes: Sequence[Process], cell: Cell, path: Path) -> Watch:
+def pressing(
+    exits: ExitStack, processes: Sequence[ProcessSpec], cell: CellConfig, path: Path
+) -> ClockFaultObserver:
     """Start a cell and let it press."""
     trace = path.parent / "trace.bin"
     exits.enter_context(environment(TRACE, str(trace)))
     idle = exits.enter_context(witness(path.parent))
-    return Watch(exits.enter_context(running_cell(cell, path, processes)), Truth(trace), idle)
+    return ClockFaultObserver(
+        exits.enter_context(running_cell(cell, path, processes)), GroundTruthTrace(trace), idle
+    )
 
 
-def new_cell(folder: Path, name: str) -> tuple[Cell, Path]:
+def new_cell(folder: Path, name: str) -> tuple[CellConfig, Path]:
     """Write the demo cell under a separate name."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     return make_cell("demo", folder, {"cell": name, "bus.endpoint": endpoint})
 
 
-def wall_clock_jumps() -> Iterator[Case]:
+def wall_clock_jumps() -> Iterator[ClockCase]:
     """Step the wall clock of every process of the cell, both directions, while it presses."""
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-clock-")))
@@ -138,7 +142,7 @@ def wall_clock_jumps() -> Iterator[Case]:
             yield watch.result(f"wall clock {jump_s:+d} s", _shifted_by(jump_s, watch))
 
 
-def _shifted_by(jump_s: int, watch: Watch) -> str:
+def _shifted_by(jump_s: int, watch: ClockFaultObserver) -> str:
     """Verify that every process has the library loaded and that a probe process sees the step."""
     pids = set(watch.cell.pids().values())
     maps = [Path(f"/proc/{pid}/maps").read_text(encoding="utf-8") for pid in pids]
@@ -149,7 +153,7 @@ def _shifted_by(jump_s: int, watch: Watch) -> str:
     return f"{len(pids)} processes, {seen_s:+.0f} s" if whole and abs(seen_s - jump_s) < 5 else ""
 
 
-def monotonic_differs(role: str) -> Case:
+def monotonic_differs(role: str) -> ClockCase:
     """Run one process with a monotonic clock far ahead of the others."""
     with ExitStack() as exits:
         folder = Path(exits.enter_context(tempfile.TemporaryDirectory(prefix="forcemesh-clock-")))
@@ -180,7 +184,7 @@ def main() -> int:
         print(f"NOTHING WAS TESTED: {reason}", file=sys.stderr)
         return CANNOT_RUN
     take_realtime_priority()
-    cases: list[Case] = []
+    cases: list[ClockCase] = []
     try:
         if only in (None, "jump"):
             cases += wall_clock_jumps()

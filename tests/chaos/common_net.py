@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from common.motion.convert import pose_of, record_of
 from forcemesh import topics
@@ -31,7 +31,7 @@ from forcemesh.messages import (
 from forcemesh.requests import Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
 from forcemesh.topics import Q, Request
 from launch.processes import Supervisor
-from launch.started_process import LAUNCHER, Process
+from launch.started_process import LAUNCHER, ProcessSpec
 
 ROOT = Path(__file__).resolve().parents[2]
 RUN_FOLDER = "FORCEMESH_RUN_FOLDER"
@@ -56,7 +56,9 @@ def free_port() -> int:
             return port
 
 
-def make_cell(template: str, folder: Path, overrides: Mapping[str, object]) -> tuple[Cell, Path]:
+def make_cell(
+    template: str, folder: Path, overrides: Mapping[str, object]
+) -> tuple[CellConfig, Path]:
     """Write a cell file with overrides; return the cell and its file."""
     cell = load_cell(ROOT / "cells" / f"{template}.yaml", dict(overrides))
     path = folder / "cell.yaml"
@@ -67,7 +69,7 @@ def make_cell(template: str, folder: Path, overrides: Mapping[str, object]) -> t
 class CellUnderTest:
     """Client of a running cell. Waits poll the bus; all times are CLOCK_MONOTONIC."""
 
-    def __init__(self, cell: Cell, client: Bus) -> None:
+    def __init__(self, cell: CellConfig, client: Bus) -> None:
         """Subscribe as a client."""
         self.cell, self.client, self.clock = cell, client, client.clock
         self._arbiter = client.reader(topics.ARBITER_STATUS)
@@ -180,7 +182,7 @@ class CellUnderTest:
 
 @contextmanager
 def running_cell(
-    cell: Cell, path: Path, processes: Sequence[Process] | None = None
+    cell: CellConfig, path: Path, processes: Sequence[ProcessSpec] | None = None
 ) -> Iterator[CellUnderTest]:
     """Start all processes of a cell, wait until they are ready, always stop them."""
     os.environ[RUN_FOLDER] = str(path.parent)

@@ -50,7 +50,7 @@ CONTROL = ("robot", "sensor", "wrench", "regulator", "arbiter")
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class TimingLimits:
     """Limits [s]: gap between two steps of a control loop, and duration of a put."""
 
     gap_s: float = LATE_S
@@ -62,7 +62,7 @@ class Loop:
     """Timing of one service during a phase, from its health reports."""
 
     role: str
-    bounds: Bounds = Bounds()
+    bounds: TimingLimits = TimingLimits()
     gap_s: float = 0.0
     overdue: int = 0  # reports with a gap not explained by a machine stall
     put_s: float = 0.0
@@ -108,10 +108,12 @@ class Phase:
         ]
 
 
-class Watcher:
+class HealthMonitor:
     """Monitor of every service's health during a phase."""
 
-    def __init__(self, cell: CellUnderTest, watch: Witness, bounds: Bounds = Bounds()) -> None:
+    def __init__(
+        self, cell: CellUnderTest, watch: Witness, bounds: TimingLimits = TimingLimits()
+    ) -> None:
         """Subscribe."""
         self.cell, self._witness, self._bounds = cell, watch, bounds
         self._health = {role: cell.client.reader(topics.HEALTH[role]) for role in CONTROL}
@@ -159,7 +161,7 @@ def for_s(seconds: float) -> Callable[[], bool]:
     return lambda: time.monotonic() < end_s
 
 
-def frozen_viewer(watcher: Watcher, path: Path, seconds: float) -> Phase:
+def frozen_viewer(watcher: HealthMonitor, path: Path, seconds: float) -> Phase:
     """Freeze and thaw a client that subscribes to all topics."""
     with child("tests.chaos.flood_peer", "viewer", "--cell", path) as viewer:
         if viewer.stdout is None or viewer.stdout.readline().strip() != "viewing":
@@ -178,7 +180,7 @@ def frozen_viewer(watcher: Watcher, path: Path, seconds: float) -> Phase:
 
 
 def flooded(
-    watcher: Watcher, path: Path, mix: str, *, seconds: float, rate_hz: int, least_hz: float
+    watcher: HealthMonitor, path: Path, mix: str, *, seconds: float, rate_hz: int, least_hz: float
 ) -> tuple[Phase, str]:
     """Let a client flood the bus; return its report of sent messages.
 
@@ -217,7 +219,7 @@ def run(seconds: float, rate_hz: int) -> tuple[list[Phase], list[str]]:
         cell, path = make_cell("demo", folder, {"cell": "flood", "bus.endpoint": endpoint})
         watch = exits.enter_context(witness(folder))
         under_test = exits.enter_context(running_cell(cell, path))
-        watcher = Watcher(under_test, watch)
+        watcher = HealthMonitor(under_test, watch)
         under_test.tare()
         under_test.make_ready()
         under_test.press(PRESS_N)

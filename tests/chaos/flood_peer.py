@@ -11,7 +11,7 @@ import time
 
 import zenoh
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.runtime.service import stop_on_signals
 from forcemesh import topics
@@ -51,7 +51,7 @@ def main() -> None:
             view(session, cell)
 
 
-def session_of(cell: Cell) -> zenoh.Session:
+def session_of(cell: CellConfig) -> zenoh.Session:
     """Connect as any client that knows the address of the hub."""
     config = {
         "mode": "client",
@@ -62,7 +62,12 @@ def session_of(cell: Cell) -> zenoh.Session:
 
 
 def flood(
-    session: zenoh.Session, cell: Cell, mix: tuple[int, ...], *, bursts_hz: float, seconds: float
+    session: zenoh.Session,
+    cell: CellConfig,
+    mix: tuple[int, ...],
+    *,
+    bursts_hz: float,
+    seconds: float,
 ) -> dict[str, float]:
     """Send bursts of ten messages at a rate for some time; return what was sent."""
     unknown_n, misplaced_n, questions_n, large_n = mix
@@ -97,7 +102,7 @@ def _ignore(_reply: zenoh.Reply) -> None:
     """Ignore a reply."""
 
 
-def view(session: zenoh.Session, cell: Cell) -> None:
+def view(session: zenoh.Session, cell: CellConfig) -> None:
     """Subscribe to all topics and read them until a stop signal."""
     stop = stop_on_signals()
     channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(VIEWER_HOLDS)

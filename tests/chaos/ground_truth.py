@@ -19,17 +19,17 @@ STILL_FOR_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Path:
+class FlangePath:
     """Flange path of one arm process: time [ns] (n,), position [m] (n, 3), speed [m/s]."""
 
     at_ns: npt.NDArray[np.int64]
     position_m: Array
     speed_m_s: Array
 
-    def between(self, since_ns: float, until_ns: float) -> "Path":
+    def between(self, since_ns: float, until_ns: float) -> "FlangePath":
         """Return the part within a time window."""
         inside = (self.at_ns >= since_ns) & (self.at_ns <= until_ns)
-        return Path(self.at_ns[inside], self.position_m[inside], self.speed_m_s[inside])
+        return FlangePath(self.at_ns[inside], self.position_m[inside], self.speed_m_s[inside])
 
     @property
     def known(self) -> bool:
@@ -59,7 +59,7 @@ class Path:
         return None
 
 
-def paths(records: Records) -> list[Path]:
+def paths(records: Records) -> list[FlangePath]:
     """Return the flange's path for each arm process, in order.
 
     Speeds use the arm's own ticks: catching up after a delay does not increase them.
@@ -73,9 +73,9 @@ def _lives(records: Records) -> Iterator[Records]:
     yield from (life for life in np.split(records, starts) if len(life) > WINDOW_TICKS)
 
 
-def _path(records: Records, kinematics: ArmKinematics) -> Path:
+def _path(records: Records, kinematics: ArmKinematics) -> FlangePath:
     part = records[::STRIDE_TICKS]
     position_m = np.array([kinematics.flange_pose(q).translation for q in part["q"]])
     step = WINDOW_TICKS // STRIDE_TICKS
     way_m = np.linalg.norm(position_m[step:] - position_m[:-step], axis=1)
-    return Path(part["at_ns"][step:], position_m[step:], way_m / (WINDOW_TICKS * TICK_S))
+    return FlangePath(part["at_ns"][step:], position_m[step:], way_m / (WINDOW_TICKS * TICK_S))

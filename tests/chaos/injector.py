@@ -7,45 +7,45 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from launch.started_process import Running
+from launch.started_process import ChildProcess
 
 BITES_WITHIN_S = 2.0  # after SIGTERM a process may finish its work
 POLL_S = 0.001
 
 
-class NoBiteError(Exception):
+class NoEffectError(Exception):
     """Error: the injection had no effect on the process."""
 
 
-def kill(running: Running) -> int:
+def kill(running: ChildProcess) -> int:
     """Kill a process (SIGKILL); return the time."""
     return _hit(running, signal.SIGKILL)
 
 
-def terminate(running: Running) -> int:
+def terminate(running: ChildProcess) -> int:
     """Terminate a process (SIGTERM); return the time."""
     return _hit(running, signal.SIGTERM)
 
 
-def freeze(running: Running) -> int:
+def freeze(running: ChildProcess) -> int:
     """Freeze a process (SIGSTOP); return the time."""
     return _hit(running, signal.SIGSTOP)
 
 
-def thaw(running: Running) -> int:
+def thaw(running: ChildProcess) -> int:
     """Thaw a frozen process (SIGCONT); return the time. Raises NoBiteError if not frozen."""
     if state_of(running.pid) != "T":
-        raise NoBiteError(f"process {running.pid} was not frozen when it was to be thawed")
+        raise NoEffectError(f"process {running.pid} was not frozen when it was to be thawed")
     return _hit(running, signal.SIGCONT)
 
 
-def prove_gone(running: Running) -> None:
-    """Wait until the process has ended. Raises NoBiteError if it does not."""
+def prove_gone(running: ChildProcess) -> None:
+    """Wait until the process has ended. Raises NoEffectError if it does not."""
     _until(lambda: running.ended() is not None, f"process {running.pid} did not end")
 
 
-def prove_frozen(running: Running) -> None:
-    """Wait until the process is stopped. Raises NoBiteError if it is not."""
+def prove_frozen(running: ChildProcess) -> None:
+    """Wait until the process is stopped. Raises NoEffectError if it is not."""
     _until(lambda: state_of(running.pid) == "T", f"process {running.pid} was not frozen")
 
 
@@ -57,7 +57,7 @@ def state_of(pid: int) -> str:
     return ""
 
 
-def _hit(running: Running, number: signal.Signals) -> int:
+def _hit(running: ChildProcess, number: signal.Signals) -> int:
     """Send a signal; return the time just before, taken at real-time priority."""
     with _ahead_of_ordinary_processes():
         now_ns = time.monotonic_ns()
@@ -80,5 +80,5 @@ def _until(what: Callable[[], bool], otherwise: str) -> None:
     give_up_s = time.monotonic() + BITES_WITHIN_S
     while not what():
         if time.monotonic() > give_up_s:
-            raise NoBiteError(otherwise)
+            raise NoEffectError(otherwise)
         time.sleep(POLL_S)

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
-from tests.chaos.ground_truth import Path, paths
+from tests.chaos.ground_truth import FlangePath, paths
 from tests.chaos.outcome import LAST_ACCEPTED_S, MOVING_M_S, Outcome
-from tests.chaos.recorder_client import Notes
+from tests.chaos.recorder_client import RecordedMessages
 from tests.chaos.rig import Rig
 from tests.chaos.witness import STALL_S
 
@@ -15,7 +15,7 @@ BEFORE_NS = round(0.5 * NS_PER_S)  # part of the path before the fault that is c
 STALL_BEFORE_NS, STALL_AFTER_NS = round(0.1 * NS_PER_S), round(0.7 * NS_PER_S)
 
 
-class SpoiltError(Exception):
+class InvalidTrialError(Exception):
     """Error: the trial is invalid for a reason outside the cell."""
 
 
@@ -28,7 +28,7 @@ class Window:
     end_ns: int
 
 
-def measure(outcome: Outcome, window: Window, rig: Rig, notes: Notes) -> None:
+def measure(outcome: Outcome, window: Window, rig: Rig, notes: RecordedMessages) -> None:
     """Fill an outcome with the measurements.
 
     Raises SpoiltError if the machine stalled, or if the arm was not moving at the fault.
@@ -49,17 +49,19 @@ def _refuse_stalls(outcome: Outcome, window: Window, rig: Rig) -> None:
         rig.witness.worst_s(edge - STALL_BEFORE_NS, edge + STALL_AFTER_NS) for edge in edges
     )
     if outcome.stalled_s > STALL_S:
-        raise SpoiltError(f"the machine stalled for {outcome.stalled_s * 1e3:.0f} ms")
+        raise InvalidTrialError(f"the machine stalled for {outcome.stalled_s * 1e3:.0f} ms")
 
 
-def _refuse_rest(outcome: Outcome, lives: list[Path], window: Window) -> None:
+def _refuse_rest(outcome: Outcome, lives: list[FlangePath], window: Window) -> None:
     before = [life.between(0, window.fault_ns) for life in lives]
     outcome.speed_m_s = next((float(path.speed_m_s[-1]) for path in before if path.known), 0.0)
     if outcome.speed_m_s < MOVING_M_S:
-        raise SpoiltError(f"it moved with {outcome.speed_m_s * 1e3:.1f} mm/s only")
+        raise InvalidTrialError(f"it moved with {outcome.speed_m_s * 1e3:.1f} mm/s only")
 
 
-def _measure_commands(outcome: Outcome, window: Window, notes: Notes, limit_s: float) -> None:
+def _measure_commands(
+    outcome: Outcome, window: Window, notes: RecordedMessages, limit_s: float
+) -> None:
     """Evaluate the commands accepted for motion, and their age."""
     times = [at_ns for at_ns, _ in notes.accepted.values()]
     ages = [age_s for _, age_s in notes.accepted.values()]
@@ -77,7 +79,7 @@ def _measure_commands(outcome: Outcome, window: Window, notes: Notes, limit_s: f
         outcome.last_accepted_s = max(0, last_ns - window.fault_ns) / NS_PER_S
 
 
-def _measure_path(outcome: Outcome, window: Window, lives: list[Path]) -> None:
+def _measure_path(outcome: Outcome, window: Window, lives: list[FlangePath]) -> None:
     """Evaluate the time to standstill, and motion after it."""
     case = outcome.case
     outcome.arm_gone = case.hits_the_arm and not case.frozen_s

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from launch.started_process import Running
-from tests.chaos.injector import NoBiteError, state_of
+from launch.started_process import ChildProcess
+from tests.chaos.injector import NoEffectError, state_of
 
 GROUPS = Path("/sys/fs/cgroup")
 LIMIT_B = 48 << 20
@@ -45,7 +45,7 @@ def limit_file() -> Path | None:
     return None
 
 
-def exhaust(running: Running) -> int:
+def exhaust(running: ChildProcess) -> int:
     """Exhaust the memory of a process; return when the kernel killed it (monotonic [ns]).
 
     Raises NoBiteError without control groups, or if the kernel killed another process.
@@ -59,7 +59,7 @@ def exhaust(running: Running) -> int:
             give_up_s = time.monotonic() + FILLS_WITHIN_S
             while state_of(running.pid) not in ("", "Z"):
                 if time.monotonic() > give_up_s or fills.poll() is not None:
-                    raise NoBiteError(f"the kernel did not kill process {running.pid}")
+                    raise NoEffectError(f"the kernel did not kill process {running.pid}")
                 time.sleep(POLL_S)
             return time.monotonic_ns()
         finally:
@@ -72,7 +72,7 @@ def _group(name: str) -> Iterator[Path]:
     """Create a group with a limit; remove it when it is empty."""
     limit = limit_file()
     if limit is None:
-        raise NoBiteError("memory control groups need root")
+        raise NoEffectError("memory control groups need root")
     group = limit.parent / name
     group.mkdir()
     try:

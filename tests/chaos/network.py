@@ -15,19 +15,19 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.runtime.priority import take_realtime_priority
 from forcemesh.errors import ForcemeshError
 from launch.processes import EMULATOR, processes_of
-from launch.started_process import Process
+from launch.started_process import ProcessSpec
 from tests.chaos.common_net import ROOT, make_cell, table
-from tests.chaos.network_faults import FAULTS, Fault
-from tests.chaos.network_judge import Bounds
-from tests.chaos.network_lab import CANNOT_RUN, Lab, Wire, enter_own_namespace, why_not
+from tests.chaos.network_faults import FAULTS, NetworkFault
+from tests.chaos.network_judge import TrialBounds
+from tests.chaos.network_lab import CANNOT_RUN, Cable, Lab, enter_own_namespace, why_not
 from tests.chaos.network_play import CABLE, HEAD, Row, asked, bounds_of, played
 from tests.chaos.network_proxy import through_proxy
-from tests.chaos.network_trials import Trial
-from tools.figures import put
+from tests.chaos.network_trials import NetworkTrial
+from tools.figures import replace_block
 
 PAGE = ROOT / "docs" / "chaos-network.md"
 TEMPLATES = ("demo", "demo-tcp")
@@ -35,7 +35,7 @@ PROXY = "proxy"
 COMMAND = "make chaos-network ARGS=--write"
 
 
-def hosts_of(cell: Cell, lab: Lab) -> tuple[list[Process], list[Wire]]:
+def hosts_of(cell: CellConfig, lab: Lab) -> tuple[list[ProcessSpec], list[Cable]]:
     """Assign each process of a cell a host; return the processes and the wires."""
     table_of = processes_of(cell)
     wires = [lab.host(process.name) for process in table_of]
@@ -51,16 +51,16 @@ def hosts_of(cell: Cell, lab: Lab) -> tuple[list[Process], list[Wire]]:
     return processes, wires
 
 
-def trials_on(cell: Cell, wires: list[Wire]) -> Iterator[Trial]:
+def trials_on(cell: CellConfig, wires: list[Cable]) -> Iterator[NetworkTrial]:
     """Yield every fault on every wire."""
     for wire in wires:
         for name, fault in FAULTS.items():
             yield trial_of(name, fault, wire, bounds_of(cell, is_cable=wire.name == CABLE))
 
 
-def trial_of(name: str, fault: Fault, wire: Wire, bounds: Bounds) -> Trial:
+def trial_of(name: str, fault: NetworkFault, wire: Cable, bounds: TrialBounds) -> NetworkTrial:
     """Return one fault on one wire."""
-    return Trial(
+    return NetworkTrial(
         wire=wire.name,
         fault=name,
         begin=lambda: fault.begin(wire),
@@ -128,7 +128,9 @@ def main() -> int:
     text = report(rows, arguments.seed, time.monotonic() - began_s)
     print("\n" + text)
     if arguments.write:
-        put(PAGE, "chaos-network", f"Measured on {os.cpu_count()} cores.\n\n{text}", COMMAND)
+        replace_block(
+            PAGE, "chaos-network", f"Measured on {os.cpu_count()} cores.\n\n{text}", COMMAND
+        )
     return 0 if rows and not any(row.verdict.mistakes for row in rows) else 1
 
 

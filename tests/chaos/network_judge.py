@@ -25,7 +25,7 @@ Moments = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class TrialBounds:
     """Bounds of a trial."""
 
     last_command_s: float
@@ -34,7 +34,7 @@ class Bounds:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class TrialObservations:
     """Observations of a trial; times are CLOCK_MONOTONIC [ns]."""
 
     began_ns: int
@@ -48,7 +48,7 @@ class Seen:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class TrialVerdict:
     """Result of a trial: one row of the table."""
 
     outcome: str
@@ -59,7 +59,7 @@ class Verdict:
     mistakes: tuple[str, ...]
 
 
-class Truth:
+class GroundTruthTrace:
     """Ground-truth trace of the arm's motion."""
 
     def __init__(self, path: Path) -> None:
@@ -89,7 +89,9 @@ class Truth:
         return float(speeds.mean()) if len(speeds) else 0.0
 
 
-def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdict:
+def judge(
+    seen: TrialObservations, at_ns: Moments, speed_m_s: Array, bounds: TrialBounds
+) -> TrialVerdict:
     """Return the verdict of a trial; mistakes are empty if all bounds are met."""
     after = at_ns >= seen.began_ns
     moving = at_ns[after & (speed_m_s > STILL_M_S)]
@@ -102,16 +104,16 @@ def judge(seen: Seen, at_ns: Moments, speed_m_s: Array, bounds: Bounds) -> Verdi
     if not seen.held:
         if seen.ends == "held":
             mistakes.append("the arm was not held")
-        return Verdict("went on", None, None, 0, fastest, tuple(mistakes))
+        return TrialVerdict("went on", None, None, 0, fastest, tuple(mistakes))
     still_ms = (moving[-1] - seen.began_ns) / MS if len(moving) else 0.0
     accepted_ms = None if seen.accepted_ns is None else (seen.accepted_ns - seen.began_ns) / MS
     mistakes += _of_a_hold(seen, accepted_ms, still_ms, bounds)
     stale = int(seen.ends == "held" and _after_heal(seen))
-    return Verdict("held", accepted_ms, still_ms, stale, fastest, tuple(mistakes))
+    return TrialVerdict("held", accepted_ms, still_ms, stale, fastest, tuple(mistakes))
 
 
 def _of_a_hold(
-    seen: Seen, accepted_ms: float | None, still_ms: float, bounds: Bounds
+    seen: TrialObservations, accepted_ms: float | None, still_ms: float, bounds: TrialBounds
 ) -> Iterator[str]:
     """Yield the violations of a trial with a hold."""
     if seen.ends == "went on":
@@ -131,5 +133,5 @@ def _of_a_hold(
         yield "a command was executed after the heal without a new arming"
 
 
-def _after_heal(seen: Seen) -> bool:
+def _after_heal(seen: TrialObservations) -> bool:
     return seen.accepted_ns is not None and seen.accepted_ns > seen.healed_ns

@@ -85,7 +85,7 @@ class Host:
 
 
 @dataclass(frozen=True, slots=True)
-class Wire:
+class Cable:
     """Cable (veth pair): near end in a host, far end in another host or in the switch."""
 
     name: str
@@ -120,7 +120,7 @@ class Lab:
         self._exits.close()
         run("ip", "link", "del", "br0", check=False)
 
-    def host(self, name: str) -> Wire:
+    def host(self, name: str) -> Cable:
         """Create a host on the switch; return its cable."""
         address = f"10.77.0.{len(self.hosts) + LEAST_HOST}"
         host = self.hosts[name] = Host(name, self._hold(), address)
@@ -130,9 +130,9 @@ class Lab:
         host.run("ip", "link", "set", "lo", "up")
         host.run("ip", "addr", "add", f"{address}/24", "dev", "eth0")
         host.run("ip", "link", "set", "eth0", "up")
-        return Wire(name, host, "eth0", None, port)
+        return Cable(name, host, "eth0", None, port)
 
-    def cable(self, name: str, near: str, far: str) -> Wire:
+    def cable(self, name: str, near: str, far: str) -> Cable:
         """Connect two hosts by a separate cable: 10.78.0.1 and 10.78.0.2."""
         a, b = self.hosts[near], self.hosts[far]
         a.run("ip", "link", "add", "eth1", "type", "veth",
@@ -140,7 +140,7 @@ class Lab:
         for host, address in ((a, "10.78.0.1/30"), (b, "10.78.0.2/30")):
             host.run("ip", "addr", "add", address, "dev", "eth1")
             host.run("ip", "link", "set", "eth1", "up")
-        return Wire(name, a, "eth1", b, "eth1")
+        return Cable(name, a, "eth1", b, "eth1")
 
     def _hold(self) -> int:
         """Start a holder process of a namespace that dies with this one."""

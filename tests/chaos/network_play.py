@@ -7,13 +7,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
-from launch.started_process import Process
+from launch.started_process import ProcessSpec
 from sim.robot.trace import VARIABLE as TRACE
 from tests.chaos.common_net import running_cell
-from tests.chaos.network_judge import Bounds, Seen, Truth, Verdict
-from tests.chaos.network_trials import Bench, Trial
+from tests.chaos.network_judge import GroundTruthTrace, TrialBounds, TrialObservations, TrialVerdict
+from tests.chaos.network_trials import Bench, NetworkTrial
 from tests.chaos.witness import witness
 
 CABLE = "controller"  # the wire between gateway and controller
@@ -31,9 +31,9 @@ class Row:
     """One row of the table."""
 
     cell: str
-    trial: Trial
-    verdict: Verdict
-    seen: Seen
+    trial: NetworkTrial
+    verdict: TrialVerdict
+    seen: TrialObservations
     repeated: int
 
     def cells(self) -> tuple[object, ...]:
@@ -51,14 +51,14 @@ def _ms(value: float | None) -> str:
     return "-" if value is None else f"{value:.0f}"
 
 
-def bounds_of(cell: Cell, *, is_cable: bool) -> Bounds:
+def bounds_of(cell: CellConfig, *, is_cable: bool) -> TrialBounds:
     """Return the bounds of a cell; on the controller's cable those of its own watchdog."""
     command_s = cell.stale_after_s(topics.ROBOT_COMMAND) + MARGIN_S
     if not is_cable or cell.gateway is None:
         through_program_s = 0.0 if cell.gateway is None else LOOP_S
-        return Bounds(command_s, command_s + RAMP_S + through_program_s, FASTEST_M_S)
+        return TrialBounds(command_s, command_s + RAMP_S + through_program_s, FASTEST_M_S)
     watchdog_s = cell.gateway.watchdog_s + LOOP_S
-    return Bounds(command_s + watchdog_s, watchdog_s + MARGIN_S + RAMP_S, FASTEST_M_S)
+    return TrialBounds(command_s + watchdog_s, watchdog_s + MARGIN_S + RAMP_S, FASTEST_M_S)
 
 
 @contextmanager
@@ -75,7 +75,7 @@ def environment(name: str, value: str) -> Iterator[None]:
             os.environ[name] = before
 
 
-def asked(trial: Trial, only: str) -> bool:
+def asked(trial: NetworkTrial, only: str) -> bool:
     """Return whether a trial is selected: `wire/fault`, `wire`, or `/fault`; empty for all."""
     wire, _, fault = only.partition("/")
     return wire in ("", trial.wire) and fault in ("", trial.fault)
@@ -83,11 +83,11 @@ def asked(trial: Trial, only: str) -> bool:
 
 def played(
     name: str,
-    cell: Cell,
+    cell: CellConfig,
     path: Path,
     *,
-    processes: Sequence[Process],
-    trials: Sequence[Trial],
+    processes: Sequence[ProcessSpec],
+    trials: Sequence[NetworkTrial],
     seed: int,
 ) -> Iterator[Row]:
     """Start a cell and run trials on it."""
@@ -98,7 +98,7 @@ def played(
         exits.enter_context(environment(TRACE, str(trace)))
         watch = exits.enter_context(witness(path.parent))
         under_test = exits.enter_context(running_cell(cell, path, processes))
-        bench = Bench(under_test, Truth(trace), watch, random.Random(seed))
+        bench = Bench(under_test, GroundTruthTrace(trace), watch, random.Random(seed))
         for trial in trials:
             row = Row(name, trial, *bench.play(trial))
             print(" | ".join(str(word) for word in row.cells()), flush=True)

@@ -14,9 +14,9 @@ from pathlib import Path
 from launch.processes import EMULATOR, processes_of
 from tests.chaos.common_net import free_port, make_cell
 from tests.chaos.network_faults import Ends
-from tests.chaos.network_judge import Bounds
+from tests.chaos.network_judge import TrialBounds
 from tests.chaos.network_play import CABLE, Row, asked, bounds_of, played
-from tests.chaos.network_trials import Trial
+from tests.chaos.network_trials import NetworkTrial
 from tests.fakes.hostile_proxy import HostileProxy
 from tests.fakes.hostile_stream import MS, Abuse, Chop, Gather
 
@@ -84,7 +84,7 @@ def through_proxy(only: str, seed: int) -> Iterator[Row]:
         yield from played("demo-tcp", cell, path, processes=processes, trials=trials, seed=seed)
 
 
-def trial_of(name: str, proxy: HostileProxy, bounds: Bounds) -> Trial:
+def trial_of(name: str, proxy: HostileProxy, bounds: TrialBounds) -> NetworkTrial:
     """Return one proxy fault on both directions."""
     make, ends = ABUSES[name]
     struck: list[Abuse] = []
@@ -100,4 +100,4 @@ def trial_of(name: str, proxy: HostileProxy, bounds: Bounds) -> Trial:
                 proxy.strike(direction, Abuse())
         return sum(abuse.bites for abuse in struck)
 
-    return Trial(CABLE, name, begin, end, LASTS_S, ends, bounds)
+    return NetworkTrial(CABLE, name, begin, end, LASTS_S, ends, bounds)

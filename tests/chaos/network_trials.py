@@ -8,7 +8,14 @@ from dataclasses import dataclass, replace
 from forcemesh.errors import ForcemeshError
 from tests.chaos.common_net import CellUnderTest, HarnessError
 from tests.chaos.network_faults import Ends
-from tests.chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, Verdict, judge
+from tests.chaos.network_judge import (
+    MOVES_M_S,
+    GroundTruthTrace,
+    TrialBounds,
+    TrialObservations,
+    TrialVerdict,
+    judge,
+)
 from tests.chaos.witness import STALL_S, Witness
 
 PRESS_N = 10.0
@@ -21,7 +28,7 @@ ATTEMPTS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class NetworkTrial:
     """One fault on one wire. `end` returns its number of effects."""
 
     wire: str
@@ -30,14 +37,14 @@ class Trial:
     end: Callable[[], int]
     lasts_s: float
     ends: Ends
-    bounds: Bounds
+    bounds: TrialBounds
 
 
 class Bench:
     """Running cell with the ground truth of its arm and a witness."""
 
     def __init__(
-        self, cell: CellUnderTest, truth: Truth, witness: Witness, rng: random.Random
+        self, cell: CellUnderTest, truth: GroundTruthTrace, witness: Witness, rng: random.Random
     ) -> None:
         """Tare, and store the height of the arm."""
         self.cell, self.truth, self.witness, self._rng = cell, truth, witness, rng
@@ -45,7 +52,7 @@ class Bench:
         cell.tare()
         self._high_m = cell.height_m() + CLEARANCE_M
 
-    def play(self, trial: Trial) -> tuple[Verdict, Seen, int]:
+    def play(self, trial: NetworkTrial) -> tuple[TrialVerdict, TrialObservations, int]:
         """Run a trial, repeated if the machine stalled; also return the number of repetitions."""
         repeated = 0
         while True:
@@ -59,7 +66,7 @@ class Bench:
                 return replace(verdict, mistakes=mistakes), seen, repeated
             repeated += 1
 
-    def _once(self, trial: Trial) -> tuple[Verdict, Seen]:
+    def _once(self, trial: NetworkTrial) -> tuple[TrialVerdict, TrialObservations]:
         self._approach()
         mark = max(0, self.truth.mark() - 20)
         began_ns = time.monotonic_ns()
@@ -95,7 +102,9 @@ class Bench:
         cell.press(PRESS_N)
         cell.until(lambda: self.truth.speed_now() > MOVES_M_S, "the arm moves", SET_OUT_S)
 
-    def _see(self, trial: Trial, began_ns: int, healed_ns: int, bites: int) -> Seen:
+    def _see(
+        self, trial: NetworkTrial, began_ns: int, healed_ns: int, bites: int
+    ) -> TrialObservations:
         """Observe the cell after the heal, once all topics are fresh again."""
         cell = self.cell
         heard = lambda: cell.status is not None and cell.robot is not None  # noqa: E731
@@ -103,7 +112,7 @@ class Bench:
         status, robot = cell.status, cell.robot
         if status is None or robot is None:
             raise HarnessError("arbiter or robot topic expired again")
-        return Seen(
+        return TrialObservations(
             began_ns=began_ns,
             healed_ns=healed_ns,
             accepted_ns=None if robot.accepted is None else robot.accepted.at_ns,

@@ -14,7 +14,7 @@ DRIFT_M = 5e-4  # permitted settling in contact after standstill
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class OutcomeLimits:
     """Limits of the cell for the evaluation."""
 
     command_s: float  # deadline of the command stream
@@ -56,7 +56,7 @@ class Outcome:
         return self.causes[0] if self.causes else ""
 
 
-def violations(outcome: Outcome, limits: Limits) -> list[str]:
+def violations(outcome: Outcome, limits: OutcomeLimits) -> list[str]:
     """Return messages for the violated bounds."""
     fastest_m_s, most_m_s = outcome.fastest_m_s, limits.speed_m_s * JUMP_MARGIN
     always: tuple[tuple[bool, str], ...] = (
@@ -70,7 +70,7 @@ def violations(outcome: Outcome, limits: Limits) -> list[str]:
     return [text for broken, text in rules if broken]
 
 
-def _rules_of_a_hold(outcome: Outcome, limits: Limits) -> tuple[tuple[bool, str], ...]:
+def _rules_of_a_hold(outcome: Outcome, limits: OutcomeLimits) -> tuple[tuple[bool, str], ...]:
     last_s, still_s = outcome.last_accepted_s or 0.0, outcome.still_s or 0.0
     never_stood = outcome.still_s is None and not outcome.arm_gone
     shows_nothing = bool(outcome.cause) and not outcome.status_shows

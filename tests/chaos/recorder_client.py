@@ -16,7 +16,7 @@ Key = tuple[int, int]  # epoch of the publisher, number of the message
 
 
 @dataclass(slots=True)
-class Notes:
+class RecordedMessages:
     """Records since `Ear.begin`."""
 
     # Commands accepted for motion by the robot: time [ns], and their age [s]; 0: unknown.
@@ -24,7 +24,7 @@ class Notes:
     codes: list[str] = field(default_factory=list)  # of the arbiter's trips, in order
 
 
-class Ear:
+class RecorderClient:
     """Subscriber of commands, robot state and arbiter status."""
 
     def __init__(self, bus: Bus) -> None:
@@ -35,11 +35,11 @@ class Ear:
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
         self._wrench = bus.reader(topics.WRENCH)
         self._written: dict[Key, tuple[int, str]] = {}  # time [ns] and kind
-        self.notes = Notes()
+        self.notes = RecordedMessages()
 
     def begin(self) -> None:
         """Discard all records."""
-        self.notes = Notes()
+        self.notes = RecordedMessages()
         self._written.clear()
 
     def until(self, what: Callable[[], bool], timeout_s: float) -> bool:

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from launch.processes import processes_of
 from launch.run_file import FOLDER_VARIABLE, ROOT
 from launch.run_log import RunLog
-from launch.started_process import Died, Running
+from launch.started_process import ChildProcess, ProcessExit
 from sim.robot.trace import VARIABLE as TRACE_VARIABLE
 from sim.robot.trace import Records, read_trace
 from tests.chaos.cases import CellName
@@ -24,7 +24,7 @@ PLATE_N_M = 2000.0
 END_WITHIN_S = 3.0
 
 
-def chaos_cell(name: CellName) -> Cell:
+def chaos_cell(name: CellName) -> CellConfig:
     """Return a demo cell with a soft plate and private ports."""
     bus, controller = free_port(), free_port()
     overrides: dict[str, object] = {
@@ -44,10 +44,10 @@ class Rig:
     Enter it in the main thread: the processes die with the thread that started them.
     """
 
-    def __init__(self, cell: Cell, folder: Path) -> None:
+    def __init__(self, cell: CellConfig, folder: Path) -> None:
         """Prepare a run; its files are written to `folder`."""
         self.cell = cell
-        self.running: dict[str, Running] = {}
+        self.running: dict[str, ChildProcess] = {}
         self.witness: Witness  # valid inside the block
         self.words: list[str] = []  # last output lines of the processes
         self._folder = folder
@@ -89,7 +89,7 @@ class Rig:
         for name in names:
             if name in self.running:
                 self.running.pop(name).finish(0.0)
-            self.running[name] = Running(self._processes[name], self._file, self._hear)
+            self.running[name] = ChildProcess(self._processes[name], self._file, self._hear)
         self._log_anew()
 
     def end(self, *names: str) -> None:
@@ -97,7 +97,7 @@ class Rig:
         for name in names:
             self.running[name].finish(0.0)
 
-    def note_deaths(self) -> list[Died]:
+    def note_deaths(self) -> list[ProcessExit]:
         """Record ended processes in the run file, as a supervisor does; return them."""
         died = [ended for each in self.running.values() if (ended := each.ended())]
         for each in died:

@@ -9,17 +9,17 @@ from itertools import groupby
 from pathlib import Path
 
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.messages import Host
 from tests.chaos.cases import Case, CellName
-from tests.chaos.injector import NoBiteError
+from tests.chaos.injector import NoEffectError
 from tests.chaos.journal import Journal
-from tests.chaos.measure import SpoiltError
-from tests.chaos.outcome import Limits, Outcome
-from tests.chaos.recorder_client import Ear
+from tests.chaos.measure import InvalidTrialError
+from tests.chaos.outcome import Outcome, OutcomeLimits
+from tests.chaos.recorder_client import RecorderClient
 from tests.chaos.rig import Rig, chaos_cell
-from tests.chaos.scripted_job import Job, NotMovingError
+from tests.chaos.scripted_job import NotMovingError, ScriptedJob
 from tests.chaos.table import one_line
 from tests.chaos.trial import Trials
 
@@ -32,22 +32,22 @@ class Report:
     """Results of a whole run."""
 
     outcomes: list[Outcome] = field(default_factory=list)
-    limits: dict[CellName, Limits] = field(default_factory=dict)
+    limits: dict[CellName, OutcomeLimits] = field(default_factory=dict)
     untried: list[str] = field(default_factory=list)  # invalid in every attempt
     spoilt: list[str] = field(default_factory=list)  # invalid trials, repeated
     took_s: float = 0.0
 
 
-def limits_of(cell: Cell) -> Limits:
+def limits_of(cell: CellConfig) -> OutcomeLimits:
     """Return the limits of a cell for the evaluation."""
-    return Limits(
+    return OutcomeLimits(
         command_s=cell.stale_after_s(topics.ROBOT_COMMAND),
         watchdog_s=0.0 if cell.gateway is None else cell.gateway.watchdog_s,
         speed_m_s=cell.limits.speed_m_s,
     )
 
 
-class Runner:
+class CaseRunner:
     """Runs cases; keeps a cell running while consecutive cases use it."""
 
     def __init__(self, journal: Journal) -> None:
@@ -77,11 +77,11 @@ class Runner:
         for _ in range(ATTEMPTS):
             try:
                 outcome = (self._trials or self._open(name)).run(case)
-            except (SpoiltError, NotMovingError, NoBiteError) as error:
+            except (InvalidTrialError, NotMovingError, NoEffectError) as error:
                 self._say(f"{case.cell} {case.name:<32} does not count: {error}")
                 self.report.spoilt.append(f"{case.cell} {case.name}: {error}")
                 self._journal.repeated(self.report.spoilt[-1])
-                if not isinstance(error, SpoiltError):
+                if not isinstance(error, InvalidTrialError):
                     self._close()
                 continue
             self.report.outcomes.append(outcome)
@@ -100,9 +100,9 @@ class Runner:
         folder = Path(self._exits.enter_context(tempfile.TemporaryDirectory(prefix="chaos-")))
         rig = self._rig = self._exits.enter_context(Rig(cell, folder))
         client = open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S)
-        ear = Ear(self._exits.enter_context(client))
+        ear = RecorderClient(self._exits.enter_context(client))
         host: Host = "pc" if name == "sim" else "controller"
-        self._trials = Trials(rig, ear, Job(ear, release_host=host))
+        self._trials = Trials(rig, ear, ScriptedJob(ear, release_host=host))
         return self._trials
 
     def _close(self) -> None:

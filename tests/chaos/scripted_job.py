@@ -15,7 +15,7 @@ from forcemesh.messages import (
 )
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest, Reply
 from tests.chaos.cases import Phase
-from tests.chaos.recorder_client import Ear
+from tests.chaos.recorder_client import RecorderClient
 
 READY_WITHIN_S = 30.0
 ASK_EVERY_S = 0.05
@@ -32,10 +32,10 @@ class NotMovingError(Exception):
     """Error: the arm did not reach the phase; the trial does not count."""
 
 
-class Job:
+class ScriptedJob:
     """Client that runs the job on the cell."""
 
-    def __init__(self, ear: Ear, *, release_host: Host) -> None:
+    def __init__(self, ear: RecorderClient, *, release_host: Host) -> None:
         """Store the first pose of the arm as home."""
         self._ear, self._host = ear, release_host
         if not ear.until(lambda: ear.robot() is not None, READY_WITHIN_S):

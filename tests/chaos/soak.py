@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.runtime.priority import take_realtime_priority
 from forcemesh import topics
 from forcemesh.bus import Reader
@@ -50,7 +50,7 @@ HEAD = ("process", "memory MB", "growth kB/10 min", "files", "loop", "late p99.9
 
 
 @dataclass(slots=True)
-class Body:
+class ProcessUsage:
     """Memory and open files of a process, sampled."""
 
     pid: int
@@ -112,7 +112,7 @@ class Soak:
 
     def __init__(self, under_test: CellUnderTest, watch: Witness, late_s: float) -> None:
         """Subscribe; take a first sample of all processes."""
-        cell: Cell = under_test.cell
+        cell: CellConfig = under_test.cell
         self.under_test, self._witness, self._late_s = under_test, watch, late_s
         self.rounds, self.false_holds = 0, 0
         self.excused: list[str] = []
@@ -123,7 +123,7 @@ class Soak:
         }
         under_test.until(lambda: set(ROLES) <= set(under_test.pids()), "health of all roles")
         pids = under_test.pids()
-        self.bodies = {role: Body(pids[role]) for role in ROLES}
+        self.bodies = {role: ProcessUsage(pids[role]) for role in ROLES}
         self._next_sample_s = 0.0
         self._began_s = time.monotonic()
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from itertools import groupby
 
 from tests.chaos.cases import KINDS, ROLES, Case
-from tests.chaos.outcome import Limits, Outcome, violations
+from tests.chaos.outcome import Outcome, OutcomeLimits, violations
 
 HEAD = (
     "| target | kind | trials | held | last motion accepted, ms | at rest, ms | stale executed |"
@@ -13,7 +13,7 @@ HEAD = (
 RULE = "|---|---|---:|---:|---:|---:|---:|---:|---|---:|"
 
 
-def rows(outcomes: Iterable[Outcome], limits: Limits) -> list[str]:
+def rows(outcomes: Iterable[Outcome], limits: OutcomeLimits) -> list[str]:
     """Return a Markdown table: one row per service and kind, with the worst numbers."""
     ordered = sorted(outcomes, key=lambda outcome: _place(outcome.case))
     lines = [HEAD, RULE]
@@ -22,7 +22,7 @@ def rows(outcomes: Iterable[Outcome], limits: Limits) -> list[str]:
     return lines
 
 
-def one_line(outcome: Outcome, limits: Limits) -> str:
+def one_line(outcome: Outcome, limits: OutcomeLimits) -> str:
     """Return one trial as a line for the console."""
     case, broken = outcome.case, violations(outcome, limits)
     came_of_it = "went on" if outcome.went_on else "held"
@@ -39,7 +39,7 @@ def _place(case: Case) -> tuple[int, int]:
     return ROLES.index(case.role), KINDS.index(case.kind)
 
 
-def _row(group: list[Outcome], limits: Limits) -> str:
+def _row(group: list[Outcome], limits: OutcomeLimits) -> str:
     case = group[0].case
     held = [outcome for outcome in group if not outcome.went_on]
     causes = sorted({outcome.cause for outcome in held if outcome.cause})

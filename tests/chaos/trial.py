@@ -12,9 +12,9 @@ from tests.chaos import injector, memory
 from tests.chaos.cases import Case
 from tests.chaos.measure import Window, measure
 from tests.chaos.outcome import Outcome
-from tests.chaos.recorder_client import Ear
+from tests.chaos.recorder_client import RecorderClient
 from tests.chaos.rig import Rig
-from tests.chaos.scripted_job import Job, NotMovingError
+from tests.chaos.scripted_job import NotMovingError, ScriptedJob
 
 WATCH_S = 2.0  # observation time for uncommanded motion
 LOOK_S = 0.5  # from the end of a process to the status query
@@ -24,7 +24,7 @@ UP_WITHIN_S = 30.0
 class Trials:
     """Runs cases on one running cell."""
 
-    def __init__(self, rig: Rig, ear: Ear, job: Job) -> None:
+    def __init__(self, rig: Rig, ear: RecorderClient, job: ScriptedJob) -> None:
         """Use a running cell."""
         self._rig, self._ear, self._job = rig, ear, job
         self._view = CellView(ear.bus, rig.cell)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import record_of
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Gains, Mode, PoseRecord, WrenchAtTcp
@@ -16,7 +16,9 @@ from services.regulator.settings import law_settings, pi_gains
 class PcFeedback:
     """Wrench in, next set point out; the law is the regulator's, the set points are the robot's."""
 
-    def __init__(self, cell: Cell, T_start: pin.SE3, mode: Mode, gains: Gains, *, now_ns: int):
+    def __init__(
+        self, cell: CellConfig, T_start: pin.SE3, mode: Mode, gains: Gains, *, now_ns: int
+    ):
         """Start at a flange pose. Without a dead band: tests push with small forces."""
         settings = law_settings(cell)
         self._settings = replace(settings, deadband_N=0.0, deadband_Nm=0.0)

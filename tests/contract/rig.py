@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
@@ -66,9 +66,9 @@ class Rig:
 
     def __init__(
         self,
-        cell: Cell,
+        cell: CellConfig,
         clock: Clock,
-        make: Callable[[Bus, Cell], Service],
+        make: Callable[[Bus, CellConfig], Service],
         *,
         feedback_host: Host = "controller",
     ) -> None:
@@ -235,7 +235,7 @@ class Rig:
         return self.advance(within_s, rests)
 
 
-def gateway_cell(port: int, **overrides: object) -> Cell:
+def gateway_cell(port: int, **overrides: object) -> CellConfig:
     """The demo cell with a controller behind a gateway."""
     changes: dict[str, object] = {
         "roles.robot": "gateway",

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.runtime.service import Runner, Service
 from forcemesh.bus import Bus
@@ -21,7 +21,7 @@ from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
 from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
-from sim.controller.wire import LockStepWire
+from sim.controller.wire import LockStepLink
 from sim.robot.service import SimRobot
 from tests.contract.rig import DEADLINE_S, DEMO_CELL, Rig, gateway_cell
 from tests.fakes.controller import PORT, FakeController
@@ -41,7 +41,7 @@ class Emulated:
         cell = gateway_cell(PORT, **changes)
         self.rig = Rig(cell, ManualClock(), self._make, feedback_host=host)
 
-    def _make(self, bus: Bus, cell: Cell) -> Service:
+    def _make(self, bus: Bus, cell: CellConfig) -> Service:
         self.controller = ControllerSensor(
             bus.playing("sensor"), cell, self.network, behaviour=self._behaviour
         )
@@ -90,15 +90,15 @@ def living(runner: Runner) -> Callable[[int], object]:
     return lambda now_ns: runner.step(now_ns) if runner.due(now_ns) else None
 
 
-def lock_step(bus: Bus, cell: Cell, network: MemoryNetwork) -> Gateway:
+def lock_step(bus: Bus, cell: CellConfig, network: MemoryNetwork) -> Gateway:
     """Return a gateway whose wire is in memory."""
-    return Gateway(bus, cell, LockStepWire(network, PORT, News))
+    return Gateway(bus, cell, LockStepLink(network, PORT, News))
 
 
-def faked(controller: FakeController, network: MemoryNetwork) -> Callable[[Bus, Cell], Both]:
+def faked(controller: FakeController, network: MemoryNetwork) -> Callable[[Bus, CellConfig], Both]:
     """Return what makes a gateway for a fake controller, which lives on the gateway's clock."""
 
-    def make(bus: Bus, cell: Cell) -> Both:
+    def make(bus: Bus, cell: CellConfig) -> Both:
         gateway = lock_step(bus, cell, network)
         return Both(gateway, lambda now_ns: controller.live(now_ns / NS_PER_S))
 

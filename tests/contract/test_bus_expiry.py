@@ -11,7 +11,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 
 from common.bus.cell_bus import open_bus, open_hub
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.security.pki import Pair, make_certificate, read_authority, write_pair
 from forcemesh import topics
 from forcemesh.clock import MonotonicClock
@@ -27,14 +27,14 @@ PATIENCE_S = 30.0
 
 
 @pytest.fixture
-def cell(tmp_path: Path) -> Cell:
+def cell(tmp_path: Path) -> CellConfig:
     """A cell with certificates of its own."""
     cell = make_cell(tmp_path / "pki")
     make_certificates(cell, tmp_path / "pki", tmp_path)
     return cell
 
 
-def shorten(folder: Path, name: str, cell: Cell, lives_s: float = LIVES_S) -> float:
+def shorten(folder: Path, name: str, cell: CellConfig, lives_s: float = LIVES_S) -> float:
     """Let a name's certificate end soon; return when, on the wall clock [s]."""
     authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
     new = make_certificate(authority, name, cell.cell, hosts=[], days=1, now=now)
@@ -58,7 +58,7 @@ def shorten(folder: Path, name: str, cell: Cell, lives_s: float = LIVES_S) -> fl
 
 
 def test_an_arbiter_whose_certificate_ends_is_cut_off_and_the_robot_holds(
-    cell: Cell, tmp_path: Path
+    cell: CellConfig, tmp_path: Path
 ) -> None:
     """Heard until it ends, then stale: the robot's last check holds, with the topic as the cause.
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from common.bus.cell_bus import open_bus, open_hub
 from common.bus.hub_settings import hub_settings
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from common.security.pki import copy_certificate, make_certificate, read_authority, write_pair
 from forcemesh import topics
@@ -44,7 +44,7 @@ def _nothing_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def make_cell(folder: Path, name: str = "tls", **bus: object) -> Cell:
+def make_cell(folder: Path, name: str = "tls", **bus: object) -> CellConfig:
     """Return a cell with certificates in a folder."""
     overrides = {
         "cell": name,
@@ -55,7 +55,7 @@ def make_cell(folder: Path, name: str = "tls", **bus: object) -> Cell:
     return load_cell(DEMO, overrides)
 
 
-def make_certificates(cell: Cell, folder: Path, scratch: Path, *words: str) -> None:
+def make_certificates(cell: CellConfig, folder: Path, scratch: Path, *words: str) -> None:
     """Make all certificates of a cell."""
     path = scratch / f"{cell.cell}.yaml"
     path.write_text(dump_cell(cell))
@@ -73,13 +73,13 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def cell(scratch: Path) -> Cell:
+def cell(scratch: Path) -> CellConfig:
     """A cell with certificates."""
     return make_cell(scratch / "pki")
 
 
 @pytest.fixture
-def sessions(cell: Cell) -> Iterator[dict[str, zenoh.Session]]:
+def sessions(cell: CellConfig) -> Iterator[dict[str, zenoh.Session]]:
     """A hub, and a session of every name on it."""
     with open_hub(cell):
         opened = {name: session_of(cell, name) for name in NAMES if name != "hub"}
@@ -89,7 +89,7 @@ def sessions(cell: Cell) -> Iterator[dict[str, zenoh.Session]]:
                 session.close()
 
 
-def session_of(cell: Cell, name: str, folder: Path | None = None) -> zenoh.Session:
+def session_of(cell: CellConfig, name: str, folder: Path | None = None) -> zenoh.Session:
     """Return a session with a name's certificate, which obeys nothing but the hub."""
     where = folder or Path(cell.bus.tls.folder if cell.bus.tls else "")
     settings = client_settings(cell.bus.endpoint, name, Identity(name, where).settings())
@@ -103,7 +103,7 @@ def session_of(cell: Cell, name: str, folder: Path | None = None) -> zenoh.Sessi
 
 
 def test_every_name_is_heard_on_its_own_keys_and_on_no_other(
-    cell: Cell, sessions: dict[str, zenoh.Session]
+    cell: CellConfig, sessions: dict[str, zenoh.Session]
 ) -> None:
     """All pairs of name and key are tried on a real hub: heard if the table names the writer."""
     heard: set[tuple[str, str]] = set()
@@ -130,7 +130,7 @@ def test_every_name_is_heard_on_its_own_keys_and_on_no_other(
 
 @pytest.mark.parametrize("false_hub", [name for name in NAMES if name != "hub"])
 def test_a_certificate_of_another_name_is_no_hub(
-    cell: Cell, false_hub: str, monkeypatch: pytest.MonkeyPatch
+    cell: CellConfig, false_hub: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A hub that shows what a monitor, a sensor or anybody else has: every role turns away."""
     folder = Path(cell.bus.tls.folder if cell.bus.tls else "")
@@ -153,7 +153,7 @@ def test_a_certificate_of_another_name_is_no_hub(
             session_of(cell, name).close()
 
 
-def test_the_hub_of_another_cell_is_not_this_cells_hub(cell: Cell, tmp_path: Path) -> None:
+def test_the_hub_of_another_cell_is_not_this_cells_hub(cell: CellConfig, tmp_path: Path) -> None:
     """One authority for two cells: TLS takes the other's hub, and every role turns away from it."""
     folder = Path(cell.bus.tls.folder if cell.bus.tls else "")
     authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
@@ -172,7 +172,7 @@ def test_the_hub_of_another_cell_is_not_this_cells_hub(cell: Cell, tmp_path: Pat
                 pass
 
 
-def test_the_hub_names_who_has_too_many_links(cell: Cell) -> None:
+def test_the_hub_names_who_has_too_many_links(cell: CellConfig) -> None:
     """By the name in the certificate, in its health; who has few is not named."""
     with open_hub(cell) as bus:
         hub = Hub(bus, cell)
@@ -187,7 +187,7 @@ def test_the_hub_names_who_has_too_many_links(cell: Cell) -> None:
             session.close()
 
 
-def test_only_people_are_answered(cell: Cell, sessions: dict[str, zenoh.Session]) -> None:
+def test_only_people_are_answered(cell: CellConfig, sessions: dict[str, zenoh.Session]) -> None:
     """Every name asks the arbiter: the questions of the operator and of the panel alone arrive."""
     asked: set[str] = set()
     people = {"operator", "panel"}
@@ -235,7 +235,7 @@ def test_a_monitor_may_hold_where_the_cell_says_so(scratch: Path) -> None:
     assert set(taken) == {topics.HOLD.key}
 
 
-def test_the_cell_works_with_certificates_as_without(cell: Cell) -> None:
+def test_the_cell_works_with_certificates_as_without(cell: CellConfig) -> None:
     """A role's message reaches every reader of the table, the hub's health a client."""
     with open_hub(cell) as hub, open_bus(cell, "wrench") as wrench, open_bus(
         cell, "regulator"
@@ -253,7 +253,7 @@ def test_the_cell_works_with_certificates_as_without(cell: Cell) -> None:
         assert all(heard)
 
 
-def test_a_hub_without_access_control_is_not_worked_on(cell: Cell) -> None:
+def test_a_hub_without_access_control_is_not_worked_on(cell: CellConfig) -> None:
     """A role finds out that its hub lets anybody say anything, and refuses to run."""
     settings = hub_settings(cell, cell.bus.endpoint)
     del settings["access_control"]
@@ -267,7 +267,7 @@ def test_a_hub_without_access_control_is_not_worked_on(cell: Cell) -> None:
 
 
 def test_a_foreign_certificate_does_not_get_in(
-    cell: Cell, scratch: Path, monkeypatch: pytest.MonkeyPatch
+    cell: CellConfig, scratch: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An arbiter of another authority is told that the hub may be refusing it."""
     foreign = scratch / "foreign"

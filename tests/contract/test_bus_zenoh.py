@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from common.bus.cell_bus import open_bus, open_hub
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus, Publisher, Reader
 from forcemesh.errors import BusError
 from forcemesh.messages import ArbiterStatus, Message, WrenchAtTcp
 from forcemesh.requests import ArmRequest, HoldRequest, Reply
-from forcemesh.zenoh_session import Ear
+from forcemesh.zenoh_session import ReceiverThread
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 
 pytestmark = pytest.mark.realtime
@@ -28,7 +28,7 @@ PATIENCE_S = 20.0  # of the test, for a loaded machine
 
 
 @pytest.fixture
-def cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
+def cell(monkeypatch: pytest.MonkeyPatch) -> CellConfig:
     """A cell on a port that is free."""
     monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
     with socket.create_server(("127.0.0.1", 0)) as probe:
@@ -37,7 +37,7 @@ def cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
 
 
 @pytest.fixture
-def hub(cell: Cell) -> Iterator[Bus]:
+def hub(cell: CellConfig) -> Iterator[Bus]:
     """The cell's hub."""
     with open_hub(cell) as bus:
         yield bus
@@ -89,7 +89,7 @@ def answering(bus: Bus, request: topics.Request, answer: Callable[[object], Repl
 
 
 @pytest.mark.usefixtures("hub")
-def test_a_reader_gets_the_newest_message_only(cell: Cell) -> None:
+def test_a_reader_gets_the_newest_message_only(cell: CellConfig) -> None:
     """A reader that was busy sees what is true now, and knows how many it has missed."""
     with open_bus(cell, "wrench") as writer, open_bus(cell, topics.CLIENT) as client:
         busy, idle = client.reader(topics.WRENCH), client.reader(topics.WRENCH)
@@ -110,15 +110,15 @@ def test_a_reader_gets_the_newest_message_only(cell: Cell) -> None:
 
 
 @pytest.mark.usefixtures("hub")
-def test_no_thread_outlives_its_bus(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_thread_outlives_its_bus(cell: CellConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is still in Zenoh when Python ends aborts the process; also one that is slow."""
-    listen = Ear._listen
+    listen = ReceiverThread._listen
 
-    def slowly(ear: Ear) -> None:
+    def slowly(ear: ReceiverThread) -> None:
         listen(ear)
         time.sleep(0.2)
 
-    monkeypatch.setattr(Ear, "_listen", slowly)
+    monkeypatch.setattr(ReceiverThread, "_listen", slowly)
     before = set(threading.enumerate())
     with open_bus(cell, "wrench") as bus:
         bus.reader(topics.SENSOR_WRENCH).wait(0.001)
@@ -127,7 +127,7 @@ def test_no_thread_outlives_its_bus(cell: Cell, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.usefixtures("hub")
-def test_silence_after_a_message_is_staleness(cell: Cell) -> None:
+def test_silence_after_a_message_is_staleness(cell: CellConfig) -> None:
     """The reader judges by its own clock: nobody has to say that nothing comes any more."""
     with open_bus(cell, "arbiter") as writer, open_bus(cell, topics.CLIENT) as client:
         reader = client.reader(topics.ARBITER_STATUS)
@@ -140,7 +140,7 @@ def test_silence_after_a_message_is_staleness(cell: Cell) -> None:
 
 
 @pytest.mark.usefixtures("hub")
-def test_a_request_is_answered_by_the_role_that_serves_it(cell: Cell) -> None:
+def test_a_request_is_answered_by_the_role_that_serves_it(cell: CellConfig) -> None:
     """What the client asked arrives as it was sent, and so does the answer."""
     refusal = Reply(accepted=False, code="busy", text="not now", value=1.5, limit=1.0)
     with (
@@ -154,7 +154,7 @@ def test_a_request_is_answered_by_the_role_that_serves_it(cell: Cell) -> None:
 
 
 @pytest.mark.usefixtures("hub")
-def test_a_request_is_asked_again_while_nobody_serves_it_yet(cell: Cell) -> None:
+def test_a_request_is_asked_again_while_nobody_serves_it_yet(cell: CellConfig) -> None:
     """A service that comes up while the question is open still answers it, and takes it once."""
     replies: list[Reply] = []
     with open_bus(cell, topics.CLIENT) as client:
@@ -172,7 +172,7 @@ def test_a_request_is_asked_again_while_nobody_serves_it_yet(cell: Cell) -> None
 
 
 @pytest.mark.usefixtures("hub")
-def test_a_request_that_nobody_answers_is_an_error_in_time(cell: Cell) -> None:
+def test_a_request_that_nobody_answers_is_an_error_in_time(cell: CellConfig) -> None:
     """The error names who should have answered, and comes when the time is up."""
     with open_bus(cell, topics.CLIENT) as client:
         started_s = time.monotonic()
@@ -182,7 +182,7 @@ def test_a_request_that_nobody_answers_is_an_error_in_time(cell: Cell) -> None:
 
 
 @pytest.mark.usefixtures("hub")
-def test_a_malformed_request_is_refused_and_never_reaches_the_service(cell: Cell) -> None:
+def test_a_malformed_request_is_refused_and_never_reaches_the_service(cell: CellConfig) -> None:
     """Whoever speaks Zenoh can send anything; the service sees only what the table allows."""
     with (
         open_bus(cell, "arbiter") as arbiter,
@@ -195,7 +195,7 @@ def test_a_malformed_request_is_refused_and_never_reaches_the_service(cell: Cell
         assert taken == []
 
 
-def test_a_hub_that_is_not_there_is_one_clear_error(cell: Cell) -> None:
+def test_a_hub_that_is_not_there_is_one_clear_error(cell: CellConfig) -> None:
     """It names the endpoint that was tried."""
     with (
         pytest.raises(BusError, match=f"no hub at {cell.bus.endpoint}"),
@@ -205,13 +205,13 @@ def test_a_hub_that_is_not_there_is_one_clear_error(cell: Cell) -> None:
 
 
 @pytest.mark.usefixtures("hub")
-def test_two_hubs_on_one_endpoint_are_one_clear_error(cell: Cell) -> None:
+def test_two_hubs_on_one_endpoint_are_one_clear_error(cell: CellConfig) -> None:
     """The second one never listens."""
     with pytest.raises(BusError, match=f"cannot listen on {cell.bus.endpoint}"), open_hub(cell):
         pass
 
 
-def test_environment_moves_the_endpoint(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_environment_moves_the_endpoint(cell: CellConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     """A container finds its hub under another name than the cell file's."""
     monkeypatch.setenv(ENDPOINT_VARIABLE, cell.bus.endpoint)
     elsewhere = cell.model_copy(
@@ -222,7 +222,7 @@ def test_environment_moves_the_endpoint(cell: Cell, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize("role", [*topics.ROLES, *topics.HELPERS, topics.CLIENT])
-def test_a_role_gets_only_what_the_table_gives_it(cell: Cell, hub: Bus, role: str) -> None:
+def test_a_role_gets_only_what_the_table_gives_it(cell: CellConfig, hub: Bus, role: str) -> None:
     """Every pair of role and row is tried: writing, reading, serving and asking."""
     bus = hub.playing(role)
     for topic in topics.TOPICS:

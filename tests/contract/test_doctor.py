@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 import numpy as np
 import pytest
 
-from cli.doctor.link import Patience, Visit, visit
+from cli.doctor.link import Visit, VisitTimeouts, visit
 from controller.packet import Packet, encode
 from controller.packet_table import ID_FIRST, Com, Status, greeting
 from services.gateway.scales import Scales
@@ -17,11 +17,11 @@ from tests.fakes.controller import FakeController
 
 pytestmark = pytest.mark.realtime
 
-SHORT = Patience(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
+SHORT = VisitTimeouts(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
 SCALES = Scales()
 
 
-def see(port: int, patience: Patience = SHORT) -> Visit:
+def see(port: int, patience: VisitTimeouts = SHORT) -> Visit:
     """Visit a port of this machine."""
     return visit("127.0.0.1", port, SCALES, patience)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.runtime.service import Runner
 from forcemesh.bus import Bus
@@ -96,7 +96,7 @@ def test_what_is_wrong_is_said_with_its_place(
         assert "program main, step 2: y = 1/0" in done.stdout
 
 
-def demo_cell() -> Cell:
+def demo_cell() -> CellConfig:
     """The demo's cell."""
     return load_cell(ROOT / "cells" / "demo.yaml")
 

@@ -19,7 +19,7 @@ from tests.contract.robots import sim_rig
 from tests.fakes.controller import PORT
 from tests.fakes.hostile_cell import ARM_STILL_RAD, HostileCell, hostile_cell
 from tests.fakes.hostile_stream import Reset, Rewrite, Throttle
-from tests.fuzz.permissive_arbiter import YesMan
+from tests.fuzz.permissive_arbiter import PermissiveController
 
 UP, DOWN = "to_controller", "to_gateway"
 REPORT_S = 0.040  # two samples of the program's sender are never farther apart here
@@ -109,7 +109,7 @@ def test_a_status_bit_alone_stops_the_arm_and_its_return_does_not_start_it(bit: 
 # --- H41: the arm is not where it was commanded ---------------------------------------------------
 
 
-class Lame(YesMan):
+class Lame(PermissiveController):
     """Takes every command and stays where it is."""
 
     def _move(self, dt_s: float) -> None:

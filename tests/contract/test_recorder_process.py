@@ -14,7 +14,7 @@ import yaml
 from mcap.reader import NonSeekingReader
 
 from common.bus.cell_bus import open_bus, open_hub
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus, Publisher, Reader, Source
@@ -37,7 +37,7 @@ ROOM = 10_000
 
 
 @pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
     """A cell that records into a folder of the test's, on a port that is free."""
     monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
     settings = {"recorder.folder": str(tmp_path), "recorder.least_free_GB": 0.0}
@@ -45,7 +45,7 @@ def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
 
 
 @contextmanager
-def started(cell: Cell, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+def started(cell: CellConfig, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Run a recorder of the cell as a process."""
     path = folder / "cell.yaml"
     path.write_text(yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True)))
@@ -80,7 +80,9 @@ def alive(client: Bus) -> Reader[Health]:
     return health
 
 
-def test_after_a_kill_the_file_opens_up_to_the_last_second(cell: Cell, tmp_path: Path) -> None:
+def test_after_a_kill_the_file_opens_up_to_the_last_second(
+    cell: CellConfig, tmp_path: Path
+) -> None:
     """Killed in the middle: no gap before, no more than a second lost; any reader opens it."""
     with (
         open_hub(cell) as hub,
@@ -108,7 +110,7 @@ def test_after_a_kill_the_file_opens_up_to_the_last_second(cell: Cell, tmp_path:
 
 
 @pytest.mark.long
-def test_the_process_ends_its_file_when_it_is_told_to_end(cell: Cell, tmp_path: Path) -> None:
+def test_the_process_ends_its_file_when_it_is_told_to_end(cell: CellConfig, tmp_path: Path) -> None:
     """SIGTERM: the file is whole, nothing is lost; stop says how much there is."""
     with (
         open_hub(cell) as hub,
@@ -147,7 +149,7 @@ def replaying(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
             process.kill()
 
 
-def test_a_replay_reproduces_every_topic_to_the_byte(cell: Cell, tmp_path: Path) -> None:
+def test_a_replay_reproduces_every_topic_to_the_byte(cell: CellConfig, tmp_path: Path) -> None:
     """A client on the replay's own hub hears what was recorded, in order, and nothing else."""
     frames = of_every_topic(rounds=4)
     path = recorded(tmp_path, frames)
@@ -174,7 +176,7 @@ def taken(tap: Source) -> list[bytes]:
 
 
 @pytest.mark.long
-def test_a_replay_never_speaks_to_a_cell_that_is_alive(cell: Cell, tmp_path: Path) -> None:
+def test_a_replay_never_speaks_to_a_cell_that_is_alive(cell: CellConfig, tmp_path: Path) -> None:
     """On its hub it is refused while one of its topics is said; under another name it is not."""
     path = recorded(tmp_path, of_every_topic(rounds=1))
     cell_file = tmp_path / "cell.yaml"

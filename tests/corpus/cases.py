@@ -17,7 +17,7 @@ from pathlib import Path
 from sim.controller.compiled import Compiled, Op
 from sim.controller.errors import AsError, AsSyntaxError
 from sim.controller.pendant import Pendant
-from sim.controller.syntax import Step
+from sim.controller.syntax import ProgramStep
 from sim.controller.task import Task
 from sim.controller.values import Joints, Transformation, Value
 from tests.fakes.as_bench import AsBench
@@ -37,7 +37,7 @@ class Outcome:
     refused: str = ""
     stops: list[str] = field(default_factory=list)
     printed: list[str] = field(default_factory=list)
-    executed: list[Step] = field(default_factory=list)
+    executed: list[ProgramStep] = field(default_factory=list)
     bench: AsBench | None = None
 
     def value(self, name: str) -> Value | None:
@@ -99,10 +99,10 @@ def numbers(value: Value | None) -> tuple[float, ...]:
     return (float(value),) if isinstance(value, float | int) else ()
 
 
-def _record(bench: AsBench, executed: list[Step]) -> None:
+def _record(bench: AsBench, executed: list[ProgramStep]) -> None:
     """Note every step that is executed without an error."""
 
-    def recording(step: Step, op: Op) -> Op:
+    def recording(step: ProgramStep, op: Op) -> Op:
         def run_and_note(task: Task) -> int:
             following = op(task)
             executed.append(step)

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from common.config.load import cell_from_tree, cell_hash
 from common.motion.convert import record_of
-from common.motion.permission import NO_COMMAND_YET, CommandGate, Verdict
+from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
@@ -170,7 +170,7 @@ class Product:
     command: RobotCommand = NO_COMMAND  # that the arbiter gave last
     wire: tuple[Header, RobotCommand] | None = None  # what the robot heard last
     before: tuple[Header, RobotCommand] | None = None  # the last command of the owner before
-    verdict: Verdict = NO_COMMAND_YET
+    verdict: GateDecision = NO_COMMAND_YET
     status: ArbiterStatus = NO_STATUS  # that the arbiter told last
     # What must be remembered to judge, though neither machine depends on it:
     dead: frozenset[tuple[int, int]] = frozenset()  # leases that the gate has ended
@@ -260,7 +260,7 @@ class Product:
             self.trouble = ""
         self.turned &= state == "SETTLING" or self.trouble == SPINS
 
-    def _obey(self, verdict: Verdict) -> None:
+    def _obey(self, verdict: GateDecision) -> None:
         """Be a robot: go where a permitted set point says, begin a goal, stop on a hold."""
         was, self.verdict, command = self.verdict.command, verdict, verdict.command
         if command is None:

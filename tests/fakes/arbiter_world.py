@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_hash, load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Oat, R_from_oat
@@ -30,7 +30,7 @@ from forcemesh.requests import MoveRequest
 from forcemesh.version import __version__
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs
-from services.arbiter.watch import Watch
+from services.arbiter.watch import InputMonitors
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
 ROLES = ("hub", "robot", "sensor", "wrench", "regulator")
@@ -47,7 +47,7 @@ STOPPED = RegulatorTarget(valid=False, reason="stopped")
 SPOILED = "spoiled: 123 ms old, limit 100 ms"
 
 
-def good_messages(cell: Cell) -> dict[str, Message]:
+def good_messages(cell: CellConfig) -> dict[str, Message]:
     """Return what is heard in a cell where all is well and nobody wants anything."""
     start = record_of(T_START)
     robot = RobotState(
@@ -72,7 +72,7 @@ def unfit(code: str) -> RobotStatus:
 class World:
     """The arbiter and its surroundings."""
 
-    cell: Cell = CELL
+    cell: CellConfig = CELL
     now_ns: int = 1_000_000_000
     silent: set[str] = field(default_factory=set)
     epochs: dict[str, int] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class World:
     def __post_init__(self) -> None:
         """Start the arbiter in a cell where all is well."""
         self.core = Arbiter(self.cell, command_deadline_s=DEADLINE_S)
-        self.watch = Watch(self.cell)
+        self.watch = InputMonitors(self.cell)
         self.messages = good_messages(self.cell)
 
     # --- surroundings -----------------------------------------------------------------------------

@@ -7,9 +7,9 @@ import pytest
 
 from sim.controller import syntax
 from sim.controller.errors import AsError
-from sim.controller.expressions import Expressions, Options
+from sim.controller.expressions import ControllerOptions, Expressions
 from sim.controller.lines import parse_line
-from sim.controller.machine_api import Machine
+from sim.controller.machine_api import MachineInterface
 from sim.controller.memory import Locals, Memory
 from sim.controller.parser import parse
 from sim.controller.values import Joints, Transformation, Value, joints
@@ -19,9 +19,9 @@ HERE_JOINTS = Joints((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
 SWITCHES = {"cp": True, "power": False}
 
 
-def standing_machine(signals: set[int], errors: list[int]) -> Machine:
+def standing_machine(signals: set[int], errors: list[int]) -> MachineInterface:
     """A controller that stands still; the test sets its signals and its last error."""
-    return cast("Machine", SimpleNamespace(
+    return cast("MachineInterface", SimpleNamespace(
         here=lambda: HERE,
         here_joints=lambda: HERE_JOINTS,
         destination=lambda: Transformation(9.0),
@@ -56,14 +56,14 @@ class AsLanguage:
         self.errors = [0]
         self.globals = self.memory.globals
         self.machine = standing_machine(self.signals, self.errors)
-        self.expressions = Expressions(Options(optional_formats=optional_formats))
+        self.expressions = Expressions(ControllerOptions(optional_formats=optional_formats))
         self.run(*assignments)
 
     def run(self, *assignments: str) -> "AsLanguage":
         """Execute `x = 1` and `POINT p = ...` steps."""
         for line in assignments:
             statement = parse_line(line).statement
-            assert isinstance(statement, syntax.Assign | syntax.Point)
+            assert isinstance(statement, syntax.Assign | syntax.PointStatement)
             value = self.expressions.value(statement.value)(self)
             self.expressions.store(statement.target)(self, value)
         return self

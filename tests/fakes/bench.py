@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.runtime.service import Service
 from forcemesh.bus import Bus, Origin, Publisher, Reader
@@ -28,8 +28,8 @@ class Bench:
     def __init__(
         self,
         role: str,
-        make: Callable[[Bus, Cell], Service],
-        cell: Cell = CELL,
+        make: Callable[[Bus, CellConfig], Service],
+        cell: CellConfig = CELL,
         step_s: float = 0.004,
     ) -> None:
         """Start the service at a virtual instant; nothing has been said yet."""

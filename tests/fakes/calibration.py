@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from cli.calibration.wizard import Pace, Wizard
-from common.config.cell import Cell
+from cli.calibration.wizard import CalibrationWizard, WizardTiming
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.kinematics import ArmKinematics
-from identification.excitation.plan import Options, Plan, make_plan
+from identification.excitation.plan import CalibrationPlan, PlanOptions, make_plan
 from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import DEMO, HALF_RATES
 
@@ -19,16 +19,16 @@ QUICK: dict[str, Any] = {
     "limits.speed_m_s": 1.0,  # the cell file's own limit would take minutes of virtual time
     "rates": HALF_RATES,
 }
-FAST = Pace(speed_m_s=0.8, dwell_s=0.3)
+FAST = WizardTiming(speed_m_s=0.8, dwell_s=0.3)
 
 
-def demo_cell(**overrides: Any) -> Cell:
+def demo_cell(**overrides: Any) -> CellConfig:
     """Return the demo's cell without any calibration."""
     return load_cell(DEMO, {"calibration": None, **overrides})
 
 
 @cache
-def planned(cell: Cell, q_start: tuple[float, ...], options: Options) -> Plan:
+def planned(cell: CellConfig, q_start: tuple[float, ...], options: PlanOptions) -> CalibrationPlan:
     """Return a plan, made once for all who begin at the same joint angles [rad]."""
     return make_plan(cell, ArmKinematics(), np.array(q_start), options)
 
@@ -66,7 +66,7 @@ class Notes:
 class CalibrationLab:
     """The cell on a virtual clock, at home and ready to be armed."""
 
-    def __init__(self, cell: Cell | None = None) -> None:
+    def __init__(self, cell: CellConfig | None = None) -> None:
         """Wait out the preflight."""
         self.cell = cell or demo_cell(**QUICK)
         self.world = VirtualCell(self.cell)
@@ -78,11 +78,15 @@ class CalibrationLab:
         """A client's way to the cell."""
         return self.world.client
 
-    def plan(self, **options: Any) -> Plan:
+    def plan(self, **options: Any) -> CalibrationPlan:
         """Return a plan from where the arm is."""
-        wanted = Options(**{"poses": 6, "verify_poses": 2, **options})
+        wanted = PlanOptions(**{"poses": 6, "verify_poses": 2, **options})
         return planned(self.cell, tuple(self.world.arm.q.tolist()), wanted)
 
-    def wizard(self, plan: Plan | None = None, pace: Pace = FAST) -> Wizard:
+    def wizard(
+        self, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
+    ) -> CalibrationWizard:
         """Return a wizard that has not begun."""
-        return Wizard(self.bus, self.cell, plan or self.plan(), pace=pace, teller=self.notes)
+        return CalibrationWizard(
+            self.bus, self.cell, plan or self.plan(), pace=pace, teller=self.notes
+        )

@@ -3,7 +3,7 @@
 from typing import Any
 
 from common.bus.memory_bus import MemoryCall
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus, Origin, Publisher
 from forcemesh.clock import NS_PER_S, ManualClock
@@ -40,7 +40,7 @@ class ElsewhereClock(ManualClock):
 class Cellmates(Bench):
     """The arbiter among roles that speak every period, as long as they live."""
 
-    def __init__(self, cell: Cell = CELL) -> None:
+    def __init__(self, cell: CellConfig = CELL) -> None:
         """Start with everybody alive and well."""
         super().__init__("arbiter", ArbiterService, cell)
         self.messages = good_messages(cell)

@@ -16,8 +16,8 @@ from controller.packet_table import (
     ID_LAST,
     NO_ID,
     Bank,
+    CentreParam,
     Com,
-    Point,
     Status,
     greeting,
     next_id,
@@ -200,7 +200,7 @@ class Talk:
         """Send all that has to come, once, before anything moves; wait until it is taken."""
         for bank, vec in enumerate((limits, motion, lower, upper)):
             self.send(Com.LIMITS, bank, vec)
-        self.do(Com.TCP, Point.TCP, tcp)
+        self.do(Com.TCP, CentreParam.TCP, tcp)
 
     def do(self, com: int, param: int = 0, vec: VecInt = ZERO_VEC, limit_s: float = 5.0) -> float:
         """Send a command for the robot program and wait until it is taken; return how long."""

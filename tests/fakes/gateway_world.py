@@ -19,7 +19,7 @@ from forcemesh.messages import Permission, RobotCommand, Speed, WrenchAtTcp
 from services.gateway.link import News
 from services.gateway.service import Gateway
 from tests.contract.rig import DEADLINE_S, gateway_cell
-from tests.fuzz.permissive_arbiter import MOTIONS, YesMan, pose_of_vec
+from tests.fuzz.permissive_arbiter import MOTIONS, PermissiveController, pose_of_vec
 
 PAUSE_NS = 100_000_000
 STEP_NS = 2_000_000
@@ -36,7 +36,7 @@ def moves(packet: Packet) -> bool:
     return packet.com in {*MOTIONS, Com.WRENCH}
 
 
-class MoodyController(YesMan):
+class MoodyController(PermissiveController):
     """Obeys, until it hangs up, talks garbage, cuts its packets or loses a light."""
 
     def __init__(self) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import record_of
 from common.runtime.service import Runner, Service
 from controller.packet import PACKET_CHARS
@@ -26,11 +26,11 @@ from sim.controller.behaviour import Behaviour
 from sim.controller.compiled import Compiled, Op
 from sim.controller.machine import Machine
 from sim.controller.motion_queue import Ticket
-from sim.controller.motion_requests import Motion
+from sim.controller.motion_requests import MotionRequest
 from sim.controller.network import Network, SocketNetwork
 from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
-from sim.controller.wire import LockStepWire
+from sim.controller.wire import LockStepLink
 from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted
 from tests.contract.robots import PROGRAM, Both, living
 from tests.fakes.controller import PORT
@@ -73,14 +73,14 @@ class HostileCell:
         self.network = HostileNetwork()
         return Rig(hostile_cell(PORT, **overrides), ManualClock(), self._make)
 
-    def _make(self, bus: Bus, cell: Cell) -> Service:
-        self.wire = LockStepWire(self.network, PORT, News)
+    def _make(self, bus: Bus, cell: CellConfig) -> Service:
+        self.wire = LockStepLink(self.network, PORT, News)
         self.gateway = Gateway(bus, cell, self.wire)
         controller = self._controller(bus, cell, self.network)
         self.machine.after_tick.append(lambda: self.network.pump(self.machine.now_ns))
         return Both(self.gateway, living(Runner(controller, [], bus.clock)))
 
-    def _controller(self, bus: Bus, cell: Cell, network: Network) -> ControllerSensor:
+    def _controller(self, bus: Bus, cell: CellConfig, network: Network) -> ControllerSensor:
         self.controller = ControllerSensor(
             bus.playing("sensor"), cell, network, behaviour=self._behaviour
         )
@@ -206,7 +206,7 @@ class SocketCell(HostileCell):
         self.proxy = self._stack.enter_context(HostileProxy(lambda: self.sockets.bound.get(PORT)))
         return Rig(hostile_cell(self.proxy.port, **overrides), MonotonicClock(), self._make)
 
-    def _make(self, bus: Bus, cell: Cell) -> Service:
+    def _make(self, bus: Bus, cell: CellConfig) -> Service:
         self.gateway = Gateway(bus, cell)
         self._stack.callback(self.gateway.close)
         controller = self._controller(bus, cell, self.sockets)
@@ -222,13 +222,13 @@ class SocketCell(HostileCell):
 class LoneController(SocketCell):
     """The controller and the proxy; the gateway is somebody else's process."""
 
-    def _make(self, bus: Bus, cell: Cell) -> Service:
+    def _make(self, bus: Bus, cell: CellConfig) -> Service:
         controller = self._controller(bus, cell, self.sockets)
         self._stack.callback(controller.close)
         return controller
 
 
-def hostile_cell(port: int, **overrides: object) -> Cell:
+def hostile_cell(port: int, **overrides: object) -> CellConfig:
     """The cell of these tests: the controller's watchdog as it ships, room below the tool."""
     gateway = {"host": "127.0.0.1", "port": port, "watchdog_s": WATCHDOG_S}
     return gateway_cell(
@@ -261,7 +261,7 @@ def watch_motions(machine: Machine, planned: list[pin.SE3]) -> None:
     queue = machine.robot.queue
     offer = queue.offer
 
-    def remember(motion: Motion, *, arrived: bool) -> Ticket:
+    def remember(motion: MotionRequest, *, arrived: bool) -> Ticket:
         if motion.T_base_tcp is not None:
             planned.append(motion.T_base_tcp)
         elif motion.q is not None:

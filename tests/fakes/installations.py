@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.payload_worlds import World, attitudes, read, truth
+from bench.payload_worlds import CellErrors, attitudes, read, truth
 from common.config.payload import Payload
 from common.motion.frames import Array, Oat, R_from_oat, quaternion_from_R
-from identification.installation.terms import Belief, Finding
+from identification.installation.terms import ExpectedInstallation, InstallationFinding
 from identification.recording import COLUMNS, Samples
 from identification.static_poses import carries_a_fit, sort_into_poses
 
@@ -18,7 +18,7 @@ EYE = np.eye(3)
 PAYLOAD = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))
 TRUTH = replace(PAYLOAD, com_m=(0.012, -0.008, 0.06))  # as cells/demo.yaml has it
 OAT_DEG = (30.0, 0.0, 0.0)
-ERRORS = World(tilt_deg=1.5, mounting_deg=2.0, gain=1.0, drift=1.0)
+ERRORS = CellErrors(tilt_deg=1.5, mounting_deg=2.0, gain=1.0, drift=1.0)
 
 
 def oat_matrix(oat_deg: tuple[float, ...]) -> Array:
@@ -26,11 +26,13 @@ def oat_matrix(oat_deg: tuple[float, ...]) -> Array:
     return R_from_oat(Oat(*np.radians(oat_deg).tolist()))
 
 
-def belief(payload: Payload = PAYLOAD, oat_deg: tuple[float, float, float] = OAT_DEG) -> Belief:
+def belief(
+    payload: Payload = PAYLOAD, oat_deg: tuple[float, float, float] = OAT_DEG
+) -> ExpectedInstallation:
     """Return a cell file that says the truth; the tool is along z of sensor and flange."""
     R = oat_matrix(oat_deg)
     p_sensor = np.array([0.0, 0.0, 0.02])
-    return Belief(
+    return ExpectedInstallation(
         mass_kg=payload.mass_kg,
         com_m=np.array(payload.com_m),
         oat_deg=oat_deg,
@@ -46,7 +48,7 @@ def readings(
     poses: int = 8,  # of six, one drawing in a thousand does not tell one axis from another
     force: Array = EYE,
     torque: Array = EYE,
-    world: World | None = None,
+    world: CellErrors | None = None,
     seed: int = 0,
 ) -> Samples:
     """Return noisy static readings whose channels show `force` and `torque` of the load."""
@@ -73,7 +75,9 @@ def readings(
     )
 
 
-def mended(finding: Finding, seen: Samples, of: Belief) -> tuple[Samples, Belief]:
+def mended(
+    finding: InstallationFinding, seen: Samples, of: ExpectedInstallation
+) -> tuple[Samples, ExpectedInstallation]:
     """Do what a finding of axes says, word by word, on an arm that stands upright."""
     oat = re.search(r"T_flange_sensor\.oat_deg: \[(.*?)\]", finding.mend)
     if finding.code == "reaction":

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotate_about_base_axes
 from forcemesh import topics
@@ -27,7 +27,7 @@ BRAKE_S = 0.25
 class Lab:
     """The cell with a client's eyes and hands."""
 
-    def __init__(self, cell: Cell = HALF_CELL) -> None:
+    def __init__(self, cell: CellConfig = HALF_CELL) -> None:
         """Wait out the preflight, tare and arm."""
         self.cell = VirtualCell(cell)
         self.robot = self.cell.client.reader(topics.ROBOT_STATE)

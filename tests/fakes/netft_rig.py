@@ -13,9 +13,9 @@ from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import decode
 from forcemesh.messages import SensorWrench
 from forcemesh.topics import Qos
-from services.sensor.link import Link, LinkSettings
-from services.sensor.netft_page import Page, parse
-from services.sensor.rdt import Command, request
+from services.sensor.link import UdpLink, UdpLinkSettings
+from services.sensor.netft_page import SettingsPage, parse
+from services.sensor.rdt import RdtCommand, request
 from services.sensor.rdt_driver import RdtDriver
 from services.sensor.service import SensorDriver
 from sim.netft.protocol import About, page
@@ -53,12 +53,12 @@ class LoopSocket:
         self.name = ""
 
 
-class LoopLink(Link):
+class LoopLink(UdpLink):
     """The driver's link with another kind of socket below it."""
 
     def __init__(self, sensor: NetftSensor) -> None:
-        start, stop = request(Command.START), request(Command.STOP)
-        super().__init__(LinkSettings("simulated", 49152, start, stop, ask_after_s=STALE_S / 2))
+        start, stop = request(RdtCommand.START), request(RdtCommand.STOP)
+        super().__init__(UdpLinkSettings("simulated", 49152, start, stop, ask_after_s=STALE_S / 2))
         self.sensor = sensor
 
     def _open(self, now_ns: int) -> None:
@@ -77,7 +77,7 @@ class LoopPage:
     def __init__(self, about: About, fault: str = "") -> None:
         self.fault, self.about, self.fetches = fault, about, 0
 
-    def poll(self, _now_ns: int) -> Page | None:
+    def poll(self, _now_ns: int) -> SettingsPage | None:
         """Return it, unless it cannot be read."""
         return None if self.fault else parse(page(self.about))
 

@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.limits import Limits
-from common.motion.rate_limiter import Window, check_rate
-from common.motion.setpoint_monitor import StreamBudget
-from common.motion.tracking import Tracking
+from common.motion.rate_limiter import PathWindow, check_rate
+from common.motion.setpoint_monitor import SetpointMonitor
+from common.motion.tracking import TrackingMonitor
 from forcemesh import topics
 from forcemesh.bus import Origin
 from forcemesh.messages import (
@@ -25,7 +25,7 @@ from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
 from services.gateway.link import News
 from services.gateway.service import Gateway
 from sim.controller.network import MemoryNetwork
-from sim.controller.wire import LockStepWire
+from sim.controller.wire import LockStepLink
 from sim.robot.service import SimRobot
 from tests.contract.rig import gateway_cell
 from tests.fakes.bench import CELL, Bench
@@ -108,7 +108,7 @@ def start_without_a_wrench() -> str:
 def from_a_gateway_alone() -> str:
     """Let a gateway speak that has no controller."""
     cell = gateway_cell(49152)
-    wire = LockStepWire(MemoryNetwork(), 49152, News)
+    wire = LockStepLink(MemoryNetwork(), 49152, News)
     bench = Bench("robot", lambda bus, _: Gateway(bus, cell, wire), cell)
     bench.watch(topics.ROBOT_STATE)
     bench.pass_s(0.1)
@@ -137,13 +137,13 @@ def ruled(trip: Trip | Reply | None) -> str:
 
 def a_flood() -> Trip | None:
     """Command ten steps of a millimetre within a hundredth of a second, a hundred times."""
-    window, there = Window(), pin.SE3(np.eye(3), np.array([1e-3, 0.0, 0.0]))
+    window, there = PathWindow(), pin.SE3(np.eye(3), np.array([1e-3, 0.0, 0.0]))
     for now_ns in range(1_000_000, 200_000_000, 1_000_000):
         window = window.after(now_ns, HERE, there)
     return check_rate(LIMITS, window)
 
 
-def too_sudden(rule: StreamBudget) -> Trip | None:
+def too_sudden(rule: SetpointMonitor) -> Trip | None:
     """Run nearly as fast as is allowed, then back at once."""
     period_ns, place = 4_000_000, pin.SE3.Identity()
     trip = rule.begin(place, 0)
@@ -154,7 +154,7 @@ def too_sudden(rule: StreamBudget) -> Trip | None:
     return trip
 
 
-def an_arm_that_stays_behind(rule: Tracking) -> Trip | None:
+def an_arm_that_stays_behind(rule: TrackingMonitor) -> Trip | None:
     """Command one place and report another one, for a second."""
     trips = []
     for now_ns in range(0, 1_000_000_000, 4_000_000):

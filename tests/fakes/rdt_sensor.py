@@ -12,7 +12,7 @@ from forcemesh.clock import ManualClock
 from forcemesh.codec import decode
 from forcemesh.messages import SensorWrench
 from forcemesh.topics import Qos
-from services.sensor.rdt import RECORD, Command, request
+from services.sensor.rdt import RECORD, RdtCommand, request
 from services.sensor.service import SensorDriver
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,7 +43,7 @@ class FakeSensor:
     def hear(self) -> bytes:
         """Wait for a request; a request to start begins the numbers anew."""
         data, address = self.socket.recvfrom(64)
-        if data == request(Command.START):
+        if data == request(RdtCommand.START):
             self.client, self.place = address, 0
         return data
 
@@ -115,7 +115,7 @@ class Rig:
     def start(self) -> None:
         """Let the driver ask, and the sensor hear it."""
         self.advance(PERIOD_S)
-        assert self.sensor.hear() == request(Command.START)
+        assert self.sensor.hear() == request(RdtCommand.START)
 
     def stream(self, duration_s: float, **how: Any) -> list[SensorWrench]:
         """Let the sensor send a record each period; return what the driver said."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from common.bus.memory_bus import MemoryCall, MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
 from forcemesh import topics
 from forcemesh.bus import Bus, Publisher
@@ -21,7 +21,7 @@ WALL_NS = 1_800_000_000 * NS_PER_S
 TRIP: dict[str, Any] = {"code": "force", "rule": 408, "text": "61 N, the limit is 60 N"}
 
 
-def cell_with(folder: Path, **section: Any) -> Cell:
+def cell_with(folder: Path, **section: Any) -> CellConfig:
     """Return the demo's cell that records into a folder."""
     tree = CELL.model_dump()
     tree["recorder"] |= {"folder": str(folder), "least_free_GB": 0.0, **section}

@@ -4,7 +4,7 @@ from typing import Any
 
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from forcemesh import topics
 from forcemesh.bus import Origin
@@ -30,7 +30,7 @@ KI = tune(CELL).force_i_m_per_Ns
 class RegulatorBench(Bench):
     """The regulator between a wrench, a robot and an arbiter that tests may bend."""
 
-    def __init__(self, cell: Cell = CELL) -> None:
+    def __init__(self, cell: CellConfig = CELL) -> None:
         """Start armed, free of contact, with everybody alive."""
         super().__init__("regulator", Regulator, cell)
         self.wrench = WrenchAtTcp(axes_checked=True)

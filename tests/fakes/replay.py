@@ -6,7 +6,7 @@ from typing import Any
 
 from cli.verbs_watch import find_topic
 from common.bus.memory_bus import MemoryCall, MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus, Reader
 from forcemesh.clock import ManualClock
@@ -35,7 +35,7 @@ def line_of(header: Header, message: Message) -> str:
 class Capture:
     """A cell on the virtual clock of which every word to and from the regulator is written down."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Begin at the cell's first instant."""
         self.world = VirtualCell(cell)
         self.lines: list[str] = []
@@ -64,7 +64,7 @@ class Capture:
         assert reply.accepted, reply.text
 
 
-def replay(lines: list[str], cell: Cell) -> Iterator[tuple[bytes, bytes]]:
+def replay(lines: list[str], cell: CellConfig) -> Iterator[tuple[bytes, bytes]]:
     """Feed a capture through a regulator; yield each target as it was said and is said now."""
     clock, transport = ManualClock(), MemoryTransport()
     regulator = Regulator(Bus("regulator", cell.cell, transport, cell, clock), cell)

@@ -2,10 +2,10 @@
 
 from services.gateway.link import News
 from sim.controller.network import MemoryNetwork
-from sim.controller.wire import LockStepWire
+from sim.controller.wire import LockStepLink
 
 
-class StallingWire(LockStepWire[News]):
+class StallingWire(LockStepLink[News]):
     """What is sent, or what comes in, waits while its direction is stalled; nothing is lost."""
 
     newest: "StallingWire"  # the one that was made last

@@ -4,7 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of, vec3
 from common.motion.frames import Array
 from forcemesh.messages import RobotState, WrenchAtTcp
@@ -19,7 +19,7 @@ class TouchedPlant(RegulatorBench):
     """The arm is where it was told to be some periods ago; what it touches is a spring."""
 
     def __init__(
-        self, wiring: Array | None = None, *, axes_checked: bool = False, cell: Cell = CELL
+        self, wiring: Array | None = None, *, axes_checked: bool = False, cell: CellConfig = CELL
     ) -> None:
         """Touch nothing; `wiring` is what the sensor shows of a force, base axes, shape (3, 3)."""
         super().__init__(cell)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from common.config.payload import Payload, predict, residual
 from common.motion.frames import R_from_quaternion, rotation_from_vector
-from identification.recording import Recording, Samples
+from identification.recording import Samples, WrenchRecording
 
 TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
 FORCE_NOISE_N, TORQUE_NOISE_NM = 0.007, 0.00035
@@ -39,7 +39,7 @@ def as_recording(samples, wrench_axes):
         "base": lambda v: np.einsum("nij,nj->ni", samples.R_base_sensor, v),
     }
     n = len(samples)
-    return Recording(
+    return WrenchRecording(
         source="made.csv",
         line=tuple(range(2, n + 2)),
         time_s=np.arange(n, dtype=float),

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.convert import record_of
 from common.motion.frames import GRAVITY_M_S2, Oat, R_from_oat
 from forcemesh import topics
@@ -26,7 +26,7 @@ R_FLANGE_SENSOR = CELL.sensor.T_flange_sensor.pose.rotation
 class WrenchBench(Bench):
     """The service between a robot and a sensor that tests may silence or bend."""
 
-    def __init__(self, cell: Cell = IDEAL) -> None:
+    def __init__(self, cell: CellConfig = IDEAL) -> None:
         """Start with a tool that hangs free, pointing down."""
         super().__init__("wrench", WrenchService, cell, step_s=SENSOR_S)
         self.R_base_flange, self.p_m = DOWN, np.array([0.0, 0.5, 0.35])

@@ -47,7 +47,7 @@ class Trio:
 
 
 @dataclass(slots=True)
-class Tally:
+class MisreadCounts:
     """Counters of the test."""
 
     cases: int = 0
@@ -182,9 +182,9 @@ LATE = {"added", "frames_added"}
 # --- acceptance by gateway and controller ---------------------------------------------------------
 
 
-def run(cases: int, seed: int) -> Tally:
+def run(cases: int, seed: int) -> MisreadCounts:
     """Corrupt this many streams; return the packets accepted but never sent."""
-    rng, tally = random.Random(seed), Tally()
+    rng, tally = random.Random(seed), MisreadCounts()
     pool, names = trios(rng), list(SPOILS)
     for _ in range(cases):
         trio, name = pool[rng.randrange(POOL)], names[rng.randrange(len(names))]
@@ -199,7 +199,7 @@ def run(cases: int, seed: int) -> Tally:
     return tally
 
 
-def judge(trio: Trio, spoiled: Spoiled, tally: Tally, name: str) -> str:
+def judge(trio: Trio, spoiled: Spoiled, tally: MisreadCounts, name: str) -> str:
     """Return how a stream was misread, empty if it was not."""
     stream, right = spoiled
     whole = len(stream) // PACKET_CHARS

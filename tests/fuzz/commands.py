@@ -19,10 +19,10 @@ import numpy as np
 import pinocchio as pin
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.convert import vec3
-from common.motion.permission import Verdict
+from common.motion.permission import GateDecision
 from forcemesh import reader, topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
@@ -30,9 +30,9 @@ from forcemesh.messages import RobotState, Vec3, WrenchAtTcp
 from services.gateway.service import Gateway
 from sim.robot.engine import mujoco
 from sim.robot.service import SimRobot
-from tests.fuzz.hostile_arbiter import Evil
+from tests.fuzz.hostile_arbiter import HostileArbiter
 from tests.fuzz.judges import ArmJudge, PacketJudge
-from tests.fuzz.permissive_arbiter import YesMan
+from tests.fuzz.permissive_arbiter import PermissiveController
 
 CELLS = File(__file__).resolve().parents[2] / "cells"
 BLOCK = 5000  # messages per robot instance; the next block has a new instance and the next seed
@@ -81,11 +81,11 @@ class World:
     def __init__(self, robot: str, seed: int) -> None:
         """Start all components."""
         name = "demo.yaml" if robot == "sim" else "demo-tcp.yaml"
-        self.cell: Cell = load_cell(CELLS / name, LIMITS)
+        self.cell: CellConfig = load_cell(CELLS / name, LIMITS)
         self.clock, self.transport = ManualClock(), MemoryTransport()
         self.table, self._robot, self._seed = Table(), robot, seed
         limits = self.cell.limits
-        self._evil = Evil(
+        self._evil = HostileArbiter(
             seed,
             self.cell.cell,
             self.clock.boot,
@@ -113,7 +113,7 @@ class World:
             self._arm_judge = ArmJudge(self.cell)
             self._twin = mujoco.MjData(self._sim.arm.model)
         else:
-            self._controller = YesMan((0.0, 0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0))
+            self._controller = PermissiveController((0.0, 0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0))
             self._gateway = Gateway(self._bus("robot"), self.cell, self._controller)
             self._packet_judge = PacketJudge(self.cell)
 
@@ -219,7 +219,7 @@ class World:
         controller.sent.clear()
 
 
-def lease_of(verdict: Verdict) -> tuple[int, int] | None:
+def lease_of(verdict: GateDecision) -> tuple[int, int] | None:
     """Return arbiter epoch and lease in force, or None."""
     command, accepted = verdict.command, verdict.accepted
     if command is None or command.permission is None or accepted is None:
@@ -227,7 +227,7 @@ def lease_of(verdict: Verdict) -> tuple[int, int] | None:
     return accepted.epoch, command.permission.lease
 
 
-def is_backing_off(verdict: Verdict) -> bool:
+def is_backing_off(verdict: GateDecision) -> bool:
     """Return whether the lease in force is a back-off: it may move above the force ceiling."""
     permission = None if verdict.command is None else verdict.command.permission
     return permission is not None and permission.purpose == "back_off"

@@ -26,7 +26,7 @@ Fields = dict[str, Any]
 
 
 @dataclass(slots=True)
-class Saying:
+class TimedMessage:
     """One message, and the delay to the next one."""
 
     data: bytes
@@ -35,7 +35,7 @@ class Saying:
     pause_ms: int
 
 
-class Evil:
+class HostileArbiter:
     """Generator of hostile messages."""
 
     def __init__(
@@ -54,7 +54,7 @@ class Evil:
         self._noisy = False
         self._held = 0  # consecutive messages that caused a hold
 
-    def say(self, now_ns: int, state: RobotState | None) -> Saying:
+    def say(self, now_ns: int, state: RobotState | None) -> TimedMessage:
         """Return the next message."""
         rng = self._rng
         if self._left <= 0:
@@ -82,7 +82,7 @@ class Evil:
             data = b"\xc1"
         if self._seldom(0.005):
             data = data[: rng.randrange(len(data))]
-        return Saying(data, str(fields.get("kind")), permitted, pause_ms)
+        return TimedMessage(data, str(fields.get("kind")), permitted, pause_ms)
 
     def _seldom(self, chance: float) -> bool:
         return self._noisy and self._rng.random() < chance

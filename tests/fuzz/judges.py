@@ -1,7 +1,8 @@
 """Independent reference check of the output of a robot's last check.
 
-`Path` evaluates the commanded motion: travel and rotation in a time window, and acceleration.
-Deceleration is not limited; all else is checked against the cell's limits and the margins below.
+`CommandedPath` evaluates the commanded motion: travel and rotation in a time window, and
+acceleration. Deceleration is not limited; all else is checked against the cell's limits and the
+margins below.
 """
 
 from bisect import bisect_right
@@ -12,7 +13,7 @@ from math import acos, degrees, radians
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from controller.packet_table import Com, FeedbackSwitch
 from tests.fuzz.framer import numbers
 from tests.fuzz.permissive_arbiter import MOTIONS, pose_of_vec
@@ -54,10 +55,10 @@ def turned(T_from: pin.SE3, T_to: pin.SE3) -> float:
     return _angle(float(np.sum(T_from.rotation * T_to.rotation)))
 
 
-class Path:
+class CommandedPath:
     """Commanded flange motion over time."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Start without points."""
         limits = cell.limits
         self._speed, self._turning = limits.speed_m_s, radians(limits.speed_deg_s)
@@ -116,10 +117,10 @@ class Path:
 class ArmJudge:
     """Checks the commanded joints of an arm with known kinematics, each millisecond."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Start without commands."""
         self.broken: Counter[str] = Counter()
-        self.path = Path(cell)
+        self.path = CommandedPath(cell)
         limits = cell.limits
         self._low = np.array(limits.workspace_min_m) - SLACK_M
         self._high = np.array(limits.workspace_max_m) + SLACK_M
@@ -177,12 +178,12 @@ class ArmJudge:
 class PacketJudge:
     """Checks the packets sent by a gateway."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Start without packets."""
         assert cell.gateway is not None
         self.broken: Counter[str] = Counter()
         self.coms: Counter[int] = Counter()
-        self.path = Path(cell)
+        self.path = CommandedPath(cell)
         self._cell, limits, section = cell, cell.limits, cell.gateway
         self._limits = limits
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose

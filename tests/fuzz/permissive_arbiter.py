@@ -19,7 +19,7 @@ READY = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status
 MOTIONS = (Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT)
 
 
-class YesMan:
+class PermissiveController:
     """Link of the gateway; `sent` holds the packets since it was last cleared."""
 
     def __init__(self, joint_rad: tuple[float, ...]) -> None:

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from tests.chaos.cases import KINDS, PHASES, ROLES, TWO, Case, matrix, named
-from tests.chaos.ground_truth import Path
+from tests.chaos.ground_truth import FlangePath
 from tests.chaos.journal import Journal
-from tests.chaos.outcome import Limits, Outcome, violations
-from tests.chaos.run import Runner
+from tests.chaos.outcome import Outcome, OutcomeLimits, violations
+from tests.chaos.run import CaseRunner
 from tests.chaos.witness import ROW, Witness
 
-LIMITS = Limits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
+LIMITS = OutcomeLimits(command_s=0.1, watchdog_s=0.0, speed_m_s=0.25)
 CASE = Case("sim", "regulator", "kill", "press", 0)
 MS = 1_000_000
 
@@ -23,7 +23,7 @@ MS = 1_000_000
 def test_two_plugs_are_pulled_and_the_arm_holds():
     """A frozen arbiter and a killed regulator in real processes: every bound is kept."""
     cases = [Case("sim", "arbiter", "freeze-1", "approach", 0), replace(CASE, phase="retreat")]
-    report = Runner(Journal(None)).run(cases)
+    report = CaseRunner(Journal(None)).run(cases)
     assert report.untried == []
     assert [outcome.case for outcome in report.outcomes] == cases
     for outcome in report.outcomes:
@@ -101,10 +101,10 @@ def test_a_name_that_is_none_is_refused(name):
         named(name)
 
 
-def path(*speeds_m_s: float) -> Path:
+def path(*speeds_m_s: float) -> FlangePath:
     """A flange with one speed for each millisecond, standing at the origin."""
     count = len(speeds_m_s)
-    return Path(np.arange(count) * MS, np.zeros((count, 3)), np.array(speeds_m_s))
+    return FlangePath(np.arange(count) * MS, np.zeros((count, 3)), np.array(speeds_m_s))
 
 
 def test_the_flange_stands_when_it_is_slow_for_a_tenth_of_a_second():

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
 from cli.demo.play import play_virtual
-from cli.demo.scenario import Plan
+from cli.demo.scenario import ScenarioPlan
 from common.config.load import load_cell
 from forcemesh.errors import ConfigError
 from tests.fakes.long import long
@@ -20,10 +20,10 @@ CELLS = Path(__file__).parents[2] / "cells"
 MOST_OVERSHOOT_PCT = 5.0
 
 
-def play(host, mode, trial: Trial, settled_for_s=1.0) -> Result:
+def play(host, mode, trial: DemoOverrides, settled_for_s=1.0) -> Result:
     """Run the demo's script with the documented gain rule and return its numbers."""
     cell = demo_cell(CELLS / "demo-tcp.yaml", trial)
-    plan = Plan(
+    plan = ScenarioPlan(
         mode=mode, host=host, setpoint_N=DEFAULT_SETPOINT_N[mode], settled_for_s=settled_for_s
     )
     trace = play_virtual(cell, plan, lambda *_: None, 0.0)
@@ -39,7 +39,7 @@ def play(host, mode, trial: Trial, settled_for_s=1.0) -> Result:
 @pytest.mark.parametrize("host", ["pc", "controller"])
 def test_the_main_job_settles_over_tcp(host, mode, stiffness_N_m, as_step_s, pessimistic):
     """Whoever runs the law: gateway, packets, AS program, motion of the arm, and back."""
-    trial = Trial(
+    trial = DemoOverrides(
         tilt_deg=DEFAULT_TILT_DEG[mode],
         stiffness_N_m=stiffness_N_m,
         as_step_s=as_step_s,
@@ -54,8 +54,10 @@ def test_the_main_job_settles_over_tcp(host, mode, stiffness_N_m, as_step_s, pes
 @pytest.mark.long
 def test_the_gateway_tells_how_fast_the_program_goes_round():
     """About 60 times a second at the demo's step time, by its own counter, and 2.4 times slower."""
-    fast = play("controller", "position", Trial(), settled_for_s=5.0).robot_numbers
-    slow = play("controller", "position", Trial(as_step_s=0.0003), settled_for_s=5.0).robot_numbers
+    fast = play("controller", "position", DemoOverrides(), settled_for_s=5.0).robot_numbers
+    slow = play(
+        "controller", "position", DemoOverrides(as_step_s=0.0003), settled_for_s=5.0
+    ).robot_numbers
 
     assert 50.0 <= fast["program_loop_hz"] <= 75.0
     assert fast["program_loop_hz"] / slow["program_loop_hz"] == pytest.approx(2.4, rel=0.35)
@@ -67,20 +69,20 @@ def test_the_gateway_tells_how_fast_the_program_goes_round():
 @pytest.mark.long
 def test_two_plays_are_the_same_to_the_last_bit():
     """Gateway, program, arm and the whole cell on one clock."""
-    trial = Trial(as_step_s=0.0003)
+    trial = DemoOverrides(as_step_s=0.0003)
     assert play("controller", "position", trial) == play("controller", "position", trial)
 
 
 def test_a_step_time_for_a_cell_without_an_emulated_controller_is_refused():
     """With the name of a cell that has one."""
     with pytest.raises(ConfigError, match=r"demo-tcp\.yaml"):
-        demo_cell(CELLS / "demo.yaml", Trial(as_step_s=0.0003))
+        demo_cell(CELLS / "demo.yaml", DemoOverrides(as_step_s=0.0003))
 
 
 def test_delay_and_rate_go_with_the_step_time():
     """All that the program takes; what was measured at one step time holds for another."""
     plain = load_cell(CELLS / "demo-tcp.yaml")
     assert plain.sim is not None
-    slow = demo_cell(CELLS / "demo-tcp.yaml", Trial(as_step_s=2.0 * plain.sim.as_step_s))
+    slow = demo_cell(CELLS / "demo-tcp.yaml", DemoOverrides(as_step_s=2.0 * plain.sim.as_step_s))
     assert slow.robot.delay_s == pytest.approx(2.0 * plain.robot.delay_s)
     assert slow.rates.robot_hz == pytest.approx(0.5 * plain.rates.robot_hz)

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, Trial, demo_cell, surface_of
+from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
 from cli.demo.play import play_virtual
-from cli.demo.scenario import Plan, ScenarioError
+from cli.demo.scenario import ScenarioError, ScenarioPlan
 from tests.fakes.long import long
 from tuning.gain_rule import tune
 
@@ -20,13 +20,13 @@ def play(mode, stiffness_N_m, *, delay_ms, tilt_deg=None, press_N=30.0) -> Resul
     """Run the demo's script with the documented gain rule and return its numbers."""
     cell = demo_cell(
         CELL,
-        Trial(
+        DemoOverrides(
             tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
             stiffness_N_m=stiffness_N_m,
             delay_s=delay_ms / 1e3,
         ),
     )
-    plan = Plan(mode=mode, press_N=press_N, setpoint_N=DEFAULT_SETPOINT_N[mode])
+    plan = ScenarioPlan(mode=mode, press_N=press_N, setpoint_N=DEFAULT_SETPOINT_N[mode])
     trace = play_virtual(cell, plan, lambda *_: None, 0.0)
     return measure(trace, plan, surface_of(cell), tune(cell).tau_s)
 
@@ -80,9 +80,9 @@ def test_mode_both_lays_the_disc_flat_on_the_plate():
 
 def test_a_gain_for_a_plate_ten_times_softer_is_stopped_by_the_force_ceiling():
     """The measure can fail: far too hot a gain does not settle, and the arm is held."""
-    cell = demo_cell(CELL, Trial(stiffness_N_m=1e5, delay_s=0.01))
+    cell = demo_cell(CELL, DemoOverrides(stiffness_N_m=1e5, delay_s=0.01))
     softer = cell.contact.model_copy(update={"stiffness_N_m": 1e4})
     cell = cell.model_copy(update={"contact": softer})
 
     with pytest.raises(ScenarioError, match="above the ceiling"):
-        play_virtual(cell, Plan(), lambda *_: None, 0.0)
+        play_virtual(cell, ScenarioPlan(), lambda *_: None, 0.0)

@@ -14,7 +14,7 @@ import zenoh
 
 from common.bus.cell_bus import open_hub
 from common.bus.hub_settings import LONGEST_MESSAGE_B
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import MOST_AT_ONCE, Inbox
@@ -33,7 +33,7 @@ PATIENCE_S = 20.0  # of the test, for a loaded machine
 
 
 @pytest.fixture
-def cell() -> Cell:
+def cell() -> CellConfig:
     """A cell on a port that is free."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     return load_cell(DEMO, {"cell": "flood", "bus.endpoint": endpoint})
@@ -138,7 +138,7 @@ def test_a_loop_that_is_on_time_is_not_overdue(tmp_path):
 
 def test_a_body_that_grows_or_leaks_is_seen():
     """The judge itself: the line through what it weighed, and files that are not given back."""
-    body = soak.Body(1)
+    body = soak.ProcessUsage(1)
     body.at_s = [float(n) for n in range(100)]
     body.resident_b = [5e7 + 2000.0 * n for n in range(100)]
     body.files = [20] * 99 + [21]
@@ -154,7 +154,7 @@ def test_a_short_soak_has_a_small_bound(over_s, most_b):
 
 
 @pytest.fixture
-def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.Watcher, Path]]:
+def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.HealthMonitor, Path]]:
     """A real cell that presses, and who watches it.
 
     Late is here what misses a deadline of that cell; `make chaos-flood` asks for milliseconds, on a
@@ -169,7 +169,10 @@ def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.Watcher, Path]]:
         under_test.press(flood.PRESS_N)
         time.sleep(flood.HEALTH_WINDOW_S)  # health tells of a second and more ago
         deadline_s = cell.deadlines.sensor_s
-        yield flood.Watcher(under_test, watch, flood.Bounds(deadline_s, deadline_s)), path
+        yield (
+            flood.HealthMonitor(under_test, watch, flood.TimingLimits(deadline_s, deadline_s)),
+            path,
+        )
 
 
 @pytest.mark.processes

@@ -16,18 +16,24 @@ from hypothesis import strategies as st
 
 from sim.robot.trace import RECORD
 from tests.chaos import clocks, network
-from tests.chaos.network_judge import MOVES_M_S, Bounds, Seen, Truth, judge
+from tests.chaos.network_judge import (
+    MOVES_M_S,
+    GroundTruthTrace,
+    TrialBounds,
+    TrialObservations,
+    judge,
+)
 from tests.chaos.network_lab import CANNOT_RUN, why_not
 from tests.chaos.network_proxy import Delay
 
 ROOT = Path(__file__).parents[2]
-BOUNDS = Bounds(last_command_s=0.15, still_s=0.35, fastest_m_s=0.05)
+BOUNDS = TrialBounds(last_command_s=0.15, still_s=0.35, fastest_m_s=0.05)
 BEGAN_NS, HEALED_NS = 10**12, 10**12 + 10**9
 MS = 10**6
 PATIENCE_S = 90.0
 
 
-def seen(**changes: object) -> Seen:
+def seen(**changes: object) -> TrialObservations:
     """A fault that held the arm as it should."""
     fields: dict[str, object] = {
         "began_ns": BEGAN_NS,
@@ -39,7 +45,7 @@ def seen(**changes: object) -> Seen:
         "ends": "held",
         "stall_s": 0.0,
     }
-    return Seen(**(fields | changes))  # type: ignore[arg-type]
+    return TrialObservations(**(fields | changes))  # type: ignore[arg-type]
 
 
 def stops_after(moving_ms: int, speed_m_s: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
@@ -48,13 +54,13 @@ def stops_after(moving_ms: int, speed_m_s: float = 0.01) -> tuple[np.ndarray, np
     return at_ns, np.where(at_ns <= BEGAN_NS + moving_ms * MS, speed_m_s, 0.0)
 
 
-def travelled(path: Path, ways_rad: np.ndarray) -> Truth:
+def travelled(path: Path, ways_rad: np.ndarray) -> GroundTruthTrace:
     """Write the trace of an upright arm whose second joint turns so far in each tick."""
     rows = np.zeros(len(ways_rad), RECORD)
     rows["tick"] = np.arange(len(ways_rad))
     rows["q"][:, 1] = np.cumsum(ways_rad)
     rows.tofile(path)
-    return Truth(path)
+    return GroundTruthTrace(path)
 
 
 @pytest.mark.parametrize("ends_at", range(200, 230, 5))
@@ -69,7 +75,7 @@ def test_an_arm_that_has_stopped_is_not_on_its_way(tmp_path):
     dash_rad = np.where(np.arange(300) < 190, 1e-5, 0.0)
     assert travelled(tmp_path / "t", dash_rad).speed_now() < MOVES_M_S
     assert travelled(tmp_path / "u", np.zeros(300)).speed_now() == 0.0
-    assert Truth(tmp_path / "none").speed_now() == 0.0
+    assert GroundTruthTrace(tmp_path / "none").speed_now() == 0.0
 
 
 def test_a_hold_within_the_bounds_is_no_mistake():

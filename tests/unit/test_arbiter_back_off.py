@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.motion.back_off import FARTHEST_M, RISE_N, SPEED_M_S
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
@@ -22,7 +22,7 @@ from tests.fakes.bench import CELL
 DT_S = PERIOD_NS * 1e-9
 
 
-def loaded(force_N: Vec3 = (0.0, 0.0, 75.0), cell: Cell = CELL) -> World:
+def loaded(force_N: Vec3 = (0.0, 0.0, 75.0), cell: CellConfig = CELL) -> World:
     """Return an arbiter that holds above its ceiling."""
     world = World(cell).make_armed()
     world.change("wrench", force_N=force_N)

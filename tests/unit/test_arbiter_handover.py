@@ -13,7 +13,7 @@ from forcemesh.faults import tripped
 from forcemesh.messages import Accepted, Asker, Commander, RobotCommand
 from forcemesh.requests import MoveRequest
 from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
-from services.arbiter.ranks import RANKS, goes_before
+from services.arbiter.ranks import RANKS, outranks
 from tests.fakes.arbiter_robot import MOTIONS, RobotWorld
 from tests.fakes.arbiter_world import CELL, MOVE_DOWN, PERIOD_NS, STOPPED, World, shifted, way_m
 
@@ -71,7 +71,7 @@ def test_who_takes_the_arm_from_whom(owner: str, asker: Asker) -> None:
     assert reply is not None
 
     assert reply.accepted == ((owner, asker) in TAKES)
-    assert reply.accepted == goes_before(asker, named(owner))
+    assert reply.accepted == outranks(asker, named(owner))
     if not reply.accepted:
         assert reply.code == "busy"
         assert named(owner) in reply.text

@@ -6,10 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
 from forcemesh.messages import RegulatorTarget, WrenchAtTcp
-from services.arbiter.preflight import CHECKS, Look, Terms, complaints, load_text
+from services.arbiter.preflight import CHECKS, PreflightContext, Terms, failed_checks, load_text
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, World, shifted
 
 IDLE_MAX_N = CELL.force.idle_max_N
@@ -22,7 +22,7 @@ def ready(**changes: object) -> World:
     return World(cell_with(**changes)).make_ready()
 
 
-def cell_with(**changes: object) -> Cell:
+def cell_with(**changes: object) -> CellConfig:
     """Return the demo's cell with values put in by section__name."""
     tree = CELL.model_dump()
     for name, value in changes.items():
@@ -309,8 +309,8 @@ TERMS = Terms.of(CELL)
 def test_inputs_that_were_good_for_just_a_second_are_enough() -> None:
     """One nanosecond less is not, and says how long it was."""
     inputs = World().make_ready().inputs()
-    assert complaints(inputs, TERMS, 1.0, "all") == []
-    (trip,) = complaints(inputs, TERMS, 1.0 - 1e-9, "all")
+    assert failed_checks(inputs, TERMS, 1.0, "all") == []
+    (trip,) = failed_checks(inputs, TERMS, 1.0 - 1e-9, "all")
     assert (trip.code, trip.limit) == ("not_ready", 1.0)
 
 
@@ -319,7 +319,7 @@ def test_a_tare_may_be_as_old_as_the_cell_says(age_h: float, told: int) -> None:
     """Age and limit are told in seconds."""
     world = World(cell_with(force__tare_age_max_s=28800.0)).make_ready()
     world.change("wrench/health", numbers={"tare_age_h": age_h})
-    found = complaints(world.inputs(), Terms.of(world.cell), 9.0, "all")
+    found = failed_checks(world.inputs(), Terms.of(world.cell), 9.0, "all")
     assert [(trip.code, trip.limit) for trip in found] == [("tare", 28800.0)] * told
     assert [trip.value for trip in found] == [pytest.approx(3600.0 * age_h)] * told
 
@@ -331,7 +331,7 @@ def test_the_age_of_a_tare_that_nobody_tells_is_no_complaint(silent: set[str]) -
     if silent == {"wrench"}:
         world.change("wrench/health", numbers={"tare_age_h": 9.0})
     world.silent = silent
-    look = Look(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
+    look = PreflightContext(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
     assert CHECKS[-1].complaints(look) == []
 
 

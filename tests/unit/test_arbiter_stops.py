@@ -11,9 +11,9 @@ from common.motion.convert import pose_of
 from common.motion.limits import Limits
 from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import PoseRecord, WrenchAtTcp
-from services.arbiter.bounds import Bounds
+from services.arbiter.bounds import ArmBounds
 from services.arbiter.stops import REACTIONS, Retreat, Stopping, begin, step
-from services.arbiter.stream import Moment
+from services.arbiter.stream import Tick
 from services.arbiter.stream import begin as begin_stream
 from tests.fakes.arbiter_robot import RobotWorld
 from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, shifted, way_m
@@ -302,7 +302,7 @@ def test_the_force_ceiling_of_a_goal_is_the_whole_one() -> None:
 # --- one step of a retreat ------------------------------------------------------------------------
 
 TRIP = tripped("force", "65 N pressed")
-BOUNDS = Bounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
+BOUNDS = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
 
 
 def retreat(way_m: float, speed_m_s: float, press_N: float = SOFT_N) -> Stopping | None:
@@ -319,7 +319,7 @@ def played(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
     period = 0
     while not stopping.done and period * DT_S < end_s:
         period += 1
-        moment = Moment(T_START, period * PERIOD_NS, DT_S)
+        moment = Tick(T_START, period * PERIOD_NS, DT_S)
         stopping = step(stopping, BOUNDS, moment)
     return stopping, period * DT_S
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from common.motion.permission import CommandGate, Verdict
+from common.motion.permission import CommandGate, GateDecision
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS
 from forcemesh.messages import MAY_MOVE
 from services.arbiter import commanders, states
 from services.arbiter.commanders import Commanders
-from services.arbiter.ownership import Turn
-from services.arbiter.ranks import goes_before
+from services.arbiter.ownership import Ownership
+from services.arbiter.ranks import outranks
 from services.arbiter.states import TABLE
 from tests.fakes.arbiter_product import (
     DEADLINE_S,
@@ -162,8 +162,8 @@ def a_move_needs_a_higher_rank(edge: Edge) -> None:
         before = edge.before.status
         assert before.state in {"ARMED", "SETTLING", "ACTIVE"}
         asker: Any = edge.event.split()[0]
-        assert goes_before(asker, before.commander)
-        assert goes_before(asker, before.next_commander)
+        assert outranks(asker, before.commander)
+        assert outranks(asker, before.next_commander)
 
 
 def a_dead_lease_is_noticed(edge: Edge) -> None:
@@ -275,7 +275,7 @@ def gate_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """A permission never gets old."""
     judge_well = CommandGate.judge
 
-    def judge_young(gate: CommandGate, reading: Any, now_ns: int) -> Verdict:
+    def judge_young(gate: CommandGate, reading: Any, now_ns: int) -> GateDecision:
         return judge_well(gate, reading._replace(age_s=0.0), now_ns)
 
     monkeypatch.setattr(CommandGate, "judge", judge_young)
@@ -285,7 +285,7 @@ def gate_goes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """An owner of before is heard again."""
     judge_well = CommandGate.judge
 
-    def judge_anew(gate: CommandGate, reading: Any, now_ns: int) -> Verdict:
+    def judge_anew(gate: CommandGate, reading: Any, now_ns: int) -> GateDecision:
         gate._newest = (0, 0, 0)
         return judge_well(gate, reading, now_ns)
 
@@ -294,12 +294,12 @@ def gate_goes_back(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def everybody_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """No rank is looked at."""
-    monkeypatch.setattr(commanders, "goes_before", lambda asker, holder: True)
+    monkeypatch.setattr(commanders, "outranks", lambda asker, holder: True)
 
 
 def turns_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     """The next owner has the turn of the one before."""
-    monkeypatch.setattr(Turn, "next", lambda turn: Turn(turn.number))
+    monkeypatch.setattr(Ownership, "next", lambda turn: Ownership(turn.number))
 
 
 def nothing_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,14 +5,14 @@ import numpy as np
 from forcemesh.clock import ManualClock
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
-from sim.robot.trace import RECORD, VARIABLE, read_trace, wanted_trace
+from sim.robot.trace import RECORD, VARIABLE, read_trace, trace_from_environment
 
 
 def test_every_tick_is_in_the_file_at_once(tmp_path, monkeypatch):
     """Time, tick, command and joints of each tick can be read while the arm still lives."""
     path, clock, arm = tmp_path / "trace", ManualClock(), SimArm(SimSettings(), seed=0)
     monkeypatch.setenv(VARIABLE, str(path))
-    trace = wanted_trace(arm, clock)
+    trace = trace_from_environment(arm, clock)
     assert trace is not None
     joints = []
     for tick in range(1, 4):
@@ -33,7 +33,7 @@ def test_every_tick_is_in_the_file_at_once(tmp_path, monkeypatch):
 def test_nothing_is_written_unless_asked(tmp_path, monkeypatch):
     """A cell of a user's leaves no trace; a trace that is not there reads as empty."""
     monkeypatch.delenv(VARIABLE, raising=False)
-    assert wanted_trace(SimArm(SimSettings(), seed=0), ManualClock()) is None
+    assert trace_from_environment(SimArm(SimSettings(), seed=0), ManualClock()) is None
     assert len(read_trace(tmp_path / "none")) == 0
 
 
@@ -43,7 +43,7 @@ def test_what_a_killed_process_left_half_written_shifts_nothing(tmp_path, monkey
     path.write_bytes(b"x" * (2 * RECORD.itemsize + 7))
     monkeypatch.setenv(VARIABLE, str(path))
     arm = SimArm(SimSettings(), seed=0)
-    trace = wanted_trace(arm, ManualClock())
+    trace = trace_from_environment(arm, ManualClock())
     assert trace is not None
     arm.step()
     trace.ticked()

@@ -64,7 +64,7 @@ def test_there_are_enough_programs() -> None:
 # --- what is left out: nothing --------------------------------------------------------------------
 
 
-def executed() -> list[syntax.Step]:
+def executed() -> list[syntax.ProgramStep]:
     """Every step that any program of the corpus has executed without an error."""
     return list(chain.from_iterable(run(path).executed for path in FILES))
 
@@ -93,13 +93,13 @@ def test_every_other_statement_is_executed() -> None:
         and kind.__module__.endswith("syntax_statements")
     } - {syntax.Branch}  # inside of Case
     assert every - kinds == set()
-    parts = {node.part for node in found(syntax.Point)}  # type: ignore[attr-defined]
+    parts = {node.part for node in found(syntax.PointStatement)}  # type: ignore[attr-defined]
     assert parts == PARTS | {""}
 
 
 def test_every_function_is_computed() -> None:
     """Also those that look a variable up or change it."""
-    names = {node.name for node in found(syntax.Function)}  # type: ignore[attr-defined]
+    names = {node.name for node in found(syntax.FunctionCall)}  # type: ignore[attr-defined]
     assert set(ALL_NAMES) - names == set()
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from sim.controller import syntax
 from sim.controller.errors import AsError
-from sim.controller.memory import Array, Cell, Memory, bind, following
+from sim.controller.memory import Array, Memory, VariableCell, bind, following
 from sim.controller.parser import parse
 from sim.controller.values import Joints, Transformation
 from tests.fakes.as_language import AsLanguage, program, statement
@@ -16,7 +16,7 @@ def call(bench: AsLanguage, header: str, arguments: str) -> AsLanguage:
     """Bind the arguments of a CALL to the parameters of a header; return the callee's view."""
     called = parse(f".PROGRAM {header}\n.END").programs["q"]
     step = statement(f"CALL q({arguments})")
-    assert isinstance(step, syntax.Call)
+    assert isinstance(step, syntax.CallStatement)
     given_ = [bench.expressions.refer(argument)(bench) for argument in step.arguments]
     callee = AsLanguage()
     callee.memory, callee.expressions = bench.memory, bench.expressions
@@ -170,7 +170,7 @@ def test_a_test_can_read_and_write_variables_by_their_spelling() -> None:
     assert memory.read("a[2]") is None
     assert memory.read("$s[1]") is None
     assert isinstance(memory.globals["a"], Array)
-    assert isinstance(memory.globals["$s"], Cell)
+    assert isinstance(memory.globals["$s"], VariableCell)
 
 
 @given(st.integers(0, 9990), st.integers(0, 9))

@@ -39,7 +39,7 @@ def test_case_knows_its_branches_and_where_everything_else_goes() -> None:
     """VALUE and ANY that are run into go to END."""
     found = statements("CASE x OF", "VALUE 1,2:", "a = 1", "VALUE 3:", "ANY :", "a = 2", "END")
     case = found[0]
-    assert isinstance(case, syntax.Case)
+    assert isinstance(case, syntax.CaseStatement)
     assert [(len(branch.values), branch.body_at) for branch in case.branches] == [(2, 2), (1, 4)]
     assert case.default_at == 5
     assert [getattr(found[at], "end_at", None) for at in (1, 3, 4)] == [6, 6, 6]
@@ -48,7 +48,7 @@ def test_case_knows_its_branches_and_where_everything_else_goes() -> None:
 def test_case_without_any_goes_to_its_end() -> None:
     """Nothing runs."""
     case = statements("CASE x OF", "VALUE 1:", "END")[0]
-    assert isinstance(case, syntax.Case)
+    assert isinstance(case, syntax.CaseStatement)
     assert case.default_at == 2
 
 

@@ -18,7 +18,7 @@ from sim.controller.tcp import (
     OK,
     TIMED_OUT,
     TOO_LONG,
-    Outcome,
+    TcpResult,
     TcpUnit,
 )
 
@@ -124,13 +124,13 @@ class World:
         assert outcome.peer == LOOPBACK
         return outcome.code, peer
 
-    def received(self, number: int, longest: int = 255, now_ns: int = 0) -> Outcome:
+    def received(self, number: int, longest: int = 255, now_ns: int = 0) -> TcpResult:
         """TCP_RECV, looked at until it is over."""
         operation = self.tcp.receive(number, timeout_s=1.0, longest=longest, now_ns=0)
         return until(operation, now_ns)
 
 
-def until(operation: Callable[[int], Outcome | None], now_ns: int = 0) -> Outcome:
+def until(operation: Callable[[int], TcpResult | None], now_ns: int = 0) -> TcpResult:
     """Look at an operation at one instant until it is over."""
     for _ in range(PATIENCE):
         outcome = operation(now_ns)
@@ -159,17 +159,17 @@ def test_accept_times_out_with_34024_and_not_before(world: World) -> None:
     world.tcp.listen(PORT)
     operation = world.tcp.accept(PORT, timeout_s=2.0, now_ns=0)
     assert operation(2 * NS_PER_S - 1) is None
-    assert operation(2 * NS_PER_S) == Outcome(TIMED_OUT)
+    assert operation(2 * NS_PER_S) == TcpResult(TIMED_OUT)
 
 
 def test_accept_on_a_port_that_does_not_listen_is_34056(world: World) -> None:
     """Also when the port is freed while somebody waits in it."""
-    assert world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)(0) == Outcome(NOT_LISTENING)
+    assert world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)(0) == TcpResult(NOT_LISTENING)
     world.tcp.listen(PORT)
     operation = world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)
     assert operation(0) is None
     world.tcp.end_listen(PORT)
-    assert operation(0) == Outcome(NOT_LISTENING)
+    assert operation(0) == TcpResult(NOT_LISTENING)
 
 
 def test_bytes_come_as_elements_of_the_length_asked_for(world: World) -> None:
@@ -197,11 +197,11 @@ def test_one_call_takes_4096_bytes_at_most_and_the_next_one_the_rest(world: Worl
 def test_silence_is_34024_and_a_closed_peer_is_code_0_without_elements(world: World) -> None:
     """The two are told apart, as AS programs do."""
     number, peer = world.accepted()
-    assert world.received(number, now_ns=NS_PER_S) == Outcome(TIMED_OUT)
+    assert world.received(number, now_ns=NS_PER_S) == TcpResult(TIMED_OUT)
     peer.send(b"last")
     peer.close()
     assert world.received(number).elements == ("last",)
-    assert world.received(number) == Outcome(OK)
+    assert world.received(number) == TcpResult(OK)
 
 
 def test_a_reset_is_34025_for_receiving_and_sending(world: World) -> None:
@@ -218,7 +218,7 @@ def test_sent_elements_arrive_back_to_back(world: World) -> None:
     """No separators between elements, control characters included."""
     number, peer = world.accepted()
     outcome = until(world.tcp.send(number, ["ab", "", "\r\n\x00\xff"], timeout_s=1.0, now_ns=0))
-    assert outcome == Outcome(OK)
+    assert outcome == TcpResult(OK)
     got = b""
     for _ in range(PATIENCE):
         got += peer.receive() or b""
@@ -247,7 +247,7 @@ def test_a_peer_that_reads_nothing_stops_the_sender(world: World, patient: bool)
             break
     else:
         pytest.fail("the buffers never filled")
-    expected = None if patient else Outcome(TIMED_OUT)
+    expected = None if patient else TcpResult(TIMED_OUT)
     assert operation(NS_PER_S) == expected
 
 

@@ -11,10 +11,18 @@ from hypothesis import strategies as st
 from common.config.cell import PlaneSection
 from common.config.load import load_cell
 from common.motion import back_off
-from common.motion.back_off import FARTHEST_M, RISE_N, SPEED_M_S, BackOff, Load, Plan, RISE_Nm
+from common.motion.back_off import (
+    FARTHEST_M,
+    RISE_N,
+    SPEED_M_S,
+    BackOffPlan,
+    BackOffState,
+    LoadRatchet,
+    RISE_Nm,
+)
 from common.motion.convert import record_of
 from common.motion.frames import rotation_from_vector
-from common.motion.last_check import Guard
+from common.motion.last_check import LastCheck
 from common.motion.limits import Limits, check_workspace
 from forcemesh.messages import Feedback, Gains, Goal, Speed, Trip, Vec3, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
@@ -38,12 +46,12 @@ def felt(force_N: Vec3 = (0.0, 0.0, 0.0), torque_Nm: Vec3 = (0.0, 0.0, 0.0)) -> 
     return WrenchAtTcp(calibrated=True, force_N=force_N, torque_Nm=torque_Nm)
 
 
-def plan(T: pin.SE3, wrench: WrenchAtTcp | None, *, confirmed: bool = False) -> Plan | Trip:
+def plan(T: pin.SE3, wrench: WrenchAtTcp | None, *, confirmed: bool = False) -> BackOffPlan | Trip:
     """Return the way out in the demo's cell."""
     return back_off.plan(LIMITS, T, TOOL, wrench, confirmed=confirmed)
 
 
-def code(found: Plan | Trip | None) -> str:
+def code(found: BackOffPlan | Trip | None) -> str:
     """Return the rule, or the kind of the plan."""
     if found is None:
         return ""
@@ -111,7 +119,7 @@ def test_a_tool_outside_goes_straight_back_in() -> None:
     for beyond_m, way_m in ((0.012, 0.013), (0.05, FARTHEST_M)):
         T = pin.SE3(DOWN.rotation, np.array([wall_m + beyond_m, 0.5, 0.3]))
         found = plan(T, felt())
-        assert isinstance(found, Plan)
+        assert isinstance(found, BackOffPlan)
         assert found.kind == "workspace"
         assert found.way_m == pytest.approx([-way_m, 0.0, 0.0])
 
@@ -124,7 +132,7 @@ def test_a_tool_behind_a_plane_goes_along_its_normal() -> None:
     T = pin.SE3(DOWN.rotation, np.array([0.0, 0.2, 0.20]))
     assert check_workspace(limits, T * TOOL) is not None
     found = back_off.plan(limits, T, TOOL, felt(), confirmed=False)
-    assert isinstance(found, Plan)
+    assert isinstance(found, BackOffPlan)
     assert found.kind == "workspace"
     assert float(found.way_m @ limits.planes[0].normal) > 0.0
 
@@ -144,7 +152,7 @@ def test_a_force_that_leads_farther_out_is_not_followed() -> None:
 @given(st.lists(st.tuples(vectors, vectors), min_size=1, max_size=40))
 def test_the_ceiling_only_comes_down(samples) -> None:
     """Whatever the wrench does: what was let through was 3 N above the least so far at most."""
-    load, lowest_N, lowest_Nm = Load(), np.inf, np.inf
+    load, lowest_N, lowest_Nm = LoadRatchet(), np.inf, np.inf
     for force_N, torque_Nm in samples:
         wrench = felt(force_N, torque_Nm)
         tripped = load.trip(wrench, "while backing off") is not None
@@ -157,7 +165,7 @@ def test_the_ceiling_only_comes_down(samples) -> None:
 
 def test_a_force_that_does_not_fall_is_no_contact() -> None:
     """A lost bias reads the same wherever the tool goes: it ends after half the way."""
-    run, trip, way_m = BackOff(DOWN, 0), None, 0.0
+    run, trip, way_m = BackOffState(DOWN, 0), None, 0.0
     while trip is None and way_m < FARTHEST_M:
         way_m += 1e-4
         run, trip = run.felt(felt((0.0, 0.0, 75.0)))
@@ -170,7 +178,7 @@ def test_a_force_that_does_not_fall_is_no_contact() -> None:
 
 def test_an_arm_that_is_faster_than_it_may_be_is_noticed() -> None:
     """5 mm/s, with half as much again and 2 mm for reports."""
-    run = BackOff(DOWN, 0)
+    run = BackOffState(DOWN, 0)
     assert run.moved(shifted(DOWN, z_m=0.005), 1000 * MS) is None
     assert code(run.moved(shifted(DOWN, z_m=0.015), 1000 * MS)) == "speed"
 
@@ -178,9 +186,9 @@ def test_an_arm_that_is_faster_than_it_may_be_is_noticed() -> None:
 # --- the robot's own check ------------------------------------------------------------------------
 
 
-def freed_guard(wrench: WrenchAtTcp | None, T: pin.SE3 = DOWN) -> Guard:
+def freed_guard(wrench: WrenchAtTcp | None, T: pin.SE3 = DOWN) -> LastCheck:
     """Return a last check under a lease to back off."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     guard.start(T, 0, "back_off")
     assert guard.wrench(wrench) is None
     return guard
@@ -231,7 +239,7 @@ def test_the_robot_takes_nothing_but_that_goal() -> None:
 
 def test_the_robot_takes_no_force_feedback_while_it_backs_off() -> None:
     """The same request is fine under a lease for all: it is the purpose that forbids it."""
-    guard, wanted = Guard(CELL), Feedback(mode="position", gains=Gains())
+    guard, wanted = LastCheck(CELL), Feedback(mode="position", gains=Gains())
     guard.start(DOWN, 0, "back_off")
     assert code(guard.feedback(wanted)) == "state"
     guard.start(DOWN, 0, "all")
@@ -261,7 +269,7 @@ def test_the_way_back_goes_no_farther_beyond_a_wall_than_reports_are_rounded(
 @pytest.mark.parametrize(("z_m", "rule"), [(0.010, "no_stream"), (0.030, "")])
 def test_backing_off_ends_a_stream_of_the_lease_before(z_m: float, rule: str) -> None:
     """The next one begins where the arm was measured after it; a refused goal has moved nothing."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     guard.start(DOWN)
     assert guard.seed(DOWN, 0) is None
     guard.start(DOWN, 0, "back_off")
@@ -300,7 +308,7 @@ def test_the_robot_watches_way_and_turn() -> None:
 
 def test_a_move_may_not_add_much_to_the_force() -> None:
     """20 N above the least of the move; between moves only the ceiling counts."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     guard.start(DOWN)
     for force, in_move, rule in (
         (2.0, True, ""), (21.0, True, ""), (23.0, True, "force"), (23.0, False, ""),

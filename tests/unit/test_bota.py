@@ -15,7 +15,7 @@ from common.config.cell import SensorSection
 from common.config.load import load_cell
 from forcemesh.errors import ConfigError
 from services.sensor.bota import WRAP_US, BotaDriver, bota_driver
-from services.sensor.driver import Sample
+from services.sensor.driver import SensorSample
 from tests.fakes.rdt_sensor import REAL_CELL
 
 STEP_US = 1000
@@ -78,7 +78,7 @@ class Bench:
         self.driver = BotaDriver(section(), self.source)
         self.now_ns = 0
 
-    def read(self, stamp_us: int, **how: Any) -> list[Sample]:
+    def read(self, stamp_us: int, **how: Any) -> list[SensorSample]:
         """Let a reading come."""
         self.now_ns += STEP_US * 1000
         self.source.frame = self.source.at(stamp_us, **how)
@@ -163,7 +163,7 @@ def test_the_makers_dummy_sensor_is_read(tmp_path: Path) -> None:
     path = tmp_path / "dummy.json"
     path.write_text(json.dumps(DUMMY), encoding="utf-8")
     driver = bota_driver(section(str(path)), stale_after_s=1.0)
-    samples: list[Sample] = []
+    samples: list[SensorSample] = []
     give_up_s = time.monotonic() + 20.0
     while len(samples) < 4 and time.monotonic() < give_up_s:
         samples += driver.read(time.monotonic_ns())

@@ -14,7 +14,7 @@ from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.messages import RobotState, SensorWrench, WrenchAtTcp
 from identification.dwells import means_of, of_purpose, recording_of, samples_of, save
 from identification.errors import CalibrationError
-from identification.excitation.stillness import Sample, Stillness
+from identification.excitation.stillness import PoseSample, StillnessDetector
 from identification.recording import read_recording
 from tests.fakes.calibration import demo_cell
 
@@ -168,11 +168,11 @@ def test_stillness_allows_for_the_noise_of_the_sensor():
     """A noisy sensor at rest is still; the same change without noise is not."""
 
     def judged(noise_N: float, change_N: float) -> str:
-        rng, stillness = np.random.default_rng(1), Stillness()
+        rng, stillness = np.random.default_rng(1), StillnessDetector()
         for k in range(400):
             reading = noise_N * rng.normal(size=6) * [1, 1, 1, 0.05, 0.05, 0.05]
             reading[0] += change_N * (k >= 300)
-            stillness.see(Sample(k * 2_000_000, np.zeros(3), np.eye(3), reading))
+            stillness.see(PoseSample(k * 2_000_000, np.zeros(3), np.eye(3), reading))
         return stillness.complaint()
 
     assert judged(3.0, 0.0) == ""
@@ -182,10 +182,10 @@ def test_stillness_allows_for_the_noise_of_the_sensor():
 
 def test_a_turning_sensor_is_not_still():
     """The flange may rest while the wrist turns."""
-    stillness = Stillness()
+    stillness = StillnessDetector()
     for k in range(300):
         R = rotation_from_vector(np.array([0.0, 0.0, 1e-5 * k]))
-        stillness.see(Sample(k * 2_000_000, np.zeros(3), R, np.zeros(6)))
+        stillness.see(PoseSample(k * 2_000_000, np.zeros(3), R, np.zeros(6)))
     assert "0.11 degrees" in stillness.complaint()
     stillness.forget()
     assert stillness.complaint() == "readings"

@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from cli.calibration.by_hand import Watcher, Wish, calibrate, watch
+from cli.calibration.by_hand import HandOptions, Watcher, calibrate, watch
 from cli.calibration.finish import Job
 from cli.calibration.places import Places
 from cli.calibration.screen import Keyboard
@@ -17,7 +17,7 @@ from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.requests import ArmRequest, MoveRequest
 from identification.dwells import of_purpose
-from identification.verification import Bounds
+from identification.verification import VerificationBounds
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import CalibrationLab
 
@@ -83,15 +83,15 @@ def ways_of(lab: CalibrationLab, count: int) -> list[list[np.ndarray]]:
 
 def watched(lab: CalibrationLab, verbs: list[object], **wish: int | float | bool) -> Watcher:
     """Return a watcher after the script has ended."""
-    wanted = Wish(**{"poses": 6, "verify_poses": 0, "dwell_s": 0.2, **wish})  # type: ignore[arg-type]
+    wanted = HandOptions(**{"poses": 6, "verify_poses": 0, "dwell_s": 0.2, **wish})  # type: ignore[arg-type]
     return Watcher(lab.bus, lab.cell, wanted, keys=Person(lab, verbs), teller=lab.notes)
 
 
 def test_a_person_jogs_takes_poses_and_gets_a_calibration(lab, tmp_path, capsys):
     """Enter at each pose, with advice what to do next; then it is written and used."""
     verbs: list[object] = [verb for way in ways_of(lab, 7) for verb in (*way, "")]
-    job = Job(lab.cell, Places(tmp_path / "demo.yaml"), Bounds(), use=True)
-    wish = Wish(poses=6, verify_poses=1, dwell_s=0.3)
+    job = Job(lab.cell, Places(tmp_path / "demo.yaml"), VerificationBounds(), use=True)
+    wish = HandOptions(poses=6, verify_poses=1, dwell_s=0.3)
 
     assert calibrate(job, wish, lab.bus, Person(lab, verbs)) == 0
     cell = load_cell(lab_file(tmp_path), {"calibration": "demo.yaml"})

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.calibration import by_arm
-from cli.calibration.wizard import Pace
+from cli.calibration.wizard import WizardTiming
 from common.config.load import load_cell
 from common.config.payload import Payload, predict, residual
 from common.motion.convert import joints, record_of
@@ -16,7 +16,7 @@ from common.motion.frames import GRAVITY_M_S2, R_from_quaternion, skew
 from common.motion.kinematics import ArmKinematics
 from forcemesh.messages import RobotState
 from identification.errors import CalibrationError
-from identification.excitation.plan import LEAST_POSES, Options, Plan, make_plan
+from identification.excitation.plan import LEAST_POSES, CalibrationPlan, PlanOptions, make_plan
 from identification.excitation.pose_choice import USUAL_PAYLOAD, best_attitudes, conditioning
 from identification.identify import identify
 from identification.recording import Samples
@@ -39,7 +39,7 @@ def cell_with(**overrides):
     return load_cell(DEMO, {"calibration": None, **changes})
 
 
-def stops_of(plan: Plan) -> list[np.ndarray]:
+def stops_of(plan: CalibrationPlan) -> list[np.ndarray]:
     """Return every joint goal of a plan, from the start back to the start."""
     route = plan.route
     stops = [route.q_start, *route.way_out(route.q_start)]
@@ -55,7 +55,7 @@ def points_of(cell, q):
     return np.array([frame.translation for frame in frames])
 
 
-def assert_inside(cell, plan: Plan) -> None:
+def assert_inside(cell, plan: CalibrationPlan) -> None:
     """Walk the whole way finely and look at every point."""
     lowest_m = points_of(cell, plan.route.q_start)[:, 2].min() - 1e-6
     low, high = np.array(cell.limits.workspace_min_m), np.array(cell.limits.workspace_max_m)
@@ -76,13 +76,13 @@ def assert_inside(cell, plan: Plan) -> None:
                 assert ((points - plane.point_m) @ np.array(plane.normal)).min() >= 0.0
 
 
-def refuse_all(plan: Plan) -> None:
+def refuse_all(plan: CalibrationPlan) -> None:
     """Refuse pose after pose, until the plan gives up."""
     for _ in range(len(plan.q)):
         plan = plan.without(plan.fit[0])
 
 
-def plan_or_refusal(cell, q_start, options) -> Plan | str:
+def plan_or_refusal(cell, q_start, options) -> CalibrationPlan | str:
     """Return the plan, or the sentence that refuses it."""
     try:
         return make_plan(cell, ARM, q_start, options)
@@ -100,7 +100,7 @@ def test_goals_and_ways_stay_inside_from_any_start(offset, walls, turn_deg):
     """Box, walls, floor and joint limits hold for three points, or it is refused with advice."""
     cell = cell_with(planes=walls)
     q_start = HOME_RAD + np.array(offset) * SPREAD_RAD
-    found = plan_or_refusal(cell, q_start, Options(turn_rad=np.radians(turn_deg)))
+    found = plan_or_refusal(cell, q_start, PlanOptions(turn_rad=np.radians(turn_deg)))
     if isinstance(found, str):
         assert "--manual" in found
         return
@@ -113,20 +113,20 @@ def test_goals_and_ways_stay_inside_from_any_start(offset, walls, turn_deg):
 )
 def test_from_usual_starts_there_is_a_good_plan(corner):
     """Arm and wrist well away from the demo's own start: ten poses that tell the payload."""
-    plan = make_plan(cell_with(), ARM, HOME_RAD + np.array(corner) * SPREAD_RAD, Options())
+    plan = make_plan(cell_with(), ARM, HOME_RAD + np.array(corner) * SPREAD_RAD, PlanOptions())
     assert len(plan.fit) == 10
     assert plan.conditioning < 3.0
 
 
 @pytest.fixture(scope="module")
-def plan() -> Plan:
+def plan() -> CalibrationPlan:
     """The plan of the demo's cell."""
-    return make_plan(cell_with(), ARM, HOME_RAD, Options())
+    return make_plan(cell_with(), ARM, HOME_RAD, PlanOptions())
 
 
 def test_the_same_start_gives_the_same_plan(plan):
     """A person who looks at the plan twice sees the same one."""
-    again = make_plan(cell_with(), ARM, HOME_RAD, Options())
+    again = make_plan(cell_with(), ARM, HOME_RAD, PlanOptions())
     assert again.fit == plan.fit
     assert again.verify == plan.verify
     assert np.array_equal(again.q, plan.q)
@@ -201,7 +201,7 @@ def test_fresh_poses_are_far_from_those_of_the_fit(plan):
 def test_a_small_box_gives_a_plan_inside_it(plan):
     """20 centimetres are enough, with ways by the hub where the direct ones are closed."""
     cell = load_cell(DEMO, {"calibration": None, **SMALL})
-    small = make_plan(cell, ARM, HOME_RAD, Options())
+    small = make_plan(cell, ARM, HOME_RAD, PlanOptions())
     assert_inside(cell, small)
     assert len(small.q) < len(plan.q)
 
@@ -245,14 +245,14 @@ def test_when_every_pose_is_refused_it_ends_with_advice(plan):
 def test_a_cell_without_room_is_refused_with_advice(limits, says):
     """One sentence that says where it fails, and what to do."""
     with pytest.raises(CalibrationError, match=says) as error:
-        make_plan(cell_with(**limits), ARM, HOME_RAD, Options())
+        make_plan(cell_with(**limits), ARM, HOME_RAD, PlanOptions())
     assert "--manual" in str(error.value)
 
 
 def test_fewer_poses_than_asked_for_are_told():
     """Sixty poses that differ do not fit into a small box: it says how many do."""
     cell = load_cell(DEMO, {"calibration": None, **SMALL})
-    plan = make_plan(cell, ARM, HOME_RAD, Options(poses=40))
+    plan = make_plan(cell, ARM, HOME_RAD, PlanOptions(poses=40))
     assert LEAST_POSES <= len(plan.fit) < 40
     assert f"only {len(plan.fit)} of 40 poses are possible" in plan.warnings[0]
 
@@ -307,10 +307,10 @@ def test_another_arm_is_refused():
 
 def test_the_person_is_told_the_box_and_what_is_not_known(plan):
     """Numbers in millimetres, how long, and that only the box is known."""
-    told = by_arm.explained(cell_with(planes=[WALL]), plan, Pace(0.1))
+    told = by_arm.explained(cell_with(planes=[WALL]), plan, WizardTiming(0.1))
     assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in told
     assert "and 1 plane(s)" in told
     assert "above z = 217 mm" in told
     assert "10 poses and 4 to verify" in told
     assert "nothing else is known" in told
-    assert "4 poses, about" in by_arm.explained(cell_with(), plan, Pace(0.1), fitting=False)
+    assert "4 poses, about" in by_arm.explained(cell_with(), plan, WizardTiming(0.1), fitting=False)

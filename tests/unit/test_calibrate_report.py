@@ -26,7 +26,7 @@ from forcemesh.errors import BusError, DataError
 from forcemesh.requests import Reply
 from identification.dwells import Dwell, Purpose
 from identification.evidence import Findings, evidence_of, findings_of
-from identification.verification import Bounds, Left, judge, left_in_use
+from identification.verification import Residual, VerificationBounds, judge, left_in_use
 from tests.fakes.calibration import demo_cell
 
 CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})
@@ -58,7 +58,7 @@ def findings(fresh: int = 3, push_N: float = 0.0, touched_N: float = 0.0) -> Fin
     evidence = evidence_of(
         "arm", dwells, source=Path("demo.csv"), serial="FT<7>", notes=("pose 2 was refused",)
     )
-    return findings_of(CELL, evidence, Bounds())
+    return findings_of(CELL, evidence, VerificationBounds())
 
 
 class Page(HTMLParser):
@@ -167,7 +167,9 @@ norms = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6)
 @given(norms, st.floats(0.001, 1.0), st.floats(0.001, 1.0))
 def test_it_passes_when_no_pose_leaves_more_than_allowed(left, most_N, most_Nm):
     """The worst pose decides, for force and torque alike."""
-    verdict = judge(Left(np.array(left), np.array(left) / 2.0), Bounds(most_N, most_Nm))
+    verdict = judge(
+        Residual(np.array(left), np.array(left) / 2.0), VerificationBounds(most_N, most_Nm)
+    )
     assert verdict.passed is (max(left) <= most_N and max(left) / 2.0 <= most_Nm)
     assert verdict.text.startswith(verdict.word)
 
@@ -252,7 +254,7 @@ def settled(
     """Settle findings; return exit code, the last sentence, and the calibrations in the folder."""
     places = Places(folder / "demo.yaml")
     with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
-        code = settle(Job(CELL, places, Bounds(), **job), found, bus)
+        code = settle(Job(CELL, places, VerificationBounds(), **job), found, bus)
     names = {path.name for path in folder.glob("*.yaml")}
     return code, printed.getvalue().splitlines()[-1], names
 
@@ -310,7 +312,10 @@ def test_a_tool_that_this_cell_may_not_use_is_told_before_it_is_asked(found, tmp
     """Heavier than what the gains are bounded for: the sentence of the running cell."""
     light = CELL.contact.model_copy(update={"inertia_kg": 0.5})
     job = Job(
-        CELL.model_copy(update={"contact": light}), Places(tmp_path / "a.yaml"), Bounds(), use=True
+        CELL.model_copy(update={"contact": light}),
+        Places(tmp_path / "a.yaml"),
+        VerificationBounds(),
+        use=True,
     )
     with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
         assert settle(job, found, None) == 1

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from cli.calibration.send import send as send_to_cell
-from cli.calibration.verb import Fate
+from cli.calibration.verb import ResultDestination
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
 from common.config.payload import Payload, predict
@@ -132,7 +132,7 @@ def test_what_the_cell_would_start_with_is_not_only_written(tmp_path):
 def test_use_is_what_the_wizard_is_for_and_a_wish_of_its_own_elsewhere(fate, uses):
     """Never by --out, by a recording, by hand, or by --force alone."""
     plain = {"out": None, "use": False, "force": False, "moves_arm": False}
-    assert Fate(**(plain | fate)).uses is uses
+    assert ResultDestination(**(plain | fate)).uses is uses
 
 
 def test_it_does_not_begin_in_contact(lab, tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cli.calibration.by_arm import drive
-from cli.calibration.wizard import Pace, Wizard
+from cli.calibration.wizard import CalibrationWizard, WizardTiming
 from cli.context import INTERRUPTED
 from common.config.load import load_cell
 from common.config.payload import Payload, predict
@@ -17,8 +17,8 @@ from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
 from identification.dwells import of_purpose
 from identification.evidence import evidence_of, findings_of
-from identification.excitation.plan import Plan
-from identification.verification import Bounds
+from identification.excitation.plan import CalibrationPlan
+from identification.verification import VerificationBounds
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
@@ -37,8 +37,8 @@ def status_of(lab: CalibrationLab) -> ArbiterStatus:
 
 
 def driven(
-    lab: CalibrationLab, plan: Plan | None = None, pace: Pace = FAST
-) -> tuple[Wizard, int | None]:
+    lab: CalibrationLab, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
+) -> tuple[CalibrationWizard, int | None]:
     """Let the wizard run to whatever end."""
     return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), pace, teller=lab.notes)
 
@@ -58,13 +58,13 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
     """Ten poses with sensor noise leave 0.02 N and 1 mN m; the arm is left as it was found."""
     lab = CalibrationLab()
     plan = lab.plan(poses=10, verify_poses=2)
-    wizard = Wizard(
-        lab.bus, lab.cell, plan, pace=Pace(speed_m_s=0.8, dwell_s=0.5), teller=lab.notes
+    wizard = CalibrationWizard(
+        lab.bus, lab.cell, plan, pace=WizardTiming(speed_m_s=0.8, dwell_s=0.5), teller=lab.notes
     )
     wizard.run()
 
     evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
-    found = findings_of(lab.cell, evidence, Bounds())
+    found = findings_of(lab.cell, evidence, VerificationBounds())
     force_N, torque_Nm = left_at_random(found.section.payload.payload)
     assert force_N <= 0.02
     assert torque_Nm <= 0.001
@@ -170,7 +170,7 @@ def test_contact_at_one_pose_is_left_out_of_the_fit(tmp_path):
     wizard, ended = driven(lab, lab.plan(poses=8, verify_poses=1))
     assert ended is None
     evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
-    found = findings_of(lab.cell, evidence, Bounds())
+    found = findings_of(lab.cell, evidence, VerificationBounds())
     assert [rows["reason"] for rows in found.report["rejected"]] == ["in contact, or touched"]
     assert found.section.fit.poses == 7
     assert found.verdict.passed
@@ -189,7 +189,7 @@ def test_verification_fails_when_something_has_changed(tmp_path):
     wizard, ended = driven(lab)
     assert ended is None
     found = findings_of(
-        lab.cell, evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv"), Bounds()
+        lab.cell, evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv"), VerificationBounds()
     )
     assert found.verdict.passed is False
     assert found.verdict.text.startswith("FAIL: at 1 fresh pose the residual is 1.0")
@@ -284,7 +284,7 @@ def test_a_controller_that_refuses_a_pose_gets_another_one():
     farthest = max(plan.fit, key=lambda place: abs(plan.q[place][5]))
     arm = lab.world.arm.kinematics
     arm.lower_rad[5], arm.upper_rad[5] = np.array([-1.0, 1.0]) * (abs(plan.q[farthest][5]) - 1e-3)
-    wizard, ended = driven(lab, plan, Pace(speed_m_s=0.25, dwell_s=0.3))
+    wizard, ended = driven(lab, plan, WizardTiming(speed_m_s=0.25, dwell_s=0.3))
     assert ended is None, lab.notes.lines
     assert len(of_purpose(wizard.dwells, "fit")) == 6
     assert farthest in wizard.plan.refused

@@ -11,7 +11,7 @@ from cli.calibration.places import Places
 from identification.dwells import Dwell
 from identification.errors import CalibrationError
 from identification.installation.axis_fit import SIGNED
-from identification.verification import Bounds
+from identification.verification import VerificationBounds
 from tests.fakes.bench import CELL
 from tests.fakes.installations import PAYLOAD, TRUTH, readings, recorded
 
@@ -34,7 +34,7 @@ def dwells(wiring, payload=PAYLOAD) -> list[Dwell]:
 
 def job(tmp_path, *, force=False, cell=CELL) -> Job:
     """Return a calibration of the demo's cell."""
-    return Job(cell, Places(tmp_path / "cal.yaml"), Bounds(0.5, 0.05), force)
+    return Job(cell, Places(tmp_path / "cal.yaml"), VerificationBounds(0.5, 0.05), force)
 
 
 def test_all_47_wrong_wirings_end_a_calibration_before_its_fit(tmp_path) -> None:

@@ -10,7 +10,7 @@ from forcemesh import topics
 from forcemesh.requests import ArmRequest
 from identification.errors import CalibrationError
 from identification.installation.axis_fit import SIGNED
-from identification.installation.terms import Belief
+from identification.installation.terms import ExpectedInstallation
 from launch.virtual_cell import VirtualCell
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import CELL, HALF_CELL
@@ -75,7 +75,7 @@ class Person:
 
 def pushed(cell, person):
     """Return what the whole test finds."""
-    return PushTest(cell.client, CELL, person, within_s=3.0).run(Belief.of(CELL))
+    return PushTest(cell.client, CELL, person, within_s=3.0).run(ExpectedInstallation.of(CELL))
 
 
 @pytest.fixture
@@ -146,4 +146,4 @@ def test_nobody_pushes_an_arm_that_is_armed(cell) -> None:
     assert cell.client.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
     cell.advance(0.1)
     with pytest.raises(CalibrationError, match="forcemesh hold"):
-        test.run(Belief.of(CELL))
+        test.run(ExpectedInstallation.of(CELL))

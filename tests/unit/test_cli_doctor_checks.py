@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli.doctor import checks
-from cli.doctor.checks import Line, RoleHeard
+from cli.doctor.checks import ObservedRole, ReportLine
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES
 from controller.packet_table import STATUS_SPAN, Status
 from services.gateway.round_trips import Spread
@@ -21,16 +21,16 @@ READY = (
 )  # fmt: skip
 SCALES = Scales()
 RATE = {"robot_hz": 40.0, "stale_after_s": 0.1}
-FRESH = RoleHeard("wrench", 0.1, is_fresh=True, rate_hz=250.0)
-SILENT = RoleHeard("wrench", 3.0, is_fresh=False, rate_hz=250.0)
-FAULTY = RoleHeard("wrench", 0.1, is_fresh=True, rate_hz=250.0, fault="sensor/wrench stale")
-OTHER_FILE = RoleHeard("wrench", 0.1, is_fresh=True, rate_hz=250.0, same_config=False)
+FRESH = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0)
+SILENT = ObservedRole("wrench", 3.0, is_fresh=False, rate_hz=250.0)
+FAULTY = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0, fault="sensor/wrench stale")
+OTHER_FILE = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0, same_config=False)
 
 EMULATED = checks.check_address("h:1", "refused", "", 0.001, is_emulated=True)
 
 # What is found, the word, and the remedy.
 # fmt: off
-CASES: list[tuple[Line, str, str]] = [
+CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_address("h:1", "open", "", 0.001), "PASS", ""),
     (checks.check_address("h:1", "unresolved", "unknown", 0.1), "FAIL", "address.unresolved"),
     (checks.check_address("h:1", "refused", "", 0.001), "FAIL", "address.refused"),
@@ -74,9 +74,9 @@ CASES: list[tuple[Line, str, str]] = [
     (checks.check_goodbye(held=True), "PASS", ""),
     (checks.check_goodbye(held=False), "WARN", "goodbye"),
     (checks.check_role(FRESH), "PASS", ""),
-    (checks.check_role(RoleHeard("sensor", 0.1, is_fresh=True)), "PASS", ""),
+    (checks.check_role(ObservedRole("sensor", 0.1, is_fresh=True)), "PASS", ""),
     (checks.check_role(SILENT), "FAIL", "role.silent"),
-    (checks.check_role(RoleHeard("wrench", None, is_fresh=False)), "FAIL", "role.silent"),
+    (checks.check_role(ObservedRole("wrench", None, is_fresh=False)), "FAIL", "role.silent"),
     (checks.check_role(FAULTY), "FAIL", "role.fault"),
     (checks.check_role(OTHER_FILE), "WARN", "role.config"),
     (checks.check_stream("wrench", 250.0, 250.0), "PASS", ""),
@@ -102,7 +102,9 @@ ELSEWHERE = {
 
 
 @pytest.mark.parametrize(("line", "word", "remedy"), CASES, ids=lambda value: str(value)[:40])
-def test_what_is_found_gets_its_word_and_its_remedy(line: Line, word: str, remedy: str) -> None:
+def test_what_is_found_gets_its_word_and_its_remedy(
+    line: ReportLine, word: str, remedy: str
+) -> None:
     """Who passes needs nothing done; who does not is told what to do."""
     assert line.word == word
     assert line.remedy == (REMEDIES[remedy] if remedy else "")
@@ -123,7 +125,7 @@ def test_each_status_bit_has_its_line_both_ways(row) -> None:
     ready = {line.check: line for line in checks.check_status(READY)}
     wrong = {line.check: line for line in checks.check_status(READY ^ row.bit)}
     assert (ready[row.check].word, ready[row.check].found) == ("PASS", row.good_text)
-    assert wrong[row.check] == Line(row.check, row.word, row.bad_text, row.remedy)
+    assert wrong[row.check] == ReportLine(row.check, row.word, row.bad_text, row.remedy)
     assert {check for check in ready if ready[check] != wrong[check]} == {row.check}
     assert row.word in {"WARN", "FAIL"}
     assert row.remedy

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from cli.doctor.checks import Line, RoleHeard, check_role
+from cli.doctor.checks import ObservedRole, ReportLine, check_role
 from cli.doctor.machine import (
-    Naps,
+    SleepTimes,
     check_calibration,
     check_clock,
     check_ports,
@@ -20,25 +20,25 @@ from cli.doctor.machine import (
     is_local,
     machine_lines,
 )
-from cli.doctor.sensor import Stream, check_device, check_stream_of, listen, sensor_line
+from cli.doctor.sensor import ReceivedStream, check_device, check_stream_of, listen, sensor_line
 from common.config.calibration import CalibrationSection, PayloadSection, Residuals
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
-from services.sensor.rdt import RECORD, REQUEST, Command, Record
+from services.sensor.rdt import RECORD, REQUEST, RdtCommand, RdtRecord
 
 CELLS = Path(__file__).resolve().parents[2] / "cells"
 DEMO, NETFT = load_cell(CELLS / "demo.yaml"), load_cell(CELLS / "demo-netft.yaml")
 REAL = load_cell(CELLS / "rs007l-real.yaml")
 NOW = dt.datetime(2026, 11, 1, tzinfo=dt.UTC)
-GOOD = Record(1, 1, 0, (0,) * 6)
+GOOD = RdtRecord(1, 1, 0, (0,) * 6)
 
 
-def judged(line: Line) -> tuple[str, bool]:
+def judged(line: ReportLine) -> tuple[str, bool]:
     """The word of a line, and whether it says what to do."""
     return line.word, bool(line.remedy)
 
 
-def calibrated(cell: Cell, days: int, **changes: Any) -> Cell:
+def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
     """The cell with a calibration made so many days ago."""
     residuals = Residuals(
         poses=8, force_mean_N=0.1, force_max_N=0.2, torque_mean_Nm=0.01, torque_max_Nm=0.02
@@ -75,7 +75,7 @@ def test_a_missing_library_is_a_failure() -> None:
 
 def test_a_clock_that_is_late_or_was_never_set_is_a_warning() -> None:
     """Late by half a deadline; of 1970."""
-    quick, late = Naps(0.0011, 0.002), Naps(0.0011, 0.05)
+    quick, late = SleepTimes(0.0011, 0.002), SleepTimes(0.0011, 0.05)
     assert judged(check_clock(quick, NOW)) == ("PASS", False)
     assert judged(check_clock(late, NOW)) == ("WARN", True)
     assert judged(check_clock(quick, NOW.replace(year=1970))) == ("WARN", True)
@@ -125,7 +125,7 @@ def test_a_calibration_is_judged_by_tool_and_age() -> None:
 
 def test_a_process_of_another_version_is_a_failure() -> None:
     """The arbiter would refuse to arm; here is the remedy."""
-    line = check_role(RoleHeard("wrench", 0.1, is_fresh=True, version="0.0.1"))
+    line = check_role(ObservedRole("wrench", 0.1, is_fresh=True, version="0.0.1"))
     assert judged(line) == ("FAIL", True)
     assert "version 0.0.1" in line.found
 
@@ -138,10 +138,10 @@ def test_a_sensor_that_is_not_ours_to_try_is_left_alone() -> None:
 
 def test_what_a_sensor_sends_is_judged() -> None:
     """Nothing; an error; readings."""
-    assert judged(check_stream_of("there", Stream(0, None), 0.5)) == ("FAIL", True)
-    bad = Record(1, 1, 0x80000001, (0,) * 6)
-    assert judged(check_stream_of("there", Stream(9, bad), 0.5)) == ("FAIL", True)
-    line = check_stream_of("there", Stream(500, GOOD), 0.5)
+    assert judged(check_stream_of("there", ReceivedStream(0, None), 0.5)) == ("FAIL", True)
+    bad = RdtRecord(1, 1, 0x80000001, (0,) * 6)
+    assert judged(check_stream_of("there", ReceivedStream(9, bad), 0.5)) == ("FAIL", True)
+    line = check_stream_of("there", ReceivedStream(500, GOOD), 0.5)
     assert (line.word, "1000 records/s" in line.found) == ("PASS", True)
 
 
@@ -167,7 +167,7 @@ def netft() -> Iterator[tuple[int, list[int]]]:
             for _ in range(2):
                 data, peer = server.recvfrom(64)
                 asked.append(REQUEST.unpack(data)[1])
-                if asked[-1] == Command.START:
+                if asked[-1] == RdtCommand.START:
                     for number in range(20):
                         server.sendto(RECORD.pack(number, number, 0, *[0] * 6), peer)
 
@@ -175,7 +175,7 @@ def netft() -> Iterator[tuple[int, list[int]]]:
         thread.start()
         yield server.getsockname()[1], asked
         thread.join()
-        assert asked == [Command.START, Command.STOP]
+        assert asked == [RdtCommand.START, RdtCommand.STOP]
 
 
 @pytest.mark.realtime

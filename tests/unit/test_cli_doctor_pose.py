@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.doctor.checks import Line
+from cli.doctor.checks import ReportLine
 from cli.doctor.pose import Frames, check_pose, model_of
 from cli.doctor.remedies import REMEDIES
 from common.motion.frames import Oat, R_from_oat, oat_from_R
@@ -30,7 +30,7 @@ def arm() -> ArmKinematics:
     return ArmKinematics()
 
 
-def judge(T: pin.SE3, q: np.ndarray = Q, scales: Scales | None = None) -> Line:
+def judge(T: pin.SE3, q: np.ndarray = Q, scales: Scales | None = None) -> ReportLine:
     """The line for a reported pose."""
     return check_pose(T, q, scales=scales or Scales(), frames=FRAMES, arm=arm())
 

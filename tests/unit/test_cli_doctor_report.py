@@ -7,12 +7,19 @@ import pytest
 
 from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
 from cli.doctor import verb as doctor
-from cli.doctor.bus import Overheard
-from cli.doctor.checks import Line, RoleHeard, trouble
-from cli.doctor.link import Heard, Visit
+from cli.doctor.bus import ObservedCell
+from cli.doctor.checks import ObservedRole, ReportLine, finding
+from cli.doctor.link import ReceivedReports, Visit
 from cli.doctor.remedies import REMEDIES
-from cli.doctor.report import REST, WAY, bus_lines, link_lines, status_of, unused_lines
-from common.config.cell import Cell
+from cli.doctor.report import (
+    CONNECTION_CHECKS,
+    REST,
+    bus_lines,
+    link_lines,
+    status_of,
+    unused_lines,
+)
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.kinematics import ArmKinematics
 from controller.packet import Packet
@@ -45,9 +52,9 @@ NUMBERS = {
 }  # fmt: skip
 
 
-def heard(status: Status = READY) -> Heard:
+def heard(status: Status = READY) -> ReceivedReports:
     """What a controller in good order says."""
-    return Heard(
+    return ReceivedReports(
         pose=PoseReport(T, 0, 1, status),
         joints=JointReport(Q, 1, 1, status),
         health=HealthReport(0, 100, 0.0, 0, 1.0, 1, any_peer=False),
@@ -59,13 +66,13 @@ def heard(status: Status = READY) -> Heard:
     )
 
 
-def a_visit(found: Heard | None) -> Visit:
+def a_visit(found: ReceivedReports | None) -> Visit:
     """A visit that was greeted well."""
     hello = Packet(ID_FIRST, Com.HELLO, greeting(1), SCALES.vec)
     return Visit(greeted="answered", hello=hello, heard=found)
 
 
-def words(lines: list[Line]) -> dict[str, str]:
+def words(lines: list[ReportLine]) -> dict[str, str]:
     """The word of each line; a check has one line."""
     assert len({line.check for line in lines}) == len(lines)
     return {line.check: line.word for line in lines}
@@ -94,18 +101,20 @@ def _xyzw() -> np.ndarray:
     return pin.Quaternion(T.rotation).coeffs()
 
 
-def overheard(cell: Cell, state: RobotState | None, numbers: dict[str, float]) -> Overheard:
+def overheard(
+    cell: CellConfig, state: RobotState | None, numbers: dict[str, float]
+) -> ObservedCell:
     """A bus in good order."""
     streams = ("robot/state", "sensor/wrench", "wrench", "regulator/target", "robot/command")
     rates = {row.key: cell.rate_hz(row) for row in topics.TOPICS}
-    roles = [RoleHeard(role, 0.1, is_fresh=True, rate_hz=250.0) for role in topics.ROLES]
-    return Overheard(roles, Health(numbers=numbers), state, {key: rates[key] for key in streams})
+    roles = [ObservedRole(role, 0.1, is_fresh=True, rate_hz=250.0) for role in topics.ROLES]
+    return ObservedCell(roles, Health(numbers=numbers), state, {key: rates[key] for key in streams})
 
 
 def test_a_controller_in_good_order_passes_every_line() -> None:
     """Way, sender, eleven bits, codes, pose, loop, speeds, round trip, goodbye."""
     lines = words(link_lines(TCP, SECTION, SCALES, a_visit(heard())))
-    assert set(lines) == {*WAY, *REST, *STATUS_CHECKS} - {"status bits"}
+    assert set(lines) == {*CONNECTION_CHECKS, *REST, *STATUS_CHECKS} - {"status bits"}
     assert set(lines.values()) == {"PASS"}
 
 
@@ -133,7 +142,7 @@ def test_what_was_not_reached_is_skipped_by_name(name: str) -> None:
     lines = link_lines(TCP, SECTION, SCALES, found)
     marks = words(lines)
     assert [check for check, word in marks.items() if word == "FAIL"] == [failing]
-    assert {*WAY, *REST} == set(marks)
+    assert {*CONNECTION_CHECKS, *REST} == set(marks)
     assert all(marks[check] == "SKIP" for check in REST)
     assert all(line.found for line in lines)
     assert doctor.exit_code(lines) == code
@@ -153,7 +162,7 @@ def test_a_connection_that_breaks_is_said_beside_what_was_heard() -> None:
 
 def test_a_greeted_controller_without_reports_has_no_bits_and_no_pose() -> None:
     """They are skipped with the reason, the sender fails."""
-    marks = words(link_lines(TCP, SECTION, SCALES, a_visit(Heard())))
+    marks = words(link_lines(TCP, SECTION, SCALES, a_visit(ReceivedReports())))
     assert (marks["sender"], marks["status bits"], marks["pose"]) == ("FAIL", "SKIP", "SKIP")
     assert (marks["error code"], marks["round trip"]) == ("WARN", "FAIL")
 
@@ -175,7 +184,10 @@ def test_a_running_cell_is_asked_on_the_bus() -> None:
     """Roles, topics, bits, numbers; the way to the controller is the gateway's."""
     lines = bus_lines(TCP, SCALES, overheard(TCP, a_state(), NUMBERS))
     marks = words(lines)
-    assert {check for check, word in marks.items() if word == "SKIP"} == {*WAY, "left behind"}
+    assert {check for check, word in marks.items() if word == "SKIP"} == {
+        *CONNECTION_CHECKS,
+        "left behind",
+    }
     assert set(marks.values()) == {"PASS", "SKIP"}
     assert {*PROCESSES, *STATUS_CHECKS, "link", "robot/state"} <= set(marks)
     assert doctor.exit_code(lines) == OK
@@ -210,7 +222,10 @@ def test_a_gateway_without_its_controller_fails_the_link(name: str) -> None:
 def test_a_simulated_cell_has_no_link_and_says_so() -> None:
     """Roles, topics and the pose are judged, everything of a controller is not used."""
     marks = words(bus_lines(SIM, SCALES, overheard(SIM, a_state(), {})))
-    assert {check for check, word in marks.items() if word == "SKIP"} == {*WAY, *REST} - {"pose"}
+    assert {check for check, word in marks.items() if word == "SKIP"} == {
+        *CONNECTION_CHECKS,
+        *REST,
+    } - {"pose"}
     assert marks["pose"] == "PASS"
     assert {line.found for line in unused_lines(SIM)} == {
         "not used by this cell: roles.robot is sim"
@@ -238,19 +253,26 @@ def test_the_status_of_a_robot_is_that_of_its_controller(bit: Status) -> None:
 
 def test_exit_codes() -> None:
     """0 with warnings, 1 with a failure, 2 for a cell file, 4 when nobody is there."""
-    line, fail = Line("x", "PASS", "fine"), Line("x", "FAIL", "bad", "do")
-    assert doctor.exit_code([line, Line("y", "WARN", "hm", "do"), Line("z", "SKIP", "why")]) == OK
+    line, fail = ReportLine("x", "PASS", "fine"), ReportLine("x", "FAIL", "bad", "do")
+    assert (
+        doctor.exit_code(
+            [line, ReportLine("y", "WARN", "hm", "do"), ReportLine("z", "SKIP", "why")]
+        )
+        == OK
+    )
     assert doctor.exit_code([line, fail]) == NOT_WELL
-    assert doctor.exit_code([trouble("cell file", "FAIL", "m", "cell file"), fail]) == USAGE
+    assert doctor.exit_code([finding("cell file", "FAIL", "m", "cell file"), fail]) == USAGE
     for check in ("address", "hello", "bus"):
-        assert doctor.exit_code([fail, Line(check, "FAIL", "bad", "do")]) == NO_ANSWER
+        assert doctor.exit_code([fail, ReportLine(check, "FAIL", "bad", "do")]) == NO_ANSWER
 
 
 def test_the_report_for_people_has_a_remedy_below_each_trouble(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Square brackets in what was found are text; the last line counts."""
-    doctor.print_lines([Line("a", "PASS", "fine"), Line("b b", "FAIL", "bad [x]", "do [y]")])
+    doctor.print_lines(
+        [ReportLine("a", "PASS", "fine"), ReportLine("b b", "FAIL", "bad [x]", "do [y]")]
+    )
     assert capsys.readouterr().out.splitlines() == [
         "PASS  a    fine",
         "FAIL  b b  bad [x]",

@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
 from cli.doctor import link as doctor_link
-from cli.doctor.bus import listen
-from cli.doctor.link import Patience
+from cli.doctor.bus import observe_cell
+from cli.doctor.link import VisitTimeouts
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_hash, dump_cell, load_cell
 from controller.packet_table import Status
 from forcemesh import topics
@@ -25,16 +25,16 @@ from forcemesh.messages import Health, RobotState
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
 from launch.run_file import FOLDER_VARIABLE, new_run, write_run
-from launch.started_process import Process
+from launch.started_process import ProcessSpec
 from tests.chaos.common_net import free_port
 from tests.fakes.controller import FakeController
 
 pytestmark = pytest.mark.realtime
 
 ROOT = Path(__file__).resolve().parents[2]
-HUB = Process("services.hub", ("hub",))
+HUB = ProcessSpec("services.hub", ("hub",))
 DEADLINE_S = 60.0
-SHORT = Patience(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
+SHORT = VisitTimeouts(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
 
 
 @pytest.fixture
@@ -126,7 +126,7 @@ def test_a_cell_that_is_up_is_asked_on_its_bus(cell_file: Callable[..., Path]) -
         other = cell.model_copy(update={"cell": "other"})
         stack.enter_context(Supervisor(other, processes=[HUB]))
         stack.enter_context(speaking(cell))
-        found = listen(cell, watch_s=1.0)
+        found = observe_cell(cell, watch_s=1.0)
         assert found is not None
         assert found.robot is not None
         assert found.robot.numbers == {"sender_hz": 40.0}
@@ -142,7 +142,7 @@ def test_a_cell_that_is_up_is_asked_on_its_bus(cell_file: Callable[..., Path]) -
 
 
 @contextmanager
-def speaking(cell: Cell) -> Iterator[None]:
+def speaking(cell: CellConfig) -> Iterator[None]:
     """A robot that says something 50 times a second."""
     stop = threading.Event()
 

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.payload import app
-from common.config.payload import Drift, Payload, load, predict
+from common.config.payload import BiasDrift, Payload, load, predict
 from common.motion.frames import quaternion_from_R, rotation_from_vector
 from identification.recording import COLUMNS
 
@@ -114,7 +114,7 @@ def test_a_fitted_payload_explains_another_recording(tmp_path):
 
 def test_check_follows_the_drift_through_the_time_of_each_row(tmp_path):
     """Rows of the fit's hours are explained with the drift; a week later its end counts."""
-    drift = Drift(0.0, 90.0, (3.0, -2.0, 1.0), (0.1, -0.05, 0.05))
+    drift = BiasDrift(0.0, 90.0, (3.0, -2.0, 1.0), (0.1, -0.05, 0.05))
     drifting, out = replace(TRUTH, drift=drift), tmp_path / "payload.yaml"
     fit = run("fit", write_recording(tmp_path / "a.csv", payload=drifting), "--out", out, "--json")
     assert json.loads(fit.stdout)["model"] == "drift"

@@ -15,7 +15,7 @@ from cli.__main__ import app
 from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED, USAGE
 from common.bus.cell_bus import open_hub
 from common.bus.configured_cell import ConfiguredCell
-from common.config.cell import Cell as CellFile
+from common.config.cell import CellConfig as CellFile
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.client import LostError

@@ -12,8 +12,8 @@ from common.config.load import cell_hash, dump_cell
 from forcemesh.errors import ConfigError
 from launch.run_file import (
     FOLDER_VARIABLE,
-    Ended,
-    Entry,
+    ExitRecord,
+    ProcessRecord,
     Run,
     is_alive,
     new_run,
@@ -46,8 +46,10 @@ def a_run(cell: str, *, live: bool = True, started_at: str = "2026-01-01T00:00:0
 
 def test_a_run_is_read_as_it_was_written() -> None:
     """Every field survives, also how a process ended."""
-    ended = Ended(code=-9, how="killed by SIGKILL", at="2026-01-01T00:00:01")
-    entry = Entry(roles=("robot", "sensor"), module="m", pid=7, started_ticks=8, ended=ended)
+    ended = ExitRecord(code=-9, how="killed by SIGKILL", at="2026-01-01T00:00:01")
+    entry = ProcessRecord(
+        roles=("robot", "sensor"), module="m", pid=7, started_ticks=8, ended=ended
+    )
     run = a_run("one").model_copy(update={"processes": [entry], "last_state": "HOLDING"})
     write_run(run)
     assert read_run("one") == run

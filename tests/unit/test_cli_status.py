@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from cli.doctor.bus import listen
-from cli.record import recorder_beside
+from cli.doctor.bus import observe_cell
+from cli.record import recorder_sidecar
 from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -25,18 +25,18 @@ from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.cell_view import CellView
 from launch.processes import Supervisor
 from launch.run_file import FOLDER_VARIABLE, read_run
-from launch.started_process import Process
+from launch.started_process import ProcessSpec
 
 ROOT = Path(__file__).resolve().parents[2]
-HUB = Process("services.hub", ("hub",))
-RECORDER = Process("services.recorder", ("recorder",))
-SLEEPER = Process("test", ("wrench",), (sys.executable, "-c", "import time; time.sleep(600)"))
+HUB = ProcessSpec("services.hub", ("hub",))
+RECORDER = ProcessSpec("services.recorder", ("recorder",))
+SLEEPER = ProcessSpec("test", ("wrench",), (sys.executable, "-c", "import time; time.sleep(600)"))
 
 pytestmark = pytest.mark.processes
 
 
 @pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
     """A cell on a free port, its run files in a folder of this test alone."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
@@ -50,7 +50,7 @@ def faults(status: CellStatus) -> dict[str, str]:
     return {row["name"]: row["fault"] for row in status["services"]}
 
 
-def test_a_hub_alone_is_alive_and_the_others_are_silent(cell: Cell) -> None:
+def test_a_hub_alone_is_alive_and_the_others_are_silent(cell: CellConfig) -> None:
     """Who is there has pid, rate and age; who is not has a reason."""
     with Supervisor(cell, processes=[HUB, SLEEPER]):
         status = cell_status(cell, read_run(cell.cell))
@@ -64,7 +64,7 @@ def test_a_hub_alone_is_alive_and_the_others_are_silent(cell: Cell) -> None:
         assert not is_well(status)
 
 
-def test_a_killed_hub_is_named_although_nothing_can_be_heard(cell: Cell) -> None:
+def test_a_killed_hub_is_named_although_nothing_can_be_heard(cell: CellConfig) -> None:
     """With the bus gone the run file and the kernel say who died, and soon."""
     with Supervisor(cell, processes=[HUB, SLEEPER]) as supervisor:
         run = read_run(cell.cell)
@@ -83,7 +83,7 @@ def test_a_killed_hub_is_named_although_nothing_can_be_heard(cell: Cell) -> None
     assert after["state"] == DOWN
 
 
-def test_a_second_hub_on_the_endpoint_is_told_and_nothing_else_is_started(cell: Cell) -> None:
+def test_a_second_hub_on_the_endpoint_is_told_and_nothing_else_is_started(cell: CellConfig) -> None:
     """Otherwise two arbiters would command one arm."""
     other = cell.model_copy(update={"cell": "other"})
     with (
@@ -97,7 +97,7 @@ def test_a_second_hub_on_the_endpoint_is_told_and_nothing_else_is_started(cell: 
     assert [entry.roles for entry in run.processes] == [("hub",)]
 
 
-def test_a_helper_is_listed_while_it_runs(cell: Cell) -> None:
+def test_a_helper_is_listed_while_it_runs(cell: CellConfig) -> None:
     """Without a recorder nothing is missing; one that runs is in the list."""
     with Supervisor(cell, processes=[HUB, RECORDER]):
         wait_s = time.monotonic() + 20.0
@@ -111,11 +111,11 @@ def test_a_helper_is_listed_while_it_runs(cell: Cell) -> None:
     ("number", "says"), [(signal.SIGKILL, "killed by SIGKILL"), (signal.SIGSTOP, "but no health")]
 )
 def test_a_helper_that_was_started_stays_in_the_list(
-    cell: Cell, number: signal.Signals, says: str, monkeypatch: pytest.MonkeyPatch
+    cell: CellConfig, number: signal.Signals, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that froze, or died too often to be started again, is missing: the cell is not well."""
     monkeypatch.setattr("launch.restart.MOST", 1)
-    with Supervisor(cell, processes=[HUB]) as supervisor, recorder_beside(supervisor):
+    with Supervisor(cell, processes=[HUB]) as supervisor, recorder_sidecar(supervisor):
         run = read_run(cell.cell)
         assert run is not None
         entry = run.entry("recorder")
@@ -125,15 +125,15 @@ def test_a_helper_that_was_started_stays_in_the_list(
         while says not in (row := cell_status(cell, read_run(cell.cell))["services"][-1])["fault"]:
             assert time.monotonic() < wait_s, row
         assert (row["name"], row["alive"]) == ("recorder", False)
-        found = listen(cell, 0.1)
+        found = observe_cell(cell, 0.1)
         assert found is not None
         assert found.roles[-1].role == "recorder"
         assert not found.roles[-1].is_fresh
 
 
-def test_a_helper_that_died_is_started_again_and_named(cell: Cell) -> None:
+def test_a_helper_that_died_is_started_again_and_named(cell: CellConfig) -> None:
     """Another process is the recorder then, and the run file says how the first one ended."""
-    with Supervisor(cell, processes=[HUB]) as supervisor, recorder_beside(supervisor):
+    with Supervisor(cell, processes=[HUB]) as supervisor, recorder_sidecar(supervisor):
         run = read_run(cell.cell)
         first = None if run is None else run.entry("recorder")
         assert first is not None
@@ -175,7 +175,7 @@ def put_health(bus: Bus) -> None:
     bus.playing("arbiter").publisher(topics.ARBITER_STATUS).put(ArbiterStatus(state="IDLE"))
 
 
-def test_a_view_is_complete_when_every_role_was_heard(cell: Cell) -> None:
+def test_a_view_is_complete_when_every_role_was_heard(cell: CellConfig) -> None:
     """Readiness names exactly what is missing; a foreign sensor shows itself by its readings."""
     external = cell.model_copy(
         update={"roles": cell.roles.model_copy(update={"sensor": "external"})}
@@ -198,7 +198,7 @@ def test_a_view_is_complete_when_every_role_was_heard(cell: Cell) -> None:
         assert foreign.wait(nothing_is_missing, 20.0)
 
 
-def test_healthcheck_asks_for_one_role(cell: Cell, tmp_path: Path) -> None:
+def test_healthcheck_asks_for_one_role(cell: CellConfig, tmp_path: Path) -> None:
     """What a container runs: 0 while that role's health is fresh, 1 otherwise."""
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(cell))

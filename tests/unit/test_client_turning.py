@@ -17,13 +17,13 @@ DEGREES = st.tuples(*[st.floats(-360.0, 360.0)] * 3)
 
 def frame(position_m: Vec3, oat_deg: Vec3) -> PoseRecord:
     """A pose as a message carries it."""
-    return PoseRecord(position_m=position_m, orientation_xyzw=turning.of_oat_deg(oat_deg))
+    return PoseRecord(position_m=position_m, orientation_xyzw=turning.from_oat_deg(oat_deg))
 
 
 @given(DEGREES)
 def test_o_a_t_give_the_same_rotation(oat_deg: Vec3) -> None:
     """Rz(o) Ry(a) Rz(t), by either way."""
-    R = R_from_quaternion(turning.of_oat_deg(oat_deg))
+    R = R_from_quaternion(turning.from_oat_deg(oat_deg))
     assert pytest.approx(R_from_oat(Oat(*np.radians(oat_deg))), abs=1e-12) == R
 
 
@@ -31,7 +31,9 @@ def test_o_a_t_give_the_same_rotation(oat_deg: Vec3) -> None:
 def test_a_rotation_vector_turns_a_vector_alike(rotation_rad: Vec3, v: Vec3) -> None:
     """exp([w]x) v, also for hardly any rotation at all."""
     expected = rotation_from_vector(np.array(rotation_rad)) @ np.array(v)
-    assert turning.turned(turning.of_vector(rotation_rad), v) == pytest.approx(expected, abs=1e-12)
+    assert turning.rotate(turning.from_rotation_vector(rotation_rad), v) == pytest.approx(
+        expected, abs=1e-12
+    )
 
 
 @given(METRES, DEGREES, METRES, DEGREES, METRES, RADIANS, st.booleans())

@@ -12,7 +12,7 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
-from tools.compose_rig import MOST_REPEATS, Operator, PromiseError
+from tools.compose_rig import MOST_REPEATS, Operator, RequirementError
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -53,7 +53,7 @@ class Broken:
         """Break it, or keep it."""
         self.asked += 1
         if self.asked <= self.times:
-            raise PromiseError("not within 40 s")
+            raise RequirementError("not within 40 s")
         return "kept"
 
 
@@ -75,7 +75,7 @@ def operator(stalled_s: float) -> Operator:
 def test_a_broken_promise_stays_broken(stalled_s: float, times: int) -> None:
     """On a machine that went on, or was late by less than the deadline; and the second time."""
     broken = Broken(times)
-    with pytest.raises(PromiseError):
+    with pytest.raises(RequirementError):
         operator(stalled_s).again_after_a_stall(broken)
     assert broken.asked == times
 
@@ -87,5 +87,5 @@ def test_after_a_stall_it_is_tried_once_more_some_times_in_all() -> None:
     for count in range(1, MOST_REPEATS + 1):
         assert someone.again_after_a_stall(Broken(1)) == "kept"
         assert someone.repeats == count
-    with pytest.raises(PromiseError):
+    with pytest.raises(RequirementError):
         someone.again_after_a_stall(Broken(1))

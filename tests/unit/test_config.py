@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import calibration_file, cell_from_tree, cell_hash, dump_cell, load_cell
 from forcemesh.errors import ConfigError
 
@@ -35,7 +35,7 @@ def mistakes(damaged: object) -> list[str]:
     return caught.value.mistakes
 
 
-def sections(model: type[BaseModel] = Cell, path: str = "") -> dict[str, type[BaseModel]]:
+def sections(model: type[BaseModel] = CellConfig, path: str = "") -> dict[str, type[BaseModel]]:
     """Return every section of a cell file by its path; of a list of them the first."""
     found: dict[str, type[BaseModel]] = {}
     for field, info in model.model_fields.items():
@@ -122,7 +122,7 @@ def test_the_error_names_the_file_and_counts() -> None:
 @pytest.mark.parametrize("section", ["", *sections()])
 def test_an_unknown_name_is_told_in_every_section(section: str) -> None:
     """Swept: near to a valid name that name is offered, else all of them are listed."""
-    model = sections()[section] if section else Cell
+    model = sections()[section] if section else CellConfig
     name = next(iter(model.model_fields))
     for wrong, hint in ((f"{name}x", f"did you mean {name}?"), ("qqqqqqqq", "valid names: ")):
         damaged = tree()

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from common.config.cell import FARTHEST_M, SETPOINT_SHARE, SLOWEST_INERTIAL_HZ, Cell
+from common.config.cell import FARTHEST_M, SETPOINT_SHARE, SLOWEST_INERTIAL_HZ, CellConfig
 from common.config.load import TUNED, calibration_file, cell_from_tree, dump_cell, load_cell
 from forcemesh.errors import ConfigError
 from forcemesh.units import COUNTS_MOST, LONGEST_LEVER_M, SLOWEST_DEG_S
@@ -18,7 +18,7 @@ DEMO_CELL = load_cell(DEMO)
 JUST_ABOVE = 1.0 + 1e-9
 
 
-def changed(changes: dict[str, Any]) -> Cell:
+def changed(changes: dict[str, Any]) -> CellConfig:
     """Return the demo cell with values by dotted path, judged as a file is."""
     return load_cell(DEMO, changes)
 

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from common.motion.frames import rotation_between
-from controller.packet_table import Com, Point, Status
+from controller.packet_table import CentreParam, Com, Status
 from tests.fakes.controller_talk import Talk
 
 PERIOD_S = 0.02
@@ -24,7 +24,7 @@ def turning(mode: int = 2) -> Talk:
     """Force feedback that turns about base x at 2 degrees a second for each N m."""
     talk = Talk()
     talk.hello()
-    talk.send(Com.TCP, Point.CENTRE, AT_TCP)
+    talk.send(Com.TCP, CentreParam.CENTRE, AT_TCP)
     talk.start_feedback(mode, gains_i=(0, 0, 1000, 10_000, 0, 0))
     push(talk, 2)
     return talk
@@ -50,7 +50,7 @@ def test_a_new_centre_moves_nothing(mode: int) -> None:
     push(talk, 25, (0, 0, 1000, 1000, 0, 0))
     push(talk, 10)
     before = talk.T_mm
-    sent = talk.send(Com.TCP, Point.CENTRE, (1250, -500, 8300, 0, 0, 0))
+    sent = talk.send(Com.TCP, CentreParam.CENTRE, (1250, -500, 8300, 0, 0, 0))
     push(talk, 10)
     assert talk.taken == sent
     assert not talk.status & Status.TARGET_REFUSED
@@ -63,9 +63,9 @@ def test_it_turns_about_the_newest_centre() -> None:
     talk = turning()
     push(talk, 5, TURN_X)
     assert farthest_way(talk, tcp_mm) < 0.05
-    talk.do(Com.TCP, Point.CENTRE, (0, 1250, 8000, 0, 0, 0))
+    talk.do(Com.TCP, CentreParam.CENTRE, (0, 1250, 8000, 0, 0, 0))
     assert farthest_way(talk, rim_mm) < 0.05
-    talk.do(Com.TCP, Point.CENTRE, AT_TCP)
+    talk.do(Com.TCP, CentreParam.CENTRE, AT_TCP)
     assert farthest_way(talk, tcp_mm) < 0.05
 
 
@@ -73,12 +73,12 @@ def test_travel_counts_on_from_the_start() -> None:
     """A centre that moves does not give back the way that is used up: 3 mm of travel, fault 6."""
     talk = Talk()
     talk.hello(limits=(50, 1000, 500, 150, 5_000, 250))
-    talk.send(Com.TCP, Point.CENTRE, AT_TCP)
+    talk.send(Com.TCP, CentreParam.CENTRE, AT_TCP)
     talk.start_feedback(3, gains_i=(0, 0, 2500, 0, 0, 0))
     push(talk, 2)
     z = talk.height_mm()
     for turn in range(20):
         push(talk, 2, (0, 0, 1000, 0, 0, 0))
-        talk.send(Com.TCP, Point.CENTRE, (0, 50 * turn, 8000, 0, 0, 0))
+        talk.send(Com.TCP, CentreParam.CENTRE, (0, 50 * turn, 8000, 0, 0, 0))
     assert talk.fault == 6
     assert talk.height_mm() - z < 3.3

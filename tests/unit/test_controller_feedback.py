@@ -6,7 +6,7 @@ import pytest
 
 from common.motion.frames import rotation_between
 from controller.packet import VecInt
-from controller.packet_table import Com, Point, Status
+from controller.packet_table import CentreParam, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from tests.fakes.controller_talk import LIMITS, QUICK, Talk
 
@@ -25,7 +25,7 @@ def running(
     """Force feedback runs, about a TCP 160 mm below the flange, and has seen one zero wrench."""
     talk = Talk(behaviour)
     talk.hello(limits=limits)
-    talk.send(Com.TCP, Point.CENTRE, (0, 0, 8000, 0, 0, 0))
+    talk.send(Com.TCP, CentreParam.CENTRE, (0, 0, 8000, 0, 0, 0))
     talk.start_feedback(mode, gains_p=gains_p, gains_i=gains_i)
     push(talk, 2)
     return talk
@@ -258,7 +258,7 @@ def test_the_centre_may_change_while_it_runs_and_the_arm_stays() -> None:
     push(talk, 50, (1000, -1500, 2000, 0, 0, 0))
     push(talk, 5)
     before = talk.T_mm
-    talk.send(Com.TCP, Point.CENTRE, (1000, -500, 4000, 0, 0, 0))
+    talk.send(Com.TCP, CentreParam.CENTRE, (1000, -500, 4000, 0, 0, 0))
     push(talk, 10)
     assert np.allclose(talk.T_mm.homogeneous, before.homogeneous, atol=0.01)
     assert np.abs(before.translation - [0.0, 475.0, 377.0]).min() > 1.0

@@ -6,7 +6,7 @@ import pytest
 
 from common.motion.frames import rotation_between
 from controller.packet import ZERO_VEC, VecInt
-from controller.packet_table import Com, Point, Status
+from controller.packet_table import CentreParam, Com, Status
 from tests.fakes.controller_talk import (
     LIMITS,
     LOWER,
@@ -142,7 +142,7 @@ def test_it_is_the_tcp_that_has_to_stay_in_the_box() -> None:
     """A turn of the flange in its place swings the tool out; the TCP of command 11/1 is another."""
     talk = walled((20.0,) * 3, (20.0,) * 3)
     start = talk.T_mm
-    talk.do(Com.TCP, Point.CENTRE, NO_TCP)
+    talk.do(Com.TCP, CentreParam.CENTRE, NO_TCP)
     for turn_deg, fault in ((10.0, BOX), (6.0, 0)):
         R = start.rotation @ pin.utils.rotate("x", np.radians(turn_deg))
         vec = talk.pose_vec(pin.SE3(R, start.translation))

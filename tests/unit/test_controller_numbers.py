@@ -8,7 +8,7 @@ import pytest
 
 from common.motion.frames import rotation_between
 from controller.packet import VecInt
-from controller.packet_table import COUNTER_SPAN, ID_FIRST, Com, Point, Status, unpack_status
+from controller.packet_table import COUNTER_SPAN, ID_FIRST, CentreParam, Com, Status, unpack_status
 from tests.fakes.controller_talk import SCALES, Talk
 
 OTHER: VecInt = (20, 200, 100, 10, 100, 5)
@@ -189,7 +189,7 @@ def test_the_tcp_of_command_11_is_what_a_moment_turns_about() -> None:
     """In the flange frame, whatever its own orientation."""
     talk = Talk()
     talk.hello()
-    talk.do(Com.TCP, Point.CENTRE, (1_500, -1_000, 6_000, 15_000, 20_000, -25_000))
+    talk.do(Com.TCP, CentreParam.CENTRE, (1_500, -1_000, 6_000, 15_000, 20_000, -25_000))
     tcp = np.array([30.0, -20.0, 120.0])
     talk.start_feedback(2, gains_p=(0, 0, 0, 499_999, 499_999, 499_999))
     push(talk, 3, (0,) * 6)
@@ -229,7 +229,7 @@ def test_all_scales_are_those_of_the_hello() -> None:
     assert np.abs(np.subtract(talk.last(Com.POSE).vec, talk.pose_vec(talk.T_mm, OTHER))).max() <= 1
     angles = np.degrees(talk.robot.q) * OTHER[2]
     assert np.abs(np.subtract(talk.last(Com.JOINTS).vec, angles)).max() <= 0.6
-    talk.do(Com.TCP, Point.CENTRE, (0, 0, 2_400, 0, 0, 0))
+    talk.do(Com.TCP, CentreParam.CENTRE, (0, 0, 2_400, 0, 0, 0))
     talk.start_feedback(3, gains_p=(0, 0, 10_000, 100_000, 0, 0))
     push(talk, 3, (0,) * 6)
     start = talk.T_mm

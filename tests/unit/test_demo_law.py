@@ -6,10 +6,10 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.demo.cell import Trial, demo_cell, surface_of
+from cli.demo.cell import DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import measure
 from cli.demo.play import play_virtual
-from cli.demo.scenario import Plan
+from cli.demo.scenario import ScenarioPlan
 from tuning.gain_rule import tune
 
 CELL = Path(__file__).parents[2] / "cells" / "demo.yaml"
@@ -24,8 +24,8 @@ def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_
 
     On a soft plate it is the speed limit of force feedback that takes the time.
     """
-    cell = demo_cell(CELL.parent / file, Trial(law="adaptive", stiffness_N_m=stiffness_N_m))
-    plan = Plan()
+    cell = demo_cell(CELL.parent / file, DemoOverrides(law="adaptive", stiffness_N_m=stiffness_N_m))
+    plan = ScenarioPlan()
     trace = play_virtual(cell, plan, lambda *_: None, 0.0)
     found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
     assert found.settling_s is not None
@@ -42,12 +42,13 @@ def test_a_controller_that_reports_seldom_presses_with_no_more(host, stiffness_N
     than the demo waits.
     """
     cell = demo_cell(
-        CELL.parent / "demo-tcp.yaml", Trial(law="adaptive", stiffness_N_m=1e5, as_step_s=4e-4)
+        CELL.parent / "demo-tcp.yaml",
+        DemoOverrides(law="adaptive", stiffness_N_m=1e5, as_step_s=4e-4),
     )
     assert cell.sim is not None
     plate = cell.sim.model_copy(update={"stiffness_N_m": stiffness_N_m, "gap_m": 0.0005})
     cell = cell.model_copy(update={"sim": plate})
-    plan = Plan(host=host)
+    plan = ScenarioPlan(host=host)
     trace = play_virtual(cell, plan, lambda *_: None, 0.0)
     assert max(sample.force for sample in trace.press) <= 33.0
     found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)

@@ -8,17 +8,19 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.demo import play as demo_play
 from cli.demo import result as demo_report
-from cli.demo.cell import Trial, check_plan, demo_cell, surface_of
+from cli.demo.cell import DemoOverrides, check_plan, demo_cell, surface_of
 from cli.demo.measures import measure
-from cli.demo.scenario import Plan
+from cli.demo.scenario import ScenarioPlan
 from forcemesh.errors import ConfigError
 from tuning.gain_rule import tune
 
 CELLS = Path(__file__).parents[2] / "cells"
 
 
-@pytest.mark.parametrize("trial", [Trial(), Trial(stiffness_N_m=1e4), Trial(delay_s=0.02)])
-def test_the_demo_never_runs_on_a_real_arm(trial: Trial) -> None:
+@pytest.mark.parametrize(
+    "trial", [DemoOverrides(), DemoOverrides(stiffness_N_m=1e4), DemoOverrides(delay_s=0.02)]
+)
+def test_the_demo_never_runs_on_a_real_arm(trial: DemoOverrides) -> None:
     """Its own options for the plate must not pass for a section `sim` of the cell file."""
     with pytest.raises(ConfigError, match="section `sim`"):
         demo_cell(CELLS / "rs007l-real.yaml", trial)
@@ -37,7 +39,7 @@ def test_nothing_is_started_for_a_real_arm(monkeypatch: pytest.MonkeyPatch, tmp_
     assert not started
 
 
-def played(trial: Trial, plan: Plan) -> str:
+def played(trial: DemoOverrides, plan: ScenarioPlan) -> str:
     """Return the title of a virtual demo's table; no latencies stand in it."""
     cell = demo_cell(CELLS / "demo.yaml", trial)
     trace = demo_play.play_virtual(cell, plan, lambda *_: None, 0.0)
@@ -50,14 +52,16 @@ def played(trial: Trial, plan: Plan) -> str:
 @pytest.mark.long
 def test_the_table_names_the_law_that_ran() -> None:
     """Beyond the measured map the plain law runs in the adaptive one's place, and is named."""
-    title = played(Trial(law="adaptive", delay_s=0.09), Plan(press_N=10.0, settled_for_s=0.2))
+    title = played(
+        DemoOverrides(law="adaptive", delay_s=0.09), ScenarioPlan(press_N=10.0, settled_for_s=0.2)
+    )
     assert "law plain" in title
     assert "the plain law runs in its place" in title
 
 
 def test_a_set_point_that_nothing_would_hold_is_refused() -> None:
     """Mode orientation regulates no force: to take one in silence would be to promise it."""
-    cell = demo_cell(CELLS / "demo.yaml", Trial())
+    cell = demo_cell(CELLS / "demo.yaml", DemoOverrides())
     with pytest.raises(ConfigError, match="holds no force"):
-        check_plan(cell, Plan(mode="orientation", setpoint_N=5.0))
-    check_plan(cell, Plan(mode="orientation"))
+        check_plan(cell, ScenarioPlan(mode="orientation", setpoint_N=5.0))
+    check_plan(cell, ScenarioPlan(mode="orientation"))

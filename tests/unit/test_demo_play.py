@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from cli.demo import play as demo_play
-from cli.demo.scenario import Plan, ScenarioError
+from cli.demo.scenario import ScenarioError, ScenarioPlan
 from common.config.load import load_cell
 from forcemesh.errors import BusError, ForcemeshError
 
@@ -47,7 +47,7 @@ def play(monkeypatch: pytest.MonkeyPatch, mourners: Mourners) -> ForcemeshError:
     monkeypatch.setattr("common.bus.cell_bus.open_bus", lambda *_: nullcontext())
     monkeypatch.setattr(demo_play, "Scenario", lambda *_, **__: type("S", (), {"run": unheard})())
     with pytest.raises(ForcemeshError) as caught:
-        demo_play.play_real(load_cell(CELL), Plan(), lambda *_: None, 7.0)
+        demo_play.play_real(load_cell(CELL), ScenarioPlan(), lambda *_: None, 7.0)
     return caught.value
 
 

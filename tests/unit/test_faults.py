@@ -8,7 +8,7 @@ import pytest
 
 from forcemesh.codec import MAX_BYTES, encode_record
 from forcemesh.errors import RefusedError
-from forcemesh.faults import FAULTS, MOST_BYTES, Fault, refusal, refused, tripped
+from forcemesh.faults import FAULTS, MOST_BYTES, FaultCode, refusal, refused, tripped
 from tools.faults_page import PAGE, page
 from tools.tree import production_files
 
@@ -49,7 +49,7 @@ def test_rules_are_unique_in_order_and_of_a_known_hundred() -> None:
 
 
 @each_fault
-def test_a_fault_says_cause_and_remedy_in_words(fault: Fault) -> None:
+def test_a_fault_says_cause_and_remedy_in_words(fault: FaultCode) -> None:
     """Short, without a dot at the end, without the words of a safety function."""
     for text in (fault.cause, fault.remedy):
         assert 5 < len(text) < 200
@@ -90,7 +90,7 @@ def test_a_code_that_is_no_row_is_an_error_of_the_programmer() -> None:
 
 
 @each_fault
-def test_the_longest_trip_can_be_sent(fault: Fault) -> None:
+def test_the_longest_trip_can_be_sent(fault: FaultCode) -> None:
     """Also as a refusal, whatever its text holds; numbers that are not finite are left out."""
     reply = refused(
         tripped(fault.code, "\N{WHITE SMILING FACE}" * 500, value=float("nan"), limit=1.0)

@@ -14,10 +14,10 @@ import pytest
 
 from common.bus.memory_bus import MemoryCall
 from common.config.load import cell_from_tree
-from common.motion.last_check import Guard
+from common.motion.last_check import LastCheck
 from common.motion.limits import check_joint_speed, check_step, check_tether, check_workspace
-from common.motion.setpoint_monitor import StreamBudget
-from common.motion.tracking import Tracking
+from common.motion.setpoint_monitor import SetpointMonitor
+from common.motion.tracking import TrackingMonitor
 from forcemesh import topics
 from forcemesh.faults import FAULTS
 from forcemesh.messages import (
@@ -237,10 +237,10 @@ REACHED: dict[str, Callable[[], str]] = {
     "tether":           lambda: ruled(check_tether(LIMITS, HERE, BEYOND_ALL)),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
     "rate":             lambda: ruled(a_flood()),
-    "acceleration":     lambda: ruled(too_sudden(StreamBudget(CELL.limits))),
-    "no_stream":        lambda: ruled(StreamBudget(CELL.limits).spend(HERE, 1)),
-    "no_lease":         lambda: ruled(Guard(CELL).setpoint(HERE, HERE, 1)),
-    "tracking":         lambda: ruled(an_arm_that_stays_behind(Tracking(CELL))),
+    "acceleration":     lambda: ruled(too_sudden(SetpointMonitor(CELL.limits))),
+    "no_stream":        lambda: ruled(SetpointMonitor(CELL.limits).spend(HERE, 1)),
+    "no_lease":         lambda: ruled(LastCheck(CELL).setpoint(HERE, HERE, 1)),
+    "tracking":         lambda: ruled(an_arm_that_stays_behind(TrackingMonitor(CELL))),
     "joint_speed":      lambda: ruled(check_joint_speed(LIMITS, np.full(6, 99.0))),
     "not_armed":        lambda: Cellmates().ask(topics.MOVE, MOVE_DOWN).code,
     "already":          lambda: ask_armed((topics.ARM, ArmRequest())),

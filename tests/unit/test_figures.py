@@ -24,7 +24,7 @@ def copy(tmp_path: Path) -> Path:
 
 def test_every_figure_is_written_by_a_command_or_was_read() -> None:
     """Else: run the command of the block, or `python -m tools.figures --list` and review it."""
-    assert list(figures.mistakes()) == []
+    assert list(figures.mismatches()) == []
 
 
 def test_a_planted_change_of_any_figure_is_found(copy: Path) -> None:
@@ -36,12 +36,12 @@ def test_a_planted_change_of_any_figure_is_found(copy: Path) -> None:
         for figure in figures.FIGURE.finditer(page.read_text("utf-8"))
         for digit in re.finditer(r"\d", figure.group())
     ]
-    assert list(figures.mistakes(copy)) == []
+    assert list(figures.mismatches(copy)) == []
     for page, place in draw.sample(places, PLANTED):
         text = page.read_text("utf-8")
         digit = str((int(text[place]) + draw.randrange(1, 9)) % 10)
         page.write_text(text[:place] + digit + text[place + 1 :], "utf-8")
-        assert list(figures.mistakes(copy)) != [], (page.name, text[place - 20 : place + 20])
+        assert list(figures.mismatches(copy)) != [], (page.name, text[place - 20 : place + 20])
         page.write_text(text, "utf-8")
 
 
@@ -52,14 +52,14 @@ def test_a_new_figure_that_nobody_has_read_is_found(copy: Path, added: str) -> N
     """Wherever it is written."""
     page = copy / "README.md"
     page.write_text(f"{page.read_text('utf-8')}\n{added}\n", "utf-8")
-    assert [text for text in figures.mistakes(copy) if text.startswith("README.md: figure")]
+    assert [text for text in figures.mismatches(copy) if text.startswith("README.md: figure")]
 
 
 def test_a_block_is_put_in_the_place_of_the_old_one_with_its_stamp(tmp_path: Path) -> None:
     """Name, command, commit and day stand in its mark; what stands around it stays."""
     page = tmp_path / "page.md"
     page.write_text(f"before\n{figures.block('speed', 'old', 'make old')}\nafter\n")
-    figures.put(page, "speed", "| 7 ms |", 'make bench ARGS="speed --write"')
+    figures.replace_block(page, "speed", "| 7 ms |", 'make bench ARGS="speed --write"')
     text = page.read_text()
     (found,) = figures.BLOCK.finditer(text)
     assert (found["name"], found["text"]) == ("speed", "| 7 ms |")
@@ -68,4 +68,4 @@ def test_a_block_is_put_in_the_place_of_the_old_one_with_its_stamp(tmp_path: Pat
     assert text.startswith("before\n")
     assert text.endswith("\nafter\n")
     with pytest.raises(ValueError, match="no block `pace`"):
-        figures.put(page, "pace", "", "make")
+        figures.replace_block(page, "pace", "", "make")

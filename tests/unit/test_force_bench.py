@@ -9,8 +9,8 @@ from bench.force import scenes, settle, stage
 from bench.force.measures import means, settling_s
 from bench.force.page import page
 from bench.force.peers import Admittance, Fdcc
-from bench.force.promises import promises
-from bench.force.rig import Heard, Rig, World
+from bench.force.promises import requirements
+from bench.force.rig import ForceRig, LawSample, SceneSettings
 from bench.force.run import Extent, release_row, scene_jobs, scene_row
 
 SERVOS_N_M = 8e5
@@ -20,7 +20,7 @@ PLACES = [(5e3, 10), (2e4, 0), (2e4, 30), (1e5, 60)]
 @pytest.mark.parametrize(("stiffness_N_m", "delay_ms"), PLACES)
 def test_one_setting_releases_every_stiffness_in_time(stiffness_N_m, delay_ms) -> None:
     """From 30 N: 9 tau at first contact, 5 once met (6 for soft ones), at most 5 % lift-off."""
-    first, met = settle.ours(World(stiffness_N_m, delay_ms))
+    first, met = settle.ours(SceneSettings(stiffness_N_m, delay_ms))
     assert first.taus is not None
     assert met.taus is not None
     assert first.taus <= 9.0
@@ -35,7 +35,7 @@ def test_one_setting_releases_every_stiffness_in_time(stiffness_N_m, delay_ms) -
 )
 def test_a_slow_loop_does_not_take_a_contact_for_softer(stiffness_N_m, delay_ms, loop_hz) -> None:
     """Pose and force are further apart there, samples few: it overshot by up to 84 %."""
-    first, met = settle.ours(World(stiffness_N_m, delay_ms, loop_hz))
+    first, met = settle.ours(SceneSettings(stiffness_N_m, delay_ms, loop_hz))
     assert first.settling_s is not None
     assert met.settling_s is not None
     assert max(first.overshoot_pct, met.overshoot_pct) <= 5.0
@@ -45,7 +45,7 @@ def test_a_slow_loop_does_not_take_a_contact_for_softer(stiffness_N_m, delay_ms,
 @pytest.mark.parametrize("error_ms", [10.0, -5.0])
 def test_a_delay_that_is_assumed_wrong_is_survived(error_ms) -> None:
     """Ten milliseconds too long: 11 tau and 10 %. Five too short: settled and bounded."""
-    first, met = settle.ours(World(2e4, 10, delay_error_ms=error_ms))
+    first, met = settle.ours(SceneSettings(2e4, 10, delay_error_ms=error_ms))
     assert first.taus is not None
     assert met.taus is not None
     assert first.taus <= 11.0
@@ -55,7 +55,7 @@ def test_a_delay_that_is_assumed_wrong_is_survived(error_ms) -> None:
 @pytest.mark.parametrize(("loop_hz", "first_s", "met_s"), [(60.0, 0.5, 0.35), (15.0, 1.4, 0.65)])
 def test_slow_loops_settle_in_time(loop_hz, first_s, met_s) -> None:
     """A controller that takes a pose 60 or 15 times a second."""
-    first, met = settle.ours(World(2e4, 10, loop_hz))
+    first, met = settle.ours(SceneSettings(2e4, 10, loop_hz))
     assert first.settling_s is not None
     assert met.settling_s is not None
     assert first.settling_s <= first_s
@@ -66,7 +66,7 @@ def test_slow_loops_settle_in_time(loop_hz, first_s, met_s) -> None:
 @pytest.mark.parametrize("stiffness_N_m", [5e3, 1e5])
 def test_a_surface_is_followed(stiffness_N_m) -> None:
     """10 N on a slope of 10 degrees at 20 mm/s: 0.1 N off, hard or soft."""
-    found = scenes.follow(World(stiffness_N_m, 10), stage.adaptive, "slope")
+    found = scenes.follow(SceneSettings(stiffness_N_m, 10), stage.adaptive, "slope")
     assert found["mean_error_N"] <= 0.1
     assert found["onset_of_k_v_tau"] <= 1.2
     assert found["contact_lost"] == 0.0
@@ -75,7 +75,7 @@ def test_a_surface_is_followed(stiffness_N_m) -> None:
 @pytest.mark.parametrize(("stiffness_N_m", "delay_ms"), [(5e3, 10), (5e3, 30), (2e4, 30)])
 def test_a_set_point_that_changes_is_reached_and_held(stiffness_N_m, delay_ms) -> None:
     """By 10 N: at most 5 % beyond, and within a quarter of a newton for three seconds more."""
-    world = World(stiffness_N_m, delay_ms)
+    world = SceneSettings(stiffness_N_m, delay_ms)
     assert scenes.set_point_step(world, stage.adaptive)["overshoot_pct"] <= 5.0
     rig, pilot, _ = stage.holding(world, stage.adaptive, 20.0)
     still = rig.run(pilot, 3.0)
@@ -84,12 +84,15 @@ def test_a_set_point_that_changes_is_reached_and_held(stiffness_N_m, delay_ms) -
 
 def test_a_slope_is_beyond_the_plain_law() -> None:
     """Although it is told the stiffness."""
-    assert scenes.follow(World(1e5, 10), stage.tuned_plain, "slope")["mean_error_N"] > 2.0
+    assert scenes.follow(SceneSettings(1e5, 10), stage.tuned_plain, "slope")["mean_error_N"] > 2.0
 
 
 def test_a_wall_that_vanishes_is_not_run_after() -> None:
     """At 50 mm/s at most three millimetres."""
-    assert scenes.vanish(World(5e3, 10, speed_m_s=0.05), stage.adaptive)["travel_mm"] <= 3.0
+    assert (
+        scenes.wall_vanishes(SceneSettings(5e3, 10, speed_m_s=0.05), stage.adaptive)["travel_mm"]
+        <= 3.0
+    )
 
 
 def test_a_plate_ten_times_softer_can_be_had_in_every_scene_that_needs_it() -> None:
@@ -116,18 +119,18 @@ def test_settling_is_when_the_band_is_entered_for_good() -> None:
 @pytest.mark.parametrize("peer", [Admittance, Fdcc])
 def test_a_peer_moves_steadily_as_fast_as_its_gain_says(peer) -> None:
     """Both end at gain times force: so the same search can tune them."""
-    rig = Rig(World().cell())
+    rig = ForceRig(SceneSettings().cell())
     T = rig.T_base_tcp
     pilot = peer(T, 1e-3, 0.01, longest_m_s=1.0)
     force = np.array([0.0, 0.0, 10.0])
-    heard = Heard(force, np.zeros(3), T, T, limited=False, dt_s=0.004)
+    heard = LawSample(force, np.zeros(3), T, T, limited=False, dt_s=0.004)
     places = [pilot.step(heard).translation[2] for _ in range(200)]
     assert (places[-1] - places[-2]) / 0.004 == pytest.approx(1e-3 * 10.0, rel=0.01)
 
 
 def test_the_page_is_made_of_the_rows() -> None:
     """Every promise that the rows can judge stands on it, kept or not."""
-    row = release_row(World(2e4, 10))
+    row = release_row(SceneSettings(2e4, 10))
     peer = {
         "law": "plain PI",
         "stiffness_N_m": 2e4,
@@ -144,13 +147,15 @@ def test_the_page_is_made_of_the_rows() -> None:
         "controller host": [],
         "fixed gain": [{"fixed_s": 5.0, "met_s": 0.13}],
         "peers": [peer],
-        "scenes": [scene_row(("wall vanishes", "adaptive", World(2e4, 10, speed_m_s=0.02)))],
+        "scenes": [
+            scene_row(("wall vanishes", "adaptive", SceneSettings(2e4, 10, speed_m_s=0.02)))
+        ],
     }
-    made = promises(rows)
+    made = requirements(rows)
     text = page(rows, "a command")
     assert len(made) >= 7
     assert all(promise.text in text for promise in made)
     assert "not settled" in text
     slow = {**row, "first_s": 9.9}
-    worse = promises({**rows, "release": [slow]})
+    worse = requirements({**rows, "release": [slow]})
     assert [p.kept for p in worse if p.text == "first contact, tau"] == [False]

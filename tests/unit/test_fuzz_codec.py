@@ -23,7 +23,7 @@ def test_no_bad_packet_is_believed() -> None:
 @pytest.mark.parametrize("shift", [7, 14, 21])
 def test_the_judge_sees_a_misread(shift: int) -> None:
     """A stream that was never sent and is well formed counts, or the test above proves nothing."""
-    rng, tally = random.Random(2), codec.Tally()
+    rng, tally = random.Random(2), codec.MisreadCounts()
     moves = b"000001 000000 "
     trio = next(trio for trio in codec.trios(rng) if trio.chars[0][7:21] == moves)
     other = trio.chars[0][:-shift] + b"000042 " * (shift // 7)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from common.motion.frames import Oat, R_from_oat, rotation_between
 from controller.packet import Packet, PacketReader, encode
-from controller.packet_table import ID_FIRST, Com, Point, Status, pack_status
+from controller.packet_table import ID_FIRST, CentreParam, Com, Status, pack_status
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 from forcemesh.messages import Gains, Joints, Speed
 from services.gateway import commands, reports
@@ -166,7 +166,7 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
         (banks[2], (10, 2, (-20_000, 10_000, -10_000, 0, 0, 0))),
         (banks[3], (10, 3, (20_000, 40_000, 499_999, 0, 0, 0))),
         (banks[4], (11, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
-        (commands.tcp(T, SCALES, Point.CENTRE),
+        (commands.tcp(T, SCALES, CentreParam.CENTRE),
             (11, 1, (5000, -10000, 15000, 5000, 45000, -10000))),
         (commands.set_point(T, SCALES, PoseCarry())[0],
             (13, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
@@ -194,7 +194,7 @@ def test_a_number_that_is_not_finite_is_never_sent(bad: float, index: int) -> No
     with pytest.raises(LocalProtocolError):
         commands.move_to_pose(T, SCALES, PoseCarry())
     with pytest.raises(LocalProtocolError):
-        commands.tcp(T, SCALES, Point.TCP)
+        commands.tcp(T, SCALES, CentreParam.TCP)
     with pytest.raises(LocalProtocolError):
         commands.move_to_pose(T, SCALES, PoseCarry((bad, 0.0, 0.0)))
 

@@ -4,7 +4,7 @@ import pytest
 
 from controller.packet import Packet, encode
 from controller.packet_table import ID_FIRST, PERCENT, Com, Status, pack_status
-from services.gateway.connection import Connection
+from services.gateway.connection import ControllerConnection
 from services.gateway.dialogue import Dialogue
 from services.gateway.link import News
 from tests.fakes.dialogues import KEPT, MS, SCALES, joint_report, packets, pose_report
@@ -47,7 +47,9 @@ class Talk:
         """Not connected yet."""
         self.wire, self.now_ns = HandWire(), 0
         self.dialogue = Dialogue(SCALES)
-        self.connection = Connection(self.wire, self.dialogue, KEPT, stale_after_s=STALE_S)
+        self.connection = ControllerConnection(
+            self.wire, self.dialogue, KEPT, stale_after_s=STALE_S
+        )
 
     def hear(self, data: bytes = b"", *, opened: bool = False, lost: str = "") -> bool:
         """Let bytes come, or the line open or end."""

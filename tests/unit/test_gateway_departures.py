@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from common.config.load import load_cell
 from common.motion.frames import rotation_between, rotation_from_vector
 from forcemesh.faults import tripped
-from services.gateway.setpoint_shaper import CatchUp, Departures
+from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
 from tests.contract.rig import DEMO_CELL, shifted
-from tests.fuzz.judges import Path
+from tests.fuzz.judges import CommandedPath
 
 CELL = load_cell(DEMO_CELL)
 LIMITS = CELL.limits
@@ -27,9 +27,9 @@ def anywhere(_: pin.SE3) -> None:
     """Every place is a good one."""
 
 
-def flowing(limits=LIMITS) -> Departures:
+def flowing(limits=LIMITS) -> SetpointShaper:
     """A stream that has begun at rest."""
-    departures = Departures(limits, anywhere)
+    departures = SetpointShaper(limits, anywhere)
     assert departures.seed(DOWN, 0) is None
     assert departures.leave(DOWN, 0) is DOWN
     return departures
@@ -46,7 +46,7 @@ def test_whatever_is_wanted_what_leaves_keeps_the_limits(
     seed: int, factor: float, anew: bool
 ) -> None:
     """Any rhythm, ways, turns, waiting and new beginnings; the evil arbiter's judge looks on."""
-    rng, departures, path, T, now_ns = random.Random(seed), flowing(), Path(CELL), DOWN, 0
+    rng, departures, path, T, now_ns = random.Random(seed), flowing(), CommandedPath(CELL), DOWN, 0
     path.add(0.0, DOWN.translation, DOWN.rotation)
     last = DOWN
     for _ in range(300):
@@ -119,7 +119,7 @@ def test_an_honest_stream_leaves_as_it_is_over_a_controller_of_15_to_65_hz(
 
 def test_nothing_leaves_before_a_stream_begins_and_after_it_ends() -> None:
     """What has not left by then stays, also the rest of a way."""
-    departures = Departures(LIMITS, anywhere)
+    departures = SetpointShaper(LIMITS, anywhere)
     assert departures.leave(DOWN, 0) is None
     departures = flowing()
     far = shifted(DOWN, x_m=0.1)
@@ -143,7 +143,7 @@ def test_a_stream_begins_where_the_arm_is_or_not_at_all() -> None:
 
 def test_a_part_of_a_way_that_lies_where_none_may_be_waits() -> None:
     """Both ends are good places; what is between them was never judged."""
-    departures = Departures(LIMITS, lambda _: tripped("workspace", "not there"))
+    departures = SetpointShaper(LIMITS, lambda _: tripped("workspace", "not there"))
     departures.seed(DOWN, 0)
     departures.leave(DOWN, 0)
     assert departures.leave(shifted(DOWN, x_m=0.1), 4 * MS) is None
@@ -153,7 +153,7 @@ def test_a_part_of_a_way_that_lies_where_none_may_be_waits() -> None:
 
 def test_what_waited_behind_a_stall_leaves_slowly_and_the_stream_then_runs_on() -> None:
     """A stream of 50 mm/s with a departure that is 60 ms late: 10 mm/s for what waited, no more."""
-    departures = Departures(LIMITS, anywhere, CatchUp(speed_m_s=0.01, late_s=0.045))
+    departures = SetpointShaper(LIMITS, anywhere, CatchUp(speed_m_s=0.01, late_s=0.045))
     assert departures.seed(DOWN, 0) is None
     assert departures.leave(DOWN, 0) is DOWN
     times_ms = [30, 60, 120, *range(150, 1500, 30)]

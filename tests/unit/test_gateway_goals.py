@@ -11,7 +11,7 @@ from controller.packet_table import Status
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Goal
 from services.gateway import goals
-from services.gateway.goals import Measured, Track
+from services.gateway.goals import ControllerReport, Track
 from services.gateway.numbering import NONE_YET
 from tests.contract.rig import pose_goal, shifted
 from tests.fakes.gateway_cell import a_cell
@@ -24,12 +24,12 @@ PACKET = 40
 S = NS_PER_S
 
 
-def report(T: pin.SE3, status: Status = Status.MOVING, taken: int = PACKET) -> Measured:
+def report(T: pin.SE3, status: Status = Status.MOVING, taken: int = PACKET) -> ControllerReport:
     """One report, number 1."""
-    return Measured(T, (0.0,) * 6, status, counter=1, taken=taken, at_ns=0)
+    return ControllerReport(T, (0.0,) * 6, status, counter=1, taken=taken, at_ns=0)
 
 
-def after(measured: Measured, *, times: int = 2, period_ns: int = S // 100) -> Track:
+def after(measured: ControllerReport, *, times: int = 2, period_ns: int = S // 100) -> Track:
     """The goal after so many reports of the same content."""
     track = goals.sent(GOAL, PACKET, ZERO, 0)
     for number in range(times):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from controller.packet_table import Com, Status
 from forcemesh.clock import NS_PER_S
 from services.gateway.service import controller_limits, set_point_step
-from services.gateway.setpoint_shaper import Departures
+from services.gateway.setpoint_shaper import SetpointShaper
 from tests.contract.rig import gateway_cell
 from tests.fakes.gateway_world import GatewayWorld, MoodyController
 
@@ -106,7 +106,7 @@ def test_no_set_point_is_farther_from_the_one_before_than_a_step(
 ) -> None:
     """Whatever is wanted leaves in steps, and all of it leaves."""
     step_rad = 4.0 * step_m
-    departures = Departures(CELL.limits, lambda _: None, step=(step_m, step_rad))
+    departures = SetpointShaper(CELL.limits, lambda _: None, step=(step_m, step_rad))
     begin = pin.SE3.Identity()
     wanted = pin.SE3(pin.utils.rotate("x", turn_rad), np.array([way_m, 0.0, 0.0]))
     now_ns, before = NS_PER_S, begin

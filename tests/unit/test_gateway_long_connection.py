@@ -11,9 +11,9 @@ from controller.packet import PACKET_CHARS, Packet, encode
 from controller.packet_table import ID_FIRST, ID_LAST, Com, Status, pack_status
 from forcemesh.messages import Gains, Goal
 from services.gateway.commands import Pacing
-from services.gateway.connection import Connection
+from services.gateway.connection import ControllerConnection
 from services.gateway.dialogue import Dialogue
-from services.gateway.goals import Measured, follow, sent
+from services.gateway.goals import ControllerReport, follow, sent
 from services.gateway.link import Link, LinkSettings
 from services.gateway.round_trips import TAKEN
 from services.gateway.scales import Scales
@@ -126,10 +126,10 @@ def finish_a_goal(talk: LockStep) -> None:
     assert track.report.state == "done"
 
 
-def report_of(talk: LockStep) -> Measured:
+def report_of(talk: LockStep) -> ControllerReport:
     """The arm at the end of `finish_a_goal`'s motion, as the connection would hand it on."""
     counter = talk.now_ns // PERIOD_NS
-    return Measured(at(0), JOINTS, NO_STATUS, counter, talk.dialogue.taken, talk.now_ns)
+    return ControllerReport(at(0), JOINTS, NO_STATUS, counter, talk.dialogue.taken, talk.now_ns)
 
 
 @pytest.fixture
@@ -210,7 +210,7 @@ def test_a_socket_carries_600000_packets_on_one_connection() -> None:
     process.start()
     dialogue = Dialogue(Scales(), Pacing(max_untaken=2), last_id=ID_LAST)
     link = Link(LinkSettings("127.0.0.1", listener.getsockname()[1]))
-    connection = Connection(link, dialogue, KEPT, stale_after_s=60.0)
+    connection = ControllerConnection(link, dialogue, KEPT, stale_after_s=60.0)
     try:
         carried = carry(connection, dialogue, 600_000)
     finally:
@@ -221,7 +221,7 @@ def test_a_socket_carries_600000_packets_on_one_connection() -> None:
     assert (link.connections, connection.errors, link.last_fault) == (1, 0, "the test is over")
 
 
-def carry(connection: Connection, dialogue: Dialogue, count: int) -> int:
+def carry(connection: ControllerConnection, dialogue: Dialogue, count: int) -> int:
     """Stream until so many packets were sent; time passes only when the controller has answered."""
     now_ns, first = 0, dialogue.last
     while dialogue.last - first < count:

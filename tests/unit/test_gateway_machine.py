@@ -27,7 +27,7 @@ from forcemesh.messages import Feedback, Gains, PoseRecord, RobotCommand, Wrench
 from forcemesh.reader import Reader
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
-from services.gateway.setpoint_shaper import Departures
+from services.gateway.setpoint_shaper import SetpointShaper
 from tests.contract.rig import DEADLINE_S, goal
 from tests.fakes.gateway_world import GatewayWorld
 
@@ -342,6 +342,6 @@ def test_a_stream_that_goes_on_after_a_hold_is_found(monkeypatch: pytest.MonkeyP
     driver = stream_after_a_hold().world.gateway._driver
     assert driver._streaming
     assert not driver._departures._flows
-    monkeypatch.setattr(Departures, "end", lambda departures: None)
+    monkeypatch.setattr(SetpointShaper, "end", lambda departures: None)
     with pytest.raises(AssertionError, match="the first one jumps"):
         stream_after_a_hold()

@@ -11,22 +11,22 @@ from pydantic import ValidationError
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.status import in_words
+from cli.status import describe_number
 from common.bus.cell_bus import open_bus
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.messages import Health
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
 from launch.run_file import FOLDER_VARIABLE
-from launch.started_process import Process
+from launch.started_process import ProcessSpec
 from tests.fakes.bench import Bench
 
 pytestmark = pytest.mark.realtime
 
 ROOT = Path(__file__).resolve().parents[2]
-HUB = Process("services.hub", ("hub",))
+HUB = ProcessSpec("services.hub", ("hub",))
 NUMBERS = {"framed_round_trip_p50_s": 0.0123, "sender_hz": 40.0, "monitor_speed_fraction": 0.1}
 
 
@@ -48,7 +48,7 @@ def test_what_is_not_finite_is_no_number(number: float) -> None:
 )
 def test_the_end_of_a_name_is_its_unit(name: str, number: float, words: str) -> None:
     """Seconds as milliseconds, hertz as per second, fractions as percent."""
-    assert in_words(name, number) == words
+    assert describe_number(name, number) == words
 
 
 def test_a_cell_on_the_virtual_clock_carries_them_on_its_bus() -> None:
@@ -74,7 +74,7 @@ class Silent:
 
 
 @pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
     """A cell on a free port, its run files in a folder of this test alone."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
@@ -84,7 +84,7 @@ def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
 
 
 @pytest.mark.processes
-def test_status_shows_them_for_people_and_for_programs(cell: Cell, tmp_path: Path) -> None:
+def test_status_shows_them_for_people_and_for_programs(cell: CellConfig, tmp_path: Path) -> None:
     """One line below the table for a role that has some; a map in each row of --json."""
     path = tmp_path / "file.yaml"
     path.write_text(dump_cell(cell))

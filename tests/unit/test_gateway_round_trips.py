@@ -18,7 +18,7 @@ from services.gateway.round_trips import (
     Echoes,
     Rate,
     RoundTrips,
-    Turns,
+    WrappingCounterRate,
 )
 from tests.fakes.dialogues import (
     MS,
@@ -212,7 +212,7 @@ def test_a_change_of_rate_shows_within_the_window() -> None:
 @given(st.integers(0, 999_999), st.lists(st.integers(0, 400), min_size=20, max_size=40))
 def test_a_counter_that_goes_round_is_followed(start: int, steps: list[int]) -> None:
     """Only the differences count, and they are taken modulo its span."""
-    turns, value = Turns(1_000_000), start
+    turns, value = WrappingCounterRate(1_000_000), start
     for k, step in enumerate(steps):
         value = (value + (step if k else 0)) % 1_000_000
         turns.read(value, k * 100 * MS)

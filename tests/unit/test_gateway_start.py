@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.errors import ConfigError
@@ -19,7 +19,7 @@ from tests.fakes.controller import PORT
 from tests.fakes.gateway_cell import a_cell
 
 
-def gateway(cell: Cell) -> Gateway:
+def gateway(cell: CellConfig) -> Gateway:
     """Return the gateway of a cell, whose socket is not opened before its first step."""
     return Gateway(Bus("robot", cell.cell, MemoryTransport(), cell, ManualClock()), cell)
 

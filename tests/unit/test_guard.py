@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from common.config.load import load_cell
 from common.motion.convert import record_of
 from common.motion.frames import rotation_from_vector
-from common.motion.last_check import Guard
+from common.motion.last_check import LastCheck
 from common.motion.limits import Limits
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Goal, Speed, Trip
@@ -27,9 +27,9 @@ JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 MS = NS_PER_S // 1000
 
 
-def guard_at(T: pin.SE3, now_ns: int = 0) -> Guard:
+def guard_at(T: pin.SE3, now_ns: int = 0) -> LastCheck:
     """A guard whose lease and stream begin at a pose."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     guard.start(T)
     guard.seed(T, now_ns)
     return guard
@@ -103,7 +103,7 @@ def test_the_tether_is_fastened_where_the_lease_began() -> None:
 def test_a_tool_that_is_turned_on_and_on_is_stopped_by_its_tether(axis: int, sign: float) -> None:
     """Small turns that no other limit minds, until it is turned too far from how it was armed."""
     cell = load_cell(DEMO_CELL)
-    guard, T, turned_deg, rule = Guard(cell), DOWN, 0.0, ""
+    guard, T, turned_deg, rule = LastCheck(cell), DOWN, 0.0, ""
     guard.start(T)
     guard.seed(T, 0)
     while rule == "" and turned_deg < 720.0:
@@ -157,7 +157,7 @@ def test_a_goal_may_not_run_faster_than_the_cell_allows() -> None:
 
 def test_without_a_lease_nothing_passes() -> None:
     """A guard that was never started lets nothing through."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     assert guard.setpoint(DOWN, DOWN, 0) is not None
     assert (
         guard.goal(Goal(id=1, kind="pose", pose=record_of(DOWN)), Speed(), DOWN, JOINTS) is not None

@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
-from common.motion.last_check import Guard
-from common.motion.setpoint_monitor import StreamBudget
-from services.gateway.setpoint_shaper import Departures
+from common.motion.last_check import LastCheck
+from common.motion.setpoint_monitor import SetpointMonitor
+from services.gateway.setpoint_shaper import SetpointShaper
 from tests.fuzz import commands
 from tests.fuzz import hostile_arbiter as evil
 from tests.fuzz.judges import allowance
 
-AS_IT_CAME = (Departures, "share")  # of its way that may leave
-IN_ONE = (Departures, "_share_of_step")
+AS_IT_CAME = (SetpointShaper, "share")  # of its way that may leave
+IN_ONE = (SetpointShaper, "_share_of_step")
 ROBOTS = pytest.mark.parametrize("robot", ["gateway", "sim"])
 
 
@@ -51,11 +51,11 @@ def test_the_page_says_what_the_judge_lets_pass() -> None:
 @pytest.mark.parametrize(
     ("robot", "without", "breaks"),
     [
-        ("gateway", [(StreamBudget, "spend"), AS_IT_CAME], "acceleration"),
-        ("gateway", [(Guard, "setpoint"), AS_IT_CAME, IN_ONE], "workspace"),
-        ("gateway", [(Guard, "wrench")], "moved without leave"),
-        ("sim", [(Guard, "setpoint"), (Guard, "arm")], "workspace"),
-        ("sim", [(Guard, "wrench")], "force"),
+        ("gateway", [(SetpointMonitor, "spend"), AS_IT_CAME], "acceleration"),
+        ("gateway", [(LastCheck, "setpoint"), AS_IT_CAME, IN_ONE], "workspace"),
+        ("gateway", [(LastCheck, "wrench")], "moved without leave"),
+        ("sim", [(LastCheck, "setpoint"), (LastCheck, "arm")], "workspace"),
+        ("sim", [(LastCheck, "wrench")], "force"),
     ],
 )
 def test_the_judge_sees_what_the_guard_keeps_back(

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from common.config.load import load_cell
 from common.motion.convert import record_of
 from common.motion.frames import Array
-from common.motion.last_check import Guard
+from common.motion.last_check import LastCheck
 from forcemesh.messages import Feedback, Gains, Goal, Joints, Speed, Trip, WrenchAtTcp
 from tests.contract.rig import DEMO_CELL, shifted
 
@@ -32,9 +32,9 @@ def code(trip: Trip | None) -> str:
     return "" if trip is None else trip.code
 
 
-def guard_at(T: pin.SE3 = DOWN, now_ns: int = 0) -> Guard:
+def guard_at(T: pin.SE3 = DOWN, now_ns: int = 0) -> LastCheck:
     """A guard whose lease and stream begin at a pose."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     guard.start(T)
     assert guard.seed(T, now_ns) is None
     return guard
@@ -178,7 +178,7 @@ def test_the_arm_may_be_found_2_mm_and_half_a_degree_beyond_its_limits(edge: str
     """Exactly, at every limit of a place: reports are rounded, and a controller settles."""
     rule, slack, found_at = EDGES[edge]
     for share, expected in ((1.0 - 1e-5, ""), (1.0 + 1e-5, rule)):
-        guard = Guard(EDGE_CELL)
+        guard = LastCheck(EDGE_CELL)
         guard.start(DOWN)
         assert code(guard.arm(*found_at(share * slack), 0)) == expected
 
@@ -246,7 +246,7 @@ def test_a_joint_s_speed_is_not_judged_before_a_tenth_of_a_second_is_known() -> 
 def test_a_plane_is_kept_for_commands_and_a_little_wider_for_the_arm() -> None:
     """The tool may not be commanded behind it, and may not be found far behind it."""
     plane = {"point_m": [0.0, 0.0, 0.1], "normal": [0.0, 0.0, 1.0]}
-    guard = Guard(load_cell(DEMO_CELL, {"limits.planes": [plane]}))
+    guard = LastCheck(load_cell(DEMO_CELL, {"limits.planes": [plane]}))
     guard.start(DOWN)
     tool_at_the_plane = shifted(DOWN, z_m=-0.04)
     guard.seed(tool_at_the_plane, 0)
@@ -265,7 +265,7 @@ def test_a_straight_move_that_swings_the_tool_out_is_refused_though_its_end_is_i
     end = pin.SE3(R, np.array([0.0, 0.5, 0.1]))
     cell = load_cell(DEMO_CELL, {"limits.workspace_max_m": [0.1, 0.8, 0.6],
                                  "limits.workspace_min_m": [-0.1, 0.2, -0.2]})  # fmt: skip
-    guard = Guard(cell)
+    guard = LastCheck(cell)
     # Armed half-way, so that both ends are on the tether.
     guard.start(pin.SE3(pin.utils.rotate("y", np.pi * 0.5) @ DOWN.rotation, end.translation))
     trip = guard.goal(Goal(id=1, kind="pose", pose=record_of(end)), Speed(), DOWN, JOINTS)
@@ -281,7 +281,7 @@ def test_a_move_of_the_joints_is_judged_by_where_the_tool_goes_where_that_is_kno
         return shifted(DOWN, x_m=float(q[0]))
 
     for geometry, rule in ((None, ""), (flange_at, "workspace")):
-        guard = Guard(load_cell(DEMO_CELL), geometry)
+        guard = LastCheck(load_cell(DEMO_CELL), geometry)
         guard.start(DOWN)
         assert code(guard.goal(turned, Speed(), DOWN, JOINTS)) == rule
 
@@ -307,7 +307,7 @@ def test_a_move_of_the_joints_is_judged_after_each_24th_of_its_way(
         def flange_at(q: np.ndarray, bad_rad: float = bad_rad) -> pin.SE3:
             return shifted(DOWN, x_m=x_m if abs(q[0] - bad_rad) < 1e-9 else 0.0)
 
-        guard = Guard(cell, flange_at)
+        guard = LastCheck(cell, flange_at)
         guard.start(DOWN)
         trip = guard.goal(turn_by, Speed(), DOWN, (0.5, *JOINTS[1:]))
         assert code(trip) == ("" if part == 0 else at_the_end if part == 24 else on_the_way)
@@ -380,7 +380,7 @@ HARD_PRESS = PRESS.model_copy(update={"setpoint_force_N": (0.0, 41.0, 0.0)})
     ],
 )
 def test_a_stream_ends_when_something_else_may_move_the_arm(
-    moves: Callable[[Guard], Trip | None], ends: bool
+    moves: Callable[[LastCheck], Trip | None], ends: bool
 ) -> None:
     """The next one begins at the measured pose; what was refused has moved nothing."""
     guard = guard_at()
@@ -402,7 +402,7 @@ def test_a_stream_ends_when_something_else_may_move_the_arm(
 )
 def test_a_stream_begins_only_where_a_set_point_may_be(T: pin.SE3, rule: str) -> None:
     """An arm outside is no beginning, and no set point follows."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     guard.start(DOWN)
     assert code(guard.seed(T, 0)) == rule
     assert code(guard.setpoint(DOWN, DOWN, 4 * MS)) == ("no_stream" if rule else "")

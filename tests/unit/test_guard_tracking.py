@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from common.motion.frames import rotation_from_vector
-from common.motion.tracking import Tracking
+from common.motion.tracking import TrackingMonitor
 from tests.contract.rig import DEMO_CELL, shifted
 
 CELL = load_cell(DEMO_CELL, {"rates.robot_hz": 50})
@@ -27,7 +27,7 @@ ALLOWED_S = 2.0 * (CELL.robot.delay_s + CELL.robot.lag_s) + 0.1
 
 def streamed(speed_m_s: float, delay_ms: int, follows: float, ms: int = 2000) -> str:
     """Stream up for a while; the arm does a share of it, late. Return the rule that tripped."""
-    tracking = Tracking(CELL)
+    tracking = TrackingMonitor(CELL)
     for now_ms in range(0, ms, 4):
         tracking.stream(shifted(DOWN, z_m=speed_m_s * now_ms * 1e-3), now_ms * MS)
         if now_ms % REPORT_MS == 0:
@@ -55,7 +55,7 @@ def test_an_arm_that_stays_goes_back_or_falls_behind_is_off(follows: float) -> N
 @settings(max_examples=20, deadline=None)
 def test_five_reports_may_be_off_and_the_sixth_in_a_row_is_a_trip(off: int) -> None:
     """One that is right again begins the count anew."""
-    tracking, away = Tracking(CELL), shifted(DOWN, x_m=1.1 * LIMIT_M)
+    tracking, away = TrackingMonitor(CELL), shifted(DOWN, x_m=1.1 * LIMIT_M)
     tracking.rest(DOWN, moving=False)
     trips = [tracking.judge(away, HOME, number * MS) for number in range(off)]
     assert [trip is not None for trip in trips] == [k >= PERIODS for k in range(off)]
@@ -63,7 +63,7 @@ def test_five_reports_may_be_off_and_the_sixth_in_a_row_is_a_trip(off: int) -> N
     assert tracking.judge(away, HOME, off * MS) is None
 
 
-def verdict(tracking: Tracking, T: pin.SE3, q: tuple[float, ...] = HOME) -> str:
+def verdict(tracking: TrackingMonitor, T: pin.SE3, q: tuple[float, ...] = HOME) -> str:
     """What is said of an arm that stays in a place."""
     trips = [tracking.judge(T, np.array(q), number * MS) for number in range(PERIODS + 1)]
     return "" if trips[-1] is None else trips[-1].code
@@ -86,7 +86,7 @@ def test_a_straight_move_stays_on_its_line(
     x_m: float, y_m: float, turn_deg: float, rule: str
 ) -> None:
     """However fast it goes: beside the line, behind its start and beyond its end it is off."""
-    tracking = Tracking(CELL)
+    tracking = TrackingMonitor(CELL)
     tracking.line(DOWN, shifted(DOWN, x_m=0.2))
     R = rotation_from_vector(np.array([0.0, radians(turn_deg), 0.0])) @ DOWN.rotation
     assert verdict(tracking, pin.SE3(R, shifted(DOWN, x_m, y_m).translation)) == rule
@@ -101,7 +101,7 @@ def test_a_move_of_the_joints_keeps_their_proportion(
 ) -> None:
     """All start and arrive together; the flange's pose is not looked at."""
     way = np.array([0.5, -0.4, 0.0, 0.0, 0.0, 0.3])
-    tracking = Tracking(CELL)
+    tracking = TrackingMonitor(CELL)
     tracking.turn(HOME, np.array(HOME) + way)
     q = np.array(HOME) + share * way + np.array([0.0, 0.0, radians(beside_deg), 0.0, 0.0, 0.0])
     assert verdict(tracking, shifted(DOWN, x_m=0.3), tuple(q)) == rule
@@ -109,7 +109,7 @@ def test_a_move_of_the_joints_keeps_their_proportion(
 
 def test_nothing_is_compared_while_the_arm_brakes_or_the_controller_leads() -> None:
     """Where it comes to rest is where it has to stay."""
-    tracking = Tracking(CELL)
+    tracking = TrackingMonitor(CELL)
     tracking.line(DOWN, shifted(DOWN, x_m=0.2))
     tracking.rest(shifted(DOWN, y_m=0.1), moving=True)
     assert verdict(tracking, shifted(DOWN, y_m=0.2)) == ""
@@ -123,7 +123,7 @@ def test_nothing_is_compared_while_the_arm_brakes_or_the_controller_leads() -> N
 # --- to the last digit ----------------------------------------------------------------------------
 
 
-def verdict_at(tracking: Tracking, T: pin.SE3, now_ns: int) -> str:
+def verdict_at(tracking: TrackingMonitor, T: pin.SE3, now_ns: int) -> str:
     """Return the rule that trips where six reports in a row say the same at one time."""
     trips = [tracking.judge(T, HOME, now_ns) for _ in range(PERIODS + 1)]
     return "" if trips[-1] is None else trips[-1].code
@@ -137,7 +137,7 @@ def test_an_older_set_point_counts_for_the_delay_to_the_nanosecond(
     cell = load_cell(DEMO_CELL, {"rates.robot_hz": robot_hz})
     for late_ns, rule in ((delay_ns - 1, ""), (delay_ns, "tracking")):
         for before in ([], [shifted(DOWN, y_m=0.1), shifted(DOWN, y_m=0.2)]):
-            tracking = Tracking(cell)
+            tracking = TrackingMonitor(cell)
             for number, T in enumerate([*before, DOWN]):
                 tracking.stream(T, number * MS)
             tracking.stream(shifted(DOWN, x_m=0.1), 1000 * MS)
@@ -148,14 +148,14 @@ def test_an_older_set_point_counts_for_the_delay_to_the_nanosecond(
 CORNERS = np.array([[0.0, 0.0], [0.05, 0.05], [0.1, 0.0], [0.15, 0.05]])  # x and y of set points
 
 
-def zigzag() -> tuple[Tracking, list[pin.SE3]]:
+def zigzag() -> tuple[TrackingMonitor, list[pin.SE3]]:
     """Return what compares with four set points, each turned farther, and the set points."""
     places = [
         pin.SE3(rotation_from_vector(np.array([0.0, 0.0, 0.4 * k])) @ DOWN.rotation,
                 DOWN.translation + np.array([x_m, y_m, 0.0]))
         for k, (x_m, y_m) in enumerate(CORNERS)
     ]  # fmt: skip
-    tracking = Tracking(CELL)
+    tracking = TrackingMonitor(CELL)
     for number, T in enumerate(places):
         tracking.stream(T, number * MS)
     return tracking, places
@@ -187,14 +187,14 @@ def test_the_distance_of_the_cell_is_allowed_to_the_last_digit() -> None:
     """10 mm and 5 degrees; what is beyond is named, its size and the limit with it."""
     at_rest = pin.SE3(np.eye(3), np.zeros(3))
     for x_m, found in ((0.01, None), (nextafter(0.01, 1.0), nextafter(0.01, 1.0))):
-        tracking = Tracking(CELL)
+        tracking = TrackingMonitor(CELL)
         tracking.rest(at_rest, moving=False)
         away = shifted(at_rest, x_m=x_m)
         trip = [tracking.judge(away, HOME, k * MS) for k in range(PERIODS + 1)][-1]
         assert (trip and trip.value) == found
         assert trip is None or (trip.limit, "10.0 mm away" in trip.text) == (0.01, True)
     for q_rad, found in ((radians(5.0), None), (nextafter(radians(5.0), 1.0), radians(5.0))):
-        tracking = Tracking(CELL)
+        tracking = TrackingMonitor(CELL)
         tracking.turn((0.0,) * 6, (0.0,) * 6)
         q = np.array([0.0, 0.0, q_rad, 0.0, 0.0, 0.0])
         trip = [tracking.judge(at_rest, q, k * MS) for k in range(PERIODS + 1)][-1]
@@ -204,7 +204,7 @@ def test_the_distance_of_the_cell_is_allowed_to_the_last_digit() -> None:
 
 def test_an_arm_that_is_turned_is_reported_by_its_angle_where_its_place_is_allowed() -> None:
     """10 mm away it may be, to the last digit; 6 degrees turned it may not."""
-    tracking = Tracking(CELL)
+    tracking = TrackingMonitor(CELL)
     tracking.rest(pin.SE3(np.eye(3), np.zeros(3)), moving=False)
     away = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, radians(6.0)])), np.array([0.01, 0, 0]))
     trip = [tracking.judge(away, HOME, k * MS) for k in range(PERIODS + 1)][-1]
@@ -215,13 +215,13 @@ def test_an_arm_that_is_turned_is_reported_by_its_angle_where_its_place_is_allow
 # --- from one motion to the next ------------------------------------------------------------------
 
 BENT = (0.5, 0.0, -1.5, 0.0, -1.5, 0.0)
-COMMANDS: dict[str, Callable[[Tracking, pin.SE3], None]] = {
+COMMANDS: dict[str, Callable[[TrackingMonitor, pin.SE3], None]] = {
     "stream": lambda tracking, T: tracking.stream(T, 5000 * MS),
     "line": lambda tracking, T: tracking.line(T, shifted(T, z_m=0.02)),
     "turn": lambda tracking, T: tracking.turn(HOME, HOME),
     "rest": lambda tracking, T: tracking.rest(T, moving=False),
 }
-FREE: dict[str, Callable[[Tracking, pin.SE3], None]] = {
+FREE: dict[str, Callable[[TrackingMonitor, pin.SE3], None]] = {
     "new": lambda tracking, T: None,
     "free": lambda tracking, T: tracking.free(),
     "braking": lambda tracking, T: tracking.rest(T, moving=True),
@@ -232,7 +232,7 @@ CHANGES = [(a, b) for a in (COMMANDS | FREE) for b in COMMANDS if a != b]
 @pytest.mark.parametrize(("first", "then"), CHANGES)
 def test_of_what_was_commanded_before_another_motion_nothing_counts(first: str, then: str) -> None:
     """Neither its place nor its reports: five more may be off, and the sixth is a trip."""
-    tracking, before, now = Tracking(CELL), shifted(DOWN, x_m=-0.2), shifted(DOWN, x_m=0.2)
+    tracking, before, now = TrackingMonitor(CELL), shifted(DOWN, x_m=-0.2), shifted(DOWN, x_m=0.2)
     (COMMANDS | FREE)[first](tracking, before)
     for number in range(PERIODS):
         assert tracking.judge(shifted(DOWN, y_m=0.2), np.array(BENT), number * MS) is None
@@ -247,7 +247,7 @@ def test_of_what_was_commanded_before_another_motion_nothing_counts(first: str, 
 @pytest.mark.parametrize("motion", ["stream", "line", "turn"])
 def test_after_each_motion_the_arm_rests_where_it_has_come_to(motion: str) -> None:
     """And not where it rested before."""
-    tracking, before, now = Tracking(CELL), shifted(DOWN, x_m=-0.2), shifted(DOWN, x_m=0.2)
+    tracking, before, now = TrackingMonitor(CELL), shifted(DOWN, x_m=-0.2), shifted(DOWN, x_m=0.2)
     tracking.rest(before, moving=False)
     COMMANDS[motion](tracking, before)
     tracking.rest(now, moving=False)
@@ -257,7 +257,7 @@ def test_after_each_motion_the_arm_rests_where_it_has_come_to(motion: str) -> No
 
 def test_a_line_counts_however_long_ago_it_was_commanded() -> None:
     """A slow move takes minutes."""
-    tracking = Tracking(CELL)
+    tracking = TrackingMonitor(CELL)
     tracking.line(DOWN, shifted(DOWN, x_m=0.2))
     for x_m, rule in ((0.0, ""), (0.1, ""), (0.2, ""), (0.211, "tracking"), (-0.011, "tracking")):
         assert verdict_at(tracking, shifted(DOWN, x_m=x_m), 100_000 * MS) == rule

@@ -8,7 +8,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.hub.refusals import Judge, Refusals
+from services.hub.refusals import RefusalParser, Refusals
 
 ROOT = Path(__file__).resolve().parents[2]
 ACL = "zenoh::net::routing::interceptor::access_control"
@@ -39,7 +39,7 @@ def intercepted(thread: int = 8) -> bytes:
 
 def causes(*lines: bytes) -> list[tuple[str, str]]:
     """Return what a fresh judge makes of lines."""
-    return Judge(KNOWN).causes(lines)
+    return RefusalParser(KNOWN).causes(lines)
 
 
 def test_a_forbidden_message_is_told_with_name_and_key() -> None:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from bench.payload import compared, trial
 from bench.payload_peers import kth, lsm
-from bench.payload_worlds import WORLDS, World, read, recording, truth
-from common.config.payload import Drift, residual
+from bench.payload_worlds import WORLDS, CellErrors, read, recording, truth
+from common.config.payload import BiasDrift, residual
 from common.motion.frames import R_from_quaternion
 from identification.identify import identify
 from identification.least_squares import solve
@@ -53,19 +53,19 @@ def test_an_error_that_is_there_leaves_at_most_seven_tenths_of_plain_least_squar
 @pytest.mark.parametrize("poses", [6, 10, 20])
 def test_where_there_is_no_error_none_is_invented(poses):
     """At most three per cent above plain least squares."""
-    found, _ = compared(World(), poses, 5)
+    found, _ = compared(CellErrors(), poses, 5)
     assert (found["ours"].mean(axis=0) <= 1.03 * found["LSM-short"].mean(axis=0)).all()
 
 
 def test_ten_poses_are_enough_also_on_a_tilted_base_with_a_turned_sensor():
     """Over 200 orientations at most 0.02 N and 1 mN·m, in the mean of every recording."""
-    left = np.array([trial(World(1.0, 1.0), seed)[0] for seed in range(4)])
+    left = np.array([trial(CellErrors(1.0, 1.0), seed)[0] for seed in range(4)])
     assert (left <= [0.02, 0.001]).all()
 
 
 def test_standard_deviations_are_honest_also_of_tilt_and_mounting():
     """Of 12 recordings' 180 numbers, 88 to 99 per cent are within two standard deviations."""
-    found = [trial(World(1.0, 1.0), seed)[1] for seed in range(12)]
+    found = [trial(CellErrors(1.0, 1.0), seed)[1] for seed in range(12)]
     z = np.concatenate([np.concatenate(list(numbers.values())) for numbers in found])
     assert 0.88 < np.mean(np.abs(z) < 2.0) < 0.99
 
@@ -103,8 +103,8 @@ def test_the_published_methods_agree_where_they_must(seed):
 def test_a_bent_drift_is_followed():
     """A bias that warms up: it is told from a straight one, and earlier readings are explained."""
     rng = np.random.default_rng(5)
-    bent = Drift(0.0, 600.0, (3.0, -2.0, 1.0), (0.1, 0.05, -0.1), (1.0, -0.6, 0.5))
-    train, others = recording(replace(truth(World(), rng), drift=bent), 12, 40, rng)
+    bent = BiasDrift(0.0, 600.0, (3.0, -2.0, 1.0), (0.1, 0.05, -0.1), (1.0, -0.6, 0.5))
+    train, others = recording(replace(truth(CellErrors(), rng), drift=bent), 12, 40, rng)
     found = identify(train)
     assert found.chosen.model.name == "curved drift"
     force, _ = residual(
@@ -132,7 +132,7 @@ def test_the_bias_is_that_at_the_end_of_the_recording():
 @given(st.floats(0.0, 600.0))
 def test_beyond_its_recording_a_drift_goes_on_for_half_a_length_and_then_stays(ahead_s):
     """Zero at the end, straight on at first, never more than half as much again."""
-    drift = Drift(0.0, 600.0, (3.0, 0.0, 0.0), (0.0, 0.3, 0.0), (1.0, 0.0, 0.0))
+    drift = BiasDrift(0.0, 600.0, (3.0, 0.0, 0.0), (0.0, 0.3, 0.0), (1.0, 0.0, 0.0))
     force, torque = drift.since_end(np.array([600.0, 600.0 + ahead_s]))
     assert force[0] == pytest.approx(np.zeros(3))
     assert force[1, 0] == pytest.approx(3.0 * min(ahead_s / 600.0, 0.5))
@@ -164,7 +164,7 @@ def test_a_gain_common_to_all_axes_is_called_untold():
 def test_the_advised_pose_makes_the_named_number_as_sure_as_promised(seed, poses):
     """With the advised attitude in the same fit, the deviation falls to what was announced."""
     rng = np.random.default_rng(seed)
-    train, _ = recording(truth(World(), rng), poses, 0, rng)
+    train, _ = recording(truth(CellErrors(), rng), poses, 0, rng)
     solution = identify(train).chosen.solution
     advice = next_pose(solution)
     R = R_from_quaternion(advice.quaternion)[None]

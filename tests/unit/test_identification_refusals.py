@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given, settings
 
 from common.config.calibration import PayloadSection
-from common.config.payload import Drift, Payload, load, save
+from common.config.payload import BiasDrift, Payload, load, save
 from common.motion.frames import rotation_from_vector
 from forcemesh.errors import DataError
 from identification.identify import axes_of, identify, identify_recording
@@ -111,7 +111,7 @@ def test_a_payload_file_round_trips(tmp_path):
 
 def test_a_payload_file_with_gain_and_drift_round_trips(tmp_path):
     """The two corrections that a recording may add, and the clock of the drift."""
-    drift = Drift(10.0, 70.0, (1.0, 0.0, -2.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0))
+    drift = BiasDrift(10.0, 70.0, (1.0, 0.0, -2.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0))
     payload = replace(TRUTH, force_gain=(1.03, 0.98, 1.0), torque_gain=(1.0, 1.1, 0.9), drift=drift)
     save(payload, tmp_path / "payload.yaml")
     assert load(tmp_path / "payload.yaml") == payload

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from common.bus.profile_fit import PLAYERS, Choice, misfit, unsafe
+from common.bus.profile_fit import PLAYERS, Choice, problem_with, unsafe
 from common.bus.profile_lock import PATIENCE_S, announce, check, chosen, claim, hold, main, waiting
 from common.config.load import load_cell
 
@@ -298,7 +298,7 @@ def test_a_profile_takes_only_a_cell_file_whose_players_it_starts(profile: str, 
     """Robot and sensor of the file are containers of the profile, or one sentence says so."""
     roles = load_cell(CELLS / file).roles
     own = {"sim": ("sim", "sim")}.get(profile, ("gateway", "driver"))
-    complaint = misfit(Choice(profile, CELLS / file), SAFE)
+    complaint = problem_with(Choice(profile, CELLS / file), SAFE)
     assert (complaint == "") == ((roles.robot, roles.sensor) == own)
     if complaint:
         assert "use another profile" in complaint
@@ -307,7 +307,7 @@ def test_a_profile_takes_only_a_cell_file_whose_players_it_starts(profile: str, 
 
 def test_without_a_cell_file_the_real_profile_says_how_to_name_one() -> None:
     """CELL is required there, and one sentence says how it is given."""
-    assert misfit(Choice("real", CELLS), {}) == (
+    assert problem_with(Choice("real", CELLS), {}) == (
         "the profile real needs your own cell file in cells/: "
         "CELL=my-cell.yaml docker compose --profile real up"
     )
@@ -315,7 +315,7 @@ def test_without_a_cell_file_the_real_profile_says_how_to_name_one() -> None:
 
 def test_a_file_that_is_not_there_is_named_with_those_that_are() -> None:
     """A typing error in CELL gets the list of the cell files."""
-    complaint = misfit(Choice("real", CELLS / "dem.yaml"), SAFE)
+    complaint = problem_with(Choice("real", CELLS / "dem.yaml"), SAFE)
     assert "no such file; there are" in complaint
     assert "demo.yaml" in complaint
 
@@ -328,7 +328,7 @@ WIDER = ("0.0.0.0", "192.168.1.7", "::", "labpc")
 
 def test_the_simulated_cell_needs_nothing_on_this_machine() -> None:
     """No certificate, no token: as `docker compose up` starts it."""
-    assert misfit(SIM, HERE) == misfit(SIM, {}) == ""
+    assert problem_with(SIM, HERE) == problem_with(SIM, {}) == ""
 
 
 @pytest.mark.parametrize("profile", PLAYERS)
@@ -347,11 +347,13 @@ def test_beyond_this_machine_certificates_and_token_are_needed(profile: str, add
 
 def test_a_real_cell_keeps_certificates_token_and_calibration() -> None:
     """Each that is missing is named, also when all is published on this machine alone."""
-    assert misfit(REAL, {**SAFE, **HERE}) == ""
+    assert problem_with(REAL, {**SAFE, **HERE}) == ""
     without = {**SAFE, **HERE, "FORCEMESH_BUS": "tcp", "FORCEMESH_CERTIFICATES": ""}
-    assert "needs certificates: `make pki" in misfit(REAL, without)
-    assert "needs a token" in misfit(REAL, {**SAFE, **HERE, "FORCEMESH_PANEL_TOKEN": ""})
-    assert "FORCEMESH_CALIBRATION" in misfit(REAL, {**SAFE, **HERE, "FORCEMESH_CALIBRATION": ""})
+    assert "needs certificates: `make pki" in problem_with(REAL, without)
+    assert "needs a token" in problem_with(REAL, {**SAFE, **HERE, "FORCEMESH_PANEL_TOKEN": ""})
+    assert "FORCEMESH_CALIBRATION" in problem_with(
+        REAL, {**SAFE, **HERE, "FORCEMESH_CALIBRATION": ""}
+    )
 
 
 @pytest.mark.parametrize("profile", PLAYERS)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from bench.payload_worlds import World
+from bench.payload_worlds import CellErrors
 from common.config.payload import Payload
 from identification.installation.axes import EYE
 from identification.installation.axis_fit import SIGNED, TURNS
@@ -252,7 +252,7 @@ def test_turns_about_one_axis_leave_a_mirror_open(oat_deg, tilts_deg) -> None:
 def test_model_errors_are_not_taken_for_an_installation() -> None:
     """Usual errors of gain, tilt, mounting and drift, in many cells: right, and no complaint."""
     for seed in range(60):
-        seen = readings(world=World(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
+        seen = readings(world=CellErrors(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
         assert installation_complaint(seen, belief()) is None, seed
 
 
@@ -261,11 +261,13 @@ def test_a_light_tool_under_a_drifting_sensor_is_told_all_the_same(mass_kg) -> N
     """2 N of drift below a tool of 1.5 N: ten poses in the order of time tell the two apart."""
     payload = replace(PAYLOAD, mass_kg=mass_kg)
     for seed in range(40):
-        right = readings(payload, world=World(drift=2.0), seed=seed, poses=10)
+        right = readings(payload, world=CellErrors(drift=2.0), seed=seed, poses=10)
         found = judge_installation(right, belief(payload))
         assert found.verdict == "right", [str(f) for f in found.findings]
         W = SIGNED[1 + seed]
-        wrong = readings(payload, force=W, torque=W, world=World(drift=2.0), seed=seed, poses=10)
+        wrong = readings(
+            payload, force=W, torque=W, world=CellErrors(drift=2.0), seed=seed, poses=10
+        )
         assert judge_installation(wrong, belief(payload)).verdict != "right"
 
 

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from common.motion.frames import rotation_from_vector
 from identification.installation.axes import EYE
 from identification.installation.axis_fit import SIGNED
-from identification.installation.push import LASTS_S, STEPS, Done, Follower, judge_pushes
+from identification.installation.push import LASTS_S, STEPS, PushDetector, PushResult, judge_pushes
 from tests.fakes.installations import belief, oat_matrix
 
 CHANNELS = ("all six", "forces", "torques")
 SIDEWAYS_M = 0.01  # the hand is so far beside the tip
 
 
-def hand(asked, wiring, channels, R_base_sensor, seed=0, off_deg=20.0, size_N=10.0) -> Done:
+def hand(asked, wiring, channels, R_base_sensor, seed=0, off_deg=20.0, size_N=10.0) -> PushResult:
     """Return what a sensor reads while a person does what was asked, roughly."""
     rng = np.random.default_rng([seed, STEPS.index(asked)])
     axis = rng.normal(size=3)
@@ -28,7 +28,7 @@ def hand(asked, wiring, channels, R_base_sensor, seed=0, off_deg=20.0, size_N=10
     torque = np.cross(lever, force) if asked.by == "push" else 0.6 * direction
     force_shows = EYE if channels == "torques" else wiring
     torque_shows = EYE if channels == "forces" else wiring
-    return Done(asked, force_shows @ force, torque_shows @ torque, R_base_sensor)
+    return PushResult(asked, force_shows @ force, torque_shows @ torque, R_base_sensor)
 
 
 def judged(wiring, channels, R_base_sensor, of=None, **how):
@@ -108,7 +108,7 @@ def test_without_a_tip_and_a_twist_the_torques_stay_unseen() -> None:
 
 def followed(profile, by="push", step_s=0.01):
     """Feed a profile of sizes; return what came of it and when."""
-    follower, axis = Follower(by), np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    follower, axis = PushDetector(by), np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
     for k, size in enumerate(profile):
         found = follower.see(k * step_s, size * axis)
         if found is not None:

@@ -11,7 +11,7 @@ from common.config.payload import Payload
 from common.motion.frames import Oat, R_from_oat, R_from_quaternion, oat_from_R, quaternion_from_R
 from identification.installation.axis_fit import SIGNED
 from identification.installation.check import installation_complaint, judge_installation
-from identification.installation.terms import Belief
+from identification.installation.terms import ExpectedInstallation
 from identification.recording import Samples
 from tests.fakes.bench import CELL
 from tests.fakes.installations import PAYLOAD, belief, oat_matrix, readings
@@ -25,7 +25,7 @@ def scaled(force: float = 1.0, torque: float = 1.0, wiring=SIGNED[0]) -> Samples
     return replace(seen, force_N=force * seen.force_N, torque_Nm=torque * seen.torque_Nm)
 
 
-def only(seen: Samples, of: Belief | None = None):
+def only(seen: Samples, of: ExpectedInstallation | None = None):
     """Return the one finding."""
     (finding,) = judge_installation(seen, of or belief()).findings
     return finding
@@ -244,12 +244,12 @@ def test_readings_that_fit_nothing_say_what_to_compare() -> None:
 
 def test_a_cell_file_says_what_is_believed() -> None:
     """Mass, lever, mounting, tool; a calibration has the last word, and no payload is none."""
-    of = Belief.of(CELL)
+    of = ExpectedInstallation.of(CELL)
     assert of.mass_kg == CELL.payload.mass_kg
     assert of.oat_deg == (30.0, 0.0, 0.0)
     assert of.p_sensor_tcp_m == pytest.approx([0.0, 0.0, 0.14])
     empty = CELL.payload.model_copy(update={"mass_kg": 0.0, "com_m": (0.0, 0.0, 0.0)})
-    unknown = Belief.of(CELL.model_copy(update={"payload": empty}))
+    unknown = ExpectedInstallation.of(CELL.model_copy(update={"payload": empty}))
     assert unknown.mass_kg is None
     assert unknown.com_m is None
 
@@ -258,6 +258,6 @@ def test_an_arm_that_does_not_know_its_tool_is_still_told_the_axes() -> None:
     """Nothing but the readings: a turned sensor is told, and which way."""
     payload = Payload(2.0, (0.01, 0.02, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     turn = oat_matrix((90.0, 0.0, 0.0)).T
-    finding = only(readings(payload, force=turn, torque=turn), Belief())
+    finding = only(readings(payload, force=turn, torque=turn), ExpectedInstallation())
     assert finding.code == "mounting"
     assert "turned by 90 degrees about z" in finding.text

@@ -9,17 +9,17 @@ import pytest
 from bench.installations import ALL, FORCES, TORQUES, others, play, wirings
 from bench.installations_page import Outcome, page, short
 from bench.installations_stage import (
-    Mistake,
+    InstallationError,
     Stage,
-    as_shown,
     gather,
+    readings_with,
     true_cell,
 )
 from forcemesh import topics
 from forcemesh.requests import ArmRequest, Empty
 from identification.installation.axis_fit import SIGNED
 from identification.installation.check import installation_complaint, judge_installation
-from identification.installation.terms import Belief
+from identification.installation.terms import ExpectedInstallation
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "installations.md"
 
@@ -36,7 +36,7 @@ def test_every_mistake_of_the_issue_is_played() -> None:
 def test_what_is_wrong_sideways_only_passes_the_tare_and_is_not_armed_in_another_attitude() -> None:
     """Tool down its weight reads right; with the wrist turned it does not, and arming says so."""
     sideways = np.diag([-1.0, -1.0, 1.0])
-    stage = Stage(Mistake("sideways", ALL, sideways, sideways))
+    stage = Stage(InstallationError("sideways", ALL, sideways, sideways))
     assert stage.world.client.ask(topics.TARE, Empty()).accepted
     stage.turn_wrist()
     reply = stage.world.client.ask(topics.ARM, ArmRequest())
@@ -46,7 +46,7 @@ def test_what_is_wrong_sideways_only_passes_the_tare_and_is_not_armed_in_another
 
 def test_who_is_rightly_installed_is_armed_in_another_attitude() -> None:
     """The same without a mistake."""
-    stage = Stage(Mistake("none", ALL))
+    stage = Stage(InstallationError("none", ALL))
     assert stage.world.client.ask(topics.TARE, Empty()).accepted
     stage.turn_wrist()
     assert stage.world.client.ask(topics.ARM, ArmRequest()).accepted
@@ -56,14 +56,14 @@ def test_who_is_rightly_installed_is_armed_in_another_attitude() -> None:
 def test_the_arm_itself_gathers_what_tells_a_wrong_wiring() -> None:
     """Played anew with a wrong wiring: the same finding as from the rows that are rewired."""
     wiring = SIGNED[18]
-    mistake = Mistake("turned", ALL, wiring, wiring)
-    belief = Belief.of(true_cell())
+    mistake = InstallationError("turned", ALL, wiring, wiring)
+    belief = ExpectedInstallation.of(true_cell())
     played = judge_installation(gather(mistake), belief)
     assert [str(f) for f in played.findings] == [
-        str(f) for f in judge_installation(as_shown(mistake), belief).findings
+        str(f) for f in judge_installation(readings_with(mistake), belief).findings
     ]
     assert played.findings[0].code == "mounting"
-    assert installation_complaint(as_shown(Mistake("none", ALL)), belief) is None
+    assert installation_complaint(readings_with(InstallationError("none", ALL)), belief) is None
 
 
 def test_what_the_cell_file_refuses_starts_nothing() -> None:

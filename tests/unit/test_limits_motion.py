@@ -14,11 +14,11 @@ from hypothesis.extra import numpy as hnp
 from common.motion.frames import rotation_between, rotation_from_vector
 from common.motion.limits import Limits
 from common.motion.rate_limiter import (
-    Pace,
+    CommandedMotion,
+    at_rest,
     brake,
     limit_motion,
     resting_place,
-    still,
 )
 from tests.fakes.arbiter_world import CELL
 
@@ -43,7 +43,7 @@ def size(vector: np.ndarray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def moved(before: Pace, after: Pace) -> tuple[float, float]:
+def moved(before: CommandedMotion, after: CommandedMotion) -> tuple[float, float]:
     """Return way and turn between two periods."""
     a, b = before.T_base_flange, after.T_base_flange
     return size(b.translation - a.translation), size(rotation_between(a.rotation, b.rotation))
@@ -55,7 +55,7 @@ def moved(before: Pace, after: Pace) -> tuple[float, float]:
 @given(spots, turns, wishes)
 def test_no_sequence_of_wishes_breaks_speed_or_acceleration(p, turn, wishes) -> None:
     """However wild and irregular: each step within its speed, each change of speed within its."""
-    pace = still(at(p, turn))
+    pace = at_rest(at(p, turn))
     for p_wished, turn_wished, dt_s in wishes:
         after = limit_motion(LIMITS, pace, at(p_wished, turn_wished), dt_s)
         way_m, turn_rad = moved(pace, after)
@@ -72,7 +72,7 @@ def test_no_sequence_of_wishes_breaks_speed_or_acceleration(p, turn, wishes) -> 
 @given(spots, turns)
 def test_a_standing_wish_is_reached_and_not_passed(p_wished, turn_wished) -> None:
     """From rest: it arrives, to the very pose, and never goes farther by more than rounding."""
-    pace, wish = still(at(np.zeros(3), np.zeros(3))), at(p_wished, turn_wished)
+    pace, wish = at_rest(at(np.zeros(3), np.zeros(3))), at(p_wished, turn_wished)
     way_m, turn_rad = size(p_wished), size(turn_wished)
     for _ in range(3000):
         pace = limit_motion(LIMITS, pace, wish, DT_S)
@@ -88,7 +88,7 @@ def test_a_standing_wish_is_reached_and_not_passed(p_wished, turn_wished) -> Non
 def test_a_stream_within_the_limits_is_let_through_untouched(speed: float, start: float) -> None:
     """The very object each period, so the force loop does not feel that there are limits."""
     most_m = LIMITS.accel_m_s2 * DT_S * DT_S
-    way_m, y_m, pace = 0.0, 0.1 * start, still(at(np.array([0.0, 0.1 * start, 0.0]), np.zeros(3)))
+    way_m, y_m, pace = 0.0, 0.1 * start, at_rest(at(np.array([0.0, 0.1 * start, 0.0]), np.zeros(3)))
     for _ in range(20):
         way_m = max(min(way_m + speed * most_m, LIMITS.speed_m_s * DT_S), -LIMITS.speed_m_s * DT_S)
         y_m += 0.999 * way_m
@@ -101,7 +101,7 @@ def test_a_stream_within_the_limits_is_let_through_untouched(speed: float, start
 @given(st.floats(0.005, 0.15), st.floats(0.002, 0.008))
 def test_a_stream_that_starts_at_once_is_caught_up_with(speed_m_s: float, dt_s: float) -> None:
     """After the ramp there is no lag left, and it was not told to go back meanwhile."""
-    pace = still(at(np.zeros(3), np.zeros(3)))
+    pace = at_rest(at(np.zeros(3), np.zeros(3)))
     for period in range(1, 400):
         wish = at(np.array([period * dt_s * speed_m_s, 0.0, 0.0]), np.zeros(3))
         pace = limit_motion(LIMITS, pace, wish, dt_s)
@@ -113,7 +113,7 @@ def test_a_stream_that_starts_at_once_is_caught_up_with(speed_m_s: float, dt_s: 
 
 def test_a_stream_that_is_too_fast_lags() -> None:
     """The regulator is told to go on from what was let through, before it runs far ahead."""
-    pace, farthest_m = still(at(np.zeros(3), np.zeros(3))), 0.5 * LIMITS.speed_m_s**2 / 2.0
+    pace, farthest_m = at_rest(at(np.zeros(3), np.zeros(3))), 0.5 * LIMITS.speed_m_s**2 / 2.0
     for period in range(1, 400):
         wish = at(np.array([period * DT_S * 1.2 * LIMITS.speed_m_s, 0.0, 0.0]), np.zeros(3))
         pace = limit_motion(LIMITS, pace, wish, DT_S)
@@ -126,7 +126,7 @@ def test_a_stream_that_is_too_fast_lags() -> None:
 def test_a_tool_that_turns_about_its_tip_still_does(turn, tip_m) -> None:
     """Way and turn are cut by the same share: in the first period the tip hardly moves."""
     wish = at(tip_m - rotation_from_vector(turn) @ tip_m, turn)
-    pace = limit_motion(LIMITS, still(at(np.zeros(3), np.zeros(3))), wish, DT_S)
+    pace = limit_motion(LIMITS, at_rest(at(np.zeros(3), np.zeros(3))), wish, DT_S)
     T, first_rad = pace.T_base_flange, LIMITS.accel_rad_s2 * DT_S * DT_S
     slip_m = size(T.act(tip_m) - tip_m)
 
@@ -135,7 +135,9 @@ def test_a_tool_that_turns_about_its_tip_still_does(turn, tip_m) -> None:
 
 def test_no_time_means_no_motion() -> None:
     """At dt = 0 the pose and its speed stay."""
-    pace = limit_motion(LIMITS, still(at(np.zeros(3), np.zeros(3))), at(np.ones(3), np.ones(3)), 0)
+    pace = limit_motion(
+        LIMITS, at_rest(at(np.zeros(3), np.zeros(3))), at(np.ones(3), np.ones(3)), 0
+    )
     assert size(pace.T_base_flange.translation) == 0.0
     assert pace.is_still
 
@@ -146,7 +148,7 @@ def test_no_time_means_no_motion() -> None:
 @given(wishes)
 def test_braking_ends_where_it_was_foretold(wishes) -> None:
     """At rest after the shortest time, not beyond the resting place, near to it."""
-    pace = still(at(np.zeros(3), np.zeros(3)))
+    pace = at_rest(at(np.zeros(3), np.zeros(3)))
     for p_wished, turn_wished, _ in wishes:
         pace = limit_motion(LIMITS, pace, at(p_wished, turn_wished), DT_S)
     T_from, T_rest = pace.T_base_flange, resting_place(LIMITS, pace)
@@ -165,7 +167,7 @@ def test_braking_ends_where_it_was_foretold(wishes) -> None:
 
 def test_a_speed_of_the_regulator_is_reached_in_a_few_periods() -> None:
     """The default acceleration is quick beside the force loop: 50 mm/s in 25 ms."""
-    pace, speeds = still(at(np.zeros(3), np.zeros(3))), [0.0]
+    pace, speeds = at_rest(at(np.zeros(3), np.zeros(3))), [0.0]
     for period in range(1, 12):
         wish = at(np.array([period * DT_S * CELL.force.speed_max_m_s, 0.0, 0.0]), np.zeros(3))
         pace = limit_motion(LIMITS, pace, wish, DT_S)
@@ -188,13 +190,13 @@ def along(kind: int, amount: float) -> pin.SE3:
     return at(np.array([amount * (1 - kind), 0.0, 0.0]), np.array([0.0, 0.0, amount * kind]))
 
 
-def moving(kind: int, speed: float, T_wished: pin.SE3 = ORIGIN) -> Pace:
+def moving(kind: int, speed: float, T_wished: pin.SE3 = ORIGIN) -> CommandedMotion:
     """Return a pace at the origin that goes along x, or turns about z."""
     way = np.array([speed * (1 - kind), 0.0, 0.0])
-    return Pace(ORIGIN, T_wished, way, np.array([0.0, 0.0, speed * kind]))
+    return CommandedMotion(ORIGIN, T_wished, way, np.array([0.0, 0.0, speed * kind]))
 
 
-def gone(kind: int, pace: Pace) -> tuple[float, float]:
+def gone(kind: int, pace: CommandedMotion) -> tuple[float, float]:
     """Return how far a pace is, and how fast it goes there."""
     if kind == 0:
         return float(pace.T_base_flange.translation[0]), float(pace.speed_m_s[0])
@@ -208,7 +210,7 @@ def test_rest_is_slower_than_a_billionth_of_the_unit(kind: int) -> None:
     for sign in (1.0, -1.0):
         assert moving(kind, sign * 1e-9).is_still
         assert not moving(kind, sign * nextafter(1e-9, 1.0)).is_still
-    assert not still(ORIGIN).lags
+    assert not at_rest(ORIGIN).lags
 
 
 @each_kind
@@ -243,8 +245,8 @@ def test_a_wish_is_closed_as_fast_as_it_can_be_braked(
 def test_a_wish_that_is_nearer_than_the_slowest_step_is_reached_in_one(kind: int) -> None:
     """Exactly, and not passed."""
     near = 0.5 * ACCELS[kind] * DT_S * DT_S
-    assert limit_motion(LIMITS, still(ORIGIN), along(kind, near), DT_S).is_there
-    before = Pace(ORIGIN, along(kind, near), np.zeros(3), np.zeros(3))
+    assert limit_motion(LIMITS, at_rest(ORIGIN), along(kind, near), DT_S).is_there
+    before = CommandedMotion(ORIGIN, along(kind, near), np.zeros(3), np.zeros(3))
     assert limit_motion(LIMITS, before, along(kind, near), DT_S).is_there
 
 
@@ -252,7 +254,7 @@ def test_a_wish_that_is_nearer_than_the_slowest_step_is_reached_in_one(kind: int
 def test_a_wish_that_jumps_back_and_is_still_ahead_is_not_run_away_from(kind: int) -> None:
     """Its speed counts up to the limit alone: a jump is no motion that goes on."""
     ahead = 0.2 * SPEEDS[kind]
-    before = Pace(ORIGIN, along(kind, 2.0 * ahead), np.zeros(3), np.zeros(3))
+    before = CommandedMotion(ORIGIN, along(kind, 2.0 * ahead), np.zeros(3), np.zeros(3))
     pace = limit_motion(LIMITS, before, along(kind, ahead), DT_S)
     assert gone(kind, pace)[1] == pytest.approx(ACCELS[kind] * DT_S)
 
@@ -283,7 +285,9 @@ def test_a_motion_rests_after_half_of_its_speed_for_the_time_it_brakes(
     speed: float, turning: float, half_s: float
 ) -> None:
     """Its square over 2 a; way and turn end together, after the longer time of both."""
-    pace = Pace(ORIGIN, ORIGIN, np.array([0.0, speed, 0.0]), np.array([0.0, 0.0, turning]))
+    pace = CommandedMotion(
+        ORIGIN, ORIGIN, np.array([0.0, speed, 0.0]), np.array([0.0, 0.0, turning])
+    )
     T = resting_place(LIMITS, pace)
     assert T.translation == pytest.approx([0.0, speed * half_s, 0.0])
     assert rotation_between(np.eye(3), T.rotation) == pytest.approx([0.0, 0.0, turning * half_s])
@@ -300,7 +304,7 @@ def test_a_pace_lags_when_it_is_behind_by_more_than_full_speed_takes_to_brake(
     first = accel * dt_s * dt_s  # what it goes in the first period, from rest
     for share, lags in ((1.0 - 1e-6, False), (1.0 + 1e-6, True)):
         wish = along(kind, first + share * farthest)
-        pace = limit_motion(LIMITS, still(ORIGIN), wish, dt_s)
+        pace = limit_motion(LIMITS, at_rest(ORIGIN), wish, dt_s)
         assert gone(kind, pace)[0] == pytest.approx(first)
         assert pace.lags == lags
 
@@ -319,5 +323,5 @@ def test_a_pace_that_is_behind_by_the_limit_itself_does_not_lag(
     """By the next number it does: in numbers that a difference and a rotation give back exactly."""
     limits, farthest = replace(LIMITS, speed_rad_s=speed_rad_s), first + behind
     for amount, lags in ((farthest, False), (nextafter(farthest, 1.0), True)):
-        pace = limit_motion(limits, still(ORIGIN), along(kind, amount), dt_s)
+        pace = limit_motion(limits, at_rest(ORIGIN), along(kind, amount), dt_s)
         assert pace.lags is lags

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from common.config.load import cell_from_tree, dump_cell
 from common.motion.frames import rotation_from_vector
 from common.motion.limits import Limits, check_joint_speed, check_workspace
-from common.motion.rate_limiter import JointTrack, Window, check_rate
+from common.motion.rate_limiter import JointTrack, PathWindow, check_rate
 from forcemesh.errors import ConfigError
 from tests.fakes.arbiter_world import CELL
 
@@ -38,7 +38,7 @@ def size(vector: np.ndarray) -> float:
 @given(st.lists(st.tuples(st.integers(0, 50_000_000), st.floats(0.0, 0.02)), max_size=60))
 def test_a_window_counts_every_way_of_the_last_quarter_second(steps) -> None:
     """Against the plain sum, for any rhythm of commands; a flood of small ones is seen, too."""
-    window, now_ns, all_steps = Window(), 10**9, list[tuple[int, float]]()
+    window, now_ns, all_steps = PathWindow(), 10**9, list[tuple[int, float]]()
     T = at(np.zeros(3), np.zeros(3))
     for after_ns, way_m in steps:
         now_ns += after_ns
@@ -57,7 +57,7 @@ def test_a_window_counts_every_way_of_the_last_quarter_second(steps) -> None:
 def test_turns_count_in_the_window_as_well() -> None:
     """A flood of turns without a way."""
     T, T_next = at(np.zeros(3), np.zeros(3)), at(np.zeros(3), np.array([0.0, 0.1, 0.0]))
-    most, window = LIMITS.speed_rad_s * WINDOW_S * WINDOW_MARGIN, Window()
+    most, window = LIMITS.speed_rad_s * WINDOW_S * WINDOW_MARGIN, PathWindow()
     for count in range(1, 8):
         window = window.after(10**9, T, T_next)
         trip = check_rate(LIMITS, window)
@@ -70,7 +70,7 @@ def test_turns_count_in_the_window_as_well() -> None:
 def test_a_step_counts_for_a_quarter_of_a_second(age_ns: int, counts: bool) -> None:
     """To the nanosecond."""
     T, T_next, now_ns = at(np.zeros(3), np.zeros(3)), at(np.full(3, 0.1), np.zeros(3)), 10**9
-    window = Window().after(now_ns - age_ns, T, T_next).after(now_ns, T, T)
+    window = PathWindow().after(now_ns - age_ns, T, T_next).after(now_ns, T, T)
     assert (len(window.steps) == 2) == counts
 
 
@@ -80,7 +80,7 @@ def test_the_way_in_a_window_ends_exactly_at_its_limit(kind: int) -> None:
     most = (0.0, LIMITS.speed_m_s * 0.3125, LIMITS.speed_rad_s * 0.3125)[kind]
     for amount, rule in ((most, None), (math.nextafter(most, math.inf), "rate")):
         step = (10**9, amount, 0.0) if kind == 1 else (10**9, 0.0, amount)
-        trip = check_rate(LIMITS, Window((step,)))
+        trip = check_rate(LIMITS, PathWindow((step,)))
         assert (trip and trip.code) == rule
         assert trip is None or (trip.value, trip.limit) == (amount, most)
 

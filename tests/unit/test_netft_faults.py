@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcemesh.faults import FAULTS
-from services.sensor.rdt_driver import GRUDGE_S
+from services.sensor.rdt_driver import FAULT_HOLD_S
 from sim.netft.protocol import About
-from sim.netft.switches import EVENT, Switches
+from sim.netft.switches import EVENT, FaultSwitches
 from tests.fakes.cellmates import Cellmates
 from tests.fakes.netft_rig import STALE_S, TRUTH, NetftRig
 from tests.fakes.wrench_bench import WrenchBench
@@ -41,7 +41,7 @@ def running(**how: Any) -> NetftRig:
 
 def test_every_switch_has_its_code() -> None:
     """A new switch needs a new line; no two end in the same code."""
-    assert set(CODES) == {*Switches().words(), EVENT}
+    assert set(CODES) == {*FaultSwitches().words(), EVENT}
     codes = [code for _, code in CODES.values()]
     assert len(set(codes)) == len(codes)
     assert set(codes) <= set(FAULTS)
@@ -77,7 +77,7 @@ def test_a_sensor_that_is_well_again_is_believed_again(name: str) -> None:
     rig = running()
     rig.switch(**switches)
     rig.run(0.4)
-    rig.sensor.switches = Switches()
+    rig.sensor.switches = FaultSwitches()
     rig.run(0.8)
     assert all(message.valid for message in rig.run(0.1))
 
@@ -89,8 +89,8 @@ def test_a_moment_is_told_long_enough_to_be_heard(name: str) -> None:
     rig.switch(**CODES[name][0])
     while rig.run(0.001)[-1:] == [] or rig.said[-1].valid:
         pass
-    rig.sensor.switches = Switches()
-    told = [message.code for message in rig.run(GRUDGE_S - 0.01)]
+    rig.sensor.switches = FaultSwitches()
+    told = [message.code for message in rig.run(FAULT_HOLD_S - 0.01)]
     assert set(told) == {CODES[name][1]}
 
 
@@ -148,7 +148,7 @@ def test_no_record_is_lost_in_silence(
     rig.run(0.01)
     rig.switch(loss=loss, duplicate=duplicate, reorder=reorder)
     rig.run(0.3)
-    rig.sensor.switches = Switches()
+    rig.sensor.switches = FaultSwitches()
     rig.run(0.02)
     tally, sent = rig.counters, rig.sensor._rdt_sequence
     samples = tally["records"] - tally["duplicates"] - tally["reordered"] - tally["repeated"]

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from forcemesh.errors import DataError
-from services.sensor.netft_page import PATH, Page, disagreement, info_of, parse, scale_of
+from services.sensor.netft_page import PATH, SettingsPage, disagreement, info_of, parse, scale_of
 from services.sensor.page_fetch import AGAIN_S, PageFetch
 from services.sensor.rdt_status import NAMES, status_text
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About, page
@@ -28,7 +28,7 @@ counts = st.floats(1.0, 1e9)
 
 def test_a_page_of_the_maker_is_understood() -> None:
     """Counts, serial, and the range of the strongest axis."""
-    assert parse(REAL) == Page(1e6, 1e6, "N", "Nm", "Axia80", "FT27462", 990.0, 30.0)
+    assert parse(REAL) == SettingsPage(1e6, 1e6, "N", "Nm", "Axia80", "FT27462", 990.0, 30.0)
 
 
 @given(st.sampled_from(sorted(FORCE_UNITS)), st.sampled_from(sorted(TORQUE_UNITS)), counts, counts)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from services.sensor.rdt import parse
 from sim.netft.protocol import About, command_of, record
 from sim.netft.sensor import NetftSensor
-from sim.netft.switches import Switches
+from sim.netft.switches import FaultSwitches
 
 WRENCH = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
 int32 = st.integers(-(2**31), 2**31 - 1)
@@ -83,9 +83,9 @@ def test_a_bias_makes_the_present_reading_zero_until_power_is_lost(bias: tuple) 
 
 def test_switches_are_read_back_as_they_were_set() -> None:
     """Every one by its name; those that are not named stay."""
-    switches = Switches().changed({"loss": "0.5", "stall": "On", "status": "0x80000004"})
+    switches = FaultSwitches().changed({"loss": "0.5", "stall": "On", "status": "0x80000004"})
     assert (switches.loss, switches.stall, switches.status) == (0.5, True, 0x8000_0004)
-    assert switches.changed({"stall": "off"}) == Switches(loss=0.5, status=0x8000_0004)
+    assert switches.changed({"stall": "off"}) == FaultSwitches(loss=0.5, status=0x8000_0004)
 
 
 @pytest.mark.parametrize(
@@ -96,4 +96,4 @@ def test_switches_are_read_back_as_they_were_set() -> None:
 def test_a_wrong_switch_is_refused_by_its_name(name: str, word: str) -> None:
     """And nothing is set."""
     with pytest.raises(ValueError, match=name):
-        Switches().changed({"mute": "on", name: word})
+        FaultSwitches().changed({"mute": "on", name: word})

@@ -10,7 +10,7 @@ import pytest
 from forcemesh.errors import RefusedError
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
-from services.panel.backing_off import BackOff
+from services.panel.backing_off import BackOffButton
 from services.panel.viewer import Viewer, ask
 
 DONE_WITHIN_S = 10.0
@@ -28,7 +28,7 @@ class Person:
         self.without_force: list[bool] = []
         self._ends = list(ends)
         self._over = threading.Event()
-        BackOff(cast(Viewer, self))
+        BackOffButton(cast(Viewer, self))
 
     def on_click(self, click: Callable[[object], None]) -> None:
         """Take the button's action."""

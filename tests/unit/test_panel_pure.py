@@ -27,7 +27,7 @@ from forcemesh.messages import (
 )
 from forcemesh.requests import ForceStartRequest
 from services.panel.faultlog import KEPT, FaultLog
-from services.panel.history import POINTS, History, Span
+from services.panel.history import POINTS, PlotHistory, Span
 from services.panel.plots import BRIDGED_S, OUTSIDE, broken
 from services.panel.readout import NAMES, Readout, distance_mm
 from services.panel.status_bar import held_as, strip
@@ -35,9 +35,9 @@ from services.panel.stopping import UNANSWERED, stop_text
 from services.panel.tabs.calibrate import notes_of
 from services.panel.tabs.faults import now_text
 from services.panel.tabs.force import start_question
-from services.panel.viewer import Answer
+from services.panel.viewer import RequestOutcome
 from services.panel.watch import Snapshot
-from services.panel.wizard import Progress, Wizard
+from services.panel.wizard import Progress, WizardProcess
 
 CELL = load_cell(Path(__file__).parents[2] / "cells" / "demo.yaml")
 numbers = st.floats(-1e4, 1e4)
@@ -67,7 +67,7 @@ def pressing(force_N, error_N, *, down=np.pi):
 @given(st.lists(st.dictionaries(st.sampled_from(["a", "b"]), numbers), max_size=30))
 def test_a_history_is_what_was_put_in_oldest_first_and_never_grows(samples):
     """A plot gets the newest points, in order, gaps where a number was not known, two at least."""
-    history = History(("a", "b"), points=8)
+    history = PlotHistory(("a", "b"), points=8)
     for count, sample in enumerate(samples):
         history.add(float(count), sample)
     times, a, b = history.series(("a", "b"), float(len(samples)))
@@ -277,7 +277,7 @@ def test_a_stop_is_called_unanswered_only_where_the_state_does_not_say_that_it_h
     """The state is looked at before anything is said; what is old or unknown proves nothing."""
     status = None if state is None else ArbiterStatus(state=state)
     shown = Snapshot(hub_fault="", arbiter=heard(status, "" if status else "missing"))
-    assert stop_text(Answer(word, "text"), shown).startswith(said)
+    assert stop_text(RequestOutcome(word, "text"), shown).startswith(said)
     assert bool(held_as(shown)) is (state in ("HOLDING", "FAULT"))
     stale = Snapshot(hub_fault="", arbiter=heard(status, "arbiter/status stale"))
     assert held_as(stale) == ""
@@ -346,7 +346,7 @@ def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
     path = tmp_path / "cell.yaml"
     text = (Path(__file__).parents[2] / "cells" / "demo.yaml").read_text(encoding="utf-8")
     path.write_text(text.replace("7447", "7399"), encoding="utf-8")
-    wizard = Wizard(path)
+    wizard = WizardProcess(path)
     assert wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == ""
     assert (
         wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == "a calibration is already running"

@@ -13,13 +13,13 @@ from forcemesh.errors import BusError
 from forcemesh.requests import Reply
 from services.panel import page as page_module
 from services.panel.access import Door
-from services.panel.watch import Snapshot, Watch
+from services.panel.watch import CellMonitor, Snapshot
 from tests.chaos.common_net import free_port
 
 CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 
 
-class Reached(Watch):
+class Reached(CellMonitor):
     """A watch that reaches its hub as soon as the page's own thread joins."""
 
     def _open(self) -> None:
@@ -37,8 +37,8 @@ class Reached(Watch):
 def page(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A panel that runs; no browser has been there."""
     cell, stop = load_cell(CELL), threading.Event()
-    monkeypatch.setattr(page_module, "Watch", Reached)
-    page = page_module.Page(cell, CELL, Door("127.0.0.1", free_port()))
+    monkeypatch.setattr(page_module, "CellMonitor", Reached)
+    page = page_module.PanelPage(cell, CELL, Door("127.0.0.1", free_port()))
     thread = threading.Thread(target=page.run, args=[stop])
     thread.start()
     yield page

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_from_tree, load_cell
 from forcemesh.errors import ConfigError
 from forcemesh.patterns import WORDS
@@ -32,7 +32,7 @@ def patterns(schema: Any) -> Iterator[str]:
 
 def test_every_pattern_of_a_cell_file_has_its_words() -> None:
     """None is left out: what has no words could only be shown as it is."""
-    assert set(patterns(Cell.model_json_schema())) == set(WORDS)
+    assert set(patterns(CellConfig.model_json_schema())) == set(WORDS)
 
 
 @pytest.mark.parametrize(("place", "found"), PLACES.items())

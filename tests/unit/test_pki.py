@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from common.security.pki import Pair, make_authority, make_certificate, read_authority, write_pair
-from common.security.pki_check import Finding, check_folder
+from common.security.pki_check import CertificateFinding, check_folder
 from forcemesh.identity import NAMES
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,7 +45,7 @@ def issue(folder: Path, name: str, *, days: int = 365, cell: str = "demo") -> No
     write_pair(folder, name, pair, owner=None)
 
 
-def wrong(folder: Path, after_days: float = 0.0) -> list[Finding]:
+def wrong(folder: Path, after_days: float = 0.0) -> list[CertificateFinding]:
     """Return what is not good so many days after it was made."""
     found = check_folder(folder, "demo", NOW + dt.timedelta(days=after_days))
     return [finding for finding in found if finding.verdict != "good"]

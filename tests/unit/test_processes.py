@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.bus import Reading
 from forcemesh.errors import ForcemeshError
@@ -21,7 +21,7 @@ from forcemesh.topics import ROLES
 from launch import processes
 from launch.processes import MODULES, Supervisor, processes_of
 from launch.run_file import FOLDER_VARIABLE, is_alive, read_run
-from launch.started_process import Process, how_ended
+from launch.started_process import ProcessSpec, how_ended
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "cells" / "demo.yaml"
@@ -32,15 +32,15 @@ pytestmark = pytest.mark.processes
 
 
 @pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Cell:
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
     """A cell whose run files are this test's alone."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     return load_cell(DEMO, {"cell": "unit"})
 
 
-def python(name: str, program: str) -> Process:
+def python(name: str, program: str) -> ProcessSpec:
     """Return a process that runs a small program under the name of a role."""
-    return Process("test.program", (name,), (sys.executable, "-c", program))
+    return ProcessSpec("test.program", (name,), (sys.executable, "-c", program))
 
 
 SLEEPER = "import time; print('up', flush=True); time.sleep(600)"
@@ -55,7 +55,7 @@ def until(what: Callable[[], object]) -> None:
         time.sleep(0.005)
 
 
-def pids_of(cell: Cell) -> list[int]:
+def pids_of(cell: CellConfig) -> list[int]:
     """Return the processes that the run file names."""
     run = read_run(cell.cell)
     return [entry.pid for entry in run.processes] if run else []
@@ -86,7 +86,7 @@ def test_table_names_every_role_and_only_modules_that_can_be_run() -> None:
     assert [m for m in modules if importlib.util.find_spec(f"{m}.__main__") is None] == []
 
 
-def test_processes_run_while_it_is_up_and_none_is_left_after(cell: Cell) -> None:
+def test_processes_run_while_it_is_up_and_none_is_left_after(cell: CellConfig) -> None:
     """Each has a session of its own, all are in the run file, and the end is clean."""
     with Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER), python("robot", SLEEPER)]):
         pids = pids_of(cell)
@@ -97,7 +97,7 @@ def test_processes_run_while_it_is_up_and_none_is_left_after(cell: Cell) -> None
     assert read_run(cell.cell) is None
 
 
-def test_lines_of_a_process_carry_its_role(cell: Cell) -> None:
+def test_lines_of_a_process_carry_its_role(cell: CellConfig) -> None:
     """Whoever reads the log sees who said it; standard output and standard error alike."""
     said: list[tuple[str, str]] = []
     program = f"import sys; print('to err', file=sys.stderr, flush=True); {SLEEPER}"
@@ -108,7 +108,7 @@ def test_lines_of_a_process_carry_its_role(cell: Cell) -> None:
     assert said == [("wrench", "to err"), ("wrench", "up")]
 
 
-def test_a_killed_process_is_named_with_its_signal(cell: Cell) -> None:
+def test_a_killed_process_is_named_with_its_signal(cell: CellConfig) -> None:
     """The supervisor and the run file, also after the end, say who was killed by what."""
     both = [python("wrench", SLEEPER), python("robot", SLEEPER)]
     with Supervisor(cell, DEMO, processes=both) as supervisor:
@@ -128,7 +128,7 @@ def test_a_killed_process_is_named_with_its_signal(cell: Cell) -> None:
     }
 
 
-def test_a_process_that_gives_up_is_named_with_its_code_and_last_words(cell: Cell) -> None:
+def test_a_process_that_gives_up_is_named_with_its_code_and_last_words(cell: CellConfig) -> None:
     """What it said last is why it went."""
     program = "import sys; print('no such file'); sys.exit(2)"
     with Supervisor(cell, DEMO, processes=[python("wrench", program)]) as supervisor:
@@ -136,7 +136,7 @@ def test_a_process_that_gives_up_is_named_with_its_code_and_last_words(cell: Cel
     assert str(supervisor.died[0]).endswith("exit code 2, last output: no such file")
 
 
-def test_a_death_while_waiting_for_readiness_ends_the_wait(cell: Cell) -> None:
+def test_a_death_while_waiting_for_readiness_ends_the_wait(cell: CellConfig) -> None:
     """Nobody waits for a cell that cannot become ready, and the error names the dead."""
     wrench = [python("wrench", "raise SystemExit(3)")]
     with (
@@ -149,7 +149,9 @@ def test_a_death_while_waiting_for_readiness_ends_the_wait(cell: Cell) -> None:
 class Hours:
     """A clock on which only sleep takes time, and a bus whose hub answers after so long."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, cell: Cell, heard_after_s: float) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, cell: CellConfig, heard_after_s: float
+    ) -> None:
         """Stand in for time and bus of the supervisor."""
         self._now_s = 0.0
         self._cell, self._heard_after_s = cell, heard_after_s
@@ -175,7 +177,7 @@ class Hours:
         return Reading(None, None, 0.0, "arbiter/status missing", silent=True)
 
 
-def test_a_hub_that_is_slow_to_come_up_is_waited_for(cell: Cell, monkeypatch) -> None:
+def test_a_hub_that_is_slow_to_come_up_is_waited_for(cell: CellConfig, monkeypatch) -> None:
     """A minute, on a machine that is busy; after ten seconds it is said what is waited for."""
     Hours(monkeypatch, cell, 60.0)
     said: list[str] = []
@@ -186,7 +188,7 @@ def test_a_hub_that_is_slow_to_come_up_is_waited_for(cell: Cell, monkeypatch) ->
         ]
 
 
-def test_a_hub_that_is_never_heard_ends_the_wait_some_time(cell: Cell, monkeypatch) -> None:
+def test_a_hub_that_is_never_heard_ends_the_wait_some_time(cell: CellConfig, monkeypatch) -> None:
     """Its process lives and is not heard: that is said, with the address."""
     Hours(monkeypatch, cell, float("inf"))
     with (
@@ -196,7 +198,7 @@ def test_a_hub_that_is_never_heard_ends_the_wait_some_time(cell: Cell, monkeypat
         pass
 
 
-def test_a_hub_that_dies_ends_the_wait_at_once(cell: Cell) -> None:
+def test_a_hub_that_dies_ends_the_wait_at_once(cell: CellConfig) -> None:
     """However long a slow one would be waited for."""
     began_s = time.monotonic()
     with (
@@ -207,7 +209,7 @@ def test_a_hub_that_dies_ends_the_wait_at_once(cell: Cell) -> None:
     assert time.monotonic() - began_s < processes.UP_WITHIN_S / 2.0
 
 
-def test_a_process_that_will_not_end_is_killed_with_its_children(cell: Cell) -> None:
+def test_a_process_that_will_not_end_is_killed_with_its_children(cell: CellConfig) -> None:
     """SIGTERM first, then SIGKILL for the whole session: no orphans."""
     said: list[str] = []
     parent = (
@@ -225,7 +227,7 @@ def test_a_process_that_will_not_end_is_killed_with_its_children(cell: Cell) -> 
     until(lambda: not any(is_alive(pid, None) for pid in pids))
 
 
-def test_processes_die_with_a_supervisor_that_is_killed(cell: Cell) -> None:
+def test_processes_die_with_a_supervisor_that_is_killed(cell: CellConfig) -> None:
     """Not even kill -9 of the supervisor leaves a process behind, and the run is not live then."""
     program = f"""
 import sys, time
@@ -252,7 +254,7 @@ with Supervisor(load_cell({str(DEMO)!r}, {{"cell": "unit"}}), Path({str(DEMO)!r}
     assert not run.live
 
 
-def test_a_cell_that_is_up_is_not_started_again(cell: Cell) -> None:
+def test_a_cell_that_is_up_is_not_started_again(cell: CellConfig) -> None:
     """Two supervisors of one cell would be two commanders; the error names the first one."""
     with (
         Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER)]),
@@ -262,7 +264,7 @@ def test_a_cell_that_is_up_is_not_started_again(cell: Cell) -> None:
         pass
 
 
-def test_a_cell_without_a_file_is_written_for_its_processes(cell: Cell) -> None:
+def test_a_cell_without_a_file_is_written_for_its_processes(cell: CellConfig) -> None:
     """The processes load the very cell that the supervisor was given."""
     with Supervisor(cell, processes=[python("wrench", SLEEPER)]):
         run = read_run(cell.cell)

@@ -8,17 +8,17 @@ import pinocchio as pin
 import pytest
 
 from common.bus.memory_bus import MemoryCall, MemoryTransport
-from common.motion.last_check import Guard
+from common.motion.last_check import LastCheck
 from common.motion.limits import Limits
 from common.motion.rate_limiter import JointTrack
-from common.motion.setpoint_monitor import StreamBudget
+from common.motion.setpoint_monitor import SetpointMonitor
 from forcemesh import topics
 from forcemesh.codec import encode_record
 from forcemesh.messages import Goal, RobotState, Speed
 from forcemesh.requests import HoldRequest
 from services.arbiter.inputs import limit_trip, robot_complaints
 from services.arbiter.watch import RestWatch
-from services.regulator.guards import GuardSettings, Seen, Watch, watch
+from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
 from tests.fakes.arbiter_world import CELL, T_START, World, unfit
 from tests.fakes.line import Line
 from tests.unit.test_inbox import bus_of
@@ -58,7 +58,7 @@ def test_an_arm_at_no_place_never_rests() -> None:
 
 def test_before_a_lease_no_move_of_joints_is_let_through_and_no_tether_pulls() -> None:
     """An arm far from nowhere in particular breaks no rule; to move it needs a lease."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     assert guard.arm(T_START, JOINTS, 0) is None
     for kind in ("joints", "by"):
         goal = Goal.model_validate({"id": 1, "kind": kind, "joint_rad": JOINTS})
@@ -69,7 +69,7 @@ def test_before_a_lease_no_move_of_joints_is_let_through_and_no_tether_pulls() -
 
 def test_from_an_unknown_place_the_end_of_a_move_counts() -> None:
     """No way can be sampled from nowhere; a good end is let through, a bad one is not."""
-    guard = Guard(CELL)
+    guard = LastCheck(CELL)
     guard.start(T_START)
     nowhere = pin.SE3(np.eye(3), np.full(3, np.nan))
     here = World().messages["robot"]
@@ -96,7 +96,7 @@ def turned(turn_rad: float) -> pin.SE3:
 def test_a_turn_is_limited_as_a_way_is() -> None:
     """One set point by the step; a stream that speeds up gently, by the speed, in any window."""
     limits, period_s = CELL.limits, 4e-3
-    budget, speed = StreamBudget(limits), radians(limits.speed_deg_s)
+    budget, speed = SetpointMonitor(limits), radians(limits.speed_deg_s)
     assert budget.begin(T_START, 0) is None
     trip = budget.spend(turned(radians(1.1 * limits.step_deg)), 0)
     assert trip is not None
@@ -123,10 +123,10 @@ def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> No
     """2 N m over a tenth of a radian are 0.2 J; in mode position the tool turns for others."""
     settings = GuardSettings.of(CELL)
     still = np.zeros(3)
-    seen = Seen(
+    seen = GuardSample(
         still, np.array([0.0, 0.0, 2.0]), T_START, "contact", np.zeros(6), turns=turns, dt_s=0.004
     )
-    remembered, _ = watch(Watch(touched=True), seen, settings)
+    remembered, _ = watch(GuardState(touched=True), seen, settings)
     turned = pin.SE3(pin.utils.rotate("z", 0.1) @ T_START.rotation, T_START.translation)
     remembered, _ = watch(remembered, replace(seen, T_base_tcp=turned), settings)
     assert remembered.given_J == pytest.approx(0.2 if turns else 0.0)

@@ -21,7 +21,7 @@ from forcemesh.codec import decode
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, RecordRequest
 from launch.virtual_cell import VirtualCell
 from services.recorder.playback import chosen, play
-from services.recorder.reading import Heard, RecordedFile
+from services.recorder.reading import RecordedBytes, RecordedFile
 from services.recorder.service import Recorder
 
 MESSAGES: dict[str, Any] = {topic.key: topic.message for topic in topics.TOPICS}
@@ -103,7 +103,7 @@ def test_a_replay_as_another_cell_says_so_in_every_message(recording: Path) -> N
 @pytest.mark.parametrize("speed", [0.5, 4.0])
 def test_a_replay_may_be_faster_or_slower(speed: float) -> None:
     """Distances are divided by the speed."""
-    heard = [Heard("wrench", 10**18 + number * 10**6, b"") for number in range(101)]
+    heard = [RecordedBytes("wrench", 10**18 + number * 10**6, b"") for number in range(101)]
     clock = ManualClock()
     began_ns = clock.now_ns()
     play(heard, Kept(), "demo", clock=clock, speed=speed)

@@ -21,7 +21,7 @@ from services.recorder.frames import Frame, frames_of, pack_frames
 from services.recorder.layout import layout_of, schema_of
 from services.recorder.reading import RecordedFile
 from services.recorder.recording import Recording
-from services.recorder.wall_clock import Wall
+from services.recorder.wall_clock import WallClock
 from tests.fakes.recorder_bench import WALL_NS, cell_with, place
 from tests.fakes.records import full, records
 
@@ -37,7 +37,7 @@ def header(seq: int, topic: Topic[Any], stamp_ns: int, boot: str = CLOCK) -> Hea
 
 def recorded(folder: Path, frames: list[Frame], finish: bool = True) -> Path:
     """Return the file of frames that came in tenths of a second."""
-    wall = Wall(CLOCK, WALL_NS)
+    wall = WallClock(CLOCK, WALL_NS)
     recording = Recording(
         folder, "file", cell_with(folder), cause="asked", wall=wall, now_ns=frames[0].at_ns
     )
@@ -112,7 +112,12 @@ def test_what_is_no_message_of_ours_is_kept_to_the_byte(
         Frame(place(topic), SECOND + number, each) for number, each in enumerate((good, data))
     ]
     recording = Recording(
-        tmp_path, "file", cell_with(tmp_path), cause="", wall=Wall(CLOCK, WALL_NS), now_ns=SECOND
+        tmp_path,
+        "file",
+        cell_with(tmp_path),
+        cause="",
+        wall=WallClock(CLOCK, WALL_NS),
+        now_ns=SECOND,
     )
     recording.write(frames, SECOND)
     recording.close()
@@ -277,7 +282,7 @@ def test_a_recording_gives_nobody_the_panels_token(tmp_path: Path) -> None:
     tree = cell_with(tmp_path).model_copy(deep=True)
     secret = tree.panel.model_copy(update={"token": "a-secret-of-this-lab"})
     cell = tree.model_copy(update={"panel": secret})
-    wall = Wall(CLOCK, WALL_NS)
+    wall = WallClock(CLOCK, WALL_NS)
     recording = Recording(tmp_path, "file", cell, cause="asked", wall=wall, now_ns=1)
     recording.close()
     assert b"a-secret-of-this-lab" not in recording.path.read_bytes()
@@ -287,7 +292,7 @@ def test_a_recording_gives_nobody_the_panels_token(tmp_path: Path) -> None:
 @given(st.integers(0, 2**62), st.integers(0, 500 * SECOND))
 def test_each_machines_clock_is_moved_as_a_whole(first_ns: int, later_ns: int) -> None:
     """Distances between stamps of one machine stay; the first of a foreign one counts as now."""
-    wall = Wall(CLOCK, WALL_NS)
+    wall = WallClock(CLOCK, WALL_NS)
     first = wall.written_ns("other", first_ns, 1000)
     later = wall.written_ns("other", first_ns + later_ns, 1000)
     assert first == WALL_NS + 1000
@@ -298,5 +303,5 @@ def test_each_machines_clock_is_moved_as_a_whole(first_ns: int, later_ns: int) -
 @given(st.integers(-(2**63), -(2**50)) | st.integers(2**50, 2**64 - 1))
 def test_an_absurd_stamp_counts_as_written_on_arrival(stamp_ns: int) -> None:
     """A time far from now: a stranger moves nothing in the file."""
-    wall = Wall(CLOCK, WALL_NS)
+    wall = WallClock(CLOCK, WALL_NS)
     assert wall.written_ns(CLOCK, stamp_ns, 1000) == WALL_NS + 1000

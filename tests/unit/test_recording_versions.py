@@ -24,7 +24,7 @@ from services.recorder.frames import Frame
 from services.recorder.playback import play
 from services.recorder.reading import RecordedFile
 from services.recorder.recording import Recording
-from services.recorder.wall_clock import Wall
+from services.recorder.wall_clock import WallClock
 from tests.fakes.recorder_bench import WALL_NS, cell_with, place
 
 CORPUS = Path(__file__).resolve().parents[1] / "corpus"
@@ -61,7 +61,7 @@ def old(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     boot = unpack(frames[0].data)["boot"]
     recording = Recording(
         folder, "file", cell_with(folder), cause="asked",
-        wall=Wall(boot, WALL_NS), now_ns=frames[0].at_ns,
+        wall=WallClock(boot, WALL_NS), now_ns=frames[0].at_ns,
     )  # fmt: skip
     recording.write(frames, frames[-1].at_ns)
     recording.close()

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 
 from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
 from services.regulator.adaptive import AdaptiveSettings, advance, begin
-from services.regulator.gain_schedule import braked
+from services.regulator.gain_schedule import limit_gain_for_braking
 from services.regulator.law import LawInput, LawState, start_at
 from services.regulator.settings import law_settings, pi_gains
 from tests.fakes.bench import CELL
@@ -96,7 +96,9 @@ def test_at_any_error_the_arm_still_comes_to_rest(one_N, other_N, Ki, k, brake_m
     """Half the change of v^2 is at most the way times a; the speed is never above Ki e."""
 
     def speed_m_s(error_N):
-        gain = braked(np.full(3, Ki), np.full(3, error_N), np.full(3, k), brake_m_s2)
+        gain = limit_gain_for_braking(
+            np.full(3, Ki), np.full(3, error_N), np.full(3, k), brake_m_s2
+        )
         assert gain.max() <= Ki
         return float(gain[0]) * error_N
 

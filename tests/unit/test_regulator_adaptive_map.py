@@ -5,18 +5,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.requests import ForceStartRequest
 from services.regulator.adaptive import AdaptiveSettings, gain_for
 from services.regulator.settings import law_settings
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import RegulatorBench
-from tuning.adaptive_map import MEASURED, remark, softest_N_m
+from tuning.adaptive_map import MEASURED, restriction, softest_N_m
 
 ADAPTIVE = ForceStartRequest(mode="position", law="adaptive")
 
 
-def cell_at(loop_hz: float, delay_s: float) -> Cell:
+def cell_at(loop_hz: float, delay_s: float) -> CellConfig:
     """Return the demo's cell with another loop rate and delay of its arm."""
     rates = CELL.rates.model_copy(update={"control_hz": loop_hz, "robot_hz": loop_hz})
     robot = CELL.robot.model_copy(update={"delay_s": delay_s})
@@ -32,7 +32,7 @@ def test_the_map_says_from_which_contact_on_the_law_holds(loop_hz, delay_ms, sof
     """A slow loop with a late arm bears no soft contact; what is beyond all rows bears none."""
     cell = cell_at(loop_hz, delay_ms / 1e3)
     assert softest_N_m(cell) == softest
-    assert bool(remark(cell)) == (softest != 1e3)
+    assert bool(restriction(cell)) == (softest != 1e3)
 
 
 @given(st.floats(15.0, 60.0), st.floats(0.031, 0.06), st.floats(200.0, 2e5))

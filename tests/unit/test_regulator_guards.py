@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
@@ -22,14 +22,21 @@ from forcemesh import topics
 from forcemesh.messages import RegulatorTarget, RobotCommand
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
 from launch.virtual_cell import VirtualCell
-from services.regulator.guards import GuardSettings, Seen, Watch, carried, proof_of, watch
-from services.regulator.oscillation import HALF_WAVES, Swing, SwingSettings, follow
+from services.regulator.guards import (
+    GuardSample,
+    GuardSettings,
+    GuardState,
+    kept_over_restart,
+    verifies_press_axis,
+    watch,
+)
+from services.regulator.oscillation import HALF_WAVES, HalfWaves, OscillationSettings, follow
 from services.regulator.settings import PROBE_N, law_settings
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import KI, PERIOD_S, T_FLANGE_TCP, RegulatorBench
 
-GUARDS, SWING = GuardSettings.of(CELL), SwingSettings.of(CELL)
+GUARDS, SWING = GuardSettings.of(CELL), OscillationSettings.of(CELL)
 TAU_S = CELL.loop_delay_s
 LAW = law_settings(CELL)
 BRAKE_M = 0.0005
@@ -37,7 +44,7 @@ DT_S = 0.004
 QUICK = settings(max_examples=20, deadline=None)
 
 
-def cell_with(**changes: Any) -> Cell:
+def cell_with(**changes: Any) -> CellConfig:
     """Return the demo's cell with other values, `section__name`."""
     tree: dict[str, Any] = CELL.model_dump(mode="json")
     for dotted, value in changes.items():
@@ -49,7 +56,7 @@ def cell_with(**changes: Any) -> Cell:
 class Press:
     """A virtual cell that presses, and what it says."""
 
-    def __init__(self, cell: Cell, setpoint_N: float) -> None:
+    def __init__(self, cell: CellConfig, setpoint_N: float) -> None:
         """Tare, arm, start in mode position."""
         self.cell = VirtualCell(cell)
         self.arm, client = self.cell.arm, self.cell.client
@@ -121,17 +128,17 @@ def test_a_wall_that_vanishes_while_pressing_is_followed_slowly_and_not_far() ->
     assert CELL.force.lost_m <= fallen_m <= CELL.force.lost_m + 20.0 * KI * TAU_S + BRAKE_M
 
 
-def seen(contact: Any, z_m: float = 0.0, force_N: float = 0.0) -> Seen:
+def seen(contact: Any, z_m: float = 0.0, force_N: float = 0.0) -> GuardSample:
     """Return one sample of a tool that points down."""
     T = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, z_m]))
     force = np.array([0.0, 0.0, force_N])
-    return Seen(force, np.zeros(3), T, contact, np.zeros(6), turns=False, dt_s=DT_S)
+    return GuardSample(force, np.zeros(3), T, contact, np.zeros(6), turns=False, dt_s=DT_S)
 
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 0.002)), min_size=1, max_size=80))
 def test_each_search_has_its_own_way(steps) -> None:
     """It begins where contact was lost, and the first one has search_m."""
-    now, z_m, began_m, touched = Watch(), 0.0, 0.0, False
+    now, z_m, began_m, touched = GuardState(), 0.0, 0.0, False
     for in_contact, down_m in steps:
         z_m -= down_m
         now, trip = watch(now, seen("contact" if in_contact else "approach", z_m), GUARDS)
@@ -148,9 +155,9 @@ def test_each_search_has_its_own_way(steps) -> None:
 # --- oscillation: H36 -----------------------------------------------------------------------------
 
 
-def half_waves(waves: list[tuple[float, float]]) -> Swing:
+def half_waves(waves: list[tuple[float, float]]) -> HalfWaves:
     """Return what is known after sine half waves of (height, duration), signs alternating."""
-    swing, sign = Swing(), 1.0
+    swing, sign = HalfWaves(), 1.0
     for height, duration_s in [*waves, (1.0, 10 * DT_S)]:
         for phase in np.arange(0.5, round(duration_s / DT_S)) * DT_S / duration_s:
             error = np.zeros(6)
@@ -186,7 +193,7 @@ def test_what_dies_out_is_none(waves, keeps) -> None:
 @QUICK
 def test_noise_is_none(errors) -> None:
     """Nothing below ten deadbands is counted."""
-    swing = Swing()
+    swing = HalfWaves()
     for share in errors:
         swing = follow(swing, share * SWING.least, DT_S, SWING)
     assert not swing.count.any()
@@ -349,11 +356,11 @@ def test_giving_up_carries_the_code_of_what_failed() -> None:
 def test_work_that_what_is_pressed_on_stored_before_may_come_back() -> None:
     """A press that begins in contact, and one that gives way, are not judged by their work."""
     for first in ("contact", "free"):
-        now, _ = watch(Watch(), seen(first, 0.0, 30.0), GUARDS)
+        now, _ = watch(GuardState(), seen(first, 0.0, 30.0), GUARDS)
         now, _ = watch(now, seen("contact", 0.0, 30.0), GUARDS)
         _, trip = watch(now, seen("contact", 0.01, 30.0), GUARDS)
         assert trip is None
-    now, _ = watch(Watch(), seen("approach"), GUARDS)
+    now, _ = watch(GuardState(), seen("approach"), GUARDS)
     now, _ = watch(now, seen("contact", 0.0, 30.0), GUARDS)
     _, trip = watch(now, seen("contact", 0.001, 30.0), GUARDS)
     assert trip is not None
@@ -363,7 +370,7 @@ def test_work_that_what_is_pressed_on_stored_before_may_come_back() -> None:
 def test_a_force_that_was_there_before_the_approach_is_no_touch() -> None:
     """What the tare left does not count: only what grows."""
     pulled = seen("approach", 0.0, -5.0)
-    now, trip = watch(Watch(), pulled, GUARDS)
+    now, trip = watch(GuardState(), pulled, GUARDS)
     assert trip is None
     _, trip = watch(now, replace(pulled, force_N=np.array([0.5, 0.0, -5.5])), GUARDS)
     assert trip is None
@@ -376,18 +383,18 @@ def test_a_force_that_was_there_before_the_approach_is_no_touch() -> None:
 def test_the_first_touch_is_within_45_degrees_of_the_tool(share: float, is_wrong: bool) -> None:
     """At least 0.7 of the force that grows is along the tool; that alone proves its axis."""
     touch = 2.0 * GUARDS.touch_N * np.array([np.sqrt(1.0 - share**2), 0.0, share])
-    now, trip = watch(Watch(), seen("approach"), GUARDS)
+    now, trip = watch(GuardState(), seen("approach"), GUARDS)
     assert trip is None
     felt = replace(seen("approach"), force_N=touch)
     _, trip = watch(now, felt, GUARDS)
     assert ("" if trip is None else trip.code) == ("sensor_sign" if is_wrong else "")
     pressing = replace(felt, contact="contact", setpoint_N=5.0)
-    assert proof_of(now, pressing, GUARDS) == (not is_wrong)
+    assert verifies_press_axis(now, pressing, GUARDS) == (not is_wrong)
 
 
 def test_work_told_late_is_no_gift() -> None:
     """A spring that is pressed and released, told 12 ms late as the filter does: all is well."""
-    now, trip, late = Watch(), None, [0.0] * 3
+    now, trip, late = GuardState(), None, [0.0] * 3
     now, trip = watch(now, seen("approach"), GUARDS)
     for step in range(2000):
         depth_m = 0.001 * (1.0 - np.cos(2.0 * np.pi * step * DT_S / 0.3))
@@ -396,7 +403,7 @@ def test_work_told_late_is_no_gift() -> None:
         assert trip is None
 
 
-def turning(force_N: float, **changes: Any) -> Seen:
+def turning(force_N: float, **changes: Any) -> GuardSample:
     """Return one sample of a tool that may turn and that is to press with 8 N."""
     unproven = np.array([True, True, False])
     fields: dict[str, Any] = {"turns": True, "limited": unproven, "setpoint_N": 8.0}
@@ -407,7 +414,7 @@ def turning(force_N: float, **changes: Any) -> Seen:
 def test_a_tool_that_turns_by_unproven_torques_presses_little_more_than_it_is_to(force_N) -> None:
     """Half the set point and touch_N more, once it was at the set point; proved axes may press."""
     most_N = 12.0 + CELL.force.touch_N
-    now, _ = watch(Watch(), turning(6.0), GUARDS)
+    now, _ = watch(GuardState(), turning(6.0), GUARDS)
     _, trip = watch(now, turning(force_N), GUARDS)
     assert (trip is not None) is (force_N > most_N)
     if trip is not None:
@@ -419,8 +426,8 @@ def test_a_tool_that_turns_by_unproven_torques_presses_little_more_than_it_is_to
 
 def test_a_set_point_that_is_lowered_makes_no_rise_of_the_force() -> None:
     """The force that was wanted before may fall first; once it has, it must not grow again."""
-    now, _ = watch(Watch(), turning(6.0), GUARDS)
-    now, trip = watch(carried(now), turning(30.0), GUARDS)
+    now, _ = watch(GuardState(), turning(6.0), GUARDS)
+    now, trip = watch(kept_over_restart(now), turning(30.0), GUARDS)
     assert trip is None
     now, trip = watch(now, turning(8.0), GUARDS)
     assert trip is None

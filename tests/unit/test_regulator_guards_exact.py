@@ -12,9 +12,16 @@ import pinocchio as pin
 import pytest
 
 from forcemesh.messages import Trip
-from services.regulator.guards import GuardSettings, Seen, Watch, carried, proof_of, watch
-from services.regulator.oscillation import Swing, SwingSettings
-from services.regulator.unverified_axes import Motion, YieldSettings
+from services.regulator.guards import (
+    GuardSample,
+    GuardSettings,
+    GuardState,
+    kept_over_restart,
+    verifies_press_axis,
+    watch,
+)
+from services.regulator.oscillation import HalfWaves, OscillationSettings
+from services.regulator.unverified_axes import ToolMotion, YieldSettings
 from tests.fakes.bench import CELL
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -24,19 +31,19 @@ SETTINGS = GuardSettings(
     search_m=0.03125,
     lost_m=0.0078125,
     given_J=0.0625,
-    swing=SwingSettings(np.full(6, 3.0), 0.016, 0.25),
+    swing=OscillationSettings(np.full(6, 3.0), 0.016, 0.25),
     yielding=YieldSettings(0.45, 0.03),
 )
 
 
 def seen(
     contact: Any, force_N: Any = (0.0, 0.0, 0.0), p_m: Any = (0.0, 0.0, 0.0), **changes: Any
-) -> Seen:
+) -> GuardSample:
     """Return one sample."""
     T = pin.SE3(changes.pop("R", DOWN), np.array(p_m))
     fields: dict[str, Any] = {"error": np.zeros(6), "turns": False, "dt_s": 0.004}
     fields |= {"torque_Nm": np.zeros(3), "setpoint_N": 8.0} | changes
-    return Seen(force_N=np.array(force_N), T_base_tcp=T, contact=contact, **fields)
+    return GuardSample(force_N=np.array(force_N), T_base_tcp=T, contact=contact, **fields)
 
 
 def above(number: float) -> float:
@@ -82,17 +89,17 @@ def test_a_first_touch_beyond_touch_n_is_along_the_tool_or_ends_it(
     grown_N: Any, limit_N: float | None, proves: bool
 ) -> None:
     """No more than 2 N is no touch; of a touch 0.7 is along the tool, and more than that proves."""
-    now, _ = watch(Watch(), seen("approach"), SETTINGS)
+    now, _ = watch(GuardState(), seen("approach"), SETTINGS)
     touch = seen("approach", grown_N)
     _, trip = watch(now, touch, SETTINGS)
     expected = None if limit_N is None else ("sensor_sign", grown_N[2], pytest.approx(limit_N))
     assert numbers(trip) == expected
-    assert proof_of(now, touch, SETTINGS) is proves
+    assert verifies_press_axis(now, touch, SETTINGS) is proves
 
 
 def test_only_what_grows_since_the_approach_began_is_a_touch() -> None:
     """A force that the tare left is subtracted, along the tool and across it."""
-    now, _ = watch(Watch(), seen("approach", PRELOAD_N), SETTINGS)
+    now, _ = watch(GuardState(), seen("approach", PRELOAD_N), SETTINGS)
     for grown_N, code, proves in (
         ((0.0, 0.0, 1.9), None, False),
         ((0.0, 0.0, 2.1), None, True),
@@ -102,14 +109,14 @@ def test_only_what_grows_since_the_approach_began_is_a_touch() -> None:
         touch = seen("approach", PRELOAD_N + grown_N)
         _, trip = watch(now, touch, SETTINGS)
         assert (None if trip is None else trip.code) == code
-        assert proof_of(now, touch, SETTINGS) is proves
+        assert verifies_press_axis(now, touch, SETTINGS) is proves
 
 
 @pytest.mark.parametrize("first", ["free", "contact"])
 def test_force_feedback_that_begins_in_contact_or_stands_still_proves_nothing(first: Any) -> None:
     """Its first reading is no free space: neither a sign nor its fault can be read from it."""
-    now = Watch(first=seen(first))
-    assert not proof_of(now, seen("approach", (0.0, 0.0, 30.0)), SETTINGS)
+    now = GuardState(first=seen(first))
+    assert not verifies_press_axis(now, seen("approach", (0.0, 0.0, 30.0)), SETTINGS)
     for contact in ("free", "approach"):
         assert watch(now, seen(contact, (30.0, 0.0, 0.0)), SETTINGS)[1] is None
 
@@ -120,10 +127,10 @@ def test_neither_proof_nor_fault_comes_of_what_is_no_first_touch() -> None:
     A press that loses contact is not judged again by what it feels on its way.
     """
     pressing = seen("contact", (0.0, 0.0, 30.0))
-    began = Watch(first=seen("approach"))
-    assert proof_of(began, pressing, SETTINGS)
-    assert not proof_of(Watch(), pressing, SETTINGS)
-    assert not proof_of(began, replace(pressing, presses=False), SETTINGS)
+    began = GuardState(first=seen("approach"))
+    assert verifies_press_axis(began, pressing, SETTINGS)
+    assert not verifies_press_axis(GuardState(), pressing, SETTINGS)
+    assert not verifies_press_axis(began, replace(pressing, presses=False), SETTINGS)
     for contact in ("contact", "approach"):
         aslant = seen(contact, (30.0, 0.0, 0.0))
         assert watch(replace(began, touched=True), aslant, SETTINGS)[1] is None
@@ -132,9 +139,9 @@ def test_neither_proof_nor_fault_comes_of_what_is_no_first_touch() -> None:
 # --- work -----------------------------------------------------------------------------------------
 
 
-def counted_mJ(begin: Seen, then: Seen, **remembered: Any) -> tuple[float, float]:
+def counted_mJ(begin: GuardSample, then: GuardSample, **remembered: Any) -> tuple[float, float]:
     """Return work on the tool and by the tool after one step [mJ]."""
-    before = Watch(first=begin, worked=begin, touched=True)
+    before = GuardState(first=begin, worked=begin, touched=True)
     now, _ = watch(replace(before, **remembered), then, SETTINGS)
     return 1e3 * now.given_J, 1e3 * now.got_J
 
@@ -186,7 +193,7 @@ def test_a_step_within_the_poses_noise_waits_until_it_has_become_one(
 ) -> None:
     """Below 0.02 mm and 0.2 mrad noise would count as work; the way is kept, and counted whole."""
     begin = seen("contact", (0.0, 0.0, 10.0))
-    before = Watch(first=begin, worked=begin, touched=True)
+    before = GuardState(first=begin, worked=begin, touched=True)
     turned = pin.utils.rotate("z", turn_rad) @ DOWN
     then = seen("contact", (0.0, 0.0, 10.0), (0.0, 0.0, -way_m), R=turned)
     now, _ = watch(before, then, SETTINGS)
@@ -198,7 +205,7 @@ def test_a_step_within_the_poses_noise_waits_until_it_has_become_one(
 
 def test_on_its_way_to_the_first_touch_the_tool_does_no_work() -> None:
     """What drags on the tool before gives it no credit: the count begins at the touch."""
-    now = Watch()
+    now = GuardState()
     for z_m in (0.0, -0.01, -0.02):
         now, _ = watch(now, seen("approach", (0.0, 0.0, 1.0), (0.0, 0.0, z_m)), SETTINGS)
     now, _ = watch(now, seen("contact", (0.0, 0.0, 9.0), (0.0, 0.0, -0.03)), SETTINGS)
@@ -213,7 +220,7 @@ def test_what_is_pressed_on_gives_back_half_more_than_it_got_and_given_j(got_J: 
     begin = seen("approach")
     most_J = 0.0625 + 1.5 * got_J
     for given_J, trips in ((most_J, False), (above(most_J), True)):
-        now = Watch(first=begin, worked=begin, touched=True, given_J=given_J, got_J=got_J)
+        now = GuardState(first=begin, worked=begin, touched=True, given_J=given_J, got_J=got_J)
         _, trip = watch(now, seen("contact"), SETTINGS)
         expected = ("sensor_sign", given_J - 1.5 * got_J, 0.0625)
         assert numbers(trip) == (expected if trips else None)
@@ -224,7 +231,7 @@ def test_what_is_pressed_on_gives_back_half_more_than_it_got_and_given_j(got_J: 
 def test_only_a_press_that_began_in_free_space_is_judged_by_work(first: Any, presses: bool) -> None:
     """A contact may have stored work before, and at set point 0 a person may lead the tool."""
     begin = seen(first)
-    now = Watch(first=begin, worked=begin, touched=True, given_J=1.0)
+    now = GuardState(first=begin, worked=begin, touched=True, given_J=1.0)
     _, trip = watch(now, seen("contact", presses=presses), SETTINGS)
     assert (trip is not None) is (first == "approach" and presses)
 
@@ -239,7 +246,7 @@ def test_an_unproven_turn_presses_half_the_set_point_and_touch_n_more(
     """8 N wanted: 14 N at most, once the force has been at 8 N or below; before, it may fall."""
     turning = {"turns": True, "limited": np.array([True, False, False])}
     for first_N, was_found in ((8.0, True), (above(8.0), False)):
-        now, trip = watch(Watch(), seen("contact", (0.0, 0.0, first_N), **turning), SETTINGS)
+        now, trip = watch(GuardState(), seen("contact", (0.0, 0.0, first_N), **turning), SETTINGS)
         assert trip is None
         now, trip = watch(now, seen("contact", (0.0, 0.0, force_N), **turning), SETTINGS)
         expected = ("sensor_sign", force_N, 14.0)
@@ -251,7 +258,7 @@ def test_a_force_may_grow_where_nothing_turns_or_presses_or_all_is_proved(change
     """Each of the three alone is reason enough."""
     fields = {"turns": True, "limited": Z_ONLY} | changes
     fields["limited"] = fields["limited"] & Z_ONLY
-    now, _ = watch(Watch(), seen("contact", (0.0, 0.0, 8.0), **fields), SETTINGS)
+    now, _ = watch(GuardState(), seen("contact", (0.0, 0.0, 8.0), **fields), SETTINGS)
     assert watch(now, seen("contact", (0.0, 0.0, 99.0), **fields), SETTINGS)[1] is None
 
 
@@ -266,9 +273,9 @@ def test_along_an_unproven_axis_of_the_tool_it_gives_way_by_2_mm() -> None:
         ((0.0021, 0.0, 0.0), Z_ONLY, True),
         ((0.0021, 0.0, 0.0), ~Z_ONLY, False),
     ):
-        motion = Motion(np.array(moved_m), np.zeros(3))
+        motion = ToolMotion(np.array(moved_m), np.zeros(3))
         sample = seen("free", (20.0, 0.0, 0.0), R=aside, motion=motion, limited=limited)
-        _, trip = watch(Watch(), sample, SETTINGS)
+        _, trip = watch(GuardState(), sample, SETTINGS)
         expected = ("sensor_sign", pytest.approx(0.0021), 0.002)
         assert numbers(trip) == (expected if trips else None)
 
@@ -293,7 +300,7 @@ def test_a_search_ends_with_its_way(
     """
     settings = replace(SETTINGS, lost_m=lost_m)
     for p_began_m in ((0.0, 0.0, 0.0), (0.5, 0.25, 0.0)):
-        began = Watch(first=seen(first), touched=touched, p_search_m=np.array(p_began_m))
+        began = GuardState(first=seen(first), touched=touched, p_search_m=np.array(p_began_m))
         for way_m, trips in ((limit_m, False), (above(limit_m), True), (-1.0, False)):
             sample = seen("approach", (0.0, 0.0, 0.0), (9.0, 9.0, -way_m), limited=limited)
             _, trip = watch(began, sample, settings)
@@ -305,7 +312,7 @@ def test_a_search_ends_with_its_way(
 
 def test_a_search_begins_where_the_tool_is_and_ends_with_the_next_contact() -> None:
     """While it lasts its beginning stays."""
-    now = Watch()
+    now = GuardState()
     for contact, z_m, began_m in (
         ("free", 0.0, None),
         ("approach", -0.001, -0.001),
@@ -324,7 +331,7 @@ def test_a_force_that_swings_is_told_by_its_size_and_not_by_the_torques() -> Non
     """3 and 4 N off are 5 N, whatever the torque's error is; before the tenth half wave nothing."""
     error = np.array([3.0, 0.0, -4.0, 100.0, 100.0, 100.0])
     for count, expected in ((9.0, None), (10.0, ("oscillation", 5.0, None))):
-        now = Watch(swing=Swing(count=np.array([0, 0, 0, 0, count, 0])))
+        now = GuardState(swing=HalfWaves(count=np.array([0, 0, 0, 0, count, 0])))
         assert numbers(watch(now, seen("contact", error=error), SETTINGS)[1]) == expected
 
 
@@ -348,7 +355,7 @@ def test_a_change_of_set_point_forgives_nothing_that_a_press_has_done(
     first: Any, touched: bool, present: Any, lives_on: bool
 ) -> None:
     """Budgets live on from the first touch; what never began free and is free now begins anew."""
-    before = Watch(
+    before = GuardState(
         first=seen(first),
         worked=seen(present),
         touched=touched,
@@ -356,9 +363,9 @@ def test_a_change_of_set_point_forgives_nothing_that_a_press_has_done(
         given_J=0.02,
         got_J=0.03,
         p_search_m=np.zeros(3),
-        swing=Swing(count=np.full(6, 9.0)),
+        swing=HalfWaves(count=np.full(6, 9.0)),
     )
-    now = carried(before)
+    now = kept_over_restart(before)
     kept = (now.first, now.worked, now.touched, now.given_J, now.got_J)
     same = (before.first, before.worked, True, 0.02, 0.03)
     assert kept == (same if lives_on else (None, None, False, 0.0, 0.0))
@@ -369,6 +376,6 @@ def test_a_change_of_set_point_forgives_nothing_that_a_press_has_done(
 
 def test_a_change_before_the_first_sample_carries_nothing() -> None:
     """Asked for twice within one period: nothing was done yet."""
-    now = carried(Watch())
+    now = kept_over_restart(GuardState())
     nothing = (None, None, False, False, 0.0, 0.0)
     assert (now.first, now.worked, now.touched, now.found, now.given_J, now.got_J) == nothing

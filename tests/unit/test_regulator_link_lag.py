@@ -12,12 +12,14 @@ from common.motion.convert import record_of
 from common.motion.frames import rotation_from_vector
 from forcemesh import topics
 from forcemesh.requests import ForceStartRequest, PathRequest
-from services.regulator.link_lag import Commanded
+from services.regulator.link_lag import CommandHistory
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
 
-WINDOW = int(Commanded.of(CELL).window_s / PERIOD_S)  # commands that it holds beside the newest
+WINDOW = int(
+    CommandHistory.of(CELL).window_s / PERIOD_S
+)  # commands that it holds beside the newest
 motions = st.lists(
     st.tuples(*[st.floats(-2e-4, 2e-4)] * 3, st.floats(-1e-3, 1e-3)), min_size=40, max_size=80
 )
@@ -27,7 +29,7 @@ motions = st.lists(
 @given(motions, st.integers(0, 39))
 def test_what_was_commanded_within_the_window_never_lags(steps, late) -> None:
     """Whatever the way there was: to and fro, round, or standing still."""
-    commanded, sent, T = Commanded.of(CELL), [], pin.SE3.Identity()
+    commanded, sent, T = CommandHistory.of(CELL), [], pin.SE3.Identity()
     for x, y, z, turn in steps:
         T = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, turn])) @ T.rotation, T.translation)
         T.translation = T.translation + np.array([x, y, z])
@@ -41,7 +43,7 @@ def test_what_was_commanded_within_the_window_never_lags(steps, late) -> None:
 def test_what_stays_behind_the_window_lags_until_it_is_there() -> None:
     """A steady motion whose first pose alone has left; once it has caught up nothing lags."""
     T = pin.SE3.Identity()
-    commanded = Commanded.of(CELL).after(T, PERIOD_S)
+    commanded = CommandHistory.of(CELL).after(T, PERIOD_S)
     for number in range(1, 3 * WINDOW):
         T = pin.SE3(T.rotation, T.translation + np.array([0.0, 0.0, 1e-4]))
         commanded = commanded.after(T, PERIOD_S)

@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.regulator.oscillation import Swing, SwingSettings, follow
+from services.regulator.oscillation import HalfWaves, OscillationSettings, follow
 from tests.fakes.bench import CELL
 
 DT_S = 0.004
 LEAST = np.array([3.0, 3.0, 3.0, 0.2, 0.2, 0.2])
-SETTINGS = SwingSettings(LEAST, shortest_s=0.016, longest_s=0.25)
+SETTINGS = OscillationSettings(LEAST, shortest_s=0.016, longest_s=0.25)
 
 
 def test_a_half_wave_of_the_loop_is_higher_than_noise_and_about_two_delays_long() -> None:
     """Ten deadbands of each error; half a delay at least, eight delays at most."""
-    settings = SwingSettings.of(CELL)
+    settings = OscillationSettings.of(CELL)
     band_N, band_Nm = CELL.force.deadband_N, CELL.force.deadband_Nm
     assert settings.least == pytest.approx([10.0 * band_N] * 3 + [10.0 * band_Nm] * 3)
     tau_s = CELL.loop_delay_s
@@ -27,10 +27,10 @@ def test_a_half_wave_of_the_loop_is_higher_than_noise_and_about_two_delays_long(
 def test_ten_half_waves_in_a_row_are_an_oscillation(axis: int) -> None:
     """Five periods of any error alone, and not one half wave less."""
     count = np.zeros(6)
-    assert not Swing(count=count).swings
+    assert not HalfWaves(count=count).swings
     for half_waves, swings in ((9.0, False), (10.0, True), (11.0, True)):
         count[axis] = half_waves
-        assert Swing(count=count).swings is swings
+        assert HalfWaves(count=count).swings is swings
 
 
 def below(number: float) -> float:
@@ -60,7 +60,7 @@ def test_a_half_wave_lives_by_its_time_its_height_and_the_one_before_on_its_side
     """Every edge belongs to what lives; one that dies ends the row, and the next one is its own."""
     before = {"side": side, "height": 4.0, "age_s": 0.1, "last": 3.5, "before_last": 3.25}
     fields = before | {"count": 7.0} | changes
-    swing = Swing(**{name: np.full(6, value) for name, value in fields.items()})
+    swing = HalfWaves(**{name: np.full(6, value) for name, value in fields.items()})
     error = np.zeros(6)
     error[2] = -2.5 * side
     after = follow(swing, error, DT_S, SETTINGS)
@@ -81,7 +81,7 @@ def test_a_half_wave_lives_by_its_time_its_height_and_the_one_before_on_its_side
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_first_half_wave_has_none_before_it(side: float) -> None:
     """An error that leaves its deadband for the first time ends nothing."""
-    after = follow(Swing(count=np.full(6, 5.0)), np.full(6, side * 4.0), DT_S, SETTINGS)
+    after = follow(HalfWaves(count=np.full(6, 5.0)), np.full(6, side * 4.0), DT_S, SETTINGS)
     assert (after.side == side).all()
     assert (after.height == 4.0).all()
     assert (after.count == 5.0).all()
@@ -93,7 +93,7 @@ def test_the_first_half_wave_has_none_before_it(side: float) -> None:
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_half_wave_goes_on_through_its_deadband(error: float, side: float) -> None:
     """It keeps its greatest height and grows older; only the other side ends it."""
-    swing = Swing(side=np.full(6, side), height=np.full(6, 4.0), age_s=np.full(6, 0.1))
+    swing = HalfWaves(side=np.full(6, side), height=np.full(6, 4.0), age_s=np.full(6, 0.1))
     after = follow(swing, np.full(6, side * error), DT_S, SETTINGS)
     assert (after.side == side).all()
     assert (after.height == max(error, 4.0)).all()

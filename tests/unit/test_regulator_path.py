@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from services.regulator.delay_model import PathSettings, at_rest, follow
+from services.regulator.delay_model import DelayModelSettings, at_rest, follow
 
 DT_S = 0.004
 vectors = hnp.arrays(float, 3, elements=st.floats(-0.01, 0.01))
 ways = st.builds(
-    PathSettings,
+    DelayModelSettings,
     delay_s=st.floats(0.0, 0.06),
     lag_s=st.floats(0.001, 0.03),
     filter_s=st.floats(0.0, 0.01),
@@ -65,7 +65,7 @@ def test_an_even_motion_is_felt_by_the_sum_of_all_delays_later(settings) -> None
 
 def test_how_often_one_looks_changes_nothing() -> None:
     """The same commands in periods of 4 ms and of 2 ms give the same way."""
-    settings = PathSettings(0.013, 0.011, 0.005, 0.0)
+    settings = DelayModelSettings(0.013, 0.011, 0.005, 0.0)
     rng = np.random.default_rng(1)
     commands = [rng.normal(size=3) for _ in range(20)]
     slow = run(commands, settings, 0.004)[-1]
@@ -75,6 +75,6 @@ def test_how_often_one_looks_changes_nothing() -> None:
 
 def test_only_what_is_still_on_its_way_is_remembered() -> None:
     """An hour of commands takes no more memory than the delay is long."""
-    settings = PathSettings(0.02, 0.011, 0.005, 0.0)
+    settings = DelayModelSettings(0.02, 0.011, 0.005, 0.0)
     states = run([np.full(3, float(n)) for n in range(2000)], settings)
     assert len(states[-1].sent) <= 0.02 / DT_S + 3

@@ -7,18 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from services.regulator.adaptive import AdaptiveSettings, gain_for
 from tests.fakes.bench import CELL
 
 
-def at_rate(control_hz: float) -> Cell:
+def at_rate(control_hz: float) -> CellConfig:
     """Return the demo's cell with another nominal rate; its delay beside that is the same."""
     rates = CELL.rates.model_copy(update={"control_hz": control_hz})
     return CELL.model_copy(update={"rates": rates})
 
 
-def everywhere(cell: Cell) -> AdaptiveSettings:
+def everywhere(cell: CellConfig) -> AdaptiveSettings:
     """Return the law's settings with no contact too soft for it."""
     return replace(AdaptiveSettings.of(cell), softest_N_m=0.0)
 

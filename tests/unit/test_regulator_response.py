@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.regulator.response import SOFTEST_ARM_N_M, Answer, Response, hear, unheard
+from services.regulator.response import SOFTEST_ARM_N_M, Response, ResponseSample, hear, unheard
 
 DT_S, TIME_S = 0.004, 0.03
 ARM_N_M = 8e5  # the servos', in series with what is touched
@@ -14,10 +14,10 @@ lates = st.floats(-0.005, 0.005)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def told(way, speed, force) -> Answer:
+def told(way, speed, force) -> ResponseSample:
     """Return one sample, the same along all axes."""
     ways, speeds, forces = np.full(3, way), np.full(3, speed), np.full(3, force)
-    return Answer(ways, speeds, forces, DT_S, memory_s=0.1, noise_N=0.15, least_way_m=1e-5)
+    return ResponseSample(ways, speeds, forces, DT_S, memory_s=0.1, noise_N=0.15, least_way_m=1e-5)
 
 
 def released(k, felt_k, late_s=0.0, *, noise_N=0.0, seed=0) -> Response:

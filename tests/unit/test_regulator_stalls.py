@@ -27,7 +27,7 @@ class Stalled:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, host: Any, law: Any) -> None:
         """Tare, arm, press."""
-        monkeypatch.setattr(virtual, "LockStepWire", StallingWire)
+        monkeypatch.setattr(virtual, "LockStepLink", StallingWire)
         cell = load_cell(CELLS / "demo-tcp.yaml", {"sim.gap_m": GAP_M})
         self.cell = VirtualCell(cell)
         self.status = self.cell.client.reader(topics.ARBITER_STATUS)

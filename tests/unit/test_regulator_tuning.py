@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh.messages import Gains, Preset
 from services.regulator.settings import PROBE_N, law_settings, pi_gains
 from tests.fakes.bench import CELL
@@ -15,7 +15,7 @@ from tuning.gain_rule import LOOP_GAINS, instability, loop_delay_s, tune
 GAINS = pi_gains(tune(CELL).gains)
 
 
-def cell_of(k: float, k_tilt: float, delay_s: float) -> Cell:
+def cell_of(k: float, k_tilt: float, delay_s: float) -> CellConfig:
     """Return the demo's cell with another contact and another delay."""
     update = {"stiffness_N_m": k, "tilt_stiffness_Nm_rad": k_tilt}
     contact = CELL.contact.model_copy(update=update)

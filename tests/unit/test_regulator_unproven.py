@@ -13,7 +13,7 @@ from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.requests import Empty, ForceStartRequest
 from services.regulator.settings import law_settings
-from services.regulator.unverified_axes import LIMIT_RAD, Yielding, trip_of
+from services.regulator.unverified_axes import LIMIT_RAD, YieldTravel, trip_of
 from tests.fakes.bench import CELL
 from tests.fakes.long import long
 from tests.fakes.regulator_bench import PERIOD_S
@@ -207,7 +207,7 @@ def test_a_touch_from_free_space_proves_the_axis_along_the_tool_and_no_other() -
 def test_a_tool_that_turns_to_a_torque_is_stopped_at_its_limit() -> None:
     """Only where it may turn, and only while an axis is unproved; the trip has both numbers."""
     free_N, unproved = np.zeros(3), np.array([True, True, False])
-    at, beyond = Yielding(turn_rad=LIMIT_RAD), Yielding(turn_rad=LIMIT_RAD + 1e-9)
+    at, beyond = YieldTravel(turn_rad=LIMIT_RAD), YieldTravel(turn_rad=LIMIT_RAD + 1e-9)
     assert trip_of(at, free_N, unproved, turns=True) is None
     assert trip_of(beyond, free_N, unproved, turns=False) is None
     assert trip_of(beyond, free_N, np.zeros(3, dtype=bool), turns=True) is None

@@ -8,21 +8,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli.status import died_text, restarts_of
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from launch.processes import Supervisor
-from launch.restart import MOST, PAUSE_S, WITHIN_S, Patience, Reviver
+from launch.restart import MOST, PAUSE_S, WITHIN_S, Restarter, RestartPolicy
 from launch.run_file import read_run
-from launch.started_process import Died, Process
+from launch.started_process import ProcessExit, ProcessSpec
 from tests.unit.test_processes import DEMO, SLEEPER, cell, pids_of, python, until
 
 __all__ = ["cell"]  # the fixture
 
-GONE = (Process("services.wrench", ("wrench",)), Process("services.hub", ("hub",)))
+GONE = (ProcessSpec("services.wrench", ("wrench",)), ProcessSpec("services.hub", ("hub",)))
 
 
-def death(process: Process = GONE[0], pid: int = 1) -> Died:
+def death(process: ProcessSpec = GONE[0], pid: int = 1) -> ProcessExit:
     """Return one by kill -9."""
-    return Died(process, pid, -int(signal.SIGKILL))
+    return ProcessExit(process, pid, -int(signal.SIGKILL))
 
 
 # --- how often ------------------------------------------------------------------------------------
@@ -31,7 +31,7 @@ def death(process: Process = GONE[0], pid: int = 1) -> Died:
 @given(st.lists(st.floats(0.0, 300.0), max_size=60))
 def test_never_more_starts_within_a_window_than_there_are_chances(times_s: list[float]) -> None:
     """Whenever it dies: of any so many deaths in a row within a window, the last is not revived."""
-    patience, started = Patience(), []
+    patience, started = RestartPolicy(), []
     for now_s in sorted(times_s):
         if (due_s := patience.died("wrench", now_s)) is not None:
             assert now_s + PAUSE_S <= due_s < now_s + WITHIN_S
@@ -42,7 +42,7 @@ def test_never_more_starts_within_a_window_than_there_are_chances(times_s: list[
 
 def test_each_new_start_waits_longer_and_each_process_has_its_own_patience() -> None:
     """As the containers' engine does it; an hour later it is as if nothing had been."""
-    patience = Patience()
+    patience = RestartPolicy()
     pauses = [(patience.died("wrench", 0.0) or 0.0) for _ in range(MOST - 1)]
     assert pauses == [PAUSE_S * 2.0**n for n in range(MOST - 1)]
     assert patience.died("wrench", 0.0) is None
@@ -50,7 +50,7 @@ def test_each_new_start_waits_longer_and_each_process_has_its_own_patience() -> 
     assert patience.died("wrench", 3600.0) == 3600.0 + PAUSE_S
 
 
-def test_nothing_is_back_before_the_robot_has_missed_it(cell: Cell) -> None:
+def test_nothing_is_back_before_the_robot_has_missed_it(cell: CellConfig) -> None:
     """With a long deadline a hub that was back within 0.2 s left an arm that went on."""
     slow = cell.model_copy(
         update={"deadlines": cell.deadlines.model_copy(update={"command_s": 0.7})}
@@ -70,9 +70,11 @@ class World:
     def __init__(self) -> None:
         """Begin with nothing."""
         self.did: list[str] = []
-        self.reviver = Reviver(start=self.start, hold=self.hold, say=lambda _, text: self.say(text))
+        self.reviver = Restarter(
+            start=self.start, hold=self.hold, say=lambda _, text: self.say(text)
+        )
 
-    def start(self, process: Process, died: Died) -> int:
+    def start(self, process: ProcessSpec, died: ProcessExit) -> int:
         """Start a process in the place of another."""
         self.did.append(f"start {process.name} for {died.pid}")
         return died.pid + 1
@@ -119,7 +121,7 @@ def test_two_that_die_together_are_held_for_once_and_both_come_back() -> None:
 def test_what_dies_over_and_over_is_given_up_with_one_clear_sentence() -> None:
     """How often, of what, and what a person does; it is held for each death."""
     world, now_s = World(), 0.0
-    given_up: list[Died] = []
+    given_up: list[ProcessExit] = []
     while not given_up:
         world.reviver.fell(death())
         given_up = world.reviver.tend(now_s)
@@ -136,7 +138,7 @@ def test_what_dies_over_and_over_is_given_up_with_one_clear_sentence() -> None:
 
 
 @pytest.mark.processes
-def test_a_killed_process_is_there_again_and_the_run_file_says_what_was(cell: Cell) -> None:
+def test_a_killed_process_is_there_again_and_the_run_file_says_what_was(cell: CellConfig) -> None:
     """Another pid in the same place, the others as before; status tells how the first one ended."""
     processes = [python("wrench", SLEEPER), python("robot", SLEEPER)]
     with Supervisor(cell, DEMO, processes=processes) as supervisor:
@@ -164,7 +166,7 @@ def test_a_killed_process_is_there_again_and_the_run_file_says_what_was(cell: Ce
 
 @pytest.mark.processes
 def test_one_that_dies_at_once_over_and_over_does_not_take_the_others_with_it(
-    cell: Cell, monkeypatch: pytest.MonkeyPatch
+    cell: CellConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is given up and said so; what else runs goes on, for status and for the hold."""
     monkeypatch.setattr("launch.restart.PAUSE_S", 0.01)

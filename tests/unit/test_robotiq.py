@@ -16,7 +16,7 @@ from common.config.cell import SensorSection
 from common.config.load import load_cell
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
-from services.sensor.driver import Sample
+from services.sensor.driver import SensorSample
 from services.sensor.robotiq import FRAME_BYTES, HEAD, Framer, frame, start
 from services.sensor.robotiq_driver import RobotiqDriver, robotiq_driver
 from tests.fakes.rdt_sensor import REAL_CELL
@@ -121,7 +121,7 @@ class Bench:
         self.now_ns = NS_PER_S
         self.read()
 
-    def read(self, data: bytes = b"", after_ns: int = PERIOD_NS) -> list[Sample]:
+    def read(self, data: bytes = b"", after_ns: int = PERIOD_NS) -> list[SensorSample]:
         """Let bytes arrive; return what the driver makes of them."""
         self.now_ns += after_ns
         self.line.waiting += data
@@ -222,7 +222,7 @@ def test_pyserial_carries_request_and_stream(terminal: tuple[int, str]) -> None:
     assert os.read(sensor_end, 100) == start()
     sent = frame((0.13, -0.01, 2.56), (0.017, -0.001, 3.34))
     os.write(sensor_end, sent * 3)
-    samples: list[Sample] = []
+    samples: list[SensorSample] = []
     give_up_s = time.monotonic() + 10.0
     while len(samples) < 3 and time.monotonic() < give_up_s:
         samples += driver.read(time.monotonic_ns())

@@ -13,11 +13,11 @@ import pytest
 
 from common.bus.cell_bus import open_hub
 from common.config.load import load_cell
-from common.runtime.service import refuse_unless_played_by
+from common.runtime.service import refuse_other_implementation
 from forcemesh import topics
 from forcemesh.errors import ConfigError
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
-from services.sensor.rdt import Command, request
+from services.sensor.rdt import RdtCommand, request
 from tests.fakes.rdt_sensor import PATIENCE_S, PERIOD_S, REAL_CELL, ROOT, FakeSensor
 
 pytestmark = pytest.mark.realtime
@@ -45,9 +45,9 @@ def test_process_refuses_a_role_that_the_cell_gives_to_another(
     cells = {"sim": ROOT / "cells" / "demo.yaml", "gateway": REAL_CELL}
     wrong = load_cell(cells[other])
     with pytest.raises(ConfigError, match=rf"roles\.{role} is {other}.*the {player}.*{role}: "):
-        refuse_unless_played_by(wrong, role, player)
+        refuse_other_implementation(wrong, role, player)
     right = load_cell(cells["sim" if player == "sim" else "gateway"])
-    refuse_unless_played_by(right, role, player)
+    refuse_other_implementation(right, role, player)
 
 
 @pytest.mark.parametrize(
@@ -102,16 +102,16 @@ def test_process_publishes_what_the_sensor_sends_and_stops_it_at_the_end(
             try:
                 reader = hub.playing(topics.CLIENT).reader(topics.SENSOR_WRENCH)
                 sensor.socket.settimeout(30.0)
-                assert sensor.hear() == request(Command.START)
+                assert sensor.hear() == request(RdtCommand.START)
                 give_up = time.monotonic() + PATIENCE_S
                 while (message := reader.read(time.monotonic_ns()).fresh) is None:
                     assert time.monotonic() < give_up
                     sensor.send(sensor.record(force_N=12.5))
                     time.sleep(PERIOD_S)
                 process.send_signal(signal.SIGTERM)
-                while (data := sensor.hear()) == request(Command.START):
+                while (data := sensor.hear()) == request(RdtCommand.START):
                     pass
-                assert data == request(Command.STOP)
+                assert data == request(RdtCommand.STOP)
                 assert process.wait(PATIENCE_S) == 0
             finally:
                 process.kill()

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.clock import NS_PER_S
-from services.sensor.decimation import Thinning, pause, thin
+from services.sensor.decimation import Decimation, decimate, pause
 from services.sensor.rdt import (
     FROZEN_AFTER_NS,
     FROZEN_RECORDS,
@@ -17,11 +17,11 @@ from services.sensor.rdt import (
     LATE_WINDOW,
     RECORD,
     SEQUENCES,
-    Command,
     Kind,
-    Record,
+    RdtCommand,
+    RdtRecord,
+    RdtStream,
     Scale,
-    Stream,
     begin_anew,
     follow,
     frozen_reason,
@@ -38,16 +38,20 @@ uint32 = st.integers(0, SEQUENCES - 1)
 int32 = st.integers(-(2**31), 2**31 - 1)
 
 
-def record(number: int, *, ft: int | None = None, counts: tuple[int, ...] | None = None) -> Record:
+def record(
+    number: int, *, ft: int | None = None, counts: tuple[int, ...] | None = None
+) -> RdtRecord:
     """Return the record at a place of the stream; its noise differs from place to place."""
     noise = counts or (number % 97, -(number % 89), 7, 1, -2, 3)
     ft_sequence = 14 * number if ft is None else ft
-    return Record(number % SEQUENCES, ft_sequence % SEQUENCES, 0, noise)
+    return RdtRecord(number % SEQUENCES, ft_sequence % SEQUENCES, 0, noise)
 
 
-def follow_all(records: list[Record], stream: Stream | None = None) -> tuple[Stream, list[Kind]]:
+def follow_all(
+    records: list[RdtRecord], stream: RdtStream | None = None
+) -> tuple[RdtStream, list[Kind]]:
     """Take records in one period after the other."""
-    stream = stream or Stream()
+    stream = stream or RdtStream()
     kinds: list[Kind] = []
     for place, item in enumerate(records):
         stream, kind = follow(stream, item, place * PERIOD_NS)
@@ -60,15 +64,15 @@ def follow_all(records: list[Record], stream: Stream | None = None) -> tuple[Str
 
 def test_requests_are_the_bytes_of_the_manual() -> None:
     """Header 0x1234, command, count 0 for endless; big endian."""
-    assert request(Command.START) == bytes.fromhex("1234 0002 00000000")
-    assert request(Command.STOP) == bytes.fromhex("1234 0000 00000000")
+    assert request(RdtCommand.START) == bytes.fromhex("1234 0002 00000000")
+    assert request(RdtCommand.STOP) == bytes.fromhex("1234 0000 00000000")
 
 
 def test_record_is_the_bytes_of_the_manual() -> None:
     """Three unsigned numbers, then six signed counts, big endian, 36 bytes."""
     data = bytes.fromhex("00000001 0000000e 80010000 00000064 ffffff9c 7fffffff 80000000 00000000")
     expected = (100, -100, 2**31 - 1, -(2**31), 0, -1)
-    assert parse(data + b"\xff\xff\xff\xff") == Record(1, 14, MONITOR_CONDITIONS[0], expected)
+    assert parse(data + b"\xff\xff\xff\xff") == RdtRecord(1, 14, MONITOR_CONDITIONS[0], expected)
 
 
 @given(uint32, uint32, uint32, st.tuples(*[int32] * 6))
@@ -76,7 +80,7 @@ def test_every_record_is_read_back_as_it_was_sent(
     rdt: int, ft: int, status: int, counts: tuple[int, ...]
 ) -> None:
     """No value of any field is special to the parser."""
-    assert parse(RECORD.pack(rdt, ft, status, *counts)) == Record(rdt, ft, status, counts)
+    assert parse(RECORD.pack(rdt, ft, status, *counts)) == RdtRecord(rdt, ft, status, counts)
 
 
 @given(st.binary(max_size=80).filter(lambda data: len(data) != RECORD.size))
@@ -94,7 +98,7 @@ def test_counts_become_newtons_and_newton_metres(
 ) -> None:
     """SI = counts / (counts per unit), each axis on its own, sign kept."""
     torque = tuple(count % 1_519_999 - 759_999 for count in torque)
-    sample = sample_of(Record(1, 1, 0, force + torque), SCALE)
+    sample = sample_of(RdtRecord(1, 1, 0, force + torque), SCALE)
     assert sample.status == "ok"
     assert sample.reason == ""
     assert sample.force_N == pytest.approx([count / 1e4 for count in force])
@@ -108,18 +112,18 @@ def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sig
     limit = 1_900_000 if axis < 3 else 760_000
     at, below = [0] * 6, [0] * 6
     at[axis], below[axis] = sign * limit, sign * (limit - 1)
-    saturated = sample_of(Record(1, 1, 0, tuple(at)), SCALE)
+    saturated = sample_of(RdtRecord(1, 1, 0, tuple(at)), SCALE)
     assert saturated.status == "saturated"
     assert ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")[axis] in saturated.reason
     assert ("200 N" if axis < 3 else "8 N m") in saturated.reason
     assert (saturated.force_N + saturated.torque_Nm)[axis] == sign * (190.0 if axis < 3 else 7.6)
-    assert sample_of(Record(1, 1, 0, tuple(below)), SCALE).status == "ok"
+    assert sample_of(RdtRecord(1, 1, 0, tuple(below)), SCALE).status == "ok"
 
 
 @given(uint32)
 def test_every_status_but_two_is_a_fault_without_numbers(status: int) -> None:
     """Healthy and the user's own threshold pass; an unknown bit is never taken for harmless."""
-    sample = sample_of(Record(1, 1, status, (10_000,) * 6), SCALE)
+    sample = sample_of(RdtRecord(1, 1, status, (10_000,) * 6), SCALE)
     if status in {0, *MONITOR_CONDITIONS}:
         assert sample.status == "ok"
     else:
@@ -131,7 +135,7 @@ def test_every_status_but_two_is_a_fault_without_numbers(status: int) -> None:
 @pytest.mark.parametrize("status", [0x8000_0000, 0x0001_0001, 0x8001_0001, 0x8003_0000, 1])
 def test_status_next_to_the_harmless_one_is_a_fault(status: int) -> None:
     """The harmless status is one word, not a mask: its single bits are not harmless."""
-    assert sample_of(Record(1, 1, status, (0,) * 6), SCALE).status == "fault"
+    assert sample_of(RdtRecord(1, 1, status, (0,) * 6), SCALE).status == "fault"
 
 
 # --- sequences ------------------------------------------------------------------------------------
@@ -143,7 +147,7 @@ def test_whole_stream_is_all_samples(start: int, length: int) -> None:
     stream, kinds = follow_all([record(start + place) for place in range(length)])
     assert set(kinds) == {"sample"}
     assert stream.number == length
-    assert stream.tally == replace(Stream().tally, records=length)
+    assert stream.tally == replace(RdtStream().tally, records=length)
 
 
 @given(uint32, st.lists(st.integers(1, JUMP - 1), min_size=1, max_size=20))
@@ -212,7 +216,7 @@ def test_stream_that_was_asked_for_may_begin_anywhere() -> None:
     stream, kinds = follow_all([record(1), record(2)], begin_anew(stream))
     assert kinds == ["sample", "sample"]
     assert stream.number == 7
-    assert stream.tally == replace(Stream().tally, records=7)
+    assert stream.tally == replace(RdtStream().tally, records=7)
 
 
 def test_repeated_sample_is_no_news() -> None:
@@ -225,7 +229,7 @@ def test_repeated_sample_is_no_news() -> None:
 @pytest.mark.parametrize(("count", "period_ns"), [(FROZEN_RECORDS, 10_000_000), (200, 1_000_000)])
 def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
     """Six equal counts for long enough and often enough; one other count ends it."""
-    stream, reasons = Stream(), []
+    stream, reasons = RdtStream(), []
     for number in range(count):
         stream, _ = follow(stream, record(number, counts=(5,) * 6), number * period_ns)
         reasons.append(frozen_reason(stream, number * period_ns))
@@ -248,11 +252,11 @@ def test_stalled_sensor_is_not_called_frozen() -> None:
 def kept_hz(rate_hz: float, wanted_hz: float, *, lose: float = 0.0) -> tuple[float, int]:
     """Return how many samples a second are kept, and every which, once the rate is known."""
     rng = random.Random(1)
-    state, kept = Thinning(wanted_hz), 0
+    state, kept = Decimation(wanted_hz), 0
     for number in range(int(3 * rate_hz)):
         if rng.random() < lose:
             continue
-        state, is_kept = thin(state, number, int(number * NS_PER_S / rate_hz))
+        state, is_kept = decimate(state, number, int(number * NS_PER_S / rate_hz))
         kept += is_kept and number >= rate_hz
     return kept / 2.0, state.keep_every
 
@@ -278,10 +282,10 @@ def test_faster_sensor_is_thinned_to_about_the_wanted_rate(rate_hz: float, lose:
 
 def test_pause_is_not_taken_for_a_slow_sensor() -> None:
     """After a gap the old choice holds until the rate has been measured anew."""
-    state = Thinning(500.0)
+    state = Decimation(500.0)
     for number in range(7000):
-        state, _ = thin(state, number, number * NS_PER_S // 7000)
+        state, _ = decimate(state, number, number * NS_PER_S // 7000)
     state = pause(state)
     for number in range(7000, 8000):
-        state, _ = thin(state, number, 10 * NS_PER_S + number * NS_PER_S // 7000)
+        state, _ = decimate(state, number, 10 * NS_PER_S + number * NS_PER_S // 7000)
         assert state.keep_every == 14

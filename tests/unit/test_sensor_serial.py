@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus
-from services.sensor.driver import FINE, Complaint, Info, Sample
+from services.sensor.driver import NO_FAULT, Info, SensorFault, SensorSample
 from services.sensor.service import SensorDriver
 from tests.fakes.bench import Bench
 
@@ -22,16 +22,18 @@ class Plugged:
         self.tells = True
         self._counter = 0
 
-    def read(self, now_ns: int) -> Sequence[Sample]:
+    def read(self, now_ns: int) -> Sequence[SensorSample]:
         """Return one sample while a sensor is plugged in."""
         if self.serial is None:
             return []
         self._counter += 1
-        return [Sample((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), counter=self._counter, stamp_ns=now_ns)]
+        return [
+            SensorSample((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), counter=self._counter, stamp_ns=now_ns)
+        ]
 
-    def complaint(self) -> Complaint:
+    def complaint(self) -> SensorFault:
         """Nothing is known."""
-        return FINE
+        return NO_FAULT
 
     def info(self) -> Info | None:
         """Return what the sensor says of itself."""
@@ -50,7 +52,7 @@ class Plugged:
 def bench_of(driver: Plugged) -> Bench:
     """Return the service with a driver."""
 
-    def make(bus: Bus, cell: Cell) -> SensorDriver:
+    def make(bus: Bus, cell: CellConfig) -> SensorDriver:
         return SensorDriver(bus, cell, driver)
 
     return Bench("sensor", make, step_s=STEP_S)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from services.sensor.rdt import Command, request
+from services.sensor.rdt import RdtCommand, request
 from tests.fakes.rdt_sensor import (
     PATIENCE_S,
     PERIOD_S,
@@ -58,7 +58,7 @@ def test_silent_sensor_is_asked_again_and_its_new_stream_is_taken(rig: Rig) -> N
     """A sensor that was off is asked until it answers; its numbers may begin anew."""
     rig.stream(0.1)
     rig.advance(0.6)
-    assert [rig.sensor.hear(), rig.sensor.hear()] == [request(Command.START)] * 2
+    assert [rig.sensor.hear(), rig.sensor.hear()] == [request(RdtCommand.START)] * 2
     assert rig.sensor.place == 0
     messages = rig.stream(0.1)
     assert len(messages) == 50
@@ -180,4 +180,4 @@ def test_closing_stops_the_stream(rig: Rig) -> None:
     """The sensor is not left talking to nobody."""
     rig.stream(0.02)
     rig.driver.close()
-    assert rig.sensor.hear() == request(Command.STOP)
+    assert rig.sensor.hear() == request(RdtCommand.STOP)

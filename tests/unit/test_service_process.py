@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from common.bus.memory_bus import MemoryTransport
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.runtime import service as process
 from common.runtime.service import (
     LONGEST_PAUSE_S,
@@ -82,7 +82,7 @@ class Line:
         return Bus(role, CELL.cell, self.transport, CELL, self.clock)
 
     @contextmanager
-    def connect(self, _cell: Cell, role: str) -> Iterator[Bus]:
+    def connect(self, _cell: CellConfig, role: str) -> Iterator[Bus]:
         """Open it as a process does."""
         self.opened_by.append(role)
         yield self.bus(role)
@@ -121,7 +121,7 @@ def test_a_service_that_has_a_goodbye_says_it_before_the_bus_is_left(line: Line)
             line.opened_by.append("goodbye")
 
     @contextmanager
-    def connect(_cell: Cell, role: str) -> Iterator[Bus]:
+    def connect(_cell: CellConfig, role: str) -> Iterator[Bus]:
         yield line.bus(role)
         line.opened_by.append("left")
 
@@ -139,7 +139,7 @@ def test_the_loop_is_spared_in_its_order(monkeypatch: pytest.MonkeyPatch) -> Non
         (process, "take_realtime_priority"),
     ):
         monkeypatch.setattr(owner, name, lambda name=name: order.append(name))
-    process.spare_the_loop()
+    process.prepare_realtime()
     assert order == ["collect", "freeze", "lock_memory", "take_realtime_priority"]
 
 
@@ -150,7 +150,7 @@ def test_only_what_moves_the_arm_goes_before_ordinary_processes(
     """A helper that was given real-time priority would take it from the loops."""
     spared: list[int] = []
     worker = LastStep(line.clock)
-    monkeypatch.setattr(process, "spare_the_loop", lambda: spared.append(len(worker.steps_ns)))
+    monkeypatch.setattr(process, "prepare_realtime", lambda: spared.append(len(worker.steps_ns)))
     process.main("recorder", lambda *_: worker, connect=line.connect, realtime=realtime)
     assert spared == ([0] if realtime else [])
 
@@ -192,7 +192,7 @@ def test_a_bus_that_does_not_open_ends_the_process_with_one_line(
     """Whoever started it reads what is wrong, not a trace."""
 
     @contextmanager
-    def no_hub(_cell: Cell, _role: str) -> Iterator[Bus]:
+    def no_hub(_cell: CellConfig, _role: str) -> Iterator[Bus]:
         raise BusError("no hub answers")
         yield
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from bench.sensor_faults import wirings as all_wirings
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
 from common.config.payload import Payload, predict
 from common.motion.convert import record_of
@@ -33,7 +33,7 @@ LIFT_M = 0.001
 GAP_M = 0.001
 
 
-def cell_with(**changes: Any) -> Cell:
+def cell_with(**changes: Any) -> CellConfig:
     """Return the demo's cell with a plate near by and what else is asked for."""
     tree: dict[str, Any] = CELL.model_dump(mode="json")
     tree["sim"]["gap_m"] = GAP_M
@@ -55,7 +55,7 @@ class Touch:
 class Bench:
     """An armed cell whose sensor can be rewired between presses, as if that had been tared away."""
 
-    def __init__(self, cell: Cell) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Wait out the preflight and tare."""
         self.cell = VirtualCell(cell)
         self.arm = self.cell.arm
@@ -69,7 +69,7 @@ class Bench:
         self._peak_N = self._way_m = 0.0
 
     @staticmethod
-    def bias(cell: Cell) -> Array:
+    def bias(cell: CellConfig) -> Array:
         """Return what the simulated sensor adds to the load."""
         assert cell.sim is not None
         return np.array([*cell.sim.bias_force_N, *cell.sim.bias_torque_Nm])
@@ -133,13 +133,13 @@ class Bench:
         return status is not None and status.state in {"HOLDING", "FAULT"}
 
 
-def shows_pressing(force: Array, cell: Cell) -> float:
+def shows_pressing(force: Array, cell: CellConfig) -> float:
     """Return the part of a push along the tool that a wiring shows along the tool."""
     R = cell.sensor.T_flange_sensor.pose.rotation
     return float((R @ force @ R.T)[2, 2])
 
 
-def judge_presses(cell: Cell, wirings: list[Array]) -> int:
+def judge_presses(cell: CellConfig, wirings: list[Array]) -> int:
     """Press with each wiring; return how many were stopped by the sign of the first touch."""
     bench = Bench(cell)
     stopped = 0

@@ -12,17 +12,17 @@ from forcemesh import topics
 from forcemesh.messages import Preset, RobotState
 from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest
 from services.regulator import admittance as guiding
-from services.regulator.admittance import GuideSettings
+from services.regulator.admittance import AdmittanceSettings
 from services.regulator.law import LawInput, start_at
 from services.regulator.settings import law_settings, pi_gains
-from services.regulator.tcp_path import go, left_m, routed
+from services.regulator.tcp_path import go, remaining_m, routed
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
 from tuning.gain_rule import LOOP_GAINS, tune
 
 DOWN = (T_START * T_FLANGE_TCP).rotation[:, 2]
-SETTINGS, PLAIN, GAINS = GuideSettings.of(CELL), law_settings(CELL), pi_gains(tune(CELL).gains)
+SETTINGS, PLAIN, GAINS = AdmittanceSettings.of(CELL), law_settings(CELL), pi_gains(tune(CELL).gains)
 PRESS = ForceStartRequest(mode="position", setpoint_N=5.0, axes=(False, False, True) * 2)
 coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
 points = st.lists(st.tuples(*[coordinates] * 3).map(np.array), min_size=1, max_size=6)
@@ -158,7 +158,7 @@ def test_a_route_visits_its_points_across_the_axis_at_no_more_than_its_speed(
     axis, p = np.array([0.0, 0.6, 0.8]), np.zeros(3)
     route = routed(None, tuple(way), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False)
     still, seen, speeds = np.zeros(3), [p], [0.0]
-    expected_s = left_m(route, p, axis) / speed_m_s + len(way) * speed_m_s / accel_m_s2 + 1.0
+    expected_s = remaining_m(route, p, axis) / speed_m_s + len(way) * speed_m_s / accel_m_s2 + 1.0
     for _ in range(round(3.0 * expected_s / PERIOD_S)):
         route, shift = go(route, p, axis, dt_s=PERIOD_S, pushed_m=still, most_m=1.0)
         p = p + shift

@@ -7,9 +7,9 @@ import pytest
 
 from cli.skills import following, guiding, pressing
 from cli.skills import force_session as at_work
-from cli.skills.contact_monitor import silent
+from cli.skills.contact_monitor import no_progress
 from cli.skills.path_file import read_poses
-from cli.skills.pressing import How
+from cli.skills.pressing import ForceSettings
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from common.motion.convert import pose_of
@@ -84,11 +84,15 @@ def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
     """On a tilted plate: 10 N held within the deadband, then turned by the tilt."""
     tilted = Skilled(**{"sim.tilt_deg": 4.0})
     held = pressing.press(
-        tilted.client, force_N=10.0, hold_s=0.5, within_s=20.0, how=How("adaptive", "gentle")
+        tilted.client,
+        force_N=10.0,
+        hold_s=0.5,
+        within_s=20.0,
+        how=ForceSettings("adaptive", "gentle"),
     )
     assert held.mean_N == pytest.approx(10.0, abs=0.5)
     assert held.ripple_N < 0.5
-    flat = pressing.align(tilted.client, force_N=10.0, within_s=20.0, how=How())
+    flat = pressing.align(tilted.client, force_N=10.0, within_s=20.0, how=ForceSettings())
     assert flat.turned_deg == pytest.approx(4.0, abs=1.0)
     assert flat.torque_Nm <= pressing.BAND_NM
     tilted.world.advance(0.5)
@@ -98,7 +102,7 @@ def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
 def test_a_small_force_is_not_held_where_there_is_nothing(cell: Skilled) -> None:
     """Within a newton of nothing is no press: neither for the skill nor for the client."""
     with pytest.raises(NotReachedError):
-        pressing.press(cell.client, force_N=0.9, hold_s=0.1, within_s=0.3, how=How())
+        pressing.press(cell.client, force_N=0.9, hold_s=0.1, within_s=0.3, how=ForceSettings())
     with pytest.raises(NotReachedError, match=r"0\.9 N were not reached"):
         cell.client.force.press(0.9, within_s=0.3)
 
@@ -114,7 +118,12 @@ def test_a_force_that_somebody_else_changed_was_not_held(cell: Skilled) -> None:
         NotReachedError, match=r"10 N were reached, but [45]\.\d N are measured after 3 s"
     ):
         pressing.press(
-            cell.client, force_N=10.0, hold_s=3.0, within_s=20.0, how=How("adaptive"), tell=tell
+            cell.client,
+            force_N=10.0,
+            hold_s=3.0,
+            within_s=20.0,
+            how=ForceSettings("adaptive"),
+            tell=tell,
         )
 
 
@@ -122,8 +131,8 @@ def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     """Twenty millimetres in 70 points, more than one request's: there, and pressed all the way."""
     path = [np.array([0.0, y, 0.1]) for y in np.linspace(0.0, 0.02, 70)]
     start = cell.p_tcp()
-    way = following.Way(8.0, 0.02, from_here=True)
-    done = following.follow(cell.client, path, way, how=How(), within_s=20.0)
+    way = following.PathParameters(8.0, 0.02, from_here=True)
+    done = following.follow(cell.client, path, way, how=ForceSettings(), within_s=20.0)
     moved = cell.p_tcp() - start
     assert 1e3 * moved[:2] == pytest.approx([0.0, 20.0], abs=0.3)
     assert done.length_mm == pytest.approx(20.0)
@@ -136,10 +145,12 @@ def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     ):
         points = [np.array(point) for point in wrong]
         with pytest.raises(DataError, match=says):
-            following.follow(cell.client, points, way, how=How(), within_s=5.0)
+            following.follow(cell.client, points, way, how=ForceSettings(), within_s=5.0)
     far = [cell.p_tcp() + np.array([1.0, 0.0, 0.0])]
     with pytest.raises(DataError, match="begins 1000 mm beside"):
-        following.follow(cell.client, far, following.Way(8.0, 0.02), how=How(), within_s=5.0)
+        following.follow(
+            cell.client, far, following.PathParameters(8.0, 0.02), how=ForceSettings(), within_s=5.0
+        )
 
 
 def test_a_hand_leads_the_arm_and_its_way_is_gone_again(cell: Skilled, tmp_path) -> None:
@@ -154,7 +165,7 @@ def test_a_hand_leads_the_arm_and_its_way_is_gone_again(cell: Skilled, tmp_path)
         goal = start + np.array([0.0, 0.03 * min(arm.data.time - began_s, 1.0), 0.0])
         arm.data.xfrc_applied[tool][:3] = 500.0 * (goal - cell.p_tcp())
 
-    seen = guiding.Recording()
+    seen = guiding.GuidedPath()
     guiding.guide(client, seen, mode="position", seconds=1.6, enough=lambda: False, tell=pull)
     arm.data.xfrc_applied[tool][:3] = 0.0
     led = cell.p_tcp() - start
@@ -180,7 +191,9 @@ def test_a_hold_by_somebody_else_ends_a_skill_with_its_reason(cell: Skilled) -> 
             cell.client.hold("somebody wanted it")
 
     with pytest.raises(ArmStoppedError, match="somebody wanted it"):
-        pressing.press(cell.client, force_N=10.0, hold_s=1.0, within_s=20.0, how=How(), tell=tell)
+        pressing.press(
+            cell.client, force_N=10.0, hold_s=1.0, within_s=20.0, how=ForceSettings(), tell=tell
+        )
 
 
 def test_a_frozen_service_is_named_by_whoever_presses(cell: Skilled) -> None:
@@ -190,7 +203,9 @@ def test_a_frozen_service_is_named_by_whoever_presses(cell: Skilled) -> None:
         cell.world.runners.pop("wrench", None)
 
     with pytest.raises(ArmStoppedError, match=r"the arm was stopped.*wrench"):
-        pressing.press(cell.client, force_N=8.0, hold_s=2.0, within_s=5.0, how=How(), tell=freeze)
+        pressing.press(
+            cell.client, force_N=8.0, hold_s=2.0, within_s=5.0, how=ForceSettings(), tell=freeze
+        )
 
 
 def test_ctrl_c_holds_the_arm(cell: Skilled, monkeypatch) -> None:
@@ -208,10 +223,10 @@ def test_ctrl_c_holds_the_arm(cell: Skilled, monkeypatch) -> None:
 
 def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_path) -> None:
     """Both as they are typed; what is refused is one sentence and its exit code."""
-    touched = said(monkeypatch, cell.client, silent, "touch", "--json", "--back", "1")
+    touched = said(monkeypatch, cell.client, no_progress, "touch", "--json", "--back", "1")
     assert touched.exit_code == 0
     assert json.loads(touched.stdout)["way_mm"] == pytest.approx(GAP_MM, abs=0.3)
-    pressed = said(monkeypatch, cell.client, silent, "press", "8", "--seconds", "0.2")
+    pressed = said(monkeypatch, cell.client, no_progress, "press", "8", "--seconds", "0.2")
     assert pressed.exit_code == 0
     assert "N, ripple" in pressed.stdout
     path = tmp_path / "way.csv"
@@ -226,7 +241,7 @@ def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_pat
         (("guide", "--playback", "none.csv"), 2, "none.csv: cannot be read: No such file"),
         (("guide", "--speed", "5"), 2, "--speed requires --playback"),
     ):
-        done = said(monkeypatch, cell.client, silent, *words)
+        done = said(monkeypatch, cell.client, no_progress, *words)
         loaded = at_work.LOADED.partition("{")[0]  # the press left it so, and that is said first
         told = [line for line in done.stderr.splitlines() if not line.startswith(loaded)]
         assert (done.exit_code, done.stdout, len(told)) == (code, "", 1), words
@@ -236,11 +251,11 @@ def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_pat
 def test_a_verb_says_that_it_takes_over_what_runs(cell: Skilled, monkeypatch) -> None:
     """Whoever started it finds it ended when the verb is done."""
     words = ("press", "6", "--seconds", "0.1")
-    alone = said(monkeypatch, cell.client, silent, *words)
+    alone = said(monkeypatch, cell.client, no_progress, *words)
     assert (alone.exit_code, alone.stderr) == (0, "")
     cell.client.force.start(5.0)
     cell.world.advance(0.2)
-    assert said(monkeypatch, cell.client, silent, *words).stderr.strip() == at_work.TAKEN_OVER
+    assert said(monkeypatch, cell.client, no_progress, *words).stderr.strip() == at_work.TAKEN_OVER
 
 
 def test_ctrl_c_between_two_things_holds_the_arm_too(cell: Skilled, monkeypatch) -> None:
@@ -250,7 +265,7 @@ def test_ctrl_c_between_two_things_holds_the_arm_too(cell: Skilled, monkeypatch)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cli.skills.path_file.read_points", interrupted)
-    done = said(monkeypatch, cell.client, silent, "follow", "way.csv")
+    done = said(monkeypatch, cell.client, no_progress, "follow", "way.csv")
     assert (done.exit_code, done.stderr) == (at_work.INTERRUPTED, "interrupted: the arm holds\n")
     cell.world.advance(0.1)
     assert cell.client.status().state == "HOLDING"

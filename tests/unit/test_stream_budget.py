@@ -9,7 +9,7 @@ import pytest
 
 from common.config.load import load_cell
 from common.motion.frames import rotation_from_vector
-from common.motion.setpoint_monitor import StreamBudget
+from common.motion.setpoint_monitor import SetpointMonitor
 from forcemesh.messages import Trip
 from tests.contract.rig import DEMO_CELL
 
@@ -34,9 +34,9 @@ def along(kind: int, amount: float) -> pin.SE3:
     return pin.SE3(rotation_from_vector(turn), np.array([amount * (1 - kind), 0.0, 0.0]))
 
 
-def begun(kind: int, **changes: float) -> StreamBudget:
+def begun(kind: int, **changes: float) -> SetpointMonitor:
     """Return a budget whose stream begins at nothing gone."""
-    budget = StreamBudget(LIMITS.model_copy(update=changes))
+    budget = SetpointMonitor(LIMITS.model_copy(update=changes))
     assert budget.begin(along(kind, 0.0), START_NS) is None
     return budget
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.hub_settings import hub_settings
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.errors import BusError, ConfigError
 from forcemesh.identity import (
@@ -39,7 +39,7 @@ def _nothing_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def cell(**bus: object) -> Cell:
+def cell(**bus: object) -> CellConfig:
     """Return the demo's cell with settings of its bus."""
     return load_cell(DEMO, {f"bus.{name}": value for name, value in bus.items()})
 

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.config.cell import Cell, Deadlines, Rates
+from common.config.cell import CellConfig, Deadlines, Rates
 from common.config.load import load_cell
 from forcemesh import messages as m
 from forcemesh import requests as q
@@ -215,4 +215,4 @@ def test_a_message_fits_in_a_packet_of_the_network(topic: Topic[Any]) -> None:
 
 def test_the_table_needs_no_cell_to_be_read() -> None:
     """A cell file cannot add, rename or drop a topic."""
-    assert not {"topics", "requests"} & set(Cell.model_fields)
+    assert not {"topics", "requests"} & set(CellConfig.model_fields)

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.tune import texts as words
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.errors import ConfigError, DataError
 from forcemesh.messages import Host
 from tests.fakes.bench import CELL
 from tuning import advice
-from tuning.advice import Measured, advise
-from tuning.contact_response import Answer
+from tuning.advice import MeasuredCell, advise
+from tuning.contact_response import ContactResponse
 from tuning.contact_spring import Spring
 from tuning.gain_rule import tune
 from tuning.margins import Loop, margins
@@ -26,7 +26,7 @@ CELL_FILE = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 SERVO = Servo(0.03, 5e-4, 0.005, 0.012)
 SPRING = Spring(2e4, 100.0)
 measured = st.builds(
-    lambda delay, lag, share, deviation, k: Measured(
+    lambda delay, lag, share, deviation, k: MeasuredCell(
         Servo(delay + lag, deviation, share * lag, lag), Spring(k, 0.01 * k)
     ),
     st.floats(0.0, 0.1),
@@ -37,7 +37,7 @@ measured = st.builds(
 )
 
 
-def advised(found: Measured, **now: float) -> advice.Advice:
+def advised(found: MeasuredCell, **now: float) -> advice.Advice:
     """Return the advice for the demo's cell."""
     gains = {"force_now": 1e-3, "torque_now": 0.1} | now
     return advise(CELL, found, "pc", **gains)
@@ -45,7 +45,9 @@ def advised(found: Measured, **now: float) -> advice.Advice:
 
 @settings(max_examples=6)
 @given(found=measured)
-def test_what_is_recommended_is_stable_with_the_margins_that_are_stated(found: Measured) -> None:
+def test_what_is_recommended_is_stable_with_the_margins_that_are_stated(
+    found: MeasuredCell,
+) -> None:
     """At least 50 degrees and a factor of two, and at 0.9 of the delay margin more it still is."""
     for one in (advised(found).force, advised(found).torque):
         assert one.margins.stable
@@ -76,7 +78,7 @@ def test_what_is_recommended_is_stable_with_the_margins_that_are_stated(found: M
 @settings(max_examples=6)
 @given(found=measured)
 def test_the_lines_give_a_cell_the_gains_that_are_recommended(
-    found: Measured, tmp_path_factory
+    found: MeasuredCell, tmp_path_factory
 ) -> None:
     """Written, named by a cell file, loaded: the same gains or a little less, and it can arm."""
     one = advised(found)
@@ -98,7 +100,7 @@ def test_the_lines_give_a_cell_the_gains_that_are_recommended(
 
 def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
     """Ten times the rule's: not stable; none at all: does nothing; no press: it is said."""
-    found = Measured(SERVO, SPRING)
+    found = MeasuredCell(SERVO, SPRING)
     one = advised(found, force_now=10.0 * advised(found).force.gain, torque_now=0.0)
     lines = words.told(CELL, found, [one], advice.lines(CELL, found, [one]))
     assert any("now" in line and "NOT STABLE" in line for line in lines)
@@ -106,7 +108,7 @@ def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
     assert any("20000 +/- 200 N/m" in line for line in lines)
     assert any("together 30.0 +/- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
     assert any("be separated: lag 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
-    blind = Measured(found.servo, None)
+    blind = MeasuredCell(found.servo, None)
     lines = words.told(CELL, blind, [advised(blind)], advice.lines(CELL, blind, [advised(blind)]))
     assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
     plain = advice.as_dict(CELL, blind, [advised(blind, force_now=0.0)], {})
@@ -116,7 +118,7 @@ def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
 
 def test_the_slower_host_decides_what_the_cell_file_says() -> None:
     """One delay serves both: the controller's, when its loop is the slower one, with its bound."""
-    found = Measured(SERVO, SPRING, Answer(0.12, 0.002))
+    found = MeasuredCell(SERVO, SPRING, ContactResponse(0.12, 0.002))
     both = [
         advise(CELL, found, host, force_now=1e-3, torque_now=0.1) for host in ("pc", "controller")
     ]
@@ -131,7 +133,7 @@ def test_the_slower_host_decides_what_the_cell_file_says() -> None:
 
 def test_the_gains_are_for_the_worst_split_and_for_two_deviations_more_delay() -> None:
     """No gain is larger than that of either end of the range; less sure means less gain."""
-    found = Measured(SERVO, SPRING)
+    found = MeasuredCell(SERVO, SPRING)
     one = advised(found)
     for lag_s in SERVO.lags_s:
         exact = replace(SERVO, deviation_s=0.0, lag_least_s=lag_s, lag_most_s=lag_s)
@@ -145,7 +147,7 @@ def test_the_cells_own_lag_stays_where_it_may_be_and_none_is_zero() -> None:
     for least_s, most_s, said_s in (
         (0.005, 0.012, 0.0107), (0.002, 0.004, 0.004), (0.015, 0.018, 0.015), (0.0, 0.0, 1e-4),
     ):  # fmt: skip
-        found = Measured(replace(SERVO, lag_least_s=least_s, lag_most_s=most_s), None)
+        found = MeasuredCell(replace(SERVO, lag_least_s=least_s, lag_most_s=most_s), None)
         robot = advice.lines(CELL, found, [advised(found)])["robot"]
         assert robot["lag_s"] == pytest.approx(said_s)
         assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s, abs=1.1e-3)
@@ -154,18 +156,22 @@ def test_the_cells_own_lag_stays_where_it_may_be_and_none_is_zero() -> None:
 @pytest.mark.parametrize(
     ("found", "loop_hz", "says"),
     [
-        (Measured(replace(SERVO, sum_s=0.16), SPRING), 250.0, "too slow: the loop delay is "),
-        (Measured(SERVO, SPRING, Answer(0.16, 0.01)), 250.0, "loop delay is 180 ms, the law was"),
-        (Measured(SERVO, SPRING), 14.0, "too slow: the loop runs at 14 Hz"),
-        (Measured(SERVO, Spring(2.5e5, 1e3)), 250.0, "too stiff: 2.5e+05 N/m"),
-        (Measured(SERVO, Spring(9e2, 10.0)), 250.0, "too soft: 900 N/m, at 250 Hz"),
-        (Measured(SERVO, Spring(4e3, 10.0)), 60.0, "contact.stiffness_N_m at 5000 or above"),
-        (Measured(SERVO, Spring(1e3, 10.0)), 250.0, ""),
-        (Measured(SERVO, Spring(2e5, 1e3)), 15.0, ""),
+        (MeasuredCell(replace(SERVO, sum_s=0.16), SPRING), 250.0, "too slow: the loop delay is "),
+        (
+            MeasuredCell(SERVO, SPRING, ContactResponse(0.16, 0.01)),
+            250.0,
+            "loop delay is 180 ms, the law was",
+        ),
+        (MeasuredCell(SERVO, SPRING), 14.0, "too slow: the loop runs at 14 Hz"),
+        (MeasuredCell(SERVO, Spring(2.5e5, 1e3)), 250.0, "too stiff: 2.5e+05 N/m"),
+        (MeasuredCell(SERVO, Spring(9e2, 10.0)), 250.0, "too soft: 900 N/m, at 250 Hz"),
+        (MeasuredCell(SERVO, Spring(4e3, 10.0)), 60.0, "contact.stiffness_N_m at 5000 or above"),
+        (MeasuredCell(SERVO, Spring(1e3, 10.0)), 250.0, ""),
+        (MeasuredCell(SERVO, Spring(2e5, 1e3)), 15.0, ""),
     ],
 )
 def test_nothing_is_recommended_beyond_what_the_law_was_measured_for(
-    found: Measured, loop_hz: float, says: str
+    found: MeasuredCell, loop_hz: float, says: str
 ) -> None:
     """What is too slow, too stiff or too soft is said, and no gain and no line of a file."""
     cell = at_hz(loop_hz)
@@ -188,7 +194,7 @@ def test_nothing_is_recommended_beyond_what_the_law_was_measured_for(
 def test_what_the_adaptive_law_does_not_bear_is_remarked() -> None:
     """Where the cell's law is the adaptive one: softest contact of its map, delay not sharp."""
     adaptive = {"force": CELL.force.model_copy(update={"law": "adaptive"})}
-    found = Measured(replace(SERVO, deviation_s=0.002), SPRING)
+    found = MeasuredCell(replace(SERVO, deviation_s=0.002), SPRING)
     sections = advice.lines(CELL, found, [advised(found)])
     assert advice.remarks(CELL, found, sections) == []
     said = advice.remarks(CELL.model_copy(update=adaptive), found, sections)
@@ -202,7 +208,7 @@ def test_what_the_adaptive_law_does_not_bear_is_remarked() -> None:
     assert len(said) == 2
 
 
-def at_hz(loop_hz: float) -> Cell:
+def at_hz(loop_hz: float) -> CellConfig:
     """Return the demo's cell with another rate of its loop."""
     rates = CELL.rates.model_copy(update={"control_hz": loop_hz, "robot_hz": loop_hz})
     return CELL.model_copy(update={"rates": rates})

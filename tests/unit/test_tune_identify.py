@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from forcemesh.errors import DataError
 from tuning import contact_response as answer
 from tuning import servo
-from tuning.contact_response import Answer, loop_delay
+from tuning.contact_response import ContactResponse, loop_delay
 from tuning.contact_spring import spring
 from tuning.identify import STAGES, Fit, Steps, identify
 from tuning.servo import servo_of, sums
@@ -123,7 +123,7 @@ def test_rounds_repeat_where_two_in_a_row_are_within_a_millisecond() -> None:
     assert servo_of(rounds[:2]).deviation_s >= 0.002
     axes = servo_of([(fits_of(0.010), fits_of(0.016))] * 2)
     assert axes.bound_s >= 0.026  # the slower axis is not forgotten
-    answers = [Answer(tau_s, 1e-3) for tau_s in (0.05, 0.06, 0.063)]
+    answers = [ContactResponse(tau_s, 1e-3) for tau_s in (0.05, 0.06, 0.063)]
     assert [answer.repeats(answers[:n]) for n in range(4)] == [False, False, False, True]
     both = answer.together(answers[1:])
     assert both.tau_s == pytest.approx(0.0615)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.skills.contact_monitor import silent
-from cli.tune.measure import Ears, Measuring, Readings, Trial, measure
+from cli.skills.contact_monitor import no_progress
+from cli.tune.measure import Ears, Readings, TuningMeasurement, TuningTrial, measure
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.errors import DataError, NotReachedError, RefusedError
@@ -56,7 +56,7 @@ def test_delay_and_lag_together_are_found_to_2_ms_in_20_of_20_cells(number: int)
         "rates.control_hz": control_hz,
     }
     cell = Tuned(overrides=drawn)
-    readings = run(cell, Trial())
+    readings = run(cell, TuningTrial())
     arm, found = cell.world.arm.settings, readings.arm
     lag_s = motion_lag_s(arm)
     true_s = arm.delay_s + lag_s
@@ -74,7 +74,9 @@ def test_it_finds_delay_lag_and_stiffness_of_the_simulated_arm(delay_s: float, k
     sim = {"sim.delay_s": delay_s, "sim.stiffness_N_m": k}
     cell = Tuned(overrides=sim | {"contact.stiffness_N_m": 1e5, "force.approach_m_s": 0.0025})
     start, gain = cell.p(), tune(cell.client.config).force_i_m_per_Ns
-    readings = measure(cell.client, Trial(), gain=gain, with_press=True, with_controller=False)
+    readings = measure(
+        cell.client, TuningTrial(), gain=gain, with_press=True, with_controller=False
+    )
     arm, spring = readings.arm, readings.spring
     true_s = delay_s + cell.client.config.robot.lag_s
     assert arm.sum_s == pytest.approx(true_s, abs=SHARP_S)
@@ -92,7 +94,7 @@ def test_the_controllers_own_loop_is_measured_too() -> None:
     """On the emulated controller: slower than its servo, about what its cell file allows for."""
     cell = Tuned("demo-tcp.yaml")
     gain = tune(cell.client.config).force_i_m_per_Ns
-    readings = measure(cell.client, Trial(), gain=gain, with_press=True, with_controller=True)
+    readings = measure(cell.client, TuningTrial(), gain=gain, with_press=True, with_controller=True)
     found = readings.controller
     assert found is not None
     assert 0.03 < found.tau_s < 1.5 * cell.client.config.loop_delay_s
@@ -111,7 +113,7 @@ def test_steps_that_never_repeat_are_refused_after_five_rounds(monkeypatch) -> N
     monkeypatch.setattr(Ears, "along", later)
     start = cell.p()
     with pytest.raises(DataError, match=r"were (\d+\.\d, ){4}\d+\.\d ms in 5 rounds, never twice"):
-        run(cell, Trial(step_m=0.001))
+        run(cell, TuningTrial(step_m=0.001))
     assert cell.p() == pytest.approx(start, abs=1e-4)
     assert cell.client.status().state == "ARMED"
 
@@ -124,7 +126,7 @@ def test_a_press_is_repeated_until_it_tells_a_stiffness_and_refused_where_none_d
     rng = np.random.default_rng(1)
     monkeypatch.setattr(cell.client.force, "begin", lambda _: None)
     for noise_m, presses in ((1e-7, 1), (4e-5, 3), (4e-4, None)):
-        measuring = Measuring(cell.client, Trial())
+        measuring = TuningMeasurement(cell.client, TuningTrial())
 
         def place(_feeler, level_N, _what, noise_m=noise_m):
             return level_N / 2e4 + noise_m * rng.normal(), level_N
@@ -143,7 +145,7 @@ def test_it_begins_armed_free_and_inside_the_workspace() -> None:
     cell = Tuned()
     start = cell.p()
     x = float(start[0])
-    trial = Trial(step_m=0.01)
+    trial = TuningTrial(step_m=0.01)
     cell.world.arm.data.xfrc_applied[cell.world.arm.model.body("tool").id][:3] = (0.0, 0.0, 8.0)
     cell.world.advance(0.3)
     with pytest.raises(NotReachedError, match=r"[78]\.\d N measured before contact"):
@@ -169,7 +171,7 @@ def test_the_verb_measures_writes_and_applies(monkeypatch, tmp_path: Path) -> No
     cell = Tuned()
     written, out = tmp_path / "tuning.yaml", tmp_path / "tune.png"
     words = ("--no-press", "--json", "--apply", "--write", str(written), "--out", str(out))
-    done = said(monkeypatch, cell.client, silent, "tune", *words)
+    done = said(monkeypatch, cell.client, no_progress, "tune", *words)
     assert done.exit_code == 0, done.stderr
     told = json.loads(done.stdout)
     config = cell.client.config
@@ -187,7 +189,7 @@ def test_the_verb_measures_writes_and_applies(monkeypatch, tmp_path: Path) -> No
         (("--force", "90"), "--force 90: the cell allows 40 N"),
         (("--for", "controller"), "--for controller: this cell offers pc"),
     ):
-        done = said(monkeypatch, cell.client, silent, "tune", *wrong)
+        done = said(monkeypatch, cell.client, no_progress, "tune", *wrong)
         assert (done.exit_code, done.stdout, done.stderr) == (2, "", f"{says}\n")
 
 
@@ -202,12 +204,12 @@ def test_the_verb_writes_and_sets_nothing_that_the_law_does_not_bear(
     found = Readings(servo=Servo(0.03, 5e-4, 0.005, 0.012), spring=Spring(3e5, 1e3))
     monkeypatch.setattr("cli.tune.measure.measure", lambda *_, **__: found)
     words = ("tune", "--apply", "--write", str(written))
-    done = said(monkeypatch, cell.client, silent, *words)
+    done = said(monkeypatch, cell.client, no_progress, *words)
     assert done.exit_code == 1
     assert done.stderr.startswith("nothing is recommended, written or set: too stiff: 3e+05 N/m")
     assert "together 30.0 +/- 1.0 ms" in done.stdout
     found.spring = Spring(2e4, 100.0)
-    done = said(monkeypatch, cell.client, silent, "tune", "--apply", "--for", "controller")
+    done = said(monkeypatch, cell.client, no_progress, "tune", "--apply", "--for", "controller")
     assert done.exit_code == 2
     assert done.stderr == "--for controller: its loop was not measured, so no gains are set\n"
     assert cell.client.force.gains() == gains
@@ -228,6 +230,6 @@ def test_ctrl_c_in_the_middle_of_the_steps_holds_the_arm(monkeypatch) -> None:
     assert cell.client.status().state == "HOLDING"
 
 
-def run(cell: Tuned, trial: Trial) -> Readings:
+def run(cell: Tuned, trial: TuningTrial) -> Readings:
     """Measure steps alone."""
     return measure(cell.client, trial, gain=1e-3, with_press=False, with_controller=False)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from common.bus import receive_batching as wakes
-from common.bus.receive_batching import BUSY, LOOKS, MANY_B, Wakes, connections
+from common.bus.receive_batching import BUSY, LOOKS, MANY_B, ReceiveBatching, connections
 
 FEW = b"x" * 100
 
@@ -52,7 +52,7 @@ def pair() -> Iterator[Pair]:
 
 def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_a_step_that_hears_little(pair) -> None:
     """What has come is taken in by the first step that hears little, and nothing is lost."""
-    ears = Wakes()
+    ears = ReceiveBatching()
     ears.step(BUSY)
     pair.send(FEW)
     assert not pair.wakes()
@@ -68,7 +68,7 @@ def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_a_step_that_hears_li
 
 def test_with_little_to_hear_it_is_woken_at_once(pair) -> None:
     """A request that comes alone is answered as before."""
-    ears = Wakes()
+    ears = ReceiveBatching()
     for heard in (0, BUSY, 0):
         ears.step(heard)
     pair.send(FEW)
@@ -77,7 +77,7 @@ def test_with_little_to_hear_it_is_woken_at_once(pair) -> None:
 
 def test_a_connection_that_is_made_anew_is_found(pair) -> None:
     """Also in the place of one that has ended; what is no connection is left alone."""
-    ears = Wakes()
+    ears = ReceiveBatching()
     ears.step(BUSY)
     number = pair.near.fileno()
     pair.near.close()
@@ -95,7 +95,7 @@ def test_where_the_system_has_no_list_of_open_files_nothing_is_done(monkeypatch,
     """It only saves work: nobody is stopped by it."""
     monkeypatch.setattr(wakes, "OPEN_FILES", tmp_path / "none")
     assert connections() == []
-    Wakes().step(BUSY)
+    ReceiveBatching().step(BUSY)
 
 
 def connected_to(server: socket.socket) -> socket.socket:

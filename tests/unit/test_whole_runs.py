@@ -8,7 +8,7 @@ import pytest
 
 from tools import whole_runs
 from tools.tree import ROOT
-from tools.whole_runs import WholeRun, complaint, failures, git, keep, kept_at
+from tools.whole_runs import WholeRun, defect, failures, git, keep, kept_at
 
 SAYS_42 = WholeRun("echo 42", ("code",))
 
@@ -38,7 +38,7 @@ def test_what_is_kept_says_which_command_at_which_commit_and_what_came_of_it(roo
     assert record["command"] == "echo 42"
     assert git("rev-parse", "HEAD", root=root).startswith(record["commit"])
     assert (record["exit_code"], record["printed"]) == (0, ["42"])
-    assert complaint("one", root, SAYS_42) == ""
+    assert defect("one", root, SAYS_42) == ""
 
 
 def test_a_run_of_a_tree_with_changes_is_of_no_commit(root: Path) -> None:
@@ -52,7 +52,7 @@ def test_a_run_that_failed_is_kept_and_told(root: Path) -> None:
     """Nobody can lose it by not committing a green one."""
     failing = WholeRun("false", ("code",))
     assert keep("one", root, failing) == 1
-    assert "failed at" in complaint("one", root, failing)
+    assert "failed at" in defect("one", root, failing)
     assert not list(failures(root, {"one": failing}))
 
 
@@ -60,20 +60,20 @@ def test_a_failure_that_may_be_is_told_and_does_not_bind(root: Path) -> None:
     """It gets old like any other."""
     failing = WholeRun("false", ("code",), "the day is longer")
     keep("one", root, failing)
-    assert complaint("one", root, failing) == ""
+    assert defect("one", root, failing) == ""
     (said,) = failures(root, {"one": failing, "none": failing})
     assert "one: FAILED" in said
     assert "may until the day is longer" in said
     for n in range(41):
         commit(root, "code/first", f"version {n}")
-    assert "41 commits" in complaint("one", root, failing)
+    assert "41 commits" in defect("one", root, failing)
 
 
 def test_no_run_at_all_and_one_of_another_command_are_told(root: Path) -> None:
     """A row without its file; a row whose command has changed since."""
-    assert "no run is kept" in complaint("one", root, SAYS_42)
+    assert "no run is kept" in defect("one", root, SAYS_42)
     keep("one", root, SAYS_42)
-    assert "kept of `echo 42`" in complaint("one", root, WholeRun("echo 43", ("code",)))
+    assert "kept of `echo 42`" in defect("one", root, WholeRun("echo 43", ("code",)))
 
 
 @pytest.mark.parametrize(("more", "is_old"), [(40, False), (41, True)])
@@ -85,7 +85,7 @@ def test_more_than_forty_commits_on_what_it_is_about_make_it_old(
     for n in range(more):
         commit(root, "code/first", f"version {n}")
     commit(root, "elsewhere")
-    said = complaint("one", root, SAYS_42)
+    said = defect("one", root, SAYS_42)
     assert bool(said) == is_old
     assert ("41 commits touched code" in said) == is_old
 
@@ -98,7 +98,7 @@ def test_where_history_was_rewritten_the_commit_that_brought_it_counts(root: Pat
     commit(root, "elsewhere")
     for n in range(41):
         commit(root, "code/first", f"version {n}")
-    assert "41 commits" in complaint("one", root, SAYS_42)
+    assert "41 commits" in defect("one", root, SAYS_42)
 
 
 def test_where_none_is_kept_everything_is_new(root: Path) -> None:

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from common.config.calibration import CalibrationSection, Residuals
-from common.config.cell import Cell
+from common.config.cell import CellConfig
 from common.config.cell_terms import FrameSection
-from common.runtime.service import Measuring
+from common.runtime.service import HasNumbers
 from forcemesh import topics
 from forcemesh.messages import RegulatorTarget, RobotStatus
 from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply
-from services.wrench.active_calibration import LARGEST, of_cell
+from services.wrench.active_calibration import LARGEST, initial_calibration
 from tests.fakes.wrench_bench import BIAS_N, BIAS_NM, IDEAL, WrenchBench
 from tests.unit.test_calibration import NOTHING_LEFT, calibration
 
@@ -32,7 +32,7 @@ def left(force_N: float = 0.02, torque_Nm: float = 0.001) -> Residuals:
     return NOTHING_LEFT.model_copy(update={"force_max_N": force_N, "torque_max_Nm": torque_Nm})
 
 
-def with_calibration(found: CalibrationSection | None, **payload: Any) -> Cell:
+def with_calibration(found: CalibrationSection | None, **payload: Any) -> CellConfig:
     """Return the bench's cell with a calibration, or with another payload section."""
     section = IDEAL.payload.model_copy(update=payload)
     return IDEAL.model_copy(update={"calibration": found, "payload": section})
@@ -111,7 +111,7 @@ def test_a_calibration_of_something_else_does_not_hold(changes: dict[str, Any], 
 
 def test_a_calibration_of_another_sensor_does_not_hold(bench: WrenchBench) -> None:
     """The serial number is compared where both are known, also when the sensor is changed live."""
-    in_use = of_cell(with_calibration(of_the_demo(sensor="FT1")))
+    in_use = initial_calibration(with_calibration(of_the_demo(sensor="FT1")))
     assert in_use.fault("") == in_use.fault("FT1") == ""
     assert "FT2" in in_use.fault("FT2")
     bench = WrenchBench(with_calibration(of_the_demo(sensor="FT1")))
@@ -230,7 +230,7 @@ def test_the_filters_delay_is_told(bench: WrenchBench) -> None:
     """Low-pass and half the median's window."""
     cell = bench.cell
     expected_s = cell.filter.lowpass_s + (cell.filter.median - 1) / 2 / cell.rates.sensor_hz
-    assert isinstance(bench.service, Measuring)
+    assert isinstance(bench.service, HasNumbers)
     told = bench.service.numbers(bench.clock.now_ns())
     assert told.keys() == {"filter_delay_s", "tare_age_h"}
     assert told["filter_delay_s"] == pytest.approx(expected_s)

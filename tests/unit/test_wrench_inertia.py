@@ -18,7 +18,7 @@ from forcemesh.errors import ConfigError
 from forcemesh.messages import RobotState
 from forcemesh.requests import MoveRequest
 from services.wrench.compensation import Mounting, Wrench, compensate
-from services.wrench.inertia import Acceleration
+from services.wrench.inertia import AccelerationEstimator
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
 from tests.unit.test_config import DEMO
@@ -37,9 +37,9 @@ def reading(p_m: np.ndarray, seq: int, *, at_s: float | None = None) -> Reading[
     return Reading(message, header, 0.0, "")
 
 
-def after(poses: list[Reading[RobotState]]) -> Acceleration:
+def after(poses: list[Reading[RobotState]]) -> AccelerationEstimator:
     """Return what was seen of a motion."""
-    acceleration = Acceleration(CELL, MOUNTING)
+    acceleration = AccelerationEstimator(CELL, MOUNTING)
     for each in poses:
         acceleration.see(each, PAYLOAD)
     return acceleration

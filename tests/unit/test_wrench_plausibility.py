@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from bench.sensor_faults import Disturb, stuck
+from bench.sensor_faults import Disturb, frozen
 from common.config.load import cell_from_tree
 from forcemesh import topics
 from forcemesh.bus import Reading
@@ -23,14 +23,20 @@ from forcemesh.faults import FAULTS
 from forcemesh.messages import RobotState, SensorWrench
 from forcemesh.requests import ArmRequest, MoveRequest
 from launch.virtual_cell import VirtualCell
-from services.wrench.inputs import Pairing, heard, pair
-from services.wrench.plausibility import FINE, WILD_APART, Bounds, History, judge
+from services.wrench.inputs import Pairing, pair, sensor_fault
+from services.wrench.plausibility import (
+    NO_FAULT,
+    WILD_APART,
+    ReadingHistory,
+    ReadingLimits,
+    check_reading,
+)
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
 from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench
 
-BOUNDS = Bounds.of(CELL)
+BOUNDS = ReadingLimits.of(CELL)
 REST = np.array([1.0, -2.0, 12.0, 0.1, 0.2, 0.3])
 LARGEST = [
     step + per_s * SENSOR_S for step, per_s in zip(BOUNDS.step, BOUNDS.step_per_s, strict=True)
@@ -45,12 +51,12 @@ def noise(rng: np.random.Generator) -> np.ndarray:
     return sigma * rng.standard_normal(6)
 
 
-def codes(readings: list[np.ndarray], bounds: Bounds = BOUNDS) -> list[str]:
+def codes(readings: list[np.ndarray], bounds: ReadingLimits = BOUNDS) -> list[str]:
     """Return what is said of each reading of a stream."""
-    history, said = History(), []
+    history, said = ReadingHistory(), []
     for reading in readings:
-        history, complaint = judge(history, reading, SENSOR_S, bounds)
-        assert history.counts or complaint != FINE or history.spikes
+        history, complaint = check_reading(history, reading, SENSOR_S, bounds)
+        assert history.counts or complaint != NO_FAULT or history.spikes
         said.append(complaint.code)
     return said
 
@@ -108,7 +114,7 @@ def test_a_quantised_sensor_at_rest_is_not_frozen() -> None:
 def test_a_sensor_without_noise_says_so_in_the_cell_file() -> None:
     """With 0 nothing is taken for frozen; a noiseless simulated sensor must say it."""
     ideal = CELL.sensor.model_copy(update={"frozen_s": 0.0})
-    bounds = Bounds.of(CELL.model_copy(update={"sensor": ideal}))
+    bounds = ReadingLimits.of(CELL.model_copy(update={"sensor": ideal}))
     assert set(codes([REST] * 1000, bounds)) == {""}
     tree: dict[str, Any] = CELL.model_dump(mode="json")
     tree["sim"] |= {"noise_force_N": 0.0, "noise_torque_Nm": 0.0}
@@ -126,7 +132,7 @@ def test_a_step_that_no_contact_can_make_is_a_fault_within_two_samples(way, torq
         return
     unit = np.concatenate((np.zeros(3), way) if torque else (way, np.zeros(3))) / length
     limit = LARGEST[int(torque)]
-    wide = Bounds((1e6,) * 6, BOUNDS.step, BOUNDS.step_per_s, BOUNDS.frozen_s)
+    wide = ReadingLimits((1e6,) * 6, BOUNDS.step, BOUNDS.step_per_s, BOUNDS.frozen_s)
     for share, said in ((1.5, ["", "", "sensor_jump"]), (0.9, ["", "", ""])):
         step = share * limit * unit
         assert codes([REST, REST + step, REST + step + 1e-3], wide) == said
@@ -135,12 +141,12 @@ def test_a_step_that_no_contact_can_make_is_a_fault_within_two_samples(way, torq
 def test_a_lone_spark_is_left_out_and_counted_and_a_second_one_soon_after_is_a_fault() -> None:
     """The sample before it and after it count; the spark reaches no filter."""
     spark = REST + np.array([2.0 * LARGEST[0], 0, 0, 0, 0, 0])
-    history = History()
+    history = ReadingHistory()
     for number in range(3 * WILD_APART):
         wild = number % (WILD_APART + 2) == 5
         reading = spark if wild else REST + 0.01 * number
-        history, complaint = judge(history, reading, SENSOR_S, BOUNDS)
-        assert complaint == FINE
+        history, complaint = check_reading(history, reading, SENSOR_S, BOUNDS)
+        assert complaint == NO_FAULT
         assert history.counts is not wild
     assert history.spikes == 3
     assert codes([REST, spark, REST + 0.01, REST, spark])[-1] == "sensor_jump"
@@ -149,18 +155,18 @@ def test_a_lone_spark_is_left_out_and_counted_and_a_second_one_soon_after_is_a_f
 @given(st.lists(hnp.arrays(float, 6, elements=st.floats(allow_nan=True)), max_size=20))
 def test_every_reading_counts_or_is_told_or_is_one_spark(readings) -> None:
     """Whatever a driver gives: nothing raises, and no two readings in a row vanish unsaid."""
-    history, unsaid = History(), 0
+    history, unsaid = ReadingHistory(), 0
     for reading in readings:
-        history, complaint = judge(history, reading, SENSOR_S, BOUNDS)
-        unsaid = 0 if history.counts or complaint != FINE else unsaid + 1
+        history, complaint = check_reading(history, reading, SENSOR_S, BOUNDS)
+        unsaid = 0 if history.counts or complaint != NO_FAULT else unsaid + 1
         assert unsaid <= 1
-        assert complaint == FINE or complaint.code in FAULTS
+        assert complaint == NO_FAULT or complaint.code in FAULTS
 
 
 # --- the last digit -------------------------------------------------------------------------------
 
 PERIOD_S = 2.0**-6  # sums of it are exact
-EXACT = Bounds(
+EXACT = ReadingLimits(
     range=(100.0, 100.0, 100.0, 10.0, 10.0, 10.0),
     step=(16.0, 2.0),
     step_per_s=(64.0, 8.0),
@@ -170,9 +176,9 @@ EXACT = Bounds(
 
 def last(*readings: np.ndarray, period_s: float = PERIOD_S) -> str:
     """Return what is said of the last of these readings."""
-    history, complaint = History(), FINE
+    history, complaint = ReadingHistory(), NO_FAULT
     for reading in readings:
-        history, complaint = judge(history, reading, period_s, EXACT)
+        history, complaint = check_reading(history, reading, period_s, EXACT)
     return complaint.code
 
 
@@ -227,9 +233,9 @@ def test_the_largest_step_grows_with_the_time_since_the_last_reading_that_counte
     largest = step + per_s * (1 + lost) * PERIOD_S
     first, wild = axis(number, -0.5 * step), [axis(number, 4.5 * step)] * lost
     for change, counts in ((largest, True), (np.nextafter(largest, np.inf), False)):
-        history = History()
+        history = ReadingHistory()
         for reading in (first, *wild, first + axis(number, change)):
-            history, _ = judge(history, reading, PERIOD_S, EXACT)
+            history, _ = check_reading(history, reading, PERIOD_S, EXACT)
         assert history.counts is counts
         assert history.spikes == max(lost, not counts)
 
@@ -238,10 +244,12 @@ def test_the_largest_steps_of_force_and_torque_at_once_count() -> None:
     """Neither adds to the other; in each all three axes do."""
     force_N, torque_Nm = 16.0 + 64.0 * PERIOD_S, 2.0 + 8.0 * PERIOD_S
     both = axis(0, force_N) + axis(3, torque_Nm)
-    assert judge(judge(History(), np.zeros(6), PERIOD_S, EXACT)[0], both, PERIOD_S, EXACT)[0].counts
+    assert check_reading(
+        check_reading(ReadingHistory(), np.zeros(6), PERIOD_S, EXACT)[0], both, PERIOD_S, EXACT
+    )[0].counts
     for beside in (axis(1, 0.1 * force_N), axis(2, 0.1 * force_N), axis(4, 0.3), axis(5, 0.3)):
-        before = judge(History(), np.zeros(6), PERIOD_S, EXACT)[0]
-        assert not judge(before, both + beside, PERIOD_S, EXACT)[0].counts
+        before = check_reading(ReadingHistory(), np.zeros(6), PERIOD_S, EXACT)[0]
+        assert not check_reading(before, both + beside, PERIOD_S, EXACT)[0].counts
 
 
 @pytest.mark.parametrize(("calm", "code"), [(9, "sensor_jump"), (10, "")])
@@ -258,8 +266,8 @@ def test_ten_calm_readings_make_the_next_wild_one_a_spark_again(
 
 def test_before_the_first_reading_nothing_counts() -> None:
     """Nor has anything been left out."""
-    assert not History().counts
-    assert History().spikes == 0
+    assert not ReadingHistory().counts
+    assert ReadingHistory().spikes == 0
 
 
 # --- on the bus -----------------------------------------------------------------------------------
@@ -358,7 +366,7 @@ FAULTY: dict[str, tuple[Callable[[], Disturb], str, float]] = {
     "own fault": (lambda: bent(status="fault"), "sensor_fault", 0.010),
     "not finite": (lambda: bent(added_N=(np.nan, 0.0, 0.0)), "not_finite", 0.010),
     "jump": (lambda: bent(added_N=(0.0, 250.0, 0.0)), "sensor_jump", 0.012),
-    "frozen": (stuck, "sensor_frozen", FREEZE_AT_MOST_S),
+    "frozen": (frozen, "sensor_frozen", FREEZE_AT_MOST_S),
     "silent": (
         lambda: lambda _: None,
         "sensor_silent",
@@ -418,7 +426,7 @@ def test_collisions_at_the_speed_limit_are_no_faults_of_the_sensor() -> None:
 def test_a_silent_sensor_has_its_own_code() -> None:
     """Missing and stale are silence, whatever the reader calls them."""
     silent: Reading[SensorWrench] = Reading(None, None, 9.0, "stale", silent=True, code="stale")
-    assert heard(silent).code == "sensor_silent"
+    assert sensor_fault(silent).code == "sensor_silent"
 
 
 def test_the_cell_starts_and_arms_with_the_watch_on() -> None:

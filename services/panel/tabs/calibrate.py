@@ -9,7 +9,7 @@ from viser import uplot
 from services.panel.markup import Html, html, joined
 from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import Answer, Viewer, put
+from services.panel.viewer import RequestOutcome, Viewer, put
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
 
@@ -49,7 +49,7 @@ def build(viewer: Viewer) -> Refresh:
         )
         asked = not refused
         if refused:
-            viewer.show("Calibrate", Answer("refused", refused))
+            viewer.show("Calibrate", RequestOutcome("refused", refused))
 
     stop.on_click(lambda _event: wizard.cancel())
 

@@ -11,7 +11,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import Gains, Mode, Preset, StartLaw, Vec3
 from forcemesh.requests import ForceStartRequest, GainsRequest
-from services.panel.following import Followed
+from services.panel.following import SyncedField
 from services.panel.markup import Html, html
 from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
@@ -87,10 +87,10 @@ class _PressForm:
             "Stop force feedback", icon=viser.Icon.PLAYER_STOP, color="gray", visible=False
         )
         self._followed = {
-            "setpoint_N": Followed(self._setpoint),
-            "mode": Followed(self._mode),
-            "host": Followed(self._host),
-            "law": Followed(self._law),
+            "setpoint_N": SyncedField(self._setpoint),
+            "mode": SyncedField(self._mode),
+            "host": SyncedField(self._host),
+            "law": SyncedField(self._law),
         }
         self._start.on_click(self._on_start)
         self._change.on_click(lambda _event: viewer.do("Set point", self._begin))
@@ -160,7 +160,7 @@ class _GainsForm:
         }
         read = gui.add_button("Read", icon=viser.Icon.REFRESH, color="gray")
         apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint="Gains of base x, y, z.")
-        self._followed = {field: Followed(handle) for field, handle in self._rows.items()}
+        self._followed = {field: SyncedField(handle) for field, handle in self._rows.items()}
         self._are_read, self._read_at_ns = False, 0
         preset.on_click(
             lambda _event: viewer.do(

@@ -13,11 +13,11 @@ from common.motion.frames import Oat, R_from_oat, oat_from_R, pose
 from forcemesh.client import Cell
 from forcemesh.messages import RobotState, Vec3
 from forcemesh.requests import MoveRequest
-from services.panel.backing_off import BackOff
+from services.panel.backing_off import BackOffButton
 from services.panel.markup import Html, html
 from services.panel.prose import Prose, paragraphs
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import Answer, Viewer, ask, put
+from services.panel.viewer import RequestOutcome, Viewer, ask, put
 from services.panel.watch import Snapshot
 
 STEPS_MM = ("1", "5", "10", "50")
@@ -43,7 +43,7 @@ def build(viewer: Viewer) -> Refresh:
             "Arm for jog", ARM_TEXT, "Arm now", lambda cell: cell.arm("jog").text
         )
     )
-    BackOff(viewer)
+    BackOffButton(viewer)
     most_mm_s = 1e3 * viewer.cell.limits.speed_m_s
     speed = gui.add_slider(
         "Speed [mm/s]", min=1.0, max=most_mm_s, step=1.0, initial_value=min(USUAL_MM_S, most_mm_s)
@@ -85,7 +85,7 @@ class Mover:
             return
 
         def follow() -> None:
-            ended: Answer = ask(watch, lambda _cell: _arrived(found[0].wait()))
+            ended: RequestOutcome = ask(watch, lambda _cell: _arrived(found[0].wait()))
             self._viewer.show(what, ended)
 
         threading.Thread(target=follow, daemon=True).start()

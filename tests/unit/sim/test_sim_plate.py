@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sim.robot.plate import HALF_SIDE_M, Disc, Push, SprungPlate
+from sim.robot.plate import HALF_SIDE_M, ContactWrench, Disc, SprungPlate
 
 RADIUS_M = 0.025
 TICK_S = 0.001
@@ -37,7 +37,7 @@ class Hand:
         rim_m = RADIUS_M * abs(math.sin(tilt_rad))
         self.T = pin.SE3(pin.utils.rotate("x", tilt_rad) @ DOWN, np.array([0, 0, gap_m + rim_m]))
         self.work_J = self.taken_J = 0.0
-        self.push = Push()
+        self.push = ContactWrench()
 
     def move(self, velocity_m_s, turn_rad_s=(0.0, 0.0, 0.0), steps: int = 1, dt_s=TICK_S) -> None:
         """Move with constant speeds for some steps."""
@@ -101,7 +101,7 @@ def test_the_plate_never_gives_more_work_than_it_took(
             assert hand.work_J + springs.energy_J <= 1e-9 + 2e-3 * hand.taken_J
             assert hand.push.normal_N >= 0.0
     hand.move((0.0, 0.0, 0.2), steps=300, dt_s=dt_s)
-    assert hand.push == Push((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+    assert hand.push == ContactWrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
     assert hand.work_J <= 1e-9 + 2e-3 * hand.taken_J
 
 
@@ -121,7 +121,7 @@ def test_a_spring_gives_back_what_it_took_but_for_its_damper():
 def test_the_push_at_rest_is_the_slope_of_the_energy(tilt_rad, off_m, depth_m):
     """Moved by a hair in any direction, the energy changes by the push times the way."""
 
-    def rested(move, turn) -> tuple[Push, float]:
+    def rested(move, turn) -> tuple[ContactWrench, float]:
         hand = Hand(plate(friction=0.0), tilt_rad=tilt_rad)
         hand.move((off_m / 0.1, 0.3 * off_m / 0.1, 0.1), steps=100)
         hand.sink(depth_m)

@@ -179,7 +179,7 @@ class GatewayWorld:
         permission = Permission(
             host="controller" if kind == "feedback" else "pc",
             lease=self.lease + lease,
-            turn=self.turn + turn,
+            ownership=self.turn + turn,
             deadline_s=DEADLINE_S,
         )
         speed = Speed(mechanical_m_s=0.05)

@@ -115,6 +115,7 @@ IN_MOTION: dict[str, Provoke] = {
     "misaligned":    lambda cell: setattr(cell, "sample_age_s", 0.08),
     **{code: invalid("robot", code) for code in STATE_CODES},
     **{code: says("robot", status=unfit(code)) for code in ROBOT_FAULTS},
+    "joint_count":   says("robot", joint_rad=(0.0,) * 7),
     "robot_holds":   says("robot", hold=tripped("robot_holds", "something of its own")),
     **{code: holds(code) for code in HOLD_CODES},
     "goal_refused":  pursue,

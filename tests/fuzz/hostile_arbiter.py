@@ -125,7 +125,7 @@ class HostileArbiter:
             "host": host,
             "lease": self._lease + (rng.randrange(-5, 9) if self._seldom(0.004) else 0),
             "deadline_s": rng.choice((0.1, 0.1, 3600.0, 1e9, 1e300)),
-            "turn": rng.choice((1, -1, 2**31)) if self._seldom(0.01) else 0,
+            "ownership": rng.choice((1, -1, 2**31)) if self._seldom(0.01) else 0,
             # For a whole lease: a back-off lease has other limits.
             "purpose": random.Random(self._lease).choice(PURPOSES),
         }

@@ -130,7 +130,7 @@ UNREADABLE_HOLDS = {
     "no map": b"\x93\x01\x02\x03",
     "nested": b"\x91" * 3000,
     "another schema version": pack({"v": 1, "topic": "request/hold"}),
-    "a version to come": pack({"v": 3, "reason": "stop"}),
+    "a version to come": pack({"v": 4, "reason": "stop"}),
     "written for another cell": encode_record(HoldRequest(), f"other/{topics.HOLD.key}"),
     "written for another request": encode_record(Empty(), f"{CELL.cell}/{topics.ARM.key}"),
     "a reason of 5000 characters": msgpack.packb({"reason": "x" * 5000}),

@@ -268,7 +268,9 @@ def hold_is_deaf(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def gate_forgets(monkeypatch: pytest.MonkeyPatch) -> None:
     """A lease that was ended goes on."""
-    monkeypatch.setattr(CommandGate, "_refuse", lambda gate, reason, code: gate._hold(reason, code))
+    monkeypatch.setattr(
+        CommandGate, "_refuse", lambda gate, why: GateDecision(None, why, gate._accepted)
+    )
 
 
 def gate_waits(monkeypatch: pytest.MonkeyPatch) -> None:

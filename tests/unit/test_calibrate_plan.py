@@ -312,5 +312,5 @@ def test_the_person_is_told_the_box_and_what_is_not_known(plan):
     assert "and 1 plane(s)" in told
     assert "above z = 217 mm" in told
     assert "10 poses and 4 to verify" in told
-    assert "nothing else is known" in told
+    assert "other obstacles are unknown" in told
     assert "4 poses, about" in by_arm.explained(cell_with(), plan, WizardTiming(0.1), fitting=False)

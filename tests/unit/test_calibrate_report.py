@@ -207,7 +207,7 @@ def test_out_goes_before_the_cell_file_and_says_so(tmp_path):
     assert places_of(CELL, cell_file, tmp_path / "made" / "a.yaml").advice == ""
     other = places_of(CELL, cell_file, tmp_path / "b.yaml")
     assert other.calibration == tmp_path / "b.yaml"
-    assert f"let {cell_file} say `calibration: ../b.yaml`" in other.advice
+    assert f"set `calibration: ../b.yaml` in {cell_file}" in other.advice
 
 
 # --- sending --------------------------------------------------------------------------------------

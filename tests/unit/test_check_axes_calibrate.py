@@ -56,7 +56,7 @@ def test_a_tool_of_unknown_mass_is_asked_for(tmp_path, capsys) -> None:
     unknown = CELL.payload.model_copy(update={"mass_kg": 0.0, "com_m": (0.0, 0.0, 0.0)})
     cell = CELL.model_copy(update={"payload": unknown})
     refuse_wrong_axes(job(tmp_path, cell=cell), dwells(SIGNED[0]))
-    assert "the tool reads 1 kg, and the cell file knows none" in capsys.readouterr().err
+    assert "the measured tool mass is 1 kg, the cell file has none" in capsys.readouterr().err
     refuse_wrong_axes(job(tmp_path), dwells(SIGNED[0], TRUTH))
     assert not capsys.readouterr().err
 

@@ -197,7 +197,7 @@ def test_what_nobody_started_cannot_be_changed(calm: ConfiguredCell) -> None:
         (lambda cell: cell.force.press("a"), "setpoint_N: .*found 'a'"),
         (lambda cell: cell.force.path((("a", 0.0, 0.0),)), "points_m.0.0: .*found 'a'"),
         (lambda cell: cell.force.gains(force_i_m_per_Ns=(1.0, 2.0)), "force_i_m_per_Ns"),
-        (lambda cell: cell.move.joints((0.0,)), "joint_rad"),
+        (lambda cell: cell.move.joints(()), "joint_rad"),
         (lambda cell: cell.jog(shift_m=(float("nan"), 0.0, 0.0)), "position_m"),
         (
             lambda cell: cell.speed(mechanical_m_s=-1.0),

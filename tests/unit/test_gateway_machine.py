@@ -20,7 +20,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from common.motion.permission import CommandGate
+from common.motion.permission import CommandGate, GateDecision
 from controller.packet import Packet, encode
 from controller.packet_table import ID_FIRST, Com, Status
 from forcemesh.messages import Feedback, Gains, PoseRecord, RobotCommand, WrenchAtTcp
@@ -244,7 +244,9 @@ TestGatewayMachine.settings = SETTINGS
 
 def leases_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was ended is not remembered."""
-    monkeypatch.setattr(CommandGate, "_refuse", lambda gate, reason, code: gate._hold(reason, code))
+    monkeypatch.setattr(
+        CommandGate, "_refuse", lambda gate, why: GateDecision(None, why, gate._accepted)
+    )
 
 
 def permissions_never_end(monkeypatch: pytest.MonkeyPatch) -> None:

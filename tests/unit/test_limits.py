@@ -335,9 +335,11 @@ def test_a_plane_itself_is_inside_and_the_next_number_behind_it_is_not() -> None
 @pytest.mark.parametrize("number", [5, 7])
 def test_angles_and_limits_that_do_not_pair_are_an_error(number: int) -> None:
     """No joint and no axis goes unjudged because another number of them has come."""
-    for check in (check_joints, check_joint_speed):
-        with pytest.raises(ValueError, match="zip"):
-            check(LIMITS, np.zeros(number))
+    trip = check_joints(LIMITS, np.zeros(number))
+    assert trip is not None
+    assert (trip.code, trip.value, trip.limit) == ("joint_count", number, 6)
+    with pytest.raises(ValueError, match="zip"):
+        check_joint_speed(LIMITS, np.zeros(number))
     for limits in (
         replace(LIMITS, workspace_min_m=np.full(number - 3, -9.0)),
         replace(LIMITS, workspace_max_m=np.full(number - 3, 9.0)),

@@ -147,7 +147,7 @@ def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
         with pytest.raises(DataError, match=says):
             following.follow(cell.client, points, way, how=ForceSettings(), within_s=5.0)
     far = [cell.p_tcp() + np.array([1.0, 0.0, 0.0])]
-    with pytest.raises(DataError, match="begins 1000 mm beside"):
+    with pytest.raises(DataError, match="starts 1000 mm away from the tool"):
         following.follow(
             cell.client, far, following.PathParameters(8.0, 0.02), how=ForceSettings(), within_s=5.0
         )

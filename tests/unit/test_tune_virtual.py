@@ -186,7 +186,7 @@ def test_the_verb_measures_writes_and_applies(monkeypatch, tmp_path: Path) -> No
     assert written.read_text().count("delay_s") == 1
     assert out.read_bytes().startswith(b"\x89PNG")
     for wrong, says in (
-        (("--force", "90"), "--force 90: the cell allows 40 N"),
+        (("--force", "90"), "--force 90: the cell allows at most 40 N"),
         (("--for", "controller"), "--for controller: this cell offers pc"),
     ):
         done = said(monkeypatch, cell.client, no_progress, "tune", *wrong)

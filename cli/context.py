@@ -54,7 +54,7 @@ UNHEARD_STEP = (
     "requests get no reply with a read-only certificate (monitor), or while a sidecar process is "
     "missing: `forcemesh status` shows every process."
 )
-PATIENCE_S = 1.0  # connection timeout; a running hub replies at once
+CONNECT_PATIENCE_S = 1.0  # connection timeout; a running hub replies at once
 
 CellOption = Annotated[
     Path | None,
@@ -184,7 +184,9 @@ def cell_of(named: Path | None) -> "Iterator[ConfiguredCell]":
 
     with (
         one_line_errors(),
-        ConfiguredCell(live_cell(named), commander="operator", patience_s=PATIENCE_S) as cell,
+        ConfiguredCell(
+            live_cell(named), commander="operator", patience_s=CONNECT_PATIENCE_S
+        ) as cell,
     ):
         yield cell
 

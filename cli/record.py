@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from launch.processes import Supervisor
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_RECORDER"
-ANSWER_S = 15.0  # it first writes its buffer, on a busy machine
+RECORDER_REPLY_S = 15.0  # it first writes its buffer, on a busy machine
 
 record = typer.Typer(
     no_args_is_help=True, help="Record every topic of a cell that is up, as an MCAP file."
@@ -47,7 +47,7 @@ def record_start(
 
     with cell_of(cell) as client:
         request = RecordRequest(label=label[:100], past=past)
-        print_reply(client.ask(topics.RECORD_START, request, answer_s=ANSWER_S))
+        print_reply(client.ask(topics.RECORD_START, request, answer_s=RECORDER_REPLY_S))
 
 
 @record.command("stop")
@@ -57,7 +57,7 @@ def record_stop(cell: CellOption = None) -> None:
     from forcemesh.requests import Empty
 
     with cell_of(cell) as client:
-        print_reply(client.ask(topics.RECORD_STOP, Empty(), answer_s=ANSWER_S))
+        print_reply(client.ask(topics.RECORD_STOP, Empty(), answer_s=RECORDER_REPLY_S))
 
 
 @record.command("status")

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from forcemesh.bus import Bus
     from services.recorder.reading import RecordedFile
 
-LISTEN_S = 1.5  # the slowest topic of a cell that is alive comes four times a second
-TICK_S = 0.02
-ROOM = 4
+REPLAY_LISTEN_S = 1.5  # the slowest topic of a cell that is alive comes four times a second
+REPLAY_TICK_S = 0.02
+REPLAY_QUEUE = 4
 
 RecordingArgument = Annotated[
     Path, typer.Argument(metavar="FILE", help="A recording, as `forcemesh record` writes it.")
@@ -150,15 +150,17 @@ def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
     from forcemesh.topics import TOPICS
 
     taps = {
-        topic.key: bus.tap(topic, ROOM) for topic in TOPICS if not topics or topic.key in topics
+        topic.key: bus.tap(topic, REPLAY_QUEUE)
+        for topic in TOPICS
+        if not topics or topic.key in topics
     }
-    give_up_s = time.monotonic() + LISTEN_S
+    give_up_s = time.monotonic() + REPLAY_LISTEN_S
     while time.monotonic() < give_up_s:
         heard = [key for key, tap in taps.items() if tap.take() is not None]
         if heard:
             text = f"refused: a cell {bus.cell} is running there and publishes {', '.join(heard)}"
             exit_with_error(f"{text}; choose another name with --as, or omit --onto", REFUSED)
-        time.sleep(TICK_S)
+        time.sleep(REPLAY_TICK_S)
 
 
 def _play(

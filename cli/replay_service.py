@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from common.config.cell import CellConfig
     from services.recorder.reading import RecordedBytes, RecordedFile
 
-TICK_NS = 1_000_000
+REPLAY_TICK_NS = 1_000_000
 SETTLES_NS = NS_PER_S  # filters start empty
-ROOM = 1_000_000
+SERVICE_QUEUE = 1_000_000
 Spoken = list[tuple[Header, Message]]
 
 
@@ -84,14 +84,16 @@ def feed(
     clock = RecordedClock(about["clock"], begin_ns - offset_ns)
     transport = MemoryTransport()
     bus = Bus(role, cell.cell, transport, cell, clock)
-    taps = {t.key: transport.subscribe(f"{cell.cell}/{t.key}", ROOM) for t in written_by(role)}
+    taps = {
+        t.key: transport.subscribe(f"{cell.cell}/{t.key}", SERVICE_QUEUE) for t in written_by(role)
+    }
     runner = Runner(make(bus, cell), [reporter_of(bus, cell)], clock)
     keys = [topic.key for topic in TOPICS if role in topic.readers]
     puts = {key: transport.publish(f"{cell.cell}/{key}", "report") for key in keys}
     wanted = (each for each in heard if each.topic in puts and each.at_ns >= begin_ns)
     for at_ns, together in groupby(wanted, key=lambda each: each.at_ns - offset_ns):
-        while at_ns - clock.now_ns() > TICK_NS:
-            clock.advance_ns(TICK_NS)
+        while at_ns - clock.now_ns() > REPLAY_TICK_NS:
+            clock.advance_ns(REPLAY_TICK_NS)
             _step(runner, clock)
         clock.advance_ns(max(at_ns - clock.now_ns(), 0))
         for each in together:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from common.config.cell import CellConfig
     from launch.processes import Supervisor
 
-POLL_S = 0.05
+SUPERVISOR_POLL_S = 0.05
 SLOW_S = 15.0
 
 
@@ -104,7 +104,7 @@ def _watch(
     import time
 
     started_s, said_slow, ready = time.monotonic(), False, False
-    while not stop.wait(POLL_S) and not supervisor.died:
+    while not stop.wait(SUPERVISOR_POLL_S) and not supervisor.died:
         supervisor.tend()
         lines = supervisor.missing()
         elapsed_s = time.monotonic() - started_s

@@ -41,7 +41,7 @@ PER_SI = {
 }
 PER_SI |= dict.fromkeys(("m/s", "m", "s", "N m", "N", "kg", "Hz", "rad"), 1.0)
 IN_A_UNIT = re.compile(rf"(-?\d+(?:\.\d+)?) ({'|'.join(PER_SI)})(?![\w/])")
-SAME = 0.6  # tolerance: the text is rounded
+SAME_NUMBER = 0.6  # tolerance: the text is rounded
 
 
 class ForcemeshError(Exception):
@@ -118,7 +118,9 @@ def _numbers(text: str, value: float | None, limit: float | None) -> str:
     """Return the numbers that complete a text, in the unit that the text uses."""
     for said, unit in IN_A_UNIT.findall(text):
         scale = PER_SI[unit]
-        if value is not None and abs(float(said) - scale * value) <= SAME * max(1.0, abs(value)):
+        if value is not None and abs(float(said) - scale * value) <= SAME_NUMBER * max(
+            1.0, abs(value)
+        ):
             shown = "" if limit is None else f"{scale * limit:.6g}"
             is_said = not shown or re.search(rf"\b{re.escape(shown)}\b", text) is not None
             return "" if is_said else f" [limit {shown} {unit}]"

@@ -15,7 +15,7 @@ from typing import Literal
 from forcemesh.messages import Trip
 from forcemesh.requests import Reply
 
-MOST_BYTES = 400  # longest text, in UTF-8
+MOST_TEXT_BYTES = 400  # longest text, in UTF-8
 
 Kind = Literal["FAULT", "HOLD", "REFUSAL"]
 
@@ -167,7 +167,7 @@ def refused(why: Trip) -> Reply:
     )
 
 
-def clipped(text: str, most_bytes: int = MOST_BYTES) -> str:
+def clipped(text: str, most_bytes: int = MOST_TEXT_BYTES) -> str:
     """Return a text cut between characters to at most `most_bytes` in UTF-8."""
     return text.encode()[:most_bytes].decode(errors="ignore")
 

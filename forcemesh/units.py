@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 MOUNTING_MOST_RAD = 0.2  # a fit corrects mounting tolerance, not a wrong orientation
 COUNTS_MOST = 2**31 - 1  # an RDT reading is a signed number of 32 bits
-LONGEST_LEVER_M = 1.0  # torque range over force range of a sensor: 8 to 160 mm on the market
+LONGEST_SENSOR_LEVER_M = 1.0  # torque range over force range of a sensor: 8 to 160 mm on the market
 MOST_RADIANS = 2.0 * pi + 1e-3  # in degrees, no joint range of an arm is this small
 SLOWEST_DEG_S = 20.0  # no joint of an arm is this slow
 

@@ -12,7 +12,7 @@ from identification.payload_model import DOWN, Model, State, residuals, start_st
 from identification.static_poses import Poses
 
 PLAIN = Model()
-LEAST_POSES = 6  # two more than the plain model needs
+LEAST_POSES_TO_COMPARE = 6  # two more than the plain model needs
 PRICE = 3.0  # penalty on the evidence for each further error: absent in three recordings of four
 SCORE_GAIN = 0.9  # required ratio of leave-one-out errors, force and torque together,
 NOT_WORSE = 1.1  # and neither clearly worse: a true tilt or mounting rotates both
@@ -104,8 +104,8 @@ def _same_directions(a: State, b: State) -> bool:
 
 def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:
     """Return why a richer candidate must not replace the plain one; empty when it may."""
-    if poses < LEAST_POSES:
-        return f"too few poses to decide ({poses}, at least {LEAST_POSES})"
+    if poses < LEAST_POSES_TO_COMPARE:
+        return f"too few poses to decide ({poses}, at least {LEAST_POSES_TO_COMPARE})"
     if not candidate.solution.converged:
         return "the fit does not converge"
     if not np.isfinite(candidate.loo_force_N):

@@ -14,14 +14,14 @@ from identification.static_poses import Poses, angle, carries_a_fit, sort_into_p
 MOVING = "the arm was turning"
 CONTACT = "in contact, or touched"
 STALE = "the pose is stale: the reading is that of the pose before or after"
-WINDOW_S = 0.1  # of the speed: in a shorter one the noise of the pose reads as motion
+SCREENING_WINDOW_S = 0.1  # of the speed: in a shorter one the noise of the pose reads as motion
 SPEED_RAD_S = np.radians(1.0)
 LEAST_TURN_RAD = np.radians(0.05)
 SINGLE_RAD = np.radians(10.0)  # rows further apart are separate poses, not a motion
 ROWS_TO_JUDGE = 10  # a shorter dwell has no reliable statistics
 UNUSUAL = 8.0  # robust standard deviations
 APART_N, APART_NM = 0.5, 0.03  # smaller deviations are never taken for contact
-SAME = 0.3  # ratio at which a reading belongs to another pose
+SAME_DWELL_SHARE = 0.3  # ratio at which a reading belongs to another pose
 POSES_TO_JUDGE = 7
 MOST_TOUCHED = 20  # limit of the search
 OUTLYING = 60.0  # F of three components: one false alarm in a million recordings
@@ -69,8 +69,8 @@ def _moving(samples: Samples) -> npt.NDArray[np.bool_]:
     n, t = len(samples), samples.time_s
     if t is None or n < 3 or np.any(np.diff(t) < 0.0):
         return np.zeros(n, dtype=bool)
-    before = np.searchsorted(t, t - WINDOW_S / 2.0)
-    after = np.searchsorted(t, t + WINDOW_S / 2.0, side="right") - 1
+    before = np.searchsorted(t, t - SCREENING_WINDOW_S / 2.0)
+    after = np.searchsorted(t, t + SCREENING_WINDOW_S / 2.0, side="right") - 1
     before = np.where(before == np.arange(n), np.maximum(np.arange(n) - 1, 0), before)
     after = np.where(after == np.arange(n), np.minimum(np.arange(n) + 1, n - 1), after)
     R, lasts = samples.R_base_sensor, t[after] - t[before]
@@ -98,7 +98,7 @@ def _unusual(samples: Samples) -> dict[str, Rows]:
         for row, here in zip(rows[far], off[far], strict=True):
             reading = here + middles[place]
             near = [np.linalg.norm((reading - other)[:3]) for other in others]
-            stale = bool(near) and min(near) < SAME * np.linalg.norm(here[:3])
+            stale = bool(near) and min(near) < SAME_DWELL_SHARE * np.linalg.norm(here[:3])
             found[STALE if stale else CONTACT].append(int(row))
     return {reason: np.array(rows, dtype=np.intp) for reason, rows in found.items() if rows}
 

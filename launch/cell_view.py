@@ -10,7 +10,7 @@ from forcemesh.bus import Bus, Reading
 from forcemesh.client.roles import RoleHealth
 from forcemesh.messages import ArbiterStatus, Health, SensorWrench
 
-POLL_S = 0.02
+HEALTH_POLL_S = 0.02
 HELPER_PERIODS = 1.5  # a running sidecar has published its health by then
 
 
@@ -55,5 +55,5 @@ class CellView:
         while not done():
             if time.monotonic() >= give_up_s:
                 return False
-            time.sleep(POLL_S)
+            time.sleep(HEALTH_POLL_S)
         return True

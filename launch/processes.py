@@ -19,8 +19,8 @@ from forcemesh.errors import BusError, ForcemeshError
 from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import HoldRequest
 from forcemesh.zenoh_settings import endpoint_of
-from launch.cell_view import POLL_S, CellView
-from launch.restart import PAUSE_S, Restarter, RestartPolicy
+from launch.cell_view import HEALTH_POLL_S, CellView
+from launch.restart import RESTART_PAUSE_S, Restarter, RestartPolicy
 from launch.run_file import read_run, writable_folder, write_atomically
 from launch.run_log import RunLog
 from launch.started_process import ChildProcess, ProcessExit, ProcessSpec, WriteLine, say_on_stderr
@@ -199,12 +199,14 @@ class Supervisor:
                 raise ForcemeshError("stopped while the cell was starting")
             if time.monotonic() >= give_up_s:
                 raise ForcemeshError(f"not ready after {timeout_s:g} s: {'; '.join(lines)}")
-            time.sleep(POLL_S)
+            time.sleep(HEALTH_POLL_S)
         self._raise_death()
 
     def keep_up(self) -> None:
         """Restart what dies from now on, in `tend`: the cell was ready once."""
-        patience = RestartPolicy(max(PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
+        patience = RestartPolicy(
+            max(RESTART_PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND))
+        )
         self._reviver = Restarter(self._start_again, self._hold, self._say, patience)
 
     def tend(self) -> None:
@@ -282,7 +284,7 @@ class Supervisor:
             if elapsed_s >= HUB_SLOW_S and not said_slow:
                 said_slow = True
                 self._say("up", f"after {elapsed_s:.0f} s still waiting for the hub at {where}")
-            time.sleep(POLL_S)
+            time.sleep(HEALTH_POLL_S)
 
     def _try_to_connect(self) -> None:
         try:

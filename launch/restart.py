@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from launch.started_process import ProcessExit, ProcessSpec, WriteLine
 
 MOST, WITHIN_S = 5, 60.0  # deaths of one process until it is given up
-PAUSE_S = 0.2  # shortest back-off before the first restart; doubled for each later one
+RESTART_PAUSE_S = 0.2  # shortest back-off before the first restart; doubled for each later one
 NEXT = "the arm is held: `forcemesh clear`, then `forcemesh arm`"
 
 
@@ -23,7 +23,7 @@ class RestartPolicy:
     hub would go undetected, and the arm would not hold.
     """
 
-    pause_s: float = PAUSE_S
+    pause_s: float = RESTART_PAUSE_S
     _deaths: dict[str, deque[float]] = field(default_factory=dict)
 
     def died(self, name: str, now_s: float) -> float | None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from launch.processes import Supervisor
     from launch.started_process import ProcessSpec
 
-ENDS_WITHIN_S = 3.0
+SIDECAR_ENDS_WITHIN_S = 3.0
 LOOK_S = 0.2
 REFUSED = 2  # exit code of a process that has reported why it cannot run
 
@@ -59,7 +59,7 @@ def _play(
             pass
         if died is None or over.is_set():
             running.terminate()
-            running.finish(ENDS_WITHIN_S)
+            running.finish(SIDECAR_ENDS_WITHIN_S)
             return
         running.finish(0.0)
         supervisor.log.ended(died)

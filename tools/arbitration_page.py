@@ -4,8 +4,8 @@ from pathlib import Path
 
 from common.motion.back_off import (
     BLIND_M,
-    FARTHEST_M,
-    LEAST_FORCE_N,
+    LEAST_BACK_OFF_FORCE_N,
+    LONGEST_BACK_OFF_M,
     MUST_FALL_N,
     RISE_N,
     SPEED_M_S,
@@ -81,12 +81,12 @@ jog. A person frees it with `forcemesh back-off` (`request/back_off`, common/mot
 arms it for one goal of its own, and the robot's process accepts only the goal that it computes
 itself, from its own readings.
 
-- Along the measured force, or straight back into the workspace; at most {FARTHEST_M * 1e3:g} mm at
+- Along the measured force, or straight back into the workspace; at most {LONGEST_BACK_OFF_M * 1e3:g} mm at
   {SPEED_M_S * 1e3:g} mm/s, no rotation, in no axis farther outside than it is.
 - The ceilings only decrease (ratchet): force and torque may rise {RISE_N:g} N and {RISE_Nm:g} N m above their minimum so
   far. A force that does not fall by {MUST_FALL_N:g} N over half the travel is not a contact force: the motion ends.
 - The motion ends below half of the ceilings, or inside the workspace, and the arm holds.
-- If there is no force direction to follow (no valid wrench, no calibration, less than {LEAST_FORCE_N:g} N, or one that
+- If there is no force direction to follow (no valid wrench, no calibration, less than {LEAST_BACK_OFF_FORCE_N:g} N, or one that
   pulls the tool forward) the command asks for a second confirmation, and moves the tool {BLIND_M * 1e3:g} mm back along its axis;
   this is possible without a sensor, and from FAULT, too.
 

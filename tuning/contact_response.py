@@ -11,10 +11,10 @@ from forcemesh.errors import DataError
 
 GRID_S = 0.0005  # of the model's time
 STEP_S = 0.002  # grid of the candidate delays
-LONGEST_TAU_S = 0.3
+LONGEST_RESPONSE_S = 0.3
 WORST_ANSWER = 0.2  # largest residual, as a share of the set point step
 LEAST_ANSWERS, MOST_ANSWERS = 2, 5
-REPEATS_S = 0.005  # largest difference of two delays that count as repeated
+RESPONSE_REPEATS_S = 0.005  # largest difference of two delays that count as repeated
 MOST_ALIKE = 0.99
 SIGMAS = 2.0
 
@@ -50,7 +50,7 @@ def loop_delay(
     Raises:
         DataError: The force did not follow, or the delay is out of range.
     """
-    taus = np.arange(STEP_S, LONGEST_TAU_S, STEP_S)
+    taus = np.arange(STEP_S, LONGEST_RESPONSE_S, STEP_S)
     model = _answers(
         float(t[-1]), taus, first_N=first_N, then_N=then_N, ramp_N_s=ramp_N_s, rate=rate
     )
@@ -61,17 +61,17 @@ def loop_delay(
     if rests[best] > WORST_ANSWER * abs(then_N - first_N) or best == len(taus) - 1:
         raise DataError(
             f"the force did not follow its set point: residual {rests[best]:.1f} N to the model, "
-            f"whose delay is {1e3 * LONGEST_TAU_S:.0f} ms at most"
+            f"whose delay is {1e3 * LONGEST_RESPONSE_S:.0f} ms at most"
         )
     return ContactResponse(float(taus[best]), _deviation_s(off_N, best))
 
 
 def repeats(answers: Sequence[ContactResponse]) -> bool:
-    """Return whether the last two delays agree within REPEATS_S."""
+    """Return whether the last two delays agree within RESPONSE_REPEATS_S."""
     if len(answers) < LEAST_ANSWERS:
         return False
     before, last = answers[-2:]
-    return abs(last.tau_s - before.tau_s) <= REPEATS_S
+    return abs(last.tau_s - before.tau_s) <= RESPONSE_REPEATS_S
 
 
 def together(answers: Sequence[ContactResponse]) -> ContactResponse:

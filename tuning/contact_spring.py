@@ -9,7 +9,7 @@ from common.motion.frames import Array
 from forcemesh.errors import DataError
 
 LEAST_PLACES = 2
-LEAST_FORCE_N = 1.0
+LEAST_SPRING_FORCE_N = 1.0
 SIGMAS = 2.0
 REPEATS_SHARE = 0.05  # largest relative uncertainty (two deviations) of a repeated stiffness
 WORST_SHARE = 0.5  # relative uncertainty above which the stiffness is unknown
@@ -48,7 +48,7 @@ def spring(ways_m: Array, forces_N: Array) -> Spring:
     Raises:
         DataError: Too few points, or the force does not increase with the penetration.
     """
-    if len(ways_m) < LEAST_PLACES or np.ptp(forces_N) < LEAST_FORCE_N:
+    if len(ways_m) < LEAST_PLACES or np.ptp(forces_N) < LEAST_SPRING_FORCE_N:
         raise DataError("the press did not change the force enough to identify a stiffness")
     way, force = ways_m - np.mean(ways_m), forces_N - np.mean(forces_N)
     along = float(force @ force)

@@ -21,7 +21,7 @@ from common.motion.frames import Array
 from forcemesh.errors import DataError
 
 STAGES = (1, 2, 5)
-LONGEST_S = 0.3  # delay and lag together
+LONGEST_DELAY_S = 0.3  # delay and lag together
 START_STEP_S = 0.002
 START_SHARES = (0.1, 0.3, 0.5, 0.7, 0.9)  # share of the lag in the sum: one search from each
 SHORTEST_LAG_S = 1e-4
@@ -116,8 +116,8 @@ def identify(steps: Steps) -> tuple[Fit, ...]:
     if share > WORST_FIT:
         unlike = f"residual {100.0 * share:.0f} %, limit {100.0 * WORST_FIT:.0f} %"
         raise DataError(f"the measured motion does not match the commanded one: {unlike}")
-    if best.sum_s > LONGEST_S:
-        raise DataError(f"the arm follows its commands later than {1e3 * LONGEST_S:.0f} ms")
+    if best.sum_s > LONGEST_DELAY_S:
+        raise DataError(f"the arm follows its commands later than {1e3 * LONGEST_DELAY_S:.0f} ms")
     return fits
 
 
@@ -195,7 +195,7 @@ def _search(task: _Task, delay_s: float, lag_s: float, *, lag_too: bool = True) 
 
 def _start(steps: Steps, seen_s: Array, seen_m: Array) -> float:
     """Return the time shift of the command that matches the measured motion best [s]."""
-    shifts_s = np.arange(START_STEP_S, LONGEST_S, START_STEP_S)
+    shifts_s = np.arange(START_STEP_S, LONGEST_DELAY_S, START_STEP_S)
     rests_m = [
         float(np.std(np.interp(seen_s - shift_s, steps.sent_s, steps.sent_m) - seen_m))
         for shift_s in shifts_s

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from common.motion.frames import Array
 
-POINTS = 6000
+FREQUENCY_POINTS = 6000
 BAND = 1.0 / 30.0  # settling band as a share of the step: 1 N of 30 N
 LONGEST_TAUS = 200.0
 FLIES = 20.0  # multiple of the step beyond which the response counts as diverged
@@ -80,7 +80,7 @@ def response(loop: Loop, w: Array) -> Complex:
 def frequencies(loop: Loop) -> Array:
     """Return the relevant frequency grid of a loop [rad/s]. Shape (N,)."""
     lowest = min(1e-2, 0.1 * loop.loop_gain) if loop.gain > 0.0 else 1e-2
-    return np.geomspace(lowest / loop.tau_s, 2e3 / loop.tau_s, POINTS)
+    return np.geomspace(lowest / loop.tau_s, 2e3 / loop.tau_s, FREQUENCY_POINTS)
 
 
 def margins(loop: Loop) -> Margins:

@@ -14,7 +14,7 @@ from identification.identify import identify_recording
 from identification.recording import Samples, WrenchAxes, read_recording
 from identification.static_poses import sort_into_poses
 
-PATIENCE_S = 0.5
+SEND_PATIENCE_S = 0.5
 
 
 def calibrate(job: Job, recording: Path, other: Path | None, axes: WrenchAxes | None) -> int:
@@ -30,7 +30,7 @@ def calibrate(job: Job, recording: Path, other: Path | None, axes: WrenchAxes | 
     verify = None if other is None else _poses_of(other, taken)
     evidence = Evidence("recording", data, taken, fit, verify)
     try:
-        with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
+        with open_bus(job.cell, CLIENT, patience_s=SEND_PATIENCE_S) as bus:
             return conclude(job, evidence, bus)
     except BusError:
         return conclude(job, evidence, None)

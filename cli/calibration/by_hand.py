@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 
 from cli.calibration.finish import Job, conclude, keep_readings
-from cli.calibration.gather import POLL_S, Gatherer, ReadingLostError
+from cli.calibration.gather import READINGS_POLL_S, Gatherer, ReadingLostError
 from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.screen import screen
 from cli.calibration.tell import Teller
@@ -82,7 +82,7 @@ class Watcher:
     def _take_poses(self, purpose: Purpose, count: int) -> None:
         looked_ns = 0
         while len(self._taken(purpose)) < count:
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(READINGS_POLL_S)
             fault = self._look()
             if self._clock.now_ns() - looked_ns < LOOK_EVERY_NS:
                 continue

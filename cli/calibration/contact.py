@@ -11,7 +11,7 @@ from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from identification.errors import InContactError, NotBegunError
 
-HEARD_WITHIN_S = 1.0
+CONTACT_WITHIN_S = 1.0
 POLL_S = 0.01
 
 
@@ -22,7 +22,7 @@ def refuse_loaded_tool(bus: Bus, cell: CellConfig) -> None:
     `refuse_relieved` checks after the tool was lifted.
     """
     reader = bus.reader(topics.WRENCH)
-    give_up_ns = bus.clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
+    give_up_ns = bus.clock.now_ns() + round(CONTACT_WITHIN_S * NS_PER_S)
     while (wrench := reader.read(bus.clock.now_ns()).fresh) is None:
         if bus.clock.now_ns() > give_up_ns:
             return  # a missing topic is reported where it is needed

@@ -20,10 +20,10 @@ from identification.errors import (
 )
 
 POLL_S = 0.01
-HEARD_WITHIN_S = 2.0
+DRIVE_STATE_WITHIN_S = 2.0
 REST_WITHIN_S = 2.0
 READY_WITHIN_S = 5.0  # the preflight needs a second of good inputs and rest
-AFTERWARDS_S = 0.3  # time for the arbiter to report why a goal has ended
+HOLD_REASON_WITHIN_S = 0.3  # time for the arbiter to report why a goal has ended
 TAKEN_S = 0.5  # time without this goal in the arbiter's status before it counts as ended
 SLOWEST = 4.0  # timeout of a move: multiple of the expected duration, plus SLOWEST_S
 SLOWEST_S = 15.0
@@ -46,7 +46,7 @@ class Drive:
 
     def state(self) -> RobotState:
         """Return the state of the arm. Raises CalibrationError when none is received."""
-        give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
+        give_up_ns = self._clock.now_ns() + round(DRIVE_STATE_WITHIN_S * NS_PER_S)
         while True:
             reading = self._robot.read(self._clock.now_ns())
             if reading.fresh is not None:
@@ -70,7 +70,7 @@ class Drive:
 
     def refuse_unless_free(self) -> None:
         """Raise NotBegunError when another commander moves the arm, or when it is stopped."""
-        give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
+        give_up_ns = self._clock.now_ns() + round(DRIVE_STATE_WITHIN_S * NS_PER_S)
         while (reading := self._arbiter.read(self._clock.now_ns())).fresh is None:
             if self._clock.now_ns() > give_up_ns:
                 raise CalibrationError(f"no arbiter status: {reading.fault}")
@@ -160,7 +160,7 @@ class Drive:
 
     def _judge_end(self, reason: str) -> None:
         """Raise StoppedError or PoseRefusedError for a goal that ended before its pose."""
-        end_ns = self._clock.now_ns() + round(AFTERWARDS_S * NS_PER_S)
+        end_ns = self._clock.now_ns() + round(HOLD_REASON_WITHIN_S * NS_PER_S)
         while self._clock.now_ns() < end_ns:
             self.check()
             self._clock.sleep_s(POLL_S)

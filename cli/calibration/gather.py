@@ -17,10 +17,10 @@ from identification.dwells import Dwell, Purpose
 from identification.errors import CalibrationError
 from identification.excitation.stillness import PoseSample, StillnessDetector
 
-POLL_S = 0.001
+READINGS_POLL_S = 0.001
 STILL_WITHIN_S = 10.0
 JUDGE_EVERY_NS = 50_000_000  # period of the rest check
-HEARD_WITHIN_S = 2.0
+READINGS_WITHIN_S = 2.0
 LEAST_READINGS = 10
 ATTEMPTS = 2
 
@@ -87,16 +87,16 @@ class Gatherer:
 
     def until_heard(self) -> None:
         """Wait for the first valid sample. Raises CalibrationError when none is received."""
-        give_up_ns = self._clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
+        give_up_ns = self._clock.now_ns() + round(READINGS_WITHIN_S * NS_PER_S)
         why = ""
         while self._clock.now_ns() < give_up_ns:
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(READINGS_POLL_S)
             try:
                 if self.take() is not None:
                     return
             except ReadingLostError as error:
                 why = str(error)
-        raise CalibrationError(f"no reading within {HEARD_WITHIN_S:g} s: {why}")
+        raise CalibrationError(f"no reading within {READINGS_WITHIN_S:g} s: {why}")
 
     def dwell(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
         """Wait for rest, then read for dwell_s; repeat once when a reading is lost.
@@ -119,7 +119,7 @@ class Gatherer:
         give_up_ns = self._clock.now_ns() + round(STILL_WITHIN_S * NS_PER_S)
         waits_for, judged_ns = "readings", 0
         while self._clock.now_ns() < give_up_ns:
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(READINGS_POLL_S)
             watch(f"waiting for {waits_for}")
             if self.take() is None or self._clock.now_ns() - judged_ns < JUDGE_EVERY_NS:
                 continue
@@ -134,7 +134,7 @@ class Gatherer:
         left = _Left(np.zeros(3), np.zeros(3))
         end_ns = self._clock.now_ns() + round(dwell_s * NS_PER_S)
         while self._clock.now_ns() < end_ns:
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(READINGS_POLL_S)
             watch("reading")
             sample = self.take()
             if sample is not None:

@@ -11,7 +11,7 @@ from forcemesh.errors import DataError
 from identification.evidence import Findings
 from identification.verification import Verification
 
-MODELS_SHOWN = 7
+MODELS_ON_PAGE = 7
 LEFT = ["", "poses", "force, mean [N]", "max [N]", "torque, mean [N m]", "max [N m]"]
 METHODS = {
     "arm": "the wizard moved the arm",
@@ -140,7 +140,7 @@ def _numbers(value: Any, scale: float, digits: int) -> str:
 def _models(report: dict[str, Any]) -> list[list[str]]:
     return [
         [m["name"], f"{m['rms_force_N']:.4f}", f"{m['rms_torque_Nm']:.5f}", m["verdict"]]
-        for m in sorted(report["models"], key=lambda m: -m["evidence"])[:MODELS_SHOWN]
+        for m in sorted(report["models"], key=lambda m: -m["evidence"])[:MODELS_ON_PAGE]
     ]
 
 

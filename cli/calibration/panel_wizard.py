@@ -24,7 +24,7 @@ from cli.calibration.contact import refuse_loaded_tool
 from cli.calibration.finish import Job, settle
 from cli.calibration.places import places_of
 from cli.calibration.wizard import WizardTiming
-from cli.context import NOT_WELL, PATIENCE_S, USAGE
+from cli.context import CONNECT_PATIENCE_S, NOT_WELL, USAGE
 from cli.payload_tables import found_parameters
 from common.bus.cell_bus import open_bus
 from common.config.load import load_cell
@@ -102,7 +102,7 @@ def _run(said: JsonLineOutput, path: Path, counts: tuple[int, int], speed_m_s: f
     job = Job(cell, places_of(cell, path, None), VerificationBounds(), use=True)
     pace = WizardTiming(min(speed_m_s, cell.limits.speed_m_s), DWELL_S)
     wish = by_arm.ArmOptions(PlanOptions(*counts, radians(TURN_DEG)), pace, yes=True)
-    with open_bus(cell, CLIENT, patience_s=PATIENCE_S) as bus:
+    with open_bus(cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
         refuse_loaded_tool(bus, cell)
         plan = by_arm.planned(cell, bus, wish)
         said.say(plan=by_arm.explained(cell, plan, pace))

@@ -17,7 +17,7 @@ from identification.evidence import Findings
 FIT, VERIFY, LIMIT = "#4878a8", "#e08a3c", "#b03030"
 AXES_COLOURS = ("#c0504d", "#5a9a4a", "#4878a8")
 MOST_BARS = 40
-MOST_POINTS = 1200
+MOST_PLOTTED_POINTS = 1200
 STYLE: Any = {
     "font.size": 10,
     "axes.spines.top": False,
@@ -113,7 +113,7 @@ def _bars(axes: Axes, groups: list[tuple[str, Array, str]], label: str, limit: f
 
 def _lines(axes: Axes, values: Array, first_row: npt.NDArray[np.intp], label: str) -> None:
     """Draw three components, and their mean over each used pose as a thick line."""
-    places = np.arange(0, len(values), 1 + len(values) // MOST_POINTS)
+    places = np.arange(0, len(values), 1 + len(values) // MOST_PLOTTED_POINTS)
     for axis in range(3):
         axes.plot(places, values[places, axis], color=AXES_COLOURS[axis], linewidth=0.5, alpha=0.35)
         bounds = np.append(first_row, len(values))

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-REFRESH_S = 0.1
+SCREEN_REFRESH_S = 0.1
 
 
 class Screen:
@@ -26,9 +26,9 @@ class Screen:
         self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
-        """Update the bar, at most every REFRESH_S."""
+        """Update the bar, at most every SCREEN_REFRESH_S."""
         now_s = time.monotonic()
-        if now_s - self._last_s >= REFRESH_S:
+        if now_s - self._last_s >= SCREEN_REFRESH_S:
             self._last_s = now_s
             self._bar.update(self._task, completed=done_s, total=total_s, description=text)
 

@@ -7,7 +7,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.requests import CalibrationRequest, Reply
 
 WITHIN_S = 3.0
-AGAIN_S = 0.1
+SEND_AGAIN_S = 0.1
 PASSING = ("wait", "moving")  # transient refusals: the arm has just returned
 
 
@@ -23,4 +23,4 @@ def send(bus: Bus, section: CalibrationSection) -> Reply:
         passes = not reply.accepted and reply.code in PASSING
         if not passes or bus.clock.now_ns() > give_up_ns:
             return reply
-        bus.clock.sleep_s(AGAIN_S)
+        bus.clock.sleep_s(SEND_AGAIN_S)

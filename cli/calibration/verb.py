@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cli.context import (
-    PATIENCE_S,
+    CONNECT_PATIENCE_S,
     USAGE,
     CellOption,
     exit_with_error,
@@ -226,7 +226,7 @@ def _by_arm(job: "Job", wish: "by_arm.ArmOptions", *, verify_only: bool) -> int:
     from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
 
-    with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
+    with open_bus(job.cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
         return by_arm.verify(job, wish, bus) if verify_only else by_arm.calibrate(job, wish, bus)
 
 
@@ -238,7 +238,7 @@ def _by_hand(job: "Job", way: _Method, poses: tuple[int, int, float]) -> int:
 
     count, fresh, dwell_s = poses
     wish = by_hand.HandOptions(count, fresh, dwell_s, way.auto_capture)
-    with open_bus(job.cell, CLIENT, patience_s=PATIENCE_S) as bus:
+    with open_bus(job.cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
         return by_hand.calibrate(job, wish, bus, Keyboard())
 
 

@@ -21,7 +21,7 @@ from forcemesh.errors import RefusedError
 from identification.dwells import Dwell, Purpose
 from identification.errors import InContactError, PoseRefusedError, StoppedError
 from identification.excitation.plan import CalibrationPlan
-from identification.excitation.stillness import WINDOW_S
+from identification.excitation.stillness import STILLNESS_WINDOW_S
 
 BOTH: tuple[Purpose, ...] = ("fit", "verify")
 FREE_READ_S = 0.2  # long enough to detect contact above the sensor's noise
@@ -150,7 +150,7 @@ class CalibrationWizard:
 
     def _read(self, purpose: Purpose, duration_s: float) -> Dwell:
         began_ns = self._clock.now_ns()
-        expected_s = WINDOW_S + duration_s
+        expected_s = STILLNESS_WINDOW_S + duration_s
 
         def watch(what: str) -> None:
             self._drive.check()
@@ -195,5 +195,5 @@ def expected_s(
     ways_m = sum(route.length_m(a, b) for a, b in pairwise(stops))
     ways_m += route.length_m(route.hub, route.q_start)
     moving_s = ways_m / pace.speed_m_s + RAMP_S * (len(stops) + 1)
-    free_s = 2.0 * (WINDOW_S + FREE_READ_S) if route.way_out(route.q_start) else 0.0
-    return moving_s + free_s + len(places) * (WINDOW_S + pace.dwell_s)
+    free_s = 2.0 * (STILLNESS_WINDOW_S + FREE_READ_S) if route.way_out(route.q_start) else 0.0
+    return moving_s + free_s + len(places) * (STILLNESS_WINDOW_S + pace.dwell_s)

@@ -32,10 +32,10 @@ from identification.installation.terms import (
     InstallationFinding,
 )
 
-POLL_S = 0.002
-WITHIN_S = 30.0  # for each push
+PUSH_POLL_S = 0.002
+PUSH_WITHIN_S = 30.0  # for each push
 TRIES = 3
-REST_S = 0.3
+PUSH_REST_S = 0.3
 ALIKE = 0.9  # cosine
 FULL = {"push": 10.0, "twist": 0.5}  # full scale of the bar: N, N m
 PROMPTS = {
@@ -50,7 +50,7 @@ class PushTest:
     """Guided push test of one cell."""
 
     def __init__(
-        self, bus: Bus, cell: CellConfig, teller: Teller, *, within_s: float = WITHIN_S
+        self, bus: Bus, cell: CellConfig, teller: Teller, *, within_s: float = PUSH_WITHIN_S
     ) -> None:
         """Subscribe; no request is sent. Each push must come within `within_s`."""
         self._clock, self._teller, self._within_s = bus.clock, teller, within_s
@@ -96,7 +96,7 @@ class PushTest:
 
         for attempt in range(1, TRIES + 1):
             try:
-                dwell = self._gatherer.dwell("fit", REST_S, watch)
+                dwell = self._gatherer.dwell("fit", PUSH_REST_S, watch)
             except CalibrationError as error:
                 self._refuse_armed()
                 if attempt == TRIES:
@@ -110,7 +110,7 @@ class PushTest:
         """Wait for a push; return None after the timeout."""
         follower, began_ns = PushDetector(asked.by), self._clock.now_ns()
         while self._clock.now_ns() - began_ns < self._within_s * NS_PER_S:
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(PUSH_POLL_S)
             self._refuse_armed()
             try:
                 sample = self._gatherer.take()

@@ -25,7 +25,7 @@ READY_TIMEOUT_S = 20.0
 PRESS_TIMEOUT_S = 30.0
 PRESS_BAND_N = 1.0
 PRESS_STEADY_S = 0.3
-REST_S = 0.3
+SCENARIO_REST_S = 0.3
 SETTLED_FORCE_N = 1.0
 SETTLED_TORQUE_NM = 0.1
 SETTLED_FOR_S = 1.0
@@ -150,7 +150,7 @@ class Scenario:
                     f"{PRESS_TIMEOUT_S:g} s: {sample.force:.1f} N"
                 )
         self._ask(topics.FORCE_STOP, Empty())
-        rest_until_ns = self._clock.now_ns() + round(REST_S * NS_PER_S)
+        rest_until_ns = self._clock.now_ns() + round(SCENARIO_REST_S * NS_PER_S)
         while self._clock.now_ns() < rest_until_ns:
             self._watch("pressing", self.trace.press)
 

@@ -17,8 +17,8 @@ from launch.cell_view import CellView
 from launch.run_file import read_run
 
 CONNECT_WITHIN_S = 0.5
-WATCH_S = 3.0
-POLL_S = 0.002
+RATE_WINDOW_S = 3.0
+RATE_POLL_S = 0.002
 STREAMS = (
     topics.ROBOT_STATE,
     topics.SENSOR_WRENCH,
@@ -38,7 +38,7 @@ class ObservedCell:
     stream_hz: dict[str, float | None] = field(default_factory=dict)
 
 
-def observe_cell(cell: CellConfig, watch_s: float = WATCH_S) -> ObservedCell | None:
+def observe_cell(cell: CellConfig, watch_s: float = RATE_WINDOW_S) -> ObservedCell | None:
     """Receive from a cell for some seconds; return None when no hub responds."""
     try:
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
@@ -47,7 +47,7 @@ def observe_cell(cell: CellConfig, watch_s: float = WATCH_S) -> ObservedCell | N
             while time.monotonic() < end_s:
                 for count in counts:
                     count.poll()
-                time.sleep(POLL_S)
+                time.sleep(RATE_POLL_S)
             return _overheard(cell, bus, view, counts)
     except BusError:
         return None

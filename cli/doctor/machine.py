@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PACKAGES = ("eclipse-zenoh", "msgpack", "numpy", "pin", "pydantic")
 NAPS = 50
 NAP_S = 0.001
-LATE_S = 0.01  # half of the shortest deadline
+LATE_WAKE_S = 0.01  # half of the shortest deadline
 OLDEST_YEAR = 2024  # a clock that was never set starts in 1970
 OLD_DAYS = 365
 
@@ -65,7 +65,7 @@ def check_clock(naps: SleepTimes, now: dt.datetime) -> ReportLine:
     )
     if now.year < OLDEST_YEAR:
         return finding("clock", "WARN", found, "clock.calendar")
-    if naps.longest_s > LATE_S:
+    if naps.longest_s > LATE_WAKE_S:
         return finding("clock", "WARN", found, "clock.late")
     return passed("clock", found)
 

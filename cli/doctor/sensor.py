@@ -14,7 +14,7 @@ from services.sensor.rdt_status import is_good, status_text
 if TYPE_CHECKING:
     from common.config.cell import CellConfig, SensorSection
 
-LISTEN_S = 0.5
+SENSOR_LISTEN_S = 0.5
 PACKAGES = {"robotiq": "serial", "bota": "bota_driver"}
 
 
@@ -36,7 +36,9 @@ def sensor_line(cell: "CellConfig", *, is_up: bool) -> ReportLine:
         return skipped("sensor", "the cell is up and uses the only stream: see sensor/wrench")
     if sensor.driver == "rdt":
         where = f"{sensor.address}:{sensor.port}"
-        return check_stream_of(where, listen(sensor.address, sensor.port, LISTEN_S), LISTEN_S)
+        return check_stream_of(
+            where, listen(sensor.address, sensor.port, SENSOR_LISTEN_S), SENSOR_LISTEN_S
+        )
     return check_device(
         sensor, is_there=Path(sensor.device).exists(), has_package=bool(find_spec(_package(sensor)))
     )

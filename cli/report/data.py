@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from common.config.cell import CellConfig
     from services.recorder.reading import RecordedFile
 
-POINTS = 3000  # of a plot: more than the pixels of a screen
+REPORT_POINTS = 3000  # of a plot: more than the pixels of a screen
 STOPPED = ("HOLDING", "FAULT")
 PLACES = {
     topics.ROBOT_STATE.key: "robot",
@@ -105,7 +105,7 @@ def story_of(read: "RecordedFile", cell: "CellConfig") -> ReportContent:
         elif key == topics.WRENCH.key:
             _note_extremes(story, snapshot.wrench.message)
         elif key == topics.ROBOT_STATE.key and at_s >= next_s:
-            next_s = at_s + story.lasted_s / POINTS
+            next_s = at_s + story.lasted_s / REPORT_POINTS
             _add_point(story, at_s, readout.numbers(snapshot))
     return story
 

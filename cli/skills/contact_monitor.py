@@ -18,8 +18,8 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ArmStoppedError, ForcemeshError, LostError, NotReachedError
 from forcemesh.messages import RegulatorTarget
 
-POLL_S = 0.001
-SILENCE_S = 1.0
+CONTACT_POLL_S = 0.001
+CONTACT_SILENCE_S = 1.0
 STARTED_WITHIN_S = 0.5  # by then the regulator must report the requested mode
 
 ReportProgress = Callable[[float, float, str], None]  # completed, total, description
@@ -65,14 +65,14 @@ class ContactMonitor:
             NotReachedError: Force feedback was stopped by another client.
             LostError, NotValidError: A publisher is silent, or its message is not valid.
         """
-        give_up_s = self.t_s + SILENCE_S
+        give_up_s = self.t_s + CONTACT_SILENCE_S
         while not self._wrench.poll():
             if self.t_s > give_up_s:
                 self._raise_when_stopped()  # a silent publisher has stopped the arm before
                 raise LostError(
-                    f"no message on {topics.WRENCH.key} for {SILENCE_S:g} s", ("wrench",)
+                    f"no message on {topics.WRENCH.key} for {CONTACT_SILENCE_S:g} s", ("wrench",)
                 )
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(CONTACT_POLL_S)
         self._raise_when_stopped()
         target = self._cell.target.reading().message
         if target is not None and target.mode is None and self.t_s > STARTED_WITHIN_S:
@@ -103,7 +103,7 @@ class ContactMonitor:
         while self.t_s < end_s:
             most_N = max(most_N, self.now().press_N)
             self._raise_when_stopped()
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(CONTACT_POLL_S)
         return float(most_N)
 
     def _raise_when_stopped(self) -> None:

@@ -50,7 +50,7 @@ NEAR_N, STEADY_S, READ_S = 0.6, 0.4, 0.3
 SHARES = (1 / 3, 2 / 3, 1.0, 2 / 3, 1 / 3)  # of the press force, in sequence
 MOST_PRESSES = 3
 LEVEL_WITHIN_S = 30.0
-ANSWER_S = 2.5
+RESPONSE_S = 2.5
 BACK_M_S = 0.02
 
 
@@ -169,7 +169,7 @@ class TuningMeasurement:
                 seen = ", ".join(f"{1e3 * one.tau_s:.0f}" for one in answers)
                 raise DataError(
                     f"the delay of the controller's force loop was {seen} ms, never twice within "
-                    f"{1e3 * answer.REPEATS_S:g} ms: `--no-controller` skips it"
+                    f"{1e3 * answer.RESPONSE_REPEATS_S:g} ms: `--no-controller` skips it"
                 )
             first_N, then_N = levels_N if len(answers) % 2 == 0 else levels_N[::-1]
             answers.append(self._answer(gain, first_N, then_N))
@@ -184,8 +184,8 @@ class TuningMeasurement:
         sent_s = feeler.t_s
         self._cell.force.begin(_press(then_N, host="controller"))
         felt = feeler.until(
-            lambda one: one.t_s - sent_s > ANSWER_S,
-            within_s=2.0 * ANSWER_S,
+            lambda one: one.t_s - sent_s > RESPONSE_S,
+            within_s=2.0 * RESPONSE_S,
             what="in the controller",
             tell=self._tell,
         )

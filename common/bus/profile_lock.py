@@ -31,9 +31,9 @@ FOLDER = Path("/in-use")
 LINK = "cell.yaml"
 LOCK = "profile"  # holds the profile's name
 
-POLL_S = 0.1
+LOCK_POLL_S = 0.1
 RETRY_S = 0.5  # while another profile is in use, or the cell file holds mistakes
-PATIENCE_S = 8.0  # longest time until a started profile has linked its cell file
+LOCK_PATIENCE_S = 8.0  # longest time until a started profile has linked its cell file
 GRACE_S = 2.0  # longest time between containers started together
 END_WITHIN_S = 3.0
 PR_SET_PDEATHSIG = 1
@@ -206,7 +206,7 @@ def run(folder: Path, profiles: tuple[str, ...], command: list[str]) -> NoReturn
 
 def _wait(folder: Path, profiles: tuple[str, ...], command: list[str], heartbeat: Heartbeat) -> int:
     """Wait for a choice to share; return its lock."""
-    patient_until_s = time.monotonic() + PATIENCE_S
+    patient_until_s = time.monotonic() + LOCK_PATIENCE_S
     said = ""
     while (lock := hold(folder, profiles)) is None:
         why = waiting(folder, profiles)
@@ -215,7 +215,7 @@ def _wait(folder: Path, profiles: tuple[str, ...], command: list[str], heartbeat
             said = why
         is_meant = any(replaced_by(folder, profile) for profile in profiles)
         heartbeat.beat(time.monotonic_ns(), "" if is_meant else why or "waits for a cell file")
-        time.sleep(POLL_S)
+        time.sleep(LOCK_POLL_S)
     return lock
 
 
@@ -265,7 +265,7 @@ def waiting(folder: Path, profiles: tuple[str, ...] = ()) -> str:
 
 def check(folder: Path, wanted: Choice) -> int:
     """Wait until a choice is in use, or print why it is not; return the exit code."""
-    patient_until_s = time.monotonic() + PATIENCE_S
+    patient_until_s = time.monotonic() + LOCK_PATIENCE_S
     while chosen(folder) != wanted or replaced_by(folder, wanted.profile):
         complaint = problem_with(wanted)
         if not complaint and time.monotonic() > patient_until_s:
@@ -274,7 +274,7 @@ def check(folder: Path, wanted: Choice) -> int:
         if complaint:
             _say(f"{wanted.profile}-cell: {complaint}")
             return 1
-        time.sleep(POLL_S)
+        time.sleep(LOCK_POLL_S)
     return 0
 
 

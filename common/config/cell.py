@@ -18,7 +18,7 @@ from forcemesh.patterns import CELL_NAME
 from forcemesh.topics import Topic
 from forcemesh.units import (
     COUNTS_MOST,
-    LONGEST_LEVER_M,
+    LONGEST_SENSOR_LEVER_M,
     SLOWEST_DEG_S,
     joints_in_radians,
     question,
@@ -29,12 +29,12 @@ SLOWEST_INERTIAL_HZ = 100.0
 SETPOINT_SHARE = 0.7  # of the ceiling: leaves room for overshoot and for a hold after it
 USUAL_FORCE_N = 50.0  # above these two a risk assessment must be named
 USUAL_SPEED_M_S = 0.25
-FARTHEST_M = 10.0  # beyond the reach of any arm, also on a rail
+FARTHEST_WORKSPACE_M = 10.0  # beyond the reach of any arm, also on a rail
 
 Angles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
 JointSpeed = Annotated[float, Field(gt=0.0, le=3000.0)]  # [degrees/s]
 JointSpeeds = tuple[JointSpeed, JointSpeed, JointSpeed, JointSpeed, JointSpeed, JointSpeed]
-Far = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]  # [m] in base
+Far = Annotated[float, Field(ge=-FARTHEST_WORKSPACE_M, le=FARTHEST_WORKSPACE_M)]  # [m] in base
 Place = tuple[Far, Far, Far]
 
 
@@ -124,11 +124,11 @@ class SensorSection(ConfigSection):
     @model_validator(mode="after")
     def _ranges_belong_together(self) -> "SensorSection":
         lever_m = self.torque_range_Nm / self.force_range_N
-        if lever_m > LONGEST_LEVER_M:
+        if lever_m > LONGEST_SENSOR_LEVER_M:
             raise ValueError(
                 f"torque_range_Nm {self.torque_range_Nm:g} is that of {self.force_range_N:g} N on "
-                f"a lever of {lever_m:.3g} m, at most {LONGEST_LEVER_M:g} m is plausible; is that "
-                "in newton millimetres?"
+                f"a lever of {lever_m:.3g} m, at most {LONGEST_SENSOR_LEVER_M:g} m is plausible; "
+                "is that in newton millimetres?"
             )
         return self
 
@@ -253,10 +253,10 @@ class LimitsSection(ConfigSection):
         for axis, low, high in zip("xyz", self.workspace_min_m, self.workspace_max_m, strict=True):
             if not low < high:
                 raise ValueError(f"workspace is empty along {axis}: {low} m is not below {high} m")
-            if max(abs(low), abs(high)) > FARTHEST_M:
+            if max(abs(low), abs(high)) > FARTHEST_WORKSPACE_M:
                 raise ValueError(
                     f"workspace from {low} to {high} m along {axis}: no arm reaches farther than "
-                    f"{FARTHEST_M:g} m; is that in millimetres?"
+                    f"{FARTHEST_WORKSPACE_M:g} m; is that in millimetres?"
                 )
         return self
 

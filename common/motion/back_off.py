@@ -19,19 +19,19 @@ from forcemesh.faults import tripped
 from forcemesh.messages import Speed, Trip, WrenchAtTcp
 
 SPEED_M_S = 0.005
-FARTHEST_M = 0.020
+LONGEST_BACK_OFF_M = 0.020
 BLIND_M = 0.005  # path without a usable force
 RISE_N, RISE_Nm = 3.0, 0.3  # above the lowest load so far
 ENDS_BELOW = 0.5  # of the ceilings
-LEAST_FORCE_N = 5.0  # the direction of a smaller force is unreliable
+LEAST_BACK_OFF_FORCE_N = 5.0  # the direction of a smaller force is unreliable
 MOST_FORWARD = 0.5  # cosine: a force pointing more out of the tool has a wrong sign or bias
 OUTWARD_SHARE = 0.3  # largest share of a path that may be removed
 INSIDE_M = 1e-3  # distance inside the workspace at which the return path ends
 SHORTEST_M = 1e-3
-LONGEST_S = 10.0
+LONGEST_BACK_OFF_S = 10.0
 TURN_RAD = radians(1.0)  # measured rotation of the flange
 # A force that does not fall over half the path is no contact force: a lost bias, or a hooked tool.
-MUST_FALL_AFTER_M, MUST_FALL_N = 0.5 * FARTHEST_M, 3.0
+MUST_FALL_AFTER_M, MUST_FALL_N = 0.5 * LONGEST_BACK_OFF_M, 3.0
 LATE_M, FAST = 2e-3, 1.5  # tolerance of the measured travel: rounding, report latency
 SAME_DIRECTION = 0.9  # cosine between the paths that two processes compute from their own readings
 SAME_PATH_M, SAME_TURN_RAD = 1e-3, radians(0.2)
@@ -106,18 +106,18 @@ def _followed(
         )
         return tripped("already", text, value=force_N, limit=ENDS_BELOW * limits.force_N)
     way = _inside(limits, np.asarray(T_base_tcp.translation)) - T_base_tcp.translation
-    return BackOffPlan("workspace", way * min(1.0, FARTHEST_M / length(way)))
+    return BackOffPlan("workspace", way * min(1.0, LONGEST_BACK_OFF_M / length(way)))
 
 
 def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> BackOffPlan | Trip:
-    if force_N < LEAST_FORCE_N:
+    if force_N < LEAST_BACK_OFF_FORCE_N:
         text = f"a force of {force_N:.1f} N has no reliable direction: the torque is too high"
-        return tripped("no_direction", text, value=force_N, limit=LEAST_FORCE_N)
+        return tripped("no_direction", text, value=force_N, limit=LEAST_BACK_OFF_FORCE_N)
     forward = float(force @ T_base_tcp.rotation[:, 2]) / force_N
     if forward > MOST_FORWARD:
         text = "the measured force pulls the tool forward: wrong sign or bias, or tool is hooked"
         return tripped("no_direction", text, value=forward, limit=MOST_FORWARD)
-    return BackOffPlan("force", FARTHEST_M / force_N * force)
+    return BackOffPlan("force", LONGEST_BACK_OFF_M / force_N * force)
 
 
 def _inside(limits: Limits, p: Array) -> Array:
@@ -170,7 +170,7 @@ def relaxed_limits(limits: Limits, T_base_tcp: pin.SE3, slack_m: float = 0.0) ->
         workspace_min_m=np.minimum(limits.workspace_min_m, p) - slack_m,
         workspace_max_m=np.maximum(limits.workspace_max_m, p) + slack_m,
         planes=planes,
-        tether_m=FARTHEST_M + SAME_PATH_M,
+        tether_m=LONGEST_BACK_OFF_M + SAME_PATH_M,
         tether_rad=TURN_RAD,
         speed_m_s=min(limits.speed_m_s, SPEED_M_S),
         force_N=inf,
@@ -295,11 +295,11 @@ class BackOffState:
         if way_m > most_m:
             text = f"the arm moved {way_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
             return tripped("speed", text, value=way_m, limit=most_m)
-        if time_s > LONGEST_S:
-            text = f"backing off took longer than {LONGEST_S:g} s"
-            return tripped("still_loaded", text, value=time_s, limit=LONGEST_S)
+        if time_s > LONGEST_BACK_OFF_S:
+            text = f"backing off took longer than {LONGEST_BACK_OFF_S:g} s"
+            return tripped("still_loaded", text, value=time_s, limit=LONGEST_BACK_OFF_S)
         load = self.load
-        is_loaded = LEAST_FORCE_N < load.lowest_N < inf
+        is_loaded = LEAST_BACK_OFF_FORCE_N < load.lowest_N < inf
         if way_m > MUST_FALL_AFTER_M and is_loaded and load.first_N - load.lowest_N < MUST_FALL_N:
             text = (
                 f"the force is still {load.lowest_N:.1f} N after {way_m * 1e3:.1f} mm, initially "

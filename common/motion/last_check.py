@@ -35,7 +35,7 @@ MEASURED_SLACK_M = 2e-3
 MEASURED_SLACK_RAD = radians(0.5)
 JOINT_SPEED_MARGIN = 1.1
 JOINT_SPEED_OVER_S = 0.1
-LONGEST_LEVER_M = 0.3  # from the TCP to a contact point: beyond any tool
+LONGEST_CENTRE_M = 0.3  # from the TCP to a contact point: beyond any tool
 PATH_SAMPLES = 25
 ROUNDING_M = 2e-4  # between two readings of an arm at rest
 
@@ -138,9 +138,9 @@ class LastCheck:
             text = f"a set point of {setpoint_N:.1f} N"
             return tripped("setpoint", text, value=setpoint_N, limit=self._setpoint_max_N)
         lever_m = float(np.linalg.norm(feedback.lever_m))
-        if lever_m > LONGEST_LEVER_M:
+        if lever_m > LONGEST_CENTRE_M:
             text = f"centre of rotation {lever_m * 1e3:.0f} mm away from the TCP"
-            return tripped("malformed", text, value=lever_m, limit=LONGEST_LEVER_M)
+            return tripped("malformed", text, value=lever_m, limit=LONGEST_CENTRE_M)
         self._budget.moved_otherwise()
         return None
 

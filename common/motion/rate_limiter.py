@@ -19,7 +19,7 @@ WINDOW_S = 0.25  # the path in it is limited, however many commands arrive
 WINDOW_MARGIN = 1.25  # periods begin and end inside the window
 JOINT_WINDOW_S = 0.1  # averaging window of joint speeds: samples repeat and have jitter
 AT_REST = 1e-9  # m/s and rad/s
-INSTANT_S = 1e-6  # shorter periods do not move the pose
+SAME_INSTANT_S = 1e-6  # shorter periods do not move the pose
 NS_PER_S = 1_000_000_000
 
 
@@ -66,7 +66,7 @@ def limit_motion(
         T_wished: Target of the flange in base; must be finite.
         dt_s: Time since the last period.
     """
-    if dt_s < INSTANT_S:
+    if dt_s < SAME_INSTANT_S:
         return replace(before, T_wished=T_wished)
     most = _Most(limits, dt_s)
     now, last = np.array([before.speed_m_s, before.turning_rad_s]), before.T_base_flange

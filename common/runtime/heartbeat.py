@@ -12,7 +12,7 @@ from pathlib import Path
 from forcemesh.clock import NS_PER_S
 
 HEARTBEAT_VARIABLE = "FORCEMESH_HEARTBEAT"
-PERIOD_S = 1.0
+HEARTBEAT_PERIOD_S = 1.0
 LINE_B = 256  # constant: an update needs no space on a full disk
 
 
@@ -29,7 +29,7 @@ class Heartbeat:
         """Write after a second (monotonic time [ns]), or when the fault has changed."""
         if self._file is None or (now_ns < self._next_ns and fault == self._fault):
             return
-        self._next_ns, self._fault = now_ns + round(PERIOD_S * NS_PER_S), fault
+        self._next_ns, self._fault = now_ns + round(HEARTBEAT_PERIOD_S * NS_PER_S), fault
         os.pwrite(self._file, line(since_boot_s(), fault), 0)
 
 

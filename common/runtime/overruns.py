@@ -14,7 +14,7 @@ from common.config.cell import CellConfig
 from forcemesh.clock import NS_PER_S
 from forcemesh.topics import TOPICS
 
-WINDOW_NS = 1 * NS_PER_S
+OVERRUN_WINDOW_NS = 1 * NS_PER_S
 # Share of the stale time of the role's streams: two periods if that is three of them.
 # A cell on a loaded machine has longer deadlines and thus a longer permitted gap.
 ALLOWED_SHARE = 2.0 / 3.0
@@ -53,7 +53,7 @@ class Overruns:
         while self._peaks and self._peaks[-1][1] <= gap_s:
             self._peaks.pop()
         self._peaks.append((now_ns, gap_s))
-        oldest_ns = now_ns - WINDOW_NS
+        oldest_ns = now_ns - OVERRUN_WINDOW_NS
         while self._peaks[0][0] < oldest_ns:
             self._peaks.popleft()
         while self._late_ns and self._late_ns[0] < oldest_ns:

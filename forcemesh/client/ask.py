@@ -17,7 +17,7 @@ from forcemesh.topics import Request
 Q = TypeVar("Q", bound=Record)
 
 ANSWER_S = 2.0
-AGAIN_S = 0.1
+ASK_AGAIN_S = 0.1
 TRANSIENT = ("not_ready", "moving", "wait")  # refusals that clear by waiting
 
 
@@ -53,7 +53,7 @@ def ask_until(bus: Bus, request: Request[Q], message: Q, within_s: float) -> Rep
         except RefusedError as error:
             if error.code not in TRANSIENT or bus.clock.now_ns() >= give_up_ns:
                 raise
-        bus.clock.sleep_s(AGAIN_S)
+        bus.clock.sleep_s(ASK_AGAIN_S)
 
 
 def stopped_error(status: ArbiterStatus, what: str) -> ArmStoppedError:

@@ -51,7 +51,7 @@ Q = TypeVar("Q", bound=Record)
 READY_WITHIN_S = 5.0  # the preflight needs one second of valid inputs at rest
 SHOWN_WITHIN_S = 1.0  # longest time until arbiter/status shows a granted request
 POLL_S = 0.01
-HEARD_WITHIN_S = 0.3
+WRENCH_WITHIN_S = 0.3
 BACKED_OFF_S = 20.0  # its full travel, and time to come to rest before
 BACKED_OFF = ("back_off", "still_loaded")
 
@@ -251,7 +251,7 @@ class Cell:
         Loaded means more than `force.touch_N`, in a wrench with a valid calibration.
         """
         clock = self.session.clock
-        give_up_ns = clock.now_ns() + round(HEARD_WITHIN_S * NS_PER_S)
+        give_up_ns = clock.now_ns() + round(WRENCH_WITHIN_S * NS_PER_S)
         while (wrench := self.wrench.reading().fresh) is None and clock.now_ns() < give_up_ns:
             clock.sleep_s(POLL_S)
         if wrench is None or not wrench.calibrated:

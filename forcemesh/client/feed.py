@@ -19,7 +19,7 @@ M = TypeVar("M", bound=Message)
 FIRST_WITHIN_S = 2.0  # the slowest topic comes four times a second
 SILENCE_S = 3.0
 SILENCE_CHECK_S = 0.05  # period of the silence check of a stream
-POLL_S = 0.002
+FEED_POLL_S = 0.002
 MARK_NS = NS_PER_S // 10
 MARKS = 16  # window of the rate estimate: more than a second
 
@@ -88,7 +88,7 @@ class Feed(Generic[M]):
         while (reading := self.reading()).fresh is None:
             if clock.now_ns() >= give_up_ns:
                 raise self._trouble(reading)
-            clock.sleep_s(POLL_S)
+            clock.sleep_s(FEED_POLL_S)
         return reading.fresh
 
     def reading(self) -> Reading[M]:
@@ -152,4 +152,4 @@ def _wait(reader: Reader[Any], clock: Clock) -> None:
     before_ns = clock.now_ns()
     reader.wait(SILENCE_CHECK_S)
     if clock.now_ns() == before_ns:
-        clock.sleep_s(POLL_S)
+        clock.sleep_s(FEED_POLL_S)

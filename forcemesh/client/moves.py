@@ -12,10 +12,10 @@ from forcemesh.errors import ArmStoppedError, LostError, NotReachedError, Refuse
 from forcemesh.messages import ZERO3, Joints, PoseRecord, Quaternion, RobotState, Vec3
 from forcemesh.requests import HoldRequest, MoveRequest
 
-POLL_S = 0.02
+MOVE_POLL_S = 0.02
 TAKEN_S = 0.5  # a change of goal in arbiter/status counts after this time
-HEARD_WITHIN_S = 2.0
-LONGEST_S = 120.0
+MOVE_STATE_WITHIN_S = 2.0
+LONGEST_MOVE_S = 120.0
 AFTERWARDS_S = 0.2  # longest time until the arbiter reports why a goal ended
 RETRACT_M, RETRACT_M_S = 0.010, 0.010
 STOPPED = ("HOLDING", "FAULT")
@@ -36,7 +36,9 @@ class Move:
         self._arbiter = session.feed(topics.ARBITER_STATUS)
         self._mine_ns = self._clock.now_ns()  # last time that the arbiter reported this goal
 
-    def wait(self, timeout_s: float = LONGEST_S, progress: Progress | None = None) -> RobotState:
+    def wait(
+        self, timeout_s: float = LONGEST_MOVE_S, progress: Progress | None = None
+    ) -> RobotState:
         """Wait for arrival and return the robot state. Ctrl-C or a timeout holds the arm.
 
         Raises:
@@ -57,13 +59,13 @@ class Move:
     def _follow(self, timeout_s: float, progress: Progress | None) -> RobotState:
         started_ns = heard_ns = self._mine_ns = self._clock.now_ns()
         while True:
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(MOVE_POLL_S)
             now_ns = self._clock.now_ns()
             if now_ns - started_ns > timeout_s * NS_PER_S:
                 raise TimeoutError(f"move not complete within {timeout_s:g} s; the arm holds")
             reading = self._robot.reading()
             if reading.fresh is None:
-                if now_ns - heard_ns > HEARD_WITHIN_S * NS_PER_S:
+                if now_ns - heard_ns > MOVE_STATE_WITHIN_S * NS_PER_S:
                     raise self._session.lost(f"no state of the arm: {reading.fault}")
                 continue
             heard_ns = now_ns
@@ -93,7 +95,7 @@ class Move:
             status = self._arbiter.reading().fresh
             if status is not None and status.state in STOPPED:
                 raise stopped_error(status, ENDED)
-            self._clock.sleep_s(POLL_S)
+            self._clock.sleep_s(MOVE_POLL_S)
         if self.began:
             raise NotReachedError(f"{ENDED}: {reason}")
         raise RefusedError("goal_refused", reason, remedy=remedy_of("goal_refused"))
@@ -132,7 +134,7 @@ class Moves:
         orientation_xyzw: Quaternion | None = None,
         *,
         speed_m_s: float | None = None,
-        timeout_s: float = LONGEST_S,
+        timeout_s: float = LONGEST_MOVE_S,
     ) -> RobotState:
         """Move the flange to a pose in base; without an orientation it keeps its own."""
         turned = orientation_xyzw or self._session.feed(topics.ROBOT_STATE)().orientation_xyzw
@@ -141,7 +143,11 @@ class Moves:
 
     @raise_data_errors()
     def joints(
-        self, joint_rad: Joints, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
+        self,
+        joint_rad: Joints,
+        *,
+        speed_m_s: float | None = None,
+        timeout_s: float = LONGEST_MOVE_S,
     ) -> RobotState:
         """Move the joints to angles [rad]."""
         request = MoveRequest(kind="joints", joint_rad=joint_rad, speed_m_s=speed_m_s)
@@ -149,7 +155,11 @@ class Moves:
 
     @raise_data_errors()
     def by(
-        self, joint_rad: Joints, *, speed_m_s: float | None = None, timeout_s: float = LONGEST_S
+        self,
+        joint_rad: Joints,
+        *,
+        speed_m_s: float | None = None,
+        timeout_s: float = LONGEST_MOVE_S,
     ) -> RobotState:
         """Move the joints by angles [rad] from where they are."""
         request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=speed_m_s)
@@ -163,7 +173,7 @@ class Moves:
         *,
         axes: Literal["base", "tool"] = "base",
         speed_m_s: float | None = None,
-        timeout_s: float = LONGEST_S,
+        timeout_s: float = LONGEST_MOVE_S,
     ) -> RobotState:
         """Shift the tool and turn it about the TCP, along axes of the base or of the tool.
 
@@ -183,7 +193,7 @@ class Moves:
         way_m: float = RETRACT_M,
         *,
         speed_m_s: float = RETRACT_M_S,
-        timeout_s: float = LONGEST_S,
+        timeout_s: float = LONGEST_MOVE_S,
     ) -> RobotState:
         """Leave a contact: move straight back along the tool's axis, away from the surface."""
         return self.jog((0.0, 0.0, -way_m), axes="tool", speed_m_s=speed_m_s, timeout_s=timeout_s)

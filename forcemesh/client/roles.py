@@ -8,7 +8,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LostError
 from forcemesh.messages import Health, SensorWrench
 
-POLL_S = 0.02
+HEALTH_POLL_S = 0.02
 
 
 class RoleHealth:
@@ -35,5 +35,5 @@ class RoleHealth:
         while missing := tuple(role for role in topics.ROLES if self.health(role).silent):
             if clock.now_ns() >= give_up_ns:
                 break
-            clock.sleep_s(POLL_S)
+            clock.sleep_s(HEALTH_POLL_S)
         return missing

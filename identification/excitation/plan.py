@@ -28,7 +28,7 @@ from identification.excitation.route import JointRoute, shortest_order
 from identification.identify import POOR_CONDITIONING
 from identification.static_poses import WORST_CONDITIONING
 
-LEAST_POSES = 6
+LEAST_PLANNED_POSES = 6
 LIFTS_M = (0.1, 0.08, 0.06, 0.04, 0.02, 0.0)
 CANDIDATES = 6000
 MOST_CANDIDATES = 400  # feasible ones; more would add little information
@@ -82,9 +82,9 @@ class CalibrationPlan:
             fit += tuple(best_attitudes(self.R_base_sensor, self.payload, 1, taken))
         else:
             verify += tuple(fresh_attitudes(self.R_base_sensor, 1, taken))
-        if len(fit) < LEAST_POSES:
+        if len(fit) < LEAST_PLANNED_POSES:
             raise CalibrationError(
-                f"only {len(fit)} poses remain, at least {LEAST_POSES} are needed: {ADVICE}"
+                f"only {len(fit)} poses remain, at least {LEAST_PLANNED_POSES} are needed: {ADVICE}"
             )
         return replace(self, fit=fit, verify=verify, refused=refused)
 
@@ -109,10 +109,10 @@ def make_plan(
     R = np.array([(arm.flange_pose(row) * T_flange_sensor).rotation for row in q]).reshape(-1, 3, 3)
     payload = cell.payload.payload if cell.payload.mass_kg > 0.05 else USUAL_PAYLOAD
     fit = best_attitudes(R, payload, options.poses)
-    if len(fit) < LEAST_POSES:
+    if len(fit) < LEAST_PLANNED_POSES:
         raise CalibrationError(
-            f"only {len(fit)} distinct poses are possible inside the box, at least {LEAST_POSES} "
-            f"are needed: {ADVICE}"
+            f"only {len(fit)} distinct poses are possible inside the box, at least "
+            f"{LEAST_PLANNED_POSES} are needed: {ADVICE}"
         )
     verify = fresh_attitudes(R, options.verify_poses, tuple(fit))
     found = conditioning(R[fit])

@@ -8,8 +8,8 @@ import numpy as np
 from common.motion.frames import Array
 from identification.static_poses import angle
 
-WINDOW_S = 0.4
-LEAST_SAMPLES = 16
+STILLNESS_WINDOW_S = 0.4
+LEAST_STILL_SAMPLES = 16
 STILL_M, STILL_RAD = 1e-4, np.radians(0.05)
 # Allowed difference of the means of both window halves: absolute, or in standard deviations.
 STEADY_N, STEADY_NM = 0.05, 0.003
@@ -29,7 +29,7 @@ class PoseSample:
 class StillnessDetector:
     """Sliding window of samples; reports what is not at rest in it."""
 
-    def __init__(self, window_s: float = WINDOW_S) -> None:
+    def __init__(self, window_s: float = STILLNESS_WINDOW_S) -> None:
         """Create an empty window."""
         self._window_ns = round(1e9 * window_s)
         self._samples: deque[PoseSample] = deque()
@@ -52,7 +52,7 @@ class StillnessDetector:
     def complaint(self) -> str:
         """Return the condition that is waited for; empty when everything is at rest."""
         samples = self._samples
-        if len(samples) < LEAST_SAMPLES or self._lasts_ns() < self._window_ns:
+        if len(samples) < LEAST_STILL_SAMPLES or self._lasts_ns() < self._window_ns:
             return "readings"
         places = np.array([sample.position_m for sample in samples])
         moved_m = float(np.linalg.norm(places - places[-1], axis=1).max())

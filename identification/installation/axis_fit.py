@@ -24,7 +24,7 @@ MOMENT_SHARE, MOMENT_NM = 0.06, 0.003  # the same for moments
 MOMENT_MISFIT_SHARE, MOMENT_MISFIT_NM = 0.25, 0.02
 
 
-LEAST_POSES = (1, 6, 10)  # for a drift of order 0, 1, 2
+LEAST_POSES_FOR_AXES = (1, 6, 10)  # for a drift of order 0, 1, 2
 TURNED_RAD, TURNED_TIMES = np.radians(8.0), 2.0  # less is not another mounting; times the rms
 
 
@@ -177,7 +177,7 @@ def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
 def fit_force_drifting(poses: Poses, down_in_base: Array) -> ForceFit:
     """Return the fit with the lowest order of drift that explains the forces, else of order 0."""
     fits = []
-    for drift, least in enumerate(LEAST_POSES):
+    for drift, least in enumerate(LEAST_POSES_FOR_AXES):
         if len(poses) >= least:
             fits.append(fit_force(poses, down_in_base, drift))
             if fits[-1].explained and fits[-1].told:
@@ -197,7 +197,7 @@ def fit_torque(poses: Poses, down_in_base: Array, turn: Array, mass: float) -> T
         mass: Mass of the tool, true or as read: the lever scales with it.
     """
     tried = []
-    for drift, least in enumerate(LEAST_POSES):
+    for drift, least in enumerate(LEAST_POSES_FOR_AXES):
         if len(poses) >= least:
             tried.append(_fit_torque(poses, mass * gravity_in(poses, down_in_base), turn, drift))
             if tried[-1].explained:

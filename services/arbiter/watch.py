@@ -19,7 +19,7 @@ from forcemesh.messages import Trip
 from services.arbiter.controller_watch import ControllerWatch
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 
-REST_S = 0.2  # least time of the flange at one pose
+CALM_S = 0.2  # least time of the flange at one pose
 REST_POSITION_M = 2e-4
 REST_TURN_RAD = 2e-3
 RESIDUAL_S = 0.5
@@ -65,7 +65,7 @@ class RestWatch:
 
     def __init__(self, robot_period_s: float) -> None:
         """Start without a time at rest."""
-        self._needed_ns = round(max(REST_S, 3.0 * robot_period_s) * NS_PER_S)
+        self._needed_ns = round(max(CALM_S, 3.0 * robot_period_s) * NS_PER_S)
         self._anchor: pin.SE3 | None = None
         self._since_ns = 0
 

@@ -18,7 +18,7 @@ from controller.packet import PACKET_CHARS
 from forcemesh.clock import NS_PER_S
 
 RECEIVE_BYTES = 16_384
-RECEIVES_PER_POLL = 4  # bounds the time that a flood of data can take from the loop
+TCP_RECEIVES_PER_POLL = 4  # bounds the time that a flood of data can take from the loop
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class Link:
 
     def _receive(self, sock: socket.socket, now_ns: int) -> bytes:
         received = b""
-        for _ in range(RECEIVES_PER_POLL):
+        for _ in range(TCP_RECEIVES_PER_POLL):
             try:
                 data = sock.recv(RECEIVE_BYTES)
             except BlockingIOError:

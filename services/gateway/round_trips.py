@@ -23,7 +23,7 @@ FORGET_AFTER_S = 60.0
 RATE_WINDOW_S = 4.0
 LEAST_STREAMED = 20  # set points before their median is published
 RATE_LEAST_S = 1.0
-MARKS = 32  # per window: its length is exact to 1 / MARKS
+RATE_MARKS = 32  # per window: its length is exact to 1 / MARKS
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class Rate:
     def count(self, events: int, now_ns: int) -> None:
         """Count events; those of the first call precede the window."""
         self._total += events
-        if not self._marks or now_ns - self._marks[-1][0] >= self._window_ns // MARKS:
+        if not self._marks or now_ns - self._marks[-1][0] >= self._window_ns // RATE_MARKS:
             self._marks.append((now_ns, self._total))
         while len(self._marks) > 1 and now_ns - self._marks[1][0] >= self._window_ns:
             self._marks.popleft()

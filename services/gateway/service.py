@@ -28,9 +28,9 @@ from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
 
 STEP_S = 0.002  # longest time that a report of the controller waits in the socket
 # Margins of the controller's own limits over those of this process.
-TURN_MARGIN_RAD = radians(0.5)
+CONTROLLER_TURN_MARGIN_RAD = radians(0.5)
 STEP_MARGIN = 1.1
-SPEED_MARGIN = 1.01
+CONTROLLER_SPEED_MARGIN = 1.01
 WALL_MARGIN_M = MEASURED_SLACK_M + 1e-3
 CONTROLLER_BITS = tuple(name for name in KawasakiStatus.model_fields if name != "error_code")
 # Mode of the force feedback in the controller, by its bits for position and for orientation.
@@ -276,11 +276,11 @@ def controller_limits(cell: CellConfig, section: GatewaySection) -> ControllerLi
         travel_m=limits.tether_m,
         force_N=limits.force_N,
         watchdog_s=section.watchdog_s,
-        turn_rad=radians(limits.tether_deg) + TURN_MARGIN_RAD,
+        turn_rad=radians(limits.tether_deg) + CONTROLLER_TURN_MARGIN_RAD,
         torque_Nm=limits.torque_Nm,
         set_point_m=STEP_MARGIN * step_m,
         set_point_rad=STEP_MARGIN * step_rad,
-        fastest_m_s=SPEED_MARGIN * limits.speed_m_s,
+        fastest_m_s=CONTROLLER_SPEED_MARGIN * limits.speed_m_s,
         lower_m=vec3(np.array(limits.workspace_min_m) - WALL_MARGIN_M),
         upper_m=vec3(np.array(limits.workspace_max_m) + WALL_MARGIN_M),
         T_flange_tcp=cell.tool.T_flange_tcp.pose,

@@ -25,7 +25,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 
-LATE_S = 0.045  # largest delay of a set point against its schedule
+LATE_SETPOINT_S = 0.045  # largest delay of a set point against its schedule
 LATE_PERIODS = 2.5  # report periods without a set point sent: the link has stalled
 HALF_NS, WINDOW_NS = round(HALF_S * NS_PER_S), round(WINDOW_S * NS_PER_S)
 RUNS_FROM = 3  # set points sent before stalls count: the controller plans its first motion
@@ -46,7 +46,7 @@ class CatchUp:
     def of(cls, cell: CellConfig) -> "CatchUp":
         """Return the settings of a cell: the catch-up speed is that of an approach."""
         speed_m_s = min(cell.force.approach_m_s, cell.approach_limit_m_s)
-        return cls(speed_m_s, max(LATE_PERIODS / cell.rates.robot_hz, LATE_S))
+        return cls(speed_m_s, max(LATE_PERIODS / cell.rates.robot_hz, LATE_SETPOINT_S))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ class SetpointShaper:
             return 1.0
         since_s = (now_ns - self._last_ns) / NS_PER_S
         way_m = _steps(self._last, T)[0]
-        most_m = self._catch_up.speed_m_s * min(since_s, LATE_S)
+        most_m = self._catch_up.speed_m_s * min(since_s, LATE_SETPOINT_S)
         if since_s > self._catch_up.late_s:
             self._backlog_m = way_m
         if self._backlog_m <= 0.0 or way_m <= most_m:
@@ -154,8 +154,8 @@ class SetpointShaper:
             _steps(self._last, T), used, self._speed, self._accel, strict=True
         ):
             room = min(
-                SPEED_MARGIN * speed * (WINDOW_S + LATE_S) - window,
-                ACCEL_MARGIN * accel * HALF_S**2 + speed * (EARLY_S + LATE_S) - more,
+                SPEED_MARGIN * speed * (WINDOW_S + LATE_SETPOINT_S) - window,
+                ACCEL_MARGIN * accel * HALF_S**2 + speed * (EARLY_S + LATE_SETPOINT_S) - more,
             )
             if step > room:
                 share = min(share, max(0.0, room) / max(step, NOTHING))

@@ -14,7 +14,7 @@ from urllib.parse import parse_qs, urlsplit
 from common.config.cell_panel import SAME_TOKEN, PanelSection, guessable
 from forcemesh.errors import ForcemeshError
 from forcemesh.published_ports import PANEL_PUBLISHED, is_loopback
-from services.panel.sessions import LASTS_S, Rights
+from services.panel.sessions import SESSION_LASTS_S, Rights
 
 TOKEN_VARIABLE = "FORCEMESH_PANEL_TOKEN"  # noqa: S105 - the name of a variable
 ASKED_BY_US = "X-Forcemesh"  # other origins cannot send it: it needs a CORS preflight
@@ -83,7 +83,7 @@ class Door:
 
     def keep(self, number: str) -> str:
         """Return the Set-Cookie header with the number of a session."""
-        kept = f"{self.cookie}={number}; Path=/; Max-Age={round(LASTS_S)}; HttpOnly; "
+        kept = f"{self.cookie}={number}; Path=/; Max-Age={round(SESSION_LASTS_S)}; HttpOnly; "
         return kept + ("SameSite=Strict; Secure" if self.is_encrypted else "SameSite=Strict")
 
     def stranger(self, headers: Mapping[str, str]) -> str:

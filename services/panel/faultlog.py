@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from forcemesh.faults import FAULTS
 from forcemesh.messages import ArbiterStatus, Trip
 
-KEPT = 50
+FAULTS_KEPT = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class FaultLog:
     def __init__(self, now_text: Callable[[], str]) -> None:
         """Create an empty log; `now_text` returns the wall clock as text."""
         self._now_text = now_text
-        self._happened: deque[Happened] = deque(maxlen=KEPT)
+        self._happened: deque[Happened] = deque(maxlen=FAULTS_KEPT)
         self._known: set[tuple[str, str]] = set()
 
     def saw(self, status: ArbiterStatus | None) -> None:

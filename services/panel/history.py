@@ -7,15 +7,15 @@ import numpy.typing as npt
 
 Series = npt.NDArray[np.float64]
 
-WINDOW_S = 20.0
-POINTS = 400  # most points of a plot; one each 50 ms
-ROOM = 0.4  # share of an axis range below which the range shrinks
+HISTORY_WINDOW_S = 20.0
+HISTORY_POINTS = 400  # most points of a plot; one each 50 ms
+PLOT_ROOM = 0.4  # share of an axis range below which the range shrinks
 
 
 class PlotHistory:
     """Ring buffer of samples of named values; a missing value is a gap (NaN)."""
 
-    def __init__(self, names: tuple[str, ...], points: int = POINTS) -> None:
+    def __init__(self, names: tuple[str, ...], points: int = HISTORY_POINTS) -> None:
         """Create an empty buffer."""
         self._column = {name: column for column, name in enumerate(names)}
         self._time_s = np.full(points, np.nan)
@@ -43,7 +43,7 @@ class PlotHistory:
         """
         order = (self._next - self._count + np.arange(self._count)) % len(self._time_s)
         if self._count < 2:
-            edge = np.array([-WINDOW_S, 0.0])
+            edge = np.array([-HISTORY_WINDOW_S, 0.0])
             return (edge, *(np.full(2, np.nan) for _ in names))
         values = self._values[order]
         return (self._time_s[order] - now_s, *(values[:, self._column[name]] for name in names))
@@ -70,7 +70,7 @@ class Span:
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
         wanted = (-self._round(-low) if self._signed or low < 0.0 else 0.0, self._round(high))
         too_small = low < self.low or high > self.high
-        too_large = wanted[1] - wanted[0] < ROOM * (self.high - self.low)
+        too_large = wanted[1] - wanted[0] < PLOT_ROOM * (self.high - self.low)
         if not (too_small or too_large):
             return False
         changed = wanted != (self.low, self.high)

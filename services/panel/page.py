@@ -17,7 +17,7 @@ from services.panel.access import Door
 from services.panel.encrypted import context_of
 from services.panel.faultlog import FaultLog
 from services.panel.history import PlotHistory
-from services.panel.plots import PERIOD_S as PLOTS_S
+from services.panel.plots import PLOT_PERIOD_S as PLOTS_S
 from services.panel.plots import Plots
 from services.panel.prose import Prose, paragraphs
 from services.panel.readout import NAMES, Readout
@@ -31,9 +31,9 @@ from services.panel.viewer import RequestOutcome, Viewer, ask, put
 from services.panel.watch import CellMonitor, Snapshot
 from services.panel.wizard import WizardProcess
 
-PERIOD_S = 0.05  # of the scene and of the samples in the plots
+PAGE_PERIOD_S = 0.05  # of the scene and of the samples in the plots
 FORMS_S = 0.25
-IDLE_S = 0.25  # poll period while no page is open
+IDLE_PERIOD_S = 0.25  # poll period while no page is open
 OLD_S = 0.5  # age above which a snapshot is renewed before it is shown
 LEFT_S = 3.0  # covers the gap while a page is reloaded
 JOINED_WITHIN_S = 2.0  # for Stop motion: without an open page the panel is off the bus
@@ -75,7 +75,7 @@ class PanelPage:
         """Update the page while a browser is connected; otherwise wait, off the bus."""
         plots_ns = forms_ns = 0
         heartbeat = heartbeat_of_this_process()
-        while not stop.wait(PERIOD_S if self._is_watched() else IDLE_S):
+        while not stop.wait(PAGE_PERIOD_S if self._is_watched() else IDLE_PERIOD_S):
             heartbeat.beat(time.monotonic_ns(), "")
             if not self._is_watched():
                 self._watch.leave()

@@ -7,15 +7,15 @@ import numpy as np
 import viser
 from viser import uplot
 
-from services.panel.history import WINDOW_S, PlotHistory, Series, Span
+from services.panel.history import HISTORY_WINDOW_S, PlotHistory, Series, Span
 from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
-PERIOD_S = 0.2
-HEIGHT = 118
+PLOT_PERIOD_S = 0.2
+PLOT_HEIGHT = 118
 BRIDGED_S = 0.5  # longest gap that a line bridges
 OUTSIDE = -1e6  # outside the range of every axis
 TICKS_APART = 16  # least distance of two ticks [px]: this plot height fits three or four
-MARGIN = 1.4  # keeps the last tick label inside the plot
+PLOT_MARGIN = 1.4  # keeps the last tick label inside the plot
 
 # The same hue means the same axis in every plot, and in the scene: x red, y green, z blue.
 RED, GREEN, BLUE, ORANGE, GREY = "#e8590c", "#2f9e44", "#1c7ed6", "#f08c00", "#868e96"
@@ -74,7 +74,7 @@ class Plots:
                     scales=scales(self._spans[kind]),
                     axes=(axis("s"), axis()),
                     legend=uplot.Legend(show=len(kind.names) > 1, live=False),
-                    height=HEIGHT,
+                    height=PLOT_HEIGHT,
                 )
                 for kind in KINDS
             }
@@ -106,8 +106,8 @@ def broken(times_s: Series, line: Series) -> Series:
 def scales(span: Span) -> dict[str, uplot.Scale]:
     """Return the scales of both axes; uPlot's automatic range fails at a gap."""
     return {
-        "x": uplot.Scale(time=False, auto=False, range=(-WINDOW_S, 0.0)),
-        "y": uplot.Scale(auto=False, range=(MARGIN * span.low, MARGIN * span.high)),
+        "x": uplot.Scale(time=False, auto=False, range=(-HISTORY_WINDOW_S, 0.0)),
+        "y": uplot.Scale(auto=False, range=(PLOT_MARGIN * span.low, PLOT_MARGIN * span.high)),
     }
 
 

@@ -14,9 +14,9 @@ from forcemesh.clock import NS_PER_S
 
 Rights = Literal["operate", "view"]
 
-IDLE_S = 12 * 3600.0  # a working day; an open page polls three times a second
-LASTS_S = 7 * 24 * 3600.0
-MOST = 64  # sessions; the least recently used one is removed
+SESSION_IDLE_S = 12 * 3600.0  # a working day; an open page polls three times a second
+SESSION_LASTS_S = 7 * 24 * 3600.0
+MOST_SESSIONS = 64  # sessions; the least recently used one is removed
 BYTES = 32
 
 
@@ -30,8 +30,8 @@ class BrowserSession:
 
     def ended(self, now_ns: int) -> bool:
         """Return whether the session has exceeded its lifetime or its idle limit."""
-        is_old = now_ns - self.began_ns >= LASTS_S * NS_PER_S
-        return is_old or now_ns - self.used_ns >= IDLE_S * NS_PER_S
+        is_old = now_ns - self.began_ns >= SESSION_LASTS_S * NS_PER_S
+        return is_old or now_ns - self.used_ns >= SESSION_IDLE_S * NS_PER_S
 
 
 class Sessions:
@@ -47,7 +47,7 @@ class Sessions:
     def begin(self, rights: Rights, now_ns: int) -> str:
         """Open a session; return the number for the browser's cookie."""
         self._forget(now_ns)
-        while len(self._open) >= MOST:
+        while len(self._open) >= MOST_SESSIONS:
             self._open.popitem(last=False)
         number = secrets.token_urlsafe(BYTES)
         self._open[_key(number)] = BrowserSession(rights, now_ns, now_ns)

@@ -24,7 +24,7 @@ from forcemesh.topics import Topic
 
 M = TypeVar("M", bound=Message)
 
-AGAIN_S = 1.0  # between two attempts to reach the hub
+RECONNECT_S = 1.0  # between two attempts to reach the hub
 
 
 def unheard(topic: Topic[M]) -> Reading[M]:
@@ -111,7 +111,7 @@ class CellMonitor:
             client = ConfiguredCell(self.cell, commander="operator", patience_s=0.0)
         except BusError as error:
             self._fault = str(error)
-            self._try_at_ns = self.clock.now_ns() + round(AGAIN_S * NS_PER_S)
+            self._try_at_ns = self.clock.now_ns() + round(RECONNECT_S * NS_PER_S)
             return
         with self._lock:
             self._client = client

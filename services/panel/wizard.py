@@ -13,7 +13,7 @@ from typing import Any
 # Named, not imported: a service does not depend on the command line.
 MODULE = "cli.calibration.panel_wizard"
 ROOT = Path(__file__).resolve().parents[2]
-ENDS_WITHIN_S = 5.0
+WIZARD_ENDS_WITHIN_S = 5.0
 NOTES = 40
 
 
@@ -96,7 +96,7 @@ class WizardProcess:
     def close(self) -> None:
         """Terminate the child; allow it time to request a hold."""
         self.cancel()
-        self.wait(ENDS_WITHIN_S)
+        self.wait(WIZARD_ENDS_WITHIN_S)
         child = self._child
         if child is not None and child.poll() is None:
             child.kill()

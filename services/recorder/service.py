@@ -21,14 +21,14 @@ from services.recorder.recording_writer import RecordingWriter, fault_label
 from services.recorder.ring_buffer import RingBuffer
 
 STEPS_HZ = 10.0
-ROOM = 4096  # receive queue of one topic: eight seconds of the fastest one
+RECORDER_QUEUE = 4096  # receive queue of one topic: eight seconds of the fastest one
 WORK_NS = NS_PER_S // 40  # of each step, for writing
 LAST_WORK_NS = 3 * NS_PER_S // 2  # at the end: limit of the delay when a cell stops
 MB = 1_000_000
 STATUS_PLACE = TOPICS.index(topics.ARBITER_STATUS)
 STOPPED = ("HOLDING", "FAULT")
 ASKED = "asked"
-MOST = 2**53  # largest integer that every language represents exactly
+LARGEST_COUNTER = 2**53  # largest integer that every language represents exactly
 
 
 class Recorder:
@@ -42,7 +42,7 @@ class Recorder:
         self.trigger = None
         self._section = cell.recorder
         self._status_address = f"{cell.cell}/{topics.ARBITER_STATUS.key}"
-        self._taps = [(place, bus.tap(topic, ROOM)) for place, topic in enumerate(TOPICS)]
+        self._taps = [(place, bus.tap(topic, RECORDER_QUEUE)) for place, topic in enumerate(TOPICS)]
         self._past = RingBuffer(60.0 * self._section.keep_min, round(self._section.memory_MB * MB))
         self._tape = RecordingWriter(cell, bus.clock, wall_ns)
         self._until_ns: int | None = None  # end of a recording that a fault triggered
@@ -85,7 +85,7 @@ class Recorder:
         if recording is not None:
             counted |= {
                 "messages": recording.messages,
-                "lost": min(recording.numbering.lost, MOST),
+                "lost": min(recording.numbering.lost, LARGEST_COUNTER),
                 "unshaped": recording.unshaped,
             }
         return counted
@@ -172,7 +172,7 @@ class Recorder:
                 "file": str(recording.path)[-400:],
                 "file_bytes": recording.file_bytes,
                 "messages": recording.messages,
-                "lost": min(recording.numbering.lost, MOST),
+                "lost": min(recording.numbering.lost, LARGEST_COUNTER),
                 "recorded_s": (now_ns - recording.since_ns) / NS_PER_S,
             }
         )

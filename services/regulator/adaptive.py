@@ -45,7 +45,7 @@ from tuning.gain_rule import LOOP_GAIN, tune
 
 INERTIA_SHARE = 0.7  # share of the tool's inertial force removed from the control error
 IDENTIFICATION_INERTIA_SHARE = 0.9  # the same share for identification: it closes no loop
-INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
+SURE_INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
 LOOPS_S = (0.008, 0.016)  # loop periods with full prediction and with none
 LEAST_FADE = 0.05  # least share of the gain range over which the prediction fades in, slowest loop
 
@@ -254,7 +254,7 @@ def gain_for(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, 
     tolerates less inertia compensation and less prediction.
     """
     tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
-    margin = float(np.interp(dt_s, LOOPS_S, INERTIA_MARGIN))
+    margin = float(np.interp(dt_s, LOOPS_S, SURE_INERTIA_MARGIN))
     bears = float(np.interp(dt_s, LOOPS_S, (1.0, 0.0)))
     heat = settings.heat
     loop = LOOP_GAIN + (heat.loop - LOOP_GAIN) * (bears if settings.predicts else 0.0)

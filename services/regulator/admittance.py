@@ -41,7 +41,7 @@ NARROWEST = 0.25  # of the deadband at rest
 TURN_DEADBAND = 0.5  # of the residual torque allowed in free space
 RECENT_S = 0.01  # time constant of the means from which the stiffness is computed
 LEAST_N, LEAST_M = 1.0, 3e-5  # smaller changes are noise of sensor and pose
-STIFFER = 1.1
+STIFFER_THAN_CONTACT = 1.1
 RELAX_M, RELAX_S = 0.001, 0.5  # decay of k per travel and time while the force moves the tool
 
 
@@ -68,7 +68,7 @@ class AdmittanceSettings:
             deadband_Nm=max(TURN_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm),
             speed_max_m_s=cell.force.speed_max_m_s,
             path=DelayModelSettings(path.median_s, 0.0, path.filter_s, path.median_s),
-            stiffest_N_m=max(STIFFER * cell.contact.stiffness_N_m, HAND_N_M),
+            stiffest_N_m=max(STIFFER_THAN_CONTACT * cell.contact.stiffness_N_m, HAND_N_M),
         )
 
 
@@ -143,7 +143,7 @@ def _felt(
     now_m, now_N = R.T @ measured.felt, R.T @ sample.force_N
     d_m, d_N = now_m - guide.recent_m, now_N - guide.recent_N
     tells = (d_m * d_N < 0.0) & (np.abs(d_m) > LEAST_M) & (np.abs(d_N) > LEAST_N)
-    slope_N_m = STIFFER * np.abs(d_N) / np.maximum(np.abs(d_m), LEAST_M)
+    slope_N_m = STIFFER_THAN_CONTACT * np.abs(d_N) / np.maximum(np.abs(d_m), LEAST_M)
     way_m, dt_s = np.abs(guide.speed_m_s) * sample.dt_s, sample.dt_s
     gives_way = now_N * guide.speed_m_s > 0.0
     kept = np.where(gives_way, np.exp(-way_m / RELAX_M - dt_s / RELAX_S), 1.0)

@@ -24,7 +24,7 @@ from forcemesh.messages import Mode
 
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
-LONGEST_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
+LONGEST_CONTACT_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
 ALL_AXES = (True,) * 6
 
 
@@ -152,7 +152,7 @@ def contact_point(sample: LawInput, touch_N: float) -> Array:
     if square < touch_N * touch_N:
         return np.zeros(3)
     lever_m = cross(sample.force_N, sample.torque_Nm) / square
-    return limit_norm(lever_m, LONGEST_LEVER_M)
+    return limit_norm(lever_m, LONGEST_CONTACT_LEVER_M)
 
 
 def _sped_up(

@@ -19,7 +19,7 @@ from common.config.cell import CellConfig
 from common.motion.frames import Array
 
 REPORTS, SAMPLES = 2.0, 2.0
-SAME = np.array([1e-5, 1e-4])  # m, rad: tolerance between a sent pose and its command
+SAME_COMMAND = np.array([1e-5, 1e-4])  # m, rad: tolerance between a sent pose and its command
 
 # Weights that sum the squared elements of a row to a squared distance and a squared angle.
 WAY_AND_TURN = np.repeat([[1.0, 0.0], [0.0, 0.5]], [3, 9], axis=0)
@@ -63,10 +63,10 @@ class CommandHistory:
         if T_sent is None or not len(self.ages_s):
             return False
         behind = _apart(_row(T_sent) - self.poses[-1:])[0]
-        if (behind <= SAME).all():
+        if (behind <= SAME_COMMAND).all():
             return False
         gone = _apart(self.poses - self.poses[-1]).max(axis=0)
-        return bool((behind > gone + SAME).any())
+        return bool((behind > gone + SAME_COMMAND).any())
 
 
 def _row(T: pin.SE3) -> Array:

@@ -13,7 +13,7 @@ from common.config.cell import CellConfig
 from common.motion.frames import Array
 
 HALF_WAVES = 10  # five periods
-KEPT = 0.9  # a half wave smaller than this share of the last one of its sign decays
+HALF_WAVE_KEPT = 0.9  # a half wave smaller than this share of the last one of its sign decays
 DEADBANDS = 10.0  # smaller half waves, in deadbands, are noise or harmless
 SHORTEST_HALF_TAU, LONGEST_HALF_TAU = 0.5, 8.0
 
@@ -71,7 +71,11 @@ def follow(swing: HalfWaves, error: Array, dt_s: float, settings: OscillationSet
         return replace(swing, height=height, age_s=age_s)
     ended = crossed & (swing.side != 0.0)
     in_time = (swing.age_s >= settings.shortest_s) & (swing.age_s <= settings.longest_s)
-    lives = in_time & (swing.height >= settings.least) & (swing.height >= KEPT * swing.before_last)
+    lives = (
+        in_time
+        & (swing.height >= settings.least)
+        & (swing.height >= HALF_WAVE_KEPT * swing.before_last)
+    )
     return HalfWaves(
         side=np.where(crossed, side, swing.side),
         height=np.where(crossed, size, height),

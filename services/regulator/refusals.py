@@ -13,7 +13,7 @@ from forcemesh.faults import refusal, refused
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.session import ForceSession, active_commander
-from services.regulator.tcp_path import MOST_POINTS, component_across
+from services.regulator.tcp_path import MOST_PATH_POINTS, component_across
 
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
 AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # as on the command line
@@ -111,8 +111,8 @@ def refused_path(
         return refusal("setpoint", text, value=wanted.speed_m_s, limit=most_m_s)
     ahead = len(session.route.points) if wanted.append and session.route else 0
     count = ahead + len(wanted.points_m)
-    if count > MOST_POINTS:
-        return refusal("busy", "too many pending path points", value=count, limit=MOST_POINTS)
+    if count > MOST_PATH_POINTS:
+        return refusal("busy", "too many pending path points", value=count, limit=MOST_PATH_POINTS)
     return _point_outside(wanted, session.law.T_base_tcp, cell)
 
 

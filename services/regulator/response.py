@@ -19,11 +19,11 @@ import numpy as np
 from common.motion.frames import Array
 
 MARGIN, SIGMAS = 1.03, 2.0  # an estimate too stiff is slow, one too soft overshoots
-SURE = 0.03  # largest sigma of an accepted estimate, relative to k
+SURE_SHARE = 0.03  # largest sigma of an accepted estimate, relative to k
 SOFTEST_ARM_N_M = 2.5e5
 LEARN_S = 0.015
-FEW = 8.0  # least weighted number of samples
-PARALLEL = 1e-6  # collinear travel and speed: limit relative to the product of their squares
+FEW_RESPONSES = 8.0  # least weighted number of samples
+PARALLEL_N = 1e-6  # collinear travel and speed: limit relative to the product of their squares
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,20 +62,20 @@ def hear(state: Response, answer: ResponseSample, k: Array) -> Response:
     part = kept * state.weight / weight
     sums = kept * state.sums + part * off[:, None, :] * off[None, :, :]
     now = Response(state.share, weight, state.mean + off / weight, sums)
-    return now if weight < FEW else replace(now, share=_believed(now, answer, k))
+    return now if weight < FEW_RESPONSES else replace(now, share=_believed(now, answer, k))
 
 
 def _believed(now: Response, answer: ResponseSample, k: Array) -> Array:
     ways, both, speeds = now.sums[0, 0], now.sums[0, 1], now.sums[1, 1]
     by_way, by_speed = now.sums[0, 2], now.sums[1, 2]
     square = ways * speeds - both**2
-    tells = (ways > now.weight * answer.least_way_m**2) & (square > PARALLEL * ways * speeds)
+    tells = (ways > now.weight * answer.least_way_m**2) & (square > PARALLEL_N * ways * speeds)
     square = np.where(tells, square, 1.0)
     slope = (by_speed * both - by_way * speeds) / square
     rate = (by_speed * ways - by_way * both) / square
     rest = np.maximum(now.sums[2, 2] + slope * by_way - rate * by_speed, 0.0) / now.weight
     sigma = np.sqrt((rest + answer.noise_N**2) * speeds / square)
     found = np.clip((MARGIN * slope + SIGMAS * sigma) / k, 1.0 / (1.0 + k / SOFTEST_ARM_N_M), 1.0)
-    sure = tells & (sigma < SURE * slope)
+    sure = tells & (sigma < SURE_SHARE * slope)
     learnt = 1.0 - exp(-answer.dt_s / LEARN_S)
     return np.where(sure, now.share + learnt * (found - now.share), now.share)

@@ -22,12 +22,12 @@ from common.motion.frames import Array
 Flags = npt.NDArray[np.bool_]
 
 SLOPE_MARGIN = 1.08
-SIGMAS = 3.5
+BOUND_SIGMAS = 3.5
 SURE = 0.3  # 3.5 sigma below this share of the slope: the fit may raise the estimate as well
 EXPLAINED = 0.9  # share of the force's variance explained by travel: the tool's own motion
 DOWN_S = 0.002  # time constant towards a lower bound
 UP_S = 0.002
-FEW = 5.0  # least weighted number of samples
+FEW_SAMPLES = 5.0  # least weighted number of samples
 FITTED = 2.0  # degrees of freedom of the fitted line
 
 
@@ -115,10 +115,10 @@ def _believed(
     spare = max(now.weight - FITTED, 1.0)
     rest = np.maximum(now.forces - now.both**2 / ways, 0.0) / spare + settings.noise**2
     sigma = np.sqrt(rest / ways)
-    bound = np.maximum(SLOPE_MARGIN * slope + SIGMAS * sigma, settings.softest)
+    bound = np.maximum(SLOPE_MARGIN * slope + BOUND_SIGMAS * sigma, settings.softest)
     bound = np.minimum(bound, settings.stiffest)
-    useful = moved & (slope > 0.0) & (now.weight > FEW)
-    sure = useful & (SIGMAS * sigma < SURE * slope)
+    useful = moved & (slope > 0.0) & (now.weight > FEW_SAMPLES)
+    sure = useful & (BOUND_SIGMAS * sigma < SURE * slope)
     explained = sure & (now.both**2 > EXPLAINED * now.ways * now.forces)
     lower = useful & (bound < now.k) & (may_soften | explained)
     least = np.minimum(SLOPE_MARGIN * slope, settings.stiffest)

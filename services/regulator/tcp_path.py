@@ -13,7 +13,7 @@ import numpy as np
 
 from common.motion.frames import Array
 
-MOST_POINTS = 600  # pending at once
+MOST_PATH_POINTS = 600  # pending at once
 SHARP = 0.9  # cosine of the corner angle from which the path stops at a point
 THERE_M = 1e-6
 

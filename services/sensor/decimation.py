@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-WINDOW_NS = 250_000_000  # window in which the sensor's rate is measured
-MARGIN = 2.05  # times the cell's rate: twice, plus tolerance of clocks and measurement
+RATE_WINDOW_NS = 250_000_000  # window in which the sensor's rate is measured
+DECIMATION_MARGIN = 2.05  # times the cell's rate: twice, plus tolerance of clocks and measurement
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +39,9 @@ def _measure(state: Decimation, number: int, now_ns: int) -> Decimation:
     if state.since is None:
         return replace(state, since=(number, now_ns))
     elapsed_ns = now_ns - state.since[1]
-    if elapsed_ns < WINDOW_NS:
+    if elapsed_ns < RATE_WINDOW_NS:
         return state
     rate_hz = 1e9 * (number - state.since[0]) / elapsed_ns
     ratio = rate_hz / state.wanted_hz
-    keep_every = 1 if ratio <= MARGIN else round(ratio)
+    keep_every = 1 if ratio <= DECIMATION_MARGIN else round(ratio)
     return replace(state, rate_hz=rate_hz, keep_every=keep_every, since=(number, now_ns))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from forcemesh.clock import NS_PER_S
 
-RECEIVE_BYTES = 2048
+DATAGRAM_BYTES = 2048
 BUFFER_BYTES = 1 << 20  # as far as the system grants it: a delayed process loses nothing here
 RECEIVES_PER_POLL = 1000  # a flood cannot block the loop
 
@@ -82,7 +82,7 @@ class UdpLink:
             if self._socket is None:
                 break
             try:
-                datagrams.append(self._socket.recv(RECEIVE_BYTES))
+                datagrams.append(self._socket.recv(DATAGRAM_BYTES))
             except BlockingIOError:
                 self._emptied_ns = now_ns
                 break

@@ -15,7 +15,7 @@ from services.sensor.driver import NO_FAULT, Info, SensorFault
 from services.sensor.rdt import Scale
 
 PATH = "/netftapi2.xml"
-SAME = 1e-3  # relative tolerance of two scales: more is not rounding
+SAME_COUNTS = 1e-3  # relative tolerance of two scales: more is not rounding
 RATINGS = re.compile(r"[;,\s]+")  # between one axis and the next
 ELEMENT = re.compile(r"<([A-Za-z0-9_]+)>([^<]*)</\1>")
 
@@ -88,7 +88,7 @@ def disagreement(sensor: SensorSection, page: SettingsPage) -> SensorFault:
         ("counts_per_Nm", sensor.counts_per_Nm, page.counts_per_Nm, page.torque_unit),
     )
     for name, ours, theirs, unit in pairs:
-        if sensor.calibration == "both" and abs(ours / theirs - 1.0) > SAME:
+        if sensor.calibration == "both" and abs(ours / theirs - 1.0) > SAME_COUNTS:
             text = (
                 f"sensor.{name} is {ours:.9g} in the cell file and {theirs:.9g} on the sensor's "
                 f"page (its unit is {unit}): {ours / theirs:.4g} times as much"
@@ -99,7 +99,7 @@ def disagreement(sensor: SensorSection, page: SettingsPage) -> SensorFault:
         ("torque_range_Nm", sensor.torque_range_Nm, page.torque_range_Nm),
     )
     for name, wanted, rated in ranges:
-        if rated is not None and wanted > rated * (1.0 + SAME):
+        if rated is not None and wanted > rated * (1.0 + SAME_COUNTS):
             text = f"sensor.{name} is {wanted:g} in the cell file, {rated:g} on the sensor's page"
             return SensorFault("sensor_calibration", f"{text} for its strongest axis")
     return NO_FAULT

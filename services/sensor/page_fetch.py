@@ -9,8 +9,8 @@ from forcemesh.errors import DataError
 from services.sensor.netft_page import PATH, SettingsPage, parse
 
 TIMEOUT_S = 2.0
-AGAIN_S = 1.0
-MOST_BYTES = 200_000
+FETCH_AGAIN_S = 1.0
+MOST_PAGE_BYTES = 200_000
 
 
 class PageSource(Protocol):
@@ -40,7 +40,7 @@ class PageFetch:
         """Return the page, None until it is received."""
         busy = self._thread is not None and self._thread.is_alive()
         if self._page is None and not busy and now_ns >= self._next_ns:
-            self._next_ns = now_ns + round(AGAIN_S * NS_PER_S)
+            self._next_ns = now_ns + round(FETCH_AGAIN_S * NS_PER_S)
             self._thread = threading.Thread(target=self._fetch, daemon=True)
             self._thread.start()
         return self._page
@@ -55,7 +55,7 @@ class PageFetch:
         try:
             connection.request("GET", PATH)
             answer = connection.getresponse()
-            text = answer.read(MOST_BYTES).decode("utf-8", errors="replace")
+            text = answer.read(MOST_PAGE_BYTES).decode("utf-8", errors="replace")
             if answer.status == http.client.OK:
                 self._page = parse(text)
             else:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from services.sensor.driver import NO_FAULT, SensorFault
 from services.sensor.rdt import JUMP, RdtRecord, Tally, signed
 
-WINDOW = 250  # places of the stream; the last one to two windows are evaluated
+QUALITY_WINDOW = 250  # places of the stream; the last one to two windows are evaluated
 BAD_SHARE = 0.1  # of the records: above it, the network path is unreliable
-LEAST_PLACES = 100  # fewer give no reliable rate
+LEAST_RECORDS = 100  # fewer give no reliable rate
 
 MOST_FT_HZ = 10_000  # no sensor samples faster
 FT_MARGIN = 5_000
@@ -26,14 +26,14 @@ class Quality:
 
     def moved_on(self, tally: Tally, place: int) -> "Quality":
         """Return the window after the records up to a place of the stream."""
-        if place - self.newer_place < WINDOW:
+        if place - self.newer_place < QUALITY_WINDOW:
             return self
         return Quality(self.newer, self.newer_place, tally, place)
 
     def complaint(self, tally: Tally, place: int) -> SensorFault:
         """Return the fault of the records in the window."""
         places = place - self.older_place
-        if places < LEAST_PLACES:
+        if places < LEAST_RECORDS:
             return NO_FAULT
         shares = (
             ("sensor_lossy", "were lost", tally.lost - self.older.lost),

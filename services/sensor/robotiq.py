@@ -16,7 +16,7 @@ BAUD = 19_200
 RATE_HZ = 100.0
 FORCE_RANGE_N, TORQUE_RANGE_NM = 300.0, 30.0
 STOP = b"\xff" * 50  # half a second of any bytes: it becomes a Modbus slave again
-MOST_BYTES = 4096  # of unframed bytes that are kept
+MOST_BUFFERED_BYTES = 4096  # of unframed bytes that are kept
 
 
 def crc16(data: bytes) -> bytes:
@@ -93,4 +93,4 @@ class Framer:
         begin = self._rest.find(HEAD)
         if begin < 0:
             begin = len(self._rest) - (1 if self._rest[-1:] == HEAD[:1] else 0)
-        self._skip(max(begin, len(self._rest) - MOST_BYTES))
+        self._skip(max(begin, len(self._rest) - MOST_BUFFERED_BYTES))

@@ -28,7 +28,7 @@ ASK_EVERY_S = 1.0
 FEWEST_STRANGE_BYTES = 8 * FRAME_BYTES  # without a frame: another device is sending
 BAD_SHARE = 0.1  # of the frames of the window
 WINDOW = 100
-RECEIVE_BYTES = 4096
+SERIAL_RECEIVE_BYTES = 4096
 
 
 class SerialLine(Protocol):
@@ -145,7 +145,7 @@ class RobotiqDriver:
         if self._line is None:
             return b""
         try:
-            return self._line.read(RECEIVE_BYTES)
+            return self._line.read(SERIAL_RECEIVE_BYTES)
         except OSError as error:
             self._note(error)
             self._drop()

@@ -22,7 +22,7 @@ from sim.controller.values import (
 )
 
 NULL = Transformation()
-PARALLEL = 1e-9
+PARALLEL_AXES = 1e-9
 
 
 def _place(value: Argument) -> Transformation:
@@ -62,7 +62,7 @@ def frame(
     a, b, c = (np.array(place.numbers()[:3]) for place in (x_from, x_to, y_side))
     x_axis = b - a
     z_axis = np.cross(x_axis, c - a)
-    if np.linalg.norm(x_axis) < PARALLEL or np.linalg.norm(z_axis) < PARALLEL:
+    if np.linalg.norm(x_axis) < PARALLEL_AXES or np.linalg.norm(z_axis) < PARALLEL_AXES:
         raise AsError("E0106", "FRAME: the first three points are collinear")
     x_axis /= np.linalg.norm(x_axis)
     z_axis /= np.linalg.norm(z_axis)

@@ -19,7 +19,7 @@ ARROW_M_PER_N = 0.006
 ARROW_LONGEST_M = 0.25
 ARROW_WIDTH_M = 0.012
 ARROW_BESIDE_M = 0.06  # offset from the tool: at the contact, plate and tool would hide the arrow
-LEAST_FORCE_N = 0.5  # arrows of smaller forces are too short to be legible
+LEAST_DRAWN_FORCE_N = 0.5  # arrows of smaller forces are too short to be legible
 _ARROW_RGBA = np.array([0.86, 0.12, 0.16, 1.0], dtype=np.float32)
 
 Pixels = npt.NDArray[np.uint8]
@@ -93,7 +93,7 @@ def _add_arrow(
 ) -> None:
     """Draw the force of the environment on the tool, from a point."""
     size_N = float(np.linalg.norm(force_N))
-    if size_N < LEAST_FORCE_N:
+    if size_N < LEAST_DRAWN_FORCE_N:
         return
     length_m = min(ARROW_M_PER_N * size_N, ARROW_LONGEST_M)
     tip_m = tail_m + force_N / size_N * 2.0 * length_m  # MuJoCo draws arrows at half their size

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from common.motion.back_off import LONGEST_S
+from common.motion.back_off import LONGEST_BACK_OFF_S
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import MoveRequest, Reply
@@ -232,7 +232,7 @@ def _freeing_key(product: Product) -> Key:
     if freeing is None:
         return ()
     run = freeing.run
-    late = _over(run.since_ns, product.now_ns, LONGEST_S)
+    late = _over(run.since_ns, product.now_ns, LONGEST_BACK_OFF_S)
     return (freeing.blind, freeing.plan.kind, run.load.lowest_N, run.load.first_N, late)
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
-from common.motion.back_off import FARTHEST_M, RISE_N, SPEED_M_S
+from common.motion.back_off import LONGEST_BACK_OFF_M, RISE_N, SPEED_M_S
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_between
 from forcemesh.faults import FAULTS
@@ -237,7 +237,7 @@ def test_whatever_the_wrench_does_force_way_speed_and_turn_stay_in_their_bounds(
             assert command.goal.pose is not None
             goals.add(command.goal.pose)
             T = pose_of(command.goal.pose)
-            assert np.linalg.norm(T.translation - start.translation) <= FARTHEST_M + 1e-9
+            assert np.linalg.norm(T.translation - start.translation) <= LONGEST_BACK_OFF_M + 1e-9
             assert np.linalg.norm(rotation_between(start.rotation, T.rotation)) < 1e-6
             assert command.speed.mechanical_m_s * command.speed.modular_fraction <= SPEED_M_S
             step(world, command)

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcemesh.faults import FAULTS, MOST_BYTES, clipped
+from forcemesh.faults import FAULTS, MOST_TEXT_BYTES, clipped
 from forcemesh.messages import ArbiterState, Trip
 from services.arbiter.reports import (
     ALONE,
@@ -79,4 +79,4 @@ def test_there_is_room_for_what_a_person_needs() -> None:
     assert MOST_TRIPS >= 3
     assert MOST_LINES >= 9
     assert len("wrench invalid: sensor/wrench stale: 12345 ms old, limit 1000 ms") <= LINE_BYTES
-    assert MOST_BYTES >= 4 * LINE_BYTES * 0.8
+    assert MOST_TEXT_BYTES >= 4 * LINE_BYTES * 0.8

@@ -12,7 +12,7 @@ from common.config.cell import PlaneSection
 from common.config.load import load_cell
 from common.motion import back_off
 from common.motion.back_off import (
-    FARTHEST_M,
+    LONGEST_BACK_OFF_M,
     RISE_N,
     SPEED_M_S,
     BackOffPlan,
@@ -75,7 +75,7 @@ def test_a_way_out_is_short_leads_nowhere_worse_and_turns_nothing(
     end = found.goal(T)
     assert np.array_equal(end.rotation, T.rotation)
     way_m = float(np.linalg.norm(end.translation - T.translation))
-    assert way_m <= (back_off.BLIND_M if found.kind == "blind" else FARTHEST_M) + 1e-9
+    assert way_m <= (back_off.BLIND_M if found.kind == "blind" else LONGEST_BACK_OFF_M) + 1e-9
     before, after = (T * TOOL).translation, (end * TOOL).translation
     low, high = (
         np.minimum(LIMITS.workspace_min_m, before),
@@ -116,7 +116,7 @@ def test_what_is_followed(wrench: WrenchAtTcp | None, confirmed: bool, kind: str
 def test_a_tool_outside_goes_straight_back_in() -> None:
     """12 mm beyond a wall: 13 mm back, so that it is inside; 50 mm beyond: 20 mm."""
     wall_m = float(LIMITS.workspace_max_m[0])
-    for beyond_m, way_m in ((0.012, 0.013), (0.05, FARTHEST_M)):
+    for beyond_m, way_m in ((0.012, 0.013), (0.05, LONGEST_BACK_OFF_M)):
         T = pin.SE3(DOWN.rotation, np.array([wall_m + beyond_m, 0.5, 0.3]))
         found = plan(T, felt())
         assert isinstance(found, BackOffPlan)
@@ -166,7 +166,7 @@ def test_the_ceiling_only_comes_down(samples) -> None:
 def test_a_force_that_does_not_fall_is_no_contact() -> None:
     """A lost bias reads the same wherever the tool goes: it ends after half the way."""
     run, trip, way_m = BackOffState(DOWN, 0), None, 0.0
-    while trip is None and way_m < FARTHEST_M:
+    while trip is None and way_m < LONGEST_BACK_OFF_M:
         way_m += 1e-4
         run, trip = run.felt(felt((0.0, 0.0, 75.0)))
         trip = trip or run.moved(shifted(DOWN, z_m=way_m), round(way_m / SPEED_M_S * 1e9))

@@ -16,7 +16,12 @@ from common.motion.frames import GRAVITY_M_S2, R_from_quaternion, skew
 from common.motion.kinematics import ArmKinematics
 from forcemesh.messages import RobotState
 from identification.errors import CalibrationError
-from identification.excitation.plan import LEAST_POSES, CalibrationPlan, PlanOptions, make_plan
+from identification.excitation.plan import (
+    LEAST_PLANNED_POSES,
+    CalibrationPlan,
+    PlanOptions,
+    make_plan,
+)
 from identification.excitation.pose_choice import USUAL_PAYLOAD, best_attitudes, conditioning
 from identification.identify import identify
 from identification.recording import Samples
@@ -235,7 +240,7 @@ def test_when_every_pose_is_refused_it_ends_with_advice(plan):
         ({"workspace_max_m": [0.4, 0.8, 0.38]}, "no room to rotate the tool"),
         (
             {"workspace_min_m": [-0.05, 0.425, 0.2], "workspace_max_m": [0.05, 0.525, 0.5]},
-            f"distinct poses are possible inside the box, at least {LEAST_POSES} are needed",
+            f"poses are possible inside the box, at least {LEAST_PLANNED_POSES} are needed",
         ),
         ({"planes": [{"point_m": [0, 0.4, 0], "normal": [0, -1, 0]}]}, "behind or near plane 1"),
         ({"tether_m": 0.011}, "tether"),
@@ -253,7 +258,7 @@ def test_fewer_poses_than_asked_for_are_told():
     """Sixty poses that differ do not fit into a small box: it says how many do."""
     cell = load_cell(DEMO, {"calibration": None, **SMALL})
     plan = make_plan(cell, ARM, HOME_RAD, PlanOptions(poses=40))
-    assert LEAST_POSES <= len(plan.fit) < 40
+    assert LEAST_PLANNED_POSES <= len(plan.fit) < 40
     assert f"only {len(plan.fit)} of 40 poses are possible" in plan.warnings[0]
 
 

@@ -63,7 +63,7 @@ def nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     monkeypatch.setenv(CELL_VARIABLE, str(DEMO))
     monkeypatch.setenv(ENDPOINT_VARIABLE, "tcp/127.0.0.1:9")  # nobody listens there
-    monkeypatch.setattr("cli.context.PATIENCE_S", 0.0)
+    monkeypatch.setattr("cli.context.CONNECT_PATIENCE_S", 0.0)
     (tmp_path / "here.yaml").write_text("")
     (tmp_path / "bad.csv").write_text("not,a,recording\n")
 

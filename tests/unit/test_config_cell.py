@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 import yaml
 
-from common.config.cell import FARTHEST_M, SETPOINT_SHARE, SLOWEST_INERTIAL_HZ, CellConfig
+from common.config.cell import FARTHEST_WORKSPACE_M, SETPOINT_SHARE, SLOWEST_INERTIAL_HZ, CellConfig
 from common.config.load import TUNED, calibration_file, cell_from_tree, dump_cell, load_cell
 from forcemesh.errors import ConfigError
-from forcemesh.units import COUNTS_MOST, LONGEST_LEVER_M, SLOWEST_DEG_S
+from forcemesh.units import COUNTS_MOST, LONGEST_SENSOR_LEVER_M, SLOWEST_DEG_S
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 DEMO_CELL = load_cell(DEMO)
@@ -38,7 +38,7 @@ NETFT = {"roles.sensor": "driver", "sim.netft": True}
 AT_THE_LIMIT: dict[str, tuple[Callable[[float], dict[str, Any]], float, str]] = {
     "a lever of the sensor": (
         lambda lever_m: {"sensor.force_range_N": 10.0, "sensor.torque_range_Nm": 10.0 * lever_m},
-        LONGEST_LEVER_M,
+        LONGEST_SENSOR_LEVER_M,
         "sensor: torque_range_Nm",
     ),
     "a set point under the ceiling": (
@@ -48,12 +48,12 @@ AT_THE_LIMIT: dict[str, tuple[Callable[[float], dict[str, Any]], float, str]] = 
     ),
     "a corner of the workspace": (
         lambda size_m: {"limits.workspace_max_m": [size_m, 0.8, 0.6]},
-        FARTHEST_M,
+        FARTHEST_WORKSPACE_M,
         "limits: workspace from",
     ),
     "the other corner": (
         lambda size_m: {"limits.workspace_min_m": [-size_m, 0.2, -0.2]},
-        FARTHEST_M,
+        FARTHEST_WORKSPACE_M,
         "limits: workspace from",
     ),
     "a bias of force": (

@@ -8,7 +8,7 @@ import pytest
 
 from forcemesh.codec import MAX_BYTES, encode_record
 from forcemesh.errors import RefusedError
-from forcemesh.faults import FAULTS, MOST_BYTES, FaultCode, refusal, refused, tripped
+from forcemesh.faults import FAULTS, MOST_TEXT_BYTES, FaultCode, refusal, refused, tripped
 from tools.faults_page import PAGE, page
 from tools.tree import production_files
 
@@ -96,7 +96,7 @@ def test_the_longest_trip_can_be_sent(fault: FaultCode) -> None:
         tripped(fault.code, "\N{WHITE SMILING FACE}" * 500, value=float("nan"), limit=1.0)
     )
     assert (reply.rule, reply.code, reply.value, reply.limit) == (fault.rule, fault.code, None, 1.0)
-    assert len(reply.text.encode()) <= MOST_BYTES
+    assert len(reply.text.encode()) <= MOST_TEXT_BYTES
     assert len(encode_record(reply)) < MAX_BYTES
 
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 import pytest
 
 from controller.packet import PACKET_CHARS
-from services.gateway.link import RECEIVE_BYTES, RECEIVES_PER_POLL, Link, LinkSettings, News
+from services.gateway.link import RECEIVE_BYTES, TCP_RECEIVES_PER_POLL, Link, LinkSettings, News
 from tests.fakes.scripted_socket import THERE, ScriptedSocket
 
 MS = 1_000_000
@@ -144,11 +144,11 @@ def test_a_connection_that_is_gone_before_it_was_asked_is_told_by_its_first_rece
 def test_a_flood_takes_no_more_than_its_share_of_a_step(line: Line) -> None:
     """What is left waits in the kernel, nothing of it is lost, and its order stays."""
     sock = line.opened()
-    chunks = [bytes([number]) * RECEIVE_BYTES for number in range(2 * RECEIVES_PER_POLL)]
+    chunks = [bytes([number]) * RECEIVE_BYTES for number in range(2 * TCP_RECEIVES_PER_POLL)]
     sock.arrived.extend(chunks)
     before = sock.receives
     first = line.poll(2.0).data
-    assert sock.receives - before == RECEIVES_PER_POLL
+    assert sock.receives - before == TCP_RECEIVES_PER_POLL
     assert first + line.poll(2.0).data == b"".join(chunks)
 
 

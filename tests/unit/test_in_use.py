@@ -14,7 +14,16 @@ from typing import Any
 import pytest
 
 from common.bus.profile_fit import PLAYERS, Choice, problem_with, unsafe
-from common.bus.profile_lock import PATIENCE_S, announce, check, chosen, claim, hold, main, waiting
+from common.bus.profile_lock import (
+    LOCK_PATIENCE_S,
+    announce,
+    check,
+    chosen,
+    claim,
+    hold,
+    main,
+    waiting,
+)
 from common.config.load import load_cell
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,11 +55,11 @@ def until(what: Callable[[], Any]) -> Any:
 
 @contextmanager
 def process(
-    folder: Path, file: Path, *words: str, patience_s: float = PATIENCE_S
+    folder: Path, file: Path, *words: str, patience_s: float = LOCK_PATIENCE_S
 ) -> Iterator[subprocess.Popen[str]]:
     """Run the module in a process of its own, with its volume at `folder`."""
     start = (
-        f"from common.bus import profile_lock; profile_lock.PATIENCE_S = {patience_s}; "
+        f"from common.bus import profile_lock; profile_lock.LOCK_PATIENCE_S = {patience_s}; "
         f"profile_lock.main({list(words)!r}, Path({str(folder)!r}))"
     )
     started = subprocess.Popen(
@@ -212,7 +221,7 @@ def test_check_tells_which_profile_is_in_use(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Zero for the one, and for the other one a sentence."""
-    monkeypatch.setattr("common.bus.profile_lock.PATIENCE_S", 0.0)
+    monkeypatch.setattr("common.bus.profile_lock.LOCK_PATIENCE_S", 0.0)
     claim(tmp_path, SIM)
     assert check(tmp_path, SIM) == 0
     assert capsys.readouterr().err == ""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from common.config.load import load_cell
 from forcemesh.errors import DataError
 from services.sensor.netft_page import PATH, SettingsPage, disagreement, info_of, parse, scale_of
-from services.sensor.page_fetch import AGAIN_S, PageFetch
+from services.sensor.page_fetch import FETCH_AGAIN_S, PageFetch
 from services.sensor.rdt_status import NAMES, status_text
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About, page
 from tests.fakes.rdt_sensor import REAL_CELL
@@ -135,7 +135,7 @@ def test_the_page_is_asked_for_until_it_comes_and_again_when_forgotten(web) -> N
         while not what():
             assert time.monotonic() < give_up_s, fetch.fault
             time.sleep(0.01)
-            now_ns += round(AGAIN_S * 0.5e9)
+            now_ns += round(FETCH_AGAIN_S * 0.5e9)
 
     until(lambda: fetch.poll(now_ns) or "HTTP 404" in fetch.fault)
     assert PATH in fetch.fault

@@ -22,7 +22,7 @@ from forcemesh.published_ports import is_loopback
 from services.panel.access import Door, door_of
 from services.panel.policy import with_nonce_unpacked
 from services.panel.server import Gate, PanelServer, close_server, listen, open_server
-from services.panel.sessions import IDLE_S
+from services.panel.sessions import SESSION_IDLE_S
 
 TOKEN, VIEW = "0123456789abcdef", "fedcba9876543210"
 HERE = {"Host": "127.0.0.1:8080"}
@@ -144,7 +144,7 @@ def test_a_session_ends_and_the_page_asks_for_the_token_again():
     gate = Gate(Door(WIDE, 8080, token=TOKEN), "cell", clock)
     cookie = session_of(asked(gate, f"/?token={TOKEN}"))
     assert asked(gate, Cookie=cookie).status_code == 200
-    clock.advance_ns(round(IDLE_S * NS_PER_S))
+    clock.advance_ns(round(SESSION_IDLE_S * NS_PER_S))
     assert asked(gate, Cookie=cookie).status_code == 401
     other = Gate(Door(WIDE, 8080, token=TOKEN), "cell")
     assert asked(other, Cookie=cookie).status_code == 401

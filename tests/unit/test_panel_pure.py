@@ -26,8 +26,8 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import ForceStartRequest
-from services.panel.faultlog import KEPT, FaultLog
-from services.panel.history import POINTS, PlotHistory, Span
+from services.panel.faultlog import FAULTS_KEPT, FaultLog
+from services.panel.history import HISTORY_POINTS, PlotHistory, Span
 from services.panel.plots import BRIDGED_S, OUTSIDE, broken
 from services.panel.readout import NAMES, Readout, distance_mm
 from services.panel.status_bar import held_as, strip
@@ -123,7 +123,7 @@ def test_a_line_leaves_the_plot_in_its_longer_gaps_and_nowhere_else(samples):
 def test_gaps_alone_do_not_move_an_axis():
     """A plot of nothing keeps its axis."""
     assert not Span(5.0).take((np.full(4, np.nan),))
-    assert POINTS <= 800
+    assert HISTORY_POINTS <= 800
 
 
 @given(st.floats(0.0, 40.0), st.floats(0.0, 40.0))
@@ -297,7 +297,7 @@ def test_the_log_has_each_reason_once_for_each_time_it_came(stories):
         log.saw(None)  # not heard is not gone
         expected += len(reasons - before)
         before = reasons
-    assert len(log.newest()) == min(expected, KEPT)
+    assert len(log.newest()) == min(expected, FAULTS_KEPT)
     assert all(one.remedy == FAULTS[one.trip.code].remedy for one in log.newest())
 
 

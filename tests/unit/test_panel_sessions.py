@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.clock import NS_PER_S
-from services.panel.sessions import BYTES, IDLE_S, LASTS_S, MOST, Sessions
+from services.panel.sessions import BYTES, MOST_SESSIONS, SESSION_IDLE_S, SESSION_LASTS_S, Sessions
 
 HOUR_NS = 3600 * NS_PER_S
 
@@ -30,8 +30,8 @@ def test_a_session_lasts_while_it_is_used_and_never_longer_than_a_week(pauses_h)
     number, used_ns, open_ = sessions.begin("operate", 0), 0, True
     for pause_h in pauses_h:
         now_ns += round(pause_h * HOUR_NS)
-        left_alone = now_ns - used_ns >= IDLE_S * NS_PER_S
-        open_ = open_ and not left_alone and now_ns < LASTS_S * NS_PER_S
+        left_alone = now_ns - used_ns >= SESSION_IDLE_S * NS_PER_S
+        open_ = open_ and not left_alone and now_ns < SESSION_LASTS_S * NS_PER_S
         assert (sessions.rights(number, now_ns) == "operate") is open_
         used_ns = now_ns
 
@@ -40,11 +40,11 @@ def test_the_number_of_sessions_is_bounded_and_the_one_used_longest_ago_goes():
     """Who opens many pages takes nobody's place who is at work, and no memory."""
     sessions = Sessions()
     mine, idle = sessions.begin("operate", 0), sessions.begin("operate", 0)
-    for count in range(3 * MOST):
+    for count in range(3 * MOST_SESSIONS):
         assert sessions.rights(mine, count) == "operate"
         sessions.begin("view", count)
-        assert len(sessions) <= MOST
-    assert sessions.rights(idle, 3 * MOST) is None
+        assert len(sessions) <= MOST_SESSIONS
+    assert sessions.rights(idle, 3 * MOST_SESSIONS) is None
 
 
 def test_sessions_that_have_ended_make_room():
@@ -52,5 +52,5 @@ def test_sessions_that_have_ended_make_room():
     sessions = Sessions()
     for _ in range(5):
         sessions.begin("view", 0)
-    sessions.begin("operate", round(IDLE_S * NS_PER_S))
+    sessions.begin("operate", round(SESSION_IDLE_S * NS_PER_S))
     assert len(sessions) == 1

@@ -156,7 +156,7 @@ class Hours:
         self._now_s = 0.0
         self._cell, self._heard_after_s = cell, heard_after_s
         monkeypatch.setattr(processes, "time", self)
-        monkeypatch.setattr(processes, "POLL_S", 1.0)
+        monkeypatch.setattr(processes, "HEALTH_POLL_S", 1.0)
         monkeypatch.setattr(processes, "open_bus", lambda *_, **__: nullcontext())
         monkeypatch.setattr(processes, "CellView", lambda *_: self)
 

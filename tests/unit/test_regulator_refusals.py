@@ -8,7 +8,7 @@ import pytest
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import ForceStartRequest, PathRequest
-from services.regulator.tcp_path import MOST_POINTS
+from services.regulator.tcp_path import MOST_PATH_POINTS
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import (
@@ -127,7 +127,7 @@ def test_points_are_refused_after_the_regulator_gave_up(bench: RegulatorBench) -
 def test_no_more_points_wait_than_there_is_room_for(bench: RegulatorBench) -> None:
     """The last one fits, the next one is refused with both numbers; points instead are taken."""
     bench.start(POSITION)
-    batch, most = 50, MOST_POINTS
+    batch, most = 50, MOST_PATH_POINTS
     way = tuple(beside(1e-4 * number) for number in range(1, batch + 1))
     for _ in range(most // batch):
         assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=way, append=True)).accepted

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cli.status import died_text, restarts_of
 from common.config.cell import CellConfig
 from launch.processes import Supervisor
-from launch.restart import MOST, PAUSE_S, WITHIN_S, Restarter, RestartPolicy
+from launch.restart import MOST, RESTART_PAUSE_S, WITHIN_S, Restarter, RestartPolicy
 from launch.run_file import read_run
 from launch.started_process import ProcessExit, ProcessSpec
 from tests.unit.test_processes import DEMO, SLEEPER, cell, pids_of, python, until
@@ -34,7 +34,7 @@ def test_never_more_starts_within_a_window_than_there_are_chances(times_s: list[
     patience, started = RestartPolicy(), []
     for now_s in sorted(times_s):
         if (due_s := patience.died("wrench", now_s)) is not None:
-            assert now_s + PAUSE_S <= due_s < now_s + WITHIN_S
+            assert now_s + RESTART_PAUSE_S <= due_s < now_s + WITHIN_S
             started.append(now_s)
     for first, last in zip(started, started[MOST - 1 :], strict=False):
         assert last - first >= WITHIN_S
@@ -44,10 +44,10 @@ def test_each_new_start_waits_longer_and_each_process_has_its_own_patience() -> 
     """As the containers' engine does it; an hour later it is as if nothing had been."""
     patience = RestartPolicy()
     pauses = [(patience.died("wrench", 0.0) or 0.0) for _ in range(MOST - 1)]
-    assert pauses == [PAUSE_S * 2.0**n for n in range(MOST - 1)]
+    assert pauses == [RESTART_PAUSE_S * 2.0**n for n in range(MOST - 1)]
     assert patience.died("wrench", 0.0) is None
-    assert patience.died("hub", 0.0) == PAUSE_S
-    assert patience.died("wrench", 3600.0) == 3600.0 + PAUSE_S
+    assert patience.died("hub", 0.0) == RESTART_PAUSE_S
+    assert patience.died("wrench", 3600.0) == 3600.0 + RESTART_PAUSE_S
 
 
 def test_nothing_is_back_before_the_robot_has_missed_it(cell: CellConfig) -> None:
@@ -96,9 +96,9 @@ def test_first_the_hold_then_the_new_start_then_what_a_person_does() -> None:
     assert world.reviver.tend(10.0) == []
     assert "killed by SIGKILL" in world.did[0]
     assert world.did[0].startswith("hold: died: wrench")
-    world.reviver.tend(10.0 + 0.9 * PAUSE_S)
+    world.reviver.tend(10.0 + 0.9 * RESTART_PAUSE_S)
     assert len(world.did) == 2
-    world.reviver.tend(10.0 + PAUSE_S)
+    world.reviver.tend(10.0 + RESTART_PAUSE_S)
     assert world.did[2] == "start wrench for 1"
     assert "`forcemesh clear`, then `forcemesh arm`" in world.did[3]
     world.reviver.tend(1000.0)
@@ -111,7 +111,7 @@ def test_two_that_die_together_are_held_for_once_and_both_come_back() -> None:
     for pid, process in enumerate(GONE):
         world.reviver.fell(death(process, pid))
     world.reviver.tend(0.0)
-    world.reviver.tend(PAUSE_S)
+    world.reviver.tend(RESTART_PAUSE_S)
     assert [line for line in world.did if line.startswith("start")] == [
         "start wrench for 0", "start hub for 1",
     ]  # fmt: skip
@@ -169,7 +169,7 @@ def test_one_that_dies_at_once_over_and_over_does_not_take_the_others_with_it(
     cell: CellConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is given up and said so; what else runs goes on, for status and for the hold."""
-    monkeypatch.setattr("launch.restart.PAUSE_S", 0.01)
+    monkeypatch.setattr("launch.restart.RESTART_PAUSE_S", 0.01)
     said: list[str] = []
     broken = "import sys; print('no sensor'); sys.exit(3)"
     processes = [python("wrench", SLEEPER), python("robot", broken)]

@@ -13,7 +13,7 @@ from services.panel.viewer import RequestOutcome, Viewer, put
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
 
-HEIGHT = 150
+REPORT_HEIGHT = 150
 WORDS: dict[str, Html | str] = {
     "idle": "Identifies payload and sensor bias: the arm visits poses inside the workspace.",
     "planning": "planning …",
@@ -120,7 +120,7 @@ class _LeftPlot:
             },
             axes=(uplot.Axis(stroke="#8b95a1"), uplot.Axis(stroke="#8b95a1", size=46)),
             legend=uplot.Legend(show=True, live=False),
-            height=HEIGHT,
+            height=REPORT_HEIGHT,
         )
 
 

@@ -12,7 +12,7 @@ from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
 
-ANSWER_S = 15.0  # the recorder writes pending data before it replies
+RECORDER_REPLY_S = 15.0  # the recorder writes pending data before it replies
 NOBODY = "⚠ no data from the recorder: `forcemesh up` starts it; `forcemesh status` shows more"
 
 
@@ -29,13 +29,13 @@ def build(viewer: Viewer) -> Refresh:
         request = RecordRequest(label=label.value[:100], past=past.value)
         viewer.do(
             "Record",
-            lambda cell: cell.ask(topics.RECORD_START, request, answer_s=ANSWER_S).text,
+            lambda cell: cell.ask(topics.RECORD_START, request, answer_s=RECORDER_REPLY_S).text,
         )
 
     def end(_event: object) -> None:
         viewer.do(
             "Stop recording",
-            lambda cell: cell.ask(topics.RECORD_STOP, Empty(), answer_s=ANSWER_S).text,
+            lambda cell: cell.ask(topics.RECORD_STOP, Empty(), answer_s=RECORDER_REPLY_S).text,
         )
 
     start.on_click(begin)

@@ -45,7 +45,7 @@ demo: setup ## press the simulated arm on a plate and let the force go to zero: 
 
 test: setup ## run every test, then show the largest files and functions: ARGS="-k packet"
 	@PYTHON=$(BIN)/python tools/test.sh $(ARGS)
-	@$(BIN)/python tools/sizes.py
+	@$(BIN)/python -m tools.sizes
 
 test-long: setup ## run the tests that make test leaves out
 	@LONG=1 PYTHON=$(BIN)/python tools/test.sh $(ARGS)
@@ -60,12 +60,13 @@ coverage: setup ## take every branch of the modules that decide about motion: th
 	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 -m "not (realtime or processes or long)" -k "not ($(NO_NEW_BRANCH))" \
 	  --cov --cov-report=term $(COVERED_BY) $(ARGS)
 
-check: setup ## lint, format, types, import contracts, sizes
+check: setup ## lint, format, types, import contracts, words, sizes
 	@$(BIN)/ruff check $(CODE)
 	@$(BIN)/ruff format --check $(CODE)
 	@$(BIN)/mypy $(CODE)
 	@PATH="$(CURDIR)/$(BIN):$$PATH" lint-imports
-	@$(BIN)/python tools/sizes.py
+	@$(BIN)/python -m tools.words
+	@$(BIN)/python -m tools.sizes
 
 format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError
 
 if TYPE_CHECKING:
@@ -10,7 +11,6 @@ if TYPE_CHECKING:
 
 Row = dict[str, Any]
 TIME = "time_s"  # since the first message of the recording
-NS_PER_S = 1e9
 
 STATE, WRENCH, ACTION = "observation.state", "observation.wrench", "action"
 STATE_NAMES = tuple(f"joint_{number}_rad" for number in range(1, 7))

@@ -26,7 +26,7 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
         **_payload_report(fit),
         "drift": None if payload.drift is None else asdict(payload.drift),
         "parameters": [
-            {**asdict(p), "usual": _finite(p.usual), "told": p.told} for p in fit.parameters
+            {**asdict(p), "usual": _finite(p.usual), "identified": p.told} for p in fit.parameters
         ],
         "conditioning": chosen.solution.conditioning,
         "noise_force_N": chosen.solution.noise.force_N,

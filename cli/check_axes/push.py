@@ -160,5 +160,5 @@ def _of_size(sizes: list[float]) -> list[InstallationFinding]:
     if low <= size <= high:
         return []
     text = f"pushes of about 10 N were requested, {size:.3g} N were measured"
-    mend = "if you pushed with about 10 N, correct the force unit of the sensor"
-    return [InstallationFinding("force_unit", text, mend, "unsure")]
+    remedy = "if you pushed with about 10 N, correct the force unit of the sensor"
+    return [InstallationFinding("force_unit", text, remedy, "unsure")]

@@ -25,7 +25,7 @@ def print_installation(found: Installation, source: str, *, as_json: bool) -> No
         return
     typer.echo(f"{source}\n{HEADLINES[found.verdict]}")
     for finding in found.findings:
-        typer.echo(f"  - {finding.text}\n    -> {finding.mend}")
+        typer.echo(f"  - {finding.text}\n    -> {finding.remedy}")
     for line in found.unseen:
         typer.echo(f"  not observed: {line}")
     numbers = ", ".join(f"{name} {value:.4g}" for name, value in found.evidence.items())
@@ -57,7 +57,7 @@ def as_tree(found: Installation, source: str) -> dict[str, object]:
         "verdict": found.verdict,
         "source": source,
         "findings": [
-            {"code": each.code, "kind": each.kind, "text": each.text, "mend": each.mend}
+            {"code": each.code, "kind": each.kind, "text": each.text, "remedy": each.remedy}
             for each in found.findings
         ],
         "not_shown": list(found.unseen),

@@ -17,7 +17,7 @@ from launch.cell_view import CellView
 from launch.run_file import read_run
 
 CONNECT_WITHIN_S = 0.5
-RATE_WINDOW_S = 3.0
+OBSERVED_S = 3.0
 RATE_POLL_S = 0.002
 STREAMS = (
     topics.ROBOT_STATE,
@@ -38,7 +38,7 @@ class ObservedCell:
     stream_hz: dict[str, float | None] = field(default_factory=dict)
 
 
-def observe_cell(cell: CellConfig, watch_s: float = RATE_WINDOW_S) -> ObservedCell | None:
+def observe_cell(cell: CellConfig, watch_s: float = OBSERVED_S) -> ObservedCell | None:
     """Receive from a cell for some seconds; return None when no hub responds."""
     try:
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from cli.recording_tables import NS_PER_S
 from forcemesh import topics
 from forcemesh.bus import Reading
+from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header, decode_recorded
 from forcemesh.errors import DataError, MessageError
 from forcemesh.faults import FAULTS

@@ -17,7 +17,7 @@ HEAD = """\
 """
 
 
-def told(
+def describe(
     cell: CellConfig,
     measured: MeasuredCell,
     advices: list[Advice],

@@ -139,7 +139,7 @@ def _tell(
     if as_json:
         typer.echo(json.dumps(advice.as_dict(client.config, measured, advices, sections)))
     else:
-        for line in words.told(client.config, measured, advices, sections):
+        for line in words.describe(client.config, measured, advices, sections):
             typer.echo(line)
     if out is not None:
         from cli.tune import picture

@@ -79,8 +79,8 @@ def _no_moment(torque: TorqueFits) -> InstallationFinding:
         f"the moments ({torque.spread_Nm:.3g} N m rms) fit a weight in no "
         f"axis map, the residual is {torque.fits[0].rms_Nm:.2g} N m"
     )
-    mend = "check for a dead channel, a cable that pulls, or a wrong calibration matrix"
-    return InstallationFinding("torque_axes", text, mend)
+    remedy = "check for a dead channel, a cable that pulls, or a wrong calibration matrix"
+    return InstallationFinding("torque_axes", text, remedy)
 
 
 def _of_torque(torque: TorqueFits, belief: ExpectedInstallation) -> list[InstallationFinding]:
@@ -120,34 +120,34 @@ def _apart(
     torques = "the torques are right" if same(torque, EYE) else of
     if same(force.wiring, EYE):
         text = f"the forces are rotated by {turn_words(force.turn.T)}, but {torques}"
-        mend = "check for a rotation that the driver applies to the forces but not to the torques"
-        return InstallationFinding("force_axes", f"{text}: no mounting does that", mend)
+        remedy = "check for a rotation that the driver applies to the forces but not to the torques"
+        return InstallationFinding("force_axes", f"{text}: no mounting does that", remedy)
     text = f"of the forces {wrong_channels(force.wiring, 'F')}, but {torques}"
-    mends = [driver_remedy(force.wiring, "F")]
-    mends += [] if same(torque, EYE) else [driver_remedy(torque, "M")]
-    return InstallationFinding("force_axes", f"{text}: no mounting does that", "; ".join(mends))
+    fixes = [driver_remedy(force.wiring, "F")]
+    fixes += [] if same(torque, EYE) else [driver_remedy(torque, "M")]
+    return InstallationFinding("force_axes", f"{text}: no mounting does that", "; ".join(fixes))
 
 
 def _mirrored(force: ForceFit) -> InstallationFinding:
     """Return the finding for mirrored axes, which no mounting has; a hanging arm reads the same."""
     hung = -force.wiring
-    mend = driver_remedy(force.wiring, "FM")
+    remedy = driver_remedy(force.wiring, "FM")
     if same(hung, EYE):
         text = (
             "all six readings are reversed: the sensor reports the tool's reaction, not the load "
             "on it, or the arm hangs from the ceiling"
         )
-        mend = (
+        remedy = (
             f"push the tool by hand ({PUSH}): if the force reads against the push, reverse all six "
             "signs in the driver; if along it, write payload.gravity_direction_in_base: [0, 0, 1]"
         )
-        return InstallationFinding("reaction", text, mend)
+        return InstallationFinding("reaction", text, remedy)
     text = f"the axes are mirrored: {wrong_channels(force.wiring, 'F')}, and the torques alike"
-    mend += (
+    remedy += (
         "; only if the arm hangs from the ceiling: payload.gravity_direction_in_base: [0, 0, 1], "
         f"and a sensor turned by {turn_words(hung.T)}"
     )
-    return InstallationFinding("force_axes", f"{text}: no mounting does that", mend)
+    return InstallationFinding("force_axes", f"{text}: no mounting does that", remedy)
 
 
 def turned_finding(Q: Array, belief: ExpectedInstallation, *, shown: bool) -> InstallationFinding:
@@ -171,10 +171,12 @@ def turned_finding(Q: Array, belief: ExpectedInstallation, *, shown: bool) -> In
     if belief.oat_deg is not None and was_radians(belief.oat_deg, R):
         text += f": oat_deg {list(belief.oat_deg)} is in radians, it must be in degrees"
         R = R_from_oat(Oat(*belief.oat_deg))
-    mend = f"write {oat_words(R)}"
+    remedy = f"write {oat_words(R)}"
     if not shown:
-        mend += f", if the torques are rotated too, which this tool's moment does not show; {PUSH}"
-    return InstallationFinding("mounting", text, mend)
+        remedy += (
+            f", if the torques are rotated too, which this tool's moment does not show; {PUSH}"
+        )
+    return InstallationFinding("mounting", text, remedy)
 
 
 def unseen(torque: TorqueFits, belief: ExpectedInstallation) -> list[str]:

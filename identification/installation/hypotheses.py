@@ -82,9 +82,9 @@ def explains(force: ForceFit) -> bool:
 def unexplained(poses: Poses, force: ForceFit, belief: ExpectedInstallation) -> InstallationFinding:
     """Return the first hypothesis that explains readings that no axis permutation explains."""
     down = belief.down_in_base
-    for what, mend, story in HYPOTHESES:
+    for what, remedy, story in HYPOTHESES:
         if explains(fit_force(replace(poses, means=story(poses.means)), down)):
-            return InstallationFinding("attitude", what, mend)
+            return InstallationFinding("attitude", what, remedy)
     return (
         _no_weight(force, belief)
         or _gravity(poses)
@@ -123,8 +123,8 @@ def _no_weight(force: ForceFit, belief: ExpectedInstallation) -> InstallationFin
     if force.spread_N > HARDLY * GRAVITY_M_S2 * known_N:
         return None
     text = f"the forces hardly change with the attitude ({force.spread_N:.2g} N): no weight is read"
-    mend = "check that the sensor is live, its unit, and that the tool is mounted on it"
-    return InstallationFinding("no_weight", text, mend)
+    remedy = "check that the sensor is live, its unit, and that the tool is mounted on it"
+    return InstallationFinding("no_weight", text, remedy)
 
 
 def without_spoiled(poses: Poses, down_in_base: Array) -> tuple[Poses, list[int]]:
@@ -175,9 +175,9 @@ def _gain(poses: Poses, down_in_base: Array) -> InstallationFinding | None:
     shares = ", ".join(f"F{c} {g / gains.max():.2f}" for c, g in zip("xyz", gains, strict=True))
     text = f"the axes read the same weight with unequal gain ({shares} of the largest)"
     dead = [f"F{c}" for c, g in zip("xyz", gains, strict=True) if g < 0.1 * gains.max()]
-    mend = (
+    remedy = (
         f"{' and '.join(dead)} without signal: check the cable"
         if dead
         else ("check the calibration matrix and the counts per newton of each axis")
     )
-    return InstallationFinding("gain", text, mend)
+    return InstallationFinding("gain", text, remedy)

@@ -50,17 +50,17 @@ def mass_finding(
     weight_N, known_N = mass_kg * GRAVITY_M_S2, known * GRAVITY_M_S2
     if unit is not None:
         text = f"the tool of {known_N:.4g} N reads {weight_N:.3g}: {unit.text}"
-        mend = (
+        remedy = (
             f"divide the forces by {unit.factor:.4g}, or, if this is another tool, write its "
             "payload.mass_kg"
         )
-        return InstallationFinding("force_unit", text, mend)
+        return InstallationFinding("force_unit", text, remedy)
     text = (
         f"the tool weighs {mass_kg:.3g} kg, but the cell file says {known:.3g} kg "
         f"({100 * (known / mass_kg - 1.0):+.0f} %)"
     )
-    mend = f"write payload.mass_kg: {mass_kg:.3f}, or run `forcemesh calibrate`"
-    return InstallationFinding("mass", text, mend, "payload")
+    remedy = f"write payload.mass_kg: {mass_kg:.3f}, or run `forcemesh calibrate`"
+    return InstallationFinding("mass", text, remedy, "payload")
 
 
 def lever_finding(
@@ -97,8 +97,8 @@ def lever_finding(
         f"the centre of mass is at {_millimetres(com_m)} mm, but the cell file says "
         f"{_millimetres(known)} mm, {1e3 * np.linalg.norm(com_m - known):.0f} mm away"
     )
-    mend = f"write payload.com_m: {_vector(com_m)}, or run `forcemesh calibrate`"
-    return InstallationFinding("com", text, mend, "payload")
+    remedy = f"write payload.com_m: {_vector(com_m)}, or run `forcemesh calibrate`"
+    return InstallationFinding("com", text, remedy, "payload")
 
 
 def _vector(v: Array) -> str:

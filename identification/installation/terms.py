@@ -78,12 +78,12 @@ class InstallationFinding:
 
     code: str
     text: str
-    mend: str
+    remedy: str
     kind: Kind = "installation"
 
     def __str__(self) -> str:
         """Return the sentence, followed by the remedy."""
-        return f"{self.text}; {self.mend}"
+        return f"{self.text}; {self.remedy}"
 
 
 @dataclass(frozen=True, slots=True)

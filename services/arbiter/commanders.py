@@ -29,7 +29,7 @@ class CommandStep:
     kind: Literal["idle", "goal", "setpoint", "feedback"] = "idle"
     content: dict[str, Any] = field(default_factory=dict)  # of the command
     event: Literal["", "take", "begin", "end"] = ""  # of the table of states
-    told: tuple[Trip, ...] | None = None  # trips to publish from now on; None: unchanged
+    trips: tuple[Trip, ...] | None = None  # trips to publish from now on; None: unchanged
     stop: Trip | None = None  # why motion must end
 
 
@@ -83,26 +83,26 @@ class Commanders:
         self, claim: PendingMove, holder: Commander, robot: RobotState, bounds: ArmBounds
     ) -> CommandStep:
         text = f"the {claim.commander} took the arm from the {holder}"
-        told = () if holder == "none" else (tripped("preempted", text),)
+        trips = () if holder == "none" else (tripped("preempted", text),)
         if self.turn.commander != "none":
             self.turn, self._rest = self.turn.next(), Rest()
         if self._rests(claim.since_ns):
-            return self._begin(claim, robot, bounds, told)
-        return CommandStep(event="take", told=told)
+            return self._begin(claim, robot, bounds, trips)
+        return CommandStep(event="take", trips=trips)
 
     def _rests(self, now_ns: int) -> bool:
         return self._rest.lasts_s(now_ns) >= self._rest_needed_s
 
     def _begin(
-        self, claim: PendingMove, robot: RobotState, bounds: ArmBounds, told: tuple[Trip, ...]
+        self, claim: PendingMove, robot: RobotState, bounds: ArmBounds, trips: tuple[Trip, ...]
     ) -> CommandStep:
         self.claim = None
         trip = goal_trip(claim.request, robot, bounds)  # angles count from where the arm rests
         if trip is not None:
-            return CommandStep(event="end", told=(*told, tripped("goal_refused", trip.text)))
+            return CommandStep(event="end", trips=(*trips, tripped("goal_refused", trip.text)))
         turn = replace(self.turn, commander=claim.commander, goal=claim.goal, speed=claim.speed)
         self.turn = turn
-        return self._pursue(claim.goal, event="begin", told=told)
+        return self._pursue(claim.goal, event="begin", trips=trips)
 
     # --- every period -----------------------------------------------------------------------------
 
@@ -113,7 +113,7 @@ class Commanders:
         bounds: ArmBounds,
         moment: Tick,
         *,
-        told: tuple[Trip, ...],
+        trips: tuple[Trip, ...],
     ) -> CommandStep:
         """Return the command of this period.
 
@@ -122,12 +122,12 @@ class Commanders:
             target: Proposal of the regulator; None while it is stopped or may not command.
             bounds: Limits of the arm.
             moment: This period.
-            told: Trips published so far.
+            trips: Trips published so far.
         """
         if target is None or self.turn.goal is not None or self.claim is not None:
             self._regulator_rested = target is None
         if self.claim is not None:
-            return self._settle(self.claim, robot, bounds, now_ns=moment.now_ns, told=told)
+            return self._settle(self.claim, robot, bounds, now_ns=moment.now_ns, trips=trips)
         if self.turn.goal is not None:
             return self._watch(self.turn.goal, robot)
         if self.turn.commander == "regulator":
@@ -138,7 +138,7 @@ class Commanders:
             return CommandStep(content={"pose": record_of(moment.T_measured), "limited": True})
         stream = begin(moment.T_measured) if target.host == "pc" else None
         self.turn = replace(self.turn, commander="regulator", host=target.host, stream=stream)
-        return replace(self._regulate(target, bounds, moment), event="begin", told=())
+        return replace(self._regulate(target, bounds, moment), event="begin", trips=())
 
     def _settle(
         self,
@@ -147,10 +147,10 @@ class Commanders:
         bounds: ArmBounds,
         *,
         now_ns: int,
-        told: tuple[Trip, ...],
+        trips: tuple[Trip, ...],
     ) -> CommandStep:
         if self._rests(now_ns):
-            return self._begin(claim, robot, bounds, told)
+            return self._begin(claim, robot, bounds, trips)
         if now_ns - claim.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
             return CommandStep()
         text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {claim.commander}'s request"
@@ -165,9 +165,9 @@ class Commanders:
     def _pursue(self, goal: Goal, **changed: Any) -> CommandStep:
         return CommandStep("goal", {"goal": goal}, **changed)
 
-    def _end(self, told: tuple[Trip, ...] | None = None) -> CommandStep:
+    def _end(self, trips: tuple[Trip, ...] | None = None) -> CommandStep:
         self.turn = self.turn.next()
-        return CommandStep(event="end", told=told)
+        return CommandStep(event="end", trips=trips)
 
     def _regulate(
         self, target: RegulatorTarget | None, bounds: ArmBounds, moment: Tick

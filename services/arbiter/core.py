@@ -190,12 +190,12 @@ class Arbiter:
             target if self._armed_for == "all" else None,
             self._bounds,
             moment,
-            told=self.trips,
+            trips=self.trips,
         )
         self._note(step)
         if self._freeing is not None and step.event == "end":
             end = freeing.at_its_end(self._freeing, robot, inputs.wrench.fresh)
-            self._stop("hold", *(step.told or (end,)))
+            self._stop("hold", *(step.trips or (end,)))
             return None
         if step.stop is None:
             return self._command(step)
@@ -204,7 +204,7 @@ class Arbiter:
 
     def _note(self, step: CommandStep) -> None:
         self.state = after(self.state, step.event)
-        self.trips = self.trips if step.told is None else step.told
+        self.trips = self.trips if step.trips is None else step.trips
 
     def _command(self, step: CommandStep) -> RobotCommand:
         turn = self._commanders.turn

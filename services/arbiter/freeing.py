@@ -84,16 +84,16 @@ def watch(
     freeing = replace(freeing, run=run)
     T_base_tcp = T * freeing.bounds.T_flange_tcp
     if trip is None and back_off.is_over(freeing.plan.kind, freeing.limits, T_base_tcp, wrench):
-        trip = tripped("back_off", f"free after {told(freeing, T, wrench)}")
+        trip = tripped("back_off", f"free after {progress(freeing, T, wrench)}")
     return freeing, trip
 
 
 def at_its_end(freeing: Freeing, robot: RobotState, wrench: WrenchAtTcp | None) -> Trip:
     """Return the trip of a back-off that used its full travel."""
-    return tripped("still_loaded", f"full travel used: {told(freeing, pose_of(robot), wrench)}")
+    return tripped("still_loaded", f"full travel used: {progress(freeing, pose_of(robot), wrench)}")
 
 
-def told(freeing: Freeing, T_base_flange: pin.SE3, wrench: WrenchAtTcp | None) -> str:
+def progress(freeing: Freeing, T_base_flange: pin.SE3, wrench: WrenchAtTcp | None) -> str:
     """Return the tool's travel and the present force as a text."""
     way = T_base_flange.translation - freeing.run.T_start.translation
     force = "force unknown"

@@ -9,7 +9,7 @@ from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import Trip
 from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue
-from services.gateway.goals import REPORTS_TO_BELIEVE, ControllerReport
+from services.gateway.goals import REPORTS_TO_CONFIRM, ControllerReport
 from services.gateway.link import News
 from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
 from services.gateway.round_trips import LEAST_STREAMED, Rate, WrappingCounterRate
@@ -178,7 +178,7 @@ class ControllerConnection:
         """Send the limits again if they are neither executed nor queued: a hold voided them."""
         is_void = health.queue_length == 0 and self.dialogue.unframed == 0
         self._voided = self._voided + 1 if is_void and not self.dialogue.is_set_up else 0
-        if self._voided >= REPORTS_TO_BELIEVE:
+        if self._voided >= REPORTS_TO_CONFIRM:
             self._voided = 0
             self.send(self.dialogue.hold(now_ns), now_ns)
 

@@ -16,7 +16,7 @@ REACHED_M = 5e-4
 REACHED_RAD = 3e-3
 TAKEN_WITHIN_NS = 2_000_000_000
 # Debounce: the controller does not read ID and status of a report at one instant.
-REPORTS_TO_BELIEVE = 2
+REPORTS_TO_CONFIRM = 2
 STOPPED_SHORT_NS = 500_000_000  # time at rest away from the target
 
 
@@ -99,7 +99,7 @@ def follow(track: Track, measured: ControllerReport, now_ns: int) -> Track:
     track = replace(
         track, candidate=candidate, agreeing=agreeing, rest_ns=rest_ns, counter=measured.counter
     )
-    if candidate == "running" or agreeing < REPORTS_TO_BELIEVE:
+    if candidate == "running" or agreeing < REPORTS_TO_CONFIRM:
         return track
     return track.ended(candidate, reason)
 

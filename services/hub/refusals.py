@@ -19,8 +19,8 @@ MOST_AT_ONCE_B = (
     256_000  # of Zenoh's lines in one step, twice the log output of a busy cell; the rest is lost
 )
 TELL_EVERY_NS = NS_PER_S
-LONGEST_TOLD = 200
-MOST_SESSIONS = 1024  # remembered by name
+LONGEST_LOGGED_TEXT = 200
+MOST_NAMES = 1024  # remembered by name
 MOST_KINDS = 256  # causes between two reports
 
 # `TIME LEVEL thread ThreadId(08) module: text`
@@ -71,7 +71,7 @@ class RefusalParser:
         if module.startswith(b"zenoh::net::routing::interceptor"):
             self.before[thread] = text
             if b"CertCommonName" in raw and (subject := SUBJECT.match(text)):
-                if len(self.names) > MOST_SESSIONS:
+                if len(self.names) > MOST_NAMES:
                     self.names.clear()
                 self.names[subject[1]] = subject[2]
         elif level in {b"WARN", b"ERROR"}:
@@ -162,4 +162,4 @@ class Refusals:
 
 def _clean(words: str) -> str:
     """Return text from an untrusted client as one line of printable characters."""
-    return "".join(c if c.isprintable() else "?" for c in words)[:LONGEST_TOLD]
+    return "".join(c if c.isprintable() else "?" for c in words)[:LONGEST_LOGGED_TEXT]

@@ -184,7 +184,7 @@ def refuse_an_open_door(host: str, port: int, *, encrypted: bool = False) -> Non
         unverified = ssl._create_unverified_context()  # noqa: S323, SLF001
         asking = http.client.HTTPSConnection(name, port, timeout=SELF_TEST_S, context=unverified)
     try:
-        asking.request("GET", "/", headers={"Origin": "http://stranger.example"})
+        asking.request("GET", "/", headers={"Origin": "http://elsewhere.example"})
         status = asking.getresponse().status
     except OSError as error:
         raise ForcemeshError(f"the panel does not answer on {host}:{port}: {error}") from None

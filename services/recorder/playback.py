@@ -15,13 +15,13 @@ from services.recorder.reading import RecordedBytes
 QOS = {topic.key: topic.qos for topic in TOPICS}
 
 
-def chosen(heard: Iterable[RecordedBytes], only: frozenset[str]) -> Iterator[RecordedBytes]:
+def chosen(messages: Iterable[RecordedBytes], only: frozenset[str]) -> Iterator[RecordedBytes]:
     """Yield the messages of the named topics, of all if none is named."""
-    return (each for each in heard if not only or each.topic in only)
+    return (each for each in messages if not only or each.topic in only)
 
 
 def play(
-    heard: Iterable[RecordedBytes],
+    messages: Iterable[RecordedBytes],
     transport: Transport,
     cell: str,
     *,
@@ -32,7 +32,7 @@ def play(
     """Publish messages on the bus of a cell at their times; return how many.
 
     Args:
-        heard: The messages in the order of time.
+        messages: The messages in the order of time.
         transport: Transport to publish on.
         cell: Name of the cell, prefix of the keys.
         clock: Clock of the playback.
@@ -41,7 +41,7 @@ def play(
     """
     puts: dict[str, Callable[[bytes], None]] = {}
     began_ns, first_ns, count = clock.now_ns(), 0, 0
-    for count, each in enumerate(heard, start=1):
+    for count, each in enumerate(messages, start=1):
         first_ns = first_ns or each.at_ns
         due_ns = began_ns + round((each.at_ns - first_ns) / speed)
         if (early_ns := due_ns - clock.now_ns()) > 0:

@@ -20,7 +20,7 @@ WRAP_US = 1 << 32  # of the sensor's stamps
 GAP_PERIODS = 1.5
 BAD_SHARE = 0.1
 WINDOW = 100
-GRUDGE_S = 0.25  # time for which a restart is reported
+FAULT_HOLD_S = 0.25  # time for which a restart is reported
 
 
 class BotaSource(Protocol):
@@ -50,7 +50,7 @@ class BotaDriver:
         self._number = 0
         self._last_us: int | None = None
         self._window: deque[int] = deque(maxlen=WINDOW)  # losses before each of the last readings
-        self._grudge_until_ns = 0
+        self._fault_until_ns = 0
         self._fault = ""
 
     @property
@@ -111,7 +111,7 @@ class BotaDriver:
         passed_us = (stamp_us - self._last_us + WRAP_US // 2) % WRAP_US - WRAP_US // 2
         if passed_us < 0:
             self._counts["sensor_restarts"] += 1
-            self._grudge_until_ns = now_ns + round(GRUDGE_S * NS_PER_S)
+            self._fault_until_ns = now_ns + round(FAULT_HOLD_S * NS_PER_S)
             return 0
         if passed_us <= GAP_PERIODS * self._step_us:
             return 0
@@ -136,7 +136,7 @@ class BotaDriver:
         if status.invalid:
             text = f"the sensor reports status 0x{status.val:X}: invalid"
             faults.append(SensorFault("sensor_fault", text))
-        if now_ns < self._grudge_until_ns:
+        if now_ns < self._fault_until_ns:
             faults.append(SensorFault("sensor_restarted", "the sensor's stamps restarted"))
         lost, frames = sum(self._window), len(self._window)
         if frames >= WINDOW // 2 and lost > BAD_SHARE * (lost + frames):

@@ -1,4 +1,4 @@
-"""Static readings of a sensor that is installed in some way, and the mends that are asked for."""
+"""Static readings of a sensor that is installed in some way, and the fixes that are asked for."""
 
 import csv
 import re
@@ -79,7 +79,7 @@ def mended(
     finding: InstallationFinding, seen: Samples, of: ExpectedInstallation
 ) -> tuple[Samples, ExpectedInstallation]:
     """Do what a finding of axes says, word by word, on an arm that stands upright."""
-    oat = re.search(r"T_flange_sensor\.oat_deg: \[(.*?)\]", finding.mend)
+    oat = re.search(r"T_flange_sensor\.oat_deg: \[(.*?)\]", finding.remedy)
     if finding.code == "reaction":
         return replace(seen, force_N=-seen.force_N, torque_Nm=-seen.torque_Nm), of
     if oat:
@@ -93,8 +93,8 @@ def mended(
         return replace(seen, R_base_sensor=turned), told
     channels = {"F": seen.force_N, "M": seen.torque_Nm}
     after = {name: values.copy() for name, values in channels.items()}
-    orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz])", finding.mend.split(";")[0])
-    orders += re.findall(r"(M)([xyz]) = (-?)M([xyz])", finding.mend.partition("; in")[2])
+    orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz])", finding.remedy.split(";")[0])
+    orders += re.findall(r"(M)([xyz]) = (-?)M([xyz])", finding.remedy.partition("; in")[2])
     assert orders, finding
     for name, axis, sign, source in orders:
         value = channels[name][:, "xyz".index(source)]

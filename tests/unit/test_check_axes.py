@@ -40,12 +40,12 @@ def test_every_wiring_of_a_recording_is_told(tmp_path) -> None:
 
 
 def test_json_is_one_object_with_the_numbers(tmp_path) -> None:
-    """Verdict, findings with code and mend, wiring, evidence."""
+    """Verdict, findings with code and remedy, wiring, evidence."""
     result = run("--from", recorded(tmp_path / "a.csv", SIGNED[18]), "--json")
     tree = json.loads(result.stdout)
     assert tree["verdict"] == "wrong"
     assert tree["findings"][0]["code"] == "mounting"
-    assert tree["findings"][0]["mend"].startswith("write sensor.T_flange_sensor.oat_deg: [")
+    assert tree["findings"][0]["remedy"].startswith("write sensor.T_flange_sensor.oat_deg: [")
     assert tree["force_channels_show"] == SIGNED[18].tolist()
     assert tree["evidence"]["poses"] == 8
 

@@ -103,7 +103,7 @@ def test_a_wrong_wiring_is_told_after_it_was_pushed_twice(cell, number) -> None:
     person = Person(cell, SIGNED[number])
     found = pushed(cell, person)
     assert found.verdict == "wrong"
-    assert found.findings[0].mend
+    assert found.findings[0].remedy
     wrong = [note for note in person.notes if note.endswith("not along it")]
     assert len(wrong) >= 2
 

@@ -1,4 +1,4 @@
-"""Every wrong way to install a sensor is told from its weight, with a mend that mends it."""
+"""Every wrong way to install a sensor is told from its weight, with a remedy that fixes it."""
 
 from dataclasses import replace
 
@@ -115,7 +115,7 @@ def test_without_a_known_payload_it_is_told_as_well(payload, wiring, seed) -> No
     seed=st.integers(0, 10**6),
 )
 def test_a_mounting_at_any_angle_is_told_to_a_degree(turn_deg, axis, wiring, seed) -> None:
-    """Not only multiples of 90 degrees: what is to be written mends it."""
+    """Not only multiples of 90 degrees: what is to be written fixes it."""
     turn = oat_matrix([(turn_deg, 0.0, 0.0), (0.0, turn_deg, 0.0), (90.0, turn_deg, -90.0)][axis])
     shown = TURNS[wiring] @ turn
     seen = readings(force=shown, torque=shown, seed=seed, poses=9)
@@ -141,7 +141,7 @@ def test_angles_in_radians_in_the_cell_file_are_recognised() -> None:
     turned = seen.R_base_sensor @ oat_matrix((30.0, 0.0, 0.0)).T @ oat_matrix(wrong)
     found = judge_installation(replace(seen, R_base_sensor=turned), belief(oat_deg=wrong))
     assert "oat_deg [0.5236, 0.0, 0.0] is in radians" in found.findings[0].text
-    assert found.findings[0].mend == "write sensor.T_flange_sensor.oat_deg: [0, 0, 30]"
+    assert found.findings[0].remedy == "write sensor.T_flange_sensor.oat_deg: [0, 0, 30]"
 
 
 # --- what weight alone cannot tell ----------------------------------------------------------------
@@ -152,8 +152,8 @@ def test_a_sensor_of_reactions_and_an_arm_that_hangs_read_alike() -> None:
     seen = readings(force=-EYE, torque=-EYE)
     (finding,) = judge_installation(seen, belief()).findings
     assert finding.code == "reaction"
-    assert "push the tool" in finding.mend
-    assert "payload.gravity_direction_in_base: [0, 0, 1]" in finding.mend
+    assert "push the tool" in finding.remedy
+    assert "payload.gravity_direction_in_base: [0, 0, 1]" in finding.remedy
     hangs = replace(belief(), down_in_base=np.array([0.0, 0.0, 1.0]))
     assert judge_installation(seen, hangs).verdict == "right"
     assert judge_installation(readings(), hangs).findings[0].code == "reaction"
@@ -215,7 +215,7 @@ def test_a_tool_without_a_lever_shows_nothing_of_the_torques() -> None:
         readings(payload, force=TURNS[2], torque=TURNS[2]), replace(belief(payload), com_m=None)
     )
     assert turned.findings[0].code == "mounting"
-    assert "if the torques are rotated too" in turned.findings[0].mend
+    assert "if the torques are rotated too" in turned.findings[0].remedy
 
 
 @pytest.mark.parametrize("spread_deg", [0.0, 2.0])

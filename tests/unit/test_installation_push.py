@@ -73,16 +73,16 @@ def test_a_turned_sensor_gets_the_angles_to_write(wiring, seed) -> None:
     (finding,), _ = judged(SIGNED[wiring], "all six", TOOL_DOWN, seed=seed)
     is_rotation = np.linalg.det(SIGNED[wiring]) > 0.0
     assert (finding.code == "mounting") == is_rotation
-    assert ("oat_deg" in finding.mend) == is_rotation
-    assert ("driver" in finding.mend) != is_rotation
+    assert ("oat_deg" in finding.remedy) == is_rotation
+    assert ("driver" in finding.remedy) != is_rotation
 
 
 def test_reactions_are_told_from_a_hanging_arm() -> None:
     """What the weight cannot tell, a push does: no word of the ceiling."""
     (finding,), _ = judged(-EYE, "all six", TOOL_DOWN)
     assert finding.code == "reaction"
-    assert "remap Fx = -Fx" in finding.mend
-    assert "Mz = -Mz" in finding.mend
+    assert "remap Fx = -Fx" in finding.remedy
+    assert "Mz = -Mz" in finding.remedy
 
 
 def test_pushes_that_fit_nothing_are_to_be_repeated() -> None:

@@ -43,14 +43,14 @@ def only(seen: Samples, of: ExpectedInstallation | None = None):
     ],
 )
 def test_a_wrong_unit_of_force_is_named(times, words) -> None:
-    """By the mass that is known, to a few per cent; dividing by the factor mends it."""
+    """By the mass that is known, to a few per cent; dividing by the factor fixes it."""
     weights = [replace(belief(), mass_kg=mass_kg, com_m=None) for mass_kg in (0.95, 1.0, 1.05)]
     findings = [only(scaled(force=times), of) for of in weights]
     for finding in findings:
         assert finding.code == "force_unit"
         assert words in finding.text
         assert finding.kind == "installation"
-    factor = float(findings[0].mend.split()[4].rstrip(","))
+    factor = float(findings[0].remedy.split()[4].rstrip(","))
     assert judge_installation(scaled(force=times / factor), belief()).verdict == "right"
 
 
@@ -95,7 +95,7 @@ def test_a_payload_that_is_wrong_is_told_with_both_numbers(times, seed) -> None:
         (finding,) = found.findings
         assert finding.code == "mass"
         assert f"the cell file says {times:.3g} kg" in finding.text
-        assert "write payload.mass_kg: 1.00" in finding.mend or "0.99" in finding.mend
+        assert "write payload.mass_kg: 1.00" in finding.remedy or "0.99" in finding.remedy
     assert installation_complaint(seen, replace(belief(), mass_kg=times)) is None
 
 
@@ -189,7 +189,7 @@ def test_an_arm_on_a_wall_is_told_with_the_direction_of_gravity() -> None:
     payload = replace(PAYLOAD, gravity_direction_in_base=(1.0, 0.0, 0.0))
     finding = only(readings(payload, poses=8))
     assert finding.code == "gravity"
-    assert finding.mend.endswith("[1.000, 0.000, 0.000]") or "[1.000, " in finding.mend
+    assert finding.remedy.endswith("[1.000, 0.000, 0.000]") or "[1.000, " in finding.remedy
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -199,7 +199,7 @@ def test_a_dead_channel_is_named(axis) -> None:
     force[:, axis] = 0.3
     finding = only(replace(SEEN, force_N=force))
     assert finding.code == "gain"
-    assert f"F{'xyz'[axis]} without signal" in finding.mend
+    assert f"F{'xyz'[axis]} without signal" in finding.remedy
 
 
 def test_a_dead_torque_channel_is_told() -> None:
@@ -236,7 +236,7 @@ def test_readings_that_fit_nothing_say_what_to_compare() -> None:
     junk = replace(SEEN, force_N=10.0 * rng.normal(size=(8, 3)))
     finding = only(junk)
     assert finding.code == "attitude"
-    assert "compare the recorded attitudes" in finding.mend
+    assert "compare the recorded attitudes" in finding.remedy
 
 
 # --- belief ---------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
 
 RECORDER_REPLY_S = 15.0  # the recorder writes pending data before it replies
-NOBODY = "⚠ no data from the recorder: `forcemesh up` starts it; `forcemesh status` shows more"
+NO_RECORDER = "⚠ no data from the recorder: `forcemesh up` starts it; `forcemesh status` shows more"
 
 
 def build(viewer: Viewer) -> Refresh:
@@ -42,7 +42,7 @@ def build(viewer: Viewer) -> Refresh:
     stop.on_click(end)
 
     def refresh(_heard: Snapshot) -> None:
-        status = heard_of_it(viewer)
+        status = recorder_status(viewer)
         now.show(words(status))
         asked = status is not None and status.recording and status.cause == "asked"
         if start.disabled != (asked or status is None):
@@ -54,7 +54,7 @@ def build(viewer: Viewer) -> Refresh:
     return refresh
 
 
-def heard_of_it(viewer: Viewer) -> RecorderStatus | None:
+def recorder_status(viewer: Viewer) -> RecorderStatus | None:
     """Return the recorder's status, None while none is received."""
     try:
         reading = viewer.watch.client.feed(topics.RECORDER_STATUS).reading()
@@ -66,7 +66,7 @@ def heard_of_it(viewer: Viewer) -> RecorderStatus | None:
 def words(status: RecorderStatus | None) -> Html:
     """Return the recorder's status as text."""
     if status is None:
-        return paragraphs(NOBODY)
+        return paragraphs(NO_RECORDER)
     lines: list[Html | str] = [f"⚠ {status.reason}"] if status.reason else []
     file = status.file.rpartition("/")[2]
     if status.recording:

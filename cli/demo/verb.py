@@ -67,27 +67,20 @@ def demo(
 ) -> None:
     """Run the main task: press on a plate, then control the force to its set point."""
     from rich.console import Console
-    from rich.markup import escape
 
-    from cli.demo.cell import (
-        DEFAULT_SETPOINT_N,
-        DEFAULT_TILT_DEG,
-        DemoOverrides,
-        check_plan,
-        demo_cell,
-    )
+    from cli.demo import cell as cells
     from cli.demo.play import live_progress, play_real, play_virtual
     from cli.demo.scenario import ScenarioPlan
 
     screen = Console(stderr=True)
     _make_folder(out)
-    setpoint_N = DEFAULT_SETPOINT_N[mode] if setpoint is None else setpoint
+    setpoint_N = cells.DEFAULT_SETPOINT_N[mode] if setpoint is None else setpoint
     plan = ScenarioPlan(mode=mode, host=host, press_N=force, setpoint_N=setpoint_N)
     try:
-        cell = demo_cell(
+        cell = cells.demo_cell(
             cell_file or default_cell_file(),
-            DemoOverrides(
-                tilt_deg=DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
+            cells.DemoOverrides(
+                tilt_deg=cells.DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
                 stiffness_N_m=stiffness,
                 delay_s=_seconds(delay_ms),
                 seed=seed,
@@ -96,13 +89,12 @@ def demo(
                 law=law,
             ),
         )
-        check_plan(cell, plan)
+        cells.check_plan(cell, plan)
         with live_progress(screen, plan) as progress:
             real = partial(play_real, panel=not no_panel, recorder=not no_recorder)
             trace = (play_virtual if virtual else real)(cell, plan, progress, linger)
     except ForcemeshError as error:
-        text = escape(str(error).removeprefix("demo: "))  # errors of a plan carry this prefix
-        screen.print(f"[red]demo:[/red] {text}", highlight=False, soft_wrap=True)
+        _print_error(screen, error)
         if as_json:
             sys.stdout.write(json.dumps({"settled": False, "error": str(error)}) + "\n")
         raise typer.Exit(exit_code_of(error)) from None
@@ -110,6 +102,13 @@ def demo(
     if as_json:
         sys.stdout.write(json.dumps(result.as_dict()) + "\n")
     raise typer.Exit(OK if result.settled else NOT_WELL)
+
+
+def _print_error(screen: "Console", error: ForcemeshError) -> None:
+    from rich.markup import escape
+
+    text = escape(str(error).removeprefix("demo: "))  # errors of a plan carry this prefix
+    screen.print(f"[red]demo:[/red] {text}", highlight=False, soft_wrap=True)
 
 
 def _make_folder(out: Path) -> None:

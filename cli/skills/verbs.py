@@ -191,9 +191,7 @@ def guide(
     if playback is not None and record is not None:
         exit_with_error("--record and --playback cannot be combined: choose one", USAGE)
     if playback is None and speed is not None:
-        exit_with_error(
-            "--speed requires --playback: the hand sets the speed of a guided arm", USAGE
-        )
+        exit_with_error("--speed requires --playback: a hand sets the speed otherwise", USAGE)
     if overwrite and record is None:
         exit_with_error("--overwrite requires --record", USAGE)
     if record is not None:

@@ -77,7 +77,7 @@ class Player:
     def __init__(self, file: str, **changes: Any) -> None:
         """Start every service of a cell file with some values changed."""
         cell = load_cell(CELLS / file, changes)
-        with patch.object(virtual, "LockStepWire", KeptWire):
+        with patch.object(virtual, "LockStepLink", KeptWire):
             self.cell = VirtualCell(cell)
         self.wire = KeptWire.made.pop() if KeptWire.made else None
         self.taps: dict[str, Source] = {

@@ -233,9 +233,9 @@ def test_processes_die_with_a_supervisor_that_is_killed(cell: CellConfig) -> Non
 import sys, time
 from pathlib import Path
 from launch.processes import Supervisor
-from launch.started_process import Process
+from launch.started_process import ProcessSpec
 from common.config.load import load_cell
-sleeper = Process("test.program", ("robot",), (sys.executable, "-c", {STUBBORN!r}))
+sleeper = ProcessSpec("test.program", ("robot",), (sys.executable, "-c", {STUBBORN!r}))
 with Supervisor(load_cell({str(DEMO)!r}, {{"cell": "unit"}}), Path({str(DEMO)!r}),
                 processes=[sleeper, sleeper]):
     time.sleep(600)

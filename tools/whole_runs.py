@@ -12,6 +12,7 @@ commit has.
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import time
@@ -26,6 +27,7 @@ from tools.tree import PRODUCTION, ROOT
 FOLDER = Path("docs/runs")
 MOST_COMMITS = 40  # to the files under test, before a run has to be repeated
 KEPT_LINES = 80
+OF_MAKE = ("MAKEFLAGS", "MFLAGS", "MAKEOVERRIDES")  # ARGS of the outer make are not the run's
 CELL = (*(room for room in PRODUCTION if room != "cli"), "cells")
 
 
@@ -70,7 +72,12 @@ def keep(name: str, root: Path = ROOT, run: WholeRun | None = None) -> int:
     commit, began_s = git("rev-parse", "--short=10", "HEAD", root=root), time.monotonic()
     printed: list[str] = []
     with subprocess.Popen(
-        run.command.split(), cwd=root, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        run.command.split(),
+        cwd=root,
+        env={name: value for name, value in os.environ.items() if name not in OF_MAKE},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     ) as process:
         for line in process.stdout or ():
             print(line, end="", flush=True)

@@ -41,6 +41,14 @@ def test_what_is_kept_says_which_command_at_which_commit_and_what_came_of_it(roo
     assert defect("one", root, SAYS_42) == ""
 
 
+def test_the_arguments_of_make_do_not_reach_the_run(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`make whole-runs ARGS="keep one"` would else call the run's own make with these ARGS."""
+    monkeypatch.setenv("MAKEFLAGS", "-- ARGS=keep\\ one")
+    assert keep("one", root, WholeRun("printenv MAKEFLAGS", ("a.py",))) == 1
+
+
 def test_a_run_of_a_tree_with_changes_is_of_no_commit(root: Path) -> None:
     """Nothing is run, nothing written."""
     (root / "code/first").write_text("changed")

@@ -12,7 +12,7 @@ from mjviser import ViserMujocoScene
 from common.config.cell import CellConfig
 from common.motion.frames import Array, quaternion_from_R
 from forcemesh.messages import RobotState
-from services.panel.arm_model import FLOOR_Z_M, ArmModel, is_known
+from services.panel.arm_model import FLOOR_Z_M, JOINTS, ArmModel, is_known
 from services.panel.readout import Readout, Tool
 from services.panel.watch import Snapshot
 
@@ -76,7 +76,8 @@ class Scene:
 
     def _has_moved(self, robot: RobotState) -> bool:
         q = np.array(robot.joint_rad)
-        if self._q is not None and float(np.abs(q - self._q).max()) < STILL_RAD:
+        is_same = self._q is not None and self._q.shape == q.shape
+        if is_same and float(np.abs(q - self._q).max(initial=0.0)) < STILL_RAD:
             return False
         self._q = q
         return True
@@ -84,7 +85,8 @@ class Scene:
     def _place(self, robot: RobotState, tool: Tool) -> None:
         self._tcp.position = tool.p_tcp_m
         self._tcp.wxyz = _wxyz(tool.R_base_tcp)
-        if self._arm is not None and self._mujoco is not None:
+        fits = len(robot.joint_rad) == JOINTS  # another arm is not drawn in a wrong pose
+        if self._arm is not None and self._mujoco is not None and fits:
             self._arm.move(np.array(robot.joint_rad))
             self._mujoco.update_from_mjdata(self._arm.data)
 

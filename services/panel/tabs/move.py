@@ -178,7 +178,7 @@ class _Joints:
 
     def _take(self) -> None:
         state = self._mover.state()
-        if state is not None:
+        if state is not None and len(state.joint_rad) == len(self._angles):
             for handle, angle in zip(self._angles, state.joint_rad, strict=True):
                 put(handle, round(math.degrees(angle), 2))
 

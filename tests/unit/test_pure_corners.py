@@ -14,7 +14,7 @@ from common.motion.rate_limiter import JointTrack
 from common.motion.setpoint_monitor import SetpointMonitor
 from forcemesh import topics
 from forcemesh.codec import encode_record
-from forcemesh.messages import Goal, RobotState, Speed
+from forcemesh.messages import Goal, RobotState, RobotStatus, Speed, Trip
 from forcemesh.requests import HoldRequest
 from services.arbiter.inputs import limit_trip, robot_complaints
 from services.arbiter.watch import RestWatch
@@ -154,3 +154,22 @@ def test_to_wait_for_a_message_is_to_wait_at_its_source(monkeypatch: pytest.Monk
     line.reader.wait(0.25)
     assert waits == [0.25]
     assert line.read().code == "missing"
+
+
+def test_a_robot_that_is_not_ready_is_named_whatever_it_reports() -> None:
+    """Without a cause, and with a code of another version: both end in the robot's own fault."""
+    world = World()
+    world.change("robot", status=RobotStatus())
+    assert [trip.code for trip in robot_complaints(world.inputs())] == ["robot_error"]
+    unknown = Trip(code="of_a_later_version", rule=999, text="the coolant is low")
+    world.change("robot", status=RobotStatus(faults=(unknown,)))
+    (trip,) = robot_complaints(world.inputs())
+    assert (trip.code, trip.text) == ("robot_error", "the coolant is low")
+
+
+def test_the_last_check_refuses_a_goal_for_another_number_of_joints() -> None:
+    """It is neither broadcast nor cut."""
+    goal = Goal(id=1, kind="joints", joint_rad=(0.0,) * 7)
+    trip = LastCheck(CELL).goal(goal, Speed(), T_START, JOINTS)
+    assert trip is not None
+    assert (trip.code, trip.value, trip.limit) == ("joint_count", 7, 6)

@@ -11,7 +11,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from forcemesh.clock import Clock
 from forcemesh.codec import Header, decode_record, encode, encode_record
-from forcemesh.errors import BusError, MessageError
+from forcemesh.errors import BusError, LostError, MessageError
 from forcemesh.faults import refusal
 from forcemesh.messages import Message, Record
 from forcemesh.reader import LONGEST_FAULT, Origin, Reader, Reading, Source
@@ -23,6 +23,7 @@ __all__ = [
     "Bus",
     "Call",
     "CallSource",
+    "FixedReply",
     "Inbox",
     "Incoming",
     "Origin",
@@ -32,6 +33,7 @@ __all__ = [
     "Source",
     "Timing",
     "Transport",
+    "query_hub",
 ]
 
 M = TypeVar("M", bound=Message)
@@ -153,6 +155,28 @@ class Inbox(Generic[Q]):
                     call.answer(encode_record(refusal("malformed", str(error))))
                 else:
                     yield Incoming(self._request.unreadable, call, str(error))
+
+
+class FixedReply:
+    """Server of a query whose reply does not change; the payload of the query is ignored."""
+
+    def __init__(self, transport: Transport, key: str, reply: bytes) -> None:
+        """Serve a key with a reply."""
+        self._reply = reply
+        self._calls = transport.serve(key)
+
+    def step(self) -> None:
+        """Answer the queries received since the last step."""
+        while (call := self._calls.take()) is not None:
+            call.answer(self._reply)
+
+
+def query_hub(transport: Transport, key: str, timeout_s: float, hint: str = "") -> bytes:
+    """Return the hub's fixed reply on a key. Raise LostError when it does not answer."""
+    data = transport.ask(key, b"", timeout_s)
+    if data is None:
+        raise LostError(f"the hub did not answer {key} in {timeout_s:g} s{hint}", ("hub",))
+    return data
 
 
 @dataclass(slots=True)

@@ -6,9 +6,8 @@ needs the address of a hub and the name of a cell, and no file.
 
 from typing import Any
 
-from forcemesh.bus import CallSource, Transport
+from forcemesh.bus import FixedReply, Transport, query_hub
 from forcemesh.codec import decode_record, encode_record
-from forcemesh.errors import LostError
 from forcemesh.messages import PoseRecord, Record
 from forcemesh.topics import INFO, Topic
 
@@ -33,26 +32,12 @@ class CellInfo(Record):
         return self.deadlines_s[topic.key]
 
 
-class InfoServer:
-    """The hub's answer to clients; the payload of the query is ignored."""
-
-    def __init__(self, transport: Transport, info: CellInfo) -> None:
-        """Encode the answer once: it does not change while a hub runs."""
-        self._answer = encode_record(info)
-        self._calls: CallSource = transport.serve(f"{info.cell}/{INFO}")
-
-    def step(self) -> None:
-        """Answer every query that has come in."""
-        while (call := self._calls.take()) is not None:
-            call.answer(self._answer)
+def info_server(transport: Transport, info: CellInfo) -> FixedReply:
+    """Return the hub's answer to clients."""
+    return FixedReply(transport, f"{info.cell}/{INFO}", encode_record(info))
 
 
 def ask_for_info(transport: Transport, cell: str, timeout_s: float = 2.0) -> CellInfo:
     """Return the facts of a cell from its hub. Raise LostError when it does not answer."""
-    data = transport.ask(f"{cell}/{INFO}", b"", timeout_s)
-    if data is None:
-        text = (
-            f"the hub did not answer {cell}/{INFO} in {timeout_s:g} s: is {cell} the cell's name?"
-        )
-        raise LostError(text, ("hub",))
-    return decode_record(data, CellInfo)
+    hint = f": is {cell} the cell's name?"
+    return decode_record(query_hub(transport, f"{cell}/{INFO}", timeout_s, hint), CellInfo)

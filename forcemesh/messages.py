@@ -77,6 +77,9 @@ class KawasakiStatus(Record):
     error_code: int = 0  # 0: none
 
 
+CONTROLLER_BITS = tuple(name for name in KawasakiStatus.model_fields if name != "error_code")
+
+
 class RobotStatus(Record):
     """Status of any robot: whether it would follow a command, and what prevents it."""
 

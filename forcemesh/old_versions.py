@@ -9,12 +9,12 @@ from collections.abc import Callable
 from typing import Any
 
 from forcemesh.faults import FAULTS, tripped
+from forcemesh.messages import CONTROLLER_BITS
 
 Fields = dict[str, Any]
 
 NEEDED = ("motor_power", "repeat_mode", "teach_lock_off", "program_running")
 FORBIDDEN = ("watchdog_latched", "error")
-CONTROLLER_BITS = (*NEEDED, *FORBIDDEN, "target_refused")
 MODES = {(True, False): "position", (False, True): "orientation", (True, True): "both"}
 
 

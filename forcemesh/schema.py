@@ -8,9 +8,8 @@ import json
 from functools import cache
 from typing import Any, Literal
 
-from forcemesh.bus import Bus, CallSource
+from forcemesh.bus import Bus, FixedReply, query_hub
 from forcemesh.codec import SCHEMA_VERSION, Header, Version
-from forcemesh.errors import LostError
 from forcemesh.messages import Record
 from forcemesh.requests import Reply
 from forcemesh.topics import DESCRIBE, REQUESTS, TOPICS, Request, Topic
@@ -111,26 +110,14 @@ def _answer() -> bytes:
     return json.dumps(describe(), separators=(",", ":")).encode()
 
 
-class Describer:
-    """Server of the schema query of a bus; the payload of the query is ignored."""
-
-    def __init__(self, bus: Bus) -> None:
-        """Encode the reply once, before the first query."""
-        self._answer = _answer()
-        self._calls: CallSource = bus.transport.serve(f"{bus.cell}/{DESCRIBE}")
-
-    def step(self) -> None:
-        """Answer the queries received since the last step."""
-        while (call := self._calls.take()) is not None:
-            call.answer(self._answer)
+def describer(bus: Bus) -> FixedReply:
+    """Return the server of the schema query of a bus."""
+    return FixedReply(bus.transport, f"{bus.cell}/{DESCRIBE}", _answer())
 
 
 def ask_for_description(bus: Bus, timeout_s: float = 2.0) -> dict[str, Any]:
     """Return the description from the hub of a cell. Raise LostError when it does not answer."""
-    data = bus.transport.ask(f"{bus.cell}/{DESCRIBE}", b"", timeout_s)
-    if data is None:
-        raise LostError(
-            f"the hub did not answer {bus.cell}/{DESCRIBE} in {timeout_s:g} s", ("hub",)
-        )
-    found: dict[str, Any] = json.loads(data)
+    found: dict[str, Any] = json.loads(
+        query_hub(bus.transport, f"{bus.cell}/{DESCRIBE}", timeout_s)
+    )
     return found

@@ -30,9 +30,8 @@ from cli.doctor.pose import Frames, check_pose, model_of
 from common.motion.convert import pose_of
 from controller.packet_table import Status, greeted
 from forcemesh import topics
-from forcemesh.messages import KawasakiStatus
+from forcemesh.messages import CONTROLLER_BITS, KawasakiStatus
 from services.gateway.round_trips import Spread
-from services.gateway.service import CONTROLLER_BITS
 
 if TYPE_CHECKING:
     import pinocchio as pin

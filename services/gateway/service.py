@@ -16,7 +16,15 @@ from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError, LocalProtocolError, RefusedError
 from forcemesh.faults import clipped, tripped
-from forcemesh.messages import KawasakiStatus, LinkHealth, Mode, RobotState, RobotStatus, Trip
+from forcemesh.messages import (
+    CONTROLLER_BITS,
+    KawasakiStatus,
+    LinkHealth,
+    Mode,
+    RobotState,
+    RobotStatus,
+    Trip,
+)
 from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.connection import ByteLink, ControllerConnection
 from services.gateway.dialogue import Dialogue
@@ -32,7 +40,6 @@ CONTROLLER_TURN_MARGIN_RAD = radians(0.5)
 STEP_MARGIN = 1.1
 CONTROLLER_SPEED_MARGIN = 1.01
 WALL_MARGIN_M = MEASURED_SLACK_M + 1e-3
-CONTROLLER_BITS = tuple(name for name in KawasakiStatus.model_fields if name != "error_code")
 # Mode of the force feedback in the controller, by its bits for position and for orientation.
 FEEDBACK: dict[tuple[bool, bool], Mode | None] = {
     (False, False): None,

@@ -6,8 +6,8 @@ from typing import Protocol, runtime_checkable
 from common.config.cell import CellConfig
 from common.config.info import cell_info
 from forcemesh.bus import Bus
-from forcemesh.cell_info import InfoServer
-from forcemesh.schema import Describer
+from forcemesh.cell_info import info_server
+from forcemesh.schema import describer
 from services.hub.refusals import Refusals
 
 STEPS_PER_REPORT = 5
@@ -33,8 +33,8 @@ class Hub:
         self.trigger = None
         self._transport = bus.transport
         self._refusals = refusals or Refusals()
-        self._describer = Describer(bus)
-        self._info = InfoServer(bus.transport, cell_info(cell))
+        self._describer = describer(bus)
+        self._info = info_server(bus.transport, cell_info(cell))
 
     @property
     def fault(self) -> str:

@@ -17,7 +17,7 @@ from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.codec import Header, encode, encode_record
 from forcemesh.requests import Reply
-from forcemesh.schema import Describer, describe, topic_schema
+from forcemesh.schema import describe, describer, topic_schema
 from forcemesh.topics import REQUESTS, TOPICS, Request, Topic
 from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import CELL
@@ -92,10 +92,10 @@ def endpoint() -> Iterator[str]:
 
     def serve() -> None:
         with open_hub(cell) as bus:
-            describer = Describer(bus)
+            server = describer(bus)
             ready.set()
             while not stop.wait(0.01):
-                describer.step()
+                server.step()
 
     thread = threading.Thread(target=serve)
     thread.start()

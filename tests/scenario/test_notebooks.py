@@ -70,7 +70,7 @@ def test_a_running_cell_is_plotted_and_its_recording_analysed(
     printed = play("recording")
     assert recorded.name in printed
     assert "pictures: 1" in printed
-    most_N = float(printed.split("at most ")[1].split()[0])
+    most_N = float(printed.split("maximum ")[1].split()[0])
     assert most_N == pytest.approx(12.0, abs=3.0)
 
 

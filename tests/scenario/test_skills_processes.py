@@ -60,7 +60,7 @@ def test_a_way_that_was_recorded_is_gone_again(say, cell_file):
     rows = [[t_s, x_mm, y_mm, z_mm + UP_MM], [t_s, x_mm + ASIDE_MM, y_mm, z_mm + UP_MM]]
     lines = [head, first, *(",".join(str(each) for each in [*row, *turn]) for row in rows)]
     way.write_text("\n".join(lines) + "\n")
-    assert "3 poses gone to" in say("guide", "--playback", way, "--speed", 50)
+    assert "3 poses of 3 recorded" in say("guide", "--playback", way, "--speed", 50)
     state = json.loads(say("watch", "robot/state", "--count", 1, "--json"))
     reached_mm = [1e3 * each for each in state["position_m"]]
     assert reached_mm == pytest.approx([x_mm + ASIDE_MM, y_mm, z_mm + UP_MM], abs=0.3)

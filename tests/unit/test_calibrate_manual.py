@@ -146,7 +146,7 @@ def test_poses_are_taken_by_themselves_when_still_and_new(lab):
     watcher = watched(lab, verbs, poses=4, auto=True)
     assert watch(watcher, lab.notes) is None
     assert len(of_purpose(watcher.dwells, "fit")) == 4
-    assert any("| still" in stage for stage in lab.notes.stages)
+    assert any("| at rest" in stage for stage in lab.notes.stages)
     assert any("waiting for the arm to rest" in stage for stage in lab.notes.stages)
     for dwell in watcher.dwells:
         assert np.ptp(dwell.position_m, axis=0).max() < 1e-4

@@ -39,8 +39,9 @@ def bus_table(cell: CellConfig) -> dict[str, Any]:
 
 def print_bus_table(cell: CellConfig) -> None:
     """Print the table on the terminal."""
-    from rich.console import Console
     from rich.table import Table
+
+    from cli.tables import print_table, table_console
 
     table = bus_table(cell)
     topics = Table("topic", "writer", "readers", "rate", "stale after", "summary", title="topics")
@@ -56,7 +57,7 @@ def print_bus_table(cell: CellConfig) -> None:
     requests = Table("request", "server", "summary", title="requests")
     for row in table["requests"]:
         requests.add_row(row["request"], row["server"], row["summary"])
-    console = Console()
+    console = table_console()
     console.print(f"every key has the prefix [bold]{cell.cell}/[/bold]")
-    console.print(topics)
-    console.print(requests)
+    print_table(console, topics)
+    print_table(console, requests)

@@ -64,13 +64,14 @@ def show(as_json: JsonOption = False, cell: CellOption = None) -> None:
     if as_json:
         print(json.dumps({"file": str(path), "values": rows}))
         return
-    from rich.console import Console
     from rich.table import Table
+
+    from cli.tables import print_table, table_console
 
     table = Table("key", "value", "source", title=f"cell {loaded.cell} ({path})")
     for name, row in rows.items():
         table.add_row(name, json.dumps(row["value"]), row["from"])
-    Console(highlight=False).print(table)
+    print_table(table_console(), table)
 
 
 @config.command("init")

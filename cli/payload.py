@@ -139,8 +139,9 @@ def _warn_of_other_axes(taken: dict[str, Any], other: dict[str, Any]) -> None:
 
 
 def _print_check(report: dict[str, Any]) -> None:
-    from rich.console import Console
     from rich.table import Table
+
+    from cli.tables import print_table, table_console
 
     title = f"{report['recording']}: {report['rows']} rows, wrench in {report['wrench_axes']} axes"
     table = Table("residual", "mean", "max", "line of the max", title=title)
@@ -150,8 +151,8 @@ def _print_check(report: dict[str, Any]) -> None:
     ):
         mean, worst = report[f"{key}_mean"], report[f"{key}_max"]
         table.add_row(label, f"{mean:.4f}", f"{worst:.4f}", str(report[line]))
-    console = Console()
-    console.print(table)
+    console = table_console()
+    print_table(console, table)
     if report["drift"] != "none":
         still = report["residual_force_N_mean_without_drift"]
         console.print(f"drift of the fit: {report['drift']}; without it {still:.4f} N mean")

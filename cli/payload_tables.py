@@ -2,8 +2,9 @@
 
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
+
+from cli.tables import print_table, table_console
 
 Vector = list[float]
 MODELS_SHOWN = 6  # besides the plain one
@@ -12,16 +13,15 @@ WORTH = 0.97  # a pose that reduces the deviation less than this is not recommen
 
 def print_fit(report: dict[str, Any]) -> None:
     """Print a report of `fit_report` on the terminal."""
-    console = Console()
+    console = table_console()
     title = (
         f"{report['recording']}: {report['poses']} poses, wrench in {report['wrench_axes']} axes"
     )
     table = Table("parameter", "value", "standard deviation", title=title)
     for row in found_parameters(report):
         table.add_row(*row)
-    console.print(table)
-    console.print(_pose_table(report))
-    console.print(_model_table(report))
+    for each in (table, _pose_table(report), _model_table(report)):
+        print_table(console, each)
     for line in remarks(report):
         console.print(line, markup=False)
 

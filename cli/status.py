@@ -4,6 +4,7 @@ import time
 from datetime import UTC, datetime
 from typing import TypedDict
 
+from cli.arm_readings import ArmReadings, ArmView, no_readings
 from cli.exits import NO_ANSWER, NOT_WELL, OK
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
@@ -14,6 +15,17 @@ from forcemesh.messages import Health
 from launch.cell_view import CellView
 from launch.run_file import Run
 
+FOR_PROGRAMS = ("put_max_s", "tare_age_h")  # in --json alone: shown elsewhere, or for a long test
+# Of numbers whose names do not say it; of the others the name itself is the text.
+NUMBER_TEXTS = {
+    "framed_round_trip_p50": "network round trip (median)",
+    "framed_round_trip_p99": "network round trip (99 %)",
+    "taken_round_trip_p50": "round trip with the robot program (median)",
+    "taken_round_trip_p99": "round trip with the robot program (99 %)",
+    "streamed_round_trip_p50": "round trip of set points (median)",
+    "program_loop": "cycles of the robot program",
+    "sender": "reports of the controller",
+}
 DOWN = "DOWN"
 STOPPED, ASKED = ("STOPPING", "HOLDING"), "hold"
 CONNECT_WITHIN_S = 0.5
@@ -50,6 +62,7 @@ class CellStatus(TypedDict):
     not_ready: list[str]
     clears: str
     last_state: str
+    arm: ArmReadings
     restarts: list[Restart]
     services: list[ServiceStatus]
 
@@ -65,16 +78,17 @@ def cell_status(cell: CellConfig, run: Run | None, only: str | None = None) -> C
     expected = {only} if only else {role for role in topics.ROLES if not _died(role, run)}
     try:
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
-            view = CellView(bus, cell)
+            view, arm = CellView(bus, cell), None if only else ArmView(bus, cell)
             started_s = time.monotonic()
             view.wait(lambda: _is_heard(view, expected), view.longest_wait_s)
-            if not only:
-                view.wait(lambda: len(_helpers(view)) == len(topics.HELPERS), view.helper_wait_s)
-            return _judge(cell, run, view, waited_s=time.monotonic() - started_s, only=only)
+            if arm is not None:
+                view.wait(lambda: _is_complete(view, arm), view.helper_wait_s)
+            waited_s = time.monotonic() - started_s
+            return _judge(cell, run, view, arm, waited_s=waited_s, only=only)
     except SetupError:
         raise
     except BusError:
-        return _judge(cell, run, None, waited_s=0.0, only=only)
+        return _judge(cell, run, None, None, waited_s=0.0, only=only)
 
 
 def died_text(restart: Restart) -> str:
@@ -92,8 +106,9 @@ def describe_number(name: str, number: float) -> str:
         ("_fraction", 100.0, "%"),
     ):
         if name.endswith(ending):
-            words = name.removesuffix(ending).replace("_", " ")
-            return f"{words} {scale * number:.1f} {unit}"
+            stem = name.removesuffix(ending)
+            text = NUMBER_TEXTS.get(stem, stem.replace("_", " "))
+            return f"{text} {scale * number:.1f} {unit}"
     return f"{name} {number:.6g}"
 
 
@@ -118,8 +133,19 @@ def _is_heard(view: CellView, expected: set[str]) -> bool:
     return state_is_there and all(view.health(role).message is not None for role in expected)
 
 
+def _is_complete(view: CellView, arm: ArmView) -> bool:
+    """Return whether every sidecar and the arm's readings were received."""
+    return len(_helpers(view)) == len(topics.HELPERS) and arm.is_complete()
+
+
 def _judge(
-    cell: CellConfig, run: Run | None, view: CellView | None, *, waited_s: float, only: str | None
+    cell: CellConfig,
+    run: Run | None,
+    view: CellView | None,
+    arm: ArmView | None,
+    *,
+    waited_s: float,
+    only: str | None,
 ) -> CellStatus:
     listed = {only, *helpers_of(view, run)}
     helpers = [name for name in topics.HELPERS if name in listed]
@@ -134,9 +160,15 @@ def _judge(
         not_ready=[] if heard is None else list(heard.not_ready),
         clears="" if heard is None else heard.clears,
         last_state=run.last_state if run else "",
+        arm=no_readings() if view is None or arm is None else arm.readings(_wrench_health(view)),
         restarts=restarts_of(run),
         services=services,
     )
+
+
+def _wrench_health(view: CellView) -> Health | None:
+    message = view.health("wrench").fresh
+    return message if isinstance(message, Health) else None
 
 
 def _name_certificates(cell: CellConfig, silent: list[ServiceStatus]) -> None:

@@ -136,7 +136,7 @@ def speed(
         return
     real_mm_s = 1e3 * now.mechanical_m_s * now.modular_fraction
     typer.echo(
-        f"moves run at {real_mm_s:.1f} mm/s: mechanical {1e3 * now.mechanical_m_s:g} mm/s, modular "
-        f"{100.0 * now.modular_fraction:g} %, accel {100.0 * now.accel_fraction:g} %, "
+        f"later moves run at {real_mm_s:.1f} mm/s: mechanical {1e3 * now.mechanical_m_s:g} mm/s, "
+        f"modular {100.0 * now.modular_fraction:g} %, accel {100.0 * now.accel_fraction:g} %, "
         f"decel {100.0 * now.decel_fraction:g} %"
     )

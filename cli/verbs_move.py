@@ -206,7 +206,7 @@ def _move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
         going = client.move.begin(request)
-        typer.echo(f"move started: goal {going.id}")
+        typer.echo(f"move accepted: goal {going.id}")
         if wait:
             _follow(client, going)
 

@@ -89,26 +89,29 @@ def _print(row: Any, as_json: bool, line: str) -> None:
 
 
 def _print_status(found: "CellStatus") -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    from cli.status import describe_number, died_text
+    from cli.arm_readings import reading_lines
+    from cli.status import FOR_PROGRAMS, describe_number, died_text
+    from cli.tables import print_table, table_console
 
     state = found["state"]
-    console = Console(highlight=False, soft_wrap=True)
+    console = table_console()
     was = f" (was {found['last_state']})" if state == "DOWN" and found["last_state"] else ""
     console.print(
         f"cell [bold]{found['cell']}[/bold]: "
-        f"[bold {COLOURS.get(state, 'red')}]{state}[/]{was}, commander {found['commander']}"
+        f"[bold {COLOURS.get(state, 'red')}]{state}[/]{was}, commander {found['commander']}",
+        soft_wrap=True,
     )
     for label, lines in (
-        ("tripped", [str(trip["text"]) for trip in found["trips"]]),
+        ("stopped by", [str(trip["text"]) for trip in found["trips"]]),
         ("not ready", found["not_ready"]),
         ("died", [died_text(each) for each in found["restarts"]]),
         ("next", [found["clears"]] if found["clears"] else []),
+        *((label, [text]) for label, text in reading_lines(found["arm"])),
     ):
         for line in lines:
-            console.print(f"  {label}: {line}", markup=False)
+            console.print(f"  {label:<12} {line}", markup=False, soft_wrap=True)
     table = Table("role", "pid", "alive", "loop", "age", "fault")
     for row in found["services"]:
         table.add_row(
@@ -119,8 +122,9 @@ def _print_status(found: "CellStatus") -> None:
             "-" if row["age_s"] is None else f"{1e3 * row['age_s']:.0f} ms",
             row["fault"],
         )
-    console.print(table)
+    print_table(console, table)
     for row in found["services"]:
-        if row["numbers"]:
-            words = ", ".join(describe_number(*item) for item in sorted(row["numbers"].items()))
-            console.print(f"  {row['name']}: {words}", markup=False)
+        shown = sorted(item for item in row["numbers"].items() if item[0] not in FOR_PROGRAMS)
+        if shown:
+            text = ", ".join(describe_number(*item) for item in shown)
+            console.print(f"  {row['name']}: {text}", markup=False, soft_wrap=True)

@@ -1,10 +1,11 @@
-"""Verb `watch`: one topic decoded live, or all topics with rate and age."""
+"""Verb `watch`: one topic decoded live or into a file, or all topics with rate and age."""
 
 import json
 import sys
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -20,6 +21,13 @@ SILENCE_S = 3.0  # the slowest topic comes four times a second
 REFRESH_HZ = 10
 TABLE_S = 0.5  # between two tables of all topics
 FIRST_S = 1.0  # until the first one: a rate needs some messages
+
+
+class End(NamedTuple):
+    """After how many messages or tables, and after what time, watching ends; None: never."""
+
+    number: int | None
+    seconds: float | None
 
 
 def _topics(typed: str) -> list[str]:
@@ -39,30 +47,51 @@ def watch(
             show_default=False,
         ),
     ] = None,
+    *,
     count: Annotated[
         int | None,
         typer.Option(
             min=1, help="End after this number of messages or tables.", show_default=False
         ),
     ] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, help="End after this time [s].", show_default=False)
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object per line, header and message merged.")
     ] = False,
+    csv: Annotated[
+        Path | None,
+        typer.Option(
+            "--csv",
+            metavar="FILE",
+            help="Write every message of the topic into a new file, one row each.",
+            show_default=False,
+        ),
+    ] = None,
     cell: CellOption = None,
 ) -> None:
-    """Show the messages of a topic, or rate and age of all topics, until Ctrl-C or --count."""
+    """Show the messages of a topic, or rate and age of all topics.
+
+    It ends with Ctrl-C, or after --count or --seconds.
+    """
     row = None if topic is None else find_topic(topic)
+    if csv is not None and (row is None or as_json):
+        exit_with_error("--csv FILE takes one topic, and no --json: watch wrench --csv FILE", USAGE)
+    end = End(count, seconds)
     with cell_of(cell) as client:
         try:
             if row is None:
-                _watch_all(client, count, as_json)
+                _watch_all(client, end, as_json)
+            elif csv is not None:
+                _write(client, row, csv, end)
             elif as_json:
-                for heard in _messages(client.feed(row), count):
+                for heard in _messages(client.feed(row), end):
                     fields = heard.header.model_dump() | heard.message.model_dump()
                     sys.stdout.write(json.dumps(fields) + "\n")
                     sys.stdout.flush()
             else:
-                _show(client.feed(row), count)
+                _show(client.feed(row), end)
         except KeyboardInterrupt:
             raise typer.Exit(0) from None
 
@@ -81,31 +110,46 @@ def find_topic(name: str) -> "Topic[Message]":
     return rows[name]
 
 
-def _messages(feed: "Feed[Message]", count: int | None) -> "Iterator[Received[Message]]":
-    for number, heard in enumerate(feed.stream(silence_s=SILENCE_S), 1):
+def _messages(feed: "Feed[Message]", end: End) -> "Iterator[Received[Message]]":
+    for number, heard in enumerate(feed.stream(seconds=end.seconds, silence_s=SILENCE_S), 1):
         yield heard
-        if number == count:
+        if number == end.number:
             return
+
+
+def _write(client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: End) -> None:
+    from cli.watch_csv import write_csv
+
+    try:
+        written = write_csv(
+            client, topic, path, seconds=end.seconds, count=end.number, silence_s=SILENCE_S
+        )
+    except FileExistsError:
+        exit_with_error(f"{path} exists: choose the name of a new file", USAGE)
+    except OSError as error:
+        exit_with_error(f"{path}: cannot be written: {error.strerror}", USAGE)
+    typer.echo(f"{path}: {written.messages} messages of {topic.key}, {written.lost} lost")
 
 
 # --- one topic ------------------------------------------------------------------------------------
 
 
-def _show(feed: "Feed[Message]", count: int | None) -> None:
+def _show(feed: "Feed[Message]", end: End) -> None:
     """Show one table live: fields, rate and age."""
-    from rich.console import Console
     from rich.live import Live
 
+    from cli.tables import table_console
+
     started_s, seen, shown_s = time.monotonic(), 0, 0.0
-    console = Console()
+    console = table_console()
     with Live(console=console, auto_refresh=False) as live:
-        for heard in _messages(feed, count):
+        for heard in _messages(feed, end):
             seen, now_s = seen + 1, time.monotonic()
-            if now_s - shown_s >= 1.0 / REFRESH_HZ or seen == count:
+            if now_s - shown_s >= 1.0 / REFRESH_HZ or seen == end.number:
                 shown_s = now_s
                 rate_hz = (seen - 1) / (now_s - started_s) if seen > 1 else 0.0
-                table = _table(feed, heard, rate_hz=rate_hz)
-                live.update(table, refresh=console.is_terminal or seen == count)
+                # Without a terminal rich prints the last table when it ends.
+                live.update(_table(feed, heard, rate_hz=rate_hz), refresh=console.is_terminal)
 
 
 def _table(feed: "Feed[Message]", heard: "Received[Message]", *, rate_hz: float) -> Any:
@@ -114,7 +158,9 @@ def _table(feed: "Feed[Message]", heard: "Received[Message]", *, rate_hz: float)
     age_ms = (time.monotonic_ns() - heard.header.stamp_ns) / 1e6
     rate = f"{rate_hz:.1f} Hz, " if rate_hz else ""  # one message has none
     caption = f"seq {heard.header.seq}, {rate}published {age_ms:.1f} ms ago"
-    table = Table("field", "value", title=feed.topic.key, caption=caption)
+    table = Table(title=feed.topic.key, caption=caption)
+    for name in ("field", "value"):
+        table.add_column(name, overflow="fold")  # nothing is cut
     for name, value in heard.message.model_dump().items():
         table.add_row(name, _text(value))
     return table
@@ -133,24 +179,28 @@ def _text(value: object) -> str:
 # --- all topics -----------------------------------------------------------------------------------
 
 
-def _watch_all(client: "ConfiguredCell", count: int | None, as_json: bool) -> None:
-    from rich.console import Console
+def _watch_all(client: "ConfiguredCell", end: End, as_json: bool) -> None:
     from rich.live import Live
 
+    from cli.tables import table_console
+    from forcemesh.clock import NS_PER_S
     from forcemesh.topics import TOPICS
 
     feeds = [client.feed(topic) for topic in TOPICS]
     _look(client, feeds, FIRST_S)
-    console, shown = Console(), 0
+    clock, console, shown = client.session.clock, table_console(), 0
+    began_ns = clock.now_ns()
     with Live(console=console, auto_refresh=False) as live:
-        while count is None or shown < count:
+        while shown != end.number:
             rows, shown = [_row(client, feed) for feed in feeds], shown + 1
             if as_json:
                 sys.stdout.write(json.dumps({"topics": rows}) + "\n")
                 sys.stdout.flush()
             else:
-                live.update(_rows(client, rows), refresh=console.is_terminal or shown == count)
-            if shown != count:
+                live.update(_rows(client, rows), refresh=console.is_terminal)
+            if end.seconds is not None and clock.now_ns() - began_ns >= end.seconds * NS_PER_S:
+                return
+            if shown != end.number:
                 _look(client, feeds, TABLE_S)
 
 
@@ -183,7 +233,8 @@ def _rows(client: "ConfiguredCell", rows: list[dict[str, Any]]) -> Any:
     from rich.table import Table
 
     table = Table(title=f"cell {client.config.cell}")
-    for name in ("topic", "writer", "rate", "expected", "age", "stale after"):
+    table.add_column("topic", overflow="fold")  # a name is never cut
+    for name in ("writer", "rate", "expected", "age", "stale after"):
         table.add_column(name, no_wrap=True)
     table.add_column("fault")
     for row in rows:

@@ -8,6 +8,7 @@ import math
 from forcemesh.messages import PoseRecord, Quaternion, Vec3
 
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+PARALLEL = 1e-9  # sine of the angle between two axes that count as parallel
 
 
 def times(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -54,6 +55,22 @@ def from_oat_deg(oat_deg: Vec3) -> Quaternion:
         times(from_rotation_vector((0.0, 0.0, o)), from_rotation_vector((0.0, a, 0.0))),
         from_rotation_vector((0.0, 0.0, t)),
     )
+
+
+def to_oat_deg(q: Quaternion) -> Vec3:
+    """Return Kawasaki's O, A, T [degrees] of a unit quaternion, the inverse of `from_oat_deg`.
+
+    A is within 0 to 180; where the z axes are parallel, O and T are one rotation and O is 0.
+    """
+    y_axis, z_axis = rotate(q, (0.0, 1.0, 0.0)), rotate(q, (0.0, 0.0, 1.0))
+    x_axis = rotate(q, (1.0, 0.0, 0.0))
+    level = math.hypot(z_axis[0], z_axis[1])
+    a = math.atan2(level, z_axis[2])
+    if level < PARALLEL:
+        o, t = 0.0, math.atan2(x_axis[1], y_axis[1])
+    else:
+        o, t = math.atan2(z_axis[1], z_axis[0]), math.atan2(y_axis[2], -x_axis[2])
+    return (math.degrees(o), math.degrees(a), math.degrees(t))
 
 
 def unit(q: Quaternion) -> Quaternion:

@@ -75,7 +75,9 @@ class Commanders:
         self._last_goal_id = max(self._last_goal_id, robot.goal.id) + 1
         self.claim = replace(claim, goal=claim.goal.model_copy(update={"id": self._last_goal_id}))
         reply = Reply(
-            accepted=True, text=f"goal {self._last_goal_id}", value=float(self._last_goal_id)
+            accepted=True,
+            text=f"move accepted: goal {self._last_goal_id}",
+            value=float(self._last_goal_id),
         )
         return reply, self._take(self.claim, holder, robot, bounds)
 

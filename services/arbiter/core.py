@@ -16,6 +16,7 @@ from forcemesh.messages import (
     MAY_MOVE,
     ArbiterState,
     ArbiterStatus,
+    ArmPurpose,
     Goal,
     Permission,
     Purpose,
@@ -35,7 +36,7 @@ from services.arbiter.inputs import Inputs
 from services.arbiter.ownership import REST_S, PendingMove
 from services.arbiter.preflight import Terms, failed_checks, load_text, persistent
 from services.arbiter.reports import lines, recent, what_next
-from services.arbiter.states import CLEARS, TABLE, after
+from services.arbiter.states import ARMED_TEXTS, CLEARS, TABLE, after
 from services.arbiter.stream import Tick
 
 LONGEST_GAP_PERIODS = 3.0  # longest period, in nominal ones, over which set points advance
@@ -284,11 +285,15 @@ class Arbiter:
 
     # --- requests ---------------------------------------------------------------------------------
 
-    def arm(self, inputs: Inputs, purpose: Purpose = "all") -> Reply:
+    def arm(self, inputs: Inputs, purpose: ArmPurpose = "all") -> Reply:
         """Arm after the preflight; purpose `jog` excludes force feedback."""
         robot = inputs.robot.fresh
         if self.state in MAY_MOVE and self._armed_for in ("all", purpose):
-            return Reply(accepted=True, code="already", text=f"already {self.state}")
+            return Reply(
+                accepted=True,
+                code="already",
+                text=f"was armed already, the arbiter is {self.state}",
+            )
         if self.state in MAY_MOVE:
             what = "jog" if self._armed_for == "jog" else "backing off"
             return refusal("state", f"armed for {what} alone: hold, then arm for all")
@@ -301,7 +306,7 @@ class Arbiter:
         bounds = replace(self._cells, T_armed=pose_of(robot))
         self._begin_lease("arm", purpose, bounds, inputs)
         load = load_text(inputs, self._terms)
-        return Reply(accepted=True, text=f"armed, lease {self._lease}{load}")
+        return Reply(accepted=True, text=f"{ARMED_TEXTS[purpose]} (lease {self._lease}){load}")
 
     def _begin_lease(self, event: str, purpose: Purpose, bounds: ArmBounds, inputs: Inputs) -> None:
         self._armed_for, self._joints = purpose, JointTrack()
@@ -344,7 +349,9 @@ class Arbiter:
     def hold(self, reason: str) -> Reply:
         """Stop motion and hold; always accepted."""
         self._stop("hold", tripped("hold", reason))
-        return Reply(accepted=True, text=clipped(f"{self.state}: {reason}"))
+        return Reply(
+            accepted=True, text=clipped(f"the arm holds, the arbiter is {self.state}: {reason}")
+        )
 
     def clear(self, inputs: Inputs) -> Reply:
         """Acknowledge a hold, or a fault without a present cause."""
@@ -352,14 +359,16 @@ class Arbiter:
             return refused(faults[0])
         self.state = after(self.state, "clear")
         self.trips = () if self.state == "IDLE" else self.trips
-        return Reply(accepted=True, text=f"the arbiter is {self.state}")
+        return Reply(accepted=True, text=f"cleared: the arbiter is {self.state}")
 
     def set_speed(self, speed: Speed) -> Reply:
         """Set the speeds of later moves."""
         if (trip := speed_trip(speed, self._cells.limits)) is not None:
             return refused(trip)
         self._speed, real_m_s = speed, real_speed_m_s(speed)
-        return Reply(accepted=True, text=f"moves run at {real_m_s * 1e3:.1f} mm/s", value=real_m_s)
+        return Reply(
+            accepted=True, text=f"later moves run at {real_m_s * 1e3:.1f} mm/s", value=real_m_s
+        )
 
     def move(self, request: MoveRequest, inputs: Inputs) -> Reply:
         """Accept or refuse a move; it begins as soon as the arm is at rest."""

@@ -6,7 +6,7 @@ Rule 2: only a person's `arm` and `back_off` lead towards motion, and no other e
 Rule 3: a new owner begins when the arm is at rest: from ARMED, or through SETTLING.
 """
 
-from forcemesh.messages import ArbiterState
+from forcemesh.messages import ArbiterState, ArmPurpose
 
 # fmt: off
 TABLE: dict[ArbiterState, dict[str, ArbiterState]] = {
@@ -41,6 +41,10 @@ CLEARS: dict[ArbiterState, str] = {
     "FAULT":    "fix the cause, then clear, then arm",
 }
 # fmt: on
+ARMED_TEXTS: dict[ArmPurpose, str] = {
+    "all": "armed: moves and force feedback may begin",
+    "jog": "armed for jog: moves may begin, force feedback may not",
+}
 
 
 def after(state: ArbiterState, event: str) -> ArbiterState:

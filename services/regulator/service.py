@@ -343,7 +343,9 @@ class Regulator:
             start.reply(self._start(start.request, now_ns, wrench, robot))
         for stop in self._stops.take_all():
             self._end(STOPPED)
-            stop.reply(Reply(accepted=True, text="force feedback is stopped; the arm stays"))
+            stop.reply(
+                Reply(accepted=True, text="force feedback is off; the arm stays where it is")
+            )
         for change in self._gain_requests.take_all():
             self._gains = merged_gains(self._gains, change.request, self._cell)
             text = instability(self._cell, self._gains)
@@ -409,7 +411,9 @@ class Regulator:
         if refused is not None or session is None:
             return refused or refusal("not_armed", "no force feedback is running")
         self._session = replace(session, route=next_route(session, wanted))
-        return Reply(accepted=True, text=f"{len(wanted.points_m)} points")
+        return Reply(
+            accepted=True, text=f"the tool follows a path of {len(wanted.points_m)} points"
+        )
 
     def _memory(
         self,

@@ -65,9 +65,12 @@ def first_setpoint_N(force_N: Array, T_base_tcp: pin.SE3, wanted_N: float) -> fl
 
 def in_words(wanted: ForceStartRequest, law: StartLaw) -> str:
     """Return a text of what was started, including defaults from the cell file."""
-    preset = f" {wanted.preset}" if wanted.preset else ""
+    preset = f" with preset {wanted.preset}" if wanted.preset else ""
     host = "the PC" if wanted.host == "pc" else "the controller"
-    return f"{wanted.mode}, set point {wanted.setpoint_N:g} N, law {law}{preset}, on {host}"
+    return (
+        f"force feedback is on: mode {wanted.mode}, set point {wanted.setpoint_N:g} N, "
+        f"law {law}{preset}, on {host}"
+    )
 
 
 def active_commander(arbiter: ArbiterStatus) -> str:

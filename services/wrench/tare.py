@@ -56,7 +56,10 @@ def tare(
         bias_force_N=vec3(np.array(payload.bias_force_N) + shift_N * payload.force_gain),
         bias_torque_Nm=vec3(np.array(payload.bias_torque_Nm) + shift_Nm * payload.torque_gain),
     )
-    text = f"bias changed by {change_N:.2f} N and {change_Nm:.3f} N m"
+    text = (
+        f"tared: force and torque are zero now; the bias changed by {change_N:.2f} N "
+        f"and {change_Nm:.3f} N m"
+    )
     return tared, Reply(accepted=True, text=text, value=change_N)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
-from forcemesh.messages import RegulatorTarget, WrenchAtTcp
+from forcemesh.messages import ArmPurpose, RegulatorTarget, WrenchAtTcp
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms, failed_checks, load_text
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, World, shifted
 
@@ -90,11 +90,11 @@ def test_motion_is_no_complaint_while_it_is_wanted() -> None:
 
 
 @pytest.mark.parametrize("purpose", ["all", "jog"])
-def test_the_ceiling_and_the_workspace_hold_for_every_purpose(purpose: str) -> None:
+def test_the_ceiling_and_the_workspace_hold_for_every_purpose(purpose: ArmPurpose) -> None:
     """Jog is no way around a limit."""
     world = World().make_ready()
     feel(world, CELL.limits.force_N + 1.0)
-    assert world.core.arm(world.inputs(), purpose).code == "force"  # type: ignore[arg-type]
+    assert world.core.arm(world.inputs(), purpose).code == "force"
 
 
 # --- free space, calibration, approach ------------------------------------------------------------

@@ -94,7 +94,7 @@ def test_every_request_is_answered(cell: Cellmates) -> None:
     assert cell.said().speed.mechanical_m_s == 0.1
     assert cell.ask(topics.MOVE, MoveRequest(kind="joints")).code == "busy"
     assert cell.ask(topics.HOLD, HoldRequest()).accepted
-    assert cell.ask(topics.CLEAR, Empty()).text == "the arbiter is IDLE"
+    assert cell.ask(topics.CLEAR, Empty()).text == "cleared: the arbiter is IDLE"
     assert cell.ask(topics.MOVE, MOVE_DOWN).code == "not_armed"
 
 

@@ -77,7 +77,10 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
     assert status_of(lab).state == "IDLE"
     assert lab.notes.shares == sorted(lab.notes.shares)
     assert lab.notes.shares[-1] > 0.95
-    assert lab.notes.lines == ["armed, lease 1", "the arm has returned to its start"]
+    assert lab.notes.lines == [
+        "armed for jog: moves may begin, force feedback may not (lease 1)",
+        "the arm has returned to its start",
+    ]
 
 
 @pytest.mark.long
@@ -206,7 +209,7 @@ def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
     wizard, ended = driven(lab)
     assert ended == INTERRUPTED
     assert len(wizard.dwells) == 1
-    assert "interrupted: HOLDING: the calibration was interrupted" in lab.notes.lines[-1]
+    assert "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted" in lab.notes.lines[-1]
     assert status_of(lab).state == "HOLDING"
     assert_rests(lab)
 

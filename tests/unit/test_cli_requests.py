@@ -186,7 +186,7 @@ def after_a_moment(services: StandIn, change: Callable[[], None]) -> threading.T
 
 def test_a_move_waits_until_its_own_goal_is_done(services: StandIn) -> None:
     """The report of an older goal does not count."""
-    services.reply = Reply(accepted=True, text="goal 8", value=8.0)
+    services.reply = Reply(accepted=True, text="move accepted: goal 8", value=8.0)
     services.goal = GoalReport(id=7, state="done")
     waiting = after_a_moment(
         services, lambda: setattr(services, "goal", GoalReport(id=8, state="done"))
@@ -247,6 +247,27 @@ def test_watch_prints_as_many_messages_as_asked_for() -> None:
     assert rows[0]["seq"] < rows[1]["seq"] < rows[2]["seq"]
     assert {"epoch", "boot", "stamp_ns", "valid", "joint_rad"} <= set(rows[0])
     assert "position_m" in run("watch", "robot/state", "--count", "2").stdout
+
+
+@pytest.mark.usefixtures("services")
+def test_watch_writes_a_file_and_never_over_one(tmp_path: Path) -> None:
+    """One topic into one new file; what it takes is said otherwise."""
+    path = str(tmp_path / "robot.csv")
+    done = run("watch", "robot/state", "--seconds", "0.5", "--csv", path)
+    assert done.exit_code == OK
+    rows = Path(path).read_text().splitlines()
+    assert f"{len(rows) - 1} messages of robot/state, 0 lost" in done.stdout
+    assert len(rows) > 10
+    again = run("watch", "robot/state", "--seconds", "0.5", "--csv", path)
+    assert (again.exit_code, "exists" in again.stderr) == (USAGE, True)
+    assert Path(path).read_text().splitlines() == rows
+    nowhere = run("watch", "robot/state", "--csv", str(tmp_path / "no" / "robot.csv"))
+    assert (nowhere.exit_code, "cannot be written" in nowhere.stderr) == (USAGE, True)
+    for words in (["watch", "--csv", "x"], ["watch", "wrench", "--json", "--csv", "x"]):
+        wrong = run(*words)
+        assert (wrong.exit_code, "takes one topic" in wrong.stderr) == (USAGE, True)
+    all_topics = run("watch", "--seconds", "0.1")
+    assert (all_topics.exit_code, "regulator/target" in all_topics.stdout) == (OK, True)
 
 
 @pytest.mark.usefixtures("services")
@@ -325,7 +346,7 @@ def test_speeds_are_printed_without_options_too(services: StandIn) -> None:
     found = json.loads(run("speed", "--json").stdout)
     assert (found["accel_fraction"], found["mechanical_m_s"]) == (0.25, 0.1)
     assert services.asked == []
-    assert "moves run at 100.0 mm/s" in run("speed").stdout
+    assert "later moves run at 100.0 mm/s" in run("speed").stdout
 
 
 @pytest.mark.usefixtures("services")

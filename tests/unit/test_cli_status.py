@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from cli.arm_readings import no_readings
 from cli.doctor.bus import observe_cell
 from cli.record import recorder_sidecar
 from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
@@ -158,6 +159,7 @@ def test_a_hold_that_was_asked_for_is_well_and_one_by_a_limit_is_not() -> None:
                 not_ready=[],
                 clears="",
                 last_state="",
+                arm=no_readings(),
                 restarts=[],
                 services=[],
             )

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common.motion.convert import pose_of, record_of
@@ -25,6 +25,19 @@ def test_o_a_t_give_the_same_rotation(oat_deg: Vec3) -> None:
     """Rz(o) Ry(a) Rz(t), by either way."""
     R = R_from_quaternion(turning.from_oat_deg(oat_deg))
     assert pytest.approx(R_from_oat(Oat(*np.radians(oat_deg))), abs=1e-12) == R
+
+
+@given(DEGREES)
+@example((30.0, 0.0, 50.0))
+@example((30.0, 180.0, 50.0))
+@example((0.0, 1e-12, 0.0))
+def test_o_a_t_of_a_rotation_give_it_back(oat_deg: Vec3) -> None:
+    """Also where two of the axes are parallel; A is never negative."""
+    q = turning.from_oat_deg(oat_deg)
+    found = turning.to_oat_deg(q)
+    assert 0.0 <= found[1] <= 180.0
+    again = R_from_quaternion(turning.from_oat_deg(found))
+    assert again == pytest.approx(R_from_quaternion(q), abs=1e-8)
 
 
 @given(RADIANS, METRES)

@@ -40,8 +40,8 @@ def test_what_is_not_finite_is_no_number(number: float) -> None:
 @pytest.mark.parametrize(
     ("name", "number", "words"),
     [
-        ("framed_round_trip_p50_s", 0.0123, "framed round trip p50 12.3 ms"),
-        ("sender_hz", 40.04, "sender 40.0 /s"),
+        ("framed_round_trip_p50_s", 0.0123, "network round trip (median) 12.3 ms"),
+        ("sender_hz", 40.04, "reports of the controller 40.0 /s"),
         ("monitor_speed_fraction", 0.1, "monitor speed 10.0 %"),
         ("odd", 3.0, "odd 3"),
     ],
@@ -96,7 +96,10 @@ def test_status_shows_them_for_people_and_for_programs(cell: CellConfig, tmp_pat
     assert rows["robot"] == NUMBERS
     assert set(rows["hub"]) | set(rows["arbiter"]) <= {"put_max_s"}  # what every process measures
     line = next(line for line in text.splitlines() if line.startswith("  robot: "))
-    assert line == "  robot: framed round trip p50 12.3 ms, monitor speed 10.0 %, sender 40.0 /s"
+    assert line == (
+        "  robot: network round trip (median) 12.3 ms, monitor speed 10.0 %, "
+        "reports of the controller 40.0 /s"
+    )
 
 
 def ask(publisher, words: list[str]) -> str:

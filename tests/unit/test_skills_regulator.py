@@ -143,7 +143,7 @@ def test_the_answer_to_a_start_names_what_the_request_left_to_the_cell_file() ->
     law = bench.cell.force.law
     assert bench.start(PRESS).text.endswith(f"N, law {law}, on the PC")
     wanted = PRESS.model_copy(update={"law": "adaptive", "preset": "gentle"})
-    assert bench.start(wanted).text.endswith("N, law adaptive gentle, on the PC")
+    assert bench.start(wanted).text.endswith("N, law adaptive with preset gentle, on the PC")
 
 
 # --- a way ----------------------------------------------------------------------------------------

@@ -1,0 +1,191 @@
+"""Present force, pose, calibration and tare of a cell, as data and as lines for people."""
+
+from collections.abc import Sequence
+from operator import mul
+from typing import TypedDict
+
+from common.config.cell import CellConfig
+from common.config.info import cell_info
+from forcemesh import topics
+from forcemesh.bus import Bus, Reading
+from forcemesh.client.rotations import rotate, times, to_oat_deg
+from forcemesh.messages import (
+    Health,
+    Joints,
+    Quaternion,
+    RegulatorTarget,
+    RobotState,
+    Vec3,
+    WrenchAtTcp,
+)
+
+
+class ForceReading(TypedDict):
+    """Force and torque on the tool about the TCP, base axes; None without valid data."""
+
+    press_N: float | None  # along the tool's z axis; positive when the tool presses
+    force_N: Vec3 | None
+    torque_Nm: Vec3 | None
+    setpoint_N: float | None  # None while force feedback is off
+    contact: str  # free, approach or contact; empty while force feedback is off
+    fault: str
+
+
+class PoseReading(TypedDict):
+    """Flange pose in base and joint angles; None without valid data."""
+
+    position_m: Vec3 | None
+    orientation_xyzw: Quaternion | None
+    joint_rad: Joints | None
+    fault: str
+
+
+class CalibrationReading(TypedDict):
+    """Calibration that the wrench service subtracts, and the age of its bias."""
+
+    name: str  # revision; ends with "tared" after a tare
+    calibrated: bool  # whether force feedback may rely on it
+    axes_checked: bool
+    bias_age_h: float | None  # since the last tare, or since the start
+    fault: str
+
+
+class ArmReadings(TypedDict):
+    """What the arm feels, where it is, and what its force is computed with."""
+
+    force: ForceReading
+    pose: PoseReading
+    calibration: CalibrationReading
+
+
+class ArmView:
+    """Subscriber to force, pose and set point of one cell."""
+
+    def __init__(self, bus: Bus, cell: CellConfig) -> None:
+        """Subscribe."""
+        self._clock = bus.clock
+        self._q_flange_tcp = cell_info(cell).T_flange_tcp.orientation_xyzw
+        self._wrench = bus.reader(topics.WRENCH)
+        self._robot = bus.reader(topics.ROBOT_STATE)
+        self._target = bus.reader(topics.REGULATOR_TARGET)
+
+    def is_complete(self) -> bool:
+        """Return whether force, pose and set point were received, valid or not."""
+        return all(
+            reader.read(self._clock.now_ns()).message is not None
+            for reader in (self._wrench, self._robot, self._target)
+        )
+
+    def readings(self, health: Health | None) -> ArmReadings:
+        """Return the present readings. `health` is that of the wrench service."""
+        now_ns = self._clock.now_ns()
+        robot, wrench = self._robot.read(now_ns), self._wrench.read(now_ns)
+        return ArmReadings(
+            force=self._force(wrench, robot.fresh, self._target.read(now_ns).fresh),
+            pose=_pose(robot),
+            calibration=_calibration(wrench, health),
+        )
+
+    def _force(
+        self, wrench: Reading[WrenchAtTcp], robot: RobotState | None, target: RegulatorTarget | None
+    ) -> ForceReading:
+        measured, press_N = wrench.fresh, None
+        if measured is not None and robot is not None:
+            q_base_tcp = times(robot.orientation_xyzw, self._q_flange_tcp)
+            press_N = -sum(map(mul, measured.force_N, rotate(q_base_tcp, (0.0, 0.0, 1.0))))
+        return ForceReading(
+            press_N=press_N,
+            force_N=None if measured is None else measured.force_N,
+            torque_Nm=None if measured is None else measured.torque_Nm,
+            setpoint_N=None if target is None else target.setpoint_N,
+            contact="" if target is None else target.contact,
+            fault=wrench.fault,
+        )
+
+
+def no_readings() -> ArmReadings:
+    """Return the readings of a cell whose hub does not respond."""
+    fault = "no hub responds"
+    return ArmReadings(
+        force=ForceReading(
+            press_N=None, force_N=None, torque_Nm=None, setpoint_N=None, contact="", fault=fault
+        ),
+        pose=PoseReading(position_m=None, orientation_xyzw=None, joint_rad=None, fault=fault),
+        calibration=CalibrationReading(
+            name="", calibrated=False, axes_checked=False, bias_age_h=None, fault=fault
+        ),
+    )
+
+
+def _pose(reading: Reading[RobotState]) -> PoseReading:
+    robot = reading.fresh
+    return PoseReading(
+        position_m=None if robot is None else robot.position_m,
+        orientation_xyzw=None if robot is None else robot.orientation_xyzw,
+        joint_rad=None if robot is None else robot.joint_rad,
+        fault=reading.fault,
+    )
+
+
+def _calibration(reading: Reading[WrenchAtTcp], health: Health | None) -> CalibrationReading:
+    wrench = reading.fresh
+    return CalibrationReading(
+        name="" if wrench is None else wrench.calibration,
+        calibrated=wrench is not None and wrench.calibrated,
+        axes_checked=wrench is not None and wrench.axes_checked,
+        bias_age_h=None if health is None else health.numbers.get("tare_age_h"),
+        fault=reading.fault if wrench is None else wrench.calibration_fault,
+    )
+
+
+# --- lines for people -----------------------------------------------------------------------------
+
+
+def reading_lines(readings: ArmReadings) -> list[tuple[str, str]]:
+    """Return label and text of each reading; missing data is named, never shown as zero."""
+    return [
+        ("force", _force_text(readings["force"])),
+        ("pose", _pose_text(readings["pose"])),
+        ("calibration", _calibration_text(readings["calibration"])),
+    ]
+
+
+def _force_text(force: ForceReading) -> str:
+    if force["force_N"] is None or force["torque_Nm"] is None:
+        return f"no data: {force['fault']}"
+    texts = [] if force["press_N"] is None else [f"press force {force['press_N']:.2f} N"]
+    if force["setpoint_N"] is not None:
+        phase = {"free": "", "approach": " (approaching)", "contact": " (in contact)"}
+        texts.append(f"set point {force['setpoint_N']:g} N{phase[force['contact']]}")
+    texts.append(f"({_numbers(force['force_N'], 2)}) N, ({_numbers(force['torque_Nm'], 3)}) N m")
+    return ", ".join(texts) + " in base axes"
+
+
+def _pose_text(pose: PoseReading) -> str:
+    if pose["position_m"] is None or pose["orientation_xyzw"] is None:
+        return f"no data: {pose['fault']}"
+    oat_deg = to_oat_deg(pose["orientation_xyzw"])
+    position = _numbers([1e3 * value for value in pose["position_m"]], 1)
+    return f"flange at {position} mm, O A T {_numbers(oat_deg, 1)} degrees"
+
+
+def _calibration_text(calibration: CalibrationReading) -> str:
+    if not calibration["name"]:
+        return f"no data: {calibration['fault']}"
+    texts = [calibration["name"]]
+    if calibration["bias_age_h"] is not None:
+        texts.append(f"bias {_duration_text(calibration['bias_age_h'])} old")
+    texts.append("axes checked" if calibration["axes_checked"] else "axes not checked")
+    if not calibration["calibrated"]:
+        texts.append(f"not for force feedback: {calibration['fault']}")
+    return ", ".join(texts)
+
+
+def _numbers(values: Sequence[float], digits: int) -> str:
+    # Adding zero turns -0.0 into 0.0.
+    return ", ".join(f"{round(value, digits) + 0.0:.{digits}f}" for value in values)
+
+
+def _duration_text(hours: float) -> str:
+    minutes = 60.0 * hours
+    return f"{minutes:.0f} min" if minutes < 120.0 else f"{hours:.1f} h"

@@ -1,0 +1,116 @@
+"""Force, pose and calibration that `forcemesh status` shows, and what it shows without them."""
+
+import math
+
+import pytest
+
+from cli.arm_readings import ArmView, no_readings, reading_lines
+from common.bus.memory_bus import MemoryTransport
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.messages import Health, Message, RegulatorTarget, RobotState, WrenchAtTcp
+from forcemesh.topics import Topic
+from tests.fakes.bench import DEMO
+
+CELL = load_cell(DEMO)
+DOWN = (1.0, 0.0, 0.0, 0.0)  # the tool's z axis points down
+ROBOT = RobotState(position_m=(0.45, -0.1, 0.3), orientation_xyzw=DOWN, joint_rad=(0.0,) * 6)
+WRENCH = WrenchAtTcp(
+    force_N=(0.0, -0.001, 12.0), calibration="rev, tared", calibrated=True, axes_checked=True
+)
+TARGET = RegulatorTarget(setpoint_N=12.0, contact="contact")
+
+
+class Cell:
+    """The bus of a cell on a clock that a test advances."""
+
+    def __init__(self) -> None:
+        self.clock, self.transport = ManualClock(), MemoryTransport()
+        self.view = ArmView(self.bus("client"), CELL)
+
+    def bus(self, role: str) -> Bus:
+        """Return a role's bus."""
+        return Bus(role, CELL.cell, self.transport, CELL, self.clock)
+
+    def put(self, topic: Topic, message: Message) -> None:
+        """Publish as the role that writes a topic."""
+        self.bus(topic.writer).publisher(topic).put(message)
+
+    def lines(self, health: Health | None = None) -> dict[str, str]:
+        """Return what a user reads."""
+        return dict(reading_lines(self.view.readings(health)))
+
+
+@pytest.fixture
+def cell() -> Cell:
+    """A cell whose arm presses downwards with 12 N."""
+    cell = Cell()
+    cell.put(topics.ROBOT_STATE, ROBOT)
+    cell.put(topics.WRENCH, WRENCH)
+    cell.put(topics.REGULATOR_TARGET, TARGET)
+    return cell
+
+
+def test_force_pose_and_calibration_are_shown_with_their_units(cell: Cell) -> None:
+    """The press force is that along the tool's axis; a zero has no sign."""
+    lines = cell.lines(Health(numbers={"tare_age_h": 0.05}))
+    assert lines == {
+        "force": "press force 12.00 N, set point 12 N (in contact), (0.00, 0.00, 12.00) N, "
+        "(0.000, 0.000, 0.000) N m in base axes",
+        "pose": "flange at 450.0, -100.0, 300.0 mm, O A T 0.0, 180.0, 180.0 degrees",
+        "calibration": "rev, tared, bias 3 min old, axes checked",
+    }
+    assert cell.view.is_complete()
+
+
+def test_data_for_programs_are_in_si(cell: Cell) -> None:
+    """As the bus has them."""
+    found = cell.view.readings(None)
+    assert found["force"]["press_N"] == pytest.approx(12.0)
+    assert found["pose"]["position_m"] == (0.45, -0.1, 0.3)
+    assert found["pose"]["joint_rad"] == (0.0,) * 6
+    assert found["calibration"]["bias_age_h"] is None
+
+
+@pytest.mark.parametrize("topic", [topics.WRENCH, topics.ROBOT_STATE])
+def test_stale_data_is_named_and_never_a_number(cell: Cell, topic: Topic) -> None:
+    """A force that nobody measures is not zero."""
+    stale_s = 2.0 * CELL.stale_after_s(topic)
+    cell.clock.sleep_s(stale_s)
+    for line in cell.lines().values():
+        assert line.startswith("no data: ")
+        assert "stale" in line
+
+
+def test_a_silent_cell_has_a_line_for_each_reading() -> None:
+    """Nothing was received: the reason stands where the number would."""
+    lines = Cell().lines()
+    assert lines["force"] == lines["calibration"] == "no data: wrench missing"
+    assert lines["pose"] == "no data: robot/state missing"
+    assert {text for _, text in reading_lines(no_readings())} == {"no data: no hub responds"}
+    assert not Cell().view.is_complete()
+
+
+def test_a_wrench_that_force_feedback_may_not_use_says_why(cell: Cell) -> None:
+    """The force is still shown; a press along an unknown axis is not."""
+    fault = "no calibration"
+    cell.put(
+        topics.WRENCH,
+        WRENCH.model_copy(
+            update={"calibrated": False, "axes_checked": False, "calibration_fault": fault}
+        ),
+    )
+    lines = cell.lines(Health(numbers={"tare_age_h": 30.25}))
+    assert lines["calibration"] == (
+        "rev, tared, bias 30.2 h old, axes not checked, not for force feedback: no calibration"
+    )
+
+
+def test_without_a_pose_the_force_stays_in_base_axes() -> None:
+    """The direction of the tool is unknown, the wrench is not."""
+    cell = Cell()
+    cell.put(topics.WRENCH, WRENCH)
+    assert cell.lines()["force"].startswith("(0.00, 0.00, 12.00) N")
+    assert math.isclose(cell.view.readings(None)["force"]["force_N"][2], 12.0)  # type: ignore[index]

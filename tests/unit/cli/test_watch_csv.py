@@ -1,0 +1,154 @@
+"""Messages of a topic in a CSV file: columns, gaps, ends, wrong input."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cli.watch_csv import Written, write_csv
+from common.bus.memory_bus import MemoryTransport
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.errors import LostError, MessageError
+from forcemesh.messages import ArbiterStatus, Message, RobotState, Trip, WrenchAtTcp
+from forcemesh.topics import Topic
+from tests.fakes.bench import DEMO
+
+CELL = load_cell(DEMO)
+
+
+WRENCH: Topic[Any] = topics.WRENCH
+
+
+class Speaker:
+    """A cell whose writer puts the next message whenever the reader waits."""
+
+    def __init__(self, topic: Topic[Any], messages: list[Message]) -> None:
+        self.clock, self.transport = ManualClock(), MemoryTransport()
+        self._messages = messages
+        self._put: Callable[[Message], object] = self._bus(topic.writer).publisher(topic).put
+        self.session = SimpleNamespace(bus=self._bus("client"), clock=self)
+        self.client: Any = self
+
+    def _bus(self, role: str) -> Bus:
+        return Bus(role, CELL.cell, self.transport, CELL, self.clock)
+
+    def now_ns(self) -> int:
+        """Let 4 ms pass with each look at the clock, and the next message be put."""
+        self.clock.sleep_s(0.004)
+        if self._messages:
+            self._put(self._messages.pop(0))
+        return self.clock.now_ns()
+
+
+def written_by(
+    topic: Topic[Any], messages: list[Message], path: Path, **end: Any
+) -> tuple[Written, list[dict[str, str]]]:
+    """Write until the end; return the counts and the rows."""
+    speaker = Speaker(topic, messages)
+    options = {"seconds": None, "count": None, "silence_s": 1.0, **end}
+    written = write_csv(speaker.client, topic, path, **options)
+    with path.open(newline="", encoding="utf-8") as stream:
+        return written, list(csv.DictReader(stream))
+
+
+FORCES = st.tuples(*[st.floats(-1e3, 1e3)] * 3)
+
+
+@given(st.lists(FORCES, min_size=1, max_size=20))
+def test_every_message_is_a_row_and_every_number_is_exact(
+    tmp_path_factory: pytest.TempPathFactory, forces: list[Any]
+) -> None:
+    """Units stand in the columns' names, as in an export."""
+    path = tmp_path_factory.mktemp("csv") / "wrench.csv"
+    messages: list[Message] = [WrenchAtTcp(force_N=force) for force in forces]
+    written, rows = written_by(topics.WRENCH, messages, path, count=len(forces))
+    assert written == (len(forces), 0)
+    names = [f"force_N.{axis}" for axis in "xyz"]
+    assert [tuple(float(row[name]) for name in names) for row in rows] == forces
+    times_s = [float(row["time_s"]) for row in rows]
+    assert times_s[0] == 0.0
+    assert times_s == sorted(times_s)
+
+
+def test_columns_are_those_of_the_first_valid_message(tmp_path: Path) -> None:
+    """A robot that says no joints yet has the same file."""
+    silent = RobotState(valid=False, reason="not connected")
+    state = RobotState(joint_rad=(0.1,) * 6)
+    _, rows = written_by(
+        topics.ROBOT_STATE, [silent, state, silent, state], tmp_path / "a.csv", count=4
+    )
+    assert [row["valid"] for row in rows] == ["False", "True", "False", "True"]
+    assert [row["joint_rad.5"] for row in rows] == ["", "0.1", "", "0.1"]
+    assert [row["reason"] for row in rows] == ["not connected", "", "not connected", ""]
+
+
+def test_a_list_of_variable_length_is_json_in_one_cell(tmp_path: Path) -> None:
+    """Trips of the arbiter: their number changes from message to message."""
+    trip = Trip(code="force", rule=201, text="31 N, limit 30 N", value=31.0, limit=30.0, unit="N")
+    messages: list[Message] = [ArbiterStatus(), ArbiterStatus(trips=(trip,))]
+    _, rows = written_by(topics.ARBITER_STATUS, messages, tmp_path / "a.csv", count=2)
+    (found,) = json.loads(rows[1]["trips"])
+    assert found["value"] == 31.0
+
+
+def test_it_ends_after_the_time_and_is_lost_in_silence(tmp_path: Path) -> None:
+    """What came before is in the file."""
+    wrench = WrenchAtTcp(force_N=(1.0, 2.0, 3.0))
+    always: list[Message] = [wrench] * 1000
+    written, rows = written_by(topics.WRENCH, always, tmp_path / "a.csv", seconds=0.5)
+    assert 20 < written.messages == len(rows) < 200
+    with pytest.raises(LostError, match="nothing on wrench for 1 s"):
+        written_by(topics.WRENCH, [wrench] * 3, tmp_path / "b.csv")
+    assert len((tmp_path / "b.csv").read_text().splitlines()) == 4
+
+
+def test_messages_that_do_not_arrive_are_counted(tmp_path: Path) -> None:
+    """A reader that is too slow is told so."""
+    speaker = Speaker(topics.WRENCH, [])
+    source, put = speaker.session.bus.tap(topics.WRENCH, 1), speaker._put
+
+    def put_twice(message: Message) -> None:
+        put(message)
+        put(message)
+
+    speaker.session = SimpleNamespace(bus=SimpleNamespace(tap=lambda *_: source), clock=speaker)
+    speaker._put, speaker._messages = put_twice, [WrenchAtTcp()] * 2
+    written = write_csv(
+        speaker.client, WRENCH, tmp_path / "a.csv", seconds=None, count=2, silence_s=1.0
+    )
+    assert written == (2, 1)
+
+
+def test_a_file_that_exists_is_kept(tmp_path: Path) -> None:
+    """It may be the measurement of yesterday."""
+    path = tmp_path / "kept.csv"
+    path.write_text("yesterday")
+    with pytest.raises(FileExistsError):
+        written_by(topics.WRENCH, [WrenchAtTcp()], path, count=1)
+    assert path.read_text() == "yesterday"
+
+
+@pytest.mark.parametrize("data", [b"", b"\xc1", b"\x81\xa5valid\xa3yes"])
+def test_bytes_that_are_no_message_end_it_with_an_error(tmp_path: Path, data: bytes) -> None:
+    """A row that cannot be trusted is not written."""
+    speaker = Speaker(topics.WRENCH, [])
+    source = SimpleNamespace(take=lambda: data)
+    speaker.session = SimpleNamespace(bus=SimpleNamespace(tap=lambda *_: source), clock=speaker)
+    with pytest.raises(MessageError):
+        write_csv(
+            speaker.client,
+            topics.WRENCH,
+            tmp_path / "a.csv",
+            seconds=1.0,
+            count=None,
+            silence_s=1.0,
+        )

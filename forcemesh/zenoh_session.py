@@ -144,10 +144,10 @@ class ZenohSource:
     """Subscriber with a ring channel of one or more samples."""
 
     def __init__(
-        self, subscriber: "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
+        self, subscriber: "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]", room: int
     ) -> None:
-        """Read from an open subscriber."""
-        self._subscriber = subscriber
+        """Read from an open subscriber whose channel has room for some samples."""
+        self._subscriber, self._room = subscriber, room
         self._ear: ReceiverThread | None = None
 
     def close(self) -> None:
@@ -165,18 +165,18 @@ class ZenohSource:
     def wait(self, timeout_s: float) -> None:
         """Sleep until a message arrives, at most for a time [s]."""
         if self._ear is None:  # only waiting needs a thread
-            self._ear = ReceiverThread(self._subscriber.recv)
+            self._ear = ReceiverThread(self._subscriber.recv, self._room)
         self._ear.news.wait(timeout_s)
 
 
 class ReceiverThread:
-    """Receiver thread that keeps the newest sample: waiting costs a third of polling."""
+    """Receiver thread that keeps the newest samples: waiting costs a third of polling."""
 
-    def __init__(self, receive: Callable[[], zenoh.Sample]) -> None:
+    def __init__(self, receive: Callable[[], zenoh.Sample], room: int = 1) -> None:
         """Receive until the session is closed."""
         self.news = threading.Event()
         self._receive = receive
-        self._newest: deque[zenoh.Sample] = deque(maxlen=1)
+        self._newest: deque[zenoh.Sample] = deque(maxlen=room)
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
@@ -185,7 +185,7 @@ class ReceiverThread:
         self._thread.join(LONGEST_END_S)
 
     def take(self) -> bytes | None:
-        """Return the newest payload once."""
+        """Return the next payload once."""
         self.news.clear()  # first: a concurrent arrival causes a spurious wake-up, never a lost one
         try:
             return self._newest.popleft().payload.to_bytes()
@@ -274,7 +274,7 @@ class ZenohTransport:
     def subscribe(self, key: str, room: int = 1) -> ZenohSource:
         """Return a source of the newest `room` payloads of a key, in order."""
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(room))
-        self._sources.append(ZenohSource(subscriber))
+        self._sources.append(ZenohSource(subscriber, room))
         return self._sources[-1]
 
     def serve(self, key: str) -> ZenohCalls:

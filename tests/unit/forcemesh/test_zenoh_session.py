@@ -1,41 +1,66 @@
-"""Sources of messages on real sockets."""
+"""Sources of messages: what a reader finds after it has waited."""
 
-import socket
-import time
+import queue
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from common.bus.cell_bus import open_bus, open_hub
-from common.config.load import load_cell
-from forcemesh import topics
-from forcemesh.messages import WrenchAtTcp
-from tests.fakes.bench import DEMO
-
-pytestmark = pytest.mark.realtime
-
-COUNT, ROOM, PATIENCE_S = 500, 1000, 30.0
+from forcemesh.zenoh_session import ZenohSource
 
 
-def test_a_reader_that_waits_loses_nothing_while_its_queue_has_room() -> None:
+class Subscriber:
+    """Stands in for Zenoh's: samples arrive in its channel."""
+
+    def __init__(self) -> None:
+        self._samples: queue.Queue[Any] = queue.Queue()
+
+    def arrive(self, *data: bytes) -> None:
+        """Let samples arrive."""
+        for each in data:
+            payload = SimpleNamespace(to_bytes=lambda each=each: each)
+            self._samples.put(SimpleNamespace(payload=payload))
+
+    def recv(self) -> Any:
+        """Return the next sample, and wait for it."""
+        return self._samples.get()
+
+    def try_recv(self) -> Any:
+        """Return the next sample, None when there is none."""
+        return None if self._samples.empty() else self._samples.get()
+
+
+def taken(source: ZenohSource, count: int) -> list[bytes]:
+    """Return so many payloads, waiting before each."""
+    found: list[bytes] = []
+    while len(found) < count:
+        if (data := source.take()) is None:
+            source.wait(10.0)
+        else:
+            found.append(data)
+    return found
+
+
+@pytest.mark.parametrize("room", [2, 5, 1000])
+def test_a_reader_that_waits_loses_nothing_while_its_queue_has_room(room: int) -> None:
     """Found with `watch --csv`: a source that had waited once kept the newest message only."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    cell = load_cell(DEMO, {"cell": "tap", "bus.endpoint": endpoint})
-    with open_hub(cell) as hub, open_bus(cell, topics.CLIENT) as client:
-        tap = client.tap(topics.WRENCH, ROOM)
-        publisher, received = hub.playing("wrench").publisher(topics.WRENCH), 0
-        give_up_s = time.monotonic() + PATIENCE_S
-        while tap.take() is None:  # until the subscription has reached the publisher
-            assert time.monotonic() < give_up_s
-            publisher.put(WrenchAtTcp())
-            tap.wait(0.05)
-        while tap.take() is not None:
-            pass
-        for _ in range(COUNT):
-            publisher.put(WrenchAtTcp())
-        while received < COUNT:
-            assert time.monotonic() < give_up_s, f"{received} of {COUNT} messages arrived"
-            if tap.take() is None:
-                tap.wait(0.05)
-            else:
-                received += 1
+    subscriber: Any = Subscriber()
+    source = ZenohSource(subscriber, room)
+    data = [bytes([index % 251]) for index in range(room)]
+    subscriber.arrive(b"first")
+    assert taken(source, 1) == [b"first"]
+    source.wait(0.0)  # from now on a thread receives
+    subscriber.arrive(*data)
+    assert taken(source, room) == data
+
+
+def test_a_reader_of_the_newest_gets_the_newest() -> None:
+    """Room for one: what a control loop reads is never old."""
+    subscriber: Any = Subscriber()
+    source = ZenohSource(subscriber, 1)
+    source.wait(0.0)
+    subscriber.arrive(b"old", b"new")
+    while (data := source.take()) != b"new":
+        assert data in (None, b"old")
+        source.wait(10.0)
+    assert source.take() is None

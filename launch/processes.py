@@ -55,10 +55,10 @@ HELD = ("HOLDING", "FAULT", "BOOT")  # states of the arbiter after a hold
 
 def processes_of(cell: CellConfig) -> tuple[ProcessSpec, ...]:
     """Return the processes of a cell in start order; one may implement several roles."""
-    players = {"robot": cell.roles.robot, "sensor": cell.roles.sensor}
+    implementations = {"robot": cell.roles.robot, "sensor": cell.roles.sensor}
     roles_of: dict[str, tuple[str, ...]] = {}
     for role, choices in MODULES.items():
-        module = choices[players.get(role, "")]
+        module = choices[implementations.get(role, "")]
         if role == "sensor" and cell.roles.sensor == "sim" and cell.roles.robot == "gateway":
             module = EMULATOR
         if module is not None:

@@ -29,9 +29,9 @@ class ReceivedStream:
 
 def sensor_line(cell: "CellConfig", *, is_up: bool) -> ReportLine:
     """Check the cell's sensor unless the cell is up: it streams to its last client only."""
-    player, sensor = cell.roles.sensor, cell.sensor
-    if player != "driver":
-        return skipped("sensor", f"not used by this cell: roles.sensor is {player}")
+    implementation, sensor = cell.roles.sensor, cell.sensor
+    if implementation != "driver":
+        return skipped("sensor", f"not used by this cell: roles.sensor is {implementation}")
     if is_up:
         return skipped("sensor", "the cell is up and uses the only stream: see sensor/wrench")
     if sensor.driver == "rdt":

@@ -12,7 +12,7 @@ from pathlib import Path
 from forcemesh.published_ports import HUB_PUBLISHED, PANEL_PUBLISHED, is_loopback
 
 # Implementations of robot and sensor in the containers of a profile.
-PLAYERS: dict[str, dict[str, tuple[str, ...]]] = {
+IMPLEMENTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "sim": {"robot": ("sim",), "sensor": ("sim",)},
     "emulated": {"robot": ("gateway",), "sensor": ("driver",)},
     "real": {"robot": ("gateway",), "sensor": ("driver", "external")},
@@ -56,9 +56,9 @@ def problem_with(choice: Choice, settings: Mapping[str, str] = os.environ) -> st
         cell = load_cell(choice.file)
     except ConfigError as error:
         return str(error)
-    for role, players in PLAYERS[choice.profile].items():
-        if getattr(cell.roles, role) not in players:
-            return _wrong_player(choice, role, getattr(cell.roles, role))
+    for role, implementations in IMPLEMENTATIONS[choice.profile].items():
+        if getattr(cell.roles, role) not in implementations:
+            return _wrong_implementation(choice, role, getattr(cell.roles, role))
     if choice.profile == "real" and not (settings.get(TOKEN) or cell.panel.token):
         return (
             f"the profile real needs a token for its panel: {TOKEN} in .env, where `make pki` "
@@ -67,12 +67,12 @@ def problem_with(choice: Choice, settings: Mapping[str, str] = os.environ) -> st
     return ""
 
 
-def _wrong_player(choice: Choice, role: str, player: str) -> str:
-    fitting = [name for name, plays in PLAYERS.items() if player in plays[role]]
+def _wrong_implementation(choice: Choice, role: str, implementation: str) -> str:
+    fitting = [name for name, plays in IMPLEMENTATIONS.items() if implementation in plays[role]]
     other = command_of(fitting[-1], "up") if fitting else "none"
     return (
-        f"{choice.file} has `{role}: {player}`, but the profile {choice.profile} needs "
-        f"{' or '.join(PLAYERS[choice.profile][role])}: use another profile "
+        f"{choice.file} has `{role}: {implementation}`, but the profile {choice.profile} needs "
+        f"{' or '.join(IMPLEMENTATIONS[choice.profile][role])}: use another profile "
         f"(CELL={choice.file.name} {other}), or another file with CELL"
     )
 

@@ -24,7 +24,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from common.bus.profile_fit import PLAYERS, REPLACED_BY, Choice, command_of, problem_with
+from common.bus.profile_fit import IMPLEMENTATIONS, REPLACED_BY, Choice, command_of, problem_with
 from common.runtime.heartbeat import Heartbeat, heartbeat_of_this_process
 
 FOLDER = Path("/in-use")
@@ -288,9 +288,9 @@ def main(words: list[str], folder: Path = FOLDER) -> int:
     """Run the command named by the first word."""
     file = Path(os.environ.get("FORCEMESH_CELL", ""))
     match words:
-        case ["keep", profile] if profile in PLAYERS:
+        case ["keep", profile] if profile in IMPLEMENTATIONS:
             keep(folder, Choice(profile, file))
-        case ["check", profile] if profile in PLAYERS:
+        case ["check", profile] if profile in IMPLEMENTATIONS:
             return check(folder, Choice(profile, file))
         case ["run", *rest] if "--" in rest[:-1]:
             end = rest.index("--")

@@ -178,7 +178,7 @@ class ForceSection(ConfigSection):
     touch_N: float = Field(2.0, gt=0.0, le=50.0)  # contact begins above it, ends below half
     search_m: float = Field(0.05, gt=0.0, le=0.5)  # longest travel to the first contact
     lost_m: float = Field(0.005, gt=0.0, le=0.1)  # longest travel to regain a lost contact
-    given_J: float = Field(
+    environment_work_J: float = Field(
         0.002, gt=0.0, le=1.0
     )  # net work that the environment may do on the tool
     setpoint_ramp_N_s: float = Field(200.0, gt=0.0, le=5000.0)

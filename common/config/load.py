@@ -2,6 +2,7 @@
 
 import difflib
 import hashlib
+import sys
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +24,8 @@ TUNED = (  # fields permitted in the file that a cell file names as `tuning`
     "contact.tilt_stiffness_Nm_rad",
     "force.approach_m_s",
 )
+
+RENAMED = {"force.given_J": "force.environment_work_J"}  # keys of older cell files, still read
 
 
 def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> CellConfig:
@@ -88,10 +91,31 @@ def cell_from_tree(tree: object, source: str) -> CellConfig:
     """Validate an already parsed cell file. Raise ConfigError as `load_cell` does."""
     if not isinstance(tree, dict):
         raise ConfigError(source, ["the file must hold a map of sections"])
+    for old, new in RENAMED.items():
+        _take_renamed(tree, old, new, source)
     try:
         return CellConfig.model_validate(tree)
     except ValidationError as error:
         raise ConfigError(source, [_explain(item) for item in error.errors()]) from None
+
+
+def _take_renamed(tree: dict[str, Any], old: str, new: str, source: str) -> None:
+    """Move the value of an old key to the new one."""
+    section, old_key = old.split(".")
+    values, new_key = tree.get(section), new.split(".")[1]
+    if not isinstance(values, dict) or old_key not in values:
+        return
+    if new_key in values:
+        raise ConfigError(source, [f"{old}: the old name of {new}, which is set as well"])
+    # A copy: the caller's tree stays as it was read.
+    tree[section] = {new_key if key == old_key else key: each for key, each in values.items()}
+    _warn(source, f"{old} is now {new}: rename it")
+
+
+@lru_cache
+def _warn(source: str, text: str) -> None:
+    """Write a warning once."""
+    sys.stderr.write(f"{source}: {text}\n")
 
 
 def cell_hash(cell: CellConfig) -> str:

@@ -270,7 +270,7 @@ def main(
     roles: str | tuple[str, ...],
     make_service: Callable[[Bus, CellConfig], Service],
     *,
-    player: str | None = None,
+    implementation: str | None = None,
     connect: Connect = open_bus,
     realtime: bool = True,
 ) -> None:
@@ -279,7 +279,7 @@ def main(
     Args:
         roles: The role of the process, or several; the first one opens the bus.
         make_service: Factory of the service; if it has a `close`, that is called at the end.
-        player: Name of this implementation in the cell file, for roles with several of them. A cell
+        implementation: Its name in the cell file, for roles with several of them. A cell
             file with another implementation is refused.
         connect: Connects to the bus; the hub opens it instead.
         realtime: Whether to use real-time priority; a helper does not.
@@ -288,9 +288,9 @@ def main(
     cell = cell_from_arguments(roles[0])
     stop = stop_on_signals()
     with exit_on_error(roles[0]), ExitStack() as exits:
-        if player is not None:
+        if implementation is not None:
             for role in roles:
-                refuse_other_implementation(cell, role, player)
+                refuse_other_implementation(cell, role, implementation)
         bus = exits.enter_context(connect(cell, roles[0]))
         exits.callback(give_up_realtime_priority)
         service = make_service(bus, cell)
@@ -321,17 +321,17 @@ def prepare_realtime() -> None:
     take_realtime_priority()
 
 
-def refuse_other_implementation(cell: CellConfig, role: str, player: str) -> None:
+def refuse_other_implementation(cell: CellConfig, role: str, implementation: str) -> None:
     """Prevent two processes from running one role.
 
     Raises:
-        ConfigError: The cell file names another implementation than `player`.
+        ConfigError: The cell file names another one than `implementation`.
     """
     chosen = getattr(cell.roles, role)
-    if chosen != player:
+    if chosen != implementation:
         mistake = (
-            f"roles.{role} is {chosen}, but this process is the {player}: "
-            f"start the {chosen}, or write `{role}: {player}` in the cell file"
+            f"roles.{role} is {chosen}, but this process is the {implementation}: "
+            f"start the {chosen}, or write `{role}: {implementation}` in the cell file"
         )
         raise ConfigError(f"cell {cell.cell}", [mistake])
 

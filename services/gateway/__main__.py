@@ -4,4 +4,4 @@ from common.runtime.service import main
 from services.gateway.service import Gateway
 
 if __name__ == "__main__":
-    main("robot", Gateway, player="gateway")
+    main("robot", Gateway, implementation="gateway")

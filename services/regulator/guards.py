@@ -42,7 +42,7 @@ class GuardSettings:
     touch_N: float
     search_m: float
     lost_m: float
-    given_J: float
+    environment_work_J: float
     swing: OscillationSettings
     yielding: YieldSettings
 
@@ -52,7 +52,9 @@ class GuardSettings:
         force = cell.force
         swing = OscillationSettings.of(cell)
         yielding = YieldSettings.of(cell)
-        return cls(force.touch_N, force.search_m, force.lost_m, force.given_J, swing, yielding)
+        return cls(
+            force.touch_N, force.search_m, force.lost_m, force.environment_work_J, swing, yielding
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +90,8 @@ class GuardState:
     worked: GuardSample | None = None  # last sample whose work is counted
     touched: bool = False
     found: bool = False  # the force has been at its set point or below
-    given_J: float = 0.0  # work done on the tool by the environment
-    got_J: float = 0.0  # work done by the tool
+    environment_work_J: float = 0.0  # work done on the tool by the environment
+    tool_work_J: float = 0.0  # work done by the tool
     p_search_m: Array | None = None  # where the present search for contact began
     swing: HalfWaves = field(default_factory=HalfWaves)
     yielding: YieldTravel = field(default_factory=YieldTravel)
@@ -104,7 +106,9 @@ def kept_over_restart(before: GuardState) -> GuardState:
     now = replace(before, p_search_m=None, swing=HalfWaves(), found=False)
     if before.touched and not (is_free and not _began_free(before)):
         return now
-    return replace(now, first=None, worked=None, touched=False, given_J=0.0, got_J=0.0)
+    return replace(
+        now, first=None, worked=None, touched=False, environment_work_J=0.0, tool_work_J=0.0
+    )
 
 
 def verifies_press_axis(now: GuardState, seen: GuardSample, settings: GuardSettings) -> bool:
@@ -166,10 +170,15 @@ def _count_work(before: GuardState, seen: GuardSample) -> GuardState:
     work_J = 0.5 * float((seen.force_N + last.force_N) @ way_m)
     if seen.turns:
         work_J += 0.5 * float((seen.torque_Nm + last.torque_Nm) @ turn_rad)
-    given_J, got_J = max(work_J, 0.0), before.got_J + max(-work_J, 0.0)
+    environment_work_J, tool_work_J = max(work_J, 0.0), before.tool_work_J + max(-work_J, 0.0)
     if not seen.presses:  # at set point 0 anything may move the tool; stored work is returned
-        return replace(before, worked=seen, got_J=max(got_J - given_J, 0.0))
-    return replace(before, worked=seen, given_J=before.given_J + given_J, got_J=got_J)
+        return replace(before, worked=seen, tool_work_J=max(tool_work_J - environment_work_J, 0.0))
+    return replace(
+        before,
+        worked=seen,
+        environment_work_J=before.environment_work_J + environment_work_J,
+        tool_work_J=tool_work_J,
+    )
 
 
 def _sign_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
@@ -190,14 +199,15 @@ def _sign_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> T
 
 def _work_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check passivity: the environment cannot return more work than it received."""
-    more_J = now.given_J - (1.0 + SWUNG_PART) * now.got_J
-    if not _began_free(now) or not seen.presses or more_J <= settings.given_J:
+    more_J = now.environment_work_J - (1.0 + SWUNG_PART) * now.tool_work_J
+    if not _began_free(now) or not seen.presses or more_J <= settings.environment_work_J:
         return None
     text = (
-        f"the contact did {now.given_J * 1e3:.0f} mJ of work on the tool and received "
-        f"{now.got_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, or a person pushes"
+        f"the contact did {now.environment_work_J * 1e3:.0f} mJ of work on the tool and received "
+        f"{now.tool_work_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, or a person "
+        "pushes"
     )
-    return tripped("sensor_sign", text, value=more_J, limit=settings.given_J)
+    return tripped("sensor_sign", text, value=more_J, limit=settings.environment_work_J)
 
 
 def _rise_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:

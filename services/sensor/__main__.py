@@ -4,4 +4,4 @@ from common.runtime.service import main
 from services.sensor.service import SensorDriver
 
 if __name__ == "__main__":
-    main("sensor", SensorDriver, player="driver")
+    main("sensor", SensorDriver, implementation="driver")

@@ -4,4 +4,4 @@ from common.runtime.service import main
 from sim.robot.service import SimRobot
 
 if __name__ == "__main__":
-    main(("robot", "sensor"), SimRobot, player="sim")
+    main(("robot", "sensor"), SimRobot, implementation="sim")

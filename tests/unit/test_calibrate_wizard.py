@@ -209,7 +209,10 @@ def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
     wizard, ended = driven(lab)
     assert ended == INTERRUPTED
     assert len(wizard.dwells) == 1
-    assert "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted" in lab.notes.lines[-1]
+    assert (
+        "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted"
+        in lab.notes.lines[-1]
+    )
     assert status_of(lab).state == "HOLDING"
     assert_rests(lab)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from common.bus.profile_fit import PLAYERS, Choice, problem_with, unsafe
+from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with, unsafe
 from common.bus.profile_lock import (
     LOCK_PATIENCE_S,
     announce,
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 CELLS = ROOT / "cells"
 SIM = Choice("sim", CELLS / "demo.yaml")
 EMULATED = Choice("emulated", CELLS / "emulated.yaml")
-REAL = Choice("real", CELLS / "emulated.yaml")  # it has the players of a real one
+REAL = Choice("real", CELLS / "emulated.yaml")  # it has the implementations of a real one
 LONG_S = 10.0
 SAFE = {
     "FORCEMESH_BUS": "tls", "FORCEMESH_CERTIFICATES": "pki", "FORCEMESH_PANEL_TOKEN": "0" * 32,
@@ -301,9 +301,11 @@ def test_wrong_words_show_the_right_ones(
 # --- which cell file fits -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("profile", PLAYERS)
+@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
 @pytest.mark.parametrize("file", ["demo.yaml", "emulated.yaml", "demo-netft.yaml", "demo-tcp.yaml"])
-def test_a_profile_takes_only_a_cell_file_whose_players_it_starts(profile: str, file: str) -> None:
+def test_a_profile_takes_only_a_cell_file_whose_implementations_it_starts(
+    profile: str, file: str
+) -> None:
     """Robot and sensor of the file are containers of the profile, or one sentence says so."""
     roles = load_cell(CELLS / file).roles
     own = {"sim": ("sim", "sim")}.get(profile, ("gateway", "driver"))
@@ -340,7 +342,7 @@ def test_the_simulated_cell_needs_nothing_on_this_machine() -> None:
     assert problem_with(SIM, HERE) == problem_with(SIM, {}) == ""
 
 
-@pytest.mark.parametrize("profile", PLAYERS)
+@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
 @pytest.mark.parametrize("address", WIDER)
 def test_beyond_this_machine_certificates_and_token_are_needed(profile: str, address: str) -> None:
     """The hub without certificates, the panel without certificates or token: one sentence each."""
@@ -365,7 +367,7 @@ def test_a_real_cell_keeps_certificates_token_and_calibration() -> None:
     )
 
 
-@pytest.mark.parametrize("profile", PLAYERS)
+@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
 def test_half_of_the_settings_is_none(profile: str) -> None:
     """Certificates that the bus does not use, or a bus that has none, and the setting of before."""
     for half in ({**SAFE, "FORCEMESH_BUS": "tcp"}, {**SAFE, "FORCEMESH_CERTIFICATES": ""}):

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from common.bus.profile_fit import PLAYERS, Choice, problem_with
+from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with
 from forcemesh.topics import ROLES
 from tests.fakes.compose_file import (
     CELL_OF,
@@ -110,11 +110,11 @@ def test_a_profile_says_its_cell_file_in_one_place(word: str) -> None:
 
 
 @pytest.mark.parametrize("word", PROFILES)
-def test_the_cell_file_of_a_profile_fits_its_players(word: str) -> None:
+def test_the_cell_file_of_a_profile_fits_its_implementations(word: str) -> None:
     """Its robot and sensor are containers of the profile; there is none for a real robot."""
     complaint = problem_with(Choice(word, ROOT / "cells" / CELL_OF[word]), SAFE)
     assert complaint == "" if CELL_OF[word] else "CELL=my-cell.yaml" in complaint
-    assert set(PLAYERS) == set(PROFILES)
+    assert set(IMPLEMENTATIONS) == set(PROFILES)
 
 
 @process

@@ -129,7 +129,7 @@ def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> No
     remembered, _ = watch(GuardState(touched=True), seen, settings)
     turned = pin.SE3(pin.utils.rotate("z", 0.1) @ T_START.rotation, T_START.translation)
     remembered, _ = watch(remembered, replace(seen, T_base_tcp=turned), settings)
-    assert remembered.given_J == pytest.approx(0.2 if turns else 0.0)
+    assert remembered.environment_work_J == pytest.approx(0.2 if turns else 0.0)
 
 
 # --- readers and inboxes --------------------------------------------------------------------------

@@ -364,7 +364,7 @@ def test_work_that_what_is_pressed_on_stored_before_may_come_back() -> None:
     now, _ = watch(now, seen("contact", 0.0, 30.0), GUARDS)
     _, trip = watch(now, seen("contact", 0.001, 30.0), GUARDS)
     assert trip is not None
-    assert (trip.code, trip.limit) == ("sensor_sign", CELL.force.given_J)
+    assert (trip.code, trip.limit) == ("sensor_sign", CELL.force.environment_work_J)
 
 
 def test_a_force_that_was_there_before_the_approach_is_no_touch() -> None:

@@ -30,7 +30,7 @@ SETTINGS = GuardSettings(
     touch_N=2.0,
     search_m=0.03125,
     lost_m=0.0078125,
-    given_J=0.0625,
+    environment_work_J=0.0625,
     swing=OscillationSettings(np.full(6, 3.0), 0.016, 0.25),
     yielding=YieldSettings(0.45, 0.03),
 )
@@ -60,8 +60,8 @@ def test_the_settings_are_those_of_the_cell_file() -> None:
     """Each limit comes from the field of its name; the tool is idle below 1.5 deadbands."""
     settings = GuardSettings.of(CELL)
     force = CELL.force
-    named = (settings.touch_N, settings.search_m, settings.lost_m, settings.given_J)
-    assert named == (force.touch_N, force.search_m, force.lost_m, force.given_J)
+    named = (settings.touch_N, settings.search_m, settings.lost_m, settings.environment_work_J)
+    assert named == (force.touch_N, force.search_m, force.lost_m, force.environment_work_J)
     idle = (1.5 * force.deadband_N, 1.5 * force.deadband_Nm)
     assert (settings.yielding.idle_N, settings.yielding.idle_Nm) == idle
 
@@ -143,7 +143,7 @@ def counted_mJ(begin: GuardSample, then: GuardSample, **remembered: Any) -> tupl
     """Return work on the tool and by the tool after one step [mJ]."""
     before = GuardState(first=begin, worked=begin, touched=True)
     now, _ = watch(replace(before, **remembered), then, SETTINGS)
-    return 1e3 * now.given_J, 1e3 * now.got_J
+    return 1e3 * now.environment_work_J, 1e3 * now.tool_work_J
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_work_is_the_mean_force_times_the_way_and_the_mean_torque_times_the_turn
     then = seen("contact", (15.0, 0.0, 30.0), (0.254, 0.5, 0.746), R=turned, **changes)
     then = replace(then, torque_Nm=np.array([0.0, 0.0, 3.0]))
     assert counted_mJ(begin, then) == pytest.approx((given_mJ, got_mJ), abs=1e-9)
-    more = {"given_J": 0.007, "got_J": 0.011}
+    more = {"environment_work_J": 0.007, "tool_work_J": 0.011}
     summed = (given_mJ + 7.0, got_mJ + 11.0)
     assert counted_mJ(begin, then, **more) == pytest.approx(summed, abs=1e-9)
 
@@ -174,7 +174,7 @@ def test_at_set_point_0_what_the_tool_does_is_stored_and_goes_back_first() -> No
     begin = seen("contact", (0.0, 0.0, 10.0))
     for up_m, got_mJ in ((-0.001, 12.0), (0.0001, 1.0), (0.0002, 0.0), (0.001, 0.0)):
         then = seen("contact", (0.0, 0.0, 10.0), (0.0, 0.0, up_m), presses=False)
-        counted = counted_mJ(begin, then, given_J=0.003, got_J=0.002)
+        counted = counted_mJ(begin, then, environment_work_J=0.003, tool_work_J=0.002)
         assert counted == pytest.approx((3.0, got_mJ), abs=1e-9)
 
 
@@ -200,7 +200,7 @@ def test_a_step_within_the_poses_noise_waits_until_it_has_become_one(
     assert (now.worked is then) is is_counted
     assert (now.worked is begin) is not is_counted
     later = seen("contact", (0.0, 0.0, 10.0), (0.0, 0.0, -0.001))
-    assert watch(now, later, SETTINGS)[0].got_J == pytest.approx(0.01)
+    assert watch(now, later, SETTINGS)[0].tool_work_J == pytest.approx(0.01)
 
 
 def test_on_its_way_to_the_first_touch_the_tool_does_no_work() -> None:
@@ -209,20 +209,28 @@ def test_on_its_way_to_the_first_touch_the_tool_does_no_work() -> None:
     for z_m in (0.0, -0.01, -0.02):
         now, _ = watch(now, seen("approach", (0.0, 0.0, 1.0), (0.0, 0.0, z_m)), SETTINGS)
     now, _ = watch(now, seen("contact", (0.0, 0.0, 9.0), (0.0, 0.0, -0.03)), SETTINGS)
-    assert (now.given_J, now.got_J) == (0.0, 0.0)
+    assert (now.environment_work_J, now.tool_work_J) == (0.0, 0.0)
     now, _ = watch(now, seen("contact", (0.0, 0.0, 11.0), (0.0, 0.0, -0.031)), SETTINGS)
-    assert (now.given_J, now.got_J) == (0.0, pytest.approx(0.01))
+    assert (now.environment_work_J, now.tool_work_J) == (0.0, pytest.approx(0.01))
 
 
-@pytest.mark.parametrize("got_J", [0.0, 1.0])
-def test_what_is_pressed_on_gives_back_half_more_than_it_got_and_given_j(got_J: float) -> None:
+@pytest.mark.parametrize("tool_work_J", [0.0, 1.0])
+def test_what_is_pressed_on_does_no_more_work_than_half_more_than_the_tool_and_the_limit(
+    tool_work_J: float,
+) -> None:
     """Not a bit more; the fault says how much more than its half it was."""
     begin = seen("approach")
-    most_J = 0.0625 + 1.5 * got_J
-    for given_J, trips in ((most_J, False), (above(most_J), True)):
-        now = GuardState(first=begin, worked=begin, touched=True, given_J=given_J, got_J=got_J)
+    most_J = 0.0625 + 1.5 * tool_work_J
+    for environment_work_J, trips in ((most_J, False), (above(most_J), True)):
+        now = GuardState(
+            first=begin,
+            worked=begin,
+            touched=True,
+            environment_work_J=environment_work_J,
+            tool_work_J=tool_work_J,
+        )
         _, trip = watch(now, seen("contact"), SETTINGS)
-        expected = ("sensor_sign", given_J - 1.5 * got_J, 0.0625)
+        expected = ("sensor_sign", environment_work_J - 1.5 * tool_work_J, 0.0625)
         assert numbers(trip) == (expected if trips else None)
 
 
@@ -231,7 +239,7 @@ def test_what_is_pressed_on_gives_back_half_more_than_it_got_and_given_j(got_J: 
 def test_only_a_press_that_began_in_free_space_is_judged_by_work(first: Any, presses: bool) -> None:
     """A contact may have stored work before, and at set point 0 a person may lead the tool."""
     begin = seen(first)
-    now = GuardState(first=begin, worked=begin, touched=True, given_J=1.0)
+    now = GuardState(first=begin, worked=begin, touched=True, environment_work_J=1.0)
     _, trip = watch(now, seen("contact", presses=presses), SETTINGS)
     assert (trip is not None) is (first == "approach" and presses)
 
@@ -360,13 +368,13 @@ def test_a_change_of_set_point_forgives_nothing_that_a_press_has_done(
         worked=seen(present),
         touched=touched,
         found=True,
-        given_J=0.02,
-        got_J=0.03,
+        environment_work_J=0.02,
+        tool_work_J=0.03,
         p_search_m=np.zeros(3),
         swing=HalfWaves(count=np.full(6, 9.0)),
     )
     now = kept_over_restart(before)
-    kept = (now.first, now.worked, now.touched, now.given_J, now.got_J)
+    kept = (now.first, now.worked, now.touched, now.environment_work_J, now.tool_work_J)
     same = (before.first, before.worked, True, 0.02, 0.03)
     assert kept == (same if lives_on else (None, None, False, 0.0, 0.0))
     assert (now.found, now.p_search_m) == (False, None)
@@ -378,4 +386,11 @@ def test_a_change_before_the_first_sample_carries_nothing() -> None:
     """Asked for twice within one period: nothing was done yet."""
     now = kept_over_restart(GuardState())
     nothing = (None, None, False, False, 0.0, 0.0)
-    assert (now.first, now.worked, now.touched, now.found, now.given_J, now.got_J) == nothing
+    assert (
+        now.first,
+        now.worked,
+        now.touched,
+        now.found,
+        now.environment_work_J,
+        now.tool_work_J,
+    ) == nothing

@@ -35,19 +35,21 @@ def test_template_cell_is_conservative_and_complete() -> None:
 
 
 @pytest.mark.parametrize(
-    ("role", "player", "other"),
+    ("role", "implementation", "other"),
     [("robot", "sim", "gateway"), ("robot", "gateway", "sim"), ("sensor", "driver", "sim")],
 )
 def test_process_refuses_a_role_that_the_cell_gives_to_another(
-    role: str, player: str, other: str
+    role: str, implementation: str, other: str
 ) -> None:
     """Two processes never play one role; the error names the field and both ways out."""
     cells = {"sim": ROOT / "cells" / "demo.yaml", "gateway": REAL_CELL}
     wrong = load_cell(cells[other])
-    with pytest.raises(ConfigError, match=rf"roles\.{role} is {other}.*the {player}.*{role}: "):
-        refuse_other_implementation(wrong, role, player)
-    right = load_cell(cells["sim" if player == "sim" else "gateway"])
-    refuse_other_implementation(right, role, player)
+    with pytest.raises(
+        ConfigError, match=rf"roles\.{role} is {other}.*the {implementation}.*{role}: "
+    ):
+        refuse_other_implementation(wrong, role, implementation)
+    right = load_cell(cells["sim" if implementation == "sim" else "gateway"])
+    refuse_other_implementation(right, role, implementation)
 
 
 @pytest.mark.parametrize(

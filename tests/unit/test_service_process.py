@@ -108,7 +108,9 @@ def test_a_process_that_is_asked_to_end_finishes_its_step_and_no_other(
     """Both signals; nothing is raised, and a service without a goodbye needs none."""
     worker = LastStep(line.clock)
     worker.asked_by = number
-    process.main("robot", lambda *_: worker, connect=line.connect, player="sim", realtime=False)
+    process.main(
+        "robot", lambda *_: worker, connect=line.connect, implementation="sim", realtime=False
+    )
     assert len(worker.steps_ns) == 3
     assert line.opened_by == ["robot"]
 
@@ -162,7 +164,9 @@ def test_a_process_of_two_roles_gives_the_health_of_both(line: Line) -> None:
         for topic in (topics.ROBOT_HEALTH, topics.SENSOR_HEALTH)
     ]
     roles, worker = ("robot", "sensor"), LastStep(line.clock)
-    process.main(roles, lambda *_: worker, connect=line.connect, player="sim", realtime=False)
+    process.main(
+        roles, lambda *_: worker, connect=line.connect, implementation="sim", realtime=False
+    )
     assert line.opened_by == ["robot"]
     assert [bool(reader.read(line.clock.now_ns()).fresh) for reader in heard] == [True, True]
 
@@ -177,7 +181,7 @@ def test_a_role_that_the_cell_gives_to_another_process_is_never_played(
         raise AssertionError("made")
 
     with pytest.raises(SystemExit) as ended:
-        process.main(roles, make, connect=line.connect, player="gateway", realtime=False)
+        process.main(roles, make, connect=line.connect, implementation="gateway", realtime=False)
     said = capsys.readouterr().err
     assert ended.value.code == 2
     assert line.opened_by == []

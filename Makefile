@@ -20,10 +20,9 @@ endif
 endif
 
 # The tests of the modules that `make coverage` measures, without those that only repeat their ways.
-COVERED_BY = $(foreach name,arbiter faults frames gateway guard inbox limits packet permission pure \
-  endpoints misrouted service_overruns service_breakdown service_process regulator \
-  wrench_compensation wrench_plausibility skills_regulator wrench_calibrated wrench_inertia \
-  wrench_tare wrench_service back_off calibration config messages_codec recording_versions,$(wildcard tests/unit/test_$(name)*.py))
+COVERED_BY = $(addprefix tests/unit/,services/arbiter services/gateway services/regulator \
+  services/wrench common/motion common/runtime common/config controller/test_packet.py \
+  tuning/test_adaptive_map.py tuning/test_gain_rule.py) $(wildcard tests/unit/forcemesh/test_*.py)
 NO_NEW_BRANCH := mistake_is_found or no_way_through or dead_end or every_fault_of_the_sensor \
   or judge_sees or no_command_gets_past or wall_that_vanishes or four_times_stiffer \
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open

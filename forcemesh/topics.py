@@ -3,7 +3,7 @@
 Topics and requests outside these tables do not exist. Every key is prefixed with `<cell>/`.
 Rates are names; the cell file gives their values in hertz. An input is stale after three of its
 periods, but not before the deadline of its class in the cell file.
-tests/unit/test_topics.py checks the rules; tools/bus_page.py writes docs/bus.md from this file.
+tests/unit/forcemesh/test_topics.py checks the rules; tools/bus_page.py writes docs/bus.md from this file.
 """
 
 from dataclasses import dataclass

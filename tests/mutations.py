@@ -18,34 +18,92 @@ PLAIN = (ast.Name, ast.Attribute, ast.Call)  # conditions that are no comparison
 
 # Which tests judge a module, those most likely to see a change first.
 JUDGES = {
-    "common.motion.permission": "unit/test_permission unit/test_two_arbiters",
-    "common.motion.last_check": "unit/test_guard unit/test_guard_rules unit/test_pure_corners"
-    " unit/test_back_off unit/test_guard_evil",
-    "common.motion.limits": "unit/test_limits unit/test_limits_windows unit/test_guard"
-    " unit/test_pure_corners unit/test_arbiter_core",
-    "common.motion.rate_limiter": "unit/test_limits_motion unit/test_limits_windows"
-    " unit/test_arbiter_limits unit/test_pure_corners",
-    "common.motion.setpoint_monitor": "unit/test_stream_budget unit/test_guard"
-    " unit/test_guard_rules unit/test_pure_corners unit/test_guard_evil",
-    "common.motion.tracking": "unit/test_guard_tracking unit/test_faults_reached",
-    "controller.packet": "unit/test_packet unit/test_fuzz_codec",
-    "controller.packet_table": "unit/test_packet unit/test_controller_file"
-    " unit/test_gateway_commands unit/test_gateway_limits",
-    "forcemesh.reader": "unit/test_reader_bounds unit/test_endpoints unit/test_endpoints_rivals"
-    " unit/test_misrouted unit/test_two_arbiters unit/test_pure_corners",
-    "common.security.access_control": "unit/test_acl",
-    "services.regulator.guards": "unit/test_regulator_guards_exact unit/test_regulator_guards"
-    " unit/test_pure_corners unit/test_regulator_service",
-    "services.regulator.oscillation": "unit/test_regulator_oscillation unit/test_regulator_guards",
-    "tuning.gain_rule": "unit/test_regulator_tuning unit/test_regulator_service"
-    " unit/test_tune_advice",
-    "services.arbiter.preflight": "unit/test_arbiter_preflight unit/test_arbiter_controller"
-    " unit/test_arbiter_core",
-    "services.arbiter.stops": "unit/test_arbiter_stops unit/test_arbiter_service",
-    "services.arbiter.watch": "unit/test_arbiter_watch unit/test_arbiter_preflight"
-    " unit/test_pure_corners unit/test_arbiter_health",
-    "services.wrench.tare": "unit/test_wrench_tare",
-    "services.wrench.plausibility": "unit/test_wrench_plausibility",
+    "common.motion.permission": (
+        "unit/common/motion/test_permission",
+        "unit/common/motion/test_permission_two_arbiters",
+    ),
+    "common.motion.last_check": (
+        "unit/common/motion/test_last_check",
+        "unit/common/motion/test_last_check_rules",
+        "unit/common/motion/test_last_check_corners",
+        "unit/common/motion/test_back_off",
+        "unit/common/motion/test_last_check_hostile",
+    ),
+    "common.motion.limits": (
+        "unit/common/motion/test_limits",
+        "unit/common/motion/test_limits_windows",
+        "unit/common/motion/test_last_check",
+        "unit/common/motion/test_last_check_corners",
+        "unit/services/arbiter/test_core",
+    ),
+    "common.motion.rate_limiter": (
+        "unit/common/motion/test_rate_limiter",
+        "unit/common/motion/test_limits_windows",
+        "unit/services/arbiter/test_core_limits",
+        "unit/common/motion/test_last_check_corners",
+    ),
+    "common.motion.setpoint_monitor": (
+        "unit/common/motion/test_setpoint_monitor",
+        "unit/common/motion/test_last_check",
+        "unit/common/motion/test_last_check_rules",
+        "unit/common/motion/test_last_check_corners",
+        "unit/common/motion/test_last_check_hostile",
+    ),
+    "common.motion.tracking": (
+        "unit/common/motion/test_tracking",
+        "unit/forcemesh/test_faults_reached",
+    ),
+    "controller.packet": (
+        "unit/controller/test_packet",
+        "unit/tests/fuzz/test_codec",
+    ),
+    "controller.packet_table": (
+        "unit/controller/test_packet",
+        "unit/controller/test_forcemesh_as",
+        "unit/services/gateway/test_commands",
+        "unit/services/gateway/test_service_limits",
+    ),
+    "forcemesh.reader": (
+        "unit/forcemesh/test_reader_bounds",
+        "unit/forcemesh/test_bus",
+        "unit/forcemesh/test_reader_rivals",
+        "unit/forcemesh/test_codec_misrouted",
+        "unit/common/motion/test_permission_two_arbiters",
+        "unit/common/motion/test_last_check_corners",
+    ),
+    "common.security.access_control": ("unit/common/security/test_access_control",),
+    "services.regulator.guards": (
+        "unit/services/regulator/test_guards_exact",
+        "unit/services/regulator/test_guards",
+        "unit/common/motion/test_last_check_corners",
+        "unit/services/regulator/test_service",
+    ),
+    "services.regulator.oscillation": (
+        "unit/services/regulator/test_oscillation",
+        "unit/services/regulator/test_guards",
+    ),
+    "tuning.gain_rule": (
+        "unit/tuning/test_gain_rule",
+        "unit/services/regulator/test_service",
+        "unit/tuning/test_advice",
+    ),
+    "services.arbiter.preflight": (
+        "unit/services/arbiter/test_preflight",
+        "unit/services/arbiter/test_controller_watch",
+        "unit/services/arbiter/test_core",
+    ),
+    "services.arbiter.stops": (
+        "unit/services/arbiter/test_stops",
+        "unit/services/arbiter/test_service",
+    ),
+    "services.arbiter.watch": (
+        "unit/services/arbiter/test_watch",
+        "unit/services/arbiter/test_preflight",
+        "unit/common/motion/test_last_check_corners",
+        "unit/services/arbiter/test_watch_health",
+    ),
+    "services.wrench.tare": ("unit/services/wrench/test_tare",),
+    "services.wrench.plausibility": ("unit/services/wrench/test_plausibility",),
 }
 COMPARISONS = {
     "<": ("<=", ">="), "<=": ("<", ">"), ">": (">=", "<="), ">=": (">", "<"),
@@ -240,7 +298,7 @@ def path_of(module: str) -> Path:
 
 def judges_of(module: str) -> list[str]:
     """Return the files of the tests that judge a module, from the project's root."""
-    return [f"tests/{name}.py" for name in JUDGES[module].split()]
+    return [f"tests/{name}.py" for name in JUDGES[module]]
 
 
 def files_of(module: str) -> list[str]:

@@ -24,7 +24,7 @@ from forcemesh.topics import CLIENT
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from services.recorder.reading import RecordedFile
 from tests.chaos.common_net import free_port
-from tests.unit.test_recorder_files import of_every_topic, recorded
+from tests.unit.services.recorder.test_recording import of_every_topic, recorded
 
 pytestmark = pytest.mark.realtime
 

@@ -2,7 +2,7 @@
 """What a person may type wrongly, verb by verb: the exit code, and a sentence of what is then said.
 
 BAD stands for a file that is not what is wanted, HERE for a file that is there, NOWHERE for none.
-Every verb has a row; tests/unit/test_cli_wrong.py walks the program to see to it.
+Every verb has a row; tests/unit/cli/test_main_wrong_input.py walks the program to see to it.
 """
 
 from cli.context import NO_ANSWER, USAGE

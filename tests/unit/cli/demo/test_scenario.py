@@ -1,0 +1,67 @@
+"""The demo before it starts anything: what it refuses, and what it says of what ran."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from cli.demo import play as demo_play
+from cli.demo import result as demo_report
+from cli.demo.cell import DemoOverrides, check_plan, demo_cell, surface_of
+from cli.demo.measures import measure
+from cli.demo.scenario import ScenarioPlan
+from forcemesh.errors import ConfigError
+from tuning.gain_rule import tune
+
+CELLS = Path(__file__).parents[4] / "cells"
+
+
+@pytest.mark.parametrize(
+    "trial", [DemoOverrides(), DemoOverrides(stiffness_N_m=1e4), DemoOverrides(delay_s=0.02)]
+)
+def test_the_demo_never_runs_on_a_real_arm(trial: DemoOverrides) -> None:
+    """Its own options for the plate must not pass for a section `sim` of the cell file."""
+    with pytest.raises(ConfigError, match="section `sim`"):
+        demo_cell(CELLS / "rs007l-real.yaml", trial)
+
+
+def test_nothing_is_started_for_a_real_arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The verb ends as wrong usage before any process is there."""
+    started: list[object] = []
+    monkeypatch.setattr(demo_play, "play_real", lambda *words, **_: started.append(words))
+    file = str(CELLS / "rs007l-real.yaml")
+    result = CliRunner().invoke(
+        app, ["demo", "--cell", file, "--force", "20", "--out", str(tmp_path)]
+    )
+    assert result.exit_code == 2
+    assert "section `sim`" in result.output
+    assert not started
+
+
+def played(trial: DemoOverrides, plan: ScenarioPlan) -> str:
+    """Return the title of a virtual demo's table; no latencies stand in it."""
+    cell = demo_cell(CELLS / "demo.yaml", trial)
+    trace = demo_play.play_virtual(cell, plan, lambda *_: None, 0.0)
+    result = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
+    assert not result.hops_us
+    assert result.chain_latency_us_p99 is None
+    return str(demo_report.table(result, plan, trace.started).title)
+
+
+@pytest.mark.long
+def test_the_table_names_the_law_that_ran() -> None:
+    """Beyond the measured map the plain law runs in the adaptive one's place, and is named."""
+    title = played(
+        DemoOverrides(law="adaptive", delay_s=0.09), ScenarioPlan(press_N=10.0, settled_for_s=0.2)
+    )
+    assert "law plain" in title
+    assert "the plain law runs in its place" in title
+
+
+def test_a_set_point_that_nothing_would_hold_is_refused() -> None:
+    """Mode orientation regulates no force: to take one in silence would be to promise it."""
+    cell = demo_cell(CELLS / "demo.yaml", DemoOverrides())
+    with pytest.raises(ConfigError, match="holds no force"):
+        check_plan(cell, ScenarioPlan(mode="orientation", setpoint_N=5.0))
+    check_plan(cell, ScenarioPlan(mode="orientation"))

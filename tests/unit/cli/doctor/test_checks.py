@@ -1,0 +1,186 @@
+"""The checks of `forcemesh doctor`: each line in each of its words, each remedy reached."""
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cli.doctor import checks
+from cli.doctor.checks import ObservedRole, ReportLine
+from cli.doctor.remedies import BITS, FAULTS, REMEDIES
+from controller.packet_table import STATUS_SPAN, Status
+from services.gateway.round_trips import Spread
+from services.gateway.scales import Scales
+
+ROOT = Path(__file__).resolve().parents[4]
+READY = (
+    Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
+    | Status.HELD
+)  # fmt: skip
+SCALES = Scales()
+RATE = {"robot_hz": 40.0, "stale_after_s": 0.1}
+FRESH = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0)
+SILENT = ObservedRole("wrench", 3.0, is_fresh=False, rate_hz=250.0)
+FAULTY = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0, fault="sensor/wrench stale")
+OTHER_FILE = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0, same_config=False)
+
+EMULATED = checks.check_address("h:1", "refused", "", 0.001, is_emulated=True)
+
+# What is found, the word, and the remedy.
+# fmt: off
+CASES: list[tuple[ReportLine, str, str]] = [
+    (checks.check_address("h:1", "open", "", 0.001), "PASS", ""),
+    (checks.check_address("h:1", "unresolved", "unknown", 0.1), "FAIL", "address.unresolved"),
+    (checks.check_address("h:1", "refused", "", 0.001), "FAIL", "address.refused"),
+    (EMULATED, "FAIL", "address.emulated"),
+    (checks.check_address("h:1", "silent", "", 2.0), "FAIL", "address.silent"),
+    (checks.check_address("h:1", "unreachable", "no route", 0.1), "FAIL", "address.unreachable"),
+    (checks.check_hello("answered", "", 0.01), "PASS", ""),
+    (checks.check_hello("silent", "", 5.0), "FAIL", "hello.silent"),
+    (checks.check_hello("closed", "reset", 0.1), "FAIL", "hello.closed"),
+    (checks.check_hello("garbled", "packet 1", 0.1), "FAIL", "hello.garbled"),
+    (checks.check_protocol(2), "PASS", ""),
+    (checks.check_protocol(1), "FAIL", "protocol"),
+    (checks.check_arm(1, 1), "PASS", ""),
+    (checks.check_arm(2, 1), "FAIL", "arm"),
+    (checks.check_peer(any_peer=False), "PASS", ""),
+    (checks.check_peer(any_peer=True), "WARN", "peer"),
+    (checks.check_peer(any_peer=None), "WARN", "error.none"),
+    (checks.check_scales(SCALES, SCALES.vec), "PASS", ""),
+    (checks.check_scales(SCALES, (60, 500, 250, 100, 1000, 10)), "FAIL", "scales"),
+    (checks.check_sender(40.0, 0.03, **RATE), "PASS", ""),
+    (checks.check_sender(37.0, None, **RATE), "PASS", ""),
+    (checks.check_sender(35.0, 0.03, **RATE), "WARN", "sender.slow"),
+    (checks.check_sender(9.0, 0.12, **RATE), "FAIL", "sender.stale"),
+    (checks.check_sender(40.0, 0.2, **RATE), "WARN", "sender.gap"),
+    (checks.check_sender(None, None, **RATE), "FAIL", "reports.none"),
+    (checks.check_sender(0.0, None, **RATE), "FAIL", "reports.none"),
+    (checks.check_error_code(0), "PASS", ""),
+    (checks.check_error_code(None), "WARN", "error.none"),
+    (checks.check_error_code(-34024), "FAIL", "error.as"),
+    (checks.check_error_code(99), "WARN", "error.unknown"),
+    (checks.check_loops(2.0), "PASS", ""),
+    (checks.check_loops(0.0), "FAIL", "loops.stand"),
+    (checks.check_loops(None), "WARN", "loops.unknown"),
+    (checks.check_monitor_speed(1.0), "PASS", ""),
+    (checks.check_monitor_speed(0.1), "WARN", "monitor speed.slow"),
+    (checks.check_monitor_speed(0.0), "FAIL", "monitor speed.zero"),
+    (checks.check_monitor_speed(None), "WARN", "error.none"),
+    (checks.check_round_trip(Spread(0.01, 0.03), 0.25), "PASS", ""),
+    (checks.check_round_trip(Spread(0.01, 0.13), 0.25), "WARN", "round trip.long"),
+    (checks.check_round_trip(None, 0.25), "FAIL", "round trip.none"),
+    (checks.check_goodbye(held=True), "PASS", ""),
+    (checks.check_goodbye(held=False), "WARN", "goodbye"),
+    (checks.check_role(FRESH), "PASS", ""),
+    (checks.check_role(ObservedRole("sensor", 0.1, is_fresh=True)), "PASS", ""),
+    (checks.check_role(SILENT), "FAIL", "role.silent"),
+    (checks.check_role(ObservedRole("wrench", None, is_fresh=False)), "FAIL", "role.silent"),
+    (checks.check_role(FAULTY), "FAIL", "role.fault"),
+    (checks.check_role(OTHER_FILE), "WARN", "role.config"),
+    (checks.check_stream("wrench", 250.0, 250.0), "PASS", ""),
+    (checks.check_stream("wrench", 200.0, 250.0), "WARN", "stream.slow"),
+    (checks.check_stream("wrench", 200.0, 250.0, slow_below=0.6), "PASS", ""),
+    (checks.check_stream("wrench", None, 250.0), "FAIL", "stream.silent"),
+]
+# fmt: on
+# Reached by tests of their own modules.
+ELSEWHERE = {
+    "cell file",
+    "bus",
+    "bus.down",
+    "link",
+    "reports.broken",
+    "versions",
+    "priority",
+    "ports",
+    "calibration",
+    "calibration.old",
+    "role.version",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("line", "word", "remedy"), CASES, ids=lambda value: str(value)[:40])
+def test_what_is_found_gets_its_word_and_its_remedy(
+    line: ReportLine, word: str, remedy: str
+) -> None:
+    """Who passes needs nothing done; who does not is told what to do."""
+    assert line.word == word
+    assert line.remedy == (REMEDIES[remedy] if remedy else "")
+    assert line.found
+
+
+def test_every_remedy_is_reached() -> None:
+    """A remedy that no check gives is none."""
+    here = {remedy for _, _, remedy in CASES if remedy}
+    pose = {key for key in REMEDIES if key.startswith(("pose.", "sensor.", "clock."))}
+    assert here | pose | ELSEWHERE == set(REMEDIES)
+    assert all(REMEDIES.values())
+
+
+@pytest.mark.parametrize("row", BITS, ids=lambda row: row.check)
+def test_each_status_bit_has_its_line_both_ways(row) -> None:
+    """One bit, one line: nothing else changes with it."""
+    ready = {line.check: line for line in checks.check_status(READY)}
+    wrong = {line.check: line for line in checks.check_status(READY ^ row.bit)}
+    assert (ready[row.check].word, ready[row.check].found) == ("PASS", row.good_text)
+    assert wrong[row.check] == ReportLine(row.check, row.word, row.bad_text, row.remedy)
+    assert {check for check in ready if ready[check] != wrong[check]} == {row.check}
+    assert row.word in {"WARN", "FAIL"}
+    assert row.remedy
+
+
+def test_held_passes_both_ways() -> None:
+    """Hello holds, and a motion ends it: neither is a trouble."""
+    for status, found in ((READY, "held"), (READY & ~Status.HELD, "no")):
+        (line,) = (line for line in checks.check_status(status) if line.check == "held")
+        assert line.word == "PASS"
+        assert line.found.startswith(found)
+
+
+@given(st.integers(0, STATUS_SPAN - 1))
+def test_every_bit_is_looked_at_in_every_status(bits: int) -> None:
+    """Eleven lines, one for each bit; what keeps the gateway from obeying fails."""
+    lines = checks.check_status(Status(bits))
+    assert len({line.check for line in lines}) == len(lines) == len(Status)
+    failed = {row.bit for row in BITS for line in lines if line.check == row.check
+              and line.word == "FAIL"}  # fmt: skip
+    needed = (
+        Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | (Status.PROGRAM_RUNNING)
+    )
+    forbidden = Status.WATCHDOG_LATCHED | Status.ERROR
+    assert failed == set((needed & ~Status(bits)) | (forbidden & Status(bits)))
+
+
+def test_fault_codes_are_those_of_the_program() -> None:
+    """controller/README.md lists them; each has its line."""
+    text = (ROOT / "controller" / "README.md").read_text(encoding="utf-8")
+    listed = {
+        int(code) for code in re.findall(r"^\| (\d+) \|", text.split("## Faults")[1], re.MULTILINE)
+    }
+    assert listed == set(FAULTS)
+    for code, fault in FAULTS.items():
+        line = checks.check_error_code(code)
+        assert (line.word, line.remedy) == (fault.word, fault.remedy)
+        assert line.found == f"{code}: {fault.text}"
+
+
+@given(st.integers(-99_999, 999_999))
+def test_only_no_error_passes(code: int) -> None:
+    """Any other number is a trouble with a remedy."""
+    line = checks.check_error_code(code)
+    assert (line.word == "PASS") == (code == 0)
+    assert bool(line.remedy) == (code != 0)
+
+
+@given(st.floats(0.1, 1000.0), st.floats(0.1, 1000.0), st.floats(5.0, 1000.0))
+def test_a_faster_sender_is_never_judged_worse(one_hz: float, two_hz: float, wanted: float) -> None:
+    """The verdict is monotone in the rate."""
+    rank = {"FAIL": 0, "WARN": 1, "PASS": 2}
+    slow, fast = sorted((one_hz, two_hz))
+    words = [
+        checks.check_sender(hz, None, robot_hz=wanted, stale_after_s=3.0 / wanted).word
+        for hz in (slow, fast)
+    ]
+    assert rank[words[0]] <= rank[words[1]]

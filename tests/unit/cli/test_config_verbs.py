@@ -1,0 +1,71 @@
+"""The verbs about cell files: a new one loads, what it comes to is shown with its sources."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from cli.__main__ import app
+from cli.config_verbs import TEMPLATES
+from cli.context import OK, USAGE
+from common.config.load import load_cell
+
+ROOT = Path(__file__).resolve().parents[3]
+DEMO = ROOT / "cells" / "demo.yaml"
+
+
+def run(*words: object) -> Result:
+    """Call `forcemesh config`."""
+    return CliRunner().invoke(app, ["config", *map(str, words)])
+
+
+@pytest.mark.parametrize("kind", TEMPLATES)
+def test_a_new_cell_file_loads_and_keeps_its_comments(kind: str, tmp_path: Path) -> None:
+    """It is named after its file, and is never written over another one."""
+    path = tmp_path / "left-arm.yaml"
+    assert run("init", path, "--kind", kind).exit_code == OK
+    assert load_cell(path).cell == "left-arm"
+    assert "# This is not a safety function" in path.read_text() or kind != "real"
+    before = path.read_text()
+    again = run("init", path)
+    assert (again.exit_code, path.read_text()) == (USAGE, before)
+    assert "exists already" in again.stderr
+
+
+@pytest.mark.parametrize("name", ["9.yaml", "an arm.yaml", "no-such-folder/arm.yaml"])
+def test_a_place_where_no_cell_file_can_be_is_refused(name: str, tmp_path: Path) -> None:
+    """Nothing is left behind."""
+    done = run("init", tmp_path / name)
+    assert done.exit_code == USAGE
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_show_tells_what_is_in_the_file_and_what_is_a_default() -> None:
+    """Every value, by its path."""
+    values = json.loads(run("show", "--cell", DEMO, "--json").stdout)["values"]
+    cell = load_cell(DEMO)
+    assert values["cell"] == {"value": cell.cell, "from": "file"}
+    assert values["bus.insecure"] == {"value": False, "from": "default"}
+    assert values["limits.force_N"]["value"] == cell.limits.force_N
+    assert "limits.force_N" in run("show", "--cell", DEMO).stdout
+
+
+def test_show_keeps_a_token_to_itself(tmp_path: Path) -> None:
+    """A token that is printed is a token that is known."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(DEMO.read_text() + "\npanel: {token: do-not-tell-this}\n")
+    shown = run("show", "--cell", path, "--json").stdout
+    assert "do-not-tell-this" not in shown
+    assert json.loads(shown)["values"]["panel.token"] == {"value": "(not shown)", "from": "file"}
+
+
+def test_check_lists_mistakes_for_programs_too(tmp_path: Path) -> None:
+    """The same sentences, and the exit code of a wrong cell file."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(DEMO.read_text() + "\nrolls: {}\n")
+    done = run("check", path, "--json")
+    assert done.exit_code == USAGE
+    assert any("did you mean roles?" in line for line in json.loads(done.stdout)["mistakes"])
+    assert json.loads(run("check", DEMO, "--json").stdout)["mistakes"] == []

@@ -1,0 +1,161 @@
+"""The verbs as a person calls them while no cell is up: usage, imports, tables."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from cli.__main__ import app
+from cli.context import CELL_VARIABLE, NO_ANSWER, OK, USAGE
+from common.config.load import dump_cell, load_cell
+from forcemesh import topics
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
+from launch.run_file import FOLDER_VARIABLE
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(autouse=True)
+def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cell on a free port with nobody there; every verb takes it from the environment."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    overrides = {"cell": "verbs", "bus.endpoint": endpoint}
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
+    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
+    monkeypatch.setenv(CELL_VARIABLE, str(path))
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    monkeypatch.setenv("COLUMNS", "200")
+    return path
+
+
+def run(*words: str) -> Result:
+    """Call a verb."""
+    return CliRunner().invoke(app, list(words))
+
+
+READ_VERBS = [
+    ["status"],
+    ["topics", "--schema"],
+    ["watch", "wrench", "--count", "1"],
+    ["config", "show"],
+    ["hold"],
+    ["--help"],
+]
+
+
+@pytest.mark.parametrize("words", READ_VERBS, ids=lambda words: words[0])
+def test_a_verb_that_only_looks_is_light(words: list[str]) -> None:
+    """Physics, plots and panels stay unloaded: they cost seconds and need libraries."""
+    program = (
+        "import sys\n"
+        "from cli.__main__ import app\n"
+        "try: app(sys.argv[1:])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'mujoco', 'matplotlib', 'viser', 'mjviser', 'pinocchio', 'numpy'}\n"
+        "print('loaded:', *(heavy & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr.splitlines()[-1] == "loaded:"
+
+
+def test_help_says_what_the_exit_codes_mean() -> None:
+    """Scripts depend on them, so they are written where a person looks."""
+    text = " ".join(run("--help").output.split())
+    for code, meaning in ((0, "success"), (2, "wrong usage"), (3, "refused"), (4, "no reply")):
+        assert f"{code} {meaning}" in text
+
+
+@pytest.mark.parametrize("words", [["arm"], ["watch", "wrench"]], ids=lambda words: words[0])
+def test_without_a_hub_a_verb_says_so_in_one_line(words: list[str], cell_file: Path) -> None:
+    """The line names the endpoint and the next step."""
+    done = run(*words)
+    assert done.exit_code == NO_ANSWER
+    assert done.stderr.count("\n") == 1
+    assert load_cell(cell_file).bus.endpoint in done.stderr
+    assert "forcemesh up" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["watch", "robot/stat"], "did you mean robot/state?"),
+        (["status", "--service", "robots"], "hub, robot, sensor"),
+        (["move", "by", "1,2"], "6 numbers are needed"),
+        (["move", "to", "-1,2,3,0,0,x"], "T is not a number"),
+        (["move", "by", "-1,0,0,0,0,0", "--sped", "5"], "--sped"),
+        (["move", "by", "-1,0,0,0,0,0", "--speed", "-5"], "--speed"),
+        (["force", "gains", "--force-p", "-1"], "zero or positive"),
+        (["force", "start", "--mode", "sideways"], "sideways"),
+        (["speed", "--accel", "120"], "100"),
+        (["config", "check", "nowhere.yaml"], "no such file"),
+        (["status", "--cell", "nowhere.yaml"], "no such file"),
+    ],
+)
+def test_wrong_usage_is_told_before_anything_is_asked(words: list[str], hint: str) -> None:
+    """One exit code for all of it, and what would be right."""
+    done = run(*words)
+    assert done.exit_code == USAGE
+    assert hint in done.stderr
+
+
+def test_config_check_lists_every_mistake(cell_file: Path) -> None:
+    """A cell file is right, or all that is wrong with it is said at once."""
+    assert run("config", "check", str(cell_file)).exit_code == OK
+    cell_file.write_text(cell_file.read_text() + "rolls: {}\nlimit: {}\n")
+    done = run("config", "check", str(cell_file))
+    assert done.exit_code == USAGE
+    assert "did you mean roles?" in done.stderr
+    assert "did you mean limits?" in done.stderr
+
+
+def test_topics_are_the_table_with_the_rates_of_the_cell(cell_file: Path) -> None:
+    """Every row of the table, none invented."""
+    cell, table = load_cell(cell_file), json.loads(run("topics", "--json").stdout)
+    assert [row["topic"] for row in table["topics"]] == [topic.key for topic in topics.TOPICS]
+    assert [row["request"] for row in table["requests"]] == [r.key for r in topics.REQUESTS]
+    for row, topic in zip(table["topics"], topics.TOPICS, strict=True):
+        assert row["rate_hz"] == cell.rate_hz(topic)
+        assert row["key"] == f"verbs/{topic.key}"
+    text = run("topics").stdout
+    assert all(topic.key in text for topic in topics.TOPICS)
+
+
+def typed(variables: dict[str, str], *words: str) -> str:
+    """Return what the program prints in an environment of its own."""
+    program = "import sys\nfrom cli.__main__ import main\nmain()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words],
+        cwd=ROOT,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout
+
+
+def test_the_shell_completes_verbs_and_topics() -> None:
+    """As `--install-completion` sets it up."""
+    asked = {"_FORCEMESH_COMPLETE": "complete_bash", "COMP_CWORD": "2"}
+    assert typed({**asked, "COMP_WORDS": "forcemesh watch robot/s"}).split() == ["robot/state"]
+    assert typed({**asked, "COMP_WORDS": "forcemesh force sto"}).split() == ["stop"]
+
+
+def test_no_color_leaves_colours_out() -> None:
+    """Also where they are asked for by another variable: who wants none gets none."""
+    colour = "\x1b[3"
+    assert colour in typed({"FORCE_COLOR": "1"}, "status")
+    assert colour not in typed({"FORCE_COLOR": "1", "NO_COLOR": "1"}, "status")

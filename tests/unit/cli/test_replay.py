@@ -1,0 +1,264 @@
+"""Verbs on a recording of a whole virtual cell: replay, export, report, and what they refuse."""
+
+import csv
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pyarrow import parquet
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from common.bus.memory_bus import MemoryTransport
+from common.config.load import load_cell
+from common.runtime.service import Runner, reporter_of
+from forcemesh import topics
+from forcemesh.clock import ManualClock
+from forcemesh.codec import decode
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, RecordRequest
+from launch.virtual_cell import VirtualCell
+from services.recorder.playback import chosen, play
+from services.recorder.reading import RecordedBytes, RecordedFile
+from services.recorder.service import Recorder
+
+MESSAGES: dict[str, Any] = {topic.key: topic.message for topic in topics.TOPICS}
+DEMO = Path(__file__).resolve().parents[3] / "cells" / "demo.yaml"
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A cell that is armed, presses for a moment and is held, recorded by its recorder."""
+    folder = tmp_path_factory.mktemp("recordings")
+    settings = {"recorder.folder": str(folder), "recorder.least_free_GB": 0.0}
+    world = VirtualCell(load_cell(DEMO, settings))
+    bus = world._bus("recorder")
+    recorder = Recorder(bus, world.cell)
+    world.runners["recorder"] = Runner(recorder, [reporter_of(bus, world.cell)], world.clock)
+    world.advance(1.5)
+    steps: tuple[tuple[Any, Any, float], ...] = (
+        (topics.RECORD_START, RecordRequest(label="press"), 0.0),
+        (topics.ARM, ArmRequest(), 0.1),
+        (topics.FORCE_START, ForceStartRequest(mode="position", setpoint_N=15.0), 1.4),
+        (topics.HOLD, HoldRequest(reason="<enough>"), 0.2),
+        (topics.RECORD_STOP, Empty(), 0.0),
+    )
+    for request, message, then_s in steps:
+        assert world.client.ask(request, message).accepted, request.key
+        world.advance(then_s)
+    (path,) = folder.glob("*.mcap")
+    yield path
+    recorder.close()
+
+
+def run(*words: object) -> tuple[int, str, str]:
+    """Run the command line; return exit code, standard output and error."""
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    return result.exit_code, result.stdout, result.stderr
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a CSV file."""
+    with path.open(encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+class Kept(MemoryTransport):
+    """A bus that keeps all that is said on it, in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.said: list[tuple[str, bytes]] = []
+
+    def publish(self, key: str, _qos: Any) -> Any:
+        """Return what notes the bytes under their key."""
+        return lambda data: self.said.append((key, data))
+
+
+def test_a_replay_says_the_same_bytes_in_the_same_time(recording: Path) -> None:
+    """On a virtual clock: every message, in order, under the cell's name, as long as it took."""
+    heard = list(RecordedFile(recording).heard())
+    transport, clock = Kept(), ManualClock()
+    began_ns = clock.now_ns()
+    count = play(heard, transport, "demo", clock=clock)
+    assert count == len(heard) > 2000
+    assert transport.said == [(f"demo/{each.topic}", each.data) for each in heard]
+    assert clock.now_ns() - began_ns == heard[-1].at_ns - heard[0].at_ns
+
+
+def test_a_replay_as_another_cell_says_so_in_every_message(recording: Path) -> None:
+    """Readers of that cell take them; but for the address nothing has changed."""
+    heard = list(RecordedFile(recording).heard())[:200]
+    transport = Kept()
+    play(heard, transport, "other", clock=ManualClock())
+    for each, (key, data) in zip(heard, transport.said, strict=True):
+        header, message = decode(data, MESSAGES[each.topic], f"other/{each.topic}")
+        then, before = decode(each.data, MESSAGES[each.topic], f"demo/{each.topic}")
+        assert key == header.topic
+        assert (header.model_copy(update={"topic": then.topic}), message) == (then, before)
+
+
+@pytest.mark.parametrize("speed", [0.5, 4.0])
+def test_a_replay_may_be_faster_or_slower(speed: float) -> None:
+    """Distances are divided by the speed."""
+    heard = [RecordedBytes("wrench", 10**18 + number * 10**6, b"") for number in range(101)]
+    clock = ManualClock()
+    began_ns = clock.now_ns()
+    play(heard, Kept(), "demo", clock=clock, speed=speed)
+    assert clock.now_ns() - began_ns == pytest.approx(10**8 / speed, abs=10)
+
+
+def test_a_replay_of_some_topics_leaves_the_others_out(recording: Path) -> None:
+    """Just those that are named."""
+    found = chosen(RecordedFile(recording).heard(), frozenset({"wrench"}))
+    assert {each.topic for each in found} == {"wrench"}
+
+
+def test_a_service_fed_again_says_the_same_again(recording: Path) -> None:
+    """The wrench service, by itself, comes to the very numbers that are in the recording."""
+    code, out, _ = run("replay", recording, "--to-service", "wrench")
+    assert code == 0
+    assert "all fields: equal" in out
+    assert " 0 compared" not in out
+
+
+def test_a_service_that_was_asked_for_something_differs(recording: Path) -> None:
+    """Requests are not recorded: what they brought about is told as a difference."""
+    code, out, _ = run("replay", recording, "--to-service", "regulator")
+    assert code == 0
+    assert "mode: differs in" in out
+
+
+def test_csv_has_a_file_for_each_topic_and_units_in_its_columns(
+    recording: Path, tmp_path: Path
+) -> None:
+    """As many rows as messages, time in seconds since the beginning."""
+    code, out, _ = run("export", recording, "-o", tmp_path)
+    assert code == 0
+    rows = rows_of(tmp_path / "wrench.csv")
+    said = list(RecordedFile(recording).said("wrench"))
+    assert len(rows) == len(said)
+    assert float(rows[7]["force_N.z"]) == said[7].fields["force_N"]["z"]
+    assert 0.0 <= float(rows[0]["time_s"]) < float(rows[-1]["time_s"]) < 3.0
+    assert f"wrench.csv: {len(rows)} rows" in out
+    assert (tmp_path / "arbiter-status.csv").exists()
+
+
+def test_export_of_one_topic_writes_one_file(recording: Path, tmp_path: Path) -> None:
+    """What is not named is not written."""
+    assert run("export", recording, "--only", "wrench", "--parquet", "-o", tmp_path)[0] == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["wrench.parquet"]
+
+
+def test_parquet_holds_the_same_numbers(recording: Path, tmp_path: Path) -> None:
+    """Read by pyarrow, the columns are those of the CSV, and typed."""
+    run("export", recording, "--parquet", "-o", tmp_path)
+    table = parquet.read_table(tmp_path / "wrench.parquet").to_pydict()
+    said = list(RecordedFile(recording).said("wrench"))
+    assert table["force_N.z"] == [each.fields["force_N"]["z"] for each in said]
+    assert str(table["valid"][0]) == "True"
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_lerobot_columns_hold_state_wrench_and_action(
+    recording: Path, tmp_path: Path, suffix: str
+) -> None:
+    """One row for each state of the robot, one episode, and a description of the columns."""
+    assert run("export", recording, "--lerobot", f"--{suffix}", "-o", tmp_path)[0] == 0
+    path = tmp_path / "data" / "chunk-000" / f"episode_000000.{suffix}"
+    info = json.loads((tmp_path / "meta" / "info.json").read_text(encoding="utf-8"))
+    assert info["fps"] == pytest.approx(250.0, rel=0.01)
+    if suffix == "csv":
+        rows = rows_of(path)
+        names = {"observation.state.5", "observation.wrench.5", "action.6", "frame_index"}
+        assert names <= set(rows[0])
+        return
+    table = parquet.read_table(path).to_pydict()
+    assert {len(row) for row in table["observation.state"]} == {6}
+    assert {len(row) for row in table["observation.wrench"]} == {6}
+    assert {len(row) for row in table["action"]} == {7}
+    assert table["frame_index"] == list(range(info["total_frames"]))
+    assert max(row[2] for row in table["observation.wrench"]) > 5.0
+    assert table["next.done"][-1]
+
+
+def test_without_pyarrow_parquet_is_one_sentence(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which extra to install, and the way without it."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    code, _, err = run("export", recording, "--parquet", "-o", tmp_path)
+    assert code == 2
+    assert "needs the package pyarrow" in err
+    assert "--csv" in err
+
+
+def test_the_report_is_one_page_with_plots_stops_and_remedies(
+    recording: Path, tmp_path: Path
+) -> None:
+    """Nothing in it points to a network; what people typed is text and no markup."""
+    page = tmp_path / "report.html"
+    code, out, _ = run("report", recording, "-o", page, "--no-3d")
+    text = page.read_text(encoding="utf-8")
+    assert code == 0
+    assert "1 stops" in out
+    assert text.count("<svg") == 5
+    assert "HOLDING · hold (501)" in text
+    assert "&lt;enough&gt;" in text
+    assert "Remedy: arm again when the path is clear" in text
+    assert "src=" not in text
+    assert "@import" not in text
+    assert 'href="http' not in text
+
+
+def test_the_report_plays_the_arm_in_3d_without_a_server(recording: Path, tmp_path: Path) -> None:
+    """The scene stands in the page itself."""
+    page = tmp_path / "report.html"
+    assert run("report", recording, "-o", page)[0] == 0
+    text = page.read_text(encoding="utf-8")
+    assert "<iframe" in text
+    assert "srcdoc=" in text
+    assert len(text) > 500_000
+
+
+def test_a_recording_that_breaks_off_is_shown_as_far_as_it_goes(
+    recording: Path, tmp_path: Path
+) -> None:
+    """Report and export say that the recorder was killed."""
+    part = tmp_path / "part.mcap"
+    part.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
+    code, _, err = run("export", part, "--only", "wrench")
+    assert code == 0
+    assert "is truncated" in err
+    assert run("report", part, "--no-3d")[0] == 0
+    assert "truncated" in part.with_suffix(".html").read_text(encoding="utf-8")
+
+
+WRONG = [
+    (("replay", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
+    (("export", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
+    (("report", "nothing.mcap"), 2, "nothing.mcap: cannot be read: No such file"),
+    (("report", __file__), 2, "test_replay.py: not a recording"),
+    (("export", "{}", "--csv", "--parquet"), 2, "choose one of --csv and --parquet"),
+    (("export", "{}", "--only", "wrnch"), 2, "did you mean wrench?"),
+    (("export", "{}", "-o", "/proc/none"), 2, "/proc/none: cannot be written"),
+    (("report", "{}", "--no-3d", "-o", "/proc/none"), 2, "/proc/none: cannot be written"),
+    (("replay", "{}", "--only", "wrnch"), 2, "did you mean wrench?"),
+    (("replay", "{}", "--to-service", "robot"), 2, "must be one of wrench, regulator, arbiter"),
+    (("replay", "{}", "--as", "Not A Name"), 2, "--as: cell: must be at most 31 lower-case"),
+    (("replay", "{}", "--speed", "0"), 2, "Invalid value for '--speed'"),
+    (("replay", "{}", "--onto", "nothing.yaml"), 2, "no such file"),
+]
+
+
+@pytest.mark.parametrize(("words", "code", "text"), WRONG)
+def test_wrong_input_is_one_sentence(
+    recording: Path, words: tuple[str, ...], code: int, text: str
+) -> None:
+    """What is wrong, and no traceback."""
+    found, _, err = run(*(word.format(recording) for word in words))
+    assert found == code
+    assert text in " ".join(err.replace("│", " ").split())
+    assert "Traceback" not in err

@@ -1,0 +1,235 @@
+"""`tune` on a whole cell in virtual time: it finds what is there, and leaves the arm as it was."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.skills.contact_monitor import no_progress
+from cli.tune.measure import Ears, Readings, TuningMeasurement, TuningTrial, measure
+from common.bus.configured_cell import ConfiguredCell
+from common.config.load import load_cell
+from forcemesh.errors import DataError, NotReachedError, RefusedError
+from launch.virtual_cell import VirtualCell
+from sim.robot.arm import motion_lag_s
+from tests.fakes.long import long
+from tests.fakes.verbs import said
+from tuning.contact_spring import Spring
+from tuning.gain_rule import tune
+from tuning.identify import Steps
+from tuning.servo import Servo
+
+CELLS = Path(__file__).resolve().parents[4] / "cells"
+CHAIN_S = 0.003  # at most, from the arbiter's command to the robot, and back in its report
+SHARP_S = 0.002
+RATES_HZ = ((250, 250), (125, 250), (100, 125), (60, 250), (40, 125))  # of robot and regulator
+
+
+class Tuned:
+    """A cell in virtual time, armed, its tool in free space."""
+
+    def __init__(self, name: str = "demo.yaml", overrides=None) -> None:
+        config = load_cell(CELLS / name, overrides)
+        self.world = VirtualCell(config)
+        self.client = ConfiguredCell(config, bus=self.world.client, commander="operator")
+        self.world.advance(1.6)
+        self.client.wait_ready()
+        self.client.tare()
+        self.client.arm()
+        self.world.advance(0.1)
+
+    def p(self) -> np.ndarray:
+        """True place of the flange."""
+        return np.array(self.world.arm.T_base_flange.translation)
+
+
+@pytest.mark.parametrize("number", [0, *(long(number) for number in range(1, 20))])
+def test_delay_and_lag_together_are_found_to_2_ms_in_20_of_20_cells(number: int) -> None:
+    """And as far as is said: an arm, its controller, its smoothing and its rates drawn by lot."""
+    rng, (robot_hz, control_hz) = np.random.default_rng(number), RATES_HZ[number % len(RATES_HZ)]
+    drawn = {
+        "sim.delay_s": round(float(rng.uniform(0.0, 0.08)), 3),
+        "sim.smoothing_s": round(float(rng.uniform(0.001, 0.04)), 3),
+        "rates.robot_hz": robot_hz,
+        "rates.control_hz": control_hz,
+    }
+    cell = Tuned(overrides=drawn)
+    readings = run(cell, TuningTrial())
+    arm, found = cell.world.arm.settings, readings.arm
+    lag_s = motion_lag_s(arm)
+    true_s = arm.delay_s + lag_s
+    assert found.sum_s == pytest.approx(true_s, abs=SHARP_S)
+    assert abs(found.sum_s - true_s) <= 2.0 * found.deviation_s
+    assert true_s <= found.bound_s < true_s + SHARP_S
+    least_s, most_s = found.lags_s
+    assert least_s <= lag_s <= most_s
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("delay_s", "k"), [(0.0, 5e3), (0.01, 1e5), (0.04, 2e4)])
+def test_it_finds_delay_lag_and_stiffness_of_the_simulated_arm(delay_s: float, k: float) -> None:
+    """The sum to two milliseconds, the stiffness to 3 % and as far as is said; then it is back."""
+    sim = {"sim.delay_s": delay_s, "sim.stiffness_N_m": k}
+    cell = Tuned(overrides=sim | {"contact.stiffness_N_m": 1e5, "force.approach_m_s": 0.0025})
+    start, gain = cell.p(), tune(cell.client.config).force_i_m_per_Ns
+    readings = measure(
+        cell.client, TuningTrial(), gain=gain, with_press=True, with_controller=False
+    )
+    arm, spring = readings.arm, readings.spring
+    true_s = delay_s + cell.client.config.robot.lag_s
+    assert arm.sum_s == pytest.approx(true_s, abs=SHARP_S)
+    assert spring is not None
+    assert spring.k_N_m == pytest.approx(k, rel=0.03)
+    assert abs(spring.k_N_m - k) <= 4.0 * spring.spread_N_m + 0.01 * k
+    assert spring.repeats
+    assert cell.p() == pytest.approx(start, abs=2e-4)
+    cell.world.advance(0.3)
+    assert cell.client.status().state == "ARMED"
+
+
+@pytest.mark.long
+def test_the_controllers_own_loop_is_measured_too() -> None:
+    """On the emulated controller: slower than its servo, about what its cell file allows for."""
+    cell = Tuned("demo-tcp.yaml")
+    gain = tune(cell.client.config).force_i_m_per_Ns
+    readings = measure(cell.client, TuningTrial(), gain=gain, with_press=True, with_controller=True)
+    found = readings.controller
+    assert found is not None
+    assert 0.03 < found.tau_s < 1.5 * cell.client.config.loop_delay_s
+    assert len(readings.answers) >= 2
+    assert 0.04 < readings.arm.sum_s < 0.08
+
+
+def test_steps_that_never_repeat_are_refused_after_five_rounds(monkeypatch) -> None:
+    """A machine that notes poses later and later: each round is said, and the arm goes nowhere."""
+    cell, truly, number = Tuned(), Ears.along, iter(range(100))
+
+    def later(ears, axis) -> Steps:
+        steps = truly(ears, axis)
+        return replace(steps, seen_s=steps.seen_s + 0.002 * next(number))
+
+    monkeypatch.setattr(Ears, "along", later)
+    start = cell.p()
+    with pytest.raises(DataError, match=r"were (\d+\.\d, ){4}\d+\.\d ms in 5 rounds, never twice"):
+        run(cell, TuningTrial(step_m=0.001))
+    assert cell.p() == pytest.approx(start, abs=1e-4)
+    assert cell.client.status().state == "ARMED"
+
+
+def test_a_press_is_repeated_until_it_tells_a_stiffness_and_refused_where_none_does(
+    monkeypatch,
+) -> None:
+    """Places that repeat need one press; scattered ones three, with what they showed."""
+    cell = Tuned()
+    rng = np.random.default_rng(1)
+    monkeypatch.setattr(cell.client.force, "begin", lambda _: None)
+    for noise_m, presses in ((1e-7, 1), (4e-5, 3), (4e-4, None)):
+        measuring = TuningMeasurement(cell.client, TuningTrial())
+
+        def place(_feeler, level_N, _what, noise_m=noise_m):
+            return level_N / 2e4 + noise_m * rng.normal(), level_N
+
+        monkeypatch.setattr(measuring, "_place", place)
+        if presses is None:
+            with pytest.raises(DataError, match=r"3 presses showed .* press harder"):
+                measuring.press()
+            continue
+        measuring.press()
+        assert len(measuring.readings.ways_m) == 5 * presses
+
+
+def test_it_begins_armed_free_and_inside_the_workspace() -> None:
+    """Each refusal is one sentence, nothing has moved."""
+    cell = Tuned()
+    start = cell.p()
+    x = float(start[0])
+    trial = TuningTrial(step_m=0.01)
+    cell.world.arm.data.xfrc_applied[cell.world.arm.model.body("tool").id][:3] = (0.0, 0.0, 8.0)
+    cell.world.advance(0.3)
+    with pytest.raises(NotReachedError, match=r"[78]\.\d N measured before contact"):
+        run(cell, trial)
+    cell.world.arm.data.xfrc_applied[:] = 0.0
+    cell.world.advance(0.3)
+    limits = cell.client.config.limits
+    narrow = limits.model_copy(update={"workspace_max_m": (x + 0.001, *limits.workspace_max_m[1:])})
+    wide = cell.client.config
+    cell.client.config = wide.model_copy(update={"limits": narrow})
+    with pytest.raises(NotReachedError, match="steps of 10 mm leave the workspace"):
+        run(cell, trial)
+    cell.client.config = wide
+    cell.client.hold()
+    cell.world.advance(0.1)
+    with pytest.raises(RefusedError, match="the arbiter is HOLDING: tune starts armed"):
+        run(cell, trial)
+    assert cell.p() == pytest.approx(start, abs=1e-4)
+
+
+def test_the_verb_measures_writes_and_applies(monkeypatch, tmp_path: Path) -> None:
+    """Steps alone: tau as JSON, a picture, a file for the cell, gains set; wrong words are said."""
+    cell = Tuned()
+    written, out = tmp_path / "tuning.yaml", tmp_path / "tune.png"
+    words = ("--no-press", "--json", "--apply", "--write", str(written), "--out", str(out))
+    done = said(monkeypatch, cell.client, no_progress, "tune", *words)
+    assert done.exit_code == 0, done.stderr
+    told = json.loads(done.stdout)
+    config = cell.client.config
+    assert told["tau_s"] == pytest.approx(config.loop_delay_s, abs=CHAIN_S)
+    true_s = config.robot.delay_s + config.robot.lag_s
+    assert told["delay_and_lag_s"] == pytest.approx(true_s, abs=SHARP_S)
+    assert told["refused"] is None
+    assert told["stiffness_N_m"] is None
+    advised = told["hosts"]["pc"]["gains"]["force_i_m_per_Ns"]
+    assert cell.client.force.gains().force_i_m_per_Ns == pytest.approx(advised)
+    assert advised[2] == pytest.approx(tune(config).force_i_m_per_Ns, rel=0.1)
+    assert written.read_text().count("delay_s") == 1
+    assert out.read_bytes().startswith(b"\x89PNG")
+    for wrong, says in (
+        (("--force", "90"), "--force 90: the cell allows at most 40 N"),
+        (("--for", "controller"), "--for controller: this cell offers pc"),
+    ):
+        done = said(monkeypatch, cell.client, no_progress, "tune", *wrong)
+        assert (done.exit_code, done.stdout, done.stderr) == (2, "", f"{says}\n")
+
+
+def test_the_verb_writes_and_sets_nothing_that_the_law_does_not_bear(
+    monkeypatch, tmp_path: Path
+) -> None:
+    """It says what it measured and why not, and ends with 1; a loop that was not measured, too."""
+    cell, written = Tuned(), tmp_path / "tuning.yaml"
+    gains, config = cell.client.force.gains(), cell.client.config
+    robot = config.robot.model_copy(update={"hosts": ("pc", "controller")})
+    cell.client.config = config.model_copy(update={"robot": robot})
+    found = Readings(servo=Servo(0.03, 5e-4, 0.005, 0.012), spring=Spring(3e5, 1e3))
+    monkeypatch.setattr("cli.tune.measure.measure", lambda *_, **__: found)
+    words = ("tune", "--apply", "--write", str(written))
+    done = said(monkeypatch, cell.client, no_progress, *words)
+    assert done.exit_code == 1
+    assert done.stderr.startswith("nothing is recommended, written or set: too stiff: 3e+05 N/m")
+    assert "together 30.0 +/- 1.0 ms" in done.stdout
+    found.spring = Spring(2e4, 100.0)
+    done = said(monkeypatch, cell.client, no_progress, "tune", "--apply", "--for", "controller")
+    assert done.exit_code == 2
+    assert done.stderr == "--for controller: its loop was not measured, so no gains are set\n"
+    assert cell.client.force.gains() == gains
+    assert not written.exists()
+
+
+def test_ctrl_c_in_the_middle_of_the_steps_holds_the_arm(monkeypatch) -> None:
+    """The verb ends with 130, the arbiter is HOLDING."""
+    cell = Tuned()
+
+    def interrupt(done, _total, _text) -> None:
+        if done > 0.3:
+            raise KeyboardInterrupt
+
+    done = said(monkeypatch, cell.client, interrupt, "tune")
+    assert (done.exit_code, done.stderr) == (130, "interrupted: the arm holds\n")
+    cell.world.advance(0.1)
+    assert cell.client.status().state == "HOLDING"
+
+
+def run(cell: Tuned, trial: TuningTrial) -> Readings:
+    """Measure steps alone."""
+    return measure(cell.client, trial, gain=1e-3, with_press=False, with_controller=False)

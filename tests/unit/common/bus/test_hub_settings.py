@@ -1,0 +1,189 @@
+"""What a process must not do on a bus that leaves this machine, and who it is there."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.bus.hub_settings import hub_settings
+from common.config.cell import CellConfig
+from common.config.load import load_cell
+from forcemesh.errors import BusError, ConfigError
+from forcemesh.identity import (
+    FOLDER_VARIABLE,
+    NAME_VARIABLE,
+    NAMES,
+    Identity,
+    common_name,
+    folder_of,
+    identity_of,
+    refuse_in_the_clear,
+    stays_here,
+)
+from forcemesh.published_ports import HUB_PUBLISHED
+from forcemesh.topics import CLIENT, HELPERS, ROLES
+from forcemesh.zenoh_settings import ENDPOINT_VARIABLE, client_settings, endpoint_of, security_of
+
+DEMO = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
+HERE = ["tcp/127.0.0.1:7447", "tcp/127.8.8.8:1", "tcp/[::1]:7447", "tcp/localhost:7447",
+        "udp/127.0.0.1:7?rel=1", "unixsock-stream//run/forcemesh.sock"]  # fmt: skip
+ELSEWHERE = ["tcp/0.0.0.0:7447", "tcp/[::]:7447", "tcp/192.168.1.7:7447", "tcp/hub:7447",
+             "udp/10.0.0.1:7447", "ws/hub:7447", "tcp/localhost.example.org:7447",
+             "tcp/127.0.0.1.example.org:7447"]  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def _nothing_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in (ENDPOINT_VARIABLE, FOLDER_VARIABLE, NAME_VARIABLE):
+        monkeypatch.delenv(name, raising=False)
+
+
+def cell(**bus: object) -> CellConfig:
+    """Return the demo's cell with settings of its bus."""
+    return load_cell(DEMO, {f"bus.{name}": value for name, value in bus.items()})
+
+
+def touch_pair(folder: Path, *names: str) -> None:
+    """Put empty files where certificates of these names would be."""
+    for name in ("ca.pem", *(f"{name}.{end}" for name in names for end in ("pem", "key"))):
+        (folder / name).touch()
+
+
+@pytest.mark.parametrize("wrong", ["garbage", "127.0.0.1:7447", "tcp/", "tcp/a b"])
+def test_what_is_no_endpoint_is_told_with_one_that_is(
+    wrong: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The variable by its name, and what would be right; what is right goes before the cell's."""
+    monkeypatch.setenv(ENDPOINT_VARIABLE, wrong)
+    with pytest.raises(ConfigError, match=r"FORCEMESH_ENDPOINT(.|\n)*tcp/127\.0\.0\.1:7447"):
+        endpoint_of(cell())
+    monkeypatch.setenv(ENDPOINT_VARIABLE, "tls/[::1]:7447#iface=lo")
+    assert endpoint_of(cell()) == "tls/[::1]:7447#iface=lo"
+
+
+@pytest.mark.parametrize("endpoint", HERE)
+def test_this_machine_needs_no_certificate(endpoint: str) -> None:
+    """Loopback and sockets in the file system are used as they are, by hub and by clients."""
+    assert stays_here(endpoint)
+    assert security_of(cell(), "arbiter", endpoint) == {}
+
+
+@pytest.mark.parametrize("endpoint", ELSEWHERE)
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
+def test_no_process_uses_an_open_bus_unless_told_in_so_many_words(endpoint: str, role: str) -> None:
+    """Every role refuses an address that others reach, and names both ways out."""
+    with pytest.raises(BusError, match=r"refused: .*pki init.*insecure: true"):
+        security_of(cell(), role, endpoint)
+    assert security_of(cell(insecure=True), role, endpoint) == {}
+
+
+@pytest.mark.parametrize("endpoint", ["tcp/hub:7447", "tcp/0.0.0.0:7447"])
+def test_a_hub_in_a_container_is_judged_by_what_compose_publishes(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Published on loopback it stays here; on any other address, or none, it is refused."""
+    monkeypatch.setenv(HUB_PUBLISHED, "127.0.0.1")
+    assert security_of(cell(), "arbiter", endpoint) == {}
+    with pytest.raises(BusError, match="refused"):  # a name that is not the hub of this machine
+        security_of(cell(), "arbiter", "tcp/labpc:7447")
+    for wider in ("0.0.0.0", "192.168.1.7", "::", "labpc", ""):
+        monkeypatch.setenv(HUB_PUBLISHED, wider)
+        with pytest.raises(BusError, match=r"refused: .*pki init"):
+            security_of(cell(), "arbiter", endpoint)
+
+
+@given(st.ip_addresses())
+def test_only_a_loopback_address_stays_here(address) -> None:
+    """Of all addresses just those that no packet leaves the machine for are taken for safe."""
+    text = f"[{address}]" if address.version == 6 else str(address)
+    assert stays_here(f"tcp/{text}:7447") == address.is_loopback
+
+
+def test_the_hub_above_is_refused_in_the_clear_too() -> None:
+    """A hub that connects to another one shows its certificate there as well."""
+    upstream = {"endpoint": "tcp/192.168.1.7:7447", "cell": "other"}
+    with pytest.raises(BusError, match=r"192\.168\.1\.7"):
+        hub_settings(cell(upstream=upstream), "tcp/127.0.0.1:7447")
+
+
+def test_both_ends_of_a_link_prove_who_they_are(tmp_path: Path) -> None:
+    """Both show certificates, check the name in the other, and leave when it ends."""
+    touch_pair(tmp_path, "hub", "wrench")
+    secure = cell(tls={"folder": str(tmp_path)})
+    endpoint = "tls/192.168.1.7:7447"
+    client = client_settings(endpoint, "wrench", security_of(secure, "wrench", endpoint))
+    for settings in (client, hub_settings(secure, endpoint)):
+        link = settings["transport"]["link"]
+        assert "tcp" not in link["protocols"]
+        for word in ("enable_mtls", "verify_name_on_connect", "close_link_on_expiration"):
+            assert link["tls"][word] is True
+    assert client["transport"]["link"]["tls"]["connect_private_key"].endswith("/wrench.key")
+
+
+def test_a_hub_with_certificates_denies_what_is_not_allowed(tmp_path: Path) -> None:
+    """Access control is on, by default nobody may anything, and long messages end there."""
+    touch_pair(tmp_path, "hub")
+    settings = hub_settings(cell(tls={"folder": str(tmp_path)}), "tls/0.0.0.0:7447")
+    assert settings["access_control"]["enabled"] is True
+    assert settings["access_control"]["default_permission"] == "deny"
+    assert settings["low_pass_filter"][0]["key_exprs"] == ["**"]
+    assert settings["scouting"]["multicast"]["enabled"] is False
+
+
+@pytest.mark.parametrize("missing", ["ca.pem", "wrench.pem", "wrench.key"])
+def test_a_missing_file_is_named_with_the_remedy(tmp_path: Path, missing: str) -> None:
+    """The error says which file and which command makes it."""
+    touch_pair(tmp_path, "wrench")
+    (tmp_path / missing).unlink()
+    with pytest.raises(BusError, match=f"{missing} is missing; `forcemesh pki init --cell FILE`"):
+        identity_of(cell(tls={"folder": str(tmp_path)}), "wrench")
+
+
+def test_a_file_that_cannot_be_read_is_named_with_the_remedy(tmp_path: Path) -> None:
+    """A folder in its place, or a file of somebody else, is told with the reason."""
+    touch_pair(tmp_path, "wrench")
+    (tmp_path / "wrench.key").unlink()
+    (tmp_path / "wrench.key").mkdir()
+    with pytest.raises(BusError, match=r"wrench\.key cannot be read .* readable by the user"):
+        identity_of(cell(tls={"folder": str(tmp_path)}), "wrench")
+
+
+@pytest.mark.parametrize(
+    ("there", "name"),
+    [
+        (NAMES, "operator"),
+        (("monitor", "wrench"), "monitor"),
+        (("wrench",), "wrench"),
+        (("robot", "wrench"), "robot"),
+    ],
+)
+def test_a_client_is_the_first_person_whose_key_is_there(
+    tmp_path: Path, there: tuple[str, ...], name: str
+) -> None:
+    """On the operator's machine an operator, on a screen a monitor, in a container its own role."""
+    touch_pair(tmp_path, *there)
+    assert identity_of(cell(tls={"folder": str(tmp_path)}), CLIENT).name == name
+
+
+def test_the_environment_says_who_and_where(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It goes before the cell file, which goes before the place where `pki init` writes."""
+    touch_pair(tmp_path, *NAMES)
+    assert folder_of(cell()) == Path("~/.config/forcemesh/pki/demo").expanduser()
+    assert folder_of(cell(tls={"folder": "/from/the/cell"})) == Path("/from/the/cell")
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(NAME_VARIABLE, "monitor")
+    assert identity_of(cell(tls={"folder": "/elsewhere"}), CLIENT) == Identity("monitor", tmp_path)
+
+
+def test_names_of_one_cell_say_nothing_in_another() -> None:
+    """No name of a cell is one of another cell, even where one authority signs for both."""
+    assert not {common_name(n, "left") for n in NAMES} & {common_name(n, "right") for n in NAMES}
+
+
+def test_encrypted_is_never_refused_as_open() -> None:
+    """TLS and QUIC may leave the machine."""
+    for endpoint in ("tls/0.0.0.0:7447", "quic/hub:7447"):
+        refuse_in_the_clear(cell(), endpoint)

@@ -1,0 +1,375 @@
+"""One cell has one cell file: who says which, who waits for it, who is refused and how."""
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with, unsafe
+from common.bus.profile_lock import (
+    LOCK_PATIENCE_S,
+    announce,
+    check,
+    chosen,
+    claim,
+    hold,
+    main,
+    waiting,
+)
+from common.config.load import load_cell
+
+ROOT = Path(__file__).resolve().parents[4]
+CELLS = ROOT / "cells"
+SIM = Choice("sim", CELLS / "demo.yaml")
+EMULATED = Choice("emulated", CELLS / "emulated.yaml")
+REAL = Choice("real", CELLS / "emulated.yaml")  # it has the implementations of a real one
+LONG_S = 10.0
+SAFE = {
+    "FORCEMESH_BUS": "tls", "FORCEMESH_CERTIFICATES": "pki", "FORCEMESH_PANEL_TOKEN": "0" * 32,
+    "FORCEMESH_CALIBRATION": "./calibration",
+}  # fmt: skip
+
+
+def end(lock: int | None) -> None:
+    """End the process that has a lock."""
+    assert lock is not None
+    os.close(lock)
+
+
+def until(what: Callable[[], Any]) -> Any:
+    """Wait until something is so, and return it."""
+    give_up_s = time.monotonic() + LONG_S
+    while not (so := what()):
+        assert time.monotonic() < give_up_s
+        time.sleep(0.01)
+    return so
+
+
+@contextmanager
+def process(
+    folder: Path, file: Path, *words: str, patience_s: float = LOCK_PATIENCE_S
+) -> Iterator[subprocess.Popen[str]]:
+    """Run the module in a process of its own, with its volume at `folder`."""
+    start = (
+        f"from common.bus import profile_lock; profile_lock.LOCK_PATIENCE_S = {patience_s}; "
+        f"profile_lock.main({list(words)!r}, Path({str(folder)!r}))"
+    )
+    started = subprocess.Popen(
+        [sys.executable, "-c", f"from pathlib import Path; {start}"],
+        cwd=ROOT, env={**os.environ, **SAFE, "FORCEMESH_CELL": str(file)}, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        yield started
+    finally:
+        started.kill()
+        started.wait()
+        for pipe in (started.stdout, started.stderr):
+            assert pipe is not None
+            pipe.close()
+
+
+def line(of: subprocess.Popen[str]) -> str:
+    """Return the next line that a process says to people."""
+    assert of.stderr is not None
+    return of.stderr.readline()
+
+
+# --- the lock -------------------------------------------------------------------------------------
+
+
+def test_nothing_is_in_use_before_a_profile_says_its_cell_file(tmp_path: Path) -> None:
+    """Who waits has nothing to take part in yet."""
+    assert chosen(tmp_path) is None
+    assert hold(tmp_path, ()) is None
+
+
+@pytest.mark.parametrize("profiles", [(), ("sim",), ("emulated", "sim")])
+def test_what_a_profile_says_is_in_use_for_all_that_may_be_in_it(
+    tmp_path: Path, profiles: tuple[str, ...]
+) -> None:
+    """The link leads to the cell file, for any process and for those of the profile."""
+    claim(tmp_path, SIM)
+    assert hold(tmp_path, profiles) is not None
+    assert (tmp_path / "cell.yaml").resolve() == SIM.file
+
+
+def test_a_container_of_another_profile_does_not_take_part(tmp_path: Path) -> None:
+    """What plays the robot in one profile stays out of every other one."""
+    claim(tmp_path, SIM)
+    assert hold(tmp_path, ("emulated", "real")) is None
+
+
+@pytest.mark.parametrize(
+    "other", [EMULATED, Choice("sim", EMULATED.file), Choice("real", SIM.file)]
+)
+def test_another_choice_is_refused_while_anybody_runs(tmp_path: Path, other: Choice) -> None:
+    """One process of the cell is enough; the container that said it may be gone."""
+    said = claim(tmp_path, SIM)
+    runs = hold(tmp_path, ())
+    end(said)
+    assert claim(tmp_path, other) is None
+    assert chosen(tmp_path) == SIM
+    end(runs)
+    assert claim(tmp_path, other) is not None
+    assert chosen(tmp_path) == other
+
+
+def test_the_same_choice_may_come_again(tmp_path: Path) -> None:
+    """A profile's container that is started anew goes on where it was."""
+    claim(tmp_path, SIM)
+    assert claim(tmp_path, SIM) is not None
+
+
+def test_whoever_runs_at_the_same_time_has_the_same_cell_file(tmp_path: Path) -> None:
+    """Two profiles and five processes start in any order: all that get to run agree."""
+    for _ in range(50):
+        locks: list[int] = []
+        seen: list[Choice | None] = []
+
+        def start(
+            what: Callable[[], int | None], locks: list[int] = locks, seen: list[Any] = seen
+        ) -> None:
+            if (lock := what()) is not None:
+                seen.append(chosen(tmp_path))
+                locks.append(lock)
+
+        starts = [partial(claim, tmp_path, each) for each in (SIM, EMULATED)]
+        starts += [partial(hold, tmp_path, ()) for _ in range(5)]
+        threads = [threading.Thread(target=start, args=(each,)) for each in starts]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert seen
+        assert set(seen) == {chosen(tmp_path)}
+        for lock in locks:
+            os.close(lock)
+
+
+# --- the processes --------------------------------------------------------------------------------
+
+
+def test_a_process_starts_when_the_cell_file_is_there_and_holds_it_until_it_ends(
+    tmp_path: Path,
+) -> None:
+    """It waits, becomes its command with the lock in hand, and its end gives the lock back."""
+    waits = (
+        "run",
+        "--",
+        sys.executable,
+        "-c",
+        "import time; print('runs', flush=True); time.sleep(60)",
+    )
+    with process(tmp_path, SIM.file, *waits, patience_s=0.0) as service:
+        assert "waits: no cell file is in use" in line(service)
+        end(claim(tmp_path, SIM))
+        assert service.stdout is not None
+        assert service.stdout.readline() == "runs\n"
+        assert claim(tmp_path, EMULATED) is None
+    # The kernel ends the command after its parent: only then is the lock free.
+    end(until(lambda: claim(tmp_path, EMULATED)))
+
+
+def test_a_refused_profile_says_so_once_and_follows_when_the_other_has_ended(
+    tmp_path: Path,
+) -> None:
+    """One sentence with the way out, no loop; then it is the one in use."""
+    with process(tmp_path, REAL.file, "keep", "real") as real:
+        assert line(real) == f"real-cell: in use with {REAL.file}\n"
+        with process(tmp_path, EMULATED.file, "keep", "emulated") as emulated:
+            assert line(emulated) == (
+                f"emulated-cell: the profile real is in use with {REAL.file}, and a cell has only "
+                "one profile and file: first `docker compose --profile real down`, or remove this "
+                "one: `docker compose --profile emulated rm -s -f emulated-cell`\n"
+            )
+            real.kill()
+            assert line(emulated) == f"emulated-cell: in use with {EMULATED.file}\n"
+
+
+def test_a_cell_file_that_is_put_right_is_taken_at_once(tmp_path: Path) -> None:
+    """The mistakes are said once, by one container; nobody has to start anything again."""
+    file, folder = tmp_path / "mine.yaml", tmp_path / "in-use"
+    folder.mkdir()
+    text = SIM.file.read_text("utf-8")
+    file.write_text(text.replace("rates:", "rate:"), "utf-8")
+    with process(folder, file, "keep", "sim") as sim:
+        assert line(sim).startswith(f"sim-cell: {file}: ")
+        assert chosen(folder) is None
+        file.write_text(text, "utf-8")
+        until(lambda: chosen(folder) == Choice("sim", file))
+
+
+def test_who_waits_in_vain_says_why(tmp_path: Path) -> None:
+    """Without any profile all say what to start; what another profile keeps out says that."""
+    assert "start the whole cell" in waiting(tmp_path)
+    (tmp_path / "profile").touch()
+    assert waiting(tmp_path) == ""
+    claim(tmp_path, REAL)
+    assert waiting(tmp_path).startswith("the profile real is in use")
+
+
+def test_check_tells_which_profile_is_in_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Zero for the one, and for the other one a sentence."""
+    monkeypatch.setattr("common.bus.profile_lock.LOCK_PATIENCE_S", 0.0)
+    claim(tmp_path, SIM)
+    assert check(tmp_path, SIM) == 0
+    assert capsys.readouterr().err == ""
+    assert check(tmp_path, EMULATED) == 1
+    assert "first `docker compose down`" in capsys.readouterr().err
+    end(announce(tmp_path, "emulated"))
+    assert check(tmp_path, SIM) == 0
+    announce(tmp_path, "emulated")
+    assert check(tmp_path, SIM) == 1
+    assert "on standby: the profile emulated replaces" in capsys.readouterr().err
+
+
+# --- the simulation is replaced -------------------------------------------------------------------
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("other", [EMULATED, REAL])
+@pytest.mark.parametrize("sim_first", [True, False])
+def test_what_is_asked_for_replaces_the_simulation_in_both_orders(
+    tmp_path: Path, other: Choice, *, sim_first: bool
+) -> None:
+    """Never both: robot and hub of the simulation end first, the hub goes on with the other file.
+
+    When the other one has gone with all that ran with it, the simulation is there again.
+    """
+    (tmp_path / "profile").touch()
+    stays = "import os, time; print(os.readlink(os.environ['LINK']), flush=True); time.sleep(60)"
+    command = ("--", sys.executable, "-c", stays)
+    os.environ["LINK"] = str(tmp_path / "cell.yaml")
+    name = f"{other.profile}-cell"
+    sim_keeps = process(tmp_path, SIM.file, "keep", "sim")
+    other_keeps = process(tmp_path, other.file, "keep", other.profile)
+    with (
+        process(tmp_path, SIM.file, "run", *command) as hub,
+        process(tmp_path, SIM.file, "run", "sim", *command) as robot,
+        process(tmp_path, SIM.file, "run", "emulated", "real", *command) as gateway,
+        sim_keeps if sim_first else other_keeps as first,
+    ):
+        if sim_first:
+            assert line(first) == f"sim-cell: in use with {SIM.file}\n"
+            assert (said_by(hub), said_by(robot)) == (str(SIM.file), str(SIM.file))
+        else:
+            assert said_by(gateway) == str(other.file)
+        with other_keeps if sim_first else sim_keeps as second:
+            asked = second if sim_first else first
+            assert line(asked) == f"{name}: in use with {other.file}\n"
+            assert said_by(hub) == str(other.file)
+            if sim_first:
+                assert said_by(gateway) == str(other.file)
+                assert "ends: the profile" in line(robot)
+            sim = first if sim_first else second
+            assert line(sim).startswith(f"sim-cell: on standby: the profile {other.profile}")
+            for gone in (asked, gateway):
+                gone.kill()
+            if sim_first:
+                # The hub holds on to what it runs with: it is the other cell until it has ended.
+                assert chosen(tmp_path) == other
+
+
+def said_by(process: subprocess.Popen[str]) -> str:
+    """Return the next line that a command has printed."""
+    assert process.stdout is not None
+    return process.stdout.readline().strip()
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["keep"], ["keep", "simulated"], ["run", "sim"], ["run", "--"]]
+)
+def test_wrong_words_show_the_right_ones(
+    words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2 and the page of usage."""
+    assert main(words, tmp_path) == 2
+    assert "common.bus.profile_lock keep PROFILE" in capsys.readouterr().err
+
+
+# --- which cell file fits -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
+@pytest.mark.parametrize("file", ["demo.yaml", "emulated.yaml", "demo-netft.yaml", "demo-tcp.yaml"])
+def test_a_profile_takes_only_a_cell_file_whose_implementations_it_starts(
+    profile: str, file: str
+) -> None:
+    """Robot and sensor of the file are containers of the profile, or one sentence says so."""
+    roles = load_cell(CELLS / file).roles
+    own = {"sim": ("sim", "sim")}.get(profile, ("gateway", "driver"))
+    complaint = problem_with(Choice(profile, CELLS / file), SAFE)
+    assert (complaint == "") == ((roles.robot, roles.sensor) == own)
+    if complaint:
+        assert "use another profile" in complaint
+        assert "\n" not in complaint
+
+
+def test_without_a_cell_file_the_real_profile_says_how_to_name_one() -> None:
+    """CELL is required there, and one sentence says how it is given."""
+    assert problem_with(Choice("real", CELLS), {}) == (
+        "the profile real needs your own cell file in cells/: "
+        "CELL=my-cell.yaml docker compose --profile real up"
+    )
+
+
+def test_a_file_that_is_not_there_is_named_with_those_that_are() -> None:
+    """A typing error in CELL gets the list of the cell files."""
+    complaint = problem_with(Choice("real", CELLS / "dem.yaml"), SAFE)
+    assert "no such file; there are" in complaint
+    assert "demo.yaml" in complaint
+
+
+# --- what is published ----------------------------------------------------------------------------
+
+HERE = {"FORCEMESH_HUB_PUBLISHED": "127.0.0.1", "FORCEMESH_PANEL_PUBLISHED": "127.0.0.1"}
+WIDER = ("0.0.0.0", "192.168.1.7", "::", "labpc")
+
+
+def test_the_simulated_cell_needs_nothing_on_this_machine() -> None:
+    """No certificate, no token: as `docker compose up` starts it."""
+    assert problem_with(SIM, HERE) == problem_with(SIM, {}) == ""
+
+
+@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
+@pytest.mark.parametrize("address", WIDER)
+def test_beyond_this_machine_certificates_and_token_are_needed(profile: str, address: str) -> None:
+    """The hub without certificates, the panel without certificates or token: one sentence each."""
+    for port in ("HUB", "PANEL"):
+        wide = {**HERE, f"FORCEMESH_{port}_PUBLISHED": address}
+        assert f"FORCEMESH_PUBLISH_{port}={address} is reachable from outside" in unsafe(
+            profile, wide
+        )
+        assert unsafe(profile, {**SAFE, **wide}) == ""
+    tokenless = {**SAFE, "FORCEMESH_PANEL_TOKEN": "", "FORCEMESH_PANEL_PUBLISHED": address}
+    assert "FORCEMESH_PANEL_TOKEN" in unsafe(profile, tokenless)
+
+
+def test_a_real_cell_keeps_certificates_token_and_calibration() -> None:
+    """Each that is missing is named, also when all is published on this machine alone."""
+    assert problem_with(REAL, {**SAFE, **HERE}) == ""
+    without = {**SAFE, **HERE, "FORCEMESH_BUS": "tcp", "FORCEMESH_CERTIFICATES": ""}
+    assert "needs certificates: `make pki" in problem_with(REAL, without)
+    assert "needs a token" in problem_with(REAL, {**SAFE, **HERE, "FORCEMESH_PANEL_TOKEN": ""})
+    assert "FORCEMESH_CALIBRATION" in problem_with(
+        REAL, {**SAFE, **HERE, "FORCEMESH_CALIBRATION": ""}
+    )
+
+
+@pytest.mark.parametrize("profile", IMPLEMENTATIONS)
+def test_half_of_the_settings_is_none(profile: str) -> None:
+    """Certificates that the bus does not use, or a bus that has none, and the setting of before."""
+    for half in ({**SAFE, "FORCEMESH_BUS": "tcp"}, {**SAFE, "FORCEMESH_CERTIFICATES": ""}):
+        assert "belong together" in unsafe(profile, half)
+    assert "two settings now" in unsafe(profile, {**SAFE, "FORCEMESH_PUBLISH": "192.168.1.7"})

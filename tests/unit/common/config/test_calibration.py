@@ -1,0 +1,163 @@
+"""The calibration file: read back as written, never mixed up with another, named by a cell file."""
+
+import datetime as dt
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config.calibration import CalibrationSection, PayloadSection, Residuals
+from common.config.cell_terms import FrameSection
+from common.config.load import calibration_file, cell_hash, dump_cell, load_cell
+from forcemesh.errors import ConfigError, DataError
+
+DEMO = Path(__file__).parents[4] / "cells" / "demo.yaml"
+NOTHING_LEFT = Residuals(
+    poses=10, force_mean_N=0.01, force_max_N=0.02, torque_mean_Nm=0.0005, torque_max_Nm=0.001
+)
+
+
+def calibration(**changes: Any) -> CalibrationSection:
+    """Return one of the demo's tool."""
+    fields: dict[str, Any] = {
+        "cell": "demo",
+        "made_at": dt.datetime(2026, 11, 22, 4, 0, tzinfo=dt.UTC),
+        "method": "arm",
+        "T_flange_tcp": FrameSection(position_m=(0.0, 0.0, 0.16)),
+        "T_flange_sensor": FrameSection(position_m=(0.0, 0.0, 0.02), oat_deg=(30.0, 0.0, 0.0)),
+        "fit": NOTHING_LEFT,
+        "verified": NOTHING_LEFT,
+        "payload": PayloadSection(mass_kg=1.5, com_m=(0.01, 0.02, 0.03)),
+    }
+    return CalibrationSection(**(fields | changes))
+
+
+def cell_beside(folder: Path, found: CalibrationSection | None) -> Path:
+    """Write the demo's cell file, and the calibration that it names."""
+    path = folder / "cells" / "demo.yaml"
+    path.parent.mkdir()
+    path.write_text(DEMO.read_text(encoding="utf-8"), encoding="utf-8")
+    if found is not None:
+        found.save(folder / "calibration" / "demo.yaml")
+    return path
+
+
+def test_a_cell_file_names_its_calibration(tmp_path: Path) -> None:
+    """The calibration is found from the cell file's folder, wherever the program was started."""
+    path = cell_beside(tmp_path, calibration())
+    assert load_cell(path).calibration == calibration()
+    assert calibration_file(path) == path.parent / "../calibration/demo.yaml"
+
+
+def test_without_the_file_there_is_no_calibration(tmp_path: Path) -> None:
+    """A cell that was never calibrated loads; its payload section is all there is."""
+    assert load_cell(cell_beside(tmp_path, None)).calibration is None
+
+
+def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
+    """A copy in another folder does not lose what the original names."""
+    cell = load_cell(cell_beside(tmp_path, calibration()))
+    copy = tmp_path / "copy.yaml"
+    copy.write_text(dump_cell(cell), encoding="utf-8")
+    assert load_cell(copy) == cell
+    assert calibration_file(copy) is None
+
+
+def test_a_newer_calibration_is_no_other_configuration(tmp_path: Path) -> None:
+    """Processes that were started before and after a calibration still belong together."""
+    path = cell_beside(tmp_path, None)
+    before = load_cell(path)
+    calibration().save(tmp_path / "calibration" / "demo.yaml")
+    after = load_cell(path)
+    assert before != after
+    assert cell_hash(before) == cell_hash(after)
+
+
+@given(
+    mass_kg=st.floats(0.0, 50.0),
+    com=st.tuples(*[st.floats(-1.0, 1.0)] * 3),
+    text=st.text(max_size=30),
+    verified=st.sampled_from([None, NOTHING_LEFT]),
+)
+def test_every_calibration_is_read_as_it_was_written(
+    tmp_path_factory: pytest.TempPathFactory, **made: Any
+) -> None:
+    """All digits, all texts, and so the same revision."""
+    found = calibration(
+        payload=PayloadSection(mass_kg=made["mass_kg"], com_m=made["com"]),
+        tool=made["text"],
+        verified=made["verified"],
+    )
+    path = tmp_path_factory.getbasetemp() / "c.yaml"
+    found.save(path)
+    assert CalibrationSection(**yaml.safe_load(path.read_text(encoding="utf-8"))) == found
+
+
+def test_the_revision_tells_calibrations_apart() -> None:
+    """Whatever differs, the revision does; the same numbers have the same one."""
+    others = (
+        {"cell": "other"},
+        {"method": "manual"},
+        {"sensor": "FT1"},
+        {"verified": None},
+        {"payload": PayloadSection(mass_kg=1.5, com_m=(0.01, 0.02, 0.0300001))},
+    )
+    revisions = {calibration(**changes).revision for changes in others}
+    assert len(revisions | {calibration().revision}) == len(others) + 1
+    assert calibration().revision == calibration().revision
+
+
+def test_a_file_that_was_edited_says_so(tmp_path: Path) -> None:
+    """A number changed by hand is no result of a calibration; deleting the revision admits it."""
+    path = cell_beside(tmp_path, calibration())
+    file = tmp_path / "calibration" / "demo.yaml"
+    text = file.read_text(encoding="utf-8").replace("mass_kg: 1.5", "mass_kg: 1.6")
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match="changed after it was written"):
+        load_cell(path)
+    lines = [line for line in text.splitlines() if not line.startswith("revision")]
+    file.write_text("\n".join(lines), encoding="utf-8")
+    edited = load_cell(path).calibration
+    assert edited is not None
+    assert edited.payload.mass_kg == 1.6
+    assert edited.revision != calibration().revision
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("payload: {mass: 1}", "calibration.payload.mass: unknown name; did you mean mass_kg?"),
+        ("- 1", "calibration: "),
+        ("a: [", "not YAML"),
+    ],
+)
+def test_mistakes_in_the_file_are_told_with_their_place(
+    tmp_path: Path, text: str, told: str
+) -> None:
+    """As those of the cell file itself."""
+    path = cell_beside(tmp_path, None)
+    (tmp_path / "calibration").mkdir()
+    (tmp_path / "calibration" / "demo.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError) as error:
+        load_cell(path)
+    assert told in str(error.value)
+
+
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    """With the place, in one sentence."""
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(DataError, match="cannot be written"):
+        calibration().save(tmp_path / "file" / "demo.yaml")
+
+
+def test_a_payload_section_is_what_a_process_computes_with() -> None:
+    """The drift of its recording belongs to that recording alone."""
+    section = load_cell(DEMO).payload
+    assert section.payload.mass_kg == section.mass_kg
+    assert section.payload.drift is None
+    assert PayloadSection.of(section.payload) == section
+    assert section.weighs
+    assert not PayloadSection(mass_kg=0.0, com_m=(0.0, 0.0, 0.0)).weighs

@@ -1,0 +1,175 @@
+"""Corners of the pure modules that no other test comes to: nothing known yet, nothing finite."""
+
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common.bus.memory_bus import MemoryCall, MemoryTransport
+from common.motion.last_check import LastCheck
+from common.motion.limits import Limits
+from common.motion.rate_limiter import JointTrack
+from common.motion.setpoint_monitor import SetpointMonitor
+from forcemesh import topics
+from forcemesh.codec import encode_record
+from forcemesh.messages import Goal, RobotState, RobotStatus, Speed, Trip
+from forcemesh.requests import HoldRequest
+from services.arbiter.inputs import limit_trip, robot_complaints
+from services.arbiter.watch import RestWatch
+from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
+from tests.fakes.arbiter_world import CELL, T_START, World, unfit
+from tests.fakes.line import Line
+from tests.unit.forcemesh.test_bus_inbox import bus_of
+
+LIMITS = Limits.of(CELL)
+JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
+
+
+# --- the arbiter's inputs -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["robot", "wrench"])
+def test_of_what_is_not_heard_nothing_else_is_said(name: str) -> None:
+    """Neither lights nor limits are judged by an old message; that it is old is said elsewhere."""
+    world = World()
+    world.change("robot", status=unfit("robot_error"))
+    world.change("wrench", force_N=(0.0, 0.0, 2.0 * CELL.limits.force_N))
+    assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is not None
+    world.silent.add(name)
+    assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is None
+    assert bool(robot_complaints(world.inputs())) == (name != "robot")
+
+
+def test_an_arm_at_no_place_never_rests() -> None:
+    """A pose without an orientation is nowhere, however often it is repeated."""
+    world, rest = World(), RestWatch(0.004)
+    world.change("robot", orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
+    for _ in range(5):
+        world.now_ns += 1_000_000_000
+        trip = rest.see(world.inputs())
+        assert trip is not None
+        assert trip.code == "moving"
+
+
+# --- the last check -------------------------------------------------------------------------------
+
+
+def test_before_a_lease_no_move_of_joints_is_let_through_and_no_tether_pulls() -> None:
+    """An arm far from nowhere in particular breaks no rule; to move it needs a lease."""
+    guard = LastCheck(CELL)
+    assert guard.arm(T_START, JOINTS, 0) is None
+    for kind in ("joints", "by"):
+        goal = Goal.model_validate({"id": 1, "kind": kind, "joint_rad": JOINTS})
+        trip = guard.goal(goal, Speed(), T_START, JOINTS)
+        assert trip is not None
+        assert trip.code == "no_lease"
+
+
+def test_from_an_unknown_place_the_end_of_a_move_counts() -> None:
+    """No way can be sampled from nowhere; a good end is let through, a bad one is not."""
+    guard = LastCheck(CELL)
+    guard.start(T_START)
+    nowhere = pin.SE3(np.eye(3), np.full(3, np.nan))
+    here = World().messages["robot"]
+    assert isinstance(here, RobotState)
+    pose = {"position_m": here.position_m, "orientation_xyzw": here.orientation_xyzw}
+    goal = Goal.model_validate({"id": 1, "kind": "pose", "pose": pose})
+    assert guard.goal(goal, Speed(), nowhere, JOINTS) is None
+    far = Goal.model_validate({"id": 1, "kind": "pose", "pose": pose | {"position_m": (9.0,) * 3}})
+    trip = guard.goal(far, Speed(), nowhere, JOINTS)
+    assert trip is not None
+    assert trip.code == "workspace"
+
+
+def test_without_samples_no_speed_is_known() -> None:
+    """Unknown is not zero."""
+    assert JointTrack().speed_rad_s is None
+
+
+def turned(turn_rad: float) -> pin.SE3:
+    """Return the start, turned about the base's z axis."""
+    return pin.SE3(pin.utils.rotate("z", turn_rad) @ T_START.rotation, T_START.translation)
+
+
+def test_a_turn_is_limited_as_a_way_is() -> None:
+    """One set point by the step; a stream that speeds up gently, by the speed, in any window."""
+    limits, period_s = CELL.limits, 4e-3
+    budget, speed = SetpointMonitor(limits), radians(limits.speed_deg_s)
+    assert budget.begin(T_START, 0) is None
+    trip = budget.spend(turned(radians(1.1 * limits.step_deg)), 0)
+    assert trip is not None
+    assert (trip.code, trip.limit) == ("speed", speed)
+
+    turn_rad, speed_rad_s, trip, now_ns = 0.0, 0.0, None, 1_000_000_000
+    assert budget.begin(T_START, now_ns) is None
+    while trip is None and now_ns < 3_000_000_000:
+        now_ns += round(period_s * 1e9)
+        faster = speed_rad_s + 0.5 * radians(limits.accel_deg_s2) * period_s
+        speed_rad_s = min(faster, 1.5 * speed)
+        turn_rad += speed_rad_s * period_s
+        trip = budget.spend(turned(turn_rad), now_ns)
+    assert trip is not None
+    assert (trip.code, trip.limit) == ("rate", pytest.approx(1.25 * 0.25 * speed))
+    assert speed_rad_s > speed
+
+
+# --- the regulator's guards -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> None:
+    """2 N m over a tenth of a radian are 0.2 J; in mode position the tool turns for others."""
+    settings = GuardSettings.of(CELL)
+    still = np.zeros(3)
+    seen = GuardSample(
+        still, np.array([0.0, 0.0, 2.0]), T_START, "contact", np.zeros(6), turns=turns, dt_s=0.004
+    )
+    remembered, _ = watch(GuardState(touched=True), seen, settings)
+    turned = pin.SE3(pin.utils.rotate("z", 0.1) @ T_START.rotation, T_START.translation)
+    remembered, _ = watch(remembered, replace(seen, T_base_tcp=turned), settings)
+    assert remembered.environment_work_J == pytest.approx(0.2 if turns else 0.0)
+
+
+# --- readers and inboxes --------------------------------------------------------------------------
+
+
+def test_many_requests_at_once_wait_their_turn() -> None:
+    """So many in one step and no more; the rest is served next, in the order they came."""
+    transport = MemoryTransport()
+    inbox = bus_of("arbiter", transport).inbox(topics.HOLD)
+    said = [f"reason {number}" for number in range(6)]
+    calls = [MemoryCall(encode_record(HoldRequest(reason=reason))) for reason in said]
+    transport.serve("demo/request/hold").waiting.extend(calls)
+    first = [incoming.request.reason for incoming in inbox.take_all()]
+    then = [incoming.request.reason for incoming in inbox.take_all()]
+    assert (first, then) == (said[:4], said[4:])
+
+
+def test_to_wait_for_a_message_is_to_wait_at_its_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the time that is given; nothing is taken by it."""
+    line, waits = Line(), list[float]()
+    monkeypatch.setattr(type(line.source), "wait", lambda source, s: waits.append(s))
+    line.reader.wait(0.25)
+    assert waits == [0.25]
+    assert line.read().code == "missing"
+
+
+def test_a_robot_that_is_not_ready_is_named_whatever_it_reports() -> None:
+    """Without a cause, and with a code of another version: both end in the robot's own fault."""
+    world = World()
+    world.change("robot", status=RobotStatus())
+    assert [trip.code for trip in robot_complaints(world.inputs())] == ["robot_error"]
+    unknown = Trip(code="of_a_later_version", rule=999, text="the coolant is low")
+    world.change("robot", status=RobotStatus(faults=(unknown,)))
+    (trip,) = robot_complaints(world.inputs())
+    assert (trip.code, trip.text) == ("robot_error", "the coolant is low")
+
+
+def test_the_last_check_refuses_a_goal_for_another_number_of_joints() -> None:
+    """It is neither broadcast nor cut."""
+    goal = Goal(id=1, kind="joints", joint_rad=(0.0,) * 7)
+    trip = LastCheck(CELL).goal(goal, Speed(), T_START, JOINTS)
+    assert trip is not None
+    assert (trip.code, trip.value, trip.limit) == ("joint_count", 7, 6)

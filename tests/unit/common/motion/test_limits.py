@@ -1,0 +1,377 @@
+"""Limits: exact at their boundary, blind nowhere, and an answer, never an exception."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from common.config.load import load_cell
+from common.motion.frames import is_finite_pose, rotation_between, rotation_from_vector
+from common.motion.limits import (
+    Limits,
+    Plane,
+    check_joint_speed,
+    check_joints,
+    check_step,
+    check_tether,
+    check_workspace,
+    check_wrench,
+    limit_speed,
+)
+from forcemesh.messages import Trip
+
+DEMO_CELL = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
+CELL = load_cell(DEMO_CELL)
+LIMITS = Limits.of(CELL)
+CENTRE = (LIMITS.workspace_min_m + LIMITS.workspace_max_m) / 2.0
+MIDDLE = (LIMITS.joint_min_rad + LIMITS.joint_max_rad) / 2.0
+NOT_FINITE = (math.nan, math.inf, -math.inf)
+HUGE = (1e30, 1e154, 1e200, 1.7e308)  # squares of the larger ones overflow
+
+directions = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0)).filter(
+    lambda v: np.linalg.norm(v) > 1e-2
+)
+turns = hnp.arrays(float, 3, elements=st.floats(-1.7, 1.7))
+spots = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0))
+
+
+def around(limit: float) -> list[float]:
+    """Return values dense at a limit and sparse elsewhere, all of its sign."""
+    values = [limit * share for share in (1.0, 1 - 1e-6, 1 + 1e-6, 0.99, 1.01, 0.5, 2.0)]
+    for way in (math.inf, -math.inf):
+        values.append(math.nextafter(limit, way))
+        values.append(math.nextafter(values[-1], way))
+    return values
+
+
+def at(p: Any, turn: Any = (0.0, 0.0, 0.0)) -> pin.SE3:
+    """Return a pose."""
+    return pin.SE3(rotation_from_vector(np.array(turn)), np.array(p, dtype=float))
+
+
+def assert_trip(trip: Trip | None, code: str, value: float, limit: float) -> None:
+    """A trip names its rule, the number that was found and the one that it broke."""
+    assert trip is not None
+    assert trip.code == code
+    assert trip.value == pytest.approx(value)
+    assert trip.limit == limit
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", ["min", "max"])
+def test_the_workspace_ends_exactly_at_its_walls(axis: int, side: str) -> None:
+    """Swept at each wall; the wall itself is inside."""
+    wall = getattr(LIMITS, f"workspace_{side}_m")[axis]
+    for value in around(wall):
+        p = CENTRE.copy()
+        p[axis] = value
+        inside = LIMITS.workspace_min_m[axis] <= value <= LIMITS.workspace_max_m[axis]
+        trip = check_workspace(LIMITS, at(p))
+        if inside:
+            assert trip is None
+        else:
+            broken = LIMITS.workspace_min_m if value < CENTRE[axis] else LIMITS.workspace_max_m
+            assert_trip(trip, "workspace", value, broken[axis])
+            assert trip is not None
+            assert f"TCP {'xyz'[axis]} = {value * 1e3:.1f} mm" in trip.text
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_each_joint_ends_exactly_at_its_limits(joint: int) -> None:
+    """Swept at both ends of all six; the trip counts joints from 1 as the pendant does."""
+    ends = (LIMITS.joint_min_rad[joint], LIMITS.joint_max_rad[joint])
+    for value in [*around(ends[0]), *around(ends[1])]:
+        q = MIDDLE.copy()
+        q[joint] = value
+        trip = check_joints(LIMITS, q)
+        if ends[0] <= value <= ends[1]:
+            assert trip is None
+        else:
+            assert_trip(trip, "joint", value, ends[0] if value < ends[0] else ends[1])
+            assert trip is not None
+            assert f"joint {joint + 1} " in trip.text
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_set_point_may_be_one_step_away_and_no_more(axis: int) -> None:
+    """Swept: distance from where the arm is."""
+    for length in around(LIMITS.step_m):
+        trip = check_step(LIMITS, at([0, 0, 0]), at(np.eye(3)[axis] * length))
+        assert (trip is None) == (length <= LIMITS.step_m)
+        if trip is not None:
+            assert_trip(trip, "step", length, LIMITS.step_m)
+            assert f"{length * 1e3:.1f} mm" in trip.text
+
+
+@given(directions, st.sampled_from(around(LIMITS.step_rad)))
+def test_a_set_point_may_be_one_turn_away_and_no_more(axis: np.ndarray, angle: float) -> None:
+    """The same for orientation, about any axis, up to the rounding of the logarithm."""
+    T_to = at([0, 0, 0], axis / np.linalg.norm(axis) * angle)
+    trip = check_step(LIMITS, at([0, 0, 0]), T_to)
+    if abs(angle - LIMITS.step_rad) > 1e-9:
+        assert (trip is None) == (angle <= LIMITS.step_rad)
+    if trip is not None:
+        assert_trip(trip, "step", angle, LIMITS.step_rad)
+
+
+def test_half_a_turn_is_the_longest_turn() -> None:
+    """At 180 degrees, where a turn's axis flips its sign, it is still a turn of 180 degrees."""
+    for axis in np.eye(3):
+        trip = check_step(LIMITS, at([0, 0, 0]), at([0, 0, 0], math.pi * axis))
+        assert_trip(trip, "step", math.pi, LIMITS.step_rad)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_the_tether_ends_exactly(axis: int) -> None:
+    """Swept: distance from where the arm was armed."""
+    for length in around(LIMITS.tether_m):
+        trip = check_tether(LIMITS, at(np.zeros(3)), at(np.eye(3)[axis] * length))
+        assert (trip is None) == (length <= LIMITS.tether_m)
+        if trip is not None:
+            assert_trip(trip, "tether", length, LIMITS.tether_m)
+            assert f"{length * 1e3:.0f} mm" in trip.text
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_tether_ends_for_turns_as_well(axis: int, sign: float) -> None:
+    """Swept in degrees, both ways: half a turn and all beyond the limit is refused."""
+    for turn_deg in (*range(0, 150, 10), 149.9, 150.1, 160.0, 170.0, 175.0, 180.0):
+        turned = at(np.zeros(3), sign * math.radians(turn_deg) * np.eye(3)[axis])
+        trip = check_tether(LIMITS, at(np.zeros(3)), turned)
+        assert (trip is None) == (turn_deg <= 150.0), turn_deg
+        if trip is not None:
+            assert_trip(trip, "tether", math.radians(turn_deg), LIMITS.tether_rad)
+            assert f"{turn_deg:.1f} degrees" in trip.text
+
+
+@given(spots, directions)
+def test_distances_are_from_where_the_arm_is_or_was(p: np.ndarray, way: np.ndarray) -> None:
+    """Anywhere in base: what counts is the difference."""
+    near, far = 0.99 * way / np.linalg.norm(way), 1.01 * way / np.linalg.norm(way)
+    step_m, tether_m = LIMITS.step_m, LIMITS.tether_m
+
+    assert check_step(LIMITS, at(p), at(p + near * step_m)) is None
+    assert_trip(check_step(LIMITS, at(p), at(p + far * step_m)), "step", 1.01 * step_m, step_m)
+    assert check_tether(LIMITS, at(p), at(p + near * tether_m)) is None
+    trip = check_tether(LIMITS, at(p), at(p + far * tether_m))
+    assert_trip(trip, "tether", 1.01 * tether_m, tether_m)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_force_and_torque_end_at_their_ceilings(axis: int, sign: float) -> None:
+    """Swept, both ways along each axis; the ceiling itself is allowed."""
+    unit = sign * np.eye(3)[axis]
+    for force in around(LIMITS.force_N):
+        trip = check_wrench(LIMITS, unit * force, np.zeros(3))
+        assert (trip is None) == (force <= LIMITS.force_N)
+        if trip is not None:
+            assert_trip(trip, "force", force, LIMITS.force_N)
+    for torque in around(LIMITS.torque_Nm):
+        trip = check_wrench(LIMITS, np.zeros(3), unit * torque)
+        assert (trip is None) == (torque <= LIMITS.torque_Nm)
+        if trip is not None:
+            assert_trip(trip, "torque", torque, LIMITS.torque_Nm)
+
+
+def test_the_ceiling_is_of_the_length_not_of_one_axis() -> None:
+    """Three axes just below the ceiling are together far above it."""
+    each = np.full(3, 0.9 * LIMITS.force_N)
+
+    trip = check_wrench(LIMITS, each, np.zeros(3))
+    assert_trip(trip, "force", 0.9 * math.sqrt(3.0) * LIMITS.force_N, LIMITS.force_N)
+
+
+@pytest.mark.parametrize("bad", NOT_FINITE)
+def test_a_number_that_is_not_finite_is_a_trip_in_every_rule(bad: float) -> None:
+    """Swept through every argument and place: a trip that can be sent, never silence or a crash."""
+    good = at(CENTRE)
+    for place in range(3):
+        p = CENTRE.copy()
+        p[place] = bad
+        R = np.eye(3)
+        R[place, place] = math.nan
+        v = np.zeros(3)
+        v[place] = bad
+        trips = [
+            check_workspace(LIMITS, at(p)),
+            check_workspace(LIMITS, pin.SE3(R, CENTRE)),
+            check_step(LIMITS, good, at(p)),
+            check_step(LIMITS, at(p), good),
+            check_step(LIMITS, good, pin.SE3(R, CENTRE)),
+            check_step(LIMITS, pin.SE3(R, CENTRE), good),
+            check_tether(LIMITS, good, pin.SE3(R, p)),
+            check_tether(LIMITS, pin.SE3(R, p), good),
+            check_wrench(LIMITS, v, np.zeros(3)),
+            check_wrench(LIMITS, np.zeros(3), v),
+            check_joints(LIMITS, np.array([*v, 0.0, 0.0, 0.0])),
+            check_joints(LIMITS, np.array([0.0, 0.0, 0.0, *v])),
+        ]
+        assert [trip.code if trip else None for trip in trips] == ["not_finite"] * len(trips)
+
+
+@pytest.mark.parametrize("huge", HUGE)
+def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
+    """Finite numbers whose squares are not finite: the rule they broke, not an exception."""
+    v = np.array([huge, 0.0, -huge])
+    codes = [
+        check_workspace(LIMITS, at(v)),
+        check_step(LIMITS, at(CENTRE), at(v)),
+        check_tether(LIMITS, at(CENTRE), at(v)),
+        check_wrench(LIMITS, v, np.zeros(3)),
+        check_wrench(LIMITS, np.zeros(3), v),
+        check_joints(LIMITS, np.array([*v, *v])),
+    ]
+    names = ["workspace", "step", "tether", "force", "torque", "joint"]
+    assert [trip.code if trip else None for trip in codes] == names
+
+
+@given(spots, turns, st.lists(st.tuples(spots, turns, st.floats(0.0, 0.1)), max_size=20))
+def test_no_sequence_of_wishes_is_faster_than_the_limits(
+    p: np.ndarray, turn: np.ndarray, wishes: list[Any]
+) -> None:
+    """Whatever is asked for, and however irregularly: speed and turning speed are kept."""
+    T = at(p, turn)
+    for p_wanted, turn_wanted, dt_s in wishes:
+        T_wanted = at(p_wanted, turn_wanted)
+        T_next = limit_speed(LIMITS, T, T_wanted, dt_s)
+        moved = np.linalg.norm(T_next.translation - T.translation)
+        turned = np.linalg.norm(rotation_between(T.rotation, T_next.rotation))
+        assert moved <= LIMITS.speed_m_s * dt_s * (1.0 + 1e-9) + 1e-12
+        assert turned <= LIMITS.speed_rad_s * dt_s * (1.0 + 1e-6) + 1e-6
+        assert np.linalg.norm(T_next.translation - p_wanted) <= (
+            np.linalg.norm(T.translation - p_wanted) + 1e-12
+        )
+        T = T_next
+
+
+@given(spots, turns, spots, turns)
+def test_with_enough_time_a_wish_is_let_through_untouched(
+    p: np.ndarray, turn: np.ndarray, p_wanted: np.ndarray, turn_wanted: np.ndarray
+) -> None:
+    """The very object, so that the caller can tell "limited" by identity."""
+    T_wanted = at(p_wanted, turn_wanted)
+
+    assert limit_speed(LIMITS, at(p, turn), T_wanted, 100.0) is T_wanted
+
+
+@given(spots, turns, spots, turns)
+def test_a_standing_wish_is_reached_on_the_straight_way(
+    p: np.ndarray, turn: np.ndarray, p_wanted: np.ndarray, turn_wanted: np.ndarray
+) -> None:
+    """Limited again and again, the pose arrives; position stays on the line in between."""
+    T, T_wanted = at(p, turn), at(p_wanted, turn_wanted)
+    way = p_wanted - p
+    for _ in range(40):
+        T = limit_speed(LIMITS, T, T_wanted, 1.0)
+        gone = T.translation - p
+        assert np.linalg.norm(np.cross(way, gone)) <= 1e-9
+    assert T is T_wanted
+
+
+def test_no_time_means_no_motion() -> None:
+    """At dt = 0 (the first period) nothing is let through but where the arm is."""
+    T = at(CENTRE)
+
+    assert limit_speed(LIMITS, T, at(CENTRE + 0.1, [0.1, 0, 0]), 0.0) == T
+    assert limit_speed(LIMITS, T, at(CENTRE), 0.0) == T
+
+
+def test_a_turn_is_limited_beside_a_small_way_and_a_way_beside_a_small_turn() -> None:
+    """One of the two within its limit is no leave for the other."""
+    T, dt_s = at(CENTRE), 0.004
+    for way_m, turn_rad in ((1e-5, 0.5), (0.5, 1e-5)):
+        wish = at(CENTRE + way_m * np.eye(3)[0], [turn_rad, 0.0, 0.0])
+        T_next = limit_speed(LIMITS, T, wish, dt_s)
+        moved = np.linalg.norm(T_next.translation - CENTRE)
+        turned = np.linalg.norm(rotation_between(T.rotation, T_next.rotation))
+        assert moved == pytest.approx(min(way_m, LIMITS.speed_m_s * dt_s))
+        assert turned == pytest.approx(min(turn_rad, LIMITS.speed_rad_s * dt_s))
+
+
+@pytest.mark.parametrize("bad", NOT_FINITE)
+def test_a_wish_that_is_not_finite_stays_recognisable(bad: float) -> None:
+    """Limiting speed never turns NaN into a pose that looks like one."""
+    for wish in (at([bad, 0.5, 0.0]), pin.SE3(np.full((3, 3), math.nan), CENTRE)):
+        T = limit_speed(LIMITS, at(CENTRE), wish, 0.004)
+        assert not is_finite_pose(T)
+        assert check_workspace(LIMITS, T) is not None
+
+
+@pytest.mark.parametrize("check", [check_step, check_tether])
+def test_a_turn_of_exactly_the_limit_is_allowed(check: Any) -> None:
+    """To the last digit of the angle that is computed."""
+    T_from, T_to = at(CENTRE), at(CENTRE, [0.1, -0.05, 0.07])
+    angle = math.hypot(*rotation_between(T_from.rotation, T_to.rotation))
+    for limit, rule in ((angle, None), (math.nextafter(angle, 0.0), check.__name__[6:])):
+        trip = check(replace(LIMITS, step_rad=limit, tether_rad=limit), T_from, T_to)
+        assert (trip and trip.code) == rule
+
+
+def test_a_plane_itself_is_inside_and_the_next_number_behind_it_is_not() -> None:
+    """Of two walls the one that is broken is named, by its place in the cell file."""
+    walls = (Plane(np.array([0.0, 0.0, -0.1]), np.array([0.0, 0.0, 1.0])),
+             Plane(np.array([0.1, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])))  # fmt: skip
+    limits = replace(LIMITS, planes=walls)
+    assert check_workspace(limits, at([0.1, 0.5, -0.1])) is None
+    for p, number in (
+        ([0.1, 0.5, math.nextafter(-0.1, -1.0)], 1),
+        ([math.nextafter(0.1, 1.0), 0.5, -0.1], 2),
+    ):
+        trip = check_workspace(limits, at(p))
+        assert_trip(trip, "workspace", -abs(p[number % 2 * 2] - walls[number - 1].point_m.sum()), 0)
+        assert trip is not None
+        assert f"behind plane {number}" in trip.text
+
+
+@pytest.mark.parametrize("number", [5, 7])
+def test_angles_and_limits_that_do_not_pair_are_an_error(number: int) -> None:
+    """No joint and no axis goes unjudged because another number of them has come."""
+    trip = check_joints(LIMITS, np.zeros(number))
+    assert trip is not None
+    assert (trip.code, trip.value, trip.limit) == ("joint_count", number, 6)
+    with pytest.raises(ValueError, match="zip"):
+        check_joint_speed(LIMITS, np.zeros(number))
+    for limits in (
+        replace(LIMITS, workspace_min_m=np.full(number - 3, -9.0)),
+        replace(LIMITS, workspace_max_m=np.full(number - 3, 9.0)),
+    ):
+        with pytest.raises(ValueError, match="zip"):
+            check_workspace(limits, at(CENTRE))
+
+
+def test_limits_are_those_of_the_cell_file_in_si_units() -> None:
+    """Degrees stay in the file; a joint may use its share of its own speed."""
+    cell = load_cell(
+        DEMO_CELL,
+        {
+            "limits.step_m": 0.03, "limits.step_deg": 90.0, "limits.speed_m_s": 0.2,
+            "limits.speed_deg_s": 45.0, "limits.accel_m_s2": 3.0, "limits.accel_deg_s2": 360.0,
+            "limits.tether_m": 0.7, "limits.tether_deg": 120.0, "limits.force_N": 58.0,
+            "limits.torque_Nm": 8.0, "limits.move_rise_N": 15.0, "limits.joint_speed_share": 0.25,
+            "limits.planes": [{"point_m": [0.1, 0.2, 0.3], "normal": [0.0, 3.0, 4.0]}],
+        },
+    )  # fmt: skip
+    limits, pi = Limits.of(cell), math.pi
+
+    assert (limits.step_m, limits.speed_m_s, limits.accel_m_s2) == (0.03, 0.2, 3.0)
+    assert (limits.tether_m, limits.force_N, limits.torque_Nm) == (0.7, 58.0, 8.0)
+    assert limits.move_rise_N == 15.0
+    assert [limits.step_rad, limits.speed_rad_s] == pytest.approx([pi / 2, pi / 4])
+    assert [limits.accel_rad_s2, limits.tether_rad] == pytest.approx([2 * pi, 2 * pi / 3])
+    assert limits.workspace_min_m.tolist() == [-0.4, 0.2, -0.2]
+    assert limits.workspace_max_m.tolist() == [0.4, 0.8, 0.6]
+    assert np.degrees(limits.joint_min_rad) == pytest.approx([-180, -135, -157, -200, -125, -360])
+    assert np.degrees(limits.joint_max_rad) == pytest.approx([180, 135, 157, 200, 125, 360])
+    share_deg_s = [92.5, 77.5, 102.5, 137.5, 137.5, 250.0]
+    assert np.degrees(limits.joint_speed_rad_s) == pytest.approx(share_deg_s)
+    assert limits.planes[0].point_m.tolist() == [0.1, 0.2, 0.3]
+    assert limits.planes[0].normal == pytest.approx([0.0, 0.6, 0.8])

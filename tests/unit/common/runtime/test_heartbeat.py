@@ -1,0 +1,141 @@
+"""The heartbeat of a process, and the shell that judges it for a container's health check."""
+
+import os
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from common.runtime.heartbeat import LINE_B, Heartbeat, line, since_boot_s
+from common.runtime.service import Runner
+
+ROOT = Path(__file__).resolve().parents[4]
+SCRIPT = ROOT / "common" / "runtime" / "alive.sh"
+
+
+def judged(file: Path, *words: str) -> tuple[int, str]:
+    """Return the exit code of the check and what it says."""
+    done = subprocess.run(
+        ["/bin/sh", str(SCRIPT), *words], env={**os.environ, "FORCEMESH_HEARTBEAT": str(file)},
+        capture_output=True, text=True, check=False, timeout=10,
+    )  # fmt: skip
+    return done.returncode, done.stdout.strip()
+
+
+def test_a_fresh_heartbeat_is_well(tmp_path: Path) -> None:
+    """Nothing to say."""
+    Heartbeat(tmp_path / "alive").beat(1, "")
+    assert judged(tmp_path / "alive") == (0, "")
+
+
+@pytest.mark.parametrize(("age_s", "code"), [(0, 0), (4, 0), (7, 1), (1000, 1)])
+def test_a_process_that_hangs_is_not_well(tmp_path: Path, age_s: int, code: int) -> None:
+    """The age is told; a heartbeat within five seconds is fresh."""
+    (tmp_path / "alive").write_bytes(line(since_boot_s() - age_s, ""))
+    found, said = judged(tmp_path / "alive")
+    assert found == code
+    assert ("the process hangs" in said) == (code == 1)
+
+
+def test_without_a_heartbeat_it_is_not_well(tmp_path: Path) -> None:
+    """Before the first one, or where the file is empty."""
+    assert judged(tmp_path / "alive") == (1, "no heartbeat yet")
+    (tmp_path / "alive").touch()
+    assert judged(tmp_path / "alive") == (1, "no heartbeat yet")
+
+
+@pytest.mark.parametrize("fault", ["stale: no wrench for 0.3 s", "$(touch x) `id` \\ * \n %s", "é"])
+def test_a_fault_is_said_and_never_obeyed(tmp_path: Path, fault: str) -> None:
+    """Whatever the words are: one line, and no command of the shell's."""
+    Heartbeat(tmp_path / "alive").beat(1, fault)
+    code, said = judged(tmp_path / "alive")
+    assert code == 1
+    assert said.split()[0] in (fault.split(maxsplit=1)[0], "?", "??")
+    assert list(tmp_path.iterdir()) == [tmp_path / "alive"]
+
+
+def test_a_heartbeat_is_always_as_long(tmp_path: Path) -> None:
+    """A later one needs no room on a full disk, and leaves nothing of a longer one before it."""
+    heartbeat = Heartbeat(tmp_path / "alive")
+    text = b""
+    for fault in ("x" * 1000, "", "short"):
+        heartbeat.beat(1, fault)
+        text = (tmp_path / "alive").read_bytes()
+        assert len(text) == LINE_B
+        assert text.count(b"\n") == 1
+    assert b"x" not in text
+
+
+def test_it_beats_once_a_second_and_at_once_with_another_fault(tmp_path: Path) -> None:
+    """A loop that runs a thousand times a second writes once."""
+    heartbeat, file = Heartbeat(tmp_path / "alive"), tmp_path / "alive"
+
+    def changed(now_ns: int, fault: str) -> bool:
+        file.write_bytes(b"old")
+        heartbeat.beat(now_ns, fault)
+        return not file.read_bytes().startswith(b"old")
+
+    assert changed(0, "")
+    assert not changed(999_999_999, "")
+    assert changed(1_000_000_000, "")
+    assert changed(1_000_000_001, "stale")
+    assert not changed(1_000_000_002, "stale")
+
+
+def test_watching_answers_at_once_the_first_time_and_when_something_goes_wrong(
+    tmp_path: Path,
+) -> None:
+    """In between it watches: to start a check costs the engine more than the check itself."""
+    file = tmp_path / "alive"
+    Heartbeat(file).beat(1, "")
+    assert judged(file, "watch")[0] == 0
+    with pytest.raises(subprocess.TimeoutExpired):
+        subprocess.run(
+            ["/bin/sh", str(SCRIPT), "watch"], env={**os.environ, "FORCEMESH_HEARTBEAT": str(file)},
+            check=False, timeout=0.5,
+        )  # fmt: skip
+    Heartbeat(file).beat(1, "stale")
+    assert judged(file, "watch") == (1, "stale")
+    Heartbeat(file).beat(1, "")
+    assert judged(file, "watch")[0] == 0
+
+
+class Clock:
+    """A clock that tells the machine's time and never waits."""
+
+    boot = ""
+
+    def now_ns(self) -> int:
+        """Return the monotonic time."""
+        return time.monotonic_ns()
+
+    def sleep_s(self, _duration_s: float) -> None:
+        """Go on at once."""
+
+
+class Once:
+    """A service that steps once and is told to stop."""
+
+    period_s, trigger, fault = 1e-3, None, "stale"
+
+    def __init__(self, stop: threading.Event) -> None:
+        """Remember what stops it."""
+        self._stop = stop
+
+    def step(self, _now_ns: int) -> None:
+        """Be the last step."""
+        self._stop.set()
+
+    def counters(self) -> dict[str, int]:
+        """Count nothing."""
+        return {}
+
+
+def test_the_loop_that_does_the_work_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the environment names a file, with the service's own fault."""
+    monkeypatch.setenv("FORCEMESH_HEARTBEAT", str(tmp_path / "alive"))
+    stop = threading.Event()
+    Runner(Once(stop), [], Clock()).run(stop)
+    assert judged(tmp_path / "alive") == (1, "stale")

@@ -1,0 +1,57 @@
+"""Memory is locked where the machine allows it; health says whether."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from common.runtime import memory_lock
+from common.runtime.service import reporter_of
+from forcemesh import topics
+from tests.fakes.bench import CELL
+from tests.fakes.cellmates import Cellmates
+
+LOCKS = """
+import resource, sys
+from pathlib import Path
+if sys.argv[1] == "limited":
+    resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
+from common.runtime import memory_lock
+from forcemesh import topics
+if sys.argv[1] == "limited":
+    memory_lock._may_lock_without_limit = lambda: False
+print(memory_lock.lock_memory(), memory_lock.is_memory_locked())
+block = bytearray(50_000_000)  # a limit that is too small would end the process here
+locked = [line for line in Path("/proc/self/status").read_text().splitlines() if "VmLck" in line]
+print(int(locked[0].split()[1]) > 0)
+"""
+
+
+@pytest.mark.parametrize("limit", ["limited", "as it is"])
+def test_memory_is_locked_or_it_is_said_that_it_is_not(limit: str) -> None:
+    """With too small a limit nothing is locked, and nothing fails later for want of memory."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOCKS, limit],
+        cwd=Path(__file__).parents[4],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    said, found = done.stdout.splitlines()
+    assert said in ("True True", "False False")
+    assert found == said.split()[0]
+    if limit == "limited":
+        assert said == "False False"
+
+
+@pytest.mark.parametrize("locked", [True, False])
+def test_health_says_whether(locked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the word about real-time priority."""
+    monkeypatch.setattr(memory_lock, "_locked", locked)
+    cell = Cellmates()
+    heard = cell.client.reader(topics.ARBITER_HEALTH)
+    reporter_of(cell._bus("arbiter"), CELL).stepped(cell.clock.now_ns(), 0.0, cell.service)
+    message = heard.read(cell.clock.now_ns()).message
+    assert message is not None
+    assert message.counters["memory_locked"] == int(locked)

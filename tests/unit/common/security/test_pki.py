@@ -1,0 +1,278 @@
+"""Certificates: made once, readable by one, checked with a remedy for everything that is wrong."""
+
+import datetime as dt
+import os
+import stat
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from common.security.pki import Pair, make_authority, make_certificate, read_authority, write_pair
+from common.security.pki_check import CertificateFinding, check_folder
+from forcemesh.identity import NAMES
+
+ROOT = Path(__file__).resolve().parents[4]
+NOW = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
+DEMO = str(ROOT / "cells" / "demo.yaml")
+
+
+def pki(*words: str, folder: Path) -> tuple[int, str]:
+    """Run `forcemesh pki`; return exit code and what it says."""
+    arguments = ["pki", *words, "--cell", DEMO, "--folder", str(folder)]
+    result = CliRunner().invoke(app, arguments)
+    return result.exit_code, result.output
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with an authority of the demo and certificates of a year for every name."""
+    authority = make_authority("demo", NOW)
+    write_pair(tmp_path, "ca", authority, owner=None)
+    for name in NAMES:
+        issue(tmp_path, name)
+    return tmp_path
+
+
+def issue(folder: Path, name: str, *, days: int = 365, cell: str = "demo") -> None:
+    """Put a certificate into a folder."""
+    authority = read_authority(folder)
+    pair = make_certificate(authority, name, cell, hosts=["localhost"], days=days, now=NOW)
+    write_pair(folder, name, pair, owner=None)
+
+
+def wrong(folder: Path, after_days: float = 0.0) -> list[CertificateFinding]:
+    """Return what is not good so many days after it was made."""
+    found = check_folder(folder, "demo", NOW + dt.timedelta(days=after_days))
+    return [finding for finding in found if finding.verdict != "good"]
+
+
+def test_a_certificate_is_not_wrong_and_good_at_once(folder: Path) -> None:
+    """What is right about it besides is not said; the remedy names the folder that was named."""
+    (folder / "operator.key").chmod(0o644)
+    said = [each.verdict for each in check_folder(folder, "demo", NOW) if each.name == "operator"]
+    assert said == ["wrong"]
+    code, words = pki("check", folder=folder)
+    assert code == 1
+    assert f"forcemesh pki issue operator --again --cell {DEMO} --folder {folder}" in words
+
+
+def certificate(folder: Path, name: str) -> x509.Certificate:
+    """Return a certificate of a folder."""
+    return x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
+
+
+def test_init_makes_all_names_and_check_finds_nothing_wrong(tmp_path: Path) -> None:
+    """Every role and person gets a certificate with its own name, for both ends of a link."""
+    code, said = pki("init", "--host", "labpc", "--host", "192.168.1.7", folder=tmp_path / "pki")
+    assert code == 0, said
+    for name in NAMES:
+        made = certificate(tmp_path / "pki", name)
+        said_name = made.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value
+        assert said_name == f"{name}.demo"
+        usage = made.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        if name != "hub":  # whoever has this certificate can be nobody's hub
+            assert set(usage) == {ExtendedKeyUsageOID.CLIENT_AUTH}
+            with pytest.raises(x509.ExtensionNotFound):
+                made.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+            continue
+        assert set(usage) == {ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH}
+        names = made.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        assert {name, "localhost", "labpc"} <= set(names.get_values_for_type(x509.DNSName))
+        assert "192.168.1.7" in map(str, names.get_values_for_type(x509.IPAddress))
+    assert pki("check", folder=tmp_path / "pki")[0] == 0
+
+
+def older(folder: Path, name: str, ends: list[x509.ObjectIdentifier] | None) -> None:
+    """Put a certificate into a folder that is good for some ends of a link, None: unsaid."""
+    authority = read_authority(folder)
+    new = make_certificate(authority, name, "demo", hosts=[], days=365, now=NOW)
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(new.certificate.subject)
+        .issuer_name(new.certificate.issuer)
+        .public_key(new.key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(NOW)
+        .not_valid_after(NOW + dt.timedelta(days=365))
+    )
+    if ends is not None:
+        builder = builder.add_extension(x509.ExtendedKeyUsage(ends), critical=False)
+    made = builder.sign(authority.key, hashes.SHA256())
+    write_pair(folder, name, Pair(made, new.key), owner=None)
+
+
+BOTH = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+
+
+@pytest.mark.parametrize("ends", [BOTH, None, [ExtendedKeyUsageOID.ANY_EXTENDED_KEY_USAGE]])
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "hub"])
+def test_an_older_certificate_that_could_be_the_hub_is_wrong(
+    folder: Path, name: str, ends: list[x509.ObjectIdentifier] | None
+) -> None:
+    """Named, with the verb that makes a new one, and the one that ends a stolen one."""
+    older(folder, name, ends)
+    (finding,) = wrong(folder)
+    assert (finding.verdict, finding.name) == ("wrong", name)
+    assert "can stand in for the hub until 2027-01-01" in finding.text
+    assert "forcemesh pki init --again" in finding.text
+    assert finding.remedy == f"forcemesh pki issue {name} --again"
+    issue(folder, name)
+    assert wrong(folder) == []
+
+
+def test_a_hub_with_a_clients_certificate_is_wrong(folder: Path) -> None:
+    """It would be turned away by everybody; the check says so before the cell is up."""
+    older(folder, "hub", [ExtendedKeyUsageOID.CLIENT_AUTH])
+    (finding,) = wrong(folder)
+    assert "every client rejects a hub" in finding.text
+
+
+def test_only_the_hub_has_hosts(tmp_path: Path) -> None:
+    """Nobody connects to a monitor; to ask for its host is a mistake, and said to be one."""
+    pki("init", folder=tmp_path)
+    code, said = pki("issue", "monitor", "--again", "--host", "labpc", folder=tmp_path)
+    assert (code, "--host is for hub and panel-page" in said) == (2, True)
+    assert pki("issue", "hub", "--again", "--host", "labpc", folder=tmp_path)[0] == 0
+
+
+def test_only_the_owner_reads_any_file(tmp_path: Path) -> None:
+    """Files are 0400 in a folder that is 0700, whatever the umask."""
+    before = os.umask(0)
+    try:
+        assert pki("init", folder=tmp_path / "pki")[0] == 0
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "pki").stat().st_mode) == 0o700
+    modes = {stat.S_IMODE(path.stat().st_mode) for path in (tmp_path / "pki").iterdir()}
+    assert modes == {0o400}
+
+
+def test_nothing_is_written_over_by_accident(tmp_path: Path) -> None:
+    """A second init, and a second issue of a name, are refused until `--again` is said."""
+    pki("init", folder=tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    for words in (("init",), ("issue", "wrench")):
+        code, said = pki(*words, folder=tmp_path)
+        assert (code, "--again" in said) == (2, True)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert pki("issue", "wrench", "--again", folder=tmp_path)[0] == 0
+    changed = {name for name in before if (tmp_path / name).read_bytes() != before[name]}
+    assert changed == {"wrench.pem", "wrench.key"}
+
+
+def test_another_machine_gets_its_own_key_and_not_the_authoritys(tmp_path: Path) -> None:
+    """`issue --to` writes what one name needs and nothing that makes others."""
+    pki("init", folder=tmp_path / "pki")
+    code, said = pki(
+        "issue", "monitor", "--again", "--to", str(tmp_path / "screen"), folder=tmp_path / "pki"
+    )
+    assert code == 0, said
+    files = {path.name for path in (tmp_path / "screen").iterdir()}
+    assert files == {"ca.pem", "monitor.pem", "monitor.key"}
+    assert pki("check", folder=tmp_path / "screen")[0] == 0
+
+
+def test_cells_that_meet_can_share_an_authority(tmp_path: Path) -> None:
+    """A second cell's folder made with `--authority` is trusted by the first, without its key."""
+    pki("init", folder=tmp_path / "a")
+    code, said = pki("init", "--authority", str(tmp_path / "a"), folder=tmp_path / "b")
+    assert code == 0, said
+    assert not (tmp_path / "b" / "ca.key").exists()
+    authority = certificate(tmp_path / "a", "ca")
+    certificate(tmp_path / "b", "hub").verify_directly_issued_by(authority)
+
+
+def test_a_name_that_nobody_has_is_not_issued(tmp_path: Path) -> None:
+    """A typing mistake makes no certificate; the names are listed."""
+    pki("init", folder=tmp_path)
+    code, said = pki("issue", "arbitre", folder=tmp_path)
+    assert (code, "arbiter" in said) == (2, True)
+
+
+def test_compose_settings_are_written_beside_what_was_there(tmp_path: Path) -> None:
+    """`--env` sets folder and user in a file of settings and keeps the other lines."""
+    env = tmp_path / ".env"
+    env.write_text("CELL=mine.yaml\nFORCEMESH_PKI=/old\n")
+    assert pki("init", "--env", str(env), folder=tmp_path / "pki")[0] == 0
+    lines = env.read_text().splitlines()
+    assert lines[:2] == ["CELL=mine.yaml", f"FORCEMESH_PKI={tmp_path / 'pki'}"]
+    assert lines[2].startswith("FORCEMESH_USER=")
+    assert not lines[2].startswith("FORCEMESH_USER=0:")
+    user, _, group = lines[2].removeprefix("FORCEMESH_USER=").partition(":")
+    for name in ("calibration", "recordings"):  # containers write there
+        about = (tmp_path / name).stat()
+        assert (about.st_uid, about.st_gid) == (int(user), int(group))
+
+
+def test_only_its_owner_reads_the_settings_that_hold_the_panels_token(tmp_path: Path) -> None:
+    """`.env` is 0600, also where an older one was not; never half written, nothing left beside."""
+    env = tmp_path / ".env"
+    env.write_text("CELL=mine.yaml\n")
+    env.chmod(0o644)
+    assert pki("init", "--env", str(env), folder=tmp_path / "pki")[0] == 0
+    assert stat.S_IMODE(env.stat().st_mode) == 0o600
+    assert env.stat().st_uid == tmp_path.stat().st_uid
+    words = dict(line.split("=", 1) for line in env.read_text().splitlines())
+    assert len(words["FORCEMESH_PANEL_TOKEN"]) >= 32
+    assert words["FORCEMESH_BUS"] == "tls"  # certificates are used where they are named
+    assert words["FORCEMESH_CALIBRATION"] == "./calibration"
+    assert words["FORCEMESH_RECORDINGS"] == "./recordings"
+    assert [path.name for path in tmp_path.glob(".env*")] == [".env"]
+
+
+def test_a_good_folder_is_good(folder: Path) -> None:
+    """Nothing is said against what has just been made."""
+    assert wrong(folder) == []
+
+
+@pytest.mark.parametrize(("days", "verdict"), [(350.9, ""), (351.1, "soon"), (365.1, "wrong")])
+def test_the_end_is_told_two_weeks_before_and_after_it(
+    folder: Path, days: float, verdict: str
+) -> None:
+    """Every name is told, each with the command that makes a new one."""
+    found = wrong(folder, after_days=days)
+    assert {f.verdict for f in found} == ({verdict} if verdict else set())
+    assert len(found) == (len(NAMES) if verdict else 0)
+    assert all(f.remedy == f"forcemesh pki issue {f.name} --again" for f in found)
+
+
+def test_a_clock_that_is_behind_is_told(folder: Path) -> None:
+    """A certificate from the future is a matter of the clock, not of the certificate."""
+    assert {f.remedy for f in wrong(folder, after_days=-1)} == {"set the clock"}
+
+
+def test_everything_that_is_wrong_with_a_certificate_is_named(folder: Path) -> None:
+    """Missing, of another cell, of another authority, another's key, readable by others, broken."""
+    (folder / "hub.pem").unlink()
+    issue(folder, "robot", cell="other")
+    other = make_authority("demo", NOW)
+    pair = make_certificate(other, "sensor", "demo", hosts=["localhost"], days=9999, now=NOW)
+    write_pair(folder, "sensor", pair, owner=None)
+    (folder / "wrench.key").unlink()
+    (folder / "wrench.key").write_bytes((folder / "arbiter.key").read_bytes())
+    (folder / "wrench.key").chmod(0o400)
+    (folder / "regulator.key").chmod(0o440)
+    (folder / "operator.pem").unlink()
+    (folder / "operator.pem").write_text("what is this")
+    (folder / "monitor.key").unlink()
+    said = {finding.name: finding.text for finding in wrong(folder)}
+    assert said["hub"] == "missing"
+    assert "it is for robot.other, not for robot.demo" in said["robot"]
+    assert "has not signed it" in said["sensor"]
+    assert "not the key of wrench.pem" in said["wrench"]
+    assert "is readable by others (mode 440)" in said["regulator"]
+    assert "no certificate" in said["operator"]
+    assert "no key" in said["monitor"]
+    assert set(said) == set(NAMES) - {"arbiter", "recorder", "panel"}
+
+
+def test_an_empty_folder_says_what_to_do(tmp_path: Path) -> None:
+    """Before the first `init` there is one line with one remedy, and the exit code is 1."""
+    found = check_folder(tmp_path, "demo", NOW)
+    assert [(f.name, f.remedy) for f in found] == [("ca", "forcemesh pki init")]
+    assert pki("check", folder=tmp_path)[0] == 1

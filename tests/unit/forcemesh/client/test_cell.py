@@ -1,0 +1,277 @@
+"""The client's short verbs on a whole cell in virtual time."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from common.bus.configured_cell import ConfiguredCell
+from common.motion.convert import pose_of
+from common.motion.frames import rotation_between
+from forcemesh import topics
+from forcemesh.client import (
+    ArmStoppedError,
+    DataError,
+    ForcemeshError,
+    LostError,
+    NotReachedError,
+    NotValidError,
+    RefusedError,
+)
+from forcemesh.faults import FAULTS
+from forcemesh.messages import Gains, PoseRecord
+from forcemesh.requests import Empty, HoldRequest, MoveRequest
+from tests.fakes.lab import Lab
+
+SELDOM_NS = 30_000_000
+README = Path(__file__).resolve().parents[4] / "README.md"
+
+
+@pytest.fixture
+def lab() -> Lab:
+    """A cell that was tared and armed."""
+    return Lab()
+
+
+@pytest.fixture
+def cell(lab: Lab) -> Iterator[ConfiguredCell]:
+    """A client on it."""
+    with ConfiguredCell(lab.cell.cell, bus=lab.cell.client) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def calm() -> ConfiguredCell:
+    """A client on a cell that stays armed and still; tests share it."""
+    lab = Lab()
+    return ConfiguredCell(lab.cell.cell, bus=lab.cell.client)
+
+
+def up(cell: ConfiguredCell) -> MoveRequest:
+    """A move up that takes a while."""
+    state = cell.state()
+    x, y, z = state.position_m
+    pose = PoseRecord(position_m=(x, y, z + 0.05), orientation_xyzw=state.orientation_xyzw)
+    return MoveRequest(kind="pose", pose=pose, commander="program")
+
+
+def test_the_example_of_the_readme_presses(lab: Lab) -> None:
+    """Word for word, but for the cell: this one lives in virtual time."""
+    example = re.findall(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)[0]
+    here = 'Cell("cells/demo.yaml")'
+    assert example.count(here) == 1
+    printed: list[float] = []
+    code = example.replace(here, "Cell(config, bus=bus)")
+    exec(code, {"config": lab.cell.cell, "bus": lab.cell.client, "print": printed.append})  # noqa: S102
+    assert printed == [pytest.approx(15.0, abs=1.0)]
+    assert lab.force_N == pytest.approx(8.0, abs=1.0)
+
+
+def test_every_verb_waits_until_it_is_so(lab: Lab, cell: ConfiguredCell) -> None:
+    """Hold, clear, arm, press, change the set point, stop."""
+    cell.hold("a test")
+    cell.clear()
+    assert cell.status().state == "IDLE"
+    cell.arm()
+    pressed = cell.force.press(15.0)
+    assert pressed.force_N == pytest.approx(15.0, abs=1.0)
+    assert lab.force_N == pytest.approx(15.0, abs=1.0)
+    cell.force.set(8.0)
+    assert cell.force.settle().force_N == pytest.approx(8.0, abs=1.0)
+    cell.force.stop()
+    lab.cell.advance(0.2)
+    assert cell.status().commander == "none"
+
+
+def test_a_refusal_carries_code_remedy_and_the_number_that_was_too_much(
+    calm: ConfiguredCell,
+) -> None:
+    """What a program needs, and the sentence that a person needs."""
+    with pytest.raises(RefusedError) as caught:
+        calm.force.start(500.0)
+    error = caught.value
+    assert (error.code, error.value) == ("setpoint", 500.0)
+    assert error.limit == calm.config.force.setpoint_max_N
+    assert error.remedy == FAULTS["setpoint"].remedy
+    assert str(error).endswith(f"[value 500, limit {error.limit:g}] -> {error.remedy}")
+
+
+def test_a_move_returns_where_the_arm_is(lab: Lab, cell: ConfiguredCell) -> None:
+    """To a pose and by joint angles; the state that comes back is that of the end."""
+    before = cell.state()
+    x, y, z = before.position_m
+    there = cell.move.to((x, y, z + 0.03), speed_m_s=0.1)
+    assert there.position_m == pytest.approx((x, y, z + 0.03), abs=1e-4)
+    turned = cell.move.by((0.0, 0.0, 0.0, 0.0, 0.0, 0.1))
+    assert turned.joint_rad[5] == pytest.approx(there.joint_rad[5] + 0.1, abs=1e-3)
+    assert lab.state.goal.state == "done"
+
+
+@pytest.mark.parametrize(("axes", "up_m"), [("base", 0.01), ("tool", -0.01)])
+def test_a_jog_shifts_and_turns_the_tool(
+    cell: ConfiguredCell, axes: Literal["base", "tool"], up_m: float
+) -> None:
+    """Along base z, and back along the tool's own z, which points down here: the same way."""
+    before = cell.state()
+    there = cell.jog((0.0, 0.0, up_m), (0.0, 0.0, 0.1), axes=axes)
+    assert there.position_m[2] == pytest.approx(before.position_m[2] + 0.01, abs=1e-4)
+    turn = rotation_between(pose_of(before).rotation, pose_of(there).rotation)
+    assert turn == pytest.approx([0.0, 0.0, 10.0 * up_m], abs=1e-3)
+
+
+def test_a_move_that_returned_may_be_followed_by_the_next_at_once(
+    lab: Lab, cell: ConfiguredCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the arbiter hears of the arrival after the client, as on a busy machine."""
+    arbiter = lab.cell.runners["arbiter"]
+    due = arbiter.due
+    monkeypatch.setattr(arbiter, "due", lambda now_ns: now_ns % SELDOM_NS == 0 and due(now_ns))
+    x_m, y_m, z_m = cell.state().position_m
+    for number in range(8):
+        cell.move.to((x_m, y_m, z_m + 0.001 * (1 + number % 2)))
+
+
+def test_a_move_out_of_reach_is_refused_before_it_begins(calm: ConfiguredCell) -> None:
+    """The workspace is the arbiter's to keep; the code is a row of the table."""
+    with pytest.raises(RefusedError) as caught:
+        calm.move.to((0.0, 0.475, 3.0))
+    assert caught.value.code in FAULTS
+
+
+def test_a_move_that_is_stopped_says_by_what(lab: Lab, cell: ConfiguredCell) -> None:
+    """A hold by somebody else ends the waiting with its reason and the way on."""
+    going = cell.move.begin(up(cell))
+    lab.cell.advance(0.3)
+    lab.ask(topics.HOLD, HoldRequest(reason="a visitor"))
+    with pytest.raises(ArmStoppedError, match="a visitor") as caught:
+        going.wait()
+    assert caught.value.code == "hold"
+    assert caught.value.remedy == FAULTS["hold"].remedy
+
+
+def test_a_move_without_time_left_holds_the_arm(cell: ConfiguredCell) -> None:
+    """What nobody waits for any more does not go on."""
+    with pytest.raises(NotReachedError, match=r"not complete within 0\.2 s"):
+        cell.move.begin(up(cell)).wait(timeout_s=0.2)
+    assert cell.status().state == "HOLDING"
+
+
+def test_pressing_that_does_not_come_about_stops_force_feedback(
+    lab: Lab, cell: ConfiguredCell
+) -> None:
+    """The time is up while the tool is still on its way to the plate."""
+    with pytest.raises(NotReachedError, match=r"15 N were not reached within 0\.1 s"):
+        cell.force.press(15.0, within_s=0.1)
+    lab.cell.advance(0.2)
+    assert cell.status().commander == "none"
+    assert cell.target.reading().message.mode is None  # type: ignore[union-attr]
+
+
+def test_pressing_that_is_stopped_says_by_what(lab: Lab, cell: ConfiguredCell) -> None:
+    """A hold while the tool approaches."""
+    lab.cell.advance(0.1)
+    stop_at = lab.cell.clock.now_ns() + 200_000_000
+
+    def hold(_: float) -> None:
+        if lab.cell.clock.now_ns() > stop_at and cell.status().goes_on:
+            lab.ask(topics.HOLD, HoldRequest(reason="a visitor"))
+
+    with pytest.raises(ArmStoppedError, match=r"pressing ended.*a visitor"):
+        cell.force.press(15.0, progress=hold)
+
+
+def test_what_nobody_started_cannot_be_changed(calm: ConfiguredCell) -> None:
+    """A set point alone would leave mode and axes to chance."""
+    with pytest.raises(ForcemeshError, match="use start"):
+        calm.force.set(5.0)
+    with pytest.raises(ForcemeshError, match="use start"):
+        calm.force.settle()
+
+
+@pytest.mark.parametrize(
+    ("do", "names"),
+    [
+        (lambda cell: cell.force.press(-1.0), "setpoint_N: must be at least 0 N, found -1 N"),
+        (lambda cell: cell.force.press("a"), "setpoint_N: .*found 'a'"),
+        (lambda cell: cell.force.path((("a", 0.0, 0.0),)), "points_m.0.0: .*found 'a'"),
+        (lambda cell: cell.force.gains(force_i_m_per_Ns=(1.0, 2.0)), "force_i_m_per_Ns"),
+        (lambda cell: cell.move.joints(()), "joint_rad"),
+        (lambda cell: cell.jog(shift_m=(float("nan"), 0.0, 0.0)), "position_m"),
+        (
+            lambda cell: cell.speed(mechanical_m_s=-1.0),
+            "mechanical_m_s: must be above 0 m/s, found -1 m/s",
+        ),
+        (lambda cell: cell.arm("weld"), "purpose: .*found 'weld'"),
+    ],
+)
+def test_an_argument_that_no_request_can_say_is_named(calm: ConfiguredCell, do, names: str) -> None:
+    """One sentence of ours, nothing was sent."""
+    with pytest.raises(DataError, match=names):
+        do(calm)
+
+
+def test_gains_come_back_as_numbers(calm: ConfiguredCell) -> None:
+    """What was set is there, what was left out is as before."""
+    before = calm.force.gains()
+    assert isinstance(before, Gains)
+    assert before.force_i_m_per_Ns[0] > 0.0
+    after = calm.force.gains(force_i_m_per_Ns=(1e-5, 2e-5, 3e-5))
+    assert after == before.model_copy(update={"force_i_m_per_Ns": (1e-5, 2e-5, 3e-5)})
+
+
+def test_speeds_that_are_left_out_keep_their_value(calm: ConfiguredCell) -> None:
+    """The arbiter sends along what was set."""
+    before = calm.speed()
+    wanted = calm.speed(mechanical_m_s=0.02)
+    calm.session.clock.sleep_s(0.05)
+    assert calm.speed() == wanted == before.model_copy(update={"mechanical_m_s": 0.02})
+
+
+def test_a_service_that_died_is_named(lab: Lab, cell: ConfiguredCell) -> None:
+    """By the feed that fell silent, and by the request that nobody answers."""
+    lab.cell.kill("wrench")
+    with pytest.raises(LostError, match=r"silent: wrench\b") as caught:
+        cell.ask(topics.TARE, Empty(), answer_s=0.1)
+    assert caught.value.roles == ("wrench",)
+    with pytest.raises(LostError, match="wrench missing"):
+        cell.wrench(within_s=0.05)
+
+
+def test_a_service_that_cannot_answer_says_why(lab: Lab, cell: ConfiguredCell) -> None:
+    """The wrench without a robot is heard, and is no force."""
+    lab.cell.kill("robot")
+    lab.cell.advance(0.3)
+    with pytest.raises(NotValidError) as caught:
+        cell.wrench(within_s=0.2)
+    assert caught.value.code in FAULTS
+    assert caught.value.remedy
+
+
+def test_a_stream_yields_each_message_once_and_in_order(calm: ConfiguredCell) -> None:
+    """At the rate of the cell, with the stamps of its writer."""
+    heard = list(calm.wrench.stream(seconds=0.5))
+    numbers = [each.header.seq for each in heard]
+    assert numbers == sorted(set(numbers))
+    rate_hz = calm.config.rate_hz(topics.WRENCH)
+    assert len(heard) == pytest.approx(0.5 * rate_hz, rel=0.1)
+    assert heard[-1].stamp_s - heard[0].stamp_s == pytest.approx(0.5, rel=0.1)
+
+
+def test_a_stream_that_falls_silent_ends_with_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
+    """A loop over messages does not hang for ever."""
+    lab.cell.kill("wrench")
+    with pytest.raises(LostError, match=r"nothing on wrench for 0\.5 s"):
+        list(cell.wrench.stream(silence_s=0.5))
+
+
+def test_a_rate_is_the_writers_however_seldom_one_looks(lab: Lab, cell: ConfiguredCell) -> None:
+    """It is taken from the numbers that messages carry."""
+    for _ in range(4):
+        cell.wrench.reading()
+        lab.cell.advance(0.1)
+    assert cell.wrench.rate_hz == pytest.approx(cell.config.rate_hz(topics.WRENCH), rel=0.05)
+    lab.cell.kill("wrench")
+    lab.cell.advance(0.2)
+    assert cell.wrench.rate_hz is None

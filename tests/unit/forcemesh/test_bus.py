@@ -1,0 +1,295 @@
+"""Readers judge, counters count, roles are kept: the bus as services see it, in memory."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.bus.memory_bus import MemoryTransport
+from common.config.load import load_cell
+from forcemesh import topics
+from forcemesh.bus import Bus, Origin, Reading
+from forcemesh.clock import ManualClock
+from forcemesh.codec import encode
+from forcemesh.errors import BusError
+from forcemesh.messages import SensorWrench, WrenchAtTcp
+from forcemesh.topics import CLIENT, HELPERS, REQUESTS, ROLES, TOPICS, Request, Topic
+from tests.fakes.line import STALE_S, Line
+
+CELL = load_cell(Path(__file__).resolve().parents[3] / "cells" / "demo.yaml")
+MS = 1_000_000
+LONGEST_REASON = "y" * 500
+
+each_topic = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.key)
+each_request = pytest.mark.parametrize("request_row", REQUESTS, ids=lambda row: row.key)
+
+
+@pytest.fixture
+def line() -> Line:
+    """A reader that has heard nothing."""
+    return Line()
+
+
+# --- missing, invalid, stale ----------------------------------------------------------------------
+
+
+def test_nothing_heard_is_missing(line: Line) -> None:
+    """The fault names the topic; there is no message to use by mistake."""
+    reading = line.read()
+
+    assert reading.fault == "sensor/wrench missing"
+    assert (reading.message, reading.fresh, reading.origin) == (None, None, None)
+    assert (reading.silent, reading.conflict, reading.code) == (True, False, "missing")
+    assert reading.age_s == float("inf")
+
+
+def test_a_message_is_good_up_to_the_last_nanosecond_and_stale_after_it(line: Line) -> None:
+    """The boundary is exact, and the fault says both numbers."""
+    line.say(1)
+    line.clock.advance_ns(round(STALE_S * 1e9))
+    assert line.read().fault == ""
+    assert line.read().fresh == SensorWrench(counter=1)
+
+    line.clock.advance_ns(1)
+    reading = line.read()
+    assert reading.fault == "sensor/wrench stale: 100 ms old, limit 100 ms"
+    assert reading.fresh is None
+    assert reading.message == SensorWrench(counter=1)
+
+
+def test_what_the_writer_calls_invalid_is_a_fault_with_its_reason(line: Line) -> None:
+    """Invalid and fresh: the reason is passed on; without one the reader says so."""
+    line.say(1, SensorWrench(valid=False, reason="no cable", code="sensor_silent"))
+    reading = line.read()
+    assert reading.fault == "sensor/wrench invalid: no cable"
+    assert reading.code == "sensor_silent"
+
+    line.say(2, SensorWrench(valid=False))
+    reading = line.read()
+    assert reading.fault == "sensor/wrench invalid: no reason given"
+    assert (reading.fresh, reading.code) == (None, "invalid")
+
+
+def test_a_reading_with_nothing_wrong_is_fresh_and_nobodys_conflict() -> None:
+    """A recording is read as if it were heard: by message, header, age and fault alone."""
+    reading = Reading(SensorWrench(), Line().header(1), 0.0, "")
+    assert reading.fresh == SensorWrench()
+    assert (reading.silent, reading.conflict, reading.code) == (False, False, "")
+
+
+def test_stale_is_told_apart_from_invalid(line: Line) -> None:
+    """Whether a role is heard at all is not a question of the words in its reason."""
+    line.say(1, SensorWrench(valid=False, reason="robot/state stale: 300 ms old"))
+    assert not line.read().silent
+
+    line.clock.advance_ns(round(STALE_S * 1e9) + 1)
+    assert line.read().silent
+    assert "stale" in line.read().fault
+    assert Line().read().silent
+
+
+def test_a_fault_can_be_passed_on_however_long_the_reason_was(line: Line) -> None:
+    """Each hop puts its own words before the reason; the text must still fit a message."""
+    line.say(1, SensorWrench(valid=False, reason=LONGEST_REASON))
+    assert len(line.read().fault) == 400
+    passed_on = WrenchAtTcp(valid=False, reason=line.read().fault)
+
+    assert passed_on.reason.startswith("sensor/wrench invalid: yyy")
+
+
+def test_a_message_that_waited_through_a_freeze_is_stale_when_it_is_found(line: Line) -> None:
+    """One clock: age counts from the writer's stamp, not from when the reader woke up."""
+    line.source.waiting.append(encode(line.header(1), SensorWrench()))
+    line.clock.advance_ns(500 * MS)
+
+    reading = line.read()
+    assert reading.age_s == pytest.approx(0.5)
+    assert reading.fault.startswith("sensor/wrench stale: 500 ms")
+
+
+def test_a_stamp_of_another_clock_is_not_subtracted(line: Line) -> None:
+    """From another host age counts since arrival, whatever its stamp says."""
+    for seq, stamp_ns in enumerate((0, 10**18, -5), start=1):
+        line.say(seq, boot="another host", stamp_ns=stamp_ns)
+        line.clock.advance_ns(20 * MS)
+        assert line.read().age_s == pytest.approx(0.02)
+
+
+def test_a_stamp_from_the_future_does_not_keep_a_message_fresh(line: Line) -> None:
+    """On the own clock too, age counts at least since arrival."""
+    line.say(1, stamp_ns=line.clock.now_ns() + 10**12)
+    line.clock.advance_ns(round(STALE_S * 1e9) + 1)
+
+    assert "stale" in line.read().fault
+
+
+def test_a_repeated_message_does_not_refresh_an_old_one(line: Line) -> None:
+    """A switch that plays the last packet again cannot keep a dead writer alive."""
+    line.say(1)
+    for _ in range(20):
+        line.clock.advance_ns(10 * MS)
+        assert not line.say(1)
+    assert "stale" in line.read().fault
+
+
+def test_the_sensor_sample_behind_a_message_is_carried(line: Line) -> None:
+    """Stamp and number of the sample; a writer that does not number them has zero; or nothing."""
+    line.say(1, sensor_stamp_ns=123, sensor_seq=7)
+    assert line.read().origin == Origin(123, 7)
+    line.say(2, sensor_stamp_ns=124)
+    assert line.read().origin == Origin(124, 0)
+    line.say(3)
+    assert line.read().origin is None
+
+
+# --- what is accepted, what is counted ------------------------------------------------------------
+
+
+@given(st.lists(st.integers(1, 30), max_size=40))
+def test_exactly_the_left_to_right_maxima_are_accepted(seqs: list[int]) -> None:
+    """Any order, any repetition of a stream: only what is newer than all before it."""
+    line = Line()
+    accepted = [seq for seq in seqs if line.say(seq)]
+
+    maxima = [seq for i, seq in enumerate(seqs) if seq > max(seqs[:i], default=0)]
+    counters = line.reader.counters
+    assert accepted == maxima
+    assert counters.received == len(maxima)
+    assert counters.repeated == len(seqs) - len(maxima)
+    assert counters.superseded == (maxima[-1] - maxima[0] + 1 - len(maxima) if maxima else 0)
+    assert line.read().message == (SensorWrench(counter=maxima[-1]) if maxima else None)
+
+
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(1, 9)), max_size=40))
+def test_a_writer_that_was_followed_is_never_heard_again(said: list[tuple[int, int]]) -> None:
+    """A new epoch takes over and the old one is retired: two writers do not alternate."""
+    line = Line()
+    current: int | None = None
+    retired: set[int] = set()
+    newest, dropped = 0, 0
+    for epoch, seq in said:
+        accepted = line.say(seq, epoch=epoch)
+        if epoch in retired:
+            dropped += 1
+            assert not accepted
+        elif epoch != current:
+            retired |= set() if current is None else {current}
+            current, newest = epoch, seq
+            assert accepted
+        else:
+            assert accepted == (seq > newest)
+            newest = max(newest, seq)
+    assert line.reader.counters.retired == dropped
+
+
+def test_a_writer_that_starts_anew_may_count_from_one(line: Line) -> None:
+    """A restart is a new epoch: its low numbers are not reordered old messages."""
+    assert line.say(1000, epoch=1)
+    assert line.say(1, epoch=2)
+
+
+@given(st.binary(max_size=80))
+def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: bytes) -> None:
+    """Neither the message before nor zero: a fault with its own code, counted."""
+    line = Line()
+    line.say(1)
+    line.source.waiting.append(data)
+    assert not line.reader.poll()
+    reading = line.read()
+    assert (reading.fresh, reading.code) == (None, "undecodable")
+    assert reading.fault.startswith("sensor/wrench unreadable: ")
+    assert line.reader.counters.undecodable == 1
+    assert line.reader.counters.last_error
+    assert line.say(2)
+    assert line.read().fresh is not None
+
+
+def test_only_the_newest_is_seen() -> None:
+    """A reader that was busy finds the last of many; what it missed is counted."""
+    clock, transport = ManualClock(), MemoryTransport()
+    bus = Bus("sensor", "demo", transport, CELL, clock)
+    reader = Bus("wrench", "demo", transport, CELL, clock).reader(topics.SENSOR_WRENCH)
+    publisher = bus.publisher(topics.SENSOR_WRENCH)
+    for counter in range(1, 11):
+        publisher.put(SensorWrench(counter=counter))
+
+    assert reader.read(clock.now_ns()).message == SensorWrench(counter=10)
+    assert not reader.poll()
+    publisher.put(SensorWrench(counter=11))
+    publisher.put(SensorWrench(counter=12))
+    assert reader.poll()
+    assert reader.counters.superseded == 1
+
+
+# --- roles ----------------------------------------------------------------------------------------
+
+
+def bus_of(role: str, transport: MemoryTransport | None = None) -> Bus:
+    """Return a role's view of the demo cell."""
+    return Bus(role, "demo", transport or MemoryTransport(), CELL, ManualClock())
+
+
+@each_topic
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT, "stranger"])
+def test_the_table_alone_says_who_may_write_and_read(role: str, topic: Topic[Any]) -> None:
+    """Swept: every role with every topic; a refusal says whose the topic is."""
+    bus = bus_of(role)
+    if topic.writer == role:
+        bus.publisher(topic)
+    else:
+        with pytest.raises(BusError, match=f"{role} may not write {topic.key}: {topic.writer}"):
+            bus.publisher(topic)
+    if role in topic.readers:
+        assert bus.reader(topic).stale_after_s == CELL.stale_after_s(topic)
+    else:
+        with pytest.raises(BusError, match=f"{role} is not a reader of {topic.key}"):
+            bus.reader(topic)
+
+
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
+def test_only_who_watches_taps(role: str) -> None:
+    """Every message of a topic goes to clients and helpers; a role judges what it reads."""
+    if role in ROLES:
+        with pytest.raises(BusError, match=f"{role} may not tap wrench"):
+            bus_of(role).tap(topics.WRENCH, 3)
+    else:
+        bus_of(role).tap(topics.WRENCH, 3)
+
+
+@pytest.mark.parametrize("room", [1, 3])
+def test_a_tap_hands_out_the_newest_messages_in_their_order(room: int) -> None:
+    """As many as there is room for, the oldest of them first."""
+    transport = MemoryTransport()
+    source = bus_of(CLIENT, transport).tap(topics.WRENCH, room)
+    put = transport.publish("demo/wrench", "stream")
+    for number in range(5):
+        put(bytes([number]))
+    newest = [bytes([number]) for number in range(5)][-room:]
+    assert [source.take() for _ in range(room + 1)] == [*newest, None]
+
+
+@each_request
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
+def test_only_its_server_takes_a_request_and_only_clients_ask(
+    role: str, request_row: Request[Any]
+) -> None:
+    """Swept: every role with every request."""
+    if request_row.server == role:
+        bus_of(role).inbox(request_row)
+    else:
+        with pytest.raises(BusError, match=f"{role} does not serve {request_row.key}"):
+            bus_of(role).inbox(request_row)
+    if role != CLIENT:
+        with pytest.raises(BusError, match="only clients send requests"):
+            bus_of(role).ask(request_row, request_row.message.model_construct())
+
+
+def test_a_process_that_plays_two_roles_is_two_writers() -> None:
+    """Each role has its own epoch, so that the readers of one do not retire the other."""
+    robot = bus_of("robot")
+    sensor = robot.playing("sensor")
+
+    assert (sensor.role, sensor.cell) == ("sensor", "demo")
+    assert sensor.epoch != robot.epoch

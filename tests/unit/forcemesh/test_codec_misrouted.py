@@ -1,0 +1,117 @@
+"""What was written for another key or another cell is not taken, however well it decodes."""
+
+from pathlib import Path
+
+import pytest
+
+from common.bus.memory_bus import MemoryCall, MemoryTransport
+from common.config.load import load_cell
+from forcemesh import messages as m
+from forcemesh import requests as q
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.clock import ManualClock
+from forcemesh.codec import decode_record, encode, encode_record
+from forcemesh.errors import BusError, MisroutedError
+from tests.fakes.line import Line
+from tests.fakes.records import full
+
+DEMO = Path(__file__).parents[3] / "cells" / "demo.yaml"
+OTHERS = [topic for topic in topics.TOPICS if topic is not topics.SENSOR_WRENCH]
+
+
+@pytest.mark.parametrize("other", OTHERS, ids=lambda topic: topic.key)
+def test_a_message_of_another_topic_is_dropped(other):
+    """It is neither believed, nor does it retire the writer or spoil what that one said."""
+    line = Line()
+    assert line.say(1, m.SensorWrench(counter=5))
+    header = line.header(900, epoch=2, topic=f"demo/{other.key}")
+    line.source.waiting.append(encode(header, other.message()))
+    assert not line.reader.poll()
+    reading = line.read()
+    assert reading.fresh is not None
+    assert reading.fresh.counter == 5
+    assert not reading.conflict
+    assert line.reader.counters.misrouted == 1
+    assert line.say(2)
+
+
+def test_a_topic_on_which_hardly_anything_else_comes_is_not_orderly():
+    """A stray now and then is nothing; strays all the time are a fault."""
+    line = Line()
+    assert line.say(1)
+    for seq in range(10):
+        line.say(seq, topic="demo/wrench")
+    reading = line.read()
+    assert reading.code == "bad_messages"
+    assert "10 addressed to another topic or cell" in reading.fault
+
+
+@pytest.mark.parametrize("other", topics.REQUESTS, ids=lambda request: request.key)
+def test_a_request_for_something_else_is_refused(other):
+    """A hold that came to the key of `arm` would otherwise arm."""
+    data = encode_record(q.HoldRequest(), f"demo/{topics.HOLD.key}")
+    if other is topics.HOLD:
+        assert decode_record(data, q.HoldRequest, f"demo/{other.key}") == q.HoldRequest()
+        return
+    with pytest.raises(MisroutedError, match="request/hold"):
+        decode_record(data, other.message, f"demo/{other.key}")
+
+
+def test_a_request_need_not_say_where_it_goes():
+    """A client of somebody's own sends the fields of the request alone."""
+    assert decode_record(encode_record(q.Empty()), q.Empty, f"demo/{topics.CLEAR.key}") == q.Empty()
+
+
+def test_a_publisher_writes_the_address():
+    """What the project's own programs send names its key."""
+    cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
+    writer = Bus("arbiter", "demo", transport, cell, clock)
+    reader = Bus("robot", "demo", transport, cell, clock)
+    heard = reader.reader(topics.ROBOT_COMMAND)
+    writer.publisher(topics.ROBOT_COMMAND).put(m.RobotCommand())
+    assert heard.poll()
+    header = heard.read(clock.now_ns()).header
+    assert header is not None
+    assert header.topic == "demo/robot/command"
+
+
+@pytest.mark.parametrize("topic", topics.TOPICS, ids=lambda topic: topic.key)
+def test_a_message_of_another_cell_is_dropped(topic):
+    """The bytes of one cell, delivered to the same topic of the next one, move nothing there."""
+    cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
+    delivered = transport.subscribe(f"left/{topic.key}")
+    Bus(topic.writer, "left", transport, cell, clock).publisher(topic).put(topic.message())
+    reader = Bus(topic.readers[0], "right", transport, cell, clock).reader(topic)
+    data = delivered.take()
+    assert data is not None
+    transport.publish(f"right/{topic.key}", topic.qos)(data)
+    assert not reader.poll()
+    assert reader.counters.misrouted == 1
+    assert "addressed to 'left/" in reader.counters.last_error
+
+
+@pytest.mark.parametrize("request_row", topics.REQUESTS, ids=lambda request: request.key)
+def test_a_request_to_another_cell_is_refused(request_row):
+    """What a person asks of one cell is not done by the next one."""
+    cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
+    asked = request_row.message.model_validate(full(request_row.message))
+    sent = []
+
+    def deliver(_timeout_s, _until):
+        call = transport.serve(f"left/{request_row.key}").take()
+        assert call is not None
+        sent.append(call.data)
+
+    transport.advance = deliver
+    transport.serve(f"left/{request_row.key}")
+    with pytest.raises(BusError):  # nobody answers: the bytes are what counts
+        Bus(topics.CLIENT, "left", transport, cell, clock).ask(request_row, asked)
+    inbox = Bus(request_row.server, "right", transport, cell, clock).inbox(request_row)
+    call = MemoryCall(sent[0])
+    transport.serve(f"right/{request_row.key}").waiting.append(call)
+    for incoming in inbox.take_all():  # a hold is taken from anybody, and complained of
+        assert request_row is topics.HOLD
+        incoming.reply(q.Reply(accepted=True))
+    assert call.reply is not None
+    assert "addressed to 'left/" in decode_record(call.reply, q.Reply).text

@@ -1,0 +1,194 @@
+"""Recordings of older schema versions open as those of today do.
+
+tests/corpus/messages-version-N.json holds one message of each topic as the last program of version
+N encoded it, recording-version-2.mcap what its recorder wrote.
+"""
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from common.config.load import load_cell
+from forcemesh.clock import ManualClock
+from forcemesh.codec import SCHEMA_VERSION, decode, decode_recorded, pack, readdressed, unpack
+from forcemesh.errors import MessageError, MisroutedError
+from forcemesh.topics import TOPICS
+from launch.virtual_cell import VirtualCell
+from services.recorder.frames import Frame
+from services.recorder.playback import play
+from services.recorder.reading import RecordedFile
+from services.recorder.recording import Recording
+from services.recorder.wall_clock import WallClock
+from tests.fakes.recorder_bench import WALL_NS, cell_with, place
+
+CORPUS = Path(__file__).resolve().parents[2] / "corpus"
+DEMO = Path(__file__).resolve().parents[3] / "cells" / "demo.yaml"
+KEPT: dict[tuple[int, str], bytes] = {
+    (version, key): base64.b64decode(data)
+    for version in (1, 2)
+    for key, data in json.loads((CORPUS / f"messages-version-{version}.json").read_text()).items()
+}
+BY_KEY: dict[str, Any] = {topic.key: topic for topic in TOPICS}
+each_kept = pytest.mark.parametrize(("version", "key"), KEPT)
+
+
+def aged(data: bytes) -> bytes:
+    """Return a message of version 2 as version 1 wrote it."""
+    fields = unpack(data)
+    return pack(fields | {"v": 1, "topic": fields["topic"].partition("/")[2]})
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def old(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of an arm that is armed, presses and is held, as the last program of 2 made it.
+
+    The one of version 1 is made of the same messages.
+    """
+    path = CORPUS / "recording-version-2.mcap"
+    if request.param == 2:
+        return path
+    folder = tmp_path_factory.mktemp("old")
+    frames = [
+        Frame(place(BY_KEY[each.topic]), unpack(each.data)["stamp_ns"], aged(each.data))
+        for each in RecordedFile(path).heard()
+    ]
+    boot = unpack(frames[0].data)["boot"]
+    recording = Recording(
+        folder, "file", cell_with(folder), cause="asked",
+        wall=WallClock(boot, WALL_NS), now_ns=frames[0].at_ns,
+    )  # fmt: skip
+    recording.write(frames, frames[-1].at_ns)
+    recording.close()
+    return recording.path
+
+
+def run(*words: object) -> tuple[int, str]:
+    """Run the command line; return exit code and standard output."""
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    return result.exit_code, result.stdout
+
+
+def as_written(read: Any, said: Any) -> Any:
+    """Return what was read without the fields that records got since: they have their defaults."""
+    if isinstance(read, dict) and isinstance(said, dict) and said.keys() <= read.keys():
+        return {name: as_written(read[name], said[name]) for name in said}
+    if isinstance(read, tuple) and isinstance(said, tuple) and len(read) == len(said):
+        return tuple(as_written(*pair) for pair in zip(read, said, strict=True))
+    return read
+
+
+# Where the fields that version 3 has changed are now, by topic: old path, new path.
+MOVED: dict[str, list[tuple[tuple[str, ...], tuple[str, ...]]]] = {
+    "robot/state": [
+        (("status", "motor_power"), ("status", "kawasaki", "motor_power")),
+        (("status", "moving"), ("status", "moving")),
+        (("status", "held"), ("status", "held")),
+        (("error_code",), ("status", "kawasaki", "error_code")),
+        (("hold_reason",), ("hold", "text")),
+        (("accepted", "turn"), ("accepted", "ownership")),
+    ],
+    "robot/command": [(("permission", "turn"), ("permission", "ownership"))],
+    "arbiter/status": [(("turn",), ("ownership",))],
+}
+CHANGED = {"status", "accepted", "permission", "v"}
+
+
+def at(fields: Any, path: tuple[str, ...]) -> Any:
+    """Return what is at a path of plain data."""
+    for name in path:
+        fields = fields[name]
+    return fields
+
+
+@each_kept
+def test_a_kept_message_of_an_older_version_is_read(version: int, key: str) -> None:
+    """Field by field as it was written, under its own key and no other one."""
+    data = KEPT[version, key]
+    header, message = decode_recorded(data, BY_KEY[key].message, key)
+    said = msgpack.unpackb(data, use_list=False)
+    read = header.model_dump() | message.model_dump()
+    for name in (said.keys() & read.keys()) - (CHANGED if key in MOVED else set()):
+        assert as_written(read[name], said[name]) == said[name], name
+    for old_path, new_path in MOVED.get(key, []):
+        if key != "arbiter/status" or version == 2:  # version 1 had no owner there
+            assert at(read, new_path) == at(said, old_path), old_path
+    for other in BY_KEY:
+        if other != key:
+            with pytest.raises(MisroutedError):
+                decode_recorded(data, BY_KEY[key].message, other)
+
+
+def test_the_law_of_hand_guiding_has_another_name() -> None:
+    """`guide` of version 2 is `admittance`; the other laws keep their names."""
+    for old_law, law in (("guide", "admittance"), ("plain", "plain")):
+        fields = unpack(KEPT[2, "regulator/target"]) | {"law": old_law}
+        _, message = decode_recorded(
+            pack(fields), BY_KEY["regulator/target"].message, "regulator/target"
+        )
+        assert message.law == law
+
+
+@pytest.mark.parametrize("status", [None, 7, "held"])
+def test_a_spoilt_old_message_is_refused_and_breaks_nothing(status: object) -> None:
+    """Its status is no map: it is not decodable, as it was not before."""
+    fields = unpack(KEPT[2, "robot/state"]) | {"status": status}
+    with pytest.raises(MessageError, match=r"RobotState\.status"):
+        decode_recorded(pack(fields), BY_KEY["robot/state"].message, "robot/state")
+
+
+@each_kept
+def test_on_the_bus_an_older_version_is_refused(version: int, key: str) -> None:
+    """A program that is older than the cell is told so; it is never half understood."""
+    with pytest.raises(MessageError, match=f"schema version {version}, this program uses 3"):
+        decode(KEPT[version, key], BY_KEY[key].message, f"demo/{key}")
+
+
+@each_kept
+def test_what_is_published_again_has_version_and_address_of_today(version: int, key: str) -> None:
+    """Readers of the cell take it, as from the recording itself."""
+    data = KEPT[version, key]
+    _, message = decode(readdressed(data, f"demo/{key}"), BY_KEY[key].message, f"demo/{key}")
+    assert message == decode_recorded(data, BY_KEY[key].message, key)[1]
+
+
+@pytest.mark.parametrize("data", [b"", b"\xc1", b"\x93\x01\x02\x03", pack({"v": 7, "topic": "x"})])
+def test_what_is_no_message_is_published_as_it_is(data: bytes) -> None:
+    """The recorder keeps strangers' bytes, and the replay does not repair them."""
+    assert readdressed(data, "demo/wrench") == data
+
+
+def test_an_old_recording_is_replayed_into_readers_of_today(old: Path) -> None:
+    """Every message, none refused for its version or address."""
+    heard = list(RecordedFile(old).heard())
+    assert len(heard) > 1000
+    assert len({unpack(each.data)["v"] for each in heard} - {1, 2}) == 0
+    world = VirtualCell(load_cell(DEMO))
+    tap = world.transport.subscribe("demo/robot/state", 10**6)
+    play(heard, world.transport, "demo", clock=ManualClock())
+    count = 0
+    while (data := tap.take()) is not None:
+        header, _ = decode(data, BY_KEY["robot/state"].message, "demo/robot/state")
+        count += header.v == SCHEMA_VERSION
+    assert count == sum(each.topic == "robot/state" for each in heard)
+
+
+def test_the_verbs_open_an_old_recording(old: Path, tmp_path: Path) -> None:
+    """Export, report and a service that is fed with it: nothing is unreadable or left out."""
+    heard = list(RecordedFile(old).heard())
+    code, out = run("export", old, "-o", tmp_path / "tables")
+    assert code == 0
+    assert f"wrench.csv: {sum(each.topic == 'wrench' for each in heard)} rows" in out
+    code, out = run("report", old, "-o", tmp_path / "report.html", "--no-3d")
+    assert code == 0
+    assert "1 stops" in out
+    assert "HOLDING · hold (501)" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    code, out = run("replay", old, "--to-service", "wrench")
+    assert code == 0
+    assert "all fields: equal" in out
+    assert " 0 compared" not in out

@@ -1,0 +1,286 @@
+"""The process table of a cell and the supervisor, tried on small processes of the test's own."""
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from common.config.cell import CellConfig
+from common.config.load import load_cell
+from forcemesh.bus import Reading
+from forcemesh.errors import ForcemeshError
+from forcemesh.messages import ArbiterStatus
+from forcemesh.topics import ROLES
+from launch import processes
+from launch.processes import MODULES, Supervisor, processes_of
+from launch.run_file import FOLDER_VARIABLE, is_alive, read_run
+from launch.started_process import ProcessSpec, how_ended
+
+ROOT = Path(__file__).resolve().parents[3]
+DEMO = ROOT / "cells" / "demo.yaml"
+PATIENCE_S = 20.0  # of the test, for a loaded machine
+GATEWAY = {"roles.robot": "gateway", "gateway": {}, "roles.sensor": "driver"}
+
+pytestmark = pytest.mark.processes
+
+
+@pytest.fixture
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
+    """A cell whose run files are this test's alone."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    return load_cell(DEMO, {"cell": "unit"})
+
+
+def python(name: str, program: str) -> ProcessSpec:
+    """Return a process that runs a small program under the name of a role."""
+    return ProcessSpec("test.program", (name,), (sys.executable, "-c", program))
+
+
+SLEEPER = "import time; print('up', flush=True); time.sleep(600)"
+STUBBORN = f"import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); {SLEEPER}"
+
+
+def until(what: Callable[[], object]) -> None:
+    """Wait until something is true; fail when it does not become true."""
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < give_up_s, "it did not happen"
+        time.sleep(0.005)
+
+
+def pids_of(cell: CellConfig) -> list[int]:
+    """Return the processes that the run file names."""
+    run = read_run(cell.cell)
+    return [entry.pid for entry in run.processes] if run else []
+
+
+@pytest.mark.parametrize(
+    ("overrides", "robot", "sensor"),
+    [
+        ({}, "sim.robot", "sim.robot"),
+        (GATEWAY, "services.gateway", "services.sensor"),
+        ({**GATEWAY, "roles.sensor": "external"}, "services.gateway", None),
+    ],
+)
+def test_every_role_is_played_by_the_process_that_the_cell_names(overrides, robot, sensor) -> None:
+    """One word in the cell file swaps robot and sensor; the other roles are always the same."""
+    processes = processes_of(load_cell(DEMO, overrides))
+    played = {role: process.module for process in processes for role in process.roles}
+    fixed = {role: f"services.{role}" for role in ("hub", "arbiter", "regulator", "wrench")}
+    expected = fixed | {"robot": robot} | ({"sensor": sensor} if sensor else {})
+    assert played == expected
+    assert processes[0].module == "services.hub"
+
+
+def test_table_names_every_role_and_only_modules_that_can_be_run() -> None:
+    """A role without a row, or a row without a program, would fail at a user's desk."""
+    assert set(MODULES) == set(ROLES)
+    modules = {module for choices in MODULES.values() for module in choices.values() if module}
+    assert [m for m in modules if importlib.util.find_spec(f"{m}.__main__") is None] == []
+
+
+def test_processes_run_while_it_is_up_and_none_is_left_after(cell: CellConfig) -> None:
+    """Each has a session of its own, all are in the run file, and the end is clean."""
+    with Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER), python("robot", SLEEPER)]):
+        pids = pids_of(cell)
+        assert len(pids) == 2
+        assert all(is_alive(pid, None) for pid in pids)
+        assert [os.getsid(pid) for pid in pids] == pids
+    assert not any(is_alive(pid, None) for pid in pids)
+    assert read_run(cell.cell) is None
+
+
+def test_lines_of_a_process_carry_its_role(cell: CellConfig) -> None:
+    """Whoever reads the log sees who said it; standard output and standard error alike."""
+    said: list[tuple[str, str]] = []
+    program = f"import sys; print('to err', file=sys.stderr, flush=True); {SLEEPER}"
+    with Supervisor(
+        cell, DEMO, processes=[python("wrench", program)], say=lambda *pair: said.append(pair)
+    ):
+        until(lambda: len(said) == 2)
+    assert said == [("wrench", "to err"), ("wrench", "up")]
+
+
+def test_a_killed_process_is_named_with_its_signal(cell: CellConfig) -> None:
+    """The supervisor and the run file, also after the end, say who was killed by what."""
+    both = [python("wrench", SLEEPER), python("robot", SLEEPER)]
+    with Supervisor(cell, DEMO, processes=both) as supervisor:
+        victim = pids_of(cell)[1]
+        os.kill(victim, signal.SIGKILL)
+        until(lambda: supervisor.died)
+        assert [str(died) for died in supervisor.died] == [
+            f"robot (test.program, pid {victim}): killed by SIGKILL"
+        ]
+    run = read_run(cell.cell)
+    assert run is not None
+    assert not run.live
+    assert run.ended_at is not None
+    assert {e.roles[0]: e.ended and e.ended.how for e in run.processes} == {
+        "wrench": None,
+        "robot": "killed by SIGKILL",
+    }
+
+
+def test_a_process_that_gives_up_is_named_with_its_code_and_last_words(cell: CellConfig) -> None:
+    """What it said last is why it went."""
+    program = "import sys; print('no such file'); sys.exit(2)"
+    with Supervisor(cell, DEMO, processes=[python("wrench", program)]) as supervisor:
+        until(lambda: supervisor.died)
+    assert str(supervisor.died[0]).endswith("exit code 2, last output: no such file")
+
+
+def test_a_death_while_waiting_for_readiness_ends_the_wait(cell: CellConfig) -> None:
+    """Nobody waits for a cell that cannot become ready, and the error names the dead."""
+    wrench = [python("wrench", "raise SystemExit(3)")]
+    with (
+        Supervisor(cell, DEMO, processes=wrench) as supervisor,
+        pytest.raises(ForcemeshError, match=r"wrench .*exit code 3"),
+    ):
+        supervisor.wait_ready(PATIENCE_S)
+
+
+class Hours:
+    """A clock on which only sleep takes time, and a bus whose hub answers after so long."""
+
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, cell: CellConfig, heard_after_s: float
+    ) -> None:
+        """Stand in for time and bus of the supervisor."""
+        self._now_s = 0.0
+        self._cell, self._heard_after_s = cell, heard_after_s
+        monkeypatch.setattr(processes, "time", self)
+        monkeypatch.setattr(processes, "HEALTH_POLL_S", 1.0)
+        monkeypatch.setattr(processes, "open_bus", lambda *_, **__: nullcontext())
+        monkeypatch.setattr(processes, "CellView", lambda *_: self)
+
+    def monotonic(self) -> float:
+        """Return the time [s]."""
+        return self._now_s
+
+    def sleep(self, for_s: float) -> None:
+        """Let it pass."""
+        self._now_s += for_s
+
+    def pid(self, _role: str) -> int | None:
+        """Return the hub's process once it is heard."""
+        return pids_of(self._cell)[0] if self._now_s >= self._heard_after_s else None
+
+    def arbiter(self) -> Reading[ArbiterStatus]:
+        """Return that nobody is heard."""
+        return Reading(None, None, 0.0, "arbiter/status missing", silent=True)
+
+
+def test_a_hub_that_is_slow_to_come_up_is_waited_for(cell: CellConfig, monkeypatch) -> None:
+    """A minute, on a machine that is busy; after ten seconds it is said what is waited for."""
+    Hours(monkeypatch, cell, 60.0)
+    said: list[str] = []
+    hub = [python("hub", SLEEPER)]
+    with Supervisor(cell, DEMO, processes=hub, say=lambda _name, line: said.append(line)):
+        assert [line for line in said if "still waiting for the hub at tcp/" in line] == [
+            "after 10 s still waiting for the hub at tcp/127.0.0.1:7447"
+        ]
+
+
+def test_a_hub_that_is_never_heard_ends_the_wait_some_time(cell: CellConfig, monkeypatch) -> None:
+    """Its process lives and is not heard: that is said, with the address."""
+    Hours(monkeypatch, cell, float("inf"))
+    with (
+        pytest.raises(ForcemeshError, match=r"the hub at tcp/.* did not respond in 120 s"),
+        Supervisor(cell, DEMO, processes=[python("hub", SLEEPER)]),
+    ):
+        pass
+
+
+def test_a_hub_that_dies_ends_the_wait_at_once(cell: CellConfig) -> None:
+    """However long a slow one would be waited for."""
+    began_s = time.monotonic()
+    with (
+        pytest.raises(ForcemeshError, match=r"hub .*exit code 3"),
+        Supervisor(cell, DEMO, processes=[python("hub", "raise SystemExit(3)")]),
+    ):
+        pass
+    assert time.monotonic() - began_s < processes.UP_WITHIN_S / 2.0
+
+
+def test_a_process_that_will_not_end_is_killed_with_its_children(cell: CellConfig) -> None:
+    """SIGTERM first, then SIGKILL for the whole session: no orphans."""
+    said: list[str] = []
+    parent = (
+        "import subprocess, sys; "
+        f"child = subprocess.Popen([sys.executable, '-c', {SLEEPER!r}], stdout=sys.stderr); "
+        f"print(child.pid, flush=True); {STUBBORN}"
+    )
+    with Supervisor(
+        cell, DEMO, processes=[python("wrench", parent)], say=lambda _, line: said.append(line)
+    ):
+        until(lambda: len(said) == 3)
+        child = next(int(line) for line in said if line.isdigit())
+        pids = [*pids_of(cell), child]
+        assert all(is_alive(pid, None) for pid in pids)
+    until(lambda: not any(is_alive(pid, None) for pid in pids))
+
+
+def test_processes_die_with_a_supervisor_that_is_killed(cell: CellConfig) -> None:
+    """Not even kill -9 of the supervisor leaves a process behind, and the run is not live then."""
+    program = f"""
+import sys, time
+from pathlib import Path
+from launch.processes import Supervisor
+from launch.started_process import ProcessSpec
+from common.config.load import load_cell
+sleeper = ProcessSpec("test.program", ("robot",), (sys.executable, "-c", {STUBBORN!r}))
+with Supervisor(load_cell({str(DEMO)!r}, {{"cell": "unit"}}), Path({str(DEMO)!r}),
+                processes=[sleeper, sleeper]):
+    time.sleep(600)
+"""
+    supervisor = subprocess.Popen([sys.executable, "-c", program], cwd=ROOT)
+    try:
+        until(lambda: len(pids_of(cell)) == 2)
+        pids = pids_of(cell)
+        assert all(is_alive(pid, None) for pid in pids)
+    finally:
+        supervisor.kill()
+        supervisor.wait()
+    until(lambda: not any(is_alive(pid, None) for pid in pids))
+    run = read_run(cell.cell)
+    assert run is not None
+    assert not run.live
+
+
+def test_a_cell_that_is_up_is_not_started_again(cell: CellConfig) -> None:
+    """Two supervisors of one cell would be two commanders; the error names the first one."""
+    with (
+        Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER)]),
+        pytest.raises(ForcemeshError, match=f"already up .pid {os.getpid()}"),
+        Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER)]),
+    ):
+        pass
+
+
+def test_a_cell_without_a_file_is_written_for_its_processes(cell: CellConfig) -> None:
+    """The processes load the very cell that the supervisor was given."""
+    with Supervisor(cell, processes=[python("wrench", SLEEPER)]):
+        run = read_run(cell.cell)
+        assert run is not None
+        assert load_cell(run.cell_file) == cell
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (0, "exit code 0"),
+        (2, "exit code 2"),
+        (-9, "killed by SIGKILL"),
+        (-99, "killed by signal 99"),
+    ],
+)
+def test_return_codes_are_put_into_words(code: int, words: str) -> None:
+    """A negative code is a signal, named where it has a name."""
+    assert how_ended(code) == words

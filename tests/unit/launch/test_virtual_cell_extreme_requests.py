@@ -1,0 +1,197 @@
+"""No request, however extreme, ends a service or moves the arm beyond what the cell file allows.
+
+Every request model, every field at its extremes, in every state, against the cores of a whole cell
+on a virtual clock. An error that a core does not foresee is raised here and fails the test.
+"""
+
+import json
+import random
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from common.bus.memory_bus import MemoryCall
+from common.config.calibration import CalibrationSection
+from common.motion.limits import Limits
+from forcemesh import topics
+from forcemesh.codec import decode_record, encode_record
+from forcemesh.messages import GOES_ON
+from forcemesh.requests import CalibrationRequest, Empty, HoldRequest, PathRequest, Reply
+from tests.fakes.bench import CELL
+from tests.fakes.extremes import hostile
+from tests.fakes.lab import BRAKE_S, Lab
+from tests.fakes.long import long
+from tests.unit.common.config.test_calibration import calibration
+
+EVERY_S = 0.004  # one request in each control period
+SAMPLE = 30  # of some 3000 in a quick run, in each state
+LIMITS = Limits.of(CELL)
+SPEED_M_S = 1.2 * CELL.limits.speed_m_s + 0.02  # of the true arm, its servos' lag included
+FORCE_N = 1.3 * CELL.limits.force_N
+LONGEST_SENTENCE = 400  # characters: no number is written out with 300 digits
+
+
+def idle(lab: Lab) -> None:
+    """Be held and cleared."""
+    held(lab)
+    assert lab.ask(topics.CLEAR, Empty()).accepted
+
+
+def armed(_lab: Lab) -> None:
+    """Be armed, as a lab is."""
+
+
+def held(lab: Lab) -> None:
+    """Be held by a person."""
+    assert lab.ask(topics.HOLD, HoldRequest()).accepted
+    lab.cell.advance(BRAKE_S)
+
+
+def faulty(lab: Lab) -> None:
+    """Have lost a process."""
+    lab.cell.kill("wrench")
+    lab.cell.advance(0.3)
+    assert lab.status.state == "FAULT"
+
+
+STATES: dict[str, Callable[[Lab], None]] = {
+    "IDLE": idle,
+    "ARMED": armed,
+    "moving": Lab.lift,
+    "pressing": Lab.press,
+    "HOLDING": held,
+    "FAULT": faulty,
+}
+
+
+def send(lab: Lab, key: str, data: bytes) -> MemoryCall:
+    """Put a request's bytes before its server."""
+    call = MemoryCall(data)
+    lab.cell.transport.serve(f"{CELL.cell}/{key}").waiting.append(call)
+    return call
+
+
+def assaulted(lab: Lab, requests: list[tuple[str, bytes]]) -> None:
+    """Send requests one after the other; judge the true arm after each."""
+    before_m = lab.p_m()
+    for key, data in requests:
+        send(lab, key, data)
+        lab.cell.advance(EVERY_S)
+        p_m, q = lab.p_m(), lab.q_command()
+        assert np.isfinite(q).all(), (key, data)
+        speed_m_s = float(np.linalg.norm(p_m - before_m)) / EVERY_S
+        assert speed_m_s < SPEED_M_S, (key, data)
+        tcp_m = (lab.cell.arm.T_base_flange * CELL.tool.T_flange_tcp.pose).translation
+        assert (tcp_m > LIMITS.workspace_min_m - 0.01).all(), (key, data)
+        assert (tcp_m < LIMITS.workspace_max_m + 0.01).all(), (key, data)
+        assert abs(lab.force_N) < FORCE_N, (key, data)
+        before_m = p_m
+
+
+def hold_works(lab: Lab) -> None:
+    """A hold is obeyed: the arm comes to rest and stays there."""
+    call = send(lab, topics.HOLD.key, b"")
+    lab.cell.advance(2 * EVERY_S)
+    assert call.reply is not None
+    assert decode_record(call.reply, Reply).accepted
+    assert lab.status.state not in GOES_ON
+    lab.cell.advance(BRAKE_S)
+    lab.assert_still(0.1)
+
+
+@pytest.mark.parametrize("share", ["some", long("all")])
+@pytest.mark.parametrize("state", STATES)
+def test_no_request_ends_a_service_or_breaks_a_limit(state: str, share: str) -> None:
+    """Whatever comes in, in whichever state: the arm keeps its limits, and a hold works."""
+    requests = hostile()
+    if share == "some":
+        requests = random.Random(state).sample(requests, SAMPLE)
+    lab = Lab(CELL)  # a request in each of its control periods
+    STATES[state](lab)
+    assaulted(lab, requests)
+    hold_works(lab)
+
+
+def calibration_json(path: tuple[str, ...], value: Any) -> str:
+    """Return a calibration of the cell with one value replaced; its revision is left out."""
+    fields: dict[str, Any] = {
+        "payload": CELL.payload,
+        "T_flange_tcp": CELL.tool.T_flange_tcp,
+        "T_flange_sensor": CELL.sensor.T_flange_sensor,
+    }
+    tree = json.loads(calibration(**fields).model_dump_json())
+    tree["revision"] = ""
+    part = tree
+    for name in path[:-1]:
+        part = part[name]
+    part[path[-1]] = value
+    return json.dumps(tree)
+
+
+EXTREME_CALIBRATIONS: list[tuple[tuple[str, ...], Any]] = [
+    (("payload", "gravity_direction_in_base"), [0.0, 0.0, -2.0]),
+    (("payload", "gravity_direction_in_base"), [0.0, 0.0, 0.0]),
+    (("payload", "gravity_direction_in_base"), [1e200, 0.0, 0.0]),
+    (("payload", "mounting_rotation_rad"), [1e300, 0.0, 0.0]),
+    (("payload", "mass_kg"), 1e308),
+    (("payload", "com_m"), [1e200, 1e200, 0.0]),
+    (("payload", "bias_force_N"), [1e308, 1e308, 1e308]),
+    (("payload", "bias_torque_Nm"), [-1e308, 0.0, 0.0]),
+    (("T_flange_tcp", "position_m"), [1e200, 0.0, 0.0]),
+    (("T_flange_tcp", "oat_deg"), [1e308, 0.0, 0.0]),
+    (("T_flange_sensor", "oat_deg"), [1e16, -1e16, 0.0]),
+]
+
+
+def test_the_calibration_without_the_extreme_value_can_be() -> None:
+    """What is refused below is refused for its one value."""
+    mass_kg = CELL.payload.mass_kg
+    text = calibration_json(("payload", "mass_kg"), mass_kg)
+    assert CalibrationSection.model_validate_json(text).payload.mass_kg == mass_kg
+
+
+@pytest.mark.parametrize(("path", "value"), EXTREME_CALIBRATIONS, ids=str)
+def test_a_calibration_that_cannot_be_is_refused(path: tuple[str, ...], value: Any) -> None:
+    """With a sentence; the wrench goes on as it was."""
+    lab = Lab()
+    held(lab)
+    text = calibration_json(path, value)
+    with pytest.raises(ValidationError) as refused:  # a file that says it cannot be read either
+        CalibrationSection.model_validate_json(text)
+    assert {str(mistake["loc"][0]) for mistake in refused.value.errors()} == {path[0]}
+    reply = lab.ask(topics.CALIBRATE, CalibrationRequest(calibration_json=text))
+    assert (reply.accepted, reply.code) == (False, "malformed")
+    assert all(name in reply.text for name in path)
+    assert len(reply.text) < LONGEST_SENTENCE
+    lab.cell.advance(0.05)
+    assert lab.now(lab.wrench).valid
+
+
+def test_a_point_outside_the_workspace_is_refused() -> None:
+    """Named by its number, with the axis and the limit; what lies along the tool's axis is free."""
+    lab = Lab()
+    lab.press()
+    x_m, y_m, z_m = lab.p_m()
+    inside, above = (x_m + 0.005, y_m, z_m), (x_m + 0.005, y_m, z_m + 50.0)
+    beyond = (x_m + 5.0, y_m, z_m)
+    wanted = PathRequest(points_m=(inside, beyond))
+    reply = lab.ask(topics.FORCE_PATH, wanted)
+    assert (reply.accepted, reply.code) == (False, "workspace")
+    assert reply.text.startswith("point 2: TCP x = ")
+    assert lab.ask(topics.FORCE_PATH, PathRequest(points_m=(inside, above))).accepted
+
+
+def test_a_hold_is_served_though_other_requests_come_without_end() -> None:
+    """Every inbox full of nonsense: the hold is taken within a period."""
+    lab = Lab()
+    lab.lift()
+    for row in topics.REQUESTS:
+        for _ in range(16):
+            send(lab, row.key, encode_record(Empty()) if row is topics.CLEAR else b"\xc1")
+    lab.cell.advance(EVERY_S * 2)
+    assert lab.status.state not in GOES_ON
+    lab.cell.advance(EVERY_S * 8)  # until what waits is answered: a few in each period
+    hold_works(lab)

@@ -1,0 +1,237 @@
+"""What the repository promises about itself: its lock, its commands, its sizes, its words."""
+
+import os
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from tools import sizes
+
+ROOT = Path(__file__).resolve().parents[3]
+PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+METADATA = PROJECT["project"]
+LOCK = "requirements.lock"
+RUN_LOCK = "requirements-run.lock"
+
+locks = pytest.mark.parametrize("lock", [LOCK, RUN_LOCK])
+
+
+def entries(lock: str) -> list[str]:
+    """Return the requirements of a lock with their hashes, one each, without comments."""
+    text = (ROOT / lock).read_text(encoding="utf-8").replace("\\\n", " ")
+    return [line for line in text.splitlines() if line and not line.lstrip().startswith("#")]
+
+
+def pins(lock: str) -> list[Requirement]:
+    """Return the requirements of a lock without their hashes."""
+    return [Requirement(entry.split(" --hash")[0]) for entry in entries(lock)]
+
+
+def declared(*extras: str) -> list[Requirement]:
+    """Return the direct dependencies that pyproject.toml declares."""
+    optional = METADATA["optional-dependencies"]
+    lists = [METADATA["dependencies"], *(optional[extra] for extra in extras)]
+    return [Requirement(line) for lines in lists for line in lines]
+
+
+def run(
+    *command: str | Path, cwd: Path = ROOT, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a command as a user would, free of an outer make's settings."""
+    outside = {k: v for k, v in os.environ.items() if not k.startswith(("MAKE", "MFLAGS"))}
+    return subprocess.run(
+        command, cwd=cwd, env=outside | variables, capture_output=True, text=True, check=False
+    )
+
+
+# --- the lock -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("lock", "extras"), [(LOCK, ("build", "dev")), (RUN_LOCK, ("build",))])
+def test_lock_satisfies_every_declared_dependency(lock: str, extras: tuple[str, ...]) -> None:
+    """A dependency that was declared but not locked would not be there after `make setup`."""
+    for wanted in declared(*extras):
+        name = canonicalize_name(wanted.name)
+        versions = [pin.specifier for pin in pins(lock) if canonicalize_name(pin.name) == name]
+        assert versions, f"{lock} lacks {wanted.name}: run make lock"
+        for version in versions:
+            assert wanted.specifier.contains(str(version).removeprefix("=="))
+
+
+@locks
+def test_lock_pins_one_version_with_hashes(lock: str) -> None:
+    """Every requirement is exact and carries hashes, so that nothing else can be installed."""
+    assert entries(lock)
+    for entry, pin in zip(entries(lock), pins(lock), strict=True):
+        assert re.fullmatch(r"==[^,*]+", str(pin.specifier)), entry
+        assert re.search(r"--hash=sha256:[0-9a-f]{64}", entry), entry
+
+
+@locks
+def test_lock_names_no_place(lock: str) -> None:
+    """A lock says what, never where from: no address, no path, no index option."""
+    text = (ROOT / lock).read_text(encoding="utf-8")
+    assert not re.search(r"://|file:|(^|\s)(/|\.\.?/|--index|--extra-index|--find-links)", text)
+    assert all(pin.url is None for pin in pins(lock))
+
+
+def test_image_gets_the_versions_that_are_tested() -> None:
+    """The image's lock is a part of the whole lock, without the developer's tools."""
+    # Not the markers: what the tests need too may be wanted in more places there.
+    run, whole = ({f"{pin.name}{pin.specifier}" for pin in pins(lock)} for lock in (RUN_LOCK, LOCK))
+    assert run < whole
+    names = {canonicalize_name(pin.name) for pin in pins(RUN_LOCK)}
+    assert not names & {"pytest", "hypothesis", "mypy", "ruff", "pre-commit", "import-linter"}
+
+
+# --- the commands ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "setup",
+        "demo",
+        "test",
+        "check",
+        "format",
+        "bench",
+        "bench-tcp",
+        "chaos",
+        "chaos-full",
+        "fuzz",
+        "lock",
+        "clean",
+    ],
+)
+def test_make_knows_and_lists_its_targets(target: str) -> None:
+    """Each command that the documentation names is there, and `make` alone tells of it."""
+    assert run("make", "-n", target).returncode == 0
+    assert re.search(rf"^{target} +\S", run("make").stdout, re.MULTILINE)
+
+
+@pytest.fixture
+def bare(tmp_path: Path) -> Path:
+    """Return a folder with nothing in it but the set-up script, in its place."""
+    (tmp_path / "tools").mkdir()
+    shutil.copy(ROOT / "tools" / "setup.sh", tmp_path / "tools")
+    return tmp_path
+
+
+def fake_python(folder: Path, *, version: str, lacks: str) -> Path:
+    """Write a python that states a version and fails on code that mentions `lacks`."""
+    python = folder / "python3"
+    python.write_text(
+        f'#!/bin/sh\ncase "$2" in *print*) echo {version};; *{lacks}*) exit 1;; esac\n',
+        encoding="utf-8",
+    )
+    python.chmod(0o755)
+    return python
+
+
+@pytest.mark.parametrize(
+    ("version", "lacks", "said"),
+    [
+        ("3.10.12", "(3, 11)", "is Python 3.10.12, and 3.11 or newer is needed"),
+        ("3.11.2", "ensurepip", "apt-get install -y python3-venv\n"),
+        ("3.11.2", "libgomp", "apt-get install -y libgomp1\n"),
+    ],
+)
+def test_setup_says_what_is_missing(bare: Path, version: str, lacks: str, said: str) -> None:
+    """What the system lacks is named in one line, with the command that brings it."""
+    python = fake_python(bare, version=version, lacks=f'"{lacks}"')
+    result = run("tools/setup.sh", python, cwd=bare, PATH="/usr/bin:/bin")
+    assert result.returncode == 1
+    assert said in result.stderr
+    assert result.stderr.startswith("forcemesh: ")
+    assert result.stderr.count("\n") == 1
+    assert not (bare / ".venv").exists()
+
+
+def test_setup_without_any_python_says_so(bare: Path) -> None:
+    """No Python at all is the same kind of answer."""
+    result = run("tools/setup.sh", "python-that-is-not-there", cwd=bare)
+    assert result.returncode == 1
+    assert result.stderr.startswith("forcemesh: there is no 'python-that-is-not-there'")
+    assert "apt-get install -y python3 python3-venv" in result.stderr
+
+
+def test_ci_runs_what_a_person_runs() -> None:
+    """CI has no checks of its own: it calls make, and any failure ends it.
+
+    But for that of the containers, which is last and says so: they are too heavy for two cores.
+    """
+    script = ROOT / ".ci" / "run"
+    text = script.read_text(encoding="utf-8")
+    assert os.access(script, os.X_OK)
+    assert "set -euo pipefail" in text
+    calls = [line for line in text.splitlines() if line.startswith(("make ", "timeout "))]
+    first = ["check", "whole-runs", "demo", "test", "test-long", "coverage", "mutate"]
+    targets = [*first, "chaos", "test-browser"]
+    assert [call.split()[1] for call in calls[:-1]] == targets
+    assert re.match(
+        r"timeout --kill-after=60 \d+ make compose-test ARGS=--optional \|\|", calls[-1]
+    )
+    assert run("bash", "-n", script).returncode == 0
+
+
+def test_pre_commit_downloads_nothing() -> None:
+    """The hooks are the project's own tools from .venv, so that they work without a network."""
+    config = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+    assert [repo["repo"] for repo in config["repos"]] == ["local"]
+    for hook in config["repos"][0]["hooks"]:
+        assert hook["language"] == "system"
+        assert hook["entry"].startswith(".venv/bin/")
+
+
+# --- sizes ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("file_lines", "function_lines", "code"), [(450, 60, 0), (451, 60, 1), (450, 61, 1)]
+)
+def test_sizes_fail_above_the_limits(
+    tmp_path: Path, file_lines: int, function_lines: int, code: int
+) -> None:
+    """450 lines of file and 60 of function pass; one more of either does not."""
+    function = ["def f():", *["    x = 1"] * (function_lines - 1)]
+    module = function + ["y = 1"] * (file_lines - len(function))
+    (tmp_path / "common").mkdir()
+    (tmp_path / "common" / "m.py").write_text("\n".join(module) + "\n", encoding="utf-8")
+    assert sizes.main(tmp_path) == code
+
+
+# --- words ----------------------------------------------------------------------------------------
+
+
+def test_licence_is_the_one_that_is_declared() -> None:
+    """The full text of Apache-2.0 is in the repository, and the metadata says so."""
+    text = (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert METADATA["license"] == "Apache-2.0"
+    assert "Apache License\n" in text
+    assert "Version 2.0, January 2004" in text
+    assert "END OF TERMS AND CONDITIONS" in text
+
+
+def test_no_tracked_file_names_a_machine_or_a_package_host() -> None:
+    """The repository works anywhere: no path of one machine, no address of a package host."""
+    listed = run("git", "ls-files", "-z")
+    if listed.returncode:
+        pytest.skip("not a git checkout: there is no list of the project's own files")
+    word = re.compile(
+        r"/wor[k]/(main|shared|steering)|/(hom[e]|User[s])/\w|/roo[t]/|/far[m]/"
+        r"|py[p]i\.org|pythonhoste[d]\.org|crate[s]\.io|registry\.npm[j]s|prox[y]\.golang"
+    )
+    for name in filter(None, listed.stdout.split("\0")):
+        path = ROOT / name
+        if path.is_file():
+            text = path.read_text(encoding="utf-8", errors="replace")
+            assert word.findall(text) == [], name

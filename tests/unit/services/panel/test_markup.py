@@ -1,0 +1,226 @@
+"""Foreign text in HTML of ours: escaped by one function, and by nothing else."""
+
+import ast
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from forcemesh.messages import RecorderStatus, Trip
+from services.panel.faultlog import Happened
+from services.panel.markup import html, joined
+from services.panel.prose import paragraphs
+from services.panel.tabs.calibrate import notes_of
+from services.panel.tabs.faults import log_text, now_text
+from services.panel.tabs.force import now_text as force_text
+from services.panel.tabs.record import words
+from services.panel.wizard import Progress
+from tests.fakes.hostile_text import filled, harmless, hostile, snapshot
+from tools.tree import production_files
+
+ROOT = Path(__file__).parents[4]
+SOURCES = production_files()
+TAG = re.compile(r"</?[a-zA-Z][a-zA-Z0-9]*[ >/]")
+NUMBER = re.compile(r"[+,0-9.]*[dfgex]$")
+# What stands in an f-string with a tag in it and is no text of others, with the reason.
+OURS = {
+    "cli/report/page.py": {
+        "plot": "an SVG that matplotlib has made",
+        "STYLE": "of this file",
+        "head": "made of escaped parts",
+        "view": "of this file",
+        "body": "made of escaped parts",
+        "inside": "made of escaped parts",
+        "spans": "made of escaped parts",
+        "rows": "made of escaped parts",
+        "b": "a number with its unit",
+        "s": "a word of this file",
+        "COLOURS.get(state, '#868e96')": "a colour of this file",
+        "stop.trip.rule": "an integer, by its type",
+        "came.count": "an integer",
+        "came.lost": "an integer",
+    },
+    "cli/calibration/page.py": {
+        "STYLE": "of this file",
+        "verdict.word": "one of three words",
+        "colour": "of this file",
+        "cells": "made of escaped parts",
+        "data": "base64",
+    },
+    "services/panel/policy.py": {"NONCE": "of this file"},
+    "services/panel/server.py": {
+        "head": "viser's page",
+        "tail": "viser's page",
+        "resource('bar.html')": "a file of ours",
+    },
+    "sim/netft/protocol.py": {"name": "of this file", "lines": "made of escaped parts"},
+}
+
+
+class Elements(HTMLParser):
+    """The elements of a page in order, and its text."""
+
+    def __init__(self, source: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.text = ""
+        self.feed(source)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        """Note a tag."""
+        self.tags.append(tag + "".join(f" {name}" for name, _ in attrs))
+
+    def handle_data(self, data):
+        """Note a text."""
+        self.text += data
+
+
+@given(st.text(max_size=60))
+def test_any_text_is_shown_letter_by_letter_and_is_never_an_element(text):
+    """Between tags and in an attribute; what is Html already is not escaped again."""
+    inner = html('<b title="{}">{}</b>', text, text)
+    found = Elements(html("<p>{}</p>", inner).source)
+    assert (found.tags, found.text) == (["p", "b title"], text.replace("\r\n", "\n"))
+    assert Elements(joined([inner, inner], text).source).text == 3 * text
+
+
+def test_a_field_that_is_none_or_a_number_is_text_too():
+    """Braces in a text are no places to fill."""
+    assert html("{}|{}|{}", None, 1.5, "{0}{}").source == "None|1.5|{0}{}"
+
+
+@pytest.mark.parametrize(
+    "shown",
+    [
+        lambda text: now_text(snapshot(text)),
+        lambda text: force_text(snapshot(text)),
+        lambda text: words(filled_status(text)),
+        lambda text: notes_of(progress(text)),
+        lambda text: paragraphs(text("a"), text("b")),
+    ],
+    ids=["faults", "force", "record", "calibrate", "lines"],
+)
+def test_no_text_of_a_message_changes_the_elements_of_a_tab(shown):
+    """Each form has the elements that it has with harmless text, and shows the text whole."""
+    plain, worst = Elements(shown(harmless).source), Elements(shown(hostile).source)
+    assert worst.tags == plain.tags
+    assert len(worst.text) > len(plain.text)
+
+
+def test_the_log_of_faults_shows_codes_of_others_as_text():
+    """A code that nobody knows has no remedy and no markup."""
+    trip = filled(Trip, hostile)
+    shown = Elements(log_text((Happened("12:00:00", "FAULT", trip),)).source)
+    assert trip.text in shown.text
+    assert trip.code in shown.text
+    assert set(shown.tags) <= {"p", "b", "code"}
+
+
+def filled_status(text):
+    """Return a recorder's status that is full of text."""
+    return filled(RecorderStatus, text).model_copy(update={"recording": True})
+
+
+def progress(text):
+    """Return a calibration in which every text is foreign."""
+    now = Progress()
+    now.heard({"left": {"verdict": text("verdict"), "found": [[text("name"), text("value")]]}})
+    now.heard({"note": text("note")})
+    now.heard({"error": text("error")})
+    return now
+
+
+# --- nothing goes round it ------------------------------------------------------------------------
+
+
+def test_html_is_made_of_foreign_text_by_one_function_alone():
+    """No Markdown; HTML in one place; templates are literals; f-strings with tags escape."""
+    wrong = [
+        f"{name}:{getattr(node, 'lineno', 0)}: {why}"
+        for path in SOURCES
+        for name in [str(path.relative_to(ROOT))]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if (why := refused(node, name))
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
+def refused(node: ast.AST, name: str) -> str:
+    """Return why a piece of a program may let foreign text into a page, empty when it does not."""
+    if isinstance(node, ast.Call):
+        return refused_call(node, name)
+    if isinstance(node, ast.Assign) and name != "services/panel/prose.py":
+        targets = [one for one in node.targets if isinstance(one, ast.Attribute)]
+        if any(one.attr == "content" for one in targets):
+            return "only Prose sets what a form shows"
+    if isinstance(node, ast.JoinedStr):
+        return refused_text(node, name)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mod) and has_tag(node.left):
+        return "a template with tags is filled by common.markup.html"
+    return ""
+
+
+def refused_call(node: ast.Call, name: str) -> str:
+    """Judge a call: who may add what to a page."""
+    called = ast.unparse(node.func).rpartition(".")[2]
+    if called == "add_markdown":
+        return "Markdown renders raw HTML: use Prose"
+    if called == "add_html" and name != "services/panel/prose.py":
+        return "only Prose adds HTML"
+    if called == "Html" and name != "services/panel/markup.py":
+        return "only services.panel.markup makes Html"
+    if called == "format" and isinstance(node.func, ast.Attribute) and has_tag(node.func.value):
+        return "a template with tags is filled by common.markup.html"
+    if called == "html" and isinstance(node.func, ast.Name):
+        template = ast.unparse(node.args[0]) if not isinstance(node.args[0], ast.Constant) else ""
+        if template and not template.isupper() and template != "row":
+            return "the template is no literal"
+        if not template and re.search(
+            r"=\s*\{|<[^>]*\{\}[^>\"]*(?<!\")>", ast.unparse(node.args[0])
+        ):
+            return "an attribute's value stands in quotes"
+    return ""
+
+
+def refused_text(node: ast.JoinedStr, name: str) -> str:
+    """Judge an f-string with tags: each part is escaped, a number, or known to be ours."""
+    constants = "".join(str(one.value) for one in node.values if isinstance(one, ast.Constant))
+    if not TAG.search(constants):
+        return ""
+    for part in node.values:
+        if not isinstance(part, ast.FormattedValue):
+            continue
+        spec = ast.unparse(part.format_spec)[2:-1] if part.format_spec is not None else ""
+        source = ast.unparse(part.value)
+        safe = source.startswith("escape(") or NUMBER.fullmatch(spec) or "escape(" in source
+        if not safe and source not in OURS.get(name, {}):
+            return f"{{{source}}} stands unescaped in an f-string with tags"
+    return ""
+
+
+def has_tag(node: ast.AST) -> bool:
+    """Tell whether a literal holds a tag."""
+    return isinstance(node, ast.Constant) and bool(TAG.search(str(node.value)))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'gui.add_markdown(f"**{state}**")',
+        "gui.add_html(text)",
+        "handle.content = text",
+        "Html(reason)",
+        "html(reason)",
+        'html("<a href={}>", reason)',
+        'f"<p>{reason}</p>"',
+        '"<p>{}</p>".format(reason)',
+        '"<p>%s</p>" % reason',
+    ],
+)
+def test_the_sweep_finds_each_way_round(source):
+    """The test above can fail."""
+    assert any(refused(node, "services/panel/x.py") for node in ast.walk(ast.parse(source)))

@@ -1,0 +1,367 @@
+"""What the panel makes of what it hears: plots, bar, log of faults, progress of the wizard."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config.load import load_cell
+from common.motion.convert import vec3
+from common.motion.frames import rotation_from_vector
+from forcemesh.bus import Reading
+from forcemesh.faults import FAULTS, tripped
+from forcemesh.messages import (
+    Accepted,
+    ArbiterStatus,
+    Goal,
+    Health,
+    PoseRecord,
+    RegulatorTarget,
+    RobotCommand,
+    RobotState,
+    WrenchAtTcp,
+)
+from forcemesh.requests import ForceStartRequest
+from services.panel.faultlog import FAULTS_KEPT, FaultLog
+from services.panel.history import HISTORY_POINTS, PlotHistory, Span
+from services.panel.plots import BRIDGED_S, OUTSIDE, broken
+from services.panel.readout import NAMES, Readout, distance_mm
+from services.panel.status_bar import held_as, strip
+from services.panel.stopping import UNANSWERED, stop_text
+from services.panel.tabs.calibrate import notes_of
+from services.panel.tabs.faults import now_text
+from services.panel.tabs.force import start_question
+from services.panel.viewer import RequestOutcome
+from services.panel.watch import Snapshot
+from services.panel.wizard import Progress, WizardProcess
+
+CELL = load_cell(Path(__file__).parents[4] / "cells" / "demo.yaml")
+numbers = st.floats(-1e4, 1e4)
+
+
+def heard(message, fault=""):
+    """Return a reading of a fresh message, or of one that is wrong."""
+    return Reading(message, None, 0.004, fault, silent="stale" in fault)
+
+
+def pressing(force_N, error_N, *, down=np.pi):
+    """Return what is heard while the tool, turned about x, feels a force along its axis."""
+    R = rotation_from_vector(np.array([down, 0.0, 0.0]))
+    q = (float(np.sin(down / 2)), 0.0, 0.0, float(np.cos(down / 2)))
+    force, error = vec3(-force_N * R[:, 2]), vec3(-error_N * R[:, 2])
+    return Snapshot(
+        hub_fault="",
+        robot=heard(RobotState(orientation_xyzw=q)),
+        wrench=heard(WrenchAtTcp(force_N=force)),
+        target=heard(RegulatorTarget(mode="position", error_force_N=error)),
+    )
+
+
+# --- plots ----------------------------------------------------------------------------------------
+
+
+@given(st.lists(st.dictionaries(st.sampled_from(["a", "b"]), numbers), max_size=30))
+def test_a_history_is_what_was_put_in_oldest_first_and_never_grows(samples):
+    """A plot gets the newest points, in order, gaps where a number was not known, two at least."""
+    history = PlotHistory(("a", "b"), points=8)
+    for count, sample in enumerate(samples):
+        history.add(float(count), sample)
+    times, a, b = history.series(("a", "b"), float(len(samples)))
+    assert len(times) == len(a) == len(b) >= 2
+    kept = samples[-8:]
+    assert len(history) == len(kept)
+    if len(kept) >= 2:
+        assert list(times) == [count - len(kept) for count in range(len(kept))]
+        for sample, value in zip(kept, a, strict=True):
+            assert value == sample["a"] if "a" in sample else np.isnan(value)
+
+
+@given(st.lists(st.lists(numbers, min_size=1, max_size=5), min_size=1, max_size=20))
+def test_an_axis_always_has_room_and_moves_seldom(windows):
+    """Nothing is ever outside; the ends are 1, 2 or 5 times a power of ten, around zero."""
+    span = Span(1.0)
+    for window in windows:
+        span.take((np.array([*window, np.nan]),))
+        assert span.low <= min(window)
+        assert max(window) <= span.high
+        assert span.low < 0.0 < span.high
+        for end in (-span.low, span.high):
+            assert round(end / 10 ** np.floor(np.log10(end) + 1e-9), 6) in (1, 2, 5, 10)
+    assert not span.take((np.array(windows[-1]),))
+
+
+def test_an_axis_without_a_sign_begins_at_zero_until_something_is_below():
+    """A time is never negative, and if it is after all, that is shown."""
+    span = Span(5.0, signed=False)
+    span.take((np.array([3.0, 70.0]),))
+    assert (span.low, span.high) == (0.0, 100.0)
+    span.take((np.array([-3.0]),))
+    assert span.low < -3.0
+
+
+@given(
+    st.lists(st.tuples(st.floats(0.01, 1.0), st.one_of(st.just(np.nan), st.floats(-50.0, 50.0)))),
+)
+def test_a_line_leaves_the_plot_in_its_longer_gaps_and_nowhere_else(samples):
+    """What is known stays; between two known samples far apart it is outside, before both not."""
+    times_s = np.cumsum([step for step, _ in samples]) if samples else np.zeros(0)
+    line = np.array([value for _, value in samples])
+    shown = broken(times_s, line)
+    known = np.flatnonzero(np.isfinite(line))
+    assert (shown[known] == line[known]).all()
+    for place in np.flatnonzero(~np.isfinite(line)):
+        before, after = known[known < place], known[known > place]
+        inside = len(before) > 0 and len(after) > 0
+        is_long = inside and times_s[after[0]] - times_s[before[-1]] > BRIDGED_S
+        assert (shown[place] == OUTSIDE) == is_long
+
+
+def test_gaps_alone_do_not_move_an_axis():
+    """A plot of nothing keeps its axis."""
+    assert not Span(5.0).take((np.full(4, np.nan),))
+    assert HISTORY_POINTS <= 800
+
+
+@given(st.floats(0.0, 40.0), st.floats(0.0, 40.0))
+def test_the_set_point_is_seen_through_the_regulators_error(force_N, setpoint_N):
+    """Force and error tell it, whatever the attitude; within the deadband it is near the force."""
+    off_N = force_N - setpoint_N
+    width_N = CELL.force.deadband_N
+    shown_N = 0.0 if abs(off_N) <= width_N else off_N - np.sign(off_N) * width_N
+    for down in (np.pi, 0.3):
+        found = Readout(CELL).numbers(pressing(force_N, shown_N, down=down))
+        assert found["press"] == pytest.approx(force_N, abs=1e-6)
+        assert found["set point"] == pytest.approx(setpoint_N, abs=width_N + 1e-6)
+        if shown_N:
+            assert found["set point"] == pytest.approx(setpoint_N, abs=1e-6)
+        assert set(found) <= set(NAMES)
+
+
+def test_the_set_point_stays_still_once_the_force_is_there():
+    """Noise inside the deadband does not move the line that was seen before."""
+    readout = Readout(CELL)
+    readout.numbers(pressing(10.0, -5.0 + CELL.force.deadband_N))
+    for force_N in (14.9, 15.2, 14.8):
+        assert readout.numbers(pressing(force_N, 0.0))["set point"] == pytest.approx(15.0)
+
+
+def test_a_latency_is_shown_once():
+    """It belongs to a command that the robot took; without a new one there is none."""
+    readout = Readout(CELL)
+    taken = Accepted(epoch=1, seq=7, at_ns=5_000_000, sensor_stamp_ns=1_000_000)
+    now = Snapshot(robot=heard(RobotState(accepted=taken)))
+    assert readout.numbers(now)["chain"] == pytest.approx(4.0)
+    assert "chain" not in readout.numbers(now)
+    later = taken.model_copy(update={"seq": 8})
+    assert "chain" in readout.numbers(Snapshot(robot=heard(RobotState(accepted=later))))
+
+
+def test_what_is_not_known_is_left_out():
+    """Without messages there are no numbers; no force feedback, no set point."""
+    assert Readout(CELL).numbers(Snapshot()) == {}
+    idle = replace(pressing(3.0, 0.0), target=heard(RegulatorTarget(valid=False), "invalid"))
+    assert "set point" not in Readout(CELL).numbers(idle)
+
+
+def test_the_distance_is_to_the_goal_or_to_the_streamed_pose():
+    """A hold has none, a goal in joints has none."""
+    there = PoseRecord(position_m=(0.001, 0.0, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+    robot = RobotState()
+    goal = Goal(id=1, kind="pose", pose=there)
+    for command in (
+        RobotCommand(kind="setpoint", pose=there),
+        RobotCommand(kind="goal", goal=goal),
+    ):
+        assert distance_mm(command, robot)["distance"] == pytest.approx(1.0)
+    assert distance_mm(RobotCommand(kind="hold", pose=there), robot) == {}
+    assert distance_mm(RobotCommand(kind="goal", goal=Goal(id=1, kind="by")), robot) == {}
+
+
+# --- the bar --------------------------------------------------------------------------------------
+
+
+def all_heard(status, **more):
+    """Return a snapshot in which every service is heard."""
+    health = {role: heard(Health(rate_hz=250.0)) for role in ("hub", "robot", "wrench")}
+    return Snapshot(hub_fault="", arbiter=heard(status), health=health | more)
+
+
+def test_the_bar_says_what_is_the_matter():
+    """State, who commands, why it is stopped and what clears it; no hub, no arbiter: said too."""
+    trip = tripped("force", "61 N")
+    said = strip(
+        CELL, all_heard(ArbiterStatus(state="HOLDING", trips=(trip,), clears="arm")), "operate"
+    )
+    assert (said["state"], said["look"], said["why"]) == ("HOLDING", "bad", "61 N: arm")
+    assert said["mode"] == "SIMULATION"
+    moving = ArbiterStatus(state="ACTIVE", commander="regulator", armed_for="jog")
+    assert strip(CELL, all_heard(moving), "operate")["who"] == "commander: regulator"
+    assert strip(CELL, all_heard(moving), "operate")["state"] == "ACTIVE for jog"
+    assert strip(CELL, Snapshot(), "operate")["state"] == "cell not reached"
+    assert strip(CELL, Snapshot(hub_fault=""), "operate")["state"] == "no arbiter status"
+
+
+def test_the_bar_names_each_service_and_what_is_wrong_with_it():
+    """Rate and age of each one; a silent one and one that complains stand out."""
+    wrong = {
+        "sensor": heard(Health(rate_hz=500.0, fault="the cable is out")),
+        "arbiter": heard(None, "arbiter/health stale"),
+    }
+    rows = {
+        row["name"]: row
+        for row in strip(CELL, all_heard(ArbiterStatus(), **wrong), "view")["services"]
+    }
+    assert rows["hub"] == {"name": "hub", "text": "250 Hz · 4 ms", "fault": ""}
+    assert rows["sensor"]["fault"] == "the cable is out"
+    assert rows["arbiter"]["fault"] == "arbiter/health stale"
+    assert rows["regulator"]["fault"]
+    assert "recorder" not in rows
+
+
+def test_the_bar_shows_a_recorder_once_it_was_heard():
+    """A cell without one lacks nothing; one that was there and is gone is missed."""
+    late = heard(Health(rate_hz=4.0), "recorder/health stale")
+    for reading, fault in ((heard(Health(rate_hz=4.0)), ""), (late, "recorder/health stale")):
+        rows = strip(CELL, all_heard(ArbiterStatus(), recorder=reading), "view")["services"]
+        assert (rows[-1]["name"], rows[-1]["fault"]) == ("recorder", fault)
+
+
+def test_the_faults_say_nothing_of_a_recorder_that_was_never_there():
+    """A cell without one lacks nothing; one that fell silent is named."""
+    fine = {role: heard(Health(rate_hz=250.0)) for role in ("sensor", "regulator", "arbiter")}
+    never: dict[str, Any] = {
+        "recorder": Reading(None, None, 9.0, "recorder/health missing", silent=True)
+    }
+    silent = {"recorder": heard(Health(rate_hz=10.0), "recorder/health stale")}
+    idle = ArbiterStatus(state="IDLE")
+    assert "recorder" not in now_text(all_heard(idle, **fine, **never)).source
+    shown = now_text(all_heard(idle, **fine, **silent)).source
+    assert "⚠ recorder: recorder/health stale" in shown
+
+
+@pytest.mark.parametrize("monitor", [False, True])
+def test_who_only_looks_stops_the_arm_where_the_cell_lets_a_monitor(monitor):
+    """An operator always may; a view-only page as a certificate that only reads."""
+    cell = CELL.model_copy(
+        update={"bus": CELL.bus.model_copy(update={"monitor_may_hold": monitor})}
+    )
+    assert strip(cell, Snapshot(), "operate")["may_stop"] is True
+    assert strip(cell, Snapshot(), "view")["may_stop"] is monitor
+
+
+def test_a_cell_with_an_arm_is_called_real():
+    """Never leave a person in doubt."""
+    real = load_cell(Path(__file__).parents[4] / "cells" / "rs007l-real.yaml")
+    assert strip(real, Snapshot(), "view")["mode"] == "REAL"
+
+
+@pytest.mark.parametrize(
+    ("word", "state", "said"),
+    [
+        ("done", "ACTIVE", "text"),
+        ("refused", "HOLDING", "refused: text"),
+        ("no answer", "HOLDING", "the arm is held (state HOLDING); the reply was lost"),
+        ("no answer", "FAULT", "the arm is held (state FAULT); the reply was lost"),
+        ("no answer", "STOPPING", f"{UNANSWERED} from the cell (text). Use the emergency stop"),
+        ("no answer", "ACTIVE", f"{UNANSWERED} from the cell (text). Use the emergency stop"),
+        ("no answer", None, f"{UNANSWERED} from the cell (text). Use the emergency stop"),
+    ],
+)
+def test_a_stop_is_called_unanswered_only_where_the_state_does_not_say_that_it_holds(
+    word, state, said
+):
+    """The state is looked at before anything is said; what is old or unknown proves nothing."""
+    status = None if state is None else ArbiterStatus(state=state)
+    shown = Snapshot(hub_fault="", arbiter=heard(status, "" if status else "missing"))
+    assert stop_text(RequestOutcome(word, "text"), shown).startswith(said)
+    assert bool(held_as(shown)) is (state in ("HOLDING", "FAULT"))
+    stale = Snapshot(hub_fault="", arbiter=heard(status, "arbiter/status stale"))
+    assert held_as(stale) == ""
+
+
+# --- what happened --------------------------------------------------------------------------------
+
+
+@given(st.lists(st.sets(st.sampled_from(["force", "hold", "stale"])), max_size=30))
+def test_the_log_has_each_reason_once_for_each_time_it_came(stories):
+    """A reason that stays is one line; one that goes and comes back is two; newest first."""
+    log, expected = FaultLog(lambda: "now"), 0
+    before: set[str] = set()
+    for reasons in stories:
+        trips = tuple(tripped(code, code) for code in sorted(reasons))
+        log.saw(ArbiterStatus(state="HOLDING", trips=trips))
+        log.saw(None)  # not heard is not gone
+        expected += len(reasons - before)
+        before = reasons
+    assert len(log.newest()) == min(expected, FAULTS_KEPT)
+    assert all(one.remedy == FAULTS[one.trip.code].remedy for one in log.newest())
+
+
+# --- the wizard -----------------------------------------------------------------------------------
+
+
+def test_the_wizards_words_become_progress():
+    """Plan, question, running, what is left, the end; an error and a crash are failures."""
+    progress = Progress()
+    for said, phase in (
+        ({"plan": "ten poses"}, "asking"),
+        ({"progress": 0.4, "text": "pose 3"}, "running"),
+        ({"note": "a line"}, "running"),
+        ({"left": {"fit_N": [0.1]}}, "running"),
+        ({"end": 0}, "done"),
+    ):
+        progress.heard(said)
+        assert progress.phase == phase
+    assert (progress.plan, progress.text, list(progress.notes)) == (
+        "ten poses",
+        "pose 3",
+        ["a line"],
+    )
+    progress.heard({"error": "no hub"})
+    progress.heard({"end": 2})
+    assert progress.phase == "failed"
+    assert progress.notes[-1] == "⚠ no hub"
+
+
+def test_what_a_calibration_has_found_stands_in_a_table():
+    """Verdict, parameters with their deviations, then what was said besides."""
+    progress = Progress()
+    progress.heard({"note": "⚠ a loose cable"})
+    note = "<p><code>⚠ a loose cable</code></p>"
+    assert notes_of(progress).source == note
+    progress.heard({"left": {"verdict": "PASS", "found": [["mass (kg)", "1.2", "0.1"]]}})
+    shown = notes_of(progress).source
+    assert shown.startswith("<p><b>PASS</b></p><table>")
+    row = "<tr><td>mass (kg)</td><td>1.2</td><td>0.1</td></tr></table>"
+    assert shown.endswith(row + note)
+
+
+@pytest.mark.processes
+def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
+    """The child ends with one clear line, and another one may be started."""
+    path = tmp_path / "cell.yaml"
+    text = (Path(__file__).parents[4] / "cells" / "demo.yaml").read_text(encoding="utf-8")
+    path.write_text(text.replace("7447", "7399"), encoding="utf-8")
+    wizard = WizardProcess(path)
+    assert wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == ""
+    assert (
+        wizard.plan(poses=6, verify_poses=1, speed_mm_s=100.0) == "a calibration is already running"
+    )
+    wizard.wait(60.0)
+    assert wizard.progress.phase == "failed"
+    assert "no hub" in " ".join(wizard.progress.notes)
+    wizard.close()
+
+
+def test_the_question_before_guiding_speaks_of_a_hand_and_the_one_before_pressing_of_the_force():
+    """What a person agrees to is what happens."""
+    guide = start_question(ForceStartRequest(law="admittance", mode="position"), 0.05)
+    assert "Hand guiding" in guide.source
+    assert "presses" not in guide.source
+    press = start_question(ForceStartRequest(mode="position", setpoint_N=15.0), 0.05)
+    assert "<b>15 N</b>" in press.source
+    assert "50 mm" in press.source

@@ -1,0 +1,81 @@
+"""The frames of a recording are protobuf: Google's own package is the judge."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+
+from forcemesh.errors import DataError
+from services.recorder import protobuf
+from services.recorder.frames import frames_of
+from services.recorder.reading import RecordedFile
+from services.recorder.recording import FRAMES_TOPIC
+from tests.unit.services.recorder.test_recording import of_every_topic, recorded
+
+SIZES = (0, 1, 127, 128, 16_383, 16_384, 3_000_000)
+
+
+def message_type(schema: bytes) -> Any:
+    """Return the type that a file's schema describes."""
+    described = descriptor_pb2.FileDescriptorSet.FromString(schema)
+    assert described.SerializeToString(deterministic=True) == schema
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(described.file[0])
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(protobuf.NAME))
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_bytes_of_any_size_are_such_a_message(size: int) -> None:
+    """Written as Google writes them, and read back by either."""
+    packed = bytes(range(256)) * (size // 256) + b"x" * (size % 256)
+    theirs = message_type(protobuf.descriptor())
+    assert theirs.FromString(protobuf.wrap(packed)).packed == packed
+    assert protobuf.unwrap(protobuf.wrap(packed)) == packed
+    if packed:  # what is empty they leave out
+        assert theirs(packed=packed).SerializeToString() == protobuf.wrap(packed)
+
+
+@given(st.binary(min_size=1, max_size=300), st.integers(1, 300))
+def test_what_is_broken_off_is_told(packed: bytes, cut: int) -> None:
+    """And so is what is longer than it says."""
+    whole = protobuf.wrap(packed)
+    for wrong in (whole[: -min(cut, len(whole))], whole + b"x"):
+        with pytest.raises(ValueError, match="not a message of frames"):
+            protobuf.unwrap(wrong)
+
+
+@given(st.binary(max_size=40))
+def test_other_bytes_are_refused_or_read(data: bytes) -> None:
+    """Nothing but a ValueError comes of what is not ours."""
+    try:
+        assert len(protobuf.unwrap(data)) < len(data)
+    except ValueError:
+        return
+
+
+def test_a_file_can_be_read_by_its_own_schema(tmp_path: Path) -> None:
+    """Every message is in the channel `frames`, for a reader that knows nothing of ours."""
+    sent = of_every_topic()
+    found: list[bytes] = []
+    with recorded(tmp_path, sent).open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages([FRAMES_TOPIC]):
+            assert schema is not None
+            assert (schema.encoding, channel.message_encoding) == ("protobuf", "protobuf")
+            packed = message_type(schema.data).FromString(message.data).packed
+            found += [frame.data for frame in frames_of(packed)]
+    assert found == [frame.data for frame in sent]
+
+
+def test_frames_written_in_another_way_are_told(tmp_path: Path, monkeypatch: Any) -> None:
+    """One sentence with the file's name; people's view of it can still be read."""
+    monkeypatch.setattr(protobuf, "wrap", lambda packed: packed)
+    path = recorded(tmp_path, of_every_topic())
+    with pytest.raises(
+        DataError, match=r"file-01\.mcap: not a message of frames: written by another"
+    ):
+        list(RecordedFile(path).heard())
+    assert list(RecordedFile(path).said())

@@ -1,0 +1,44 @@
+"""docs/as-emulator.md lists what the code knows, no more and no less."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from sim.controller import keywords
+from sim.controller.compile import INSTRUCTIONS
+from sim.controller.lint import check_text
+from sim.controller.special_functions import ALL_NAMES
+
+PAGE = (Path(__file__).resolve().parents[4] / "docs" / "as-emulator.md").read_text("utf-8")
+
+
+def listed(title: str) -> set[str]:
+    """The names in the block behind `<!-- title -->`."""
+    block = re.search(rf"<!-- {title} -->\n```\n(.*?)```", PAGE, re.DOTALL)
+    assert block is not None
+    names = re.findall(r"MC [A-Z]+|[$#]?[A-Z][A-Z0-9_]*", block[1])
+    assert len(names) == len(set(names))
+    return set(names)
+
+
+@pytest.mark.parametrize(
+    ("title", "known"),
+    [
+        ("instructions", set(INSTRUCTIONS)),
+        ("functions", set(ALL_NAMES)),
+        ("parsed only", keywords.KNOWN - INSTRUCTIONS.keys()),
+    ],
+)
+def test_the_page_lists_every_name_once(title: str, known: set[str]) -> None:
+    """What is executed, what is computed, what is parsed only."""
+    assert listed(title) == known
+
+
+def test_the_example_of_the_page_is_what_the_check_prints() -> None:
+    """Two findings of the example, word for word."""
+    body = ["x = 1"] * 8 + ["y = NOT x == 2", "x = 1", "XMOVE HERE TILL 1001"]
+    text = "\n".join([".SYSDATA", ".END", "", ".PROGRAM main", *body, ".END"])
+    for finding in check_text(text, "press.as").findings:
+        sentence = str(finding).split(": ", 1)[1]
+        assert sentence in PAGE

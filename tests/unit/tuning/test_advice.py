@@ -1,0 +1,252 @@
+"""What tune advises is safe by its own margins, and a cell takes the file that it writes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cli.tune import texts as words
+from common.config.cell import CellConfig
+from common.config.load import load_cell
+from forcemesh.errors import ConfigError, DataError
+from forcemesh.messages import Host
+from tests.fakes.bench import CELL
+from tuning import advice
+from tuning.advice import MeasuredCell, advise
+from tuning.contact_response import ContactResponse
+from tuning.contact_spring import Spring
+from tuning.gain_rule import tune
+from tuning.margins import Loop, margins
+from tuning.servo import Servo
+
+CELL_FILE = Path(__file__).resolve().parents[3] / "cells" / "demo.yaml"
+SERVO = Servo(0.03, 5e-4, 0.005, 0.012)
+SPRING = Spring(2e4, 100.0)
+measured = st.builds(
+    lambda delay, lag, share, deviation, k: MeasuredCell(
+        Servo(delay + lag, deviation, share * lag, lag), Spring(k, 0.01 * k)
+    ),
+    st.floats(0.0, 0.1),
+    st.floats(0.002, 0.05),
+    st.floats(0.2, 1.0),
+    st.floats(5e-4, 3e-3),
+    st.floats(3.0, 5.3).map(lambda x: 10.0**x),
+)
+
+
+def advised(found: MeasuredCell, **now: float) -> advice.Advice:
+    """Return the advice for the demo's cell."""
+    gains = {"force_now": 1e-3, "torque_now": 0.1} | now
+    return advise(CELL, found, "pc", **gains)
+
+
+@settings(max_examples=6)
+@given(found=measured)
+def test_what_is_recommended_is_stable_with_the_margins_that_are_stated(
+    found: MeasuredCell,
+) -> None:
+    """At least 50 degrees and a factor of two, and at 0.9 of the delay margin more it still is."""
+    for one in (advised(found).force, advised(found).torque):
+        assert one.margins.stable
+        assert one.margins.phase_deg >= advice.LEAST_PHASE_DEG
+        assert one.margins.gain >= advice.LEAST_GAIN
+        assert one.forecast.overshoot_pct < 6.0
+        loop = one.loop
+        later = Loop(
+            loop.stiffness,
+            loop.gain,
+            loop.delay_s + 0.9 * one.margins.delay_s,
+            loop.lag_s,
+            loop.filter_s,
+            loop.inertia,
+        )
+        assert margins(later).stable
+        stiffer = Loop(
+            0.9 * one.margins.gain * loop.stiffness,
+            loop.gain,
+            loop.delay_s,
+            loop.lag_s,
+            loop.filter_s,
+            0.9 * one.margins.gain * loop.inertia,
+        )
+        assert margins(stiffer).stable
+
+
+@settings(max_examples=6)
+@given(found=measured)
+def test_the_lines_give_a_cell_the_gains_that_are_recommended(
+    found: MeasuredCell, tmp_path_factory
+) -> None:
+    """Written, named by a cell file, loaded: the same gains or a little less, and it can arm."""
+    one = advised(found)
+    folder = tmp_path_factory.mktemp("cell")
+    words.save(folder / "tuning.yaml", advice.lines(CELL, found, [one]))
+    text = CELL_FILE.read_text().replace("force: {}", "force: {}\ntuning: tuning.yaml")
+    (folder / "cell.yaml").write_text(text)
+    cell = load_cell(folder / "cell.yaml")
+    gain = tune(cell).force_i_m_per_Ns
+    assert gain <= 1.01 * one.force.gain
+    assert gain >= 0.85 * one.force.gain
+    assert cell.force.approach_m_s <= cell.approach_limit_m_s
+    arm_s = cell.robot.delay_s + cell.robot.lag_s
+    assert found.servo.bound_s - 1e-9 <= arm_s <= found.servo.bound_s + 0.0015
+    least_s, most_s = found.servo.lags_s
+    assert least_s <= cell.robot.lag_s <= most_s + 1e-4
+    assert load_cell(folder / "cell.yaml", {"robot.delay_s": 0.2}).robot.delay_s == 0.2
+
+
+def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
+    """Ten times the rule's: not stable; none at all: does nothing; no press: it is said."""
+    found = MeasuredCell(SERVO, SPRING)
+    one = advised(found, force_now=10.0 * advised(found).force.gain, torque_now=0.0)
+    lines = words.describe(CELL, found, [one], advice.lines(CELL, found, [one]))
+    assert any("now" in line and "NOT STABLE" in line for line in lines)
+    assert any("no effect" in line for line in lines)
+    assert any("20000 +/- 200 N/m" in line for line in lines)
+    assert any("together 30.0 +/- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
+    assert any("be separated: lag 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
+    blind = MeasuredCell(found.servo, None)
+    lines = words.describe(
+        CELL, blind, [advised(blind)], advice.lines(CELL, blind, [advised(blind)])
+    )
+    assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
+    plain = advice.as_dict(CELL, blind, [advised(blind, force_now=0.0)], {})
+    assert plain["hosts"]["pc"]["position_now"]["delay_s"] is None
+    assert plain["tau_s"] == pytest.approx(advised(blind).tau_s)
+
+
+def test_the_slower_host_decides_what_the_cell_file_says() -> None:
+    """One delay serves both: the controller's, when its loop is the slower one, with its bound."""
+    found = MeasuredCell(SERVO, SPRING, ContactResponse(0.12, 0.002))
+    both = [
+        advise(CELL, found, host, force_now=1e-3, torque_now=0.1) for host in ("pc", "controller")
+    ]
+    assert both[1].tau_s == pytest.approx(0.124)
+    assert both[1].force.gain < both[0].force.gain
+    robot = advice.lines(CELL, found, both)["robot"]
+    longer_s = 0.124 - both[0].tau_s
+    assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s + longer_s, abs=1.5e-3)
+    lines = words.describe(CELL, found, both, advice.lines(CELL, found, both))
+    assert any("own loop 120 +/- 4 ms" in line for line in lines)
+
+
+def test_the_gains_are_for_the_worst_split_and_for_two_deviations_more_delay() -> None:
+    """No gain is larger than that of either end of the range; less sure means less gain."""
+    found = MeasuredCell(SERVO, SPRING)
+    one = advised(found)
+    for lag_s in SERVO.lags_s:
+        exact = replace(SERVO, deviation_s=0.0, lag_least_s=lag_s, lag_most_s=lag_s)
+        assert one.force.gain < advised(replace(found, servo=exact)).force.gain
+    unsure = replace(SERVO, deviation_s=5e-3)
+    assert advised(replace(found, servo=unsure)).force.gain < one.force.gain
+
+
+def test_the_cells_own_lag_stays_where_it_may_be_and_none_is_zero() -> None:
+    """10.7 ms of the demo's cell lie in the range; elsewhere it is the nearest end."""
+    for least_s, most_s, said_s in (
+        (0.005, 0.012, 0.0107), (0.002, 0.004, 0.004), (0.015, 0.018, 0.015), (0.0, 0.0, 1e-4),
+    ):  # fmt: skip
+        found = MeasuredCell(replace(SERVO, lag_least_s=least_s, lag_most_s=most_s), None)
+        robot = advice.lines(CELL, found, [advised(found)])["robot"]
+        assert robot["lag_s"] == pytest.approx(said_s)
+        assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s, abs=1.1e-3)
+
+
+@pytest.mark.parametrize(
+    ("found", "loop_hz", "says"),
+    [
+        (MeasuredCell(replace(SERVO, sum_s=0.16), SPRING), 250.0, "too slow: the loop delay is "),
+        (
+            MeasuredCell(SERVO, SPRING, ContactResponse(0.16, 0.01)),
+            250.0,
+            "loop delay is 180 ms, the law was",
+        ),
+        (MeasuredCell(SERVO, SPRING), 14.0, "too slow: the loop runs at 14 Hz"),
+        (MeasuredCell(SERVO, Spring(2.5e5, 1e3)), 250.0, "too stiff: 2.5e+05 N/m"),
+        (MeasuredCell(SERVO, Spring(9e2, 10.0)), 250.0, "too soft: 900 N/m, at 250 Hz"),
+        (MeasuredCell(SERVO, Spring(4e3, 10.0)), 60.0, "contact.stiffness_N_m at 5000 or above"),
+        (MeasuredCell(SERVO, Spring(1e3, 10.0)), 250.0, ""),
+        (MeasuredCell(SERVO, Spring(2e5, 1e3)), 15.0, ""),
+    ],
+)
+def test_nothing_is_recommended_beyond_what_the_law_was_measured_for(
+    found: MeasuredCell, loop_hz: float, says: str
+) -> None:
+    """What is too slow, too stiff or too soft is said, and no gain and no line of a file."""
+    cell = at_hz(loop_hz)
+    hosts: tuple[Host, ...] = ("pc",) if found.controller is None else ("pc", "controller")
+    both = [advise(cell, found, host, force_now=1e-3, torque_now=0.1) for host in hosts]
+    sections = advice.lines(cell, found, both)
+    why_not = advice.refused(cell, found, both)
+    assert says in why_not
+    assert bool(why_not) == bool(says)
+    lines = words.describe(cell, found, both, sections)
+    assert any("recommended  " in line for line in lines) != bool(says)
+    assert ("for the cell file:" in lines) != bool(says)
+    assert lines[-1].startswith("nothing is recommended: too") == bool(says)
+    plain = advice.as_dict(cell, found, both, sections)
+    assert (plain["cell_file"] is None) == bool(says)
+    assert all(("gains" in host) != bool(says) for host in plain["hosts"].values())
+    assert plain["refused"] == (why_not or None)
+
+
+def test_what_the_adaptive_law_does_not_bear_is_remarked() -> None:
+    """Where the cell's law is the adaptive one: softest contact of its map, delay not sharp."""
+    adaptive = {"force": CELL.force.model_copy(update={"law": "adaptive"})}
+    found = MeasuredCell(replace(SERVO, deviation_s=0.002), SPRING)
+    sections = advice.lines(CELL, found, [advised(found)])
+    assert advice.remarks(CELL, found, sections) == []
+    said = advice.remarks(CELL.model_copy(update=adaptive), found, sections)
+    assert len(said) == 1
+    assert "overestimated" in said[0]
+    slow = at_hz(15.0).model_copy(update=adaptive)
+    said = advice.remarks(slow, found, sections)
+    assert "valid from 2000 N/m upwards" in said[0]
+    sharp = replace(found, servo=SERVO)
+    assert len(advice.remarks(slow, sharp, advice.lines(CELL, sharp, [advised(sharp)]))) == 1
+    assert len(said) == 2
+
+
+def at_hz(loop_hz: float) -> CellConfig:
+    """Return the demo's cell with another rate of its loop."""
+    rates = CELL.rates.model_copy(update={"control_hz": loop_hz, "robot_hz": loop_hz})
+    return CELL.model_copy(update={"rates": rates})
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("- 1\n", "it must hold sections"),
+        ("robot: 3\n", "it must hold sections"),
+        ("robot: {delays_s: 0.1}\n", "robot.delays_s"),
+        ("limits: {force_N: 900}\n", "limits.force_N"),
+    ],
+)
+def test_a_tuning_file_may_say_what_is_measured_and_nothing_else(
+    tmp_path: Path, text, says
+) -> None:
+    """No limit goes up through the back door; a file that is not there is said, too."""
+    (tmp_path / "tuning.yaml").write_text(text)
+    cell = tmp_path / "cell.yaml"
+    cell.write_text(CELL_FILE.read_text() + "\ntuning: tuning.yaml\n")
+    with pytest.raises(ConfigError, match=says):
+        load_cell(cell)
+    (tmp_path / "tuning.yaml").unlink()
+    with pytest.raises(ConfigError, match="no such file"):
+        load_cell(cell)
+
+
+def test_a_file_that_was_there_is_kept_beside_the_new_one(tmp_path: Path) -> None:
+    """As `calibrate` does; where nothing can be written it is said."""
+    path = tmp_path / "sub" / "tuning.yaml"
+    words.save(path, {"robot": {"delay_s": 0.01}})
+    words.save(path, {"robot": {"delay_s": 0.02}})
+    assert yaml.safe_load(path.read_text()) == {"robot": {"delay_s": 0.02}}
+    kept = path.with_name("tuning.before.yaml").read_text()
+    assert yaml.safe_load(kept) == {"robot": {"delay_s": 0.01}}
+    assert path.read_text().startswith("# Measured by `forcemesh tune`")
+    with pytest.raises(DataError, match="cannot be written"):
+        words.save(tmp_path, {})

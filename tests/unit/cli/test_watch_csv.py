@@ -146,7 +146,7 @@ def test_bytes_that_are_no_message_end_it_with_an_error(tmp_path: Path, data: by
     with pytest.raises(MessageError):
         write_csv(
             speaker.client,
-            topics.WRENCH,
+            WRENCH,
             tmp_path / "a.csv",
             seconds=1.0,
             count=None,

@@ -61,7 +61,7 @@ class PanelPage:
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.server.gui.set_panel_label(f"forcemesh · {cell.cell}")
         self.server.gui.main_panel.dock_right()
-        self.server.gui.main_panel.set_width(450)
+        self.server.gui.main_panel.set_width(470)
         self._scene = Scene(self.server, cell)
         self._plots = Plots(self.server, self._history)
         self.server.on_client_connect(self._came)

@@ -21,14 +21,14 @@ from forcemesh.messages import (
 )
 from services.panel.force_display import force_display
 from services.panel.server import page
-from services.panel.state_colours import NO_STATE, STATE_COLOURS
+from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
 from services.panel.status_bar import strip
 from services.panel.trip_text import trip_text
 from services.panel.watch import Snapshot
 from tools.tree import ROOT
 
 CELL = load_cell(Path(ROOT) / "cells" / "demo.yaml")
-EVERY_COLOUR = {**STATE_COLOURS, "no state": NO_STATE}
+EVERY_COLOUR: dict[str, StateColour] = {**STATE_COLOURS, "no state": NO_STATE}
 # Linear RGB as seen without one kind of cones: Machado et al., IEEE TVCG 15(6), 2009.
 SEEN_BY = {
     "all cones": np.eye(3),

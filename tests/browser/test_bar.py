@@ -56,7 +56,8 @@ CUT_OFF = """() => {
   const all = [...document.querySelectorAll('#fm *')].filter(e => e.getClientRects().length);
   return all.filter(e => {
     const box = e.getBoundingClientRect(), next = e.nextElementSibling?.getBoundingClientRect();
-    if (box.right > innerWidth + 0.5 || box.left < -0.5 || box.bottom > 129) return true;
+    const around = e.parentElement.getBoundingClientRect();
+    if (box.right > around.right + 1 || box.left < around.left - 1 || box.bottom > 129) return true;
     if (getComputedStyle(e).display === 'inline') return false;
     const hides = e.scrollWidth > e.clientWidth + 1;
     const scrolls = e.id === 'fm-why' && e.scrollHeight > e.clientHeight + 1;

@@ -13,7 +13,7 @@ from services.panel.viewer import Viewer, put
 DARK_KEY = "forcemesh dark"
 ANSWERS_WITHIN_S = 20.0
 DRAWN_SLOWLY = html(  # bar.html shows it where the browser has no graphics card
-    '<p class="fm-software">3D view: drawn by the processor (software WebGL), it may lag.</p>'
+    '<p class="fm-software">The 3D view is drawn without a graphics card; it may lag.</p>'
 )
 
 

@@ -58,7 +58,7 @@ def test_the_contact_is_drawn_from_the_rim_to_the_middle_of_the_disc():
     """In millimetres, with equal axes that name their unit."""
     axes = Figure().add_subplot()
     _draw_plane(axes, aligning(TILTED), TILTED)
-    path = axes.get_lines()[0].get_xydata()
+    path = np.asarray(axes.get_lines()[0].get_xydata())
     assert np.linalg.norm(path[0]) == pytest.approx(1e3 * TILTED.disc_radius_m)
     assert np.linalg.norm(path[-1]) == pytest.approx(0.0, abs=1e-6)
     assert axes.get_aspect() == 1.0

@@ -28,7 +28,7 @@ from services.panel.watch import Snapshot
 from tools.tree import ROOT
 
 CELL = load_cell(Path(ROOT) / "cells" / "demo.yaml")
-EVERY_COLOUR: dict[str, StateColour] = {**STATE_COLOURS, "no state": NO_STATE}
+EVERY_COLOUR: dict[str, StateColour] = {"no state": NO_STATE, **dict(STATE_COLOURS.items())}
 # Linear RGB as seen without one kind of cones: Machado et al., IEEE TVCG 15(6), 2009.
 SEEN_BY = {
     "all cones": np.eye(3),

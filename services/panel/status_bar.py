@@ -83,10 +83,11 @@ def cause_of(heard: Snapshot) -> tuple[str, str]:
 
 
 def who(status: ArbiterStatus | None) -> str:
-    """Return the active commander of the arm."""
-    if status is None or status.commander == "none":
-        return "commander: none"
-    return f"commander: {status.commander}"
+    """Return the commander of the arm, and the next one; empty while it is unknown."""
+    if status is None:
+        return ""
+    following = "" if status.next_commander == "none" else f", next: {status.next_commander}"
+    return f"commander: {status.commander}{following}"
 
 
 def services(heard: Snapshot) -> list[dict[str, str]]:

@@ -41,7 +41,9 @@ LONG = {
         clears="move the arm back into the workspace with `forcemesh back-off`, clear the stop, "
         "and arm again when the path is clear",
     ),
-    "owned": ArbiterStatus(state="ARMED", commander="regulator", armed_for="back_off"),
+    "owned": ArbiterStatus(
+        state="ARMED", commander="regulator", next_commander="operator", armed_for="back_off"
+    ),
     "not ready": ArbiterStatus(
         state="IDLE",
         not_ready=(

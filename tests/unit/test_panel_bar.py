@@ -196,3 +196,21 @@ def test_the_bar_shows_every_trip_with_its_limit_and_the_remedy_apart():
     first = "force 31.2 N is above the ceiling (31.2 N, limit 30 N)"
     assert said["why"] == f"{first}; the operator asked"
     assert said["remedy"] == "clear, then arm"
+
+
+@pytest.mark.parametrize(
+    ("status", "who"),
+    [
+        (None, ""),
+        (ArbiterStatus(), "commander: none"),
+        (ArbiterStatus(commander="program"), "commander: program"),
+        (
+            ArbiterStatus(commander="regulator", next_commander="operator"),
+            "commander: regulator, next: operator",
+        ),
+    ],
+)
+def test_the_bar_names_the_commander_and_the_next_one(status, who):
+    """Nothing is named while nothing is known."""
+    heard = Snapshot(hub_fault="", arbiter=fresh(status, "" if status else "missing"))
+    assert strip(CELL, heard, "view")["who"] == who

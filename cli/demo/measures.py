@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from cli.demo.scenario import ScenarioPlan, ScenarioSample, Trace
+from common.motion.contact_point import contact_point_m
 from common.motion.frames import Array
 from sim.robot.contact import lift_off_m
 
@@ -41,6 +42,23 @@ class Surface:
         T_base_tcp = pin.SE3(sample.T_base_flange) * self.T_flange_tcp
         cosine = -float(self.normal @ T_base_tcp.rotation[:, 2])
         return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+    def contact_m(self, sample: ScenarioSample) -> Array:
+        """Point at which the force acts on the disc, in base [m]. Shape (3,)."""
+        T_base_tcp = pin.SE3(sample.T_base_flange) * self.T_flange_tcp
+        from_tcp_m = contact_point_m(T_base_tcp.rotation, sample.force_N, sample.torque_Nm)
+        return np.asarray(T_base_tcp.translation + from_tcp_m)
+
+    def in_plane_m(self, p_base_m: Array) -> Array:
+        """Coordinates of points in the plane of the plate, true to length [m]. Shape (..., 2).
+
+        The first axis is base x turned into the plane, the second one the normal times the first.
+        """
+        x = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
+        x /= np.linalg.norm(x)
+        return np.asarray(
+            (p_base_m - self.point_m) @ np.column_stack([x, np.cross(self.normal, x)])
+        )
 
 
 @dataclass(frozen=True, slots=True)

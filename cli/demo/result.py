@@ -1,4 +1,4 @@
-"""Results of the demo: a table, a plot, and a picture of the scene."""
+"""Results of the demo: a table, and a picture of the scene."""
 
 from pathlib import Path
 
@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 from rich.table import Table
 
-from cli.demo.cell import plate_of
-from cli.demo.measures import Result, Surface
+from cli.demo.cell import plate_of, surface_of
+from cli.demo.measures import Result
 from cli.demo.scenario import (
     SETTLED_FORCE_N,
     SETTLED_TORQUE_NM,
@@ -70,38 +70,13 @@ def table(result: Result, plan: ScenarioPlan, started: str) -> Table:
     return rows
 
 
-def plot(trace: Trace, plan: ScenarioPlan, surface: Surface, path: Path) -> None:
-    """Write force, torque and depth over time as a PNG."""
-    import matplotlib as mpl
+def pictured(trace: Trace, plan: ScenarioPlan) -> ScenarioSample:
+    """Return the sample to draw: the last one, or the last press where nothing is pressed after it.
 
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    samples = trace.press + trace.work
-    t_s = [sample.t_s for sample in samples]
-    figure, (force, torque, depth) = plt.subplots(
-        3, 1, figsize=(9, 8), sharex=True, layout="constrained"
-    )
-    force.plot(t_s, [sample.force for sample in samples], color="tab:blue", label="|F|")
-    force.axhline(plan.setpoint_N, color="black", linewidth=0.8, label="set point")
-    band = (plan.setpoint_N - SETTLED_FORCE_N, plan.setpoint_N + SETTLED_FORCE_N)
-    force.axhspan(*band, color="tab:green", alpha=0.2, label="settled band")
-    force.set(ylabel="force [N]", title=f"Main task, mode {plan.mode}: press, then force feedback")
-    torque.plot(t_s, [sample.torque for sample in samples], color="tab:orange", label="|M|")
-    torque.axhspan(0.0, SETTLED_TORQUE_NM, color="tab:green", alpha=0.2, label="settled band")
-    torque.set(ylabel="torque about the TCP [N m]")
-    lift_mm = [surface.lift_off_m(sample) * 1e3 for sample in samples]
-    depth.plot(t_s, lift_mm, color="tab:gray", label="disc above the unloaded plate")
-    depth.axhline(0.0, color="black", linewidth=0.8)
-    depth.set(ylabel="height [mm]", xlabel="time since force feedback began [s]")
-    for axes in (force, torque, depth):
-        axes.axvline(0.0, color="tab:red", linestyle=":", label="force feedback starts")
-        if trace.settled_at_s is not None:
-            axes.axvline(trace.settled_at_s, color="tab:green", linestyle=":", label="settled")
-        axes.grid(alpha=0.3)
-        axes.legend(loc="upper right", fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    A tilted plate is drawn once the disc lies flat on it.
+    """
+    ends_pressing = plan.setpoint_N > 0.0 or plan.mode != "position"
+    return trace.work[-1] if ends_pressing else trace.press[-1]
 
 
 def picture(cell: CellConfig, sample: ScenarioSample, path: Path) -> None:
@@ -114,4 +89,5 @@ def picture(cell: CellConfig, sample: ScenarioSample, path: Path) -> None:
     T_base_flange = pin.SE3(sample.T_base_flange)
     solution = ArmKinematics().solve(T_base_flange, home_rad(settings), jump_rad=np.pi)
     q = home_rad(settings) if solution.q is None else solution.q
-    render_png(settings, path, q=q, force_N=sample.force_N)
+    contact_m = surface_of(cell).contact_m(sample)
+    render_png(settings, path, q=q, force_N=sample.force_N, contact_m=contact_m)

@@ -4,19 +4,12 @@ from datetime import UTC, datetime
 from html import escape
 from typing import TYPE_CHECKING
 
+from services.panel.state_colours import NO_STATE, STATE_COLOURS
+
 if TYPE_CHECKING:
     from cli.report.data import ReportContent
     from services.recorder.reading import RecordedFile
 
-COLOURS = {
-    "IDLE": "#4dabf7",
-    "ARMED": "#fab005",
-    "SETTLING": "#94d82d",
-    "ACTIVE": "#40c057",
-    "STOPPING": "#fd7e14",
-    "HOLDING": "#f76707",
-    "FAULT": "#e03131",
-}
 STYLE = """
 :root { color-scheme: light dark; }
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 960px; margin: 2rem auto; padding: 0 1rem; }
@@ -88,11 +81,18 @@ def _states(story: "ReportContent") -> str:
     ends = [*(at_s for at_s, _ in story.states[1:]), story.lasted_s]
     spans = "".join(
         f'<span title="{escape(state)} {at_s:.2f} s to {end_s:.2f} s" style="flex:'
-        f'{max(end_s - at_s, 0.0):.3f} 0 0;background:{COLOURS.get(state, "#868e96")}">'
+        f'{max(end_s - at_s, 0.0):.3f} 0 0;{_colours(state)}">'
         f"{escape(state)}</span>"
         for (at_s, state), end_s in zip(story.states, ends, strict=True)
     )
     return f"<h2>Arbiter states</h2><div class=bar>{spans}</div>" if spans else ""
+
+
+def _colours(state: str) -> str:
+    """Return the colours of a state as CSS; a recording may have a state of another version."""
+    known = {str(name): colour for name, colour in STATE_COLOURS.items()}
+    background, text = known.get(state, NO_STATE)
+    return f"background:{background};color:{text}"
 
 
 def _stops(story: "ReportContent") -> str:

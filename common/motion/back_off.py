@@ -104,7 +104,7 @@ def _followed(
             f"{force_N:.1f} N and {torque_Nm:.2f} N m are below half of the ceilings, and the tool "
             "is inside the workspace: arm, and move it"
         )
-        return tripped("already", text, value=force_N, limit=ENDS_BELOW * limits.force_N)
+        return tripped("already", text, value=force_N, limit=ENDS_BELOW * limits.force_N, unit="N")
     way = _inside(limits, np.asarray(T_base_tcp.translation)) - T_base_tcp.translation
     return BackOffPlan("workspace", way * min(1.0, LONGEST_BACK_OFF_M / length(way)))
 
@@ -112,7 +112,7 @@ def _followed(
 def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> BackOffPlan | Trip:
     if force_N < LEAST_BACK_OFF_FORCE_N:
         text = f"a force of {force_N:.1f} N has no reliable direction: the torque is too high"
-        return tripped("no_direction", text, value=force_N, limit=LEAST_BACK_OFF_FORCE_N)
+        return tripped("no_direction", text, value=force_N, limit=LEAST_BACK_OFF_FORCE_N, unit="N")
     forward = float(force @ T_base_tcp.rotation[:, 2]) / force_N
     if forward > MOST_FORWARD:
         text = "the measured force pulls the tool forward: wrong sign or bias, or tool is hooked"
@@ -214,17 +214,17 @@ def goal_trip(own: BackOffPlan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Sp
     real_m_s = speed.mechanical_m_s * speed.modular_fraction
     if real_m_s > SPEED_M_S * (1.0 + 1e-9):
         text = f"backing off with {real_m_s * 1e3:.1f} mm/s"
-        return tripped("speed", text, value=real_m_s, limit=SPEED_M_S)
+        return tripped("speed", text, value=real_m_s, limit=SPEED_M_S, unit="m/s")
     if not is_finite_pose(T_to):
         return tripped("not_finite", "the goal is not finite")
     way, own_m = T_to.translation - T_from.translation, length(own.way_m)
     way_m, turn_rad = length(way), length(rotation_between(T_from.rotation, T_to.rotation))
     if turn_rad > SAME_TURN_RAD:
         text = f"backing off would rotate the tool by {degrees(turn_rad):.2f} degrees"
-        return tripped("state", text, value=turn_rad, limit=SAME_TURN_RAD)
+        return tripped("state", text, value=turn_rad, limit=SAME_TURN_RAD, unit="rad")
     if way_m > own_m + SAME_PATH_M:
         text = f"backing off by {way_m * 1e3:.1f} mm, {own_m * 1e3:.1f} mm are expected from here"
-        return tripped("state", text, value=way_m, limit=own_m)
+        return tripped("state", text, value=way_m, limit=own_m, unit="m")
     if way_m > SAME_PATH_M and float(way @ own.way_m) < SAME_DIRECTION * way_m * own_m:
         return tripped("state", "backing off in a direction other than expected from here")
     return None
@@ -256,10 +256,10 @@ class LoadRatchet:
         limit_N, limit_Nm = self.lowest_N + self.rise_N, self.lowest_Nm + self.rise_Nm
         if force_N > limit_N:
             text = f"the force rose from {self.lowest_N:.1f} N to {force_N:.1f} N {what}"
-            return tripped("force", text, value=force_N, limit=limit_N)
+            return tripped("force", text, value=force_N, limit=limit_N, unit="N")
         if torque_Nm > limit_Nm:
             text = f"the torque rose from {self.lowest_Nm:.2f} N m to {torque_Nm:.2f} N m {what}"
-            return tripped("torque", text, value=torque_Nm, limit=limit_Nm)
+            return tripped("torque", text, value=torque_Nm, limit=limit_Nm, unit="N m")
         return None
 
 
@@ -294,10 +294,10 @@ class BackOffState:
         most_m = LATE_M + FAST * SPEED_M_S * time_s
         if way_m > most_m:
             text = f"the arm moved {way_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
-            return tripped("speed", text, value=way_m, limit=most_m)
+            return tripped("speed", text, value=way_m, limit=most_m, unit="m")
         if time_s > LONGEST_BACK_OFF_S:
             text = f"backing off took longer than {LONGEST_BACK_OFF_S:g} s"
-            return tripped("still_loaded", text, value=time_s, limit=LONGEST_BACK_OFF_S)
+            return tripped("still_loaded", text, value=time_s, limit=LONGEST_BACK_OFF_S, unit="s")
         load = self.load
         is_loaded = LEAST_BACK_OFF_FORCE_N < load.lowest_N < inf
         if way_m > MUST_FALL_AFTER_M and is_loaded and load.first_N - load.lowest_N < MUST_FALL_N:
@@ -305,5 +305,5 @@ class BackOffState:
                 f"the force is still {load.lowest_N:.1f} N after {way_m * 1e3:.1f} mm, initially "
                 f"{load.first_N:.1f} N: this is no contact force; tare in free space"
             )
-            return tripped("still_loaded", text, value=load.lowest_N, limit=load.first_N)
+            return tripped("still_loaded", text, value=load.lowest_N, limit=load.first_N, unit="N")
         return None

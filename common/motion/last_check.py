@@ -114,7 +114,7 @@ class LastCheck:
         real_m_s = speed.mechanical_m_s * speed.modular_fraction
         if real_m_s > self._limits.speed_m_s:
             text = "mechanical times modular speed is above limits.speed_m_s"
-            return tripped("speed", text, value=real_m_s, limit=self._limits.speed_m_s)
+            return tripped("speed", text, value=real_m_s, limit=self._limits.speed_m_s, unit="m/s")
         if goal.kind == "pose" and goal.pose is not None:
             trip = self._pose_trip(T_measured, pose_of(goal.pose))
         elif goal.kind != "pose" and goal.joint_rad is not None:
@@ -136,11 +136,11 @@ class LastCheck:
         setpoint_N = float(np.linalg.norm(feedback.setpoint_force_N))
         if setpoint_N > self._setpoint_max_N:
             text = f"a set point of {setpoint_N:.1f} N"
-            return tripped("setpoint", text, value=setpoint_N, limit=self._setpoint_max_N)
+            return tripped("setpoint", text, value=setpoint_N, limit=self._setpoint_max_N, unit="N")
         lever_m = float(np.linalg.norm(feedback.lever_m))
         if lever_m > LONGEST_CENTRE_M:
             text = f"centre of rotation {lever_m * 1e3:.0f} mm away from the TCP"
-            return tripped("malformed", text, value=lever_m, limit=LONGEST_CENTRE_M)
+            return tripped("malformed", text, value=lever_m, limit=LONGEST_CENTRE_M, unit="m")
         self._budget.moved_otherwise()
         return None
 
@@ -195,7 +195,7 @@ class LastCheck:
         limit = float(self._joint_speed_max[worst])
         value = float(share[worst]) * limit
         text = f"joint {worst + 1} turns at {np.degrees(value):.0f} degrees/s"
-        return tripped("joint_speed", text, value=value, limit=limit)
+        return tripped("joint_speed", text, value=value, limit=limit, unit="rad/s")
 
     # --- inside -----------------------------------------------------------------------------------
 

@@ -93,12 +93,12 @@ def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
         if not low <= value <= high:
             broken = low if value < low else high
             text = f"TCP {axis} = {value * 1e3:.1f} mm is outside the workspace"
-            return tripped("workspace", text, value=value, limit=broken)
+            return tripped("workspace", text, value=value, limit=broken, unit="m")
     for number, plane in enumerate(limits.planes, start=1):
         beyond_m = float((plane.point_m - p) @ plane.normal)
         if beyond_m > 0.0:
             text = f"TCP is {beyond_m * 1e3:.1f} mm behind plane {number}"
-            return tripped("workspace", text, value=-beyond_m, limit=0.0)
+            return tripped("workspace", text, value=-beyond_m, limit=0.0, unit="m")
     return None
 
 
@@ -109,11 +109,11 @@ def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
     distance_m = length(T_to.translation - T_from.translation)
     if distance_m > limits.step_m:
         text = f"set point {distance_m * 1e3:.1f} mm away from the arm"
-        return tripped("step", text, value=distance_m, limit=limits.step_m)
+        return tripped("step", text, value=distance_m, limit=limits.step_m, unit="m")
     angle_rad = length(rotation_between(T_from.rotation, T_to.rotation))
     if angle_rad > limits.step_rad:
         text = f"set point {degrees(angle_rad):.1f} degrees away from the arm"
-        return tripped("step", text, value=angle_rad, limit=limits.step_rad)
+        return tripped("step", text, value=angle_rad, limit=limits.step_rad, unit="rad")
     return None
 
 
@@ -124,14 +124,14 @@ def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | Non
     distance_m = length(T_now.translation - T_start.translation)
     if distance_m > limits.tether_m:
         text = f"{distance_m * 1e3:.0f} mm away from the pose at arming"
-        return tripped("tether", text, value=distance_m, limit=limits.tether_m)
+        return tripped("tether", text, value=distance_m, limit=limits.tether_m, unit="m")
     angle_rad = length(rotation_between(T_start.rotation, T_now.rotation))
     if angle_rad > limits.tether_rad:
         text = (
             f"rotated {degrees(angle_rad):.1f} degrees from the pose at arming, "
             f"limits.tether_deg is {degrees(limits.tether_rad):g}"
         )
-        return tripped("tether", text, value=angle_rad, limit=limits.tether_rad)
+        return tripped("tether", text, value=angle_rad, limit=limits.tether_rad, unit="rad")
     return None
 
 
@@ -158,7 +158,7 @@ def check_joints(
         if not low <= angle <= high:
             broken = low if angle < low else high
             text = f"joint {number} = {degrees(angle):.1f} degrees is out of its range"
-            return tripped("joint", text, value=float(angle), limit=broken)
+            return tripped("joint", text, value=float(angle), limit=broken, unit="rad")
     return None
 
 
@@ -171,7 +171,7 @@ def check_joint_speed(limits: Limits, speed_rad_s: Array) -> Trip | None:
     for number, (speed, fastest) in enumerate(zip(speeds, fastest_rad_s, strict=True), start=1):
         if speed > fastest:
             text = f"joint {number} turns at {degrees(speed):.0f} degrees/s"
-            return tripped("joint_speed", text, value=speed, limit=fastest)
+            return tripped("joint_speed", text, value=speed, limit=fastest, unit="rad/s")
     return None
 
 
@@ -182,11 +182,11 @@ def check_wrench(limits: Limits, force_N: Vec3 | Array, torque_Nm: Vec3 | Array)
     force = hypot(*force_N)
     if force > limits.force_N:
         text = f"force {force:.1f} N is above the ceiling"
-        return tripped("force", text, value=force, limit=limits.force_N)
+        return tripped("force", text, value=force, limit=limits.force_N, unit="N")
     torque = hypot(*torque_Nm)
     if torque > limits.torque_Nm:
         text = f"torque {torque:.2f} N m is above the ceiling"
-        return tripped("torque", text, value=torque, limit=limits.torque_Nm)
+        return tripped("torque", text, value=torque, limit=limits.torque_Nm, unit="N m")
     return None
 
 

@@ -170,11 +170,13 @@ def check_rate(limits: Limits, window: PathWindow) -> Trip | None:
     way_m = sum([step[1] for step in window.steps])
     if way_m > limits.speed_m_s * longest_s:
         text = f"{way_m * 1e3:.1f} mm were commanded within {WINDOW_S * 1e3:.0f} ms"
-        return tripped("rate", text, value=way_m, limit=limits.speed_m_s * longest_s)
+        return tripped("rate", text, value=way_m, limit=limits.speed_m_s * longest_s, unit="m")
     turn_rad = sum([step[2] for step in window.steps])
     if turn_rad > limits.speed_rad_s * longest_s:
         text = f"{np.degrees(turn_rad):.1f} degrees were commanded within {WINDOW_S * 1e3:.0f} ms"
-        return tripped("rate", text, value=turn_rad, limit=limits.speed_rad_s * longest_s)
+        return tripped(
+            "rate", text, value=turn_rad, limit=limits.speed_rad_s * longest_s, unit="rad"
+        )
     return None
 
 

@@ -82,9 +82,9 @@ class SetpointMonitor:
         grown_m, grown_rad = self._grown(step.at_ns)
         text = "set points are faster than the speed limit"
         if step.way_m > grown_m:
-            return tripped("speed", text, limit=self._speed_m_s)
+            return tripped("speed", text, limit=self._speed_m_s, unit="m/s")
         if step.turn_rad > grown_rad:
-            return tripped("speed", text, limit=self._speed_rad_s)
+            return tripped("speed", text, limit=self._speed_rad_s, unit="rad/s")
         return None
 
     def _grown(self, now_ns: int) -> tuple[float, float]:
@@ -102,9 +102,11 @@ class SetpointMonitor:
         time_s = SPEED_MARGIN * WINDOW_S
         text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
         if way_m > self._speed_m_s * time_s:
-            return tripped("rate", text, value=way_m, limit=self._speed_m_s * time_s)
+            return tripped("rate", text, value=way_m, limit=self._speed_m_s * time_s, unit="m")
         if turn_rad > self._speed_rad_s * time_s:
-            return tripped("rate", text, value=turn_rad, limit=self._speed_rad_s * time_s)
+            return tripped(
+                "rate", text, value=turn_rad, limit=self._speed_rad_s * time_s, unit="rad"
+            )
         return None
 
     def _acceleration_trip(self, step: StreamStep) -> Trip | None:

@@ -92,9 +92,9 @@ class TrackingMonitor:
             return None
         if away_m > self._limit_m:
             text = f"the arm is {away_m * 1e3:.1f} mm away from its commanded pose"
-            return tripped("tracking", text, value=away_m, limit=self._limit_m)
+            return tripped("tracking", text, value=away_m, limit=self._limit_m, unit="m")
         text = f"the arm is {degrees(away_rad):.1f} degrees away from its commanded pose"
-        return tripped("tracking", text, value=away_rad, limit=self._limit_rad)
+        return tripped("tracking", text, value=away_rad, limit=self._limit_rad, unit="rad")
 
     def _away(self, T: pin.SE3, now_ns: int) -> tuple[float, float]:
         """Return distance [m] and angle [rad] to the nearest commanded pose."""

@@ -74,7 +74,7 @@ class ControllerWatch:
             f"the controller executes a set point {took_s * 1e3:.0f} ms after it was sent, in the "
             f"median; robot.delay_s plus lag_s is {self._allowed_s * 1e3:.0f} ms"
         )
-        return tripped("delay", text, value=took_s, limit=limit_s)
+        return tripped("delay", text, value=took_s, limit=limit_s, unit="s")
 
 
 def _numbers(inputs: Inputs) -> dict[str, float]:

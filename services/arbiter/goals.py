@@ -51,4 +51,4 @@ def speed_trip(speed: Speed, limits: Limits) -> Trip | None:
     if real_m_s <= limits.speed_m_s:
         return None
     text = "mechanical times modular speed is above limits.speed_m_s"
-    return tripped("speed", text, value=real_m_s, limit=limits.speed_m_s)
+    return tripped("speed", text, value=real_m_s, limit=limits.speed_m_s, unit="m/s")

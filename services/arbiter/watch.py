@@ -83,7 +83,7 @@ class RestWatch:
         if rest_s >= needed_s:
             return None
         text = f"the arm has been at rest for {rest_s:.2f} s, {needed_s:.2f} s are required"
-        return tripped("moving", text, value=rest_s, limit=needed_s)
+        return tripped("moving", text, value=rest_s, limit=needed_s, unit="s")
 
 
 def _is_away(T_anchor: pin.SE3, T: pin.SE3) -> bool:
@@ -145,7 +145,8 @@ class ResidualWatch:
                 "in contact, arm for jog, then `forcemesh retract`"
             )
             value, limit = (force_N, self._limit_N) if is_force else (torque_Nm, self._limit_Nm)
-            self._verdict = tripped("payload", text, value=value, limit=limit)
+            unit = "N" if is_force else "N m"
+            self._verdict = tripped("payload", text, value=value, limit=limit, unit=unit)
 
 
 class CalibrationWatch:
@@ -213,4 +214,4 @@ class AlignmentWatch:
             return None
         older = "wrench" if apart_s > 0.0 else "robot/state"
         text = f"{older} is {abs(apart_s) * 1e3:.0f} ms older: pose and wrench do not match in time"
-        return tripped("misaligned", text, value=abs(apart_s), limit=self._limit_s)
+        return tripped("misaligned", text, value=abs(apart_s), limit=self._limit_s, unit="s")

@@ -3,7 +3,6 @@
 import asyncio
 import threading
 import time
-from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -26,8 +25,8 @@ from services.panel.server import RIGHTS, Gate, close_server, open_server
 from services.panel.sessions import Rights
 from services.panel.status_bar import may_stop, strip
 from services.panel.stopping import UNANSWERED, stop_text
-from services.panel.tabs import Refresh, all_tabs
-from services.panel.viewer import RequestOutcome, Viewer, ask, put
+from services.panel.tabs import Refresh, all_tabs, settings
+from services.panel.viewer import RequestOutcome, Viewer, ask
 from services.panel.watch import CellMonitor, Snapshot
 from services.panel.wizard import WizardProcess
 
@@ -38,8 +37,6 @@ OLD_S = 0.5  # age above which a snapshot is renewed before it is shown
 LEFT_S = 3.0  # covers the gap while a page is reloaded
 JOINED_WITHIN_S = 2.0  # for Stop motion: without an open page the panel is off the bus
 STOPPED_BY = "Stop motion was pressed in the panel"
-DARK_KEY = "forcemesh dark"
-REMEMBERS_S = 20.0
 
 
 class PanelPage:
@@ -64,7 +61,7 @@ class PanelPage:
         self.server.gui.configure_theme(show_logo=False, show_share_button=False)
         self.server.gui.set_panel_label(f"forcemesh · {cell.cell}")
         self.server.gui.main_panel.dock_right()
-        self.server.gui.main_panel.set_width(450)
+        self.server.gui.main_panel.set_width(470)
         self._scene = Scene(self.server, cell)
         self._plots = Plots(self.server, self._history)
         self.server.on_client_connect(self._came)
@@ -137,9 +134,10 @@ class PanelPage:
 
     def _build(self, client: viser.ClientHandle, rights: Rights) -> None:
         gui = client.gui
-        _let_choose_the_light(client)
         if rights == "view":
             Prose(gui, paragraphs("View only: this session has no operator rights."))
+            with gui.add_tab_group().add_tab(settings.TAB.label, settings.TAB.icon):
+                settings.add_settings(client)
             return
         viewer = Viewer(client, self._watch, self._cell, self._wizard, self._log)
         viewer.keep_answers_in(Prose(gui, paragraphs("Replies to requests appear here.")))
@@ -155,23 +153,3 @@ class PanelPage:
         for _, refreshes in list(self._forms.values()):
             for refresh in refreshes:
                 refresh(heard)
-
-
-def _let_choose_the_light(client: viser.ClientHandle) -> None:
-    """Add the dark mode switch; the browser stores the setting."""
-    dark = client.gui.add_checkbox("Dark mode", initial_value=False, order=1000.0)
-
-    def show(*, remember: bool) -> None:
-        client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark.value)
-        if remember:
-            client.local_storage.set_item(DARK_KEY, "yes" if dark.value else "no")
-
-    dark.on_update(lambda _event: show(remember=True))
-
-    def remember() -> None:
-        with suppress(TimeoutError):  # a busy browser keeps the light theme
-            if client.local_storage.get_item(DARK_KEY, timeout=REMEMBERS_S) == "yes":
-                put(dark, value=True)
-                show(remember=False)
-
-    threading.Thread(target=remember, daemon=True).start()

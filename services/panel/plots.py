@@ -14,6 +14,7 @@ PLOT_PERIOD_S = 0.2
 PLOT_HEIGHT = 118
 BRIDGED_S = 0.5  # longest gap that a line bridges
 OUTSIDE = -1e6  # outside the range of every axis
+LABEL_SIZE, TIME_SIZE = 18, 30  # of the time axis [px]: its label, its ticks with their numbers
 TICKS_APART = 16  # least distance of two ticks [px]: this plot height fits three or four
 PLOT_MARGIN = 1.4  # keeps the last tick label inside the plot
 
@@ -35,6 +36,7 @@ COLOURS = {
     "distance": GREY,
     "chain": "#7048e8",
 }
+LABELS = {"press": "normal force"}  # where the legend has another name than the readout
 WIDE, DASHED = {"press", "chain"}, {"set point", "target"}
 
 
@@ -72,7 +74,7 @@ class Plots:
                     tuple(series(name) for name in ("t", *kind.names)),
                     title=kind.title,
                     scales=scales(self._spans[kind]),
-                    axes=(axis("s"), axis()),
+                    axes=(axis("time [s]"), axis()),
                     legend=uplot.Legend(show=len(kind.names) > 1, live=False),
                     height=PLOT_HEIGHT,
                 )
@@ -116,7 +118,9 @@ def series(name: str) -> uplot.Series:
     if name == "t":
         return uplot.Series(label="t")
     colour = COLOURS[name]
-    line = uplot.Series(label=name, stroke=colour, width=2.2 if name in WIDE else 1.2)
+    line = uplot.Series(
+        label=LABELS.get(name, name), stroke=colour, width=2.2 if name in WIDE else 1.2
+    )
     if name in DASHED:
         line["dash"] = (6, 4)
     return line
@@ -125,6 +129,8 @@ def series(name: str) -> uplot.Series:
 def axis(label: str = "") -> uplot.Axis:
     """Return an axis with colours that suit the light and the dark theme."""
     shown = uplot.Axis(stroke="#8b95a1", grid=uplot.Axis_Grid(stroke="#8b95a133", width=1))
-    if not label:
+    if label:
+        shown["label"], shown["labelSize"], shown["size"] = label, LABEL_SIZE, TIME_SIZE
+    else:
         shown["size"], shown["space"] = 46, TICKS_APART
     return shown

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.config.cell import CellConfig
+from common.motion.contact_point import contact_point_m
 from common.motion.convert import pose_of
 from common.motion.frames import Array, R_from_quaternion
 from forcemesh.messages import RobotCommand, RobotState, WrenchAtTcp
@@ -30,6 +31,13 @@ class Tool:
     def press_N(self) -> float | None:
         """Press force of the tool along its z axis."""
         return None if self.force_N is None else -float(self.force_N @ self.R_base_tcp[:, 2])
+
+    @property
+    def contact_m(self) -> Array:
+        """Point at which the force acts, in base [m]; the TCP if it is unknown. Shape (3,)."""
+        if self.force_N is None or self.torque_Nm is None:
+            return self.p_tcp_m
+        return self.p_tcp_m + contact_point_m(self.R_base_tcp, self.force_N, self.torque_Nm)
 
 
 class Readout:

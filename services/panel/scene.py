@@ -20,7 +20,7 @@ M_PER_N, M_PER_NM = 0.0045, 0.2  # length of the arrows
 LABEL_M = np.array([-0.07, 0.07, 0.0])  # offset from the arrow
 LEAST_N, LEAST_NM = 0.5, 0.05  # smaller values are noise
 STILL_RAD = 1e-4  # no update is sent for smaller motion
-TOUCHED_RADIUS_M = 0.06
+TOUCHED_RADIUS_M = 0.03
 FORCE_RGB, TORQUE_RGB, BOX_RGB, TOUCH_RGB = (
     (224, 49, 49),
     (112, 72, 232),
@@ -91,6 +91,7 @@ class Scene:
             self._mujoco.update_from_mjdata(self._arm.data)
 
     def _draw_wrench(self, tool: Tool) -> None:
+        """Draw the force from the contact, in the direction in which it pushes the tool."""
         force_N = np.zeros(3) if tool.force_N is None else tool.force_N
         torque_Nm = np.zeros(3) if tool.torque_Nm is None else tool.torque_Nm
         strong, turning = float(np.linalg.norm(force_N)), float(np.linalg.norm(torque_Nm))
@@ -98,8 +99,8 @@ class Scene:
         _show(self._torque, turning > LEAST_NM)
         _show(self._label, strong > LEAST_N)
         if strong > LEAST_N:
-            self._force.points = _arrow(tool.p_tcp_m, M_PER_N * force_N)
-            self._label.position = tool.p_tcp_m + 0.5 * M_PER_N * force_N + LABEL_M
+            self._force.points = _arrow(tool.contact_m, M_PER_N * force_N)
+            self._label.position = tool.contact_m + 0.5 * M_PER_N * force_N + LABEL_M
             text = f"{strong:.1f} N"
             if self._label.text != text:
                 self._label.text = text
@@ -112,7 +113,7 @@ class Scene:
         touches = target is not None and target.contact == "contact" and heard.target.fault == ""
         _show(self._touched, touches)
         if touches:
-            self._touched.position = tool.p_tcp_m
+            self._touched.position = tool.contact_m
             self._touched.wxyz = _wxyz(tool.R_base_tcp)
 
 

@@ -35,6 +35,7 @@ from services.panel.access import ASKED_BY_US, Door, cookie_in, token_in
 from services.panel.markup import html
 from services.panel.policy import NONCE, policy, with_nonce_unpacked, with_nonces
 from services.panel.sessions import Rights, Sessions
+from services.panel.state_colours import NO_STATE
 
 SHOWN_TOKEN = "X-Forcemesh-Token"  # noqa: S105 - a header name: not part of addresses or logs
 Reply = dict[str, Any]
@@ -229,7 +230,9 @@ def page(title: str) -> str:
         "<title>Viser</title>", html("<title>{}</title>", title).source
     )
     head, _, tail = with_nonce_unpacked(text).rpartition("</body>")
-    return with_nonces(f"{head}{resource('bar.html')}</body>{tail}")
+    colours = f"background: {NO_STATE.background}; color: {NO_STATE.text};"
+    text = with_nonces(f"{head}{resource('bar.html')}</body>{tail}")
+    return text.replace("/* colours without a state */", colours)
 
 
 def resource(name: str) -> str:

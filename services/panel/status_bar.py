@@ -1,4 +1,4 @@
-"""Contents of the status bar: state, commander, rate and age of each service. Pure."""
+"""Contents of the status bar: state and its cause, force, commander, each service. Pure."""
 
 from typing import Any
 
@@ -6,17 +6,12 @@ from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.messages import ArbiterStatus
+from services.panel.force_display import force_display
 from services.panel.sessions import Rights
+from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
+from services.panel.trip_text import trip_text
 from services.panel.watch import Snapshot, age_text
 
-LOOKS = {  # style of the chip with the arbiter's state
-    "ARMED": "go",
-    "SETTLING": "go",
-    "ACTIVE": "go",
-    "STOPPING": "bad",
-    "HOLDING": "bad",
-    "FAULT": "bad",
-}
 STREAMS = {  # role: topic whose age is shown; its health topic is published at a low rate
     "robot": "robot",
     "sensor": "sensor",
@@ -38,7 +33,8 @@ def may_stop(cell: CellConfig, rights: Rights) -> bool:
 
 def strip(cell: CellConfig, heard: Snapshot, rights: Rights) -> dict[str, Any]:
     """Return the contents of the status bar."""
-    state, look, why = state_of(heard)
+    state, colour = state_of(heard)
+    why, remedy = cause_of(heard)
     return {
         "cell": cell.cell,
         "mode": mode_of(cell),
@@ -46,8 +42,10 @@ def strip(cell: CellConfig, heard: Snapshot, rights: Rights) -> dict[str, Any]:
         "may_stop": may_stop(cell, rights),
         "state": state,
         "held": held_as(heard),
-        "look": look,
+        "colour": colour._asdict(),
         "why": why,
+        "remedy": remedy,
+        "force": force_display(cell, heard),
         "who": who(heard.arbiter.fresh),
         "services": [] if heard.hub_fault else services(heard),
     }
@@ -56,15 +54,15 @@ def strip(cell: CellConfig, heard: Snapshot, rights: Rights) -> dict[str, Any]:
 ALONE = {"jog": " for jog", "back_off": " to back off"}
 
 
-def state_of(heard: Snapshot) -> tuple[str, str, str]:
-    """Return the state, the style of its chip and its cause."""
+def state_of(heard: Snapshot) -> tuple[str, StateColour]:
+    """Return the state and its colours."""
     if heard.hub_fault:
-        return "cell not reached", "lost", heard.hub_fault
+        return "cell not reached", NO_STATE
     status = heard.arbiter.fresh
     if status is None:
-        return "no arbiter status", "lost", heard.arbiter.fault
+        return "no arbiter status", NO_STATE
     what = ALONE.get(status.armed_for, "") if status.goes_on else ""
-    return f"{status.state}{what}", LOOKS.get(status.state, ""), why(status)
+    return f"{status.state}{what}", STATE_COLOURS[status.state]
 
 
 def held_as(heard: Snapshot) -> str:
@@ -73,19 +71,23 @@ def held_as(heard: Snapshot) -> str:
     return "" if status is None or status.may_move else status.state
 
 
-def why(status: ArbiterStatus) -> str:
-    """Return the trips and their remedy, or the reasons that prevent arming."""
+def cause_of(heard: Snapshot) -> tuple[str, str]:
+    """Return why the arm does not move, or what prevents arming; and the remedy."""
+    status = heard.arbiter.fresh
+    if heard.hub_fault or status is None:
+        return heard.hub_fault or heard.arbiter.fault, ""
     if status.trips:
-        text = "; ".join(trip.text for trip in status.trips)
-        return f"{text}: {status.clears}" if status.clears else text
-    return "; ".join(status.not_ready)
+        return "; ".join(trip_text(trip) for trip in status.trips), status.clears
+    not_ready = "; ".join(status.not_ready)
+    return (f"not ready: {not_ready}" if not_ready else ""), ""
 
 
 def who(status: ArbiterStatus | None) -> str:
-    """Return the active commander of the arm."""
-    if status is None or status.commander == "none":
-        return "commander: none"
-    return f"commander: {status.commander}"
+    """Return the commander of the arm, and the next one; empty while it is unknown."""
+    if status is None:
+        return ""
+    following = "" if status.next_commander == "none" else f", next: {status.next_commander}"
+    return f"commander: {status.commander}{following}"
 
 
 def services(heard: Snapshot) -> list[dict[str, str]]:

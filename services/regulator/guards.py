@@ -194,7 +194,7 @@ def _sign_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> T
         f"the first touch reads {back_N:.1f} N back along the tool axis, of {length_N:.1f} N: "
         "a sign, an axis or a frame of the sensor is wrong, or the tool touches with its side"
     )
-    return tripped("sensor_sign", text, value=back_N, limit=MAIN_PART * length_N)
+    return tripped("sensor_sign", text, value=back_N, limit=MAIN_PART * length_N, unit="N")
 
 
 def _work_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
@@ -207,7 +207,7 @@ def _work_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> T
         f"{now.tool_work_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, or a person "
         "pushes"
     )
-    return tripped("sensor_sign", text, value=more_J, limit=settings.environment_work_J)
+    return tripped("sensor_sign", text, value=more_J, limit=settings.environment_work_J, unit="J")
 
 
 def _rise_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
@@ -221,7 +221,7 @@ def _rise_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> T
         "N: a sign or an axis of the torque is wrong, or a person "
         "pushes; run `forcemesh check axes`, once for each calibration"
     )
-    return tripped("sensor_sign", text, value=seen.pushed_back_N, limit=limit_N)
+    return tripped("sensor_sign", text, value=seen.pushed_back_N, limit=limit_N, unit="N")
 
 
 def _yield_trip(now: GuardState, seen: GuardSample, _: GuardSettings) -> Trip | None:
@@ -243,7 +243,7 @@ def _way_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Tr
         return None
     what = "contact was lost and not found again" if now.touched else "no contact"
     text = f"{what} within {limit_m * 1e3:g} mm"
-    return tripped("travel", text, value=way_m, limit=limit_m)
+    return tripped("travel", text, value=way_m, limit=limit_m, unit="m")
 
 
 def _swing_trip(now: GuardState, seen: GuardSample, _: GuardSettings) -> Trip | None:
@@ -251,4 +251,4 @@ def _swing_trip(now: GuardState, seen: GuardSample, _: GuardSettings) -> Trip | 
         return None
     height_N = length(seen.error[:3])
     text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
-    return tripped("oscillation", text, value=height_N)
+    return tripped("oscillation", text, value=height_N, unit="N")

@@ -157,10 +157,10 @@ def trip_of(
             f"the tool yielded by {gone_m * 1e3:.1f} mm, mainly along its {AXES[at]} axis, the "
             f"force did not fall, {rest}"
         )
-        return tripped("sensor_sign", text, value=gone_m, limit=LIMIT_M)
+        return tripped("sensor_sign", text, value=gone_m, limit=LIMIT_M, unit="m")
     if too_turned:
         text = f"the tool yielded to a torque by {np.degrees(now.turn_rad):.1f} degrees, {rest}"
-        return tripped("sensor_sign", text, value=now.turn_rad, limit=LIMIT_RAD)
+        return tripped("sensor_sign", text, value=now.turn_rad, limit=LIMIT_RAD, unit="rad")
     return None
 
 

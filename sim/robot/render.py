@@ -51,6 +51,7 @@ def render_png(
     *,
     q: Array,
     force_N: Array | None = None,
+    contact_m: Array | None = None,
     view: View = DEFAULT_VIEW,
 ) -> None:
     """Write a picture of the cell with the arm at joint angles q [rad], shape (6,).
@@ -61,14 +62,15 @@ def render_png(
         settings: The cell.
         path: PNG file to write; its folder must exist.
         q: Joint angles of the arm [rad]. Shape (6,).
-        force_N: Force on the tool in base axes [N]; drawn as an arrow beside the tool.
+        force_N: Force on the tool in base axes [N]; drawn as an arrow from the contact.
+        contact_m: Contact point in base [m], shape (3,); default: the TCP.
         view: Camera and size of the picture.
     """
     tcp_m, pushed_m = _tcp_and_plate(settings, q)
     job = {
         "xml": _described(settings, pushed_m),
         "joints": {f"joint{k}": float(angle) for k, angle in enumerate(q, 1)},
-        "tcp_m": tcp_m,
+        "contact_m": tcp_m if contact_m is None else [float(x) for x in contact_m],
         "force_N": [0.0, 0.0, 0.0] if force_N is None else [float(f) for f in force_N],
         "view": asdict(view),
         "path": str(path.resolve()),

@@ -18,7 +18,7 @@ import numpy.typing as npt
 ARROW_M_PER_N = 0.006
 ARROW_LONGEST_M = 0.25
 ARROW_WIDTH_M = 0.012
-ARROW_BESIDE_M = 0.06  # offset from the tool: at the contact, plate and tool would hide the arrow
+HIDDEN_SHARE = 0.7  # opacity of the arrow where tool or plate is in front of it
 LEAST_DRAWN_FORCE_N = 0.5  # arrows of smaller forces are too short to be legible
 _ARROW_RGBA = np.array([0.86, 0.12, 0.16, 1.0], dtype=np.float32)
 
@@ -43,10 +43,21 @@ def draw(job: dict[str, Any]) -> Pixels:
     mujoco.mj_forward(model, data)
     with mujoco.Renderer(model, view["height_px"], view["width_px"]) as renderer:
         renderer.update_scene(data, _camera(view), _options())
-        right = _right_of(view["azimuth_deg"])
-        beside_m = np.array(job["tcp_m"]) + ARROW_BESIDE_M * right
-        _add_arrow(renderer.scene, beside_m, np.array(job["force_N"]))
-        return np.array(renderer.render(), dtype=np.uint8)
+        scene, bodies = renderer.scene, renderer.scene.ngeom
+        _add_arrow(scene, np.array(job["contact_m"]), np.array(job["force_N"]))
+        picture = np.array(renderer.render())
+        if scene.ngeom == bodies:
+            return np.asarray(picture, dtype=np.uint8)
+        scene.ngeom, scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 0, 0
+        _add_arrow(scene, np.array(job["contact_m"]), np.array(job["force_N"]))
+        return _laid_over(picture, np.array(renderer.render()))
+
+
+def _laid_over(picture: Pixels, arrow: Pixels) -> Pixels:
+    """Return the picture with the arrow, on black, visible also where a body hides it."""
+    is_arrow = arrow.any(axis=2, keepdims=True)
+    mixed = (1.0 - HIDDEN_SHARE) * picture + HIDDEN_SHARE * arrow
+    return np.where(is_arrow, mixed, picture).astype(np.uint8)
 
 
 def png(rgb: Pixels) -> bytes:
@@ -64,12 +75,6 @@ def png(rgb: Pixels) -> bytes:
         struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
         for kind, body in chunks
     )
-
-
-def _right_of(azimuth_deg: float) -> npt.NDArray[np.float64]:
-    """Return the horizontal direction that a camera sees as right; it looks along its azimuth."""
-    azimuth = np.radians(azimuth_deg)
-    return np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
 
 
 def _camera(view: dict[str, Any]) -> mujoco.MjvCamera:

@@ -235,6 +235,7 @@ def test_a_phone_shows_what_matters_and_its_stop_button_works(ready, address, co
 def test_dark_is_remembered_and_the_page_can_call_nobody(ready, address, cockpit):
     """The browser keeps the choice; and refuses to let the page ask another machine."""
     page = cockpit().open(address)
+    page.tab("Settings")
     hit(page.page.get_by_role("checkbox").last)
     page.page.locator("html[data-mantine-color-scheme=dark]").wait_for()
     page.picture("panel-dark")

@@ -9,6 +9,7 @@ from services.panel.markup import Html, html, joined
 from services.panel.prose import Prose, paragraphs
 from services.panel.status_bar import services
 from services.panel.tabs import Refresh, Tab
+from services.panel.trip_text import trip_text
 from services.panel.viewer import Viewer
 from services.panel.watch import Snapshot
 
@@ -49,7 +50,9 @@ def now_text(heard: Snapshot) -> Html:
 
 def _reasons(status: ArbiterStatus) -> list[Html | str]:
     lines: list[Html | str] = [
-        html("✖ <code>{}</code> ({}) {}{}", trip.code, trip.rule, trip.text, _remedy(trip.code))
+        html(
+            "✖ <code>{}</code> ({}) {}{}", trip.code, trip.rule, trip_text(trip), _remedy(trip.code)
+        )
         for trip in status.trips
     ]
     lines += [f"not ready: {text}" for text in status.not_ready]
@@ -71,7 +74,7 @@ def log_text(happened: tuple[Happened, ...]) -> Html:
         return NOTHING
     row = "<p>{} <b>{}</b> <code>{}</code> {}{}</p>"
     return joined(
-        html(row, one.at, one.state, one.trip.code, one.trip.text, _todo(one.remedy))
+        html(row, one.at, one.state, one.trip.code, trip_text(one.trip), _todo(one.remedy))
         for one in happened[:SHOWN]
     )
 

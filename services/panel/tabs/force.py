@@ -228,7 +228,7 @@ def now_text(heard: Snapshot) -> Html:
     force_N = sum(part * part for part in wrench.force_N) ** 0.5
     doing = html("force feedback is off")
     if target is not None and target.mode is not None:
-        doing = html("<b>{}</b> on the {}, {}", target.mode, target.host, target.contact)
+        doing = html("mode <b>{}</b>, loop host {}, {}", target.mode, target.host, target.contact)
     if target is not None and target.setpoint_N is not None:
         doing = html("{}, set point <b>{} N</b>", doing, f"{target.setpoint_N:g}")
     lines: list[Html | str] = [html("<b>{} N</b> · {}", f"{force_N:.1f}", doing)]

@@ -38,7 +38,7 @@ OURS = {
         "rows": "made of escaped parts",
         "b": "a number with its unit",
         "s": "a word of this file",
-        "COLOURS.get(state, '#868e96')": "a colour of this file",
+        "_colours(state)": "colours of a table",
         "stop.trip.rule": "an integer, by its type",
         "came.count": "an integer",
         "came.lost": "an integer",

@@ -196,7 +196,7 @@ def test_the_bar_says_what_is_the_matter():
     said = strip(
         CELL, all_heard(ArbiterStatus(state="HOLDING", trips=(trip,), clears="arm")), "operate"
     )
-    assert (said["state"], said["look"], said["why"]) == ("HOLDING", "bad", "61 N: arm")
+    assert (said["state"], said["why"], said["remedy"]) == ("HOLDING", "61 N", "arm")
     assert said["mode"] == "SIMULATION"
     moving = ArbiterStatus(state="ACTIVE", commander="regulator", armed_for="jog")
     assert strip(CELL, all_heard(moving), "operate")["who"] == "commander: regulator"

@@ -1,0 +1,94 @@
+"""Pictures of the demo: the tilted disc laid flat, and the contact in the plane of the plate."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.figure import Figure
+
+from cli.demo.cell import DemoOverrides, demo_cell, surface_of
+from cli.demo.measures import Surface
+from cli.demo.plots import _draw_plane, plot
+from cli.demo.result import pictured
+from cli.demo.scenario import ScenarioPlan, ScenarioSample, Trace
+from tools.tree import ROOT
+
+CELL_FILE = Path(ROOT) / "cells" / "demo.yaml"
+TILTED = surface_of(demo_cell(CELL_FILE, DemoOverrides(tilt_deg=15.0)))
+LEVEL = surface_of(demo_cell(CELL_FILE, DemoOverrides()))
+PRESS_N = 10.0
+ACROSS = st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
+
+
+def pressed(surface: Surface, t_s: float, *, off_m: float) -> ScenarioSample:
+    """Return a disc that lies flat on the plate, pushed at a point off its centre."""
+    x = np.array([1.0, 0.0, 0.0])
+    R = np.column_stack([x, np.cross(-surface.normal, x), -surface.normal])
+    T_base_tcp = pin.SE3(R, surface.point_m)
+    force_N = PRESS_N * surface.normal
+    return ScenarioSample(
+        t_s=t_s,
+        force_N=force_N,
+        torque_Nm=np.cross(off_m * R[:, 1], force_N),
+        T_base_flange=np.array((T_base_tcp * surface.T_flange_tcp.inverse()).homogeneous),
+    )
+
+
+def aligning(surface: Surface) -> Trace:
+    """Return a press at the rim, then force feedback until the contact is in the middle."""
+    rim_m = surface.disc_radius_m
+    press = [pressed(surface, -0.1, off_m=rim_m)]
+    work = [pressed(surface, 0.1 * at, off_m=rim_m * (1.0 - at / 10)) for at in range(11)]
+    return Trace(press=press, work=work)
+
+
+@given(ACROSS, ACROSS)
+def test_the_plane_of_the_plate_is_drawn_true_to_length(one, other):
+    """Distances of points of the plate are kept; seen from above they would shrink."""
+    y = np.cross(TILTED.normal, [1.0, 0.0, 0.0])
+    first, second = (TILTED.point_m + a * np.array([1.0, 0, 0]) + b * y for a, b in (one, other))
+    drawn_m = np.linalg.norm(TILTED.in_plane_m(first) - TILTED.in_plane_m(second))
+    assert drawn_m == pytest.approx(np.linalg.norm(first - second), abs=1e-12)
+
+
+def test_the_contact_is_drawn_from_the_rim_to_the_middle_of_the_disc():
+    """In millimetres, with equal axes that name their unit."""
+    axes = Figure().add_subplot()
+    _draw_plane(axes, aligning(TILTED), TILTED)
+    path = np.asarray(axes.get_lines()[0].get_xydata())
+    assert np.linalg.norm(path[0]) == pytest.approx(1e3 * TILTED.disc_radius_m)
+    assert np.linalg.norm(path[-1]) == pytest.approx(0.0, abs=1e-6)
+    assert axes.get_aspect() == 1.0
+    assert axes.get_xlabel().endswith("[mm]")
+    assert axes.get_ylabel().endswith("[mm]")
+
+
+@pytest.mark.parametrize(("surface", "names"), [(LEVEL, 3), (TILTED, 5)], ids=["level", "tilted"])
+def test_every_axis_of_the_plot_has_a_unit_and_a_tilted_plate_has_two_more(
+    surface, names, tmp_path, monkeypatch
+):
+    """Also the angle between disc and plate."""
+    seen = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: seen.extend(figure.axes))
+    plot(aligning(surface), ScenarioPlan(mode="both", setpoint_N=10.0), surface, tmp_path / "a.png")
+    assert len(seen) == names
+    assert all(axes.get_ylabel().endswith("]") for axes in seen)
+
+
+@pytest.mark.parametrize(
+    ("mode", "setpoint_N", "last"),
+    [
+        ("position", 0.0, False),
+        ("position", 5.0, True),
+        ("both", 10.0, True),
+        ("orientation", 0.0, True),
+    ],
+)
+def test_the_picture_shows_the_end_where_the_disc_still_presses(mode, setpoint_N, last):
+    """A disc that aligns itself is drawn flat on the plate, not on its edge before that."""
+    trace = aligning(TILTED)
+    sample = pictured(trace, ScenarioPlan(mode=mode, setpoint_N=setpoint_N))
+    assert sample is (trace.work if last else trace.press)[-1]

@@ -94,6 +94,8 @@ def _print_status(found: "CellStatus") -> None:
     from cli.arm_readings import reading_lines
     from cli.status import FOR_PROGRAMS, describe_number, died_text
     from cli.tables import print_table, table_console
+    from forcemesh.messages import Trip
+    from forcemesh.trip_text import trip_text
 
     state = found["state"]
     console = table_console()
@@ -104,7 +106,7 @@ def _print_status(found: "CellStatus") -> None:
         soft_wrap=True,
     )
     for label, lines in (
-        ("stopped by", [str(trip["text"]) for trip in found["trips"]]),
+        ("stopped by", [trip_text(Trip.model_validate(trip)) for trip in found["trips"]]),
         ("not ready", found["not_ready"]),
         ("died", [died_text(each) for each in found["restarts"]]),
         ("next", [found["clears"]] if found["clears"] else []),

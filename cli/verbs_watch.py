@@ -23,7 +23,7 @@ TABLE_S = 0.5  # between two tables of all topics
 FIRST_S = 1.0  # until the first one: a rate needs some messages
 
 
-class End(NamedTuple):
+class WatchEnd(NamedTuple):
     """After how many messages or tables, and after what time, watching ends; None: never."""
 
     number: int | None
@@ -51,11 +51,12 @@ def watch(
     count: Annotated[
         int | None,
         typer.Option(
-            min=1, help="End after this number of messages or tables.", show_default=False
+            min=1, help="WatchEnd after this number of messages or tables.", show_default=False
         ),
     ] = None,
     seconds: Annotated[
-        float | None, typer.Option(min=0.1, help="End after this time [s].", show_default=False)
+        float | None,
+        typer.Option(min=0.1, help="WatchEnd after this time [s].", show_default=False),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object per line, header and message merged.")
@@ -78,7 +79,7 @@ def watch(
     row = None if topic is None else find_topic(topic)
     if csv is not None and (row is None or as_json):
         exit_with_error("--csv FILE takes one topic, and no --json: watch wrench --csv FILE", USAGE)
-    end = End(count, seconds)
+    end = WatchEnd(count, seconds)
     with cell_of(cell) as client:
         try:
             if row is None:
@@ -110,14 +111,14 @@ def find_topic(name: str) -> "Topic[Message]":
     return rows[name]
 
 
-def _messages(feed: "Feed[Message]", end: End) -> "Iterator[Received[Message]]":
+def _messages(feed: "Feed[Message]", end: WatchEnd) -> "Iterator[Received[Message]]":
     for number, heard in enumerate(feed.stream(seconds=end.seconds, silence_s=SILENCE_S), 1):
         yield heard
         if number == end.number:
             return
 
 
-def _write(client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: End) -> None:
+def _write(client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: WatchEnd) -> None:
     from cli.watch_csv import write_csv
 
     try:
@@ -134,7 +135,7 @@ def _write(client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: E
 # --- one topic ------------------------------------------------------------------------------------
 
 
-def _show(feed: "Feed[Message]", end: End) -> None:
+def _show(feed: "Feed[Message]", end: WatchEnd) -> None:
     """Show one table live: fields, rate and age."""
     from rich.live import Live
 
@@ -179,7 +180,7 @@ def _text(value: object) -> str:
 # --- all topics -----------------------------------------------------------------------------------
 
 
-def _watch_all(client: "ConfiguredCell", end: End, as_json: bool) -> None:
+def _watch_all(client: "ConfiguredCell", end: WatchEnd, as_json: bool) -> None:
     from rich.live import Live
 
     from cli.tables import table_console

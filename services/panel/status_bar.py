@@ -6,10 +6,10 @@ from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.messages import ArbiterStatus
+from forcemesh.trip_text import trip_text
 from services.panel.force_display import force_display
 from services.panel.sessions import Rights
 from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
-from services.panel.trip_text import trip_text
 from services.panel.watch import Snapshot, age_text
 
 STREAMS = {  # role: topic whose age is shown; its health topic is published at a low rate

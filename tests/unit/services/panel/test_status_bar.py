@@ -19,11 +19,11 @@ from forcemesh.messages import (
     RobotState,
     WrenchAtTcp,
 )
+from forcemesh.trip_text import trip_text
 from services.panel.force_display import force_display
 from services.panel.server import page
 from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
 from services.panel.status_bar import strip
-from services.panel.trip_text import trip_text
 from services.panel.watch import Snapshot
 from tools.tree import ROOT
 

@@ -1,4 +1,4 @@
-"""Text of a trip with its value and its limit, in the units of the pendant. Pure."""
+"""Text of a trip with its value and its limit, in the units of a teach pendant. Pure."""
 
 import math
 

@@ -29,7 +29,7 @@ from forcemesh.errors import DataError
 from identification.estimates import payload_of
 from identification.identify import identify, identify_recording
 from identification.model_selection import choose
-from identification.payload_model import across
+from identification.payload_model import perpendicular_axes
 from identification.recording import Samples, read_recording
 from identification.static_poses import sort_into_poses
 from services.wrench.compensation import Wrench, compensate
@@ -153,7 +153,7 @@ def trial(world: CellErrors, seed: int, poses: int = 10) -> tuple[Array, dict[st
     std, places = np.sqrt(np.diag(solution.covariance)), solution.model.places
     if world.tilt_deg:
         down = np.array(found.payload.gravity_direction_in_base)
-        off = across(down).T @ np.cross(down, real.gravity_direction_in_base)
+        off = perpendicular_axes(down).T @ np.cross(down, real.gravity_direction_in_base)
         z["tilt"] = off / std[places["tilt"]] if "tilt" in places else np.full(2, np.inf)
     if world.mounting_deg:
         off = np.subtract(real.mounting_rotation_rad, found.payload.mounting_rotation_rad)

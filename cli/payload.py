@@ -56,10 +56,9 @@ def fit(
         axes, found, reason = identify_recording(data, named_axes(wrench_axes))
         report = fit_report(data, axes, found)
         # A payload can explain some wrong axes: the residual alone does not reveal them.
-        if (
-            complaint := judge_recording(data, axes, ExpectedInstallation())[1].complaint
-        ) is not None:
-            report["warnings"].append(complaint)
+        installation = judge_recording(data, axes, ExpectedInstallation())[1]
+        if installation.rejection_reason is not None:
+            report["warnings"].append(installation.rejection_reason)
         if out is not None:
             save(found.payload, out)
     if reason:

@@ -56,7 +56,7 @@ def remarks(report: dict[str, Any]) -> list[str]:
     """Return remarks: rejected rows, uncertain parameters, and the best next pose."""
     lines = [f"rejected {len(r['lines'])} rows: {r['reason']}" for r in report["rejected"]]
     lines += [f"poorly determined by these poses: {line}" for line in report["unsure"]]
-    lines += [f"not determined by this recording: {line}" for line in report["untold"]]
+    lines += [f"not determined by this recording: {line}" for line in report["not_identified"]]
     advice = report["next_pose"]
     if is_worth_it(advice):
         lines.append(

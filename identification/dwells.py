@@ -20,8 +20,8 @@ DIGITS = 9
 class Dwell:
     """Readings of an arm at rest: shapes (n,), (n, 3), (n, 3, 3), (n, 3), (n, 3).
 
-    Poses are those of the sensor in base, readings in sensor axes. `left_N` and `left_Nm` are the
-    running cell's residual wrench about the sensor's origin; None when none was received.
+    Poses are those of the sensor in base, readings in sensor axes. `residual_N` and `residual_Nm`
+    are the running cell's residual wrench about the sensor's origin; None when none was received.
     """
 
     purpose: Purpose
@@ -30,8 +30,8 @@ class Dwell:
     R_base_sensor: Array
     force_N: Array
     torque_Nm: Array
-    left_N: Array | None = None
-    left_Nm: Array | None = None
+    residual_N: Array | None = None
+    residual_Nm: Array | None = None
 
     def __len__(self) -> int:
         """Return the number of readings."""

@@ -18,7 +18,13 @@ from identification.errors import CalibrationError
 from identification.identify import Identification, identify
 from identification.recording import Samples, WrenchAxes, WrenchRecording
 from identification.report import fit_report
-from identification.verification import Residual, Verification, VerificationBounds, judge, left_of
+from identification.verification import (
+    Residual,
+    Verification,
+    VerificationBounds,
+    judge,
+    residual_of,
+)
 
 Method = Literal["arm", "manual", "recording"]
 
@@ -43,8 +49,8 @@ class Findings:
     section: CalibrationSection
     evidence: Evidence
     report: dict[str, Any]  # identification.report.fit_report
-    fit_left: Residual
-    verify_left: Residual | None
+    fit_residual: Residual
+    verify_residual: Residual | None
     bounds: VerificationBounds
     verdict: Verification
 
@@ -60,8 +66,8 @@ def evidence_of(
     """Fit the recorded dwells. Raises DataError when they do not determine a fit."""
     recording = recording_of(of_purpose(dwells, "fit"), source)
     fit = identify(recording.samples("sensor"))
-    fresh = of_purpose(dwells, "verify")
-    verify = means_of(fresh) if fresh else None
+    verify_dwells = of_purpose(dwells, "verify")
+    verify = means_of(verify_dwells) if verify_dwells else None
     return Evidence(method, recording, "sensor", fit, verify, serial, notes)
 
 
@@ -71,10 +77,10 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
     Raises CalibrationError when a fitted value is outside the limits of a calibration.
     """
     fit, verify = evidence.fit, evidence.verify
-    fit_left = Residual(
+    fit_residual = Residual(
         np.linalg.norm(fit.residual_force_N, axis=1), np.linalg.norm(fit.residual_torque_Nm, axis=1)
     )
-    verify_left = None if verify is None else left_of(fit.payload, verify)
+    verify_residual = None if verify is None else residual_of(fit.payload, verify)
     section = CalibrationSection(
         cell=cell.cell,
         made_at=datetime.now(UTC).replace(microsecond=0),
@@ -83,18 +89,18 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
         T_flange_tcp=cell.tool.T_flange_tcp,
         T_flange_sensor=cell.sensor.T_flange_sensor,
         sensor=evidence.serial,
-        fit=fit_left.summary,
-        verified=None if verify_left is None else verify_left.summary,
+        fit=fit_residual.summary,
+        verified=None if verify_residual is None else verify_residual.summary,
         payload=_usable(fit.payload),
     )
     return Findings(
         section=section,
         evidence=evidence,
         report=fit_report(evidence.recording, evidence.axes, fit),
-        fit_left=fit_left,
-        verify_left=verify_left,
+        fit_residual=fit_residual,
+        verify_residual=verify_residual,
         bounds=bounds,
-        verdict=judge(verify_left, bounds),
+        verdict=judge(verify_residual, bounds),
     )
 
 

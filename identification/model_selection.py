@@ -40,9 +40,9 @@ class Candidate:
     @property
     def score(self) -> float:
         """Return the product of force and torque error on left-out poses, independent of units."""
-        seen = max(self.rms_force_N, FORCE_FLOOR_N) * max(self.rms_torque_Nm, TORQUE_FLOOR_NM)
-        unseen = max(self.loo_force_N, FORCE_FLOOR_N) * max(self.loo_torque_Nm, TORQUE_FLOOR_NM)
-        return unseen if np.isfinite(unseen) else seen
+        fit_error = max(self.rms_force_N, FORCE_FLOOR_N) * max(self.rms_torque_Nm, TORQUE_FLOOR_NM)
+        loo_error = max(self.loo_force_N, FORCE_FLOOR_N) * max(self.loo_torque_Nm, TORQUE_FLOOR_NM)
+        return loo_error if np.isfinite(loo_error) else fit_error
 
     @property
     def weighs(self) -> bool:
@@ -62,22 +62,22 @@ def choose(poses: Poses) -> tuple[Candidate, ...]:
     t = poses.means.time_s
     orders = (0,) if t is None or np.ptp(t) == 0.0 else (0, 1)
     models = [Model(*m) for m in product((False, True), (False, True), (False, True), orders)]
-    richer = [_judged(poses, model, starts, plain) for model in models if model != PLAIN]
-    best = _best([plain, *richer])
+    extended = [_judged(poses, model, starts, plain) for model in models if model != PLAIN]
+    best = _best([plain, *extended])
     if len(orders) > 1:  # quadratic drift is tried only on top of the best model
-        richer.append(_judged(poses, replace(best.model, drift=2), starts, plain))
-        best = _best([plain, *richer])
+        extended.append(_judged(poses, replace(best.model, drift=2), starts, plain))
+        best = _best([plain, *extended])
     return tuple(
         replace(c, chosen=True, verdict="used")
         if c is best
         else replace(c, verdict=c.verdict or "another has more evidence")
-        for c in (plain, *richer)
+        for c in (plain, *extended)
     )
 
 
 def _best(candidates: Sequence[Candidate]) -> Candidate:
-    possible = [c for c in candidates if not c.verdict]
-    return max(possible, key=lambda c: (c.weighs, c.evidence))
+    eligible = [c for c in candidates if not c.verdict]
+    return max(eligible, key=lambda c: (c.weighs, c.evidence))
 
 
 def _judged(poses: Poses, model: Model, starts: Sequence[State], plain: Candidate) -> Candidate:
@@ -86,7 +86,7 @@ def _judged(poses: Poses, model: Model, starts: Sequence[State], plain: Candidat
     if all(_same_directions(start, allowed[0]) for start in allowed):
         allowed = allowed[:1]
     candidate = _fitted(poses, model, allowed)
-    return replace(candidate, verdict=_objection(candidate, plain, len(poses)))
+    return replace(candidate, verdict=_rejection_reason(candidate, plain, len(poses)))
 
 
 def _allowed(start: State, model: Model) -> State:
@@ -102,7 +102,7 @@ def _same_directions(a: State, b: State) -> bool:
     return np.array_equal(a.R_mount, b.R_mount) and np.array_equal(a.down_in_base, b.down_in_base)
 
 
-def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:
+def _rejection_reason(candidate: Candidate, plain: Candidate, poses: int) -> str:
     """Return why a richer candidate must not replace the plain one; empty when it may."""
     if poses < LEAST_POSES_TO_COMPARE:
         return f"too few poses to decide ({poses}, at least {LEAST_POSES_TO_COMPARE})"
@@ -116,11 +116,11 @@ def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:
         return ""
     if candidate.evidence <= plain.evidence:
         return "not significant"
-    worse = max(
+    error_ratio = max(
         candidate.loo_force_N / max(plain.loo_force_N, FORCE_FLOOR_N),
         candidate.loo_torque_Nm / max(plain.loo_torque_Nm, TORQUE_FLOOR_NM),
     )
-    if worse > NOT_WORSE or candidate.score > plain.score * SCORE_GAIN**2:
+    if error_ratio > NOT_WORSE or candidate.score > plain.score * SCORE_GAIN**2:
         return "predicts left-out poses no better"
     return ""
 
@@ -136,8 +136,8 @@ def _fitted(poses: Poses, model: Model, starts: Sequence[State]) -> Candidate:
         solution=solution,
         rms_force_N=_rms(force),
         rms_torque_Nm=_rms(torque),
-        loo_force_N=_rms(solution.left_out[0]),
-        loo_torque_Nm=_rms(solution.left_out[1]),
+        loo_force_N=_rms(solution.loo_residual[0]),
+        loo_torque_Nm=_rms(solution.loo_residual[1]),
         evidence=solution.evidence - PRICE * model.groups,
         verdict="",
     )

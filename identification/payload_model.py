@@ -160,12 +160,14 @@ def jacobian(state: State, samples: Samples, model: Model) -> Array:
     J[1, :, :, 1:4] = -skews(g_s)
     places = model.places
     if model.tilt:  # g' = exp([e]x) g, e perpendicular to g
-        turn = -skew(GRAVITY_M_S2 * state.down_in_base) @ across(state.down_in_base)
-        g_turn = (samples.R_base_sensor @ state.R_mount).swapaxes(1, 2) @ turn
-        J[:, :, :, places["tilt"]] = m * g_turn, skew(h) @ g_turn
+        tilt_jacobian = -skew(GRAVITY_M_S2 * state.down_in_base) @ perpendicular_axes(
+            state.down_in_base
+        )
+        g_jacobian = (samples.R_base_sensor @ state.R_mount).swapaxes(1, 2) @ tilt_jacobian
+        J[:, :, :, places["tilt"]] = m * g_jacobian, skew(h) @ g_jacobian
     if model.mounting:  # R_mount' = R_mount exp([d]x), so g_s' = g_s + [g_s]x d
-        g_turn = skews(g_s)
-        J[:, :, :, places["mounting"]] = m * g_turn, skew(h) @ g_turn
+        g_jacobian = skews(g_s)
+        J[:, :, :, places["mounting"]] = m * g_jacobian, skew(h) @ g_jacobian
     J *= (1.0 + state.gain_error)[:, None, :, None]
     J[0, :, :, 4:7] = J[1, :, :, 7:10] = np.eye(3)
     if model.gain:
@@ -182,10 +184,12 @@ def extras(state: State, model: Model) -> dict[str, Array]:
     values = {}
     if model.tilt:
         level = DOWN if state.down_in_base[2] <= 0.0 else -DOWN
-        lean = skew(level) @ state.down_in_base
-        sine = math.sqrt(lean @ lean)
+        tilt_axis = skew(level) @ state.down_in_base
+        sine = math.sqrt(tilt_axis @ tilt_axis)
         angle = math.atan2(sine, level @ state.down_in_base)
-        values["tilt"] = across(state.down_in_base).T @ lean * (angle / max(sine, 1e-12))
+        values["tilt"] = (
+            perpendicular_axes(state.down_in_base).T @ tilt_axis * (angle / max(sine, 1e-12))
+        )
     if model.mounting:
         values["mounting"] = vector_from_rotation(state.R_mount)
     if model.gain:
@@ -196,15 +200,15 @@ def extras(state: State, model: Model) -> dict[str, Array]:
     return values
 
 
-def moved(state: State, step: Array, model: Model) -> State:
+def updated_state(state: State, step: Array, model: Model) -> State:
     """Return the state after a step of the unknowns, in the order of the Jacobian's columns."""
     parts = {name: step[place] for name, place in model.places.items()}
-    turns = [parts[name] for name in ("tilt", "mounting") if name in parts]
-    size = float(np.linalg.norm(np.concatenate(turns))) if turns else 0.0
+    rotations = [parts[name] for name in ("tilt", "mounting") if name in parts]
+    size = float(np.linalg.norm(np.concatenate(rotations))) if rotations else 0.0
     shorter = min(1.0, LARGEST_TURN_RAD / size) if size else 1.0
     down, R_mount = state.down_in_base, state.R_mount
     if model.tilt:
-        down = rotation_from_vector(across(down) @ parts["tilt"] * shorter) @ down
+        down = rotation_from_vector(perpendicular_axes(down) @ parts["tilt"] * shorter) @ down
         down = down / np.linalg.norm(down)
     if model.mounting:
         R_mount = R_mount @ rotation_from_vector(parts["mounting"] * shorter)
@@ -221,21 +225,21 @@ def make_mass_positive(state: State) -> State:
     """Make the mass positive: a negative one is the same as gravity pointing up."""
     if state.linear[0] >= 0.0:
         return state
-    flip = np.array([-1.0] * 4 + [1.0] * 6)
-    return replace(state, linear=state.linear * flip, down_in_base=-state.down_in_base)
+    signs = np.array([-1.0] * 4 + [1.0] * 6)
+    return replace(state, linear=state.linear * signs, down_in_base=-state.down_in_base)
 
 
-def across(direction: Array) -> Array:
+def perpendicular_axes(direction: Array) -> Array:
     """Return two unit vectors perpendicular to a direction. Shape (3, 2)."""
-    turn = skew(direction)
-    first = turn[:, int(np.argmin(np.abs(direction)))]
+    cross_matrix = skew(direction)
+    first = cross_matrix[:, int(np.argmin(np.abs(direction)))]
     first = first / math.sqrt(first @ first)
-    return np.stack([first, turn @ first], axis=1)
+    return np.stack([first, cross_matrix @ first], axis=1)
 
 
 def skews(v: Array) -> Array:
     """Return [v]x for each row. Shape (n, 3) to (n, 3, 3)."""
-    turns = np.zeros((len(v), 3, 3))
-    turns[:, (2, 0, 1), (1, 2, 0)] = v
-    turns[:, (1, 2, 0), (2, 0, 1)] = -v
-    return turns
+    matrices = np.zeros((len(v), 3, 3))
+    matrices[:, (2, 0, 1), (1, 2, 0)] = v
+    matrices[:, (1, 2, 0), (2, 0, 1)] = -v
+    return matrices

@@ -26,7 +26,8 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
         **_payload_report(fit),
         "drift": None if payload.drift is None else asdict(payload.drift),
         "parameters": [
-            {**asdict(p), "usual": _finite(p.usual), "identified": p.told} for p in fit.parameters
+            {**asdict(p), "usual": _finite(p.usual), "identified": p.determined}
+            for p in fit.parameters
         ],
         "conditioning": chosen.solution.conditioning,
         "noise_force_N": chosen.solution.noise.force_N,
@@ -45,8 +46,8 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
             {"reason": r.reason, "lines": [recording.line[row] for row in r.rows]}
             for r in fit.rejected
         ],
-        "unsure": list(fit.unsure),
-        "untold": list(fit.untold),
+        "unsure": list(fit.uncertain),
+        "not_identified": list(fit.undetermined),
         "next_pose": asdict(fit.next_pose),
         "warnings": list(fit.warnings),
     }
@@ -84,15 +85,15 @@ def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload)
     samples = recording.samples(axes)
     sizes = []
     for times in (time_s if used else None, None):
-        left = residual(
+        errors = residual(
             payload,
             samples.R_base_sensor,
             force_N=samples.force_N,
             torque_Nm=samples.torque_Nm,
             time_s=times,
         )
-        sizes.append([np.linalg.norm(v, axis=1) for v in left])
-    (force_norm, torque_norm), still = sizes
+        sizes.append([np.linalg.norm(v, axis=1) for v in errors])
+    (force_norm, torque_norm), without_drift = sizes
     return {
         "recording": recording.source,
         "rows": len(recording.line),
@@ -101,8 +102,8 @@ def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload)
         "worst_force_line": recording.line[int(force_norm.argmax())],
         "worst_torque_line": recording.line[int(torque_norm.argmax())],
         "drift": "none" if drift is None else "used" if used else "of another time, not used",
-        "residual_force_N_mean_without_drift": float(still[0].mean()),
-        "residual_torque_Nm_mean_without_drift": float(still[1].mean()),
+        "residual_force_N_mean_without_drift": float(without_drift[0].mean()),
+        "residual_torque_Nm_mean_without_drift": float(without_drift[1].mean()),
     }
 
 

@@ -12,7 +12,7 @@ from identification.evidence import Findings
 from identification.verification import Verification
 
 MODELS_ON_PAGE = 7
-LEFT = ["", "poses", "force, mean [N]", "max [N]", "torque, mean [N m]", "max [N m]"]
+RESIDUAL_HEADER = ["", "poses", "force, mean [N]", "max [N]", "torque, mean [N m]", "max [N m]"]
 METHODS = {
     "arm": "the wizard moved the arm",
     "manual": "a person moved the arm",
@@ -58,7 +58,7 @@ def page(found: Findings) -> str:
         _table([], _origin(found)),
         "<h2>Residuals at each pose</h2>",
         _picture("residuals at each pose", pictures.residual_bars(found)),
-        _table(LEFT, _left(found)),
+        _table(RESIDUAL_HEADER, _residual_rows(found)),
         "<h2>Payload and bias</h2>",
         _table(["parameter", "value", "standard deviation", ""], _parameters(found.report)),
         _paragraph(
@@ -104,14 +104,19 @@ def _name_of(found: Findings) -> str:
     return Path(found.report["recording"]).name
 
 
-def _left(found: Findings) -> list[list[str]]:
+def _residual_rows(found: Findings) -> list[list[str]]:
     rows = []
-    for name, left in (("fit", found.section.fit), ("verification", found.section.verified)):
-        if left is not None:
-            numbers = (left.force_mean_N, left.force_max_N, left.torque_mean_Nm, left.torque_max_Nm)
+    for name, residual in (("fit", found.section.fit), ("verification", found.section.verified)):
+        if residual is not None:
+            numbers = (
+                residual.force_mean_N,
+                residual.force_max_N,
+                residual.torque_mean_Nm,
+                residual.torque_max_Nm,
+            )
             digits = (3, 3, 4, 4)
             shown = [f"{v:.{n}f}" for v, n in zip(numbers, digits, strict=True)]
-            rows.append([name, str(left.poses), *shown])
+            rows.append([name, str(residual.poses), *shown])
     return rows
 
 
@@ -161,7 +166,7 @@ def _remarks(found: Findings) -> list[str]:
     lines = [*found.evidence.notes, *(f"warning: {text}" for text in report["warnings"])]
     lines += [f"left out {len(r['lines'])} readings: {r['reason']}" for r in report["rejected"]]
     lines += [f"poorly determined by these poses: {line}" for line in report["unsure"]]
-    lines += [f"not determined by this recording: {line}" for line in report["untold"]]
+    lines += [f"not determined by this recording: {line}" for line in report["not_identified"]]
     return lines or ["none: every reading was used, every parameter is determined"]
 
 

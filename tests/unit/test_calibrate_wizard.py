@@ -40,7 +40,7 @@ def driven(
     lab: CalibrationLab, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
 ) -> tuple[CalibrationWizard, int | None]:
     """Let the wizard run to whatever end."""
-    return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), pace, teller=lab.notes)
+    return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), pace, output=lab.notes)
 
 
 def left_at_random(payload: Payload, count: int = 200) -> tuple[float, float]:
@@ -59,7 +59,7 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
     lab = CalibrationLab()
     plan = lab.plan(poses=10, verify_poses=2)
     wizard = CalibrationWizard(
-        lab.bus, lab.cell, plan, pace=WizardTiming(speed_m_s=0.8, dwell_s=0.5), teller=lab.notes
+        lab.bus, lab.cell, plan, timing=WizardTiming(speed_m_s=0.8, dwell_s=0.5), output=lab.notes
     )
     wizard.run()
 
@@ -209,7 +209,10 @@ def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
     wizard, ended = driven(lab)
     assert ended == INTERRUPTED
     assert len(wizard.dwells) == 1
-    assert "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted" in lab.notes.lines[-1]
+    assert (
+        "interrupted: the arm holds, the arbiter is HOLDING: the calibration was interrupted"
+        in lab.notes.lines[-1]
+    )
     assert status_of(lab).state == "HOLDING"
     assert_rests(lab)
 

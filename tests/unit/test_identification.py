@@ -186,7 +186,7 @@ def test_a_parameter_that_the_poses_hardly_tell_is_named():
     rng = np.random.default_rng(14)
     samples = readings(TRUTH, attitudes(rng, 8), rng)
     noisy = samples.torque_Nm + 0.5 * rng.normal(size=samples.torque_Nm.shape)
-    unsure = identify(Samples(samples.R_base_sensor, samples.force_N, noisy)).unsure
+    unsure = identify(Samples(samples.R_base_sensor, samples.force_N, noisy)).uncertain
     assert [line.split()[0] for line in unsure] == ["com_m", "bias_torque_Nm"]
 
 

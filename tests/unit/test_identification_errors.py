@@ -18,9 +18,9 @@ from identification.next_pose import next_pose
 from identification.payload_model import (
     Model,
     jacobian,
-    moved,
     residuals,
     start_state,
+    updated_state,
 )
 from identification.recording import Samples
 from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
@@ -36,9 +36,9 @@ def test_every_derivative_is_that_of_the_residual(seed):
     samples = readings(TRUTH, attitudes(rng, 5), rng)
     samples = replace(samples, time_s=np.sort(rng.uniform(0.0, 100.0, 5)))
     far = np.concatenate([rng.normal(size=10), rng.uniform(-0.4, 0.4, ALL.size - 10)])
-    state = moved(start_state(), far, ALL)
+    state = updated_state(start_state(), far, ALL)
     step = 1e-6 * rng.normal(size=ALL.size)
-    change = residuals(moved(state, step, ALL), samples) - residuals(state, samples)
+    change = residuals(updated_state(state, step, ALL), samples) - residuals(state, samples)
     np.testing.assert_allclose(change, -jacobian(state, samples, ALL) @ step, atol=1e-9)
 
 
@@ -76,7 +76,7 @@ def test_a_left_out_pose_is_judged_as_by_a_fit_without_it(seed):
     """The short way through the hat matrix gives what really leaving the pose out gives."""
     rng = np.random.default_rng(seed)
     train, _ = recording(truth(WORLDS["all of them"], rng), 10, 0, rng)
-    left_out = solve(train, np.ones(10), Model(), start_state()).left_out
+    left_out = solve(train, np.ones(10), Model(), start_state()).loo_residual
     for pose in range(10):
         without = lsm(train[np.setdiff1d(np.arange(10), [pose])])
         found = residual(
@@ -147,13 +147,13 @@ def test_without_times_no_drift_is_tried():
         assert not any(model.drift for model in models)
 
 
-def test_a_gain_common_to_all_axes_is_called_untold():
+def test_a_gain_common_to_all_axes_is_called_undetermined():
     """The weight of the tool cannot tell a sensor that reads 3 % more from a heavier tool."""
     rng = np.random.default_rng(3)
     found = identify(read(truth(WORLDS["gain 3 %"], rng), attitudes(rng, 12), np.arange(12.0), rng))
     assert found.chosen.model.gain
     assert found.std.mass_kg > 0.01 * TRUTH.mass_kg
-    assert any(line.startswith("torque_gain") for line in found.untold)
+    assert any(line.startswith("torque_gain") for line in found.undetermined)
     gain = next(p for p in found.parameters if p.name == "force_gain.x")
     bias = next(p for p in found.parameters if p.name == "bias_force_N.x")
     assert gain.amplified > 3.0 * bias.amplified >= 3.0

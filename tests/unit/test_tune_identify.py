@@ -8,8 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from forcemesh.errors import DataError
-from tuning import contact_response as answer
-from tuning import servo
+from tuning import contact_response, servo
 from tuning.contact_response import ContactResponse, loop_delay
 from tuning.contact_spring import spring
 from tuning.identify import STAGES, Fit, Steps, identify
@@ -63,7 +62,7 @@ def test_delay_and_lag_together_are_found_through_noise(d_s, lag_s, noise_m, see
     two = fits[1]
     assert two.sum_s == pytest.approx(d_s + lag_s, abs=4.0 * two.sum_deviation_s + 2e-4)
     assert two.lag_s == pytest.approx(lag_s, abs=5.0 * two.lag_deviation_s + 5e-4)
-    assert two.rest_m < 2.0 * noise_m + 5e-6
+    assert two.residual_std_m < 2.0 * noise_m + 5e-6
     for fit in fits:
         assert fit.sum_s == pytest.approx(d_s + lag_s, abs=4.0 * fit.sum_deviation_s + 1e-3)
 
@@ -117,15 +116,20 @@ def test_rounds_repeat_where_two_in_a_row_are_within_a_millisecond() -> None:
     rounds = [
         (fits_of(delay_s), fits_of(delay_s + 0.0004)) for delay_s in (0.010, 0.014, 0.0131, 0.0133)
     ]
-    assert [servo.repeats(rounds[:n]) for n in range(5)] == [False, False, False, True, True]
+    assert [servo.rounds_repeat(rounds[:n]) for n in range(5)] == [False, False, False, True, True]
     assert sums(rounds)[0] == pytest.approx(0.0202)
     assert servo_of(rounds[2:]).sum_s == pytest.approx(0.0234)
     assert servo_of(rounds[:2]).deviation_s >= 0.002
     axes = servo_of([(fits_of(0.010), fits_of(0.016))] * 2)
     assert axes.bound_s >= 0.026  # the slower axis is not forgotten
     answers = [ContactResponse(tau_s, 1e-3) for tau_s in (0.05, 0.06, 0.063)]
-    assert [answer.repeats(answers[:n]) for n in range(4)] == [False, False, False, True]
-    both = answer.together(answers[1:])
+    assert [contact_response.delay_repeats(answers[:n]) for n in range(4)] == [
+        False,
+        False,
+        False,
+        True,
+    ]
+    both = contact_response.mean_response(answers[1:])
     assert both.tau_s == pytest.approx(0.0615)
     assert both.bound_s >= 0.063
 
@@ -176,24 +180,28 @@ def test_a_closed_loops_delay_is_found_from_its_answer(tau_s, c, seed) -> None:
 def test_what_the_records_do_not_tell_is_refused_in_one_sentence() -> None:
     """An arm that stands, that does something else, a press that changes nothing, a mirage."""
     good = record(0.01, 0.01)
-    stood = Steps(good.sent_s, good.sent_m, good.seen_s, np.zeros_like(good.seen_m))
+    stood = Steps(
+        good.commanded_s, good.commanded_m, good.measured_s, np.zeros_like(good.measured_m)
+    )
     with pytest.raises(DataError, match="did not execute the small steps"):
         identify(stood)
-    wild = Steps(good.sent_s, good.sent_m, good.seen_s, good.seen_m[::-1] * 2.0)
+    wild = Steps(good.commanded_s, good.commanded_m, good.measured_s, good.measured_m[::-1] * 2.0)
     with pytest.raises(DataError, match="does not match the commanded one"):
         identify(wild)
     with pytest.raises(DataError, match="too few commands and poses"):
-        identify(Steps(good.sent_s[:5], good.sent_m[:5], good.seen_s, good.seen_m))
+        identify(
+            Steps(good.commanded_s[:5], good.commanded_m[:5], good.measured_s, good.measured_m)
+        )
     with pytest.raises(DataError, match="did not change the force enough"):
         spring(np.array([0.0, 1e-4]), np.array([5.0, 5.1]))
     with pytest.raises(DataError, match="does not increase with the penetration"):
         spring(np.array([1e-4, 0.0]), np.array([5.0, 10.0]))
-    last_s = good.seen_s[-1]
+    last_s = good.measured_s[-1]
     late = Steps(
-        good.sent_s,
-        good.sent_m,
-        np.append(good.seen_s, last_s + 1.0) + 0.35,
-        np.append(good.seen_m, good.seen_m[-1]),
+        good.commanded_s,
+        good.commanded_m,
+        np.append(good.measured_s, last_s + 1.0) + 0.35,
+        np.append(good.measured_m, good.measured_m[-1]),
     )
     with pytest.raises(DataError, match="later than 300 ms"):
         identify(late)

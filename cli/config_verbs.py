@@ -114,20 +114,20 @@ def _rows(cell: "CellConfig") -> dict[str, dict[str, Any]]:
 
     def walk(section: Any, path: str, inherited: str) -> None:
         for name in type(section).model_fields:
-            value, where = getattr(section, name), f"{path}{name}"
+            value, key = getattr(section, name), f"{path}{name}"
             source = inherited or ("file" if name in section.model_fields_set else "default")
             if hasattr(type(value), "model_fields"):
-                walk(value, f"{where}.", _below(where, source))
+                walk(value, f"{key}.", _inherited_source(key, source))
                 continue
             plain = section.model_dump(mode="json", include={name})[name]
             is_secret = name.endswith("token") and plain
-            rows[where] = {"value": "(not shown)" if is_secret else plain, "from": source}
+            rows[key] = {"value": "(not shown)" if is_secret else plain, "from": source}
 
     walk(cell, "", "")
     return rows
 
 
-def _below(section: str, source: str) -> str:
+def _inherited_source(section: str, source: str) -> str:
     """Return the common source of all values of a section; empty when they differ."""
     if section == "calibration":
         return "calibration file"

@@ -76,12 +76,12 @@ def _topics(
     from cli.recording_tables import first_ns, table_of
 
     begin_ns = first_ns(read)
-    keys = dict.fromkeys(said.topic for said in read.said())
+    keys = dict.fromkeys(message.topic for message in read.messages())
     written = []
     for key in keys:
         if topics and key not in topics:
             continue
-        columns, rows = table_of(read.said(key), begin_ns)
+        columns, rows = table_of(read.messages(key), begin_ns)
         path = folder / f"{key.replace('/', '-')}.{suffix}"
         _write(path, columns, rows)
         written.append((path, len(rows)))

@@ -47,7 +47,7 @@ class RunLog:
 
     def ended(self, died: ProcessExit) -> None:
         """Record how a process ended."""
-        end = ExitRecord(code=died.code, how=died.how, at=now())
+        end = ExitRecord(code=died.code, how=died.cause, at=now())
         with self._lock:
             self._put(
                 processes=[

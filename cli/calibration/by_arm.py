@@ -141,7 +141,7 @@ def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
         frames=Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose),
         arm=arm,
     )
-    if line.word == "FAIL":
+    if line.result == "FAIL":
         text = f"the pose that the arm reports does not agree with its joints: {line.found}"
         raise CalibrationError(f"{text}; {line.remedy}; or {BY_HAND}")
     return arm

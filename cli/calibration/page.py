@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cli.calibration import pictures
-from cli.payload_tables import is_worth_it
+from cli.payload_tables import is_recommended
 from forcemesh.errors import DataError
 from identification.evidence import Findings
 from identification.verification import Verification
@@ -151,7 +151,7 @@ def _models(report: dict[str, Any]) -> list[list[str]]:
 
 def _advice(report: dict[str, Any]) -> str:
     advice = report["next_pose"]
-    if not is_worth_it(advice):
+    if not is_recommended(advice):
         return "No further pose would reduce the deviation of any parameter considerably."
     down = _numbers(advice["down_in_sensor"], 1.0, 2)
     return (

@@ -49,7 +49,7 @@ class ScenarioPlan:
     timeout_s: float = 60.0
     settled_for_s: float = SETTLED_FOR_S  # time that it must stay within the band
 
-    def within(self, sample: "ScenarioSample") -> bool:
+    def is_within_band(self, sample: "ScenarioSample") -> bool:
         """Return whether a sample is within the settled band of this task."""
         force_ok = abs(sample.force - self.setpoint_N) <= SETTLED_FORCE_N
         torque_ok = sample.torque <= SETTLED_TORQUE_NM
@@ -121,15 +121,15 @@ class Scenario:
     def _until_ready(self) -> None:
         """Wait until arming would be accepted: inputs fresh for the preflight's time."""
         give_up_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
-        why = "the arbiter is silent"
+        reason = "the arbiter is silent"
         while self._clock.now_ns() < give_up_ns:
             self._tick("starting")
             status = self._arbiter.read(self._clock.now_ns()).fresh
             if status is not None and status.state == "IDLE" and not status.not_ready:
                 return
             if status is not None:
-                why = f"the arbiter is {status.state}: {'; '.join(status.not_ready)}"
-        raise ScenarioError(f"the cell was not ready within {READY_TIMEOUT_S:g} s: {why}")
+                reason = f"the arbiter is {status.state}: {'; '.join(status.not_ready)}"
+        raise ScenarioError(f"the cell was not ready within {READY_TIMEOUT_S:g} s: {reason}")
 
     def _press(self) -> None:
         """Press in position mode until the force is steady."""
@@ -142,8 +142,8 @@ class Scenario:
         ):
             if sample is None:
                 continue
-            near = abs(sample.force - self._plan.press_N) <= PRESS_BAND_N
-            steady_since_s = min(steady_since_s, sample.t_s) if near else float("inf")
+            is_near = abs(sample.force - self._plan.press_N) <= PRESS_BAND_N
+            steady_since_s = min(steady_since_s, sample.t_s) if is_near else float("inf")
             if sample.t_s > PRESS_TIMEOUT_S:
                 raise ScenarioError(
                     f"the plate did not push back with {self._plan.press_N:g} N within "
@@ -167,7 +167,7 @@ class Scenario:
             sample = self._watch("force feedback", trace.work)
             if sample is None:
                 continue
-            if not plan.within(sample):
+            if not plan.is_within_band(sample):
                 inside_since_s = None
             elif inside_since_s is None:
                 inside_since_s = sample.t_s
@@ -189,7 +189,7 @@ class Scenario:
         now_ns = self._clock.now_ns()
         status = self._arbiter.read(now_ns)
         if status.fault or (status.fresh and not status.fresh.goes_on):
-            raise ScenarioError(f"while {phase}: {_why_stopped(status.fresh, status.fault)}")
+            raise ScenarioError(f"while {phase}: {_stop_reason(status.fresh, status.fault)}")
         wrench, robot = self._wrench.read(now_ns).message, self._robot.read(now_ns).message
         if not fresh or wrench is None or robot is None or not wrench.valid:
             return None
@@ -229,11 +229,13 @@ class Scenario:
         return True
 
 
-def _shifted(sample: ScenarioSample, by_s: float) -> ScenarioSample:
-    return ScenarioSample(sample.t_s + by_s, sample.force_N, sample.torque_Nm, sample.T_base_flange)
+def _shifted(sample: ScenarioSample, offset_s: float) -> ScenarioSample:
+    return ScenarioSample(
+        sample.t_s + offset_s, sample.force_N, sample.torque_Nm, sample.T_base_flange
+    )
 
 
-def _why_stopped(status: object, fault: str) -> str:
+def _stop_reason(status: object, fault: str) -> str:
     trips = getattr(status, "trips", ())
     state = getattr(status, "state", "silent")
     causes = "; ".join(trip.text for trip in trips) or fault or "no cause given"

@@ -49,7 +49,7 @@ class Rig:
         self.cell = cell
         self.running: dict[str, ChildProcess] = {}
         self.witness: Witness  # valid inside the block
-        self.words: list[str] = []  # last output lines of the processes
+        self.arguments: list[str] = []  # last output lines of the processes
         self._folder = folder
         self._file = folder / "cell.yaml"
         self._processes = {process.name: process for process in processes_of(cell)}
@@ -117,7 +117,7 @@ class Rig:
             self._log.started(running.process, running.pid)
 
     def _hear(self, name: str, line: str) -> None:
-        self.words = [*self.words[-19:], f"{name}: {line}"]
+        self.arguments = [*self.arguments[-19:], f"{name}: {line}"]
 
     def _end_all(self) -> None:
         give_up_s = time.monotonic() + END_WITHIN_S

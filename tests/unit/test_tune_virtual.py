@@ -110,7 +110,7 @@ def test_steps_that_never_repeat_are_refused_after_five_rounds(monkeypatch) -> N
         steps = truly(ears, axis)
         return replace(steps, measured_s=steps.measured_s + 0.002 * next(number))
 
-    monkeypatch.setattr(MotionRecorder, "along", later)
+    monkeypatch.setattr(MotionRecorder, "axis_steps", later)
     start = cell.p()
     with pytest.raises(DataError, match=r"were (\d+\.\d, ){4}\d+\.\d ms in 5 rounds, never twice"):
         run(cell, TuningTrial(step_m=0.001))
@@ -131,7 +131,7 @@ def test_a_press_is_repeated_until_it_tells_a_stiffness_and_refused_where_none_d
         def place(_feeler, level_N, _what, noise_m=noise_m):
             return level_N / 2e4 + noise_m * rng.normal(), level_N
 
-        monkeypatch.setattr(measuring, "_place", place)
+        monkeypatch.setattr(measuring, "_settled_point", place)
         if presses is None:
             with pytest.raises(DataError, match=r"3 presses showed .* press harder"):
                 measuring.press()

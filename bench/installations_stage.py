@@ -198,7 +198,7 @@ def gather(mistake: InstallationError) -> Samples:
     for place in plan.fit:
         hub = [] if dwells else route.goals_to_hub(at)
         for q in [*hub, *route.goals(hub[-1] if hub else at, plan.q[place])]:
-            drive.go(q, route.length_m(at, q), lambda _: None)
+            drive.move_joints(q, route.length_m(at, q), lambda _: None)
             at = q
         dwells.append(gatherer.dwell("fit", DWELL_S, lambda _: None))
     return samples_of(dwells)

@@ -133,9 +133,9 @@ def _write(path: Path, columns: list[str], rows: "list[Row]") -> None:
 def _write_csv(path: Path, rows: "list[Row]") -> None:
     import csv
 
-    from cli.recording_tables import flat
+    from cli.recording_tables import flat_fields
 
-    spread = [dict(flat(row)) for row in rows]
+    spread = [dict(flat_fields(row)) for row in rows]
     columns = list(dict.fromkeys(name for row in spread for name in row))
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, columns, restval="")

@@ -92,10 +92,10 @@ def init(
             pair = read_authority(authority.expanduser())
             _copy_authority(authority.expanduser(), pki_folder)
         for name in NAMES:
-            _issue(pair, name, loaded, pki_folder, hosts=host or [], days=days)
+            _issue_certificate(pair, name, loaded, pki_folder, hosts=host or [], days=days)
         _issue_page(loaded, pki_folder, hosts=host or [], days=days, again=again)
         typer.echo(f"{pki_folder}: an authority and {len(NAMES)} certificates, {days} days")
-        lines = [f"FORCEMESH_PKI={pki_folder}", f"FORCEMESH_USER={_user()}"]
+        lines = [f"FORCEMESH_PKI={pki_folder}", f"FORCEMESH_USER={_user_ids()}"]
         if env is not None:
             lines.append("FORCEMESH_BUS=tls")
             token = f"{TOKEN_VARIABLE}={secrets.token_hex(16)}"
@@ -142,7 +142,9 @@ def issue(
         if name == PAGE:
             _issue_page(loaded, pki_folder, hosts=host or [], days=days, target=target)
         else:
-            _issue(read_authority(pki_folder), name, loaded, target, hosts=host or [], days=days)
+            _issue_certificate(
+                read_authority(pki_folder), name, loaded, target, hosts=host or [], days=days
+            )
         if to is not None and name != PAGE:
             _copy_authority(pki_folder, target)
         typer.echo(f"{target}/{name}.pem, {name}.key: {days} days")
@@ -173,7 +175,7 @@ def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[CellConfig
     return loaded, folder_of(loaded) if folder is None else folder.expanduser().resolve()
 
 
-def _issue(
+def _issue_certificate(
     authority: Pair, name: str, cell: CellConfig, folder: Path, *, hosts: list[str], days: int
 ) -> None:
     from common.security.pki import make_certificate, write_pair
@@ -232,7 +234,7 @@ def _owner() -> tuple[int, int] | None:
     return (IMAGE_USER, IMAGE_USER) if os.geteuid() == 0 else None
 
 
-def _user() -> str:
+def _user_ids() -> str:
     return ":".join(map(str, _owner() or (os.getuid(), os.getgid())))
 
 

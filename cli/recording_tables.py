@@ -19,14 +19,14 @@ ACTION_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 DONE = "next.done"
 
 
-def flat(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def flat_fields(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield every scalar value with its dotted path."""
     if isinstance(fields, dict):
         for name, value in fields.items():
-            yield from flat(value, f"{path}.{name}" if path else name)
+            yield from flat_fields(value, f"{path}.{name}" if path else name)
     elif isinstance(fields, list):
         for index, value in enumerate(fields):
-            yield from flat(value, f"{path}.{index}")
+            yield from flat_fields(value, f"{path}.{index}")
     else:
         yield path, fields
 
@@ -42,7 +42,8 @@ def first_ns(read: "RecordedFile") -> int:
 def table_of(messages: "Iterable[RecordedMessage]", begin_ns: int) -> tuple[list[str], list[Row]]:
     """Return columns and rows of one topic; a value that a message lacks is left out of its row."""
     rows = [
-        {TIME: (each.at_ns - begin_ns) / NS_PER_S, **dict(flat(each.fields))} for each in messages
+        {TIME: (each.at_ns - begin_ns) / NS_PER_S, **dict(flat_fields(each.fields))}
+        for each in messages
     ]
     columns: dict[str, None] = {}
     for row in rows:
@@ -61,7 +62,7 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
     wrench: list[float] | None = None
     action: list[float] | None = None
     start_ns = 0
-    for message in sorted(_needed(read), key=lambda each: each.at_ns):
+    for message in sorted(_learning_messages(read), key=lambda each: each.at_ns):
         fields = message.fields
         if message.topic == "wrench":
             wrench = [*fields["force_N"].values(), *fields["torque_Nm"].values()]
@@ -89,7 +90,7 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
     return rows
 
 
-def _needed(read: "RecordedFile") -> "list[RecordedMessage]":
+def _learning_messages(read: "RecordedFile") -> "list[RecordedMessage]":
     wanted = ("wrench", "robot/command", "robot/state")
     return [
         message

@@ -72,7 +72,7 @@ def replay(
 
         topics = chosen_topics(only)
         read = RecordedFile(file)
-        cell = cell_in(read)
+        cell = recorded_cell(read)
         if to_service is not None:
             from cli.replay_service import replay_to_service
 
@@ -94,7 +94,7 @@ def chosen_topics(only: list[str] | None) -> frozenset[str]:
     return frozenset(find_topic(topic).key for topic in only or ())
 
 
-def cell_in(read: "RecordedFile") -> "CellConfig":
+def recorded_cell(read: "RecordedFile") -> "CellConfig":
     """Return the cell of a recording."""
     if read.cell is None:
         version_text = f"recorded by version {read.about.get('version', 'unknown')}"

@@ -9,7 +9,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from cli.context import USAGE, exit_with_error, waiting
-from cli.recording_tables import flat
+from cli.recording_tables import flat_fields
 from common.bus.memory_bus import MemoryTransport
 from common.runtime.service import Runner, Service, reporter_of
 from forcemesh.bus import Bus
@@ -51,22 +51,24 @@ def replay_to_service(read: "RecordedFile", cell: "CellConfig", role: str) -> No
         messages = list(read.raw_messages())
         if not messages:
             exit_with_error(f"{read.path}: the recording contains no message", USAGE)
-        output = feed(messages, cell, role, make=make, about=read.about)
-    for topic in written_by(role):
-        recorded = _decoded([each.data for each in messages if each.topic == topic.key], topic)
-        pairs = pair(recorded, output[topic.key])
+        output = service_output(messages, cell, role, make=make, about=read.about)
+    for topic in topics_written_by(role):
+        recorded = _decoded_messages(
+            [each.data for each in messages if each.topic == topic.key], topic
+        )
+        pairs = message_pairs(recorded, output[topic.key])
         print(f"{topic.key}: {len(output[topic.key])} published, {len(recorded)} recorded")
         print(f"  {len(pairs)} compared, without the first second")
-        for name, largest in differences(pairs).items():
+        for name, largest in field_differences(pairs).items():
             print(f"  {name}: {largest}")
 
 
-def written_by(role: str) -> list[Topic[Any]]:
+def topics_written_by(role: str) -> list[Topic[Any]]:
     """Return the streams of a role, without its health, which describes the process."""
     return [topic for topic in TOPICS if topic.writer == role and not topic.key.endswith("health")]
 
 
-def feed(
+def service_output(
     messages: "list[RecordedBytes]",
     cell: "CellConfig",
     role: str,
@@ -79,7 +81,7 @@ def feed(
     It starts at its first message in the recording, so that its cycles are in phase.
     """
     offset_ns = int(about["wall_minus_monotonic_ns"])
-    own_topics = {topic.key for topic in written_by(role)}
+    own_topics = {topic.key for topic in topics_written_by(role)}
     begin_ns = next(
         (each.at_ns for each in messages if each.topic in own_topics), messages[0].at_ns
     )
@@ -87,7 +89,8 @@ def feed(
     transport = MemoryTransport()
     bus = Bus(role, cell.cell, transport, cell, clock)
     taps = {
-        t.key: transport.subscribe(f"{cell.cell}/{t.key}", SERVICE_QUEUE) for t in written_by(role)
+        t.key: transport.subscribe(f"{cell.cell}/{t.key}", SERVICE_QUEUE)
+        for t in topics_written_by(role)
     }
     runner = Runner(make(bus, cell), [reporter_of(bus, cell)], clock)
     keys = [topic.key for topic in TOPICS if role in topic.readers]
@@ -102,15 +105,15 @@ def feed(
             publishers[each.topic](readdressed(each.data, f"{cell.cell}/{each.topic}"))
         _step(runner, clock)
     output: dict[str, Published] = {}
-    for topic in written_by(role):
+    for topic in topics_written_by(role):
         tap, data = taps[topic.key], []
         while (raw := tap.take()) is not None:
             data.append(raw)
-        output[topic.key] = _decoded(data, topic)
+        output[topic.key] = _decoded_messages(data, topic)
     return output
 
 
-def pair(recorded: Published, published: Published) -> list[tuple[Message, Message]]:
+def message_pairs(recorded: Published, published: Published) -> list[tuple[Message, Message]]:
     """Return pairs of messages about the same sensor sample, else those nearest in time."""
     if not recorded or not published:
         return []
@@ -127,12 +130,14 @@ def pair(recorded: Published, published: Published) -> list[tuple[Message, Messa
     return pairs
 
 
-def differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
+def field_differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
     """Return for each differing field the largest difference, or the number of messages."""
     numbers: dict[str, float] = {}
     counts: dict[str, int] = {}
     for recorded, replayed in pairs:
-        then, now = (dict(flat(each.model_dump(mode="json"))) for each in (recorded, replayed))
+        then, now = (
+            dict(flat_fields(each.model_dump(mode="json"))) for each in (recorded, replayed)
+        )
         for name in dict.fromkeys((*then, *now)):
             a, b = then.get(name), now.get(name)
             if isinstance(a, float) and isinstance(b, float):
@@ -151,7 +156,7 @@ def _step(runner: Runner, clock: ManualClock) -> None:
         runner.step(clock.now_ns())
 
 
-def _decoded(data: list[bytes], topic: Topic[Any]) -> Published:
+def _decoded_messages(data: list[bytes], topic: Topic[Any]) -> Published:
     return [decode_recorded(each, topic.message, topic.key) for each in data]
 
 

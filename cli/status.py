@@ -84,11 +84,11 @@ def cell_status(cell: CellConfig, run: Run | None, only: str | None = None) -> C
             if arm is not None:
                 view.wait(lambda: _is_complete(view, arm), view.helper_wait_s)
             waited_s = time.monotonic() - started_s
-            return _judge(cell, run, view, arm, waited_s=waited_s, only=only)
+            return _cell_status(cell, run, view, arm, waited_s=waited_s, only=only)
     except SetupError:
         raise
     except BusError:
-        return _judge(cell, run, None, None, waited_s=0.0, only=only)
+        return _cell_status(cell, run, None, None, waited_s=0.0, only=only)
 
 
 def died_text(restart: Restart) -> str:
@@ -138,7 +138,7 @@ def _is_complete(view: CellView, arm: ArmView) -> bool:
     return len(_helpers(view)) == len(topics.HELPERS) and arm.is_complete()
 
 
-def _judge(
+def _cell_status(
     cell: CellConfig,
     run: Run | None,
     view: CellView | None,

@@ -64,8 +64,10 @@ def move_to(
         position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=from_oat_deg((o, a, t))
     )
     with one_line_errors():
-        request = MoveRequest(kind="pose", pose=record, speed_m_s=_m_s(speed), commander=commander)
-    _move(request, cell, wait=not no_wait, yes=yes)
+        request = MoveRequest(
+            kind="pose", pose=record, speed_m_s=_speed_m_s(speed), commander=commander
+        )
+    _request_move(request, cell, wait=not no_wait, yes=yes)
 
 
 @move.command("joints", context_settings=NEGATIVE_NUMBERS)
@@ -79,7 +81,9 @@ def move_joints(
     cell: CellOption = None,
 ) -> None:
     """Move the joints to angles [degrees]."""
-    _move(_of_joints("joints", joints, speed, commander), cell, wait=not no_wait, yes=yes)
+    _request_move(
+        _joint_request("joints", joints, speed, commander), cell, wait=not no_wait, yes=yes
+    )
 
 
 @move.command("by", context_settings=NEGATIVE_NUMBERS)
@@ -93,16 +97,18 @@ def move_by(
     cell: CellOption = None,
 ) -> None:
     """Move the joints by angles [degrees] relative to their present position."""
-    _move(_of_joints("by", joints, speed, commander), cell, wait=not no_wait, yes=yes)
+    _request_move(_joint_request("by", joints, speed, commander), cell, wait=not no_wait, yes=yes)
 
 
-def _of_joints(
+def _joint_request(
     kind: Literal["joints", "by"], joints: str, speed: float | None, commander: "Asker"
 ) -> "MoveRequest":
-    joint_rad = _radians(joints)
+    joint_rad = _joint_rad(joints)
     from forcemesh.requests import MoveRequest
 
-    return MoveRequest(kind=kind, joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=commander)
+    return MoveRequest(
+        kind=kind, joint_rad=joint_rad, speed_m_s=_speed_m_s(speed), commander=commander
+    )
 
 
 def jog(
@@ -136,7 +142,9 @@ def jog(
         _ask_when_loaded(client, yes=yes)
         if axis.startswith("j"):
             angles = [math.radians(amount) if f"j{i}" == axis else 0.0 for i in range(1, 7)]
-            request = MoveRequest(kind="by", joint_rad=_six(angles), speed_m_s=_m_s(speed))
+            request = MoveRequest(
+                kind="by", joint_rad=_joint_angles(angles), speed_m_s=_speed_m_s(speed)
+            )
         else:
             rotation, shift = ZERO3, ZERO3
             if axis.startswith("r"):
@@ -144,8 +152,8 @@ def jog(
             else:
                 shift = _axis_vector(axis, amount / 1e3)
             pose = client.move.jogged(shift, rotation, axes=frame)
-            request = MoveRequest(kind="pose", pose=pose, speed_m_s=_m_s(speed))
-        _follow(client, client.move.begin(request))
+            request = MoveRequest(kind="pose", pose=pose, speed_m_s=_speed_m_s(speed))
+        _wait_for_move(client, client.move.begin(request))
 
 
 def _axis_vector(axis: str, value: float) -> "Vec3":
@@ -153,19 +161,19 @@ def _axis_vector(axis: str, value: float) -> "Vec3":
     return (x, y, z)
 
 
-def _six(angles: list[float]) -> "Joints":
+def _joint_angles(angles: list[float]) -> "Joints":
     a, b, c, d, e, f = angles
     return (a, b, c, d, e, f)
 
 
-def _radians(text: str) -> "Joints":
+def _joint_rad(text: str) -> "Joints":
     angles_deg = parse_vector(text, JOINTS)
     for name, angle_deg in zip(JOINTS.names, angles_deg, strict=True):
         check_angle(angle_deg, name)
-    return _six([math.radians(angle) for angle in angles_deg])
+    return _joint_angles([math.radians(angle) for angle in angles_deg])
 
 
-def _m_s(speed_mm_s: float | None) -> float | None:
+def _speed_m_s(speed_mm_s: float | None) -> float | None:
     return None if speed_mm_s is None else speed_mm_s / 1e3
 
 
@@ -188,7 +196,7 @@ def retract(
             client.force.stop()
         pose = client.move.jogged((0.0, 0.0, -distance / 1e3), axes="tool")
         request = MoveRequest(kind="pose", pose=pose, speed_m_s=speed / 1e3)
-        _follow(client, client.move.begin(request))
+        _wait_for_move(client, client.move.begin(request))
         load_N = client.load_N()
         typer.echo("the tool is free" if load_N is None else f"residual load {load_N:.1f} N")
 
@@ -203,22 +211,22 @@ def _ask_when_loaded(client: "ConfiguredCell", *, yes: bool) -> None:
         confirmed(text, yes=yes)
 
 
-def _move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -> None:
+def _request_move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -> None:
     """Request a move and wait for its end; Ctrl-C while waiting requests a hold."""
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
         goal = client.move.begin(request)
         typer.echo(f"move accepted: goal {goal.id}")
         if wait:
-            _follow(client, goal)
+            _wait_for_move(client, goal)
 
 
-def _follow(client: "ConfiguredCell", goal: "Move") -> None:
+def _wait_for_move(client: "ConfiguredCell", goal: "Move") -> None:
     began_ns = client.session.clock.now_ns()
     with waiting(f"moving to goal {goal.id}") as live:
 
         def show(robot: "RobotState") -> None:
-            live.update(f"moving to goal {goal.id}: flange at {_position(robot, 1)}")
+            live.update(f"moving to goal {goal.id}: flange at {_position_text(robot, 1)}")
 
         try:
             robot = goal.wait(timeout_s=float("inf"), progress=show)
@@ -226,9 +234,9 @@ def _follow(client: "ConfiguredCell", goal: "Move") -> None:
             typer.echo("interrupted: a hold was requested", err=True)
             raise typer.Exit(INTERRUPTED) from None
     took_s = (client.session.clock.now_ns() - began_ns) / 1e9
-    typer.echo(f"move finished in {took_s:.2f} s: flange at {_position(robot, 2)}")
+    typer.echo(f"move finished in {took_s:.2f} s: flange at {_position_text(robot, 2)}")
 
 
-def _position(robot: "RobotState", digits: int) -> str:
+def _position_text(robot: "RobotState", digits: int) -> str:
     x, y, z = (1e3 * value for value in robot.position_m)
     return f"{x:.{digits}f}, {y:.{digits}f}, {z:.{digits}f} mm"

@@ -79,7 +79,7 @@ def up(
             afterwards.enter_context(panel_sidecar(supervisor, wanted=not no_panel))
 
         try:
-            _watch(supervisor, loaded, path, stop=stop, when_ready=start_helpers)
+            _supervise(supervisor, loaded, path, stop=stop, when_ready=start_helpers)
             if supervisor.died:
                 supervisor.hold_after_death(linger)
         finally:
@@ -89,7 +89,7 @@ def up(
     typer.echo(f"cell {loaded.cell} is down", err=True)
 
 
-def _watch(
+def _supervise(
     supervisor: "Supervisor",
     cell: "CellConfig",
     path: Path,

@@ -84,14 +84,14 @@ def watch(
             if row is None:
                 _watch_all(client, end, as_json)
             elif csv is not None:
-                _write(client, row, csv, end)
+                _write_csv(client, row, csv, end)
             elif as_json:
                 for received in _messages(client.feed(row), end):
                     fields = received.header.model_dump() | received.message.model_dump()
                     sys.stdout.write(json.dumps(fields) + "\n")
                     sys.stdout.flush()
             else:
-                _show(client.feed(row), end)
+                _show_topic(client.feed(row), end)
         except KeyboardInterrupt:
             raise typer.Exit(0) from None
 
@@ -117,7 +117,9 @@ def _messages(feed: "Feed[Message]", end: WatchEnd) -> "Iterator[Received[Messag
             return
 
 
-def _write(client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: WatchEnd) -> None:
+def _write_csv(
+    client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: WatchEnd
+) -> None:
     from cli.watch_csv import write_csv
 
     try:
@@ -134,7 +136,7 @@ def _write(client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: W
 # --- one topic ------------------------------------------------------------------------------------
 
 
-def _show(feed: "Feed[Message]", end: WatchEnd) -> None:
+def _show_topic(feed: "Feed[Message]", end: WatchEnd) -> None:
     """Show one table live: fields, rate and age."""
     from rich.live import Live
 
@@ -149,10 +151,12 @@ def _show(feed: "Feed[Message]", end: WatchEnd) -> None:
                 shown_s = now_s
                 rate_hz = (count - 1) / (now_s - started_s) if count > 1 else 0.0
                 # Without a terminal rich prints the last table when it ends.
-                live.update(_table(feed, received, rate_hz=rate_hz), refresh=console.is_terminal)
+                live.update(
+                    _message_table(feed, received, rate_hz=rate_hz), refresh=console.is_terminal
+                )
 
 
-def _table(feed: "Feed[Message]", received: "Received[Message]", *, rate_hz: float) -> Any:
+def _message_table(feed: "Feed[Message]", received: "Received[Message]", *, rate_hz: float) -> Any:
     from rich.table import Table
 
     age_ms = (time.monotonic_ns() - received.header.stamp_ns) / 1e6
@@ -162,17 +166,17 @@ def _table(feed: "Feed[Message]", received: "Received[Message]", *, rate_hz: flo
     for name in ("field", "value"):
         table.add_column(name, overflow="fold")  # nothing is cut
     for name, value in received.message.model_dump().items():
-        table.add_row(name, _text(value))
+        table.add_row(name, _value_text(value))
     return table
 
 
-def _text(value: object) -> str:
+def _value_text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, tuple | list):
-        return "  ".join(_text(item) for item in value)
+        return "  ".join(_value_text(item) for item in value)
     if isinstance(value, dict):
-        return "\n".join(f"{key}: {_text(item)}" for key, item in value.items())
+        return "\n".join(f"{key}: {_value_text(item)}" for key, item in value.items())
     return str(value)
 
 
@@ -192,12 +196,12 @@ def _watch_all(client: "ConfiguredCell", end: WatchEnd, as_json: bool) -> None:
     began_ns = clock.now_ns()
     with Live(console=console, auto_refresh=False) as live:
         while shown != end.number:
-            rows, shown = [_row(client, feed) for feed in feeds], shown + 1
+            rows, shown = [_topic_row(client, feed) for feed in feeds], shown + 1
             if as_json:
                 sys.stdout.write(json.dumps({"topics": rows}) + "\n")
                 sys.stdout.flush()
             else:
-                live.update(_rows(client, rows), refresh=console.is_terminal)
+                live.update(_topic_table(client, rows), refresh=console.is_terminal)
             if end.seconds is not None and clock.now_ns() - began_ns >= end.seconds * NS_PER_S:
                 return
             if shown != end.number:
@@ -214,7 +218,7 @@ def _receive(client: "ConfiguredCell", feeds: "list[Feed[Any]]", for_s: float) -
         clock.sleep_s(0.1)
 
 
-def _row(client: "ConfiguredCell", feed: "Feed[Message]") -> dict[str, Any]:
+def _topic_row(client: "ConfiguredCell", feed: "Feed[Message]") -> dict[str, Any]:
     reading = feed.reading()
     rate_hz = feed.rate_hz
     return {
@@ -229,7 +233,7 @@ def _row(client: "ConfiguredCell", feed: "Feed[Message]") -> dict[str, Any]:
     }
 
 
-def _rows(client: "ConfiguredCell", rows: list[dict[str, Any]]) -> Any:
+def _topic_table(client: "ConfiguredCell", rows: list[dict[str, Any]]) -> Any:
     from rich.table import Table
 
     table = Table(title=f"cell {client.config.cell}")

@@ -43,7 +43,7 @@ class Dwell:
         return np.asarray(self.R_base_sensor[-1])
 
 
-def of_purpose(dwells: Iterable[Dwell], purpose: Purpose) -> list[Dwell]:
+def dwells_of_purpose(dwells: Iterable[Dwell], purpose: Purpose) -> list[Dwell]:
     """Return the dwells of a purpose: fit or verification."""
     return [dwell for dwell in dwells if dwell.purpose == purpose]
 
@@ -81,12 +81,12 @@ def recording_of(dwells: Sequence[Dwell], source: Path) -> WrenchRecording:
     )
 
 
-def save(dwells: Sequence[Dwell], path: Path) -> None:
+def save_dwells(dwells: Sequence[Dwell], path: Path) -> None:
     """Write every reading in the format of `forcemesh payload fit`; verification ones come last.
 
     Raises DataError when the file cannot be written.
     """
-    ordered = [*of_purpose(dwells, "fit"), *of_purpose(dwells, "verify")]
+    ordered = [*dwells_of_purpose(dwells, "fit"), *dwells_of_purpose(dwells, "verify")]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", encoding="utf-8", newline="") as file:

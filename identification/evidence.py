@@ -13,16 +13,16 @@ from common.config.calibration import CalibrationSection, PayloadSection
 from common.config.cell import CellConfig
 from common.config.payload import Payload
 from forcemesh.errors import first_mistake
-from identification.dwells import Dwell, means_of, of_purpose, recording_of
+from identification.dwells import Dwell, dwells_of_purpose, means_of, recording_of
 from identification.errors import CalibrationError
-from identification.identify import Identification, identify
+from identification.identify import Identification, identify_payload
 from identification.recording import Samples, WrenchAxes, WrenchRecording
 from identification.report import fit_report
 from identification.verification import (
     Residual,
     Verification,
     VerificationBounds,
-    judge,
+    judge_residual,
     residual_of,
 )
 
@@ -64,9 +64,9 @@ def evidence_of(
     notes: tuple[str, ...] = (),
 ) -> Evidence:
     """Fit the recorded dwells. Raises DataError when they do not determine a fit."""
-    recording = recording_of(of_purpose(dwells, "fit"), source)
-    fit = identify(recording.samples("sensor"))
-    verify_dwells = of_purpose(dwells, "verify")
+    recording = recording_of(dwells_of_purpose(dwells, "fit"), source)
+    fit = identify_payload(recording.samples("sensor"))
+    verify_dwells = dwells_of_purpose(dwells, "verify")
     verify = means_of(verify_dwells) if verify_dwells else None
     return Evidence(method, recording, "sensor", fit, verify, serial, notes)
 
@@ -91,7 +91,7 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
         sensor=evidence.serial,
         fit=fit_residual.summary,
         verified=None if verify_residual is None else verify_residual.summary,
-        payload=_usable(fit.payload),
+        payload=_payload_section(fit.payload),
     )
     return Findings(
         section=section,
@@ -100,11 +100,11 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
         fit_residual=fit_residual,
         verify_residual=verify_residual,
         bounds=bounds,
-        verdict=judge(verify_residual, bounds),
+        verdict=judge_residual(verify_residual, bounds),
     )
 
 
-def _usable(payload: Payload) -> PayloadSection:
+def _payload_section(payload: Payload) -> PayloadSection:
     """Return a fitted payload for a file. Raises CalibrationError when a value is invalid."""
     try:
         return PayloadSection.of(payload)

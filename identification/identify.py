@@ -18,11 +18,11 @@ from identification.estimates import (
     payload_of,
 )
 from identification.least_squares import FORCE_FLOOR_N, TORQUE_FLOOR_NM
-from identification.model_selection import Candidate, choose
+from identification.model_selection import Candidate, fitted_candidates
 from identification.next_pose import NextPose, next_pose
 from identification.payload_model import NAMES, PRIOR_STD
 from identification.recording import Samples, WrenchAxes, WrenchRecording
-from identification.screening import Rejected, screen
+from identification.screening import Rejected, screen_samples
 from identification.static_poses import check_poses
 
 BOTH_AXES: tuple[WrenchAxes, WrenchAxes] = ("sensor", "base")
@@ -64,7 +64,7 @@ class AxesFit(NamedTuple):
     reason: str
 
 
-def identify(samples: Samples) -> Identification:
+def identify_payload(samples: Samples) -> Identification:
     """Fit payload and bias; further parameters are added by model selection.
 
     Raises DataError when the poses are too few or too similar, or show no weight.
@@ -72,13 +72,13 @@ def identify(samples: Samples) -> Identification:
     Args:
         samples: Static readings in many attitudes, free of contact, in sensor axes.
     """
-    poses, rejected = screen(samples)
+    poses, rejected = screen_samples(samples)
     try:
         check_poses(poses)
     except DataError as error:
         omitted = "".join(f"; {len(r.rows)} rows left out: {r.reason}" for r in rejected)
         raise DataError(f"{error}{omitted}") from error
-    candidates = choose(poses)
+    candidates = fitted_candidates(poses)
     chosen = next(candidate for candidate in candidates if candidate.chosen)
     payload = payload_of(chosen.solution, poses.means.time_s)
     std = deviations(chosen.solution)
@@ -121,18 +121,18 @@ def identify_recording(recording: WrenchRecording, wrench_axes: WrenchAxes | Non
     problems: dict[WrenchAxes, DataError] = {}
     for axes in BOTH_AXES:
         try:
-            fits[axes] = identify(recording.samples(axes))
+            fits[axes] = identify_payload(recording.samples(axes))
         except DataError as error:
             problems[axes] = error
     if wrench_axes is not None:
         if wrench_axes in problems:
             raise DataError(f"{recording.source}: {problems[wrench_axes]}")
-        return AxesFit(wrench_axes, _compared(fits, wrench_axes), "")
+        return AxesFit(wrench_axes, _with_axes_warning(fits, wrench_axes), "")
     if not fits:
         raise DataError(f"{recording.source}: {problems['sensor']}")
     found = ", ".join(f"{_rms_text(fit)} in {axes} axes" for axes, fit in fits.items())
     best = min(fits, key=lambda axes: fits[axes].chosen.score)
-    if len(fits) == 2 and _times_better(fits["sensor"], fits["base"]) < CLEAR_RATIO:
+    if len(fits) == 2 and _residual_ratio(fits["sensor"], fits["base"]) < CLEAR_RATIO:
         raise DataError(
             f"{recording.source}: the axes of the wrench are ambiguous (rms residual {found}); "
             "use --wrench-axes sensor or base"
@@ -172,11 +172,11 @@ def _residual_rms(samples: Samples, payload: Payload) -> tuple[float, float]:
     return max(float(force_rms), FORCE_FLOOR_N), max(float(torque_rms), TORQUE_FLOOR_NM)
 
 
-def _compared(fits: dict[WrenchAxes, Identification], axes: WrenchAxes) -> Identification:
+def _with_axes_warning(fits: dict[WrenchAxes, Identification], axes: WrenchAxes) -> Identification:
     """Return the fit in the given axes, with a warning when the other ones fit far better."""
     fit = fits[axes]
     for other_axes, rival in fits.items():
-        if rival.chosen.score < fit.chosen.score and _times_better(fit, rival) >= CLEAR_RATIO:
+        if rival.chosen.score < fit.chosen.score and _residual_ratio(fit, rival) >= CLEAR_RATIO:
             warning = (
                 f"rms residual {_rms_text(fit)} in {axes} axes, but only {_rms_text(rival)} "
                 f"in {other_axes} axes: use --wrench-axes {other_axes}"
@@ -185,7 +185,7 @@ def _compared(fits: dict[WrenchAxes, Identification], axes: WrenchAxes) -> Ident
     return fit
 
 
-def _times_better(a: Identification, b: Identification) -> float:
+def _residual_ratio(a: Identification, b: Identification) -> float:
     """Return the ratio of the residuals of worse and better fit (geometric mean)."""
     small, large = sorted((a.chosen.score, b.chosen.score))
     return float(np.sqrt(large / small))

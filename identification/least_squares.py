@@ -16,7 +16,7 @@ from identification.payload_model import (
     PRIOR_STD,
     Model,
     State,
-    extras,
+    extra_parameters,
     jacobian,
     make_mass_positive,
     residuals,
@@ -78,7 +78,7 @@ class _FitProblem:
 
 
 @dataclass(frozen=True, slots=True)
-class _Normal:
+class _NormalEquations:
     """Normal equations at one state; the covariance is half @ half.T.
 
     `scale` is one over the noise of each reading, shape (2, n, 1); `rows` are the derivatives in
@@ -114,12 +114,12 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
     noise = _noise(residual, weight, np.array([4.0, 6.0]))
     converged = False
     for _ in range(ITERATIONS):
-        normal = _normal(state, task, noise, widths, residual=residual)
+        normal = _normal_equations(state, task, noise, widths, residual=residual)
         covariance = normal.covariance
         step = covariance @ normal.slope
         state = make_mass_positive(updated_state(state, step, model))
         residual = residuals(state, samples)
-        widths = _widened(state, model)
+        widths = _prior_widths(state, model)
         unknowns = [float(np.sum(covariance * square)) for square in normal.squares]
         before, noise = noise, _noise(residual, weight, np.array(unknowns))
         # A rough convergence of the noise is enough: the directions converge long before it.
@@ -127,7 +127,7 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
         if settled and np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear)):
             converged = True
             break
-    normal = _normal(state, task, noise, widths, residual=residual)
+    normal = _normal_equations(state, task, noise, widths, residual=residual)
     covariance = normal.covariance
     information = np.diag(normal.squares[0] + normal.squares[1]) + 1.0 / _variances(model, widths)
     return Solution(
@@ -165,15 +165,15 @@ def _variances(model: Model, widths: dict[str, float]) -> Array:
     return variances
 
 
-def _widened(state: State, model: Model) -> dict[str, float]:
+def _prior_widths(state: State, model: Model) -> dict[str, float]:
     """Return the prior deviation of each group, or its rms if the recording shows more."""
-    found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extras(state, model).items()}
+    found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extra_parameters(state, model).items()}
     return {name: max(PRIOR_STD[name], size) for name, size in found.items()}
 
 
-def _normal(
+def _normal_equations(
     state: State, task: _FitProblem, noise: Array, widths: dict[str, float], *, residual: Array
-) -> _Normal:
+) -> _NormalEquations:
     """Build and factorise the normal equations; `residual` are the residuals at this state."""
     samples, model = task.samples, task.model
     scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
@@ -182,7 +182,7 @@ def _normal(
     squares = (A[0].T @ A[0], A[1].T @ A[1])
     prior = 1.0 / _variances(model, widths)
     slope = A[0].T @ r[0] + A[1].T @ r[1]
-    for name, value in extras(state, model).items():
+    for name, value in extra_parameters(state, model).items():
         slope[model.places[name]] -= value * prior[model.places[name]]
     total = squares[0] + squares[1] + np.diag(prior)
     length = np.sqrt(np.diag(total))
@@ -194,7 +194,7 @@ def _normal(
     is_significant = s > s[-1] * RANK_TOLERANCE
     half = V[:, is_significant] / s[is_significant] / length[:, None]
     log_det = 2.0 * float(np.log(s[is_significant]).sum() + np.log(length).sum())
-    return _Normal(scale, rows, squares, slope, half, conditioning, log_det)
+    return _NormalEquations(scale, rows, squares, slope, half, conditioning, log_det)
 
 
 def _evidence(
@@ -212,12 +212,12 @@ def _evidence(
     squares = squares + QUIET_EQUATIONS * QUIET**2
     fit = float(np.sum(squares / noise**2 + 2.0 * equations * np.log(noise)))
     prior = 0.0
-    for name, value in extras(state, task.model).items():
+    for name, value in extra_parameters(state, task.model).items():
         prior += float(value @ value) / widths[name] ** 2 + 2.0 * value.size * np.log(widths[name])
     return -0.5 * (fit + prior + log_det)
 
 
-def _loo_residual(normal: _Normal, residual: Array) -> Array:
+def _loo_residual(normal: _NormalEquations, residual: Array) -> Array:
     """Return the leave-out residuals of the poses, by the hat matrix.
 
     Exact for linear models, close for small rotations. Each pose is left out alone; in long
@@ -256,8 +256,8 @@ def _fitted_linear(task: _FitProblem, start: State) -> State:
     return replace(still, linear=normal.covariance @ normal.slope)
 
 
-def _plain_normal(task: _FitProblem, state: State) -> _Normal:
-    return _normal(state, task, np.ones(2), {}, residual=residuals(state, task.samples))
+def _plain_normal(task: _FitProblem, state: State) -> _NormalEquations:
+    return _normal_equations(state, task, np.ones(2), {}, residual=residuals(state, task.samples))
 
 
 def _noise(residual: Array, weight: Array, unknowns: Array) -> Array:

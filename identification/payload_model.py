@@ -124,7 +124,7 @@ def start_state() -> State:
     return State(np.zeros(LINEAR), DOWN, np.eye(3), np.zeros((2, 3)), np.zeros((2, 2, 3)))
 
 
-def shapes(samples: Samples) -> Array:
+def drift_shapes(samples: Samples) -> Array:
     """Return u/2 and u^2 - 1/3 for each reading: zeros without times. Shape (2, n)."""
     t = samples.time_s
     if t is None or np.ptp(t) == 0.0:
@@ -146,7 +146,7 @@ def residuals(state: State, samples: Samples) -> Array:
     load = np.array([m * g_s, g_s @ skew(h).T])
     bias = state.linear[4:].reshape(2, 1, 3)
     if state.drift.any():
-        bias = bias + shapes(samples).T @ state.drift.swapaxes(0, 1)
+        bias = bias + drift_shapes(samples).T @ state.drift.swapaxes(0, 1)
     read = np.array([samples.force_N, samples.torque_Nm])
     return np.asarray(read - (1.0 + state.gain_error[:, None, :]) * load - bias)
 
@@ -157,7 +157,7 @@ def jacobian(state: State, samples: Samples, model: Model) -> Array:
     m, h = state.linear[0], state.linear[1:4]
     J = np.zeros((2, n, 3, model.size))
     J[0, :, :, 0] = g_s
-    J[1, :, :, 1:4] = -skews(g_s)
+    J[1, :, :, 1:4] = -skew_matrices(g_s)
     places = model.places
     if model.tilt:  # g' = exp([e]x) g, e perpendicular to g
         tilt_jacobian = -skew(GRAVITY_M_S2 * state.down_in_base) @ perpendicular_axes(
@@ -166,20 +166,22 @@ def jacobian(state: State, samples: Samples, model: Model) -> Array:
         g_jacobian = (samples.R_base_sensor @ state.R_mount).swapaxes(1, 2) @ tilt_jacobian
         J[:, :, :, places["tilt"]] = m * g_jacobian, skew(h) @ g_jacobian
     if model.mounting:  # R_mount' = R_mount exp([d]x), so g_s' = g_s + [g_s]x d
-        g_jacobian = skews(g_s)
+        g_jacobian = skew_matrices(g_s)
         J[:, :, :, places["mounting"]] = m * g_jacobian, skew(h) @ g_jacobian
     J *= (1.0 + state.gain_error)[:, None, :, None]
     J[0, :, :, 4:7] = J[1, :, :, 7:10] = np.eye(3)
     if model.gain:
         J[0, :, :, places["gain_F"]] = (m * g_s)[:, :, None] * np.eye(3)
         J[1, :, :, places["gain_M"]] = (g_s @ skew(h).T)[:, :, None] * np.eye(3)
-    for order, shape in enumerate(shapes(samples)[: model.drift] if model.drift else (), start=1):
+    for order, shape in enumerate(
+        drift_shapes(samples)[: model.drift] if model.drift else (), start=1
+    ):
         for block, of in enumerate("FM"):
             J[block, :, :, places[f"drift{order}_{of}"]] = shape[:, None, None] * np.eye(3)
     return J
 
 
-def extras(state: State, model: Model) -> dict[str, Array]:
+def extra_parameters(state: State, model: Model) -> dict[str, Array]:
     """Return the value of each group beyond the linear unknowns, as used by the priors."""
     values = {}
     if model.tilt:
@@ -237,7 +239,7 @@ def perpendicular_axes(direction: Array) -> Array:
     return np.stack([first, cross_matrix @ first], axis=1)
 
 
-def skews(v: Array) -> Array:
+def skew_matrices(v: Array) -> Array:
     """Return [v]x for each row. Shape (n, 3) to (n, 3, 3)."""
     matrices = np.zeros((len(v), 3, 3))
     matrices[:, (2, 0, 1), (1, 2, 0)] = v

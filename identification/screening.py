@@ -37,7 +37,7 @@ class Rejected:
     rows: tuple[int, ...]
 
 
-def screen(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
+def screen_samples(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
     """Return the usable poses, and the rejected rows with the reason.
 
     A recording without rest is used as it is: slow rotation does less harm than no fit. Permanent
@@ -45,16 +45,16 @@ def screen(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
     """
     rows = np.arange(len(samples))
     rejected = []
-    moving = _moving(samples)
+    moving = _moving_rows(samples)
     still = rows[~moving]
     if moving.any() and still.size and carries_a_fit(sort_into_poses(samples[still])):
         rejected.append(Rejected(MOVING, tuple(rows[moving].tolist())))
         rows = still
-    for reason, outliers in _unusual(samples[rows]).items():
+    for reason, outliers in _outlier_rows(samples[rows]).items():
         rejected.append(Rejected(reason, tuple(rows[outliers].tolist())))
     rows = np.setdiff1d(rows, [row for r in rejected for row in r.rows])
     poses = sort_into_poses(samples[rows])
-    touched = _touched(poses)
+    touched = _touched_poses(poses)
     if touched:
         dwell = np.repeat(np.arange(len(poses)), np.diff([*poses.first_row, len(rows)]))
         in_contact = np.isin(dwell, touched)
@@ -64,7 +64,7 @@ def screen(samples: Samples) -> tuple[Poses, tuple[Rejected, ...]]:
     return replace(poses, first_row=rows[poses.first_row]), tuple(rejected)
 
 
-def _moving(samples: Samples) -> npt.NDArray[np.bool_]:
+def _moving_rows(samples: Samples) -> npt.NDArray[np.bool_]:
     """Return the rows during which the attitude changes, in small steps of time and angle."""
     n, t = len(samples), samples.time_s
     if t is None or n < 3 or np.any(np.diff(t) < 0.0):
@@ -81,11 +81,11 @@ def _moving(samples: Samples) -> npt.NDArray[np.bool_]:
     return np.asarray(~slow & ~jumped & (duration_s <= 1.0))
 
 
-def _unusual(samples: Samples) -> dict[str, Rows]:
+def _outlier_rows(samples: Samples) -> dict[str, Rows]:
     """Return the rows whose reading is an outlier of its dwell, by reason."""
     first = sort_into_poses(samples).first_row
     dwells = np.split(np.arange(len(samples)), first[1:])
-    middles = [_middle(samples, rows) for rows in dwells]
+    middles = [_median_reading(samples, rows) for rows in dwells]
     found: dict[str, list[int]] = {CONTACT: [], STALE: []}
     for place, rows in enumerate(dwells):
         if len(rows) < ROWS_TO_JUDGE:
@@ -109,7 +109,7 @@ def _unusual(samples: Samples) -> dict[str, Rows]:
     return {reason: np.array(rows, dtype=np.intp) for reason, rows in found.items() if rows}
 
 
-def _touched(poses: Poses) -> list[int]:
+def _touched_poses(poses: Poses) -> list[int]:
     """Return the outlying poses, by the decrease of the sum of squares without them."""
     remaining = list(range(len(poses)))
     outliers: list[int] = []
@@ -122,15 +122,15 @@ def _touched(poses: Poses) -> list[int]:
             break
         worst = max(
             range(len(remaining)),
-            key=lambda i: _outlying(error, plain.loo_residual, weight, pose=i),
+            key=lambda i: _outlier_statistic(error, plain.loo_residual, weight, pose=i),
         )
-        if _outlying(error, plain.loo_residual, weight, pose=worst) < OUTLYING:
+        if _outlier_statistic(error, plain.loo_residual, weight, pose=worst) < OUTLYING:
             break
         outliers.append(remaining.pop(worst))
     return outliers
 
 
-def _outlying(error: Array, loo_residual: Array, weight: Array, *, pose: int) -> float:
+def _outlier_statistic(error: Array, loo_residual: Array, weight: Array, *, pose: int) -> float:
     """Return the F statistic of a pose: its share of the sum of squares over the residual."""
     largest = 0.0
     for block, (unknowns, least_deviation) in enumerate(((4.0, APART_N), (6.0, APART_NM))):
@@ -147,5 +147,5 @@ def _readings(samples: Samples, rows: Rows) -> Array:
     return np.hstack([samples.force_N[rows], samples.torque_Nm[rows]])
 
 
-def _middle(samples: Samples, rows: Rows) -> Array:
+def _median_reading(samples: Samples, rows: Rows) -> Array:
     return np.asarray(np.median(_readings(samples, rows), axis=0))

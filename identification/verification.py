@@ -78,7 +78,7 @@ class Verification:
         return {True: "PASS", False: "FAIL", None: "NOT VERIFIED"}[self.passed]
 
 
-def judge(residual: Residual | None, bounds: VerificationBounds) -> Verification:
+def judge_residual(residual: Residual | None, bounds: VerificationBounds) -> Verification:
     """Return the verdict on held-out poses; None when there are none."""
     if residual is None:
         text = "no held-out pose; the residuals of the fit alone do not verify it"

@@ -38,7 +38,7 @@ class Spring:
         return SIGMAS * self.spread_N_m <= KNOWN_SHARE * self.k_N_m
 
 
-def spring(travel_m: Array, forces_N: Array) -> Spring:
+def fit_spring(travel_m: Array, forces_N: Array) -> Spring:
     """Return the stiffness from pairs of penetration and press force at rest.
 
     Args:

@@ -98,17 +98,17 @@ class _Task:
         return _Point(delay_s, lag_s, residual_m - residual_m.mean(), slopes - slopes.mean(axis=0))
 
 
-def identify(steps: Steps) -> tuple[Fit, ...]:
+def identify_servo(steps: Steps) -> tuple[Fit, ...]:
     """Return the fitted delay and lag for each of STAGES.
 
     Raises DataError when the records do not determine them.
     """
-    _check(steps)
+    _check_records(steps)
     useful = steps.measured_s > steps.commanded_s[0]
     measured_s, measured_m = steps.measured_s[useful], steps.measured_m[useful]
     steps_m = np.diff(steps.commanded_m)
     moves = np.abs(steps_m) > LEAST_STEP_M
-    sum_s = _start(steps, measured_s, measured_m)
+    sum_s = _start_sum_s(steps, measured_s, measured_m)
     at_s, steps_m = steps.commanded_s[1:][moves], steps_m[moves]
     fits = tuple(_fit(_Task(at_s, steps_m, measured_s, measured_m, n), sum_s) for n in STAGES)
     best = min(fits, key=lambda fit: fit.residual_std_m)
@@ -123,10 +123,11 @@ def identify(steps: Steps) -> tuple[Fit, ...]:
 
 def _fit(task: _Task, sum_s: float) -> Fit:
     """Return the best of the searches that start from a sum of delay and lag."""
-    ends = [_search(task, *start) for start in _start_splits(sum_s)]
+    ends = [_least_squares_search(task, *start) for start in _start_splits(sum_s)]
     end = min(ends, key=lambda point: point.square)
     fixed_lag = [
-        _search(task, *start, fit_lag=False) for start in _start_splits(end.delay_s + end.lag_s)
+        _least_squares_search(task, *start, fit_lag=False)
+        for start in _start_splits(end.delay_s + end.lag_s)
     ]
     points = ends + fixed_lag
     best = min(points, key=lambda point: point.square)
@@ -143,14 +144,16 @@ def _fit(task: _Task, sum_s: float) -> Fit:
         delay_s=best.delay_s,
         lag_s=best.lag_s,
         residual_std_m=sqrt(square / count),
-        sum_deviation_s=_deviation(
+        sum_deviation_s=_standard_deviation(
             [point.delay_s + point.lag_s for point in points], covariance.sum(), z_scores
         ),
-        lag_deviation_s=_deviation([point.lag_s for point in points], covariance[1, 1], z_scores),
+        lag_deviation_s=_standard_deviation(
+            [point.lag_s for point in points], covariance[1, 1], z_scores
+        ),
     )
 
 
-def _deviation(found_s: list[float], local: float, z_scores: list[float]) -> float:
+def _standard_deviation(found_s: list[float], local: float, z_scores: list[float]) -> float:
     """Return the standard deviation of a parameter, from the local slopes and other minima.
 
     With few poses, or poses in phase with the commands, several delays and lags fit nearly
@@ -175,7 +178,9 @@ def _start_splits(sum_s: float) -> list[tuple[float, float]]:
     return [((1.0 - share) * sum_s, share * sum_s) for share in START_SHARES]
 
 
-def _search(task: _Task, delay_s: float, lag_s: float, *, fit_lag: bool = True) -> _Point:
+def _least_squares_search(
+    task: _Task, delay_s: float, lag_s: float, *, fit_lag: bool = True
+) -> _Point:
     """Return the least squares minimum (Levenberg-Marquardt); lag_too=False keeps the lag."""
     point, damping = task.at(delay_s, max(lag_s, SHORTEST_LAG_S)), 1e-3
     moves = np.array([1.0, float(fit_lag)])
@@ -197,7 +202,7 @@ def _search(task: _Task, delay_s: float, lag_s: float, *, fit_lag: bool = True) 
     return point
 
 
-def _start(steps: Steps, measured_s: Array, measured_m: Array) -> float:
+def _start_sum_s(steps: Steps, measured_s: Array, measured_m: Array) -> float:
     """Return the time shift of the command that matches the measured motion best [s]."""
     shifts_s = np.arange(START_STEP_S, LONGEST_DELAY_S, START_STEP_S)
     deviations_m = [
@@ -211,7 +216,7 @@ def _start(steps: Steps, measured_s: Array, measured_m: Array) -> float:
     return float(shifts_s[np.argmin(deviations_m)])
 
 
-def _check(steps: Steps) -> None:
+def _check_records(steps: Steps) -> None:
     if min(len(steps.commanded_s), len(steps.measured_s)) < LEAST_SAMPLES:
         raise DataError("too few commands and poses received: check the load of this machine")
     if np.ptp(steps.commanded_m) < LEAST_TRAVEL_M or np.ptp(steps.measured_m) < 0.3 * np.ptp(

@@ -11,7 +11,7 @@ import typer
 
 from cli.calibration.contact import refuse_loaded_tool
 from cli.calibration.drive import Drive
-from cli.calibration.finish import Job, conclude, keep_readings
+from cli.calibration.finish import Job, conclude, save_readings
 from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.progress_output import ProgressOutput
 from cli.calibration.screen import screen
@@ -27,11 +27,11 @@ from forcemesh.messages import RobotState
 from identification.errors import CalibrationError, InContactError, NotBegunError, StoppedError
 from identification.evidence import Evidence, evidence_of
 from identification.excitation.plan import CalibrationPlan, PlanOptions, make_plan, spread_deg
-from identification.verification import active_residual, judge
+from identification.verification import active_residual, judge_residual
 from services.gateway.scales import Scales
 from services.gateway.service import scales_of
 
-BY_HAND = "calibrate with --manual, which needs no arm model"
+MANUAL_REMEDY = "calibrate with --manual, which needs no arm model"
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,22 +82,22 @@ def finish(
     The cell checks a new calibration by the measured force: the last pose is in free space, the
     start may not be. The arm returns whatever the result.
     """
-    keep_readings(job, wizard.dwells)
+    save_readings(job, wizard.dwells)
     if ended is not None:
         return ended
     failure: ForcemeshError | None = None
     code = NOT_WELL
     try:
-        with _ended_like_ctrl_c():
+        with _stop_signals_as_ctrl_c():
             code = conclusion()
     except KeyboardInterrupt:
         with open_output() as output:
-            return _interrupted(wizard, output)
+            return _report_interruption(wizard, output)
     except ForcemeshError as error:
         failure = error
     with open_output() as output:
         wizard.output = output
-        ended = _guarded(wizard, wizard.return_to_start)
+        ended = _run_guarded(wizard, wizard.return_to_start)
     if failure is not None:
         raise failure
     return code if ended is None else ended
@@ -113,7 +113,7 @@ def verify(job: Job, options: ArmOptions, bus: Bus) -> int:
         wizard, ended = drive(job.cell, bus, plan, options.timing, output=output, fitting=False)
     if ended is not None:
         return ended
-    verdict = judge(active_residual(wizard.dwells), job.bounds)
+    verdict = judge_residual(active_residual(wizard.dwells), job.bounds)
     typer.echo(f"calibration in use: {wizard.active_calibration or 'not reported'}")
     typer.echo(verdict.text)
     return OK if verdict.passed else NOT_WELL
@@ -132,7 +132,7 @@ def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
     arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
     if arm is None:
         text = "the joint limits of the cell file are not those of the RS007L, the only known arm"
-        raise CalibrationError(f"{text}: {BY_HAND}")
+        raise CalibrationError(f"{text}: {MANUAL_REMEDY}")
     section = cell.gateway if cell.roles.robot == "gateway" else None
     line = check_pose(
         pose_of(state),
@@ -143,7 +143,7 @@ def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
     )
     if line.result == "FAIL":
         text = f"the pose that the arm reports does not agree with its joints: {line.found}"
-        raise CalibrationError(f"{text}; {line.remedy}; or {BY_HAND}")
+        raise CalibrationError(f"{text}; {line.remedy}; or {MANUAL_REMEDY}")
     return arm
 
 
@@ -198,7 +198,7 @@ def measure(
 ) -> tuple[CalibrationWizard, int | None]:
     """Visit every pose and stay at the last; return the exit code too when it ended early."""
     wizard = CalibrationWizard(bus, cell, plan, timing=timing, output=output)
-    return wizard, _guarded(wizard, wizard.measure)
+    return wizard, _run_guarded(wizard, wizard.measure)
 
 
 def drive(
@@ -212,16 +212,16 @@ def drive(
 ) -> tuple[CalibrationWizard, int | None]:
     """Visit every pose and return; return the exit code too when it ended early."""
     wizard = CalibrationWizard(bus, cell, plan, timing=timing, output=output)
-    return wizard, _guarded(wizard, lambda: wizard.run(BOTH if fitting else ("verify",)))
+    return wizard, _run_guarded(wizard, lambda: wizard.run(BOTH if fitting else ("verify",)))
 
 
-def _guarded(wizard: CalibrationWizard, action: Callable[[], None]) -> int | None:
+def _run_guarded(wizard: CalibrationWizard, action: Callable[[], None]) -> int | None:
     """Execute an action; Ctrl-C and every error end in a hold, the readings are kept."""
     try:
-        with _ended_like_ctrl_c():
+        with _stop_signals_as_ctrl_c():
             action()
     except KeyboardInterrupt:
-        return _interrupted(wizard, wizard.output)
+        return _report_interruption(wizard, wizard.output)
     except (StoppedError, InContactError, NotBegunError) as error:
         wizard.output.note(str(error))
         return exit_code_of(error)
@@ -231,14 +231,14 @@ def _guarded(wizard: CalibrationWizard, action: Callable[[], None]) -> int | Non
     return None
 
 
-def _interrupted(wizard: CalibrationWizard, output: ProgressOutput) -> int:
+def _report_interruption(wizard: CalibrationWizard, output: ProgressOutput) -> int:
     with _ignore_sigint():
         output.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
     return INTERRUPTED
 
 
 @contextmanager
-def _ended_like_ctrl_c() -> Iterator[None]:
+def _stop_signals_as_ctrl_c() -> Iterator[None]:
     """Treat SIGTERM and SIGHUP as Ctrl-C, so that they stop the arm too."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cli.calibration.finish import Job, conclude, keep_readings
+from cli.calibration.finish import Job, conclude, save_readings
 from cli.calibration.gather import READINGS_POLL_S, Gatherer, ReadingLostError
 from cli.calibration.installed import refuse_wrong_axes
 from cli.calibration.progress_output import ProgressOutput
@@ -16,11 +16,11 @@ from common.motion.frames import Array
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError, ForcemeshError
-from identification.dwells import Dwell, Purpose, of_purpose, samples_of
+from identification.dwells import Dwell, Purpose, dwells_of_purpose, samples_of
 from identification.errors import CalibrationError
 from identification.evidence import evidence_of
 from identification.excitation.pose_choice import conditioning
-from identification.identify import identify
+from identification.identify import identify_payload
 from identification.static_poses import LEAST_POSES, WORST_CONDITIONING, angle
 
 NEW_RAD = np.radians(15.0)  # least distance to earlier attitudes for automatic capture
@@ -78,16 +78,16 @@ class PoseRecorder:
         self._gatherer.until_received()
         self._output.note(f"move the arm with the pendant or `forcemesh move`; {KEYS}")
         self._output.note(f"next: {HINT}")
-        self._take_poses("fit", self._options.poses)
-        if not of_purpose(self.dwells, "fit"):
+        self._record_poses("fit", self._options.poses)
+        if not dwells_of_purpose(self.dwells, "fit"):
             raise CalibrationError("no pose was recorded")
         if self._options.verify_poses:
             self._output.note(f"now {self._options.verify_poses} fresh poses to verify; {KEYS}")
-            self._take_poses("verify", self._options.verify_poses)
+            self._record_poses("verify", self._options.verify_poses)
 
-    def _take_poses(self, purpose: Purpose, count: int) -> None:
+    def _record_poses(self, purpose: Purpose, count: int) -> None:
         checked_ns = 0
-        while len(self._recorded(purpose)) < count:
+        while len(self._recorded_dwells(purpose)) < count:
             self._clock.sleep_s(READINGS_POLL_S)
             fault = self._read_sensor()
             if self._clock.now_ns() - checked_ns < CHECK_EVERY_NS:
@@ -99,14 +99,14 @@ class PoseRecorder:
             if key in {"q", "done"} and self._may_end(purpose):
                 return
             if key == "u":
-                self._undo(purpose)
+                self._remove_last_pose(purpose)
             self._requested |= key == ""
-            self._show(purpose, count, waits_for)
-            if not waits_for and (self._requested or self._is_new()):
-                self._take(purpose)
+            self._show_progress(purpose, count, waits_for)
+            if not waits_for and (self._requested or self._is_new_attitude()):
+                self._record_pose(purpose)
 
-    def _recorded(self, purpose: Purpose) -> list[Dwell]:
-        return of_purpose(self.dwells, purpose)
+    def _recorded_dwells(self, purpose: Purpose) -> list[Dwell]:
+        return dwells_of_purpose(self.dwells, purpose)
 
     def _read_sensor(self) -> str:
         """Read the sensor; return its fault, empty when there is none."""
@@ -122,7 +122,7 @@ class PoseRecorder:
         elif self._still_since_ns is None:
             self._still_since_ns = self._clock.now_ns()
 
-    def _is_new(self) -> bool:
+    def _is_new_attitude(self) -> bool:
         """Return whether to capture this pose automatically: at rest, far from the others."""
         if not self._options.auto or self._still_since_ns is None:
             return False
@@ -136,7 +136,7 @@ class PoseRecorder:
             return np.inf
         return float(angle(newest.R_base_sensor, _attitudes(self.dwells)).min())
 
-    def _take(self, purpose: Purpose) -> None:
+    def _record_pose(self, purpose: Purpose) -> None:
         self._requested, self._still_since_ns = False, None
         try:
             dwell = self._gatherer.dwell(purpose, self._options.dwell_s, lambda _text: None)
@@ -145,24 +145,26 @@ class PoseRecorder:
             return
         nearest_deg = np.degrees(self._nearest_rad())
         self.dwells.append(dwell)
-        self._output.note(f"pose {len(self._recorded(purpose))} recorded{self._advice(purpose)}")
+        self._output.note(
+            f"pose {len(self._recorded_dwells(purpose))} recorded{self._advice(purpose)}"
+        )
         if nearest_deg < np.degrees(NEW_RAD):
             self._output.note(
                 f"it is only {nearest_deg:.0f} degrees from an earlier one: u removes it"
             )
 
-    def _undo(self, purpose: Purpose) -> None:
-        if not self._recorded(purpose):
+    def _remove_last_pose(self, purpose: Purpose) -> None:
+        if not self._recorded_dwells(purpose):
             self._output.note("there is no pose to remove")
             return
         self.dwells.pop()
-        self._output.note(f"removed: {len(self._recorded(purpose))} poses remain")
+        self._output.note(f"removed: {len(self._recorded_dwells(purpose))} poses remain")
 
     def _may_end(self, purpose: Purpose) -> bool:
-        count = len(self._recorded(purpose))
+        count = len(self._recorded_dwells(purpose))
         if purpose == "verify" or count == 0:
             return True
-        found = conditioning(_attitudes(self._recorded("fit")))
+        found = conditioning(_attitudes(self._recorded_dwells("fit")))
         if count < LEAST_POSES or found > WORST_CONDITIONING:
             self._output.note(
                 f"{count} poses with condition number {found:.0f} do not determine a fit (at most "
@@ -173,14 +175,14 @@ class PoseRecorder:
 
     def _advice(self, purpose: Purpose) -> str:
         """Return the conditioning of the poses so far and the recommended next pose."""
-        recorded = self._recorded("fit")
+        recorded = self._recorded_dwells("fit")
         if purpose == "verify":
             return "; next: any new attitude"
         if len(recorded) < LEAST_POSES:
             return f"; next: {HINT}"
         found = conditioning(_attitudes(recorded))
         try:
-            next_pose = identify(samples_of(recorded)).next_pose
+            next_pose = identify_payload(samples_of(recorded)).next_pose
         except DataError as error:
             return f"; not enough yet: {error}"
         x, y, z = next_pose.down_in_sensor
@@ -189,8 +191,8 @@ class PoseRecorder:
             "sensor axes, as shown below"
         )
 
-    def _show(self, purpose: Purpose, count: int, waits_for: str) -> None:
-        newest, recorded = self._gatherer.stillness.newest, len(self._recorded(purpose))
+    def _show_progress(self, purpose: Purpose, count: int, waits_for: str) -> None:
+        newest, recorded = self._gatherer.stillness.newest, len(self._recorded_dwells(purpose))
         if newest is None:
             self._output.progress(recorded, count, waits_for)
             return
@@ -224,7 +226,7 @@ def calibrate(job: Job, options: HandOptions, bus: Bus, keys: Keys) -> int:
     with screen(with_time=False) as output:
         recorder = PoseRecorder(bus, job.cell, options, keys=keys, output=output)
         ended = record_poses(recorder, output)
-    keep_readings(job, recorder.dwells)
+    save_readings(job, recorder.dwells)
     if ended is not None:
         return ended
     refuse_wrong_axes(job, recorder.dwells)

@@ -105,7 +105,7 @@ class Drive:
             self.hold("the calibration has ended")
             self._bus.ask(topics.CLEAR, Empty())
 
-    def go(self, q: Array, length_m: float, watch: Watch) -> None:
+    def move_joints(self, q: Array, length_m: float, watch: Watch) -> None:
         """Move the joints to angles [rad], shape (6,), and wait until they are reached.
 
         Raises PoseRefusedError when only this goal is not possible, StoppedError when the arm was

@@ -13,7 +13,7 @@ from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED
 from cli.payload_tables import print_fit
 from common.config.cell import CellConfig
 from forcemesh.errors import BusError
-from identification.dwells import Dwell, save
+from identification.dwells import Dwell, save_dwells
 from identification.evidence import Evidence, Findings, findings_of
 from identification.verification import VerificationBounds
 from services.wrench.active_calibration import active_calibration
@@ -58,14 +58,14 @@ def store_result(job: Job, found: Findings, bus: "Bus | None") -> int:
         return _store_failed_result(job, found)
     if not job.use:
         _write(job.files.unused, found)
-        typer.echo(_not_used(job.files, "only --use puts it into use"))
+        typer.echo(_not_used_text(job.files, "only --use puts it into use"))
         return OK
     objection = active_calibration(found.section, job.cell).objection
     if found.verdict.passed is None:
         objection = "no fresh pose has verified it (--verify-with, or --verify-poses above 0)"
     if objection:
         _write(job.files.unused, found)
-        typer.echo(_not_used(job.files, objection))
+        typer.echo(_not_used_text(job.files, objection))
         return NOT_WELL
     return _put_into_use(job, found, bus)
 
@@ -73,7 +73,7 @@ def store_result(job: Job, found: Findings, bus: "Bus | None") -> int:
 def _store_failed_result(job: Job, found: Findings) -> int:
     if job.force:
         _write(job.files.unused, found)
-        typer.echo(_not_used(job.files, "it failed"))
+        typer.echo(_not_used_text(job.files, "it failed"))
         return NOT_WELL
     page = job.files.failed_page
     save_page(found, page)
@@ -105,7 +105,7 @@ def _put_into_use(job: Job, found: Findings, bus: "Bus | None") -> int:
     if not reply.accepted:
         _write(files.unused, found)
         reason = f"the running cell refused it ({reply.code}): {reply.text}"
-        typer.echo(_not_used(files, f"{reason}; it keeps its previous calibration"))
+        typer.echo(_not_used_text(files, f"{reason}; it keeps its previous calibration"))
         return REFUSED
     _write(files.calibration, found)
     if files.advice:
@@ -114,7 +114,7 @@ def _put_into_use(job: Job, found: Findings, bus: "Bus | None") -> int:
     return OK
 
 
-def _not_used(files: OutputFiles, reason: str) -> str:
+def _not_used_text(files: OutputFiles, reason: str) -> str:
     return f"the cell does not use it: {reason}; {files.advice or f'the file is {files.unused}'}"
 
 
@@ -129,12 +129,12 @@ def _write(path: Path, found: Findings) -> None:
     typer.echo(f"report: {page}")
 
 
-def keep_readings(job: Job, dwells: Sequence[Dwell]) -> None:
+def save_readings(job: Job, dwells: Sequence[Dwell]) -> None:
     """Write the recorded readings, if any. Raises DataError when that is not possible."""
     if not dwells:
         return
     path = job.files.readings
     back_up(path)
-    save(dwells, path)
+    save_dwells(dwells, path)
     count = sum(len(dwell) for dwell in dwells)
     typer.echo(f"{count} readings at {len(dwells)} poses written to {path}", err=True)

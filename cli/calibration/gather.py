@@ -105,8 +105,8 @@ class Gatherer:
         """
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                self._until_still(watch)
-                return self._read(purpose, dwell_s, watch)
+                self._wait_for_rest(watch)
+                return self._read_dwell(purpose, dwell_s, watch)
             except ReadingLostError as error:
                 watch("the sensor")
                 if attempt == ATTEMPTS:
@@ -114,7 +114,7 @@ class Gatherer:
                 self.until_received()
         raise AssertionError  # the last attempt returns or raises
 
-    def _until_still(self, watch: Watch) -> None:
+    def _wait_for_rest(self, watch: Watch) -> None:
         self.stillness.clear()
         give_up_ns = self._clock.now_ns() + round(STILL_WITHIN_S * NS_PER_S)
         waits_for, judged_ns = "readings", 0
@@ -129,7 +129,7 @@ class Gatherer:
                 return
         raise CalibrationError(f"after {STILL_WITHIN_S:g} s still waiting for {waits_for}")
 
-    def _read(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
+    def _read_dwell(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
         samples: list[PoseSample] = []
         residual = _ResidualSum(np.zeros(3), np.zeros(3))
         end_ns = self._clock.now_ns() + round(dwell_s * NS_PER_S)

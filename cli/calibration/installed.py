@@ -10,7 +10,7 @@ import typer
 
 from cli.calibration.finish import Job
 from common.config.cell import CellConfig
-from identification.dwells import Dwell, of_purpose, recording_of
+from identification.dwells import Dwell, dwells_of_purpose, recording_of
 from identification.errors import CalibrationError
 from identification.installation.check import judge_recording
 from identification.installation.terms import ExpectedInstallation
@@ -19,7 +19,7 @@ from identification.recording import WrenchAxes, WrenchRecording
 
 def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:
     """Raise CalibrationError when the dwells of the fit contradict the installation."""
-    recording = recording_of(of_purpose(dwells, "fit"), job.files.readings)
+    recording = recording_of(dwells_of_purpose(dwells, "fit"), job.files.readings)
     refuse_wrong_installation(job.cell, recording, "sensor", force=job.force)
 
 

@@ -127,11 +127,13 @@ def _lines(axes: Axes, values: Array, first_row: npt.NDArray[np.intp], label: st
 
 def _globe(axes: Axes, title: str) -> None:
     """Draw an equal-area hemisphere seen along z, with circles every 30 degrees from the pole."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 121)
+    angle_rad = np.linspace(0.0, 2.0 * np.pi, 121)
     for angle_deg in (30, 60, 90):
         radius = np.sqrt(2.0) * np.sin(np.radians(angle_deg) / 2.0)
         width = 1.2 if angle_deg == 90 else 0.5
-        axes.plot(radius * np.cos(turn), radius * np.sin(turn), color="#888888", linewidth=width)
+        axes.plot(
+            radius * np.cos(angle_rad), radius * np.sin(angle_rad), color="#888888", linewidth=width
+        )
     axes.plot([-1, 1], [0, 0], color="#bbbbbb", linewidth=0.5)
     axes.plot([0, 0], [-1, 1], color="#bbbbbb", linewidth=0.5)
     axes.text(1.03, 0.0, "x", va="center")

@@ -215,12 +215,12 @@ def _options(
     from identification.excitation.plan import PlanOptions
 
     count, verify_count, turn_deg = poses
-    most_mm_s = 1e3 * cell.limits.speed_m_s
-    if speed_mm_s is not None and speed_mm_s > most_mm_s:
+    limit_mm_s = 1e3 * cell.limits.speed_m_s
+    if speed_mm_s is not None and speed_mm_s > limit_mm_s:
         exit_with_error(
-            f"--speed {speed_mm_s:g}: limits.speed_m_s allows {most_mm_s:g} mm/s", USAGE
+            f"--speed {speed_mm_s:g}: limits.speed_m_s allows {limit_mm_s:g} mm/s", USAGE
         )
-    usual_mm_s = min(USUAL_SPEED_MM_S, most_mm_s)
+    usual_mm_s = min(USUAL_SPEED_MM_S, limit_mm_s)
     timing = WizardTiming((usual_mm_s if speed_mm_s is None else speed_mm_s) / 1e3, dwell_s)
     return ArmOptions(PlanOptions(count, verify_count, radians(turn_deg)), timing, *assured)
 

@@ -168,7 +168,7 @@ class CalibrationWizard:
             length_m = self.plan.route.length_m(self._q, q)
             expected_s = length_m / self._timing.speed_m_s + RAMP_S
             began_ns = self._clock.now_ns()
-            self._drive.go(
+            self._drive.move_joints(
                 q,
                 length_m,
                 lambda text, began_ns=began_ns, s=expected_s: self._report_progress(

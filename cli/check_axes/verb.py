@@ -135,8 +135,8 @@ def _by_arm(
     from identification.installation.check import judge_installation
 
     with client_of(path) as (cell, bus):
-        most_mm_s = 1e3 * cell.limits.speed_m_s
-        timing = WizardTiming(min(speed_mm_s, most_mm_s) / 1e3, DWELL_S)
+        limit_mm_s = 1e3 * cell.limits.speed_m_s
+        timing = WizardTiming(min(speed_mm_s, limit_mm_s) / 1e3, DWELL_S)
         options = by_arm.ArmOptions(PlanOptions(poses=POSES, verify_poses=0), timing, yes)
         plan = by_arm.calibration_plan(cell, bus, options)
         typer.echo(by_arm.motion_description(cell, plan, timing), err=True)

@@ -48,7 +48,7 @@ def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
     if trial.seed is not None:
         overrides["sim.seed"] = trial.seed
     if trial.as_step_s is not None or trial.pessimistic:
-        overrides |= _controller(load_cell(path), trial)
+        overrides |= _controller_overrides(load_cell(path), trial)
     if trial.delay_s is not None:
         plain = load_cell(path, overrides)
         program_delay_s = 0.0 if plain.sim is None else plain.robot.delay_s - plain.sim.delay_s
@@ -66,7 +66,7 @@ def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
     return cell
 
 
-def _controller(plain: CellConfig, trial: DemoOverrides) -> dict[str, object]:
+def _controller_overrides(plain: CellConfig, trial: DemoOverrides) -> dict[str, object]:
     """Return the overrides for another speed of the emulated controller.
 
     The delay of its program and the rate of its reports scale with the step.

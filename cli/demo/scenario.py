@@ -112,7 +112,7 @@ class Scenario:
         self._ask(topics.TARE, Empty())
         self._ask(topics.ARM, ArmRequest())
         self._press()
-        self._work()
+        self._run_force_feedback()
         health = self._robot_health.read(self._clock.now_ns()).message
         self.trace.robot_numbers = {} if health is None else dict(health.numbers)
         self._ask(topics.FORCE_STOP, Empty())
@@ -154,12 +154,12 @@ class Scenario:
         while self._clock.now_ns() < rest_until_ns:
             self._watch("pressing", self.trace.press)
 
-    def _work(self) -> None:
+    def _run_force_feedback(self) -> None:
         """Start force feedback and record until it has settled or the timeout has passed."""
         plan, trace = self._plan, self.trace
         wanted = ForceStartRequest(mode=plan.mode, host=plan.host, setpoint_N=plan.setpoint_N)
         offset_s = (self._clock.now_ns() - self._start_ns) / NS_PER_S
-        trace.press = [_shifted(sample, -offset_s) for sample in trace.press]
+        trace.press = [_shifted_sample(sample, -offset_s) for sample in trace.press]
         self._start_ns = self._clock.now_ns()
         trace.started = self._ask(topics.FORCE_START, wanted).text
         inside_since_s: float | None = None
@@ -207,9 +207,9 @@ class Scenario:
         """Sleep, record latencies, return whether a new wrench was received."""
         self._clock.sleep_s(SAMPLE_S)
         self._check()
-        fresh = self._note("wrench", self._wrench)
-        self._note("regulator", self._target)
-        self._note("arbiter", self._command)
+        fresh = self._record_age("wrench", self._wrench)
+        self._record_age("regulator", self._target)
+        self._record_age("arbiter", self._command)
         if self._robot.poll():
             accepted = self._robot.read(self._clock.now_ns()).message
             echo = None if accepted is None else accepted.accepted
@@ -218,7 +218,7 @@ class Scenario:
                 ages.setdefault(echo.sensor_seq or 0, echo.at_ns - echo.sensor_stamp_ns)
         return fresh
 
-    def _note(self, stage: str, reader: Reader[Any]) -> bool:
+    def _record_age(self, stage: str, reader: Reader[Any]) -> bool:
         """Record the age of the sensor sample when a stage published."""
         if not reader.poll():
             return False
@@ -229,7 +229,7 @@ class Scenario:
         return True
 
 
-def _shifted(sample: ScenarioSample, offset_s: float) -> ScenarioSample:
+def _shifted_sample(sample: ScenarioSample, offset_s: float) -> ScenarioSample:
     return ScenarioSample(
         sample.t_s + offset_s, sample.force_N, sample.torque_Nm, sample.T_base_flange
     )

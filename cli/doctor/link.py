@@ -71,18 +71,18 @@ class Visit:
     reports: ReceivedReports | None = None  # None: version or scales did not match
 
 
-def visit(
+def visit_controller(
     host: str, port: int, scales: Scales, patience: VisitTimeouts | None = None, *, arm: int = 1
 ) -> Visit:
     """Connect, greet, watch for some seconds, disconnect. Raises nothing for errors of the peer."""
     found, patience = Visit(), patience or PATIENCE
     started_s = time.monotonic()
-    sock = _open((host, port), found, patience)
+    sock = _open_socket((host, port), found, patience)
     found.opened_s = time.monotonic() - started_s
     if sock is None:
         return found
     with sock:
-        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=_any_id())
+        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=_random_id())
         exchange = _ControllerExchange(sock, dialogue, patience)
         exchange.greet(found)
         if exchange.dialogue.ready:
@@ -90,12 +90,14 @@ def visit(
     return found
 
 
-def _any_id() -> int:
+def _random_id() -> int:
     """Return a random ID, which reports for an earlier client do not match."""
     return ID_FIRST + secrets.randbelow(ID_COUNT)
 
 
-def _open(endpoint: tuple[str, int], found: Visit, patience: VisitTimeouts) -> socket.socket | None:
+def _open_socket(
+    endpoint: tuple[str, int], found: Visit, patience: VisitTimeouts
+) -> socket.socket | None:
     """Open the connection, or record why it failed."""
     try:
         address = socket.getaddrinfo(*endpoint, socket.AF_INET, socket.SOCK_STREAM)[0][4]
@@ -149,7 +151,7 @@ class _ControllerExchange:
                 if left_s <= 0.0:
                     break
                 self.sock.settimeout(left_s)
-                data += self._received()
+                data += self._receive()
         except TimeoutError:
             pass
         except OSError as error:
@@ -161,7 +163,7 @@ class _ControllerExchange:
         try:
             (found.hello,) = PacketReader().feed(data[:PACKET_CHARS])
             found.hello_outcome = "answered"
-            self._handle(data, now_ns)
+            self._handle_reports(data, now_ns)
         except RemoteProtocolError as error:
             if found.hello is None:
                 found.hello_outcome, found.hello_detail = "garbled", str(error)
@@ -169,13 +171,13 @@ class _ControllerExchange:
     def watch(self) -> ReceivedReports:
         """Receive reports, and periodically send command 12 followed by a hold."""
         try:
-            self._listen(self.patience.reports_s, lambda: self.reports.joints is not None)
+            self._receive_for(self.patience.reports_s, lambda: self.reports.joints is not None)
             end_ns = time.monotonic_ns() + round(self.patience.watch_s * NS_PER_S)
             while time.monotonic_ns() < end_ns and self.reports.joints is not None:
                 self._probe()
-                self._listen(PROBE_EVERY_S)
+                self._receive_for(PROBE_EVERY_S)
             self._probe()
-            self._listen(self.patience.confirm_s, lambda: self.dialogue.unframed == 0)
+            self._receive_for(self.patience.confirm_s, lambda: self.dialogue.unframed == 0)
             self.reports.held = self.dialogue.unframed == 0
         except (OSError, RemoteProtocolError) as error:
             self.reports.broken = str(error)
@@ -193,22 +195,22 @@ class _ControllerExchange:
         self.trips.sent(self.dialogue.last, now_ns)
         self.sock.sendall(heartbeat + self.dialogue.hold(now_ns))
 
-    def _listen(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
+    def _receive_for(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
         """Receive for a period, or until a condition holds."""
         end_ns = time.monotonic_ns() + round(duration_s * NS_PER_S)
         while not until():
             left_s = (end_ns - time.monotonic_ns()) / NS_PER_S
             if left_s <= 0.0 or not select.select([self.sock], [], [], left_s)[0]:
                 return
-            self._handle(self._received(), time.monotonic_ns())
+            self._handle_reports(self._receive(), time.monotonic_ns())
 
-    def _received(self) -> bytes:
+    def _receive(self) -> bytes:
         data = self.sock.recv(RECEIVE_BYTES)
         if not data:
             raise ConnectionError("closed by the controller")
         return data
 
-    def _handle(self, data: bytes, now_ns: int) -> None:
+    def _handle_reports(self, data: bytes, now_ns: int) -> None:
         for event in self.dialogue.feed(data, now_ns):
             if isinstance(event, HealthReport):
                 self.reports.health = event
@@ -216,9 +218,9 @@ class _ControllerExchange:
             elif isinstance(event, PoseReport):
                 self.pending = event
             elif isinstance(event, JointReport) and self.pending is not None:
-                self._sampled(self.pending, event, now_ns)
+                self._add_sample(self.pending, event, now_ns)
 
-    def _sampled(self, pose: PoseReport, joints: JointReport, now_ns: int) -> None:
+    def _add_sample(self, pose: PoseReport, joints: JointReport, now_ns: int) -> None:
         self.reports.pose, self.reports.joints = pose, joints
         self.trips.reached(self.dialogue.framed, now_ns)
         self.samples.count(1, now_ns)

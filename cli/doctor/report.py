@@ -113,7 +113,7 @@ def bus_lines(cell: "CellConfig", scales: "Scales", found: "ObservedCell") -> li
     """Return the lines of a cell that is up, from the reports of its gateway on the bus."""
     lines = [check_role(observed) for observed in found.roles]
     lines += [
-        check_stream(row.key, hz, cell.rate_hz(row), slow_below=_slow_below(cell, row.key))
+        check_stream(row.key, hz, cell.rate_hz(row), slow_below=_slow_share(cell, row.key))
         for row in topics.TOPICS
         for hz in (found.stream_hz.get(row.key),)
         if row.key in found.stream_hz
@@ -143,7 +143,7 @@ def unused_lines(cell: "CellConfig", skip: tuple[str, ...] = ()) -> list[ReportL
     return [skipped(check, reason) for check in (*CONNECTION_CHECKS, *REST) if check not in skip]
 
 
-def _slow_below(cell: "CellConfig", key: str) -> float:
+def _slow_share(cell: "CellConfig", key: str) -> float:
     """Return the share of its rate below which a topic is slow.
 
     The gateway forwards whole samples: of a faster sender every second or third.

@@ -40,7 +40,7 @@ def sensor_line(cell: "CellConfig", *, is_up: bool) -> ReportLine:
             endpoint, listen(sensor.address, sensor.port, SENSOR_LISTEN_S), SENSOR_LISTEN_S
         )
     return check_device(
-        sensor, is_there=Path(sensor.device).exists(), has_package=bool(find_spec(_package(sensor)))
+        sensor, exists=Path(sensor.device).exists(), has_package=bool(find_spec(_package(sensor)))
     )
 
 
@@ -56,12 +56,12 @@ def check_stream_of(endpoint: str, found: ReceivedStream, listened_s: float) -> 
     return passed("sensor", text)
 
 
-def check_device(sensor: "SensorSection", *, is_there: bool, has_package: bool) -> ReportLine:
+def check_device(sensor: "SensorSection", *, exists: bool, has_package: bool) -> ReportLine:
     """Check whether a sensor on a serial line can be opened."""
     if not has_package:
         found = f"driver {sensor.driver} needs the package {_package(sensor)}"
         return finding("sensor", "FAIL", found, f"sensor.{sensor.driver}")
-    if not is_there:
+    if not exists:
         return finding("sensor", "FAIL", f"{sensor.device} does not exist", "sensor.device")
     return passed("sensor", f"{sensor.driver}: {sensor.device} exists; it was not opened")
 

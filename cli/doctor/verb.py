@@ -135,10 +135,10 @@ def _check_robot(
     if section is None:
         no_hub = finding("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
         return [no_hub, *unused_lines(cell)]
-    from cli.doctor.link import visit
+    from cli.doctor.link import visit_controller
 
     lines = link_lines(
-        cell, section, scales, visit(section.host, section.port, scales, arm=section.arm)
+        cell, section, scales, visit_controller(section.host, section.port, scales, arm=section.arm)
     )
     return [*lines, skipped("processes", "the cell is not up: the link itself was checked")]
 

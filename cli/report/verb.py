@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from cli.context import USAGE, exit_with_error, one_line_errors, waiting
-from cli.replay import RecordingArgument, cell_in
+from cli.replay import RecordingArgument, recorded_cell
 
 
 def report(
@@ -28,7 +28,7 @@ def report(
         from services.recorder.reading import RecordedFile
 
         read = RecordedFile(file)
-        cell = cell_in(read)
+        cell = recorded_cell(read)
         path = out or file.with_suffix(".html")
         with waiting(f"reading {file}"):
             content = report_content(read, cell)

@@ -149,7 +149,7 @@ class Debounce:
 
 
 @contextmanager
-def force_ends(cell: ConfiguredCell) -> Iterator[None]:
+def stop_force_at_end(cell: ConfiguredCell) -> Iterator[None]:
     """Stop force feedback at the end; hold the arm after an interruption or an unexpected error.
 
     No request is sent when the arm has already been stopped.

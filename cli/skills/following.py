@@ -12,8 +12,8 @@ from cli.skills.contact_monitor import (
     ContactSample,
     Debounce,
     ReportProgress,
-    force_ends,
     no_progress,
+    stop_force_at_end,
 )
 from cli.skills.pressing import BAND_N, STEADY_S, ForceSettings
 from common.bus.configured_cell import ConfiguredCell
@@ -98,7 +98,7 @@ def follow(
         axes=FLAT_AXES if parameters.flat else PRESS_AXES,
         frame="tool",
     )
-    with force_ends(cell):
+    with stop_force_at_end(cell):
         cell.force.begin(request)
         pressed = Debounce(
             lambda samples: abs(samples.press_N - parameters.force_N) <= BAND_N, STEADY_S

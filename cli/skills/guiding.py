@@ -11,8 +11,8 @@ from cli.skills.contact_monitor import (
     ContactMonitor,
     ContactSample,
     ReportProgress,
-    force_ends,
     no_progress,
+    stop_force_at_end,
 )
 from cli.skills.path_file import thinned, write_poses
 from common.bus.configured_cell import ConfiguredCell
@@ -74,7 +74,7 @@ def guide(
         recording.peak_N = max(recording.peak_N, float(np.linalg.norm(sample.force_N)))
         return sample.t_s >= seconds or is_finished()
 
-    with force_ends(cell):
+    with stop_force_at_end(cell):
         cell.force.begin(ForceStartRequest(mode=mode, law="admittance"))
         monitor.until(add_sample, within_s=seconds + 1.0, label="guided", progress=progress)
 

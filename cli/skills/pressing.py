@@ -11,8 +11,8 @@ from cli.skills.contact_monitor import (
     ContactSample,
     Debounce,
     ReportProgress,
-    force_ends,
     no_progress,
+    stop_force_at_end,
 )
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import rotation_between
@@ -45,7 +45,7 @@ class TouchResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class PressResult:
     """Result: press force held for a period."""
 
     setpoint_N: float
@@ -56,7 +56,7 @@ class Held:
 
 
 @dataclass(frozen=True, slots=True)
-class Aligned:
+class AlignResult:
     """Result: alignment of the tool's face with a surface."""
 
     turned_deg: float
@@ -96,7 +96,7 @@ def touch(
             raise NotReachedError(f"no contact within {1e3 * limit_m:g} mm")
         return sample.contact == "contact"
 
-    with force_ends(cell):
+    with stop_force_at_end(cell):
         cell.force.begin(ForceStartRequest(mode="position", setpoint_N=force_N))
         samples = monitor.until(
             is_touching, within_s=TOUCH_S, label="approaching", progress=progress
@@ -117,15 +117,15 @@ def press(
     within_s: float,
     settings: ForceSettings,
     progress: ReportProgress = no_progress,
-) -> Held:
+) -> PressResult:
     """Press along the tool's axis until the force is reached, and hold it for a period.
 
     Raises NotReachedError when it is not reached within `within_s`, or not held until the end;
     else as `touch`.
     """
     monitor = ContactMonitor(cell)
-    with force_ends(cell):
-        cell.force.begin(_start(force_N, "position", settings))
+    with stop_force_at_end(cell):
+        cell.force.begin(_start_request(force_N, "position", settings))
         condition = Debounce(lambda samples: _presses_with(samples, force_N), STEADY_S)
         samples = monitor.until(condition, within_s=within_s, label="pressing", progress=progress)
         since_s = condition.since_s or 0.0
@@ -140,7 +140,7 @@ def press(
     if abs(last_N - force_N) > BAND_N:
         text = f"{force_N:g} N were reached, but {last_N:.1f} N are measured after {hold_s:g} s"
         raise NotReachedError(f"{text}: the set point or the contact has changed")
-    return Held(
+    return PressResult(
         setpoint_N=force_N,
         reached_s=max(0.0, since_s - _first_contact_s(samples)),
         mean_N=float(forces.mean()),
@@ -156,7 +156,7 @@ def align(
     within_s: float,
     settings: ForceSettings,
     progress: ReportProgress = no_progress,
-) -> Aligned:
+) -> AlignResult:
     """Press and rotate about the TCP until no torque is left, so that the face lies flat.
 
     Raises as `press`.
@@ -168,14 +168,14 @@ def align(
         is_torque_free = float(np.linalg.norm(sample.torque_Nm)) <= BAND_NM
         return is_torque_free and _presses_with(sample, force_N)
 
-    with force_ends(cell):
-        cell.force.begin(_start(force_N, "both", settings))
+    with stop_force_at_end(cell):
+        cell.force.begin(_start_request(force_N, "both", settings))
         condition = Debounce(is_flat, STEADY_S)
         samples = monitor.until(
             condition, within_s=within_s, label="laying flat", progress=progress
         )
     turned = rotation_between(start.rotation, samples[-1].T_base_tcp.rotation)
-    return Aligned(
+    return AlignResult(
         turned_deg=degrees(float(np.linalg.norm(turned))),
         reached_s=max(0.0, (condition.since_s or 0.0) - _first_contact_s(samples)),
         force_N=samples[-1].press_N,
@@ -183,7 +183,7 @@ def align(
     )
 
 
-def _start(force_N: float, mode: Mode, settings: ForceSettings) -> ForceStartRequest:
+def _start_request(force_N: float, mode: Mode, settings: ForceSettings) -> ForceStartRequest:
     return ForceStartRequest(
         mode=mode, setpoint_N=force_N, law=settings.law, preset=settings.preset
     )

@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -14,6 +14,10 @@ from cli.context import USAGE, CellOption, JsonOption, exit_with_error
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.skills.force_session import force_session
 from cli.verbs_force import PresetOption
+
+if TYPE_CHECKING:
+    from cli.skills.contact_monitor import ReportProgress
+    from common.bus.configured_cell import ConfiguredCell
 
 NO_HAND = 600.0
 
@@ -204,15 +208,10 @@ def guide(
     if record is not None:
         _check_record(record, overwrite=overwrite)
     with force_session(cell) as (client, progress):
-        from cli.skills import guiding, path_file
+        from cli.skills import guiding
 
         if playback is not None:
-            speed_m_s = None if speed is None else speed / 1e3
-            poses = _file_content(path_file.read_poses, playback)
-            count = guiding.play_back(
-                client, poses, tolerance_m=tolerance / 1e3, speed_m_s=speed_m_s, progress=progress
-            )
-            typer.echo(f"playback finished: {count} poses of {len(poses)} recorded")
+            _play_back(client, playback, progress, speed_mm_s=speed, tolerance_mm=tolerance)
             return
         guided = guiding.GuidedPath()
         try:
@@ -229,6 +228,27 @@ def guide(
                 guided.save(record)
                 typer.echo(f"{len(guided.poses)} poses written to {record}", err=True)
     typer.echo(f"guided along {guided.length_mm:.0f} mm, peak force {guided.peak_N:.1f} N")
+
+
+def _play_back(
+    client: "ConfiguredCell",
+    path: Path,
+    progress: "ReportProgress",
+    *,
+    speed_mm_s: float | None,
+    tolerance_mm: float,
+) -> None:
+    from cli.skills import guiding, path_file
+
+    poses = _file_content(path_file.read_poses, path)
+    count = guiding.play_back(
+        client,
+        poses,
+        tolerance_m=tolerance_mm / 1e3,
+        speed_m_s=None if speed_mm_s is None else speed_mm_s / 1e3,
+        progress=progress,
+    )
+    typer.echo(f"playback finished: {count} poses of {len(poses)} recorded")
 
 
 def _check_record(path: Path, *, overwrite: bool) -> None:

@@ -19,8 +19,8 @@ from cli.skills.contact_monitor import (
     ContactSample,
     Debounce,
     ReportProgress,
-    force_ends,
     no_progress,
+    stop_force_at_end,
 )
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import pose_of, record_of
@@ -35,8 +35,8 @@ from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, MoveRequest, PathRequest
 from tuning import contact_response, servo
 from tuning.contact_response import ContactResponse, loop_delay
-from tuning.contact_spring import Spring, spring
-from tuning.identify import Steps, identify
+from tuning.contact_spring import Spring, fit_spring
+from tuning.identify import Steps, identify_servo
 from tuning.servo import Round, Servo
 
 NO_AXES = (False,) * 6
@@ -117,17 +117,17 @@ class TuningMeasurement:
         axes = (T.rotation[:, 0], T.rotation[:, 1])
         request, laps = self._lap(T.translation, axes)
         rounds = self.readings.rounds
-        with force_ends(self._cell):
+        with stop_force_at_end(self._cell):
             self._cell.force.begin(ForceStartRequest(mode="position", law="plain", axes=NO_AXES))
             while not servo.rounds_repeat(rounds):
                 if len(rounds) == servo.MOST_ROUNDS:
-                    raise DataError(_no_repetition(rounds))
+                    raise DataError(_no_repetition_text(rounds))
                 recorder = MotionRecorder(self._cell, self._T_flange_tcp)
                 recorder.record_for(REST_S)
                 self._cell.ask(topics.FORCE_PATH, request)
                 self._record_steps(recorder, laps, f"steps in free space, round {len(rounds) + 1}")
                 self.readings.steps = tuple(recorder.axis_steps(axis) for axis in axes)
-                rounds.append(tuple(identify(steps) for steps in self.readings.steps))
+                rounds.append(tuple(identify_servo(steps) for steps in self.readings.steps))
         self.readings.servo = servo.servo_of(rounds[-servo.LEAST_ROUNDS :])
 
     def press(self) -> None:
@@ -140,11 +140,11 @@ class TuningMeasurement:
             for number, share in enumerate(SHARES):
                 level_N = share * self._trial.force_N
                 label = f"press {press}, {number + 1} of {len(SHARES)}"
-                self._cell.force.begin(_press(level_N))
+                self._cell.force.begin(_press_request(level_N))
                 travel_m, force_N = self._settled_point(monitor, level_N, label)
                 readings.travel_m.append(travel_m)
                 readings.forces_N.append(force_N)
-            found = spring(np.array(readings.travel_m), np.array(readings.forces_N))
+            found = fit_spring(np.array(readings.travel_m), np.array(readings.forces_N))
             readings.spring = found
             if found.repeats:
                 return
@@ -181,10 +181,10 @@ class TuningMeasurement:
         """Return the delay of the controller's force after one set point step."""
         assert self.readings.spring is not None  # noqa: S101 - measured before
         monitor = ContactMonitor(self._cell)
-        self._cell.force.begin(_press(first_N, host="controller"))
+        self._cell.force.begin(_press_request(first_N, host="controller"))
         initial_N = self._settled_point(monitor, first_N, "in the controller")[1]
         commanded_s = monitor.t_s
-        self._cell.force.begin(_press(then_N, host="controller"))
+        self._cell.force.begin(_press_request(then_N, host="controller"))
         samples = monitor.until(
             lambda sample: sample.t_s - commanded_s > RESPONSE_S,
             within_s=2.0 * RESPONSE_S,
@@ -346,7 +346,7 @@ def measure(
     if not with_press:
         return measuring.readings
     try:
-        with force_ends(cell):
+        with stop_force_at_end(cell):
             measuring.press()
             if with_controller:
                 measuring.controller(gain)
@@ -357,11 +357,11 @@ def measure(
     return measuring.readings
 
 
-def _press(level_N: float, host: Any = "pc") -> ForceStartRequest:
+def _press_request(level_N: float, host: Any = "pc") -> ForceStartRequest:
     return ForceStartRequest(mode="position", host=host, setpoint_N=level_N, law="plain")
 
 
-def _no_repetition(rounds: list[Round]) -> str:
+def _no_repetition_text(rounds: list[Round]) -> str:
     sums_ms = ", ".join(f"{1e3 * sum_s:.1f}" for sum_s in servo.sums(rounds))
     return (
         f"delay and lag together were {sums_ms} ms in {len(rounds)} rounds, never twice within "

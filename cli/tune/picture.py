@@ -21,10 +21,10 @@ def save(path: Path, readings: Readings, advices: list[Advice], title: str) -> N
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
     figure.suptitle(title)
     cells = figure.subplots(2, 2)
-    _steps(cells[0, 0], readings)
-    _press(cells[0, 1], readings)
-    _bode(cells[1, 0], advices)
-    _releases(cells[1, 1], advices)
+    _plot_steps(cells[0, 0], readings)
+    _plot_press(cells[0, 1], readings)
+    _plot_bode(cells[1, 0], advices)
+    _plot_releases(cells[1, 1], advices)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=110)
@@ -32,7 +32,7 @@ def save(path: Path, readings: Readings, advices: list[Advice], title: str) -> N
         raise DataError(f"{path}: the picture cannot be written: {error}") from error
 
 
-def _steps(axes: Axes, readings: Readings) -> None:
+def _plot_steps(axes: Axes, readings: Readings) -> None:
     servo, steps = readings.arm, readings.steps[0]
     start_s, place_m = steps.commanded_s[0], steps.commanded_m[0]
     axes.step(
@@ -49,7 +49,7 @@ def _steps(axes: Axes, readings: Readings) -> None:
     axes.legend(loc="upper right")
 
 
-def _press(axes: Axes, readings: Readings) -> None:
+def _plot_press(axes: Axes, readings: Readings) -> None:
     axes.set(xlabel="penetration [mm]", ylabel="press force [N]", title="Press")
     found = readings.spring
     if found is None:
@@ -64,11 +64,11 @@ def _press(axes: Axes, readings: Readings) -> None:
     axes.text(0.98, 0.05, text, transform=axes.transAxes, ha="right")
 
 
-def _bode(axes: Axes, advices: list[Advice]) -> None:
+def _plot_bode(axes: Axes, advices: list[Advice]) -> None:
     phases = axes.twinx()
     for advice, style in zip(advices, ("-", ":"), strict=False):
         w = frequencies(advice.force.loop)
-        for rated, colour, label in _both(advice):
+        for rated, colour, label in _present_and_recommended(advice):
             L = response(rated.loop, w)
             axes.loglog(w, np.abs(L), style, color=colour, label=f"{label}, {advice.host}")
         phase = np.degrees(np.unwrap(np.angle(response(advice.force.loop, w))))
@@ -83,9 +83,9 @@ def _bode(axes: Axes, advices: list[Advice]) -> None:
     axes.legend(loc="lower left")
 
 
-def _releases(axes: Axes, advices: list[Advice]) -> None:
+def _plot_releases(axes: Axes, advices: list[Advice]) -> None:
     for advice, style in zip(advices, ("-", ":"), strict=False):
-        for rated, colour, label in _both(advice):
+        for rated, colour, label in _present_and_recommended(advice):
             t, force = release_response(rated.loop, SHOWN_TAUS)
             axes.plot(t, force, style, color=colour, label=f"{label}, {advice.host}")
     axes.axhline(0.0, color=MODEL, linewidth=0.6)
@@ -94,5 +94,5 @@ def _releases(axes: Axes, advices: list[Advice]) -> None:
     axes.legend(loc="upper right")
 
 
-def _both(advice: Advice) -> tuple[tuple[RatedGain, str, str], ...]:
+def _present_and_recommended(advice: Advice) -> tuple[tuple[RatedGain, str, str], ...]:
     return ((advice.force_now, NOW, "now"), (advice.force, ADVISED, "recommended"))

@@ -17,14 +17,14 @@ HEAD = """\
 """
 
 
-def describe(
+def report_lines(
     cell: CellConfig,
     measured: MeasuredCell,
     advices: list[Advice],
     sections: dict[str, dict[str, float]],
 ) -> list[str]:
     """Return the lines of the report."""
-    lines = [_late(cell, measured.servo), _split(cell, measured.servo)]
+    lines = [_delay_text(cell, measured.servo), _lag_text(cell, measured.servo)]
     spring, file_value = measured.spring, f"(cell file: {cell.contact.stiffness_N_m:.0f})"
     if spring is None:
         lines.append(f"stiffness not measured {file_value}: gains are for the cell file's value")
@@ -51,7 +51,7 @@ def describe(
     return lines + [f"  {line}" for line in _yaml(sections).splitlines()]
 
 
-def _late(cell: CellConfig, servo: Servo) -> str:
+def _delay_text(cell: CellConfig, servo: Servo) -> str:
     found = f"{1e3 * servo.sum_s:.1f} +/- {1e3 * SIGMAS * servo.deviation_s:.1f} ms"
     file_ms = 1e3 * (cell.robot.delay_s + cell.robot.lag_s)
     return (
@@ -60,7 +60,7 @@ def _late(cell: CellConfig, servo: Servo) -> str:
     )
 
 
-def _split(cell: CellConfig, servo: Servo) -> str:
+def _lag_text(cell: CellConfig, servo: Servo) -> str:
     least_ms, most_ms = (1e3 * lag_s for lag_s in servo.lags_s)
     file_value = f"(cell file: {1e3 * cell.robot.lag_s:.1f} ms)"
     if servo.is_split:
@@ -102,7 +102,7 @@ def save(path: Path, sections: dict[str, dict[str, float]]) -> None:
         raise DataError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def advice_for(path: Path) -> str:
+def usage_advice(path: Path) -> str:
     """Return how to make a cell use the file."""
     return f"set `tuning: {path}`, relative to its folder, in the cell file to use it"
 

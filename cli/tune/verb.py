@@ -143,7 +143,7 @@ def _print_result(
     if as_json:
         typer.echo(json.dumps(advice.as_dict(client.config, measured, advices, sections)))
     else:
-        for line in texts.describe(client.config, measured, advices, sections):
+        for line in texts.report_lines(client.config, measured, advices, sections):
             typer.echo(line)
     if out is not None:
         from cli.tune import picture
@@ -160,7 +160,7 @@ def _write(
     from tuning import advice
 
     texts.save(path, advice.cell_file_sections(client.config, measured, advices))
-    typer.echo(f"written to {path}; {texts.advice_for(path)}", err=True)
+    typer.echo(f"written to {path}; {texts.usage_advice(path)}", err=True)
 
 
 def _apply(client: "ConfiguredCell", advice: "Advice | None", host: str) -> None:

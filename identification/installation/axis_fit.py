@@ -13,7 +13,7 @@ from itertools import permutations, product
 import numpy as np
 
 from common.motion.frames import GRAVITY_M_S2, Array, skew
-from identification.payload_model import shapes
+from identification.payload_model import drift_shapes
 from identification.static_poses import Poses
 
 # Model errors must not read as another permutation: gain, tilt, mounting, drift (docs/payload.md).
@@ -119,7 +119,7 @@ def _centred(values: Array, poses: Poses, drift: int = 0) -> Array:
         drift: 0 for a constant bias, 1 for a linear, 2 for a quadratic one.
     """
     root = np.sqrt(poses.weight / poses.weight.sum())
-    linear, quadratic = shapes(poses.means)
+    linear, quadratic = drift_shapes(poses.means)
     basis = np.stack([np.ones(len(poses)), linear, quadratic][: 1 + drift], axis=1) * root[:, None]
     scaled = values * root[:, None]
     return np.asarray(scaled - basis @ np.linalg.pinv(basis) @ scaled)

@@ -34,11 +34,11 @@ UNEQUAL = 1.25
 POSES = "turn the wrist by at least 60 degrees about two axes, free of contact"
 
 
-def _mapped(samples: Samples, of: Callable[[Array], Array]) -> Samples:
+def _with_attitudes(samples: Samples, of: Callable[[Array], Array]) -> Samples:
     return replace(samples, R_base_sensor=np.array([of(R) for R in samples.R_base_sensor]))
 
 
-def _w_first(R: Array) -> Array:
+def _attitude_w_first(R: Array) -> Array:
     """Return the attitude of a quaternion w x y z that was read as x y z w."""
     x, y, z, w = quaternion_from_R(R)
     return R_from_quaternion((y, z, w, x))
@@ -56,12 +56,12 @@ HYPOTHESES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
     (
         "each attitude is that of the base in the sensor, not of the sensor in the base",
         "transpose the matrices, or conjugate the quaternions",
-        lambda samples: _mapped(samples, lambda R: R.T),
+        lambda samples: _with_attitudes(samples, lambda R: R.T),
     ),
     (
         "the quaternions are in the order w x y z",
         "write them in the order x y z w",
-        lambda samples: _mapped(samples, _w_first),
+        lambda samples: _with_attitudes(samples, _attitude_w_first),
     ),
     (
         "the readings are in base axes, not in sensor axes",

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 import numpy as np
 import pytest
 
-from cli.doctor.link import Visit, VisitTimeouts, visit
+from cli.doctor.link import Visit, VisitTimeouts, visit_controller
 from controller.packet import Packet, encode
 from controller.packet_table import ID_FIRST, Com, Status, greeting
 from services.gateway.scales import Scales
@@ -23,7 +23,7 @@ SCALES = Scales()
 
 def see(port: int, patience: VisitTimeouts = SHORT) -> Visit:
     """Visit a port of this machine."""
-    return visit("127.0.0.1", port, SCALES, patience)
+    return visit_controller("127.0.0.1", port, SCALES, patience)
 
 
 def test_a_visit_hears_everything_and_leaves_the_controller_as_it_was() -> None:
@@ -95,10 +95,10 @@ def test_a_closed_port_and_no_answer_are_told_apart(
 
 def test_a_name_that_does_not_resolve_and_no_way_are_told_apart() -> None:
     """The system's own words are kept."""
-    unresolved = visit("no such host", 49152, SCALES, SHORT)
+    unresolved = visit_controller("no such host", 49152, SCALES, SHORT)
     assert unresolved.opened == "unresolved"
     assert unresolved.opened_detail
-    no_way = visit("255.255.255.255", 49152, SCALES, SHORT)
+    no_way = visit_controller("255.255.255.255", 49152, SCALES, SHORT)
     assert no_way.opened == "unreachable"
     assert no_way.opened_detail
 

@@ -12,7 +12,7 @@ from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.messages import RobotState, SensorWrench, WrenchAtTcp
-from identification.dwells import means_of, of_purpose, recording_of, samples_of, save
+from identification.dwells import dwells_of_purpose, means_of, recording_of, samples_of, save_dwells
 from identification.errors import CalibrationError
 from identification.excitation.stillness import PoseSample, StillnessDetector
 from identification.recording import read_recording
@@ -196,8 +196,8 @@ def test_what_was_recorded_comes_back_from_its_file(gatherer, tmp_path):
     """`payload fit` reads the file; rows to fit come first, with the lines that are shown."""
     dwells = [gatherer.dwell(purpose, 0.2, no_watch) for purpose in ("verify", "fit", "fit")]
     path = tmp_path / "new" / "cell.csv"
-    save(dwells, path)
-    back, fit = read_recording(path), of_purpose(dwells, "fit")
+    save_dwells(dwells, path)
+    back, fit = read_recording(path), dwells_of_purpose(dwells, "fit")
     recording = recording_of(fit, path)
     count = len(recording.line)
     assert count == 200

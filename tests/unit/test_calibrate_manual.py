@@ -16,7 +16,7 @@ from common.motion.convert import joints
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.requests import ArmRequest, MoveRequest
-from identification.dwells import of_purpose
+from identification.dwells import dwells_of_purpose
 from identification.verification import VerificationBounds
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import CalibrationLab
@@ -145,7 +145,7 @@ def test_poses_are_taken_by_themselves_when_still_and_new(lab):
     verbs: list[object] = [verb for way in ways_of(lab, 4) for verb in (*way, 2.5)]
     watcher = watched(lab, verbs, poses=4, auto=True)
     assert record_poses(watcher, lab.notes) is None
-    assert len(of_purpose(watcher.dwells, "fit")) == 4
+    assert len(dwells_of_purpose(watcher.dwells, "fit")) == 4
     assert any("| at rest" in stage for stage in lab.notes.stages)
     assert any("waiting for the arm to rest" in stage for stage in lab.notes.stages)
     for dwell in watcher.dwells:

@@ -23,7 +23,7 @@ from identification.excitation.plan import (
     make_plan,
 )
 from identification.excitation.pose_choice import USUAL_PAYLOAD, best_attitudes, conditioning
-from identification.identify import identify
+from identification.identify import identify_payload
 from identification.recording import Samples
 from identification.static_poses import angle
 from tests.fakes.bench import DEMO
@@ -187,7 +187,7 @@ def test_ten_planned_poses_tell_the_payload_also_with_a_tilt_and_a_turned_sensor
         force, torque = predict(truth, R)
         force = force + 0.1 / np.sqrt(250) * rng.normal(size=force.shape)
         torque = torque + 0.005 / np.sqrt(250) * rng.normal(size=torque.shape)
-        found = identify(Samples(R, force, torque)).payload
+        found = identify_payload(Samples(R, force, torque)).payload
         true_N, true_Nm = predict(truth, fresh)
         left = residual(found, fresh, force_N=true_N, torque_Nm=true_Nm)
         assert np.linalg.norm(left[0], axis=1).mean() <= 0.02

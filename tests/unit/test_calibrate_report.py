@@ -26,7 +26,12 @@ from forcemesh.errors import BusError, DataError
 from forcemesh.requests import Reply
 from identification.dwells import Dwell, Purpose
 from identification.evidence import Findings, evidence_of, findings_of
-from identification.verification import Residual, VerificationBounds, active_residual, judge
+from identification.verification import (
+    Residual,
+    VerificationBounds,
+    active_residual,
+    judge_residual,
+)
 from tests.fakes.calibration import demo_cell
 
 CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})
@@ -167,7 +172,7 @@ norms = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6)
 @given(norms, st.floats(0.001, 1.0), st.floats(0.001, 1.0))
 def test_it_passes_when_no_pose_leaves_more_than_allowed(left, most_N, most_Nm):
     """The worst pose decides, for force and torque alike."""
-    verdict = judge(
+    verdict = judge_residual(
         Residual(np.array(left), np.array(left) / 2.0), VerificationBounds(most_N, most_Nm)
     )
     assert verdict.passed is (max(left) <= most_N and max(left) / 2.0 <= most_Nm)

@@ -149,9 +149,9 @@ def test_a_sensor_on_a_line_of_its_own_is_looked_for() -> None:
     """The package first, then the device."""
     for driver in ("robotiq", "bota"):
         sensor = REAL.sensor.model_copy(update={"driver": driver})
-        assert check_device(sensor, is_there=True, has_package=True).result == "PASS"
-        assert judged(check_device(sensor, is_there=False, has_package=True)) == ("FAIL", True)
-        missing = check_device(sensor, is_there=True, has_package=False)
+        assert check_device(sensor, exists=True, has_package=True).result == "PASS"
+        assert judged(check_device(sensor, exists=False, has_package=True)) == ("FAIL", True)
+        missing = check_device(sensor, exists=True, has_package=False)
         assert f"forcemesh[{driver}]" in missing.remedy
 
 

@@ -102,14 +102,14 @@ def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
     """Ten times the rule's: not stable; none at all: does nothing; no press: it is said."""
     found = MeasuredCell(SERVO, SPRING)
     one = advised(found, force_now=10.0 * advised(found).force.gain, torque_now=0.0)
-    lines = words.describe(CELL, found, [one], advice.cell_file_sections(CELL, found, [one]))
+    lines = words.report_lines(CELL, found, [one], advice.cell_file_sections(CELL, found, [one]))
     assert any("now" in line and "NOT STABLE" in line for line in lines)
     assert any("no effect" in line for line in lines)
     assert any("20000 +/- 200 N/m" in line for line in lines)
     assert any("together 30.0 +/- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
     assert any("be separated: lag 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
     blind = MeasuredCell(found.servo, None)
-    lines = words.describe(
+    lines = words.report_lines(
         CELL, blind, [advised(blind)], advice.cell_file_sections(CELL, blind, [advised(blind)])
     )
     assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
@@ -129,7 +129,7 @@ def test_the_slower_host_decides_what_the_cell_file_says() -> None:
     robot = advice.cell_file_sections(CELL, found, both)["robot"]
     longer_s = 0.124 - both[0].tau_s
     assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s + longer_s, abs=1.5e-3)
-    lines = words.describe(CELL, found, both, advice.cell_file_sections(CELL, found, both))
+    lines = words.report_lines(CELL, found, both, advice.cell_file_sections(CELL, found, both))
     assert any("own loop 120 +/- 4 ms" in line for line in lines)
 
 
@@ -183,7 +183,7 @@ def test_nothing_is_recommended_beyond_what_the_law_was_measured_for(
     why_not = advice.refusal_reason(cell, found, both)
     assert says in why_not
     assert bool(why_not) == bool(says)
-    lines = words.describe(cell, found, both, sections)
+    lines = words.report_lines(cell, found, both, sections)
     assert any("recommended  " in line for line in lines) != bool(says)
     assert ("for the cell file:" in lines) != bool(says)
     assert lines[-1].startswith("nothing is recommended: too") == bool(says)

@@ -45,7 +45,7 @@ class TouchResult:
 
 
 @dataclass(frozen=True, slots=True)
-class PressResult:
+class PressHoldResult:
     """Result: press force held for a period."""
 
     setpoint_N: float
@@ -117,7 +117,7 @@ def press(
     within_s: float,
     settings: ForceSettings,
     progress: ReportProgress = no_progress,
-) -> PressResult:
+) -> PressHoldResult:
     """Press along the tool's axis until the force is reached, and hold it for a period.
 
     Raises NotReachedError when it is not reached within `within_s`, or not held until the end;
@@ -140,7 +140,7 @@ def press(
     if abs(last_N - force_N) > BAND_N:
         text = f"{force_N:g} N were reached, but {last_N:.1f} N are measured after {hold_s:g} s"
         raise NotReachedError(f"{text}: the set point or the contact has changed")
-    return PressResult(
+    return PressHoldResult(
         setpoint_N=force_N,
         reached_s=max(0.0, since_s - _first_contact_s(samples)),
         mean_N=float(forces.mean()),

@@ -73,7 +73,7 @@ class Verification:
     text: str
 
     @property
-    def word(self) -> str:
+    def result(self) -> str:
         """The verdict as one term."""
         return {True: "PASS", False: "FAIL", None: "NOT VERIFIED"}[self.passed]
 

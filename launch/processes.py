@@ -258,7 +258,7 @@ class Supervisor:
     def begin(self, process: ProcessSpec) -> ChildProcess:
         """Start a process."""
         running = ChildProcess(process, self.cell_file.resolve(), self._write_line)
-        self.log.started(process, running.pid)
+        self.log.add_process(process, running.pid)
         self._running.append(running)
         return running
 
@@ -267,7 +267,7 @@ class Supervisor:
         old = next(running for running in self._running if running.pid == died.pid)
         old.finish(0.0)
         new = ChildProcess(process, self.cell_file.resolve(), self._write_line)
-        self.log.started(process, new.pid)
+        self.log.add_process(process, new.pid)
         self._running = [new if running is old else running for running in self._running]
         return new.pid
 
@@ -311,7 +311,7 @@ class Supervisor:
                     continue
                 reported_pids.add(running.pid)
                 if self._log is not None:
-                    self._log.ended(died)
+                    self._log.add_exit(died)
                 self._write_line("up", f"died: {died}")
                 if self._restarter is None:
                     self.died.append(died)
@@ -322,7 +322,7 @@ class Supervisor:
         """Return the arbiter's state as last received."""
         if self._view is not None and (status := self._view.arbiter().message) is not None:
             if self._log is not None:
-                self._log.state(status.state)
+                self._log.set_state(status.state)
             return status.state
         return ""
 

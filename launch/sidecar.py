@@ -56,7 +56,7 @@ def _run(
     policy = RestartPolicy()
     while True:
         running = ChildProcess(process, supervisor.cell_file, write_stderr_line)
-        supervisor.log.started(process, running.pid, is_helper=True)
+        supervisor.log.add_process(process, running.pid, is_helper=True)
         started.set()
         while (died := running.ended()) is None and not stop.wait(SIDECAR_POLL_S):
             pass
@@ -65,7 +65,7 @@ def _run(
             running.finish(SIDECAR_ENDS_WITHIN_S)
             return
         running.finish(0.0)
-        supervisor.log.ended(died)
+        supervisor.log.add_exit(died)
         now_s = time.monotonic()
         due_s = None if died.code == CANNOT_RUN_CODE else policy.restart_time_s(process.name, now_s)
         if due_s is None:

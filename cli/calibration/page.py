@@ -77,7 +77,8 @@ def page(found: Findings) -> str:
     ]
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f"<title>{escape(title)}: {verdict.word}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        f"<title>{escape(title)}: {verdict.result}</title>\n<style>{STYLE}</style>\n</head>\n"
+        "<body>\n"
         + "\n".join(parts)
         + "\n</body>\n</html>\n"
     )
@@ -171,7 +172,7 @@ def _remarks(found: Findings) -> list[str]:
 
 
 def _banner(verdict: Verification) -> str:
-    colour = COLOURS[verdict.word]
+    colour = COLOURS[verdict.result]
     return f'<p class="verdict" style="background: {colour}">{escape(verdict.text)}</p>'
 
 

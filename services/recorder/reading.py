@@ -33,7 +33,7 @@ class Event(NamedTuple):
     """Event of a recording."""
 
     at_ns: int
-    what: str  # a code of forcemesh/faults.py
+    code: str  # a code of forcemesh/faults.py
 
 
 class RecordedMessage(NamedTuple):

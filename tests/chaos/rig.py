@@ -102,7 +102,7 @@ class Rig:
         died = [ended for each in self.running.values() if (ended := each.ended())]
         for each in died:
             if self._log is not None:
-                self._log.ended(each)
+                self._log.add_exit(each)
         return died
 
     def trace_since(self, since_ns: int) -> Records:
@@ -114,7 +114,7 @@ class Rig:
         """Start a new run file: it lists each process once, and a restart is a new process."""
         self._log = RunLog(self.cell, self._file)
         for running in self.running.values():
-            self._log.started(running.process, running.pid)
+            self._log.add_process(running.process, running.pid)
 
     def _hear(self, name: str, line: str) -> None:
         self.arguments = [*self.arguments[-19:], f"{name}: {line}"]

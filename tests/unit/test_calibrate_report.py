@@ -176,7 +176,7 @@ def test_it_passes_when_no_pose_leaves_more_than_allowed(left, most_N, most_Nm):
         Residual(np.array(left), np.array(left) / 2.0), VerificationBounds(most_N, most_Nm)
     )
     assert verdict.passed is (max(left) <= most_N and max(left) / 2.0 <= most_Nm)
-    assert verdict.text.startswith(verdict.word)
+    assert verdict.text.startswith(verdict.result)
 
 
 def test_what_the_cell_leaves_needs_a_valid_wrench_at_every_pose():

@@ -43,7 +43,7 @@ def events(path: Path) -> list[str]:
     read = RecordedFile(path)
     assert list(read.messages())
     assert read.is_whole
-    return [event.what for event in read.events]
+    return [event.code for event in read.events]
 
 
 def test_it_records_from_a_start_to_a_stop(begin: Begin) -> None:
@@ -89,7 +89,7 @@ def test_a_fault_writes_memory_out_and_goes_on_for_a_while(begin: Begin) -> None
     read = RecordedFile(path)
     assert read.about["cause"] == "force"
     assert numbers(path) == list(range(1, 83))
-    assert [event.what for event in read.events] == ["force"]
+    assert [event.code for event in read.events] == ["force"]
     last = list(read.messages("arbiter/status"))[-1]
     assert last.at_ns == read.events[0].at_ns - round(STEP_S * 1e9)
 
@@ -122,7 +122,7 @@ def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
     (path,) = bench.files()
     read = RecordedFile(path)
     assert len(list(read.messages())) > 30
-    assert [event.what for event in read.events] == ["force"]
+    assert [event.code for event in read.events] == ["force"]
 
 
 def test_a_stop_right_after_another_one_has_its_file_by_its_own_code(begin: Begin) -> None:

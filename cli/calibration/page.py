@@ -78,9 +78,7 @@ def page(found: Findings) -> str:
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f"<title>{escape(title)}: {verdict.result}</title>\n<style>{STYLE}</style>\n</head>\n"
-        "<body>\n"
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n"
+        "<body>\n" + "\n".join(parts) + "\n</body>\n</html>\n"
     )
 
 

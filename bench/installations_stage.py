@@ -192,13 +192,13 @@ def gather(mistake: InstallationError) -> Samples:
     stage, plan = Stage(mistake), plan_of()
     bus, route = stage.world.client, plan.route
     drive, gatherer = Drive(bus, SPEED_M_S), Gatherer(bus, stage.world.cell)
-    gatherer.until_heard()
+    gatherer.until_received()
     drive.arm()
     at, dwells = route.q_start, list[Dwell]()
     for place in plan.fit:
-        hub = [] if dwells else route.way_out(at)
-        for q in [*hub, *route.way(hub[-1] if hub else at, plan.q[place])]:
-            drive.go(q, route.length_m(at, q), lambda _: None)
+        hub = [] if dwells else route.goals_to_hub(at)
+        for q in [*hub, *route.goals(hub[-1] if hub else at, plan.q[place])]:
+            drive.move_joints(q, route.length_m(at, q), lambda _: None)
             at = q
         dwells.append(gatherer.dwell("fit", DWELL_S, lambda _: None))
     return samples_of(dwells)

@@ -70,7 +70,7 @@ def phases() -> list[Phase]:
     with tempfile.TemporaryDirectory() as folder, ExitStack() as exits:
         path = _cell_file(Path(folder))
         os.environ["FORCEMESH_RUN_FOLDER"] = folder
-        supervisor = exits.enter_context(Supervisor(load_cell(path), path, say=_quiet))
+        supervisor = exits.enter_context(Supervisor(load_cell(path), path, write_line=_quiet))
         supervisor.wait_ready(60.0)
         cell = exits.enter_context(ConfiguredCell(path, commander="operator", patience_s=10.0))
         cell.wait_ready()

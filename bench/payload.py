@@ -27,9 +27,9 @@ from common.config.payload import Payload, residual
 from common.motion.frames import Array, rotation_from_vector
 from forcemesh.errors import DataError
 from identification.estimates import payload_of
-from identification.identify import identify, identify_recording
-from identification.model_selection import choose
-from identification.payload_model import across
+from identification.identify import identify_payload, identify_recording
+from identification.model_selection import fitted_candidates
+from identification.payload_model import perpendicular_axes
 from identification.recording import Samples, read_recording
 from identification.static_poses import sort_into_poses
 from services.wrench.compensation import Wrench, compensate
@@ -61,7 +61,7 @@ def compared(world: CellErrors, poses: int, seeds: int) -> tuple[dict[str, Array
         train, others = recording(truth(world, rng), poses, OTHER_POSES, rng)
         for name, fit in PEERS.items():
             found[name].append(errors(fit(train), others))
-        ours = identify(train)
+        ours = identify_payload(train)
         models[ours.chosen.model.name] += 1
         found["ours"].append(errors(ours.payload, others))
     return {name: np.array(values) for name, values in found.items()}, models
@@ -136,7 +136,7 @@ def trial(world: CellErrors, seed: int, poses: int = 10) -> tuple[Array, dict[st
     rng = np.random.default_rng([77, seed])
     real = truth(world, rng)
     train, _ = recording(real, poses, 0, rng)
-    found = identify(train)
+    found = identify_payload(train)
     R = attitudes(rng, ORIENTATIONS)
     now = np.full(ORIENTATIONS, real.drift.end_s if real.drift else 0.0)
     left = errors(found.payload, read(real, R, now, None))
@@ -153,7 +153,7 @@ def trial(world: CellErrors, seed: int, poses: int = 10) -> tuple[Array, dict[st
     std, places = np.sqrt(np.diag(solution.covariance)), solution.model.places
     if world.tilt_deg:
         down = np.array(found.payload.gravity_direction_in_base)
-        off = across(down).T @ np.cross(down, real.gravity_direction_in_base)
+        off = perpendicular_axes(down).T @ np.cross(down, real.gravity_direction_in_base)
         z["tilt"] = off / std[places["tilt"]] if "tilt" in places else np.full(2, np.inf)
     if world.mounting_deg:
         off = np.subtract(real.mounting_rotation_rad, found.payload.mounting_rotation_rad)
@@ -199,7 +199,7 @@ def _fit(name: str, samples: Samples, weight: Array) -> Payload:
         return PEERS[name](samples)
     poses = sort_into_poses(samples)
     poses = type(poses)(poses.means, weight, poses.first_row)
-    chosen = next(c for c in choose(poses) if c.chosen)
+    chosen = next(c for c in fitted_candidates(poses) if c.chosen)
     return payload_of(chosen.solution, poses.means.time_s)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from common.config.payload import DOWN, Payload
 from common.motion.frames import GRAVITY_M_S2, Array, vector_from_rotation
 from identification.estimates import vector
-from identification.payload_model import skews
+from identification.payload_model import skew_matrices
 from identification.recording import Samples
 
 
@@ -30,7 +30,7 @@ def kth(samples: Samples) -> Payload:
     n = len(samples)
     H = np.zeros((n, 6, 10))
     H[:, :3, 0] = g_s
-    H[:, 3:, 1:4] = -skews(g_s)
+    H[:, 3:, 1:4] = -skew_matrices(g_s)
     H[:, :, 4:] = np.eye(6)
     z = np.hstack([samples.force_N, samples.torque_Nm]).ravel()
     x = np.asarray(np.linalg.lstsq(H.reshape(-1, 10), z, rcond=None)[0], dtype=np.float64)
@@ -65,7 +65,7 @@ def _given(samples: Samples, down_in_base: Array, R_mount: Array) -> Payload:
     """Return the plain fit with given directions."""
     g_s = _gravity(samples, down_in_base, R_mount)
     force = _with_bias(g_s[:, :, None], samples.force_N)
-    torque = _with_bias(-skews(g_s), samples.torque_Nm)
+    torque = _with_bias(-skew_matrices(g_s), samples.torque_Nm)
     x = np.hstack([force[0], torque[:3], force[1:], torque[3:]])
     return _payload(x, down_in_base, R_mount)
 

@@ -24,7 +24,7 @@ from forcemesh import topics
 from forcemesh.requests import Empty, RecordRequest
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
-from launch.started_process import ChildProcess, ProcessSpec, say_on_stderr
+from launch.started_process import ChildProcess, ProcessSpec, write_stderr_line
 from services.recorder.reading import RecordedFile
 from services.recorder.sequence_gaps import SequenceGaps
 from tests.chaos.common_net import free_port
@@ -83,7 +83,7 @@ class RecorderRig:
     def start(self) -> ChildProcess:
         """Start a recorder and wait for its health message."""
         process = ProcessSpec("services.recorder", ("recorder",))
-        self.recorder = ChildProcess(process, self._file, say_on_stderr)
+        self.recorder = ChildProcess(process, self._file, write_stderr_line)
         self._exits.callback(self.recorder.finish, 3.0)
         give_up_s = time.monotonic() + WITHIN_S
         health = self.client.feed(topics.RECORDER_HEALTH)
@@ -143,7 +143,7 @@ def measure_recording(minutes: float) -> RecordingRun:
         numbering, messages = SequenceGaps(), 0
         places = {topic.key: place for place, topic in enumerate(topics.TOPICS)}
         for path in files:
-            for said in RecordedFile(path).said():
+            for said in RecordedFile(path).messages():
                 numbering.saw(places[said.topic], said.fields["epoch"], said.fields["seq"])
                 messages += 1
         return RecordingRun(
@@ -175,7 +175,7 @@ def measure_kills(count: int = KILLS) -> list[float]:
             os.kill(here.recorder.pid, signal.SIGKILL)
             here.recorder.finish(1.0)
             newest = max(here.folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
-            heard = (said.at_ns for said in RecordedFile(newest).said("sensor/wrench"))
+            heard = (said.at_ns for said in RecordedFile(newest).messages("sensor/wrench"))
             last_ns = max(heard, default=began_ns)
             missing.append((killed_ns - last_ns) / 1e9)
     return missing

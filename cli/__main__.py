@@ -43,22 +43,22 @@ app = typer.Typer(
     help="Open force control for Kawasaki arms. This is not a safety function.",
 )
 
-RUN, LOOK, MOVE, FORCE = "Cell", "Status", "Motion", "Force"
+RUN, STATUS, MOVE, FORCE = "Cell", "Status", "Motion", "Force"
 RECORD = "Recordings"
 
 app.command(rich_help_panel=RUN)(demo)
 app.command(rich_help_panel=RUN)(verbs_run.up)
-app.command(rich_help_panel=LOOK)(panel)
+app.command(rich_help_panel=STATUS)(panel)
 app.add_typer(record, name="record", rich_help_panel=RECORD)
 app.command(rich_help_panel=RECORD)(replay)
 app.command(rich_help_panel=RECORD)(export)
 app.command(rich_help_panel=RECORD)(report)
 app.add_typer(config_verbs.config, name="config", rich_help_panel=RUN)
 app.add_typer(pki.app, name="pki", rich_help_panel=RUN)
-app.command(rich_help_panel=LOOK)(verbs_read.status)
-app.command(rich_help_panel=LOOK)(doctor)
-app.command(rich_help_panel=LOOK)(verbs_read.topics)
-app.command(rich_help_panel=LOOK)(verbs_watch.watch)
+app.command(rich_help_panel=STATUS)(verbs_read.status)
+app.command(rich_help_panel=STATUS)(doctor)
+app.command(rich_help_panel=STATUS)(verbs_read.topics)
+app.command(rich_help_panel=STATUS)(verbs_watch.watch)
 app.command(rich_help_panel=MOVE)(verbs_motion.arm)
 app.command("back-off", rich_help_panel=MOVE)(verbs_motion.back_off)
 app.command(rich_help_panel=MOVE)(verbs_motion.hold)
@@ -97,7 +97,7 @@ def _options(
     del version
 
 
-def _tell_in_one_line(
+def _report_in_one_line(
     kind: type[BaseException], error: BaseException, trace: TracebackType | None
 ) -> None:
     """Report an internal error in one line, with a traceback only if FORCEMESH_TRACEBACK is set."""
@@ -112,7 +112,7 @@ def _tell_in_one_line(
 
 def main() -> None:
     """Entry of the console script."""
-    sys.excepthook = _tell_in_one_line
+    sys.excepthook = _report_in_one_line
     typer.main.get_command(app)(prog_name="forcemesh")  # `app(...)` would set typer's own hook
 
 

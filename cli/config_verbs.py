@@ -93,13 +93,13 @@ def init(
     if out.exists():
         exit_with_error(f"{out} exists already: choose another name", USAGE)
     try:
-        out.write_text(_filled_in(name, kind), encoding="utf-8")
+        out.write_text(_filled_template(name, kind), encoding="utf-8")
     except OSError as error:
         exit_with_error(f"{error.filename}: {error.strerror}", USAGE)
     typer.echo(f"{out} written: fill it in, then `forcemesh config check {out}`")
 
 
-def _filled_in(name: str, kind: str) -> str:
+def _filled_template(name: str, kind: str) -> str:
     """Return a template with the cell's name filled in."""
     text = (FOLDER / TEMPLATES[kind]).read_text(encoding="utf-8")
     text = re.sub(r"^cell:.*$", f"cell: {name}", text, flags=re.MULTILINE)
@@ -112,22 +112,22 @@ def _rows(cell: "CellConfig") -> dict[str, dict[str, Any]]:
     """Return every value by its dotted path, with its source."""
     rows: dict[str, dict[str, Any]] = {}
 
-    def walk(section: Any, path: str, inherited: str) -> None:
+    def add_rows(section: Any, path: str, inherited: str) -> None:
         for name in type(section).model_fields:
-            value, where = getattr(section, name), f"{path}{name}"
+            value, key = getattr(section, name), f"{path}{name}"
             source = inherited or ("file" if name in section.model_fields_set else "default")
             if hasattr(type(value), "model_fields"):
-                walk(value, f"{where}.", _below(where, source))
+                add_rows(value, f"{key}.", _inherited_source(key, source))
                 continue
             plain = section.model_dump(mode="json", include={name})[name]
             is_secret = name.endswith("token") and plain
-            rows[where] = {"value": "(not shown)" if is_secret else plain, "from": source}
+            rows[key] = {"value": "(not shown)" if is_secret else plain, "from": source}
 
-    walk(cell, "", "")
+    add_rows(cell, "", "")
     return rows
 
 
-def _below(section: str, source: str) -> str:
+def _inherited_source(section: str, source: str) -> str:
     """Return the common source of all values of a section; empty when they differ."""
     if section == "calibration":
         return "calibration file"

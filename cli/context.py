@@ -50,7 +50,7 @@ PART_STEP = (
     "the cell is up, but a process of it is dead or does not respond. `forcemesh status` shows "
     "which; restart `forcemesh up`."
 )
-UNHEARD_STEP = (
+NO_REPLY_STEP = (
     "requests get no reply with a read-only certificate (monitor), or while a sidecar process is "
     "missing: `forcemesh status` shows every process."
 )
@@ -153,7 +153,7 @@ def sentence_of(error: "ForcemeshError") -> str:
     if isinstance(error, RefusedError):
         return f"refused ({error.code}): {error}"
     if isinstance(error, LostError):
-        step = NEXT_STEP if error.is_all else PART_STEP if error.roles else UNHEARD_STEP
+        step = NEXT_STEP if error.is_all else PART_STEP if error.roles else NO_REPLY_STEP
         return f"{error}: {step}"
     if isinstance(error, BusError) and str(error).endswith("is the cell up?"):
         return f"{error} {NEXT_STEP}"

@@ -76,12 +76,12 @@ def _topics(
     from cli.recording_tables import first_ns, table_of
 
     begin_ns = first_ns(read)
-    keys = dict.fromkeys(said.topic for said in read.said())
+    keys = dict.fromkeys(message.topic for message in read.messages())
     written = []
     for key in keys:
         if topics and key not in topics:
             continue
-        columns, rows = table_of(read.said(key), begin_ns)
+        columns, rows = table_of(read.messages(key), begin_ns)
         path = folder / f"{key.replace('/', '-')}.{suffix}"
         _write(path, columns, rows)
         written.append((path, len(rows)))
@@ -133,9 +133,9 @@ def _write(path: Path, columns: list[str], rows: "list[Row]") -> None:
 def _write_csv(path: Path, rows: "list[Row]") -> None:
     import csv
 
-    from cli.recording_tables import flat
+    from cli.recording_tables import flat_fields
 
-    spread = [dict(flat(row)) for row in rows]
+    spread = [dict(flat_fields(row)) for row in rows]
     columns = list(dict.fromkeys(name for row in spread for name in row))
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, columns, restval="")

@@ -37,18 +37,18 @@ class OneSentence(TyperGroup):
         try:
             code = run()
         except TyperException as error:
-            _say(_usage(error))
+            _print_error(_usage(error))
             sys.exit(error.exit_code)
         except typer.Abort:
-            _say("interrupted: nothing was executed")
+            _print_error("interrupted: nothing was executed")
             sys.exit(INTERRUPTED)
         except ForcemeshError as error:
-            _say(str(error))
+            _print_error(str(error))
             sys.exit(exit_code_of(error))
         except OSError as error:
             if error.filename is None:
                 raise
-            _say(f"{error.filename}: cannot be used: {error.strerror}")
+            _print_error(f"{error.filename}: cannot be used: {error.strerror}")
             sys.exit(exit_code_of(error))
         sys.exit(code if isinstance(code, int) else OK)
 
@@ -67,5 +67,5 @@ def _usage(error: TyperException) -> str:
     return f"{text}{end} see `{context.command_path} --help`"
 
 
-def _say(text: str) -> None:
+def _print_error(text: str) -> None:
     typer.echo(text, err=True)

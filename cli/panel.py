@@ -37,15 +37,15 @@ def panel(
     path = find_cell_file(cell)
     with client_of(path):
         pass  # reports a cell that is not up at once; a page would only wait for it
-    words = ["--cell", str(path)]
+    arguments = ["--cell", str(path)]
     for name, value in (("--host", host), ("--port", port)):
-        words += [name, str(value)] if value is not None else []
-    words += ["--view-only"] if view_only else []
-    words += ["--open"] if open_ else []
+        arguments += [name, str(value)] if value is not None else []
+    arguments += ["--view-only"] if view_only else []
+    arguments += ["--open"] if open_ else []
     with one_line_errors():
         from services.panel.__main__ import main
 
-        main(words)
+        main(arguments)
 
 
 def panel_sidecar(supervisor: "Supervisor", *, wanted: bool = True) -> AbstractContextManager[None]:

@@ -56,18 +56,17 @@ def fit(
         axes, found, reason = identify_recording(data, named_axes(wrench_axes))
         report = fit_report(data, axes, found)
         # A payload can explain some wrong axes: the residual alone does not reveal them.
-        if (
-            complaint := judge_recording(data, axes, ExpectedInstallation())[1].complaint
-        ) is not None:
-            report["warnings"].append(complaint)
+        installation = judge_recording(data, axes, ExpectedInstallation())[1]
+        if installation.rejection_reason is not None:
+            report["warnings"].append(installation.rejection_reason)
         if out is not None:
             save(found.payload, out)
     if reason:
-        _say(reason)
+        _print_note(reason)
     for warning in report["warnings"]:
-        _say(f"warning: {warning}")
+        _print_note(f"warning: {warning}")
     if out is not None:
-        _say(f"payload written to {out}")
+        _print_note(f"payload written to {out}")
     if as_json:
         print(json.dumps(report, allow_nan=False))
     else:
@@ -93,10 +92,10 @@ def check(
             from identification.identify import axes_of
 
             axes, reason = axes_of(data, known)
-            _say(reason)
+            _print_note(reason)
         report = check_report(data, axes, known)
-        other = check_report(data, "sensor" if axes == "base" else "base", known)
-    _warn_of_other_axes(report, other)
+        other_report = check_report(data, "sensor" if axes == "base" else "base", known)
+    _warn_of_other_axes(report, other_report)
     if as_json:
         print(json.dumps(report, allow_nan=False))
     else:
@@ -118,23 +117,23 @@ def _one_line_errors() -> Iterator[None]:
     try:
         yield
     except DataError as error:
-        _say(f"error: {error}")
+        _print_note(f"error: {error}")
         raise typer.Exit(2) from error
 
 
-def _say(text: str) -> None:
+def _print_note(text: str) -> None:
     typer.echo(text, err=True)
 
 
-def _warn_of_other_axes(taken: dict[str, Any], other: dict[str, Any]) -> None:
+def _warn_of_other_axes(used_report: dict[str, Any], other_report: dict[str, Any]) -> None:
     """Warn when the axes that were not used explain the recording far better."""
     keys = ("residual_force_N_mean", "residual_torque_Nm_mean")
-    if all(taken[key] > 2.0 * other[key] for key in keys):
-        _say(
-            f"warning: residual {taken[keys[0]]:.3g} N, {taken[keys[1]]:.3g} N m in "
-            f"{taken['wrench_axes']} axes, but only {other[keys[0]]:.3g} N, "
-            f"{other[keys[1]]:.3g} N m in {other['wrench_axes']} axes: "
-            f"use --wrench-axes {other['wrench_axes']}"
+    if all(used_report[key] > 2.0 * other_report[key] for key in keys):
+        _print_note(
+            f"warning: residual {used_report[keys[0]]:.3g} N, {used_report[keys[1]]:.3g} N m in "
+            f"{used_report['wrench_axes']} axes, but only {other_report[keys[0]]:.3g} N, "
+            f"{other_report[keys[1]]:.3g} N m in {other_report['wrench_axes']} axes: "
+            f"use --wrench-axes {other_report['wrench_axes']}"
         )
 
 
@@ -149,8 +148,8 @@ def _print_check(report: dict[str, Any]) -> None:
         ("force (N)", "residual_force_N", "worst_force_line"),
         ("torque (N m)", "residual_torque_Nm", "worst_torque_line"),
     ):
-        mean, worst = report[f"{key}_mean"], report[f"{key}_max"]
-        table.add_row(label, f"{mean:.4f}", f"{worst:.4f}", str(report[line]))
+        mean, largest = report[f"{key}_mean"], report[f"{key}_max"]
+        table.add_row(label, f"{mean:.4f}", f"{largest:.4f}", str(report[line]))
     console = table_console()
     print_table(console, table)
     if report["drift"] != "none":

@@ -8,7 +8,7 @@ from cli.tables import print_table, table_console
 
 Vector = list[float]
 MODELS_SHOWN = 6  # besides the plain one
-WORTH = 0.97  # a pose that reduces the deviation less than this is not recommended
+MOST_REMAINING_SHARE = 0.97  # a pose that reduces the deviation less than this is not recommended
 
 
 def print_fit(report: dict[str, Any]) -> None:
@@ -56,9 +56,9 @@ def remarks(report: dict[str, Any]) -> list[str]:
     """Return remarks: rejected rows, uncertain parameters, and the best next pose."""
     lines = [f"rejected {len(r['lines'])} rows: {r['reason']}" for r in report["rejected"]]
     lines += [f"poorly determined by these poses: {line}" for line in report["unsure"]]
-    lines += [f"not determined by this recording: {line}" for line in report["untold"]]
+    lines += [f"not determined by this recording: {line}" for line in report["not_identified"]]
     advice = report["next_pose"]
-    if is_worth_it(advice):
+    if is_recommended(advice):
         lines.append(
             "record next: gravity along "
             f"({_joined(advice['down_in_sensor'], 1.0, 2)}) in sensor axes; "
@@ -68,9 +68,9 @@ def remarks(report: dict[str, Any]) -> list[str]:
     return lines
 
 
-def is_worth_it(advice: dict[str, Any]) -> bool:
+def is_recommended(advice: dict[str, Any]) -> bool:
     """Return whether the best next pose would reduce a standard deviation noticeably."""
-    return bool(advice["std_after"] <= WORTH * advice["std_before"])
+    return bool(advice["std_after"] <= MOST_REMAINING_SHARE * advice["std_before"])
 
 
 def _pose_table(report: dict[str, Any]) -> Table:
@@ -92,8 +92,8 @@ def _pose_table(report: dict[str, Any]) -> Table:
 def _model_table(report: dict[str, Any]) -> Table:
     table = Table("model", "rms N", "N m", "left out N", "N m", "cond.", "verdict")
     table.title = "models: rms residual, and rms of leave-one-out cross-validation"
-    plain, *richer = report["models"]
-    best = sorted(richer, key=lambda model: model["evidence"], reverse=True)
+    plain, *extended = report["models"]
+    best = sorted(extended, key=lambda model: model["evidence"], reverse=True)
     for model in (plain, *best[:MODELS_SHOWN]):
         table.add_row(
             model["name"],

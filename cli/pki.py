@@ -76,25 +76,26 @@ def init(
     from services.panel.access import TOKEN_VARIABLE
 
     with one_line_errors():
-        loaded, where = _cell_and_folder(cell, folder)
-        if (where / f"{AUTHORITY}.pem").exists() and not again:
+        loaded, pki_folder = _cell_and_folder(cell, folder)
+        if (pki_folder / f"{AUTHORITY}.pem").exists() and not again:
             exit_with_error(
-                f"{where} already has an authority: `forcemesh pki issue NAME` adds a certificate, "
-                "--again creates a new authority, after which all old certificates are refused",
+                f"{pki_folder} already has an authority: `forcemesh pki issue NAME` adds a "
+                "certificate, --again creates a new authority, after which all old certificates "
+                "are refused",
                 USAGE,
             )
         if authority is None:
             pair = make_authority(loaded.cell, _now())
-            write_pair(where, AUTHORITY, pair, owner=None)
-            _copy_authority(where, where)
+            write_pair(pki_folder, AUTHORITY, pair, owner=None)
+            _copy_authority(pki_folder, pki_folder)
         else:
             pair = read_authority(authority.expanduser())
-            _copy_authority(authority.expanduser(), where)
+            _copy_authority(authority.expanduser(), pki_folder)
         for name in NAMES:
-            _issue(pair, name, loaded, where, hosts=host or [], days=days)
-        _issue_page(loaded, where, hosts=host or [], days=days, again=again)
-        typer.echo(f"{where}: an authority and {len(NAMES)} certificates, {days} days")
-        lines = [f"FORCEMESH_PKI={where}", f"FORCEMESH_USER={_user()}"]
+            _issue_certificate(pair, name, loaded, pki_folder, hosts=host or [], days=days)
+        _issue_page(loaded, pki_folder, hosts=host or [], days=days, again=again)
+        typer.echo(f"{pki_folder}: an authority and {len(NAMES)} certificates, {days} days")
+        lines = [f"FORCEMESH_PKI={pki_folder}", f"FORCEMESH_USER={_user_ids()}"]
         if env is not None:
             lines.append("FORCEMESH_BUS=tls")
             token = f"{TOKEN_VARIABLE}={secrets.token_hex(16)}"
@@ -126,7 +127,7 @@ def issue(
     from forcemesh.identity import HUB, NAMES, PAGE
 
     with one_line_errors():
-        loaded, where = _cell_and_folder(cell, folder)
+        loaded, pki_folder = _cell_and_folder(cell, folder)
         if name not in (*NAMES, PAGE):
             exit_with_error(
                 f"unknown name {name!r}: choose from {', '.join((*NAMES, PAGE))}", USAGE
@@ -135,15 +136,17 @@ def issue(
             exit_with_error(
                 f"--host is for hub and {PAGE} only: {name} accepts no connections", USAGE
             )
-        target = where if to is None else to.expanduser()
+        target = pki_folder if to is None else to.expanduser()
         if (target / f"{name}.pem").exists() and not again:
             exit_with_error(f"{target / name}.pem exists already: --again replaces it", USAGE)
         if name == PAGE:
-            _issue_page(loaded, where, hosts=host or [], days=days, target=target)
+            _issue_page(loaded, pki_folder, hosts=host or [], days=days, target=target)
         else:
-            _issue(read_authority(where), name, loaded, target, hosts=host or [], days=days)
+            _issue_certificate(
+                read_authority(pki_folder), name, loaded, target, hosts=host or [], days=days
+            )
         if to is not None and name != PAGE:
-            _copy_authority(where, target)
+            _copy_authority(pki_folder, target)
         typer.echo(f"{target}/{name}.pem, {name}.key: {days} days")
 
 
@@ -153,12 +156,12 @@ def check(folder: FolderOption = None, cell: CellOption = None) -> None:
     from common.security.pki_check import check_folder
 
     with one_line_errors():
-        loaded, where = _cell_and_folder(cell, folder)
-        found = check_folder(where, loaded.cell, _now())
+        loaded, pki_folder = _cell_and_folder(cell, folder)
+        found = check_folder(pki_folder, loaded.cell, _now())
     same = (f" --cell {cell}" if cell else "") + (f" --folder {folder}" if folder else "")
     for finding in found:
-        more = same if "forcemesh pki" in finding.remedy else ""
-        remedy = f"  -> {finding.remedy}{more}" if finding.remedy else ""
+        more_options = same if "forcemesh pki" in finding.remedy else ""
+        remedy = f"  -> {finding.remedy}{more_options}" if finding.remedy else ""
         typer.echo(f"{finding.verdict:5} {finding.name}: {finding.text}{remedy}")
     if any(finding.verdict == "wrong" for finding in found):
         raise typer.Exit(NOT_WELL)
@@ -172,7 +175,7 @@ def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[CellConfig
     return loaded, folder_of(loaded) if folder is None else folder.expanduser().resolve()
 
 
-def _issue(
+def _issue_certificate(
     authority: Pair, name: str, cell: CellConfig, folder: Path, *, hosts: list[str], days: int
 ) -> None:
     from common.security.pki import make_certificate, write_pair
@@ -217,10 +220,10 @@ def _copy_authority(source: Path, target: Path) -> None:
     copy_certificate(source, target, AUTHORITY, owner=_owner())
 
 
-def _make_folders(beside: Path) -> None:
+def _make_folders(parent: Path) -> None:
     """Create the folders into which containers write, with the image's user as owner."""
     for name in WRITTEN:
-        folder = beside / name
+        folder = parent / name
         folder.mkdir(exist_ok=True)
         if (owner := _owner()) is not None and folder.stat().st_uid == 0:
             os.chown(folder, *owner)
@@ -231,7 +234,7 @@ def _owner() -> tuple[int, int] | None:
     return (IMAGE_USER, IMAGE_USER) if os.geteuid() == 0 else None
 
 
-def _user() -> str:
+def _user_ids() -> str:
     return ":".join(map(str, _owner() or (os.getuid(), os.getgid())))
 
 
@@ -242,7 +245,7 @@ def _write_env(path: Path, lines: list[str]) -> None:
     """
     names = tuple(line.partition("=")[0] + "=" for line in lines)
     old = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    kept = [line for line in old if not line.startswith(names)]
+    other_lines = [line for line in old if not line.startswith(names)]
     path = path.resolve()
     draft = path.with_name(f"{path.name}.{os.getpid()}")
     draft.unlink(missing_ok=True)
@@ -250,7 +253,7 @@ def _write_env(path: Path, lines: list[str]) -> None:
         if os.geteuid() == 0:
             folder = path.parent.stat()
             os.fchown(file.fileno(), folder.st_uid, folder.st_gid)
-        file.write("\n".join([*kept, *lines]) + "\n")
+        file.write("\n".join([*other_lines, *lines]) + "\n")
     draft.replace(path)
 
 

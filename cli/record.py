@@ -72,16 +72,16 @@ def record_status(as_json: JsonOption = False, cell: CellOption = None) -> None:
             status = feed()
         except NotValidError:
             status = feed.reading().message or topics.RECORDER_STATUS.message()
-    print(status.model_dump_json() if as_json else in_words(status))
+    print(status.model_dump_json() if as_json else status_text(status))
     raise typer.Exit(OK if status.valid else NOT_WELL)
 
 
-def in_words(status: "RecorderStatus") -> str:
+def status_text(status: "RecorderStatus") -> str:
     """Return the recorder's status as a few lines of text."""
     lines = [f"fault: {status.reason}"] if status.reason else []
     if status.recording:
-        why = "" if status.cause == "asked" else f" because of {status.cause}"
-        lines.append(f"recording{why} for {status.recorded_s:.0f} s to {status.file}")
+        cause = "" if status.cause == "asked" else f" because of {status.cause}"
+        lines.append(f"recording{cause} for {status.recorded_s:.0f} s to {status.file}")
     else:
         lines.append("not recording" + (f"; last: {status.file}" if status.file else ""))
     if status.file:

@@ -19,29 +19,32 @@ ACTION_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 DONE = "next.done"
 
 
-def flat(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def flat_fields(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield every scalar value with its dotted path."""
     if isinstance(fields, dict):
         for name, value in fields.items():
-            yield from flat(value, f"{path}.{name}" if path else name)
+            yield from flat_fields(value, f"{path}.{name}" if path else name)
     elif isinstance(fields, list):
         for index, value in enumerate(fields):
-            yield from flat(value, f"{path}.{index}")
+            yield from flat_fields(value, f"{path}.{index}")
     else:
         yield path, fields
 
 
 def first_ns(read: "RecordedFile") -> int:
     """Return when a recording begins. Raise DataError when it is empty."""
-    begin = min((said.at_ns for said in read.said()), default=None)
+    begin = min((message.at_ns for message in read.messages()), default=None)
     if begin is None:
         raise DataError(f"{read.path}: the recording contains no message")
     return begin
 
 
-def table_of(said: "Iterable[RecordedMessage]", begin_ns: int) -> tuple[list[str], list[Row]]:
+def table_of(messages: "Iterable[RecordedMessage]", begin_ns: int) -> tuple[list[str], list[Row]]:
     """Return columns and rows of one topic; a value that a message lacks is left out of its row."""
-    rows = [{TIME: (each.at_ns - begin_ns) / NS_PER_S, **dict(flat(each.fields))} for each in said]
+    rows = [
+        {TIME: (each.at_ns - begin_ns) / NS_PER_S, **dict(flat_fields(each.fields))}
+        for each in messages
+    ]
     columns: dict[str, None] = {}
     for row in rows:
         columns.update(dict.fromkeys(row))
@@ -59,21 +62,21 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
     wrench: list[float] | None = None
     action: list[float] | None = None
     start_ns = 0
-    for said in sorted(_needed(read), key=lambda each: each.at_ns):
-        fields = said.fields
-        if said.topic == "wrench":
+    for message in sorted(_learning_messages(read), key=lambda each: each.at_ns):
+        fields = message.fields
+        if message.topic == "wrench":
             wrench = [*fields["force_N"].values(), *fields["torque_Nm"].values()]
-        elif said.topic == "robot/command":
+        elif message.topic == "robot/command":
             pose = fields.get("pose")
             action = _pose(pose) if pose is not None else None
         elif wrench is not None:
-            start_ns = start_ns or said.at_ns
+            start_ns = start_ns or message.at_ns
             rows.append(
                 {
                     STATE: [float(angle) for angle in fields["joint_rad"]],
                     WRENCH: wrench,
                     ACTION: action or _pose(fields),
-                    "timestamp": (said.at_ns - start_ns) / NS_PER_S,
+                    "timestamp": (message.at_ns - start_ns) / NS_PER_S,
                     "frame_index": len(rows),
                     "episode_index": 0,
                     "index": len(rows),
@@ -87,9 +90,13 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
     return rows
 
 
-def _needed(read: "RecordedFile") -> "list[RecordedMessage]":
+def _learning_messages(read: "RecordedFile") -> "list[RecordedMessage]":
     wanted = ("wrench", "robot/command", "robot/state")
-    return [said for said in read.said() if said.topic in wanted and said.fields.get("valid", True)]
+    return [
+        message
+        for message in read.messages()
+        if message.topic in wanted and message.fields.get("valid", True)
+    ]
 
 
 def _pose(fields: Any) -> list[float]:

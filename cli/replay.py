@@ -72,17 +72,17 @@ def replay(
 
         topics = chosen_topics(only)
         read = RecordedFile(file)
-        cell = cell_in(read)
+        cell = recorded_cell(read)
         if to_service is not None:
             from cli.replay_service import replay_to_service
 
             replay_to_service(read, cell, to_service)
             return
         if name is not None:
-            cell = _called(cell, name)
+            cell = _renamed_cell(cell, name)
         try:
             with _bus_of(cell, port=port, onto=onto, topics=topics) as bus:
-                _play(read, bus, topics, speed=speed, wait_s=wait)
+                _play_recording(read, bus, topics, speed=speed, wait_s=wait)
         except KeyboardInterrupt:
             raise typer.Exit(0) from None
 
@@ -94,15 +94,17 @@ def chosen_topics(only: list[str] | None) -> frozenset[str]:
     return frozenset(find_topic(topic).key for topic in only or ())
 
 
-def cell_in(read: "RecordedFile") -> "CellConfig":
+def recorded_cell(read: "RecordedFile") -> "CellConfig":
     """Return the cell of a recording."""
     if read.cell is None:
-        what = f"recorded by version {read.about.get('version', 'unknown')}"
-        exit_with_error(f"{read.path}: this version cannot read the cell file in it: {what}", USAGE)
+        version_text = f"recorded by version {read.about.get('version', 'unknown')}"
+        exit_with_error(
+            f"{read.path}: this version cannot read the cell file in it: {version_text}", USAGE
+        )
     return read.cell
 
 
-def _called(cell: "CellConfig", name: str) -> "CellConfig":
+def _renamed_cell(cell: "CellConfig", name: str) -> "CellConfig":
     from common.config.load import cell_from_tree
 
     return cell_from_tree(cell.model_dump() | {"cell": name}, "--as")
@@ -121,8 +123,8 @@ def _bus_of(
     from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 
     if onto is not None:
-        there = load_cell(onto)
-        host = cell.model_copy(update={"bus": there.bus})
+        target_cell = load_cell(onto)
+        host = cell.model_copy(update={"bus": target_cell.bus})
         with open_bus(host, CLIENT, patience_s=1.0) as bus:
             _refuse_if_alive(bus, topics)
             yield bus
@@ -130,8 +132,8 @@ def _bus_of(
     from launch.run_file import writable_folder, write_atomically
 
     endpoint = f"tcp/127.0.0.1:{port or _free_port()}"
-    own = cell.bus.model_copy(update={"endpoint": endpoint, "upstream": None, "tls": None})
-    host = cell.model_copy(update={"bus": own})
+    own_bus = cell.bus.model_copy(update={"endpoint": endpoint, "upstream": None, "tls": None})
+    host = cell.model_copy(update={"bus": own_bus})
     os.environ[ENDPOINT_VARIABLE] = endpoint
     path = writable_folder() / f"replay-{cell.cell}.yaml"
     write_atomically(path, dump_cell(host))
@@ -156,14 +158,16 @@ def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
     }
     give_up_s = time.monotonic() + REPLAY_LISTEN_S
     while time.monotonic() < give_up_s:
-        heard = [key for key, tap in taps.items() if tap.take() is not None]
-        if heard:
-            text = f"refused: a cell {bus.cell} is running there and publishes {', '.join(heard)}"
+        published = [key for key, tap in taps.items() if tap.take() is not None]
+        if published:
+            text = (
+                f"refused: a cell {bus.cell} is running there and publishes {', '.join(published)}"
+            )
             exit_with_error(f"{text}; choose another name with --as, or omit --onto", REFUSED)
         time.sleep(REPLAY_TICK_S)
 
 
-def _play(
+def _play_recording(
     read: "RecordedFile", bus: "Bus", topics: frozenset[str], *, speed: float, wait_s: float
 ) -> None:
     from rich.console import Console
@@ -181,10 +185,10 @@ def _play(
             if count % 500 == 0:
                 bar.update(task, description=f"{at_s:.1f} s replayed, {count} messages")
 
-        heard = chosen(read.heard(), topics)
-        count = play(heard, bus.transport, bus.cell, clock=bus.clock, speed=speed, shown=shown)
-    left = "" if read.is_whole else "; the file is truncated: its recorder was killed"
-    typer.echo(f"{count} messages replayed{left}", err=True)
+        messages = chosen(read.raw_messages(), topics)
+        count = play(messages, bus.transport, bus.cell, clock=bus.clock, speed=speed, shown=shown)
+    truncation = "" if read.is_whole else "; the file is truncated: its recorder was killed"
+    typer.echo(f"{count} messages replayed{truncation}", err=True)
 
 
 def _free_port() -> int:

@@ -9,7 +9,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from cli.context import USAGE, exit_with_error, waiting
-from cli.recording_tables import flat
+from cli.recording_tables import flat_fields
 from common.bus.memory_bus import MemoryTransport
 from common.runtime.service import Runner, Service, reporter_of
 from forcemesh.bus import Bus
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 REPLAY_TICK_NS = 1_000_000
 SETTLES_NS = NS_PER_S  # filters start empty
 SERVICE_QUEUE = 1_000_000
-Spoken = list[tuple[Header, Message]]
+Published = list[tuple[Header, Message]]
 
 
 class RecordedClock(ManualClock):
@@ -48,72 +48,77 @@ def replay_to_service(read: "RecordedFile", cell: "CellConfig", role: str) -> No
     if make is None:
         exit_with_error(f"--to-service {role}: it must be one of {', '.join(_makers())}", USAGE)
     with waiting(f"feeding {role}"):
-        heard = list(read.heard())
-        if not heard:
+        messages = list(read.raw_messages())
+        if not messages:
             exit_with_error(f"{read.path}: the recording contains no message", USAGE)
-        said = feed(heard, cell, role, make=make, about=read.about)
-    for topic in written_by(role):
-        recorded = _decoded([each.data for each in heard if each.topic == topic.key], topic)
-        pairs = pair(recorded, said[topic.key])
-        print(f"{topic.key}: {len(said[topic.key])} published, {len(recorded)} recorded")
+        output = service_output(messages, cell, role, make=make, about=read.about)
+    for topic in topics_written_by(role):
+        recorded = _decoded_messages(
+            [each.data for each in messages if each.topic == topic.key], topic
+        )
+        pairs = message_pairs(recorded, output[topic.key])
+        print(f"{topic.key}: {len(output[topic.key])} published, {len(recorded)} recorded")
         print(f"  {len(pairs)} compared, without the first second")
-        for name, worst in differences(pairs).items():
-            print(f"  {name}: {worst}")
+        for name, largest in field_differences(pairs).items():
+            print(f"  {name}: {largest}")
 
 
-def written_by(role: str) -> list[Topic[Any]]:
+def topics_written_by(role: str) -> list[Topic[Any]]:
     """Return the streams of a role, without its health, which describes the process."""
     return [topic for topic in TOPICS if topic.writer == role and not topic.key.endswith("health")]
 
 
-def feed(
-    heard: "list[RecordedBytes]",
+def service_output(
+    messages: "list[RecordedBytes]",
     cell: "CellConfig",
     role: str,
     *,
     make: Callable[[Bus, Any], Service],
     about: dict[str, str],
-) -> dict[str, Spoken]:
+) -> dict[str, Published]:
     """Return the output of a service by topic when it receives the messages in their time.
 
     It starts at its first message in the recording, so that its cycles are in phase.
     """
     offset_ns = int(about["wall_minus_monotonic_ns"])
-    own = {topic.key for topic in written_by(role)}
-    begin_ns = next((each.at_ns for each in heard if each.topic in own), heard[0].at_ns)
+    own_topics = {topic.key for topic in topics_written_by(role)}
+    begin_ns = next(
+        (each.at_ns for each in messages if each.topic in own_topics), messages[0].at_ns
+    )
     clock = RecordedClock(about["clock"], begin_ns - offset_ns)
     transport = MemoryTransport()
     bus = Bus(role, cell.cell, transport, cell, clock)
     taps = {
-        t.key: transport.subscribe(f"{cell.cell}/{t.key}", SERVICE_QUEUE) for t in written_by(role)
+        t.key: transport.subscribe(f"{cell.cell}/{t.key}", SERVICE_QUEUE)
+        for t in topics_written_by(role)
     }
     runner = Runner(make(bus, cell), [reporter_of(bus, cell)], clock)
     keys = [topic.key for topic in TOPICS if role in topic.readers]
-    puts = {key: transport.publish(f"{cell.cell}/{key}", "report") for key in keys}
-    wanted = (each for each in heard if each.topic in puts and each.at_ns >= begin_ns)
-    for at_ns, together in groupby(wanted, key=lambda each: each.at_ns - offset_ns):
+    publishers = {key: transport.publish(f"{cell.cell}/{key}", "report") for key in keys}
+    wanted = (each for each in messages if each.topic in publishers and each.at_ns >= begin_ns)
+    for at_ns, batch in groupby(wanted, key=lambda each: each.at_ns - offset_ns):
         while at_ns - clock.now_ns() > REPLAY_TICK_NS:
             clock.advance_ns(REPLAY_TICK_NS)
             _step(runner, clock)
         clock.advance_ns(max(at_ns - clock.now_ns(), 0))
-        for each in together:
-            puts[each.topic](readdressed(each.data, f"{cell.cell}/{each.topic}"))
+        for each in batch:
+            publishers[each.topic](readdressed(each.data, f"{cell.cell}/{each.topic}"))
         _step(runner, clock)
-    said: dict[str, Spoken] = {}
-    for topic in written_by(role):
+    output: dict[str, Published] = {}
+    for topic in topics_written_by(role):
         tap, data = taps[topic.key], []
-        while (taken := tap.take()) is not None:
-            data.append(taken)
-        said[topic.key] = _decoded(data, topic)
-    return said
+        while (raw := tap.take()) is not None:
+            data.append(raw)
+        output[topic.key] = _decoded_messages(data, topic)
+    return output
 
 
-def pair(recorded: Spoken, said: Spoken) -> list[tuple[Message, Message]]:
+def message_pairs(recorded: Published, published: Published) -> list[tuple[Message, Message]]:
     """Return pairs of messages about the same sensor sample, else those nearest in time."""
-    if not recorded or not said:
+    if not recorded or not published:
         return []
-    begin_ns = said[0][0].stamp_ns + SETTLES_NS
-    late = [(header, message) for header, message in said if header.stamp_ns >= begin_ns]
+    begin_ns = published[0][0].stamp_ns + SETTLES_NS
+    late = [(header, message) for header, message in published if header.stamp_ns >= begin_ns]
     by_sample = {h.sensor_seq: message for h, message in recorded if h.sensor_seq is not None}
     if by_sample:
         return [(by_sample[h.sensor_seq], m) for h, m in late if h.sensor_seq in by_sample]
@@ -125,20 +130,24 @@ def pair(recorded: Spoken, said: Spoken) -> list[tuple[Message, Message]]:
     return pairs
 
 
-def differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
+def field_differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
     """Return for each differing field the largest difference, or the number of messages."""
     numbers: dict[str, float] = {}
-    others: dict[str, int] = {}
-    for one, other in pairs:
-        then, now = (dict(flat(each.model_dump(mode="json"))) for each in (one, other))
+    counts: dict[str, int] = {}
+    for recorded, replayed in pairs:
+        then, now = (
+            dict(flat_fields(each.model_dump(mode="json"))) for each in (recorded, replayed)
+        )
         for name in dict.fromkeys((*then, *now)):
             a, b = then.get(name), now.get(name)
             if isinstance(a, float) and isinstance(b, float):
                 numbers[name] = max(numbers.get(name, 0.0), abs(a - b))
             elif a != b:
-                others[name] = others.get(name, 0) + 1
-    found = {name: f"differs by at most {worst:.3g}" for name, worst in numbers.items() if worst}
-    found |= {name: f"differs in {count} messages" for name, count in others.items()}
+                counts[name] = counts.get(name, 0) + 1
+    found = {
+        name: f"differs by at most {largest:.3g}" for name, largest in numbers.items() if largest
+    }
+    found |= {name: f"differs in {count} messages" for name, count in counts.items()}
     return found or {"all fields": "equal"}
 
 
@@ -147,7 +156,7 @@ def _step(runner: Runner, clock: ManualClock) -> None:
         runner.step(clock.now_ns())
 
 
-def _decoded(data: list[bytes], topic: Topic[Any]) -> Spoken:
+def _decoded_messages(data: list[bytes], topic: Topic[Any]) -> Published:
     return [decode_recorded(each, topic.message, topic.key) for each in data]
 
 

@@ -75,20 +75,20 @@ def cell_status(cell: CellConfig, run: Run | None, only: str | None = None) -> C
         run: Run file of its supervisor, if there is one.
         only: The only role to wait for; default: all.
     """
-    expected = {only} if only else {role for role in topics.ROLES if not _died(role, run)}
+    expected = {only} if only else {role for role in topics.ROLES if not _has_died(role, run)}
     try:
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
             view, arm = CellView(bus, cell), None if only else ArmView(bus, cell)
             started_s = time.monotonic()
-            view.wait(lambda: _is_heard(view, expected), view.longest_wait_s)
+            view.wait(lambda: _is_received(view, expected), view.longest_wait_s)
             if arm is not None:
                 view.wait(lambda: _is_complete(view, arm), view.helper_wait_s)
             waited_s = time.monotonic() - started_s
-            return _judge(cell, run, view, arm, waited_s=waited_s, only=only)
+            return _cell_status(cell, run, view, arm, waited_s=waited_s, only=only)
     except SetupError:
         raise
     except BusError:
-        return _judge(cell, run, None, None, waited_s=0.0, only=only)
+        return _cell_status(cell, run, None, None, waited_s=0.0, only=only)
 
 
 def died_text(restart: Restart) -> str:
@@ -106,8 +106,8 @@ def describe_number(name: str, number: float) -> str:
         ("_fraction", 100.0, "%"),
     ):
         if name.endswith(ending):
-            stem = name.removesuffix(ending)
-            text = NUMBER_TEXTS.get(stem, stem.replace("_", " "))
+            quantity = name.removesuffix(ending)
+            text = NUMBER_TEXTS.get(quantity, quantity.replace("_", " "))
             return f"{text} {scale * number:.1f} {unit}"
     return f"{name} {number:.6g}"
 
@@ -115,22 +115,22 @@ def describe_number(name: str, number: float) -> str:
 def is_well(status: CellStatus) -> bool:
     """Return whether all roles are alive and without fault; a requested hold is no fault."""
     stopped = status["state"] in STOPPED and any(t["code"] != ASKED for t in status["trips"])
-    bad = stopped or status["state"] in (DOWN, "FAULT")
-    return not bad and all(row["alive"] and not row["fault"] for row in status["services"])
+    is_faulty = stopped or status["state"] in (DOWN, "FAULT")
+    return not is_faulty and all(row["alive"] and not row["fault"] for row in status["services"])
 
 
 def exit_code(status: CellStatus) -> int:
     """Return the exit code of `status`: without faults, with faults, or cell not up."""
     if is_well(status):
         return OK
-    is_away = status["state"] == DOWN and not any(row["alive"] for row in status["services"])
-    return NO_ANSWER if is_away else NOT_WELL
+    is_down = status["state"] == DOWN and not any(row["alive"] for row in status["services"])
+    return NO_ANSWER if is_down else NOT_WELL
 
 
-def _is_heard(view: CellView, expected: set[str]) -> bool:
+def _is_received(view: CellView, expected: set[str]) -> bool:
     """Return whether all expected health was received, and the arbiter's state."""
-    state_is_there = expected != set(topics.ROLES) or view.arbiter().fresh is not None
-    return state_is_there and all(view.health(role).message is not None for role in expected)
+    has_state = expected != set(topics.ROLES) or view.arbiter().fresh is not None
+    return has_state and all(view.health(role).message is not None for role in expected)
 
 
 def _is_complete(view: CellView, arm: ArmView) -> bool:
@@ -138,7 +138,7 @@ def _is_complete(view: CellView, arm: ArmView) -> bool:
     return len(_helpers(view)) == len(topics.HELPERS) and arm.is_complete()
 
 
-def _judge(
+def _cell_status(
     cell: CellConfig,
     run: Run | None,
     view: CellView | None,
@@ -149,16 +149,16 @@ def _judge(
 ) -> CellStatus:
     listed = {only, *helpers_of(view, run)}
     helpers = [name for name in topics.HELPERS if name in listed]
-    heard = None if view is None else view.arbiter().fresh
+    arbiter = None if view is None else view.arbiter().fresh
     services = [_service(name, run, view, waited_s) for name in (*topics.ROLES, *helpers)]
     _name_certificates(cell, [row for row in services if not row["alive"]])
     return CellStatus(
         cell=cell.cell,
-        state=DOWN if heard is None else heard.state,
-        commander="none" if heard is None else heard.commander,
-        trips=[] if heard is None else [trip.model_dump() for trip in heard.trips],
-        not_ready=[] if heard is None else list(heard.not_ready),
-        clears="" if heard is None else heard.clears,
+        state=DOWN if arbiter is None else arbiter.state,
+        commander="none" if arbiter is None else arbiter.commander,
+        trips=[] if arbiter is None else [trip.model_dump() for trip in arbiter.trips],
+        not_ready=[] if arbiter is None else list(arbiter.not_ready),
+        clears="" if arbiter is None else arbiter.clears,
         last_state=run.last_state if run else "",
         arm=no_readings() if view is None or arm is None else arm.readings(_wrench_health(view)),
         restarts=restarts_of(run),
@@ -205,9 +205,9 @@ def restarts_of(run: Run | None) -> list[Restart]:
 def helpers_of(view: CellView | None, run: Run | None) -> tuple[str, ...]:
     """Return the sidecars that publish health, or that a running supervisor has started."""
     started = run if run is not None and run.live else None
-    heard = _helpers(view)
+    publishing = _helpers(view)
     return tuple(
-        name for name in topics.HELPERS if name in heard or (started and started.entry(name))
+        name for name in topics.HELPERS if name in publishing or (started and started.entry(name))
     )
 
 
@@ -226,7 +226,7 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
         alive=False,
         rate_hz=None,
         age_s=None,
-        fault=_why_silent(role, run) or f"{_who(role, run)}no hub responds",
+        fault=_exit_cause(role, run) or f"{_process_text(role, run)}no hub responds",
         numbers={},
     )
     if view is None:
@@ -238,17 +238,17 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
     if isinstance(message, Health):
         row["pid"], row["rate_hz"] = message.pid, round(message.rate_hz, 1)
         row["numbers"] = {} if reading.fault else message.numbers
-    row["alive"] = not reading.fault and not _died(role, run)
+    row["alive"] = not reading.fault and not _has_died(role, run)
     if row["alive"]:
         row["fault"] = message.fault if isinstance(message, Health) else ""
     else:
         silent_s = waited_s if message is None else reading.age_s
-        silent = f"{_who(role, run)}no health for {silent_s:.1f} s"
-        row["fault"] = _why_silent(role, run) or silent
+        silent = f"{_process_text(role, run)}no health for {silent_s:.1f} s"
+        row["fault"] = _exit_cause(role, run) or silent
     return row
 
 
-def _died(role: str, run: Run | None) -> bool:
+def _has_died(role: str, run: Run | None) -> bool:
     """Return whether a running supervisor saw this role die; its last health may still be fresh.
 
     Deaths in an ended run do not apply to a cell that is up now.
@@ -257,7 +257,7 @@ def _died(role: str, run: Run | None) -> bool:
     return run is not None and run.live and entry is not None and entry.ended is not None
 
 
-def _why_silent(role: str, run: Run | None) -> str:
+def _exit_cause(role: str, run: Run | None) -> str:
     """Return how a role's process ended, from the run file and the kernel; empty if unknown."""
     entry = run.entry(role) if run else None
     if run is None or entry is None:
@@ -266,8 +266,8 @@ def _why_silent(role: str, run: Run | None) -> str:
         return entry.ended.how
     if entry.alive:
         return ""
-    dead = [(e.roles[0], e.ended) for e in run.processes if e.ended and not e.is_helper]
-    causes = [f"{name}: {ended.how}" for name, ended in dead]
+    exits = [(e.roles[0], e.ended) for e in run.processes if e.ended and not e.is_helper]
+    causes = [f"{name}: {ended.how}" for name, ended in exits]
     if run.ended_at is not None and causes:
         return f"stopped because of {', '.join(causes)}"
     return (
@@ -275,6 +275,6 @@ def _why_silent(role: str, run: Run | None) -> str:
     )
 
 
-def _who(role: str, run: Run | None) -> str:
+def _process_text(role: str, run: Run | None) -> str:
     entry = run.entry(role) if run else None
     return f"process {entry.pid} runs, but " if entry else ""

@@ -66,13 +66,13 @@ def back_off(
     with cell_of(cell) as client:
         confirmed(BACK_OFF_QUESTION, yes=yes)
         try:
-            end = _backed_off(client, without_force=without_force and yes)
+            end = _back_off_trip(client, without_force=without_force and yes)
         except RefusedError as error:
             if error.code != "no_direction" or yes:
                 raise
             typer.echo(str(error), err=True)
             confirmed(BLIND_QUESTION, yes=False)
-            end = _backed_off(client, without_force=True)
+            end = _back_off_trip(client, without_force=True)
         is_loaded = client.load_N() is not None
     if end.code != "back_off":
         exit_with_error(f"not free yet: {end.text}", NOT_WELL)
@@ -80,7 +80,7 @@ def back_off(
     typer.echo(f"{end.text}; the arm holds: {step}")
 
 
-def _backed_off(client: "ConfiguredCell", *, without_force: bool) -> "Trip":
+def _back_off_trip(client: "ConfiguredCell", *, without_force: bool) -> "Trip":
     try:
         with waiting("backing off"):
             return client.back_off(without_force=without_force)

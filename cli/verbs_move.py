@@ -36,7 +36,7 @@ SpeedOption = Annotated[
         "--speed", min=0.001, max=5000.0, help="Speed [mm/s]; default: as set by `speed`."
     ),
 ]
-AskerOption = Annotated[
+CommanderOption = Annotated[
     Literal["operator", "program"],
     typer.Option("--as", help="Commander; an operator takes the arm from a program."),
 ]
@@ -49,7 +49,7 @@ def move_to(
     pose: Annotated[str, typer.Argument(metavar="X,Y,Z,O,A,T", help="Flange pose [mm, degrees].")],
     *,
     speed: SpeedOption = None,
-    asker: AskerOption = "operator",
+    commander: CommanderOption = "operator",
     no_wait: NoWait = False,
     yes: Yes = False,
     cell: CellOption = None,
@@ -64,8 +64,10 @@ def move_to(
         position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=from_oat_deg((o, a, t))
     )
     with one_line_errors():
-        request = MoveRequest(kind="pose", pose=record, speed_m_s=_m_s(speed), commander=asker)
-    _move(request, cell, wait=not no_wait, yes=yes)
+        request = MoveRequest(
+            kind="pose", pose=record, speed_m_s=_speed_m_s(speed), commander=commander
+        )
+    _request_move(request, cell, wait=not no_wait, yes=yes)
 
 
 @move.command("joints", context_settings=NEGATIVE_NUMBERS)
@@ -73,13 +75,15 @@ def move_joints(
     joints: Annotated[str, typer.Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
     *,
     speed: SpeedOption = None,
-    asker: AskerOption = "operator",
+    commander: CommanderOption = "operator",
     no_wait: NoWait = False,
     yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
     """Move the joints to angles [degrees]."""
-    _move(_of_joints("joints", joints, speed, asker), cell, wait=not no_wait, yes=yes)
+    _request_move(
+        _joint_request("joints", joints, speed, commander), cell, wait=not no_wait, yes=yes
+    )
 
 
 @move.command("by", context_settings=NEGATIVE_NUMBERS)
@@ -87,29 +91,33 @@ def move_by(
     joints: Annotated[str, typer.Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
     *,
     speed: SpeedOption = None,
-    asker: AskerOption = "operator",
+    commander: CommanderOption = "operator",
     no_wait: NoWait = False,
     yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
     """Move the joints by angles [degrees] relative to their present position."""
-    _move(_of_joints("by", joints, speed, asker), cell, wait=not no_wait, yes=yes)
+    _request_move(_joint_request("by", joints, speed, commander), cell, wait=not no_wait, yes=yes)
 
 
-def _of_joints(
-    kind: Literal["joints", "by"], joints: str, speed: float | None, asker: "Asker"
+def _joint_request(
+    kind: Literal["joints", "by"], joints: str, speed: float | None, commander: "Asker"
 ) -> "MoveRequest":
-    joint_rad = _radians(joints)
+    joint_rad = _joint_rad(joints)
     from forcemesh.requests import MoveRequest
 
-    return MoveRequest(kind=kind, joint_rad=joint_rad, speed_m_s=_m_s(speed), commander=asker)
+    return MoveRequest(
+        kind=kind, joint_rad=joint_rad, speed_m_s=_speed_m_s(speed), commander=commander
+    )
 
 
 def jog(
     axis: Annotated[
         str, typer.Argument(metavar="AXIS", help="x, y, z, rx, ry, rz, or a joint: j1 to j6.")
     ],
-    by: Annotated[str, typer.Argument(metavar="BY", help="Distance [mm] or angle [degrees].")],
+    distance: Annotated[
+        str, typer.Argument(metavar="BY", help="Distance [mm] or angle [degrees].")
+    ],
     *,
     frame: Annotated[
         Literal["base", "tool"], typer.Option(help="Frame of x, y, z; rotations are about the TCP.")
@@ -124,51 +132,53 @@ def jog(
     """
     if axis not in JOG_AXES:
         exit_with_error(f"unknown axis {axis!r}: choose from {', '.join(JOG_AXES)}", USAGE)
-    far = parse_number(by, "BY")
+    amount = parse_number(distance, "BY")
     if axis not in "xyz":
-        check_angle(far, "BY")
+        check_angle(amount, "BY")
     from forcemesh.messages import ZERO3
     from forcemesh.requests import MoveRequest
 
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
         if axis.startswith("j"):
-            angles = [math.radians(far) if f"j{i}" == axis else 0.0 for i in range(1, 7)]
-            request = MoveRequest(kind="by", joint_rad=_six(angles), speed_m_s=_m_s(speed))
+            angles = [math.radians(amount) if f"j{i}" == axis else 0.0 for i in range(1, 7)]
+            request = MoveRequest(
+                kind="by", joint_rad=_joint_angles(angles), speed_m_s=_speed_m_s(speed)
+            )
         else:
-            turn, shift = ZERO3, ZERO3
+            rotation, shift = ZERO3, ZERO3
             if axis.startswith("r"):
-                turn = _along(axis[1], math.radians(far))
+                rotation = _axis_vector(axis[1], math.radians(amount))
             else:
-                shift = _along(axis, far / 1e3)
-            pose = client.move.jogged(shift, turn, axes=frame)
-            request = MoveRequest(kind="pose", pose=pose, speed_m_s=_m_s(speed))
-        _follow(client, client.move.begin(request))
+                shift = _axis_vector(axis, amount / 1e3)
+            pose = client.move.jogged(shift, rotation, axes=frame)
+            request = MoveRequest(kind="pose", pose=pose, speed_m_s=_speed_m_s(speed))
+        _wait_for_move(client, client.move.begin(request))
 
 
-def _along(axis: str, value: float) -> "Vec3":
+def _axis_vector(axis: str, value: float) -> "Vec3":
     x, y, z = (value if name == axis else 0.0 for name in "xyz")
     return (x, y, z)
 
 
-def _six(angles: list[float]) -> "Joints":
+def _joint_angles(angles: list[float]) -> "Joints":
     a, b, c, d, e, f = angles
     return (a, b, c, d, e, f)
 
 
-def _radians(text: str) -> "Joints":
+def _joint_rad(text: str) -> "Joints":
     angles_deg = parse_vector(text, JOINTS)
     for name, angle_deg in zip(JOINTS.names, angles_deg, strict=True):
         check_angle(angle_deg, name)
-    return _six([math.radians(angle) for angle in angles_deg])
+    return _joint_angles([math.radians(angle) for angle in angles_deg])
 
 
-def _m_s(speed_mm_s: float | None) -> float | None:
+def _speed_m_s(speed_mm_s: float | None) -> float | None:
     return None if speed_mm_s is None else speed_mm_s / 1e3
 
 
 def retract(
-    by: Annotated[
+    distance: Annotated[
         float, typer.Argument(metavar="BY", min=0.1, max=200.0, help="Distance [mm].")
     ] = 10.0,
     *,
@@ -184,9 +194,9 @@ def retract(
     with cell_of(cell) as client:
         if client.target.reading().fresh is not None and client.status().state in MAY_MOVE:
             client.force.stop()
-        pose = client.move.jogged((0.0, 0.0, -by / 1e3), axes="tool")
+        pose = client.move.jogged((0.0, 0.0, -distance / 1e3), axes="tool")
         request = MoveRequest(kind="pose", pose=pose, speed_m_s=speed / 1e3)
-        _follow(client, client.move.begin(request))
+        _wait_for_move(client, client.move.begin(request))
         load_N = client.load_N()
         typer.echo("the tool is free" if load_N is None else f"residual load {load_N:.1f} N")
 
@@ -194,39 +204,39 @@ def retract(
 def _ask_when_loaded(client: "ConfiguredCell", *, yes: bool) -> None:
     load_N = client.load_N()
     if load_N is not None:
-        most_N = client.config.limits.move_rise_N
+        limit_N = client.config.limits.move_rise_N
         text = (
-            f"the tool is loaded with {load_N:.1f} N; a rise of {most_N:g} N stops the move. Move?"
+            f"the tool is loaded with {load_N:.1f} N; a rise of {limit_N:g} N stops the move. Move?"
         )
         confirmed(text, yes=yes)
 
 
-def _move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -> None:
+def _request_move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -> None:
     """Request a move and wait for its end; Ctrl-C while waiting requests a hold."""
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
-        going = client.move.begin(request)
-        typer.echo(f"move accepted: goal {going.id}")
+        goal = client.move.begin(request)
+        typer.echo(f"move accepted: goal {goal.id}")
         if wait:
-            _follow(client, going)
+            _wait_for_move(client, goal)
 
 
-def _follow(client: "ConfiguredCell", going: "Move") -> None:
+def _wait_for_move(client: "ConfiguredCell", goal: "Move") -> None:
     began_ns = client.session.clock.now_ns()
-    with waiting(f"moving to goal {going.id}") as live:
+    with waiting(f"moving to goal {goal.id}") as live:
 
         def show(robot: "RobotState") -> None:
-            live.update(f"moving to goal {going.id}: flange at {_position(robot, 1)}")
+            live.update(f"moving to goal {goal.id}: flange at {_position_text(robot, 1)}")
 
         try:
-            robot = going.wait(timeout_s=float("inf"), progress=show)
+            robot = goal.wait(timeout_s=float("inf"), progress=show)
         except KeyboardInterrupt:
             typer.echo("interrupted: a hold was requested", err=True)
             raise typer.Exit(INTERRUPTED) from None
     took_s = (client.session.clock.now_ns() - began_ns) / 1e9
-    typer.echo(f"move finished in {took_s:.2f} s: flange at {_position(robot, 2)}")
+    typer.echo(f"move finished in {took_s:.2f} s: flange at {_position_text(robot, 2)}")
 
 
-def _position(robot: "RobotState", digits: int) -> str:
+def _position_text(robot: "RobotState", digits: int) -> str:
     x, y, z = (1e3 * value for value in robot.position_m)
     return f"{x:.{digits}f}, {y:.{digits}f}, {z:.{digits}f} mm"

@@ -99,10 +99,13 @@ def _print_status(found: "CellStatus") -> None:
 
     state = found["state"]
     console = table_console()
-    was = f" (was {found['last_state']})" if state == "DOWN" and found["last_state"] else ""
+    last_state_text = (
+        f" (was {found['last_state']})" if state == "DOWN" and found["last_state"] else ""
+    )
     console.print(
         f"cell [bold]{found['cell']}[/bold]: "
-        f"[bold {COLOURS.get(state, 'red')}]{state}[/]{was}, commander {found['commander']}",
+        f"[bold {COLOURS.get(state, 'red')}]{state}[/]{last_state_text}, "
+        f"commander {found['commander']}",
         soft_wrap=True,
     )
     for label, lines in (

@@ -79,9 +79,9 @@ def up(
             afterwards.enter_context(panel_sidecar(supervisor, wanted=not no_panel))
 
         try:
-            _watch(supervisor, loaded, path, stop=stop, when_ready=start_helpers)
+            _supervise(supervisor, loaded, path, stop=stop, when_ready=start_helpers)
             if supervisor.died:
-                supervisor.mourn(linger)
+                supervisor.hold_after_death(linger)
         finally:
             supervisor.stop()
     if supervisor.died:
@@ -89,7 +89,7 @@ def up(
     typer.echo(f"cell {loaded.cell} is down", err=True)
 
 
-def _watch(
+def _supervise(
     supervisor: "Supervisor",
     cell: "CellConfig",
     path: Path,
@@ -103,16 +103,16 @@ def _watch(
     """
     import time
 
-    started_s, said_slow, ready = time.monotonic(), False, False
+    started_s, is_slow_reported, ready = time.monotonic(), False, False
     while not stop.wait(SUPERVISOR_POLL_S) and not supervisor.died:
-        supervisor.tend()
+        supervisor.restart_exited()
         lines = supervisor.missing()
         elapsed_s = time.monotonic() - started_s
         if not ready and not lines:
             ready = True
-            supervisor.keep_up()
+            supervisor.enable_restarts()
             when_ready()
             typer.echo(f"cell {cell.cell} ({path}) is up; Ctrl-C stops it", err=True)
-        elif not ready and not said_slow and elapsed_s > SLOW_S:
-            said_slow = True
+        elif not ready and not is_slow_reported and elapsed_s > SLOW_S:
+            is_slow_reported = True
             typer.echo(f"after {elapsed_s:.0f} s still waiting: {'; '.join(lines)}", err=True)

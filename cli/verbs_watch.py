@@ -85,14 +85,14 @@ def watch(
             if row is None:
                 _watch_all(client, end, as_json)
             elif csv is not None:
-                _write(client, row, csv, end)
+                _write_csv(client, row, csv, end)
             elif as_json:
-                for heard in _messages(client.feed(row), end):
-                    fields = heard.header.model_dump() | heard.message.model_dump()
+                for received in _messages(client.feed(row), end):
+                    fields = received.header.model_dump() | received.message.model_dump()
                     sys.stdout.write(json.dumps(fields) + "\n")
                     sys.stdout.flush()
             else:
-                _show(client.feed(row), end)
+                _show_topic(client.feed(row), end)
         except KeyboardInterrupt:
             raise typer.Exit(0) from None
 
@@ -105,20 +105,22 @@ def find_topic(name: str) -> "Topic[Message]":
 
     rows = {topic.key: topic for topic in TOPICS}
     if name not in rows:
-        near = difflib.get_close_matches(name, rows, n=1, cutoff=0.4)
-        hint = f"did you mean {near[0]}?" if near else f"choose from {', '.join(rows)}"
+        matches = difflib.get_close_matches(name, rows, n=1, cutoff=0.4)
+        hint = f"did you mean {matches[0]}?" if matches else f"choose from {', '.join(rows)}"
         exit_with_error(f"unknown topic {name!r}: {hint}", USAGE)
     return rows[name]
 
 
 def _messages(feed: "Feed[Message]", end: WatchEnd) -> "Iterator[Received[Message]]":
-    for number, heard in enumerate(feed.stream(seconds=end.seconds, silence_s=SILENCE_S), 1):
-        yield heard
+    for number, received in enumerate(feed.stream(seconds=end.seconds, silence_s=SILENCE_S), 1):
+        yield received
         if number == end.number:
             return
 
 
-def _write(client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: WatchEnd) -> None:
+def _write_csv(
+    client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: WatchEnd
+) -> None:
     from cli.watch_csv import write_csv
 
     try:
@@ -135,45 +137,47 @@ def _write(client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: W
 # --- one topic ------------------------------------------------------------------------------------
 
 
-def _show(feed: "Feed[Message]", end: WatchEnd) -> None:
+def _show_topic(feed: "Feed[Message]", end: WatchEnd) -> None:
     """Show one table live: fields, rate and age."""
     from rich.live import Live
 
     from cli.tables import table_console
 
-    started_s, seen, shown_s = time.monotonic(), 0, 0.0
+    started_s, count, shown_s = time.monotonic(), 0, 0.0
     console = table_console()
     with Live(console=console, auto_refresh=False) as live:
-        for heard in _messages(feed, end):
-            seen, now_s = seen + 1, time.monotonic()
-            if now_s - shown_s >= 1.0 / REFRESH_HZ or seen == end.number:
+        for received in _messages(feed, end):
+            count, now_s = count + 1, time.monotonic()
+            if now_s - shown_s >= 1.0 / REFRESH_HZ or count == end.number:
                 shown_s = now_s
-                rate_hz = (seen - 1) / (now_s - started_s) if seen > 1 else 0.0
+                rate_hz = (count - 1) / (now_s - started_s) if count > 1 else 0.0
                 # Without a terminal rich prints the last table when it ends.
-                live.update(_table(feed, heard, rate_hz=rate_hz), refresh=console.is_terminal)
+                live.update(
+                    _message_table(feed, received, rate_hz=rate_hz), refresh=console.is_terminal
+                )
 
 
-def _table(feed: "Feed[Message]", heard: "Received[Message]", *, rate_hz: float) -> Any:
+def _message_table(feed: "Feed[Message]", received: "Received[Message]", *, rate_hz: float) -> Any:
     from rich.table import Table
 
-    age_ms = (time.monotonic_ns() - heard.header.stamp_ns) / 1e6
+    age_ms = (time.monotonic_ns() - received.header.stamp_ns) / 1e6
     rate = f"{rate_hz:.1f} Hz, " if rate_hz else ""  # one message has none
-    caption = f"seq {heard.header.seq}, {rate}published {age_ms:.1f} ms ago"
+    caption = f"seq {received.header.seq}, {rate}published {age_ms:.1f} ms ago"
     table = Table(title=feed.topic.key, caption=caption)
     for name in ("field", "value"):
         table.add_column(name, overflow="fold")  # nothing is cut
-    for name, value in heard.message.model_dump().items():
-        table.add_row(name, _text(value))
+    for name, value in received.message.model_dump().items():
+        table.add_row(name, _value_text(value))
     return table
 
 
-def _text(value: object) -> str:
+def _value_text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, tuple | list):
-        return "  ".join(_text(item) for item in value)
+        return "  ".join(_value_text(item) for item in value)
     if isinstance(value, dict):
-        return "\n".join(f"{key}: {_text(item)}" for key, item in value.items())
+        return "\n".join(f"{key}: {_value_text(item)}" for key, item in value.items())
     return str(value)
 
 
@@ -188,24 +192,24 @@ def _watch_all(client: "ConfiguredCell", end: WatchEnd, as_json: bool) -> None:
     from forcemesh.topics import TOPICS
 
     feeds = [client.feed(topic) for topic in TOPICS]
-    _look(client, feeds, FIRST_S)
+    _receive(client, feeds, FIRST_S)
     clock, console, shown = client.session.clock, table_console(), 0
     began_ns = clock.now_ns()
     with Live(console=console, auto_refresh=False) as live:
         while shown != end.number:
-            rows, shown = [_row(client, feed) for feed in feeds], shown + 1
+            rows, shown = [_topic_row(client, feed) for feed in feeds], shown + 1
             if as_json:
                 sys.stdout.write(json.dumps({"topics": rows}) + "\n")
                 sys.stdout.flush()
             else:
-                live.update(_rows(client, rows), refresh=console.is_terminal)
+                live.update(_topic_table(client, rows), refresh=console.is_terminal)
             if end.seconds is not None and clock.now_ns() - began_ns >= end.seconds * NS_PER_S:
                 return
             if shown != end.number:
-                _look(client, feeds, TABLE_S)
+                _receive(client, feeds, TABLE_S)
 
 
-def _look(client: "ConfiguredCell", feeds: "list[Feed[Any]]", for_s: float) -> None:
+def _receive(client: "ConfiguredCell", feeds: "list[Feed[Any]]", for_s: float) -> None:
     """Receive for a while: the rates are computed from the messages received."""
     clock = client.session.clock
     end_ns = clock.now_ns() + round(for_s * 1e9)
@@ -215,7 +219,7 @@ def _look(client: "ConfiguredCell", feeds: "list[Feed[Any]]", for_s: float) -> N
         clock.sleep_s(0.1)
 
 
-def _row(client: "ConfiguredCell", feed: "Feed[Message]") -> dict[str, Any]:
+def _topic_row(client: "ConfiguredCell", feed: "Feed[Message]") -> dict[str, Any]:
     reading = feed.reading()
     rate_hz = feed.rate_hz
     return {
@@ -230,7 +234,7 @@ def _row(client: "ConfiguredCell", feed: "Feed[Message]") -> dict[str, Any]:
     }
 
 
-def _rows(client: "ConfiguredCell", rows: list[dict[str, Any]]) -> Any:
+def _topic_table(client: "ConfiguredCell", rows: list[dict[str, Any]]) -> Any:
     from rich.table import Table
 
     table = Table(title=f"cell {client.config.cell}")

@@ -79,15 +79,15 @@ def _rows(
     """Yield each message as a row."""
     source, clock = client.session.bus.tap(topic, QUEUE), client.session.clock
     layout = layout_of(topic)
-    began_ns = heard_ns = clock.now_ns()
+    began_ns = received_ns = clock.now_ns()
     first_ns: int | None = None
     while seconds is None or clock.now_ns() - began_ns < seconds * NS_PER_S:
         if (data := source.take()) is None:
-            if clock.now_ns() - heard_ns > silence_s * NS_PER_S:
+            if clock.now_ns() - received_ns > silence_s * NS_PER_S:
                 raise LostError(f"nothing on {topic.key} for {silence_s:g} s")
             source.wait(POLL_S)
             continue
-        heard_ns = clock.now_ns()
+        received_ns = clock.now_ns()
         fields = msgspec.to_builtins(layout.change(layout.read(data)))
         first_ns = fields["stamp_ns"] if first_ns is None else first_ns
         time_s = (fields["stamp_ns"] - first_ns) / NS_PER_S

@@ -20,8 +20,8 @@ DIGITS = 9
 class Dwell:
     """Readings of an arm at rest: shapes (n,), (n, 3), (n, 3, 3), (n, 3), (n, 3).
 
-    Poses are those of the sensor in base, readings in sensor axes. `left_N` and `left_Nm` are the
-    running cell's residual wrench about the sensor's origin; None when none was received.
+    Poses are those of the sensor in base, readings in sensor axes. `residual_N` and `residual_Nm`
+    are the running cell's residual wrench about the sensor's origin; None when none was received.
     """
 
     purpose: Purpose
@@ -30,8 +30,8 @@ class Dwell:
     R_base_sensor: Array
     force_N: Array
     torque_Nm: Array
-    left_N: Array | None = None
-    left_Nm: Array | None = None
+    residual_N: Array | None = None
+    residual_Nm: Array | None = None
 
     def __len__(self) -> int:
         """Return the number of readings."""
@@ -43,7 +43,7 @@ class Dwell:
         return np.asarray(self.R_base_sensor[-1])
 
 
-def of_purpose(dwells: Iterable[Dwell], purpose: Purpose) -> list[Dwell]:
+def dwells_of_purpose(dwells: Iterable[Dwell], purpose: Purpose) -> list[Dwell]:
     """Return the dwells of a purpose: fit or verification."""
     return [dwell for dwell in dwells if dwell.purpose == purpose]
 
@@ -81,12 +81,12 @@ def recording_of(dwells: Sequence[Dwell], source: Path) -> WrenchRecording:
     )
 
 
-def save(dwells: Sequence[Dwell], path: Path) -> None:
+def save_dwells(dwells: Sequence[Dwell], path: Path) -> None:
     """Write every reading in the format of `forcemesh payload fit`; verification ones come last.
 
     Raises DataError when the file cannot be written.
     """
-    ordered = [*of_purpose(dwells, "fit"), *of_purpose(dwells, "verify")]
+    ordered = [*dwells_of_purpose(dwells, "fit"), *dwells_of_purpose(dwells, "verify")]
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w", encoding="utf-8", newline="") as file:

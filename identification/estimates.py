@@ -44,7 +44,7 @@ class Parameter:
     usual: float
 
     @property
-    def told(self) -> bool:
+    def determined(self) -> bool:
         """Return whether the recording improves on the prior."""
         return self.std <= IDENTIFIED_SHARE * self.usual
 

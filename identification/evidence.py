@@ -13,12 +13,18 @@ from common.config.calibration import CalibrationSection, PayloadSection
 from common.config.cell import CellConfig
 from common.config.payload import Payload
 from forcemesh.errors import first_mistake
-from identification.dwells import Dwell, means_of, of_purpose, recording_of
+from identification.dwells import Dwell, dwells_of_purpose, means_of, recording_of
 from identification.errors import CalibrationError
-from identification.identify import Identification, identify
+from identification.identify import Identification, identify_payload
 from identification.recording import Samples, WrenchAxes, WrenchRecording
 from identification.report import fit_report
-from identification.verification import Residual, Verification, VerificationBounds, judge, left_of
+from identification.verification import (
+    Residual,
+    Verification,
+    VerificationBounds,
+    judge_residual,
+    residual_of,
+)
 
 Method = Literal["arm", "manual", "recording"]
 
@@ -43,8 +49,8 @@ class Findings:
     section: CalibrationSection
     evidence: Evidence
     report: dict[str, Any]  # identification.report.fit_report
-    fit_left: Residual
-    verify_left: Residual | None
+    fit_residual: Residual
+    verify_residual: Residual | None
     bounds: VerificationBounds
     verdict: Verification
 
@@ -58,10 +64,10 @@ def evidence_of(
     notes: tuple[str, ...] = (),
 ) -> Evidence:
     """Fit the recorded dwells. Raises DataError when they do not determine a fit."""
-    recording = recording_of(of_purpose(dwells, "fit"), source)
-    fit = identify(recording.samples("sensor"))
-    fresh = of_purpose(dwells, "verify")
-    verify = means_of(fresh) if fresh else None
+    recording = recording_of(dwells_of_purpose(dwells, "fit"), source)
+    fit = identify_payload(recording.samples("sensor"))
+    verify_dwells = dwells_of_purpose(dwells, "verify")
+    verify = means_of(verify_dwells) if verify_dwells else None
     return Evidence(method, recording, "sensor", fit, verify, serial, notes)
 
 
@@ -71,10 +77,10 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
     Raises CalibrationError when a fitted value is outside the limits of a calibration.
     """
     fit, verify = evidence.fit, evidence.verify
-    fit_left = Residual(
+    fit_residual = Residual(
         np.linalg.norm(fit.residual_force_N, axis=1), np.linalg.norm(fit.residual_torque_Nm, axis=1)
     )
-    verify_left = None if verify is None else left_of(fit.payload, verify)
+    verify_residual = None if verify is None else residual_of(fit.payload, verify)
     section = CalibrationSection(
         cell=cell.cell,
         made_at=datetime.now(UTC).replace(microsecond=0),
@@ -83,22 +89,22 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
         T_flange_tcp=cell.tool.T_flange_tcp,
         T_flange_sensor=cell.sensor.T_flange_sensor,
         sensor=evidence.serial,
-        fit=fit_left.summary,
-        verified=None if verify_left is None else verify_left.summary,
-        payload=_usable(fit.payload),
+        fit=fit_residual.summary,
+        verified=None if verify_residual is None else verify_residual.summary,
+        payload=_payload_section(fit.payload),
     )
     return Findings(
         section=section,
         evidence=evidence,
         report=fit_report(evidence.recording, evidence.axes, fit),
-        fit_left=fit_left,
-        verify_left=verify_left,
+        fit_residual=fit_residual,
+        verify_residual=verify_residual,
         bounds=bounds,
-        verdict=judge(verify_left, bounds),
+        verdict=judge_residual(verify_residual, bounds),
     )
 
 
-def _usable(payload: Payload) -> PayloadSection:
+def _payload_section(payload: Payload) -> PayloadSection:
     """Return a fitted payload for a file. Raises CalibrationError when a value is invalid."""
     try:
         return PayloadSection.of(payload)

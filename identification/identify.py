@@ -18,26 +18,27 @@ from identification.estimates import (
     payload_of,
 )
 from identification.least_squares import FORCE_FLOOR_N, TORQUE_FLOOR_NM
-from identification.model_selection import Candidate, choose
+from identification.model_selection import Candidate, fitted_candidates
 from identification.next_pose import NextPose, next_pose
 from identification.payload_model import NAMES, PRIOR_STD
 from identification.recording import Samples, WrenchAxes, WrenchRecording
-from identification.screening import Rejected, screen
+from identification.screening import Rejected, screen_samples
 from identification.static_poses import check_poses
 
 BOTH_AXES: tuple[WrenchAxes, WrenchAxes] = ("sensor", "base")
-CLEARLY = 2.0  # ratio of residuals at which one choice of axes is clear
+CLEAR_RATIO = 2.0  # ratio of residuals at which one choice of axes is clear
 POOR_CONDITIONING = 10.0
 LEAST_MASS_KG = 1e-4
 # Standard deviations beyond which a parameter is reported as uncertain.
-UNSURE = {"mass_kg": 0.1, "com_m": 0.01, "bias_force_N": 1.0, "bias_torque_Nm": 0.1}
+UNCERTAIN_STD = {"mass_kg": 0.1, "com_m": 0.01, "bias_force_N": 1.0, "bias_torque_Nm": 0.1}
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
     """Fitted payload with its evidence. Residuals are per pose, shape (n, 3), sensor axes.
 
-    `untold` names what the recording does not identify; `rejected` the rows that were left out.
+    `undetermined` names the parameters that the recording does not identify; `rejected` the rows
+    that were left out.
     """
 
     payload: Payload
@@ -49,8 +50,8 @@ class Identification:
     first_row: npt.NDArray[np.intp]
     residual_force_N: Array
     residual_torque_Nm: Array
-    unsure: tuple[str, ...]
-    untold: tuple[str, ...]
+    uncertain: tuple[str, ...]
+    undetermined: tuple[str, ...]
     next_pose: NextPose
     warnings: tuple[str, ...]
 
@@ -63,7 +64,7 @@ class AxesFit(NamedTuple):
     reason: str
 
 
-def identify(samples: Samples) -> Identification:
+def identify_payload(samples: Samples) -> Identification:
     """Fit payload and bias; further parameters are added by model selection.
 
     Raises DataError when the poses are too few or too similar, or show no weight.
@@ -71,13 +72,13 @@ def identify(samples: Samples) -> Identification:
     Args:
         samples: Static readings in many attitudes, free of contact, in sensor axes.
     """
-    poses, rejected = screen(samples)
+    poses, rejected = screen_samples(samples)
     try:
         check_poses(poses)
     except DataError as error:
-        left_out = "".join(f"; {len(r.rows)} rows left out: {r.reason}" for r in rejected)
-        raise DataError(f"{error}{left_out}") from error
-    candidates = choose(poses)
+        omitted = "".join(f"; {len(r.rows)} rows left out: {r.reason}" for r in rejected)
+        raise DataError(f"{error}{omitted}") from error
+    candidates = fitted_candidates(poses)
     chosen = next(candidate for candidate in candidates if candidate.chosen)
     payload = payload_of(chosen.solution, poses.means.time_s)
     std = deviations(chosen.solution)
@@ -104,8 +105,8 @@ def identify(samples: Samples) -> Identification:
         first_row=poses.first_row,
         residual_force_N=force,
         residual_torque_Nm=torque,
-        unsure=_unsure(std),
-        untold=_untold(found, candidates),
+        uncertain=_uncertain_parameters(std),
+        undetermined=_undetermined_parameters(found, candidates),
         next_pose=next_pose(chosen.solution),
         warnings=_warnings(payload, candidates[0]),
     )
@@ -120,18 +121,18 @@ def identify_recording(recording: WrenchRecording, wrench_axes: WrenchAxes | Non
     problems: dict[WrenchAxes, DataError] = {}
     for axes in BOTH_AXES:
         try:
-            fits[axes] = identify(recording.samples(axes))
+            fits[axes] = identify_payload(recording.samples(axes))
         except DataError as error:
             problems[axes] = error
     if wrench_axes is not None:
         if wrench_axes in problems:
             raise DataError(f"{recording.source}: {problems[wrench_axes]}")
-        return AxesFit(wrench_axes, _compared(fits, wrench_axes), "")
+        return AxesFit(wrench_axes, _with_axes_warning(fits, wrench_axes), "")
     if not fits:
         raise DataError(f"{recording.source}: {problems['sensor']}")
     found = ", ".join(f"{_rms_text(fit)} in {axes} axes" for axes, fit in fits.items())
     best = min(fits, key=lambda axes: fits[axes].chosen.score)
-    if len(fits) == 2 and _times_better(fits["sensor"], fits["base"]) < CLEARLY:
+    if len(fits) == 2 and _residual_ratio(fits["sensor"], fits["base"]) < CLEAR_RATIO:
         raise DataError(
             f"{recording.source}: the axes of the wrench are ambiguous (rms residual {found}); "
             "use --wrench-axes sensor or base"
@@ -145,10 +146,10 @@ def axes_of(recording: WrenchRecording, payload: Payload) -> tuple[WrenchAxes, s
     If the payload does not decide (another payload, another bias), a fit of the recording may.
     Raises DataError when neither is clear.
     """
-    sizes = {axes: _unexplained(recording.samples(axes), payload) for axes in BOTH_AXES}
+    sizes = {axes: _residual_rms(recording.samples(axes), payload) for axes in BOTH_AXES}
     force, torque = (sizes["sensor"][i] / sizes["base"][i] for i in range(2))
     times = float(np.sqrt(force * torque))
-    if max(times, 1.0 / times) > CLEARLY:
+    if max(times, 1.0 / times) > CLEAR_RATIO:
         best: WrenchAxes = "base" if times > 1.0 else "sensor"
         found = ", ".join(f"{sizes[axes][0]:.3g} N in {axes} axes" for axes in BOTH_AXES)
         return best, f"wrench taken to be in {best} axes: rms residual {found}"
@@ -162,7 +163,7 @@ def axes_of(recording: WrenchRecording, payload: Payload) -> tuple[WrenchAxes, s
     return fit.axes, f"{fit.reason} when fitted by itself"
 
 
-def _unexplained(samples: Samples, payload: Payload) -> tuple[float, float]:
+def _residual_rms(samples: Samples, payload: Payload) -> tuple[float, float]:
     force, torque = residual(
         payload, samples.R_base_sensor, force_N=samples.force_N, torque_Nm=samples.torque_Nm
     )
@@ -171,20 +172,20 @@ def _unexplained(samples: Samples, payload: Payload) -> tuple[float, float]:
     return max(float(force_rms), FORCE_FLOOR_N), max(float(torque_rms), TORQUE_FLOOR_NM)
 
 
-def _compared(fits: dict[WrenchAxes, Identification], taken: WrenchAxes) -> Identification:
+def _with_axes_warning(fits: dict[WrenchAxes, Identification], axes: WrenchAxes) -> Identification:
     """Return the fit in the given axes, with a warning when the other ones fit far better."""
-    fit = fits[taken]
-    for other, rival in fits.items():
-        if rival.chosen.score < fit.chosen.score and _times_better(fit, rival) >= CLEARLY:
+    fit = fits[axes]
+    for other_axes, rival in fits.items():
+        if rival.chosen.score < fit.chosen.score and _residual_ratio(fit, rival) >= CLEAR_RATIO:
             warning = (
-                f"rms residual {_rms_text(fit)} in {taken} axes, but only {_rms_text(rival)} "
-                f"in {other} axes: use --wrench-axes {other}"
+                f"rms residual {_rms_text(fit)} in {axes} axes, but only {_rms_text(rival)} "
+                f"in {other_axes} axes: use --wrench-axes {other_axes}"
             )
             return replace(fit, warnings=(warning, *fit.warnings))
     return fit
 
 
-def _times_better(a: Identification, b: Identification) -> float:
+def _residual_ratio(a: Identification, b: Identification) -> float:
     """Return the ratio of the residuals of worse and better fit (geometric mean)."""
     small, large = sorted((a.chosen.score, b.chosen.score))
     return float(np.sqrt(large / small))
@@ -194,25 +195,27 @@ def _rms_text(fit: Identification) -> str:
     return f"{fit.chosen.rms_force_N:.3g} N, {fit.chosen.rms_torque_Nm:.3g} N m"
 
 
-def _unsure(std: Deviations) -> tuple[str, ...]:
+def _uncertain_parameters(std: Deviations) -> tuple[str, ...]:
     return tuple(
         f"{name} (standard deviation {np.max(getattr(std, name)):.3g})"
-        for name, limit in UNSURE.items()
+        for name, limit in UNCERTAIN_STD.items()
         if np.max(getattr(std, name)) > limit
     )
 
 
-def _untold(found: tuple[Parameter, ...], candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
+def _undetermined_parameters(
+    found: tuple[Parameter, ...], candidates: tuple[Candidate, ...]
+) -> tuple[str, ...]:
     """Return the parameters that the recording does not identify, in the model used or not."""
     lines = [
         f"{p.name}: {p.std:.2g}, but {p.usual:.2g} without the recording"
         for p in found
-        if not p.told
+        if not p.determined
     ]
-    richest = max(candidates, key=lambda c: c.model.groups).solution
+    largest_model = max(candidates, key=lambda c: c.model.groups).solution
     chosen = next(c for c in candidates if c.chosen).model.places
-    std = np.sqrt(np.diag(richest.covariance))
-    for name, place in richest.model.places.items():
+    std = np.sqrt(np.diag(largest_model.covariance))
+    for name, place in largest_model.model.places.items():
         if name not in chosen and np.min(std[place]) > IDENTIFIED_SHARE * PRIOR_STD[name]:
             lines.append(f"{NAMES[name]}: not identified, with all errors fitted at once")
     return tuple(lines)

@@ -16,12 +16,12 @@ from identification.payload_model import (
     PRIOR_STD,
     Model,
     State,
-    extras,
+    extra_parameters,
     jacobian,
     make_mass_positive,
-    moved,
     residuals,
     start_state,
+    updated_state,
 )
 from identification.recording import Samples
 
@@ -52,8 +52,8 @@ class Solution:
 
     `conditioning` is that of all unknowns with their priors; `amplified` is the factor on the
     deviation of each unknown from fitting the others too. `evidence` is a logarithm, of which only
-    differences are meaningful. `left_out` has shape (2, n, 3): the leave-one-out residual of each
-    pose.
+    differences are meaningful. `loo_residual` has shape (2, n, 3): the leave-one-out residual of
+    each pose.
     """
 
     model: Model
@@ -65,7 +65,7 @@ class Solution:
     amplified: Array
     converged: bool
     evidence: float
-    left_out: Array
+    loo_residual: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class _FitProblem:
 
 
 @dataclass(frozen=True, slots=True)
-class _Normal:
+class _NormalEquations:
     """Normal equations at one state; the covariance is half @ half.T.
 
     `scale` is one over the noise of each reading, shape (2, n, 1); `rows` are the derivatives in
@@ -110,24 +110,24 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
     task = _FitProblem(samples, weight, model)
     state = make_mass_positive(_fitted_linear(task, start))
     widths = {name: PRIOR_STD[name] for name in model.places}
-    left = residuals(state, samples)
-    noise = _noise(left, weight, np.array([4.0, 6.0]))
+    residual = residuals(state, samples)
+    noise = _noise(residual, weight, np.array([4.0, 6.0]))
     converged = False
     for _ in range(ITERATIONS):
-        normal = _normal(state, task, noise, widths, left=left)
+        normal = _normal_equations(state, task, noise, widths, residual=residual)
         covariance = normal.covariance
         step = covariance @ normal.slope
-        state = make_mass_positive(moved(state, step, model))
-        left = residuals(state, samples)
-        widths = _widened(state, model)
-        borne = [float(np.sum(covariance * square)) for square in normal.squares]
-        before, noise = noise, _noise(left, weight, np.array(borne))
+        state = make_mass_positive(updated_state(state, step, model))
+        residual = residuals(state, samples)
+        widths = _prior_widths(state, model)
+        unknowns = [float(np.sum(covariance * square)) for square in normal.squares]
+        before, noise = noise, _noise(residual, weight, np.array(unknowns))
         # A rough convergence of the noise is enough: the directions converge long before it.
         settled = bool(np.all(np.abs(np.log(noise / before)) < 1e-2))
         if settled and np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear)):
             converged = True
             break
-    normal = _normal(state, task, noise, widths, left=left)
+    normal = _normal_equations(state, task, noise, widths, residual=residual)
     covariance = normal.covariance
     information = np.diag(normal.squares[0] + normal.squares[1]) + 1.0 / _variances(model, widths)
     return Solution(
@@ -139,8 +139,8 @@ def solve(samples: Samples, weight: Array, model: Model, start: State) -> Soluti
         conditioning=normal.conditioning,
         amplified=np.sqrt(np.diag(covariance) * information),
         converged=converged,
-        evidence=_evidence(state, task, noise, widths, left=left, log_det=normal.log_det),
-        left_out=_left_out(normal, left),
+        evidence=_evidence(state, task, noise, widths, residual=residual, log_det=normal.log_det),
+        loo_residual=_loo_residual(normal, residual),
     )
 
 
@@ -165,24 +165,24 @@ def _variances(model: Model, widths: dict[str, float]) -> Array:
     return variances
 
 
-def _widened(state: State, model: Model) -> dict[str, float]:
+def _prior_widths(state: State, model: Model) -> dict[str, float]:
     """Return the prior deviation of each group, or its rms if the recording shows more."""
-    found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extras(state, model).items()}
+    found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extra_parameters(state, model).items()}
     return {name: max(PRIOR_STD[name], size) for name, size in found.items()}
 
 
-def _normal(
-    state: State, task: _FitProblem, noise: Array, widths: dict[str, float], *, left: Array
-) -> _Normal:
-    """Build and factorise the normal equations; `left` are the residuals at this state."""
+def _normal_equations(
+    state: State, task: _FitProblem, noise: Array, widths: dict[str, float], *, residual: Array
+) -> _NormalEquations:
+    """Build and factorise the normal equations; `residual` are the residuals at this state."""
     samples, model = task.samples, task.model
     scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
     rows = jacobian(state, samples, model) * scale[..., None]
-    A, r = rows.reshape(2, -1, model.size), (left * scale).reshape(2, -1)
+    A, r = rows.reshape(2, -1, model.size), (residual * scale).reshape(2, -1)
     squares = (A[0].T @ A[0], A[1].T @ A[1])
     prior = 1.0 / _variances(model, widths)
     slope = A[0].T @ r[0] + A[1].T @ r[1]
-    for name, value in extras(state, model).items():
+    for name, value in extra_parameters(state, model).items():
         slope[model.places[name]] -= value * prior[model.places[name]]
     total = squares[0] + squares[1] + np.diag(prior)
     length = np.sqrt(np.diag(total))
@@ -191,10 +191,10 @@ def _normal(
     eigenvalues, V = np.linalg.eigh(total / np.outer(length, length))
     s = np.sqrt(np.maximum(eigenvalues, 0.0))
     conditioning = float(s[-1] / s[0]) if s[0] > 0.0 else np.inf
-    keep = s > s[-1] * RANK_TOLERANCE
-    half = V[:, keep] / s[keep] / length[:, None]
-    log_det = 2.0 * float(np.log(s[keep]).sum() + np.log(length).sum())
-    return _Normal(scale, rows, squares, slope, half, conditioning, log_det)
+    is_significant = s > s[-1] * RANK_TOLERANCE
+    half = V[:, is_significant] / s[is_significant] / length[:, None]
+    log_det = 2.0 * float(np.log(s[is_significant]).sum() + np.log(length).sum())
+    return _NormalEquations(scale, rows, squares, slope, half, conditioning, log_det)
 
 
 def _evidence(
@@ -203,41 +203,41 @@ def _evidence(
     noise: Array,
     widths: dict[str, float],
     *,
-    left: Array,
+    residual: Array,
     log_det: float,
 ) -> float:
     """Return the logarithm of the evidence (Laplace's approximation), up to a common constant."""
-    squares = (task.weight[:, None] * left**2).sum(axis=(1, 2))
+    squares = (task.weight[:, None] * residual**2).sum(axis=(1, 2))
     equations = 3.0 * len(task.samples) + QUIET_EQUATIONS
     squares = squares + QUIET_EQUATIONS * QUIET**2
     fit = float(np.sum(squares / noise**2 + 2.0 * equations * np.log(noise)))
     prior = 0.0
-    for name, value in extras(state, task.model).items():
+    for name, value in extra_parameters(state, task.model).items():
         prior += float(value @ value) / widths[name] ** 2 + 2.0 * value.size * np.log(widths[name])
     return -0.5 * (fit + prior + log_det)
 
 
-def _left_out(normal: _Normal, left: Array) -> Array:
+def _loo_residual(normal: _NormalEquations, residual: Array) -> Array:
     """Return the leave-out residuals of the poses, by the hat matrix.
 
     Exact for linear models, close for small rotations. Each pose is left out alone; in long
     recordings blocks are, as neighbours are correlated. Infinite where there is no fit.
     """
-    left_out = np.full_like(left, np.inf)
-    errors = left * normal.scale
-    for folds in _folds(left.shape[1]):
+    loo_residual = np.full_like(residual, np.inf)
+    errors = residual * normal.scale
+    for folds in _folds(residual.shape[1]):
         count, each = folds.shape
         rows = normal.rows[:, folds].swapaxes(0, 1).reshape(count, 6 * each, -1) @ normal.half
         error = errors[:, folds].swapaxes(0, 1).reshape(count, 6 * each, 1)
         # (I - B B^T)^-1 = I + B (I - B^T B)^-1 B^T keeps the matrix small for long recordings.
-        kept = np.eye(rows.shape[2]) - rows.swapaxes(1, 2) @ rows
-        fits = np.linalg.eigvalsh(kept)[:, 0] > 1e-9
-        rows, error, kept = rows[fits], error[fits], kept[fits]
-        error = error + rows @ np.linalg.solve(kept, rows.swapaxes(1, 2) @ error)
+        complement = np.eye(rows.shape[2]) - rows.swapaxes(1, 2) @ rows
+        fits = np.linalg.eigvalsh(complement)[:, 0] > 1e-9
+        rows, error, complement = rows[fits], error[fits], complement[fits]
+        error = error + rows @ np.linalg.solve(complement, rows.swapaxes(1, 2) @ error)
         places = folds[fits]
-        apart = error.reshape(len(places), 2, each, 3).swapaxes(0, 1)
-        left_out[:, places] = apart / normal.scale[:, places]
-    return left_out
+        loo_error = error.reshape(len(places), 2, each, 3).swapaxes(0, 1)
+        loo_residual[:, places] = loo_error / normal.scale[:, places]
+    return loo_residual
 
 
 def _folds(n: int) -> list[npt.NDArray[np.intp]]:
@@ -256,12 +256,12 @@ def _fitted_linear(task: _FitProblem, start: State) -> State:
     return replace(still, linear=normal.covariance @ normal.slope)
 
 
-def _plain_normal(task: _FitProblem, state: State) -> _Normal:
-    return _normal(state, task, np.ones(2), {}, left=residuals(state, task.samples))
+def _plain_normal(task: _FitProblem, state: State) -> _NormalEquations:
+    return _normal_equations(state, task, np.ones(2), {}, residual=residuals(state, task.samples))
 
 
-def _noise(residual: Array, weight: Array, borne: Array) -> Array:
-    """Return the noise of force and torque; `borne` is the number of unknowns of each block."""
+def _noise(residual: Array, weight: Array, unknowns: Array) -> Array:
+    """Return the noise of force and torque; `unknowns` is the number of unknowns of each block."""
     squares = (weight[:, None] * residual**2).sum(axis=(1, 2)) + QUIET_EQUATIONS * QUIET**2
     equations = 3.0 * len(weight) + QUIET_EQUATIONS
-    return np.asarray(np.maximum(np.sqrt(squares / np.maximum(equations - borne, 1.0)), FLOOR))
+    return np.asarray(np.maximum(np.sqrt(squares / np.maximum(equations - unknowns, 1.0)), FLOOR))

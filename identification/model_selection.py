@@ -40,9 +40,9 @@ class Candidate:
     @property
     def score(self) -> float:
         """Return the product of force and torque error on left-out poses, independent of units."""
-        seen = max(self.rms_force_N, FORCE_FLOOR_N) * max(self.rms_torque_Nm, TORQUE_FLOOR_NM)
-        unseen = max(self.loo_force_N, FORCE_FLOOR_N) * max(self.loo_torque_Nm, TORQUE_FLOOR_NM)
-        return unseen if np.isfinite(unseen) else seen
+        fit_error = max(self.rms_force_N, FORCE_FLOOR_N) * max(self.rms_torque_Nm, TORQUE_FLOOR_NM)
+        loo_error = max(self.loo_force_N, FORCE_FLOOR_N) * max(self.loo_torque_Nm, TORQUE_FLOOR_NM)
+        return loo_error if np.isfinite(loo_error) else fit_error
 
     @property
     def weighs(self) -> bool:
@@ -51,45 +51,49 @@ class Candidate:
         return bool(self.solution.state.linear[0] >= 3.0 * deviation)
 
 
-def choose(poses: Poses) -> tuple[Candidate, ...]:
+def fitted_candidates(poses: Poses) -> tuple[Candidate, ...]:
     """Fit every model that the poses support; mark the one to use. The plain one comes first.
 
     The model with the highest evidence is used, if it also predicts left-out poses better than
     the plain one.
     """
-    starts = _starts(poses)
-    plain = _fitted(poses, PLAIN, [start_state()])
+    starts = _start_states(poses)
+    plain = _fitted_candidate(poses, PLAIN, [start_state()])
     t = poses.means.time_s
     orders = (0,) if t is None or np.ptp(t) == 0.0 else (0, 1)
     models = [Model(*m) for m in product((False, True), (False, True), (False, True), orders)]
-    richer = [_judged(poses, model, starts, plain) for model in models if model != PLAIN]
-    best = _best([plain, *richer])
+    extended = [
+        _evaluated_candidate(poses, model, starts, plain) for model in models if model != PLAIN
+    ]
+    best = _best_candidate([plain, *extended])
     if len(orders) > 1:  # quadratic drift is tried only on top of the best model
-        richer.append(_judged(poses, replace(best.model, drift=2), starts, plain))
-        best = _best([plain, *richer])
+        extended.append(_evaluated_candidate(poses, replace(best.model, drift=2), starts, plain))
+        best = _best_candidate([plain, *extended])
     return tuple(
         replace(c, chosen=True, verdict="used")
         if c is best
         else replace(c, verdict=c.verdict or "another has more evidence")
-        for c in (plain, *richer)
+        for c in (plain, *extended)
     )
 
 
-def _best(candidates: Sequence[Candidate]) -> Candidate:
-    possible = [c for c in candidates if not c.verdict]
-    return max(possible, key=lambda c: (c.weighs, c.evidence))
+def _best_candidate(candidates: Sequence[Candidate]) -> Candidate:
+    eligible = [c for c in candidates if not c.verdict]
+    return max(eligible, key=lambda c: (c.weighs, c.evidence))
 
 
-def _judged(poses: Poses, model: Model, starts: Sequence[State], plain: Candidate) -> Candidate:
-    allowed = [_allowed(start, model) for start in starts]
+def _evaluated_candidate(
+    poses: Poses, model: Model, starts: Sequence[State], plain: Candidate
+) -> Candidate:
+    allowed = [_allowed_start(start, model) for start in starts]
     # Starts that differ only in directions that the model does not correct are one start.
     if all(_same_directions(start, allowed[0]) for start in allowed):
         allowed = allowed[:1]
-    candidate = _fitted(poses, model, allowed)
-    return replace(candidate, verdict=_objection(candidate, plain, len(poses)))
+    candidate = _fitted_candidate(poses, model, allowed)
+    return replace(candidate, verdict=_rejection_reason(candidate, plain, len(poses)))
 
 
-def _allowed(start: State, model: Model) -> State:
+def _allowed_start(start: State, model: Model) -> State:
     """Return a start without the directions that its model does not correct."""
     return replace(
         start,
@@ -102,7 +106,7 @@ def _same_directions(a: State, b: State) -> bool:
     return np.array_equal(a.R_mount, b.R_mount) and np.array_equal(a.down_in_base, b.down_in_base)
 
 
-def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:
+def _rejection_reason(candidate: Candidate, plain: Candidate, poses: int) -> str:
     """Return why a richer candidate must not replace the plain one; empty when it may."""
     if poses < LEAST_POSES_TO_COMPARE:
         return f"too few poses to decide ({poses}, at least {LEAST_POSES_TO_COMPARE})"
@@ -116,16 +120,16 @@ def _objection(candidate: Candidate, plain: Candidate, poses: int) -> str:
         return ""
     if candidate.evidence <= plain.evidence:
         return "not significant"
-    worse = max(
+    error_ratio = max(
         candidate.loo_force_N / max(plain.loo_force_N, FORCE_FLOOR_N),
         candidate.loo_torque_Nm / max(plain.loo_torque_Nm, TORQUE_FLOOR_NM),
     )
-    if worse > NOT_WORSE or candidate.score > plain.score * SCORE_GAIN**2:
+    if error_ratio > NOT_WORSE or candidate.score > plain.score * SCORE_GAIN**2:
         return "predicts left-out poses no better"
     return ""
 
 
-def _fitted(poses: Poses, model: Model, starts: Sequence[State]) -> Candidate:
+def _fitted_candidate(poses: Poses, model: Model, starts: Sequence[State]) -> Candidate:
     solution = max(
         (solve(poses.means, poses.weight, model, start) for start in starts),
         key=lambda solution: solution.evidence,
@@ -136,14 +140,14 @@ def _fitted(poses: Poses, model: Model, starts: Sequence[State]) -> Candidate:
         solution=solution,
         rms_force_N=_rms(force),
         rms_torque_Nm=_rms(torque),
-        loo_force_N=_rms(solution.left_out[0]),
-        loo_torque_Nm=_rms(solution.left_out[1]),
+        loo_force_N=_rms(solution.loo_residual[0]),
+        loo_torque_Nm=_rms(solution.loo_residual[1]),
         evidence=solution.evidence - PRICE * model.groups,
         verdict="",
     )
 
 
-def _starts(poses: Poses) -> list[State]:
+def _start_states(poses: Poses) -> list[State]:
     """Return start directions: none corrected, and a rotated sensor if it is far off.
 
     F = A u + b is linear in A = m R_mount^T, whose nearest rotation comes from its singular
@@ -151,7 +155,7 @@ def _starts(poses: Poses) -> list[State]:
     """
     level, samples = start_state(), poses.means
     u = GRAVITY_M_S2 * np.swapaxes(samples.R_base_sensor, 1, 2) @ DOWN
-    A = _linear(np.einsum("ij,nk->nijk", np.eye(3), u).reshape(len(u), 3, 9), samples.force_N)
+    A = _linear_fit(np.einsum("ij,nk->nijk", np.eye(3), u).reshape(len(u), 3, 9), samples.force_N)
     sign = 1.0 if np.linalg.det(A.reshape(3, 3)) >= 0.0 else -1.0
     U, _, Vt = np.linalg.svd(sign * A.reshape(3, 3))
     R_mount = (U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt).T
@@ -160,7 +164,7 @@ def _starts(poses: Poses) -> list[State]:
     return [level, replace(level, R_mount=R_mount, down_in_base=sign * DOWN)]
 
 
-def _linear(columns: Array, force_N: Array) -> Array:
+def _linear_fit(columns: Array, force_N: Array) -> Array:
     """Return x of F = columns x + b by least squares. columns has shape (n, 3, k)."""
     n, _, k = columns.shape
     bias = np.broadcast_to(np.eye(3), (n, 3, 3))

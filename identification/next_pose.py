@@ -11,7 +11,7 @@ from identification.payload_model import LINEAR, NAMES, PRIOR_STD, Model, jacobi
 from identification.recording import Samples
 
 ATTITUDES = 200
-TEACHES = 0.05  # smallest share of the variance that a new pose should remove
+LEAST_REDUCTION = 0.05  # smallest share of the variance that a new pose should remove
 # Reference deviations: mass [kg], com [m], bias [N], [Nm].
 LINEAR_SIZES = (0.1, 0.01, 1.0, 0.1)
 
@@ -38,8 +38,8 @@ def next_pose(solution: Solution) -> NextPose:
     sizes = _sizes(solution)
     variance = np.diag(solution.covariance)
     R = _attitudes()
-    ones = np.zeros((ATTITUDES, 3))
-    J = jacobian(solution.state, Samples(R, ones, ones), model)
+    no_wrench = np.zeros((ATTITUDES, 3))
+    J = jacobian(solution.state, Samples(R, no_wrench, no_wrench), model)
     for order in range(1, model.drift + 1):  # the pose would be read right after the recording
         for block, of in enumerate("FM"):
             J[block, :, :, model.places[f"drift{order}_{of}"]] = END[order - 1] * np.eye(3)
@@ -47,18 +47,20 @@ def next_pose(solution: Solution) -> NextPose:
     noise = np.repeat([solution.noise.force_N, solution.noise.torque_Nm], 3) ** 2
     shared = rows @ solution.covariance
     spread = np.diag(noise) + shared @ rows.swapaxes(1, 2)
-    taken = np.einsum("kri,kri->ki", shared, np.linalg.solve(spread, shared))
+    reduction = np.einsum("kri,kri->ki", shared, np.linalg.solve(spread, shared))
     by_size = [int(i) for i in np.argsort(-variance / sizes**2)]
-    teachable = [i for i in by_size if taken[:, i].max() > TEACHES * variance[i]]
-    worst = (teachable or by_size)[0]
-    best = int(np.argmax(taken[:, worst]))
+    improvable = [i for i in by_size if reduction[:, i].max() > LEAST_REDUCTION * variance[i]]
+    least_certain = (improvable or by_size)[0]
+    best = int(np.argmax(reduction[:, least_certain]))
     down = R[best].T @ solution.state.down_in_base
     return NextPose(
         quaternion=quaternion_from_R(R[best]),
         down_in_sensor=(float(down[0]), float(down[1]), float(down[2])),
-        parameter=_names(model)[worst],
-        std_before=float(np.sqrt(variance[worst])),
-        std_after=float(np.sqrt(max(variance[worst] - taken[best, worst], 0.0))),
+        parameter=_names(model)[least_certain],
+        std_before=float(np.sqrt(variance[least_certain])),
+        std_after=float(
+            np.sqrt(max(variance[least_certain] - reduction[best, least_certain], 0.0))
+        ),
     )
 
 

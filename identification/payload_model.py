@@ -124,7 +124,7 @@ def start_state() -> State:
     return State(np.zeros(LINEAR), DOWN, np.eye(3), np.zeros((2, 3)), np.zeros((2, 2, 3)))
 
 
-def shapes(samples: Samples) -> Array:
+def drift_shapes(samples: Samples) -> Array:
     """Return u/2 and u^2 - 1/3 for each reading: zeros without times. Shape (2, n)."""
     t = samples.time_s
     if t is None or np.ptp(t) == 0.0:
@@ -146,7 +146,7 @@ def residuals(state: State, samples: Samples) -> Array:
     load = np.array([m * g_s, g_s @ skew(h).T])
     bias = state.linear[4:].reshape(2, 1, 3)
     if state.drift.any():
-        bias = bias + shapes(samples).T @ state.drift.swapaxes(0, 1)
+        bias = bias + drift_shapes(samples).T @ state.drift.swapaxes(0, 1)
     read = np.array([samples.force_N, samples.torque_Nm])
     return np.asarray(read - (1.0 + state.gain_error[:, None, :]) * load - bias)
 
@@ -157,35 +157,41 @@ def jacobian(state: State, samples: Samples, model: Model) -> Array:
     m, h = state.linear[0], state.linear[1:4]
     J = np.zeros((2, n, 3, model.size))
     J[0, :, :, 0] = g_s
-    J[1, :, :, 1:4] = -skews(g_s)
+    J[1, :, :, 1:4] = -skew_matrices(g_s)
     places = model.places
     if model.tilt:  # g' = exp([e]x) g, e perpendicular to g
-        turn = -skew(GRAVITY_M_S2 * state.down_in_base) @ across(state.down_in_base)
-        g_turn = (samples.R_base_sensor @ state.R_mount).swapaxes(1, 2) @ turn
-        J[:, :, :, places["tilt"]] = m * g_turn, skew(h) @ g_turn
+        tilt_jacobian = -skew(GRAVITY_M_S2 * state.down_in_base) @ perpendicular_axes(
+            state.down_in_base
+        )
+        g_jacobian = (samples.R_base_sensor @ state.R_mount).swapaxes(1, 2) @ tilt_jacobian
+        J[:, :, :, places["tilt"]] = m * g_jacobian, skew(h) @ g_jacobian
     if model.mounting:  # R_mount' = R_mount exp([d]x), so g_s' = g_s + [g_s]x d
-        g_turn = skews(g_s)
-        J[:, :, :, places["mounting"]] = m * g_turn, skew(h) @ g_turn
+        g_jacobian = skew_matrices(g_s)
+        J[:, :, :, places["mounting"]] = m * g_jacobian, skew(h) @ g_jacobian
     J *= (1.0 + state.gain_error)[:, None, :, None]
     J[0, :, :, 4:7] = J[1, :, :, 7:10] = np.eye(3)
     if model.gain:
         J[0, :, :, places["gain_F"]] = (m * g_s)[:, :, None] * np.eye(3)
         J[1, :, :, places["gain_M"]] = (g_s @ skew(h).T)[:, :, None] * np.eye(3)
-    for order, shape in enumerate(shapes(samples)[: model.drift] if model.drift else (), start=1):
+    for order, shape in enumerate(
+        drift_shapes(samples)[: model.drift] if model.drift else (), start=1
+    ):
         for block, of in enumerate("FM"):
             J[block, :, :, places[f"drift{order}_{of}"]] = shape[:, None, None] * np.eye(3)
     return J
 
 
-def extras(state: State, model: Model) -> dict[str, Array]:
+def extra_parameters(state: State, model: Model) -> dict[str, Array]:
     """Return the value of each group beyond the linear unknowns, as used by the priors."""
     values = {}
     if model.tilt:
         level = DOWN if state.down_in_base[2] <= 0.0 else -DOWN
-        lean = skew(level) @ state.down_in_base
-        sine = math.sqrt(lean @ lean)
+        tilt_axis = skew(level) @ state.down_in_base
+        sine = math.sqrt(tilt_axis @ tilt_axis)
         angle = math.atan2(sine, level @ state.down_in_base)
-        values["tilt"] = across(state.down_in_base).T @ lean * (angle / max(sine, 1e-12))
+        values["tilt"] = (
+            perpendicular_axes(state.down_in_base).T @ tilt_axis * (angle / max(sine, 1e-12))
+        )
     if model.mounting:
         values["mounting"] = vector_from_rotation(state.R_mount)
     if model.gain:
@@ -196,15 +202,15 @@ def extras(state: State, model: Model) -> dict[str, Array]:
     return values
 
 
-def moved(state: State, step: Array, model: Model) -> State:
+def updated_state(state: State, step: Array, model: Model) -> State:
     """Return the state after a step of the unknowns, in the order of the Jacobian's columns."""
     parts = {name: step[place] for name, place in model.places.items()}
-    turns = [parts[name] for name in ("tilt", "mounting") if name in parts]
-    size = float(np.linalg.norm(np.concatenate(turns))) if turns else 0.0
+    rotations = [parts[name] for name in ("tilt", "mounting") if name in parts]
+    size = float(np.linalg.norm(np.concatenate(rotations))) if rotations else 0.0
     shorter = min(1.0, LARGEST_TURN_RAD / size) if size else 1.0
     down, R_mount = state.down_in_base, state.R_mount
     if model.tilt:
-        down = rotation_from_vector(across(down) @ parts["tilt"] * shorter) @ down
+        down = rotation_from_vector(perpendicular_axes(down) @ parts["tilt"] * shorter) @ down
         down = down / np.linalg.norm(down)
     if model.mounting:
         R_mount = R_mount @ rotation_from_vector(parts["mounting"] * shorter)
@@ -221,21 +227,21 @@ def make_mass_positive(state: State) -> State:
     """Make the mass positive: a negative one is the same as gravity pointing up."""
     if state.linear[0] >= 0.0:
         return state
-    flip = np.array([-1.0] * 4 + [1.0] * 6)
-    return replace(state, linear=state.linear * flip, down_in_base=-state.down_in_base)
+    signs = np.array([-1.0] * 4 + [1.0] * 6)
+    return replace(state, linear=state.linear * signs, down_in_base=-state.down_in_base)
 
 
-def across(direction: Array) -> Array:
+def perpendicular_axes(direction: Array) -> Array:
     """Return two unit vectors perpendicular to a direction. Shape (3, 2)."""
-    turn = skew(direction)
-    first = turn[:, int(np.argmin(np.abs(direction)))]
+    cross_matrix = skew(direction)
+    first = cross_matrix[:, int(np.argmin(np.abs(direction)))]
     first = first / math.sqrt(first @ first)
-    return np.stack([first, turn @ first], axis=1)
+    return np.stack([first, cross_matrix @ first], axis=1)
 
 
-def skews(v: Array) -> Array:
+def skew_matrices(v: Array) -> Array:
     """Return [v]x for each row. Shape (n, 3) to (n, 3, 3)."""
-    turns = np.zeros((len(v), 3, 3))
-    turns[:, (2, 0, 1), (1, 2, 0)] = v
-    turns[:, (1, 2, 0), (2, 0, 1)] = -v
-    return turns
+    matrices = np.zeros((len(v), 3, 3))
+    matrices[:, (2, 0, 1), (1, 2, 0)] = v
+    matrices[:, (1, 2, 0), (2, 0, 1)] = -v
+    return matrices

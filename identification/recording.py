@@ -113,11 +113,11 @@ def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[float]]]:
         for cells in reader:
             if not cells or (len(cells) == 1 and not cells[0].strip()):
                 continue  # a blank line, mostly the last
-            where = f"{path}, line {reader.line_num}"
+            location = f"{path}, line {reader.line_num}"
             if len(cells) != len(header):
-                raise DataError(f"{where}{_ragged(header, cells)}")
-            values = [_number(where, name, cells[place]) for name, place in places.items()]
-            yield reader.line_num, _unit_quaternion(where, values)
+                raise DataError(f"{location}{_ragged(header, cells)}")
+            values = [_number(location, name, cells[place]) for name, place in places.items()]
+            yield reader.line_num, _unit_quaternion(location, values)
     except csv.Error as error:
         raise DataError(f"{path}, line {reader.line_num}: is not CSV text: {error}") from error
 
@@ -136,28 +136,30 @@ def _places(path: Path, header: list[str]) -> dict[str, int]:
 
 
 def _ragged(header: list[str], cells: list[str]) -> str:
-    have, want = len(cells), len(header)
-    if have < want:
-        return f", column {header[have]}: no value; the row has {have} of {want} values"
-    return f", column {want + 1}: the row has {have} values, the header only {want} columns"
+    cell_count, column_count = len(cells), len(header)
+    if cell_count < column_count:
+        counts = f"{cell_count} of {column_count} values"
+        return f", column {header[cell_count]}: no value; the row has {counts}"
+    counts = f"{cell_count} values, the header only {column_count} columns"
+    return f", column {column_count + 1}: the row has {counts}"
 
 
-def _number(where: str, column: str, text: str) -> float:
+def _number(location: str, column: str, text: str) -> float:
     try:
         number = float(text.replace("_", "?"))  # Python would read 1_000 as a number
     except ValueError:
         problem = f"{text!r} is not a number" if text.strip() else "no value"
-        raise DataError(f"{where}, column {column}: {problem}") from None
+        raise DataError(f"{location}, column {column}: {problem}") from None
     if not math.isfinite(number):
-        raise DataError(f"{where}, column {column}: {text.strip()} is not a finite number")
+        raise DataError(f"{location}, column {column}: {text.strip()} is not a finite number")
     return number
 
 
-def _unit_quaternion(where: str, values: list[float]) -> list[float]:
+def _unit_quaternion(location: str, values: list[float]) -> list[float]:
     length = math.hypot(*values[4:8])
     if abs(length - 1.0) > QUATERNION_TOLERANCE:
         raise DataError(
-            f"{where}, columns qx to qw: the quaternion has length {length:.4f}; "
+            f"{location}, columns qx to qw: the quaternion has length {length:.4f}; "
             "it must be 1 (order x y z w)"
         )
     return [*values[:4], *(q / length for q in values[4:8]), *values[8:]]

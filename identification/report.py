@@ -26,7 +26,8 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
         **_payload_report(fit),
         "drift": None if payload.drift is None else asdict(payload.drift),
         "parameters": [
-            {**asdict(p), "usual": _finite(p.usual), "identified": p.told} for p in fit.parameters
+            {**asdict(p), "usual": _finite_or_none(p.usual), "identified": p.determined}
+            for p in fit.parameters
         ],
         "conditioning": chosen.solution.conditioning,
         "noise_force_N": chosen.solution.noise.force_N,
@@ -34,8 +35,8 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
         **_residual_summary(force, torque),
         "rms_force_N": chosen.rms_force_N,
         "rms_torque_Nm": chosen.rms_torque_Nm,
-        "leave_one_out_force_N": _finite(chosen.loo_force_N),
-        "leave_one_out_torque_Nm": _finite(chosen.loo_torque_Nm),
+        "leave_one_out_force_N": _finite_or_none(chosen.loo_force_N),
+        "leave_one_out_torque_Nm": _finite_or_none(chosen.loo_torque_Nm),
         "residuals": [
             {"line": recording.line[row], "force_N": float(f), "torque_Nm": float(t)}
             for row, f, t in zip(fit.first_row, force, torque, strict=True)
@@ -45,8 +46,8 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
             {"reason": r.reason, "lines": [recording.line[row] for row in r.rows]}
             for r in fit.rejected
         ],
-        "unsure": list(fit.unsure),
-        "untold": list(fit.untold),
+        "unsure": list(fit.uncertain),
+        "not_identified": list(fit.undetermined),
         "next_pose": asdict(fit.next_pose),
         "warnings": list(fit.warnings),
     }
@@ -66,11 +67,11 @@ def _payload_report(fit: Identification) -> dict[str, Any]:
         "gravity_direction_in_base": list(payload.gravity_direction_in_base),
         "gravity_tilt_std_rad": std.gravity_tilt_rad,
         "mounting_rotation_rad": list(payload.mounting_rotation_rad),
-        "mounting_rotation_std_rad": _listed(std.mounting_rotation_rad),
+        "mounting_rotation_std_rad": _as_list(std.mounting_rotation_rad),
         "force_gain": list(payload.force_gain),
-        "force_gain_std": _listed(std.force_gain),
+        "force_gain_std": _as_list(std.force_gain),
         "torque_gain": list(payload.torque_gain),
-        "torque_gain_std": _listed(std.torque_gain),
+        "torque_gain_std": _as_list(std.torque_gain),
     }
 
 
@@ -84,15 +85,15 @@ def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload)
     samples = recording.samples(axes)
     sizes = []
     for times in (time_s if used else None, None):
-        left = residual(
+        errors = residual(
             payload,
             samples.R_base_sensor,
             force_N=samples.force_N,
             torque_Nm=samples.torque_Nm,
             time_s=times,
         )
-        sizes.append([np.linalg.norm(v, axis=1) for v in left])
-    (force_norm, torque_norm), still = sizes
+        sizes.append([np.linalg.norm(v, axis=1) for v in errors])
+    (force_norm, torque_norm), without_drift = sizes
     return {
         "recording": recording.source,
         "rows": len(recording.line),
@@ -101,8 +102,8 @@ def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload)
         "worst_force_line": recording.line[int(force_norm.argmax())],
         "worst_torque_line": recording.line[int(torque_norm.argmax())],
         "drift": "none" if drift is None else "used" if used else "of another time, not used",
-        "residual_force_N_mean_without_drift": float(still[0].mean()),
-        "residual_torque_Nm_mean_without_drift": float(still[1].mean()),
+        "residual_force_N_mean_without_drift": float(without_drift[0].mean()),
+        "residual_torque_Nm_mean_without_drift": float(without_drift[1].mean()),
     }
 
 
@@ -120,18 +121,18 @@ def _model_report(candidate: Candidate) -> dict[str, Any]:
         "name": candidate.model.name,
         "rms_force_N": candidate.rms_force_N,
         "rms_torque_Nm": candidate.rms_torque_Nm,
-        "leave_one_out_force_N": _finite(candidate.loo_force_N),
-        "leave_one_out_torque_Nm": _finite(candidate.loo_torque_Nm),
-        "conditioning": _finite(candidate.solution.conditioning),
+        "leave_one_out_force_N": _finite_or_none(candidate.loo_force_N),
+        "leave_one_out_torque_Nm": _finite_or_none(candidate.loo_torque_Nm),
+        "conditioning": _finite_or_none(candidate.solution.conditioning),
         "evidence": candidate.evidence,
         "verdict": candidate.verdict,
     }
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     """Return None for infinity, which JSON cannot represent."""
     return value if np.isfinite(value) else None
 
 
-def _listed(values: tuple[float, ...] | None) -> list[float] | None:
+def _as_list(values: tuple[float, ...] | None) -> list[float] | None:
     return None if values is None else list(values)

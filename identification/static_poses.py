@@ -65,13 +65,15 @@ def check_poses(poses: Poses) -> None:
     if carries_a_fit(poses):
         return
     plain = solve(poses.means, poses.weight, Model(), start_state())
-    along, across = _extent_deg(poses.means.R_base_sensor)
-    if along < 1.0:
+    widest_deg, narrowest_deg = _extent_deg(poses.means.R_base_sensor)
+    if widest_deg < 1.0:
         problem = "the poses differ only by turns about the vertical, which do not change gravity"
-    elif along < 60.0:
-        problem = f"the poses differ by only {along:.0f} degrees"
+    elif widest_deg < 60.0:
+        problem = f"the poses differ by only {widest_deg:.0f} degrees"
     else:
-        problem = f"the poses tilt about one axis only ({across:.0f} degrees about the other)"
+        problem = (
+            f"the poses tilt about one axis only ({narrowest_deg:.0f} degrees about the other)"
+        )
     raise DataError(
         f"{problem} (condition number {plain.conditioning:.3g}, "
         f"at most {WORST_CONDITIONING:.0f}); {ADVICE}"
@@ -89,23 +91,23 @@ def _starts(R: Array) -> npt.NDArray[np.intp]:
     """Return the first row of each dwell; each row is compared with the first of its dwell."""
     first = [0]
     while True:
-        here = first[-1]
+        start = first[-1]
         # In blocks: linear time for a long recording of short dwells.
-        block, ahead = 64, here + 1
-        while ahead < len(R):
-            far = np.flatnonzero(angle(R[here], R[ahead : ahead + block]) > SAME_POSE_RAD)
-            if far.size:
-                first.append(ahead + int(far[0]))
+        block, row = 64, start + 1
+        while row < len(R):
+            is_far = np.flatnonzero(angle(R[start], R[row : row + block]) > SAME_POSE_RAD)
+            if is_far.size:
+                first.append(row + int(is_far[0]))
                 break
-            ahead, block = ahead + block, block * 2
+            row, block = row + block, block * 2
         else:
             return np.array(first, dtype=np.intp)
 
 
-def angle(R: Array, others: Array) -> Array:
+def angle(R: Array, R_others: Array) -> Array:
     """Return the angles between attitudes [rad]. Shapes (3, 3) or (n, 3, 3), and (n, 3, 3)."""
     # From the chord |R1 - R2| = 2 sqrt(2) sin(angle / 2): exact also for small angles.
-    chord = np.linalg.norm(others - R, axis=(1, 2))
+    chord = np.linalg.norm(R_others - R, axis=(1, 2))
     return np.asarray(2.0 * np.arcsin(np.clip(chord / np.sqrt(8.0), 0.0, 1.0)))
 
 
@@ -126,5 +128,5 @@ def _extent_deg(R: Array) -> tuple[float, float]:
     centre = down.mean(axis=0)
     _, _, Vt = np.linalg.svd(down - centre)
     reach = np.ptp((down - centre) @ Vt[:2].T, axis=0)
-    along, across = np.degrees(2.0 * np.arcsin(np.clip(reach / 2.0, 0.0, 1.0)))
-    return float(along), float(across)
+    widest_deg, narrowest_deg = np.degrees(2.0 * np.arcsin(np.clip(reach / 2.0, 0.0, 1.0)))
+    return float(widest_deg), float(narrowest_deg)

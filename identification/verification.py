@@ -40,7 +40,7 @@ class Residual:
         )
 
 
-def left_of(payload: Payload, means: Samples) -> Residual:
+def residual_of(payload: Payload, means: Samples) -> Residual:
     """Return the residuals of a payload as in the running cell: without the drift of its fit."""
     force, torque = residual(
         payload, means.R_base_sensor, force_N=means.force_N, torque_Nm=means.torque_Nm
@@ -48,18 +48,18 @@ def left_of(payload: Payload, means: Samples) -> Residual:
     return Residual(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
 
 
-def left_by(payload: Payload, dwells: Sequence[Dwell]) -> Residual:
+def residual_of_dwells(payload: Payload, dwells: Sequence[Dwell]) -> Residual:
     """Return the residuals of a payload for the mean of each dwell."""
-    return left_of(payload, means_of(dwells))
+    return residual_of(payload, means_of(dwells))
 
 
-def left_in_use(dwells: Sequence[Dwell]) -> Residual:
+def active_residual(dwells: Sequence[Dwell]) -> Residual:
     """Return the residuals that the running cell published at each pose.
 
     Raises DataError when the wrench was not valid at one of them.
     """
-    force = [dwell.left_N for dwell in dwells if dwell.left_N is not None]
-    torque = [dwell.left_Nm for dwell in dwells if dwell.left_Nm is not None]
+    force = [dwell.residual_N for dwell in dwells if dwell.residual_N is not None]
+    torque = [dwell.residual_Nm for dwell in dwells if dwell.residual_Nm is not None]
     if len(force) < len(dwells):
         raise DataError("the wrench was not valid at every pose: see `forcemesh status`")
     return Residual(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
@@ -73,17 +73,17 @@ class Verification:
     text: str
 
     @property
-    def word(self) -> str:
+    def result(self) -> str:
         """The verdict as one term."""
         return {True: "PASS", False: "FAIL", None: "NOT VERIFIED"}[self.passed]
 
 
-def judge(left: Residual | None, bounds: VerificationBounds) -> Verification:
+def judge_residual(residual: Residual | None, bounds: VerificationBounds) -> Verification:
     """Return the verdict on held-out poses; None when there are none."""
-    if left is None:
+    if residual is None:
         text = "no held-out pose; the residuals of the fit alone do not verify it"
         return Verification(None, f"NOT VERIFIED: {text}")
-    found = left.summary
+    found = residual.summary
     passed = found.force_max_N <= bounds.force_N and found.torque_max_Nm <= bounds.torque_Nm
     poses = f"{found.poses} fresh pose{'' if found.poses == 1 else 's'}"
     text = (

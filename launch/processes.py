@@ -23,7 +23,13 @@ from launch.cell_view import HEALTH_POLL_S, CellView
 from launch.restart import RESTART_PAUSE_S, Restarter, RestartPolicy
 from launch.run_file import read_run, writable_folder, write_atomically
 from launch.run_log import RunLog
-from launch.started_process import ChildProcess, ProcessExit, ProcessSpec, WriteLine, say_on_stderr
+from launch.started_process import (
+    ChildProcess,
+    ProcessExit,
+    ProcessSpec,
+    WriteLine,
+    write_stderr_line,
+)
 
 # Role: {implementation in the cell file: module}. None: an external process publishes it.
 # fmt: off
@@ -39,7 +45,7 @@ MODULES: dict[str, dict[str, str | None]] = {
 # The sensor `sim` with a gateway is on the arm of the emulated controller, which executes the
 # program that users load into theirs.
 EMULATOR = "sim.controller"
-WORDS = {EMULATOR: ("controller/forcemesh.as",)}
+ARGUMENTS = {EMULATOR: ("controller/forcemesh.as",)}
 WATCH_S = 0.02
 # Long, for a busy machine: a process that cannot start dies, which ends the wait at once.
 UP_WITHIN_S = 120.0
@@ -70,7 +76,7 @@ def processes_of(cell: CellConfig) -> tuple[ProcessSpec, ...]:
             EMULATOR: ("controller",),
         } | roles_of
     return tuple(
-        ProcessSpec(module, roles, words=WORDS.get(module, ()))
+        ProcessSpec(module, roles, arguments=ARGUMENTS.get(module, ()))
         for module, roles in roles_of.items()
     )
 
@@ -88,7 +94,7 @@ class Supervisor:
         *,
         processes: Sequence[ProcessSpec] | None = None,
         stop: threading.Event | None = None,
-        say: WriteLine = say_on_stderr,
+        write_line: WriteLine = write_stderr_line,
     ) -> None:
         """Prepare. Without a cell file the cell is written next to the run file."""
         self.died: list[ProcessExit] = []
@@ -96,7 +102,7 @@ class Supervisor:
         self._cell_file = cell_file
         self._processes = processes_of(cell) if processes is None else tuple(processes)
         self._stop = stop or threading.Event()
-        self._say = say
+        self._write_line = write_line
         self._running: list[ChildProcess] = []
         self._log: RunLog | None = None
         self._stopping = threading.Event()
@@ -104,7 +110,7 @@ class Supervisor:
         self._exits = ExitStack()
         self._client: Bus | None = None
         self._view: CellView | None = None
-        self._reviver: Restarter | None = None
+        self._restarter: Restarter | None = None
 
     # --- start and stop ---------------------------------------------------------------------------
 
@@ -146,7 +152,7 @@ class Supervisor:
         """Hold the arm if it may move, end every process, keep the run file only after a death."""
         if self._stopping.is_set():
             return
-        if self._last_state() in MAY_MOVE and not self._is_dead("hub", "arbiter"):
+        if self._last_state() in MAY_MOVE and not self._has_exited("hub", "arbiter"):
             self._hold("the cell is being stopped")
         self._stopping.set()
         self._exits.close()
@@ -202,22 +208,20 @@ class Supervisor:
             time.sleep(HEALTH_POLL_S)
         self._raise_death()
 
-    def keep_up(self) -> None:
-        """Restart what dies from now on, in `tend`: the cell was ready once."""
-        patience = RestartPolicy(
-            max(RESTART_PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND))
-        )
-        self._reviver = Restarter(self._start_again, self._hold, self._say, patience)
+    def enable_restarts(self) -> None:
+        """Restart what dies from now on, in `update`: the cell was ready once."""
+        policy = RestartPolicy(max(RESTART_PAUSE_S, self._cell.stale_after_s(topics.ROBOT_COMMAND)))
+        self._restarter = Restarter(self._start_again, self._hold, self._write_line, policy)
 
-    def tend(self) -> None:
+    def restart_exited(self) -> None:
         """Restart what has died; to be called often, by the thread that entered.
 
         A process that is given up is in `died` from then on, and the others stay up.
         """
-        if self._reviver is not None:
-            self.died += self._reviver.tend(time.monotonic())
+        if self._restarter is not None:
+            self.died += self._restarter.update(time.monotonic())
 
-    def mourn(self, linger_s: float | None) -> None:
+    def hold_after_death(self, linger_s: float | None) -> None:
         """After a death: request a hold, and keep the rest up so that status can be used.
 
         Without a time they stay up until this is stopped, if the cell was ready once.
@@ -225,12 +229,12 @@ class Supervisor:
         give_up_s = time.monotonic() + 5 * WATCH_S
         while not self.died and time.monotonic() < give_up_s:
             time.sleep(WATCH_S)
-        self._say("up", self._hold("; ".join(str(died) for died in self.died) or "stopped"))
+        self._write_line("up", self._hold("; ".join(str(died) for died in self.died) or "stopped"))
         if linger_s is None:
-            linger_s = LINGER_S if self._reviver is None else math.inf
+            linger_s = LINGER_S if self._restarter is None else math.inf
         if linger_s > 0.0 and self.died:
             until = "until Ctrl-C" if math.isinf(linger_s) else f"for {linger_s:g} s"
-            self._say("up", f"the others stay up {until}: see `forcemesh status`")
+            self._write_line("up", f"the others stay up {until}: see `forcemesh status`")
             with suppress(KeyboardInterrupt):  # ends the waiting; the failure is still reported
                 self._stop.wait(None if math.isinf(linger_s) else linger_s)
 
@@ -253,8 +257,8 @@ class Supervisor:
 
     def begin(self, process: ProcessSpec) -> ChildProcess:
         """Start a process."""
-        running = ChildProcess(process, self.cell_file.resolve(), self._say)
-        self.log.started(process, running.pid)
+        running = ChildProcess(process, self.cell_file.resolve(), self._write_line)
+        self.log.add_process(process, running.pid)
         self._running.append(running)
         return running
 
@@ -262,14 +266,14 @@ class Supervisor:
         """Restart a process that died; return its pid."""
         old = next(running for running in self._running if running.pid == died.pid)
         old.finish(0.0)
-        new = ChildProcess(process, self.cell_file.resolve(), self._say)
-        self.log.started(process, new.pid)
+        new = ChildProcess(process, self.cell_file.resolve(), self._write_line)
+        self.log.add_process(process, new.pid)
         self._running = [new if running is old else running for running in self._running]
         return new.pid
 
     def _connect(self, hub_pid: int) -> None:
         """Wait until the own hub responds; with another hub at the endpoint two cells would mix."""
-        where, began_s, said_slow = endpoint_of(self._cell), time.monotonic(), False
+        endpoint, began_s, is_slow_reported = endpoint_of(self._cell), time.monotonic(), False
         while True:
             self._raise_death()
             if self._stop.is_set():
@@ -280,10 +284,12 @@ class Supervisor:
                 return
             elapsed_s = time.monotonic() - began_s
             if elapsed_s >= UP_WITHIN_S:
-                raise ForcemeshError(f"the hub at {where} did not respond in {UP_WITHIN_S:g} s")
-            if elapsed_s >= HUB_SLOW_S and not said_slow:
-                said_slow = True
-                self._say("up", f"after {elapsed_s:.0f} s still waiting for the hub at {where}")
+                raise ForcemeshError(f"the hub at {endpoint} did not respond in {UP_WITHIN_S:g} s")
+            if elapsed_s >= HUB_SLOW_S and not is_slow_reported:
+                is_slow_reported = True
+                self._write_line(
+                    "up", f"after {elapsed_s:.0f} s still waiting for the hub at {endpoint}"
+                )
             time.sleep(HEALTH_POLL_S)
 
     def _try_to_connect(self) -> None:
@@ -297,30 +303,30 @@ class Supervisor:
 
     def _watch(self) -> None:
         """Detect deaths; runs in its own thread until the cell is stopped."""
-        mourned: set[int] = set()
+        reported_pids: set[int] = set()
         while not self._stopping.wait(WATCH_S):
             for running in list(self._running):
-                died = None if running.pid in mourned else running.ended()
+                died = None if running.pid in reported_pids else running.ended()
                 if died is None or self._stopping.is_set():
                     continue
-                mourned.add(running.pid)
+                reported_pids.add(running.pid)
                 if self._log is not None:
-                    self._log.ended(died)
-                self._say("up", f"died: {died}")
-                if self._reviver is None:
+                    self._log.add_exit(died)
+                self._write_line("up", f"died: {died}")
+                if self._restarter is None:
                     self.died.append(died)
                 else:
-                    self._reviver.fell(died)
+                    self._restarter.add(died)
 
     def _last_state(self) -> str:
         """Return the arbiter's state as last received."""
         if self._view is not None and (status := self._view.arbiter().message) is not None:
             if self._log is not None:
-                self._log.state(status.state)
+                self._log.set_state(status.state)
             return status.state
         return ""
 
-    def _is_dead(self, *roles: str) -> bool:
+    def _has_exited(self, *roles: str) -> bool:
         ended = [each.process for each in list(self._running) if each.ended() is not None]
         return any(role in process.roles for process in ended for role in roles)
 
@@ -330,7 +336,7 @@ class Supervisor:
 
     def _hold(self, reason: str) -> str:
         """Request a hold and wait until the arbiter reports it; return the outcome."""
-        if self._client is None or self._view is None or self._is_dead("hub", "arbiter"):
+        if self._client is None or self._view is None or self._has_exited("hub", "arbiter"):
             limit_ms = 1e3 * self._cell.stale_after_s(topics.ROBOT_COMMAND)
             return f"no arbiter is reachable: the robot holds by itself within {limit_ms:.0f} ms"
         try:

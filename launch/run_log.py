@@ -29,7 +29,7 @@ class RunLog:
         self._lock = threading.Lock()
         self._closed = False
 
-    def started(self, process: ProcessSpec, pid: int, *, is_helper: bool = False) -> None:
+    def add_process(self, process: ProcessSpec, pid: int, *, is_helper: bool = False) -> None:
         """Add a process; a restarted one replaces the one that died."""
         old = next((e for e in self._run.processes if e.roles == process.roles and e.ended), None)
         before = () if old is None or old.ended is None else (*old.deaths, old.ended)
@@ -45,9 +45,9 @@ class RunLog:
             rest = [each for each in self._run.processes if each is not old]
             self._put(processes=[*rest, entry])
 
-    def ended(self, died: ProcessExit) -> None:
+    def add_exit(self, died: ProcessExit) -> None:
         """Record how a process ended."""
-        end = ExitRecord(code=died.code, how=died.how, at=now())
+        end = ExitRecord(code=died.code, how=died.cause, at=now())
         with self._lock:
             self._put(
                 processes=[
@@ -56,7 +56,7 @@ class RunLog:
                 ]
             )
 
-    def state(self, state: str) -> None:
+    def set_state(self, state: str) -> None:
         """Record a change of the arbiter's state."""
         with self._lock:
             if state != self._run.last_state:

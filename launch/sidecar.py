@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from launch.started_process import ProcessSpec
 
 SIDECAR_ENDS_WITHIN_S = 3.0
-LOOK_S = 0.2
-REFUSED = 2  # exit code of a process that has reported why it cannot run
+SIDECAR_POLL_S = 0.2
+CANNOT_RUN_CODE = 2  # exit code of a process that has reported why it cannot run
 
 
 @contextmanager
@@ -28,47 +28,50 @@ def sidecar(
         return
     from launch.started_process import ProcessSpec
 
-    over, begun = threading.Event(), threading.Event()
-    words = [ProcessSpec(module, (name,)), supervisor, over, begun]
-    thread = threading.Thread(target=_play, args=words, daemon=True)
+    stop, started = threading.Event(), threading.Event()
+    arguments = [ProcessSpec(module, (name,)), supervisor, stop, started]
+    thread = threading.Thread(target=_run, args=arguments, daemon=True)
     thread.start()
-    begun.wait()
+    started.wait()
     try:
         yield
     finally:
-        over.set()
+        stop.set()
         thread.join()
 
 
-def _play(
-    process: "ProcessSpec", supervisor: "Supervisor", over: threading.Event, begun: threading.Event
+def _run(
+    process: "ProcessSpec",
+    supervisor: "Supervisor",
+    stop: threading.Event,
+    started: threading.Event,
 ) -> None:
-    """Run a sidecar process until `over` is set; it would die with the thread that starts it.
+    """Run a sidecar process until `stop` is set; it would die with the thread that starts it.
 
     A process that has reported why it cannot run is not restarted.
     """
     from launch.restart import RestartPolicy
-    from launch.started_process import ChildProcess, say_on_stderr
+    from launch.started_process import ChildProcess, write_stderr_line
 
-    patience = RestartPolicy()
+    policy = RestartPolicy()
     while True:
-        running = ChildProcess(process, supervisor.cell_file, say_on_stderr)
-        supervisor.log.started(process, running.pid, is_helper=True)
-        begun.set()
-        while (died := running.ended()) is None and not over.wait(LOOK_S):
+        running = ChildProcess(process, supervisor.cell_file, write_stderr_line)
+        supervisor.log.add_process(process, running.pid, is_helper=True)
+        started.set()
+        while (died := running.ended()) is None and not stop.wait(SIDECAR_POLL_S):
             pass
-        if died is None or over.is_set():
+        if died is None or stop.is_set():
             running.terminate()
             running.finish(SIDECAR_ENDS_WITHIN_S)
             return
         running.finish(0.0)
-        supervisor.log.ended(died)
+        supervisor.log.add_exit(died)
         now_s = time.monotonic()
-        due_s = None if died.code == REFUSED else patience.died(process.name, now_s)
+        due_s = None if died.code == CANNOT_RUN_CODE else policy.restart_time_s(process.name, now_s)
         if due_s is None:
-            what = f"{process.name} is not running: {died.how}"
-            say_on_stderr("up", f"{what}; the cell continues without it")
+            text = f"{process.name} is not running: {died.cause}"
+            write_stderr_line("up", f"{text}; the cell continues without it")
             return
-        say_on_stderr("up", f"{process.name} died: {died.how}; it is restarted")
-        if over.wait(due_s - now_s):
+        write_stderr_line("up", f"{process.name} died: {died.cause}; it is restarted")
+        if stop.wait(due_s - now_s):
             return

@@ -35,7 +35,7 @@ class ProcessSpec:
     module: str
     roles: tuple[str, ...]
     argv: tuple[str, ...] = ()  # instead of `python -m module --cell FILE`
-    words: tuple[str, ...] = ()  # between the module and --cell
+    arguments: tuple[str, ...] = ()  # between the module and --cell
 
     @property
     def name(self) -> str:
@@ -50,32 +50,32 @@ class ProcessExit:
     process: ProcessSpec
     pid: int
     code: int
-    last_words: str = ""
+    last_output: str = ""
 
     @property
-    def how(self) -> str:
+    def cause(self) -> str:
         """Cause of the exit: a signal or an exit code."""
-        return how_ended(self.code)
+        return exit_cause(self.code)
 
     def __str__(self) -> str:
         roles = " and ".join(self.process.roles)
-        words = f", last output: {self.last_words}" if self.last_words else ""
-        return f"{roles} ({self.process.module}, pid {self.pid}): {self.how}{words}"
+        arguments = f", last output: {self.last_output}" if self.last_output else ""
+        return f"{roles} ({self.process.module}, pid {self.pid}): {self.cause}{arguments}"
 
 
 class ChildProcess:
     """Child process with its own session, so that Ctrl-C reaches its supervisor only."""
 
-    def __init__(self, process: ProcessSpec, cell_file: Path, say: WriteLine) -> None:
+    def __init__(self, process: ProcessSpec, cell_file: Path, write_line: WriteLine) -> None:
         """Start the process. It dies with the calling thread."""
         self.process = process
-        self._say = say
+        self._write_line = write_line
         self._lines: deque[str] = deque(maxlen=1)
         command = process.argv or (
             sys.executable,
             "-m",
             process.module,
-            *process.words,
+            *process.arguments,
             "--cell",
             str(cell_file),
         )
@@ -98,8 +98,8 @@ class ChildProcess:
         if code is None:
             return None
         self._pump.join(DRAIN_S)
-        words = self._lines[-1] if self._lines and code > 0 else ""
-        return ProcessExit(self.process, self.pid, code, words)
+        arguments = self._lines[-1] if self._lines and code > 0 else ""
+        return ProcessExit(self.process, self.pid, code, arguments)
 
     def terminate(self) -> None:
         """Send SIGTERM to the process and its children."""
@@ -127,10 +127,10 @@ class ChildProcess:
             line = raw.decode("utf-8", "replace").rstrip()
             if line:
                 self._lines.append(line)
-                self._say(self.process.name, line)
+                self._write_line(self.process.name, line)
 
 
-def how_ended(code: int) -> str:
+def exit_cause(code: int) -> str:
     """Return a text for a return code of subprocess."""
     if code >= 0:
         return f"exit code {code}"
@@ -140,7 +140,7 @@ def how_ended(code: int) -> str:
         return f"killed by signal {-code}"
 
 
-def say_on_stderr(name: str, line: str) -> None:
+def write_stderr_line(name: str, line: str) -> None:
     """Write a line with a coloured name as prefix; one write, so that lines never mix.
 
     `sys.stderr` is looked up each time: a live display replaces it.

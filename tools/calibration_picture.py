@@ -41,7 +41,7 @@ def calibrated(cell: CellConfig) -> Findings:
     world = VirtualCell(cell)
     world.advance(1.5)
     plan = make_plan(cell, ArmKinematics(), world.arm.q, PlanOptions())
-    wizard = CalibrationWizard(world.client, cell, plan, pace=WizardTiming(0.1), teller=Silence())
+    wizard = CalibrationWizard(world.client, cell, plan, timing=WizardTiming(0.1), output=Silence())
     wizard.run()
     return findings_of(
         cell, evidence_of("arm", wizard.dwells, source=Path("demo.csv")), VerificationBounds()

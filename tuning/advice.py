@@ -15,7 +15,7 @@ from tuning.margins import Forecast, Loop, Margins, forecast, margins
 from tuning.servo import Servo
 
 LEAST_PHASE_DEG, LEAST_GAIN = 50.0, 2.0
-SMALLER = 0.85
+GAIN_REDUCTION = 0.85
 SHORTEST_S = 1e-3  # least remaining delay
 SHORTEST_LAG_S = 1e-4  # least lag of a cell file
 LONGER_S = 0.005  # overestimate of the delay that the adaptive law is specified for
@@ -32,7 +32,7 @@ class MeasuredCell:
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class RatedGain:
     """One gain in one loop, with margins and forecast."""
 
     gain: float  # m/(N s) or rad/(N m s)
@@ -47,10 +47,10 @@ class Advice:
 
     host: Host
     tau_s: float
-    force: Judged
-    torque: Judged
-    force_now: Judged
-    torque_now: Judged
+    force: RatedGain
+    torque: RatedGain
+    force_now: RatedGain
+    torque_now: RatedGain
 
     @property
     def gains(self) -> Gains:
@@ -81,21 +81,21 @@ def advise(
     splits = [_delays(cell, measured, host, lag_s) for lag_s in measured.servo.lags_s]
     forces = [Loop(k, 0.0, *split, contact.inertia_kg) for split in splits]
     torques = [Loop(tilt, 0.0, *split, contact.inertia_kg_m2) for split in splits]
-    force, torque = (_least(loops, bandwidth) for loops in (forces, torques))
+    force, torque = (_smallest_gain_loop(loops, bandwidth) for loops in (forces, torques))
     return Advice(
         host=host,
         tau_s=force.tau_s,
-        force=judged(force),
-        torque=judged(torque),
-        force_now=judged(force.with_gain(force_now)),
-        torque_now=judged(torque.with_gain(torque_now)),
+        force=rated_gain(force),
+        torque=rated_gain(torque),
+        force_now=rated_gain(force.with_gain(force_now)),
+        torque_now=rated_gain(torque.with_gain(torque_now)),
     )
 
 
-def refused(cell: CellConfig, measured: MeasuredCell, advices: list[Advice]) -> str:
+def refusal_reason(cell: CellConfig, measured: MeasuredCell, advices: list[Advice]) -> str:
     """Return why nothing is recommended; empty when the law covers the measured values."""
     k = cell.contact.stiffness_N_m if measured.spring is None else measured.spring.k_N_m
-    found = (plain_map.outside(loop_hz(cell), advice.tau_s, k) for advice in advices)
+    found = (plain_map.range_violation(loop_hz(cell), advice.tau_s, k) for advice in advices)
     return next((text for text in found if text), "")
 
 
@@ -106,14 +106,14 @@ def remarks(
     if cell.force.law != "adaptive":
         return []
     robot = cell.robot.model_copy(update=sections["robot"])
-    said = [restriction(cell.model_copy(update={"robot": robot}))]
+    texts = [restriction(cell.model_copy(update={"robot": robot}))]
     longer_s = robot.delay_s + robot.lag_s - measured.servo.least_s
     if longer_s > LONGER_S:
-        said.append(
+        texts.append(
             f"the delay may be overestimated by {1e3 * longer_s:.0f} ms, the adaptive law is "
             f"specified for {1e3 * LONGER_S:g} ms: it settles later, and does not overshoot"
         )
-    return [text for text in said if text]
+    return [text for text in texts if text]
 
 
 def _delays(
@@ -127,9 +127,9 @@ def _delays(
     return measured.servo.bound_s - lag_s + others_s, lag_s, filter_s
 
 
-def _least(loops: list[Loop], bandwidth_rad_s: float) -> Loop:
+def _smallest_gain_loop(loops: list[Loop], bandwidth_rad_s: float) -> Loop:
     """Return the loop with the smallest recommended gain."""
-    return min((recommended(loop, bandwidth_rad_s) for loop in loops), key=lambda one: one.gain)
+    return min((recommended(loop, bandwidth_rad_s) for loop in loops), key=lambda loop: loop.gain)
 
 
 def stiffness_of(cell: CellConfig, measured: MeasuredCell) -> tuple[float, float]:
@@ -147,18 +147,18 @@ def stiffness_of(cell: CellConfig, measured: MeasuredCell) -> tuple[float, float
 
 def recommended(loop: Loop, bandwidth_rad_s: float) -> Loop:
     """Return the loop with the rule's gain, reduced until the margins are sufficient."""
-    gain = _ruled(loop, bandwidth_rad_s)
+    gain = _rule_gain(loop, bandwidth_rad_s)
     while not _is_safe(margins(loop.with_gain(gain))):
-        gain *= SMALLER
+        gain *= GAIN_REDUCTION
     return loop.with_gain(gain)
 
 
-def judged(loop: Loop) -> Judged:
+def rated_gain(loop: Loop) -> RatedGain:
     """Return a loop with its margins and forecast."""
-    return Judged(loop.gain, loop, margins(loop), forecast(loop))
+    return RatedGain(loop.gain, loop, margins(loop), forecast(loop))
 
 
-def lines(
+def cell_file_sections(
     cell: CellConfig, measured: MeasuredCell, advices: list[Advice]
 ) -> dict[str, dict[str, float]]:
     """Return the cell file sections with the measured values; the gains follow from them.
@@ -168,10 +168,10 @@ def lines(
     """
     fixed_s = cell.loop_delay_s - cell.robot.delay_s - cell.robot.lag_s
     longest_s = max(advice.tau_s for advice in advices)
-    lag_s = _up(max(measured.servo.lag_near_s(cell.robot.lag_s), SHORTEST_LAG_S), 1e-4)
-    robot = {"delay_s": _up(longest_s - fixed_s - lag_s, 1e-3), "lag_s": lag_s}
+    lag_s = _rounded_up(max(measured.servo.lag_near_s(cell.robot.lag_s), SHORTEST_LAG_S), 1e-4)
+    robot = {"delay_s": _rounded_up(longest_s - fixed_s - lag_s, 1e-3), "lag_s": lag_s}
     if (bandwidth := _bandwidth(cell, advices)) > cell.robot.bandwidth_rad_s:
-        robot["bandwidth_rad_s"] = _up(bandwidth, 0.1)
+        robot["bandwidth_rad_s"] = _rounded_up(bandwidth, 0.1)
     found = {"robot": robot}
     if measured.spring is not None:
         k, tilt = (float(f"{value:.3g}") for value in stiffness_of(cell, measured))
@@ -186,15 +186,15 @@ def lines(
 def _bandwidth(cell: CellConfig, advices: list[Advice]) -> float:
     """Return the bandwidth [rad/s] whose inertia rule yields the reduced gains."""
     smaller = [
-        INERTIA_MARGIN / (one.loop.inertia * one.gain)
+        INERTIA_MARGIN / (rated.loop.inertia * rated.gain)
         for advice in advices
-        for one in (advice.force, advice.torque)
-        if one.gain < 0.99 * _ruled(one.loop, cell.robot.bandwidth_rad_s)
+        for rated in (advice.force, advice.torque)
+        if rated.gain < 0.99 * _rule_gain(rated.loop, cell.robot.bandwidth_rad_s)
     ]
     return max(smaller, default=0.0)
 
 
-def _ruled(loop: Loop, bandwidth_rad_s: float) -> float:
+def _rule_gain(loop: Loop, bandwidth_rad_s: float) -> float:
     """Return the gain of the gain rule, without regard to margins."""
     return min(
         LOOP_GAIN / (loop.stiffness * loop.tau_s),
@@ -210,10 +210,10 @@ def as_dict(
 ) -> dict[str, Any]:
     """Return the output of `--json`; infinite numbers become null.
 
-    When nothing is recommended, `refused` has the reason and there are no gains.
+    When nothing is recommended, `refusal_reason` has the reason and there are no gains.
     """
     servo, spring, controller = measured.servo, measured.spring, measured.controller
-    why_not = refused(cell, measured, advices)
+    refusal = refusal_reason(cell, measured, advices)
     return {
         "tau_s": advices[0].tau_s,
         "delay_and_lag_s": servo.sum_s,
@@ -224,10 +224,10 @@ def as_dict(
         "stiffness_deviation_N_m": None if spring is None else spring.spread_N_m,
         "controller_tau_s": None if controller is None else controller.tau_s,
         "controller_tau_deviation_s": None if controller is None else controller.deviation_s,
-        "refused": why_not or None,
+        "refused": refusal or None,
         "remarks": remarks(cell, measured, sections),
-        "cell_file": None if why_not else sections,
-        "hosts": {advice.host: _host(advice, is_refused=bool(why_not)) for advice in advices},
+        "cell_file": None if refusal else sections,
+        "hosts": {advice.host: _host(advice, is_refused=bool(refusal)) for advice in advices},
     }
 
 
@@ -246,8 +246,8 @@ def _host(advice: Advice, *, is_refused: bool) -> dict[str, Any]:
     }
 
 
-def _plain(one: Judged) -> dict[str, Any]:
-    numbers = {"gain": one.gain, **asdict(one.margins), **asdict(one.forecast)}
+def _plain(rated: RatedGain) -> dict[str, Any]:
+    numbers = {"gain": rated.gain, **asdict(rated.margins), **asdict(rated.forecast)}
     return {name: None if value == float("inf") else value for name, value in numbers.items()}
 
 
@@ -255,6 +255,6 @@ def _is_safe(found: Margins) -> bool:
     return found.stable and found.phase_deg >= LEAST_PHASE_DEG and found.gain >= LEAST_GAIN
 
 
-def _up(value: float, step: float) -> float:
+def _rounded_up(value: float, step: float) -> float:
     """Return the next multiple of a step, at least zero."""
     return round(max(0, ceil(value / step - 1e-6)) * step, 6)

@@ -12,10 +12,10 @@ from forcemesh.errors import DataError
 GRID_S = 0.0005  # of the model's time
 STEP_S = 0.002  # grid of the candidate delays
 LONGEST_RESPONSE_S = 0.3
-WORST_ANSWER = 0.2  # largest residual, as a share of the set point step
-LEAST_ANSWERS, MOST_ANSWERS = 2, 5
+MOST_RESIDUAL_SHARE = 0.2  # largest residual, as a share of the set point step
+LEAST_RESPONSES, MOST_RESPONSES = 2, 5
 RESPONSE_REPEATS_S = 0.005  # largest difference of two delays that count as repeated
-MOST_ALIKE = 0.99
+MOST_CORRELATION = 0.99
 SIGMAS = 2.0
 
 
@@ -51,61 +51,63 @@ def loop_delay(
         DataError: The force did not follow, or the delay is out of range.
     """
     taus = np.arange(STEP_S, LONGEST_RESPONSE_S, STEP_S)
-    model = _answers(
+    model = _modelled_forces(
         float(t[-1]), taus, first_N=first_N, then_N=then_N, ramp_N_s=ramp_N_s, rate=rate
     )
     grid = np.arange(model.shape[0]) * GRID_S
-    off_N = np.stack([np.interp(t, grid, column) - force_N for column in model.T])
-    rests = np.sqrt(np.mean(off_N * off_N, axis=1))
-    best = int(np.argmin(rests))
-    if rests[best] > WORST_ANSWER * abs(then_N - first_N) or best == len(taus) - 1:
+    residual_N = np.stack([np.interp(t, grid, column) - force_N for column in model.T])
+    rms_N = np.sqrt(np.mean(residual_N * residual_N, axis=1))
+    best = int(np.argmin(rms_N))
+    if rms_N[best] > MOST_RESIDUAL_SHARE * abs(then_N - first_N) or best == len(taus) - 1:
         raise DataError(
-            f"the force did not follow its set point: residual {rests[best]:.1f} N to the model, "
+            f"the force did not follow its set point: residual {rms_N[best]:.1f} N to the model, "
             f"whose delay is {1e3 * LONGEST_RESPONSE_S:.0f} ms at most"
         )
-    return ContactResponse(float(taus[best]), _deviation_s(off_N, best))
+    return ContactResponse(float(taus[best]), _deviation_s(residual_N, best))
 
 
-def repeats(answers: Sequence[ContactResponse]) -> bool:
+def delay_repeats(responses: Sequence[ContactResponse]) -> bool:
     """Return whether the last two delays agree within RESPONSE_REPEATS_S."""
-    if len(answers) < LEAST_ANSWERS:
+    if len(responses) < LEAST_RESPONSES:
         return False
-    before, last = answers[-2:]
+    before, last = responses[-2:]
     return abs(last.tau_s - before.tau_s) <= RESPONSE_REPEATS_S
 
 
-def together(answers: Sequence[ContactResponse]) -> ContactResponse:
+def mean_response(responses: Sequence[ContactResponse]) -> ContactResponse:
     """Return the mean of repeated delays; the variance between them is not divided."""
-    taus_s = np.array([answer.tau_s for answer in answers])
-    noise_s = np.array([answer.deviation_s for answer in answers])
-    variance = np.var(taus_s) + np.mean(noise_s**2) / len(answers)
+    taus_s = np.array([response.tau_s for response in responses])
+    noise_s = np.array([response.deviation_s for response in responses])
+    variance = np.var(taus_s) + np.mean(noise_s**2) / len(responses)
     return ContactResponse(float(np.mean(taus_s)), sqrt(float(variance)))
 
 
-def _deviation_s(off_N: Array, best: int) -> float:
+def _deviation_s(residual_N: Array, best: int) -> float:
     """Return the standard deviation of the best delay, from its residuals and their slope."""
     low, high = max(best - 1, 0), best + 1
-    slope = (off_N[high] - off_N[low]) / ((high - low) * STEP_S)
-    rest = off_N[best]
-    square = float(rest @ rest)
-    alike = float(np.clip(rest[1:] @ rest[:-1] / max(square, 1e-12), 0.0, MOST_ALIKE))
-    fewer = (1.0 + alike) / (1.0 - alike)
-    noise = square / len(rest) * fewer / max(float(slope @ slope), 1e-12)
+    slope = (residual_N[high] - residual_N[low]) / ((high - low) * STEP_S)
+    residual = residual_N[best]
+    square = float(residual @ residual)
+    correlation = float(
+        np.clip(residual[1:] @ residual[:-1] / max(square, 1e-12), 0.0, MOST_CORRELATION)
+    )
+    variance_inflation = (1.0 + correlation) / (1.0 - correlation)
+    noise = square / len(residual) * variance_inflation / max(float(slope @ slope), 1e-12)
     return sqrt(noise + STEP_S**2 / 12.0)
 
 
-def _answers(
+def _modelled_forces(
     duration_s: float, taus: Array, *, first_N: float, then_N: float, ramp_N_s: float, rate: float
 ) -> Array:
     """Return modelled forces over a time grid, one column for each tau. Shape (time, N)."""
     count = int(duration_s / GRID_S) + 2
-    late = np.maximum(1, np.round(taus / GRID_S).astype(int))
-    way_N, sign = abs(then_N - first_N), np.sign(then_N - first_N)
-    wanted = first_N + sign * np.minimum(way_N, ramp_N_s * np.arange(count) * GRID_S)
+    delay_steps = np.maximum(1, np.round(taus / GRID_S).astype(int))
+    step_N, sign = abs(then_N - first_N), np.sign(then_N - first_N)
+    wanted = first_N + sign * np.minimum(step_N, ramp_N_s * np.arange(count) * GRID_S)
     force = np.full((count, len(taus)), first_N)
     columns = np.arange(len(taus))
     for step in range(1, count):
-        then = np.maximum(step - late, 0)
-        error = force[then, columns] - np.where(step > late, wanted[then], first_N)
+        then = np.maximum(step - delay_steps, 0)
+        error = force[then, columns] - np.where(step > delay_steps, wanted[then], first_N)
         force[step] = force[step - 1] - rate * GRID_S * error
     return force

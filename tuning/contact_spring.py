@@ -12,7 +12,7 @@ LEAST_PLACES = 2
 LEAST_SPRING_FORCE_N = 1.0
 SIGMAS = 2.0
 REPEATS_SHARE = 0.05  # largest relative uncertainty (two deviations) of a repeated stiffness
-WORST_SHARE = 0.5  # relative uncertainty above which the stiffness is unknown
+KNOWN_SHARE = 0.5  # relative uncertainty above which the stiffness is unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,27 +35,29 @@ class Spring:
     @property
     def is_known(self) -> bool:
         """Whether the presses determine a stiffness."""
-        return SIGMAS * self.spread_N_m <= WORST_SHARE * self.k_N_m
+        return SIGMAS * self.spread_N_m <= KNOWN_SHARE * self.k_N_m
 
 
-def spring(ways_m: Array, forces_N: Array) -> Spring:
+def fit_spring(travel_m: Array, forces_N: Array) -> Spring:
     """Return the stiffness from pairs of penetration and press force at rest.
 
     Args:
-        ways_m: Penetration, larger is deeper. Shape (N,).
+        travel_m: Penetration, larger is deeper. Shape (N,).
         forces_N: Press force along the tool's axis. Shape (N,).
 
     Raises:
         DataError: Too few points, or the force does not increase with the penetration.
     """
-    if len(ways_m) < LEAST_PLACES or np.ptp(forces_N) < LEAST_SPRING_FORCE_N:
+    if len(travel_m) < LEAST_PLACES or np.ptp(forces_N) < LEAST_SPRING_FORCE_N:
         raise DataError("the press did not change the force enough to identify a stiffness")
-    way, force = ways_m - np.mean(ways_m), forces_N - np.mean(forces_N)
-    along = float(force @ force)
-    compliance = float(way @ force) / along  # the penetration is noisy: it is the regressand
+    travel, force = travel_m - np.mean(travel_m), forces_N - np.mean(forces_N)
+    force_square = float(force @ force)
+    compliance = (
+        float(travel @ force) / force_square
+    )  # the penetration is noisy: it is the regressand
     if compliance <= 0.0:
         raise DataError("the force does not increase with the penetration: does the surface move?")
-    rest_m = way - compliance * force
-    spread = sqrt(float(rest_m @ rest_m) / max(len(way) - 2, 1) / along)
+    residual_m = travel - compliance * force
+    spread = sqrt(float(residual_m @ residual_m) / max(len(travel) - 2, 1) / force_square)
     k = 1.0 / compliance
     return Spring(k, k * spread / compliance)

@@ -72,13 +72,13 @@ def instability(cell: CellConfig, gains: Gains) -> str:
             pi / 2 / (tilt * tau_s), 1.0 / (contact.inertia_kg_m2 * bandwidth)
         ),
     }
-    beyond = [
+    violations = [
         f"{name} above {end:.2g}" for name, end in ends.items() if max(getattr(gains, name)) > end
     ]
-    if not beyond:
+    if not violations:
         return ""
-    where = f"contact.stiffness_N_m {stiffness:g} and a delay of {1e3 * tau_s:.0f} ms"
-    return f"unstable at {where}: {', '.join(beyond)}"
+    conditions = f"contact.stiffness_N_m {stiffness:g} and a delay of {1e3 * tau_s:.0f} ms"
+    return f"unstable at {conditions}: {', '.join(violations)}"
 
 
 def loop_delay_s(cell: CellConfig) -> float:

@@ -19,7 +19,7 @@ from common.motion.frames import Array
 FREQUENCY_POINTS = 6000
 BAND = 1.0 / 30.0  # settling band as a share of the step: 1 N of 30 N
 LONGEST_TAUS = 200.0
-FLIES = 20.0  # multiple of the step beyond which the response counts as diverged
+DIVERGED = 20.0  # multiple of the step beyond which the response counts as diverged
 Complex = npt.NDArray[np.complex128]
 
 
@@ -73,8 +73,8 @@ def response(loop: Loop, w: Array) -> Complex:
     s = 1j * w
     servo = 1.0 / (1.0 + 0.5 * loop.lag_s * s) ** 2
     force = (loop.stiffness + loop.inertia * s * s) / (1.0 + loop.filter_s * s)
-    answer: Complex = loop.gain / s * force * servo * np.exp(-loop.delay_s * s)
-    return answer
+    loop_response: Complex = loop.gain / s * force * servo * np.exp(-loop.delay_s * s)
+    return loop_response
 
 
 def frequencies(loop: Loop) -> Array:
@@ -102,26 +102,26 @@ def margins(loop: Loop) -> Margins:
     turns = _crossings(np.mod(phase + 2.0 * pi, 2.0 * pi) - pi)
     half_turns = 1.0 / np.exp(_at(log_size, turns[_at(L.real, turns) < 0.0]))
     symmetric = np.minimum(lead, 2.0 * pi - lead)
-    worst = int(np.argmin(symmetric))
+    least = int(np.argmin(symmetric))
     return Margins(
         stable=True,
-        phase_deg=degrees(float(symmetric[worst])),
+        phase_deg=degrees(float(symmetric[least])),
         gain=float(min((g for g in half_turns if g > 1.0), default=inf)),
         delay_s=float(np.min(lead / at)),
-        crossover_rad_s=float(at[worst]),
+        crossover_rad_s=float(at[least]),
     )
 
 
 def forecast(loop: Loop) -> Forecast:
     """Return settling time and overshoot of a unit step, simulated in the time domain."""
-    t, force = release(loop)
+    t, force = release_response(loop)
     outside = np.flatnonzero(np.abs(force) > BAND)
-    lasts = len(outside) > 0 and outside[-1] >= len(t) - 2
-    settling_s = None if lasts else float(t[outside[-1] + 1]) if len(outside) else 0.0
+    is_unsettled = len(outside) > 0 and outside[-1] >= len(t) - 2
+    settling_s = None if is_unsettled else float(t[outside[-1] + 1]) if len(outside) else 0.0
     return Forecast(settling_s, 100.0 * max(0.0, -float(force.min())))
 
 
-def release(loop: Loop, taus: float | None = None) -> tuple[Array, Array]:
+def release_response(loop: Loop, taus: float | None = None) -> tuple[Array, Array]:
     """Return time and force of a release from unit force to zero, starting at rest.
 
     Args:
@@ -139,17 +139,17 @@ def release(loop: Loop, taus: float | None = None) -> tuple[Array, Array]:
     filtering = float(1.0 - np.exp(-dt_s / loop.filter_s)) if is_filtered else 1.0
     sent = [0.0] * (late + 1)
     first = arm = speed = 0.0
-    felt, forces = 1.0, [1.0]
+    measured, forces = 1.0, [1.0]
     for _ in range(count):
-        sent.append(sent[-1] - loop.gain * felt * dt_s)
+        sent.append(sent[-1] - loop.gain * measured * dt_s)
         first += lagging * (sent[len(sent) - 2 - late] - first)
         before, moved = speed, lagging * (first - arm)
         arm += moved
         speed = moved / dt_s
         force = 1.0 + loop.stiffness * arm + loop.inertia * (speed - before) / dt_s
-        felt += filtering * (force - felt)
-        forces.append(felt)
-        if abs(felt) > FLIES:
+        measured += filtering * (force - measured)
+        forces.append(measured)
+        if abs(measured) > DIVERGED:
             break
     return dt_s * np.arange(len(forces), dtype=float), np.array(forces)
 

@@ -22,7 +22,7 @@ STIFFEST_N_M = 2e5
 SAME = 1.0 - 1e-6  # tolerance of numbers typed with fewer digits
 
 
-def outside(loop_hz: float, tau_s: float, stiffness_N_m: float) -> str:
+def range_violation(loop_hz: float, tau_s: float, stiffness_N_m: float) -> str:
     """Return which quantity is outside the measured range and the remedy, empty when none is.
 
     Args:

@@ -58,7 +58,7 @@ class Servo:
         return min(max(lag_s, least_s), most_s)
 
 
-def repeats(rounds: Sequence[Round]) -> bool:
+def rounds_repeat(rounds: Sequence[Round]) -> bool:
     """Return whether the last two rounds agree within REPEATS_S."""
     if len(rounds) < LEAST_ROUNDS:
         return False
@@ -68,7 +68,7 @@ def repeats(rounds: Sequence[Round]) -> bool:
 
 def sums(rounds: Sequence[Round]) -> list[float]:
     """Return the sum of each round, the mean over its axes."""
-    return [float(np.mean([_best(axis).sum_s for axis in one])) for one in rounds]
+    return [float(np.mean([_best(axis).sum_s for axis in round_])) for round_ in rounds]
 
 
 def servo_of(rounds: Sequence[Round]) -> Servo:
@@ -78,17 +78,17 @@ def servo_of(rounds: Sequence[Round]) -> Servo:
     The lag range covers all numbers of stages: no servo has exactly one of them, and the number
     that fits best under noise gives a lag error of up to 2 ms.
     """
-    axes = [axis for one in rounds for axis in one]
+    axes = [axis for round_ in rounds for axis in round_]
     best = [_best(axis) for axis in axes]
     sums_s = np.array([fit.sum_s for fit in best])
     noise_s = np.array([fit.sum_deviation_s for fit in best])
     variance = np.var(sums_s) + np.mean(noise_s**2) / len(best) + STAMPS_S**2
     fits = [fit for axis in axes for fit in axis]
     lags_s = np.array([fit.lag_s for fit in fits])
-    unsure_s = np.array([SIGMAS * hypot(fit.lag_deviation_s, STAMPS_S) for fit in fits])
-    least_s, most_s = float(np.min(lags_s - unsure_s)), float(np.max(lags_s + unsure_s))
+    bounds_s = np.array([SIGMAS * hypot(fit.lag_deviation_s, STAMPS_S) for fit in fits])
+    least_s, most_s = float(np.min(lags_s - bounds_s)), float(np.max(lags_s + bounds_s))
     return Servo(float(np.mean(sums_s)), sqrt(float(variance)), max(least_s, 0.0), most_s)
 
 
 def _best(axis: AxisFits) -> Fit:
-    return min(axis, key=lambda fit: fit.rest_m)
+    return min(axis, key=lambda fit: fit.residual_std_m)

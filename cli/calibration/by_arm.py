@@ -11,10 +11,10 @@ import typer
 
 from cli.calibration.contact import refuse_loaded_tool
 from cli.calibration.drive import Drive
-from cli.calibration.finish import Job, conclude, keep_readings
+from cli.calibration.finish import Job, conclude, save_readings
 from cli.calibration.installed import refuse_wrong_axes
+from cli.calibration.progress_output import ProgressOutput
 from cli.calibration.screen import screen
-from cli.calibration.tell import Teller
 from cli.calibration.wizard import BOTH, CalibrationWizard, WizardTiming, expected_s
 from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of
 from cli.doctor.pose import Frames, check_pose, model_of
@@ -27,31 +27,31 @@ from forcemesh.messages import RobotState
 from identification.errors import CalibrationError, InContactError, NotBegunError, StoppedError
 from identification.evidence import Evidence, evidence_of
 from identification.excitation.plan import CalibrationPlan, PlanOptions, make_plan, spread_deg
-from identification.verification import judge, left_in_use
+from identification.verification import active_residual, judge_residual
 from services.gateway.scales import Scales
 from services.gateway.service import scales_of
 
-BY_HAND = "calibrate with --manual, which needs no arm model"
+MANUAL_REMEDY = "calibrate with --manual, which needs no arm model"
 
 
 @dataclass(frozen=True, slots=True)
 class ArmOptions:
     """Options of an automatic calibration, and whether motion is confirmed already."""
 
-    options: PlanOptions
-    pace: WizardTiming
+    plan_options: PlanOptions
+    timing: WizardTiming
     yes: bool = False
     free: bool = False  # the tool is in free space, whatever force is measured
 
 
-def calibrate(job: Job, wish: ArmOptions, bus: Bus) -> int:
+def calibrate(job: Job, options: ArmOptions, bus: Bus) -> int:
     """Plan, confirm, move, fit, verify, write, put into use, return. Returns the exit code."""
-    if not wish.free:
+    if not options.free:
         refuse_loaded_tool(bus, job.cell)
-    plan = planned(job.cell, bus, wish)
-    ask_person(explained(job.cell, plan, wish.pace), yes=wish.yes)
-    with screen() as teller:
-        wizard, ended = measure(job.cell, bus, plan, wish.pace, teller=teller)
+    plan = calibration_plan(job.cell, bus, options)
+    ask_for_confirmation(motion_description(job.cell, plan, options.timing), yes=options.yes)
+    with screen() as output:
+        wizard, ended = measure(job.cell, bus, plan, options.timing, output=output)
     return finish(job, wizard, ended, lambda: conclude(job, evidence(job, wizard), bus))
 
 
@@ -63,7 +63,7 @@ def evidence(job: Job, wizard: CalibrationWizard) -> Evidence:
     return evidence_of(
         "arm",
         wizard.dwells,
-        source=job.places.readings,
+        source=job.files.readings,
         serial=wizard.serial,
         notes=(*wizard.plan.warnings, *skipped),
     )
@@ -75,54 +75,56 @@ def finish(
     ended: int | None,
     conclusion: Callable[[], int],
     *,
-    tellers: Callable[[], AbstractContextManager[Teller]] = screen,
+    open_output: Callable[[], AbstractContextManager[ProgressOutput]] = screen,
 ) -> int:
     """Save the readings, conclude in free space, then return. Returns the exit code.
 
     The cell checks a new calibration by the measured force: the last pose is in free space, the
     start may not be. The arm returns whatever the result.
     """
-    keep_readings(job, wizard.dwells)
+    save_readings(job, wizard.dwells)
     if ended is not None:
         return ended
     failure: ForcemeshError | None = None
     code = NOT_WELL
     try:
-        with _ended_like_ctrl_c():
+        with _stop_signals_as_ctrl_c():
             code = conclusion()
     except KeyboardInterrupt:
-        with tellers() as teller:
-            return _interrupted(wizard, teller)
+        with open_output() as output:
+            return _report_interruption(wizard, output)
     except ForcemeshError as error:
         failure = error
-    with tellers() as teller:
-        wizard.teller = teller
-        ended = _guarded(wizard, wizard.come_back)
+    with open_output() as output:
+        wizard.output = output
+        ended = _run_guarded(wizard, wizard.return_to_start)
     if failure is not None:
         raise failure
     return code if ended is None else ended
 
 
-def verify(job: Job, wish: ArmOptions, bus: Bus) -> int:
+def verify(job: Job, options: ArmOptions, bus: Bus) -> int:
     """Visit fresh poses and judge the running cell's residuals. Returns the exit code."""
-    plan = planned(job.cell, bus, wish)
-    ask_person(explained(job.cell, plan, wish.pace, fitting=False), yes=wish.yes)
-    with screen() as teller:
-        wizard, ended = drive(job.cell, bus, plan, wish.pace, teller=teller, fitting=False)
+    plan = calibration_plan(job.cell, bus, options)
+    ask_for_confirmation(
+        motion_description(job.cell, plan, options.timing, fitting=False), yes=options.yes
+    )
+    with screen() as output:
+        wizard, ended = drive(job.cell, bus, plan, options.timing, output=output, fitting=False)
     if ended is not None:
         return ended
-    verdict = judge(left_in_use(wizard.dwells), job.bounds)
-    typer.echo(f"calibration in use: {wizard.in_use or 'not reported'}")
+    verdict = judge_residual(active_residual(wizard.dwells), job.bounds)
+    typer.echo(f"calibration in use: {wizard.active_calibration or 'not reported'}")
     typer.echo(verdict.text)
     return OK if verdict.passed else NOT_WELL
 
 
-def planned(cell: CellConfig, bus: Bus, wish: ArmOptions) -> CalibrationPlan:
+def calibration_plan(cell: CellConfig, bus: Bus, options: ArmOptions) -> CalibrationPlan:
     """Return the plan from the present pose. Raises CalibrationError with the remedy."""
-    arm = Drive(bus, wish.pace.speed_m_s)
+    arm = Drive(bus, options.timing.speed_m_s)
     arm.refuse_unless_free()
     state = arm.at_rest()
-    return make_plan(cell, _model(cell, state), np.array(state.joint_rad), wish.options)
+    return make_plan(cell, _model(cell, state), np.array(state.joint_rad), options.plan_options)
 
 
 def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
@@ -130,7 +132,7 @@ def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
     arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
     if arm is None:
         text = "the joint limits of the cell file are not those of the RS007L, the only known arm"
-        raise CalibrationError(f"{text}: {BY_HAND}")
+        raise CalibrationError(f"{text}: {MANUAL_REMEDY}")
     section = cell.gateway if cell.roles.robot == "gateway" else None
     line = check_pose(
         pose_of(state),
@@ -139,14 +141,14 @@ def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
         frames=Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose),
         arm=arm,
     )
-    if line.word == "FAIL":
+    if line.result == "FAIL":
         text = f"the pose that the arm reports does not agree with its joints: {line.found}"
-        raise CalibrationError(f"{text}; {line.remedy}; or {BY_HAND}")
+        raise CalibrationError(f"{text}; {line.remedy}; or {MANUAL_REMEDY}")
     return arm
 
 
-def explained(
-    cell: CellConfig, plan: CalibrationPlan, pace: WizardTiming, *, fitting: bool = True
+def motion_description(
+    cell: CellConfig, plan: CalibrationPlan, timing: WizardTiming, *, fitting: bool = True
 ) -> str:
     """Return the description of the motion, for confirmation."""
     low, high = (
@@ -160,10 +162,10 @@ def explained(
     walls = f" and {len(cell.limits.planes)} plane(s)" if cell.limits.planes else ""
     count = f"{len(plan.fit)} poses and {len(plan.verify)} to verify" if fitting else ""
     count = count or f"{len(plan.verify)} poses"
-    seconds = expected_s(plan, pace, BOTH if fitting else ("verify",))
+    seconds = expected_s(plan, timing, BOTH if fitting else ("verify",))
     lines = [*plan.warnings]
     lines.append(
-        f"{count}, about {seconds:.0f} s at {1e3 * pace.speed_m_s:.0f} mm/s; gravity varies by "
+        f"{count}, about {seconds:.0f} s at {1e3 * timing.speed_m_s:.0f} mm/s; gravity varies by "
         f"{spread_deg(plan):.0f} degrees in sensor axes, expected condition number "
         f"{plan.conditioning:.1f}"
     )
@@ -179,7 +181,7 @@ def explained(
     return "\n".join(lines)
 
 
-def ask_person(explanation: str, *, yes: bool) -> None:
+def ask_for_confirmation(explanation: str, *, yes: bool) -> None:
     """Print the motion and ask for confirmation. Raises CalibrationError without it."""
     typer.echo(explanation, err=True)
     if not yes and not answers_yes("is the box free, and may the arm move?"):
@@ -187,51 +189,56 @@ def ask_person(explanation: str, *, yes: bool) -> None:
 
 
 def measure(
-    cell: CellConfig, bus: Bus, plan: CalibrationPlan, pace: WizardTiming, *, teller: Teller
+    cell: CellConfig,
+    bus: Bus,
+    plan: CalibrationPlan,
+    timing: WizardTiming,
+    *,
+    output: ProgressOutput,
 ) -> tuple[CalibrationWizard, int | None]:
     """Visit every pose and stay at the last; return the exit code too when it ended early."""
-    wizard = CalibrationWizard(bus, cell, plan, pace=pace, teller=teller)
-    return wizard, _guarded(wizard, wizard.measure)
+    wizard = CalibrationWizard(bus, cell, plan, timing=timing, output=output)
+    return wizard, _run_guarded(wizard, wizard.measure)
 
 
 def drive(
     cell: CellConfig,
     bus: Bus,
     plan: CalibrationPlan,
-    pace: WizardTiming,
+    timing: WizardTiming,
     *,
-    teller: Teller,
+    output: ProgressOutput,
     fitting: bool = True,
 ) -> tuple[CalibrationWizard, int | None]:
     """Visit every pose and return; return the exit code too when it ended early."""
-    wizard = CalibrationWizard(bus, cell, plan, pace=pace, teller=teller)
-    return wizard, _guarded(wizard, lambda: wizard.run(BOTH if fitting else ("verify",)))
+    wizard = CalibrationWizard(bus, cell, plan, timing=timing, output=output)
+    return wizard, _run_guarded(wizard, lambda: wizard.run(BOTH if fitting else ("verify",)))
 
 
-def _guarded(wizard: CalibrationWizard, action: Callable[[], None]) -> int | None:
+def _run_guarded(wizard: CalibrationWizard, action: Callable[[], None]) -> int | None:
     """Execute an action; Ctrl-C and every error end in a hold, the readings are kept."""
     try:
-        with _ended_like_ctrl_c():
+        with _stop_signals_as_ctrl_c():
             action()
     except KeyboardInterrupt:
-        return _interrupted(wizard, wizard.teller)
+        return _report_interruption(wizard, wizard.output)
     except (StoppedError, InContactError, NotBegunError) as error:
-        wizard.teller.note(str(error))
+        wizard.output.note(str(error))
         return exit_code_of(error)
     except ForcemeshError as error:
-        wizard.teller.note(f"{error}; {wizard.abandon('the calibration failed')}")
+        wizard.output.note(f"{error}; {wizard.abandon('the calibration failed')}")
         return exit_code_of(error)
     return None
 
 
-def _interrupted(wizard: CalibrationWizard, teller: Teller) -> int:
-    with _deaf():
-        teller.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
+def _report_interruption(wizard: CalibrationWizard, output: ProgressOutput) -> int:
+    with _ignore_sigint():
+        output.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
     return INTERRUPTED
 
 
 @contextmanager
-def _ended_like_ctrl_c() -> Iterator[None]:
+def _stop_signals_as_ctrl_c() -> Iterator[None]:
     """Treat SIGTERM and SIGHUP as Ctrl-C, so that they stop the arm too."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
@@ -248,13 +255,13 @@ def _ended_like_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def _deaf() -> Iterator[None]:
+def _ignore_sigint() -> Iterator[None]:
     """Ignore a second Ctrl-C while the hold of the first one is requested."""
 
-    def nothing(_signal: int, _frame: FrameType | None) -> None:
+    def ignore(_signal: int, _frame: FrameType | None) -> None:
         """Ignore the signal."""
 
-    before = signal.signal(signal.SIGINT, nothing)
+    before = signal.signal(signal.SIGINT, ignore)
     try:
         yield
     finally:

@@ -24,11 +24,11 @@ DRIVE_STATE_WITHIN_S = 2.0
 REST_WITHIN_S = 2.0
 READY_WITHIN_S = 5.0  # the preflight needs a second of good inputs and rest
 HOLD_REASON_WITHIN_S = 0.3  # time for the arbiter to report why a goal has ended
-TAKEN_S = 0.5  # time without this goal in the arbiter's status before it counts as ended
+GOAL_MISSING_S = 0.5  # time without this goal in the arbiter's status before it counts as ended
 SLOWEST = 4.0  # timeout of a move: multiple of the expected duration, plus SLOWEST_S
 SLOWEST_S = 15.0
-PASSING = ("not_ready", "moving", "wait", "busy")  # transient refusals
-OF_THE_POSE = ("joint", "workspace", "tether", "goal_refused")  # refusals of this pose only
+TRANSIENT_REFUSALS = ("not_ready", "moving", "wait", "busy")  # transient refusals
+POSE_REFUSALS = ("joint", "workspace", "tether", "goal_refused")  # refusals of this pose only
 
 Watch = Callable[[str], None]
 
@@ -79,7 +79,7 @@ class Drive:
             text = f"the {reading.fresh.commander} commands the arm: stop that first"
             raise NotBegunError("busy", text)
         if reading.fresh.state not in {"IDLE", "ARMED"}:
-            text = f"{_why(reading.fresh)}; the wizard starts from IDLE or ARMED"
+            text = f"{_stop_reason(reading.fresh)}; the wizard starts from IDLE or ARMED"
             raise NotBegunError("held", text)
 
     def arm(self) -> str:
@@ -105,14 +105,14 @@ class Drive:
             self.hold("the calibration has ended")
             self._bus.ask(topics.CLEAR, Empty())
 
-    def go(self, q: Array, length_m: float, watch: Watch) -> None:
+    def move_joints(self, q: Array, length_m: float, watch: Watch) -> None:
         """Move the joints to angles [rad], shape (6,), and wait until they are reached.
 
         Raises PoseRefusedError when only this goal is not possible, StoppedError when the arm was
         stopped, RefusedError when no motion is allowed.
         """
         request = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=self._speed_m_s)
-        reply = self._ask_until(lambda: self._bus.ask(topics.MOVE, request), OF_THE_POSE)
+        reply = self._ask_until(lambda: self._bus.ask(topics.MOVE, request), POSE_REFUSALS)
         if not reply.accepted:
             raise PoseRefusedError(reply.text)
         expected_s = length_m / self._speed_m_s
@@ -122,7 +122,7 @@ class Drive:
         """Raise StoppedError with the arbiter's reason when the arm was stopped."""
         reading = self._arbiter.read(self._clock.now_ns())
         if reading.fresh is not None and not reading.fresh.goes_on:
-            raise StoppedError(_why(reading.fresh))
+            raise StoppedError(_stop_reason(reading.fresh))
         if reading.silent and reading.message is not None:
             raise CalibrationError(f"no arbiter status: {reading.fault}")
 
@@ -133,13 +133,13 @@ class Drive:
             reply = ask()
             if reply.accepted or reply.code in final:
                 return reply
-            if reply.code not in PASSING or self._clock.now_ns() > give_up_ns:
+            if reply.code not in TRANSIENT_REFUSALS or self._clock.now_ns() > give_up_ns:
                 raise RefusedError(reply.code, reply.text)
             self._clock.sleep_s(10.0 * POLL_S)
 
     def _follow(self, goal_id: int, within_s: float, watch: Watch) -> None:
         """Return when the goal is reached."""
-        started_ns = mine_ns = self._clock.now_ns()
+        started_ns = last_active_ns = self._clock.now_ns()
         while True:
             self._clock.sleep_s(POLL_S)
             watch("moving")
@@ -148,17 +148,17 @@ class Drive:
             if goal.id == goal_id and goal.state == "done":
                 return
             if goal.id == goal_id and goal.state == "refused":
-                self._judge_end(goal.reason)
+                self._raise_end_reason(goal.reason)
             status = self._arbiter.read(now_ns).fresh
             if status is None or status.goal_id == goal_id:
-                mine_ns = now_ns
-            elif now_ns - mine_ns > TAKEN_S * NS_PER_S:
-                self._judge_end("; ".join(trip.text for trip in status.trips))
+                last_active_ns = now_ns
+            elif now_ns - last_active_ns > GOAL_MISSING_S * NS_PER_S:
+                self._raise_end_reason("; ".join(trip.text for trip in status.trips))
             self.check()
             if now_ns - started_ns > within_s * NS_PER_S:
                 raise CalibrationError(f"a pose was not reached within {within_s:.0f} s")
 
-    def _judge_end(self, reason: str) -> None:
+    def _raise_end_reason(self, reason: str) -> None:
         """Raise StoppedError or PoseRefusedError for a goal that ended before its pose."""
         end_ns = self._clock.now_ns() + round(HOLD_REASON_WITHIN_S * NS_PER_S)
         while self._clock.now_ns() < end_ns:
@@ -167,7 +167,7 @@ class Drive:
         raise PoseRefusedError(reason or "no reason given")
 
 
-def _why(status: ArbiterStatus) -> str:
+def _stop_reason(status: ArbiterStatus) -> str:
     causes = "; ".join(trip.text for trip in status.trips) or "no cause given"
     clears = f"; {status.clears}" if status.clears else ""
     return f"the arbiter is {status.state}: {causes}{clears}"

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from cli.calibration.output_files import OutputFiles, back_up
 from cli.calibration.page import save_page
-from cli.calibration.places import Places, keep_before
 from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED
 from cli.payload_tables import print_fit
 from common.config.cell import CellConfig
 from forcemesh.errors import BusError
-from identification.dwells import Dwell, save
+from identification.dwells import Dwell, save_dwells
 from identification.evidence import Evidence, Findings, findings_of
 from identification.verification import VerificationBounds
 from services.wrench.active_calibration import active_calibration
@@ -27,7 +27,7 @@ class Job:
     """Cell to calibrate, output files, limits and use of the result."""
 
     cell: CellConfig
-    places: Places
+    files: OutputFiles
     bounds: VerificationBounds
     force: bool = False  # write a failed result too, without using it
     use: bool = False  # put a passed result into use
@@ -46,36 +46,36 @@ def conclude(job: Job, evidence: Evidence, bus: "Bus | None") -> int:
         typer.echo(f"warning: {warning}", err=True)
     print_fit(found.report)
     typer.echo(found.verdict.text)
-    return settle(job, found, bus)
+    return store_result(job, found, bus)
 
 
-def settle(job: Job, found: Findings, bus: "Bus | None") -> int:
+def store_result(job: Job, found: Findings, bus: "Bus | None") -> int:
     """Write the result; put it into use if requested and passed. Return the exit code.
 
     The last line reports whether the cell uses it; requested and not used is never exit code 0.
     """
     if found.verdict.passed is False:
-        return _settle_failed(job, found)
+        return _store_failed_result(job, found)
     if not job.use:
-        _write(job.places.unused, found)
-        typer.echo(_not_used(job.places, "only --use puts it into use"))
+        _write(job.files.unused, found)
+        typer.echo(_not_used_text(job.files, "only --use puts it into use"))
         return OK
     objection = active_calibration(found.section, job.cell).objection
     if found.verdict.passed is None:
         objection = "no fresh pose has verified it (--verify-with, or --verify-poses above 0)"
     if objection:
-        _write(job.places.unused, found)
-        typer.echo(_not_used(job.places, objection))
+        _write(job.files.unused, found)
+        typer.echo(_not_used_text(job.files, objection))
         return NOT_WELL
     return _put_into_use(job, found, bus)
 
 
-def _settle_failed(job: Job, found: Findings) -> int:
+def _store_failed_result(job: Job, found: Findings) -> int:
     if job.force:
-        _write(job.places.unused, found)
-        typer.echo(_not_used(job.places, "it failed"))
+        _write(job.files.unused, found)
+        typer.echo(_not_used_text(job.files, "it failed"))
         return NOT_WELL
-    page = job.places.failed_page
+    page = job.files.failed_page
     save_page(found, page)
     typer.echo(
         "check for contact, a loose tool or cable, a wrong T_flange_sensor; --force writes it"
@@ -86,55 +86,55 @@ def _settle_failed(job: Job, found: Findings) -> int:
 
 def _put_into_use(job: Job, found: Findings, bus: "Bus | None") -> int:
     """Send the result to the running cell; when accepted, write it for the next start too."""
-    from cli.calibration.send import send
+    from cli.calibration.send import send_calibration
 
-    places, revision = job.places, found.section.revision
+    files, revision = job.files, found.section.revision
     if bus is None:
-        _write(places.calibration, found)
-        typer.echo(places.advice or "the cell is not up: it takes the file when it is started")
+        _write(files.calibration, found)
+        typer.echo(files.advice or "the cell is not up: it takes the file when it is started")
         return OK
     try:
-        reply = send(bus, found.section)
+        reply = send_calibration(bus, found.section)
     except BusError as error:
-        _write(places.unused, found)
+        _write(files.unused, found)
         typer.echo(
             f"{error}; whether the cell uses calibration {revision} is not known: `forcemesh "
-            f"status` shows it; the file is {places.unused}"
+            f"status` shows it; the file is {files.unused}"
         )
         return NO_ANSWER
     if not reply.accepted:
-        _write(places.unused, found)
-        why = f"the running cell refused it ({reply.code}): {reply.text}"
-        typer.echo(_not_used(places, f"{why}; it keeps its previous calibration"))
+        _write(files.unused, found)
+        reason = f"the running cell refused it ({reply.code}): {reply.text}"
+        typer.echo(_not_used_text(files, f"{reason}; it keeps its previous calibration"))
         return REFUSED
-    _write(places.calibration, found)
-    if places.advice:
-        typer.echo(f"{places.advice} after its next start as well")
+    _write(files.calibration, found)
+    if files.advice:
+        typer.echo(f"{files.advice} after its next start as well")
     typer.echo(reply.text)
     return OK
 
 
-def _not_used(places: Places, why: str) -> str:
-    return f"the cell does not use it: {why}; {places.advice or f'the file is {places.unused}'}"
+def _not_used_text(files: OutputFiles, reason: str) -> str:
+    return f"the cell does not use it: {reason}; {files.advice or f'the file is {files.unused}'}"
 
 
 def _write(path: Path, found: Findings) -> None:
     """Write calibration and page; previous files are kept as `.before`."""
-    keep_before(path)
+    back_up(path)
     found.section.save(path)
     typer.echo(f"calibration {found.section.revision} written to {path}")
     page = path.with_suffix(".html")
-    keep_before(page)
+    back_up(page)
     save_page(found, page)
     typer.echo(f"report: {page}")
 
 
-def keep_readings(job: Job, dwells: Sequence[Dwell]) -> None:
+def save_readings(job: Job, dwells: Sequence[Dwell]) -> None:
     """Write the recorded readings, if any. Raises DataError when that is not possible."""
     if not dwells:
         return
-    path = job.places.readings
-    keep_before(path)
-    save(dwells, path)
+    path = job.files.readings
+    back_up(path)
+    save_dwells(dwells, path)
     count = sum(len(dwell) for dwell in dwells)
     typer.echo(f"{count} readings at {len(dwells)} poses written to {path}", err=True)

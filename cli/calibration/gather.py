@@ -32,7 +32,7 @@ class ReadingLostError(ForcemeshError):
 
 
 @dataclass(slots=True)
-class _Left:
+class _ResidualSum:
     """Residual wrench of the running cell about the sensor's origin, summed over a dwell."""
 
     force_N: Array
@@ -52,10 +52,10 @@ class Gatherer:
         self._wrench = bus.reader(topics.WRENCH)
         self._T_flange_sensor: pin.SE3 = cell.sensor.T_flange_sensor.pose
         self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
-        self._seen = (0, 0)  # epoch and number of the last sample
+        self._last_sample = (0, 0)  # epoch and number of the last sample
         self.stillness = StillnessDetector()
         self.serial = ""  # of the sensor
-        self.in_use = ""  # the calibration that the running cell uses
+        self.active_calibration = ""  # the calibration that the running cell uses
 
     def take(self) -> PoseSample | None:
         """Return the newest sample when it is new, else None.
@@ -66,14 +66,14 @@ class Gatherer:
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
         for fault in (sensor.fault, robot.fault):
             if fault:
-                self.stillness.forget()
+                self.stillness.clear()
                 raise ReadingLostError(fault)
         message, header, state = sensor.fresh, sensor.header, robot.fresh
         if message is None or header is None or state is None:
             return None
-        if (header.epoch, header.seq) == self._seen:
+        if (header.epoch, header.seq) == self._last_sample:
             return None
-        self._seen = (header.epoch, header.seq)
+        self._last_sample = (header.epoch, header.seq)
         self.serial = message.serial or self.serial
         T = pose_of(state) * self._T_flange_sensor
         sample = PoseSample(
@@ -82,21 +82,21 @@ class Gatherer:
             np.array(T.rotation),
             np.array(message.force_N + message.torque_Nm),
         )
-        self.stillness.see(sample)
+        self.stillness.add(sample)
         return sample
 
-    def until_heard(self) -> None:
+    def until_received(self) -> None:
         """Wait for the first valid sample. Raises CalibrationError when none is received."""
         give_up_ns = self._clock.now_ns() + round(READINGS_WITHIN_S * NS_PER_S)
-        why = ""
+        reason = ""
         while self._clock.now_ns() < give_up_ns:
             self._clock.sleep_s(READINGS_POLL_S)
             try:
                 if self.take() is not None:
                     return
             except ReadingLostError as error:
-                why = str(error)
-        raise CalibrationError(f"no reading within {READINGS_WITHIN_S:g} s: {why}")
+                reason = str(error)
+        raise CalibrationError(f"no reading within {READINGS_WITHIN_S:g} s: {reason}")
 
     def dwell(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
         """Wait for rest, then read for dwell_s; repeat once when a reading is lost.
@@ -105,17 +105,17 @@ class Gatherer:
         """
         for attempt in range(1, ATTEMPTS + 1):
             try:
-                self._until_still(watch)
-                return self._read(purpose, dwell_s, watch)
+                self._wait_for_rest(watch)
+                return self._read_dwell(purpose, dwell_s, watch)
             except ReadingLostError as error:
                 watch("the sensor")
                 if attempt == ATTEMPTS:
                     raise CalibrationError(f"the reading failed twice: {error}") from error
-                self.until_heard()
+                self.until_received()
         raise AssertionError  # the last attempt returns or raises
 
-    def _until_still(self, watch: Watch) -> None:
-        self.stillness.forget()
+    def _wait_for_rest(self, watch: Watch) -> None:
+        self.stillness.clear()
         give_up_ns = self._clock.now_ns() + round(STILL_WITHIN_S * NS_PER_S)
         waits_for, judged_ns = "readings", 0
         while self._clock.now_ns() < give_up_ns:
@@ -124,14 +124,14 @@ class Gatherer:
             if self.take() is None or self._clock.now_ns() - judged_ns < JUDGE_EVERY_NS:
                 continue
             judged_ns = self._clock.now_ns()
-            waits_for = self.stillness.complaint()
+            waits_for = self.stillness.pending_condition()
             if not waits_for:
                 return
         raise CalibrationError(f"after {STILL_WITHIN_S:g} s still waiting for {waits_for}")
 
-    def _read(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
+    def _read_dwell(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
         samples: list[PoseSample] = []
-        left = _Left(np.zeros(3), np.zeros(3))
+        residual = _ResidualSum(np.zeros(3), np.zeros(3))
         end_ns = self._clock.now_ns() + round(dwell_s * NS_PER_S)
         while self._clock.now_ns() < end_ns:
             self._clock.sleep_s(READINGS_POLL_S)
@@ -139,10 +139,10 @@ class Gatherer:
             sample = self.take()
             if sample is not None:
                 samples.append(sample)
-                self._add_wrench(left, sample)
-        complaint = self.stillness.complaint()
-        if complaint and complaint != "readings":
-            raise ReadingLostError(f"not at rest while reading: waiting for {complaint}")
+                self._add_wrench(residual, sample)
+        condition = self.stillness.pending_condition()
+        if condition and condition != "readings":
+            raise ReadingLostError(f"not at rest while reading: waiting for {condition}")
         if len(samples) < LEAST_READINGS:
             raise ReadingLostError(f"only {len(samples)} readings in {dwell_s:g} s")
         readings = np.array([sample.reading for sample in samples])
@@ -154,22 +154,22 @@ class Gatherer:
             np.array([sample.R_base_sensor for sample in samples]),
             readings[:, :3],
             readings[:, 3:],
-            left.force_N / left.count if left.count else None,
-            left.torque_Nm / left.count if left.count else None,
+            residual.force_N / residual.count if residual.count else None,
+            residual.torque_Nm / residual.count if residual.count else None,
         )
 
-    def _add_wrench(self, left: _Left, sample: PoseSample) -> None:
+    def _add_wrench(self, residual: _ResidualSum, sample: PoseSample) -> None:
         """Add the published wrench, with its torque moved to the sensor's origin."""
         if not self._wrench.poll():
             return
         wrench = self._wrench.read(self._clock.now_ns()).fresh
         if wrench is None:
             return
-        self.in_use = wrench.calibration
+        self.active_calibration = wrench.calibration
         p_tcp_m = (self._T_flange_sensor.inverse() * self._T_flange_tcp).translation
         force = np.array(wrench.force_N)
-        left.force_N += force
-        left.torque_Nm += np.array(wrench.torque_Nm) + np.cross(
+        residual.force_N += force
+        residual.torque_Nm += np.array(wrench.torque_Nm) + np.cross(
             sample.R_base_sensor @ p_tcp_m, force
         )
-        left.count += 1
+        residual.count += 1

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from cli.calibration import pictures
-from cli.payload_tables import is_worth_it
+from cli.payload_tables import is_recommended
 from forcemesh.errors import DataError
 from identification.evidence import Findings
 from identification.verification import Verification
 
 MODELS_ON_PAGE = 7
-LEFT = ["", "poses", "force, mean [N]", "max [N]", "torque, mean [N m]", "max [N m]"]
+RESIDUAL_HEADER = ["", "poses", "force, mean [N]", "max [N]", "torque, mean [N m]", "max [N m]"]
 METHODS = {
     "arm": "the wizard moved the arm",
     "manual": "a person moved the arm",
@@ -58,7 +58,7 @@ def page(found: Findings) -> str:
         _table([], _origin(found)),
         "<h2>Residuals at each pose</h2>",
         _picture("residuals at each pose", pictures.residual_bars(found)),
-        _table(LEFT, _left(found)),
+        _table(RESIDUAL_HEADER, _residual_rows(found)),
         "<h2>Payload and bias</h2>",
         _table(["parameter", "value", "standard deviation", ""], _parameters(found.report)),
         _paragraph(
@@ -77,9 +77,8 @@ def page(found: Findings) -> str:
     ]
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f"<title>{escape(title)}: {verdict.word}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(parts)
-        + "\n</body>\n</html>\n"
+        f"<title>{escape(title)}: {verdict.result}</title>\n<style>{STYLE}</style>\n</head>\n"
+        "<body>\n" + "\n".join(parts) + "\n</body>\n</html>\n"
     )
 
 
@@ -104,14 +103,19 @@ def _name_of(found: Findings) -> str:
     return Path(found.report["recording"]).name
 
 
-def _left(found: Findings) -> list[list[str]]:
+def _residual_rows(found: Findings) -> list[list[str]]:
     rows = []
-    for name, left in (("fit", found.section.fit), ("verification", found.section.verified)):
-        if left is not None:
-            numbers = (left.force_mean_N, left.force_max_N, left.torque_mean_Nm, left.torque_max_Nm)
+    for name, residual in (("fit", found.section.fit), ("verification", found.section.verified)):
+        if residual is not None:
+            numbers = (
+                residual.force_mean_N,
+                residual.force_max_N,
+                residual.torque_mean_Nm,
+                residual.torque_max_Nm,
+            )
             digits = (3, 3, 4, 4)
             shown = [f"{v:.{n}f}" for v, n in zip(numbers, digits, strict=True)]
-            rows.append([name, str(left.poses), *shown])
+            rows.append([name, str(residual.poses), *shown])
     return rows
 
 
@@ -146,7 +150,7 @@ def _models(report: dict[str, Any]) -> list[list[str]]:
 
 def _advice(report: dict[str, Any]) -> str:
     advice = report["next_pose"]
-    if not is_worth_it(advice):
+    if not is_recommended(advice):
         return "No further pose would reduce the deviation of any parameter considerably."
     down = _numbers(advice["down_in_sensor"], 1.0, 2)
     return (
@@ -161,12 +165,12 @@ def _remarks(found: Findings) -> list[str]:
     lines = [*found.evidence.notes, *(f"warning: {text}" for text in report["warnings"])]
     lines += [f"left out {len(r['lines'])} readings: {r['reason']}" for r in report["rejected"]]
     lines += [f"poorly determined by these poses: {line}" for line in report["unsure"]]
-    lines += [f"not determined by this recording: {line}" for line in report["untold"]]
+    lines += [f"not determined by this recording: {line}" for line in report["not_identified"]]
     return lines or ["none: every reading was used, every parameter is determined"]
 
 
 def _banner(verdict: Verification) -> str:
-    colour = COLOURS[verdict.word]
+    colour = COLOURS[verdict.result]
     return f'<p class="verdict" style="background: {colour}">{escape(verdict.text)}</p>'
 
 

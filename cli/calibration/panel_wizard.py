@@ -21,8 +21,8 @@ import typer
 
 from cli.calibration import by_arm
 from cli.calibration.contact import refuse_loaded_tool
-from cli.calibration.finish import Job, settle
-from cli.calibration.places import places_of
+from cli.calibration.finish import Job, store_result
+from cli.calibration.output_files import output_files
 from cli.calibration.wizard import WizardTiming
 from cli.context import CONNECT_PATIENCE_S, NOT_WELL, USAGE
 from cli.payload_tables import found_parameters
@@ -45,28 +45,28 @@ class JsonLineOutput:
     def __init__(self, out: IO[str]) -> None:
         """Write to a stream."""
         self._out = out
-        self._rest = ""
+        self._partial_line = ""
         self._last_s = 0.0
 
-    def say(self, **what: Any) -> None:
+    def write_object(self, **fields: Any) -> None:
         """Write one object."""
-        self._out.write(json.dumps(what) + "\n")
+        self._out.write(json.dumps(fields) + "\n")
         self._out.flush()
 
     def note(self, text: str) -> None:
         """Write one line that stays visible."""
-        self.say(note=text)
+        self.write_object(note=text)
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
         """Write the progress, at most some times a second."""
         now_s = time.monotonic()
         if now_s - self._last_s >= EACH_S:
             self._last_s = now_s
-            self.say(progress=min(done_s / max(total_s, 1e-3), 1.0), text=text)
+            self.write_object(progress=min(done_s / max(total_s, 1e-3), 1.0), text=text)
 
     def write(self, text: str) -> int:
         """Convert printed text to notes."""
-        *lines, self._rest = (self._rest + text).split("\n")
+        *lines, self._partial_line = (self._partial_line + text).split("\n")
         for line in lines:
             if line.strip():
                 self.note(line.rstrip())
@@ -86,55 +86,55 @@ def main(
     speed: Annotated[float, typer.Option(min=1.0, max=1000.0, help="[mm/s]")] = 1e3 * SPEED_M_S,
 ) -> None:
     """Identify payload and sensor bias, verify them, write the cell's calibration."""
-    said = JsonLineOutput(sys.stdout)
-    with _as_notes(said):
+    output = JsonLineOutput(sys.stdout)
+    with _as_notes(output):
         try:
-            code = _run(said, cell, (poses, verify_poses), speed / 1e3)
+            code = _run(output, cell, (poses, verify_poses), speed / 1e3)
         except ForcemeshError as error:
-            said.say(error=str(error))
+            output.write_object(error=str(error))
             code = USAGE
-    said.say(end=code)
+    output.write_object(end=code)
     raise typer.Exit(code)
 
 
-def _run(said: JsonLineOutput, path: Path, counts: tuple[int, int], speed_m_s: float) -> int:
+def _run(output: JsonLineOutput, path: Path, counts: tuple[int, int], speed_m_s: float) -> int:
     cell = load_cell(path, {"calibration": None})
-    job = Job(cell, places_of(cell, path, None), VerificationBounds(), use=True)
-    pace = WizardTiming(min(speed_m_s, cell.limits.speed_m_s), DWELL_S)
-    wish = by_arm.ArmOptions(PlanOptions(*counts, radians(TURN_DEG)), pace, yes=True)
+    job = Job(cell, output_files(cell, path, None), VerificationBounds(), use=True)
+    timing = WizardTiming(min(speed_m_s, cell.limits.speed_m_s), DWELL_S)
+    options = by_arm.ArmOptions(PlanOptions(*counts, radians(TURN_DEG)), timing, yes=True)
     with open_bus(cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
         refuse_loaded_tool(bus, cell)
-        plan = by_arm.planned(cell, bus, wish)
-        said.say(plan=by_arm.explained(cell, plan, pace))
+        plan = by_arm.calibration_plan(cell, bus, options)
+        output.write_object(plan=by_arm.motion_description(cell, plan, timing))
         if sys.stdin.readline().strip() != "go":
-            said.note("nothing was moved")
+            output.note("nothing was moved")
             return NOT_WELL
-        wizard, ended = by_arm.measure(cell, bus, plan, pace, teller=said)
+        wizard, ended = by_arm.measure(cell, bus, plan, timing, output=output)
         return by_arm.finish(
             job,
             wizard,
             ended,
-            lambda: _conclude(said, job, by_arm.evidence(job, wizard), bus),
-            tellers=lambda: contextlib.nullcontext(said),
+            lambda: _conclude(output, job, by_arm.evidence(job, wizard), bus),
+            open_output=lambda: contextlib.nullcontext(output),
         )
 
 
-def _conclude(said: JsonLineOutput, job: Job, evidence: Evidence, bus: Bus) -> int:
+def _conclude(output: JsonLineOutput, job: Job, evidence: Evidence, bus: Bus) -> int:
     """Show the result and the residual at each pose, then conclude as the command does."""
     found = findings_of(job.cell, evidence, job.bounds)
-    fresh = found.verify_left
-    said.say(
+    verification = found.verify_residual
+    output.write_object(
         left={
-            "fit_N": _rounded(found.fit_left.force_N),
-            "fresh_N": [] if fresh is None else _rounded(fresh.force_N),
+            "fit_N": _rounded(found.fit_residual.force_N),
+            "fresh_N": [] if verification is None else _rounded(verification.force_N),
             "limit_N": job.bounds.force_N,
             "verdict": found.verdict.text,
             "found": found_parameters(found.report),
         }
     )
     for warning in found.report["warnings"]:
-        said.note(f"⚠ {warning}")
-    return settle(job, found, bus)
+        output.note(f"⚠ {warning}")
+    return store_result(job, found, bus)
 
 
 def _rounded(lengths: np.ndarray[Any, Any]) -> list[float]:
@@ -142,9 +142,9 @@ def _rounded(lengths: np.ndarray[Any, Any]) -> list[float]:
 
 
 @contextlib.contextmanager
-def _as_notes(said: JsonLineOutput) -> Iterator[None]:
+def _as_notes(output: JsonLineOutput) -> Iterator[None]:
     """Convert everything that the wizard's functions print to notes."""
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
         yield
 
 

@@ -31,11 +31,11 @@ STYLE: Any = {
 def residual_bars(found: Findings) -> Figure:
     """Return the residuals at each fitted and each verification pose, with the limits."""
     figure, ((force, torque),) = _panels(3.4)
-    groups = [("fit", found.fit_left, FIT)]
-    if found.verify_left is not None:
-        groups.append(("verification", found.verify_left, VERIFY))
-    forces = [(label, left.force_N, colour) for label, left, colour in groups]
-    torques = [(label, 1e3 * left.torque_Nm, colour) for label, left, colour in groups]
+    groups = [("fit", found.fit_residual, FIT)]
+    if found.verify_residual is not None:
+        groups.append(("verification", found.verify_residual, VERIFY))
+    forces = [(label, residual.force_N, colour) for label, residual, colour in groups]
+    torques = [(label, 1e3 * residual.torque_Nm, colour) for label, residual, colour in groups]
     _bars(force, forces, "residual force [N]", found.bounds.force_N)
     _bars(torque, torques, "residual torque [mN m]", 1e3 * found.bounds.torque_Nm)
     force.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
@@ -47,13 +47,15 @@ def before_after(found: Findings) -> Figure:
     samples = found.evidence.recording.samples(found.evidence.axes)
     payload = found.evidence.fit.payload
     R, F, M = samples.R_base_sensor, samples.force_N, samples.torque_Nm
-    left_N, left_Nm = residual(payload, R, force_N=F, torque_Nm=M, time_s=samples.time_s)
+    residual_N, residual_Nm = residual(payload, R, force_N=F, torque_Nm=M, time_s=samples.time_s)
     figure, panels = _panels(5.4, rows=2)
     first_row = found.evidence.fit.first_row
-    for column, (read, left, unit) in enumerate(((F, left_N, "N"), (M, left_Nm, "N m"))):
+    for column, (measured, compensated, unit) in enumerate(
+        ((F, residual_N, "N"), (M, residual_Nm, "N m"))
+    ):
         kind = ("force", "torque")[column]
-        _lines(panels[0, column], read, first_row, f"measured {kind} [{unit}]")
-        _lines(panels[1, column], left, first_row, f"compensated {kind} [{unit}]")
+        _lines(panels[0, column], measured, first_row, f"measured {kind} [{unit}]")
+        _lines(panels[1, column], compensated, first_row, f"compensated {kind} [{unit}]")
         panels[1, column].set_xlabel("reading of the fit; thick: mean of each pose")
     panels[0, 0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
@@ -65,8 +67,8 @@ def attitudes(found: Findings) -> Figure:
     poses = found.evidence.recording.samples(found.evidence.axes).R_base_sensor
     groups = [("fit", -poses[found.evidence.fit.first_row][:, 2, :], FIT, "o")]
     if found.evidence.verify is not None:
-        fresh = -found.evidence.verify.R_base_sensor[:, 2, :]
-        groups.append(("verification", fresh, VERIFY, "s"))
+        down_verified = -found.evidence.verify.R_base_sensor[:, 2, :]
+        groups.append(("verification", down_verified, VERIFY, "s"))
     advised = np.array([found.report["next_pose"]["down_in_sensor"]])
     groups.append(("recommended next pose", advised, LIMIT, "*"))
     for half, sign, title in ((halves[0], 1.0, "towards +z"), (halves[1], -1.0, "towards -z")):
@@ -125,11 +127,13 @@ def _lines(axes: Axes, values: Array, first_row: npt.NDArray[np.intp], label: st
 
 def _globe(axes: Axes, title: str) -> None:
     """Draw an equal-area hemisphere seen along z, with circles every 30 degrees from the pole."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 121)
+    angle_rad = np.linspace(0.0, 2.0 * np.pi, 121)
     for angle_deg in (30, 60, 90):
         radius = np.sqrt(2.0) * np.sin(np.radians(angle_deg) / 2.0)
         width = 1.2 if angle_deg == 90 else 0.5
-        axes.plot(radius * np.cos(turn), radius * np.sin(turn), color="#888888", linewidth=width)
+        axes.plot(
+            radius * np.cos(angle_rad), radius * np.sin(angle_rad), color="#888888", linewidth=width
+        )
     axes.plot([-1, 1], [0, 0], color="#bbbbbb", linewidth=0.5)
     axes.plot([0, 0], [-1, 1], color="#bbbbbb", linewidth=0.5)
     axes.text(1.03, 0.0, "x", va="center")

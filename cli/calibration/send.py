@@ -6,21 +6,21 @@ from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.requests import CalibrationRequest, Reply
 
-WITHIN_S = 3.0
+SEND_TIMEOUT_S = 3.0
 SEND_AGAIN_S = 0.1
-PASSING = ("wait", "moving")  # transient refusals: the arm has just returned
+TRANSIENT_REFUSALS = ("wait", "moving")  # transient refusals: the arm has just returned
 
 
-def send(bus: Bus, section: CalibrationSection) -> Reply:
+def send_calibration(bus: Bus, section: CalibrationSection) -> Reply:
     """Send a calibration to the wrench service; return the reply.
 
     Raises BusError when there is no reply.
     """
     request = CalibrationRequest(calibration_json=section.model_dump_json())
-    give_up_ns = bus.clock.now_ns() + round(WITHIN_S * NS_PER_S)
+    give_up_ns = bus.clock.now_ns() + round(SEND_TIMEOUT_S * NS_PER_S)
     while True:
         reply = bus.ask(topics.CALIBRATE, request)
-        passes = not reply.accepted and reply.code in PASSING
-        if not passes or bus.clock.now_ns() > give_up_ns:
+        is_transient = not reply.accepted and reply.code in TRANSIENT_REFUSALS
+        if not is_transient or bus.clock.now_ns() > give_up_ns:
             return reply
         bus.clock.sleep_s(SEND_AGAIN_S)

@@ -157,46 +157,50 @@ def calibrate(
     in the running cell at once. With --manual, --from or --out it is only written; --use activates
     it if verification passes. This is not a safety function.
     """
-    way = _Method(manual, auto_capture, from_file, verify_with, verify_only, wrench_axes)
-    fate = ResultDestination(out, use, force, moves_arm=not (manual or from_file))
-    mistake = way.mistake() or fate.mistake()
+    method = _Method(manual, auto_capture, from_file, verify_with, verify_only, wrench_axes)
+    destination = ResultDestination(out, use, force, moves_arm=not (manual or from_file))
+    mistake = method.mistake() or destination.mistake()
     if mistake:
         exit_with_error(mistake, USAGE)
     with one_line_errors():
         path = find_cell_file(cell)
-        job = _job(path, fate, (max_force, max_torque))
+        job = _job(path, destination, (max_force, max_torque))
         if from_file is not None:
-            code = _by_file(job, from_file, way)
+            code = _by_file(job, from_file, method)
         elif manual:
-            code = _by_hand(job, way, (poses, verify_poses, dwell))
+            code = _by_hand(job, method, (poses, verify_poses, dwell))
         else:
             if verify_poses == 0:
                 exit_with_error(
                     "--verify-poses 0 requires --manual: the wizard verifies its fit", USAGE
                 )
-            wish = _wish(job.cell, (poses, verify_poses, turn), speed, dwell, assured=(yes, free))
-            code = _by_arm(job, wish, verify_only=verify_only)
+            options = _options(
+                job.cell, (poses, verify_poses, turn), speed, dwell, assured=(yes, free)
+            )
+            code = _by_arm(job, options, verify_only=verify_only)
     raise typer.Exit(code)
 
 
-def _job(path: Path, fate: ResultDestination, bounds: tuple[float, float]) -> "Job":
+def _job(path: Path, destination: ResultDestination, bounds: tuple[float, float]) -> "Job":
     from cli.calibration.finish import Job
-    from cli.calibration.places import places_of
+    from cli.calibration.output_files import output_files
     from common.config.load import load_cell
     from identification.verification import VerificationBounds
 
     cell = load_cell(path, {"calibration": None})  # not needed, and possibly invalid
-    places = places_of(cell, path, fate.out)
-    if fate.out is not None and not fate.uses and not places.advice:
+    files = output_files(cell, path, destination.out)
+    if destination.out is not None and not destination.uses and not files.advice:
         exit_with_error(
-            f"--out {fate.out} is the calibration file that the cell loads at start: use --use to "
-            "activate the result, or another file name to write it only",
+            f"--out {destination.out} is the calibration file that the cell loads at start: use "
+            "--use to activate the result, or another file name to write it only",
             USAGE,
         )
-    return Job(cell, places, VerificationBounds(*bounds), force=fate.force, use=fate.uses)
+    return Job(
+        cell, files, VerificationBounds(*bounds), force=destination.force, use=destination.uses
+    )
 
 
-def _wish(
+def _options(
     cell: "CellConfig",
     poses: tuple[int, int, float],
     speed_mm_s: float | None,
@@ -210,44 +214,46 @@ def _wish(
     from cli.calibration.wizard import WizardTiming
     from identification.excitation.plan import PlanOptions
 
-    count, fresh, turn_deg = poses
-    most_mm_s = 1e3 * cell.limits.speed_m_s
-    if speed_mm_s is not None and speed_mm_s > most_mm_s:
+    count, verify_count, turn_deg = poses
+    limit_mm_s = 1e3 * cell.limits.speed_m_s
+    if speed_mm_s is not None and speed_mm_s > limit_mm_s:
         exit_with_error(
-            f"--speed {speed_mm_s:g}: limits.speed_m_s allows {most_mm_s:g} mm/s", USAGE
+            f"--speed {speed_mm_s:g}: limits.speed_m_s allows {limit_mm_s:g} mm/s", USAGE
         )
-    usual_mm_s = min(USUAL_SPEED_MM_S, most_mm_s)
-    pace = WizardTiming((usual_mm_s if speed_mm_s is None else speed_mm_s) / 1e3, dwell_s)
-    return ArmOptions(PlanOptions(count, fresh, radians(turn_deg)), pace, *assured)
+    usual_mm_s = min(USUAL_SPEED_MM_S, limit_mm_s)
+    timing = WizardTiming((usual_mm_s if speed_mm_s is None else speed_mm_s) / 1e3, dwell_s)
+    return ArmOptions(PlanOptions(count, verify_count, radians(turn_deg)), timing, *assured)
 
 
-def _by_arm(job: "Job", wish: "by_arm.ArmOptions", *, verify_only: bool) -> int:
+def _by_arm(job: "Job", options: "by_arm.ArmOptions", *, verify_only: bool) -> int:
     from cli.calibration import by_arm
     from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
 
     with open_bus(job.cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
-        return by_arm.verify(job, wish, bus) if verify_only else by_arm.calibrate(job, wish, bus)
+        return (
+            by_arm.verify(job, options, bus) if verify_only else by_arm.calibrate(job, options, bus)
+        )
 
 
-def _by_hand(job: "Job", way: _Method, poses: tuple[int, int, float]) -> int:
+def _by_hand(job: "Job", method: _Method, poses: tuple[int, int, float]) -> int:
     from cli.calibration import by_hand
     from cli.calibration.screen import Keyboard
     from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
 
-    count, fresh, dwell_s = poses
-    wish = by_hand.HandOptions(count, fresh, dwell_s, way.auto_capture)
+    count, verify_count, dwell_s = poses
+    options = by_hand.HandOptions(count, verify_count, dwell_s, method.auto_capture)
     with open_bus(job.cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
-        return by_hand.calibrate(job, wish, bus, Keyboard())
+        return by_hand.calibrate(job, options, bus, Keyboard())
 
 
-def _by_file(job: "Job", recording: Path, way: _Method) -> int:
+def _by_file(job: "Job", recording: Path, method: _Method) -> int:
     from cli.calibration import by_file
     from cli.payload import named_axes
     from forcemesh.errors import DataError
 
     try:
-        return by_file.calibrate(job, recording, way.verify_with, named_axes(way.axes))
+        return by_file.calibrate(job, recording, method.verify_with, named_axes(method.axes))
     except DataError as error:  # usage error, as for any invalid file
         exit_with_error(str(error), USAGE)

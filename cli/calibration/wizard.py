@@ -12,7 +12,7 @@ import numpy as np
 from cli.calibration.contact import refuse_relieved
 from cli.calibration.drive import Drive
 from cli.calibration.gather import Gatherer
-from cli.calibration.tell import Teller
+from cli.calibration.progress_output import ProgressOutput
 from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh.bus import Bus
@@ -45,18 +45,18 @@ class CalibrationWizard:
         cell: CellConfig,
         plan: CalibrationPlan,
         *,
-        pace: WizardTiming,
-        teller: Teller,
+        timing: WizardTiming,
+        output: ProgressOutput,
     ) -> None:
         """Subscribe; nothing moves before `run`."""
         self.plan = plan
         self.dwells: list[Dwell] = []
-        self._pace, self._cell, self._clock = pace, cell, bus.clock
-        self.teller = teller  # may be replaced for the return
-        self._drive = Drive(bus, pace.speed_m_s)
+        self._timing, self._cell, self._clock = timing, cell, bus.clock
+        self.output = output  # may be replaced for the return
+        self._drive = Drive(bus, timing.speed_m_s)
         self._gatherer = Gatherer(bus, cell)
-        self._at: Array = plan.route.q_start
-        self._done_s, self._total_s = 0.0, expected_s(plan, pace)
+        self._q: Array = plan.route.q_start
+        self._done_s, self._total_s = 0.0, expected_s(plan, timing)
         self._stage = ""
         self._begun = False
 
@@ -66,9 +66,9 @@ class CalibrationWizard:
         return self._gatherer.serial
 
     @property
-    def in_use(self) -> str:
+    def active_calibration(self) -> str:
         """Calibration that the running cell uses, empty when unknown."""
-        return self._gatherer.in_use
+        return self._gatherer.active_calibration
 
     def run(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
         """Arm, visit every pose, return to the start and restore the armed state.
@@ -76,23 +76,25 @@ class CalibrationWizard:
         Raises ForcemeshError with the reason of an early end; the arm then stays where it is.
         """
         self.measure(purposes)
-        self.come_back()
+        self.return_to_start()
 
     def measure(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
         """Arm and visit every pose; the arm stays armed at the last one. Raises as `run`."""
-        self._total_s = expected_s(self.plan, self._pace, purposes)
-        self._gatherer.until_heard()
+        self._total_s = expected_s(self.plan, self._timing, purposes)
+        self._gatherer.until_received()
         self._arm()
         self._lift()
         for purpose in purposes:
             self._visit_all(purpose)
 
-    def come_back(self) -> None:
+    def return_to_start(self) -> None:
         """Return to the start and restore the armed state. Raises as `run`."""
         self._stage = "back to the start"
-        self._go([self.plan.route.hub, *self.plan.route.way_home(self.plan.route.hub)])
+        self._move_through(
+            [self.plan.route.hub, *self.plan.route.goals_to_start(self.plan.route.hub)]
+        )
         self._drive.release()
-        self.teller.note("the arm has returned to its start")
+        self.output.note("the arm has returned to its start")
 
     def abandon(self, reason: str) -> str:
         """Hold the arm if it was armed for this calibration; return the text of the reply."""
@@ -101,7 +103,7 @@ class CalibrationWizard:
     def _arm(self) -> None:
         self._begun = True  # also when interrupted before the reply
         try:
-            self.teller.note(self._drive.arm())
+            self.output.note(self._drive.arm())
         except (RefusedError, StoppedError):
             self._begun = False
             raise
@@ -109,11 +111,11 @@ class CalibrationWizard:
     def _lift(self) -> None:
         """Move to the hub above the start. Raises InContactError when the force changes."""
         self._stage = "to the hub"
-        way = self.plan.route.way_out(self._at)
-        if not way:
+        goals = self.plan.route.goals_to_hub(self._q)
+        if not goals:
             return
         before_N = self._force_N()
-        self._go(way)
+        self._move_through(goals)
         after_N = self._force_N()
         try:
             refuse_relieved(before_N, after_N, self.plan.route.lift_m, self._cell)
@@ -129,71 +131,73 @@ class CalibrationWizard:
         visited: list[int] = []
         while True:
             places = self.plan.fit if purpose == "fit" else self.plan.verify
-            left = [place for place in places if place not in visited]
-            if not left:
+            remaining = [place for place in places if place not in visited]
+            if not remaining:
                 return
             self._stage = f"pose {len(visited) + 1} of {len(places)}"
             if purpose == "verify":
                 self._stage = f"verifying, {self._stage}"
             try:
-                self._go(self.plan.route.way(self._at, self.plan.q[left[0]]))
+                self._move_through(self.plan.route.goals(self._q, self.plan.q[remaining[0]]))
             except PoseRefusedError as error:
-                self.teller.note(f"{self._stage} is skipped, another pose is used: {error}")
-                self.plan = self.plan.without(left[0])
-                self._back()
+                self.output.note(f"{self._stage} is skipped, another pose is used: {error}")
+                self.plan = self.plan.without(remaining[0])
+                self._return_to_last_pose()
                 continue
-            visited.append(left[0])
+            visited.append(remaining[0])
             self.dwells.append(self._dwell(purpose))
 
     def _dwell(self, purpose: Purpose) -> Dwell:
-        return self._read(purpose, self._pace.dwell_s)
+        return self._read(purpose, self._timing.dwell_s)
 
     def _read(self, purpose: Purpose, duration_s: float) -> Dwell:
         began_ns = self._clock.now_ns()
         expected_s = STILLNESS_WINDOW_S + duration_s
 
-        def watch(what: str) -> None:
+        def watch(text: str) -> None:
             self._drive.check()
-            self._tell(what, began_ns, expected_s)
+            self._report_progress(text, began_ns, expected_s)
 
         dwell = self._gatherer.dwell(purpose, duration_s, watch)
         self._done_s += expected_s
         return dwell
 
-    def _go(self, stops: list[Array]) -> None:
+    def _move_through(self, stops: list[Array]) -> None:
         """Move from stop to stop. Raises PoseRefusedError when one of them is refused."""
         for q in stops:
-            length_m = self.plan.route.length_m(self._at, q)
-            expected_s = length_m / self._pace.speed_m_s + RAMP_S
+            length_m = self.plan.route.length_m(self._q, q)
+            expected_s = length_m / self._timing.speed_m_s + RAMP_S
             began_ns = self._clock.now_ns()
-            self._drive.go(
+            self._drive.move_joints(
                 q,
                 length_m,
-                lambda what, began_ns=began_ns, s=expected_s: self._tell(what, began_ns, s),  # type: ignore[misc]
+                lambda text, began_ns=began_ns, s=expected_s: self._report_progress(
+                    text, began_ns, s
+                ),  # type: ignore[misc]
             )
-            self._at = q
+            self._q = q
             self._done_s += expected_s
 
-    def _back(self) -> None:
+    def _return_to_last_pose(self) -> None:
         """Return to the last pose when a refused goal ended between poses: that path is free."""
-        if np.abs(self._drive.joints() - self._at).max() > np.radians(0.3):
-            self._go([self._at])
+        if np.abs(self._drive.joints() - self._q).max() > np.radians(0.3):
+            self._move_through([self._q])
 
-    def _tell(self, what: str, began_ns: int, expected_s: float) -> None:
+    def _report_progress(self, text: str, began_ns: int, expected_s: float) -> None:
         spent_s = (self._clock.now_ns() - began_ns) / NS_PER_S
         done_s = self._done_s + min(spent_s, expected_s)
-        self.teller.progress(min(done_s, self._total_s), self._total_s, f"{self._stage}: {what}")
+        self.output.progress(min(done_s, self._total_s), self._total_s, f"{self._stage}: {text}")
 
 
 def expected_s(
-    plan: CalibrationPlan, pace: WizardTiming, purposes: tuple[Purpose, ...] = BOTH
+    plan: CalibrationPlan, timing: WizardTiming, purposes: tuple[Purpose, ...] = BOTH
 ) -> float:
     """Return the approximate duration of a plan [s]."""
     route = plan.route
     places = [p for purpose in purposes for p in (plan.fit if purpose == "fit" else plan.verify)]
     stops = [route.q_start, route.hub, *(plan.q[place] for place in places), route.hub]
-    ways_m = sum(route.length_m(a, b) for a, b in pairwise(stops))
-    ways_m += route.length_m(route.hub, route.q_start)
-    moving_s = ways_m / pace.speed_m_s + RAMP_S * (len(stops) + 1)
-    free_s = 2.0 * (STILLNESS_WINDOW_S + FREE_READ_S) if route.way_out(route.q_start) else 0.0
-    return moving_s + free_s + len(places) * (STILLNESS_WINDOW_S + pace.dwell_s)
+    travel_m = sum(route.length_m(a, b) for a, b in pairwise(stops))
+    travel_m += route.length_m(route.hub, route.q_start)
+    moving_s = travel_m / timing.speed_m_s + RAMP_S * (len(stops) + 1)
+    free_s = 2.0 * (STILLNESS_WINDOW_S + FREE_READ_S) if route.goals_to_hub(route.q_start) else 0.0
+    return moving_s + free_s + len(places) * (STILLNESS_WINDOW_S + timing.dwell_s)

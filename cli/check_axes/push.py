@@ -7,7 +7,7 @@ not be armed: a person's hands are on the tool.
 import numpy as np
 
 from cli.calibration.gather import Gatherer, ReadingLostError
-from cli.calibration.tell import Teller
+from cli.calibration.progress_output import ProgressOutput
 from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh import topics
@@ -17,8 +17,8 @@ from identification.dwells import Dwell
 from identification.errors import CalibrationError
 from identification.installation.payload import length_findings
 from identification.installation.push import (
-    ALONG,
     LEAST,
+    LEAST_COSINE,
     STEPS,
     USUAL_N,
     PushDetector,
@@ -36,7 +36,7 @@ PUSH_POLL_S = 0.002
 PUSH_WITHIN_S = 30.0  # for each push
 TRIES = 3
 PUSH_REST_S = 0.3
-ALIKE = 0.9  # cosine
+SAME_DIRECTION_COSINE = 0.9  # cosine
 FULL = {"push": 10.0, "twist": 0.5}  # full scale of the bar: N, N m
 PROMPTS = {
     ("+x", "push"): "push the tip of the tool along +x of the base with about 10 N, then let go",
@@ -50,49 +50,55 @@ class PushTest:
     """Guided push test of one cell."""
 
     def __init__(
-        self, bus: Bus, cell: CellConfig, teller: Teller, *, within_s: float = PUSH_WITHIN_S
+        self, bus: Bus, cell: CellConfig, output: ProgressOutput, *, within_s: float = PUSH_WITHIN_S
     ) -> None:
         """Subscribe; no request is sent. Each push must come within `within_s`."""
-        self._clock, self._teller, self._within_s = bus.clock, teller, within_s
+        self._clock, self._output, self._within_s = bus.clock, output, within_s
         self._gatherer = Gatherer(bus, cell)
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
 
-    def run(self, belief: ExpectedInstallation) -> Installation:
+    def run(self, expected: ExpectedInstallation) -> Installation:
         """Prompt for each push, evaluate them all. Raises CalibrationError with a remedy."""
-        self._gatherer.until_heard()
-        lengths = length_findings(belief)
-        done = [each for asked in STEPS if (each := self._step(asked)) is not None]
-        findings, unseen = judge_pushes(done, belief.in_metres())
-        sizes = [each.size for each in done if each.asked.by == "push"]
-        evidence = {f"push_{each.asked.name}_{each.asked.by}_cosine": each.along for each in done}
-        return Installation((*lengths, *findings, *_of_size(sizes)), tuple(unseen), evidence)
+        self._gatherer.until_received()
+        lengths = length_findings(expected)
+        done = [each for request in STEPS if (each := self._step(request)) is not None]
+        findings, unidentified = judge_pushes(done, expected.in_metres())
+        sizes = [each.size for each in done if each.request.action == "push"]
+        evidence = {
+            f"push_{each.request.name}_{each.request.action}_cosine": each.cosine for each in done
+        }
+        return Installation(
+            (*lengths, *findings, *_size_findings(sizes)), tuple(unidentified), evidence
+        )
 
-    def _step(self, asked: PushRequest) -> PushResult | None:
+    def _step(self, request: PushRequest) -> PushResult | None:
         """Prompt up to three times; a push in another direction counts when it is repeated."""
         last: PushResult | None = None
         for _ in range(TRIES):
-            rest = self._rest()
-            self._teller.note(PROMPTS[asked.name, asked.by])
-            done = self._follow(asked, rest)
+            baseline = self._untouched_reading()
+            self._output.note(PROMPTS[request.name, request.action])
+            done = self._follow(request, baseline)
             if done is None:
                 continue
-            self._teller.note(done.words)
-            if done.along > ALONG or (last is not None and _alike(last, done)):
+            self._output.note(done.description)
+            if done.cosine > LEAST_COSINE or (
+                last is not None and _have_same_direction(last, done)
+            ):
                 return done
             last = done
-        if last is None and asked.by == "push":
+        if last is None and request.action == "push":
             raise CalibrationError(
-                f"no push of more than {LEAST['push']:g} N was measured along {asked.name}: if "
+                f"no push of more than {LEAST['push']:g} N was measured along {request.name}: if "
                 "you pushed, the sensor does not respond or its unit is too large (kgf, pounds)"
             )
         return last
 
-    def _rest(self) -> Array:
+    def _untouched_reading(self) -> Array:
         """Return the sensor reading while the tool is not touched. Shape (6,)."""
 
-        def watch(what: str) -> None:
+        def watch(text: str) -> None:
             self._refuse_armed()
-            self._teller.progress(0.0, 1.0, f"hands off the tool: {what}")
+            self._output.progress(0.0, 1.0, f"hands off the tool: {text}")
 
         for attempt in range(1, TRIES + 1):
             try:
@@ -101,39 +107,39 @@ class PushTest:
                 self._refuse_armed()
                 if attempt == TRIES:
                     raise
-                self._teller.note(f"take your hands off the tool: {error}")
+                self._output.note(f"take your hands off the tool: {error}")
             else:
                 return _reading(dwell)
         raise AssertionError  # the last attempt returns or raises
 
-    def _follow(self, asked: PushRequest, rest: Array) -> PushResult | None:
+    def _follow(self, request: PushRequest, baseline: Array) -> PushResult | None:
         """Wait for a push; return None after the timeout."""
-        follower, began_ns = PushDetector(asked.by), self._clock.now_ns()
+        detector, began_ns = PushDetector(request.action), self._clock.now_ns()
         while self._clock.now_ns() - began_ns < self._within_s * NS_PER_S:
             self._clock.sleep_s(PUSH_POLL_S)
             self._refuse_armed()
             try:
                 sample = self._gatherer.take()
             except ReadingLostError:
-                self._gatherer.until_heard()
-                follower = PushDetector(asked.by)
+                self._gatherer.until_received()
+                detector = PushDetector(request.action)
                 continue
             if sample is None:
                 continue
-            grown = sample.reading - rest
-            self._show(asked, sample.R_base_sensor, grown)
-            found = follower.see(sample.at_ns / NS_PER_S, grown)
+            change = sample.reading - baseline
+            self._show(request, sample.R_base_sensor, change)
+            found = detector.update(sample.at_ns / NS_PER_S, change)
             if found is not None:
-                return PushResult(asked, found[:3], found[3:], sample.R_base_sensor)
-        self._teller.note(f"no {asked.by} {asked.name} within {self._within_s:g} s")
+                return PushResult(request, found[:3], found[3:], sample.R_base_sensor)
+        self._output.note(f"no {request.action} {request.name} within {self._within_s:g} s")
         return None
 
-    def _show(self, asked: PushRequest, R_base_sensor: Array, grown: Array) -> None:
-        unit, read = ("N", grown[:3]) if asked.by == "push" else ("N m", grown[3:])
+    def _show(self, request: PushRequest, R_base_sensor: Array, change: Array) -> None:
+        unit, read = ("N", change[:3]) if request.action == "push" else ("N m", change[3:])
         x, y, z = R_base_sensor @ read
-        text = f"{asked.by} {asked.name}: x {x:+6.2f}  y {y:+6.2f}  z {z:+6.2f} {unit}"
+        text = f"{request.action} {request.name}: x {x:+6.2f}  y {y:+6.2f}  z {z:+6.2f} {unit}"
         size = float(np.linalg.norm(read))
-        self._teller.progress(min(size, FULL[asked.by]), FULL[asked.by], text)
+        self._output.progress(min(size, FULL[request.action]), FULL[request.action], text)
 
     def _refuse_armed(self) -> None:
         status = self._arbiter.read(self._clock.now_ns()).fresh
@@ -148,13 +154,15 @@ def _reading(dwell: Dwell) -> Array:
     return np.concatenate((dwell.force_N.mean(axis=0), dwell.torque_Nm.mean(axis=0)))
 
 
-def _alike(a: PushResult, b: PushResult) -> bool:
+def _have_same_direction(a: PushResult, b: PushResult) -> bool:
     """Return whether two pushes for the same prompt have about the same direction."""
-    one, other = (d.grown_N if d.asked.by == "push" else d.grown_Nm for d in (a, b))
-    return float(one @ other) > ALIKE * float(np.linalg.norm(one) * np.linalg.norm(other))
+    first, second = (d.change_N if d.request.action == "push" else d.change_Nm for d in (a, b))
+    return float(first @ second) > SAME_DIRECTION_COSINE * float(
+        np.linalg.norm(first) * np.linalg.norm(second)
+    )
 
 
-def _of_size(sizes: list[float]) -> list[InstallationFinding]:
+def _size_findings(sizes: list[float]) -> list[InstallationFinding]:
     """Return an unsure finding on the unit when pushes of about 10 N measure out of range."""
     size, (low, high) = float(np.median(sizes)), USUAL_N
     if low <= size <= high:

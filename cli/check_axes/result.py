@@ -26,7 +26,7 @@ def print_installation(found: Installation, source: str, *, as_json: bool) -> No
     typer.echo(f"{source}\n{HEADLINES[found.verdict]}")
     for finding in found.findings:
         typer.echo(f"  - {finding.text}\n    -> {finding.remedy}")
-    for line in found.unseen:
+    for line in found.unidentified:
         typer.echo(f"  not observed: {line}")
     numbers = ", ".join(f"{name} {value:.4g}" for name, value in found.evidence.items())
     if numbers:
@@ -39,14 +39,14 @@ def report_axes_to_cell(bus: Bus, found: Installation) -> None:
         return
     wrench = bus.reader(topics.WRENCH)
     give_up_ns = bus.clock.now_ns() + round(WRENCH_WITHIN_S * NS_PER_S)
-    while (heard := wrench.read(bus.clock.now_ns()).fresh) is None:
+    while (message := wrench.read(bus.clock.now_ns()).fresh) is None:
         if bus.clock.now_ns() > give_up_ns:
             typer.echo(
                 "warning: no wrench is published: the cell did not receive the result", err=True
             )
             return
         bus.clock.sleep_s(POLL_S)
-    reply = bus.ask(topics.AXES, AxesRequest(calibration=heard.calibration))
+    reply = bus.ask(topics.AXES, AxesRequest(calibration=message.calibration))
     typer.echo(reply.text if reply.accepted else f"warning: {reply.text}", err=True)
 
 
@@ -60,7 +60,7 @@ def as_tree(found: Installation, source: str) -> dict[str, object]:
             {"code": each.code, "kind": each.kind, "text": each.text, "remedy": each.remedy}
             for each in found.findings
         ],
-        "not_shown": list(found.unseen),
+        "not_shown": list(found.unidentified),
         "force_channels_show": wiring,
         "evidence": found.evidence,
     }

@@ -86,8 +86,8 @@ def _expected_installation(cell: "CellConfig", mass_kg: float | None) -> "Expect
 
     from identification.installation.terms import ExpectedInstallation
 
-    believed = ExpectedInstallation.of(cell)
-    return believed if mass_kg is None else replace(believed, mass_kg=mass_kg)
+    expected = ExpectedInstallation.of(cell)
+    return expected if mass_kg is None else replace(expected, mass_kg=mass_kg)
 
 
 def _by_file(
@@ -99,13 +99,13 @@ def _by_file(
     from identification.installation.check import judge_recording
     from identification.recording import read_recording
 
-    believed = _expected_installation(load_cell(path), mass_kg)
+    expected = _expected_installation(load_cell(path), mass_kg)
     try:
         data = read_recording(recording)
     except DataError as error:  # code 1 means that the installation is wrong
         exit_with_error(str(error), USAGE)
-    taken, found = judge_recording(data, named_axes(option), believed)
-    return found, f"{recording} in {taken} axes, against {path}"
+    chosen_axes, found = judge_recording(data, named_axes(option), expected)
+    return found, f"{recording} in {chosen_axes} axes, against {path}"
 
 
 def _by_hand(path: Path) -> "tuple[Installation, str]":
@@ -114,9 +114,9 @@ def _by_hand(path: Path) -> "tuple[Installation, str]":
     from cli.check_axes.result import report_axes_to_cell
     from identification.installation.terms import ExpectedInstallation
 
-    with client_of(path) as (cell, bus), screen(with_time=False) as teller:
+    with client_of(path) as (cell, bus), screen(with_time=False) as output:
         try:
-            found = PushTest(bus, cell, teller).run(ExpectedInstallation.of(cell))
+            found = PushTest(bus, cell, output).run(ExpectedInstallation.of(cell))
         except KeyboardInterrupt:
             exit_with_error("interrupted: no result", NOT_WELL)
         report_axes_to_cell(bus, found)
@@ -135,15 +135,15 @@ def _by_arm(
     from identification.installation.check import judge_installation
 
     with client_of(path) as (cell, bus):
-        most_mm_s = 1e3 * cell.limits.speed_m_s
-        pace = WizardTiming(min(speed_mm_s, most_mm_s) / 1e3, DWELL_S)
-        wish = by_arm.ArmOptions(PlanOptions(poses=POSES, verify_poses=0), pace, yes)
-        plan = by_arm.planned(cell, bus, wish)
-        typer.echo(by_arm.explained(cell, plan, pace), err=True)
+        limit_mm_s = 1e3 * cell.limits.speed_m_s
+        timing = WizardTiming(min(speed_mm_s, limit_mm_s) / 1e3, DWELL_S)
+        options = by_arm.ArmOptions(PlanOptions(poses=POSES, verify_poses=0), timing, yes)
+        plan = by_arm.calibration_plan(cell, bus, options)
+        typer.echo(by_arm.motion_description(cell, plan, timing), err=True)
         if not yes and not answers_yes("is the workspace free, and may the arm move?"):
             exit_with_error("nothing was moved", NOT_WELL)
-        with screen() as teller:
-            wizard, ended = by_arm.drive(cell, bus, plan, pace, teller=teller)
+        with screen() as output:
+            wizard, ended = by_arm.drive(cell, bus, plan, timing, output=output)
         if ended is not None:
             raise typer.Exit(ended)
         found = judge_installation(samples_of(wizard.dwells), _expected_installation(cell, mass_kg))

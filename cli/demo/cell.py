@@ -48,12 +48,12 @@ def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
     if trial.seed is not None:
         overrides["sim.seed"] = trial.seed
     if trial.as_step_s is not None or trial.pessimistic:
-        overrides |= _controller(load_cell(path), trial)
+        overrides |= _controller_overrides(load_cell(path), trial)
     if trial.delay_s is not None:
         plain = load_cell(path, overrides)
-        own_s = 0.0 if plain.sim is None else plain.robot.delay_s - plain.sim.delay_s
+        program_delay_s = 0.0 if plain.sim is None else plain.robot.delay_s - plain.sim.delay_s
         overrides["sim.delay_s"] = trial.delay_s
-        overrides["robot.delay_s"] = trial.delay_s + own_s  # delay of a program is kept
+        overrides["robot.delay_s"] = trial.delay_s + program_delay_s  # delay of a program is kept
     if trial.stiffness_N_m is not None:
         overrides["sim.stiffness_N_m"] = trial.stiffness_N_m
         overrides["contact.stiffness_N_m"] = trial.stiffness_N_m
@@ -66,7 +66,7 @@ def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
     return cell
 
 
-def _controller(plain: CellConfig, trial: DemoOverrides) -> dict[str, object]:
+def _controller_overrides(plain: CellConfig, trial: DemoOverrides) -> dict[str, object]:
     """Return the overrides for another speed of the emulated controller.
 
     The delay of its program and the rate of its reports scale with the step.

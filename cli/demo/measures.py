@@ -118,12 +118,12 @@ def overshoot_pct(trace: Trace, plan: ScenarioPlan, lift_off_force_N: float) -> 
     if plan.setpoint_N == 0.0 or plan.mode == "orientation":
         return 100.0 * max(0.0, lift_off_force_N) / start_N
     step_N = plan.setpoint_N - start_N
-    beyond_N = [
+    overshoots_N = [
         (force_N - plan.setpoint_N) * np.sign(step_N)
         for t_s, force_N in mean_force(trace.work)
         if t_s >= IGNORE_FIRST_S
     ]
-    return 100.0 * float(max(0.0, *beyond_N)) / max(abs(step_N), 1.0)
+    return 100.0 * float(max(0.0, *overshoots_N)) / max(abs(step_N), 1.0)
 
 
 def mean_force(samples: list[ScenarioSample]) -> list[tuple[float, float]]:

@@ -61,17 +61,17 @@ def play_real(
                 panel_sidecar(processes, wanted=panel),
                 open_bus(cell, CLIENT) as client,
             ):
-                check = _refuse_the_dead(processes)
+                check = _death_check(processes)
                 return Scenario(client, plan, check=check, progress=progress).run()
         except ForcemeshError as error:  # also a request without reply: its server may have died
-            processes.mourn(linger_s)
+            processes.hold_after_death(linger_s)
             if not processes.died:
                 raise
-            dead = "; ".join(str(died) for died in processes.died)
-            raise ScenarioError(f"{dead}: {error}") from error
+            deaths = "; ".join(str(died) for died in processes.died)
+            raise ScenarioError(f"{deaths}: {error}") from error
 
 
-def _refuse_the_dead(processes: "Supervisor") -> Callable[[], None]:
+def _death_check(processes: "Supervisor") -> Callable[[], None]:
     def check() -> None:
         if processes.died:
             raise ScenarioError("a process of the cell died")

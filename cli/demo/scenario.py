@@ -49,7 +49,7 @@ class ScenarioPlan:
     timeout_s: float = 60.0
     settled_for_s: float = SETTLED_FOR_S  # time that it must stay within the band
 
-    def within(self, sample: "ScenarioSample") -> bool:
+    def is_within_band(self, sample: "ScenarioSample") -> bool:
         """Return whether a sample is within the settled band of this task."""
         force_ok = abs(sample.force - self.setpoint_N) <= SETTLED_FORCE_N
         torque_ok = sample.torque <= SETTLED_TORQUE_NM
@@ -112,7 +112,7 @@ class Scenario:
         self._ask(topics.TARE, Empty())
         self._ask(topics.ARM, ArmRequest())
         self._press()
-        self._work()
+        self._run_force_feedback()
         health = self._robot_health.read(self._clock.now_ns()).message
         self.trace.robot_numbers = {} if health is None else dict(health.numbers)
         self._ask(topics.FORCE_STOP, Empty())
@@ -121,15 +121,15 @@ class Scenario:
     def _until_ready(self) -> None:
         """Wait until arming would be accepted: inputs fresh for the preflight's time."""
         give_up_ns = self._clock.now_ns() + round(READY_TIMEOUT_S * NS_PER_S)
-        why = "the arbiter is silent"
+        reason = "the arbiter is silent"
         while self._clock.now_ns() < give_up_ns:
             self._tick("starting")
             status = self._arbiter.read(self._clock.now_ns()).fresh
             if status is not None and status.state == "IDLE" and not status.not_ready:
                 return
             if status is not None:
-                why = f"the arbiter is {status.state}: {'; '.join(status.not_ready)}"
-        raise ScenarioError(f"the cell was not ready within {READY_TIMEOUT_S:g} s: {why}")
+                reason = f"the arbiter is {status.state}: {'; '.join(status.not_ready)}"
+        raise ScenarioError(f"the cell was not ready within {READY_TIMEOUT_S:g} s: {reason}")
 
     def _press(self) -> None:
         """Press in position mode until the force is steady."""
@@ -142,8 +142,8 @@ class Scenario:
         ):
             if sample is None:
                 continue
-            near = abs(sample.force - self._plan.press_N) <= PRESS_BAND_N
-            steady_since_s = min(steady_since_s, sample.t_s) if near else float("inf")
+            is_near = abs(sample.force - self._plan.press_N) <= PRESS_BAND_N
+            steady_since_s = min(steady_since_s, sample.t_s) if is_near else float("inf")
             if sample.t_s > PRESS_TIMEOUT_S:
                 raise ScenarioError(
                     f"the plate did not push back with {self._plan.press_N:g} N within "
@@ -154,12 +154,12 @@ class Scenario:
         while self._clock.now_ns() < rest_until_ns:
             self._watch("pressing", self.trace.press)
 
-    def _work(self) -> None:
+    def _run_force_feedback(self) -> None:
         """Start force feedback and record until it has settled or the timeout has passed."""
         plan, trace = self._plan, self.trace
         wanted = ForceStartRequest(mode=plan.mode, host=plan.host, setpoint_N=plan.setpoint_N)
         offset_s = (self._clock.now_ns() - self._start_ns) / NS_PER_S
-        trace.press = [_shifted(sample, -offset_s) for sample in trace.press]
+        trace.press = [_shifted_sample(sample, -offset_s) for sample in trace.press]
         self._start_ns = self._clock.now_ns()
         trace.started = self._ask(topics.FORCE_START, wanted).text
         inside_since_s: float | None = None
@@ -167,7 +167,7 @@ class Scenario:
             sample = self._watch("force feedback", trace.work)
             if sample is None:
                 continue
-            if not plan.within(sample):
+            if not plan.is_within_band(sample):
                 inside_since_s = None
             elif inside_since_s is None:
                 inside_since_s = sample.t_s
@@ -189,7 +189,7 @@ class Scenario:
         now_ns = self._clock.now_ns()
         status = self._arbiter.read(now_ns)
         if status.fault or (status.fresh and not status.fresh.goes_on):
-            raise ScenarioError(f"while {phase}: {_why_stopped(status.fresh, status.fault)}")
+            raise ScenarioError(f"while {phase}: {_stop_reason(status.fresh, status.fault)}")
         wrench, robot = self._wrench.read(now_ns).message, self._robot.read(now_ns).message
         if not fresh or wrench is None or robot is None or not wrench.valid:
             return None
@@ -207,9 +207,9 @@ class Scenario:
         """Sleep, record latencies, return whether a new wrench was received."""
         self._clock.sleep_s(SAMPLE_S)
         self._check()
-        fresh = self._note("wrench", self._wrench)
-        self._note("regulator", self._target)
-        self._note("arbiter", self._command)
+        fresh = self._record_age("wrench", self._wrench)
+        self._record_age("regulator", self._target)
+        self._record_age("arbiter", self._command)
         if self._robot.poll():
             accepted = self._robot.read(self._clock.now_ns()).message
             echo = None if accepted is None else accepted.accepted
@@ -218,7 +218,7 @@ class Scenario:
                 ages.setdefault(echo.sensor_seq or 0, echo.at_ns - echo.sensor_stamp_ns)
         return fresh
 
-    def _note(self, stage: str, reader: Reader[Any]) -> bool:
+    def _record_age(self, stage: str, reader: Reader[Any]) -> bool:
         """Record the age of the sensor sample when a stage published."""
         if not reader.poll():
             return False
@@ -229,11 +229,13 @@ class Scenario:
         return True
 
 
-def _shifted(sample: ScenarioSample, by_s: float) -> ScenarioSample:
-    return ScenarioSample(sample.t_s + by_s, sample.force_N, sample.torque_Nm, sample.T_base_flange)
+def _shifted_sample(sample: ScenarioSample, offset_s: float) -> ScenarioSample:
+    return ScenarioSample(
+        sample.t_s + offset_s, sample.force_N, sample.torque_Nm, sample.T_base_flange
+    )
 
 
-def _why_stopped(status: object, fault: str) -> str:
+def _stop_reason(status: object, fault: str) -> str:
     trips = getattr(status, "trips", ())
     state = getattr(status, "state", "silent")
     causes = "; ".join(trip.text for trip in trips) or fault or "no cause given"

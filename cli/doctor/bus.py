@@ -48,7 +48,7 @@ def observe_cell(cell: CellConfig, watch_s: float = OBSERVED_S) -> ObservedCell 
                 for count in counts:
                     count.poll()
                 time.sleep(RATE_POLL_S)
-            return _overheard(cell, bus, view, counts)
+            return _observed_cell(cell, bus, view, counts)
     except BusError:
         return None
 
@@ -81,20 +81,22 @@ class _Count:
         return (self._last[1] - self._first[1]) * 1e9 / (self._last[2] - self._first[2])
 
 
-def _overheard(cell: CellConfig, bus: Bus, view: CellView, counts: list[_Count]) -> ObservedCell:
+def _observed_cell(
+    cell: CellConfig, bus: Bus, view: CellView, counts: list[_Count]
+) -> ObservedCell:
     state = counts[0].reader.read(bus.clock.now_ns()).message
     return ObservedCell(
         roles=[
             _role(cell, view, role)
             for role in (*topics.ROLES, *helpers_of(view, read_run(cell.cell)))
         ],
-        robot=_fresh_health(view, "robot"),
+        robot=_current_health(view, "robot"),
         state=state if isinstance(state, RobotState) else None,
         stream_hz={count.reader.topic.key: count.hz for count in counts},
     )
 
 
-def _fresh_health(view: CellView, role: str) -> Health | None:
+def _current_health(view: CellView, role: str) -> Health | None:
     message = view.health(role).fresh
     return message if isinstance(message, Health) else None
 
@@ -104,9 +106,9 @@ def _role(cell: CellConfig, view: CellView, role: str) -> ObservedRole:
     message = reading.message
     if message is None:
         return ObservedRole(role, None, is_fresh=False)
-    heard = ObservedRole(role, reading.age_s, is_fresh=not reading.silent)
+    observed = ObservedRole(role, reading.age_s, is_fresh=not reading.silent)
     if not isinstance(message, Health):
-        return heard
+        return observed
     return ObservedRole(
         role,
         reading.age_s,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal
 
-from cli.doctor.remedies import BITS, FAULTS, REMEDIES, Word
+from cli.doctor.remedies import BITS, FAULTS, REMEDIES, CheckResult
 from controller.packet_table import PROTOCOL_VERSION, Status
 from forcemesh.version import __version__
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 SLOW_BELOW = 0.9  # of the rate in the cell file
 
 Opened = Literal["open", "unresolved", "refused", "silent", "unreachable"]
-Greeted = Literal["answered", "silent", "closed", "garbled"]
+HelloOutcome = Literal["answered", "silent", "closed", "garbled"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class ReportLine:
     """One line of the report."""
 
     check: str
-    word: Word
+    result: CheckResult
     found: str
     remedy: str = ""
 
@@ -33,47 +33,47 @@ def passed(check: str, found: str) -> ReportLine:
     return ReportLine(check, "PASS", found)
 
 
-def skipped(check: str, why: str) -> ReportLine:
+def skipped(check: str, reason: str) -> ReportLine:
     """Return a line for a skipped check; always with a reason."""
-    return ReportLine(check, "SKIP", why)
+    return ReportLine(check, "SKIP", reason)
 
 
-def finding(check: str, word: Word, found: str, remedy: str) -> ReportLine:
+def finding(check: str, result: CheckResult, found: str, remedy: str) -> ReportLine:
     """Return a line with a remedy from the table of remedies."""
-    return ReportLine(check, word, found, REMEDIES[remedy])
+    return ReportLine(check, result, found, REMEDIES[remedy])
 
 
 # --- connection -----------------------------------------------------------------------------------
 
 
 def check_address(
-    where: str, opened: Opened, detail: str, took_s: float, *, is_emulated: bool = False
+    endpoint: str, opened: Opened, detail: str, took_s: float, *, is_emulated: bool = False
 ) -> ReportLine:
     """Check the TCP connection to the controller; `detail` is the system's error text."""
     if opened == "open":
-        return passed("address", f"{where} responds in {1e3 * took_s:.1f} ms")
+        return passed("address", f"{endpoint} responds in {1e3 * took_s:.1f} ms")
     texts = {
-        "unresolved": f"{where}: the name does not resolve",
-        "refused": f"{where}: host reached, but the port is closed",
-        "silent": f"{where}: no reply in {took_s:.1f} s",
-        "unreachable": f"{where}: no route to host",
+        "unresolved": f"{endpoint}: the name does not resolve",
+        "refused": f"{endpoint}: host reached, but the port is closed",
+        "silent": f"{endpoint}: no reply in {took_s:.1f} s",
+        "unreachable": f"{endpoint}: no route to host",
     }
     found = texts[opened] + (f" ({detail})" if detail else "")
     remedy = "address.emulated" if is_emulated else f"address.{opened}"
     return finding("address", "FAIL", found, remedy)
 
 
-def check_hello(greeted: Greeted, detail: str, took_s: float) -> ReportLine:
+def check_hello(outcome: HelloOutcome, detail: str, took_s: float) -> ReportLine:
     """Check whether the program replied to hello."""
-    if greeted == "answered":
+    if outcome == "answered":
         return passed("hello", f"reply in {1e3 * took_s:.0f} ms")
     texts = {
         "silent": f"connected, but no reply in {took_s:.1f} s: another client is connected",
         "closed": "the controller closed the connection",
         "garbled": "the reply is not a packet",
     }
-    found = texts[greeted] + (f": {detail}" if detail else "")
-    return finding("hello", "FAIL", found, f"hello.{greeted}")
+    found = texts[outcome] + (f": {detail}" if detail else "")
+    return finding("hello", "FAIL", found, f"hello.{outcome}")
 
 
 def check_protocol(version: int) -> ReportLine:
@@ -136,10 +136,10 @@ def check_status(status: Status) -> list[ReportLine]:
     """Check the controller's status bits one by one."""
     lines = []
     for row in BITS:
-        if bool(status & row.bit) == row.good:
-            lines.append(passed(row.check, row.good_text))
+        if bool(status & row.bit) == row.normal:
+            lines.append(passed(row.check, row.normal_text))
         else:
-            lines.append(ReportLine(row.check, row.word, row.bad_text, row.remedy))
+            lines.append(ReportLine(row.check, row.result, row.abnormal_text, row.remedy))
     held = "held, until the next motion" if status & Status.HELD else "no"
     return [*lines, passed("held", held)]
 
@@ -155,7 +155,7 @@ def check_error_code(code: int | None) -> ReportLine:
     fault = FAULTS.get(code)
     if fault is None:
         return finding("error code", "WARN", f"{code}", "error.unknown")
-    return ReportLine("error code", fault.word, f"{code}: {fault.text}", fault.remedy)
+    return ReportLine("error code", fault.result, f"{code}: {fault.text}", fault.remedy)
 
 
 def check_loops(hz: float | None) -> ReportLine:
@@ -213,33 +213,33 @@ class ObservedRole:
     version: str = ""  # empty: not reported
 
 
-def check_role(heard: ObservedRole) -> ReportLine:
+def check_role(observed: ObservedRole) -> ReportLine:
     """Check one role by its health."""
-    check = f"process {heard.role}"
-    if heard.age_s is None:
+    check = f"process {observed.role}"
+    if observed.age_s is None:
         return finding(check, "FAIL", "no health received", "role.silent")
-    found = f"health {1e3 * heard.age_s:.0f} ms old"
-    if heard.rate_hz is not None:
-        found += f", {heard.rate_hz:.0f} steps/s"
-    if not heard.is_fresh:
+    found = f"health {1e3 * observed.age_s:.0f} ms old"
+    if observed.rate_hz is not None:
+        found += f", {observed.rate_hz:.0f} steps/s"
+    if not observed.is_fresh:
         return finding(check, "FAIL", found, "role.silent")
-    if heard.fault:
-        return finding(check, "FAIL", heard.fault, "role.fault")
-    if heard.version and heard.version != __version__:
-        found += f", version {heard.version}, this is {__version__}"
+    if observed.fault:
+        return finding(check, "FAIL", observed.fault, "role.fault")
+    if observed.version and observed.version != __version__:
+        found += f", version {observed.version}, this is {__version__}"
         return finding(check, "FAIL", found, "role.version")
-    if not heard.same_config:
+    if not observed.same_config:
         return finding(check, "WARN", found + ", another cell file", "role.config")
     return passed(check, found)
 
 
 def check_stream(
-    key: str, hz: float | None, wanted_hz: float, *, slow_below: float = SLOW_BELOW
+    key: str, hz: float | None, expected_hz: float, *, slow_below: float = SLOW_BELOW
 ) -> ReportLine:
     """Check the rate of a topic."""
     if hz is None:
         return finding(key, "FAIL", "no messages", "stream.silent")
-    found = f"{hz:.1f}/s, the cell file expects {wanted_hz:g}"
-    if hz < slow_below * wanted_hz:
+    found = f"{hz:.1f}/s, the cell file expects {expected_hz:g}"
+    if hz < slow_below * expected_hz:
         return finding(key, "WARN", found, "stream.slow")
     return passed(key, found)

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cli.doctor.checks import Greeted, Opened
+from cli.doctor.checks import HelloOutcome, Opened
 from controller.packet import PACKET_CHARS, Packet, PacketReader
 from controller.packet_table import ID_COUNT, ID_FIRST
 from forcemesh.clock import NS_PER_S
@@ -64,41 +64,43 @@ class Visit:
     opened: Opened = "open"
     opened_detail: str = ""
     opened_s: float = 0.0
-    greeted: Greeted = "silent"
-    greeted_detail: str = ""
-    greeted_s: float = 0.0
+    hello_outcome: HelloOutcome = "silent"
+    hello_detail: str = ""
+    hello_s: float = 0.0
     hello: Packet | None = None
-    heard: ReceivedReports | None = None  # None: version or scales did not match
+    reports: ReceivedReports | None = None  # None: version or scales did not match
 
 
-def visit(
+def visit_controller(
     host: str, port: int, scales: Scales, patience: VisitTimeouts | None = None, *, arm: int = 1
 ) -> Visit:
     """Connect, greet, watch for some seconds, disconnect. Raises nothing for errors of the peer."""
     found, patience = Visit(), patience or PATIENCE
     started_s = time.monotonic()
-    sock = _open((host, port), found, patience)
+    sock = _open_socket((host, port), found, patience)
     found.opened_s = time.monotonic() - started_s
     if sock is None:
         return found
     with sock:
-        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=_any_id())
-        talk = _Talk(sock, dialogue, patience)
-        talk.greet(found)
-        if talk.dialogue.ready:
-            found.heard = talk.watch()
+        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=_random_id())
+        exchange = _ControllerExchange(sock, dialogue, patience)
+        exchange.greet(found)
+        if exchange.dialogue.ready:
+            found.reports = exchange.watch()
     return found
 
 
-def _any_id() -> int:
+def _random_id() -> int:
     """Return a random ID, which reports for an earlier client do not match."""
     return ID_FIRST + secrets.randbelow(ID_COUNT)
 
 
-def _open(where: tuple[str, int], found: Visit, patience: VisitTimeouts) -> socket.socket | None:
+def _open_socket(
+    endpoint: tuple[str, int], found: Visit, patience: VisitTimeouts
+) -> socket.socket | None:
     """Open the connection, or record why it failed."""
     try:
-        address = socket.getaddrinfo(*where, socket.AF_INET, socket.SOCK_STREAM)[0][4]
+        address = socket.getaddrinfo(*endpoint, socket.AF_INET, socket.SOCK_STREAM)[0][4]
     except OSError as error:
         found.opened, found.opened_detail = "unresolved", error.strerror or str(error)
         return None
@@ -110,13 +112,13 @@ def _open(where: tuple[str, int], found: Visit, patience: VisitTimeouts) -> sock
             raise ConnectionRefusedError
     except OSError as error:
         sock.close()
-        found.opened, found.opened_detail = _why_not(error)
+        found.opened, found.opened_detail = _failure_outcome(error)
         return None
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return sock
 
 
-def _why_not(error: OSError) -> tuple[Opened, str]:
+def _failure_outcome(error: OSError) -> tuple[Opened, str]:
     if isinstance(error, ConnectionRefusedError):
         return "refused", ""
     if isinstance(error, TimeoutError):
@@ -125,13 +127,13 @@ def _why_not(error: OSError) -> tuple[Opened, str]:
 
 
 @dataclass(slots=True)
-class _Talk:
+class _ControllerExchange:
     """Connection to the controller."""
 
     sock: socket.socket
     dialogue: Dialogue
     patience: VisitTimeouts
-    heard: ReceivedReports = field(default_factory=ReceivedReports)
+    reports: ReceivedReports = field(default_factory=ReceivedReports)
     samples: Rate = field(default_factory=Rate)
     loops: WrappingCounterRate = field(default_factory=lambda: WrappingCounterRate(LOOPS_SPAN))
     trips: RoundTrips = field(default_factory=RoundTrips)
@@ -149,77 +151,80 @@ class _Talk:
                 if left_s <= 0.0:
                     break
                 self.sock.settimeout(left_s)
-                data += self._received()
+                data += self._receive()
         except TimeoutError:
             pass
         except OSError as error:
-            found.greeted, found.greeted_detail = "closed", error.strerror or str(error)
+            found.hello_outcome, found.hello_detail = "closed", error.strerror or str(error)
         now_ns = time.monotonic_ns()
-        found.greeted_s = (now_ns - started_ns) / NS_PER_S
+        found.hello_s = (now_ns - started_ns) / NS_PER_S
         if len(data) < PACKET_CHARS:
             return
         try:
             (found.hello,) = PacketReader().feed(data[:PACKET_CHARS])
-            found.greeted = "answered"
-            self._take(data, now_ns)
+            found.hello_outcome = "answered"
+            self._handle_reports(data, now_ns)
         except RemoteProtocolError as error:
             if found.hello is None:
-                found.greeted, found.greeted_detail = "garbled", str(error)
+                found.hello_outcome, found.hello_detail = "garbled", str(error)
 
     def watch(self) -> ReceivedReports:
         """Receive reports, and periodically send command 12 followed by a hold."""
         try:
-            self._listen(self.patience.reports_s, lambda: self.heard.joints is not None)
+            self._receive_for(self.patience.reports_s, lambda: self.reports.joints is not None)
             end_ns = time.monotonic_ns() + round(self.patience.watch_s * NS_PER_S)
-            while time.monotonic_ns() < end_ns and self.heard.joints is not None:
+            while time.monotonic_ns() < end_ns and self.reports.joints is not None:
                 self._probe()
-                self._listen(PROBE_EVERY_S)
+                self._receive_for(PROBE_EVERY_S)
             self._probe()
-            self._listen(self.patience.confirm_s, lambda: self.dialogue.unframed == 0)
-            self.heard.held = self.dialogue.unframed == 0
+            self._receive_for(self.patience.confirm_s, lambda: self.dialogue.unframed == 0)
+            self.reports.held = self.dialogue.unframed == 0
         except (OSError, RemoteProtocolError) as error:
-            self.heard.broken = str(error)
+            self.reports.broken = str(error)
         now_ns = time.monotonic_ns()
-        self.heard.sender_hz, self.heard.loop_hz = self.samples.hz(now_ns), self.loops.hz(now_ns)
-        self.heard.round_trip = self.trips.spread(now_ns)
-        return self.heard
+        self.reports.sender_hz, self.reports.loop_hz = (
+            self.samples.hz(now_ns),
+            self.loops.hz(now_ns),
+        )
+        self.reports.round_trip = self.trips.spread(now_ns)
+        return self.reports
 
     def _probe(self) -> None:
         now_ns = time.monotonic_ns()
-        beat = self.dialogue.tick(now_ns, permitted=True)
+        heartbeat = self.dialogue.tick(now_ns, permitted=True)
         self.trips.sent(self.dialogue.last, now_ns)
-        self.sock.sendall(beat + self.dialogue.hold(now_ns))
+        self.sock.sendall(heartbeat + self.dialogue.hold(now_ns))
 
-    def _listen(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
+    def _receive_for(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
         """Receive for a period, or until a condition holds."""
         end_ns = time.monotonic_ns() + round(duration_s * NS_PER_S)
         while not until():
             left_s = (end_ns - time.monotonic_ns()) / NS_PER_S
             if left_s <= 0.0 or not select.select([self.sock], [], [], left_s)[0]:
                 return
-            self._take(self._received(), time.monotonic_ns())
+            self._handle_reports(self._receive(), time.monotonic_ns())
 
-    def _received(self) -> bytes:
+    def _receive(self) -> bytes:
         data = self.sock.recv(RECEIVE_BYTES)
         if not data:
             raise ConnectionError("closed by the controller")
         return data
 
-    def _take(self, data: bytes, now_ns: int) -> None:
+    def _handle_reports(self, data: bytes, now_ns: int) -> None:
         for event in self.dialogue.feed(data, now_ns):
             if isinstance(event, HealthReport):
-                self.heard.health = event
+                self.reports.health = event
                 self.loops.read(event.loop_count, now_ns)
             elif isinstance(event, PoseReport):
                 self.pending = event
             elif isinstance(event, JointReport) and self.pending is not None:
-                self._sampled(self.pending, event, now_ns)
+                self._add_sample(self.pending, event, now_ns)
 
-    def _sampled(self, pose: PoseReport, joints: JointReport, now_ns: int) -> None:
-        self.heard.pose, self.heard.joints = pose, joints
+    def _add_sample(self, pose: PoseReport, joints: JointReport, now_ns: int) -> None:
+        self.reports.pose, self.reports.joints = pose, joints
         self.trips.reached(self.dialogue.framed, now_ns)
         self.samples.count(1, now_ns)
         if self.sample_ns is not None:
             gap_s = (now_ns - self.sample_ns) / NS_PER_S
-            self.heard.longest_gap_s = max(self.heard.longest_gap_s or 0.0, gap_s)
+            self.reports.longest_gap_s = max(self.reports.longest_gap_s or 0.0, gap_s)
         self.sample_ns = now_ns

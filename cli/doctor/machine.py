@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from common.config.cell import CellConfig
 
 PACKAGES = ("eclipse-zenoh", "msgpack", "numpy", "pin", "pydantic")
-NAPS = 50
-NAP_S = 0.001
+PROBE_SLEEPS = 50
+PROBE_SLEEP_S = 0.001
 LATE_WAKE_S = 0.01  # half of the shortest deadline
 OLDEST_YEAR = 2024  # a clock that was never set starts in 1970
 OLD_DAYS = 365
@@ -39,9 +39,9 @@ def machine_lines(cell: "CellConfig", *, is_up: bool) -> list[ReportLine]:
     """Return the lines for this PC and this cell's files; takes a tenth of a second."""
     return [
         check_versions(_versions()),
-        check_clock(_naps(), dt.datetime.now(dt.UTC)),
+        check_clock(_sleep_times(), dt.datetime.now(dt.UTC)),
         check_priority(is_granted=can_set_realtime_priority()),
-        check_ports(_taken(cell), is_up=is_up),
+        check_ports(_ports_in_use(cell), is_up=is_up),
         check_calibration(cell, dt.datetime.now(dt.UTC)),
     ]
 
@@ -57,15 +57,15 @@ def check_versions(found: dict[str, str]) -> ReportLine:
     return passed("versions", text)
 
 
-def check_clock(naps: SleepTimes, now: dt.datetime) -> ReportLine:
+def check_clock(sleeps: SleepTimes, now: dt.datetime) -> ReportLine:
     """Check how exactly this PC can wait, and whether its date was ever set."""
     found = (
-        f"a wait of {1e3 * NAP_S:g} ms takes {1e3 * naps.median_s:.1f} ms, at most "
-        f"{1e3 * naps.longest_s:.1f}; date {now:%Y-%m-%d %H:%M} UTC"
+        f"a wait of {1e3 * PROBE_SLEEP_S:g} ms takes {1e3 * sleeps.median_s:.1f} ms, at most "
+        f"{1e3 * sleeps.longest_s:.1f}; date {now:%Y-%m-%d %H:%M} UTC"
     )
     if now.year < OLDEST_YEAR:
         return finding("clock", "WARN", found, "clock.calendar")
-    if naps.longest_s > LATE_WAKE_S:
+    if sleeps.longest_s > LATE_WAKE_S:
         return finding("clock", "WARN", found, "clock.late")
     return passed("clock", found)
 
@@ -78,14 +78,14 @@ def check_priority(*, is_granted: bool) -> ReportLine:
     return finding("real-time priority", "WARN", found, "priority")
 
 
-def check_ports(taken: dict[str, bool], *, is_up: bool) -> ReportLine:
+def check_ports(in_use: dict[str, bool], *, is_up: bool) -> ReportLine:
     """Check that the ports of the cell are free; while it is up, its own hub uses them."""
-    names = ", ".join(taken)
-    if not taken:
+    names = ", ".join(in_use)
+    if not in_use:
         return skipped("ports", "the cell uses no port of this PC")
     if is_up:
         return skipped("ports", f"{names}: the cell is up")
-    held = [name for name, is_taken in taken.items() if is_taken]
+    held = [name for name, is_in_use in in_use.items() if is_in_use]
     if held:
         found = f"{', '.join(held)}: another program listens there"
         return finding("ports", "FAIL", found, "ports")
@@ -145,22 +145,22 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _naps() -> SleepTimes:
+def _sleep_times() -> SleepTimes:
     took_s = []
-    for _ in range(NAPS):
+    for _ in range(PROBE_SLEEPS):
         began_s = time.monotonic()
-        time.sleep(NAP_S)
+        time.sleep(PROBE_SLEEP_S)
         took_s.append(time.monotonic() - began_s)
     return SleepTimes(statistics.median(took_s), max(took_s))
 
 
-def _taken(cell: "CellConfig") -> dict[str, bool]:
+def _ports_in_use(cell: "CellConfig") -> dict[str, bool]:
     """Return the listen addresses of the cell on this PC, and whether each is in use."""
     endpoint = endpoint_of(cell)
     found = {}
     host, _, port = endpoint.partition("/")[2].partition("?")[0].rpartition(":")
     if port.isdigit() and is_local(host):
-        found[endpoint] = _is_taken(host.strip("[]"), int(port))
+        found[endpoint] = _is_in_use(host.strip("[]"), int(port))
     return found
 
 
@@ -169,7 +169,7 @@ def is_local(host: str) -> bool:
     return host.strip("[]") in ("127.0.0.1", "localhost", "::1", "0.0.0.0", "::")  # noqa: S104
 
 
-def _is_taken(host: str, port: int) -> bool:
+def _is_in_use(host: str, port: int) -> bool:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

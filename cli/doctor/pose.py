@@ -49,8 +49,8 @@ def rounding(q: Array, scales: Scales, arm: ArmKinematics) -> Tolerance:
 
 def distance(T_a: pin.SE3, T_b: pin.SE3) -> Tolerance:
     """Return the distance between two poses [m], [rad]."""
-    turn_rad = float(np.linalg.norm(pin.log3(T_a.rotation.T @ T_b.rotation)))
-    return Tolerance(float(np.linalg.norm(T_a.translation - T_b.translation)), turn_rad)
+    rotation_rad = float(np.linalg.norm(pin.log3(T_a.rotation.T @ T_b.rotation)))
+    return Tolerance(float(np.linalg.norm(T_a.translation - T_b.translation)), rotation_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,25 +66,28 @@ def check_pose(
 ) -> ReportLine:
     """Check the reported pose by forward kinematics of the reported joints [rad]."""
     T_model, limit = arm.flange_pose(q), rounding(q, scales, arm)
-    off = distance(T_model, T_reported)
+    difference = distance(T_model, T_reported)
     found = (
-        f"{1e3 * off.position_m:.3f} mm and {degrees(off.rotation_rad):.4f} deg from the model,"
-        f" rounding gives {1e3 * limit.position_m:.3f} mm and {degrees(limit.rotation_rad):.4f} deg"
+        f"{1e3 * difference.position_m:.3f} mm and {degrees(difference.rotation_rad):.4f} deg from "
+        f"the model, rounding gives {1e3 * limit.position_m:.3f} mm and "
+        f"{degrees(limit.rotation_rad):.4f} deg"
     )
-    if _within(off, limit):
+    if _is_within(difference, limit):
         return passed("pose", found)
-    if _within(off, Tolerance(SMALL_M, SMALL_RAD)):
+    if _is_within(difference, Tolerance(SMALL_M, SMALL_RAD)):
         return finding("pose", "WARN", found, "pose.small")
-    near = Tolerance(limit.position_m + SMALL_M, limit.rotation_rad + SMALL_RAD)
+    tolerance = Tolerance(limit.position_m + SMALL_M, limit.rotation_rad + SMALL_RAD)
     for text, remedy, T_explained in _explanations(T_model, q, frames, arm):
-        if _within(distance(T_explained, T_reported), near):
+        if _is_within(distance(T_explained, T_reported), tolerance):
             return finding("pose", "FAIL", f"{found}: {text}", remedy)
-    text, remedy = _frame_that_would(T_model, T_reported, near)
+    text, remedy = _likely_frame(T_model, T_reported, tolerance)
     return finding("pose", "FAIL", f"{found}: {text}", remedy)
 
 
-def _within(off: Tolerance, limit: Tolerance) -> bool:
-    return off.position_m <= limit.position_m and off.rotation_rad <= limit.rotation_rad
+def _is_within(difference: Tolerance, limit: Tolerance) -> bool:
+    return (
+        difference.position_m <= limit.position_m and difference.rotation_rad <= limit.rotation_rad
+    )
 
 
 def _explanations(
@@ -113,21 +116,25 @@ def _explanations(
             yield text, "pose.model", arm.flange_pose(turned)
 
 
-def _frame_that_would(T_model: pin.SE3, T_reported: pin.SE3, near: Tolerance) -> tuple[str, str]:
+def _likely_frame(T_model: pin.SE3, T_reported: pin.SE3, tolerance: Tolerance) -> tuple[str, str]:
     """Return which TOOL or BASE would report that pose, and the remedy for the likely one."""
     T_tool, T_base = T_model.actInv(T_reported), T_model * T_reported.inverse()
     as_tool = f"TOOL {_pendant(T_tool)}"
     as_base = f"BASE {_pendant(T_base)}"
-    if np.linalg.norm(T_tool.translation[:2]) <= near.position_m and _is_upright(T_tool, near):
+    if np.linalg.norm(T_tool.translation[:2]) <= tolerance.position_m and _is_upright(
+        T_tool, tolerance
+    ):
         return f"consistent with {as_tool}, along the flange's axis", "pose.TOOL"
-    if np.linalg.norm(T_base.translation[:2]) <= near.position_m and _is_upright(T_base, near):
+    if np.linalg.norm(T_base.translation[:2]) <= tolerance.position_m and _is_upright(
+        T_base, tolerance
+    ):
         return f"consistent with {as_base}, a base at another height or rotated", "pose.BASE"
     return f"consistent with {as_tool}, or {as_base}, or another arm", "pose.unclear"
 
 
-def _is_upright(T: pin.SE3, near: Tolerance) -> bool:
+def _is_upright(T: pin.SE3, tolerance: Tolerance) -> bool:
     """Return whether a frame is rotated about its z axis only."""
-    return bool(np.hypot(T.rotation[0, 2], T.rotation[1, 2]) <= near.rotation_rad) and bool(
+    return bool(np.hypot(T.rotation[0, 2], T.rotation[1, 2]) <= tolerance.rotation_rad) and bool(
         T.rotation[2, 2] > 0.0
     )
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 from controller.packet_table import Status
 
-Word = Literal["PASS", "WARN", "FAIL", "SKIP"]
+CheckResult = Literal["PASS", "WARN", "FAIL", "SKIP"]
 
 # fmt: off
 REMEDIES = {
@@ -79,10 +79,10 @@ class Bit:
 
     bit: Status
     check: str
-    good: bool  # value of the bit that needs no action
-    good_text: str
-    bad_text: str
-    word: Word  # when it is bad
+    normal: bool  # value of the bit that needs no action
+    normal_text: str
+    abnormal_text: str
+    result: CheckResult  # when it is bad
     remedy: str
 
 
@@ -117,7 +117,7 @@ class ControllerFault:
     """Fault code of 103: cause, severity now, and remedy."""
 
     text: str
-    word: Word
+    result: CheckResult
     remedy: str
 
 

@@ -52,10 +52,10 @@ def link_lines(
     cell: "CellConfig", section: "GatewaySection", scales: "Scales", found: "Visit"
 ) -> list[ReportLine]:
     """Return the lines of a visit to the controller; unreached checks are listed as skipped."""
-    where = f"{section.host}:{section.port}"
+    endpoint = f"{section.host}:{section.port}"
     lines = [
         check_address(
-            where,
+            endpoint,
             found.opened,
             found.opened_detail,
             found.opened_s,
@@ -63,57 +63,57 @@ def link_lines(
         )
     ]
     if found.opened == "open":
-        lines.append(check_hello(found.greeted, found.greeted_detail, found.greeted_s))
-    if found.hello is not None and found.greeted == "answered":
+        lines.append(check_hello(found.hello_outcome, found.hello_detail, found.hello_s))
+    if found.hello is not None and found.hello_outcome == "answered":
         version, number = greeted(found.hello.param)
         lines += [check_protocol(version), check_arm(number, section.arm)]
         lines.append(check_scales(scales, found.hello.vec))
-    if found.heard is not None:
-        return [*lines, *_heard_lines(cell, section, scales, found.heard)]
+    if found.reports is not None:
+        return [*lines, *_controller_lines(cell, section, scales, found.reports)]
     done = {line.check for line in lines}
     missing = [check for check in (*CONNECTION_CHECKS, *REST) if check not in done]
     return [*lines, *(skipped(check, "not checked: see above") for check in missing)]
 
 
-def _heard_lines(
-    cell: "CellConfig", section: "GatewaySection", scales: "Scales", heard: "ReceivedReports"
+def _controller_lines(
+    cell: "CellConfig", section: "GatewaySection", scales: "Scales", reports: "ReceivedReports"
 ) -> list[ReportLine]:
     stale_after_s = cell.stale_after_s(topics.ROBOT_STATE)
     lines = []
-    if heard.broken:
-        lines.append(finding("connection", "FAIL", heard.broken, "reports.broken"))
+    if reports.broken:
+        lines.append(finding("connection", "FAIL", reports.broken, "reports.broken"))
     lines.append(
         check_sender(
-            heard.sender_hz,
-            heard.longest_gap_s,
+            reports.sender_hz,
+            reports.longest_gap_s,
             robot_hz=cell.rates.robot_hz,
             stale_after_s=stale_after_s,
         )
     )
-    health = heard.health
-    if heard.pose is None or heard.joints is None:
+    health = reports.health
+    if reports.pose is None or reports.joints is None:
         lines += [skipped(check, "no 101 and 102 received") for check in ("status bits", "pose")]
     else:
-        status, q = heard.joints.status, heard.joints.joint_rad
-        T_base_flange = heard.pose.T_base_flange
+        status, q = reports.joints.status, reports.joints.joint_rad
+        T_base_flange = reports.pose.T_base_flange
         lines += check_status(status)
         lines.append(_pose_line(cell, scales, T_base_flange=T_base_flange, q=q, status=status))
     return [
         *lines,
         check_error_code(None if health is None else health.error_code),
-        check_loops(heard.loop_hz),
+        check_loops(reports.loop_hz),
         check_monitor_speed(None if health is None else health.monitor_speed_fraction),
         check_peer(any_peer=None if health is None else health.any_peer),
-        check_round_trip(heard.round_trip, section.watchdog_s),
-        check_goodbye(heard.held),
+        check_round_trip(reports.round_trip, section.watchdog_s),
+        check_goodbye(reports.held),
     ]
 
 
 def bus_lines(cell: "CellConfig", scales: "Scales", found: "ObservedCell") -> list[ReportLine]:
     """Return the lines of a cell that is up, from the reports of its gateway on the bus."""
-    lines = [check_role(heard) for heard in found.roles]
+    lines = [check_role(observed) for observed in found.roles]
     lines += [
-        check_stream(row.key, hz, cell.rate_hz(row), slow_below=_slow_below(cell, row.key))
+        check_stream(row.key, hz, cell.rate_hz(row), slow_below=_slow_share(cell, row.key))
         for row in topics.TOPICS
         for hz in (found.stream_hz.get(row.key),)
         if row.key in found.stream_hz
@@ -121,8 +121,8 @@ def bus_lines(cell: "CellConfig", scales: "Scales", found: "ObservedCell") -> li
     if cell.gateway is None or cell.roles.robot != "gateway":
         lines += unused_lines(cell, skip=("pose",))
         return [*lines, _state_pose(cell, scales, found.state)]
-    why = "the cell is up and its gateway uses the only connection: read from the bus"
-    lines += [skipped(check, why) for check in (*CONNECTION_CHECKS, "left behind")]
+    skip_reason = "the cell is up and its gateway uses the only connection: read from the bus"
+    lines += [skipped(check, skip_reason) for check in (*CONNECTION_CHECKS, "left behind")]
     state = found.state
     if state is None or not state.valid or not state.link.connected:
         reason = "no robot/state received" if state is None else state.reason or "not connected"
@@ -139,17 +139,17 @@ def bus_lines(cell: "CellConfig", scales: "Scales", found: "ObservedCell") -> li
 
 def unused_lines(cell: "CellConfig", skip: tuple[str, ...] = ()) -> list[ReportLine]:
     """Return a line for each check of the link, in a cell that has none."""
-    why = f"not used by this cell: roles.robot is {cell.roles.robot}"
-    return [skipped(check, why) for check in (*CONNECTION_CHECKS, *REST) if check not in skip]
+    reason = f"not used by this cell: roles.robot is {cell.roles.robot}"
+    return [skipped(check, reason) for check in (*CONNECTION_CHECKS, *REST) if check not in skip]
 
 
-def _slow_below(cell: "CellConfig", key: str) -> float:
+def _slow_share(cell: "CellConfig", key: str) -> float:
     """Return the share of its rate below which a topic is slow.
 
     The gateway forwards whole samples: of a faster sender every second or third.
     """
-    is_thinned = key == topics.ROBOT_STATE.key and cell.roles.robot == "gateway"
-    return DECIMATED_BELOW if is_thinned else SLOW_BELOW
+    is_decimated = key == topics.ROBOT_STATE.key and cell.roles.robot == "gateway"
+    return DECIMATED_BELOW if is_decimated else SLOW_BELOW
 
 
 def status_of(robot: "RobotStatus") -> Status:
@@ -207,8 +207,8 @@ def _pose_line(
 ) -> ReportLine:
     arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
     if arm is None:
-        why = "the cell's joint limits are not those of the RS007L, the only arm with a model"
-        return skipped("pose", why)
+        reason = "the cell's joint limits are not those of the RS007L, the only arm with a model"
+        return skipped("pose", reason)
     if status & Status.MOVING:
         return finding("pose", "WARN", "not compared: the arm moves", "pose.moving")
     frames = Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose)

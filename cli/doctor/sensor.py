@@ -24,7 +24,7 @@ class ReceivedStream:
 
     records: int
     newest: RdtRecord | None
-    trouble: str = ""  # error text of the system
+    error_text: str = ""  # error text of the system
 
 
 def sensor_line(cell: "CellConfig", *, is_up: bool) -> ReportLine:
@@ -35,33 +35,33 @@ def sensor_line(cell: "CellConfig", *, is_up: bool) -> ReportLine:
     if is_up:
         return skipped("sensor", "the cell is up and uses the only stream: see sensor/wrench")
     if sensor.driver == "rdt":
-        where = f"{sensor.address}:{sensor.port}"
+        endpoint = f"{sensor.address}:{sensor.port}"
         return check_stream_of(
-            where, listen(sensor.address, sensor.port, SENSOR_LISTEN_S), SENSOR_LISTEN_S
+            endpoint, listen(sensor.address, sensor.port, SENSOR_LISTEN_S), SENSOR_LISTEN_S
         )
     return check_device(
-        sensor, is_there=Path(sensor.device).exists(), has_package=bool(find_spec(_package(sensor)))
+        sensor, exists=Path(sensor.device).exists(), has_package=bool(find_spec(_package(sensor)))
     )
 
 
-def check_stream_of(where: str, found: ReceivedStream, listened_s: float) -> ReportLine:
+def check_stream_of(endpoint: str, found: ReceivedStream, listened_s: float) -> ReportLine:
     """Check the records of a sensor on the network."""
     if found.newest is None:
-        detail = found.trouble or f"no record in {listened_s:g} s"
-        return finding("sensor", "FAIL", f"{where}: {detail}", "sensor.silent")
-    text = f"{where}: {found.records / listened_s:.0f} records/s"
+        detail = found.error_text or f"no record in {listened_s:g} s"
+        return finding("sensor", "FAIL", f"{endpoint}: {detail}", "sensor.silent")
+    text = f"{endpoint}: {found.records / listened_s:.0f} records/s"
     if not is_good(found.newest.status):
-        said = f"{text}, status: {status_text(found.newest.status)}"
-        return finding("sensor", "FAIL", said, "sensor.status")
+        status_line = f"{text}, status: {status_text(found.newest.status)}"
+        return finding("sensor", "FAIL", status_line, "sensor.status")
     return passed("sensor", text)
 
 
-def check_device(sensor: "SensorSection", *, is_there: bool, has_package: bool) -> ReportLine:
+def check_device(sensor: "SensorSection", *, exists: bool, has_package: bool) -> ReportLine:
     """Check whether a sensor on a serial line can be opened."""
     if not has_package:
         found = f"driver {sensor.driver} needs the package {_package(sensor)}"
         return finding("sensor", "FAIL", found, f"sensor.{sensor.driver}")
-    if not is_there:
+    if not exists:
         return finding("sensor", "FAIL", f"{sensor.device} does not exist", "sensor.device")
     return passed("sensor", f"{sensor.driver}: {sensor.device} exists; it was not opened")
 

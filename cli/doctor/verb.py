@@ -43,7 +43,7 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
             if not as_json:
                 typer.echo(f"cell {loaded.cell} ({path}): checking, a few seconds")
             with waiting("this PC, the sensor, the robot or the bus"):
-                lines += _look(loaded)
+                lines += _check_cell(loaded)
     code = exit_code(lines)
     if as_json:
         print(json.dumps(_as_object(loaded, path, lines, code)))
@@ -54,7 +54,7 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
 
 def exit_code(lines: "list[ReportLine]") -> int:
     """Return the exit code of a report."""
-    failed = [line.check for line in lines if line.word == "FAIL"]
+    failed = [line.check for line in lines if line.result == "FAIL"]
     if "cell file" in failed:
         return USAGE
     if any(check in CONNECTION_CHECKS for check in failed):
@@ -70,11 +70,11 @@ def print_lines(lines: "list[ReportLine]") -> None:
     console = Console(highlight=False, soft_wrap=True)
     width = max(len(line.check) for line in lines)
     for line in lines:
-        word = f"[{COLOURS[line.word]}]{line.word}[/]"
-        console.print(f"{word}  {line.check:{width}}  {escape(line.found)}")
+        result = f"[{COLOURS[line.result]}]{line.result}[/]"
+        console.print(f"{result}  {line.check:{width}}  {escape(line.found)}")
         if line.remedy:
             console.print(f"      {'':{width}}  -> {escape(line.remedy)}")
-    counts = {word: sum(line.word == word for line in lines) for word in COLOURS}
+    counts = {result: sum(line.result == result for line in lines) for result in COLOURS}
     console.print(
         f"{counts['PASS']} passed, {counts['WARN']} warnings, {counts['FAIL']} failed, "
         f"{counts['SKIP']} skipped"
@@ -93,7 +93,7 @@ def _cell_line(path: "Path") -> "tuple[list[ReportLine], CellConfig | None]":
     return [passed("cell file", f"{path}, {cell_hash(loaded)}")], loaded
 
 
-def _look(cell: "CellConfig") -> "list[ReportLine]":
+def _check_cell(cell: "CellConfig") -> "list[ReportLine]":
     """Check this PC and the sensor; then the bus when the cell is up, else the link."""
     from cli.doctor.bus import observe_cell
     from cli.doctor.machine import machine_lines
@@ -103,7 +103,7 @@ def _look(cell: "CellConfig") -> "list[ReportLine]":
     run, found = read_run(cell.cell), observe_cell(cell)
     is_up = (run is not None and run.live) or found is not None
     lines = [*machine_lines(cell, is_up=is_up), _zenoh(cell, found), sensor_line(cell, is_up=is_up)]
-    return [*lines, *_look_at_robot(cell, found, has_run=run is not None and run.live)]
+    return [*lines, *_check_robot(cell, found, has_run=run is not None and run.live)]
 
 
 def _zenoh(cell: "CellConfig", found: "ObservedCell | None") -> "ReportLine":
@@ -111,13 +111,13 @@ def _zenoh(cell: "CellConfig", found: "ObservedCell | None") -> "ReportLine":
     from cli.doctor.checks import passed, skipped
     from forcemesh.zenoh_settings import endpoint_of
 
-    where = endpoint_of(cell)
+    endpoint = endpoint_of(cell)
     if found is None:
-        return skipped("zenoh", f"no hub responds at {where}: `forcemesh up` starts it")
-    return passed("zenoh", f"the hub responds at {where}")
+        return skipped("zenoh", f"no hub responds at {endpoint}: `forcemesh up` starts it")
+    return passed("zenoh", f"the hub responds at {endpoint}")
 
 
-def _look_at_robot(
+def _check_robot(
     cell: "CellConfig", found: "ObservedCell | None", *, has_run: bool
 ) -> "list[ReportLine]":
     """Check the bus when the cell is up, else the link; the lines report which and why."""
@@ -133,12 +133,12 @@ def _look_at_robot(
     if has_run:
         return [finding("bus", "FAIL", "the cell is up, but its hub does not respond", "bus")]
     if section is None:
-        nobody = finding("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
-        return [nobody, *unused_lines(cell)]
-    from cli.doctor.link import visit
+        no_hub = finding("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
+        return [no_hub, *unused_lines(cell)]
+    from cli.doctor.link import visit_controller
 
     lines = link_lines(
-        cell, section, scales, visit(section.host, section.port, scales, arm=section.arm)
+        cell, section, scales, visit_controller(section.host, section.port, scales, arm=section.arm)
     )
     return [*lines, skipped("processes", "the cell is not up: the link itself was checked")]
 
@@ -150,7 +150,7 @@ def _as_object(
         "cell": None if cell is None else cell.cell,
         "cell_file": str(path),
         "lines": [
-            {"check": row.check, "result": row.word, "found": row.found, "remedy": row.remedy}
+            {"check": row.check, "result": row.result, "found": row.found, "remedy": row.remedy}
             for row in lines
         ],
         "exit_code": code,

@@ -62,10 +62,10 @@ class TopicStatistics:
     @property
     def rate_hz(self) -> float:
         """Mean rate."""
-        lasted_s = (self.last_ns - self.first_ns) / NS_PER_S
-        return (self.count - 1) / lasted_s if lasted_s > 0.0 else 0.0
+        duration_s = (self.last_ns - self.first_ns) / NS_PER_S
+        return (self.count - 1) / duration_s if duration_s > 0.0 else 0.0
 
-    def saw(self, header: Header, at_ns: int) -> None:
+    def add(self, header: Header, at_ns: int) -> None:
         """Count a message."""
         self.first_ns = self.first_ns or at_ns
         if self.count:
@@ -81,36 +81,38 @@ class ReportContent:
     """Content of one recording."""
 
     begin_ns: int
-    lasted_s: float
+    duration_s: float
     times_s: list[float] = field(default_factory=list)
     series: dict[str, list[float]] = field(default_factory=dict)
     states: list[tuple[float, str]] = field(default_factory=list)  # since when, of the arbiter
     stops: list[StopEvent] = field(default_factory=list)
-    came: dict[str, TopicStatistics] = field(default_factory=dict)
+    statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     force_max_N: float = 0.0
     torque_max_Nm: float = 0.0
     unreadable: int = 0
 
 
-def story_of(read: "RecordedFile", cell: "CellConfig") -> ReportContent:
+def report_content(read: "RecordedFile", cell: "CellConfig") -> ReportContent:
     """Read a recording twice: once for its length, once for its content."""
-    times = [heard.at_ns for heard in read.heard()]
+    times = [raw.at_ns for raw in read.raw_messages()]
     if not times:
         raise DataError(f"{read.path}: the recording contains no message")
-    story = ReportContent(times[0], (times[-1] - times[0]) / NS_PER_S)
+    content = ReportContent(times[0], (times[-1] - times[0]) / NS_PER_S)
     readout, next_s = Readout(cell), 0.0
-    for at_s, key, snapshot in _snapshots(read, story):
+    for at_s, key, snapshot in _snapshots(read, content):
         if key == topics.ARBITER_STATUS.key:
-            _note_state(story, at_s, snapshot.arbiter.message)
+            _note_state(content, at_s, snapshot.arbiter.message)
         elif key == topics.WRENCH.key:
-            _note_extremes(story, snapshot.wrench.message)
+            _note_extremes(content, snapshot.wrench.message)
         elif key == topics.ROBOT_STATE.key and at_s >= next_s:
-            next_s = at_s + story.lasted_s / REPORT_POINTS
-            _add_point(story, at_s, readout.numbers(snapshot))
-    return story
+            next_s = at_s + content.duration_s / REPORT_POINTS
+            _add_point(content, at_s, readout.numbers(snapshot))
+    return content
 
 
-def moments(read: "RecordedFile", begin_ns: int, rate_hz: float) -> Iterator[tuple[float, Any]]:
+def sampled_snapshots(
+    read: "RecordedFile", begin_ns: int, rate_hz: float
+) -> Iterator[tuple[float, Any]]:
     """Yield time [s] and the newest messages at that time, at most at a rate."""
     next_s = 0.0
     for at_s, key, snapshot in _snapshots(read, ReportContent(begin_ns, 0.0)):
@@ -119,43 +121,45 @@ def moments(read: "RecordedFile", begin_ns: int, rate_hz: float) -> Iterator[tup
             yield at_s, snapshot
 
 
-def _snapshots(read: "RecordedFile", story: ReportContent) -> Iterator[tuple[float, str, Snapshot]]:
+def _snapshots(
+    read: "RecordedFile", content: ReportContent
+) -> Iterator[tuple[float, str, Snapshot]]:
     """Yield after each message its time [s], its topic, and the newest message of every topic."""
     snapshot = Snapshot()
-    for heard in read.heard():
+    for raw in read.raw_messages():
         try:
-            header, message = decode_recorded(heard.data, TYPES[heard.topic], heard.topic)
+            header, message = decode_recorded(raw.data, TYPES[raw.topic], raw.topic)
         except (MessageError, KeyError):
-            story.unreadable += 1
+            content.unreadable += 1
             continue
-        story.came.setdefault(heard.topic, TopicStatistics()).saw(header, heard.at_ns)
-        if heard.topic in PLACES:
+        content.statistics.setdefault(raw.topic, TopicStatistics()).add(header, raw.at_ns)
+        if raw.topic in PLACES:
             reading = Reading(message, header, 0.0, "" if message.valid else message.reason or "-")
-            changes: Any = {PLACES[heard.topic]: reading}
+            changes: Any = {PLACES[raw.topic]: reading}
             snapshot = replace(snapshot, **changes)
-            yield (heard.at_ns - story.begin_ns) / NS_PER_S, heard.topic, snapshot
+            yield (raw.at_ns - content.begin_ns) / NS_PER_S, raw.topic, snapshot
 
 
-def _note_state(story: ReportContent, at_s: float, status: Message | None) -> None:
+def _note_state(content: ReportContent, at_s: float, status: Message | None) -> None:
     if not isinstance(status, ArbiterStatus):
         return
-    before = story.states[-1][1] if story.states else ""
+    before = content.states[-1][1] if content.states else ""
     if status.state == before:
         return
-    story.states.append((at_s, status.state))
+    content.states.append((at_s, status.state))
     if status.state in STOPPED and before not in STOPPED:
-        story.stops += [StopEvent(at_s, status.state, trip) for trip in status.trips]
+        content.stops += [StopEvent(at_s, status.state, trip) for trip in status.trips]
 
 
-def _note_extremes(story: ReportContent, wrench: Message | None) -> None:
+def _note_extremes(content: ReportContent, wrench: Message | None) -> None:
     if isinstance(wrench, WrenchAtTcp) and wrench.valid:
-        story.force_max_N = max(story.force_max_N, math.hypot(*wrench.force_N))
-        story.torque_max_Nm = max(story.torque_max_Nm, math.hypot(*wrench.torque_Nm))
+        content.force_max_N = max(content.force_max_N, math.hypot(*wrench.force_N))
+        content.torque_max_Nm = max(content.torque_max_Nm, math.hypot(*wrench.torque_Nm))
 
 
-def _add_point(story: ReportContent, at_s: float, numbers: dict[str, float]) -> None:
-    for name in (*story.series, *numbers):
-        column = story.series.setdefault(name, [math.nan] * len(story.times_s))
-        if len(column) == len(story.times_s):
+def _add_point(content: ReportContent, at_s: float, numbers: dict[str, float]) -> None:
+    for name in (*content.series, *numbers):
+        column = content.series.setdefault(name, [math.nan] * len(content.times_s))
+        if len(column) == len(content.times_s):
             column.append(numbers.get(name, math.nan))
-    story.times_s.append(at_s)
+    content.times_s.append(at_s)

@@ -31,11 +31,13 @@ iframe { width: 100%; height: 540px; border: 0; border-radius: 8px; }
 """
 
 
-def page_of(read: "RecordedFile", story: "ReportContent", plots: list[str], scene: str) -> str:
+def page_of(read: "RecordedFile", content: "ReportContent", plots: list[str], scene: str) -> str:
     """Return the whole page."""
     about = read.about
-    when = datetime.fromtimestamp(story.begin_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-    title = f"Cell {about['cell']}, {when}"
+    begin_text = datetime.fromtimestamp(content.begin_ns / 1e9, UTC).strftime(
+        "%Y-%m-%d %H:%M:%S UTC"
+    )
+    title = f"Cell {about['cell']}, {begin_text}"
     broken = "" if read.is_whole else " · truncated: its recorder was killed"
     cause = "requested" if about["cause"] == "asked" else f"triggered by {about['cause']}"
     sub = (
@@ -44,13 +46,13 @@ def page_of(read: "RecordedFile", story: "ReportContent", plots: list[str], scen
     )
     parts = [
         f"<h1>{escape(title)}</h1><p class=sub>{escape(sub)}</p>",
-        _cards(story),
-        _states(story),
-        _stops(story),
+        _cards(content),
+        _states(content),
+        _stops(content),
         "<h2>Over time</h2>",
         *(f"<div class=plot>{plot}</div>" for plot in plots),
         _scene(scene),
-        _topics(story),
+        _topics(content),
     ]
     head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
     view = '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -58,32 +60,32 @@ def page_of(read: "RecordedFile", story: "ReportContent", plots: list[str], scen
     return f'<!doctype html><html lang="en"><head>{head}{view}</head><body>{body}</body></html>\n'
 
 
-def _cards(story: "ReportContent") -> str:
-    lost = sum(came.lost for came in story.came.values())
-    messages = sum(came.count for came in story.came.values())
-    chain = sorted(value for value in story.series.get("chain", []) if value == value)  # noqa: PLR0124 - not NaN
+def _cards(content: "ReportContent") -> str:
+    lost = sum(row.lost for row in content.statistics.values())
+    messages = sum(row.count for row in content.statistics.values())
+    chain = sorted(value for value in content.series.get("chain", []) if value == value)  # noqa: PLR0124 - not NaN
     cards = [
-        (f"{story.lasted_s:.1f} s", "recorded"),
-        (f"{story.force_max_N:.1f} N", "largest force"),
-        (f"{story.torque_max_Nm:.2f} N m", "largest torque"),
-        (f"{len(story.stops)}", "stops"),
+        (f"{content.duration_s:.1f} s", "recorded"),
+        (f"{content.force_max_N:.1f} N", "largest force"),
+        (f"{content.torque_max_Nm:.2f} N m", "largest torque"),
+        (f"{len(content.stops)}", "stops"),
         (f"{messages}", f"messages, {lost} lost"),
     ]
     if chain:
         cards.append((f"{chain[len(chain) // 2]:.1f} ms", "sensor to robot, median"))
-    if story.unreadable:
-        cards.append((f"{story.unreadable}", "messages that cannot be decoded"))
+    if content.unreadable:
+        cards.append((f"{content.unreadable}", "messages that cannot be decoded"))
     inside = "".join(f"<div class=card><b>{b}</b><span>{s}</span></div>" for b, s in cards)
     return f"<div class=cards>{inside}</div>"
 
 
-def _states(story: "ReportContent") -> str:
-    ends = [*(at_s for at_s, _ in story.states[1:]), story.lasted_s]
+def _states(content: "ReportContent") -> str:
+    ends = [*(at_s for at_s, _ in content.states[1:]), content.duration_s]
     spans = "".join(
         f'<span title="{escape(state)} {at_s:.2f} s to {end_s:.2f} s" style="flex:'
         f'{max(end_s - at_s, 0.0):.3f} 0 0;{_colours(state)}">'
         f"{escape(state)}</span>"
-        for (at_s, state), end_s in zip(story.states, ends, strict=True)
+        for (at_s, state), end_s in zip(content.states, ends, strict=True)
     )
     return f"<h2>Arbiter states</h2><div class=bar>{spans}</div>" if spans else ""
 
@@ -95,14 +97,14 @@ def _colours(state: str) -> str:
     return f"background:{background};color:{text}"
 
 
-def _stops(story: "ReportContent") -> str:
-    if not story.stops:
+def _stops(content: "ReportContent") -> str:
+    if not content.stops:
         return "<p class=sub>The arm was not stopped.</p>"
     return "<h2>Stops</h2>" + "".join(
         f"<div class=stop><b>{stop.at_s:.2f} s · {escape(stop.state)} · "
         f"{escape(stop.trip.code)} ({stop.trip.rule})</b><br>{escape(stop.trip.text)}"
         f"{'<br>Remedy: ' + escape(stop.remedy) if stop.remedy else ''}</div>"
-        for stop in story.stops
+        for stop in content.stops
     )
 
 
@@ -115,12 +117,12 @@ def _scene(scene: str) -> str:
     )
 
 
-def _topics(story: "ReportContent") -> str:
+def _topics(content: "ReportContent") -> str:
     rows = "".join(
-        f"<tr><td>{escape(key)}</td><td class=n>{came.count}</td>"
-        f"<td class=n>{came.rate_hz:.1f}</td>"
-        f"<td class=n>{1e3 * came.longest_gap_s:.0f}</td><td class=n>{came.lost}</td></tr>"
-        for key, came in sorted(story.came.items())
+        f"<tr><td>{escape(key)}</td><td class=n>{row.count}</td>"
+        f"<td class=n>{row.rate_hz:.1f}</td>"
+        f"<td class=n>{1e3 * row.longest_gap_s:.0f}</td><td class=n>{row.lost}</td></tr>"
+        for key, row in sorted(content.statistics.items())
     )
     head = "<th>topic</th><th class=n>messages</th><th class=n>rate [1/s]</th>"
     head += "<th class=n>longest gap [ms]</th><th class=n>lost</th>"

@@ -23,20 +23,20 @@ LABELS = {"press": "measured"}
 GREY = "#868e96"
 
 
-def plots_of(story: "ReportContent") -> list[str]:
+def plots_of(content: "ReportContent") -> list[str]:
     """Return one SVG for each plot with data."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     drawn = []
     for title, unit, lines in PLOTS:
-        known = [(name, colour) for name, colour in lines if name in story.series]
-        if known:
-            drawn.append(_plot(story, title, unit, known))
+        available = [(name, colour) for name, colour in lines if name in content.series]
+        if available:
+            drawn.append(_plot(content, title, unit, available))
     return drawn
 
 
-def _plot(story: "ReportContent", title: str, unit: str, lines: list[tuple[str, str]]) -> str:
+def _plot(content: "ReportContent", title: str, unit: str, lines: list[tuple[str, str]]) -> str:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 2.3), layout="constrained")
@@ -45,15 +45,15 @@ def _plot(story: "ReportContent", title: str, unit: str, lines: list[tuple[str, 
     axes.patch.set_alpha(0.0)
     for name, colour in lines:
         axes.plot(
-            story.times_s,
-            story.series[name],
+            content.times_s,
+            content.series[name],
             color=colour,
             linewidth=1.0,
             label=LABELS.get(name, name),
         )
-    for stop in story.stops:
+    for stop in content.stops:
         axes.axvline(stop.at_s, color="#e03131", linewidth=1.0, linestyle=":")
-    axes.set_xlim(0.0, max(story.lasted_s, 1e-3))
+    axes.set_xlim(0.0, max(content.duration_s, 1e-3))
     axes.set_title(f"{title} [{unit}]", loc="left", fontsize=10, color=GREY)
     axes.set_xlabel("time [s]", fontsize=8, color=GREY)
     axes.tick_params(colors=GREY, labelsize=8)

@@ -13,13 +13,13 @@ FASTEST_HZ = 20.0
 MOST_FRAMES = 4000
 
 
-def scene_html(read: "RecordedFile", cell: "CellConfig", story: "ReportContent") -> str:
+def scene_html(read: "RecordedFile", cell: "CellConfig", content: "ReportContent") -> str:
     """Return a page that plays the arm's motion; it needs no network."""
     import socket
 
     import viser
 
-    from cli.report.data import moments
+    from cli.report.data import sampled_snapshots
     from services.panel.scene import Scene
 
     with socket.socket() as found:
@@ -30,13 +30,13 @@ def scene_html(read: "RecordedFile", cell: "CellConfig", story: "ReportContent")
     try:
         scene = Scene(server, cell)
         serializer = server.get_scene_serializer()
-        rate_hz = min(FASTEST_HZ, MOST_FRAMES / max(story.lasted_s, 1.0))
+        rate_hz = min(FASTEST_HZ, MOST_FRAMES / max(content.duration_s, 1.0))
         last_s = 0.0
-        for at_s, snapshot in moments(read, story.begin_ns, rate_hz):
+        for at_s, snapshot in sampled_snapshots(read, content.begin_ns, rate_hz):
             serializer.insert_sleep(max(at_s - last_s, 0.0))
             last_s = at_s
             scene.draw(snapshot)
-        serializer.insert_sleep(max(story.lasted_s - last_s, 0.0))
+        serializer.insert_sleep(max(content.duration_s - last_s, 0.0))
         page: str = serializer.as_html()
     finally:
         with redirect_stdout(StringIO()):

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from cli.context import USAGE, exit_with_error, one_line_errors, waiting
-from cli.replay import RecordingArgument, cell_in
+from cli.replay import RecordingArgument, recorded_cell
 
 
 def report(
@@ -22,25 +22,25 @@ def report(
 ) -> None:
     """Write a page with summary, plots, stops and their remedies, and the arm's motion in 3D."""
     with one_line_errors():
-        from cli.report.data import story_of
+        from cli.report.data import report_content
         from cli.report.page import page_of
         from cli.report.plots import plots_of
         from services.recorder.reading import RecordedFile
 
         read = RecordedFile(file)
-        cell = cell_in(read)
+        cell = recorded_cell(read)
         path = out or file.with_suffix(".html")
         with waiting(f"reading {file}"):
-            story = story_of(read, cell)
-            plots = plots_of(story)
+            content = report_content(read, cell)
+            plots = plots_of(content)
         scene = ""
         if not no_3d:
             from cli.report.scene import scene_html
 
             with waiting("drawing the arm's motion"):
-                scene = scene_html(read, cell, story)
+                scene = scene_html(read, cell, content)
         try:
-            path.write_text(page_of(read, story, plots, scene), encoding="utf-8")
+            path.write_text(page_of(read, content, plots, scene), encoding="utf-8")
         except OSError as error:
             exit_with_error(f"{path}: cannot be written: {error.strerror}", USAGE)
-    typer.echo(f"{path}: {story.lasted_s:.1f} s, {len(story.stops)} stops")
+    typer.echo(f"{path}: {content.duration_s:.1f} s, {len(content.stops)} stops")

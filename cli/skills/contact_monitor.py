@@ -35,7 +35,7 @@ class ContactSample:
     torque_Nm: Array  # about the TCP
     T_base_tcp: pin.SE3  # measured
     contact: str
-    left_m: float | None  # remaining path
+    path_left_m: float | None  # remaining path
 
 
 class ContactMonitor:
@@ -53,7 +53,7 @@ class ContactMonitor:
         """Time since creation [s]."""
         return (self._clock.now_ns() - self._start_ns) / NS_PER_S
 
-    def here(self) -> pin.SE3:
+    def tcp_pose(self) -> pin.SE3:
         """Return the pose of the TCP in base. Raises LostError, NotValidError."""
         return pose_of(self._cell.state()) * self._T_flange_tcp
 
@@ -83,7 +83,7 @@ class ContactMonitor:
         """Return the newest wrench. Raises LostError and NotValidError as `next`."""
         target = self._cell.target.reading().message
         wrench = self._wrench.read(self._clock.now_ns()).fresh or self._cell.wrench()
-        T, force_N = self.here(), np.array(wrench.force_N)
+        T, force_N = self.tcp_pose(), np.array(wrench.force_N)
         return ContactSample(
             t_s=self.t_s,
             press_N=-float(force_N @ T.rotation[:, 2]),
@@ -91,7 +91,7 @@ class ContactMonitor:
             torque_Nm=np.array(wrench.torque_Nm),
             T_base_tcp=T,
             contact="free" if target is None else target.contact,
-            left_m=None if target is None else target.path_left_m,
+            path_left_m=None if target is None else target.path_left_m,
         )
 
     def peak_N(self, duration_s: float) -> float:
@@ -99,12 +99,12 @@ class ContactMonitor:
 
         Raises ArmStoppedError when the arm was stopped in it, else as `now`.
         """
-        end_s, most_N = self.t_s + duration_s, -np.inf
+        end_s, largest_N = self.t_s + duration_s, -np.inf
         while self.t_s < end_s:
-            most_N = max(most_N, self.now().press_N)
+            largest_N = max(largest_N, self.now().press_N)
             self._raise_when_stopped()
             self._clock.sleep_s(CONTACT_POLL_S)
-        return float(most_N)
+        return float(largest_N)
 
     def _raise_when_stopped(self) -> None:
         status = self._cell.status()
@@ -116,40 +116,40 @@ class ContactMonitor:
         done: Callable[[ContactSample], bool],
         *,
         within_s: float,
-        what: str,
-        tell: ReportProgress,
+        label: str,
+        progress: ReportProgress,
     ) -> list[ContactSample]:
         """Return all samples until a condition holds. Raises as `next`, and after the timeout."""
-        felt: list[ContactSample] = []
+        samples: list[ContactSample] = []
         end_s = self.t_s + within_s
         while True:
-            felt.append(self.next())
-            tell(felt[-1].t_s, end_s, f"{what}: {felt[-1].press_N:.1f} N")
-            if done(felt[-1]):
-                return felt
-            if felt[-1].t_s > end_s:
-                raise NotReachedError(f"{what}: target not reached within {within_s:g} s")
+            samples.append(self.next())
+            progress(samples[-1].t_s, end_s, f"{label}: {samples[-1].press_N:.1f} N")
+            if done(samples[-1]):
+                return samples
+            if samples[-1].t_s > end_s:
+                raise NotReachedError(f"{label}: target not reached within {within_s:g} s")
 
 
 class Debounce:
     """Debounce: true when a condition has held without a break for a given time."""
 
-    def __init__(self, so: Callable[[ContactSample], bool], steady_s: float) -> None:
+    def __init__(self, condition: Callable[[ContactSample], bool], steady_s: float) -> None:
         """Start without samples."""
-        self._so, self._steady_s = so, steady_s
+        self._condition, self._steady_s = condition, steady_s
         self.since_s: float | None = None
 
-    def __call__(self, felt: ContactSample) -> bool:
+    def __call__(self, sample: ContactSample) -> bool:
         """Evaluate one more sample."""
-        if not self._so(felt):
+        if not self._condition(sample):
             self.since_s = None
             return False
-        self.since_s = felt.t_s if self.since_s is None else self.since_s
-        return felt.t_s - self.since_s >= self._steady_s
+        self.since_s = sample.t_s if self.since_s is None else self.since_s
+        return sample.t_s - self.since_s >= self._steady_s
 
 
 @contextmanager
-def force_ends(cell: ConfiguredCell) -> Iterator[None]:
+def stop_force_at_end(cell: ConfiguredCell) -> Iterator[None]:
     """Stop force feedback at the end; hold the arm after an interruption or an unexpected error.
 
     No request is sent when the arm has already been stopped.
@@ -185,10 +185,10 @@ def interrupt_on_signals() -> Iterator[None]:
 def ignore_sigint() -> Iterator[None]:
     """Ignore further Ctrl-C while the hold that the first one requested is sent."""
 
-    def nothing(_signal: int, _frame: FrameType | None) -> None:
+    def ignore(_signal: int, _frame: FrameType | None) -> None:
         """Ignore it."""
 
-    with _signals(nothing, (signal.SIGINT,)):
+    with _signals(ignore, (signal.SIGINT,)):
         yield
 
 

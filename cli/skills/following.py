@@ -12,8 +12,8 @@ from cli.skills.contact_monitor import (
     ContactSample,
     Debounce,
     ReportProgress,
-    force_ends,
     no_progress,
+    stop_force_at_end,
 )
 from cli.skills.pressing import BAND_N, STEADY_S, ForceSettings
 from common.bus.configured_cell import ConfiguredCell
@@ -25,8 +25,11 @@ from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
 
 CHUNK = 50  # points in one request
-AHEAD = 250  # points queued at the regulator, besides those of one request
-ALONG, FLAT = (False, False, True, False, False, False), (False, False, True, True, True, False)
+MOST_QUEUED = 250  # points queued at the regulator, besides those of one request
+PRESS_AXES, FLAT_AXES = (
+    (False, False, True, False, False, False),
+    (False, False, True, True, True, False),
+)
 START_WITHIN_M = 0.02  # lateral; a path that starts farther away is rejected
 BEGINNING_S = 1.0  # start of the path, not counted in the mean error
 AT_REST_S = 0.2
@@ -60,21 +63,21 @@ class PathParameters:
 def follow(
     cell: ConfiguredCell,
     points: Sequence[Array],
-    way: PathParameters,
+    parameters: PathParameters,
     *,
-    how: ForceSettings,
+    settings: ForceSettings,
     within_s: float,
-    tell: ReportProgress = no_progress,
+    progress: ReportProgress = no_progress,
 ) -> FollowResult:
     """Press, then move along points across the tool's axis while the force is held.
 
     Args:
         cell: An armed cell.
         points: Of the TCP in base [m], each of shape (3,); their height is ignored.
-        way: Force and speed.
-        how: Law and gains; default: the adaptive law.
+        parameters: Force and speed.
+        settings: Law and gains; default: the adaptive law.
         within_s: Longest time until the force is reached [s].
-        tell: Receives the progress.
+        progress: Receives the progress.
 
     Raises:
         DataError: The path starts too far from the tool, leaves the workspace, or has no length
@@ -82,105 +85,115 @@ def follow(
         NotReachedError: The force was not reached in time.
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
-    feeler = ContactMonitor(cell)
-    start = feeler.here()
-    placed = _placed(points, start.translation, start.rotation[:, 2], way)
+    monitor = ContactMonitor(cell)
+    start = monitor.tcp_pose()
+    placed = _placed_points(points, start.translation, start.rotation[:, 2], parameters)
     limits = Limits.of(cell.config)
-    to_go = _left_m(placed, start.translation, start.rotation[:, 2], limits)
+    remaining_m = _remaining_m(placed, start.translation, start.rotation[:, 2], limits)
     request = ForceStartRequest(
-        mode="both" if way.flat else "position",
-        setpoint_N=way.force_N,
-        law=how.law or "adaptive",
-        preset=how.preset,
-        axes=FLAT if way.flat else ALONG,
+        mode="both" if parameters.flat else "position",
+        setpoint_N=parameters.force_N,
+        law=settings.law or "adaptive",
+        preset=settings.preset,
+        axes=FLAT_AXES if parameters.flat else PRESS_AXES,
         frame="tool",
     )
-    with force_ends(cell):
+    with stop_force_at_end(cell):
         cell.force.begin(request)
-        there = Debounce(lambda felt: abs(felt.press_N - way.force_N) <= BAND_N, STEADY_S)
-        feeler.until(there, within_s=within_s, what="pressing", tell=tell)
-        felt = _go(cell, feeler, placed, way=way, to_go=to_go, tell=tell)
-    return _judged(felt, way, to_go[0])
+        pressed = Debounce(
+            lambda samples: abs(samples.press_N - parameters.force_N) <= BAND_N, STEADY_S
+        )
+        monitor.until(pressed, within_s=within_s, label="pressing", progress=progress)
+        samples = _follow_points(
+            cell, monitor, placed, parameters=parameters, remaining_m=remaining_m, progress=progress
+        )
+    return _follow_result(samples, parameters, remaining_m[0])
 
 
-def _placed(points: Sequence[Array], here: Array, axis: Array, way: PathParameters) -> list[Array]:
+def _placed_points(
+    points: Sequence[Array], p_tcp_m: Array, axis: Array, parameters: PathParameters
+) -> list[Array]:
     """Return the points at their final positions. Raises DataError."""
-    if way.from_here:
-        return [point - points[0] + here for point in points]
-    off = points[0] - here
-    off_m = float(np.linalg.norm(off - (off @ axis) * axis))
-    if off_m > START_WITHIN_M:
-        text = f"the path starts {1e3 * off_m:.0f} mm away from the tool"
+    if parameters.from_here:
+        return [point - points[0] + p_tcp_m for point in points]
+    offset = points[0] - p_tcp_m
+    distance_m = float(np.linalg.norm(offset - (offset @ axis) * axis))
+    if distance_m > START_WITHIN_M:
+        text = f"the path starts {1e3 * distance_m:.0f} mm away from the tool"
         raise DataError(f"{text}: move there first, or start at the tool with --from-here")
     return list(points)
 
 
-def _left_m(points: list[Array], here: Array, axis: Array, limits: Limits) -> list[float]:
+def _remaining_m(points: list[Array], p_tcp_m: Array, axis: Array, limits: Limits) -> list[float]:
     """Return the path length left at each point, across the axis [m]. Raises DataError."""
-    across = [point - ((point - here) @ axis) * axis for point in points]
-    for number, point in enumerate(across, 1):
+    lateral = [point - ((point - p_tcp_m) @ axis) * axis for point in points]
+    for number, point in enumerate(lateral, 1):
         trip = check_workspace(limits, pin.SE3(np.eye(3), point))
         if trip is not None:
             raise DataError(f"point {number} of the path: {trip.text}")
-    left = [0.0]
-    for a, b in pairwise(reversed(across)):
-        left.append(left[-1] + float(np.linalg.norm(b - a)))
-    if left[-1] < LEAST_M:
+    lengths_m = [0.0]
+    for a, b in pairwise(reversed(lateral)):
+        lengths_m.append(lengths_m[-1] + float(np.linalg.norm(b - a)))
+    if lengths_m[-1] < LEAST_M:
         raise DataError("the path has no length across the tool's axis; its height is ignored")
-    return left[::-1]
+    return lengths_m[::-1]
 
 
-def _go(
+def _follow_points(
     cell: ConfiguredCell,
-    feeler: ContactMonitor,
+    monitor: ContactMonitor,
     points: list[Array],
     *,
-    way: PathParameters,
-    to_go: list[float],
-    tell: ReportProgress,
+    parameters: PathParameters,
+    remaining_m: list[float],
+    progress: ReportProgress,
 ) -> list[ContactSample]:
     """Send the points in chunks until the end of the path is reached; return the samples."""
-    length_m = to_go[0]
-    sent, behind, felt, done = 0, 0, [feeler.next()], Debounce(_has_arrived, AT_REST_S)
+    length_m = remaining_m[0]
+    sent, passed, samples, done = 0, 0, [monitor.next()], Debounce(_has_arrived, AT_REST_S)
     while True:
-        left_m = length_m
-        if sent and felt[-1].left_m is not None:
-            left_m = felt[-1].left_m + to_go[min(sent, len(points)) - 1]
-        while behind < len(points) - 1 and to_go[behind] > left_m:
-            behind += 1
-        if sent < len(points) and sent - behind < AHEAD:
-            _send(cell, points[sent : sent + CHUNK], way, append=sent > 0)
+        path_left_m = length_m
+        if sent and samples[-1].path_left_m is not None:
+            path_left_m = samples[-1].path_left_m + remaining_m[min(sent, len(points)) - 1]
+        while passed < len(points) - 1 and remaining_m[passed] > path_left_m:
+            passed += 1
+        if sent < len(points) and sent - passed < MOST_QUEUED:
+            _send(cell, points[sent : sent + CHUNK], parameters, append=sent > 0)
             sent += CHUNK
-        felt.append(feeler.next())
-        tell(length_m - left_m, length_m, f"following: {felt[-1].press_N:.1f} N")
-        if done(felt[-1]) and sent >= len(points):
-            return felt
+        samples.append(monitor.next())
+        progress(length_m - path_left_m, length_m, f"following: {samples[-1].press_N:.1f} N")
+        if done(samples[-1]) and sent >= len(points):
+            return samples
 
 
-def _send(cell: ConfiguredCell, points: list[Array], way: PathParameters, *, append: bool) -> None:
-    asked: list[Vec3] = [(float(p[0]), float(p[1]), float(p[2])) for p in points]
-    request = PathRequest(points_m=tuple(asked), append=append, speed_m_s=way.speed_m_s)
+def _send(
+    cell: ConfiguredCell, points: list[Array], parameters: PathParameters, *, append: bool
+) -> None:
+    points_m: list[Vec3] = [(float(p[0]), float(p[1]), float(p[2])) for p in points]
+    request = PathRequest(points_m=tuple(points_m), append=append, speed_m_s=parameters.speed_m_s)
     cell.ask(topics.FORCE_PATH, request)
 
 
-def _has_arrived(felt: ContactSample) -> bool:
-    return felt.left_m is not None and felt.left_m <= DONE_M
+def _has_arrived(sample: ContactSample) -> bool:
+    return sample.path_left_m is not None and sample.path_left_m <= DONE_M
 
 
-def _judged(felt: list[ContactSample], way: PathParameters, length_m: float) -> FollowResult:
-    began_s = felt[0].t_s
-    errors_N = np.array([abs(f.press_N - way.force_N) for f in felt])
-    late = np.array([f.t_s - began_s > BEGINNING_S for f in felt])
-    counted = errors_N[late] if late.any() else errors_N
-    touching = [f.contact == "contact" for f in felt]
-    axis = felt[0].T_base_tcp.rotation[:, 2]
-    heights_m = [float(f.T_base_tcp.translation @ axis) for f in felt]
+def _follow_result(
+    samples: list[ContactSample], parameters: PathParameters, length_m: float
+) -> FollowResult:
+    began_s = samples[0].t_s
+    errors_N = np.array([abs(sample.press_N - parameters.force_N) for sample in samples])
+    is_counted = np.array([sample.t_s - began_s > BEGINNING_S for sample in samples])
+    counted = errors_N[is_counted] if is_counted.any() else errors_N
+    is_in_contact = [sample.contact == "contact" for sample in samples]
+    axis = samples[0].T_base_tcp.rotation[:, 2]
+    heights_m = [float(sample.T_base_tcp.translation @ axis) for sample in samples]
     return FollowResult(
         length_mm=1e3 * length_m,
-        took_s=felt[-1].t_s - began_s,
-        setpoint_N=way.force_N,
+        took_s=samples[-1].t_s - began_s,
+        setpoint_N=parameters.force_N,
         mean_error_N=float(counted.mean()),
         peak_error_N=float(errors_N.max()),
-        contacts_lost=sum(a and not b for a, b in pairwise(touching)),
+        contacts_lost=sum(a and not b for a, b in pairwise(is_in_contact)),
         height_mm=1e3 * (max(heights_m) - min(heights_m)),
     )

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
 
 INTERRUPTED = 130
-TAKEN_OVER = "force feedback is already running: this verb takes it over and stops it at its end"
+ALREADY_RUNNING = (
+    "force feedback is already running: this verb takes it over and stops it at its end"
+)
 
 LOADED = "the tool is already loaded with {:.1f} N: `forcemesh retract` leaves a contact"
 
@@ -28,12 +30,12 @@ def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportP
 
     with cell_of(named) as cell:
         if cell.status().commander == "regulator":
-            typer.echo(TAKEN_OVER, err=True)
+            typer.echo(ALREADY_RUNNING, err=True)
         elif (load_N := cell.load_N()) is not None:
             typer.echo(LOADED.format(load_N), err=True)
         try:
-            with bar() as tell, interrupt_on_signals():
-                yield cell, tell
+            with progress_bar() as progress, interrupt_on_signals():
+                yield cell, progress
         except KeyboardInterrupt:
             text = "the arm holds"
             with ignore_sigint():
@@ -46,7 +48,7 @@ def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportP
 
 
 @contextmanager
-def bar() -> "Iterator[ReportProgress]":
+def progress_bar() -> "Iterator[ReportProgress]":
     """Show the progress on a terminal; nothing otherwise."""
     from cli.calibration.screen import screen
     from cli.skills.contact_monitor import no_progress

@@ -11,8 +11,8 @@ from cli.skills.contact_monitor import (
     ContactMonitor,
     ContactSample,
     ReportProgress,
-    force_ends,
     no_progress,
+    stop_force_at_end,
 )
 from cli.skills.path_file import thinned, write_poses
 from common.bus.configured_cell import ConfiguredCell
@@ -32,7 +32,7 @@ class GuidedPath:
     peak_N: float = 0.0
 
     @property
-    def way_mm(self) -> float:
+    def length_mm(self) -> float:
         """Length of the flange path."""
         places = np.array([T.translation for T in self.poses]).reshape(-1, 3)
         return 1e3 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
@@ -48,35 +48,35 @@ def guide(
     *,
     mode: Mode,
     seconds: float,
-    enough: Callable[[], bool],
-    tell: ReportProgress = no_progress,
+    is_finished: Callable[[], bool],
+    progress: ReportProgress = no_progress,
 ) -> None:
-    """Let a hand guide the tool for a period, or until `enough` returns true.
+    """Let a hand guide the tool for a period, or until `is_finished` returns true.
 
     Args:
         cell: An armed cell; the tool is free of contact at the start.
         recording: Receives the samples, also when an error ends the guiding.
         mode: Guided motion: `position`, `orientation` or both.
         seconds: Longest time [s].
-        enough: Called at each sample.
-        tell: Receives the progress.
+        is_finished: Called at each sample.
+        progress: Receives the progress.
 
     Raises:
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
-    feeler = ContactMonitor(cell)
+    monitor = ContactMonitor(cell)
     T_tcp_flange = cell.config.tool.T_flange_tcp.pose.inverse()
 
-    def see(felt: ContactSample) -> bool:
-        if not recording.times_s or felt.t_s - recording.times_s[-1] >= RECORD_S:
-            recording.times_s.append(felt.t_s)
-            recording.poses.append(felt.T_base_tcp * T_tcp_flange)
-        recording.peak_N = max(recording.peak_N, float(np.linalg.norm(felt.force_N)))
-        return felt.t_s >= seconds or enough()
+    def add_sample(sample: ContactSample) -> bool:
+        if not recording.times_s or sample.t_s - recording.times_s[-1] >= RECORD_S:
+            recording.times_s.append(sample.t_s)
+            recording.poses.append(sample.T_base_tcp * T_tcp_flange)
+        recording.peak_N = max(recording.peak_N, float(np.linalg.norm(sample.force_N)))
+        return sample.t_s >= seconds or is_finished()
 
-    with force_ends(cell):
+    with stop_force_at_end(cell):
         cell.force.begin(ForceStartRequest(mode=mode, law="admittance"))
-        feeler.until(see, within_s=seconds + 1.0, what="guided", tell=tell)
+        monitor.until(add_sample, within_s=seconds + 1.0, label="guided", progress=progress)
 
 
 def play_back(
@@ -85,7 +85,7 @@ def play_back(
     *,
     tolerance_m: float,
     speed_m_s: float | None,
-    tell: ReportProgress = no_progress,
+    progress: ReportProgress = no_progress,
 ) -> int:
     """Move along recorded poses of the flange with a stop at each; return their number.
 
@@ -95,10 +95,10 @@ def play_back(
     """
     poses = thinned(recorded, tolerance_m)
     for number, T in enumerate(poses):
-        tell(float(number), float(len(poses)), f"pose {number + 1} of {len(poses)}")
+        progress(float(number), float(len(poses)), f"pose {number + 1} of {len(poses)}")
         record = record_of(T)
-        asked = MoveRequest(
+        request = MoveRequest(
             kind="pose", pose=record, speed_m_s=speed_m_s, commander=cell.session.commander
         )
-        cell.move.begin(asked).wait()
+        cell.move.begin(request).wait()
     return len(poses)

@@ -59,36 +59,36 @@ def thinned(poses: Sequence[pin.SE3], tolerance_m: float) -> list[pin.SE3]:
     """
     if len(poses) < 3:
         return list(poses)
-    kept, spans = {0, len(poses) - 1}, [(0, len(poses) - 1)]
+    kept_indices, spans = {0, len(poses) - 1}, [(0, len(poses) - 1)]
     while spans:
         first, last = spans.pop()
-        offs = [(_off_m(poses, first, last, at), at) for at in range(first + 1, last)]
-        worst_m, at = max(offs, default=(0.0, first))
-        if worst_m > tolerance_m:
-            kept.add(at)
+        deviations_m = [(_deviation_m(poses, first, last, at), at) for at in range(first + 1, last)]
+        largest_m, at = max(deviations_m, default=(0.0, first))
+        if largest_m > tolerance_m:
+            kept_indices.add(at)
             spans += [(first, at), (at, last)]
-    return [poses[at] for at in sorted(kept)]
+    return [poses[at] for at in sorted(kept_indices)]
 
 
-def _off_m(poses: Sequence[pin.SE3], first: int, last: int, at: int) -> float:
+def _deviation_m(poses: Sequence[pin.SE3], first: int, last: int, at: int) -> float:
     """Return the distance of a pose from the straight line between two others [m]."""
     a, b, T = poses[first], poses[last], poses[at]
-    way_m = b.translation - a.translation
-    turn = rotation_between(a.rotation, b.rotation)
-    way = np.concatenate((way_m, ARM_M * turn))
-    seen_m = T.translation - a.translation
-    seen = np.concatenate((seen_m, ARM_M * rotation_between(a.rotation, T.rotation)))
-    length = float(way @ way)
-    share = min(max(float(seen @ way) / length, 0.0), 1.0) if length > 0.0 else 0.0
-    return float(np.linalg.norm(seen - share * way))
+    segment_m = b.translation - a.translation
+    rotation = rotation_between(a.rotation, b.rotation)
+    segment = np.concatenate((segment_m, ARM_M * rotation))
+    offset_m = T.translation - a.translation
+    offset = np.concatenate((offset_m, ARM_M * rotation_between(a.rotation, T.rotation)))
+    length = float(segment @ segment)
+    share = min(max(float(offset @ segment) / length, 0.0), 1.0) if length > 0.0 else 0.0
+    return float(np.linalg.norm(offset - share * segment))
 
 
 def _rows(path: Path, names: tuple[str, ...]) -> list[tuple[float, ...]]:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise DataError(f"{path}: cannot be read: {why}") from error
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise DataError(f"{path}: cannot be read: {reason}") from error
     rows = list(_numbers(path, [line for line in lines if not line.startswith("#")], names))
     if not rows:
         raise DataError(f"{path}: no rows: columns {','.join(names)}, then one row per pose")

@@ -11,8 +11,8 @@ from cli.skills.contact_monitor import (
     ContactSample,
     Debounce,
     ReportProgress,
-    force_ends,
     no_progress,
+    stop_force_at_end,
 )
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import rotation_between
@@ -21,10 +21,10 @@ from forcemesh.messages import Mode, Preset, StartLaw, Vec3
 from forcemesh.requests import ForceStartRequest
 
 BAND_N, BAND_NM = 1.0, 0.1
-STOPPED_WITHIN_S = 0.2  # an approach continues, and presses, for the delay of its loop
+STOP_DELAY_S = 0.2  # an approach continues, and presses, for the delay of its loop
 STEADY_S = 0.3
 TOUCH_S = 120.0
-BACK_M_S = 0.02
+RETRACT_M_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +40,12 @@ class TouchResult:
     """Result: position and peak force of the first contact."""
 
     tcp_mm: Vec3  # base axes
-    way_mm: float  # travel until contact
+    travel_mm: float  # travel until contact
     peak_N: float
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class PressHoldResult:
     """Result: press force held for a period."""
 
     setpoint_N: float
@@ -56,7 +56,7 @@ class Held:
 
 
 @dataclass(frozen=True, slots=True)
-class Aligned:
+class AlignResult:
     """Result: alignment of the tool's face with a surface."""
 
     turned_deg: float
@@ -69,42 +69,44 @@ def touch(
     cell: ConfiguredCell,
     *,
     force_N: float,
-    within_m: float | None,
-    back_m: float,
-    tell: ReportProgress = no_progress,
+    search_m: float | None,
+    retract_m: float,
+    progress: ReportProgress = no_progress,
 ) -> TouchResult:
     """Approach along the tool's axis until contact, stop there, or retract.
 
     Args:
         cell: An armed cell.
         force_N: Target press force of the approach.
-        within_m: Longest travel; default: the cell's force.search_m.
-        back_m: Distance to retract after contact; 0: stay.
-        tell: Receives the progress.
+        search_m: Longest travel; default: the cell's force.search_m.
+        retract_m: Distance to retract after contact; 0: stay.
+        progress: Receives the progress.
 
     Raises:
         NotReachedError: No contact within the travel.
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
-    feeler = ContactMonitor(cell)
-    start = feeler.here()
-    most_m = cell.config.force.search_m if within_m is None else within_m
+    monitor = ContactMonitor(cell)
+    start = monitor.tcp_pose()
+    limit_m = cell.config.force.search_m if search_m is None else search_m
 
-    def is_there(felt: ContactSample) -> bool:
-        way_m = _along(start, felt)
-        if way_m > most_m:
-            raise NotReachedError(f"no contact within {1e3 * most_m:g} mm")
-        return felt.contact == "contact"
+    def is_touching(sample: ContactSample) -> bool:
+        travel_m = _axial_travel_m(start, sample)
+        if travel_m > limit_m:
+            raise NotReachedError(f"no contact within {1e3 * limit_m:g} mm")
+        return sample.contact == "contact"
 
-    with force_ends(cell):
+    with stop_force_at_end(cell):
         cell.force.begin(ForceStartRequest(mode="position", setpoint_N=force_N))
-        felt = feeler.until(is_there, within_s=TOUCH_S, what="approaching", tell=tell)
-    last = felt[-1]
-    peak_N = max(*(f.press_N for f in felt), feeler.peak_N(STOPPED_WITHIN_S))
-    if back_m > 0.0:
-        cell.jog(shift_m=(0.0, 0.0, -back_m), axes="tool", speed_m_s=_back_m_s(cell))
+        samples = monitor.until(
+            is_touching, within_s=TOUCH_S, label="approaching", progress=progress
+        )
+    last = samples[-1]
+    peak_N = max(*(f.press_N for f in samples), monitor.peak_N(STOP_DELAY_S))
+    if retract_m > 0.0:
+        cell.jog(shift_m=(0.0, 0.0, -retract_m), axes="tool", speed_m_s=_retract_m_s(cell))
     x, y, z = (1e3 * float(part) for part in last.T_base_tcp.translation)
-    return TouchResult((x, y, z), max(0.0, 1e3 * _along(start, last)), peak_N)
+    return TouchResult((x, y, z), max(0.0, 1e3 * _axial_travel_m(start, last)), peak_N)
 
 
 def press(
@@ -113,34 +115,37 @@ def press(
     force_N: float,
     hold_s: float,
     within_s: float,
-    how: ForceSettings,
-    tell: ReportProgress = no_progress,
-) -> Held:
+    settings: ForceSettings,
+    progress: ReportProgress = no_progress,
+) -> PressHoldResult:
     """Press along the tool's axis until the force is reached, and hold it for a period.
 
     Raises NotReachedError when it is not reached within `within_s`, or not held until the end;
     else as `touch`.
     """
-    feeler = ContactMonitor(cell)
-    with force_ends(cell):
-        cell.force.begin(_start(force_N, "position", how))
-        there = Debounce(lambda felt: _presses_with(felt, force_N), STEADY_S)
-        felt = feeler.until(there, within_s=within_s, what="pressing", tell=tell)
-        since_s = there.since_s or 0.0
-        kept = feeler.until(
-            Debounce(lambda _: True, hold_s), within_s=hold_s + 1.0, what="holding", tell=tell
+    monitor = ContactMonitor(cell)
+    with stop_force_at_end(cell):
+        cell.force.begin(_start_request(force_N, "position", settings))
+        condition = Debounce(lambda samples: _presses_with(samples, force_N), STEADY_S)
+        samples = monitor.until(condition, within_s=within_s, label="pressing", progress=progress)
+        since_s = condition.since_s or 0.0
+        held = monitor.until(
+            Debounce(lambda _: True, hold_s),
+            within_s=hold_s + 1.0,
+            label="holding",
+            progress=progress,
         )
-    forces = np.array([sample.press_N for sample in kept])
-    last_N = float(forces[[sample.t_s >= kept[-1].t_s - STEADY_S for sample in kept]].mean())
+    forces = np.array([sample.press_N for sample in held])
+    last_N = float(forces[[sample.t_s >= held[-1].t_s - STEADY_S for sample in held]].mean())
     if abs(last_N - force_N) > BAND_N:
         text = f"{force_N:g} N were reached, but {last_N:.1f} N are measured after {hold_s:g} s"
         raise NotReachedError(f"{text}: the set point or the contact has changed")
-    return Held(
+    return PressHoldResult(
         setpoint_N=force_N,
-        reached_s=max(0.0, since_s - _first_contact_s(felt)),
+        reached_s=max(0.0, since_s - _first_contact_s(samples)),
         mean_N=float(forces.mean()),
         ripple_N=float(forces.std()),
-        peak_N=max(sample.press_N for sample in felt + kept),
+        peak_N=max(sample.press_N for sample in samples + held),
     )
 
 
@@ -149,51 +154,55 @@ def align(
     *,
     force_N: float,
     within_s: float,
-    how: ForceSettings,
-    tell: ReportProgress = no_progress,
-) -> Aligned:
+    settings: ForceSettings,
+    progress: ReportProgress = no_progress,
+) -> AlignResult:
     """Press and rotate about the TCP until no torque is left, so that the face lies flat.
 
     Raises as `press`.
     """
-    feeler = ContactMonitor(cell)
-    start = feeler.here()
+    monitor = ContactMonitor(cell)
+    start = monitor.tcp_pose()
 
-    def is_flat(felt: ContactSample) -> bool:
-        rests = float(np.linalg.norm(felt.torque_Nm)) <= BAND_NM
-        return rests and _presses_with(felt, force_N)
+    def is_flat(sample: ContactSample) -> bool:
+        is_torque_free = float(np.linalg.norm(sample.torque_Nm)) <= BAND_NM
+        return is_torque_free and _presses_with(sample, force_N)
 
-    with force_ends(cell):
-        cell.force.begin(_start(force_N, "both", how))
-        there = Debounce(is_flat, STEADY_S)
-        felt = feeler.until(there, within_s=within_s, what="laying flat", tell=tell)
-    turned = rotation_between(start.rotation, felt[-1].T_base_tcp.rotation)
-    return Aligned(
+    with stop_force_at_end(cell):
+        cell.force.begin(_start_request(force_N, "both", settings))
+        condition = Debounce(is_flat, STEADY_S)
+        samples = monitor.until(
+            condition, within_s=within_s, label="laying flat", progress=progress
+        )
+    turned = rotation_between(start.rotation, samples[-1].T_base_tcp.rotation)
+    return AlignResult(
         turned_deg=degrees(float(np.linalg.norm(turned))),
-        reached_s=max(0.0, (there.since_s or 0.0) - _first_contact_s(felt)),
-        force_N=felt[-1].press_N,
-        torque_Nm=float(np.linalg.norm(felt[-1].torque_Nm)),
+        reached_s=max(0.0, (condition.since_s or 0.0) - _first_contact_s(samples)),
+        force_N=samples[-1].press_N,
+        torque_Nm=float(np.linalg.norm(samples[-1].torque_Nm)),
     )
 
 
-def _start(force_N: float, mode: Mode, how: ForceSettings) -> ForceStartRequest:
-    return ForceStartRequest(mode=mode, setpoint_N=force_N, law=how.law, preset=how.preset)
+def _start_request(force_N: float, mode: Mode, settings: ForceSettings) -> ForceStartRequest:
+    return ForceStartRequest(
+        mode=mode, setpoint_N=force_N, law=settings.law, preset=settings.preset
+    )
 
 
-def _presses_with(felt: ContactSample, force_N: float) -> bool:
+def _presses_with(sample: ContactSample, force_N: float) -> bool:
     """Return whether the tool is in contact and presses with a force; noise alone is no contact."""
-    return felt.contact == "contact" and abs(felt.press_N - force_N) <= BAND_N
+    return sample.contact == "contact" and abs(sample.press_N - force_N) <= BAND_N
 
 
-def _first_contact_s(felt: list[ContactSample]) -> float:
-    return next((sample.t_s for sample in felt if sample.contact == "contact"), felt[0].t_s)
+def _first_contact_s(samples: list[ContactSample]) -> float:
+    return next((sample.t_s for sample in samples if sample.contact == "contact"), samples[0].t_s)
 
 
-def _along(start: pin.SE3, felt: ContactSample) -> float:
+def _axial_travel_m(start: pin.SE3, sample: ContactSample) -> float:
     """Return the travel of the TCP along the tool's axis since the start [m]."""
-    way_m = felt.T_base_tcp.translation - start.translation
-    return float(way_m @ start.rotation[:, 2])
+    travel = sample.T_base_tcp.translation - start.translation
+    return float(travel @ start.rotation[:, 2])
 
 
-def _back_m_s(cell: ConfiguredCell) -> float:
-    return min(BACK_M_S, cell.config.limits.speed_m_s)
+def _retract_m_s(cell: ConfiguredCell) -> float:
+    return min(RETRACT_M_S, cell.config.limits.speed_m_s)

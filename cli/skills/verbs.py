@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -14,6 +14,10 @@ from cli.context import USAGE, CellOption, JsonOption, exit_with_error
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.skills.force_session import force_session
 from cli.verbs_force import PresetOption
+
+if TYPE_CHECKING:
+    from cli.skills.contact_monitor import ReportProgress
+    from common.bus.configured_cell import ConfiguredCell
 
 NO_HAND = 600.0
 
@@ -34,7 +38,7 @@ def add_to(app: typer.Typer, panel: str) -> None:
         app.command(rich_help_panel=panel, context_settings=settings)(verb)
 
 
-def _say(as_json: bool, result: Any, text: str) -> None:
+def _print_result(as_json: bool, result: Any, text: str) -> None:
     typer.echo(json.dumps(asdict(result)) if as_json else text)
 
 
@@ -56,22 +60,22 @@ def touch(
     cell: CellOption = None,
 ) -> None:
     """Approach along the tool's axis until contact; print the contact position."""
-    with force_session(cell) as (client, tell):
+    with force_session(cell) as (client, progress):
         from cli.skills import pressing
 
-        most_mm = 1e3 * client.config.force.search_m
-        if within is not None and within > most_mm:
-            exit_with_error(f"--within {within:g}: force.search_m allows {most_mm:g} mm", USAGE)
+        limit_mm = 1e3 * client.config.force.search_m
+        if within is not None and within > limit_mm:
+            exit_with_error(f"--within {within:g}: force.search_m allows {limit_mm:g} mm", USAGE)
         found = pressing.touch(
             client,
             force_N=force,
-            within_m=None if within is None else within / 1e3,
-            back_m=back / 1e3,
-            tell=tell,
+            search_m=None if within is None else within / 1e3,
+            retract_m=back / 1e3,
+            progress=progress,
         )
     x, y, z = found.tcp_mm
-    text = f"contact with the TCP at {x:.2f}, {y:.2f}, {z:.2f} mm after {found.way_mm:.2f} mm"
-    _say(as_json, found, f"{text}, peak force {found.peak_N:.1f} N")
+    text = f"contact with the TCP at {x:.2f}, {y:.2f}, {z:.2f} mm after {found.travel_mm:.2f} mm"
+    _print_result(as_json, found, f"{text}, peak force {found.peak_N:.1f} N")
 
 
 def press(
@@ -85,15 +89,20 @@ def press(
     cell: CellOption = None,
 ) -> None:
     """Press along the tool's axis, hold the force; print its mean, ripple and peak."""
-    with force_session(cell) as (client, tell):
+    with force_session(cell) as (client, progress):
         from cli.skills import pressing
 
-        how = pressing.ForceSettings(law, preset)
+        settings = pressing.ForceSettings(law, preset)
         held = pressing.press(
-            client, force_N=force, hold_s=seconds, within_s=timeout, how=how, tell=tell
+            client,
+            force_N=force,
+            hold_s=seconds,
+            within_s=timeout,
+            settings=settings,
+            progress=progress,
         )
     text = f"mean force {held.mean_N:.2f} N, ripple {held.ripple_N:.2f} N, peak {held.peak_N:.1f} N"
-    _say(as_json, held, f"{text}; reached {held.reached_s:.2f} s after first contact")
+    _print_result(as_json, held, f"{text}; reached {held.reached_s:.2f} s after first contact")
 
 
 def align(
@@ -106,13 +115,15 @@ def align(
     cell: CellOption = None,
 ) -> None:
     """Lay the tool's face flat: press and rotate about the TCP until no torque is left."""
-    with force_session(cell) as (client, tell):
+    with force_session(cell) as (client, progress):
         from cli.skills import pressing
 
-        how = pressing.ForceSettings(law, preset)
-        flat = pressing.align(client, force_N=force, within_s=timeout, how=how, tell=tell)
+        settings = pressing.ForceSettings(law, preset)
+        flat = pressing.align(
+            client, force_N=force, within_s=timeout, settings=settings, progress=progress
+        )
     text = f"rotated by {flat.turned_deg:.2f} degrees in {flat.reached_s:.2f} s of contact"
-    _say(
+    _print_result(
         as_json, flat, f"{text}; final force {flat.force_N:.1f} N, torque {flat.torque_Nm:.3f} N m"
     )
 
@@ -135,27 +146,27 @@ def follow(
     cell: CellOption = None,
 ) -> None:
     """Follow a path at constant force along the tool's axis; default law: adaptive."""
-    with force_session(cell) as (client, tell):
+    with force_session(cell) as (client, progress):
         from cli.skills import following, path_file, pressing
 
-        most_mm_s = 1e3 * client.config.force.speed_max_m_s
-        if speed > most_mm_s:
+        limit_mm_s = 1e3 * client.config.force.speed_max_m_s
+        if speed > limit_mm_s:
             exit_with_error(
-                f"--speed {speed:g}: force.speed_max_m_s allows {most_mm_s:g} mm/s", USAGE
+                f"--speed {speed:g}: force.speed_max_m_s allows {limit_mm_s:g} mm/s", USAGE
             )
-        way = following.PathParameters(force, speed / 1e3, from_here, flat)
+        parameters = following.PathParameters(force, speed / 1e3, from_here, flat)
         done = following.follow(
             client,
-            _of_the_file(path_file.read_points, path),
-            way,
-            how=pressing.ForceSettings(law, preset),
+            _file_content(path_file.read_points, path),
+            parameters,
+            settings=pressing.ForceSettings(law, preset),
             within_s=timeout,
-            tell=tell,
+            progress=progress,
         )
     text = f"{done.length_mm:.0f} mm in {done.took_s:.1f} s at {done.setpoint_N:g} N: force error "
     text += f"{done.mean_error_N:.2f} N mean, {done.peak_error_N:.1f} N peak"
     lost = f"contact lost {done.contacts_lost} times" if done.contacts_lost else "contact kept"
-    _say(as_json, done, f"{text}; {lost}; height range {done.height_mm:.2f} mm")
+    _print_result(as_json, done, f"{text}; {lost}; height range {done.height_mm:.2f} mm")
 
 
 def guide(
@@ -196,27 +207,48 @@ def guide(
         exit_with_error("--overwrite requires --record", USAGE)
     if record is not None:
         _check_record(record, overwrite=overwrite)
-    with force_session(cell) as (client, tell):
-        from cli.skills import guiding, path_file
+    with force_session(cell) as (client, progress):
+        from cli.skills import guiding
 
         if playback is not None:
-            speed_m_s = None if speed is None else speed / 1e3
-            poses = _of_the_file(path_file.read_poses, playback)
-            gone = guiding.play_back(
-                client, poses, tolerance_m=tolerance / 1e3, speed_m_s=speed_m_s, tell=tell
-            )
-            typer.echo(f"playback finished: {gone} poses of {len(poses)} recorded")
+            _play_back(client, playback, progress, speed_mm_s=speed, tolerance_mm=tolerance)
             return
-        seen = guiding.GuidedPath()
+        guided = guiding.GuidedPath()
         try:
             guiding.guide(
-                client, seen, mode=mode, seconds=seconds, enough=_enter_pressed(), tell=tell
+                client,
+                guided,
+                mode=mode,
+                seconds=seconds,
+                is_finished=_enter_pressed(),
+                progress=progress,
             )
         finally:
-            if record is not None and seen.poses:
-                seen.save(record)
-                typer.echo(f"{len(seen.poses)} poses written to {record}", err=True)
-    typer.echo(f"guided along {seen.way_mm:.0f} mm, peak force {seen.peak_N:.1f} N")
+            if record is not None and guided.poses:
+                guided.save(record)
+                typer.echo(f"{len(guided.poses)} poses written to {record}", err=True)
+    typer.echo(f"guided along {guided.length_mm:.0f} mm, peak force {guided.peak_N:.1f} N")
+
+
+def _play_back(
+    client: "ConfiguredCell",
+    path: Path,
+    progress: "ReportProgress",
+    *,
+    speed_mm_s: float | None,
+    tolerance_mm: float,
+) -> None:
+    from cli.skills import guiding, path_file
+
+    poses = _file_content(path_file.read_poses, path)
+    count = guiding.play_back(
+        client,
+        poses,
+        tolerance_m=tolerance_mm / 1e3,
+        speed_m_s=None if speed_mm_s is None else speed_mm_s / 1e3,
+        progress=progress,
+    )
+    typer.echo(f"playback finished: {count} poses of {len(poses)} recorded")
 
 
 def _check_record(path: Path, *, overwrite: bool) -> None:
@@ -241,7 +273,7 @@ def _enter_pressed() -> Callable[[], bool]:
     return lambda: keyboard.poll() is not None
 
 
-def _of_the_file(read: Callable[[Path], Any], path: Path) -> Any:
+def _file_content(read: Callable[[Path], Any], path: Path) -> Any:
     """Return the content of a file; an invalid file is a usage error."""
     from forcemesh.errors import DataError
 

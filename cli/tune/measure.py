@@ -19,8 +19,8 @@ from cli.skills.contact_monitor import (
     ContactSample,
     Debounce,
     ReportProgress,
-    force_ends,
     no_progress,
+    stop_force_at_end,
 )
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import pose_of, record_of
@@ -33,17 +33,16 @@ from forcemesh.errors import DataError, NotReachedError, RefusedError
 from forcemesh.faults import FAULTS
 from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, MoveRequest, PathRequest
-from tuning import contact_response as answer
-from tuning import servo
+from tuning import contact_response, servo
 from tuning.contact_response import ContactResponse, loop_delay
-from tuning.contact_spring import Spring, spring
-from tuning.identify import Steps, identify
+from tuning.contact_spring import Spring, fit_spring
+from tuning.identify import Steps, identify_servo
 from tuning.servo import Round, Servo
 
-STILL = (False,) * 6
+NO_AXES = (False,) * 6
 STEP_ACCEL_SHARE, STEP_ACCEL_M_S2 = 0.7, 1.5
 STEP_M_S = 0.02
-LISTEN_S, REST_S = 0.001, 0.4
+RECORD_POLL_S, REST_S = 0.001, 0.4
 STEPS_WITHIN_S = 20.0  # timeout of one lap of steps
 LEAST_REPORTS_HZ, MOST_LAPS = 100.0, 15  # at lower report rates a round has more laps
 NEAR_N, STEADY_S, READ_S = 0.6, 0.4, 0.3
@@ -69,10 +68,10 @@ class Readings:
     steps: tuple[Steps, ...] = ()  # of the last round, one for each axis
     rounds: list[Round] = field(default_factory=list)
     servo: Servo | None = None
-    ways_m: list[float] = field(default_factory=list)
+    travel_m: list[float] = field(default_factory=list)
     forces_N: list[float] = field(default_factory=list)
     spring: Spring | None = None
-    answers: list[ContactResponse] = field(default_factory=list)
+    responses: list[ContactResponse] = field(default_factory=list)
     controller: ContactResponse | None = None
 
     @property
@@ -87,10 +86,10 @@ class TuningMeasurement:
     """One measurement of a cell, step by step."""
 
     def __init__(
-        self, cell: ConfiguredCell, trial: TuningTrial, tell: ReportProgress = no_progress
+        self, cell: ConfiguredCell, trial: TuningTrial, progress: ReportProgress = no_progress
     ) -> None:
         """Read the start pose; nothing moves yet. Raises LostError, NotValidError."""
-        self._cell, self._trial, self._tell = cell, trial, tell
+        self._cell, self._trial, self._progress = cell, trial, progress
         self._clock = cell.session.clock
         self._T_flange_tcp = cell.config.tool.T_flange_tcp.pose
         self._start = pose_of(cell.state())
@@ -118,17 +117,17 @@ class TuningMeasurement:
         axes = (T.rotation[:, 0], T.rotation[:, 1])
         request, laps = self._lap(T.translation, axes)
         rounds = self.readings.rounds
-        with force_ends(self._cell):
-            self._cell.force.begin(ForceStartRequest(mode="position", law="plain", axes=STILL))
-            while not servo.repeats(rounds):
+        with stop_force_at_end(self._cell):
+            self._cell.force.begin(ForceStartRequest(mode="position", law="plain", axes=NO_AXES))
+            while not servo.rounds_repeat(rounds):
                 if len(rounds) == servo.MOST_ROUNDS:
-                    raise DataError(_no_repetition(rounds))
-                hear = Ears(self._cell, self._T_flange_tcp)
-                hear.for_s(REST_S)
+                    raise DataError(_no_repetition_text(rounds))
+                recorder = MotionRecorder(self._cell, self._T_flange_tcp)
+                recorder.record_for(REST_S)
                 self._cell.ask(topics.FORCE_PATH, request)
-                self._listen(hear, laps, f"steps in free space, round {len(rounds) + 1}")
-                self.readings.steps = tuple(hear.along(axis) for axis in axes)
-                rounds.append(tuple(identify(steps) for steps in self.readings.steps))
+                self._record_steps(recorder, laps, f"steps in free space, round {len(rounds) + 1}")
+                self.readings.steps = tuple(recorder.axis_steps(axis) for axis in axes)
+                rounds.append(tuple(identify_servo(steps) for steps in self.readings.steps))
         self.readings.servo = servo.servo_of(rounds[-servo.LEAST_ROUNDS :])
 
     def press(self) -> None:
@@ -136,16 +135,16 @@ class TuningMeasurement:
 
         Raises DataError when it does not, and as `until`.
         """
-        feeler, readings = ContactMonitor(self._cell), self.readings
+        monitor, readings = ContactMonitor(self._cell), self.readings
         for press in range(1, MOST_PRESSES + 1):
             for number, share in enumerate(SHARES):
                 level_N = share * self._trial.force_N
-                what = f"press {press}, {number + 1} of {len(SHARES)}"
-                self._cell.force.begin(_press(level_N))
-                way_m, force_N = self._place(feeler, level_N, what)
-                readings.ways_m.append(way_m)
+                label = f"press {press}, {number + 1} of {len(SHARES)}"
+                self._cell.force.begin(_press_request(level_N))
+                travel_m, force_N = self._settled_point(monitor, level_N, label)
+                readings.travel_m.append(travel_m)
                 readings.forces_N.append(force_N)
-            found = spring(np.array(readings.ways_m), np.array(readings.forces_N))
+            found = fit_spring(np.array(readings.travel_m), np.array(readings.forces_N))
             readings.spring = found
             if found.repeats:
                 return
@@ -162,43 +161,46 @@ class TuningMeasurement:
         Raises:
             DataError: The force did not follow, or its delay did not repeat.
         """
-        answers = self.readings.answers
+        responses = self.readings.responses
         levels_N = (SHARES[0] * self._trial.force_N, self._trial.force_N)
-        while not answer.repeats(answers):
-            if len(answers) == answer.MOST_ANSWERS:
-                seen = ", ".join(f"{1e3 * one.tau_s:.0f}" for one in answers)
+        while not contact_response.delay_repeats(responses):
+            if len(responses) == contact_response.MOST_RESPONSES:
+                delays_ms = ", ".join(f"{1e3 * each.tau_s:.0f}" for each in responses)
                 raise DataError(
-                    f"the delay of the controller's force loop was {seen} ms, never twice within "
-                    f"{1e3 * answer.RESPONSE_REPEATS_S:g} ms: `--no-controller` skips it"
+                    f"the delay of the controller's force loop was {delays_ms} ms, never twice "
+                    f"within {1e3 * contact_response.RESPONSE_REPEATS_S:g} ms: "
+                    "`--no-controller` skips it"
                 )
-            first_N, then_N = levels_N if len(answers) % 2 == 0 else levels_N[::-1]
-            answers.append(self._answer(gain, first_N, then_N))
-        self.readings.controller = answer.together(answers[-answer.LEAST_ANSWERS :])
+            first_N, then_N = levels_N if len(responses) % 2 == 0 else levels_N[::-1]
+            responses.append(self._step_response(gain, first_N, then_N))
+        self.readings.controller = contact_response.mean_response(
+            responses[-contact_response.LEAST_RESPONSES :]
+        )
 
-    def _answer(self, gain: float, first_N: float, then_N: float) -> ContactResponse:
+    def _step_response(self, gain: float, first_N: float, then_N: float) -> ContactResponse:
         """Return the delay of the controller's force after one set point step."""
         assert self.readings.spring is not None  # noqa: S101 - measured before
-        feeler = ContactMonitor(self._cell)
-        self._cell.force.begin(_press(first_N, host="controller"))
-        rested = self._place(feeler, first_N, "in the controller")[1]
-        sent_s = feeler.t_s
-        self._cell.force.begin(_press(then_N, host="controller"))
-        felt = feeler.until(
-            lambda one: one.t_s - sent_s > RESPONSE_S,
+        monitor = ContactMonitor(self._cell)
+        self._cell.force.begin(_press_request(first_N, host="controller"))
+        initial_N = self._settled_point(monitor, first_N, "in the controller")[1]
+        commanded_s = monitor.t_s
+        self._cell.force.begin(_press_request(then_N, host="controller"))
+        samples = monitor.until(
+            lambda sample: sample.t_s - commanded_s > RESPONSE_S,
             within_s=2.0 * RESPONSE_S,
-            what="in the controller",
-            tell=self._tell,
+            label="in the controller",
+            progress=self._progress,
         )
         return loop_delay(
-            np.array([one.t_s - sent_s for one in felt]),
-            np.array([one.press_N for one in felt]),
-            first_N=rested,
+            np.array([sample.t_s - commanded_s for sample in samples]),
+            np.array([sample.press_N for sample in samples]),
+            first_N=initial_N,
             then_N=then_N,
             ramp_N_s=self._cell.config.force.setpoint_ramp_N_s,
             rate=self.readings.spring.k_N_m * gain,
         )
 
-    def back(self) -> None:
+    def return_to_start(self) -> None:
         """Return to the start. Raises as a move does."""
         speed_m_s = min(BACK_M_S, self._cell.config.limits.speed_m_s)
         request = MoveRequest(
@@ -224,13 +226,13 @@ class TuningMeasurement:
         )
         return request, laps
 
-    def _listen(self, hear: "Ears", laps: int, what: str) -> None:
+    def _record_steps(self, recorder: "MotionRecorder", laps: int, label: str) -> None:
         began_ns, within_s = self._clock.now_ns(), laps * STEPS_WITHIN_S
         arrived_ns: int | None = None
         while arrived_ns is None or self._clock.now_ns() - arrived_ns < REST_S * NS_PER_S:
-            hear.for_s(LISTEN_S)
+            recorder.record_for(RECORD_POLL_S)
             spent_s = (self._clock.now_ns() - began_ns) / NS_PER_S
-            self._tell(spent_s, within_s, what)
+            self._progress(spent_s, within_s, label)
             target = self._cell.target.reading().message
             if target is not None and target.path_left_m == 0.0 and arrived_ns is None:
                 arrived_ns = self._clock.now_ns()
@@ -239,17 +241,19 @@ class TuningMeasurement:
             if not self._cell.status().goes_on:
                 raise stopped_error(self._cell.status(), "the arm was stopped")
 
-    def _place(self, feeler: ContactMonitor, level_N: float, what: str) -> tuple[float, float]:
+    def _settled_point(
+        self, monitor: ContactMonitor, level_N: float, label: str
+    ) -> tuple[float, float]:
         """Return travel along the tool's axis and force, at rest at a force level."""
-        there = Debounce(lambda felt: abs(felt.press_N - level_N) <= NEAR_N, STEADY_S)
-        feeler.until(there, within_s=LEVEL_WITHIN_S, what=what, tell=self._tell)
+        settled = Debounce(lambda samples: abs(samples.press_N - level_N) <= NEAR_N, STEADY_S)
+        monitor.until(settled, within_s=LEVEL_WITHIN_S, label=label, progress=self._progress)
         read = Debounce(lambda _: True, READ_S)
-        felt = feeler.until(read, within_s=2.0, what=what, tell=self._tell)
-        return self._way_m(felt), float(np.mean([one.press_N for one in felt]))
+        samples = monitor.until(read, within_s=2.0, label=label, progress=self._progress)
+        return self._mean_travel_m(samples), float(np.mean([sample.press_N for sample in samples]))
 
-    def _way_m(self, felt: list[ContactSample]) -> float:
+    def _mean_travel_m(self, samples: list[ContactSample]) -> float:
         T = self._start * self._T_flange_tcp
-        places = np.array([one.T_base_tcp.translation for one in felt])
+        places = np.array([sample.T_base_tcp.translation for sample in samples])
         return float((places.mean(axis=0) - T.translation) @ T.rotation[:, 2])
 
     def _refuse_outside(self, points: list[Array]) -> None:
@@ -260,7 +264,7 @@ class TuningMeasurement:
             raise NotReachedError(f"steps of {step_mm:g} mm leave the workspace: start inside it")
 
 
-class Ears:
+class MotionRecorder:
     """Recorder of commands and poses with their stamps."""
 
     def __init__(self, cell: ConfiguredCell, T_flange_tcp: pin.SE3) -> None:
@@ -269,34 +273,36 @@ class Ears:
         self._period_s = 1.0 / cell.config.rates.control_hz
         self._command = cell.session.bus.reader(topics.ROBOT_COMMAND)
         self._robot = cell.session.bus.reader(topics.ROBOT_STATE)
-        self._sent: list[tuple[float, Array]] = []
-        self._seen: list[tuple[float, Array]] = []
+        self._commanded: list[tuple[float, Array]] = []
+        self._measured: list[tuple[float, Array]] = []
 
-    def for_s(self, duration_s: float) -> None:
+    def record_for(self, duration_s: float) -> None:
         """Record for a duration."""
         end_ns = self._clock.now_ns() + round(duration_s * NS_PER_S)
         while self._clock.now_ns() < end_ns:
-            self._clock.sleep_s(LISTEN_S)
-            self._hear(self._command, self._sent, lambda said: said.pose)
-            self._hear(self._robot, self._seen, lambda said: said)
+            self._clock.sleep_s(RECORD_POLL_S)
+            self._record(self._command, self._commanded, lambda message: message.pose)
+            self._record(self._robot, self._measured, lambda message: message)
 
-    def along(self, axis: Array) -> Steps:
+    def axis_steps(self, axis: Array) -> Steps:
         """Return the recorded motion along an axis of the base.
 
         A late machine receives only the newest command: those between are interpolated.
         """
-        sent_s, sent = (np.array(part) for part in zip(*self._sent, strict=True))
-        seen_s, seen = (np.array(part) for part in zip(*self._seen, strict=True))
+        commanded_s, commanded = (np.array(part) for part in zip(*self._commanded, strict=True))
+        measured_s, measured = (np.array(part) for part in zip(*self._measured, strict=True))
         every_s = np.concatenate(
             [
                 np.linspace(a, b, max(1, round((b - a) / self._period_s)), endpoint=False)
-                for a, b in pairwise(sent_s)
+                for a, b in pairwise(commanded_s)
             ]
         )
-        return Steps(every_s, np.interp(every_s, sent_s, sent @ axis), seen_s, seen @ axis)
+        return Steps(
+            every_s, np.interp(every_s, commanded_s, commanded @ axis), measured_s, measured @ axis
+        )
 
-    def _hear(
-        self, reader: Reader[Any], notes: list[tuple[float, Array]], pose: Callable[[Any], Any]
+    def _record(
+        self, reader: Reader[Any], samples: list[tuple[float, Array]], pose: Callable[[Any], Any]
     ) -> None:
         if not reader.poll():
             return
@@ -304,10 +310,10 @@ class Ears:
         if reading.fresh is None or reading.header is None or pose(reading.fresh) is None:
             return
         # Stamps of another machine use another clock: then the arrival time is used.
-        mine = reading.header.boot == self._clock.boot
-        at_ns = reading.header.stamp_ns if mine else self._clock.now_ns()
+        is_same_boot = reading.header.boot == self._clock.boot
+        at_ns = reading.header.stamp_ns if is_same_boot else self._clock.now_ns()
         T = pose_of(pose(reading.fresh)) * self._T_flange_tcp
-        notes.append((at_ns / NS_PER_S, np.array(T.translation)))
+        samples.append((at_ns / NS_PER_S, np.array(T.translation)))
 
 
 def measure(
@@ -317,7 +323,7 @@ def measure(
     gain: float,
     with_press: bool,
     with_controller: bool,
-    tell: ReportProgress = no_progress,
+    progress: ReportProgress = no_progress,
 ) -> Readings:
     """Execute the requested measurements; the arm returns to its start unless it was stopped.
 
@@ -327,35 +333,35 @@ def measure(
         gain: Present integral gain along the tool's axis [m/(N s)].
         with_press: Whether to press; without, the stiffness stays unknown.
         with_controller: Whether to press with the controller's own regulator, too.
-        tell: Progress callback.
+        progress: Progress callback.
 
     Raises:
         DataError: The records do not determine a result.
         NotReachedError: The arm is not free, a step or a force was not reached in time.
         RefusedError, ArmStoppedError, LostError: As the client raises them.
     """
-    measuring = TuningMeasurement(cell, trial, tell)
+    measuring = TuningMeasurement(cell, trial, progress)
     measuring.check()
     measuring.steps()
     if not with_press:
         return measuring.readings
     try:
-        with force_ends(cell):
+        with stop_force_at_end(cell):
             measuring.press()
             if with_controller:
                 measuring.controller(gain)
     except (DataError, NotReachedError):
-        measuring.back()
+        measuring.return_to_start()
         raise
-    measuring.back()
+    measuring.return_to_start()
     return measuring.readings
 
 
-def _press(level_N: float, host: Any = "pc") -> ForceStartRequest:
+def _press_request(level_N: float, host: Any = "pc") -> ForceStartRequest:
     return ForceStartRequest(mode="position", host=host, setpoint_N=level_N, law="plain")
 
 
-def _no_repetition(rounds: list[Round]) -> str:
+def _no_repetition_text(rounds: list[Round]) -> str:
     sums_ms = ", ".join(f"{1e3 * sum_s:.1f}" for sum_s in servo.sums(rounds))
     return (
         f"delay and lag together were {sums_ms} ms in {len(rounds)} rounds, never twice within "

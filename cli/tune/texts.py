@@ -4,10 +4,10 @@ from pathlib import Path
 
 import yaml
 
-from cli.calibration.places import keep_before
+from cli.calibration.output_files import back_up
 from common.config.cell import CellConfig
 from forcemesh.errors import DataError
-from tuning.advice import Advice, Judged, MeasuredCell, refused, remarks
+from tuning.advice import Advice, MeasuredCell, RatedGain, refusal_reason, remarks
 from tuning.servo import SIGMAS, Servo
 
 HEAD = """\
@@ -17,41 +17,41 @@ HEAD = """\
 """
 
 
-def describe(
+def report_lines(
     cell: CellConfig,
     measured: MeasuredCell,
     advices: list[Advice],
     sections: dict[str, dict[str, float]],
 ) -> list[str]:
     """Return the lines of the report."""
-    lines = [_late(cell, measured.servo), _split(cell, measured.servo)]
-    spring, said = measured.spring, f"(cell file: {cell.contact.stiffness_N_m:.0f})"
+    lines = [_delay_text(cell, measured.servo), _lag_text(cell, measured.servo)]
+    spring, file_value = measured.spring, f"(cell file: {cell.contact.stiffness_N_m:.0f})"
     if spring is None:
-        lines.append(f"stiffness not measured {said}: gains are for the cell file's value")
+        lines.append(f"stiffness not measured {file_value}: gains are for the cell file's value")
     else:
-        give_N_m = SIGMAS * spring.spread_N_m
-        lines.append(f"stiffness {spring.k_N_m:.0f} +/- {give_N_m:.0f} N/m {said}")
+        uncertainty_N_m = SIGMAS * spring.spread_N_m
+        lines.append(f"stiffness {spring.k_N_m:.0f} +/- {uncertainty_N_m:.0f} N/m {file_value}")
         lines.append("tilt stiffness not measured: cell file's value, scaled like the stiffness")
     if measured.controller is not None:
-        tau_ms, give_ms = (
+        tau_ms, uncertainty_ms = (
             1e3 * measured.controller.tau_s,
             1e3 * SIGMAS * measured.controller.deviation_s,
         )
-        lines.append(f"delay of the controller's own loop {tau_ms:.0f} +/- {give_ms:.0f} ms")
-    why_not = refused(cell, measured, advices)
+        lines.append(f"delay of the controller's own loop {tau_ms:.0f} +/- {uncertainty_ms:.0f} ms")
+    refusal = refusal_reason(cell, measured, advices)
     for advice in advices:
         lines.append(f"loop host {advice.host}: tau at most {1e3 * advice.tau_s:.1f} ms")
-        force, torque = (None, None) if why_not else (advice.force, advice.torque)
+        force, torque = (None, None) if refusal else (advice.force, advice.torque)
         lines += _rows("position", "m/(N s)", advice.force_now, force)
         lines += _rows("orientation", "rad/(N m s)", advice.torque_now, torque)
-    if why_not:
-        return [*lines, f"nothing is recommended: {why_not}"]
+    if refusal:
+        return [*lines, f"nothing is recommended: {refusal}"]
     lines += remarks(cell, measured, sections)
     lines.append("for the cell file:")
     return lines + [f"  {line}" for line in _yaml(sections).splitlines()]
 
 
-def _late(cell: CellConfig, servo: Servo) -> str:
+def _delay_text(cell: CellConfig, servo: Servo) -> str:
     found = f"{1e3 * servo.sum_s:.1f} +/- {1e3 * SIGMAS * servo.deviation_s:.1f} ms"
     file_ms = 1e3 * (cell.robot.delay_s + cell.robot.lag_s)
     return (
@@ -60,31 +60,35 @@ def _late(cell: CellConfig, servo: Servo) -> str:
     )
 
 
-def _split(cell: CellConfig, servo: Servo) -> str:
+def _lag_text(cell: CellConfig, servo: Servo) -> str:
     least_ms, most_ms = (1e3 * lag_s for lag_s in servo.lags_s)
-    said = f"(cell file: {1e3 * cell.robot.lag_s:.1f} ms)"
+    file_value = f"(cell file: {1e3 * cell.robot.lag_s:.1f} ms)"
     if servo.is_split:
-        return f"lag: {least_ms:.1f} to {most_ms:.1f} ms {said}"
-    return f"delay and lag cannot be separated: lag {least_ms:.1f} to {most_ms:.1f} ms {said}"
+        return f"lag: {least_ms:.1f} to {most_ms:.1f} ms {file_value}"
+    return f"delay and lag cannot be separated: lag {least_ms:.1f} to {most_ms:.1f} ms {file_value}"
 
 
-def _rows(what: str, unit: str, now: Judged, then: Judged | None) -> list[str]:
+def _rows(label: str, unit: str, now: RatedGain, then: RatedGain | None) -> list[str]:
     rows = [("now", now)] if then is None else [("now", now), ("recommended", then)]
     return [
-        f"  {what:<12} {name:<12} {one.gain:9.3g} {unit}: {_verdict(one)}" for name, one in rows
+        f"  {label:<12} {name:<12} {rated.gain:9.3g} {unit}: {_verdict(rated)}"
+        for name, rated in rows
     ]
 
 
-def _verdict(one: Judged) -> str:
-    found, will = one.margins, one.forecast
+def _verdict(rated: RatedGain) -> str:
+    found, forecast = rated.margins, rated.forecast
     if not found.stable:
         return "NOT STABLE"
     if found.crossover_rad_s == 0.0:
         return "no effect"
-    takes = "not settling" if will.settling_s is None else f"settles in {will.settling_s:.2f} s"
+    settling = (
+        "not settling" if forecast.settling_s is None else f"settles in {forecast.settling_s:.2f} s"
+    )
     return (
-        f"{takes}, overshoot {will.overshoot_pct:.0f} %; margins: phase {found.phase_deg:.0f} "
-        f"degrees, gain x {found.gain:.1f}, delay {1e3 * found.delay_s:.0f} ms"
+        f"{settling}, overshoot {forecast.overshoot_pct:.0f} %; margins: phase "
+        f"{found.phase_deg:.0f} degrees, gain x {found.gain:.1f}, delay "
+        f"{1e3 * found.delay_s:.0f} ms"
     )
 
 
@@ -92,13 +96,13 @@ def save(path: Path, sections: dict[str, dict[str, float]]) -> None:
     """Write the file; a previous one is kept as `.before`. Raises DataError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        keep_before(path)
+        back_up(path)
         path.write_text(HEAD + _yaml(sections), encoding="utf-8")
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def advice_for(path: Path) -> str:
+def usage_advice(path: Path) -> str:
     """Return how to make a cell use the file."""
     return f"set `tuning: {path}`, relative to its folder, in the cell file to use it"
 

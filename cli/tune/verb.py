@@ -56,9 +56,9 @@ def tune(
     Start armed, in free space, with a surface in front of the tool: the arm makes small steps and
     presses gently until the results repeat, then returns. Ctrl-C holds the arm.
     """
-    with force_session(cell) as (client, tell):
+    with force_session(cell) as (client, progress):
         from cli.tune.measure import TuningTrial, measure
-        from tuning.advice import MeasuredCell, refused
+        from tuning.advice import MeasuredCell, refusal_reason
 
         hosts = client.config.robot.hosts
         _refuse_wrong_options(client, force, for_host, apply=apply)
@@ -66,20 +66,24 @@ def tune(
         readings = measure(
             client,
             TuningTrial(step / 1e3, force),
-            gain=_along(client, gains),
+            gain=_axial_gain(client, gains),
             with_press=not no_press,
             with_controller="controller" in hosts and not no_controller and not no_press,
-            tell=tell,
+            progress=progress,
         )
         measured = MeasuredCell(readings.arm, readings.spring, readings.controller)
         advices = _advices(client, measured, gains)
-        _tell(client, measured, advices, readings, as_json=as_json, out=out)
-        if why_not := refused(client.config, measured, advices):
-            exit_with_error(f"nothing is recommended, written or set: {why_not}", NOT_WELL)
+        _print_result(client, measured, advices, readings, as_json=as_json, out=out)
+        if refusal := refusal_reason(client.config, measured, advices):
+            exit_with_error(f"nothing is recommended, written or set: {refusal}", NOT_WELL)
         if write is not None:
             _write(client, measured, advices, write)
         if apply:
-            _apply(client, next((one for one in advices if one.host == for_host), None), for_host)
+            _apply(
+                client,
+                next((advice for advice in advices if advice.host == for_host), None),
+                for_host,
+            )
         first = advices[0].force_now.margins
     raise typer.Exit(OK if first.stable else NOT_WELL)
 
@@ -97,7 +101,7 @@ def _refuse_wrong_options(
         exit_with_error("--for goes with --apply: the table shows every host", USAGE)
 
 
-def _along(client: "ConfiguredCell", gains: "Gains") -> float:
+def _axial_gain(client: "ConfiguredCell", gains: "Gains") -> float:
     """Return the force gain along the tool's axis [m/(N s)]."""
     import numpy as np
 
@@ -115,7 +119,7 @@ def _advices(client: "ConfiguredCell", measured: "MeasuredCell", gains: "Gains")
             client.config,
             measured,
             host,
-            force_now=_along(client, gains),
+            force_now=_axial_gain(client, gains),
             torque_now=max(gains.torque_i_rad_per_Nms),
         )
         for host in client.config.robot.hosts
@@ -123,7 +127,7 @@ def _advices(client: "ConfiguredCell", measured: "MeasuredCell", gains: "Gains")
     ]
 
 
-def _tell(
+def _print_result(
     client: "ConfiguredCell",
     measured: "MeasuredCell",
     advices: "list[Advice]",
@@ -132,14 +136,14 @@ def _tell(
     as_json: bool,
     out: Path | None,
 ) -> None:
-    from cli.tune import texts as words
+    from cli.tune import texts
     from tuning import advice
 
-    sections = advice.lines(client.config, measured, advices)
+    sections = advice.cell_file_sections(client.config, measured, advices)
     if as_json:
         typer.echo(json.dumps(advice.as_dict(client.config, measured, advices, sections)))
     else:
-        for line in words.describe(client.config, measured, advices, sections):
+        for line in texts.report_lines(client.config, measured, advices, sections):
             typer.echo(line)
     if out is not None:
         from cli.tune import picture
@@ -152,11 +156,11 @@ def _tell(
 def _write(
     client: "ConfiguredCell", measured: "MeasuredCell", advices: "list[Advice]", path: Path
 ) -> None:
-    from cli.tune import texts as words
+    from cli.tune import texts
     from tuning import advice
 
-    words.save(path, advice.lines(client.config, measured, advices))
-    typer.echo(f"written to {path}; {words.advice_for(path)}", err=True)
+    texts.save(path, advice.cell_file_sections(client.config, measured, advices))
+    typer.echo(f"written to {path}; {texts.usage_advice(path)}", err=True)
 
 
 def _apply(client: "ConfiguredCell", advice: "Advice | None", host: str) -> None:

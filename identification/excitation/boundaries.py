@@ -23,7 +23,7 @@ POINTS = ("flange", "sensor", "TCP")
 
 
 @dataclass(frozen=True, slots=True)
-class Fence:
+class Boundaries:
     """Box and walls of the cell, with tether and floor relative to the start.
 
     `points_in_flange_m` has shape (3, 3): origins of flange, sensor and TCP. `floor_m` is the
@@ -37,7 +37,7 @@ class Fence:
     floor_m: float
 
     @classmethod
-    def of(cls, cell: CellConfig, arm: ArmKinematics, q_start: Array) -> "Fence":
+    def of(cls, cell: CellConfig, arm: ArmKinematics, q_start: Array) -> "Boundaries":
         """Return the fence of a cell; its floor is the lowest point at q_start [rad]."""
         T_flange_sensor, T_flange_tcp = (
             cell.sensor.T_flange_sensor.pose,
@@ -45,10 +45,10 @@ class Fence:
         )
         points = np.array([np.zeros(3), T_flange_sensor.translation, T_flange_tcp.translation])
         T_start = arm.flange_pose(q_start)
-        fence = cls(arm, Limits.of(cell), points, T_start, floor_m=-np.inf)
-        return fence.with_floor(float(fence.points(T_start)[:, 2].min()))
+        boundaries = cls(arm, Limits.of(cell), points, T_start, floor_m=-np.inf)
+        return boundaries.with_floor(float(boundaries.points(T_start)[:, 2].min()))
 
-    def with_floor(self, floor_m: float) -> "Fence":
+    def with_floor(self, floor_m: float) -> "Boundaries":
         """Return the fence with another floor [m]."""
         return replace(self, floor_m=floor_m)
 
@@ -56,7 +56,7 @@ class Fence:
         """Return flange, sensor and TCP in base [m] for a flange pose. Shape (3, 3)."""
         return np.asarray(T_flange.translation + self.points_in_flange_m @ T_flange.rotation.T)
 
-    def complaint(self, q: Array, margin_m: float = MARGIN_M) -> str:
+    def violation(self, q: Array, margin_m: float = MARGIN_M) -> str:
         """Return why joint angles q [rad] are not allowed; empty when they are."""
         low = (self.limits.joint_min_rad + JOINT_MARGIN_RAD).tolist()
         high = (self.limits.joint_max_rad - JOINT_MARGIN_RAD).tolist()
@@ -64,26 +64,28 @@ class Fence:
             if not low[joint] <= angle <= high[joint]:
                 return f"joint {joint + 1} would be at {degrees(angle):.0f} degrees, near its limit"
         T = self.arm.flange_pose(q)
-        return self._complaint_of(self.points(T), margin_m) or self._tether_complaint(T, margin_m)
+        return self._point_violation(self.points(T), margin_m) or self._tether_violation(
+            T, margin_m
+        )
 
-    def way_complaint(self, q_from: Array, q_to: Array, margin_m: float = MARGIN_M) -> str:
+    def path_violation(self, q_from: Array, q_to: Array, margin_m: float = MARGIN_M) -> str:
         """Return why the straight joint-space path is not allowed; empty when it is."""
-        way = q_to - q_from
-        count = max(1, int(np.ceil(self._farthest_m(way) / STEP_M)))
+        change_rad = q_to - q_from
+        count = max(1, int(np.ceil(self._farthest_m(change_rad) / STEP_M)))
         for k in range(count + 1):
-            found = self.complaint(q_from + (k / count) * way, margin_m)
+            found = self.violation(q_from + (k / count) * change_rad, margin_m)
             if found:
                 return found
         return ""
 
-    def _farthest_m(self, way: Array) -> float:
-        """Return an upper bound [m] of the travel of any point for joint changes `way` [rad]."""
+    def _farthest_m(self, change_rad: Array) -> float:
+        """Return an upper bound [m] of the travel of any point for joint changes [rad]."""
         tool_m = float(np.linalg.norm(self.points_in_flange_m, axis=1).max())
         hand_m = float(np.linalg.norm(self.arm.model.jointPlacements[6].translation)) + tool_m
         lever_m = np.array([self.arm.reach_m + hand_m] * 3 + [hand_m] * 2 + [tool_m])
-        return float(np.abs(way) @ lever_m)
+        return float(np.abs(change_rad) @ lever_m)
 
-    def _complaint_of(self, points: Array, margin_m: float) -> str:
+    def _point_violation(self, points: Array, margin_m: float) -> str:
         limits, places = self.limits, points.tolist()
         # Plain floats: half the time of an array for nine values; a plan calls this 15 000 times.
         low = (limits.workspace_min_m + margin_m).tolist()
@@ -106,7 +108,7 @@ class Fence:
             return f"the {POINTS[lowest]} would be lower than the tool is now"
         return ""
 
-    def _tether_complaint(self, T: pin.SE3, margin_m: float) -> str:
+    def _tether_violation(self, T: pin.SE3, margin_m: float) -> str:
         limits = self.limits
         if length(T.translation - self.T_start.translation) > limits.tether_m - margin_m:
             return "the flange would move farther than limits.tether_m from here"

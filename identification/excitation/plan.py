@@ -17,7 +17,7 @@ from common.config.payload import Payload
 from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
 from identification.errors import CalibrationError
-from identification.excitation.boundaries import Fence
+from identification.excitation.boundaries import Boundaries
 from identification.excitation.pose_choice import (
     USUAL_PAYLOAD,
     best_attitudes,
@@ -77,11 +77,11 @@ class CalibrationPlan:
         fit = tuple(p for p in self.fit if p != place)
         verify = tuple(p for p in self.verify if p != place)
         # Refused poses count as taken, so that no pose near them is tried again.
-        taken = (*fit, *verify, *refused)
+        excluded = (*fit, *verify, *refused)
         if len(fit) < len(self.fit):
-            fit += tuple(best_attitudes(self.R_base_sensor, self.payload, 1, taken))
+            fit += tuple(best_attitudes(self.R_base_sensor, self.payload, 1, excluded))
         else:
-            verify += tuple(fresh_attitudes(self.R_base_sensor, 1, taken))
+            verify += tuple(fresh_attitudes(self.R_base_sensor, 1, excluded))
         if len(fit) < LEAST_PLANNED_POSES:
             raise CalibrationError(
                 f"only {len(fit)} poses remain, at least {LEAST_PLANNED_POSES} are needed: {ADVICE}"
@@ -96,14 +96,14 @@ def make_plan(
 
     Raises CalibrationError, with the remedy, when there is no good plan.
     """
-    fence = Fence.of(cell, arm, q_start)
-    here = fence.complaint(q_start, margin_m=0.0)
-    if here:
-        raise CalibrationError(f"no plan is possible from the present pose: {here}; {ADVICE}")
-    hub, lift_m = _hub(fence, q_start)
-    inner = fence.with_floor(fence.floor_m + 0.5 * lift_m)
-    if inner.complaint(hub):
-        raise CalibrationError(f"no room to rotate the tool: {inner.complaint(hub)}; {ADVICE}")
+    boundaries = Boundaries.of(cell, arm, q_start)
+    violation = boundaries.violation(q_start, margin_m=0.0)
+    if violation:
+        raise CalibrationError(f"no plan is possible from the present pose: {violation}; {ADVICE}")
+    hub, lift_m = _hub(boundaries, q_start)
+    inner = boundaries.with_floor(boundaries.floor_m + 0.5 * lift_m)
+    if inner.violation(hub):
+        raise CalibrationError(f"no room to rotate the tool: {inner.violation(hub)}; {ADVICE}")
     q = _candidates(inner, hub, options.turn_rad)
     T_flange_sensor = cell.sensor.T_flange_sensor.pose
     R = np.array([(arm.flange_pose(row) * T_flange_sensor).rotation for row in q]).reshape(-1, 3, 3)
@@ -116,7 +116,7 @@ def make_plan(
         )
     verify = fresh_attitudes(R, options.verify_poses, tuple(fit))
     found = conditioning(R[fit])
-    route = JointRoute(inner, fence, q_start, hub)
+    route = JointRoute(inner, boundaries, q_start, hub)
     fit = shortest_order(route, q, fit, hub)
     verify = shortest_order(route, q, verify, q[fit[-1]])
     return CalibrationPlan(
@@ -151,34 +151,38 @@ def _warnings(
     return tuple(warnings)
 
 
-def _hub(fence: Fence, q_start: Array) -> tuple[Array, float]:
+def _hub(boundaries: Boundaries, q_start: Array) -> tuple[Array, float]:
     """Return joint angles [rad] straight above the start, as high as possible, and the lift [m]."""
-    T_start = fence.arm.flange_pose(q_start)
+    T_start = boundaries.arm.flange_pose(q_start)
     for lift_m in LIFTS_M:
         lifted = pin.SE3(T_start.rotation, T_start.translation + np.array([0.0, 0.0, lift_m]))
-        q = fence.arm.solve(lifted, q_start, jump_rad=0.8).q
+        q = boundaries.arm.solve(lifted, q_start, jump_rad=0.8).q
         # The joint-space path deviates slightly sideways from the straight line.
-        if q is not None and not fence.complaint(q) and not fence.way_complaint(q_start, q, 0.0):
+        if (
+            q is not None
+            and not boundaries.violation(q)
+            and not boundaries.path_violation(q_start, q, 0.0)
+        ):
             return q, lift_m
     return q_start, 0.0
 
 
-def _candidates(fence: Fence, hub: Array, turn_rad: float) -> Array:
+def _candidates(boundaries: Boundaries, hub: Array, turn_rad: float) -> Array:
     """Return joint angles with a free path from the hub and back. Shape (n, 6)."""
     rng = np.random.default_rng(0)  # reproducible plan
-    most = np.array([*ARM_TURN_RAD, *[turn_rad] * 3])
-    offsets = rng.uniform(-1.0, 1.0, (CANDIDATES, 6)) * most
+    largest_rad = np.array([*ARM_TURN_RAD, *[turn_rad] * 3])
+    offsets = rng.uniform(-1.0, 1.0, (CANDIDATES, 6)) * largest_rad
     offsets[::4, :3] = 0.0  # a quarter of the candidates turn the wrist only
     folded_rad = max(float(FOLDED_RAD), abs(float(hub[4])))
-    good = (
+    feasible = (
         q
         for q in hub + offsets
         if abs(q[4]) <= folded_rad
-        and not fence.complaint(q)
-        and _is_regular(fence.arm, q)
-        and not fence.way_complaint(hub, q)
+        and not boundaries.violation(q)
+        and _is_regular(boundaries.arm, q)
+        and not boundaries.path_violation(hub, q)
     )
-    found = list(islice(good, MOST_CANDIDATES))
+    found = list(islice(feasible, MOST_CANDIDATES))
     return np.array(found).reshape(-1, 6)
 
 

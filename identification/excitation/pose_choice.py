@@ -22,7 +22,7 @@ USUAL_PAYLOAD = Payload(1.0, (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def best_attitudes(
-    R_base_sensor: Array, payload: Payload, count: int, taken: tuple[int, ...] = ()
+    R_base_sensor: Array, payload: Payload, count: int, excluded: tuple[int, ...] = ()
 ) -> list[int]:
     """Return the indices of the attitudes to add, the most informative one first.
 
@@ -32,30 +32,30 @@ def best_attitudes(
         R_base_sensor: Attitudes to choose from. Shape (n, 3, 3).
         payload: Approximate payload of the sensor.
         count: Number of attitudes to add.
-        taken: Indices of the attitudes that are chosen already.
+        excluded: Indices of the attitudes that are chosen already.
     """
     J = _scaled_jacobians(R_base_sensor, payload)
     information = _prior(payload)
-    far = np.ones(len(J), dtype=bool)
-    for place in taken:
+    is_distinct = np.ones(len(J), dtype=bool)
+    for place in excluded:
         information = information + J[place].T @ J[place]
-        far &= angle(R_base_sensor[place], R_base_sensor) > APART_RAD
+        is_distinct &= angle(R_base_sensor[place], R_base_sensor) > APART_RAD
     chosen: list[int] = []
-    while len(chosen) < count and far.any():
+    while len(chosen) < count and is_distinct.any():
         covariance = np.linalg.inv(information)
         gain = np.linalg.slogdet(np.eye(6) + J @ covariance @ J.swapaxes(1, 2))[1]
-        best = int(np.argmax(np.where(far, gain, -np.inf)))
+        best = int(np.argmax(np.where(is_distinct, gain, -np.inf)))
         chosen.append(best)
         information = information + J[best].T @ J[best]
-        far &= angle(R_base_sensor[best], R_base_sensor) > APART_RAD
+        is_distinct &= angle(R_base_sensor[best], R_base_sensor) > APART_RAD
     return chosen
 
 
-def fresh_attitudes(R_base_sensor: Array, count: int, taken: tuple[int, ...]) -> list[int]:
+def fresh_attitudes(R_base_sensor: Array, count: int, excluded: tuple[int, ...]) -> list[int]:
     """Return the indices of attitudes farthest from those taken and from each other."""
     chosen: list[int] = []
     nearest = np.full(len(R_base_sensor), np.inf)
-    for place in taken:
+    for place in excluded:
         nearest = np.minimum(nearest, angle(R_base_sensor[place], R_base_sensor))
     while len(chosen) < count and nearest.max(initial=0.0) > APART_RAD / 2.0:
         best = int(np.argmax(nearest))

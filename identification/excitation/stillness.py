@@ -34,7 +34,7 @@ class StillnessDetector:
         self._window_ns = round(1e9 * window_s)
         self._samples: deque[PoseSample] = deque()
 
-    def see(self, sample: PoseSample) -> None:
+    def add(self, sample: PoseSample) -> None:
         """Add a newer sample."""
         self._samples.append(sample)
         while len(self._samples) > 2 and sample.at_ns - self._samples[1].at_ns >= self._window_ns:
@@ -45,14 +45,14 @@ class StillnessDetector:
         """The last sample, None after a gap."""
         return self._samples[-1] if self._samples else None
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Clear the window: after a gap, a fault or a motion."""
         self._samples.clear()
 
-    def complaint(self) -> str:
+    def pending_condition(self) -> str:
         """Return the condition that is waited for; empty when everything is at rest."""
         samples = self._samples
-        if len(samples) < LEAST_STILL_SAMPLES or self._lasts_ns() < self._window_ns:
+        if len(samples) < LEAST_STILL_SAMPLES or self._duration_ns() < self._window_ns:
             return "readings"
         places = np.array([sample.position_m for sample in samples])
         moved_m = float(np.linalg.norm(places - places[-1], axis=1).max())
@@ -62,7 +62,7 @@ class StillnessDetector:
             return f"the arm to rest ({1e3 * moved_m:.2f} mm, {np.degrees(turned_rad):.2f} degrees)"
         return self._unsteady()
 
-    def _lasts_ns(self) -> int:
+    def _duration_ns(self) -> int:
         return self._samples[-1].at_ns - self._samples[0].at_ns
 
     def _unsteady(self) -> str:

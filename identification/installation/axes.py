@@ -16,9 +16,9 @@ from identification.installation.payload import COM_M
 from identification.installation.terms import ExpectedInstallation, InstallationFinding
 from identification.installation.texts import (
     driver_remedy,
-    oat_words,
-    turn_words,
-    was_radians,
+    is_in_radians,
+    oat_text,
+    rotation_text,
     wrong_channels,
 )
 
@@ -33,14 +33,17 @@ def same(A: Array, B: Array) -> bool:
     return bool(np.array_equal(A, B))
 
 
-def side(com_m: Array, belief: ExpectedInstallation) -> int:
+def com_side(com_m: Array, expected: ExpectedInstallation) -> int:
     """Return 1 for a centre of mass on the side of the tool, -1 if opposite, 0 if unknown.
 
     Both the known payload and the TCP count. Either may be that of another tool, so one that
     agrees is enough.
     """
     sides = {0}
-    for known, least_m in ((belief.com_m, LEVER_LEAST_M), (belief.p_sensor_tcp_m, TOOL_LEAST_M)):
+    for known, least_m in (
+        (expected.com_m, LEVER_LEAST_M),
+        (expected.p_sensor_tcp_m, TOOL_LEAST_M),
+    ):
         if known is None or np.linalg.norm(known) < least_m:
             continue
         lengths = float(np.linalg.norm(known) * np.linalg.norm(com_m))
@@ -50,28 +53,28 @@ def side(com_m: Array, belief: ExpectedInstallation) -> int:
     return 1 if 1 in sides else min(sides)
 
 
-def plausible(torque: TorqueFits, belief: ExpectedInstallation) -> list[TorqueFit]:
+def plausible_fits(torque: TorqueFits, expected: ExpectedInstallation) -> list[TorqueFit]:
     """Return the torque fits whose centre of mass is not on the wrong side."""
-    return [fit for fit in torque.fits if side(fit.com_m, belief) >= 0]
+    return [fit for fit in torque.fits if com_side(fit.com_m, expected) >= 0]
 
 
 def axis_findings(
-    force: ForceFit, torque: TorqueFits, belief: ExpectedInstallation
+    force: ForceFit, torque: TorqueFits, expected: ExpectedInstallation
 ) -> list[InstallationFinding]:
     """Return the findings on axes and signs, given a force fit that is explained and unique."""
-    fits = plausible(torque, belief) or list(torque.fits)
-    strange = [] if torque.explained else [_no_moment(torque)]
+    fits = plausible_fits(torque, expected) or list(torque.fits)
+    torque_findings = [] if torque.explained else [_no_moment(torque)]
     if same(force.wiring, EYE) and not force.turned:
-        return strange or _of_torque(torque, belief)
+        return torque_findings or _of_torque(torque, expected)
     # Moments that exclude nothing agree with any force permutation.
     if torque.shown and not any(same(fit.wiring, force.wiring) for fit in fits):
-        return [_apart(force, fits, belief)]
+        return [_channel_finding(force, fits, expected)]
     if np.linalg.det(force.wiring) < 0.0:
-        return [_mirrored(force), *strange]
-    own = any(same(fit.wiring, EYE) for fit in fits) and not same(force.wiring, EYE)
+        return [_mirrored(force), *torque_findings]
+    torques_match = any(same(fit.wiring, EYE) for fit in fits) and not same(force.wiring, EYE)
     # A rotation of a few degrees from a permutation is play; the calibration identifies it.
-    Q = force.wiring @ force.turn if force.turned else force.wiring
-    return [turned_finding(Q, belief, shown=torque.shown and not own), *strange]
+    Q = force.wiring @ force.rotation if force.turned else force.wiring
+    return [turned_finding(Q, expected, shown=torque.shown and not torques_match), *torque_findings]
 
 
 def _no_moment(torque: TorqueFits) -> InstallationFinding:
@@ -83,9 +86,9 @@ def _no_moment(torque: TorqueFits) -> InstallationFinding:
     return InstallationFinding("torque_axes", text, remedy)
 
 
-def _of_torque(torque: TorqueFits, belief: ExpectedInstallation) -> list[InstallationFinding]:
+def _of_torque(torque: TorqueFits, expected: ExpectedInstallation) -> list[InstallationFinding]:
     """Return the findings on the torques when the forces are right."""
-    fits = plausible(torque, belief)
+    fits = plausible_fits(torque, expected)
     if not torque.shown or any(same(fit.wiring, EYE) for fit in fits):
         return []
     if any(same(fit.wiring, EYE) for fit in torque.fits):
@@ -95,44 +98,44 @@ def _of_torque(torque: TorqueFits, belief: ExpectedInstallation) -> list[Install
             f"would be {1e3 * np.linalg.norm(best.com_m):.0f} mm on the other side of the sensor"
         )
     else:
-        best = _most_likely(fits or list(torque.fits), belief)
+        best = _most_likely(fits or list(torque.fits), expected)
         text = f"the forces are right, but of the torques {wrong_channels(best.wiring, 'M')}"
     return [InstallationFinding("torque_axes", text, driver_remedy(best.wiring, "M"))]
 
 
-def _most_likely(fits: list[TorqueFit], belief: ExpectedInstallation) -> TorqueFit:
+def _most_likely(fits: list[TorqueFit], expected: ExpectedInstallation) -> TorqueFit:
     """Return the fit with the expected centre of mass, else that with the fewest mistakes."""
 
     def likelihood(fit: TorqueFit) -> tuple[bool, float, float]:
-        known = belief.com_m
+        known = expected.com_m
         agrees = known is not None and float(np.linalg.norm(fit.com_m - known)) <= COM_M
         return agrees, float(np.trace(fit.wiring)), -fit.rms_Nm
 
     return max(fits, key=likelihood)
 
 
-def _apart(
-    force: ForceFit, fits: list[TorqueFit], belief: ExpectedInstallation
+def _channel_finding(
+    force: ForceFit, fits: list[TorqueFit], expected: ExpectedInstallation
 ) -> InstallationFinding:
     """Return the finding for forces and torques that differ: an error of channels, not mounting."""
-    torque = _most_likely(fits, belief).wiring
+    torque = _most_likely(fits, expected).wiring
     of = "of the torques " + wrong_channels(torque, "M")
     torques = "the torques are right" if same(torque, EYE) else of
     if same(force.wiring, EYE):
-        text = f"the forces are rotated by {turn_words(force.turn.T)}, but {torques}"
+        text = f"the forces are rotated by {rotation_text(force.rotation.T)}, but {torques}"
         remedy = "check for a rotation that the driver applies to the forces but not to the torques"
         return InstallationFinding("force_axes", f"{text}: no mounting does that", remedy)
     text = f"of the forces {wrong_channels(force.wiring, 'F')}, but {torques}"
-    fixes = [driver_remedy(force.wiring, "F")]
-    fixes += [] if same(torque, EYE) else [driver_remedy(torque, "M")]
-    return InstallationFinding("force_axes", f"{text}: no mounting does that", "; ".join(fixes))
+    remedies = [driver_remedy(force.wiring, "F")]
+    remedies += [] if same(torque, EYE) else [driver_remedy(torque, "M")]
+    return InstallationFinding("force_axes", f"{text}: no mounting does that", "; ".join(remedies))
 
 
 def _mirrored(force: ForceFit) -> InstallationFinding:
     """Return the finding for mirrored axes, which no mounting has; a hanging arm reads the same."""
-    hung = -force.wiring
+    reversed_wiring = -force.wiring
     remedy = driver_remedy(force.wiring, "FM")
-    if same(hung, EYE):
+    if same(reversed_wiring, EYE):
         text = (
             "all six readings are reversed: the sensor reports the tool's reaction, not the load "
             "on it, or the arm hangs from the ceiling"
@@ -145,33 +148,33 @@ def _mirrored(force: ForceFit) -> InstallationFinding:
     text = f"the axes are mirrored: {wrong_channels(force.wiring, 'F')}, and the torques alike"
     remedy += (
         "; only if the arm hangs from the ceiling: payload.gravity_direction_in_base: [0, 0, 1], "
-        f"and a sensor turned by {turn_words(hung.T)}"
+        f"and a sensor turned by {rotation_text(reversed_wiring.T)}"
     )
     return InstallationFinding("force_axes", f"{text}: no mounting does that", remedy)
 
 
-def turned_finding(Q: Array, belief: ExpectedInstallation, *, shown: bool) -> InstallationFinding:
+def turned_finding(Q: Array, expected: ExpectedInstallation, *, shown: bool) -> InstallationFinding:
     """Return the finding for a sensor whose mounting differs from the cell file.
 
     Args:
         Q: Rotation that all channels show: reading = Q times the expected one. Shape (3, 3).
-        belief: Expected installation, from the cell file.
+        expected: Expected installation, from the cell file.
         shown: Whether the torques are known to be rotated by Q too.
     """
     channels = wrong_channels(nearest_wiring(Q), "F")
-    believed = "the recorded attitudes say" if belief.oat_deg is None else "the cell file says"
-    text = f"the sensor is turned by {turn_words(Q.T)} from what {believed}"
+    source = "the recorded attitudes say" if expected.oat_deg is None else "the cell file says"
+    text = f"the sensor is turned by {rotation_text(Q.T)} from what {source}"
     if channels:
         text += f" ({channels}{', and the torques alike' if shown else ''})"
-    if belief.R_flange_sensor is None:
+    if expected.R_flange_sensor is None:
         return InstallationFinding(
             "mounting", text, "rotate the recorded attitudes of the sensor by it"
         )
-    R = belief.R_flange_sensor @ Q.T
-    if belief.oat_deg is not None and was_radians(belief.oat_deg, R):
-        text += f": oat_deg {list(belief.oat_deg)} is in radians, it must be in degrees"
-        R = R_from_oat(Oat(*belief.oat_deg))
-    remedy = f"write {oat_words(R)}"
+    R = expected.R_flange_sensor @ Q.T
+    if expected.oat_deg is not None and is_in_radians(expected.oat_deg, R):
+        text += f": oat_deg {list(expected.oat_deg)} is in radians, it must be in degrees"
+        R = R_from_oat(Oat(*expected.oat_deg))
+    remedy = f"write {oat_text(R)}"
     if not shown:
         remedy += (
             f", if the torques are rotated too, which this tool's moment does not show; {PUSH}"
@@ -179,11 +182,11 @@ def turned_finding(Q: Array, belief: ExpectedInstallation, *, shown: bool) -> In
     return InstallationFinding("mounting", text, remedy)
 
 
-def unseen(torque: TorqueFits, belief: ExpectedInstallation) -> list[str]:
+def unidentified(torque: TorqueFits, expected: ExpectedInstallation) -> list[str]:
     """Return the properties that the tool's moment could not identify."""
     if not torque.shown:
         return [f"the torques, for the tool's moment is only {torque.spread_Nm:.2g} N m: {PUSH}"]
-    wirings = [fit.wiring for fit in plausible(torque, belief)]
+    wirings = [fit.wiring for fit in plausible_fits(torque, expected)]
     if any(same(wiring, -EYE) for wiring in wirings):
         return [f"whether the torques are all reversed: {PUSH}"]
     rows = [f"M{'xyz'[row]}" for row in range(3) if any(W[row] @ EYE[row] < 1.0 for W in wirings)]
@@ -194,7 +197,7 @@ def unseen(torque: TorqueFits, belief: ExpectedInstallation) -> list[str]:
 
 def mounting_remarks(force: ForceFit) -> list[str]:
     """Return a remark on a sensor that is a few degrees off."""
-    degrees = math.degrees(turn_angle(force.turn))
+    degrees = math.degrees(turn_angle(force.rotation))
     if degrees < 3.0:
         return []
     return [f"why the sensor is {degrees:.1f} degrees off: `forcemesh calibrate` corrects that"]

@@ -13,7 +13,7 @@ from itertools import permutations, product
 import numpy as np
 
 from common.motion.frames import GRAVITY_M_S2, Array, skew
-from identification.payload_model import shapes
+from identification.payload_model import drift_shapes
 from identification.static_poses import Poses
 
 # Model errors must not read as another permutation: gain, tilt, mounting, drift (docs/payload.md).
@@ -42,18 +42,18 @@ TURNS = SIGNED[np.linalg.det(SIGNED) > 0.0]  # the 24 that a mounting can have
 class ForceFit:
     """Fit of the force channels to the weight.
 
-    `wiring` is P, `turn` D; `mass` is in kg if the readings are in N. `rival_rms_N` is the residual
-    of the next best permutation.
+    `wiring` is P, `rotation` D; `mass` is in kg if the readings are in N. `rival_rms_N` is the
+    residual of the next best permutation.
     """
 
     wiring: Array
-    turn: Array
+    rotation: Array
     mass: float
     rms_N: float
     rival_rms_N: float
     spread_N: float
     explained: bool
-    told: bool
+    determined: bool
     drift: int
 
     @property
@@ -65,7 +65,7 @@ class ForceFit:
     @property
     def turn_rad(self) -> float:
         """Return the angle between the axes and the nearest permutation [rad]."""
-        return turn_angle(self.turn)
+        return turn_angle(self.rotation)
 
     @property
     def weight_N(self) -> float:
@@ -119,8 +119,8 @@ def _centred(values: Array, poses: Poses, drift: int = 0) -> Array:
         drift: 0 for a constant bias, 1 for a linear, 2 for a quadratic one.
     """
     root = np.sqrt(poses.weight / poses.weight.sum())
-    straight, bent = shapes(poses.means)
-    basis = np.stack([np.ones(len(poses)), straight, bent][: 1 + drift], axis=1) * root[:, None]
+    linear, quadratic = drift_shapes(poses.means)
+    basis = np.stack([np.ones(len(poses)), linear, quadratic][: 1 + drift], axis=1) * root[:, None]
     scaled = values * root[:, None]
     return np.asarray(scaled - basis @ np.linalg.pinv(basis) @ scaled)
 
@@ -156,21 +156,21 @@ def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
         return float(np.sqrt(max(0.0, ff - mass_of(Q) ** 2 * gg)))
 
     U, _, Vt = np.linalg.svd(H)
-    either = [U @ np.diag([1.0, 1.0, det]) @ Vt for det in (1.0, -1.0)]
-    either.sort(key=rms_of)
-    best, other = either
+    candidates = [U @ np.diag([1.0, 1.0, det]) @ Vt for det in (1.0, -1.0)]
+    candidates.sort(key=rms_of)
+    best, mirrored = candidates
     wiring = nearest_wiring(best)
     relative = [P @ best for P in SIGNED[1:]]
     mass, rms_N = mass_of(best), rms_of(best)
-    rival_rms_N = min(rms_of(Q) for Q in (other, *relative))
+    rival_rms_N = min(rms_of(Q) for Q in (mirrored, *relative))
     weight = mass * GRAVITY_M_S2
-    clear = max(CLEAR_TIMES * rms_N, CLEAR_SHARE * weight)
+    least_margin = max(CLEAR_TIMES * rms_N, CLEAR_SHARE * weight)
     explained = rms_N <= max(MISFIT_SHARE * weight, min(MISFIT_N, MISFIT_MOST_SHARE * weight))
-    told = float(np.sqrt(max(0.0, rival_rms_N**2 - rms_N**2))) > clear
+    determined = float(np.sqrt(max(0.0, rival_rms_N**2 - rms_N**2))) > least_margin
     spread_N = float(np.sqrt(ff))
     is_explained = explained and mass > 0.0
     return ForceFit(
-        wiring, wiring.T @ best, mass, rms_N, rival_rms_N, spread_N, is_explained, told, drift
+        wiring, wiring.T @ best, mass, rms_N, rival_rms_N, spread_N, is_explained, determined, drift
     )
 
 
@@ -180,12 +180,12 @@ def fit_force_drifting(poses: Poses, down_in_base: Array) -> ForceFit:
     for drift, least in enumerate(LEAST_POSES_FOR_AXES):
         if len(poses) >= least:
             fits.append(fit_force(poses, down_in_base, drift))
-            if fits[-1].explained and fits[-1].told:
+            if fits[-1].explained and fits[-1].determined:
                 return fits[-1]
     return fits[0]
 
 
-def fit_torque(poses: Poses, down_in_base: Array, turn: Array, mass: float) -> TorqueFits:
+def fit_torque(poses: Poses, down_in_base: Array, rotation: Array, mass: float) -> TorqueFits:
     """Find the permutations of the torque channels that explain the moments of a known weight.
 
     The lowest order of drift that explains them is used, else order 0.
@@ -193,21 +193,23 @@ def fit_torque(poses: Poses, down_in_base: Array, turn: Array, mass: float) -> T
     Args:
         poses: Static readings, free of contact.
         down_in_base: Where gravity points. Unit vector, shape (3,).
-        turn: D of the force fit. Shape (3, 3).
+        rotation: D of the force fit. Shape (3, 3).
         mass: Mass of the tool, true or as read: the lever scales with it.
     """
-    tried = []
+    fits_by_drift = []
     for drift, least in enumerate(LEAST_POSES_FOR_AXES):
         if len(poses) >= least:
-            tried.append(_fit_torque(poses, mass * gravity_in(poses, down_in_base), turn, drift))
-            if tried[-1].explained:
-                return tried[-1]
-    return tried[0]
+            fits_by_drift.append(
+                _fit_torque(poses, mass * gravity_in(poses, down_in_base), rotation, drift)
+            )
+            if fits_by_drift[-1].explained:
+                return fits_by_drift[-1]
+    return fits_by_drift[0]
 
 
-def _fit_torque(poses: Poses, weight: Array, turn: Array, drift: int) -> TorqueFits:
+def _fit_torque(poses: Poses, weight: Array, rotation: Array, drift: int) -> TorqueFits:
     M = _centred(poses.means.torque_Nm, poses, drift)
-    W = _centred(weight, poses, drift) @ turn.T
+    W = _centred(weight, poses, drift) @ rotation.T
     gram = W.T @ W
     K = np.trace(gram) * np.eye(3) - gram
     # The lever is undetermined about axes where the weight hardly moves: the inverse is damped.
@@ -217,14 +219,17 @@ def _fit_torque(poses: Poses, weight: Array, turn: Array, drift: int) -> TorqueF
         y = M @ B  # rows B^T M
         lever = K_inverse @ np.cross(W, y).sum(axis=0)
         rms = float(np.linalg.norm(y - W @ skew(lever).T))
-        fits.append(TorqueFit(B, turn.T @ lever, rms))
+        fits.append(TorqueFit(B, rotation.T @ lever, rms))
     spread = float(np.linalg.norm(M))
     best = min(fit.rms_Nm for fit in fits)
-    clear = max(CLEAR_TIMES * best, MOMENT_SHARE * spread, MOMENT_NM)
-    kept = sorted(
-        (fit for fit in fits if fit.rms_Nm**2 - best**2 <= clear**2), key=lambda fit: fit.rms_Nm
+    least_margin = max(CLEAR_TIMES * best, MOMENT_SHARE * spread, MOMENT_NM)
+    ranked = sorted(
+        (fit for fit in fits if fit.rms_Nm**2 - best**2 <= least_margin**2),
+        key=lambda fit: fit.rms_Nm,
     )
-    pairs = (each for fit in kept for each in (fit, TorqueFit(-fit.wiring, -fit.com_m, fit.rms_Nm)))
+    pairs = (
+        each for fit in ranked for each in (fit, TorqueFit(-fit.wiring, -fit.com_m, fit.rms_Nm))
+    )
     explained = best <= max(MOMENT_MISFIT_SHARE * spread, MOMENT_MISFIT_NM)
     return TorqueFits(tuple(pairs), spread, explained)
 
@@ -248,5 +253,5 @@ def free_gravity(poses: Poses) -> tuple[Array, float]:
     X = np.stack(columns, axis=1)
     v, *_ = np.linalg.lstsq(X, F.ravel(), rcond=1e-6)
     length = float(np.linalg.norm(v))
-    left_N = float(np.linalg.norm(F.ravel() - X @ v))
-    return np.asarray(v / max(length, 1e-12), dtype=np.float64), left_N
+    residual_N = float(np.linalg.norm(F.ravel() - X @ v))
+    return np.asarray(v / max(length, 1e-12), dtype=np.float64), residual_N

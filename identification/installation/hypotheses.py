@@ -23,19 +23,22 @@ from identification.installation.terms import ExpectedInstallation, Installation
 from identification.recording import Samples
 from identification.static_poses import Poses, angle
 
-FEW, MANY = 5, 60  # number of poses for which leaving one out is tried
-ALIKE_RAD = math.radians(12.0)  # 180 degrees divided twice by 57.3 is less
+LEAST_POSES_TO_OMIT, MOST_POSES_TO_OMIT = (
+    5,
+    60,
+)  # number of poses for which leaving one out is tried
+SIMILAR_RAD = math.radians(12.0)  # 180 degrees divided twice by 57.3 is less
 HEAVY_KG = 50.0
-LIGHT_KG, HARDLY = 0.1, 0.1
+LIGHT_KG, NO_WEIGHT_SHARE = 0.1, 0.1
 UNEQUAL = 1.25
 POSES = "turn the wrist by at least 60 degrees about two axes, free of contact"
 
 
-def _mapped(samples: Samples, of: Callable[[Array], Array]) -> Samples:
+def _with_attitudes(samples: Samples, of: Callable[[Array], Array]) -> Samples:
     return replace(samples, R_base_sensor=np.array([of(R) for R in samples.R_base_sensor]))
 
 
-def _w_first(R: Array) -> Array:
+def _attitude_w_first(R: Array) -> Array:
     """Return the attitude of a quaternion w x y z that was read as x y z w."""
     x, y, z, w = quaternion_from_R(R)
     return R_from_quaternion((y, z, w, x))
@@ -53,12 +56,12 @@ HYPOTHESES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
     (
         "each attitude is that of the base in the sensor, not of the sensor in the base",
         "transpose the matrices, or conjugate the quaternions",
-        lambda samples: _mapped(samples, lambda R: R.T),
+        lambda samples: _with_attitudes(samples, lambda R: R.T),
     ),
     (
         "the quaternions are in the order w x y z",
         "write them in the order x y z w",
-        lambda samples: _mapped(samples, _w_first),
+        lambda samples: _with_attitudes(samples, _attitude_w_first),
     ),
     (
         "the readings are in base axes, not in sensor axes",
@@ -73,22 +76,24 @@ HYPOTHESES: tuple[tuple[str, str, Callable[[Samples], Samples]], ...] = (
 )
 
 
-def explains(force: ForceFit) -> bool:
+def is_correctly_installed(force: ForceFit) -> bool:
     """Return whether a fit is certainly that of a correctly installed sensor."""
     straight = same(force.wiring, EYE) and not force.turned
-    return force.explained and force.told and straight
+    return force.explained and force.determined and straight
 
 
-def unexplained(poses: Poses, force: ForceFit, belief: ExpectedInstallation) -> InstallationFinding:
+def hypothesis_finding(
+    poses: Poses, force: ForceFit, expected: ExpectedInstallation
+) -> InstallationFinding:
     """Return the first hypothesis that explains readings that no axis permutation explains."""
-    down = belief.down_in_base
-    for what, remedy, story in HYPOTHESES:
-        if explains(fit_force(replace(poses, means=story(poses.means)), down)):
-            return InstallationFinding("attitude", what, remedy)
+    down = expected.down_in_base
+    for text, remedy, transform in HYPOTHESES:
+        if is_correctly_installed(fit_force(replace(poses, means=transform(poses.means)), down)):
+            return InstallationFinding("attitude", text, remedy)
     return (
-        _no_weight(force, belief)
-        or _gravity(poses)
-        or _gain(poses, down)
+        _no_weight_finding(force, expected)
+        or _gravity_finding(poses)
+        or _gain_finding(poses, down)
         or InstallationFinding(
             "attitude",
             "no mounting and no axis map explains the readings as a weight: the attitudes do not "
@@ -99,13 +104,15 @@ def unexplained(poses: Poses, force: ForceFit, belief: ExpectedInstallation) -> 
     )
 
 
-def too_few(poses: Poses, force: ForceFit, belief: ExpectedInstallation) -> InstallationFinding:
+def similar_poses_finding(
+    poses: Poses, force: ForceFit, expected: ExpectedInstallation
+) -> InstallationFinding:
     """Return the finding for too similar attitudes, whose unit may be wrong."""
     R = poses.means.R_base_sensor
     widest = max(float(angle(attitude, R).max()) for attitude in R)
     per_turn_kg = force.spread_N / (GRAVITY_M_S2 * max(widest, 1e-6) / 2.0)
-    most_kg = HEAVY_KG if belief.mass_kg is None else 5.0 * belief.mass_kg
-    if widest < ALIKE_RAD and per_turn_kg > most_kg:
+    most_kg = HEAVY_KG if expected.mass_kg is None else 5.0 * expected.mass_kg
+    if widest < SIMILAR_RAD and per_turn_kg > most_kg:
         text = (
             f"the attitudes differ by only {math.degrees(widest):.2g} degrees, but the force "
             f"as if {per_turn_kg:.3g} kg had been turned by that: radians are taken for degrees"
@@ -117,67 +124,70 @@ def too_few(poses: Poses, force: ForceFit, belief: ExpectedInstallation) -> Inst
     return InstallationFinding("poses", text, POSES, "unsure")
 
 
-def _no_weight(force: ForceFit, belief: ExpectedInstallation) -> InstallationFinding | None:
+def _no_weight_finding(
+    force: ForceFit, expected: ExpectedInstallation
+) -> InstallationFinding | None:
     """Return the finding for forces that do not change with the attitude."""
-    known_N = LIGHT_KG if belief.mass_kg is None else belief.mass_kg
-    if force.spread_N > HARDLY * GRAVITY_M_S2 * known_N:
+    expected_kg = LIGHT_KG if expected.mass_kg is None else expected.mass_kg
+    if force.spread_N > NO_WEIGHT_SHARE * GRAVITY_M_S2 * expected_kg:
         return None
     text = f"the forces hardly change with the attitude ({force.spread_N:.2g} N): no weight is read"
     remedy = "check that the sensor is live, its unit, and that the tool is mounted on it"
     return InstallationFinding("no_weight", text, remedy)
 
 
-def without_spoiled(poses: Poses, down_in_base: Array) -> tuple[Poses, list[int]]:
+def without_disturbed_poses(poses: Poses, down_in_base: Array) -> tuple[Poses, list[int]]:
     """Leave out the few poses that spoil the fit: in contact, or read in motion.
 
     Returns the rest and the indices of those left out; all poses when that does not help.
     """
     rows, out = list(range(len(poses))), list[int]()
-    while FEW < len(rows) <= MANY and len(out) < len(poses) // 4:
-        fits = {row: fit_force(_some(poses, rows, row), down_in_base) for row in rows}
+    while LEAST_POSES_TO_OMIT < len(rows) <= MOST_POSES_TO_OMIT and len(out) < len(poses) // 4:
+        fits = {row: fit_force(_subset(poses, rows, row), down_in_base) for row in rows}
         worst = min(rows, key=lambda row: fits[row].rms_N)
         rows.remove(worst)
         out.append(worst)
-        if fits[worst].explained and fits[worst].told:
-            return _some(poses, rows), sorted(out)
+        if fits[worst].explained and fits[worst].determined:
+            return _subset(poses, rows), sorted(out)
     return poses, []
 
 
-def _some(poses: Poses, rows: list[int], but: int | None = None) -> Poses:
-    kept = np.array([row for row in rows if row != but])
-    return Poses(poses.means[kept], poses.weight[kept], poses.first_row[kept])
+def _subset(poses: Poses, rows: list[int], excluded: int | None = None) -> Poses:
+    rows_kept = np.array([row for row in rows if row != excluded])
+    return Poses(poses.means[rows_kept], poses.weight[rows_kept], poses.first_row[rows_kept])
 
 
-def _gravity(poses: Poses) -> InstallationFinding | None:
+def _gravity_finding(poses: Poses) -> InstallationFinding | None:
     """Return the finding for correct axes on an arm mounted on a wall or a slope."""
-    direction, left_N = free_gravity(poses)
+    direction, residual_N = free_gravity(poses)
     force = fit_force(poses, direction)
-    if not (explains(force) and left_N <= MISFIT_SHARE * force.weight_N):
+    if not (is_correctly_installed(force) and residual_N <= MISFIT_SHARE * force.weight_N):
         return None
-    told = ", ".join(f"{x + 0.0:.3f}" for x in direction.round(3))
+    direction_text = ", ".join(f"{x + 0.0:.3f}" for x in direction.round(3))
     text = (
-        f"gravity points along ({told}) in the base: the arm is not mounted as the cell file says"
+        f"gravity points along ({direction_text}) in the base: the arm is not mounted as the cell "
+        "file says"
     )
     return InstallationFinding(
-        "gravity", text, f"write payload.gravity_direction_in_base: [{told}]"
+        "gravity", text, f"write payload.gravity_direction_in_base: [{direction_text}]"
     )
 
 
-def _gain(poses: Poses, down_in_base: Array) -> InstallationFinding | None:
+def _gain_finding(poses: Poses, down_in_base: Array) -> InstallationFinding | None:
     """Return the finding for axes of unequal gain, dead ones included."""
-    A, left_N = free_gain(poses, down_in_base)
+    A, residual_N = free_gain(poses, down_in_base)
     gains = np.linalg.norm(A, axis=1)
     weight_N = GRAVITY_M_S2 * float(gains.max())
-    if len(poses) < FEW or weight_N <= 0.0 or left_N > MISFIT_SHARE * weight_N:
+    if len(poses) < LEAST_POSES_TO_OMIT or weight_N <= 0.0 or residual_N > MISFIT_SHARE * weight_N:
         return None
     if gains.max() < UNEQUAL * gains.min():
         return None
     shares = ", ".join(f"F{c} {g / gains.max():.2f}" for c, g in zip("xyz", gains, strict=True))
     text = f"the axes read the same weight with unequal gain ({shares} of the largest)"
-    dead = [f"F{c}" for c, g in zip("xyz", gains, strict=True) if g < 0.1 * gains.max()]
+    silent_axes = [f"F{c}" for c, g in zip("xyz", gains, strict=True) if g < 0.1 * gains.max()]
     remedy = (
-        f"{' and '.join(dead)} without signal: check the cable"
-        if dead
+        f"{' and '.join(silent_axes)} without signal: check the cable"
+        if silent_axes
         else ("check the calibration matrix and the counts per newton of each axis")
     )
     return InstallationFinding("gain", text, remedy)

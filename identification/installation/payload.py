@@ -19,10 +19,10 @@ SURE_TIMES = 2.0  # times the residual
 LEVER_KNOWN_M = 0.01
 
 
-def length_findings(belief: ExpectedInstallation) -> list[InstallationFinding]:
+def length_findings(expected: ExpectedInstallation) -> list[InstallationFinding]:
     """Return every length of the cell file that must be in millimetres."""
     found = []
-    for key, value in belief.lengths_m.items():
+    for key, value in expected.lengths_m.items():
         if value is not None and in_millimetres(value):
             text = f"{key} is {np.linalg.norm(value):.4g} m long: it is in millimetres"
             found.append(
@@ -32,16 +32,16 @@ def length_findings(belief: ExpectedInstallation) -> list[InstallationFinding]:
 
 
 def mass_finding(
-    mass_kg: float, rms_N: float, belief: ExpectedInstallation
+    mass_kg: float, rms_N: float, expected: ExpectedInstallation
 ) -> InstallationFinding | None:
     """Return the finding for a measured mass that certainly differs from the expected one.
 
     Args:
         mass_kg: Measured mass, if the readings are in newtons.
         rms_N: Residual of the fit.
-        belief: Expected installation; its mass may be unknown.
+        expected: Expected installation; its mass may be unknown.
     """
-    known = belief.mass_kg
+    known = expected.mass_kg
     if known is None or abs(mass_kg / known - 1.0) <= MASS_SHARE:
         return None
     if abs(mass_kg - known) * GRAVITY_M_S2 <= SURE_TIMES * rms_N:
@@ -64,16 +64,16 @@ def mass_finding(
 
 
 def lever_finding(
-    com_m: Array, unsure_m: float, belief: ExpectedInstallation
+    com_m: Array, uncertainty_m: float, expected: ExpectedInstallation
 ) -> InstallationFinding | None:
     """Return the finding for a measured centre of mass that is implausible or not the expected one.
 
     Args:
         com_m: Measured centre of mass, if force and torque are in N and N m.
-        unsure_m: Lever of the weight that would explain the residual of the torques.
-        belief: Expected installation; its centre of mass may be unknown.
+        uncertainty_m: Lever of the weight that would explain the residual of the torques.
+        expected: Expected installation; its centre of mass may be unknown.
     """
-    lever_m, known = float(np.linalg.norm(com_m)), belief.com_m
+    lever_m, known = float(np.linalg.norm(com_m)), expected.com_m
     known_m = 0.0 if known is None else float(np.linalg.norm(known))
     if known is not None and known_m >= LEVER_KNOWN_M:
         unit = unit_of(lever_m / known_m, TORQUE_UNITS)
@@ -87,11 +87,11 @@ def lever_finding(
             )
     if lever_m > LEVER_MOST_M:
         units = units_of_lever(lever_m)
-        which = ", or ".join(unit.text for unit in units) or "the unit of the torques is wrong"
-        text = f"the centre of mass would be {lever_m:.3g} m from the sensor: {which}"
-        by = " or ".join(f"{unit.factor:.4g}" for unit in units) or "what its manual says"
-        return InstallationFinding("torque_unit", text, f"divide the torques by {by}")
-    if known is None or np.linalg.norm(com_m - known) <= max(COM_M, SURE_TIMES * unsure_m):
+        unit_text = ", or ".join(unit.text for unit in units) or "the unit of the torques is wrong"
+        text = f"the centre of mass would be {lever_m:.3g} m from the sensor: {unit_text}"
+        factor_text = " or ".join(f"{unit.factor:.4g}" for unit in units) or "what its manual says"
+        return InstallationFinding("torque_unit", text, f"divide the torques by {factor_text}")
+    if known is None or np.linalg.norm(com_m - known) <= max(COM_M, SURE_TIMES * uncertainty_m):
         return None
     text = (
         f"the centre of mass is at {_millimetres(com_m)} mm, but the cell file says "

@@ -15,14 +15,14 @@ from identification.installation.axis_fit import SIGNED
 from identification.installation.terms import ExpectedInstallation, InstallationFinding
 from identification.installation.texts import driver_remedy, wrong_channels
 
-By = Literal["push", "twist"]
+PushAction = Literal["push", "twist"]
 LEAST = {"push": 3.0, "twist": 0.15}  # N, N m
 USUAL_N = (3.0, 40.0)  # range of a push when 10 N are requested
 FULL_SHARE = 0.7  # of the peak: samples above it count
-OVER_SHARE = 0.4  # of the peak: the push is over
-LASTS_S = 0.15  # shorter ones are knocks
-ALONG = float(np.cos(np.radians(30.0)))
-MOMENT_ALONG = float(np.cos(np.radians(50.0)))  # the hand is not exactly at the tip
+END_SHARE = 0.4  # of the peak: the push is over
+LEAST_DURATION_S = 0.15  # shorter ones are knocks
+LEAST_COSINE = float(np.cos(np.radians(30.0)))
+LEAST_MOMENT_COSINE = float(np.cos(np.radians(50.0)))  # the hand is not exactly at the tip
 LEVER_M, MOMENT_NM = 0.03, 0.1  # less is not evaluated
 
 
@@ -30,7 +30,7 @@ class PushRequest(NamedTuple):
     """Push or twist that the operator is asked for, in base axes."""
 
     name: str
-    by: By
+    action: PushAction
     direction: tuple[float, float, float]
 
 
@@ -46,89 +46,94 @@ STEPS = (
 class PushResult:
     """Change of the reading during a push or twist. Sensor axes, about the sensor's origin."""
 
-    asked: PushRequest
-    grown_N: Array
-    grown_Nm: Array
+    request: PushRequest
+    change_N: Array
+    change_Nm: Array
     R_base_sensor: Array
 
     @property
-    def along(self) -> float:
+    def cosine(self) -> float:
         """Return the cosine between the requested and the measured direction."""
-        read = self.grown_N if self.asked.by == "push" else self.grown_Nm
-        return _cosine(self.R_base_sensor @ read, np.array(self.asked.direction))
+        read = self.change_N if self.request.action == "push" else self.change_Nm
+        return _cosine(self.R_base_sensor @ read, np.array(self.request.direction))
 
     @property
     def size(self) -> float:
         """Return the size of the change [N or N m]."""
-        return float(np.linalg.norm(self.grown_N if self.asked.by == "push" else self.grown_Nm))
+        return float(
+            np.linalg.norm(self.change_N if self.request.action == "push" else self.change_Nm)
+        )
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """Return the result as text, in base axes."""
-        unit, read = ("N", self.grown_N) if self.asked.by == "push" else ("N m", self.grown_Nm)
+        unit, read = (
+            ("N", self.change_N) if self.request.action == "push" else ("N m", self.change_Nm)
+        )
         x, y, z = self.R_base_sensor @ read
-        told = f"{self.asked.by} {self.asked.name}: read x {x:+.2f}, y {y:+.2f}, z {z:+.2f} {unit}"
-        return f"{told}: {'right' if self.along > ALONG else 'not along it'}"
+        reading = f"read x {x:+.2f}, y {y:+.2f}, z {z:+.2f} {unit}"
+        verdict = "right" if self.cosine > LEAST_COSINE else "not along it"
+        return f"{self.request.action} {self.request.name}: {reading}: {verdict}"
 
 
 @dataclass(slots=True)
 class PushDetector:
     """Detector of one push or twist: threshold, peak and end."""
 
-    by: By
-    _kept: list[tuple[float, Array]] = field(default_factory=list)
+    action: PushAction
+    _samples: list[tuple[float, Array]] = field(default_factory=list)
     _peak: float = 0.0
 
-    def see(self, time_s: float, grown: Array) -> Array | None:
+    def update(self, time_s: float, change: Array) -> Array | None:
         """Take the change of the reading from rest; return the mean of the push when it is over.
 
         Args:
             time_s: Time of the sample, on any clock.
-            grown: Change of force [N] and torque [N m] from rest. Shape (6,).
+            change: Change of force [N] and torque [N m] from rest. Shape (6,).
         """
-        size = self.size_of(grown)
-        if not self._kept and size < LEAST[self.by]:
+        size = self.size_of(change)
+        if not self._samples and size < LEAST[self.action]:
             return None
         self._peak = max(self._peak, size)
-        self._kept.append((time_s, grown))
-        if size > OVER_SHARE * self._peak:
+        self._samples.append((time_s, change))
+        if size > END_SHARE * self._peak:
             return None
-        full = [(t, v) for t, v in self._kept if self.size_of(v) >= FULL_SHARE * self._peak]
-        lasted_s = full[-1][0] - full[0][0]
-        self._kept, self._peak = [], 0.0
-        if lasted_s < LASTS_S:
+        full = [(t, v) for t, v in self._samples if self.size_of(v) >= FULL_SHARE * self._peak]
+        duration_s = full[-1][0] - full[0][0]
+        self._samples, self._peak = [], 0.0
+        if duration_s < LEAST_DURATION_S:
             return None
         return np.asarray(np.mean([v for _, v in full], axis=0))
 
-    def size_of(self, grown: Array) -> float:
+    def size_of(self, change: Array) -> float:
         """Return the size of the change now [N or N m]."""
-        return float(np.linalg.norm(grown[:3] if self.by == "push" else grown[3:]))
+        return float(np.linalg.norm(change[:3] if self.action == "push" else change[3:]))
 
 
 def judge_pushes(
-    done: list[PushResult], belief: ExpectedInstallation
+    done: list[PushResult], expected: ExpectedInstallation
 ) -> tuple[list[InstallationFinding], list[str]]:
     """Return the findings on axes and signs of three pushes and a twist, and what is not shown.
 
     Args:
         done: Pushes along +x, +y and +z of the base at the tip of the tool, and twists.
-        belief: Expected installation, from the cell file.
+        expected: Expected installation, from the cell file.
     """
-    pushes = [each for each in done if each.asked.by == "push"]
+    pushes = [each for each in done if each.request.action == "push"]
     wiring = _wiring(
-        [each.R_base_sensor.T @ np.array(each.asked.direction) for each in pushes],
-        [each.grown_N for each in pushes],
-        ALONG,
+        [each.R_base_sensor.T @ np.array(each.request.direction) for each in pushes],
+        [each.change_N for each in pushes],
+        LEAST_COSINE,
     )
     if wiring is None:
         text = "the pushes fit no axis map: they were not along the axes, or not in this order"
         return [
             InstallationFinding("pushes", text, "repeat them, along the axes of the base", "unsure")
         ], []
-    torques = _torque_wirings(done, belief)
-    unseen = [] if len(torques) == 1 else _torques_unseen(torques)
-    finding = _finding(wiring, torques, belief)
-    return ([] if finding is None else [finding]), unseen
+    torques = _torque_wirings(done, expected)
+    unidentified = [] if len(torques) == 1 else _unidentified_torques(torques)
+    finding = _finding(wiring, torques, expected)
+    return ([] if finding is None else [finding]), unidentified
 
 
 def _cosine(a: Array, b: Array) -> float:
@@ -142,27 +147,27 @@ def _wiring(true: list[Array], read: list[Array], least: float) -> Array | None:
     return best if all(_cosine(best @ t, r) > least for t, r in pairs) else None
 
 
-def _torque_wirings(done: list[PushResult], belief: ExpectedInstallation) -> list[Array]:
+def _torque_wirings(done: list[PushResult], expected: ExpectedInstallation) -> list[Array]:
     """Return every signed permutation of the torques that explains the measured moments.
 
     A push at the tip has a moment about the sensor's origin by its lever, if the tool is known.
     """
     pairs = []
     for each in done:
-        direction = each.R_base_sensor.T @ np.array(each.asked.direction)
-        if each.asked.by == "twist":
+        direction = each.R_base_sensor.T @ np.array(each.request.direction)
+        if each.request.action == "twist":
             moment, lever_m = direction, LEVER_M
-        elif belief.p_sensor_tcp_m is None:
+        elif expected.p_sensor_tcp_m is None:
             continue
         else:
-            moment = np.cross(belief.p_sensor_tcp_m, direction)
+            moment = np.cross(expected.p_sensor_tcp_m, direction)
             lever_m = float(np.linalg.norm(moment))
-        if lever_m >= LEVER_M and np.linalg.norm(each.grown_Nm) >= MOMENT_NM:
-            pairs.append((moment, each.grown_Nm))
-    return [W for W in SIGNED if all(_cosine(W @ t, r) > MOMENT_ALONG for t, r in pairs)]
+        if lever_m >= LEVER_M and np.linalg.norm(each.change_Nm) >= MOMENT_NM:
+            pairs.append((moment, each.change_Nm))
+    return [W for W in SIGNED if all(_cosine(W @ t, r) > LEAST_MOMENT_COSINE for t, r in pairs)]
 
 
-def _torques_unseen(wirings: list[Array]) -> list[str]:
+def _unidentified_torques(wirings: list[Array]) -> list[str]:
     if not wirings:
         return []
     rows = [f"M{'xyz'[k]}" for k in range(3) if any(W[k, k] < 1.0 for W in wirings)]
@@ -170,7 +175,7 @@ def _torques_unseen(wirings: list[Array]) -> list[str]:
 
 
 def _finding(
-    wiring: Array, torques: list[Array], belief: ExpectedInstallation
+    wiring: Array, torques: list[Array], expected: ExpectedInstallation
 ) -> InstallationFinding | None:
     right = any(same(W, EYE) for W in torques)
     if same(wiring, EYE):
@@ -184,16 +189,18 @@ def _finding(
         W = max(torques, key=lambda W: float(np.trace(W)))
         text = f"the forces are right, but of the torques {wrong_channels(W, 'M')}"
         return InstallationFinding("torque_axes", text, driver_remedy(W, "M"))
-    together = any(same(W, wiring) for W in torques)
-    if together and np.linalg.det(wiring) > 0.0:
-        return turned_finding(wiring, belief, shown=not right)
+    torques_match = any(same(W, wiring) for W in torques)
+    if torques_match and np.linalg.det(wiring) > 0.0:
+        return turned_finding(wiring, expected, shown=not right)
     if same(wiring, -EYE):
         text = (
             "the force reads against the push: the sensor reports reactions, or its sign is wrong"
         )
         return InstallationFinding(
-            "reaction", text, driver_remedy(wiring, "FM" if together else "F")
+            "reaction", text, driver_remedy(wiring, "FM" if torques_match else "F")
         )
-    also = ", and the torques alike" if together else ""
-    text = f"of the forces {wrong_channels(wiring, 'F')}{also}: no mounting does that"
-    return InstallationFinding("force_axes", text, driver_remedy(wiring, "FM" if together else "F"))
+    torque_text = ", and the torques alike" if torques_match else ""
+    text = f"of the forces {wrong_channels(wiring, 'F')}{torque_text}: no mounting does that"
+    return InstallationFinding(
+        "force_axes", text, driver_remedy(wiring, "FM" if torques_match else "F")
+    )

@@ -90,12 +90,12 @@ class InstallationFinding:
 class Installation:
     """Result of the installation check.
 
-    `unseen` lists properties that the readings do not identify; `evidence` the numbers behind it,
-    units in the names; `force_wiring` the signed permutation of the force channels, if identified.
+    `unidentified` lists properties that the readings do not identify; `evidence` the numbers behind
+    it, units in the names; `force_wiring` the signed permutation of the force channels, if any.
     """
 
     findings: tuple[InstallationFinding, ...]
-    unseen: tuple[str, ...]
+    unidentified: tuple[str, ...]
     evidence: dict[str, float]
     force_wiring: Array | None = None
     com_m: Array | None = None
@@ -109,7 +109,7 @@ class Installation:
         return "cannot tell" if kinds else "right"
 
     @property
-    def complaint(self) -> str | None:
+    def rejection_reason(self) -> str | None:
         """Return why a calibration from these readings must not be written, None when it may be.
 
         A payload that differs from the cell file is not a reason: the calibration corrects it.

@@ -21,16 +21,16 @@ NEARLY_UPRIGHT = math.sin(math.radians(2.0))
 
 def wrong_channels(wiring: Array, of: str) -> str:
     """Return the axis that each wrong channel shows, as "Fx shows -y"; `of` is F or M."""
-    told = []
+    parts = []
     for row, channel in enumerate(AXES):
         axis = int(np.argmax(np.abs(wiring[row])))
         sign = "+" if wiring[row, axis] > 0.0 else "-"
         if axis != row or sign == "-":
-            told.append(f"{of}{channel} shows {sign}{AXES[axis]}")
-    return ", ".join(told)
+            parts.append(f"{of}{channel} shows {sign}{AXES[axis]}")
+    return ", ".join(parts)
 
 
-def turn_words(R: Array) -> str:
+def rotation_text(R: Array) -> str:
     """Return a rotation as "90 degrees about z"."""
     angle, axis = math.degrees(turn_angle(R)), vector_from_rotation(R)
     axis = axis / np.linalg.norm(axis)
@@ -41,7 +41,7 @@ def turn_words(R: Array) -> str:
     return f"{angle:.0f} degrees about ({', '.join(f'{part:.2f}' for part in axis)})"
 
 
-def oat_words(R_flange_sensor: Array) -> str:
+def oat_text(R_flange_sensor: Array) -> str:
     """Return an orientation in the format of the cell file, to a tenth of a degree."""
     R = R_flange_sensor
     tilt = math.hypot(R[0, 2], R[1, 2])
@@ -49,11 +49,11 @@ def oat_words(R_flange_sensor: Array) -> str:
         axis = np.cross(R[:, 2], [0.0, 0.0, math.copysign(1.0, R[2, 2])])
         R = rotation_from_vector(axis * (math.asin(tilt) / tilt)) @ R
     oat = [math.degrees(angle) for angle in oat_from_R(R)]
-    tidy = [f"{round(angle, 1) + 0.0:g}" for angle in oat]
-    return f"sensor.T_flange_sensor.oat_deg: [{', '.join(tidy)}]"
+    rounded = [f"{round(angle, 1) + 0.0:g}" for angle in oat]
+    return f"sensor.T_flange_sensor.oat_deg: [{', '.join(rounded)}]"
 
 
-def was_radians(oat_deg: tuple[float, float, float], R_flange_sensor: Array) -> bool:
+def is_in_radians(oat_deg: tuple[float, float, float], R_flange_sensor: Array) -> bool:
     """Return whether the angles of the cell file, taken as radians, match the readings."""
     small = max(abs(angle) for angle in oat_deg) <= math.tau + 0.01
     as_radians = R_from_oat(Oat(*oat_deg))

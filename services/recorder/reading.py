@@ -33,7 +33,7 @@ class Event(NamedTuple):
     """Event of a recording."""
 
     at_ns: int
-    what: str  # a code of forcemesh/faults.py
+    code: str  # a code of forcemesh/faults.py
 
 
 class RecordedMessage(NamedTuple):
@@ -78,24 +78,24 @@ class RecordedFile:
         except (ConfigError, yaml.YAMLError):
             return None
 
-    def said(self, topic: str | None = None) -> Iterator[RecordedMessage]:
+    def messages(self, topic: str | None = None) -> Iterator[RecordedMessage]:
         """Yield every message, or those of one topic, in the order of the file.
 
         Within a topic that is the order of publication; between topics approximately.
         """
-        for channel, at_ns, data in self._messages():
+        for channel, at_ns, data in self._message_records():
             key = channel.topic
             if channel.message_encoding == "json" and topic in (None, key):
                 yield RecordedMessage(key, at_ns, from_json(data))
 
-    def heard(self) -> Iterator[RecordedBytes]:
+    def raw_messages(self) -> Iterator[RecordedBytes]:
         """Yield every message byte for byte, in the order of time.
 
         Raises DataError if the frames are of an unknown format.
         """
         waiting: list[tuple[int, int, RecordedBytes]] = []
         number = 0
-        for channel, _, data in self._messages():
+        for channel, _, data in self._message_records():
             if channel.topic != FRAMES_TOPIC:
                 continue
             for frame in self._frames(data):
@@ -115,7 +115,7 @@ class RecordedFile:
             text = f"{self.path}: {error}: written by another version; its JSON can still be read"
             raise DataError(text) from error
 
-    def _messages(self) -> Iterator[tuple[records.Channel, int, bytes]]:
+    def _message_records(self) -> Iterator[tuple[records.Channel, int, bytes]]:
         for record in self._records(stop=lambda: False):
             if not isinstance(record, records.Chunk):
                 continue

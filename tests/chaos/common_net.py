@@ -187,7 +187,7 @@ def running_cell(
     """Start all processes of a cell, wait until they are ready, always stop them."""
     os.environ[RUN_FOLDER] = str(path.parent)
     with ExitStack() as exits:
-        supervisor = Supervisor(cell, path, processes=processes, say=log_to(path.parent))
+        supervisor = Supervisor(cell, path, processes=processes, write_line=log_to(path.parent))
         exits.enter_context(supervisor)
         supervisor.wait_ready(PATIENCE_S)
         client = exits.enter_context(open_bus(cell, topics.CLIENT))

@@ -43,7 +43,7 @@ def hosts_of(cell: CellConfig, lab: Lab) -> tuple[list[ProcessSpec], list[Cable]
         wires.append(lab.cable(CABLE, "robot", "sensor"))
     processes = []
     for process in table_of:
-        words = process.words
+        words = process.arguments
         if process.module == EMULATOR:
             words = (*words, "--address", "10.78.0.2")
         argv = (*lab.hosts[process.name].nsenter, sys.executable, "-m", process.module, *words)

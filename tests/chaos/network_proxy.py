@@ -73,7 +73,7 @@ def through_proxy(only: str, seed: int) -> Iterator[Row]:
         }
         cell, path = make_cell("demo-tcp", folder, overrides)
         processes = [
-            replace(process, words=(*process.words, "--port", str(port)))
+            replace(process, arguments=(*process.arguments, "--port", str(port)))
             if process.module == EMULATOR
             else process
             for process in processes_of(cell)

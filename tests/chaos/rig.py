@@ -49,7 +49,7 @@ class Rig:
         self.cell = cell
         self.running: dict[str, ChildProcess] = {}
         self.witness: Witness  # valid inside the block
-        self.words: list[str] = []  # last output lines of the processes
+        self.arguments: list[str] = []  # last output lines of the processes
         self._folder = folder
         self._file = folder / "cell.yaml"
         self._processes = {process.name: process for process in processes_of(cell)}
@@ -102,7 +102,7 @@ class Rig:
         died = [ended for each in self.running.values() if (ended := each.ended())]
         for each in died:
             if self._log is not None:
-                self._log.ended(each)
+                self._log.add_exit(each)
         return died
 
     def trace_since(self, since_ns: int) -> Records:
@@ -114,10 +114,10 @@ class Rig:
         """Start a new run file: it lists each process once, and a restart is a new process."""
         self._log = RunLog(self.cell, self._file)
         for running in self.running.values():
-            self._log.started(running.process, running.pid)
+            self._log.add_process(running.process, running.pid)
 
     def _hear(self, name: str, line: str) -> None:
-        self.words = [*self.words[-19:], f"{name}: {line}"]
+        self.arguments = [*self.arguments[-19:], f"{name}: {line}"]
 
     def _end_all(self) -> None:
         give_up_s = time.monotonic() + END_WITHIN_S

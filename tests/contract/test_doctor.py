@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 import numpy as np
 import pytest
 
-from cli.doctor.link import Visit, VisitTimeouts, visit
+from cli.doctor.link import Visit, VisitTimeouts, visit_controller
 from controller.packet import Packet, encode
 from controller.packet_table import ID_FIRST, Com, Status, greeting
 from services.gateway.scales import Scales
@@ -23,7 +23,7 @@ SCALES = Scales()
 
 def see(port: int, patience: VisitTimeouts = SHORT) -> Visit:
     """Visit a port of this machine."""
-    return visit("127.0.0.1", port, SCALES, patience)
+    return visit_controller("127.0.0.1", port, SCALES, patience)
 
 
 def test_a_visit_hears_everything_and_leaves_the_controller_as_it_was() -> None:
@@ -31,8 +31,8 @@ def test_a_visit_hears_everything_and_leaves_the_controller_as_it_was() -> None:
     with FakeController(rate_hz=50.0) as controller:
         before = controller.robot.joint_rad.copy()
         found = see(controller.port)
-        assert (found.opened, found.greeted) == ("open", "answered")
-        heard = found.heard
+        assert (found.opened, found.hello_outcome) == ("open", "answered")
+        heard = found.reports
         assert heard is not None
         assert heard.held
         assert heard.broken == ""
@@ -89,16 +89,16 @@ def test_a_closed_port_and_no_answer_are_told_apart(
     with place() as port:
         found = see(port)
     assert found.opened == opened
-    assert found.heard is None
+    assert found.reports is None
     assert (found.opened_s >= SHORT.connect_s) == (opened == "silent")
 
 
 def test_a_name_that_does_not_resolve_and_no_way_are_told_apart() -> None:
     """The system's own words are kept."""
-    unresolved = visit("no such host", 49152, SCALES, SHORT)
+    unresolved = visit_controller("no such host", 49152, SCALES, SHORT)
     assert unresolved.opened == "unresolved"
     assert unresolved.opened_detail
-    no_way = visit("255.255.255.255", 49152, SCALES, SHORT)
+    no_way = visit_controller("255.255.255.255", 49152, SCALES, SHORT)
     assert no_way.opened == "unreachable"
     assert no_way.opened_detail
 
@@ -108,8 +108,8 @@ def test_a_second_client_gets_no_answer() -> None:
     with FakeController() as controller, socket.create_connection(("127.0.0.1", controller.port)):
         assert controller.wait_for(lambda: controller.connections == 1)
         found = see(controller.port)
-        assert (found.opened, found.greeted, found.hello) == ("open", "silent", None)
-        assert found.greeted_s >= SHORT.hello_s
+        assert (found.opened, found.hello_outcome, found.hello) == ("open", "silent", None)
+        assert found.hello_s >= SHORT.hello_s
 
 
 @pytest.mark.parametrize(
@@ -129,8 +129,8 @@ def test_another_program_on_the_port_is_no_controller(answer: bytes, greeted: st
         thread.start()
         found = see(listener.getsockname()[1])
         thread.join()
-    assert (found.opened, found.greeted, found.heard) == ("open", greeted, None)
-    assert found.greeted_detail
+    assert (found.opened, found.hello_outcome, found.reports) == ("open", greeted, None)
+    assert found.hello_detail
 
 
 def test_version_and_scales_are_told_although_they_end_the_visit() -> None:
@@ -139,14 +139,14 @@ def test_version_and_scales_are_told_although_they_end_the_visit() -> None:
     with FakeController() as controller:
         controller.tantrums.greeting = 3001
         found = see(controller.port)
-        assert (found.greeted, found.heard) == ("answered", None)
+        assert (found.hello_outcome, found.reports) == ("answered", None)
         assert found.hello is not None
         assert found.hello.param == 3001
         assert controller.wait_for(lambda: len(controller.errors) == 1)
         controller.tantrums.greeting, controller.tantrums.scales = greeting(1), other
         found = see(controller.port)
         assert found.hello is not None
-        assert (found.hello.vec, found.heard) == (other, None)
+        assert (found.hello.vec, found.reports) == (other, None)
         assert {packet.com for packet in controller.of(*Com)} == {Com.HELLO}
 
 
@@ -163,7 +163,7 @@ def test_a_controller_that_greets_and_reports_nothing_has_no_rate() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=greet)
         thread.start()
-        heard = see(listener.getsockname()[1]).heard
+        heard = see(listener.getsockname()[1]).reports
         thread.join()
     assert heard is not None
     assert (heard.pose, heard.sender_hz, heard.round_trip, heard.held) == (None, None, None, False)
@@ -184,7 +184,7 @@ def test_a_controller_that_breaks_off_is_said(how: str) -> None:
 
         thread = threading.Thread(target=spoil)
         thread.start()
-        heard = see(controller.port).heard
+        heard = see(controller.port).reports
         thread.join()
     assert heard is not None
     assert heard.pose is not None

@@ -98,7 +98,7 @@ def test_after_a_kill_the_file_opens_up_to_the_last_second(
         process.wait()
     (path,) = tmp_path.glob("*.mcap")
     read = RecordedFile(path)
-    said = list(read.said("wrench"))
+    said = list(read.messages("wrench"))
     numbers = [each.fields["seq"] for each in said]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
     assert (killed_ns - said[-1].at_ns) / 1e9 < LOST_S
@@ -132,7 +132,7 @@ def test_the_process_ends_its_file_when_it_is_told_to_end(cell: CellConfig, tmp_
         assert process.wait(PATIENCE_S) == 0
     for path in tmp_path.glob("*.mcap"):
         read = RecordedFile(path)
-        assert len(list(read.said("wrench"))) > 30
+        assert len(list(read.messages("wrench"))) > 30
         assert read.is_whole
 
 

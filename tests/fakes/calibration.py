@@ -88,5 +88,5 @@ class CalibrationLab:
     ) -> CalibrationWizard:
         """Return a wizard that has not begun."""
         return CalibrationWizard(
-            self.bus, self.cell, plan or self.plan(), pace=pace, teller=self.notes
+            self.bus, self.cell, plan or self.plan(), timing=pace, output=self.notes
         )

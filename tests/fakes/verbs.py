@@ -21,5 +21,5 @@ def said(monkeypatch: pytest.MonkeyPatch, client: ConfiguredCell, tell: Any, *wo
             yield client
 
     monkeypatch.setattr(at_work, "cell_of", virtual)
-    monkeypatch.setattr(at_work, "bar", lambda: nullcontext(tell))
+    monkeypatch.setattr(at_work, "progress_bar", lambda: nullcontext(tell))
     return CliRunner().invoke(app, list(words))

@@ -18,7 +18,7 @@ from bench.installations_stage import (
 from forcemesh import topics
 from forcemesh.requests import ArmRequest, Empty
 from identification.installation.axis_fit import SIGNED
-from identification.installation.check import installation_complaint, judge_installation
+from identification.installation.check import judge_installation, rejection_reason
 from identification.installation.terms import ExpectedInstallation
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "installations.md"
@@ -63,7 +63,7 @@ def test_the_arm_itself_gathers_what_tells_a_wrong_wiring() -> None:
         str(f) for f in judge_installation(readings_with(mistake), belief).findings
     ]
     assert played.findings[0].code == "mounting"
-    assert installation_complaint(readings_with(InstallationError("none", ALL)), belief) is None
+    assert rejection_reason(readings_with(InstallationError("none", ALL)), belief) is None
 
 
 def test_what_the_cell_file_refuses_starts_nothing() -> None:

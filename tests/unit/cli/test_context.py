@@ -6,10 +6,10 @@ import typer
 from cli.context import (
     NEXT_STEP,
     NO_ANSWER,
+    NO_REPLY_STEP,
     NOT_WELL,
     PART_STEP,
     REFUSED,
-    UNHEARD_STEP,
     USAGE,
     one_line_errors,
 )
@@ -30,7 +30,7 @@ ROWS: tuple[tuple[Exception, int, str], ...] = (
     (BusError("no hub: is the cell up?"), NO_ANSWER, f"no hub: is the cell up? {NEXT_STEP}\n"),
     (BusError("cannot listen on tcp/a:1"), NO_ANSWER, "cannot listen on tcp/a:1\n"),
     (LostError("no answer", ("arbiter",)), NO_ANSWER, f"no answer: {PART_STEP}\n"),
-    (LostError("nobody silent"), NO_ANSWER, f"nobody silent: {UNHEARD_STEP}\n"),
+    (LostError("nobody silent"), NO_ANSWER, f"nobody silent: {NO_REPLY_STEP}\n"),
     (LostError("no answer", is_all=True), NO_ANSWER, f"no answer: {NEXT_STEP}\n"),
     (ForcemeshError("off by 3 mm"), NOT_WELL, "off by 3 mm"),
 )

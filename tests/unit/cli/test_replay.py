@@ -79,7 +79,7 @@ class Kept(MemoryTransport):
 
 def test_a_replay_says_the_same_bytes_in_the_same_time(recording: Path) -> None:
     """On a virtual clock: every message, in order, under the cell's name, as long as it took."""
-    heard = list(RecordedFile(recording).heard())
+    heard = list(RecordedFile(recording).raw_messages())
     transport, clock = Kept(), ManualClock()
     began_ns = clock.now_ns()
     count = play(heard, transport, "demo", clock=clock)
@@ -90,7 +90,7 @@ def test_a_replay_says_the_same_bytes_in_the_same_time(recording: Path) -> None:
 
 def test_a_replay_as_another_cell_says_so_in_every_message(recording: Path) -> None:
     """Readers of that cell take them; but for the address nothing has changed."""
-    heard = list(RecordedFile(recording).heard())[:200]
+    heard = list(RecordedFile(recording).raw_messages())[:200]
     transport = Kept()
     play(heard, transport, "other", clock=ManualClock())
     for each, (key, data) in zip(heard, transport.said, strict=True):
@@ -112,7 +112,7 @@ def test_a_replay_may_be_faster_or_slower(speed: float) -> None:
 
 def test_a_replay_of_some_topics_leaves_the_others_out(recording: Path) -> None:
     """Just those that are named."""
-    found = chosen(RecordedFile(recording).heard(), frozenset({"wrench"}))
+    found = chosen(RecordedFile(recording).raw_messages(), frozenset({"wrench"}))
     assert {each.topic for each in found} == {"wrench"}
 
 
@@ -138,7 +138,7 @@ def test_csv_has_a_file_for_each_topic_and_units_in_its_columns(
     code, out, _ = run("export", recording, "-o", tmp_path)
     assert code == 0
     rows = rows_of(tmp_path / "wrench.csv")
-    said = list(RecordedFile(recording).said("wrench"))
+    said = list(RecordedFile(recording).messages("wrench"))
     assert len(rows) == len(said)
     assert float(rows[7]["force_N.z"]) == said[7].fields["force_N"]["z"]
     assert 0.0 <= float(rows[0]["time_s"]) < float(rows[-1]["time_s"]) < 3.0
@@ -156,7 +156,7 @@ def test_parquet_holds_the_same_numbers(recording: Path, tmp_path: Path) -> None
     """Read by pyarrow, the columns are those of the CSV, and typed."""
     run("export", recording, "--parquet", "-o", tmp_path)
     table = parquet.read_table(tmp_path / "wrench.parquet").to_pydict()
-    said = list(RecordedFile(recording).said("wrench"))
+    said = list(RecordedFile(recording).messages("wrench"))
     assert table["force_N.z"] == [each.fields["force_N"]["z"] for each in said]
     assert str(table["valid"][0]) == "True"
 

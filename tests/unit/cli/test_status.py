@@ -115,7 +115,7 @@ def test_a_helper_that_was_started_stays_in_the_list(
     cell: CellConfig, number: signal.Signals, says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One that froze, or died too often to be started again, is missing: the cell is not well."""
-    monkeypatch.setattr("launch.restart.MOST", 1)
+    monkeypatch.setattr("launch.restart.DEATH_LIMIT", 1)
     with Supervisor(cell, processes=[HUB]) as supervisor, recorder_sidecar(supervisor):
         run = read_run(cell.cell)
         assert run is not None

@@ -56,7 +56,7 @@ def old(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     folder = tmp_path_factory.mktemp("old")
     frames = [
         Frame(place(BY_KEY[each.topic]), unpack(each.data)["stamp_ns"], aged(each.data))
-        for each in RecordedFile(path).heard()
+        for each in RecordedFile(path).raw_messages()
     ]
     boot = unpack(frames[0].data)["boot"]
     recording = Recording(
@@ -165,7 +165,7 @@ def test_what_is_no_message_is_published_as_it_is(data: bytes) -> None:
 
 def test_an_old_recording_is_replayed_into_readers_of_today(old: Path) -> None:
     """Every message, none refused for its version or address."""
-    heard = list(RecordedFile(old).heard())
+    heard = list(RecordedFile(old).raw_messages())
     assert len(heard) > 1000
     assert len({unpack(each.data)["v"] for each in heard} - {1, 2}) == 0
     world = VirtualCell(load_cell(DEMO))
@@ -180,7 +180,7 @@ def test_an_old_recording_is_replayed_into_readers_of_today(old: Path) -> None:
 
 def test_the_verbs_open_an_old_recording(old: Path, tmp_path: Path) -> None:
     """Export, report and a service that is fed with it: nothing is unreadable or left out."""
-    heard = list(RecordedFile(old).heard())
+    heard = list(RecordedFile(old).raw_messages())
     code, out = run("export", old, "-o", tmp_path / "tables")
     assert code == 0
     assert f"wrench.csv: {sum(each.topic == 'wrench' for each in heard)} rows" in out

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from common.config.payload import Payload, predict
 from common.motion.frames import GRAVITY_M_S2
 from forcemesh.errors import DataError
-from identification.identify import identify
+from identification.identify import identify_payload
 from identification.recording import Samples
 from tests.fakes.weights import (
     FORCE_NOISE_N,
@@ -61,7 +61,7 @@ def test_the_weight_of_an_off_centre_mass_does_the_work_of_lifting_it(seed):
 def test_noise_free_truth_is_recovered_exactly(seed, poses, mass, com, bias):
     """Any payload and bias come back from enough random attitudes, and nothing is added to them."""
     truth = Payload(mass, com, bias[:3], bias[3:])
-    found = identify(readings(truth, attitudes(np.random.default_rng(seed), poses)))
+    found = identify_payload(readings(truth, attitudes(np.random.default_rng(seed), poses)))
     assert found.chosen.model.name == "plain"
     assert found.payload.mass_kg == pytest.approx(mass, abs=1e-6)
     np.testing.assert_allclose(found.payload.com_m, com, atol=1e-6)
@@ -74,7 +74,7 @@ def test_errors_are_as_large_as_the_standard_deviations_that_are_reported():
     errors, reported = [], []
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        found = identify(readings(TRUTH, attitudes(rng, 6), rng))
+        found = identify_payload(readings(TRUTH, attitudes(rng, 6), rng))
         if found.chosen.model.name == "plain":
             names = ("mass_kg", "com_m", "bias_force_N", "bias_torque_Nm")
             errors.append(np.hstack([getattr(found.payload, n) for n in names]))
@@ -89,7 +89,7 @@ def test_errors_are_as_large_as_the_standard_deviations_that_are_reported():
 def test_noise_of_force_and_torque_is_estimated_apart():
     """Each block has its own variance, so the unit of neither weighs on the other."""
     rng = np.random.default_rng(1)
-    noise = identify(readings(TRUTH, attitudes(rng, 60), rng)).chosen.solution.noise
+    noise = identify_payload(readings(TRUTH, attitudes(rng, 60), rng)).chosen.solution.noise
     assert noise.force_N == pytest.approx(FORCE_NOISE_N, rel=0.3)
     assert noise.torque_Nm == pytest.approx(TORQUE_NOISE_NM, rel=0.3)
 
@@ -100,7 +100,7 @@ def test_a_tilted_base_is_found_where_twelve_poses_show_it(seed, angle_deg):
     """The direction of gravity is fitted, and other attitudes are then predicted to the noise."""
     rng = np.random.default_rng(seed)
     truth = tilted(angle_deg, rng)
-    found = identify(readings(truth, attitudes(rng, 12), rng))
+    found = identify_payload(readings(truth, attitudes(rng, 12), rng))
     assert "tilt" in found.chosen.model.name
     np.testing.assert_allclose(
         found.payload.gravity_direction_in_base, truth.gravity_direction_in_base, atol=0.003
@@ -115,7 +115,7 @@ def test_a_turned_sensor_is_found_where_twelve_poses_show_it(seed, angle_deg):
     """The mounting rotation is fitted, small or large."""
     rng = np.random.default_rng(seed)
     truth = mounted(angle_deg, rng)
-    found = identify(readings(truth, attitudes(rng, 12), rng))
+    found = identify_payload(readings(truth, attitudes(rng, 12), rng))
     assert "mounting" in found.chosen.model.name
     force, torque = worst_error(found.payload, truth, rng)
     assert (force, torque) < (10 * FORCE_NOISE_N, 10 * TORQUE_NOISE_NM)
@@ -127,7 +127,7 @@ def test_tilt_and_mounting_together_are_found(seed):
     """Both corrections are kept when each of them is there."""
     rng = np.random.default_rng(seed)
     truth = tilted(2.0, rng, mounted(3.0, rng))
-    found = identify(readings(truth, attitudes(rng, 16), rng))
+    found = identify_payload(readings(truth, attitudes(rng, 16), rng))
     assert found.chosen.model.name == "tilt+mounting"
     assert worst_error(found.payload, truth, rng)[0] < 10 * FORCE_NOISE_N
 
@@ -137,7 +137,7 @@ def test_noise_alone_does_not_buy_a_richer_model():
     names = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        names.append(identify(readings(TRUTH, attitudes(rng, 8), rng)).chosen.model.name)
+        names.append(identify_payload(readings(TRUTH, attitudes(rng, 8), rng)).chosen.model.name)
     assert names.count("plain") >= 19
 
 
@@ -146,7 +146,7 @@ def test_a_gain_error_of_one_axis_is_not_explained_away_by_tilt_or_mounting():
     rng = np.random.default_rng(3)
     samples = readings(TRUTH, attitudes(rng, 8), rng)
     wrong = Samples(samples.R_base_sensor, samples.force_N * [1.0, 1.0, 1.06], samples.torque_Nm)
-    found = identify(wrong)
+    found = identify_payload(wrong)
     assert found.chosen.model.name == "gain"
     ratio = found.payload.force_gain[2] / np.array(found.payload.force_gain[:2])
     np.testing.assert_allclose(ratio, 1.06, atol=0.005)
@@ -158,7 +158,7 @@ def test_a_tilt_that_only_the_torque_shows_is_not_believed():
     R = attitudes(rng, 10)
     torque = predict(tilted(1.0, rng), R)[1] + TORQUE_NOISE_NM * rng.normal(size=(10, 3))
     force = predict(TRUTH, R)[0] + 0.1 * rng.normal(size=(10, 3))
-    found = identify(Samples(R, force, torque))
+    found = identify_payload(Samples(R, force, torque))
     assert found.chosen.model.name == "plain"
     tilt = next(c for c in found.candidates if c.model.name == "tilt")
     assert tilt.evidence > found.candidates[0].evidence + 10.0
@@ -168,7 +168,7 @@ def test_a_sensor_mounted_far_turned_keeps_a_positive_mass():
     """A large mounting rotation passes through gravity pointing up on its way, and comes back."""
     rng = np.random.default_rng(1)
     truth = mounted(111.0, rng)
-    found = identify(readings(truth, attitudes(rng, 12), rng))
+    found = identify_payload(readings(truth, attitudes(rng, 12), rng))
     assert found.payload.mass_kg == pytest.approx(1.5, abs=0.02)
     assert found.payload.gravity_direction_in_base[2] == pytest.approx(-1.0)
 
@@ -176,7 +176,7 @@ def test_a_sensor_mounted_far_turned_keeps_a_positive_mass():
 def test_too_few_poses_for_a_tilt_give_the_plain_model_and_the_reason():
     """Five poses fit ten unknowns, and the report says that they cannot tell more."""
     rng = np.random.default_rng(4)
-    found = identify(readings(tilted(3.0, rng), attitudes(rng, 5), rng))
+    found = identify_payload(readings(tilted(3.0, rng), attitudes(rng, 5), rng))
     assert found.chosen.model.name == "plain"
     assert all("too few poses" in model.verdict for model in found.candidates[1:])
 
@@ -186,7 +186,7 @@ def test_a_parameter_that_the_poses_hardly_tell_is_named():
     rng = np.random.default_rng(14)
     samples = readings(TRUTH, attitudes(rng, 8), rng)
     noisy = samples.torque_Nm + 0.5 * rng.normal(size=samples.torque_Nm.shape)
-    unsure = identify(Samples(samples.R_base_sensor, samples.force_N, noisy)).unsure
+    unsure = identify_payload(Samples(samples.R_base_sensor, samples.force_N, noisy)).uncertain
     assert [line.split()[0] for line in unsure] == ["com_m", "bias_torque_Nm"]
 
 
@@ -194,7 +194,7 @@ def test_gravity_that_points_up_is_fitted_and_said():
     """A sensor of the other sign, or an arm on the ceiling, gives a positive mass and a warning."""
     rng = np.random.default_rng(5)
     samples = readings(TRUTH, attitudes(rng, 8), rng)
-    found = identify(Samples(samples.R_base_sensor, -samples.force_N, -samples.torque_Nm))
+    found = identify_payload(Samples(samples.R_base_sensor, -samples.force_N, -samples.torque_Nm))
     assert found.payload.mass_kg == pytest.approx(1.5, abs=0.02)
     assert found.payload.gravity_direction_in_base[2] > 0.99
     assert any("gravity points up" in warning for warning in found.warnings)
@@ -203,7 +203,7 @@ def test_gravity_that_points_up_is_fitted_and_said():
 def test_a_leave_one_out_error_is_larger_than_the_residual_of_the_fit():
     """A pose that the fit has not seen is predicted worse than one that it has."""
     rng = np.random.default_rng(6)
-    chosen = identify(readings(TRUTH, attitudes(rng, 6), rng)).chosen
+    chosen = identify_payload(readings(TRUTH, attitudes(rng, 6), rng)).chosen
     assert chosen.loo_force_N > chosen.rms_force_N > 0.0
     assert chosen.loo_torque_Nm > chosen.rms_torque_Nm > 0.0
 
@@ -213,6 +213,6 @@ def test_many_rows_of_one_dwell_are_one_pose():
     rng = np.random.default_rng(7)
     R = attitudes(rng, 6)
     dwells = np.repeat(R, [500, 1, 1, 40, 1, 3], axis=0)
-    assert len(identify(readings(TRUTH, dwells, rng)).residual_force_N) == 6
+    assert len(identify_payload(readings(TRUTH, dwells, rng)).residual_force_N) == 6
     with pytest.raises(DataError, match=r"only 3 distinct pose"):
-        identify(readings(TRUTH, np.repeat(R[:3], 100, axis=0), rng))
+        identify_payload(readings(TRUTH, np.repeat(R[:3], 100, axis=0), rng))

@@ -12,15 +12,15 @@ from bench.payload_peers import kth, lsm
 from bench.payload_worlds import WORLDS, CellErrors, read, recording, truth
 from common.config.payload import BiasDrift, residual
 from common.motion.frames import R_from_quaternion
-from identification.identify import identify
+from identification.identify import identify_payload
 from identification.least_squares import solve
 from identification.next_pose import next_pose
 from identification.payload_model import (
     Model,
     jacobian,
-    moved,
     residuals,
     start_state,
+    updated_state,
 )
 from identification.recording import Samples
 from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
@@ -36,9 +36,9 @@ def test_every_derivative_is_that_of_the_residual(seed):
     samples = readings(TRUTH, attitudes(rng, 5), rng)
     samples = replace(samples, time_s=np.sort(rng.uniform(0.0, 100.0, 5)))
     far = np.concatenate([rng.normal(size=10), rng.uniform(-0.4, 0.4, ALL.size - 10)])
-    state = moved(start_state(), far, ALL)
+    state = updated_state(start_state(), far, ALL)
     step = 1e-6 * rng.normal(size=ALL.size)
-    change = residuals(moved(state, step, ALL), samples) - residuals(state, samples)
+    change = residuals(updated_state(state, step, ALL), samples) - residuals(state, samples)
     np.testing.assert_allclose(change, -jacobian(state, samples, ALL) @ step, atol=1e-9)
 
 
@@ -76,7 +76,7 @@ def test_a_left_out_pose_is_judged_as_by_a_fit_without_it(seed):
     """The short way through the hat matrix gives what really leaving the pose out gives."""
     rng = np.random.default_rng(seed)
     train, _ = recording(truth(WORLDS["all of them"], rng), 10, 0, rng)
-    left_out = solve(train, np.ones(10), Model(), start_state()).left_out
+    left_out = solve(train, np.ones(10), Model(), start_state()).loo_residual
     for pose in range(10):
         without = lsm(train[np.setdiff1d(np.arange(10), [pose])])
         found = residual(
@@ -105,7 +105,7 @@ def test_a_bent_drift_is_followed():
     rng = np.random.default_rng(5)
     bent = BiasDrift(0.0, 600.0, (3.0, -2.0, 1.0), (0.1, 0.05, -0.1), (1.0, -0.6, 0.5))
     train, others = recording(replace(truth(CellErrors(), rng), drift=bent), 12, 40, rng)
-    found = identify(train)
+    found = identify_payload(train)
     assert found.chosen.model.name == "curved drift"
     force, _ = residual(
         found.payload,
@@ -122,7 +122,7 @@ def test_the_bias_is_that_at_the_end_of_the_recording():
     rng = np.random.default_rng(8)
     real = truth(WORLDS["drift 1 N, 50 mNm"], rng)
     R, time_s = attitudes(rng, 12), np.linspace(0.0, 600.0, 12)
-    found = identify(read(real, R, time_s, rng))
+    found = identify_payload(read(real, R, time_s, rng))
     np.testing.assert_allclose(found.payload.bias_force_N, real.bias_force_N, atol=0.03)
     assert found.payload.drift is not None
     assert real.drift is not None
@@ -143,17 +143,19 @@ def test_without_times_no_drift_is_tried():
     """Readings that carry no time, or all the same one, cannot show it."""
     samples = readings(TRUTH, attitudes(np.random.default_rng(2), 8))
     for time_s in (None, np.full(8, 3.0)):
-        models = [c.model for c in identify(replace(samples, time_s=time_s)).candidates]
+        models = [c.model for c in identify_payload(replace(samples, time_s=time_s)).candidates]
         assert not any(model.drift for model in models)
 
 
-def test_a_gain_common_to_all_axes_is_called_untold():
+def test_a_gain_common_to_all_axes_is_called_undetermined():
     """The weight of the tool cannot tell a sensor that reads 3 % more from a heavier tool."""
     rng = np.random.default_rng(3)
-    found = identify(read(truth(WORLDS["gain 3 %"], rng), attitudes(rng, 12), np.arange(12.0), rng))
+    found = identify_payload(
+        read(truth(WORLDS["gain 3 %"], rng), attitudes(rng, 12), np.arange(12.0), rng)
+    )
     assert found.chosen.model.gain
     assert found.std.mass_kg > 0.01 * TRUTH.mass_kg
-    assert any(line.startswith("torque_gain") for line in found.untold)
+    assert any(line.startswith("torque_gain") for line in found.undetermined)
     gain = next(p for p in found.parameters if p.name == "force_gain.x")
     bias = next(p for p in found.parameters if p.name == "bias_force_N.x")
     assert gain.amplified > 3.0 * bias.amplified >= 3.0
@@ -165,7 +167,7 @@ def test_the_advised_pose_makes_the_named_number_as_sure_as_promised(seed, poses
     """With the advised attitude in the same fit, the deviation falls to what was announced."""
     rng = np.random.default_rng(seed)
     train, _ = recording(truth(CellErrors(), rng), poses, 0, rng)
-    solution = identify(train).chosen.solution
+    solution = identify_payload(train).chosen.solution
     advice = next_pose(solution)
     R = R_from_quaternion(advice.quaternion)[None]
     more = Samples(

@@ -11,7 +11,7 @@ from common.config.calibration import PayloadSection
 from common.config.payload import BiasDrift, Payload, load, save
 from common.motion.frames import rotation_from_vector
 from forcemesh.errors import DataError
-from identification.identify import axes_of, identify, identify_recording
+from identification.identify import axes_of, identify_payload, identify_recording
 from identification.recording import Samples
 from tests.fakes.weights import (
     QUICK,
@@ -30,7 +30,7 @@ def test_fewer_than_four_poses_are_refused(poses):
     """The error counts them and says how to get more."""
     rng = np.random.default_rng(8)
     with pytest.raises(DataError, match=rf"only {poses} distinct pose.*two axes"):
-        identify(readings(TRUTH, attitudes(rng, poses), rng))
+        identify_payload(readings(TRUTH, attitudes(rng, poses), rng))
 
 
 def test_poses_that_hardly_differ_are_refused_with_their_spread():
@@ -38,14 +38,14 @@ def test_poses_that_hardly_differ_are_refused_with_their_spread():
     turns = np.radians(4.0) * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
     R = np.array([rotation_from_vector(turn) for turn in turns])
     with pytest.raises(DataError, match=r"differ by only 8 degrees.*at least 60 degrees"):
-        identify(readings(TRUTH, R))
+        identify_payload(readings(TRUTH, R))
 
 
 def test_poses_turned_about_the_vertical_only_are_refused():
     """Gravity must move in the sensor, or weight is bias."""
     R = np.array([rotation_from_vector(np.array([0.0, 0.0, a])) for a in np.arange(0.0, 3.0, 0.5)])
     with pytest.raises(DataError, match="turns about the vertical"):
-        identify(readings(TRUTH, R))
+        identify_payload(readings(TRUTH, R))
 
 
 def test_poses_that_flip_between_two_directions_of_gravity_are_refused():
@@ -54,7 +54,7 @@ def test_poses_that_flip_between_two_directions_of_gravity_are_refused():
     spins = [rotation_from_vector(np.array([0.0, 0.0, a])) for a in (0.0, 1.0, 2.0)]
     R = np.array([spin @ flip for spin in spins for flip in flips])
     with pytest.raises(DataError, match="about one axis only"):
-        identify(readings(TRUTH, R))
+        identify_payload(readings(TRUTH, R))
 
 
 def test_a_recording_without_weight_is_refused():
@@ -62,7 +62,7 @@ def test_a_recording_without_weight_is_refused():
     R = attitudes(np.random.default_rng(9), 8)
     still = Samples(R, np.ones((8, 3)), np.ones((8, 3)))
     with pytest.raises(DataError, match="shows no weight"):
-        identify(still)
+        identify_payload(still)
 
 
 @settings(QUICK, max_examples=4)

@@ -8,9 +8,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common.motion.frames import rotation_from_vector
-from identification.identify import identify
+from identification.identify import identify_payload
 from identification.recording import Samples
-from identification.screening import CONTACT, MOVING, SINGLE_RAD, STALE, screen
+from identification.screening import CONTACT, MOVING, SINGLE_RAD, STALE, screen_samples
 from identification.static_poses import angle
 from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
 
@@ -34,7 +34,7 @@ def dwells(rng, poses=8, rows=ROWS):
 @example(seed=141409, poses=9, rows=2)  # two attitudes that follow each other are alike
 def test_a_clean_recording_loses_no_row(seed, poses, rows):
     """Noise alone is never a reason, whatever the number of rows in a dwell."""
-    screened, rejected = screen(dwells(np.random.default_rng(seed), poses, rows))
+    screened, rejected = screen_samples(dwells(np.random.default_rng(seed), poses, rows))
     assert rejected == ()
     assert len(screened) <= poses
 
@@ -48,7 +48,7 @@ def test_a_pose_in_contact_is_left_out(seed, hit, push_N):
     rows = np.arange(hit * ROWS, (hit + 1) * ROWS)
     force = samples.force_N.copy()
     force[rows] += push_N * np.array([0.6, 0.0, 0.8])
-    screened, rejected = screen(replace(samples, force_N=force))
+    screened, rejected = screen_samples(replace(samples, force_N=force))
     assert [(r.reason, set(r.rows)) for r in rejected] == [(CONTACT, set(rows.tolist()))]
     assert len(screened) == 7
 
@@ -58,7 +58,7 @@ def test_a_touch_within_a_dwell_is_left_out_and_the_dwell_stays():
     samples = dwells(np.random.default_rng(1))
     torque = samples.torque_Nm.copy()
     torque[45:50] += 0.5
-    screened, rejected = screen(replace(samples, torque_Nm=torque))
+    screened, rejected = screen_samples(replace(samples, torque_Nm=torque))
     assert [(r.reason, r.rows) for r in rejected] == [(CONTACT, tuple(range(45, 50)))]
     assert len(screened) == 8
 
@@ -68,9 +68,9 @@ def test_a_pose_that_lags_behind_the_reading_is_stale():
     samples = dwells(np.random.default_rng(2))
     R = samples.R_base_sensor.copy()
     R[60:66] = R[59]
-    screened, rejected = screen(replace(samples, R_base_sensor=R))
+    screened, rejected = screen_samples(replace(samples, R_base_sensor=R))
     assert [(r.reason, r.rows) for r in rejected] == [(STALE, tuple(range(60, 66)))]
-    assert identify(replace(samples, R_base_sensor=R)).payload.mass_kg == pytest.approx(
+    assert identify_payload(replace(samples, R_base_sensor=R)).payload.mass_kg == pytest.approx(
         1.5, abs=0.01
     )
     assert len(screened) == 8
@@ -98,7 +98,7 @@ def swept(rng, poses=8):
 def test_rows_of_a_turning_arm_are_left_out(seed):
     """Between the dwells the reading holds inertia: only rows at rest remain."""
     samples, moving = swept(np.random.default_rng(seed))
-    _, rejected = screen(samples)
+    _, rejected = screen_samples(samples)
     assert rejected[0].reason == MOVING
     assert set(np.flatnonzero(moving)) - {len(samples) - 1} <= set(rejected[0].rows)
     assert len(rejected[0].rows) < len(samples) / 2
@@ -109,7 +109,7 @@ def test_a_recording_that_never_rests_is_used_as_it_is():
     samples, moving = swept(np.random.default_rng(3))
     rows = np.flatnonzero(moving)
     sweep = replace(samples[rows], time_s=np.arange(len(rows)) / 50.0)
-    _, rejected = screen(sweep)
+    _, rejected = screen_samples(sweep)
     assert MOVING not in [r.reason for r in rejected]
 
 
@@ -118,5 +118,7 @@ def test_line_numbers_point_into_the_recording():
     samples = dwells(np.random.default_rng(4))
     force = samples.force_N.copy()
     force[20:40] += 20.0
-    screened, _ = screen(Samples(samples.R_base_sensor, force, samples.torque_Nm, samples.time_s))
+    screened, _ = screen_samples(
+        Samples(samples.R_base_sensor, force, samples.torque_Nm, samples.time_s)
+    )
     assert screened.first_row.tolist() == [0, 40, 60, 80, 100, 120, 140]

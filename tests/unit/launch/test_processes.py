@@ -21,7 +21,7 @@ from forcemesh.topics import ROLES
 from launch import processes
 from launch.processes import MODULES, Supervisor, processes_of
 from launch.run_file import FOLDER_VARIABLE, is_alive, read_run
-from launch.started_process import ProcessSpec, how_ended
+from launch.started_process import ProcessSpec, exit_cause
 
 ROOT = Path(__file__).resolve().parents[3]
 DEMO = ROOT / "cells" / "demo.yaml"
@@ -102,7 +102,10 @@ def test_lines_of_a_process_carry_its_role(cell: CellConfig) -> None:
     said: list[tuple[str, str]] = []
     program = f"import sys; print('to err', file=sys.stderr, flush=True); {SLEEPER}"
     with Supervisor(
-        cell, DEMO, processes=[python("wrench", program)], say=lambda *pair: said.append(pair)
+        cell,
+        DEMO,
+        processes=[python("wrench", program)],
+        write_line=lambda *pair: said.append(pair),
     ):
         until(lambda: len(said) == 2)
     assert said == [("wrench", "to err"), ("wrench", "up")]
@@ -182,7 +185,7 @@ def test_a_hub_that_is_slow_to_come_up_is_waited_for(cell: CellConfig, monkeypat
     Hours(monkeypatch, cell, 60.0)
     said: list[str] = []
     hub = [python("hub", SLEEPER)]
-    with Supervisor(cell, DEMO, processes=hub, say=lambda _name, line: said.append(line)):
+    with Supervisor(cell, DEMO, processes=hub, write_line=lambda _name, line: said.append(line)):
         assert [line for line in said if "still waiting for the hub at tcp/" in line] == [
             "after 10 s still waiting for the hub at tcp/127.0.0.1:7447"
         ]
@@ -218,7 +221,10 @@ def test_a_process_that_will_not_end_is_killed_with_its_children(cell: CellConfi
         f"print(child.pid, flush=True); {STUBBORN}"
     )
     with Supervisor(
-        cell, DEMO, processes=[python("wrench", parent)], say=lambda _, line: said.append(line)
+        cell,
+        DEMO,
+        processes=[python("wrench", parent)],
+        write_line=lambda _, line: said.append(line),
     ):
         until(lambda: len(said) == 3)
         child = next(int(line) for line in said if line.isdigit())
@@ -283,4 +289,4 @@ def test_a_cell_without_a_file_is_written_for_its_processes(cell: CellConfig) ->
 )
 def test_return_codes_are_put_into_words(code: int, words: str) -> None:
     """A negative code is a signal, named where it has a name."""
-    assert how_ended(code) == words
+    assert exit_cause(code) == words

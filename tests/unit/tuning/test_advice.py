@@ -83,7 +83,7 @@ def test_the_lines_give_a_cell_the_gains_that_are_recommended(
     """Written, named by a cell file, loaded: the same gains or a little less, and it can arm."""
     one = advised(found)
     folder = tmp_path_factory.mktemp("cell")
-    words.save(folder / "tuning.yaml", advice.lines(CELL, found, [one]))
+    words.save(folder / "tuning.yaml", advice.cell_file_sections(CELL, found, [one]))
     text = CELL_FILE.read_text().replace("force: {}", "force: {}\ntuning: tuning.yaml")
     (folder / "cell.yaml").write_text(text)
     cell = load_cell(folder / "cell.yaml")
@@ -102,15 +102,15 @@ def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
     """Ten times the rule's: not stable; none at all: does nothing; no press: it is said."""
     found = MeasuredCell(SERVO, SPRING)
     one = advised(found, force_now=10.0 * advised(found).force.gain, torque_now=0.0)
-    lines = words.describe(CELL, found, [one], advice.lines(CELL, found, [one]))
+    lines = words.report_lines(CELL, found, [one], advice.cell_file_sections(CELL, found, [one]))
     assert any("now" in line and "NOT STABLE" in line for line in lines)
     assert any("no effect" in line for line in lines)
     assert any("20000 +/- 200 N/m" in line for line in lines)
     assert any("together 30.0 +/- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
     assert any("be separated: lag 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
     blind = MeasuredCell(found.servo, None)
-    lines = words.describe(
-        CELL, blind, [advised(blind)], advice.lines(CELL, blind, [advised(blind)])
+    lines = words.report_lines(
+        CELL, blind, [advised(blind)], advice.cell_file_sections(CELL, blind, [advised(blind)])
     )
     assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
     plain = advice.as_dict(CELL, blind, [advised(blind, force_now=0.0)], {})
@@ -126,10 +126,10 @@ def test_the_slower_host_decides_what_the_cell_file_says() -> None:
     ]
     assert both[1].tau_s == pytest.approx(0.124)
     assert both[1].force.gain < both[0].force.gain
-    robot = advice.lines(CELL, found, both)["robot"]
+    robot = advice.cell_file_sections(CELL, found, both)["robot"]
     longer_s = 0.124 - both[0].tau_s
     assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s + longer_s, abs=1.5e-3)
-    lines = words.describe(CELL, found, both, advice.lines(CELL, found, both))
+    lines = words.report_lines(CELL, found, both, advice.cell_file_sections(CELL, found, both))
     assert any("own loop 120 +/- 4 ms" in line for line in lines)
 
 
@@ -150,7 +150,7 @@ def test_the_cells_own_lag_stays_where_it_may_be_and_none_is_zero() -> None:
         (0.005, 0.012, 0.0107), (0.002, 0.004, 0.004), (0.015, 0.018, 0.015), (0.0, 0.0, 1e-4),
     ):  # fmt: skip
         found = MeasuredCell(replace(SERVO, lag_least_s=least_s, lag_most_s=most_s), None)
-        robot = advice.lines(CELL, found, [advised(found)])["robot"]
+        robot = advice.cell_file_sections(CELL, found, [advised(found)])["robot"]
         assert robot["lag_s"] == pytest.approx(said_s)
         assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s, abs=1.1e-3)
 
@@ -179,11 +179,11 @@ def test_nothing_is_recommended_beyond_what_the_law_was_measured_for(
     cell = at_hz(loop_hz)
     hosts: tuple[Host, ...] = ("pc",) if found.controller is None else ("pc", "controller")
     both = [advise(cell, found, host, force_now=1e-3, torque_now=0.1) for host in hosts]
-    sections = advice.lines(cell, found, both)
-    why_not = advice.refused(cell, found, both)
+    sections = advice.cell_file_sections(cell, found, both)
+    why_not = advice.refusal_reason(cell, found, both)
     assert says in why_not
     assert bool(why_not) == bool(says)
-    lines = words.describe(cell, found, both, sections)
+    lines = words.report_lines(cell, found, both, sections)
     assert any("recommended  " in line for line in lines) != bool(says)
     assert ("for the cell file:" in lines) != bool(says)
     assert lines[-1].startswith("nothing is recommended: too") == bool(says)
@@ -197,7 +197,7 @@ def test_what_the_adaptive_law_does_not_bear_is_remarked() -> None:
     """Where the cell's law is the adaptive one: softest contact of its map, delay not sharp."""
     adaptive = {"force": CELL.force.model_copy(update={"law": "adaptive"})}
     found = MeasuredCell(replace(SERVO, deviation_s=0.002), SPRING)
-    sections = advice.lines(CELL, found, [advised(found)])
+    sections = advice.cell_file_sections(CELL, found, [advised(found)])
     assert advice.remarks(CELL, found, sections) == []
     said = advice.remarks(CELL.model_copy(update=adaptive), found, sections)
     assert len(said) == 1
@@ -206,7 +206,10 @@ def test_what_the_adaptive_law_does_not_bear_is_remarked() -> None:
     said = advice.remarks(slow, found, sections)
     assert "valid from 2000 N/m upwards" in said[0]
     sharp = replace(found, servo=SERVO)
-    assert len(advice.remarks(slow, sharp, advice.lines(CELL, sharp, [advised(sharp)]))) == 1
+    assert (
+        len(advice.remarks(slow, sharp, advice.cell_file_sections(CELL, sharp, [advised(sharp)])))
+        == 1
+    )
     assert len(said) == 2
 
 

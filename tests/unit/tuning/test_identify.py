@@ -8,11 +8,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from forcemesh.errors import DataError
-from tuning import contact_response as answer
-from tuning import servo
+from tuning import contact_response, servo
 from tuning.contact_response import ContactResponse, loop_delay
-from tuning.contact_spring import spring
-from tuning.identify import STAGES, Fit, Steps, identify
+from tuning.contact_spring import fit_spring
+from tuning.identify import STAGES, Fit, Steps, identify_servo
 from tuning.servo import servo_of, sums
 
 FINE_S = 2e-4
@@ -58,12 +57,12 @@ def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, seen_hz=250.0, seed=0, sm
 @example(0.0, 0.00390625, 3e-5, 250.0, 0)  # poses in step with the commands: so do several sums
 def test_delay_and_lag_together_are_found_through_noise(d_s, lag_s, noise_m, seen_hz, seed) -> None:
     """As far as is said, by each number of stages; with the right number the lag, too."""
-    fits = identify(record(d_s, lag_s, noise_m, seen_hz=seen_hz, seed=seed))
+    fits = identify_servo(record(d_s, lag_s, noise_m, seen_hz=seen_hz, seed=seed))
     assert tuple(fit.stages for fit in fits) == STAGES
     two = fits[1]
     assert two.sum_s == pytest.approx(d_s + lag_s, abs=4.0 * two.sum_deviation_s + 2e-4)
     assert two.lag_s == pytest.approx(lag_s, abs=5.0 * two.lag_deviation_s + 5e-4)
-    assert two.rest_m < 2.0 * noise_m + 5e-6
+    assert two.residual_std_m < 2.0 * noise_m + 5e-6
     for fit in fits:
         assert fit.sum_s == pytest.approx(d_s + lag_s, abs=4.0 * fit.sum_deviation_s + 1e-3)
 
@@ -72,7 +71,7 @@ def test_what_is_said_of_the_sum_is_true_of_19_in_20() -> None:
     """Forty records with noise: two deviations hold the sum in 36, and are not generous."""
     errors = []
     for seed in range(40):
-        two = identify(record(0.013, 0.011, 1e-5, seed=seed))[1]
+        two = identify_servo(record(0.013, 0.011, 1e-5, seed=seed))[1]
         errors.append((two.sum_s - 0.024) / two.sum_deviation_s)
     assert sum(abs(error) <= 2.0 for error in errors) >= 36
     assert sqrt(float(np.mean(np.square(errors)))) > 0.5
@@ -91,7 +90,7 @@ def test_an_arm_that_is_none_of_the_models_is_within_what_is_said(
 ) -> None:
     """Its sum within two deviations, its lag within the range, and the bound is never too short."""
     records = [record(d_s, lag_s, noise_m, smooth=smooth, seed=seed + n) for n in range(2)]
-    found = servo_of([(identify(one),) for one in records])
+    found = servo_of([(identify_servo(one),) for one in records])
     assert abs(found.sum_s - d_s - lag_s) <= 2.0 * found.deviation_s
     least_s, most_s = found.lags_s
     assert least_s <= lag_s <= most_s
@@ -103,7 +102,7 @@ def test_an_arm_that_is_none_of_the_models_is_within_what_is_said(
 @pytest.mark.parametrize(("lag_s", "is_split"), [(0.0015, True), (0.0107, False)])
 def test_the_split_is_told_where_all_numbers_of_stages_agree(lag_s: float, is_split) -> None:
     """That is where there is little lag; the demo's 10.7 ms may be 5 to 12."""
-    found = servo_of([(identify(record(0.01, lag_s, 1e-6)),)] * 2)
+    found = servo_of([(identify_servo(record(0.01, lag_s, 1e-6)),)] * 2)
     assert found.is_split == is_split
     least_s, most_s = found.lags_s
     assert least_s <= lag_s <= most_s
@@ -117,15 +116,20 @@ def test_rounds_repeat_where_two_in_a_row_are_within_a_millisecond() -> None:
     rounds = [
         (fits_of(delay_s), fits_of(delay_s + 0.0004)) for delay_s in (0.010, 0.014, 0.0131, 0.0133)
     ]
-    assert [servo.repeats(rounds[:n]) for n in range(5)] == [False, False, False, True, True]
+    assert [servo.rounds_repeat(rounds[:n]) for n in range(5)] == [False, False, False, True, True]
     assert sums(rounds)[0] == pytest.approx(0.0202)
     assert servo_of(rounds[2:]).sum_s == pytest.approx(0.0234)
     assert servo_of(rounds[:2]).deviation_s >= 0.002
     axes = servo_of([(fits_of(0.010), fits_of(0.016))] * 2)
     assert axes.bound_s >= 0.026  # the slower axis is not forgotten
     answers = [ContactResponse(tau_s, 1e-3) for tau_s in (0.05, 0.06, 0.063)]
-    assert [answer.repeats(answers[:n]) for n in range(4)] == [False, False, False, True]
-    both = answer.together(answers[1:])
+    assert [contact_response.delay_repeats(answers[:n]) for n in range(4)] == [
+        False,
+        False,
+        False,
+        True,
+    ]
+    both = contact_response.mean_response(answers[1:])
     assert both.tau_s == pytest.approx(0.0615)
     assert both.bound_s >= 0.063
 
@@ -144,7 +148,7 @@ def test_a_stiffness_is_found_and_its_bound_is_rarely_too_soft(k, seed) -> None:
     rng = np.random.default_rng(seed)
     forces = np.array([4.0, 8.0, 12.0, 8.0, 4.0])
     ways = forces / k + rng.normal(0.0, 2e-6, 5)
-    found = spring(ways + 0.2, forces + rng.normal(0.0, 0.02, 5))
+    found = fit_spring(ways + 0.2, forces + rng.normal(0.0, 0.02, 5))
     assert found.k_N_m == pytest.approx(k, rel=0.02 + 4.0 * 2e-6 * k / 8.0)
     assert found.bound_N_m >= found.k_N_m
 
@@ -176,27 +180,31 @@ def test_a_closed_loops_delay_is_found_from_its_answer(tau_s, c, seed) -> None:
 def test_what_the_records_do_not_tell_is_refused_in_one_sentence() -> None:
     """An arm that stands, that does something else, a press that changes nothing, a mirage."""
     good = record(0.01, 0.01)
-    stood = Steps(good.sent_s, good.sent_m, good.seen_s, np.zeros_like(good.seen_m))
+    stood = Steps(
+        good.commanded_s, good.commanded_m, good.measured_s, np.zeros_like(good.measured_m)
+    )
     with pytest.raises(DataError, match="did not execute the small steps"):
-        identify(stood)
-    wild = Steps(good.sent_s, good.sent_m, good.seen_s, good.seen_m[::-1] * 2.0)
+        identify_servo(stood)
+    wild = Steps(good.commanded_s, good.commanded_m, good.measured_s, good.measured_m[::-1] * 2.0)
     with pytest.raises(DataError, match="does not match the commanded one"):
-        identify(wild)
+        identify_servo(wild)
     with pytest.raises(DataError, match="too few commands and poses"):
-        identify(Steps(good.sent_s[:5], good.sent_m[:5], good.seen_s, good.seen_m))
+        identify_servo(
+            Steps(good.commanded_s[:5], good.commanded_m[:5], good.measured_s, good.measured_m)
+        )
     with pytest.raises(DataError, match="did not change the force enough"):
-        spring(np.array([0.0, 1e-4]), np.array([5.0, 5.1]))
+        fit_spring(np.array([0.0, 1e-4]), np.array([5.0, 5.1]))
     with pytest.raises(DataError, match="does not increase with the penetration"):
-        spring(np.array([1e-4, 0.0]), np.array([5.0, 10.0]))
-    last_s = good.seen_s[-1]
+        fit_spring(np.array([1e-4, 0.0]), np.array([5.0, 10.0]))
+    last_s = good.measured_s[-1]
     late = Steps(
-        good.sent_s,
-        good.sent_m,
-        np.append(good.seen_s, last_s + 1.0) + 0.35,
-        np.append(good.seen_m, good.seen_m[-1]),
+        good.commanded_s,
+        good.commanded_m,
+        np.append(good.measured_s, last_s + 1.0) + 0.35,
+        np.append(good.measured_m, good.measured_m[-1]),
     )
     with pytest.raises(DataError, match="later than 300 ms"):
-        identify(late)
+        identify_servo(late)
     t = np.linspace(0.0, 2.0, 200)
     with pytest.raises(DataError, match="did not follow its set point"):
         loop_delay(t, 5.0 + 0.0 * t, first_N=5.0, then_N=10.0, ramp_N_s=200.0, rate=5.0)

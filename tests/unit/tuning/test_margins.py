@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tuning.margins import Loop, forecast, frequencies, margins, release, response
+from tuning.margins import Loop, forecast, frequencies, margins, release_response, response
 
 loops = st.builds(
     lambda k, delay, lag, low, c, m: Loop(k, 0.0, delay, lag, low, m).with_gain(
@@ -24,7 +24,7 @@ loops = st.builds(
 
 def swings(loop: Loop) -> bool:
     """Tell by the model in time whether a release grows instead of dying out."""
-    t, force = release(loop, 150.0)
+    t, force = release_response(loop, 150.0)
     tail = np.abs(force[t > 0.8 * t[-1]]).max()
     middle = np.abs(force[(t > 0.2 * t[-1]) & (t < 0.4 * t[-1])]).max()
     return bool(tail > max(middle, 1e-6) or np.abs(force).max() > 10.0)

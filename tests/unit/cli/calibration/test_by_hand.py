@@ -5,9 +5,9 @@ import os
 import numpy as np
 import pytest
 
-from cli.calibration.by_hand import HandOptions, Watcher, calibrate, watch
+from cli.calibration.by_hand import HandOptions, PoseRecorder, calibrate, record_poses
 from cli.calibration.finish import Job
-from cli.calibration.places import Places
+from cli.calibration.output_files import OutputFiles
 from cli.calibration.screen import Keyboard
 from cli.context import INTERRUPTED
 from common.config.calibration import CalibrationSection
@@ -16,7 +16,7 @@ from common.motion.convert import joints
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.requests import ArmRequest, MoveRequest
-from identification.dwells import of_purpose
+from identification.dwells import dwells_of_purpose
 from identification.verification import VerificationBounds
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import CalibrationLab
@@ -75,22 +75,22 @@ def ways_of(lab: CalibrationLab, count: int) -> list[list[np.ndarray]]:
     plan = lab.plan(poses=max(count, 6), verify_poses=0)
     ways, here = [], plan.route.hub
     for place in plan.fit[:count]:
-        ways.append(plan.route.way(here, plan.q[place]))
+        ways.append(plan.route.goals(here, plan.q[place]))
         here = plan.q[place]
     ways[0].insert(0, plan.route.hub)
     return ways
 
 
-def watched(lab: CalibrationLab, verbs: list[object], **wish: int | float | bool) -> Watcher:
+def watched(lab: CalibrationLab, verbs: list[object], **wish: int | float | bool) -> PoseRecorder:
     """Return a watcher after the script has ended."""
     wanted = HandOptions(**{"poses": 6, "verify_poses": 0, "dwell_s": 0.2, **wish})  # type: ignore[arg-type]
-    return Watcher(lab.bus, lab.cell, wanted, keys=Person(lab, verbs), teller=lab.notes)
+    return PoseRecorder(lab.bus, lab.cell, wanted, keys=Person(lab, verbs), output=lab.notes)
 
 
 def test_a_person_jogs_takes_poses_and_gets_a_calibration(lab, tmp_path, capsys):
     """Enter at each pose, with advice what to do next; then it is written and used."""
     verbs: list[object] = [verb for way in ways_of(lab, 7) for verb in (*way, "")]
-    job = Job(lab.cell, Places(tmp_path / "demo.yaml"), VerificationBounds(), use=True)
+    job = Job(lab.cell, OutputFiles(tmp_path / "demo.yaml"), VerificationBounds(), use=True)
     wish = HandOptions(poses=6, verify_poses=1, dwell_s=0.3)
 
     assert calibrate(job, wish, lab.bus, Person(lab, verbs)) == 0
@@ -122,7 +122,7 @@ def lab_file(folder):
 def test_a_pose_can_be_taken_back_and_a_near_one_is_told(lab):
     """Twice the same attitude: it says so, and u takes it back; more than there are cannot be."""
     watcher = watched(lab, ["", "", "u", "u", "u", INTERRUPT])
-    assert watch(watcher, lab.notes) == INTERRUPTED
+    assert record_poses(watcher, lab.notes) == INTERRUPTED
     assert watcher.dwells == []
     text = "\n".join(lab.notes.lines)
     assert "only 0 degrees from an earlier one" in text
@@ -134,7 +134,7 @@ def test_too_few_poses_do_not_end_it(lab):
     """After q with two poses it says what is missing and goes on watching."""
     way, *_ = ways_of(lab, 1)
     watcher = watched(lab, ["", *way, "", "q", INTERRUPT])
-    assert watch(watcher, lab.notes) == INTERRUPTED
+    assert record_poses(watcher, lab.notes) == INTERRUPTED
     assert len(watcher.dwells) == 2
     assert any("do not determine a fit" in line for line in lab.notes.lines)
 
@@ -144,8 +144,8 @@ def test_poses_are_taken_by_themselves_when_still_and_new(lab):
     """--auto-capture: one pose for each attitude, none on the way, none twice."""
     verbs: list[object] = [verb for way in ways_of(lab, 4) for verb in (*way, 2.5)]
     watcher = watched(lab, verbs, poses=4, auto=True)
-    assert watch(watcher, lab.notes) is None
-    assert len(of_purpose(watcher.dwells, "fit")) == 4
+    assert record_poses(watcher, lab.notes) is None
+    assert len(dwells_of_purpose(watcher.dwells, "fit")) == 4
     assert any("| at rest" in stage for stage in lab.notes.stages)
     assert any("waiting for the arm to rest" in stage for stage in lab.notes.stages)
     for dwell in watcher.dwells:
@@ -155,7 +155,7 @@ def test_poses_are_taken_by_themselves_when_still_and_new(lab):
 def test_nobody_who_takes_a_pose_is_told(lab):
     """After q at once there is nothing to calibrate from."""
     watcher = watched(lab, ["q"])
-    assert watch(watcher, lab.notes) == 1
+    assert record_poses(watcher, lab.notes) == 1
     assert lab.notes.lines[-1] == "no pose was recorded"
 
 
@@ -164,7 +164,7 @@ def test_a_sensor_fault_is_shown_and_outlived(lab):
     arm = lab.world.arm
     watcher = watched(lab, [0.1, "", 1.0, "q", INTERRUPT])
     arm.ft_sensor.disturb = lambda sample: None if 1.9 < arm.time_s < 2.2 else sample
-    assert watch(watcher, lab.notes) == INTERRUPTED
+    assert record_poses(watcher, lab.notes) == INTERRUPTED
     assert any("sensor/wrench stale" in stage for stage in lab.notes.stages)
     assert len(watcher.dwells) == 1
 

@@ -12,7 +12,7 @@ from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.messages import RobotState, SensorWrench, WrenchAtTcp
-from identification.dwells import means_of, of_purpose, recording_of, samples_of, save
+from identification.dwells import dwells_of_purpose, means_of, recording_of, samples_of, save_dwells
 from identification.errors import CalibrationError
 from identification.excitation.stillness import PoseSample, StillnessDetector
 from identification.recording import read_recording
@@ -77,7 +77,7 @@ def clock() -> LivelyClock:
 def gatherer(clock) -> Gatherer:
     """A client of that cell, which has heard something."""
     found = Gatherer(Bus(topics.CLIENT, CELL.cell, clock.transport, CELL, clock), CELL)
-    found.until_heard()
+    found.until_received()
     return found
 
 
@@ -102,9 +102,9 @@ def test_a_dwell_holds_each_good_reading_once(clock, gatherer):
 def test_what_the_cell_leaves_is_taken_about_the_sensor(gatherer):
     """A force of 0.3 N at the TCP, 140 mm away, is 42 mN m about the sensor's origin."""
     dwell = gatherer.dwell("verify", 0.3, no_watch)
-    assert dwell.left_N == pytest.approx([0.3, 0.0, 0.0])
-    assert np.linalg.norm(dwell.left_Nm) == pytest.approx(0.3 * 0.14)
-    assert gatherer.in_use == "abc"
+    assert dwell.residual_N == pytest.approx([0.3, 0.0, 0.0])
+    assert np.linalg.norm(dwell.residual_Nm) == pytest.approx(0.3 * 0.14)
+    assert gatherer.active_calibration == "abc"
 
 
 def test_it_waits_until_arm_and_force_are_still(clock, gatherer):
@@ -161,7 +161,7 @@ def test_a_silent_sensor_is_named(clock):
     clock.fault = lambda t_s: "no power"
     gatherer = Gatherer(Bus(topics.CLIENT, CELL.cell, clock.transport, CELL, clock), CELL)
     with pytest.raises(CalibrationError, match=r"no reading within 2 s: .*no power"):
-        gatherer.until_heard()
+        gatherer.until_received()
 
 
 def test_stillness_allows_for_the_noise_of_the_sensor():
@@ -172,8 +172,8 @@ def test_stillness_allows_for_the_noise_of_the_sensor():
         for k in range(400):
             reading = noise_N * rng.normal(size=6) * [1, 1, 1, 0.05, 0.05, 0.05]
             reading[0] += change_N * (k >= 300)
-            stillness.see(PoseSample(k * 2_000_000, np.zeros(3), np.eye(3), reading))
-        return stillness.complaint()
+            stillness.add(PoseSample(k * 2_000_000, np.zeros(3), np.eye(3), reading))
+        return stillness.pending_condition()
 
     assert judged(3.0, 0.0) == ""
     assert judged(3.0, 0.1) == ""
@@ -185,10 +185,10 @@ def test_a_turning_sensor_is_not_still():
     stillness = StillnessDetector()
     for k in range(300):
         R = rotation_from_vector(np.array([0.0, 0.0, 1e-5 * k]))
-        stillness.see(PoseSample(k * 2_000_000, np.zeros(3), R, np.zeros(6)))
-    assert "0.11 degrees" in stillness.complaint()
-    stillness.forget()
-    assert stillness.complaint() == "readings"
+        stillness.add(PoseSample(k * 2_000_000, np.zeros(3), R, np.zeros(6)))
+    assert "0.11 degrees" in stillness.pending_condition()
+    stillness.clear()
+    assert stillness.pending_condition() == "readings"
     assert stillness.newest is None
 
 
@@ -196,8 +196,8 @@ def test_what_was_recorded_comes_back_from_its_file(gatherer, tmp_path):
     """`payload fit` reads the file; rows to fit come first, with the lines that are shown."""
     dwells = [gatherer.dwell(purpose, 0.2, no_watch) for purpose in ("verify", "fit", "fit")]
     path = tmp_path / "new" / "cell.csv"
-    save(dwells, path)
-    back, fit = read_recording(path), of_purpose(dwells, "fit")
+    save_dwells(dwells, path)
+    back, fit = read_recording(path), dwells_of_purpose(dwells, "fit")
     recording = recording_of(fit, path)
     count = len(recording.line)
     assert count == 200

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.calibration.finish import Job
 from cli.calibration.installed import refuse_wrong_axes
-from cli.calibration.places import Places
+from cli.calibration.output_files import OutputFiles
 from identification.dwells import Dwell
 from identification.errors import CalibrationError
 from identification.installation.axis_fit import SIGNED
@@ -34,7 +34,7 @@ def dwells(wiring, payload=PAYLOAD) -> list[Dwell]:
 
 def job(tmp_path, *, force=False, cell=CELL) -> Job:
     """Return a calibration of the demo's cell."""
-    return Job(cell, Places(tmp_path / "cal.yaml"), VerificationBounds(0.5, 0.05), force)
+    return Job(cell, OutputFiles(tmp_path / "cal.yaml"), VerificationBounds(0.5, 0.05), force)
 
 
 def test_all_47_wrong_wirings_end_a_calibration_before_its_fit(tmp_path) -> None:

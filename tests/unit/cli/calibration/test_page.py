@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.calibration import send
-from cli.calibration.finish import Job, settle
+from cli.calibration.finish import Job, store_result
+from cli.calibration.output_files import OutputFiles, back_up, output_files
 from cli.calibration.page import page, save_page
-from cli.calibration.places import Places, keep_before, places_of
 from common.config.payload import Payload, predict
 from common.motion.frames import R_from_quaternion
 from forcemesh.clock import ManualClock
@@ -26,7 +26,12 @@ from forcemesh.errors import BusError, DataError
 from forcemesh.requests import Reply
 from identification.dwells import Dwell, Purpose
 from identification.evidence import Findings, evidence_of, findings_of
-from identification.verification import Residual, VerificationBounds, judge, left_in_use
+from identification.verification import (
+    Residual,
+    VerificationBounds,
+    active_residual,
+    judge_residual,
+)
 from tests.fakes.calibration import demo_cell
 
 CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})
@@ -167,20 +172,20 @@ norms = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6)
 @given(norms, st.floats(0.001, 1.0), st.floats(0.001, 1.0))
 def test_it_passes_when_no_pose_leaves_more_than_allowed(left, most_N, most_Nm):
     """The worst pose decides, for force and torque alike."""
-    verdict = judge(
+    verdict = judge_residual(
         Residual(np.array(left), np.array(left) / 2.0), VerificationBounds(most_N, most_Nm)
     )
     assert verdict.passed is (max(left) <= most_N and max(left) / 2.0 <= most_Nm)
-    assert verdict.text.startswith(verdict.word)
+    assert verdict.text.startswith(verdict.result)
 
 
 def test_what_the_cell_leaves_needs_a_valid_wrench_at_every_pose():
     """A pose without one is no evidence that all is well."""
     good = dwell("verify", 1, push_N=0.25)
-    assert left_in_use([good]).force_N == pytest.approx([0.25])
+    assert active_residual([good]).force_N == pytest.approx([0.25])
     silent = Dwell("verify", *(getattr(good, name) for name in good.__slots__[1:6]))
     with pytest.raises(DataError, match="not valid at every pose"):
-        left_in_use([good, silent])
+        active_residual([good, silent])
 
 
 # --- places ---------------------------------------------------------------------------------------
@@ -189,11 +194,11 @@ def test_what_the_cell_leaves_needs_a_valid_wrench_at_every_pose():
 def test_what_was_there_is_kept_and_what_was_not_is_no_error(tmp_path):
     """One generation, with the file's own ending."""
     path = tmp_path / "demo.yaml"
-    keep_before(path)
+    back_up(path)
     assert list(tmp_path.iterdir()) == []
     for text in ("first", "second"):
         path.write_text(text)
-        keep_before(path)
+        back_up(path)
         assert (tmp_path / "demo.before.yaml").read_text() == text
 
 
@@ -202,10 +207,10 @@ def test_out_goes_before_the_cell_file_and_says_so(tmp_path):
     cell_file = tmp_path / "cells" / "a.yaml"
     cell_file.parent.mkdir()
     cell_file.write_text("calibration: ../made/a.yaml\n")
-    own = places_of(CELL, cell_file, None)
+    own = output_files(CELL, cell_file, None)
     assert (own.calibration, own.advice) == (tmp_path / "made" / "a.yaml", "")
-    assert places_of(CELL, cell_file, tmp_path / "made" / "a.yaml").advice == ""
-    other = places_of(CELL, cell_file, tmp_path / "b.yaml")
+    assert output_files(CELL, cell_file, tmp_path / "made" / "a.yaml").advice == ""
+    other = output_files(CELL, cell_file, tmp_path / "b.yaml")
     assert other.calibration == tmp_path / "b.yaml"
     assert f"set `calibration: ../b.yaml` in {cell_file}" in other.advice
 
@@ -234,14 +239,14 @@ def test_sending_waits_for_an_arm_that_has_just_come_back(found):
     """What time mends is asked again; what it does not is passed on at once."""
     yes, wait = Reply(accepted=True), Reply(accepted=False, code="moving")
     patient: Any = Service(wait, wait, yes)
-    assert send.send(patient, found.section).accepted
+    assert send.send_calibration(patient, found.section).accepted
     assert len(patient.asked) == 3
     assert found.section.revision in patient.asked[0]
     refusing: Any = Service(Reply(accepted=False, code="payload"))
-    assert not send.send(refusing, found.section).accepted
+    assert not send.send_calibration(refusing, found.section).accepted
     assert len(refusing.asked) == 1
     never: Any = Service(wait)
-    assert send.send(never, found.section).code == "moving"
+    assert send.send_calibration(never, found.section).code == "moving"
     assert len(never.asked) < 100
 
 
@@ -252,9 +257,9 @@ def settled(
     folder: Path, found: Findings, bus: Any = None, **job: Any
 ) -> tuple[int, str, set[str]]:
     """Settle findings; return exit code, the last sentence, and the calibrations in the folder."""
-    places = Places(folder / "demo.yaml")
+    places = OutputFiles(folder / "demo.yaml")
     with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
-        code = settle(Job(CELL, places, VerificationBounds(), **job), found, bus)
+        code = store_result(Job(CELL, places, VerificationBounds(), **job), found, bus)
     names = {path.name for path in folder.glob("*.yaml")}
     return code, printed.getvalue().splitlines()[-1], names
 
@@ -313,10 +318,10 @@ def test_a_tool_that_this_cell_may_not_use_is_told_before_it_is_asked(found, tmp
     light = CELL.contact.model_copy(update={"inertia_kg": 0.5})
     job = Job(
         CELL.model_copy(update={"contact": light}),
-        Places(tmp_path / "a.yaml"),
+        OutputFiles(tmp_path / "a.yaml"),
         VerificationBounds(),
         use=True,
     )
     with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
-        assert settle(job, found, None) == 1
+        assert store_result(job, found, None) == 1
     assert "contact.inertia_kg is 0.5" in printed.getvalue().splitlines()[-1]

@@ -12,7 +12,7 @@ import yaml
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.calibration.send import send as send_to_cell
+from cli.calibration.send import send_calibration as send_to_cell
 from cli.calibration.verb import ResultDestination
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
@@ -69,7 +69,7 @@ def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path, 
         asked_at.append(np.abs(lab.world.arm.q - HOME_RAD).max())
         return send_to_cell(bus, section)
 
-    monkeypatch.setattr("cli.calibration.send.send", send)
+    monkeypatch.setattr("cli.calibration.send.send_calibration", send)
     made = tmp_path / "made"
     made.mkdir()
     (made / "demo.yaml").write_text("what was there before")

@@ -15,7 +15,7 @@ from common.motion.frames import R_from_quaternion
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
-from identification.dwells import of_purpose
+from identification.dwells import dwells_of_purpose
 from identification.evidence import evidence_of, findings_of
 from identification.excitation.plan import CalibrationPlan
 from identification.verification import VerificationBounds
@@ -40,7 +40,7 @@ def driven(
     lab: CalibrationLab, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
 ) -> tuple[CalibrationWizard, int | None]:
     """Let the wizard run to whatever end."""
-    return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), pace, teller=lab.notes)
+    return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), pace, output=lab.notes)
 
 
 def left_at_random(payload: Payload, count: int = 200) -> tuple[float, float]:
@@ -59,7 +59,7 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
     lab = CalibrationLab()
     plan = lab.plan(poses=10, verify_poses=2)
     wizard = CalibrationWizard(
-        lab.bus, lab.cell, plan, pace=WizardTiming(speed_m_s=0.8, dwell_s=0.5), teller=lab.notes
+        lab.bus, lab.cell, plan, timing=WizardTiming(speed_m_s=0.8, dwell_s=0.5), output=lab.notes
     )
     wizard.run()
 
@@ -236,7 +236,7 @@ def test_a_pose_that_the_robot_refuses_is_replaced(monkeypatch):
     monkeypatch.setattr(motion, "start_joints", refusing)
     wizard, ended = driven(lab, plan)
     assert ended is None
-    assert len(of_purpose(wizard.dwells, "fit")) == 6
+    assert len(dwells_of_purpose(wizard.dwells, "fit")) == 6
     assert plan.fit[1] not in wizard.plan.fit
     assert any(
         "pose 2 of 6 is skipped, another pose is used: joint 4 would hit its cable" in line
@@ -292,6 +292,6 @@ def test_a_controller_that_refuses_a_pose_gets_another_one():
     arm.lower_rad[5], arm.upper_rad[5] = np.array([-1.0, 1.0]) * (abs(plan.q[farthest][5]) - 1e-3)
     wizard, ended = driven(lab, plan, WizardTiming(speed_m_s=0.25, dwell_s=0.3))
     assert ended is None, lab.notes.lines
-    assert len(of_purpose(wizard.dwells, "fit")) == 6
+    assert len(dwells_of_purpose(wizard.dwells, "fit")) == 6
     assert farthest in wizard.plan.refused
     assert any("the controller refused the target" in line for line in lab.notes.lines)

@@ -91,7 +91,7 @@ def test_who_follows_the_prompts_is_told_that_all_is_right(cell) -> None:
     person = Person(cell)
     found = pushed(cell, person)
     assert found.verdict == "right", [str(f) for f in found.findings]
-    assert not found.unseen
+    assert not found.unidentified
     assert sum(note.endswith("right") for note in person.notes) == 4
     assert not cell.arm.moving
 

@@ -32,7 +32,7 @@ class Mourners:
     def wait_ready(self) -> None:
         """Be ready."""
 
-    def mourn(self, linger_s: float) -> None:
+    def hold_after_death(self, linger_s: float) -> None:
         """Note for how long."""
         self.lingers_s.append(linger_s)
 

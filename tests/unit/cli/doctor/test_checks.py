@@ -106,7 +106,7 @@ def test_what_is_found_gets_its_word_and_its_remedy(
     line: ReportLine, word: str, remedy: str
 ) -> None:
     """Who passes needs nothing done; who does not is told what to do."""
-    assert line.word == word
+    assert line.result == word
     assert line.remedy == (REMEDIES[remedy] if remedy else "")
     assert line.found
 
@@ -124,10 +124,10 @@ def test_each_status_bit_has_its_line_both_ways(row) -> None:
     """One bit, one line: nothing else changes with it."""
     ready = {line.check: line for line in checks.check_status(READY)}
     wrong = {line.check: line for line in checks.check_status(READY ^ row.bit)}
-    assert (ready[row.check].word, ready[row.check].found) == ("PASS", row.good_text)
-    assert wrong[row.check] == ReportLine(row.check, row.word, row.bad_text, row.remedy)
+    assert (ready[row.check].result, ready[row.check].found) == ("PASS", row.normal_text)
+    assert wrong[row.check] == ReportLine(row.check, row.result, row.abnormal_text, row.remedy)
     assert {check for check in ready if ready[check] != wrong[check]} == {row.check}
-    assert row.word in {"WARN", "FAIL"}
+    assert row.result in {"WARN", "FAIL"}
     assert row.remedy
 
 
@@ -135,7 +135,7 @@ def test_held_passes_both_ways() -> None:
     """Hello holds, and a motion ends it: neither is a trouble."""
     for status, found in ((READY, "held"), (READY & ~Status.HELD, "no")):
         (line,) = (line for line in checks.check_status(status) if line.check == "held")
-        assert line.word == "PASS"
+        assert line.result == "PASS"
         assert line.found.startswith(found)
 
 
@@ -145,7 +145,7 @@ def test_every_bit_is_looked_at_in_every_status(bits: int) -> None:
     lines = checks.check_status(Status(bits))
     assert len({line.check for line in lines}) == len(lines) == len(Status)
     failed = {row.bit for row in BITS for line in lines if line.check == row.check
-              and line.word == "FAIL"}  # fmt: skip
+              and line.result == "FAIL"}  # fmt: skip
     needed = (
         Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | (Status.PROGRAM_RUNNING)
     )
@@ -162,7 +162,7 @@ def test_fault_codes_are_those_of_the_program() -> None:
     assert listed == set(FAULTS)
     for code, fault in FAULTS.items():
         line = checks.check_error_code(code)
-        assert (line.word, line.remedy) == (fault.word, fault.remedy)
+        assert (line.result, line.remedy) == (fault.result, fault.remedy)
         assert line.found == f"{code}: {fault.text}"
 
 
@@ -170,7 +170,7 @@ def test_fault_codes_are_those_of_the_program() -> None:
 def test_only_no_error_passes(code: int) -> None:
     """Any other number is a trouble with a remedy."""
     line = checks.check_error_code(code)
-    assert (line.word == "PASS") == (code == 0)
+    assert (line.result == "PASS") == (code == 0)
     assert bool(line.remedy) == (code != 0)
 
 
@@ -180,7 +180,7 @@ def test_a_faster_sender_is_never_judged_worse(one_hz: float, two_hz: float, wan
     rank = {"FAIL": 0, "WARN": 1, "PASS": 2}
     slow, fast = sorted((one_hz, two_hz))
     words = [
-        checks.check_sender(hz, None, robot_hz=wanted, stale_after_s=3.0 / wanted).word
+        checks.check_sender(hz, None, robot_hz=wanted, stale_after_s=3.0 / wanted).result
         for hz in (slow, fast)
     ]
     assert rank[words[0]] <= rank[words[1]]

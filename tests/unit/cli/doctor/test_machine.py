@@ -35,7 +35,7 @@ GOOD = RdtRecord(1, 1, 0, (0,) * 6)
 
 def judged(line: ReportLine) -> tuple[str, bool]:
     """The word of a line, and whether it says what to do."""
-    return line.word, bool(line.remedy)
+    return line.result, bool(line.remedy)
 
 
 def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
@@ -62,7 +62,7 @@ def test_every_item_has_a_line() -> None:
     lines = {line.check: line for line in machine_lines(DEMO, is_up=False)}
     assert list(lines) == ["versions", "clock", "real-time priority", "ports", "calibration"]
     for line in lines.values():
-        assert line.word in ("PASS", "SKIP") or line.remedy
+        assert line.result in ("PASS", "SKIP") or line.remedy
 
 
 def test_a_missing_library_is_a_failure() -> None:
@@ -102,7 +102,7 @@ def test_a_listener_on_the_hubs_port_is_seen() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         where = f"tcp/127.0.0.1:{other.getsockname()[1]}"
         cell = load_cell(CELLS / "demo.yaml", {"bus.endpoint": where})
-        words = {line.check: line.word for line in machine_lines(cell, is_up=False)}
+        words = {line.check: line.result for line in machine_lines(cell, is_up=False)}
     assert words["ports"] == "FAIL"
     assert is_local("127.0.0.1")
     assert not is_local("labpc.example")
@@ -132,8 +132,8 @@ def test_a_process_of_another_version_is_a_failure() -> None:
 
 def test_a_sensor_that_is_not_ours_to_try_is_left_alone() -> None:
     """A simulated one; and one whose only stream the cell has."""
-    assert sensor_line(DEMO, is_up=False).word == "SKIP"
-    assert sensor_line(NETFT, is_up=True).word == "SKIP"
+    assert sensor_line(DEMO, is_up=False).result == "SKIP"
+    assert sensor_line(NETFT, is_up=True).result == "SKIP"
 
 
 def test_what_a_sensor_sends_is_judged() -> None:
@@ -142,16 +142,16 @@ def test_what_a_sensor_sends_is_judged() -> None:
     bad = RdtRecord(1, 1, 0x80000001, (0,) * 6)
     assert judged(check_stream_of("there", ReceivedStream(9, bad), 0.5)) == ("FAIL", True)
     line = check_stream_of("there", ReceivedStream(500, GOOD), 0.5)
-    assert (line.word, "1000 records/s" in line.found) == ("PASS", True)
+    assert (line.result, "1000 records/s" in line.found) == ("PASS", True)
 
 
 def test_a_sensor_on_a_line_of_its_own_is_looked_for() -> None:
     """The package first, then the device."""
     for driver in ("robotiq", "bota"):
         sensor = REAL.sensor.model_copy(update={"driver": driver})
-        assert check_device(sensor, is_there=True, has_package=True).word == "PASS"
-        assert judged(check_device(sensor, is_there=False, has_package=True)) == ("FAIL", True)
-        missing = check_device(sensor, is_there=True, has_package=False)
+        assert check_device(sensor, exists=True, has_package=True).result == "PASS"
+        assert judged(check_device(sensor, exists=False, has_package=True)) == ("FAIL", True)
+        missing = check_device(sensor, exists=True, has_package=False)
         assert f"forcemesh[{driver}]" in missing.remedy
 
 

@@ -60,7 +60,7 @@ def test_a_right_pose_passes_in_every_posture_and_scale(q: tuple, scales: Scales
     reported = through_packet(arm().flange_pose(joints), scales)
     units = np.round(np.degrees(joints) * scales.joint_per_deg)
     q_reported = np.radians(units / scales.joint_per_deg)
-    assert judge(reported, q_reported, scales).word == "PASS"
+    assert judge(reported, q_reported, scales).result == "PASS"
 
 
 @given(joint_angles, st.floats(2.0, 500.0), st.integers(0, 2))
@@ -69,7 +69,7 @@ def test_a_wrong_position_never_passes(q: tuple, wrong_mm: float, axis: int) -> 
     T = arm().flange_pose(np.array(q))
     T.translation = T.translation + np.eye(3)[axis] * wrong_mm * 1e-3
     line = judge(T, np.array(q))
-    assert line.word == "FAIL"
+    assert line.result == "FAIL"
     assert line.remedy
 
 
@@ -91,7 +91,7 @@ def test_a_mistake_of_frames_is_named(name: str) -> None:
     """The numbers are those that the pendant would show."""
     T, text, remedy = MISTAKES[name]
     line = judge(T)
-    assert line.word == "FAIL"
+    assert line.result == "FAIL"
     assert text in line.found
     assert line.remedy == REMEDIES[remedy]
 
@@ -112,7 +112,7 @@ def test_a_joint_that_the_model_sees_otherwise_is_named(joint: int, kind: str) -
 def test_a_small_difference_is_a_warning() -> None:
     """Half a millimetre: no frame that somebody has set."""
     line = judge(moved(z=0.5) * FLANGE)
-    assert (line.word, line.remedy) == ("WARN", REMEDIES["pose.small"])
+    assert (line.result, line.remedy) == ("WARN", REMEDIES["pose.small"])
 
 
 def test_an_arm_with_other_limits_has_no_model() -> None:

@@ -69,13 +69,13 @@ def heard(status: Status = READY) -> ReceivedReports:
 def a_visit(found: ReceivedReports | None) -> Visit:
     """A visit that was greeted well."""
     hello = Packet(ID_FIRST, Com.HELLO, greeting(1), SCALES.vec)
-    return Visit(greeted="answered", hello=hello, heard=found)
+    return Visit(hello_outcome="answered", hello=hello, reports=found)
 
 
 def words(lines: list[ReportLine]) -> dict[str, str]:
     """The word of each line; a check has one line."""
     assert len({line.check for line in lines}) == len(lines)
-    return {line.check: line.word for line in lines}
+    return {line.check: line.result for line in lines}
 
 
 def a_state(**changes: object) -> RobotState:
@@ -120,14 +120,16 @@ def test_a_controller_in_good_order_passes_every_line() -> None:
 
 VISITS = {
     "closed port": (Visit(opened="refused"), "address", NO_ANSWER),
-    "mute": (Visit(greeted="silent"), "hello", NO_ANSWER),
-    "garbled": (Visit(greeted="garbled"), "hello", NO_ANSWER),
+    "mute": (Visit(hello_outcome="silent"), "hello", NO_ANSWER),
+    "garbled": (Visit(hello_outcome="garbled"), "hello", NO_ANSWER),
     "version": (
-        Visit(greeted="answered", hello=Packet(ID_FIRST, 9, 3001, SCALES.vec)), "protocol", NOT_WELL
+        Visit(hello_outcome="answered", hello=Packet(ID_FIRST, 9, 3001, SCALES.vec)),
+        "protocol",
+        NOT_WELL,
     ),
     "scales": (
         Visit(
-            greeted="answered",
+            hello_outcome="answered",
             hello=Packet(ID_FIRST, 9, greeting(1), (60, 500, 250, 100, 1000, 10)),
         ),
         "scales", NOT_WELL,
@@ -155,7 +157,7 @@ def test_a_connection_that_breaks_is_said_beside_what_was_heard() -> None:
     lines = link_lines(TCP, SECTION, SCALES, a_visit(broken))
     marks = words(lines)
     assert marks["connection"] == "FAIL"
-    assert {line.remedy for line in lines if line.word == "FAIL"} == {REMEDIES["reports.broken"]}
+    assert {line.remedy for line in lines if line.result == "FAIL"} == {REMEDIES["reports.broken"]}
     assert (marks["left behind"], marks["pose"]) == ("WARN", "PASS")
     assert doctor.exit_code(lines) == NOT_WELL
 
@@ -171,7 +173,7 @@ def test_a_pose_is_not_compared_while_the_arm_moves() -> None:
     """101 and 102 are of one sample, but AS reads pose and joints one after the other."""
     lines = link_lines(TCP, SECTION, SCALES, a_visit(heard(READY | Status.MOVING)))
     (pose,) = (line for line in lines if line.check == "pose")
-    assert (pose.word, pose.remedy) == ("WARN", REMEDIES["pose.moving"])
+    assert (pose.result, pose.remedy) == ("WARN", REMEDIES["pose.moving"])
 
 
 def test_an_arm_without_a_model_has_no_pose_check() -> None:
@@ -213,9 +215,9 @@ def test_a_gateway_without_its_controller_fails_the_link(name: str) -> None:
     state = LOST[name]
     lines = bus_lines(TCP, SCALES, overheard(TCP, state, {}))
     (link,) = (line for line in lines if line.check == "link")
-    assert (link.word, link.remedy) == ("FAIL", REMEDIES["link"])
+    assert (link.result, link.remedy) == ("FAIL", REMEDIES["link"])
     assert name != "not valid" or "no answer" in link.found
-    assert all(line.word == "SKIP" for line in lines if line.check in REST)
+    assert all(line.result == "SKIP" for line in lines if line.check in REST)
     assert doctor.exit_code(lines) == NOT_WELL
 
 

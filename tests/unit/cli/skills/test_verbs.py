@@ -49,11 +49,11 @@ def cell() -> Skilled:
 def test_touch_finds_the_surface_and_goes_back(cell: Skilled) -> None:
     """Where it says it touched is where the plate is; no harder than the approach may."""
     start = cell.p_tcp()
-    found = pressing.touch(cell.client, force_N=5.0, within_m=None, back_m=0.002)
-    assert found.way_mm == pytest.approx(GAP_MM, abs=0.3)
-    assert found.tcp_mm == pytest.approx(1e3 * (start - [0, 0, found.way_mm / 1e3]), abs=0.05)
+    found = pressing.touch(cell.client, force_N=5.0, search_m=None, retract_m=0.002)
+    assert found.travel_mm == pytest.approx(GAP_MM, abs=0.3)
+    assert found.tcp_mm == pytest.approx(1e3 * (start - [0, 0, found.travel_mm / 1e3]), abs=0.05)
     assert found.peak_N < CELL.force.touch_N + CELL.force.approach_budget_N
-    assert 1e3 * (start - cell.p_tcp())[2] == pytest.approx(found.way_mm - 2.0, abs=0.3)
+    assert 1e3 * (start - cell.p_tcp())[2] == pytest.approx(found.travel_mm - 2.0, abs=0.3)
     cell.world.advance(0.2)
     target = cell.client.target.reading().message
     assert target is not None
@@ -62,19 +62,19 @@ def test_touch_finds_the_surface_and_goes_back(cell: Skilled) -> None:
 
 def test_touch_tells_the_most_that_it_pressed_with(cell: Skilled) -> None:
     """Also what came after the touch, while the arm stopped; a second one goes no way at all."""
-    found = pressing.touch(cell.client, force_N=5.0, within_m=None, back_m=0.0)
+    found = pressing.touch(cell.client, force_N=5.0, search_m=None, retract_m=0.0)
     for _ in range(100):
         cell.world.advance(0.002)
         assert cell.client.force.pressed_N() < found.peak_N + 0.3  # noise of the sensor
-    again = pressing.touch(cell.client, force_N=5.0, within_m=None, back_m=0.0)
-    assert 0.0 <= again.way_mm < 0.05
+    again = pressing.touch(cell.client, force_N=5.0, search_m=None, retract_m=0.0)
+    assert 0.0 <= again.travel_mm < 0.05
 
 
 def test_touch_gives_up_after_the_way_that_was_allowed(cell: Skilled) -> None:
     """The arm stays where it gave up, and force feedback is over; nothing was held."""
     start = cell.p_tcp()
     with pytest.raises(NotReachedError, match="no contact within 2 mm"):
-        pressing.touch(cell.client, force_N=5.0, within_m=0.002, back_m=0.0)
+        pressing.touch(cell.client, force_N=5.0, search_m=0.002, retract_m=0.0)
     cell.world.advance(0.2)
     assert 1e3 * (start - cell.p_tcp())[2] == pytest.approx(2.0, abs=0.5)
     assert cell.client.status().state == "ARMED"
@@ -88,11 +88,11 @@ def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
         force_N=10.0,
         hold_s=0.5,
         within_s=20.0,
-        how=ForceSettings("adaptive", "gentle"),
+        settings=ForceSettings("adaptive", "gentle"),
     )
     assert held.mean_N == pytest.approx(10.0, abs=0.5)
     assert held.ripple_N < 0.5
-    flat = pressing.align(tilted.client, force_N=10.0, within_s=20.0, how=ForceSettings())
+    flat = pressing.align(tilted.client, force_N=10.0, within_s=20.0, settings=ForceSettings())
     assert flat.turned_deg == pytest.approx(4.0, abs=1.0)
     assert flat.torque_Nm <= pressing.BAND_NM
     tilted.world.advance(0.5)
@@ -102,7 +102,7 @@ def test_press_holds_a_force_and_align_then_lays_the_face_flat() -> None:
 def test_a_small_force_is_not_held_where_there_is_nothing(cell: Skilled) -> None:
     """Within a newton of nothing is no press: neither for the skill nor for the client."""
     with pytest.raises(NotReachedError):
-        pressing.press(cell.client, force_N=0.9, hold_s=0.1, within_s=0.3, how=ForceSettings())
+        pressing.press(cell.client, force_N=0.9, hold_s=0.1, within_s=0.3, settings=ForceSettings())
     with pytest.raises(NotReachedError, match=r"0\.9 N were not reached"):
         cell.client.force.press(0.9, within_s=0.3)
 
@@ -122,8 +122,8 @@ def test_a_force_that_somebody_else_changed_was_not_held(cell: Skilled) -> None:
             force_N=10.0,
             hold_s=3.0,
             within_s=20.0,
-            how=ForceSettings("adaptive"),
-            tell=tell,
+            settings=ForceSettings("adaptive"),
+            progress=tell,
         )
 
 
@@ -132,7 +132,7 @@ def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     path = [np.array([0.0, y, 0.1]) for y in np.linspace(0.0, 0.02, 70)]
     start = cell.p_tcp()
     way = following.PathParameters(8.0, 0.02, from_here=True)
-    done = following.follow(cell.client, path, way, how=ForceSettings(), within_s=20.0)
+    done = following.follow(cell.client, path, way, settings=ForceSettings(), within_s=20.0)
     moved = cell.p_tcp() - start
     assert 1e3 * moved[:2] == pytest.approx([0.0, 20.0], abs=0.3)
     assert done.length_mm == pytest.approx(20.0)
@@ -145,11 +145,15 @@ def test_follow_keeps_the_force_along_a_path(cell: Skilled) -> None:
     ):
         points = [np.array(point) for point in wrong]
         with pytest.raises(DataError, match=says):
-            following.follow(cell.client, points, way, how=ForceSettings(), within_s=5.0)
+            following.follow(cell.client, points, way, settings=ForceSettings(), within_s=5.0)
     far = [cell.p_tcp() + np.array([1.0, 0.0, 0.0])]
     with pytest.raises(DataError, match="starts 1000 mm away from the tool"):
         following.follow(
-            cell.client, far, following.PathParameters(8.0, 0.02), how=ForceSettings(), within_s=5.0
+            cell.client,
+            far,
+            following.PathParameters(8.0, 0.02),
+            settings=ForceSettings(),
+            within_s=5.0,
         )
 
 
@@ -166,7 +170,9 @@ def test_a_hand_leads_the_arm_and_its_way_is_gone_again(cell: Skilled, tmp_path)
         arm.data.xfrc_applied[tool][:3] = 500.0 * (goal - cell.p_tcp())
 
     seen = guiding.GuidedPath()
-    guiding.guide(client, seen, mode="position", seconds=1.6, enough=lambda: False, tell=pull)
+    guiding.guide(
+        client, seen, mode="position", seconds=1.6, is_finished=lambda: False, progress=pull
+    )
     arm.data.xfrc_applied[tool][:3] = 0.0
     led = cell.p_tcp() - start
     assert 1e3 * led == pytest.approx([0.0, 30.0, 0.0], abs=8.0)
@@ -192,7 +198,12 @@ def test_a_hold_by_somebody_else_ends_a_skill_with_its_reason(cell: Skilled) -> 
 
     with pytest.raises(ArmStoppedError, match="somebody wanted it"):
         pressing.press(
-            cell.client, force_N=10.0, hold_s=1.0, within_s=20.0, how=ForceSettings(), tell=tell
+            cell.client,
+            force_N=10.0,
+            hold_s=1.0,
+            within_s=20.0,
+            settings=ForceSettings(),
+            progress=tell,
         )
 
 
@@ -204,7 +215,12 @@ def test_a_frozen_service_is_named_by_whoever_presses(cell: Skilled) -> None:
 
     with pytest.raises(ArmStoppedError, match=r"the arm was stopped.*wrench"):
         pressing.press(
-            cell.client, force_N=8.0, hold_s=2.0, within_s=5.0, how=ForceSettings(), tell=freeze
+            cell.client,
+            force_N=8.0,
+            hold_s=2.0,
+            within_s=5.0,
+            settings=ForceSettings(),
+            progress=freeze,
         )
 
 
@@ -225,7 +241,7 @@ def test_the_verbs_print_a_line_or_an_object(cell: Skilled, monkeypatch, tmp_pat
     """Both as they are typed; what is refused is one sentence and its exit code."""
     touched = said(monkeypatch, cell.client, no_progress, "touch", "--json", "--back", "1")
     assert touched.exit_code == 0
-    assert json.loads(touched.stdout)["way_mm"] == pytest.approx(GAP_MM, abs=0.3)
+    assert json.loads(touched.stdout)["travel_mm"] == pytest.approx(GAP_MM, abs=0.3)
     pressed = said(monkeypatch, cell.client, no_progress, "press", "8", "--seconds", "0.2")
     assert pressed.exit_code == 0
     assert "N, ripple" in pressed.stdout
@@ -255,7 +271,10 @@ def test_a_verb_says_that_it_takes_over_what_runs(cell: Skilled, monkeypatch) ->
     assert (alone.exit_code, alone.stderr) == (0, "")
     cell.client.force.start(5.0)
     cell.world.advance(0.2)
-    assert said(monkeypatch, cell.client, no_progress, *words).stderr.strip() == at_work.TAKEN_OVER
+    assert (
+        said(monkeypatch, cell.client, no_progress, *words).stderr.strip()
+        == at_work.ALREADY_RUNNING
+    )
 
 
 def test_ctrl_c_between_two_things_holds_the_arm_too(cell: Skilled, monkeypatch) -> None:

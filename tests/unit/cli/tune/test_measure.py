@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cli.skills.contact_monitor import no_progress
-from cli.tune.measure import Ears, Readings, TuningMeasurement, TuningTrial, measure
+from cli.tune.measure import MotionRecorder, Readings, TuningMeasurement, TuningTrial, measure
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.errors import DataError, NotReachedError, RefusedError
@@ -98,19 +98,19 @@ def test_the_controllers_own_loop_is_measured_too() -> None:
     found = readings.controller
     assert found is not None
     assert 0.03 < found.tau_s < 1.5 * cell.client.config.loop_delay_s
-    assert len(readings.answers) >= 2
+    assert len(readings.responses) >= 2
     assert 0.04 < readings.arm.sum_s < 0.08
 
 
 def test_steps_that_never_repeat_are_refused_after_five_rounds(monkeypatch) -> None:
     """A machine that notes poses later and later: each round is said, and the arm goes nowhere."""
-    cell, truly, number = Tuned(), Ears.along, iter(range(100))
+    cell, truly, number = Tuned(), MotionRecorder.axis_steps, iter(range(100))
 
     def later(ears, axis) -> Steps:
         steps = truly(ears, axis)
-        return replace(steps, seen_s=steps.seen_s + 0.002 * next(number))
+        return replace(steps, measured_s=steps.measured_s + 0.002 * next(number))
 
-    monkeypatch.setattr(Ears, "along", later)
+    monkeypatch.setattr(MotionRecorder, "axis_steps", later)
     start = cell.p()
     with pytest.raises(DataError, match=r"were (\d+\.\d, ){4}\d+\.\d ms in 5 rounds, never twice"):
         run(cell, TuningTrial(step_m=0.001))
@@ -131,13 +131,13 @@ def test_a_press_is_repeated_until_it_tells_a_stiffness_and_refused_where_none_d
         def place(_feeler, level_N, _what, noise_m=noise_m):
             return level_N / 2e4 + noise_m * rng.normal(), level_N
 
-        monkeypatch.setattr(measuring, "_place", place)
+        monkeypatch.setattr(measuring, "_settled_point", place)
         if presses is None:
             with pytest.raises(DataError, match=r"3 presses showed .* press harder"):
                 measuring.press()
             continue
         measuring.press()
-        assert len(measuring.readings.ways_m) == 5 * presses
+        assert len(measuring.readings.travel_m) == 5 * presses
 
 
 def test_it_begins_armed_free_and_inside_the_workspace() -> None:

@@ -23,7 +23,7 @@ from identification.excitation.plan import (
     make_plan,
 )
 from identification.excitation.pose_choice import USUAL_PAYLOAD, best_attitudes, conditioning
-from identification.identify import identify
+from identification.identify import identify_payload
 from identification.recording import Samples
 from identification.static_poses import angle
 from tests.fakes.bench import DEMO
@@ -47,10 +47,10 @@ def cell_with(**overrides):
 def stops_of(plan: CalibrationPlan) -> list[np.ndarray]:
     """Return every joint goal of a plan, from the start back to the start."""
     route = plan.route
-    stops = [route.q_start, *route.way_out(route.q_start)]
+    stops = [route.q_start, *route.goals_to_hub(route.q_start)]
     for place in (*plan.fit, *plan.verify):
-        stops += route.way(stops[-1], plan.q[place])
-    return [*stops, route.hub, *route.way_home(route.hub)]
+        stops += route.goals(stops[-1], plan.q[place])
+    return [*stops, route.hub, *route.goals_to_start(route.hub)]
 
 
 def points_of(cell, q):
@@ -187,7 +187,7 @@ def test_ten_planned_poses_tell_the_payload_also_with_a_tilt_and_a_turned_sensor
         force, torque = predict(truth, R)
         force = force + 0.1 / np.sqrt(250) * rng.normal(size=force.shape)
         torque = torque + 0.005 / np.sqrt(250) * rng.normal(size=torque.shape)
-        found = identify(Samples(R, force, torque)).payload
+        found = identify_payload(Samples(R, force, torque)).payload
         true_N, true_Nm = predict(truth, fresh)
         left = residual(found, fresh, force_N=true_N, torque_Nm=true_Nm)
         assert np.linalg.norm(left[0], axis=1).mean() <= 0.02
@@ -312,10 +312,12 @@ def test_another_arm_is_refused():
 
 def test_the_person_is_told_the_box_and_what_is_not_known(plan):
     """Numbers in millimetres, how long, and that only the box is known."""
-    told = by_arm.explained(cell_with(planes=[WALL]), plan, WizardTiming(0.1))
+    told = by_arm.motion_description(cell_with(planes=[WALL]), plan, WizardTiming(0.1))
     assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in told
     assert "and 1 plane(s)" in told
     assert "above z = 217 mm" in told
     assert "10 poses and 4 to verify" in told
     assert "other obstacles are unknown" in told
-    assert "4 poses, about" in by_arm.explained(cell_with(), plan, WizardTiming(0.1), fitting=False)
+    assert "4 poses, about" in by_arm.motion_description(
+        cell_with(), plan, WizardTiming(0.1), fitting=False
+    )

@@ -11,8 +11,8 @@ from bench.payload_worlds import CellErrors
 from common.config.payload import Payload
 from identification.installation.axes import EYE
 from identification.installation.axis_fit import SIGNED, TURNS
-from identification.installation.check import installation_complaint, judge_installation
-from identification.installation.texts import oat_words
+from identification.installation.check import judge_installation, rejection_reason
+from identification.installation.texts import oat_text
 from tests.fakes.installations import ERRORS, PAYLOAD, belief, mended, oat_matrix, readings
 
 CHANNELS = ("all six", "forces", "torques")
@@ -131,7 +131,7 @@ def test_a_play_of_a_few_degrees_is_right_and_said() -> None:
     shown = oat_matrix((4.0, 0.0, 0.0))
     found = judge_installation(readings(force=shown, torque=shown), belief())
     assert found.verdict == "right"
-    assert any("4.0 degrees off" in line for line in found.unseen)
+    assert any("4.0 degrees off" in line for line in found.unidentified)
 
 
 def test_angles_in_radians_in_the_cell_file_are_recognised() -> None:
@@ -165,7 +165,7 @@ def test_reversed_torques_are_told_by_the_side_of_the_tool_alone() -> None:
     unknown = replace(belief(), com_m=None, p_flange_tcp_m=None)
     found = judge_installation(seen, unknown)
     assert found.verdict == "right"
-    assert any("whether the torques are all reversed" in line for line in found.unseen)
+    assert any("whether the torques are all reversed" in line for line in found.unidentified)
     for known in (belief(), replace(belief(), com_m=None), replace(belief(), p_flange_tcp_m=None)):
         (finding,) = judge_installation(seen, known).findings
         assert finding.code == "torque_axes"
@@ -177,7 +177,7 @@ def test_another_tool_than_the_cell_file_knows_is_no_reversed_torque() -> None:
     before = replace(belief(), com_m=np.array([-0.02, 0.03, -0.04]))
     found = judge_installation(readings(), before)
     assert [finding.kind for finding in found.findings] == ["payload"]
-    assert installation_complaint(readings(), before) is None
+    assert rejection_reason(readings(), before) is None
 
 
 def test_a_tool_on_its_axis_leaves_the_sign_of_its_torsion_open() -> None:
@@ -185,7 +185,7 @@ def test_a_tool_on_its_axis_leaves_the_sign_of_its_torsion_open() -> None:
     payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.055))
     found = judge_installation(readings(payload), belief(payload))
     assert found.verdict == "right"
-    assert any("the sign of Mz" in line for line in found.unseen)
+    assert any("the sign of Mz" in line for line in found.unidentified)
 
 
 def test_a_lever_of_a_millimetre_is_not_relied_upon() -> None:
@@ -193,7 +193,7 @@ def test_a_lever_of_a_millimetre_is_not_relied_upon() -> None:
     payload = replace(PAYLOAD, com_m=(0.001, 0.0, 0.055))
     found = judge_installation(readings(payload), belief(payload))
     assert found.verdict == "right"
-    assert any("the sign of Mz" in line for line in found.unseen)
+    assert any("the sign of Mz" in line for line in found.unidentified)
 
 
 def test_a_lever_in_the_axes_of_a_turned_sensor_is_no_second_mistake() -> None:
@@ -210,7 +210,7 @@ def test_a_tool_without_a_lever_shows_nothing_of_the_torques() -> None:
     payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.0))
     found = judge_installation(readings(payload), replace(belief(payload), com_m=None))
     assert found.verdict == "right"
-    assert any(line.startswith("the torques, for the tool's moment") for line in found.unseen)
+    assert any(line.startswith("the torques, for the tool's moment") for line in found.unidentified)
     turned = judge_installation(
         readings(payload, force=TURNS[2], torque=TURNS[2]), replace(belief(payload), com_m=None)
     )
@@ -230,7 +230,7 @@ def test_poses_that_are_alike_tell_nothing(spread_deg) -> None:
     noise = 0.01 * rng.normal(size=(12, 3))
     found = replace(seen, R_base_sensor=alike, force_N=weight + noise)
     assert judge_installation(found, belief()).verdict == "cannot tell"
-    assert "turn the wrist" in (installation_complaint(found, belief()) or "")
+    assert "turn the wrist" in (rejection_reason(found, belief()) or "")
 
 
 @pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (20.0, 35.0, 50.0)])
@@ -253,7 +253,7 @@ def test_model_errors_are_not_taken_for_an_installation() -> None:
     """Usual errors of gain, tilt, mounting and drift, in many cells: right, and no complaint."""
     for seed in range(60):
         seen = readings(world=CellErrors(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
-        assert installation_complaint(seen, belief()) is None, seed
+        assert rejection_reason(seen, belief()) is None, seed
 
 
 @pytest.mark.parametrize("mass_kg", [0.15, 0.3, 1.0])
@@ -275,4 +275,4 @@ def test_angles_to_write_are_tidy_where_noise_would_turn_them_apart() -> None:
     """Nearly upright only O + T is known: O = 0, and T takes it all; upside down O - T."""
     for upright, words in (((0.0, 0.0, 50.0), "[0, 0, 50]"), ((0.0, 180.0, 50.0), "[0, 180, 50]")):
         leaning = oat_matrix((70.0, 0.2, -70.0)) @ oat_matrix(upright)
-        assert oat_words(leaning) == f"sensor.T_flange_sensor.oat_deg: {words}"
+        assert oat_text(leaning) == f"sensor.T_flange_sensor.oat_deg: {words}"

@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 from common.motion.frames import rotation_from_vector
 from identification.installation.axes import EYE
 from identification.installation.axis_fit import SIGNED
-from identification.installation.push import LASTS_S, STEPS, PushDetector, PushResult, judge_pushes
+from identification.installation.push import (
+    LEAST_DURATION_S,
+    STEPS,
+    PushDetector,
+    PushResult,
+    judge_pushes,
+)
 from tests.fakes.installations import belief, oat_matrix
 
 CHANNELS = ("all six", "forces", "torques")
@@ -24,8 +30,8 @@ def hand(asked, wiring, channels, R_base_sensor, seed=0, off_deg=20.0, size_N=10
     off = rotation_from_vector(np.radians(off_deg) * axis / np.linalg.norm(axis))
     direction = R_base_sensor.T @ off @ np.array(asked.direction)
     lever = np.array([0.0, 0.0, 0.14]) + rng.uniform(-SIDEWAYS_M, SIDEWAYS_M, 3)
-    force = size_N * direction if asked.by == "push" else 0.5 * rng.normal(size=3)
-    torque = np.cross(lever, force) if asked.by == "push" else 0.6 * direction
+    force = size_N * direction if asked.action == "push" else 0.5 * rng.normal(size=3)
+    torque = np.cross(lever, force) if asked.action == "push" else 0.6 * direction
     force_shows = EYE if channels == "torques" else wiring
     torque_shows = EYE if channels == "forces" else wiring
     return PushResult(asked, force_shows @ force, torque_shows @ torque, R_base_sensor)
@@ -88,7 +94,7 @@ def test_reactions_are_told_from_a_hanging_arm() -> None:
 def test_pushes_that_fit_nothing_are_to_be_repeated() -> None:
     """Twice the same direction: cannot tell, and no wiring is made up."""
     done = [hand(asked, EYE, "all six", TOOL_DOWN) for asked in STEPS]
-    done[1] = replace(done[1], grown_N=done[0].grown_N)
+    done[1] = replace(done[1], change_N=done[0].change_N)
     (finding,), _ = judge_pushes(done, belief())
     assert (finding.code, finding.kind) == ("pushes", "unsure")
 
@@ -110,7 +116,7 @@ def followed(profile, by="push", step_s=0.01):
     """Feed a profile of sizes; return what came of it and when."""
     follower, axis = PushDetector(by), np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
     for k, size in enumerate(profile):
-        found = follower.see(k * step_s, size * axis)
+        found = follower.update(k * step_s, size * axis)
         if found is not None:
             return found
     return None
@@ -126,7 +132,7 @@ def test_a_push_is_over_when_it_is_let_go() -> None:
 
 @pytest.mark.parametrize(
     "profile",
-    [[2.5] * 200, [0.0, *[20.0] * int(LASTS_S / 0.01 / 2), *[0.0] * 50], [10.0] * 300],
+    [[2.5] * 200, [0.0, *[20.0] * int(LEAST_DURATION_S / 0.01 / 2), *[0.0] * 50], [10.0] * 300],
     ids=["too weak", "a knock", "never let go"],
 )
 def test_what_is_no_push_is_not_taken_for_one(profile) -> None:

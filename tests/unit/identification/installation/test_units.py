@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from common.config.payload import Payload
 from common.motion.frames import Oat, R_from_oat, R_from_quaternion, oat_from_R, quaternion_from_R
 from identification.installation.axis_fit import SIGNED
-from identification.installation.check import installation_complaint, judge_installation
+from identification.installation.check import judge_installation, rejection_reason
 from identification.installation.terms import ExpectedInstallation
 from identification.recording import Samples
 from tests.fakes.bench import CELL
@@ -96,7 +96,7 @@ def test_a_payload_that_is_wrong_is_told_with_both_numbers(times, seed) -> None:
         assert finding.code == "mass"
         assert f"the cell file says {times:.3g} kg" in finding.text
         assert "write payload.mass_kg: 1.00" in finding.remedy or "0.99" in finding.remedy
-    assert installation_complaint(seen, replace(belief(), mass_kg=times)) is None
+    assert rejection_reason(seen, replace(belief(), mass_kg=times)) is None
 
 
 @settings(max_examples=80, deadline=None)
@@ -115,7 +115,7 @@ def test_a_centre_of_mass_that_is_off_is_told_with_its_place(shift_mm, way) -> N
     (finding,) = found.findings
     assert finding.code == "com"
     assert "the centre of mass is at (12, -8, 55) mm" in finding.text
-    assert installation_complaint(SEEN, of) is None
+    assert rejection_reason(SEEN, of) is None
 
 
 @pytest.mark.parametrize("key", ["p_flange_sensor_m", "p_flange_tcp_m", "com_m"])
@@ -161,7 +161,7 @@ def test_attitudes_in_a_wrong_unit_or_order_are_told(change, words) -> None:
     finding = only(with_attitudes(change))
     assert finding.code == "attitude"
     assert words in finding.text
-    assert installation_complaint(with_attitudes(change), belief()) == str(finding)
+    assert rejection_reason(with_attitudes(change), belief()) == str(finding)
 
 
 def turned(samples: Samples) -> Samples:
@@ -227,7 +227,7 @@ def test_a_pose_in_contact_is_left_out_and_named(pose) -> None:
         force[pose] += np.array([3.0, 2.0, -4.0])
         found = judge_installation(replace(seen, force_N=force), belief())
         assert found.verdict == ("wrong" if number else "right")
-        assert f"pose {pose + 1}, left out: contact, or motion" in found.unseen
+        assert f"pose {pose + 1}, left out: contact, or motion" in found.unidentified
 
 
 def test_readings_that_fit_nothing_say_what_to_compare() -> None:

@@ -77,5 +77,5 @@ def test_frames_written_in_another_way_are_told(tmp_path: Path, monkeypatch: Any
     with pytest.raises(
         DataError, match=r"file-01\.mcap: not a message of frames: written by another"
     ):
-        list(RecordedFile(path).heard())
-    assert list(RecordedFile(path).said())
+        list(RecordedFile(path).raw_messages())
+    assert list(RecordedFile(path).messages())

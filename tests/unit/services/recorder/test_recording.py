@@ -122,9 +122,9 @@ def test_what_is_no_message_of_ours_is_kept_to_the_byte(
     recording.write(frames, SECOND)
     recording.close()
     read = RecordedFile(recording.path)
-    assert [h.data for h in read.heard()] == [good, data]
-    assert [h.at_ns - WALL_NS for h in read.heard()] == [SECOND, SECOND + 1]
-    assert len(list(read.said())) == 1
+    assert [h.data for h in read.raw_messages()] == [good, data]
+    assert [h.at_ns - WALL_NS for h in read.raw_messages()] == [SECOND, SECOND + 1]
+    assert len(list(read.messages())) == 1
     assert (recording.messages, recording.unshaped, recording.numbering.lost) == (2, 1, 0)
 
 
@@ -141,9 +141,9 @@ def test_a_body_of_another_program_still_has_its_number_and_time(
         for head, body in zip(heads, bodies, strict=True)
     ]
     path = recorded(tmp_path, frames)
-    times = {h.data: h.at_ns - WALL_NS for h in RecordedFile(path).heard()}
+    times = {h.data: h.at_ns - WALL_NS for h in RecordedFile(path).raw_messages()}
     assert [times[frame.data] for frame in frames] == [head.stamp_ns for head in heads]
-    assert [said.fields["seq"] for said in RecordedFile(path).said()] == [1, 3]
+    assert [said.fields["seq"] for said in RecordedFile(path).messages()] == [1, 3]
 
 
 @each_topic
@@ -181,7 +181,7 @@ def test_broken_off_frames_are_told(data: bytes, cut: int) -> None:
 def test_a_recording_holds_every_message_to_the_byte_in_order_of_time(tmp_path: Path) -> None:
     """What is read is what came, at the wall clock time at which it was written."""
     frames = of_every_topic()
-    heard = list(RecordedFile(recorded(tmp_path, frames)).heard())
+    heard = list(RecordedFile(recorded(tmp_path, frames)).raw_messages())
     assert [h.data for h in heard] == [frame.data for frame in frames]
     assert [h.at_ns for h in heard] == [WALL_NS + frame.at_ns for frame in frames]
     assert [h.topic for h in heard] == [TOPICS[frame.topic].key for frame in frames]
@@ -220,7 +220,7 @@ def test_memory_that_is_written_out_is_cut_into_chunks(
     assert summary is not None
     assert len(summary.chunk_indexes) > 5
     assert max(chunk.uncompressed_size for chunk in summary.chunk_indexes) < 20_000
-    assert len(list(RecordedFile(path).heard())) == len(frames)
+    assert len(list(RecordedFile(path).raw_messages())) == len(frames)
 
 
 def test_the_mcap_package_jumps_to_a_time_in_it(tmp_path: Path) -> None:
@@ -243,7 +243,7 @@ def test_a_file_without_an_end_is_read_up_to_where_it_breaks_off(
     path = recorded(tmp_path, frames, finish=False)
     path.write_bytes(path.read_bytes() + tail)
     read = RecordedFile(path)
-    assert [h.data for h in read.heard()] == [frame.data for frame in frames]
+    assert [h.data for h in read.raw_messages()] == [frame.data for frame in frames]
     assert not read.is_whole
     seen: list[object] = []
     with path.open("rb") as stream, suppress(McapError, struct.error):
@@ -262,7 +262,7 @@ def test_any_beginning_of_a_file_is_read_or_refused(tmp_path: Path, cut: int) ->
     part = tmp_path / "part.mcap"
     part.write_bytes(whole.read_bytes()[:cut])
     try:
-        heard = list(RecordedFile(part).heard())
+        heard = list(RecordedFile(part).raw_messages())
     except DataError:
         return
     assert [h.data for h in heard] == [frame.data for frame in frames[: len(heard)]]

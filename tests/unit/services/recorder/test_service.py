@@ -35,15 +35,15 @@ def begin(tmp_path: Path) -> Iterator[Begin]:
 
 def numbers(path: Path, topic: str = "wrench") -> list[int]:
     """Return the numbers of a topic's messages in a file."""
-    return [said.fields["seq"] for said in RecordedFile(path).said(topic)]
+    return [said.fields["seq"] for said in RecordedFile(path).messages(topic)]
 
 
 def events(path: Path) -> list[str]:
     """Return what happened during a recording; the file is whole."""
     read = RecordedFile(path)
-    assert list(read.said())
+    assert list(read.messages())
     assert read.is_whole
-    return [event.what for event in read.events]
+    return [event.code for event in read.events]
 
 
 def test_it_records_from_a_start_to_a_stop(begin: Begin) -> None:
@@ -61,7 +61,7 @@ def test_it_records_from_a_start_to_a_stop(begin: Begin) -> None:
     assert " messages, 0 lost" in stopped.text
     assert numbers(path) == list(range(11, 31))
     read = RecordedFile(path)
-    assert len(list(read.said("wrench"))) == 20
+    assert len(list(read.messages("wrench"))) == 20
     assert read.is_whole
 
 
@@ -89,8 +89,8 @@ def test_a_fault_writes_memory_out_and_goes_on_for_a_while(begin: Begin) -> None
     read = RecordedFile(path)
     assert read.about["cause"] == "force"
     assert numbers(path) == list(range(1, 83))
-    assert [event.what for event in read.events] == ["force"]
-    last = list(read.said("arbiter/status"))[-1]
+    assert [event.code for event in read.events] == ["force"]
+    last = list(read.messages("arbiter/status"))[-1]
     assert last.at_ns == read.events[0].at_ns - round(STEP_S * 1e9)
 
 
@@ -121,8 +121,8 @@ def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
     bench.stop()
     (path,) = bench.files()
     read = RecordedFile(path)
-    assert len(list(read.said())) > 30
-    assert [event.what for event in read.events] == ["force"]
+    assert len(list(read.messages())) > 30
+    assert [event.code for event in read.events] == ["force"]
 
 
 def test_a_stop_right_after_another_one_has_its_file_by_its_own_code(begin: Begin) -> None:
@@ -314,7 +314,7 @@ def test_the_end_of_the_process_finishes_the_file(begin: Begin) -> None:
     bench.pass_s(1.3)
     bench.recorder.close()
     read = RecordedFile(bench.files()[0])
-    assert len(list(read.said())) >= 13
+    assert len(list(read.messages())) >= 13
     assert read.is_whole
 
 
@@ -328,5 +328,5 @@ def test_bytes_of_strangers_are_kept_and_harm_nothing(begin: Begin) -> None:
         bench.pass_s(STEP_S)
     bench.stop()
     read = RecordedFile(bench.files()[0])
-    assert [h.data for h in read.heard() if h.topic == "sensor/wrench"] == strange
-    assert len(list(read.said("wrench"))) == len(strange)
+    assert [h.data for h in read.raw_messages() if h.topic == "sensor/wrench"] == strange
+    assert len(list(read.messages("wrench"))) == len(strange)

@@ -11,7 +11,7 @@ from forcemesh.errors import DataError
 
 
 @dataclass(frozen=True, slots=True)
-class Places:
+class OutputFiles:
     """Path of the calibration file; readings and report page are in the same folder."""
 
     calibration: Path
@@ -35,7 +35,7 @@ class Places:
         return self.calibration.with_suffix(".failed.html")
 
 
-def places_of(cell: CellConfig, cell_file: Path, out: Path | None) -> Places:
+def output_files(cell: CellConfig, cell_file: Path, out: Path | None) -> OutputFiles:
     """Return the paths of this cell's calibration.
 
     The path in the cell file; else `calibration/<cell>.yaml` in the current folder.
@@ -44,23 +44,23 @@ def places_of(cell: CellConfig, cell_file: Path, out: Path | None) -> Places:
     named = calibration_file(cell_file)
     named = None if named is None else Path(os.path.normpath(named))
     if named is not None and (out is None or _are_same(named, out)):
-        return Places(named)
+        return OutputFiles(named)
     if out is None:
         out = Path("calibration") / f"{cell.cell}.yaml"
     shown = os.path.relpath(out, cell_file.parent)
-    return Places(out, f"set `calibration: {shown}` in {cell_file} to use it")
+    return OutputFiles(out, f"set `calibration: {shown}` in {cell_file} to use it")
 
 
-def keep_before(path: Path) -> None:
+def back_up(path: Path) -> None:
     """Copy an existing file to `<name>.before<suffix>`. Raises DataError when it cannot."""
     if not path.exists():
         return
-    kept = path.with_name(f"{path.stem}.before{path.suffix}")
+    backup = path.with_name(f"{path.stem}.before{path.suffix}")
     try:
-        shutil.copyfile(path, kept)
+        shutil.copyfile(path, backup)
     except OSError as error:
-        raise DataError(f"{kept}: cannot be written: {error.strerror}") from error
+        raise DataError(f"{backup}: cannot be written: {error.strerror}") from error
 
 
-def _are_same(path: Path, other: Path) -> bool:
-    return path.resolve() == other.resolve()
+def _are_same(path: Path, other_path: Path) -> bool:
+    return path.resolve() == other_path.resolve()

@@ -3,7 +3,7 @@
 from typing import Protocol
 
 
-class Teller(Protocol):
+class ProgressOutput(Protocol):
     """Receiver of progress messages: a terminal, or a list in a test."""
 
     def note(self, text: str) -> None:

@@ -9,8 +9,7 @@ from bench.force.rig import LawSample
 from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh.messages import Mode
-from services.regulator import adaptive
-from services.regulator import admittance as guiding
+from services.regulator import adaptive, admittance
 from services.regulator.adaptive import AdaptiveSettings
 from services.regulator.admittance import AdmittanceSettings
 from services.regulator.law import LawInput, LawState, PiGains, back_calculate, start_at, step
@@ -94,12 +93,12 @@ class GuidingLawRunner:
         self.gains = pi_gains(tune(cell).gains)
         self.mode: Mode = "position"
         self.setpoint_N, self.across_m_s = 0.0, np.zeros(3)
-        self.law, self.memory = start_at(T_base_tcp), guiding.begin(T_measured)
+        self.law, self.memory = start_at(T_base_tcp), admittance.begin(T_measured)
 
     def step(self, heard: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
         law = back_calculate(self.law, heard.T_let_through) if heard.limited else self.law
-        self.law, self.memory = guiding.advance(
+        self.law, self.memory = admittance.advance(
             law,
             self.memory,
             LawInput(heard.force_N, heard.torque_Nm, 0.0, self.mode, heard.dt_s),

@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.frames import Array, length
-from services.regulator import delay_model as way
+from services.regulator import delay_model
 from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 from services.regulator.law import (
     LawInput,
@@ -54,20 +54,20 @@ class AdmittanceSettings:
     deadband_N: float
     deadband_Nm: float
     speed_max_m_s: float
-    path: DelayModelSettings  # delay model from the measured pose to the filtered force
+    delay_model: DelayModelSettings  # delay model from the measured pose to the filtered force
     stiffest_N_m: float
 
     @classmethod
     def of(cls, cell: CellConfig) -> "AdmittanceSettings":
         """Return the constants of a cell."""
-        path, tau_s = DelayModelSettings.of(cell), cell.loop_delay_s
+        model, tau_s = DelayModelSettings.of(cell), cell.loop_delay_s
         return cls(
             tau_s=tau_s,
             mass_kg=MASSES * cell.contact.inertia_kg,
             deadband_N=max(cell.force.idle_max_N, cell.force.deadband_N),
             deadband_Nm=max(TURN_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm),
             speed_max_m_s=cell.force.speed_max_m_s,
-            path=DelayModelSettings(path.median_s, 0.0, path.filter_s, path.median_s),
+            delay_model=DelayModelSettings(model.median_s, 0.0, model.filter_s, model.median_s),
             stiffest_N_m=max(STIFFER_THAN_CONTACT * cell.contact.stiffness_N_m, HAND_N_M),
         )
 
@@ -88,7 +88,7 @@ def begin(T_measured: pin.SE3) -> AdmittanceState:
     """Return the state of a tool at rest in free space."""
     zero = np.zeros(3)
     return AdmittanceState(
-        T_measured.copy(), way.at_rest(zero), np.full(3, HAND_N_M), zero, zero, zero
+        T_measured.copy(), delay_model.at_rest(zero), np.full(3, HAND_N_M), zero, zero, zero
     )
 
 
@@ -114,7 +114,7 @@ def advance(
         settings: Settings of hand guiding.
     """
     R = law.T_base_tcp.rotation
-    guide = _felt(guide, R, sample, T_measured=T_measured, settings=settings)
+    guide = _update_stiffness(guide, R, sample, T_measured=T_measured, settings=settings)
     damping_Ns_m = guide.k_N_m * settings.tau_s / LOOP_GAIN
     slow_N = NARROWS * length(damping_Ns_m * guide.speed_m_s)
     width_N = max(settings.deadband_N - slow_N, NARROWEST * settings.deadband_N)
@@ -122,14 +122,14 @@ def advance(
     share = sample.dt_s / settings.mass_kg
     speed_m_s = (guide.speed_m_s + share * push_N) / (1.0 + share * damping_Ns_m)
     speed_m_s = limit_norm(speed_m_s, settings.speed_max_m_s)
-    fed = replace(sample, drift_m_s=R @ speed_m_s)
-    still = np.zeros(3)
-    tuned = replace(gains, force_p_m_per_N=still, force_i_m_per_Ns=still)
+    with_speed = replace(sample, drift_m_s=R @ speed_m_s)
+    zero = np.zeros(3)
+    tuned = replace(gains, force_p_m_per_N=zero, force_i_m_per_Ns=zero)
     wide = replace(plain, deadband_N=settings.deadband_N, deadband_Nm=settings.deadband_Nm)
-    return step(law, fed, tuned, wide), replace(guide, speed_m_s=speed_m_s)
+    return step(law, with_speed, tuned, wide), replace(guide, speed_m_s=speed_m_s)
 
 
-def _felt(
+def _update_stiffness(
     guide: AdmittanceState,
     R: Array,
     sample: LawInput,
@@ -139,16 +139,18 @@ def _felt(
 ) -> AdmittanceState:
     """Return the state with the stiffness estimate updated by this sample."""
     moved_m = guide.measured.command + T_measured.translation - guide.T_measured.translation
-    measured = way.follow(guide.measured, moved_m, sample.dt_s, settings.path)
-    now_m, now_N = R.T @ measured.felt, R.T @ sample.force_N
+    measured = delay_model.follow(guide.measured, moved_m, sample.dt_s, settings.delay_model)
+    now_m, now_N = R.T @ measured.filtered, R.T @ sample.force_N
     d_m, d_N = now_m - guide.recent_m, now_N - guide.recent_N
-    tells = (d_m * d_N < 0.0) & (np.abs(d_m) > LEAST_M) & (np.abs(d_N) > LEAST_N)
+    is_informative = (d_m * d_N < 0.0) & (np.abs(d_m) > LEAST_M) & (np.abs(d_N) > LEAST_N)
     slope_N_m = STIFFER_THAN_CONTACT * np.abs(d_N) / np.maximum(np.abs(d_m), LEAST_M)
-    way_m, dt_s = np.abs(guide.speed_m_s) * sample.dt_s, sample.dt_s
-    gives_way = now_N * guide.speed_m_s > 0.0
-    kept = np.where(gives_way, np.exp(-way_m / RELAX_M - dt_s / RELAX_S), 1.0)
-    k_N_m = HAND_N_M + kept * (guide.k_N_m - HAND_N_M)
-    k_N_m = np.where(tells, np.maximum(k_N_m, np.minimum(slope_N_m, settings.stiffest_N_m)), k_N_m)
+    travel_m, dt_s = np.abs(guide.speed_m_s) * sample.dt_s, sample.dt_s
+    yields = now_N * guide.speed_m_s > 0.0
+    decay = np.where(yields, np.exp(-travel_m / RELAX_M - dt_s / RELAX_S), 1.0)
+    k_N_m = HAND_N_M + decay * (guide.k_N_m - HAND_N_M)
+    k_N_m = np.where(
+        is_informative, np.maximum(k_N_m, np.minimum(slope_N_m, settings.stiffest_N_m)), k_N_m
+    )
     share = 1.0 - exp(-dt_s / RECENT_S)
     return replace(
         guide,

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array, cross, rotation_between
-from services.regulator import delay_model as path
+from services.regulator import delay_model
 from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 from services.regulator.law import LawInput, LawState
 
@@ -20,39 +20,39 @@ class ContactTravel:
     """Travel of the contact point so far."""
 
     T_base_tcp: pin.SE3  # at its end
-    path: LoopDelayModel  # base axes
-    felt_m: Array  # travel that the filtered force belongs to, tool axes. Shape (3,)
+    delay_model: LoopDelayModel  # base axes
+    filtered_travel_m: Array  # travel that the filtered force belongs to, tool axes. Shape (3,)
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredTravel:
     """Measured travel, updated once per robot report."""
 
-    way: ContactTravel
-    waits_s: float = 0.0
-    took_s: float = 0.0  # between the last two reports
+    travel: ContactTravel
+    since_report_s: float = 0.0
+    report_period_s: float = 0.0  # between the last two reports
 
     @property
     def is_new(self) -> bool:
         """Whether the last step contained a new report."""
-        return self.waits_s == 0.0
+        return self.since_report_s == 0.0
 
 
 def begin(T_base_tcp: pin.SE3) -> ContactTravel:
     """Return the travel of a tool at rest."""
     zero = np.zeros(3)
-    return ContactTravel(T_base_tcp.copy(), path.at_rest(zero), zero)
+    return ContactTravel(T_base_tcp.copy(), delay_model.at_rest(zero), zero)
 
 
 def update_commanded(
-    way: ContactTravel, law: LawState, dt_s: float, settings: DelayModelSettings
+    travel: ContactTravel, law: LawState, dt_s: float, settings: DelayModelSettings
 ) -> ContactTravel:
     """Return the travel up to the commanded pose, constant for the last `dt_s`."""
-    return _gone(way, law.T_base_tcp, law, dt_s=dt_s, settings=settings)
+    return _advance(travel, law.T_base_tcp, law, dt_s=dt_s, settings=settings)
 
 
 def update_measured(
-    reports: MeasuredTravel,
+    before: MeasuredTravel,
     law: LawState,
     T_measured: pin.SE3,
     *,
@@ -64,16 +64,16 @@ def update_measured(
     Between two reports the pose is older than the force: paired with it, a stiff contact would
     look soft.
     """
-    waits_s = reports.waits_s + sample.dt_s
+    since_report_s = before.since_report_s + sample.dt_s
     if not sample.pose_is_new:
-        return replace(reports, waits_s=waits_s)
+        return replace(before, since_report_s=since_report_s)
     wrench_only = DelayModelSettings(settings.median_s, 0.0, settings.filter_s, settings.median_s)
-    way = _gone(reports.way, T_measured, law, dt_s=waits_s, settings=wrench_only)
-    return MeasuredTravel(way, 0.0, waits_s)
+    travel = _advance(before.travel, T_measured, law, dt_s=since_report_s, settings=wrench_only)
+    return MeasuredTravel(travel, 0.0, since_report_s)
 
 
-def _gone(
-    way: ContactTravel,
+def _advance(
+    travel: ContactTravel,
     T_base_tcp: pin.SE3,
     law: LawState,
     *,
@@ -81,9 +81,9 @@ def _gone(
     settings: DelayModelSettings,
 ) -> ContactTravel:
     lever_m = np.zeros(3) if law.lever_m is None else law.lever_m
-    turn_rad = rotation_between(way.T_base_tcp.rotation, T_base_tcp.rotation)
-    shift_m = T_base_tcp.translation - way.T_base_tcp.translation
-    end_m = way.path.command + shift_m + cross(turn_rad, lever_m)
-    gone = path.follow(way.path, end_m, dt_s, settings)
-    felt_m = law.T_base_tcp.rotation.T @ (gone.felt - way.path.felt)
-    return ContactTravel(T_base_tcp, gone, way.felt_m + felt_m)
+    turn_rad = rotation_between(travel.T_base_tcp.rotation, T_base_tcp.rotation)
+    shift_m = T_base_tcp.translation - travel.T_base_tcp.translation
+    end_m = travel.delay_model.command + shift_m + cross(turn_rad, lever_m)
+    model = delay_model.follow(travel.delay_model, end_m, dt_s, settings)
+    filtered_travel_m = law.T_base_tcp.rotation.T @ (model.filtered - travel.delay_model.filtered)
+    return ContactTravel(T_base_tcp, model, travel.filtered_travel_m + filtered_travel_m)

@@ -40,27 +40,31 @@ class ContactStiffness:
     k: Array  # shape (3,), tool axes
     T_base_tcp: pin.SE3
 
-    def still(self, T_base_tcp: pin.SE3) -> Array | None:
+    def at_pose(self, T_base_tcp: pin.SE3) -> Array | None:
         """Return the stiffness if it is valid at a pose, None elsewhere."""
-        way_m = np.linalg.norm(T_base_tcp.translation - self.T_base_tcp.translation)
+        distance_m = np.linalg.norm(T_base_tcp.translation - self.T_base_tcp.translation)
         turn_rad = rotation_between(self.T_base_tcp.rotation, T_base_tcp.rotation)
-        if way_m > VALID_WITHIN_M or np.linalg.norm(turn_rad) > VALID_WITHIN_RAD:
+        if distance_m > VALID_WITHIN_M or np.linalg.norm(turn_rad) > VALID_WITHIN_RAD:
             return None
         return self.k
 
 
-def last_identified(memory: AdaptiveState | None) -> ContactStiffness | None:
+def last_identified(adaptive_state: AdaptiveState | None) -> ContactStiffness | None:
     """Return the stiffness that a session identified; None out of contact or if it did not."""
-    if memory is None or memory.free_s > 0.0 or not memory.stiffness.known[2]:
+    if (
+        adaptive_state is None
+        or adaptive_state.free_s > 0.0
+        or not adaptive_state.stiffness.identified[2]
+    ):
         return None
-    return ContactStiffness(memory.stiffness.k, memory.measured.way.T_base_tcp)
+    return ContactStiffness(adaptive_state.stiffness.k, adaptive_state.measured.travel.T_base_tcp)
 
 
 def reset_predictor(
-    memory: AdaptiveState | None, law: LawState, T_measured: pin.SE3, tools: LawTools
+    adaptive_state: AdaptiveState | None, law: LawState, T_measured: pin.SE3, tools: LawTools
 ) -> AdaptiveState | None:
     """Return a reset state: the commands were not sent, so the predicted force does not occur."""
-    if memory is None:
+    if adaptive_state is None:
         return None
     return adaptive.begin(law.T_base_tcp, T_measured, tools.adaptive)
 
@@ -74,14 +78,14 @@ def still_valid(
     return before if np.linalg.norm(wrench.force_N) > tools.adaptive.touch_N else None
 
 
-def task_frame(wanted: ForceStartRequest, R_base_tcp: Array) -> Array:
+def task_frame(request: ForceStartRequest, R_base_tcp: Array) -> Array:
     """Return the task frame in which a request frees or locks axes. Shape (3, 3)."""
-    return R_base_tcp if wanted.frame == "tool" else np.eye(3)
+    return R_base_tcp if request.frame == "tool" else np.eye(3)
 
 
 def control(
     law: LawState,
-    memory: AdaptiveState | None,
+    adaptive_state: AdaptiveState | None,
     sample: LawInput,
     T_measured: pin.SE3,
     *,
@@ -89,10 +93,16 @@ def control(
     tools: LawTools,
 ) -> tuple[LawState, AdaptiveState | None]:
     """Return the next states; without an adaptive state the plain law runs."""
-    if memory is None:
+    if adaptive_state is None:
         return step(law, sample, gains, tools.plain), None
     return adaptive.advance(
-        law, memory, sample, T_measured, gains=gains, plain=tools.plain, settings=tools.adaptive
+        law,
+        adaptive_state,
+        sample,
+        T_measured,
+        gains=gains,
+        plain=tools.plain,
+        settings=tools.adaptive,
     )
 
 
@@ -114,17 +124,24 @@ def ramped(now: Gains, goal: Gains, dt_s: float) -> Gains:
 
 
 def controller_gains(
-    sent: Gains | None, asked: Gains, R_base_tcp: Array, *, memory: AdaptiveState, tools: LawTools
+    sent: Gains | None,
+    requested: Gains,
+    R_base_tcp: Array,
+    *,
+    adaptive_state: AdaptiveState,
+    tools: LawTools,
 ) -> Gains:
     """Return the gains for force feedback in the controller, from the estimated stiffness.
 
     The controller has no predictor, so the plain gain rule applies. Small changes are not sent.
     R_base_tcp has shape (3, 3).
     """
-    share = adaptive.requested_gain_share(pi_gains(asked), R_base_tcp, tools.adaptive)
-    wanted = (R_base_tcp * R_base_tcp) @ (share * adaptive.plain_gain(memory, tools.adaptive))
+    share = adaptive.requested_gain_share(pi_gains(requested), R_base_tcp, tools.adaptive)
+    target = (R_base_tcp * R_base_tcp) @ (
+        share * adaptive.plain_gain(adaptive_state, tools.adaptive)
+    )
     if sent is not None:
         now = np.array(sent.force_i_m_per_Ns)
-        if bool((np.abs(wanted - now) <= SAME_GAIN * now).all()):
+        if bool((np.abs(target - now) <= SAME_GAIN * now).all()):
             return sent
-    return asked.model_copy(update={"force_i_m_per_Ns": vec3(wanted)})
+    return requested.model_copy(update={"force_i_m_per_Ns": vec3(target)})

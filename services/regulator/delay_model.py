@@ -44,9 +44,9 @@ class LoopDelayModel:
     now_s: float
     first: Array  # after half the lag
     arm: Array  # after the whole lag: modelled position of the arm
-    felt: Array  # after the filter: position that the filtered force belongs to
-    speed: Array  # of `felt`, per second
-    acceleration: Array  # of `felt`, per second squared
+    filtered: Array  # after the filter: position that the filtered force belongs to
+    speed: Array  # of `filtered`, per second
+    acceleration: Array  # of `filtered`, per second squared
 
     @property
     def command(self) -> Array:
@@ -56,36 +56,36 @@ class LoopDelayModel:
 
 def at_rest(command: Array) -> LoopDelayModel:
     """Return the steady state of a constant command. Shape (3,)."""
-    still = np.array(command, dtype=float)
-    zero = np.zeros_like(still)
-    return LoopDelayModel(((0.0, still),), 0.0, still, still, still, zero, zero)
+    position = np.array(command, dtype=float)
+    zero = np.zeros_like(position)
+    return LoopDelayModel(((0.0, position),), 0.0, position, position, position, zero, zero)
 
 
 def follow(
-    path: LoopDelayModel, command: Array, dt_s: float, settings: DelayModelSettings
+    model: LoopDelayModel, command: Array, dt_s: float, settings: DelayModelSettings
 ) -> LoopDelayModel:
     """Return the state after `command` was constant for the last `dt_s` [s]. Shape (3,)."""
-    sent = path.sent
-    if not np.array_equal(command, path.command):
-        sent = (*sent, (path.now_s, np.array(command, dtype=float)))
+    sent = model.sent
+    if not np.array_equal(command, model.command):
+        sent = (*sent, (model.now_s, np.array(command, dtype=float)))
     steps = max(1, ceil(dt_s / SUBSTEP_S - 1e-9))
     step_s = dt_s / steps
     half_s, filter_s = 0.5 * settings.lag_s, settings.filter_s
     lagging, filtering = _share(step_s, half_s), _share(step_s, filter_s)
-    first, arm, felt = path.first, path.arm, path.felt
+    first, arm, filtered = model.first, model.arm, model.filtered
     at = 0
     for number in range(steps):
-        due_s = path.now_s + (number + 0.5) * step_s - settings.delay_s
+        due_s = model.now_s + (number + 0.5) * step_s - settings.delay_s
         while at + 1 < len(sent) and sent[at + 1][0] <= due_s:
             at += 1
         first = first + lagging * (sent[at][1] - first)
         arm = arm + lagging * (first - arm)
-        felt = felt + filtering * (arm - felt)
-    speed, acceleration = (felt - path.felt) / dt_s, np.zeros_like(felt)
+        filtered = filtered + filtering * (arm - filtered)
+    speed, acceleration = (filtered - model.filtered) / dt_s, np.zeros_like(filtered)
     if min(filter_s, half_s) > INSTANT_S:
-        speed = (arm - felt) / filter_s
+        speed = (arm - filtered) / filter_s
         acceleration = ((first - arm) / half_s - speed) / filter_s
-    return LoopDelayModel(sent[at:], path.now_s + dt_s, first, arm, felt, speed, acceleration)
+    return LoopDelayModel(sent[at:], model.now_s + dt_s, first, arm, filtered, speed, acceleration)
 
 
 def _share(dt_s: float, lag_s: float) -> float:

@@ -26,8 +26,8 @@ from common.motion.frames import Array, length
 
 ROBOT_PERIODS_S = (0.010, 0.025)
 LOOP = (3.4, 2.0)
-FORESEEN_LOOP = (2.5, 2.0)
-MOST_FORESEEN = (0.9, 1.0)
+FULL_PREDICTION_LOOP = (2.5, 2.0)
+LARGEST_PREDICTION_WEIGHT = (0.9, 1.0)
 ACCEL_SHARE = 0.95  # of the cell's limit: the arbiter must not have to limit the command
 BRAKE_SHARE = 0.8  # of the cell's limit: the rest is margin for disturbances
 LEAST_GAIN_M_PER_NS = 1e-9  # a request may set the gain to zero
@@ -39,8 +39,8 @@ class GainLimits:
     """Limits of a loop with prediction."""
 
     loop: float  # k Ki tau at most
-    foreseen_loop: float  # k Ki tau from which the prediction has its full weight
-    most_foreseen: float  # largest weight of the prediction
+    full_prediction_loop: float  # k Ki tau from which the prediction has its full weight
+    largest_prediction_weight: float  # largest weight of the prediction
     accel_m_s2: float
     brake_m_s2: float
 
@@ -48,10 +48,18 @@ class GainLimits:
 def gain_limits_of(cell: CellConfig) -> GainLimits:
     """Return the gain limits of a cell."""
     period_s = 1.0 / cell.rates.robot_hz
-    rows = (LOOP, FORESEEN_LOOP, MOST_FORESEEN)
-    loop, foreseen_loop, most = (float(np.interp(period_s, ROBOT_PERIODS_S, row)) for row in rows)
+    rows = (LOOP, FULL_PREDICTION_LOOP, LARGEST_PREDICTION_WEIGHT)
+    loop, full_prediction_loop, largest_weight = (
+        float(np.interp(period_s, ROBOT_PERIODS_S, row)) for row in rows
+    )
     accel_m_s2 = cell.limits.accel_m_s2
-    return GainLimits(loop, foreseen_loop, most, ACCEL_SHARE * accel_m_s2, BRAKE_SHARE * accel_m_s2)
+    return GainLimits(
+        loop,
+        full_prediction_loop,
+        largest_weight,
+        ACCEL_SHARE * accel_m_s2,
+        BRAKE_SHARE * accel_m_s2,
+    )
 
 
 def limit_gain_for_braking(Ki: Array, error_N: Array, k: Array, brake_m_s2: float) -> Array:

@@ -19,7 +19,7 @@ from common.config.cell import CellConfig
 from common.motion.frames import Array, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
-from services.regulator import unverified_axes as unproven
+from services.regulator import unverified_axes
 from services.regulator.law import Contact
 from services.regulator.oscillation import HalfWaves, OscillationSettings, follow
 from services.regulator.unverified_axes import ToolMotion, YieldSettings, YieldTravel
@@ -111,83 +111,85 @@ def kept_over_restart(before: GuardState) -> GuardState:
     )
 
 
-def verifies_press_axis(now: GuardState, seen: GuardSample, settings: GuardSettings) -> bool:
+def verifies_press_axis(now: GuardState, sample: GuardSample, settings: GuardSettings) -> bool:
     """Return whether a touch from free space has pushed back along the tool."""
-    if not _began_free(now) or now.first is None or not seen.presses:
+    if not _began_free(now) or now.first is None or not sample.presses:
         return False
-    grown_N = seen.force_N - now.first.force_N
-    back_N = -float(grown_N @ seen.T_base_tcp.rotation[:, 2])
+    grown_N = sample.force_N - now.first.force_N
+    back_N = -float(grown_N @ sample.T_base_tcp.rotation[:, 2])
     return back_N > max(settings.touch_N, MAIN_PART * length(grown_N))
 
 
 def watch(
-    before: GuardState, seen: GuardSample, settings: GuardSettings
+    before: GuardState, sample: GuardSample, settings: GuardSettings
 ) -> tuple[GuardState, Trip | None]:
     """Return the state after one sample, and the trip of the first monitor that fired."""
-    touched = before.touched or seen.contact == "contact"
+    touched = before.touched or sample.contact == "contact"
     p_search_m = before.p_search_m
-    if seen.contact != "approach":
+    if sample.contact != "approach":
         p_search_m = None
     elif p_search_m is None:
-        p_search_m = np.array(seen.T_base_tcp.translation)
+        p_search_m = np.array(sample.T_base_tcp.translation)
     now = replace(
-        _count_work(before, seen),
-        first=before.first or seen,
+        _count_work(before, sample),
+        first=before.first or sample,
         touched=touched,
-        found=before.found or seen.pushed_back_N <= seen.setpoint_N,
+        found=before.found or sample.pushed_back_N <= sample.setpoint_N,
         p_search_m=p_search_m,
-        swing=follow(before.swing, seen.error, seen.dt_s, settings.swing),
-        yielding=unproven.update(
+        swing=follow(before.swing, sample.error, sample.dt_s, settings.swing),
+        yielding=unverified_axes.update(
             before.yielding,
-            seen.motion,
-            seen.T_base_tcp.rotation,
-            force_N=seen.force_N,
-            torque_Nm=seen.torque_Nm,
-            limited=seen.limited,
+            sample.motion,
+            sample.T_base_tcp.rotation,
+            force_N=sample.force_N,
+            torque_Nm=sample.torque_Nm,
+            limited=sample.limited,
             settings=settings.yielding,
         ),
     )
-    rules = (_sign_trip, _work_trip, _rise_trip, _yield_trip, _way_trip, _swing_trip)
-    return now, next((trip for rule in rules if (trip := rule(now, seen, settings))), None)
+    rules = (_sign_trip, _work_trip, _rise_trip, _yield_trip, _travel_trip, _swing_trip)
+    return now, next((trip for rule in rules if (trip := rule(now, sample, settings))), None)
 
 
 def _began_free(now: GuardState) -> bool:
     return now.first is not None and now.first.contact == "approach"
 
 
-def _count_work(before: GuardState, seen: GuardSample) -> GuardState:
+def _count_work(before: GuardState, sample: GuardSample) -> GuardState:
     """Add the work between tool and environment since the last counted sample."""
     last = before.worked
     if last is None or not before.touched:
-        return replace(before, worked=seen)
-    way_m = seen.T_base_tcp.translation - last.T_base_tcp.translation
-    if seen.follows:  # the press verified the sign along this axis, not along the other two
-        press_axis = seen.T_base_tcp.rotation[:, 2]
-        way_m = way_m - (way_m @ press_axis) * press_axis
-    turn_rad = rotation_between(last.T_base_tcp.rotation, seen.T_base_tcp.rotation)
-    if length(way_m) < WORK_STEP_M and length(turn_rad) < WORK_STEP_RAD:
+        return replace(before, worked=sample)
+    travel_m = sample.T_base_tcp.translation - last.T_base_tcp.translation
+    if sample.follows:  # the press verified the sign along this axis, not along the other two
+        press_axis = sample.T_base_tcp.rotation[:, 2]
+        travel_m = travel_m - (travel_m @ press_axis) * press_axis
+    turn_rad = rotation_between(last.T_base_tcp.rotation, sample.T_base_tcp.rotation)
+    if length(travel_m) < WORK_STEP_M and length(turn_rad) < WORK_STEP_RAD:
         return before
-    work_J = 0.5 * float((seen.force_N + last.force_N) @ way_m)
-    if seen.turns:
-        work_J += 0.5 * float((seen.torque_Nm + last.torque_Nm) @ turn_rad)
+    work_J = 0.5 * float((sample.force_N + last.force_N) @ travel_m)
+    if sample.turns:
+        work_J += 0.5 * float((sample.torque_Nm + last.torque_Nm) @ turn_rad)
     environment_work_J, tool_work_J = max(work_J, 0.0), before.tool_work_J + max(-work_J, 0.0)
-    if not seen.presses:  # at set point 0 anything may move the tool; stored work is returned
-        return replace(before, worked=seen, tool_work_J=max(tool_work_J - environment_work_J, 0.0))
+    if not sample.presses:  # at set point 0 anything may move the tool; stored work is returned
+        return replace(
+            before, worked=sample, tool_work_J=max(tool_work_J - environment_work_J, 0.0)
+        )
     return replace(
         before,
-        worked=seen,
+        worked=sample,
         environment_work_J=before.environment_work_J + environment_work_J,
         tool_work_J=tool_work_J,
     )
 
 
-def _sign_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
+def _sign_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check that the force of the first touch pushes back along the tool axis."""
     if now.touched or now.first is None or not _began_free(now):
         return None
-    grown_N = seen.force_N - now.first.force_N
+    grown_N = sample.force_N - now.first.force_N
     length_N = length(grown_N)
-    back_N = -float(grown_N @ seen.T_base_tcp.rotation[:, 2])
+    back_N = -float(grown_N @ sample.T_base_tcp.rotation[:, 2])
     if length_N <= settings.touch_N or back_N >= MAIN_PART * length_N:
         return None
     text = (
@@ -197,10 +199,10 @@ def _sign_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> T
     return tripped("sensor_sign", text, value=back_N, limit=MAIN_PART * length_N, unit="N")
 
 
-def _work_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
+def _work_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check passivity: the environment cannot return more work than it received."""
     more_J = now.environment_work_J - (1.0 + SWUNG_PART) * now.tool_work_J
-    if not _began_free(now) or not seen.presses or more_J <= settings.environment_work_J:
+    if not _began_free(now) or not sample.presses or more_J <= settings.environment_work_J:
         return None
     text = (
         f"the contact did {now.environment_work_J * 1e3:.0f} mJ of work on the tool and received "
@@ -210,45 +212,46 @@ def _work_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> T
     return tripped("sensor_sign", text, value=more_J, limit=settings.environment_work_J, unit="J")
 
 
-def _rise_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
+def _rise_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check the force while the tool turns on unverified torques: it must not keep rising."""
-    limit_N = (1.0 + RISE_PART) * seen.setpoint_N + settings.touch_N
-    unproven_turn = seen.turns and seen.presses and bool(seen.limited.any())
-    if not unproven_turn or not now.found or seen.pushed_back_N <= limit_N:
+    limit_N = (1.0 + RISE_PART) * sample.setpoint_N + settings.touch_N
+    unverified_rotation = sample.turns and sample.presses and bool(sample.limited.any())
+    if not unverified_rotation or not now.found or sample.pushed_back_N <= limit_N:
         return None
     text = (
-        f"the force rose to {seen.pushed_back_N:.1f} N while the tool turned, limit {limit_N:.1f} "
-        "N: a sign or an axis of the torque is wrong, or a person "
+        f"the force rose to {sample.pushed_back_N:.1f} N while the tool turned, limit "
+        f"{limit_N:.1f} N: a sign or an axis of the torque is wrong, or a person "
         "pushes; run `forcemesh check axes`, once for each calibration"
     )
-    return tripped("sensor_sign", text, value=seen.pushed_back_N, limit=limit_N, unit="N")
+    return tripped("sensor_sign", text, value=sample.pushed_back_N, limit=limit_N, unit="N")
 
 
-def _yield_trip(now: GuardState, seen: GuardSample, _: GuardSettings) -> Trip | None:
+def _yield_trip(now: GuardState, sample: GuardSample, _: GuardSettings) -> Trip | None:
     """Check the travel along unverified axes."""
-    force_tool_N = seen.T_base_tcp.rotation.T @ seen.force_N
-    return unproven.trip_of(now.yielding, force_tool_N, seen.limited, turns=seen.turns)
+    force_tool_N = sample.T_base_tcp.rotation.T @ sample.force_N
+    return unverified_axes.trip_of(now.yielding, force_tool_N, sample.limited, turns=sample.turns)
 
 
-def _way_trip(now: GuardState, seen: GuardSample, settings: GuardSettings) -> Trip | None:
+def _travel_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check the travel of a search for contact."""
     if now.p_search_m is None:
         return None
-    press_axis = seen.T_base_tcp.rotation[:, 2]
-    way_m = float((seen.T_base_tcp.translation - now.p_search_m) @ press_axis)
+    press_axis = sample.T_base_tcp.rotation[:, 2]
+    travel_m = float((sample.T_base_tcp.translation - now.p_search_m) @ press_axis)
     limit_m = settings.lost_m if now.touched else settings.search_m
-    if now.touched and seen.limited[2] and not _began_free(now):
-        limit_m = min(limit_m, unproven.LIMIT_M)  # a wrong axis may look like a lost contact
-    if way_m <= limit_m:
+    if now.touched and sample.limited[2] and not _began_free(now):
+        # A wrong axis may look like a lost contact.
+        limit_m = min(limit_m, unverified_axes.LIMIT_M)
+    if travel_m <= limit_m:
         return None
-    what = "contact was lost and not found again" if now.touched else "no contact"
-    text = f"{what} within {limit_m * 1e3:g} mm"
-    return tripped("travel", text, value=way_m, limit=limit_m, unit="m")
+    cause = "contact was lost and not found again" if now.touched else "no contact"
+    text = f"{cause} within {limit_m * 1e3:g} mm"
+    return tripped("travel", text, value=travel_m, limit=limit_m, unit="m")
 
 
-def _swing_trip(now: GuardState, seen: GuardSample, _: GuardSettings) -> Trip | None:
+def _swing_trip(now: GuardState, sample: GuardSample, _: GuardSettings) -> Trip | None:
     if not now.swing.swings:
         return None
-    height_N = length(seen.error[:3])
+    height_N = length(sample.error[:3])
     text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
     return tripped("oscillation", text, value=height_N, unit="N")

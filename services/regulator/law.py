@@ -62,7 +62,7 @@ class LawInput:
     mode: Mode
     dt_s: float  # since the last sample
     # Inputs from the laws around it; by default the measured error, base axes, all axes free.
-    foreseen_N: Array | None = None  # predicted force once all commands have arrived, base axes
+    predicted_N: Array | None = None  # predicted force once all commands have arrived, base axes
     drift_m_s: Array | None = None  # feed-forward speed, base axes
     R_base_gains: Array | None = None  # axes of the force's gains
     R_base_task: Array | None = None  # task frame of `axes`
@@ -96,8 +96,8 @@ def back_calculate(state: LawState, T_base_tcp: pin.SE3) -> LawState:
 def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSettings) -> LawState:
     """Return the next state; its pose is the next command."""
     press_axis = state.T_base_tcp.rotation[:, 2]
-    wanted_force_N = -sample.setpoint_N * press_axis  # the contact pushes against the press axis
-    error_N = soft_deadband(sample.force_N - wanted_force_N, settings.deadband_N)
+    target_force_N = -sample.setpoint_N * press_axis  # the contact pushes against the press axis
+    error_N = soft_deadband(sample.force_N - target_force_N, settings.deadband_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
     contact = next_contact(state.contact, sample, press_axis, settings.touch_N)
     lever_m = contact_point(sample, settings.touch_N) if sample.mode == "both" else None
@@ -113,11 +113,11 @@ def step(state: LawState, sample: LawInput, gains: PiGains, settings: LawSetting
         speed_m_s = _masked(approach_m_s * press_axis, sample, 0)
         shift_m = speed_m_s * sample.dt_s
     elif sample.mode != "orientation":
-        foreseen_N = error_N
-        if sample.foreseen_N is not None:
-            foreseen_N = soft_deadband(sample.foreseen_N - wanted_force_N, settings.deadband_N)
+        predicted_N = error_N
+        if sample.predicted_N is not None:
+            predicted_N = soft_deadband(sample.predicted_N - target_force_N, settings.deadband_N)
         gain = gains.force_i_m_per_Ns
-        integral_m = _along(gain, foreseen_N, sample.R_base_gains) * sample.dt_s
+        integral_m = _apply_gain(gain, predicted_N, sample.R_base_gains) * sample.dt_s
         proportional_m = gains.force_p_m_per_N * change(error_N, state.error_force_N)
         shift_m = proportional_m + integral_m
         if sample.drift_m_s is not None:
@@ -165,7 +165,7 @@ def _sped_up(
     return before_m + limit_norm(shift_m - before_m, most_m)
 
 
-def _along(gain: Array, error: Array, R: Array | None) -> Array:
+def _apply_gain(gain: Array, error: Array, R: Array | None) -> Array:
     """Return gain times error, with the gains along the axes of R_base_gains."""
     return gain * error if R is None else np.asarray(R @ (gain * (R.T @ error)))
 

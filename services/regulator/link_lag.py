@@ -22,7 +22,7 @@ REPORTS, SAMPLES = 2.0, 2.0
 SAME_COMMAND = np.array([1e-5, 1e-4])  # m, rad: tolerance between a sent pose and its command
 
 # Weights that sum the squared elements of a row to a squared distance and a squared angle.
-WAY_AND_TURN = np.repeat([[1.0, 0.0], [0.0, 0.5]], [3, 9], axis=0)
+SQUARE_WEIGHTS = np.repeat([[1.0, 0.0], [0.0, 0.5]], [3, 9], axis=0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class CommandHistory:
         row = self.poses[0]
         return pin.SE3(row[3:].reshape(3, 3), row[:3])
 
-    def anew(self) -> "CommandHistory":
+    def restarted(self) -> "CommandHistory":
         """Return a history with the oldest command only."""
         return CommandHistory(self.window_s, np.zeros(1), self.poses[:1])
 
@@ -62,11 +62,11 @@ class CommandHistory:
         """Return whether the sent pose is behind every command of the window; None: unknown."""
         if T_sent is None or not len(self.ages_s):
             return False
-        behind = _apart(_row(T_sent) - self.poses[-1:])[0]
+        behind = _distances(_row(T_sent) - self.poses[-1:])[0]
         if (behind <= SAME_COMMAND).all():
             return False
-        gone = _apart(self.poses - self.poses[-1]).max(axis=0)
-        return bool((behind > gone + SAME_COMMAND).any())
+        moved = _distances(self.poses - self.poses[-1]).max(axis=0)
+        return bool((behind > moved + SAME_COMMAND).any())
 
 
 def _row(T: pin.SE3) -> Array:
@@ -74,9 +74,9 @@ def _row(T: pin.SE3) -> Array:
     return np.concatenate((T.translation, T.rotation.ravel()))[None, :]
 
 
-def _apart(differences: Array) -> Array:
+def _distances(differences: Array) -> Array:
     """Return distances [m] and small angles [rad] of poses. Shapes (n, 12), (n, 2).
 
     Two rotation matrices differ by sqrt(2) times the angle between them.
     """
-    return np.asarray(np.sqrt((differences * differences).dot(WAY_AND_TURN)))
+    return np.asarray(np.sqrt((differences * differences).dot(SQUARE_WEIGHTS)))

@@ -20,68 +20,68 @@ AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # as on the command line
 
 
 def refused_start(
-    wanted: ForceStartRequest, cell: CellConfig, arbiter: ArbiterStatus | None, worse: Reading[Any]
+    request: ForceStartRequest, cell: CellConfig, arbiter: ArbiterStatus | None, worse: Reading[Any]
 ) -> Reply | None:
     """Return why force feedback cannot start, None when it can; `worse`: input with a fault."""
     largest_N = cell.force.setpoint_max_N
-    if wanted.host not in cell.robot.hosts:
+    if request.host not in cell.robot.hosts:
         text = (
-            f"host {wanted.host} needs a cell with a controller that can run force feedback; "
+            f"host {request.host} needs a cell with a controller that can run force feedback; "
             f"this cell offers {', '.join(cell.robot.hosts)}"
         )
         return refusal("host", text)
-    if wanted.host == "controller" and not all(wanted.axes):
+    if request.host == "controller" and not all(request.axes):
         return refusal("host", "axes: host controller cannot lock single axes, host pc can")
-    if wanted.host == "controller" and wanted.law == "admittance":
+    if request.host == "controller" and request.law == "admittance":
         return refusal("host", "law admittance: host controller has no hand guiding, host pc has")
-    if wanted.law == "admittance" and wanted.setpoint_N > 0.0:
+    if request.law == "admittance" and request.setpoint_N > 0.0:
         text = "law admittance needs set point 0"
-        return refusal("setpoint", text, value=wanted.setpoint_N, limit=0.0)
-    if wanted.setpoint_N > largest_N:
+        return refusal("setpoint", text, value=request.setpoint_N, limit=0.0)
+    if request.setpoint_N > largest_N:
         text = "set point above force.setpoint_max_N"
-        return refusal("setpoint", text, value=wanted.setpoint_N, limit=largest_N)
+        return refusal("setpoint", text, value=request.setpoint_N, limit=largest_N)
     if arbiter is None or not arbiter.goes_on:
         state = "silent" if arbiter is None else arbiter.state
         return refusal("not_armed", f"the arbiter is {state}: arm first")
     if arbiter.armed_for != "all":
-        what = "jog" if arbiter.armed_for == "jog" else "backing off"
-        return refusal("not_armed", f"armed for {what} alone: hold, then arm for all")
-    if who := active_commander(arbiter):
-        text = f"the {who} commands the arm: wait for the move to end, or hold"
+        purpose = "jog" if arbiter.armed_for == "jog" else "backing off"
+        return refusal("not_armed", f"armed for {purpose} alone: hold, then arm for all")
+    if commander := active_commander(arbiter):
+        text = f"the {commander} commands the arm: wait for the move to end, or hold"
         return refusal("busy", text)
     return refusal(worse.code, worse.fault) if worse.fault else None
 
 
-def refused_axes(wanted: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
+def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
     """Return why a set point cannot be reached with these axes, None when it can.
 
     The set point acts along the tool's z axis. With that axis locked, the force is not controlled.
 
     Args:
-        wanted: The request.
+        request: The request.
         R_base_tcp: Measured orientation of the tool, shape (3, 3).
     """
-    if wanted.mode == "orientation" or wanted.setpoint_N <= 0.0:
+    if request.mode == "orientation" or request.setpoint_N <= 0.0:
         return None
-    press_axis = np.array([0.0, 0.0, 1.0]) if wanted.frame == "tool" else R_base_tcp[:, 2]
-    share = float(np.linalg.norm(press_axis * np.array(wanted.axes[:3])))
+    press_axis = np.array([0.0, 0.0, 1.0]) if request.frame == "tool" else R_base_tcp[:, 2]
+    share = float(np.linalg.norm(press_axis * np.array(request.axes[:3])))
     if share >= LEAST_PRESS_SHARE:
         return None
-    named = ",".join(name for name, free in zip(AXIS_NAMES, wanted.axes, strict=True) if free)
+    named = ",".join(name for name, free in zip(AXIS_NAMES, request.axes, strict=True) if free)
     text = (
-        f"a set point of {wanted.setpoint_N:g} N presses along the tool's z axis, and the axes "
-        f"that may move ({named or 'none'}, frame {wanted.frame}) exclude it: free that axis, "
+        f"a set point of {request.setpoint_N:g} N presses along the tool's z axis, and the axes "
+        f"that may move ({named or 'none'}, frame {request.frame}) exclude it: free that axis, "
         "or use set point 0"
     )
     return refusal("axes", text)
 
 
-def refused_guide(wanted: ForceStartRequest, wrench: WrenchAtTcp) -> Reply | None:
+def refused_guide(request: ForceStartRequest, wrench: WrenchAtTcp) -> Reply | None:
     """Return why hand guiding cannot start yet, None when it can.
 
     The effect of a wrong sign cannot be distinguished from a hand by the readings.
     """
-    if wanted.law != "admittance" or wrench.axes_checked:
+    if request.law != "admittance" or wrench.axes_checked:
         return None
     text = (
         "law admittance follows the sensor's readings, and its axes and "
@@ -92,34 +92,34 @@ def refused_guide(wanted: ForceStartRequest, wrench: WrenchAtTcp) -> Reply | Non
 
 
 def refused_path(
-    wanted: PathRequest, session: ForceSession | None, cell: CellConfig
+    request: PathRequest, session: ForceSession | None, cell: CellConfig
 ) -> Reply | None:
     """Return why a path cannot be followed, None when it can."""
     if session is None or session.failure is not None:
         return refusal("not_armed", "no force feedback is running: start it first")
-    if session.wanted.host != "pc":
+    if session.request.host != "pc":
         return refusal("host", "host controller cannot follow a path, host pc can")
-    if wanted.points_m and session.memory is not None and _gives_way_across(session.wanted):
+    if request.points_m and session.adaptive is not None and _moves_across_axis(session.request):
         text = (
             "the adaptive law would take the path for an external push and return: start force "
             "feedback in frame tool, with axes that leave out x and y"
         )
         return refusal("axes", text)
-    if wanted.speed_m_s > cell.force.speed_max_m_s:
+    if request.speed_m_s > cell.force.speed_max_m_s:
         most_m_s = cell.force.speed_max_m_s
         text = "path speed above force.speed_max_m_s"
-        return refusal("setpoint", text, value=wanted.speed_m_s, limit=most_m_s)
-    ahead = len(session.route.points) if wanted.append and session.route else 0
-    count = ahead + len(wanted.points_m)
+        return refusal("setpoint", text, value=request.speed_m_s, limit=most_m_s)
+    ahead = len(session.path.points) if request.append and session.path else 0
+    count = ahead + len(request.points_m)
     if count > MOST_PATH_POINTS:
         return refusal("busy", "too many pending path points", value=count, limit=MOST_PATH_POINTS)
-    return _point_outside(wanted, session.law.T_base_tcp, cell)
+    return _point_outside(request, session.law.T_base_tcp, cell)
 
 
-def _point_outside(wanted: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) -> Reply | None:
+def _point_outside(request: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) -> Reply | None:
     """Refuse a point outside the workspace; along the tool's axis the force decides."""
     limits, p, axis = Limits.of(cell), T_base_tcp.translation, T_base_tcp.rotation[:, 2]
-    for number, point in enumerate(wanted.points_m, start=1):
+    for number, point in enumerate(request.points_m, start=1):
         aim = p + component_across(np.array(point) - p, axis)
         trip = check_workspace(limits, pin.SE3(T_base_tcp.rotation, aim))
         if trip is not None:
@@ -127,6 +127,6 @@ def _point_outside(wanted: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) -
     return None
 
 
-def _gives_way_across(wanted: ForceStartRequest) -> bool:
+def _moves_across_axis(request: ForceStartRequest) -> bool:
     """Return whether force feedback may move the tool across its axis, as a path does."""
-    return wanted.mode != "orientation" and (wanted.frame != "tool" or any(wanted.axes[:2]))
+    return request.mode != "orientation" and (request.frame != "tool" or any(request.axes[:2]))

@@ -30,13 +30,13 @@ PARALLEL_N = 1e-6  # collinear travel and speed: limit relative to the product o
 class ResponseSample:
     """One sample along the tool's axes, of shape (3,) each, with its noise levels."""
 
-    way_m: Array
+    travel_m: Array
     speed_m_s: Array
     force_N: Array
     dt_s: float
     memory_s: float
     noise_N: float  # standard deviation of a filtered reading
-    least_way_m: float  # least excitation: standard deviation of the travel over the memory
+    least_travel_m: float  # least excitation: standard deviation of the travel over the memory
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,33 +49,39 @@ class Response:
     sums: Array  # of products of two of them. Shape (3, 3, 3)
 
 
-def unheard() -> Response:
+def initial() -> Response:
     """Return the initial state: a rigid arm."""
     return Response(np.ones(3), 0.0, np.zeros((3, 3)), np.zeros((3, 3, 3)))
 
 
-def hear(state: Response, answer: ResponseSample, k: Array) -> Response:
+def update(state: Response, sample: ResponseSample, k: Array) -> Response:
     """Return the state after one more sample in contact; k of the measured pose, shape (3,)."""
-    kept = exp(-answer.dt_s / answer.memory_s)
-    weight = kept * state.weight + 1.0
-    off = np.stack((answer.way_m, answer.speed_m_s, answer.force_N)) - state.mean
-    part = kept * state.weight / weight
-    sums = kept * state.sums + part * off[:, None, :] * off[None, :, :]
+    forgetting = exp(-sample.dt_s / sample.memory_s)
+    weight = forgetting * state.weight + 1.0
+    off = np.stack((sample.travel_m, sample.speed_m_s, sample.force_N)) - state.mean
+    part = forgetting * state.weight / weight
+    sums = forgetting * state.sums + part * off[:, None, :] * off[None, :, :]
     now = Response(state.share, weight, state.mean + off / weight, sums)
-    return now if weight < FEW_RESPONSES else replace(now, share=_believed(now, answer, k))
+    return now if weight < FEW_RESPONSES else replace(now, share=_estimate(now, sample, k))
 
 
-def _believed(now: Response, answer: ResponseSample, k: Array) -> Array:
-    ways, both, speeds = now.sums[0, 0], now.sums[0, 1], now.sums[1, 1]
-    by_way, by_speed = now.sums[0, 2], now.sums[1, 2]
-    square = ways * speeds - both**2
-    tells = (ways > now.weight * answer.least_way_m**2) & (square > PARALLEL_N * ways * speeds)
-    square = np.where(tells, square, 1.0)
-    slope = (by_speed * both - by_way * speeds) / square
-    rate = (by_speed * ways - by_way * both) / square
-    rest = np.maximum(now.sums[2, 2] + slope * by_way - rate * by_speed, 0.0) / now.weight
-    sigma = np.sqrt((rest + answer.noise_N**2) * speeds / square)
-    found = np.clip((MARGIN * slope + SIGMAS * sigma) / k, 1.0 / (1.0 + k / SOFTEST_ARM_N_M), 1.0)
-    sure = tells & (sigma < SURE_SHARE * slope)
-    learnt = 1.0 - exp(-answer.dt_s / LEARN_S)
-    return np.where(sure, now.share + learnt * (found - now.share), now.share)
+def _estimate(now: Response, sample: ResponseSample, k: Array) -> Array:
+    travel_squares, products, speed_squares = now.sums[0, 0], now.sums[0, 1], now.sums[1, 1]
+    travel_force, speed_force = now.sums[0, 2], now.sums[1, 2]
+    square = travel_squares * speed_squares - products**2
+    is_informative = (travel_squares > now.weight * sample.least_travel_m**2) & (
+        square > PARALLEL_N * travel_squares * speed_squares
+    )
+    square = np.where(is_informative, square, 1.0)
+    slope = (speed_force * products - travel_force * speed_squares) / square
+    rate = (speed_force * travel_squares - travel_force * products) / square
+    variance = (
+        np.maximum(now.sums[2, 2] + slope * travel_force - rate * speed_force, 0.0) / now.weight
+    )
+    sigma = np.sqrt((variance + sample.noise_N**2) * speed_squares / square)
+    estimated = np.clip(
+        (MARGIN * slope + SIGMAS * sigma) / k, 1.0 / (1.0 + k / SOFTEST_ARM_N_M), 1.0
+    )
+    sure = is_informative & (sigma < SURE_SHARE * slope)
+    gain = 1.0 - exp(-sample.dt_s / LEARN_S)
+    return np.where(sure, now.share + gain * (estimated - now.share), now.share)

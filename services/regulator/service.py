@@ -26,8 +26,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
-from services.regulator import adaptive
-from services.regulator import admittance as guiding
+from services.regulator import adaptive, admittance
 from services.regulator.adaptive import AdaptiveState
 from services.regulator.admittance import AdmittanceSettings, AdmittanceState
 from services.regulator.control import (
@@ -61,12 +60,12 @@ from services.regulator.session import (
     ForceSession,
     active_commander,
     apply_path,
+    describe,
     failure_of,
     first_setpoint_N,
     guard_sample,
-    in_words,
-    next_route,
-    way_left,
+    next_path,
+    remaining_path_m,
 )
 from services.regulator.settings import merged_gains, pi_gains
 from services.regulator.unverified_axes import (
@@ -94,8 +93,8 @@ class Regulator:
         self._cell = cell
         self._tools, self._guards = LawTools.of(cell), GuardSettings.of(cell)
         self._guide = AdmittanceSettings.of(cell)
-        self._met: ContactStiffness | None = None
-        self._proof = AxisVerification()
+        self._contact_stiffness: ContactStiffness | None = None
+        self._verification = AxisVerification()
         self._yielded: tuple[int, YieldTravel] | None = (
             None  # lease, and travel of its last session
         )
@@ -131,43 +130,45 @@ class Regulator:
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:
         session = self._session
         if wrench.fresh is not None:
-            self._proof = checked_by(self._proof, wrench.fresh)
+            self._verification = checked_by(self._verification, wrench.fresh)
         if session is None:
-            self._met = still_valid(self._met, wrench.fresh, self._tools)
+            self._contact_stiffness = still_valid(
+                self._contact_stiffness, wrench.fresh, self._tools
+            )
             return RegulatorTarget(valid=False, reason=self._stop_reason)
-        wanted = session.wanted
+        request = session.request
         failure = session.failure or failure_of(wrench) or failure_of(robot)
         if failure is not None or wrench.fresh is None or robot.fresh is None:
-            return self._give_up(session, failure or Failure("invalid", "no wrench, no pose"))
-        on_controller = wanted.host == "controller"
+            return self._fail(session, failure or Failure("invalid", "no wrench, no pose"))
+        on_controller = request.host == "controller"
         T_base_tcp = pose_of(robot.fresh) * self._T_flange_tcp
         if on_controller:  # it moves the arm itself: the set point follows the measured tool
             session = replace(session, law=replace(session.law, T_base_tcp=T_base_tcp))
         session, trip = self._advance(session, wrench, wrench.fresh, T_base_tcp, robot=robot)
         if trip is not None:
-            return self._give_up(session, Failure(trip.code, trip.text))
+            return self._fail(session, Failure(trip.code, trip.text))
         self._session, self.fault = session, ""
         law = session.law
         T_base_flange = law.T_base_tcp * self._T_tcp_flange
         return RegulatorTarget(
-            mode=wanted.mode,
-            host=wanted.host,
-            law=self._law_of(wanted),
-            setpoint_N=wanted.setpoint_N,
+            mode=request.mode,
+            host=request.host,
+            law=self._law_of(request),
+            setpoint_N=request.setpoint_N,
             pose=None if on_controller else record_of(T_base_flange),
             feedback=self._feedback(session) if on_controller else None,
             contact=law.contact,
             error_force_N=ZERO3 if law.error_force_N is None else vec3(law.error_force_N),
             error_torque_Nm=ZERO3 if law.error_torque_Nm is None else vec3(law.error_torque_Nm),
-            path_left_m=way_left(session),
+            path_left_m=remaining_path_m(session),
         )
 
-    def _give_up(self, session: ForceSession, failure: Failure) -> RegulatorTarget:
+    def _fail(self, session: ForceSession, failure: Failure) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
         self._session, self.fault = replace(session, failure=failure), failure.text
-        wanted, (code, text) = session.wanted, failure
+        request, (code, text) = session.request, failure
         return RegulatorTarget(
-            valid=False, reason=text, code=code, mode=wanted.mode, host=wanted.host
+            valid=False, reason=text, code=code, mode=request.mode, host=request.host
         )
 
     def _advance(
@@ -186,58 +187,62 @@ class Regulator:
             return session, None
         dt_s = min(gap_s, LONGEST_GAP_PERIODS * self.period_s)
         report = (robot.header.epoch, robot.header.seq) if robot.header else None
-        wanted_N = min(session.wanted.setpoint_N, self._approach_N(session))
-        setpoint_N = self._ramp(session.setpoint_N, wanted_N, dt_s)
+        target_N = min(session.request.setpoint_N, self._approach_N(session))
+        setpoint_N = self._ramp(session.setpoint_N, target_N, dt_s)
         command = self._command.read(self._now_ns).fresh
-        T_let_through = self._let_through(command)
+        T_limited = self._limited_pose(command)
         before = session.law
-        if command is not None and command.limited and T_let_through is not None:
-            before = back_calculate(before, T_let_through)  # back-calculation anti-windup
+        if command is not None and command.limited and T_limited is not None:
+            before = back_calculate(before, T_limited)  # back-calculation anti-windup
         sample = LawInput(
             force_N=np.array(wrench.force_N), torque_Nm=np.array(wrench.torque_Nm),
-            setpoint_N=setpoint_N, mode=session.wanted.mode, dt_s=dt_s,
+            setpoint_N=setpoint_N, mode=session.request.mode, dt_s=dt_s,
             pose_is_new=report != session.report,
-            R_base_task=task_frame(session.wanted, before.T_base_tcp.rotation),
-            axes=session.wanted.axes,
+            R_base_task=task_frame(session.request, before.T_base_tcp.rotation),
+            axes=session.request.axes,
         )  # fmt: skip
         gains = ramped(session.gains, self._gains, dt_s)
         commanded = session.commanded or CommandHistory.of(self._cell)
-        T_commanded = before.T_base_tcp if T_let_through is None else T_let_through
+        T_commanded = before.T_base_tcp if T_limited is None else T_limited
         commanded = commanded.after(T_commanded, dt_s)
-        law, memory, guide, way = before, session.memory, session.guide, session.route
+        law, adaptive_state, guide, path = before, session.adaptive, session.guide, session.path
         if commanded.lag(self._sent(robot.fresh)):
-            law, memory, commanded = self._behind(session, before, commanded, T_base_tcp)
+            law, adaptive_state, commanded = self._restart_after_lag(
+                session, before, commanded, T_base_tcp
+            )
         else:
-            law, memory, guide = self._law(session, before, sample, T_base_tcp, gains=gains)
+            law, adaptive_state, guide = self._law(session, before, sample, T_base_tcp, gains=gains)
         motion = self._motion(session, law, T_base_tcp)
         if law.T_base_tcp is not before.T_base_tcp:
             most_m_s = self._cell.force.speed_max_m_s
-            law, way = apply_path(before, law, way, dt_s=dt_s, speed_max_m_s=most_m_s)
-        sent = self._for_controller(session, memory, law.T_base_tcp.rotation)
-        turns = session.wanted.mode != "position"
-        limited = self._proof.limited(wrench.calibration, turns=turns)
-        seen = guard_sample(law, sample, T_base_tcp, memory, motion=motion, limited=limited)
-        watched, trip = watch(session.watch, seen, self._guards)
-        if trip is None and verifies_press_axis(watched, seen, self._guards):
-            self._proof = replace(self._proof, touched=origin(wrench.calibration))
+            law, path = apply_path(before, law, path, dt_s=dt_s, speed_max_m_s=most_m_s)
+        sent = self._for_controller(session, adaptive_state, law.T_base_tcp.rotation)
+        turns = session.request.mode != "position"
+        limited = self._verification.limited(wrench.calibration, turns=turns)
+        guarded = guard_sample(
+            law, sample, T_base_tcp, adaptive_state, motion=motion, limited=limited
+        )
+        watched, trip = watch(session.watch, guarded, self._guards)
+        if trip is None and verifies_press_axis(watched, guarded, self._guards):
+            self._verification = replace(self._verification, touched=origin(wrench.calibration))
         session = replace(
-            session, law=law, memory=memory, guide=guide, setpoint_N=setpoint_N, gains=gains,
-            sent=sent, watch=watched, route=way, T_measured=T_base_tcp, commanded=commanded,
-            last_sample_ns=stamp_ns, report=report,
+            session, law=law, adaptive=adaptive_state, guide=guide, setpoint_N=setpoint_N,
+            gains=gains, sent=sent, watch=watched, path=path, T_measured=T_base_tcp,
+            commanded=commanded, last_sample_ns=stamp_ns, report=report,
         )  # fmt: skip
         return session, trip
 
     def _for_controller(
-        self, session: ForceSession, memory: AdaptiveState | None, R_base_tcp: Array
+        self, session: ForceSession, adaptive_state: AdaptiveState | None, R_base_tcp: Array
     ) -> Gains | None:
         """Return the adaptive law's gains for the controller, None when the PC is the host."""
-        if memory is None or session.wanted.host != "controller":
+        if adaptive_state is None or session.request.host != "controller":
             return None
         return controller_gains(
-            session.sent, self._gains, R_base_tcp, memory=memory, tools=self._tools
+            session.sent, self._gains, R_base_tcp, adaptive_state=adaptive_state, tools=self._tools
         )
 
-    def _behind(
+    def _restart_after_lag(
         self,
         session: ForceSession,
         before: LawState,
@@ -245,10 +250,11 @@ class Regulator:
         T_measured: pin.SE3,
     ) -> tuple[LawState, AdaptiveState | None, CommandHistory]:
         """Return states at rest behind a stalled link; without a path, at the oldest command."""
-        if session.route is not None:  # the pending commands contain path motion
-            return back_calculate(before, before.T_base_tcp), session.memory, commanded
+        if session.path is not None:  # the pending commands contain path motion
+            return back_calculate(before, before.T_base_tcp), session.adaptive, commanded
         law = back_calculate(before, commanded.oldest)
-        return law, reset_predictor(session.memory, law, T_measured, self._tools), commanded.anew()
+        adaptive_state = reset_predictor(session.adaptive, law, T_measured, self._tools)
+        return law, adaptive_state, commanded.restarted()
 
     def _law(
         self,
@@ -262,14 +268,14 @@ class Regulator:
         """Return the next states of the active law."""
         plain, pi = self._tools.plain, pi_gains(gains)
         if (guide := session.guide) is not None:
-            law, guide = guiding.advance(
+            law, guide = admittance.advance(
                 before, guide, sample, T_measured, gains=pi, plain=plain, settings=self._guide
             )
-            return law, session.memory, guide
-        law, memory = control(
-            before, session.memory, sample, T_measured, gains=pi, tools=self._tools
+            return law, session.adaptive, guide
+        law, adaptive_state = control(
+            before, session.adaptive, sample, T_measured, gains=pi, tools=self._tools
         )
-        return law, memory, None
+        return law, adaptive_state, None
 
     def _sent(self, robot: RobotState | None) -> pin.SE3 | None:
         """Return the TCP pose sent to the arm last, None if the robot does not report it."""
@@ -277,7 +283,7 @@ class Regulator:
             return None
         return pose_of(robot.sent) * self._T_flange_tcp
 
-    def _let_through(self, command: RobotCommand | None) -> pin.SE3 | None:
+    def _limited_pose(self, command: RobotCommand | None) -> pin.SE3 | None:
         """Return the TCP pose that the arbiter commands; its limits may delay the law's."""
         if command is None or command.pose is None:
             return None
@@ -294,22 +300,22 @@ class Regulator:
         The controller has no approach speed: without contact it moves at gain times set point, also
         while no wrench is received. This limits it to the approach speed of the law on the PC.
         """
-        if session.wanted.host != "controller" or session.law.contact != "approach":
+        if session.request.host != "controller" or session.law.contact != "approach":
             return inf
         gains, press_axis = session.sent or self._gains, session.law.T_base_tcp.rotation[:, 2]
         gain = float((press_axis * press_axis) @ np.array(gains.force_i_m_per_Ns))
         return self._tools.plain.approach_m_s / gain if gain > 0.0 else inf
 
-    def _ramp(self, now_N: float, wanted_N: float, dt_s: float) -> float:
+    def _ramp(self, now_N: float, target_N: float, dt_s: float) -> float:
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s
-        return min(max(wanted_N, now_N - step_N), now_N + step_N)
+        return min(max(target_N, now_N - step_N), now_N + step_N)
 
     def _feedback(self, session: ForceSession) -> Feedback:
         law = session.law
         R_base_flange = (law.T_base_tcp * self._T_tcp_flange).rotation
         lever_m = np.zeros(3) if law.lever_m is None else R_base_flange.T @ law.lever_m
         return Feedback(
-            mode=session.wanted.mode,
+            mode=session.request.mode,
             setpoint_force_N=vec3(-session.setpoint_N * law.T_base_tcp.rotation[:, 2]),
             lever_m=vec3(lever_m),
             gains=session.sent or self._gains,
@@ -327,13 +333,13 @@ class Regulator:
             self._end(f"the arbiter is {arbiter.state}")
         elif arbiter.lease != self._session.lease:  # held and armed again between two readings
             self._end("the arm was armed again")
-        elif who := active_commander(arbiter):
-            self._end(f"the {who} commands the arm")
+        elif commander := active_commander(arbiter):
+            self._end(f"the {commander} commands the arm")
 
     def _end(self, reason: str) -> None:
         if (session := self._session) is not None:
-            self._met, self._yielded = (
-                last_identified(session.memory),
+            self._contact_stiffness, self._yielded = (
+                last_identified(session.adaptive),
                 (session.lease, session.watch.yielding),
             )
         self._session, self._stop_reason, self.fault = None, reason, ""
@@ -355,78 +361,93 @@ class Regulator:
 
     def _start(
         self,
-        wanted: ForceStartRequest,
+        request: ForceStartRequest,
         now_ns: int,
         wrench: Reading[WrenchAtTcp],
         robot: Reading[RobotState],
     ) -> Reply:
         arbiter = self._arbiter.read(now_ns).fresh
         worse: Reading[Any] = wrench if wrench.fault else robot
-        refused = refused_start(wanted, self._cell, arbiter, worse)
+        refused = refused_start(request, self._cell, arbiter, worse)
         if refused is not None or robot.fresh is None or wrench.fresh is None or arbiter is None:
             return refused or refusal(worse.code, worse.fault)
         T_measured = pose_of(robot.fresh) * self._T_flange_tcp
-        refused = refused_axes(wanted, T_measured.rotation) or refused_guide(wanted, wrench.fresh)
+        refused = refused_axes(request, T_measured.rotation) or refused_guide(request, wrench.fresh)
         if refused is not None:
             return refused
-        if wanted.preset is not None:
-            self._gains = tune(self._cell, wanted.preset).gains
-        guide = guiding.begin(T_measured) if wanted.law == "admittance" else None
+        if request.preset is not None:
+            self._gains = tune(self._cell, request.preset).gains
+        guide = admittance.begin(T_measured) if request.law == "admittance" else None
         running = self._session
-        if running is not None and running.wanted.host == wanted.host and not running.failure:
-            memory = self._memory(wanted, running.law.T_base_tcp, robot.fresh, running.memory)
+        if running is not None and running.request.host == request.host and not running.failure:
+            adaptive_state = self._initial_adaptive_state(
+                request, running.law.T_base_tcp, robot.fresh, running.adaptive
+            )
             running = replace(
-                running, wanted=wanted, watch=kept_over_restart(running.watch), memory=memory
+                running,
+                request=request,
+                watch=kept_over_restart(running.watch),
+                adaptive=adaptive_state,
             )
             guide = guide and (running.guide or guide)
-            self._session = replace(running, guide=guide, route=None)
-            return self._started(wanted)
+            self._session = replace(running, guide=guide, path=None)
+            return self._started(request)
         law = start_at(T_measured)
         stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
-        memory = self._memory(wanted, law.T_base_tcp, robot.fresh, None)
-        setpoint_N = first_setpoint_N(np.array(wrench.fresh.force_N), T_measured, wanted.setpoint_N)
-        goes_on = self._yielded is not None and self._yielded[0] == arbiter.lease
+        adaptive_state = self._initial_adaptive_state(request, law.T_base_tcp, robot.fresh, None)
+        setpoint_N = first_setpoint_N(
+            np.array(wrench.fresh.force_N), T_measured, request.setpoint_N
+        )
+        continues = self._yielded is not None and self._yielded[0] == arbiter.lease
         watched = (
-            GuardState(yielding=self._yielded[1]) if self._yielded and goes_on else GuardState()
+            GuardState(yielding=self._yielded[1]) if self._yielded and continues else GuardState()
         )
         self._session = ForceSession(
-            wanted, setpoint_N, law, stamp_ns, arbiter.lease, watched, self._gains, memory, guide
+            request,
+            setpoint_N,
+            law,
+            stamp_ns,
+            arbiter.lease,
+            watched,
+            self._gains,
+            adaptive_state,
+            guide,
         )
-        return self._started(wanted)
+        return self._started(request)
 
-    def _law_of(self, wanted: ForceStartRequest) -> StartLaw:
+    def _law_of(self, request: ForceStartRequest) -> StartLaw:
         """Return the law that runs: the plain one outside the adaptive law's measured range."""
-        law = wanted.law or self._cell.force.law
+        law = request.law or self._cell.force.law
         return "plain" if law == "adaptive" and softest_N_m(self._cell) is None else law
 
-    def _started(self, wanted: ForceStartRequest) -> Reply:
-        text = in_words(wanted, self._law_of(wanted))
-        asked_law = wanted.law or self._cell.force.law
-        remarks = restriction(self._cell) if asked_law == "adaptive" else ""
+    def _started(self, request: ForceStartRequest) -> Reply:
+        text = describe(request, self._law_of(request))
+        requested_law = request.law or self._cell.force.law
+        remarks = restriction(self._cell) if requested_law == "adaptive" else ""
         return Reply(accepted=True, text=f"{text}; {remarks}" if remarks else text)
 
-    def _follow_path(self, wanted: PathRequest) -> Reply:
+    def _follow_path(self, request: PathRequest) -> Reply:
         session = self._session
-        refused = refused_path(wanted, session, self._cell)
+        refused = refused_path(request, session, self._cell)
         if refused is not None or session is None:
             return refused or refusal("not_armed", "no force feedback is running")
-        self._session = replace(session, route=next_route(session, wanted))
+        self._session = replace(session, path=next_path(session, request))
         return Reply(
-            accepted=True, text=f"the tool follows a path of {len(wanted.points_m)} points"
+            accepted=True, text=f"the tool follows a path of {len(request.points_m)} points"
         )
 
-    def _memory(
+    def _initial_adaptive_state(
         self,
-        wanted: ForceStartRequest,
+        request: ForceStartRequest,
         T_command: pin.SE3,
         robot: RobotState,
         running: AdaptiveState | None,
     ) -> AdaptiveState | None:
         """Return the initial state of the adaptive law, None for the plain law."""
-        if self._law_of(wanted) != "adaptive":
+        if self._law_of(request) != "adaptive":
             return None
         if running is not None:
             return running
         T_measured = pose_of(robot) * self._T_flange_tcp
-        k = None if self._met is None else self._met.still(T_measured)
+        k = None if self._contact_stiffness is None else self._contact_stiffness.at_pose(T_measured)
         return adaptive.begin(T_command, T_measured, self._tools.adaptive, k)

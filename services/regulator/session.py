@@ -15,7 +15,7 @@ from services.regulator.admittance import AdmittanceState
 from services.regulator.guards import Flags, GuardSample, GuardState
 from services.regulator.law import LawInput, LawState
 from services.regulator.link_lag import CommandHistory
-from services.regulator.tcp_path import TcpPath, go, remaining_m, routed
+from services.regulator.tcp_path import TcpPath, advance, append_points, remaining_m
 from services.regulator.unverified_axes import ToolMotion
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
@@ -32,16 +32,16 @@ class Failure(NamedTuple):
 class ForceSession:
     """Force feedback from its start to its stop."""
 
-    wanted: ForceStartRequest
+    request: ForceStartRequest
     setpoint_N: float  # ramped
     law: LawState
     last_sample_ns: int
     lease: int  # under which it was started
     watch: GuardState
     gains: Gains  # ramped
-    memory: AdaptiveState | None = None  # state of the adaptive law, if it runs
+    adaptive: AdaptiveState | None = None  # state of the adaptive law, if it runs
     guide: AdmittanceState | None = None  # state of hand guiding, if it runs
-    route: TcpPath | None = None  # path across the tool's axis, if there is one
+    path: TcpPath | None = None  # path across the tool's axis, if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
     report: tuple[int, int] | None = None  # the robot's last one: epoch and number
     T_measured: pin.SE3 | None = None  # of the TCP, at the last sample
@@ -49,7 +49,7 @@ class ForceSession:
     failure: Failure | None = None  # latched: an input failed, or a monitor tripped
 
 
-def first_setpoint_N(force_N: Array, T_base_tcp: pin.SE3, wanted_N: float) -> float:
+def first_setpoint_N(force_N: Array, T_base_tcp: pin.SE3, target_N: float) -> float:
     """Return the initial value of the set-point ramp: the measured press, at most the target.
 
     An arm that already presses does not release first, and a release does not wait for a ramp.
@@ -57,18 +57,18 @@ def first_setpoint_N(force_N: Array, T_base_tcp: pin.SE3, wanted_N: float) -> fl
     Args:
         force_N: Force of the environment on the tool, base axes, shape (3,) [N].
         T_base_tcp: Measured pose of the TCP in base.
-        wanted_N: Target press along the tool's z axis [N].
+        target_N: Target press along the tool's z axis [N].
     """
-    felt_N = -float(np.dot(force_N, T_base_tcp.rotation[:, 2]))
-    return min(max(felt_N, 0.0), wanted_N)
+    measured_N = -float(np.dot(force_N, T_base_tcp.rotation[:, 2]))
+    return min(max(measured_N, 0.0), target_N)
 
 
-def in_words(wanted: ForceStartRequest, law: StartLaw) -> str:
+def describe(request: ForceStartRequest, law: StartLaw) -> str:
     """Return a text of what was started, including defaults from the cell file."""
-    preset = f" with preset {wanted.preset}" if wanted.preset else ""
-    host = "the PC" if wanted.host == "pc" else "the controller"
+    preset = f" with preset {request.preset}" if request.preset else ""
+    host = "the PC" if request.host == "pc" else "the controller"
     return (
-        f"force feedback is on: mode {wanted.mode}, set point {wanted.setpoint_N:g} N, "
+        f"force feedback is on: mode {request.mode}, set point {request.setpoint_N:g} N, "
         f"law {law}{preset}, on {host}"
     )
 
@@ -76,14 +76,14 @@ def in_words(wanted: ForceStartRequest, law: StartLaw) -> str:
 def active_commander(arbiter: ArbiterStatus) -> str:
     """Return the commander that moves the arm or is next, empty if only the regulator may."""
     both = (arbiter.commander, arbiter.next_commander)
-    return next((who for who in both if who in MOVERS), "")
+    return next((commander for commander in both if commander in MOVERS), "")
 
 
 def guard_sample(
     law: LawState,
     sample: LawInput,
     T_base_tcp: pin.SE3,
-    memory: AdaptiveState | None,
+    adaptive: AdaptiveState | None,
     *,
     motion: ToolMotion,
     limited: Flags,
@@ -100,7 +100,7 @@ def guard_sample(
         error=np.concatenate((error_N * moves, error_Nm * turns)),
         turns=turns,
         dt_s=sample.dt_s,
-        follows=memory is not None and memory.follow.near,
+        follows=adaptive is not None and adaptive.tracking.near,
         presses=moves and sample.setpoint_N > 0.0,
         motion=motion,
         limited=limited,
@@ -121,45 +121,45 @@ def failure_of(reading: Reading[Any]) -> Failure | None:
     return Failure(reading.code, reading.fault) if reading.fault else None
 
 
-def next_route(session: ForceSession, wanted: PathRequest) -> TcpPath:
+def next_path(session: ForceSession, request: PathRequest) -> TcpPath:
     """Return the path that a session follows from now on."""
-    ahead = session.route if wanted.append else None
-    route = routed(
+    ahead = session.path if request.append else None
+    path = append_points(
         ahead,
-        tuple(np.array(point) for point in wanted.points_m),
-        speed_m_s=wanted.speed_m_s,
-        accel_m_s2=wanted.accel_m_s2,
-        in_contact=wanted.in_contact,
+        tuple(np.array(point) for point in request.points_m),
+        speed_m_s=request.speed_m_s,
+        accel_m_s2=request.accel_m_s2,
+        in_contact=request.in_contact,
     )
-    return replace(route, now_m_s=session.route.now_m_s if session.route else 0.0)
+    return replace(path, now_m_s=session.path.now_m_s if session.path else 0.0)
 
 
 def apply_path(
-    before: LawState, law: LawState, route: TcpPath | None, *, dt_s: float, speed_max_m_s: float
+    before: LawState, law: LawState, path: TcpPath | None, *, dt_s: float, speed_max_m_s: float
 ) -> tuple[LawState, TcpPath | None]:
     """Return the state after one period of path motion, and the rest of the path.
 
     Force control and path together keep the regulator's speed limit.
     """
-    if route is None:
+    if path is None:
         return law, None
-    if route.in_contact and law.contact != "contact":
-        return law, replace(route, now_m_s=0.0)
+    if path.in_contact and law.contact != "contact":
+        return law, replace(path, now_m_s=0.0)
     T = law.T_base_tcp
-    route, shift_m = go(
-        route,
+    path, shift_m = advance(
+        path,
         T.translation,
         T.rotation[:, 2],
         dt_s=dt_s,
         pushed_m=T.translation - before.T_base_tcp.translation,
         most_m=speed_max_m_s * dt_s,
     )
-    return replace(law, T_base_tcp=pin.SE3(T.rotation, T.translation + shift_m)), route
+    return replace(law, T_base_tcp=pin.SE3(T.rotation, T.translation + shift_m)), path
 
 
-def way_left(session: ForceSession) -> float | None:
+def remaining_path_m(session: ForceSession) -> float | None:
     """Return the path length to the last point [m], None without a path."""
-    if session.route is None:
+    if session.path is None:
         return None
     T = session.law.T_base_tcp
-    return remaining_m(session.route, T.translation, T.rotation[:, 2])
+    return remaining_m(session.path, T.translation, T.rotation[:, 2])

@@ -39,7 +39,7 @@ class StiffnessSettings:
     softest: float
     memory_s: float
     noise: float  # standard deviation of one filtered reading, N or N m
-    way: float  # least excitation: standard deviation of travel over the memory, m or rad
+    least_travel: float  # least excitation: standard deviation of travel over the memory, m or rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,20 +48,20 @@ class Stiffness:
 
     k: Array
     weight: float
-    way: Array  # means
+    travel: Array  # means
     force: Array
-    ways: Array  # centred sums of squares and products
-    both: Array
-    forces: Array
-    known: Flags  # whether k is identified, not only bounded; of bool
+    travel_squares: Array  # centred sums of squares and products
+    products: Array
+    force_squares: Array
+    identified: Flags  # whether k is identified, not only bounded; of bool
 
 
 def stiffest(settings: StiffnessSettings) -> Stiffness:
     """Return the initial state: the stiffest contact, not identified."""
-    return replace(believing(np.full(3, settings.stiffest)), known=np.zeros(3, dtype=bool))
+    return replace(initial(np.full(3, settings.stiffest)), identified=np.zeros(3, dtype=bool))
 
 
-def believing(k: Array) -> Stiffness:
+def initial(k: Array) -> Stiffness:
     """Return the initial state from a stiffness identified before. Shape (3,)."""
     zero = np.zeros(3)
     return Stiffness(
@@ -69,9 +69,9 @@ def believing(k: Array) -> Stiffness:
     )
 
 
-def feel(
+def update(
     state: Stiffness,
-    way: Array,
+    travel: Array,
     force: Array,
     *,
     dt_s: float,
@@ -82,48 +82,51 @@ def feel(
 
     Args:
         state: Estimate so far.
-        way: Travel along each axis, filtered as the force is [m or rad]. Shape (3,).
+        travel: Travel along each axis, filtered as the force is [m or rad]. Shape (3,).
         force: Of the environment on the tool along each axis [N or N m]. Shape (3,).
         dt_s: Time since the last sample.
         settings: Bounds.
         may_soften: Whether the law caused the travel. While a moving surface is tracked, travel
             without force carries no stiffness information.
     """
-    kept = exp(-dt_s / settings.memory_s)
-    weight = kept * state.weight + 1.0
-    d_way, d_force = way - state.way, force - state.force
-    share = kept * state.weight / weight
+    forgetting = exp(-dt_s / settings.memory_s)
+    weight = forgetting * state.weight + 1.0
+    d_travel, d_force = travel - state.travel, force - state.force
+    share = forgetting * state.weight / weight
     now = Stiffness(
         k=state.k,
         weight=weight,
-        way=state.way + d_way / weight,
+        travel=state.travel + d_travel / weight,
         force=state.force + d_force / weight,
-        ways=kept * state.ways + share * d_way * d_way,
-        both=kept * state.both + share * d_way * d_force,
-        forces=kept * state.forces + share * d_force * d_force,
-        known=state.known,
+        travel_squares=forgetting * state.travel_squares + share * d_travel * d_travel,
+        products=forgetting * state.products + share * d_travel * d_force,
+        force_squares=forgetting * state.force_squares + share * d_force * d_force,
+        identified=state.identified,
     )
-    return _believed(now, dt_s, settings, may_soften=may_soften)
+    return _estimate(now, dt_s, settings, may_soften=may_soften)
 
 
-def _believed(
+def _estimate(
     now: Stiffness, dt_s: float, settings: StiffnessSettings, *, may_soften: bool
 ) -> Stiffness:
-    moved = now.ways > now.weight * settings.way**2
-    ways = np.where(moved, now.ways, 1.0)
-    slope = -now.both / ways
+    moved = now.travel_squares > now.weight * settings.least_travel**2
+    travel_squares = np.where(moved, now.travel_squares, 1.0)
+    slope = -now.products / travel_squares
     spare = max(now.weight - FITTED, 1.0)
-    rest = np.maximum(now.forces - now.both**2 / ways, 0.0) / spare + settings.noise**2
-    sigma = np.sqrt(rest / ways)
+    variance = (
+        np.maximum(now.force_squares - now.products**2 / travel_squares, 0.0) / spare
+        + settings.noise**2
+    )
+    sigma = np.sqrt(variance / travel_squares)
     bound = np.maximum(SLOPE_MARGIN * slope + BOUND_SIGMAS * sigma, settings.softest)
     bound = np.minimum(bound, settings.stiffest)
     useful = moved & (slope > 0.0) & (now.weight > FEW_SAMPLES)
     sure = useful & (BOUND_SIGMAS * sigma < SURE * slope)
-    explained = sure & (now.both**2 > EXPLAINED * now.ways * now.forces)
+    explained = sure & (now.products**2 > EXPLAINED * now.travel_squares * now.force_squares)
     lower = useful & (bound < now.k) & (may_soften | explained)
     least = np.minimum(SLOPE_MARGIN * slope, settings.stiffest)
     higher = sure & (least > now.k)
     down, up = 1.0 - exp(-dt_s / DOWN_S), 1.0 - exp(-dt_s / UP_S)
     k = now.k + np.where(lower, down * (bound - now.k), 0.0)
     k = k + np.where(higher, up * (least - now.k), 0.0)
-    return replace(now, k=k, known=now.known | sure)
+    return replace(now, k=k, identified=now.identified | sure)

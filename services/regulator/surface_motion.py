@@ -13,29 +13,29 @@ from math import exp
 class SurfaceMotion:
     """Position and motion of the surface; position None before the first sample."""
 
-    place_m: float | None = None
+    position_m: float | None = None
     speed_m_s: float = 0.0
     accel_m_s2: float = 0.0
-    late_s: float = 0.0  # lag of the speed estimate
+    lag_s: float = 0.0  # lag of the speed estimate
 
     def ahead_m(self, time_s: float, share: float) -> float:
         """Return the surface's travel in a time [s], with a share of its acceleration [m]."""
-        gained_m_s = share * self.accel_m_s2 * (self.late_s + 0.5 * time_s)
+        gained_m_s = share * self.accel_m_s2 * (self.lag_s + 0.5 * time_s)
         return (self.speed_m_s + gained_m_s) * time_s
 
     def speed_in_m_s(self, time_s: float, share: float) -> float:
         """Return the surface's speed after a time [s], with a share of its acceleration [m/s]."""
-        return self.speed_m_s + share * self.accel_m_s2 * (self.late_s + time_s)
+        return self.speed_m_s + share * self.accel_m_s2 * (self.lag_s + time_s)
 
 
-def look(drift: SurfaceMotion, seen_m: float, dt_s: float, time_s: float) -> SurfaceMotion:
-    """Return the estimate updated by a measured position `seen_m`; T is `time_s`."""
-    if drift.place_m is None:
-        return SurfaceMotion(seen_m, late_s=2.0 * time_s)
+def update(before: SurfaceMotion, measured_m: float, dt_s: float, time_s: float) -> SurfaceMotion:
+    """Return the estimate updated by a measured position `measured_m`; T is `time_s`."""
+    if before.position_m is None:
+        return SurfaceMotion(measured_m, lag_s=2.0 * time_s)
     pole = exp(-dt_s / time_s)
-    expected_m = drift.place_m + drift.speed_m_s * dt_s
-    missed_m = seen_m - expected_m
-    gained_m_s = (1.0 - pole) ** 2 / dt_s * missed_m
-    accel_m_s2 = pole * drift.accel_m_s2 + (1.0 - pole) * gained_m_s / dt_s
-    place_m = expected_m + (1.0 - pole * pole) * missed_m
-    return SurfaceMotion(place_m, drift.speed_m_s + gained_m_s, accel_m_s2, drift.late_s)
+    expected_m = before.position_m + before.speed_m_s * dt_s
+    error_m = measured_m - expected_m
+    gained_m_s = (1.0 - pole) ** 2 / dt_s * error_m
+    accel_m_s2 = pole * before.accel_m_s2 + (1.0 - pole) * gained_m_s / dt_s
+    position_m = expected_m + (1.0 - pole * pole) * error_m
+    return SurfaceMotion(position_m, before.speed_m_s + gained_m_s, accel_m_s2, before.lag_s)

@@ -2,7 +2,7 @@
 
 It starts once the force has been near its set point. The surface position follows from the force,
 
-    x_surface = x_felt - F / k
+    x_surface = x_filtered - F / k
 
 with F the contact force without the tool's inertial force, which on a soft contact is the larger
 part of an oscillation. If k is too high, part of the tool's own motion is taken for the surface's.
@@ -11,7 +11,7 @@ part of an oscillation. If k is too high, part of the tool's own motion is taken
 from dataclasses import dataclass
 
 from common.motion.frames import Array
-from services.regulator import surface_motion as surface
+from services.regulator import surface_motion
 from services.regulator.law import LawInput
 from services.regulator.surface_motion import SurfaceMotion
 
@@ -45,37 +45,42 @@ class PressAxisState:
 
     axis: Array  # in base. Shape (3,)
     k_N_m: float
-    is_known: bool  # whether k is identified, not only bounded
-    way_m: float  # commanded travel that the filtered force belongs to
-    coming_m: float  # commanded travel still in flight
-    own_N: float  # inertial force of the tool in the sensor's reading
-    touches: bool
+    is_identified: bool  # whether k is identified, not only bounded
+    filtered_travel_m: float  # commanded travel that the filtered force belongs to
+    in_flight_m: float  # commanded travel still in flight
+    inertial_N: float  # inertial force of the tool in the sensor's reading
+    in_contact: bool
 
 
-def followed(
-    before: SurfaceTracking, felt: PressAxisState, sample: LawInput, *, Ki: float, tau_s: float
+def update(
+    before: SurfaceTracking,
+    press_axis: PressAxisState,
+    sample: LawInput,
+    *,
+    Ki: float,
+    tau_s: float,
 ) -> SurfaceTracking:
     """Return the state of surface tracking after this sample.
 
     Args:
         before: State so far.
-        felt: Quantities along the press axis.
+        press_axis: Quantities along the press axis.
         sample: Wrench and targets of this period.
         Ki: Integral gain along the press axis [m/(N s)].
         tau_s: The loop's delay.
     """
-    dt_s, force_N = sample.dt_s, float(sample.force_N @ felt.axis)
+    dt_s, force_N = sample.dt_s, float(sample.force_N @ press_axis.axis)
     error_N = force_N + sample.setpoint_N
-    is_there = max(abs(error_N), abs(felt.k_N_m * felt.coming_m)) < NEAR_N
-    near = before.near or (is_there and felt.is_known)
-    if not felt.touches or abs(sample.setpoint_N - before.setpoint_N) > 0.0:
+    is_near = max(abs(error_N), abs(press_axis.k_N_m * press_axis.in_flight_m)) < NEAR_N
+    near = before.near or (is_near and press_axis.is_identified)
+    if not press_axis.in_contact or abs(sample.setpoint_N - before.setpoint_N) > 0.0:
         near = False
     share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)
     if not near:
         return SurfaceTracking(share=share, setpoint_N=sample.setpoint_N)
-    seen_m = felt.way_m + (force_N + felt.own_N) / felt.k_N_m
+    surface_m = press_axis.filtered_travel_m + (force_N + press_axis.inertial_N) / press_axis.k_N_m
     time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
-    drift = surface.look(before.drift, seen_m, dt_s, time_s)
+    drift = surface_motion.update(before.drift, surface_m, dt_s, time_s)
     is_calm = abs(error_N) < CALM_N
     calm_s = CALM_UP_S if is_calm else CALM_DOWN_S
     calm = before.calm + (is_calm - before.calm) * min(1.0, dt_s / calm_s)

@@ -15,7 +15,7 @@ from common.motion.frames import Array
 
 MOST_PATH_POINTS = 600  # pending at once
 SHARP = 0.9  # cosine of the corner angle from which the path stops at a point
-THERE_M = 1e-6
+POINT_REACHED_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class TcpPath:
     now_m_s: float = 0.0
 
 
-def routed(
+def append_points(
     before: TcpPath | None,
     points: tuple[Array, ...],
     *,
@@ -42,14 +42,17 @@ def routed(
     """Return the path along points, appended to those of `before` if there is one."""
     ahead = (() if before is None else before.points) + points
     beyond_m, stops_m = [0.0], [0.0]
-    after: Array | None = None
+    next_segment: Array | None = None
     for a, b in pairwise(reversed(ahead)):  # from the last point on
-        way = a - b
-        length_m = float(np.linalg.norm(way))
-        goes_on = after is not None and way @ after >= SHARP * length_m * np.linalg.norm(after)
-        stops_m.append(length_m + (stops_m[-1] if goes_on else 0.0))
+        segment = a - b
+        length_m = float(np.linalg.norm(segment))
+        continues = (
+            next_segment is not None
+            and segment @ next_segment >= SHARP * length_m * np.linalg.norm(next_segment)
+        )
+        stops_m.append(length_m + (stops_m[-1] if continues else 0.0))
         beyond_m.append(length_m + beyond_m[-1])
-        after = way
+        next_segment = segment
     now_m_s = 0.0 if before is None else before.now_m_s
     return TcpPath(
         ahead,
@@ -62,64 +65,66 @@ def routed(
     )
 
 
-def remaining_m(route: TcpPath, p: Array, axis: Array) -> float:
+def remaining_m(path: TcpPath, p: Array, axis: Array) -> float:
     """Return the path length from `p` to the last point [m], its first part across the axis."""
-    if not route.points:
+    if not path.points:
         return 0.0
-    return float(np.linalg.norm(component_across(route.points[0] - p, axis))) + route.beyond_m[0]
+    return float(np.linalg.norm(component_across(path.points[0] - p, axis))) + path.beyond_m[0]
 
 
-def go(
-    route: TcpPath, p: Array, axis: Array, *, dt_s: float, pushed_m: Array, most_m: float
+def advance(
+    path: TcpPath, p: Array, axis: Array, *, dt_s: float, pushed_m: Array, most_m: float
 ) -> tuple[TcpPath, Array]:
     """Return the path after one period, and the motion across the axis in it [m]. Shape (3,).
 
     Args:
-        route: The path so far.
+        path: The path so far.
         p: Commanded position of the TCP, base axes. Shape (3,).
         axis: The tool's axis, unit vector. Shape (3,).
         dt_s: Length of the period.
         pushed_m: Motion by force control in this period; the sum of both stays within most_m.
         most_m: Longest motion of a period.
     """
-    route = _reached(route, p, axis)
-    if not route.points:
-        return replace(route, now_m_s=0.0), np.zeros(3)
-    aim = component_across(route.points[0] - p, axis)
+    path = _reached(path, p, axis)
+    if not path.points:
+        return replace(path, now_m_s=0.0), np.zeros(3)
+    aim = component_across(path.points[0] - p, axis)
     length_m = float(np.linalg.norm(aim))
-    stop_m = length_m + (route.stops_m[0] if _goes_on(route, aim) else 0.0)
-    stops_m_s = sqrt(2.0 * route.accel_m_s2 * stop_m)
-    faster_m_s = route.now_m_s + route.accel_m_s2 * dt_s
-    speed_m_s = min(route.speed_m_s, stops_m_s, faster_m_s)
+    stop_m = length_m + (path.stops_m[0] if _continues(path, aim) else 0.0)
+    stops_m_s = sqrt(2.0 * path.accel_m_s2 * stop_m)
+    faster_m_s = path.now_m_s + path.accel_m_s2 * dt_s
+    speed_m_s = min(path.speed_m_s, stops_m_s, faster_m_s)
     direction = aim / length_m  # not zero: points within THERE_M have been removed
-    along_m = float(pushed_m @ direction)
-    room_m = sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + along_m**2)) - along_m
+    pushed_along_m = float(pushed_m @ direction)
+    room_m = (
+        sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + pushed_along_m**2)) - pushed_along_m
+    )
     step_m = min(speed_m_s * dt_s, length_m, max(0.0, room_m))
-    return replace(route, now_m_s=speed_m_s), step_m * direction
+    return replace(path, now_m_s=speed_m_s), step_m * direction
 
 
-def component_across(way: Array, axis: Array) -> Array:
+def component_across(vector: Array, axis: Array) -> Array:
     """Return the component of a vector across a unit axis. Shapes (3,)."""
-    return way - (way @ axis) * axis
+    return vector - (vector @ axis) * axis
 
 
-def _reached(route: TcpPath, p: Array, axis: Array) -> TcpPath:
+def _reached(path: TcpPath, p: Array, axis: Array) -> TcpPath:
     """Return the path without the points that have been reached."""
     at = 0
     while (
-        at < len(route.points)
-        and np.linalg.norm(component_across(route.points[at] - p, axis)) < THERE_M
+        at < len(path.points)
+        and np.linalg.norm(component_across(path.points[at] - p, axis)) < POINT_REACHED_M
     ):
         at += 1
     if not at:
-        return route
-    left = route.points[at:], route.beyond_m[at:], route.stops_m[at:]
-    return replace(route, points=left[0], beyond_m=left[1], stops_m=left[2])
+        return path
+    left = path.points[at:], path.beyond_m[at:], path.stops_m[at:]
+    return replace(path, points=left[0], beyond_m=left[1], stops_m=left[2])
 
 
-def _goes_on(route: TcpPath, aim: Array) -> bool:
+def _continues(path: TcpPath, aim: Array) -> bool:
     """Return whether the path continues beyond the next point without a sharp corner."""
-    if len(route.points) < 2:
+    if len(path.points) < 2:
         return False
-    way = route.points[1] - route.points[0]
-    return float(way @ aim) >= SHARP * float(np.linalg.norm(way) * np.linalg.norm(aim))
+    segment = path.points[1] - path.points[0]
+    return float(segment @ aim) >= SHARP * float(np.linalg.norm(segment) * np.linalg.norm(aim))

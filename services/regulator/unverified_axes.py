@@ -51,9 +51,9 @@ def origin(calibration: str) -> str:
     return calibration.removesuffix(TARED)
 
 
-def checked_by(proof: AxisVerification, wrench: WrenchAtTcp) -> AxisVerification:
+def checked_by(verification: AxisVerification, wrench: WrenchAtTcp) -> AxisVerification:
     """Return the verification that applies to this wrench."""
-    return AxisVerification(wrench.axes_checked, proof.touched)
+    return AxisVerification(wrench.axes_checked, verification.touched)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class YieldSettings:
 class YieldTravel:
     """Travel along the force since the tool was idle; along the tool's axes, shape (3,)."""
 
-    way_m: Array = field(default_factory=lambda: np.zeros(3))
+    travel_m: Array = field(default_factory=lambda: np.zeros(3))
     most_N: Array = field(default_factory=lambda: np.zeros(3))
     turn_rad: float = 0.0  # about the force, or about any axis while there is no force
 
@@ -119,12 +119,12 @@ def update(
     force, moved_m = R_base_tcp.T @ force_N, R_base_tcp.T @ motion.moved_m
     size = np.abs(force)
     if length(force * limited) <= settings.idle_N:
-        way_m, most_N = np.zeros(3), size
+        travel_m, most_N = np.zeros(3), size
     else:
         step_m = np.abs(moved_m)
         step_m = np.where(force * moved_m > 0.0, step_m, -step_m)
-        way_m = np.maximum(before.way_m + step_m, 0.0)
-        most_N = np.where(way_m > 0.0, np.maximum(before.most_N, size), size)
+        travel_m = np.maximum(before.travel_m + step_m, 0.0)
+        most_N = np.where(travel_m > 0.0, np.maximum(before.most_N, size), size)
     spin_Nm = torque_Nm
     if (square := float(force_N @ force_N)) > settings.idle_N**2:
         spin_Nm = force_N * float(torque_Nm @ force_N) / square
@@ -132,32 +132,32 @@ def update(
     if (spin := length(spin_Nm)) <= settings.idle_Nm:
         turn_rad = 0.0
     else:
-        along_rad = float(motion.turned_rad @ spin_Nm) / spin
-        turn_rad = max(turn_rad + along_rad, 0.0)
-    return YieldTravel(way_m, most_N, turn_rad)
+        yielded_rad = float(motion.turned_rad @ spin_Nm) / spin
+        turn_rad = max(turn_rad + yielded_rad, 0.0)
+    return YieldTravel(travel_m, most_N, turn_rad)
 
 
 def trip_of(
     now: YieldTravel, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, turns: bool
 ) -> Trip | None:
     """Return why force feedback must end, if it must; `force_tool_N` in tool axes, shape (3,)."""
-    too_far = length(now.way_m * limited) > LIMIT_M  # before the travel that the force allows
+    too_far = length(now.travel_m * limited) > LIMIT_M  # before the travel that the force allows
     too_turned = turns and now.turn_rad > LIMIT_RAD and limited.any()
     if not too_far and not too_turned:
         return None
     paid_m = _fallen_N(now, np.abs(force_tool_N), limited) / SOFTEST_N_M
-    unpaid_m = np.where(limited, np.maximum(now.way_m - paid_m, 0.0), 0.0)
-    gone_m, at = length(unpaid_m), int(np.argmax(unpaid_m))
+    unpaid_m = np.where(limited, np.maximum(now.travel_m - paid_m, 0.0), 0.0)
+    unexplained_m, at = length(unpaid_m), int(np.argmax(unpaid_m))
     rest = (
         "and the sensor's axes and signs are not verified: run `forcemesh "
         "check axes`, once for each calibration"
     )
-    if gone_m > LIMIT_M:
+    if unexplained_m > LIMIT_M:
         text = (
-            f"the tool yielded by {gone_m * 1e3:.1f} mm, mainly along its {AXES[at]} axis, the "
-            f"force did not fall, {rest}"
+            f"the tool yielded by {unexplained_m * 1e3:.1f} mm, mainly along its {AXES[at]} "
+            f"axis, the force did not fall, {rest}"
         )
-        return tripped("sensor_sign", text, value=gone_m, limit=LIMIT_M, unit="m")
+        return tripped("sensor_sign", text, value=unexplained_m, limit=LIMIT_M, unit="m")
     if too_turned:
         text = f"the tool yielded to a torque by {np.degrees(now.turn_rad):.1f} degrees, {rest}"
         return tripped("sensor_sign", text, value=now.turn_rad, limit=LIMIT_RAD, unit="rad")
@@ -175,6 +175,6 @@ def _fallen_N(now: YieldTravel, size_N: Array, limited: "npt.NDArray[np.bool_]")
         size_N: Magnitude of the force along the tool's axes. Shape (3,).
         limited: Axes whose travel is limited. Shape (3,).
     """
-    gives_way = limited & (now.way_m > 0.0)
-    all_N = length(now.most_N[gives_way]) - length(size_N[gives_way])
+    yields = limited & (now.travel_m > 0.0)
+    all_N = length(now.most_N[yields]) - length(size_N[yields])
     return np.minimum(now.most_N - size_N, max(all_N, 0.0))

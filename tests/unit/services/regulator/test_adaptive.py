@@ -34,12 +34,12 @@ histories = st.lists(
 
 def run(samples, *, gains=GAINS, chosen=SETTINGS, arm=None):
     """Step through samples; the arm is where it is told to be unless `arm` says otherwise."""
-    law, memory = start_at(START), begin(START, START, chosen)
-    seen: list[tuple[LawState, object]] = [(law, memory)]
+    law, adaptive = start_at(START), begin(START, START, chosen)
+    seen: list[tuple[LawState, object]] = [(law, adaptive)]
     for sample in samples:
         T = law.T_base_tcp if arm is None else arm
-        law, memory = advance(law, memory, sample, T, gains=gains, plain=PLAIN, settings=chosen)
-        seen.append((law, memory))
+        law, adaptive = advance(law, adaptive, sample, T, gains=gains, plain=PLAIN, settings=chosen)
+        seen.append((law, adaptive))
     return seen
 
 
@@ -75,7 +75,7 @@ def test_it_speeds_up_and_brakes_no_faster_than_the_arm_may(history) -> None:
 
 def test_a_tool_that_turns_after_a_long_way_across_sees_no_surface_move() -> None:
     """100 mm across, then 2 degrees of turn about its tip, at the set force: nothing has moved."""
-    T, memory = START.copy(), begin(START, START, SETTINGS, k=np.full(3, 2e4))
+    T, adaptive = START.copy(), begin(START, START, SETTINGS, k=np.full(3, 2e4))
     for number in range(600):
         if number < 500:
             T.translation = T.translation + 2e-4 * T.rotation[:, 0]
@@ -83,9 +83,9 @@ def test_a_tool_that_turns_after_a_long_way_across_sees_no_surface_move() -> Non
             T.rotation = T.rotation @ rotation_from_vector(np.array([0.0, 4e-4, 0.0]))
         law = LawState(T.copy(), contact="contact")
         sample = pushed(-10.0 * T.rotation[:, 2], 10.0)
-        _, memory = advance(law, memory, sample, T, gains=GAINS, plain=PLAIN, settings=SETTINGS)
-    assert memory.follow.near
-    assert abs(memory.follow.drift.speed_m_s) < 1e-4
+        _, adaptive = advance(law, adaptive, sample, T, gains=GAINS, plain=PLAIN, settings=SETTINGS)
+    assert adaptive.tracking.near
+    assert abs(adaptive.tracking.drift.speed_m_s) < 1e-4
 
 
 errors = st.floats(0.0, 100.0)
@@ -126,8 +126,8 @@ def test_it_gives_way_along_the_force(force_N) -> None:
 
 def test_it_moves_no_faster_than_the_stiffest_contact_allows_until_it_has_felt() -> None:
     """An arm that does not move tells nothing: the gain stays that of the stiffest."""
-    _, memory = run([pushed(30.0 * UP)] * 50, arm=START)[-1]
-    assert memory.stiffness.k == pytest.approx(np.full(3, SETTINGS.stiffness.stiffest))
+    _, adaptive = run([pushed(30.0 * UP)] * 50, arm=START)[-1]
+    assert adaptive.stiffness.k == pytest.approx(np.full(3, SETTINGS.stiffness.stiffest))
 
 
 @pytest.mark.parametrize("report_s", [0.004, 0.02, 0.08])
@@ -137,7 +137,7 @@ def test_a_pose_that_is_reported_seldom_makes_nothing_seem_softer(report_s, k) -
     rates = CELL.rates.model_copy(update={"robot_hz": 1.0 / report_s})
     chosen = AdaptiveSettings.of(CELL.model_copy(update={"rates": rates}))
     every = round(report_s / DT_S)
-    law, memory = start_at(START), begin(START, START, chosen)
+    law, adaptive = start_at(START), begin(START, START, chosen)
     T_arm = T_report = START.copy()
     believed = []
     for number in range(500):
@@ -146,24 +146,24 @@ def test_a_pose_that_is_reported_seldom_makes_nothing_seem_softer(report_s, k) -
         T_report = T_report if number % every else T_arm
         sample = pushed((k * pressed_m + 0.5) * UP, setpoint_N=1e3)
         sample = replace(sample, pose_is_new=number % every == 0)
-        law, memory = advance(
-            law, memory, sample, T_report, gains=GAINS, plain=PLAIN, settings=chosen
+        law, adaptive = advance(
+            law, adaptive, sample, T_report, gains=GAINS, plain=PLAIN, settings=chosen
         )
         law = replace(law, T_base_tcp=T_arm)
-        believed.append(memory.stiffness.k[2])
+        believed.append(adaptive.stiffness.k[2])
     assert min(believed) >= 0.98 * k
 
 
 def test_what_was_met_is_forgotten_when_contact_is_lost() -> None:
     """A moment without touch keeps it, three tau without do not."""
     soft = np.full(3, 2e3)
-    law, memory = start_at(START), begin(START, START, SETTINGS, soft)
+    law, adaptive = start_at(START), begin(START, START, SETTINGS, soft)
     kept = []
     for _ in range(round(4.0 * SETTINGS.tau_s / DT_S)):
-        law, memory = advance(
-            law, memory, pushed(0.0 * UP), START, gains=GAINS, plain=PLAIN, settings=SETTINGS
+        law, adaptive = advance(
+            law, adaptive, pushed(0.0 * UP), START, gains=GAINS, plain=PLAIN, settings=SETTINGS
         )
-        kept.append(memory.stiffness.k[2])
+        kept.append(adaptive.stiffness.k[2])
     assert kept[0] == 2e3
     assert kept[-1] == SETTINGS.stiffness.stiffest
 

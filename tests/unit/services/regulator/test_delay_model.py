@@ -31,7 +31,7 @@ def run(commands, settings, dt_s=DT_S):
 def test_a_command_that_holds_is_felt_as_it_is(settings, command) -> None:
     """Nothing moves, so nothing is on its way."""
     end = run([command] * 30, settings)[-1]
-    assert end.felt == pytest.approx(command, abs=1e-15)
+    assert end.filtered == pytest.approx(command, abs=1e-15)
     assert end.acceleration == pytest.approx(np.zeros(3), abs=1e-9)
 
 
@@ -40,8 +40,8 @@ def test_what_is_felt_lies_between_what_was_commanded(settings, commands) -> Non
     """A way without overshoot: no axis leaves the range of its commands."""
     low, high = np.min(commands, axis=0), np.max(commands, axis=0)
     for state in run(commands, settings):
-        assert (state.felt >= low - 1e-15).all()
-        assert (state.felt <= high + 1e-15).all()
+        assert (state.filtered >= low - 1e-15).all()
+        assert (state.filtered <= high + 1e-15).all()
 
 
 @given(ways, st.lists(vectors, min_size=2, max_size=40), vectors)
@@ -49,7 +49,7 @@ def test_the_way_does_not_depend_on_where_it_is(settings, commands, offset) -> N
     """Moving every command by the same vector moves what is felt by it, and no more."""
     here = run(commands, settings)[-1]
     there = run([command + offset for command in commands], settings)[-1]
-    assert there.felt - here.felt == pytest.approx(offset, abs=1e-12)
+    assert there.filtered - here.filtered == pytest.approx(offset, abs=1e-12)
     assert there.acceleration == pytest.approx(here.acceleration, abs=1e-6)
 
 
@@ -59,7 +59,7 @@ def test_an_even_motion_is_felt_by_the_sum_of_all_delays_later(settings) -> None
     speed = np.array([0.0, 0.01, -0.02])
     end = run([speed * DT_S * step for step in range(150)], settings)[-1]
     late_s = settings.delay_s + settings.lag_s + settings.filter_s - 0.5 * DT_S
-    ahead = end.command - end.felt
+    ahead = end.command - end.filtered
     assert ahead == pytest.approx(speed * late_s, abs=0.6 * DT_S * 0.02)
 
 
@@ -70,7 +70,7 @@ def test_how_often_one_looks_changes_nothing() -> None:
     commands = [rng.normal(size=3) for _ in range(20)]
     slow = run(commands, settings, 0.004)[-1]
     fast = run([c for c in commands for _ in (0, 1)][1:], settings, 0.002)[-1]
-    assert fast.felt == pytest.approx(slow.felt, abs=1e-12)
+    assert fast.filtered == pytest.approx(slow.filtered, abs=1e-12)
 
 
 def test_only_what_is_still_on_its_way_is_remembered() -> None:

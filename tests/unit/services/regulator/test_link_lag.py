@@ -49,7 +49,7 @@ def test_what_stays_behind_the_window_lags_until_it_is_there() -> None:
         commanded = commanded.after(T, PERIOD_S)
         assert commanded.lag(pin.SE3.Identity()) == (number > WINDOW)
         if number > WINDOW:  # whoever goes back still waits for what has not left
-            again = commanded.anew()
+            again = commanded.restarted()
             assert again.lag(pin.SE3.Identity())
             assert not again.lag(commanded.oldest)
             assert again.oldest == commanded.oldest

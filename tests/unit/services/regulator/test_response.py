@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.regulator.response import SOFTEST_ARM_N_M, Response, ResponseSample, hear, unheard
+from services.regulator.response import SOFTEST_ARM_N_M, Response, ResponseSample, initial, update
 
 DT_S, TIME_S = 0.004, 0.03
 ARM_N_M = 8e5  # the servos', in series with what is touched
@@ -17,18 +17,20 @@ seeds = st.integers(0, 2**32 - 1)
 def told(way, speed, force) -> ResponseSample:
     """Return one sample, the same along all axes."""
     ways, speeds, forces = np.full(3, way), np.full(3, speed), np.full(3, force)
-    return ResponseSample(ways, speeds, forces, DT_S, memory_s=0.1, noise_N=0.15, least_way_m=1e-5)
+    return ResponseSample(
+        ways, speeds, forces, DT_S, memory_s=0.1, noise_N=0.15, least_travel_m=1e-5
+    )
 
 
 def released(k, felt_k, late_s=0.0, *, noise_N=0.0, seed=0) -> Response:
     """Give way from 30 N, first faster; the force answers with `felt_k`, later than assumed."""
-    rng, state = np.random.default_rng(seed), unheard()
+    rng, state = np.random.default_rng(seed), initial()
     for number in range(80):
         t = number * DT_S
         way_m = 30.0 / felt_k * (1.0 - (1.0 + t / TIME_S) * np.exp(-t / TIME_S))
         speed_m_s = 30.0 / felt_k * t / TIME_S**2 * np.exp(-t / TIME_S)
         force_N = 30.0 - felt_k * (way_m - late_s * speed_m_s) + noise_N * rng.normal()
-        state = hear(state, told(way_m, speed_m_s, force_N), np.full(3, k))
+        state = update(state, told(way_m, speed_m_s, force_N), np.full(3, k))
     return state
 
 
@@ -65,18 +67,18 @@ def test_an_arm_that_does_not_follow_never_looks_soft(k, followed) -> None:
 @given(seeds)
 def test_without_motion_nothing_is_learnt(seed) -> None:
     """Noise alone does not move what is believed."""
-    rng, state = np.random.default_rng(seed), unheard()
+    rng, state = np.random.default_rng(seed), initial()
     for _ in range(60):
-        state = hear(state, told(0.0, 0.0, 10.0 + rng.normal()), np.full(3, 2e4))
+        state = update(state, told(0.0, 0.0, 10.0 + rng.normal()), np.full(3, 2e4))
     assert (state.share == 1.0).all()
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e-2, 1e-2)] * 2, st.floats(-100, 100)), max_size=60))
 def test_it_stays_within_its_bounds_whatever_it_is_told(samples) -> None:
     """Any ways, speeds and forces: between what the softest arm leaves and all of it."""
-    state = unheard()
+    state = initial()
     for sample in samples:
-        state = hear(state, told(*sample), np.full(3, 5e4))
+        state = update(state, told(*sample), np.full(3, 5e4))
         assert (state.share >= softest(5e4)).all()
         assert (state.share <= 1.0).all()
 
@@ -86,5 +88,5 @@ def test_what_was_learnt_is_kept_while_nothing_new_is_said() -> None:
     state = released(2e5, 1.6e5)
     after = state
     for _ in range(100):
-        after = hear(after, told(1.9e-4, 0.0, 0.0), np.full(3, 2e5))
+        after = update(after, told(1.9e-4, 0.0, 0.0), np.full(3, 2e5))
     assert after.share == pytest.approx(state.share, rel=0.03)

@@ -11,11 +11,11 @@ from common.motion.convert import pose_of
 from forcemesh import topics
 from forcemesh.messages import Preset, RobotState
 from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest
-from services.regulator import admittance as guiding
+from services.regulator import admittance
 from services.regulator.admittance import AdmittanceSettings
 from services.regulator.law import LawInput, start_at
 from services.regulator.settings import law_settings, pi_gains
-from services.regulator.tcp_path import go, remaining_m, routed
+from services.regulator.tcp_path import advance, append_points, remaining_m
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
@@ -63,14 +63,14 @@ class Obedient(RegulatorBench):
 
 def guided(force_N, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the way and the last speed under a force, told at each period, base axes."""
-    law, memory = start_at(T_START), guiding.begin(T_START)
+    law, memory = start_at(T_START), admittance.begin(T_START)
     before = T_START.translation
     for number in range(round(seconds / PERIOD_S)):
         sample = LawInput(
             np.array(force_N(number * PERIOD_S)), np.zeros(3), 0.0, "position", PERIOD_S
         )
         before = law.T_base_tcp.translation
-        law, memory = guiding.advance(
+        law, memory = admittance.advance(
             law, memory, sample, law.T_base_tcp, gains=GAINS, plain=PLAIN, settings=SETTINGS
         )
     speed = (law.T_base_tcp.translation - before) / PERIOD_S
@@ -104,7 +104,7 @@ SPEED = CELL.force.speed_max_m_s
 def test_what_opposes_more_than_a_hand_damps_it_at_once(stiffness_N_m: float) -> None:
     """Pushed with 10 N into a wall through the loop's delay: it comes to rest, it does not hop."""
     late = round((CELL.loop_delay_s - CELL.filter.lowpass_s) / PERIOD_S)
-    law, memory = start_at(T_START), guiding.begin(T_START)
+    law, memory = start_at(T_START), admittance.begin(T_START)
     places = [T_START.copy()] * (late + 1)
     forces = []
     for number in range(800):
@@ -112,7 +112,7 @@ def test_what_opposes_more_than_a_hand_damps_it_at_once(stiffness_N_m: float) ->
         forces.append(stiffness_N_m * deep_m)
         felt = np.array([0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0)])
         sample = LawInput(felt, np.zeros(3), 0.0, "position", PERIOD_S)
-        law, memory = guiding.advance(
+        law, memory = admittance.advance(
             law, memory, sample, places[0], gains=GAINS, plain=PLAIN, settings=SETTINGS
         )
         places = [*places[1:], law.T_base_tcp]
@@ -156,11 +156,13 @@ def test_a_route_visits_its_points_across_the_axis_at_no_more_than_its_speed(
 ) -> None:
     """Every point is passed within a period's way, the axis is never moved along, then it rests."""
     axis, p = np.array([0.0, 0.6, 0.8]), np.zeros(3)
-    route = routed(None, tuple(way), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False)
+    route = append_points(
+        None, tuple(way), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False
+    )
     still, seen, speeds = np.zeros(3), [p], [0.0]
     expected_s = remaining_m(route, p, axis) / speed_m_s + len(way) * speed_m_s / accel_m_s2 + 1.0
     for _ in range(round(3.0 * expected_s / PERIOD_S)):
-        route, shift = go(route, p, axis, dt_s=PERIOD_S, pushed_m=still, most_m=1.0)
+        route, shift = advance(route, p, axis, dt_s=PERIOD_S, pushed_m=still, most_m=1.0)
         p = p + shift
         seen.append(p)
         speeds.append(route.now_m_s)
@@ -181,10 +183,10 @@ def test_force_and_way_together_are_no_faster_than_the_limit(way, share) -> None
     """Whatever the force has moved already: the way takes what is left of the period's motion."""
     pushed_m = 2e-4 * share * np.array(way) / max(1.0, float(np.linalg.norm(way)))
     axis = np.array([0.0, 0.0, 1.0])
-    route = routed(
+    route = append_points(
         None, (np.array([0.1, 0.0, 0.0]),), speed_m_s=0.2, accel_m_s2=100.0, in_contact=False
     )
-    _, shift = go(route, np.zeros(3), axis, dt_s=PERIOD_S, pushed_m=pushed_m, most_m=2e-4)
+    _, shift = advance(route, np.zeros(3), axis, dt_s=PERIOD_S, pushed_m=pushed_m, most_m=2e-4)
     assert np.linalg.norm(pushed_m + shift) <= 2e-4 * (1 + 1e-9)
 
 

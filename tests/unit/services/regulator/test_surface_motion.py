@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.regulator.surface_motion import SurfaceMotion, look
+from services.regulator.surface_motion import SurfaceMotion, update
 
 DT_S, TIME_S = 0.004, 0.03
 
@@ -13,7 +13,7 @@ def run(places_m):
     """Look at a surface in each of these places."""
     drift = SurfaceMotion()
     for place_m in places_m:
-        drift = look(drift, place_m, DT_S, TIME_S)
+        drift = update(drift, place_m, DT_S, TIME_S)
     return drift
 
 

@@ -51,12 +51,12 @@ def watch(
     count: Annotated[
         int | None,
         typer.Option(
-            min=1, help="WatchEnd after this number of messages or tables.", show_default=False
+            min=1, help="End after this number of messages or tables.", show_default=False
         ),
     ] = None,
     seconds: Annotated[
         float | None,
-        typer.Option(min=0.1, help="WatchEnd after this time [s].", show_default=False),
+        typer.Option(min=0.1, help="End after this time [s].", show_default=False),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object per line, header and message merged.")

@@ -39,7 +39,11 @@ class Record(BaseModel):
 
 
 class Message(Record):
-    """Base of every topic's message."""
+    """Base of every topic's message.
+
+    A new field has a default, so that older recordings open. A renamed or restructured field raises
+    SCHEMA_VERSION of forcemesh/codec.py and gets a rule in forcemesh/old_versions.py.
+    """
 
     valid: bool = True
     reason: Text = ""  # why it is not valid

@@ -56,7 +56,10 @@ class Rates(ConfigSection):
 
 
 class Deadlines(ConfigSection):
-    """Minimum stale time of each class of input; three of its periods if that is longer."""
+    """Minimum stale time of each class of input; three of its periods if that is longer.
+
+    forcemesh/topics.py gives each topic its class; `sensor_s` is that of sensor/wrench and wrench.
+    """
 
     command_s: float = Field(0.040, ge=0.040, le=1.0)
     sensor_s: float = Field(0.020, ge=0.020, le=1.0)

@@ -1,4 +1,8 @@
-"""Fixed-point scales: packet units per millimetre, degree or newton, negotiated by hello."""
+"""Fixed-point scales: packet units per millimetre, degree or newton, negotiated by hello.
+
+A running gateway takes them from the section `gateway` of its cell file; the defaults here are for
+tools without a cell. Gains and percents have fixed scales: controller/packet_table.py.
+"""
 
 from dataclasses import dataclass, fields
 from math import isfinite

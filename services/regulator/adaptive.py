@@ -9,7 +9,8 @@ Along each axis of the tool, with k the estimated contact stiffness and tau the 
 F' is a Smith predictor (O. J. M. Smith, Closer control of loops with dead time, 1957). x_filtered
 is the command passed through the delay model up to the filtered force (`delay_model.py`). k is
 identified from the measured pose (`stiffness.py`) and reduced by the arm's own compliance
-(`response.py`). The weight w of the prediction grows with the gain: where inertia caps the gain there is little to
+(`response.py`). The weight w of the prediction grows with the gain: where inertia caps the gain
+there is little to
 predict, and a slow loop tolerates less gain and less inertia compensation. w stays below one,
 because k is an upper bound: a prediction 10 % too large costs another round trip, one 10 % too
 small a few per cent of overshoot. Surface tracking starts once the force has been near its set

@@ -1,10 +1,10 @@
-"""Smith predictor: model of the delay between command and filtered force. Pure.
+"""Delay model of the Smith predictor: between command and filtered force. Pure.
 
     command -> dead time -> lag/2 -> lag/2 -> filter -> travel that the present force belongs to
 
 Dead time covers controller, processes and the median filter; two first-order lags model the servo,
 a third the low-pass of the wrench filter. The half period between two commands needs no term: a
-command holds until the next one (zero-order hold).
+command holds until the next one (zero-order hold). `adaptive.py` predicts the force with it.
 """
 
 from dataclasses import dataclass

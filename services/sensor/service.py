@@ -27,7 +27,7 @@ class SensorDriver:
         self.fault = "no sample yet"
         stale_after_s = cell.stale_after_s(topics.SENSOR_WRENCH)
         self._driver = driver or driver_of(cell.sensor, stale_after_s=stale_after_s)
-        self._thinning = Decimation(cell.rates.sensor_hz)
+        self._decimation = Decimation(cell.rates.sensor_hz)
         self._worst: SensorSample | None = None  # sample since the last one published
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
         self._period_ns = round(NS_PER_S / cell.rates.sensor_hz)
@@ -44,8 +44,8 @@ class SensorDriver:
             **self._driver.counters(),
             "published": self._published,
             "thinned": self._thinned,
-            "sensor_hz": round(self._thinning.rate_hz),
-            "keep_every": self._thinning.keep_every,
+            "sensor_hz": round(self._decimation.rate_hz),
+            "keep_every": self._decimation.keep_every,
         }
 
     def close(self) -> None:
@@ -69,13 +69,13 @@ class SensorDriver:
         """Publish or drop a sample; a fault in a dropped one is published with the next."""
         silent = now_ns - self._sampled_ns > self._stale_after_ns // 2
         if silent:
-            self._thinning = pause(self._thinning)
+            self._decimation = pause(self._decimation)
         if silent or not self._about:  # the sensor's page may arrive after its first samples
             self._introduce()
         self._sampled_ns, self._counter = now_ns, sample.counter
         if self._worst is None or SEVERITY[sample.status] >= SEVERITY[self._worst.status]:
             self._worst = sample
-        self._thinning, is_kept = decimate(self._thinning, sample.counter, now_ns)
+        self._decimation, is_kept = decimate(self._decimation, sample.counter, now_ns)
         if is_kept:
             worst, self._worst = self._worst, None
             self._put(sample if worst.status == "ok" else worst)

@@ -198,8 +198,8 @@ class ForceRig:
             self._limited,
             dt_s,
         )
-        T_wished = pilot.step(heard) * self._T_flange_tcp.inverse()
-        self._pace = limit_motion(self._limits, self._pace, T_wished, dt_s)
+        T_target = pilot.step(heard) * self._T_flange_tcp.inverse()
+        self._pace = limit_motion(self._limits, self._pace, T_target, dt_s)
         self._limited = self._pace.lags
         self._on_its_way.append((self.arm.ticks + CHAIN_TICKS, self._pace.T_base_flange))
 

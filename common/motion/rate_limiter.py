@@ -28,7 +28,7 @@ class CommandedMotion:
     """A commanded flange pose and its velocity, in base axes."""
 
     T_base_flange: pin.SE3
-    T_wished: pin.SE3  # target of this period
+    T_target: pin.SE3  # target of this period
     speed_m_s: Array  # shape (3,)
     turning_rad_s: Array  # shape (3,)
     lags: bool = False  # behind the target by more than acceleration explains
@@ -36,7 +36,7 @@ class CommandedMotion:
     @property
     def is_there(self) -> bool:
         """Whether the pose equals the target."""
-        return self.T_base_flange is self.T_wished
+        return self.T_base_flange is self.T_target
 
     @property
     def is_still(self) -> bool:
@@ -51,7 +51,7 @@ def at_rest(T_base_flange: pin.SE3) -> CommandedMotion:
 
 
 def limit_motion(
-    limits: Limits, before: CommandedMotion, T_wished: pin.SE3, dt_s: float
+    limits: Limits, before: CommandedMotion, T_target: pin.SE3, dt_s: float
 ) -> CommandedMotion:
     """Return the pose towards a target that speed and acceleration allow after `dt_s` [s].
 
@@ -63,32 +63,32 @@ def limit_motion(
     Args:
         limits: The cell's limits.
         before: Result of the last period.
-        T_wished: Target of the flange in base; must be finite.
+        T_target: Target of the flange in base; must be finite.
         dt_s: Time since the last period.
     """
     if dt_s < SAME_INSTANT_S:
-        return replace(before, T_wished=T_wished)
+        return replace(before, T_target=T_target)
     most = _Most(limits, dt_s)
     now, last = np.array([before.speed_m_s, before.turning_rad_s]), before.T_base_flange
-    asked = _between(last, T_wished) / dt_s
-    wish = _between(before.T_wished, T_wished) / dt_s
-    wish = wish * most.speed(wish)
-    closing = asked - wish
-    wanted = wish + closing * most.closing(closing)
+    asked = _between(last, T_target) / dt_s
+    target_speed = _between(before.T_target, T_target) / dt_s
+    target_speed = target_speed * most.speed(target_speed)
+    closing = asked - target_speed
+    wanted = target_speed + closing * most.closing(closing)
     wanted = wanted * most.speed(wanted)
     change = wanted - now
     reached = now + change * most.change(change)
     if np.array_equal(reached, now + change) and np.abs(reached - asked).max() <= AT_REST:
-        return CommandedMotion(T_wished, T_wished, asked[0], asked[1])
-    pace = _moved(last, T_wished, reached, dt_s)
-    return replace(pace, lags=most.is_behind(_between(pace.T_base_flange, T_wished)))
+        return CommandedMotion(T_target, T_target, asked[0], asked[1])
+    pace = _moved(last, T_target, reached, dt_s)
+    return replace(pace, lags=most.is_behind(_between(pace.T_base_flange, T_target)))
 
 
 def brake(limits: Limits, before: CommandedMotion, dt_s: float) -> CommandedMotion:
     """Return the next pose of the fastest stop."""
     now = np.array([before.speed_m_s, before.turning_rad_s])
     reached = now * (1.0 - _Most(limits, dt_s).change(now))
-    return _moved(before.T_base_flange, before.T_wished, reached, dt_s)
+    return _moved(before.T_base_flange, before.T_target, reached, dt_s)
 
 
 def resting_place(limits: Limits, pace: CommandedMotion) -> pin.SE3:
@@ -143,8 +143,8 @@ def _along(T: pin.SE3, pair: Array) -> pin.SE3:
     return pin.SE3(rotation_from_vector(pair[1]) @ T.rotation, T.translation + pair[0])
 
 
-def _moved(T: pin.SE3, T_wished: pin.SE3, speeds: Array, dt_s: float) -> CommandedMotion:
-    return CommandedMotion(_along(T, speeds * dt_s), T_wished, speeds[0], speeds[1])
+def _moved(T: pin.SE3, T_target: pin.SE3, speeds: Array, dt_s: float) -> CommandedMotion:
+    return CommandedMotion(_along(T, speeds * dt_s), T_target, speeds[0], speeds[1])
 
 
 # --- windows of time ------------------------------------------------------------------------------

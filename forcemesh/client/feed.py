@@ -122,14 +122,14 @@ class Feed(Generic[M]):
             LostError: No message for `silence_s`.
         """
         reader, clock = self._bus.reader(self.topic), self._bus.clock
-        began_ns = heard_ns = clock.now_ns()
+        began_ns = received_ns = clock.now_ns()
         while seconds is None or clock.now_ns() - began_ns < seconds * NS_PER_S:
             if reader.poll():
-                heard_ns = clock.now_ns()
-                reading = reader.read(heard_ns)
+                received_ns = clock.now_ns()
+                reading = reader.read(received_ns)
                 if reading.header is not None and reading.message is not None:
                     yield Received(reading.header, reading.message)
-            elif clock.now_ns() - heard_ns > silence_s * NS_PER_S:
+            elif clock.now_ns() - received_ns > silence_s * NS_PER_S:
                 why = reader.counters.last_error
                 text = f"nothing on {self.topic.key} for {silence_s:g} s"
                 raise self._lost(f"{text}: {why}" if why else text)

@@ -57,7 +57,7 @@ class Move:
             raise NotReachedError(str(error)) from None
 
     def _follow(self, timeout_s: float, progress: Progress | None) -> RobotState:
-        started_ns = heard_ns = self._mine_ns = self._clock.now_ns()
+        started_ns = received_ns = self._mine_ns = self._clock.now_ns()
         while True:
             self._clock.sleep_s(MOVE_POLL_S)
             now_ns = self._clock.now_ns()
@@ -65,10 +65,10 @@ class Move:
                 raise TimeoutError(f"move not complete within {timeout_s:g} s; the arm holds")
             reading = self._robot.reading()
             if reading.fresh is None:
-                if now_ns - heard_ns > MOVE_STATE_WITHIN_S * NS_PER_S:
+                if now_ns - received_ns > MOVE_STATE_WITHIN_S * NS_PER_S:
                     raise self._session.lost(f"no state of the arm: {reading.fault}")
                 continue
-            heard_ns = now_ns
+            received_ns = now_ns
             if progress is not None:
                 progress(reading.fresh)
             if self._is_done(reading.fresh):

@@ -64,7 +64,7 @@ class Inputs:
         }
 
 
-FELT = ("sensor", "wrench")  # roles that backing off does not require
+FORCE_ROLES = ("sensor", "wrench")  # roles that backing off does not require
 
 
 def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
@@ -109,16 +109,16 @@ def overrun_trip(role: str, overruns: int, longest_gap_s: float) -> Trip:
 
 
 def _silent_or_invalid(inputs: Inputs, *, blind: bool) -> list[Trip]:
-    felt = [] if blind else _felt(inputs)
+    felt = [] if blind else _force_readings(inputs)
     readings: list[Reading[Any]] = [inputs.robot, *felt]
     if inputs.target.silent:
         readings.append(inputs.target)
-    health = [heard for role, heard in inputs.health.items() if not (blind and role in FELT)]
+    health = [heard for role, heard in inputs.health.items() if not (blind and role in FORCE_ROLES)]
     lost = [reading for reading in (*readings, *health) if reading.fault]
     return [_lost(reading, is_sensor=reading is inputs.sensor) for reading in lost]
 
 
-def _felt(inputs: Inputs) -> list[Reading[Any]]:
+def _force_readings(inputs: Inputs) -> list[Reading[Any]]:
     """Return sensor and wrench, without a wrench that only repeats the sensor's fault."""
     sensor, wrench = inputs.sensor, inputs.wrench
     if sensor.fault and wrench.fault and not wrench.silent:

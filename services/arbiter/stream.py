@@ -42,16 +42,16 @@ class Tick:
 
 
 def follow(
-    stream: SetpointStream, T_wished: pin.SE3, bounds: ArmBounds, moment: Tick
+    stream: SetpointStream, T_target: pin.SE3, bounds: ArmBounds, moment: Tick
 ) -> tuple[SetpointStream, Trip | None]:
     """Return the stream after a target pose, or unchanged with the limit that it violates.
 
     From every accepted set point the arm can be braked inside the bounds.
     """
-    if not is_finite_pose(T_wished):
-        return stream, check_workspace(bounds.limits, T_wished)
+    if not is_finite_pose(T_target):
+        return stream, check_workspace(bounds.limits, T_target)
     limits, before = bounds.limits, stream.pace.T_base_flange
-    pace = limit_motion(limits, stream.pace, T_wished, moment.dt_s)
+    pace = limit_motion(limits, stream.pace, T_target, moment.dt_s)
     window = stream.window.after(moment.now_ns, before, pace.T_base_flange)
     trip = (
         bounds.place(resting_place(limits, pace))

@@ -10,15 +10,15 @@ from services.panel.readout import Readout
 from services.panel.watch import Snapshot, age_text
 
 
-def force_display(cell: CellConfig, heard: Snapshot) -> dict[str, str]:
+def force_display(cell: CellConfig, snapshot: Snapshot) -> dict[str, str]:
     """Return caption and value of the force [N] and its set point [N].
 
     While force feedback presses, the force is the one along the tool's z axis, else |F|. Without a
     fresh wrench the value is empty, and `lost` gives the reason: no data must not look like 0 N.
     """
-    wrench, robot, target = heard.wrench.fresh, heard.robot.fresh, heard.target.fresh
-    if heard.hub_fault or wrench is None:
-        return {"caption": "force", "value": "", "setpoint": "", "lost": lost(heard)}
+    wrench, robot, target = snapshot.wrench.fresh, snapshot.robot.fresh, snapshot.target.fresh
+    if snapshot.hub_fault or wrench is None:
+        return {"caption": "force", "value": "", "setpoint": "", "lost": lost(snapshot)}
     note = "" if wrench.calibrated else ", not calibrated"
     presses = target is not None and target.mode in {"position", "both"}
     if robot is None or target is None or not presses or target.law == "admittance":
@@ -39,9 +39,9 @@ def force_display(cell: CellConfig, heard: Snapshot) -> dict[str, str]:
     }
 
 
-def lost(heard: Snapshot) -> str:
+def lost(snapshot: Snapshot) -> str:
     """Return in a few words why there is no force."""
-    reading: Reading[Any] = heard.wrench
-    if heard.hub_fault or reading.message is None:
+    reading: Reading[Any] = snapshot.wrench
+    if snapshot.hub_fault or reading.message is None:
         return "no data"
     return f"no data for {age_text(reading)}" if reading.silent else "not valid"

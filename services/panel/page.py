@@ -53,7 +53,7 @@ class PanelPage:
         self._readout, self._history = Readout(cell), PlotHistory(NAMES)
         self._log = FaultLog(lambda: datetime.now().astimezone().strftime("%H:%M:%S"))
         self._forms: dict[int, tuple[Viewer, list[Refresh]]] = {}
-        self._heard = Snapshot()
+        self._snapshot = Snapshot()
         self._seen_ns = 0
         gate = Gate(door, f"forcemesh {cell.cell}")
         gate.routes = {"/state": self._state, "/stop": self._stop}
@@ -79,18 +79,18 @@ class PanelPage:
                 self._history.clear()
                 continue
             self._watch.join()
-            self._heard = heard = self._watch.look()
-            self._log.saw(heard.arbiter.fresh)
-            self._history.add(heard.now_ns / NS_PER_S, self._readout.numbers(heard))
+            self._snapshot = snapshot = self._watch.look()
+            self._log.saw(snapshot.arbiter.fresh)
+            self._history.add(snapshot.now_ns / NS_PER_S, self._readout.numbers(snapshot))
             if not self.server.get_clients():
                 continue
-            self._scene.draw(heard)
-            if heard.now_ns - plots_ns >= PLOTS_S * NS_PER_S:
-                plots_ns = heard.now_ns
-                self._plots.draw(heard.now_ns / NS_PER_S)
-            if heard.now_ns - forms_ns >= FORMS_S * NS_PER_S:
-                forms_ns = heard.now_ns
-                self._refresh_forms(heard)
+            self._scene.draw(snapshot)
+            if snapshot.now_ns - plots_ns >= PLOTS_S * NS_PER_S:
+                plots_ns = snapshot.now_ns
+                self._plots.draw(snapshot.now_ns / NS_PER_S)
+            if snapshot.now_ns - forms_ns >= FORMS_S * NS_PER_S:
+                forms_ns = snapshot.now_ns
+                self._refresh_forms(snapshot)
 
     def close(self) -> None:
         """Leave the bus, then close the page; a running calibration ends in a hold."""
@@ -102,9 +102,9 @@ class PanelPage:
 
     async def _state(self, rights: Rights) -> dict[str, Any]:
         self._seen_ns = time.monotonic_ns()
-        if self._watch.clock.now_ns() - self._heard.now_ns > OLD_S * NS_PER_S:
-            self._heard = self._watch.look()  # the loop is late; the bar must not show old data
-        return strip(self._cell, self._heard, rights)
+        if self._watch.clock.now_ns() - self._snapshot.now_ns > OLD_S * NS_PER_S:
+            self._snapshot = self._watch.look()  # the loop is late; the bar must not show old data
+        return strip(self._cell, self._snapshot, rights)
 
     async def _stop(self, rights: Rights) -> dict[str, Any]:
         if not may_stop(self._cell, rights):
@@ -149,7 +149,7 @@ class PanelPage:
                     refreshes.append(refresh)
         self._forms[client.client_id] = (viewer, refreshes)
 
-    def _refresh_forms(self, heard: Snapshot) -> None:
+    def _refresh_forms(self, snapshot: Snapshot) -> None:
         for _, refreshes in list(self._forms.values()):
             for refresh in refreshes:
-                refresh(heard)
+                refresh(snapshot)

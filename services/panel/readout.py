@@ -60,23 +60,23 @@ class Readout:
             torque_Nm=None if wrench is None else np.array(wrench.torque_Nm),
         )
 
-    def numbers(self, heard: Snapshot) -> dict[str, float]:
+    def numbers(self, snapshot: Snapshot) -> dict[str, float]:
         """Return the values that are known now, keyed by `NAMES`; unknown ones are left out."""
         found: dict[str, float] = {}
-        wrench, robot = heard.wrench.fresh, heard.robot.fresh
+        wrench, robot = snapshot.wrench.fresh, snapshot.robot.fresh
         if wrench is not None:
             found |= dict(zip(FORCES[2:], wrench.force_N, strict=True))
             found |= dict(zip(TORQUES[:3], wrench.torque_Nm, strict=True))
         if robot is not None:
-            found |= distance_mm(heard.command.fresh, robot)
+            found |= distance_mm(snapshot.command.fresh, robot)
             found |= self._latency_ms(robot)
         if robot is not None and wrench is not None:
             tool = self.tool(robot, wrench)
             found["press"] = tool.press_N or 0.0
-            self._setpoint_N = self._setpoint(heard, tool)
+            self._setpoint_N = self._setpoint(snapshot, tool)
             if self._setpoint_N is not None:
                 found["set point"] = self._setpoint_N
-            if heard.target.fresh is not None and heard.target.fresh.mode != "position":
+            if snapshot.target.fresh is not None and snapshot.target.fresh.mode != "position":
                 found["target"] = 0.0  # torques are always controlled to zero
         return found
 
@@ -89,12 +89,12 @@ class Readout:
         self._taken = number
         return latency_ms(robot)
 
-    def _setpoint(self, heard: Snapshot, tool: Tool) -> float | None:
+    def _setpoint(self, snapshot: Snapshot, tool: Tool) -> float | None:
         """Return the force set point along the tool axis, derived from the regulator's error.
 
         The error is reduced by the deadband and zero inside it; there the last value is kept.
         """
-        target = heard.target.fresh
+        target = snapshot.target.fresh
         if target is None or target.mode in (None, "orientation") or tool.force_N is None:
             return None
         error_N = np.array(target.error_force_N)

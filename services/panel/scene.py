@@ -62,17 +62,17 @@ class Scene:
         for handle in (self._force, self._torque, self._label, self._touched):
             handle.visible = False
 
-    def draw(self, heard: Snapshot) -> None:
+    def draw(self, snapshot: Snapshot) -> None:
         """Show a snapshot; without a fresh robot state the scene does not change."""
-        robot = heard.robot.fresh
+        robot = snapshot.robot.fresh
         if robot is None:
             return
-        tool = self._readout.tool(robot, heard.wrench.fresh)
+        tool = self._readout.tool(robot, snapshot.wrench.fresh)
         with self._server.atomic():
             if self._has_moved(robot):
                 self._place(robot, tool)
             self._draw_wrench(tool)
-            self._draw_touch(heard, tool)
+            self._draw_touch(snapshot, tool)
 
     def _has_moved(self, robot: RobotState) -> bool:
         q = np.array(robot.joint_rad)
@@ -107,10 +107,10 @@ class Scene:
         if turning > LEAST_NM:
             self._torque.points = _arrow(tool.p_tcp_m, M_PER_NM * torque_Nm)
 
-    def _draw_touch(self, heard: Snapshot, tool: Tool) -> None:
+    def _draw_touch(self, snapshot: Snapshot, tool: Tool) -> None:
         """Show the contact surface at the tool while the regulator reports contact."""
-        target = heard.target.message
-        touches = target is not None and target.contact == "contact" and heard.target.fault == ""
+        target = snapshot.target.message
+        touches = target is not None and target.contact == "contact" and snapshot.target.fault == ""
         _show(self._touched, touches)
         if touches:
             self._touched.position = tool.contact_m

@@ -31,51 +31,51 @@ def may_stop(cell: CellConfig, rights: Rights) -> bool:
     return rights == "operate" or cell.bus.monitor_may_hold
 
 
-def strip(cell: CellConfig, heard: Snapshot, rights: Rights) -> dict[str, Any]:
+def strip(cell: CellConfig, snapshot: Snapshot, rights: Rights) -> dict[str, Any]:
     """Return the contents of the status bar."""
-    state, colour = state_of(heard)
-    why, remedy = cause_of(heard)
+    state, colour = state_of(snapshot)
+    why, remedy = cause_of(snapshot)
     return {
         "cell": cell.cell,
         "mode": mode_of(cell),
         "rights": rights,
         "may_stop": may_stop(cell, rights),
         "state": state,
-        "held": held_as(heard),
+        "held": held_as(snapshot),
         "colour": colour._asdict(),
         "why": why,
         "remedy": remedy,
-        "force": force_display(cell, heard),
-        "who": who(heard.arbiter.fresh),
-        "services": [] if heard.hub_fault else services(heard),
+        "force": force_display(cell, snapshot),
+        "who": who(snapshot.arbiter.fresh),
+        "services": [] if snapshot.hub_fault else services(snapshot),
     }
 
 
 ALONE = {"jog": " for jog", "back_off": " to back off"}
 
 
-def state_of(heard: Snapshot) -> tuple[str, StateColour]:
+def state_of(snapshot: Snapshot) -> tuple[str, StateColour]:
     """Return the state and its colours."""
-    if heard.hub_fault:
+    if snapshot.hub_fault:
         return "cell not reached", NO_STATE
-    status = heard.arbiter.fresh
+    status = snapshot.arbiter.fresh
     if status is None:
         return "no arbiter status", NO_STATE
     what = ALONE.get(status.armed_for, "") if status.goes_on else ""
     return f"{status.state}{what}", STATE_COLOURS[status.state]
 
 
-def held_as(heard: Snapshot) -> str:
+def held_as(snapshot: Snapshot) -> str:
     """Return the state in which the arm is held, empty while it may move or is unknown."""
-    status = None if heard.hub_fault else heard.arbiter.fresh
+    status = None if snapshot.hub_fault else snapshot.arbiter.fresh
     return "" if status is None or status.may_move else status.state
 
 
-def cause_of(heard: Snapshot) -> tuple[str, str]:
+def cause_of(snapshot: Snapshot) -> tuple[str, str]:
     """Return why the arm does not move, or what prevents arming; and the remedy."""
-    status = heard.arbiter.fresh
-    if heard.hub_fault or status is None:
-        return heard.hub_fault or heard.arbiter.fault, ""
+    status = snapshot.arbiter.fresh
+    if snapshot.hub_fault or status is None:
+        return snapshot.hub_fault or snapshot.arbiter.fault, ""
     if status.trips:
         return "; ".join(trip_text(trip) for trip in status.trips), status.clears
     not_ready = "; ".join(status.not_ready)
@@ -90,16 +90,16 @@ def who(status: ArbiterStatus | None) -> str:
     return f"commander: {status.commander}{following}"
 
 
-def services(heard: Snapshot) -> list[dict[str, str]]:
+def services(snapshot: Snapshot) -> list[dict[str, str]]:
     """Return each role with its rate, the age of its last message, and its fault.
 
     A helper is shown once its first message was received: a recorder is optional.
     """
     rows = []
-    heard_helpers = [name for name in topics.HELPERS if has_spoken(heard.health.get(name))]
-    for role in (*topics.ROLES, *heard_helpers):
-        reading: Reading[Any] | None = heard.health.get(role)
-        stream: Reading[Any] | None = getattr(heard, STREAMS[role]) if role in STREAMS else None
+    live_helpers = [name for name in topics.HELPERS if has_spoken(snapshot.health.get(name))]
+    for role in (*topics.ROLES, *live_helpers):
+        reading: Reading[Any] | None = snapshot.health.get(role)
+        stream: Reading[Any] | None = getattr(snapshot, STREAMS[role]) if role in STREAMS else None
         newest = stream if stream is not None and stream.message is not None else reading
         age = "no message" if newest is None else age_text(newest)
         rows.append(

@@ -11,11 +11,11 @@ from services.panel.watch import Snapshot
 UNANSWERED = "NO ANSWER"
 
 
-def stop_text(answer: RequestOutcome, heard: Snapshot) -> str:
+def stop_text(answer: RequestOutcome, snapshot: Snapshot) -> str:
     """Return the text for the operator, from the reply and the state received after it."""
     if answer.word == "done":
         return answer.text
-    if answer.word == "no answer" and (state := held_as(heard)):
+    if answer.word == "no answer" and (state := held_as(snapshot)):
         return f"the arm is held (state {state}); the reply was lost"
     if answer.word == "no answer":
         why = f"({answer.text}). Use the emergency stop or the pendant."

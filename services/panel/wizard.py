@@ -28,7 +28,7 @@ class Progress:
     left: dict[str, Any] = field(default_factory=dict)
     notes: deque[str] = field(default_factory=lambda: deque(maxlen=NOTES))
 
-    def heard(self, said: dict[str, Any]) -> None:
+    def update(self, said: dict[str, Any]) -> None:
         """Update from one decoded line of the child."""
         if "plan" in said:
             self.phase, self.plan = "asking", str(said["plan"])
@@ -112,7 +112,7 @@ class WizardProcess:
         progress = self.progress
         for line in child.stdout or ():
             try:
-                progress.heard(json.loads(line))
+                progress.update(json.loads(line))
             except (ValueError, TypeError):
                 progress.notes.append(line.rstrip())  # for example a traceback
         child.wait()

@@ -28,9 +28,9 @@ def said(reading: Reading[Any]) -> SimpleNamespace:
 class SpokenWatch:
     """A watch that sees one snapshot for ever; `client` answers what a test lets it answer."""
 
-    def __init__(self, heard: Snapshot) -> None:
+    def __init__(self, received: Snapshot) -> None:
         """Take the snapshot."""
-        self.heard = heard
+        self.received = received
         self.clock = MonotonicClock()
         self.client: Any = SimpleNamespace(feed=self.feed)
 
@@ -45,7 +45,7 @@ class SpokenWatch:
 
     def look(self) -> Snapshot:
         """Return the snapshot as one of this moment."""
-        return replace(self.heard, now_ns=self.clock.now_ns())
+        return replace(self.received, now_ns=self.clock.now_ns())
 
     def feed(self, topic: Any) -> SimpleNamespace:
         """Return a feed of which nothing is known."""

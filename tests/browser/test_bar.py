@@ -70,17 +70,17 @@ CUT_OFF = """() => {
 SIZE_PX = "parseFloat(getComputedStyle(document.querySelector('#fm-value')).fontSize)"
 
 
-def heard(message, fault="", age_s=0.004):
+def received(message, fault="", age_s=0.004):
     """Return a reading of a message."""
     return Reading(message, None, age_s, fault, silent="stale" in fault)
 
 
 def snapshot(status, **more):
     """Return a snapshot in which the arbiter has this status and every service is present."""
-    health = {name: heard(Health(rate_hz=250.0)) for name in (*ROLES, *HELPERS)}
-    wrench = heard(WrenchAtTcp(force_N=(0.0, 0.0, -24.9), calibrated=True))
-    known = {"robot": heard(RobotState()), "wrench": wrench, "health": health}
-    return Snapshot(hub_fault="", arbiter=heard(status), **(known | more))
+    health = {name: received(Health(rate_hz=250.0)) for name in (*ROLES, *HELPERS)}
+    wrench = received(WrenchAtTcp(force_N=(0.0, 0.0, -24.9), calibrated=True))
+    known = {"robot": received(RobotState()), "wrench": wrench, "health": health}
+    return Snapshot(hub_fault="", arbiter=received(status), **(known | more))
 
 
 def watch_on(heard_now) -> SpokenWatch:
@@ -98,12 +98,12 @@ def shows(page, place: str, text: str) -> None:
 def test_nothing_of_the_bar_is_cut_off_on_screens_of_labs(monkeypatch, cockpit):
     """Also with two trips and their remedy, a long state, and while pressing."""
     watch = watch_on(Snapshot())
-    target = heard(RegulatorTarget(mode="position", law="plain", setpoint_N=125.0))
+    target = received(RegulatorTarget(mode="position", law="plain", setpoint_N=125.0))
     with served(monkeypatch, watch) as address:
         for width, height in SIZES:
             page = cockpit(width, height).open(address)
             for status in LONG.values():
-                watch.heard = snapshot(status, target=target)
+                watch.received = snapshot(status, target=target)
                 page.until_state(status.state)
                 shows(page, "setpoint", "125.0 N")
                 assert page.page.evaluate(CUT_OFF) == [], (width, status)
@@ -112,14 +112,16 @@ def test_nothing_of_the_bar_is_cut_off_on_screens_of_labs(monkeypatch, cockpit):
 def test_the_force_is_legible_from_two_metres_and_never_a_zero_without_data(monkeypatch, cockpit):
     """Digits of 10 mm; with the set point while it presses; no digit once the wrench is stale."""
     status = ArbiterStatus(state="ACTIVE", commander="regulator")
-    target = heard(RegulatorTarget(mode="position", law="plain", setpoint_N=25.0))
+    target = received(RegulatorTarget(mode="position", law="plain", setpoint_N=25.0))
     watch = watch_on(snapshot(status, target=target))
     with served(monkeypatch, watch) as address:
         page = cockpit(1200, 800).open(address)
         shows(page, "value", "24.9 N")
         shows(page, "setpoint", "25.0 N")
         assert page.page.evaluate(SIZE_PX) >= LEGIBLE_PX
-        watch.heard = snapshot(status, wrench=heard(WrenchAtTcp(), "wrench stale", age_s=2.31))
+        watch.received = snapshot(
+            status, wrench=received(WrenchAtTcp(), "wrench stale", age_s=2.31)
+        )
         shows(page, "value", "no data for 2.3 s")
         assert page.page.locator("#fm-goal").is_hidden()
     shows(page, "value", "no data")  # the panel is gone
@@ -133,7 +135,7 @@ def test_each_state_has_its_colour_and_its_word(monkeypatch, cockpit):
         page = cockpit().open(address)
         seen = {}
         for state in STATE_COLOURS:
-            watch.heard = snapshot(ArbiterStatus(state=state))
+            watch.received = snapshot(ArbiterStatus(state=state))
             page.until_state(state)
             seen[state] = page.page.evaluate(colour)
     assert len(set(seen.values())) == len(STATE_COLOURS), seen

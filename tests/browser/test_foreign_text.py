@@ -51,11 +51,11 @@ def spoken(text) -> SpokenWatch:
 def calibrating(text) -> Progress:
     """Return a calibration in which every text is foreign."""
     progress = Progress()
-    progress.heard({"note": text("note")})
+    progress.update({"note": text("note")})
     found = [[text("found"), text("value"), text("deviation")]]
     left = {"fit_N": [], "fresh_N": [], "limit_N": 1.0, "verdict": text("verdict"), "found": found}
-    progress.heard({"left": left})
-    progress.heard({"progress": 0.5, "text": text("progress")})
+    progress.update({"left": left})
+    progress.update({"progress": 0.5, "text": text("progress")})
     return progress
 
 
@@ -86,15 +86,15 @@ def test_text_of_others_is_shown_as_text_and_nothing_of_it_becomes_an_element(mo
         assert page.page.evaluate("window.ran") is None
         page.picture("panel-foreign")
     assert tags == expected
-    heard = snapshot(hostile)
-    status, wrench = heard.arbiter.message, heard.wrench.message
+    received = snapshot(hostile)
+    status, wrench = received.arbiter.message, received.wrench.message
     assert status is not None
     assert wrench is not None
     named = {
         *(text for text in texts_of(status.trips) if ".unit" not in text),  # goes with its value
         *texts_of(status.not_ready),
         status.clears,
-        *(one.fault for one in heard.health.values()),
+        *(one.fault for one in received.health.values()),
         wrench.calibration_fault,
         hostile("note"),
         hostile("found"),

@@ -53,7 +53,7 @@ def build(viewer: Viewer) -> Refresh:
 
     stop.on_click(lambda _event: wizard.cancel())
 
-    def refresh(_heard: Snapshot) -> None:
+    def refresh(_snapshot: Snapshot) -> None:
         nonlocal asked
         now = wizard.progress
         if asked and now.phase == "asking":

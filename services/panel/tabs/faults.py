@@ -26,25 +26,25 @@ def build(viewer: Viewer) -> Refresh:
     with gui.add_folder("History"):
         before = Prose(gui, NOTHING)
 
-    def refresh(heard: Snapshot) -> None:
-        now.show(now_text(heard))
+    def refresh(snapshot: Snapshot) -> None:
+        now.show(now_text(snapshot))
         before.show(log_text(viewer.log.newest()))
-        stopped = heard.arbiter.fresh is not None and bool(heard.arbiter.fresh.trips)
+        stopped = snapshot.arbiter.fresh is not None and bool(snapshot.arbiter.fresh.trips)
         if clear.disabled == stopped:
             clear.disabled = not stopped
 
     return refresh
 
 
-def now_text(heard: Snapshot) -> Html:
+def now_text(snapshot: Snapshot) -> Html:
     """Return the present trips, with the remedy of each."""
-    if heard.hub_fault:
-        return paragraphs(f"⚠ {heard.hub_fault}")
-    status = heard.arbiter.fresh
+    if snapshot.hub_fault:
+        return paragraphs(f"⚠ {snapshot.hub_fault}")
+    status = snapshot.arbiter.fresh
     if status is None:
-        return paragraphs(f"⚠ {heard.arbiter.fault}")
+        return paragraphs(f"⚠ {snapshot.arbiter.fault}")
     clears = [f"→ {status.clears}"] if status.clears else []
-    silent = [f"⚠ {row['name']}: {row['fault']}" for row in services(heard) if row["fault"]]
+    silent = [f"⚠ {row['name']}: {row['fault']}" for row in services(snapshot) if row["fault"]]
     return paragraphs(html("<b>{}</b>", status.state), *_reasons(status), *clears, *silent)
 
 

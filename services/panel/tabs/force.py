@@ -53,11 +53,11 @@ def build(viewer: Viewer) -> Refresh:
     with gui.add_folder("Gains", expand_by_default=False):
         gains = _GainsForm(viewer)
 
-    def refresh(heard: Snapshot) -> None:
-        now.show(now_text(heard))
-        form.refresh(heard)
-        gains.refresh(heard)
-        status = heard.arbiter.fresh
+    def refresh(snapshot: Snapshot) -> None:
+        now.show(now_text(snapshot))
+        form.refresh(snapshot)
+        gains.refresh(snapshot)
+        status = snapshot.arbiter.fresh
         is_armed = status is not None and status.goes_on
         if arm.visible == is_armed:
             arm.visible = not is_armed
@@ -98,12 +98,12 @@ class _PressForm:
             lambda _event: viewer.do("Force feedback", lambda cell: cell.force.stop().text)
         )
 
-    def refresh(self, heard: Snapshot) -> None:
+    def refresh(self, snapshot: Snapshot) -> None:
         """Show the settings of the running press and the buttons that apply."""
-        target = heard.target.fresh
+        target = snapshot.target.fresh
         for name, field in self._followed.items():
             field.follow(getattr(target, name, None))
-        runs = heard.target.message is not None and heard.target.message.mode is not None
+        runs = snapshot.target.message is not None and snapshot.target.message.mode is not None
         for handle, visible in ((self._start, not runs), (self._change, runs), (self._stop, runs)):
             if handle.visible != visible:
                 handle.visible = visible
@@ -170,11 +170,11 @@ class _GainsForm:
         read.on_click(lambda _event: viewer.do("Gains", self._read))
         apply.on_click(lambda _event: viewer.do("Gains", self._apply))
 
-    def refresh(self, heard: Snapshot) -> None:
+    def refresh(self, snapshot: Snapshot) -> None:
         """Request the regulator's gains every READ_S and show them."""
-        if heard.target.silent or heard.now_ns - self._read_at_ns < READ_S * NS_PER_S:
+        if snapshot.target.silent or snapshot.now_ns - self._read_at_ns < READ_S * NS_PER_S:
             return
-        self._read_at_ns = heard.now_ns
+        self._read_at_ns = snapshot.now_ns
         threading.Thread(target=self._follow, daemon=True).start()
 
     def _follow(self) -> None:
@@ -220,11 +220,11 @@ def in_rows(gains: Gains) -> dict[str, Vec3]:
     return rows
 
 
-def now_text(heard: Snapshot) -> Html:
+def now_text(snapshot: Snapshot) -> Html:
     """Return the present force, the running press and what prevents one."""
-    target, wrench, status = heard.target.message, heard.wrench.fresh, heard.arbiter.fresh
+    target, wrench, status = snapshot.target.message, snapshot.wrench.fresh, snapshot.arbiter.fresh
     if wrench is None:
-        return paragraphs(f"⚠ no wrench: {heard.hub_fault or heard.wrench.fault}")
+        return paragraphs(f"⚠ no wrench: {snapshot.hub_fault or snapshot.wrench.fault}")
     force_N = sum(part * part for part in wrench.force_N) ** 0.5
     doing = html("force feedback is off")
     if target is not None and target.mode is not None:

@@ -56,8 +56,8 @@ def build(viewer: Viewer) -> Refresh:
     with gui.add_folder("Flange pose", expand_by_default=False):
         _GoTo(viewer, mover)
 
-    def refresh(heard: Snapshot) -> None:
-        where.show(where_text(heard))
+    def refresh(snapshot: Snapshot) -> None:
+        where.show(where_text(snapshot))
         jog.refresh()
 
     return refresh
@@ -236,11 +236,11 @@ def vector(axis: int, amount: float) -> Vec3:
     return (x, y, z)
 
 
-def where_text(heard: Snapshot) -> Html:
+def where_text(snapshot: Snapshot) -> Html:
     """Return the flange pose as shown on the pendant."""
-    robot = heard.robot.fresh
+    robot = snapshot.robot.fresh
     if robot is None:
-        return paragraphs(f"⚠ {heard.hub_fault or heard.robot.fault}")
+        return paragraphs(f"⚠ {snapshot.hub_fault or snapshot.robot.fault}")
     T = pose_of(robot)
     x, y, z = (1e3 * float(part) for part in T.translation)
     o, a, t = (math.degrees(angle) for angle in oat_from_R(T.rotation))

@@ -41,7 +41,7 @@ def build(viewer: Viewer) -> Refresh:
     start.on_click(begin)
     stop.on_click(end)
 
-    def refresh(_heard: Snapshot) -> None:
+    def refresh(_snapshot: Snapshot) -> None:
         status = recorder_status(viewer)
         now.show(words(status))
         asked = status is not None and status.recording and status.cause == "asked"

@@ -190,10 +190,10 @@ def along(kind: int, amount: float) -> pin.SE3:
     return at(np.array([amount * (1 - kind), 0.0, 0.0]), np.array([0.0, 0.0, amount * kind]))
 
 
-def moving(kind: int, speed: float, T_wished: pin.SE3 = ORIGIN) -> CommandedMotion:
+def moving(kind: int, speed: float, T_target: pin.SE3 = ORIGIN) -> CommandedMotion:
     """Return a pace at the origin that goes along x, or turns about z."""
     way = np.array([speed * (1 - kind), 0.0, 0.0])
-    return CommandedMotion(ORIGIN, T_wished, way, np.array([0.0, 0.0, speed * kind]))
+    return CommandedMotion(ORIGIN, T_target, way, np.array([0.0, 0.0, speed * kind]))
 
 
 def gone(kind: int, pace: CommandedMotion) -> tuple[float, float]:
@@ -218,7 +218,7 @@ def test_in_less_than_a_microsecond_nothing_moves(kind: int) -> None:
     """What was asked for is remembered; in a microsecond it moves."""
     before, wish = moving(kind, 0.1), along(kind, 0.01)
     after = limit_motion(LIMITS, before, wish, nextafter(1e-6, 0.0))
-    assert (after.T_base_flange, after.T_wished) == (before.T_base_flange, wish)
+    assert (after.T_base_flange, after.T_target) == (before.T_base_flange, wish)
     assert gone(kind, after) == (0.0, 0.1)
     assert gone(kind, limit_motion(LIMITS, before, wish, 1e-6))[0] > 0.0
 

@@ -128,9 +128,9 @@ def filled_status(text):
 def progress(text):
     """Return a calibration in which every text is foreign."""
     now = Progress()
-    now.heard({"left": {"verdict": text("verdict"), "found": [[text("name"), text("value")]]}})
-    now.heard({"note": text("note")})
-    now.heard({"error": text("error")})
+    now.update({"left": {"verdict": text("verdict"), "found": [[text("name"), text("value")]]}})
+    now.update({"note": text("note")})
+    now.update({"error": text("error")})
     return now
 
 

@@ -43,7 +43,7 @@ CELL = load_cell(Path(__file__).parents[4] / "cells" / "demo.yaml")
 numbers = st.floats(-1e4, 1e4)
 
 
-def heard(message, fault=""):
+def received(message, fault=""):
     """Return a reading of a fresh message, or of one that is wrong."""
     return Reading(message, None, 0.004, fault, silent="stale" in fault)
 
@@ -55,9 +55,9 @@ def pressing(force_N, error_N, *, down=np.pi):
     force, error = vec3(-force_N * R[:, 2]), vec3(-error_N * R[:, 2])
     return Snapshot(
         hub_fault="",
-        robot=heard(RobotState(orientation_xyzw=q)),
-        wrench=heard(WrenchAtTcp(force_N=force)),
-        target=heard(RegulatorTarget(mode="position", error_force_N=error)),
+        robot=received(RobotState(orientation_xyzw=q)),
+        wrench=received(WrenchAtTcp(force_N=force)),
+        target=received(RegulatorTarget(mode="position", error_force_N=error)),
     )
 
 
@@ -153,17 +153,17 @@ def test_a_latency_is_shown_once():
     """It belongs to a command that the robot took; without a new one there is none."""
     readout = Readout(CELL)
     taken = Accepted(epoch=1, seq=7, at_ns=5_000_000, sensor_stamp_ns=1_000_000)
-    now = Snapshot(robot=heard(RobotState(accepted=taken)))
+    now = Snapshot(robot=received(RobotState(accepted=taken)))
     assert readout.numbers(now)["chain"] == pytest.approx(4.0)
     assert "chain" not in readout.numbers(now)
     later = taken.model_copy(update={"seq": 8})
-    assert "chain" in readout.numbers(Snapshot(robot=heard(RobotState(accepted=later))))
+    assert "chain" in readout.numbers(Snapshot(robot=received(RobotState(accepted=later))))
 
 
 def test_what_is_not_known_is_left_out():
     """Without messages there are no numbers; no force feedback, no set point."""
     assert Readout(CELL).numbers(Snapshot()) == {}
-    idle = replace(pressing(3.0, 0.0), target=heard(RegulatorTarget(valid=False), "invalid"))
+    idle = replace(pressing(3.0, 0.0), target=received(RegulatorTarget(valid=False), "invalid"))
     assert "set point" not in Readout(CELL).numbers(idle)
 
 
@@ -186,8 +186,8 @@ def test_the_distance_is_to_the_goal_or_to_the_streamed_pose():
 
 def all_heard(status, **more):
     """Return a snapshot in which every service is heard."""
-    health = {role: heard(Health(rate_hz=250.0)) for role in ("hub", "robot", "wrench")}
-    return Snapshot(hub_fault="", arbiter=heard(status), health=health | more)
+    health = {role: received(Health(rate_hz=250.0)) for role in ("hub", "robot", "wrench")}
+    return Snapshot(hub_fault="", arbiter=received(status), health=health | more)
 
 
 def test_the_bar_says_what_is_the_matter():
@@ -208,8 +208,8 @@ def test_the_bar_says_what_is_the_matter():
 def test_the_bar_names_each_service_and_what_is_wrong_with_it():
     """Rate and age of each one; a silent one and one that complains stand out."""
     wrong = {
-        "sensor": heard(Health(rate_hz=500.0, fault="the cable is out")),
-        "arbiter": heard(None, "arbiter/health stale"),
+        "sensor": received(Health(rate_hz=500.0, fault="the cable is out")),
+        "arbiter": received(None, "arbiter/health stale"),
     }
     rows = {
         row["name"]: row
@@ -224,19 +224,19 @@ def test_the_bar_names_each_service_and_what_is_wrong_with_it():
 
 def test_the_bar_shows_a_recorder_once_it_was_heard():
     """A cell without one lacks nothing; one that was there and is gone is missed."""
-    late = heard(Health(rate_hz=4.0), "recorder/health stale")
-    for reading, fault in ((heard(Health(rate_hz=4.0)), ""), (late, "recorder/health stale")):
+    late = received(Health(rate_hz=4.0), "recorder/health stale")
+    for reading, fault in ((received(Health(rate_hz=4.0)), ""), (late, "recorder/health stale")):
         rows = strip(CELL, all_heard(ArbiterStatus(), recorder=reading), "view")["services"]
         assert (rows[-1]["name"], rows[-1]["fault"]) == ("recorder", fault)
 
 
 def test_the_faults_say_nothing_of_a_recorder_that_was_never_there():
     """A cell without one lacks nothing; one that fell silent is named."""
-    fine = {role: heard(Health(rate_hz=250.0)) for role in ("sensor", "regulator", "arbiter")}
+    fine = {role: received(Health(rate_hz=250.0)) for role in ("sensor", "regulator", "arbiter")}
     never: dict[str, Any] = {
         "recorder": Reading(None, None, 9.0, "recorder/health missing", silent=True)
     }
-    silent = {"recorder": heard(Health(rate_hz=10.0), "recorder/health stale")}
+    silent = {"recorder": received(Health(rate_hz=10.0), "recorder/health stale")}
     idle = ArbiterStatus(state="IDLE")
     assert "recorder" not in now_text(all_heard(idle, **fine, **never)).source
     shown = now_text(all_heard(idle, **fine, **silent)).source
@@ -276,10 +276,10 @@ def test_a_stop_is_called_unanswered_only_where_the_state_does_not_say_that_it_h
 ):
     """The state is looked at before anything is said; what is old or unknown proves nothing."""
     status = None if state is None else ArbiterStatus(state=state)
-    shown = Snapshot(hub_fault="", arbiter=heard(status, "" if status else "missing"))
+    shown = Snapshot(hub_fault="", arbiter=received(status, "" if status else "missing"))
     assert stop_text(RequestOutcome(word, "text"), shown).startswith(said)
     assert bool(held_as(shown)) is (state in ("HOLDING", "FAULT"))
-    stale = Snapshot(hub_fault="", arbiter=heard(status, "arbiter/status stale"))
+    stale = Snapshot(hub_fault="", arbiter=received(status, "arbiter/status stale"))
     assert held_as(stale) == ""
 
 
@@ -314,15 +314,15 @@ def test_the_wizards_words_become_progress():
         ({"left": {"fit_N": [0.1]}}, "running"),
         ({"end": 0}, "done"),
     ):
-        progress.heard(said)
+        progress.update(said)
         assert progress.phase == phase
     assert (progress.plan, progress.text, list(progress.notes)) == (
         "ten poses",
         "pose 3",
         ["a line"],
     )
-    progress.heard({"error": "no hub"})
-    progress.heard({"end": 2})
+    progress.update({"error": "no hub"})
+    progress.update({"end": 2})
     assert progress.phase == "failed"
     assert progress.notes[-1] == "⚠ no hub"
 
@@ -330,10 +330,10 @@ def test_the_wizards_words_become_progress():
 def test_what_a_calibration_has_found_stands_in_a_table():
     """Verdict, parameters with their deviations, then what was said besides."""
     progress = Progress()
-    progress.heard({"note": "⚠ a loose cable"})
+    progress.update({"note": "⚠ a loose cable"})
     note = "<p><code>⚠ a loose cable</code></p>"
     assert notes_of(progress).source == note
-    progress.heard({"left": {"verdict": "PASS", "found": [["mass (kg)", "1.2", "0.1"]]}})
+    progress.update({"left": {"verdict": "PASS", "found": [["mass (kg)", "1.2", "0.1"]]}})
     shown = notes_of(progress).source
     assert shown.startswith("<p><b>PASS</b></p><table>")
     row = "<tr><td>mass (kg)</td><td>1.2</td><td>0.1</td></tr></table>"

@@ -93,8 +93,8 @@ def test_the_page_and_the_bar_take_their_colours_from_the_table():
     """A state has its colours, an unknown one those of the page."""
     assert f"background: {NO_STATE.background}; color: {NO_STATE.text};" in page("a title")
     for state, colour in STATE_COLOURS.items():
-        heard = Snapshot(hub_fault="", arbiter=fresh(ArbiterStatus(state=state)))
-        assert strip(CELL, heard, "view")["colour"] == colour._asdict()
+        received = Snapshot(hub_fault="", arbiter=fresh(ArbiterStatus(state=state)))
+        assert strip(CELL, received, "view")["colour"] == colour._asdict()
     assert strip(CELL, Snapshot(), "view")["colour"] == NO_STATE._asdict()
 
 
@@ -120,13 +120,13 @@ def test_while_pressing_the_display_has_the_force_along_the_tool_and_its_set_poi
     """A side force does not count, in any attitude; otherwise it is the size of the force."""
     robot, R = turned(angle_rad)
     force_N = vec3(-press_N * R[:, 2] + side_N * R[:, 0])
-    heard = Snapshot(
+    received = Snapshot(
         hub_fault="",
         robot=robot,
         wrench=fresh(WrenchAtTcp(force_N=force_N, calibrated=True)),
         target=fresh(RegulatorTarget(mode="position", law="plain", setpoint_N=25.0)),
     )
-    shown = force_display(CELL, heard)
+    shown = force_display(CELL, received)
     assert (shown["caption"], shown["setpoint"], shown["lost"]) == ("normal force", "25.0", "")
     assert float(shown["value"]) == pytest.approx(press_N, abs=0.051)
     assert shown["value"] != "-0.0"
@@ -136,7 +136,7 @@ def test_while_pressing_the_display_has_the_force_along_the_tool_and_its_set_poi
         RegulatorTarget(mode="position", law="admittance"),
     ):
         other = force_display(
-            CELL, Snapshot(hub_fault="", robot=robot, wrench=heard.wrench, target=fresh(target))
+            CELL, Snapshot(hub_fault="", robot=robot, wrench=received.wrench, target=fresh(target))
         )
         assert (other["caption"], other["setpoint"]) == ("force |F|", "")
         assert float(other["value"]) == pytest.approx(np.hypot(press_N, side_N), abs=0.051)
@@ -159,8 +159,8 @@ def test_without_a_fresh_wrench_the_display_has_no_number(wrench, hub_fault, los
 
 def test_a_force_without_calibration_is_marked():
     """The number contains the weight of the tool."""
-    heard = Snapshot(hub_fault="", wrench=fresh(WrenchAtTcp(calibrated=False)))
-    assert force_display(CELL, heard)["caption"] == "force |F|, not calibrated"
+    received = Snapshot(hub_fault="", wrench=fresh(WrenchAtTcp(calibrated=False)))
+    assert force_display(CELL, received)["caption"] == "force |F|, not calibrated"
 
 
 # --- trips ----------------------------------------------------------------------------------------
@@ -212,5 +212,5 @@ def test_the_bar_shows_every_trip_with_its_limit_and_the_remedy_apart():
 )
 def test_the_bar_names_the_commander_and_the_next_one(status, who):
     """Nothing is named while nothing is known."""
-    heard = Snapshot(hub_fault="", arbiter=fresh(status, "" if status else "missing"))
-    assert strip(CELL, heard, "view")["who"] == who
+    received = Snapshot(hub_fault="", arbiter=fresh(status, "" if status else "missing"))
+    assert strip(CELL, received, "view")["who"] == who

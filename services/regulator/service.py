@@ -398,10 +398,9 @@ class Regulator:
         setpoint_N = first_setpoint_N(
             np.array(wrench.fresh.force_N), T_measured, request.setpoint_N
         )
-        continues = self._yielded is not None and self._yielded[0] == arbiter.lease
-        watched = (
-            GuardState(yielding=self._yielded[1]) if self._yielded and continues else GuardState()
-        )
+        watched = GuardState()
+        if self._yielded is not None and self._yielded[0] == arbiter.lease:
+            watched = GuardState(yielding=self._yielded[1])
         self._session = ForceSession(
             request,
             setpoint_N,
@@ -432,9 +431,7 @@ class Regulator:
         if refused is not None or session is None:
             return refused or refusal("not_armed", "no force feedback is running")
         self._session = replace(session, path=next_path(session, request))
-        return Reply(
-            accepted=True, text=f"the tool follows a path of {len(request.points_m)} points"
-        )
+        return Reply(accepted=True, text=f"the tool follows {len(request.points_m)} points")
 
     def _initial_adaptive_state(
         self,

@@ -301,3 +301,20 @@ class Talk:
             if mode >> param & 1:
                 self.send(Com.FEEDBACK, param)
         self.wait(lambda: int(self.status) >> 5 & 3 == mode)
+
+
+def moving(talk: Talk, z_mm: float = 60.0) -> Talk:
+    """On the way up."""
+    talk.hello()
+    z = talk.height_mm()
+    talk.move_up(z_mm)
+    talk.wait(lambda: talk.height_mm() > z + 5.0)
+    return talk
+
+
+def still(talk: Talk, duration_s: float = 1.0) -> bool:
+    """Tell whether the arm stays where it is, from 0.3 s on."""
+    talk.live(0.3, beat=True)
+    q = talk.robot.q
+    talk.live(duration_s, beat=True)
+    return bool(np.abs(talk.robot.q - q).max() < 2e-4)

@@ -25,6 +25,8 @@ from tests.fakes.controller_talk import (
     TEXT,
     Talk,
     codes_of,
+    moving,
+    still,
     with_peer,
 )
 
@@ -38,23 +40,6 @@ BEHAVIOURS = {"kind": Behaviour(step_s=QUICK.step_s), "pessimistic": pessimistic
 def behaviour(request: pytest.FixtureRequest) -> Behaviour:
     """The kind reading of the open questions, and the worse one."""
     return BEHAVIOURS[request.param]
-
-
-def moving(talk: Talk, z_mm: float = 60.0) -> Talk:
-    """On the way up."""
-    talk.hello()
-    z = talk.height_mm()
-    talk.move_up(z_mm)
-    talk.wait(lambda: talk.height_mm() > z + 5.0)
-    return talk
-
-
-def still(talk: Talk, duration_s: float = 1.0) -> bool:
-    """Tell whether the arm stays where it is, from 0.3 s on."""
-    talk.live(0.3, beat=True)
-    q = talk.robot.q
-    talk.live(duration_s, beat=True)
-    return bool(np.abs(talk.robot.q - q).max() < 2e-4)
 
 
 # --- every fault of the README --------------------------------------------------------------------

@@ -8,7 +8,7 @@ from controller.packet_table import ID_FIRST, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
 from sim.controller.errors import AsError
 from sim.controller.machine import Machine
-from tests.fakes.controller_talk import LIMITS, PORT, QUICK, Talk
+from tests.fakes.controller_talk import LIMITS, PORT, QUICK, Talk, moving, still
 
 TOOL = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.01, -0.02, 0.15]))
 BASE = pin.SE3(pin.utils.rotate("z", -0.5), np.array([0.1, 0.2, -0.3]))
@@ -33,23 +33,6 @@ def are_the_users(machine: Machine) -> bool:
     frames = ((machine.robot.T_flange_tcp, TOOL), (machine.robot.T_base_shift, BASE))
     same = all(np.allclose(is_.homogeneous, was.homogeneous, atol=1e-6) for is_, was in frames)
     return same and not machine.switches.read("cp")
-
-
-def moving(talk: Talk, z_mm: float = 60.0) -> Talk:
-    """On the way up."""
-    talk.hello()
-    z = talk.height_mm()
-    talk.move_up(z_mm)
-    talk.wait(lambda: talk.height_mm() > z + 5.0)
-    return talk
-
-
-def still(talk: Talk, duration_s: float = 1.0) -> bool:
-    """Tell whether the arm stays where it is, from 0.3 s on."""
-    talk.live(0.3, beat=True)
-    q = talk.robot.q
-    talk.live(duration_s, beat=True)
-    return bool(np.abs(talk.robot.q - q).max() < 2e-4)
 
 
 # --- a PC program ends ----------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """What the sensor driver makes of records, read from a real UDP socket."""
 
 import socket
-from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
@@ -11,21 +10,6 @@ from services.sensor.rdt_status import MONITOR_CONDITIONS
 from tests.fakes.rdt_sensor import PERIOD_S, FakeSensor, Rig, assert_no_numbers
 
 pytestmark = pytest.mark.realtime
-
-
-@pytest.fixture
-def sensor() -> Iterator[FakeSensor]:
-    """A sensor that nobody has asked yet."""
-    with FakeSensor() as fake:
-        yield fake
-
-
-@pytest.fixture
-def rig(sensor: FakeSensor) -> Iterator[Rig]:
-    """A driver that has asked the sensor for its stream."""
-    with Rig(sensor) as rig:
-        rig.start()
-        yield rig
 
 
 # --- samples --------------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """What the sensor driver says while no sample comes, and how it comes back; on real sockets."""
 
 import socket
-from collections.abc import Iterator
 
 import pytest
 
@@ -18,21 +17,6 @@ from tests.fakes.rdt_sensor import (
 pytestmark = pytest.mark.realtime
 
 STALE_S = 0.020
-
-
-@pytest.fixture
-def sensor() -> Iterator[FakeSensor]:
-    """A sensor that nobody has asked yet."""
-    with FakeSensor() as fake:
-        yield fake
-
-
-@pytest.fixture
-def rig(sensor: FakeSensor) -> Iterator[Rig]:
-    """A driver that has asked the sensor for its stream."""
-    with Rig(sensor) as rig:
-        rig.start()
-        yield rig
 
 
 def test_before_the_first_sample_the_driver_says_so_at_its_rate(rig: Rig) -> None:

@@ -1,7 +1,6 @@
 """The verbs on a bus whose services are played by a stand-in."""
 
 import json
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -9,14 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from cli.__main__ import app
-from cli.context import CELL_VARIABLE, NO_ANSWER, NOT_WELL, OK, REFUSED, USAGE
+from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED, USAGE
 from common.bus.cell_bus import open_hub
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig as CellFile
-from common.config.load import dump_cell, load_cell
+from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.client import LostError
 from forcemesh.faults import FAULTS
@@ -30,32 +27,11 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest, Reply
-from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
-from launch.run_file import FOLDER_VARIABLE
+from tests.fakes.verb_calls import run
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("cell_file")]
 
 ROOT = Path(__file__).resolve().parents[3]
-
-
-@pytest.fixture(autouse=True)
-def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cell on a free port with nobody there; every verb takes it from the environment."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    overrides = {"cell": "verbs", "bus.endpoint": endpoint}
-    path = tmp_path / "cell.yaml"
-    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
-    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
-    monkeypatch.setenv(CELL_VARIABLE, str(path))
-    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    monkeypatch.setenv("COLUMNS", "200")
-    return path
-
-
-def run(*words: str) -> Result:
-    """Call a verb."""
-    return CliRunner().invoke(app, list(words))
 
 
 ARMINGS: tuple[tuple[list[str], ArmPurpose], ...] = ((["arm"], "all"), (["arm", "--jog"], "jog"))

@@ -2,42 +2,20 @@
 
 import json
 import os
-import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from cli.__main__ import app
-from cli.context import CELL_VARIABLE, NO_ANSWER, OK, USAGE
-from common.config.load import dump_cell, load_cell
+from cli.context import NO_ANSWER, OK, USAGE
+from common.config.load import load_cell
 from forcemesh import topics
-from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
-from launch.run_file import FOLDER_VARIABLE
+from tests.fakes.verb_calls import run
 
 ROOT = Path(__file__).resolve().parents[3]
 
-
-@pytest.fixture(autouse=True)
-def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A cell on a free port with nobody there; every verb takes it from the environment."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    overrides = {"cell": "verbs", "bus.endpoint": endpoint}
-    path = tmp_path / "cell.yaml"
-    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
-    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
-    monkeypatch.setenv(CELL_VARIABLE, str(path))
-    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    monkeypatch.setenv("COLUMNS", "200")
-    return path
-
-
-def run(*words: str) -> Result:
-    """Call a verb."""
-    return CliRunner().invoke(app, list(words))
+pytestmark = pytest.mark.usefixtures("cell_file")
 
 
 READ_VERBS = [

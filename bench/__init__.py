@@ -1,1 +1,1 @@
-"""What is stated with a number, measured by one command."""
+"""Measurements of the stated figures, one command each."""

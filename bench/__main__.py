@@ -33,7 +33,7 @@ PARTS: dict[str, Callable[[], Table]] = {
     "subscriptions": subscriptions.table,
 }
 WRITERS: dict[str, Callable[[], None]] = {"settling": settling.write}
-ASKED_FOR = {"installations", "panel", "recorder", "subscriptions"}  # long, or with a browser
+ON_REQUEST = {"installations", "panel", "recorder", "subscriptions"}  # long, or with a browser
 
 
 def main() -> None:
@@ -43,14 +43,14 @@ def main() -> None:
     parser.add_argument("--write", action="store_true",
                         help=f"write it into its page: {', '.join(WRITERS)}")  # fmt: skip
     given = parser.parse_args()
-    asked = given.parts or [part for part in PARTS if part not in ASKED_FOR]
-    unknown = [part for part in asked if part not in PARTS]
+    requested = given.parts or [part for part in PARTS if part not in ON_REQUEST]
+    unknown = [part for part in requested if part not in PARTS]
     if unknown:
         parser.error(f"no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
-    if given.write and not set(asked) <= WRITERS.keys():
+    if given.write and not set(requested) <= WRITERS.keys():
         parser.error(f"--write is for {', '.join(WRITERS)}")
     screen = Console()
-    for part in asked:
+    for part in requested:
         if given.write:
             WRITERS[part]()
         else:

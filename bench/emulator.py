@@ -41,7 +41,7 @@ BUSY_S, SHIPPED_S = 0.25, 5.0  # virtual
 REPEATS = 5
 TICK_NS = 1_000_000
 SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
-ARM = 1  # fm.num as it ships
+ARM = 1  # fm.num of the shipped program
 LIMITS: dict[Bank, VecInt] = {
     Bank.FEEDBACK: (
         50,
@@ -155,11 +155,11 @@ class Client:
         self._id = ID_LAST
         self._ticks = 0
         self.samples = 0
-        self.say(Com.HELLO, greeting(ARM), SCALES)
+        self.put(Com.HELLO, greeting(ARM), SCALES)
         self.live(500)
         self._receive()
 
-    def say(self, com: Com, param: int = 0, vec: VecInt = ZERO_VEC) -> None:
+    def put(self, com: Com, param: int = 0, vec: VecInt = ZERO_VEC) -> None:
         """Send a packet with the next ID."""
         self._id = next_id(self._id)
         self._stream.send(encode(Packet(self._id, com, param, vec)))
@@ -175,7 +175,7 @@ class Client:
         self._ticks += 1
         self._receive()
         if self._ticks % HEARTBEAT_TICKS == 0:
-            self.say(Com.HEARTBEAT)
+            self.put(Com.HEARTBEAT)
 
     def push(self) -> None:
         """Send alternating forces up and down, and read the reports."""
@@ -183,7 +183,7 @@ class Client:
         self._receive()
         if self._ticks % WRENCH_TICKS == 0:
             up = 1 if self._ticks // 1000 % 2 else -1
-            self.say(Com.WRENCH, 0, (0, 0, 500 * up, 0, 0, 100 * up))
+            self.put(Com.WRENCH, 0, (0, 0, 500 * up, 0, 0, 100 * up))
 
     def _receive(self) -> None:
         data = self._stream.receive(65_536)
@@ -192,11 +192,11 @@ class Client:
     def start_feedback(self) -> None:
         """Set limits, TCP and gains, start both kinds of force feedback."""
         for bank, vec in LIMITS.items():
-            self.say(Com.LIMITS, bank, vec)
-        self.say(Com.TCP, CentreParam.TCP)
-        self.say(Com.GAINS, GainKind.INTEGRAL, GAINS_I)
-        self.say(Com.FEEDBACK, FeedbackSwitch.POSITION)
-        self.say(Com.FEEDBACK, FeedbackSwitch.ORIENTATION)
+            self.put(Com.LIMITS, bank, vec)
+        self.put(Com.TCP, CentreParam.TCP)
+        self.put(Com.GAINS, GainKind.INTEGRAL, GAINS_I)
+        self.put(Com.FEEDBACK, FeedbackSwitch.POSITION)
+        self.put(Com.FEEDBACK, FeedbackSwitch.ORIENTATION)
         self.live(1000, self.push)
 
 
@@ -249,7 +249,7 @@ def _cost(
 
 
 def table() -> Table:
-    """Return steps per second for every loop, and what the program that ships takes."""
+    """Return steps per second for every loop, and the load of the shipped program."""
     rows = Table(title="AS emulator: steps/s of one core", title_justify="left")
     rows.add_column("program")
     rows.add_column("steps/s", justify="right")
@@ -265,7 +265,7 @@ def table() -> Table:
 
 
 def pace_table() -> Table:
-    """Return how often the program that ships reports and loops, by step time; no clock matters."""
+    """Return report and loop rates of the shipped program by step time, in virtual time."""
     rows = Table(title="forcemesh.as: a second of virtual time", title_justify="left")
     rows.add_column("step time")
     for column in ("samples, idle", "samples, force feedback", "turns of its loop"):
@@ -277,7 +277,7 @@ def pace_table() -> Table:
 
 
 def pace(step_s: float, *, feedback: bool) -> tuple[float, float]:
-    """Return samples and turns of the robot program's loop per virtual second."""
+    """Return samples and loop cycles of the robot program per virtual second."""
     machine, client = shipped(step_s, feedback=feedback)
     samples, turns = client.samples, _turns(machine)
     client.live(round(SHIPPED_S * 1e3), client.push if feedback else client.beat)

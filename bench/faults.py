@@ -68,9 +68,9 @@ class Outcome:
     """Result of a case."""
 
     case: Case
-    speed_m_s: float  # of the flange when it happened
+    speed_m_s: float  # of the flange at the fault
     last_s: float  # until the robot executed its last motion command; 0 without another one
-    still_s: float | None  # until the true flange was slower than 1 mm/s for good
+    still_s: float | None  # until the true flange stayed below 1 mm/s
     moved_m: float  # after that, also after the recovery
     held: bool
 
@@ -79,7 +79,7 @@ class CutTransport(MemoryTransport):
     """Bus whose keys can be cut; the robot's messages are recorded before the cut."""
 
     def __init__(self) -> None:
-        """Cut nothing yet."""
+        """Start without a cut."""
         super().__init__()
         self.cut: set[str] = set()
         self.robot: RobotState | None = None
@@ -134,9 +134,9 @@ class FaultCell:
 
     def live(self, duration_s: float) -> None:
         """Advance time; record the flange and the accepted commands each millisecond."""
-        self.world.advance(duration_s, self._look)
+        self.world.advance(duration_s, self._record)
 
-    def _look(self) -> bool:
+    def _record(self) -> bool:
         self.p_m.append(np.array(self.world.arm.T_base_flange.translation))
         accepted = None if self.bus.robot is None else self.bus.robot.accepted
         if accepted is not None:
@@ -148,8 +148,8 @@ class FaultCell:
     def speeds_m_s(self) -> Array:
         """Return the flange's speed over windows of 10 ms. Shape (n,)."""
         p_m = np.array(self.p_m)
-        way_m: Array = np.linalg.norm(p_m[WINDOW:] - p_m[:-WINDOW], axis=1)
-        return way_m / (WINDOW * 1e-3)
+        travel_m: Array = np.linalg.norm(p_m[WINDOW:] - p_m[:-WINDOW], axis=1)
+        return travel_m / (WINDOW * 1e-3)
 
     def begin(self, motion: Motion) -> None:
         """Start a motion and wait until it is in progress."""
@@ -173,8 +173,8 @@ class FaultCell:
 
     def feedback(self, setpoint_N: float, host: Host) -> None:
         """Start force feedback along the tool."""
-        wanted = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
-        self.ask(topics.FORCE_START, wanted)
+        start = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
+        self.ask(topics.FORCE_START, start)
 
     def _until_moving_in_contact(self) -> None:
         """Wait for the plate, and for the arm to follow the force."""
@@ -239,7 +239,7 @@ def cases() -> Iterator[Case]:
 
 
 def run(case: Case) -> Outcome:
-    """Play one case."""
+    """Run one case."""
     world = FaultCell(case.robot)
     world.begin(case.motion)
     speed_m_s, begun, fault_ns = float(world.speeds_m_s()[-1]), len(world.p_m), world.now_ns

@@ -91,19 +91,19 @@ def others() -> Iterator[InstallationError]:
         )
 
 
-def play(mistake: InstallationError) -> Outcome:
+def evaluate(mistake: InstallationError) -> Outcome:
     """Test the lines of defence that are relevant for a group.
 
     Torques have no effect on a straight press; errors of the forces press like all six channels.
     """
     try:
-        believed = changed(true_cell(), mistake.changes)
+        configured = changed(true_cell(), mistake.changes)
     except ConfigError as error:
-        said = f"the cell file is refused: {'; '.join(error.mistakes)}"
+        refusal = f"the cell file is refused: {'; '.join(error.mistakes)}"
         return Outcome(
-            mistake.name, mistake.group, "wrong", (said,), NO_CELL, NO_CELL, "", 0.0, 0.0
+            mistake.name, mistake.group, "wrong", (refusal,), NO_CELL, NO_CELL, "", 0.0, 0.0
         )
-    found = judge_installation(readings_with(mistake), ExpectedInstallation.of(believed))
+    found = judge_installation(readings_with(mistake), ExpectedInstallation.of(configured))
     tare, arming = ("", "") if mistake.group == FORCES else _arming(mistake)
     press = ("", 0.0, 0.0) if mistake.group in (FORCES, TORQUES) else _press(mistake)
     return Outcome(
@@ -139,21 +139,21 @@ def _press(mistake: InstallationError) -> tuple[str, float, float]:
     reply = client.ask(topics.ARM, ArmRequest())
     if not reply.accepted:
         return f"not armed: {reply.text}", 0.0, 0.0
-    eyes = TruthObserver(stage)
+    observer = TruthObserver(stage)
     try:
         stage.feedback(PRESSED_N, "pc")
     except ForcemeshError as error:
         return f"not started: {error}", 0.0, 0.0
-    held_s = eyes.until_held(PRESS_S)
-    stopped = f"{eyes.code()} after {1e3 * held_s:.0f} ms" if np.isfinite(held_s) else ""
-    return stopped, eyes.peak_N, eyes.way_m
+    held_s = observer.until_held(PRESS_S)
+    stopped = f"{observer.code()} after {1e3 * held_s:.0f} ms" if np.isfinite(held_s) else ""
+    return stopped, observer.peak_N, observer.travel_m
 
 
 def outcomes() -> list[Outcome]:
     """Test everything, on all cores."""
     mistakes = [*others(), *wirings(ALL), *wirings(FORCES), *wirings(TORQUES)]
     with ProcessPoolExecutor() as pool:
-        return list(pool.map(play, mistakes))
+        return list(pool.map(evaluate, mistakes))
 
 
 def table() -> Table:
@@ -170,16 +170,16 @@ def table() -> Table:
         "travel",
     ):
         rows.add_column(name)
-    for seen in outcomes():
+    for outcome in outcomes():
         rows.add_row(
-            seen.group,
-            seen.mistake,
-            f"{seen.verdict}: {seen.sentences}",
-            short(seen.tare),
-            short(seen.arming),
-            seen.press or "-",
-            f"{seen.peak_N:.1f} N",
-            f"{1e3 * seen.way_m:.2f} mm",
+            outcome.group,
+            outcome.mistake,
+            f"{outcome.verdict}: {outcome.sentences}",
+            short(outcome.tare),
+            short(outcome.arming),
+            outcome.press or "-",
+            f"{outcome.peak_N:.1f} N",
+            f"{1e3 * outcome.travel_m:.2f} mm",
         )
     return rows
 

@@ -64,7 +64,7 @@ class Outcome:
     arming: str
     press: str
     peak_N: float
-    way_m: float
+    travel_m: float
 
     @property
     def sentences(self) -> str:
@@ -72,7 +72,7 @@ class Outcome:
         return ". ".join(self.findings)
 
     @property
-    def is_told(self) -> bool:
+    def is_detected(self) -> bool:
         """Whether the check detects the error."""
         return self.verdict == "wrong"
 
@@ -93,13 +93,13 @@ def short(answer: str) -> str:
     return answer if len(words) < 3 else ": ".join(words[1:2])
 
 
-def page(seen: list[Outcome]) -> str:
+def page(found: list[Outcome]) -> str:
     """Return the whole page."""
-    wrong = [each for each in seen if not each.mistake.startswith("none")]
-    groups = {each.group: [w for w in wrong if w.group == each.group] for each in seen}
+    wrong = [each for each in found if not each.mistake.startswith("none")]
+    groups = {each.group: [w for w in wrong if w.group == each.group] for each in found}
     lines = [HEAD, "## Summary", "", *_table(SHORT, map(_summary, groups.values()))]
     for group in groups:
-        played = [each for each in seen if each.group == group]
+        played = [each for each in found if each.group == group]
         kept = [n for n, name in enumerate(COLUMNS) if _is_played(name, played)]
         rows = [[_cells(each)[n] for n in kept] for each in played]
         lines += ["", f"## {group[0].upper()}{group[1:]}", ""]
@@ -107,42 +107,42 @@ def page(seen: list[Outcome]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _is_played(column: str, seen: list[Outcome]) -> bool:
+def _is_played(column: str, found: list[Outcome]) -> bool:
     if column in {"press", "peak", "travel"}:
-        return any(each.peak_N for each in seen)
+        return any(each.peak_N for each in found)
     if column in {"tare", "arming"}:
-        return any(each.is_refused for each in seen)
+        return any(each.is_refused for each in found)
     return True
 
 
-def _summary(seen: list[Outcome]) -> list[str]:
+def _summary(found: list[Outcome]) -> list[str]:
     def count(good: Iterable[bool]) -> str:
-        return f"{sum(good)} of {len(seen)}"
+        return f"{sum(good)} of {len(found)}"
 
-    armed, pressed = _is_played("arming", seen), _is_played("press", seen)
+    armed, pressed = _is_played("arming", found), _is_played("press", found)
     through = [
         each
-        for each in seen
-        if not (each.is_told or each.is_refused or (pressed and each.is_harmless))
+        for each in found
+        if not (each.is_detected or each.is_refused or (pressed and each.is_harmless))
     ]
     return [
-        seen[0].group,
-        count(each.is_told for each in seen),
-        count(each.is_refused for each in seen) if armed else "not played",
-        count(each.is_harmless for each in seen) if pressed else "not played",
+        found[0].group,
+        count(each.is_detected for each in found),
+        count(each.is_refused for each in found) if armed else "not played",
+        count(each.is_harmless for each in found) if pressed else "not played",
         str(len(through)),
     ]
 
 
-def _cells(seen: Outcome) -> list[str]:
+def _cells(found: Outcome) -> list[str]:
     return [
-        seen.mistake,
-        seen.sentences or seen.verdict,
-        short(seen.tare) or "-",
-        short(seen.arming) or "-",
-        seen.press or "-",
-        f"{seen.peak_N:.1f} N" if seen.peak_N else "-",
-        f"{1e3 * seen.way_m:.2f} mm" if seen.way_m else "-",
+        found.mistake,
+        found.sentences or found.verdict,
+        short(found.tare) or "-",
+        short(found.arming) or "-",
+        found.press or "-",
+        f"{found.peak_N:.1f} N" if found.peak_N else "-",
+        f"{1e3 * found.travel_m:.2f} mm" if found.travel_m else "-",
     ]
 
 

@@ -116,7 +116,7 @@ class AttitudeErrorTransport(CutTransport):
         def put_bent(data: bytes) -> None:
             header, state = decode(data, RobotState)
             R = bend(R_from_quaternion(state.orientation_xyzw))
-            bent = state.model_copy(update={"orientation_xyzw": quaternion_from_R(R)})
+            bent = state.replaced(orientation_xyzw=quaternion_from_R(R))
             put(encode(header, bent))
 
         return put_bent
@@ -125,10 +125,12 @@ class AttitudeErrorTransport(CutTransport):
 class MisinstalledCell(VirtualCell):
     """Cell whose processes use one cell file while arm and sensor follow another one."""
 
-    def __init__(self, believed: CellConfig, true: CellConfig, transport: MemoryTransport) -> None:
+    def __init__(
+        self, configured: CellConfig, true: CellConfig, transport: MemoryTransport
+    ) -> None:
         """Start all services."""
         self._true = true
-        super().__init__(believed, transport)
+        super().__init__(configured, transport)
 
     def _add_sim(self) -> SimArm:
         bus = self._bus("robot")
@@ -213,14 +215,14 @@ def gathered() -> Samples:
 def readings_with(mistake: InstallationError) -> Samples:
     """Return the readings of the check with an error; equal to a new run with it."""
     rows, true = gathered(), true_cell()
-    believed = changed(true, mistake.changes)
+    configured = changed(true, mistake.changes)
     bias = bias_of(true)
     load = np.concatenate((rows.force_N, rows.torque_Nm), axis=1) - bias
     shown = load @ mistake.wiring.T + bias
-    R_true, R_believed = (
-        np.asarray(cell.sensor.T_flange_sensor.pose.rotation) for cell in (true, believed)
+    R_true, R_configured = (
+        np.asarray(cell.sensor.T_flange_sensor.pose.rotation) for cell in (true, configured)
     )
     R_base_flange = rows.R_base_sensor @ R_true.T
     if mistake.attitude is not None:
         R_base_flange = np.array([mistake.attitude(R) for R in R_base_flange])
-    return Samples(R_base_flange @ R_believed, shown[:, :3], shown[:, 3:], rows.time_s)
+    return Samples(R_base_flange @ R_configured, shown[:, :3], shown[:, 3:], rows.time_s)

@@ -48,7 +48,7 @@ manuals leave open. Run {how}; made by `{command}`.
 | host, mode, stiffness | AS step | settling | overshoot | loop | sender |
 |---|---|---:|---:|---:|---:|"""
 
-Play = Callable[[CellConfig, ScenarioPlan], Trace]
+RunCell = Callable[[CellConfig, ScenarioPlan], Trace]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +63,12 @@ class Case:
 
 
 def in_lock_step(cell: CellConfig, plan: ScenarioPlan) -> Trace:
-    """Play on the virtual clock: the same on every machine, to the last digit."""
+    """Run on the virtual clock: the same on every machine, to the last digit."""
     return play_virtual(cell, plan, lambda *_: None, 0.0)
 
 
 def in_processes(cell: CellConfig, plan: ScenarioPlan) -> Trace:
-    """Play in real processes over a real socket."""
+    """Run in real processes over a real socket."""
     return play_real(cell, plan, lambda *_: None, 0.0)
 
 
@@ -81,8 +81,8 @@ def cases() -> list[Case]:
     ]
 
 
-def run(case: Case, play: Play = in_lock_step) -> Result:
-    """Play one case with the documented gain rule. Raises ScenarioError if the arm was stopped."""
+def run(case: Case, run_cell: RunCell = in_lock_step) -> Result:
+    """Run one case with the documented gain rule. Raises ScenarioError if the arm was stopped."""
     cell = demo_cell(
         CELL,
         DemoOverrides(
@@ -98,7 +98,7 @@ def run(case: Case, play: Play = in_lock_step) -> Result:
         setpoint_N=DEFAULT_SETPOINT_N[case.mode],
         settled_for_s=STAYS_S,
     )
-    return measure(play(cell, plan), plan, surface_of(cell), tune(cell).tau_s)
+    return measure(run_cell(cell, plan), plan, surface_of(cell), tune(cell).tau_s)
 
 
 def row_of_real(case: Case) -> tuple[str, ...]:
@@ -106,12 +106,12 @@ def row_of_real(case: Case) -> tuple[str, ...]:
     return row(case, in_processes)
 
 
-def row(case: Case, play: Play = in_lock_step) -> tuple[str, ...]:
+def row(case: Case, run_cell: RunCell = in_lock_step) -> tuple[str, ...]:
     """Return the table row of a case."""
     name = f"{case.host}, {case.mode}, {case.stiffness_N_m:g} N/m"
     controller = f"{case.as_step_s * 1e3:g} ms{', pessimistic' if case.pessimistic else ''}"
     try:
-        result = run(case, play)
+        result = run(case, run_cell)
     except ScenarioError as error:
         return name, controller, "stopped", str(error), "", ""
     settling = "not settled"
@@ -124,7 +124,7 @@ def row(case: Case, play: Play = in_lock_step) -> tuple[str, ...]:
 
 
 def page(rows: Iterable[tuple[str, ...]], *, real: bool) -> str:
-    """Return the page of the documentation that shows every case."""
+    """Return the page of the documentation with every case."""
     how = "in real processes over a real socket" if real else "in lock step on the virtual clock"
     lines = [HEAD.format(how=how, command="make bench-tcp" + (" ARGS=--real" if real else ""))]
     lines += ["| " + " | ".join(cells) + " |" for cells in rows]
@@ -136,7 +136,7 @@ def main(
     real: Annotated[bool, Option(help="Real processes and sockets; about half an hour.")] = False,
     write: Annotated[bool, Option(help="Write docs/over-tcp.md.")] = False,
 ) -> None:
-    """Play every case and show, or write, the table."""
+    """Run every case and print, or write, the table."""
     columns = [TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()]
     with Progress(*columns, console=Console(stderr=True)) as bar, ProcessPoolExecutor() as pool:
         rows = map(row_of_real, cases()) if real else pool.map(row, cases())

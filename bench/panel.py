@@ -118,10 +118,10 @@ def _phase(
     bytes_before = reader.count if reader else 0
     overdue, missed = 0, 0
     while time.monotonic() - began_s < PHASE_S:
-        time.sleep(1.0)  # services say once a second what they missed in it
+        time.sleep(1.0)  # services report once a second what they missed in it
         for role in CONTROL:
             overdue += getattr(cell.health(role).reading().message, "overruns", 0)
-        if not cell.status().goes_on:
+        if not cell.status().operational:
             missed += 1
             cell.clear()
             cell.arm("all")
@@ -233,10 +233,10 @@ def main() -> None:
     """Measure; print, or write."""
     parser = argparse.ArgumentParser(prog="python -m bench.panel", description=__doc__)
     parser.add_argument("--write", action="store_true", help="write it into docs/panel.md")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     found = phases()
     Console().print(table(found))
-    if asked.write:
+    if options.write:
         write(found)
 
 

@@ -157,8 +157,8 @@ def trial(world: CellErrors, seed: int, poses: int = 10) -> tuple[Array, dict[st
         z["tilt"] = off / std[places["tilt"]] if "tilt" in places else np.full(2, np.inf)
     if world.mounting_deg:
         off = np.subtract(real.mounting_rotation_rad, found.payload.mounting_rotation_rad)
-        known = "mounting" in places
-        z["mounting"] = off / std[places["mounting"]] if known else np.full(3, np.inf)
+        is_identified = "mounting" in places
+        z["mounting"] = off / std[places["mounting"]] if is_identified else np.full(3, np.inf)
     return left, z
 
 
@@ -224,8 +224,8 @@ def cost_table() -> Table:
     def crossed() -> Wrench:
         return with_cross(reading, R, p, payload)
 
-    for name, way in (("compensate", ours), ("with np.cross", crossed)):
-        best = min(timeit.repeat(way, number=500, repeat=30)) / 500
+    for name, compensate_wrench in (("compensate", ours), ("with np.cross", crossed)):
+        best = min(timeit.repeat(compensate_wrench, number=500, repeat=30)) / 500
         table.add_row(name, f"{1e6 * best:.1f}")
     return table
 
@@ -235,12 +235,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.payload", description=__doc__)
     parser.add_argument("recording", nargs="?", type=Path, help="CSV for leave-one-out")
     parser.add_argument("--quick", action="store_true", help="a tenth of the seeds")
-    asked = parser.parse_args()
-    part = 10 if asked.quick else 1
+    options = parser.parse_args()
+    part = 10 if options.quick else 1
     screen = Console(width=200)
     screen.print(cost_table())
-    screen.print(leave_one_out_table(asked.recording))
-    screen.print(comparison_table(20 // (4 if asked.quick else 1)))
+    screen.print(leave_one_out_table(options.recording))
+    screen.print(comparison_table(20 // (4 if options.quick else 1)))
     screen.print(accuracy_table(500 // part))
 
 

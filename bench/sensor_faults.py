@@ -65,7 +65,7 @@ class Outcome:
     held_s: float
     code: str
     more_N: float = 0.0
-    way_m: float = 0.0
+    travel_m: float = 0.0
 
 
 class TruthObserver:
@@ -77,7 +77,7 @@ class TruthObserver:
         self._arbiter = self._world.client.reader(topics.ARBITER_STATUS)
         self._command = self._world.client.reader(topics.ROBOT_COMMAND)
         self._touched_m: Array | None = None
-        self.peak_N = self.way_m = 0.0
+        self.peak_N = self.travel_m = 0.0
 
     def until_held(self, timeout_s: float) -> float:
         """Return the time until the permission was revoked [s]; infinite if it was not."""
@@ -86,7 +86,7 @@ class TruthObserver:
         if not self._held():
             return float("inf")
         took_s = (self._world.clock.now_ns() - before_ns) / NS_PER_S
-        self._world.advance(0.3, self._look)
+        self._world.advance(0.3, self._observe)
         return took_s
 
     def code(self) -> str:
@@ -95,18 +95,18 @@ class TruthObserver:
         return ", ".join(dict.fromkeys(trip.code for trip in status.trips)) if status else ""
 
     def _held(self) -> bool:
-        self._look()
+        self._observe()
         command = self._command.read(self._world.clock.now_ns()).message
         return command is not None and command.permission is None
 
-    def _look(self) -> bool:
+    def _observe(self) -> bool:
         force_N = float(np.linalg.norm(self._arm.true_wrench().force_N))
         p_m = np.array(self._arm.T_base_tcp.translation)
         self.peak_N = max(self.peak_N, force_N)
         if self._touched_m is None and force_N > TOUCH_N:
             self._touched_m = p_m
         if self._touched_m is not None:
-            self.way_m = max(self.way_m, float(np.linalg.norm(p_m - self._touched_m)))
+            self.travel_m = max(self.travel_m, float(np.linalg.norm(p_m - self._touched_m)))
         return False
 
 
@@ -115,11 +115,11 @@ def fault(name: str) -> Outcome:
     world = FaultCell("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
     world.feedback(PRESSED_N, "pc")
     world.live(PRESS_S)
-    eyes = TruthObserver(world)
+    observer = TruthObserver(world)
     before_N = float(np.linalg.norm(world.world.arm.true_wrench().force_N))
     world.world.arm.ft_sensor.disturb = FAULTS[name]()
-    held_s = eyes.until_held(WITHIN_S)
-    return Outcome(held_s, eyes.code(), more_N=eyes.peak_N - before_N)
+    held_s = observer.until_held(WITHIN_S)
+    return Outcome(held_s, observer.code(), more_N=observer.peak_N - before_N)
 
 
 def wirings() -> list[Array]:
@@ -140,38 +140,40 @@ def wiring(number: int) -> Outcome:
         return FtSample(force_N, sample.torque_Nm, sample.status, sample.counter)
 
     sensor.disturb = disturb
-    eyes = TruthObserver(world)
+    observer = TruthObserver(world)
     world.feedback(PRESSED_N, "pc")
-    held_s = eyes.until_held(SLIDE_S)
-    return Outcome(held_s, eyes.code(), more_N=eyes.peak_N, way_m=eyes.way_m)
+    held_s = observer.until_held(SLIDE_S)
+    return Outcome(held_s, observer.code(), more_N=observer.peak_N, travel_m=observer.travel_m)
 
 
 def table() -> Table:
     """Return time to the hold, code and increase of the press force for each fault."""
-    ways = wirings()
+    tested = wirings()
     with ProcessPoolExecutor() as pool:
         faults = dict(zip(FAULTS, pool.map(fault, FAULTS), strict=True))
-        wired = list(pool.map(wiring, range(len(ways)), chunksize=4))
+        wired = list(pool.map(wiring, range(len(tested)), chunksize=4))
     rows = Table(title=f"Sensor faults at {PRESSED_N:g} N, virtual clock", title_justify="left")
     for name in ("fault", "held after", "code", "force increase", "travel after contact"):
         rows.add_column(name)
-    for name, seen in faults.items():
-        rows.add_row(name, f"{seen.held_s * 1e3:.0f} ms", seen.code, f"{seen.more_N:.1f} N", "-")
-    wrong = list(zip(ways, wired, strict=True))[1:]
-    axial = [seen for way, seen in wrong if way[2, 2] != 1.0]
-    sideways = [seen for way, seen in wrong if way[2, 2] == 1.0]
+    for name, outcome in faults.items():
+        rows.add_row(
+            name, f"{outcome.held_s * 1e3:.0f} ms", outcome.code, f"{outcome.more_N:.1f} N", "-"
+        )
+    wrong = list(zip(tested, wired, strict=True))[1:]
+    axial = [outcome for matrix, outcome in wrong if matrix[2, 2] != 1.0]
+    sideways = [outcome for matrix, outcome in wrong if matrix[2, 2] == 1.0]
     rows.add_row(*wired_row("wirings in which the press is not visible", axial))
     rows.add_row(*wired_row("wirings that are wrong laterally only", sideways))
     return rows
 
 
-def wired_row(name: str, seen: list[Outcome]) -> tuple[str, ...]:
+def wired_row(name: str, outcomes: list[Outcome]) -> tuple[str, ...]:
     """Return the row of a group of wirings: number stopped, and the worst values."""
-    stopped = [each for each in seen if np.isfinite(each.held_s)]
+    stopped = [each for each in outcomes if np.isfinite(each.held_s)]
     return (
-        f"{len(stopped)} of {len(seen)} {name}",
+        f"{len(stopped)} of {len(outcomes)} {name}",
         f"{max(each.held_s for each in stopped) * 1e3:.0f} ms" if stopped else "-",
         ", ".join(sorted({each.code for each in stopped})),
-        f"{max(each.more_N for each in seen):.1f} N",
-        f"{max(each.way_m for each in seen) * 1e3:.2f} mm",
+        f"{max(each.more_N for each in outcomes):.1f} N",
+        f"{max(each.travel_m for each in outcomes) * 1e3:.2f} mm",
     )

@@ -30,14 +30,14 @@ from launch.started_process import ProcessSpec
 ROOT = Path(__file__).resolve().parent.parent
 RATE_HZ = 1000
 MOST_SUPERSEDED = 0.005  # of what was published
-TOLD_EVERY_S = 60.0
+PRINT_EVERY_S = 60.0
 WARM_UP_S = 2.0
 START_WITHIN_S = 30.0
 COUNTS = ("records", "lost", "late", "published", "received", "superseded", "not_valid")
 
 
 @dataclass(slots=True)
-class Seen:
+class SoakCounts:
     """Counters of both ends at one time."""
 
     records: int = 0
@@ -56,7 +56,7 @@ class Soak:
     def __init__(self, wrench: Reader[SensorWrench], health: Reader[Health]) -> None:
         """Start with the present counters."""
         self._wrench, self._health = wrench, health
-        self.seen = Seen()
+        self.soak_counts = SoakCounts()
         self._seq = 0
 
     def live(self, duration_s: float) -> None:
@@ -69,8 +69,10 @@ class Soak:
                 continue
             self._seq = reading.header.seq
             if reading.code:
-                self.seen.not_valid += 1
-                self.seen.reasons[reading.code] = self.seen.reasons.get(reading.code, 0) + 1
+                self.soak_counts.not_valid += 1
+                self.soak_counts.reasons[reading.code] = (
+                    self.soak_counts.reasons.get(reading.code, 0) + 1
+                )
 
     def wait_until_good(self) -> None:
         """Wait for the first sample; raise BusError when there is none."""
@@ -80,15 +82,15 @@ class Soak:
                 raise BusError(f"no sample within {START_WITHIN_S:g} s")
             self._wrench.wait(0.05)
 
-    def count(self) -> Seen:
+    def count(self) -> SoakCounts:
         """Return both ends' counters; the driver's are a quarter of a second old at most."""
-        seen, counters = self.seen, self._wrench.counters
-        seen.received, seen.superseded = counters.received, counters.superseded
+        soak_counts, counters = self.soak_counts, self._wrench.counters
+        soak_counts.received, soak_counts.superseded = counters.received, counters.superseded
         health = self._health.read(time.monotonic_ns()).message
-        said = {} if health is None else health.counters
-        seen.records, seen.lost = said.get("records", 0), said.get("lost", 0)
-        seen.late, seen.published = said.get("late", 0), said.get("published", 0)
-        return seen
+        driver = {} if health is None else health.counters
+        soak_counts.records, soak_counts.lost = driver.get("records", 0), driver.get("lost", 0)
+        soak_counts.late, soak_counts.published = driver.get("late", 0), driver.get("published", 0)
+        return soak_counts
 
 
 def soak_cell() -> CellConfig:
@@ -121,7 +123,7 @@ def processes_of(cell: CellConfig) -> list[ProcessSpec]:
     ]
 
 
-def soak(minutes: float) -> Seen:
+def soak(minutes: float) -> SoakCounts:
     """Run for a duration; return the counts after the warm-up."""
     cell = soak_cell()
     with tempfile.TemporaryDirectory() as folder:
@@ -136,10 +138,10 @@ def soak(minutes: float) -> Seen:
             prepare_realtime()
             run.live(WARM_UP_S)
             end_s = time.monotonic() + 60.0 * minutes
-            run.seen = Seen()
+            run.soak_counts = SoakCounts()
             before = replace(run.count())
             while (left_s := end_s - time.monotonic()) > 0.0:
-                run.live(min(TOLD_EVERY_S, left_s))
+                run.live(min(PRINT_EVERY_S, left_s))
                 now = run.count()
                 sys.stderr.write(
                     f"{now.records} records, {now.lost} lost, {now.superseded} superseded\n"
@@ -147,11 +149,11 @@ def soak(minutes: float) -> Seen:
             return _since(before, run.count())
 
 
-def _plain(seen: Seen) -> dict[str, int]:
-    return {name: getattr(seen, name) for name in COUNTS}
+def _plain(soak_counts: SoakCounts) -> dict[str, int]:
+    return {name: getattr(soak_counts, name) for name in COUNTS}
 
 
-def _since(before: Seen, after: Seen) -> Seen:
+def _since(before: SoakCounts, after: SoakCounts) -> SoakCounts:
     earlier = _plain(before)
     counts: dict[str, Any] = {
         name: number - earlier[name] for name, number in _plain(after).items()
@@ -159,27 +161,27 @@ def _since(before: Seen, after: Seen) -> Seen:
     return replace(after, **counts)
 
 
-def table(seen: Seen, minutes: float) -> Table:
+def table(soak_counts: SoakCounts, minutes: float) -> Table:
     """Return the table of counts."""
     rows = Table(title=f"{minutes:g} minutes at {RATE_HZ} Hz over UDP", title_justify="left")
     rows.add_column("quantity")
     rows.add_column("count", justify="right")
-    share = seen.superseded / max(seen.published, 1)
-    rows.add_row("records read by the driver from its socket", str(seen.records))
-    rows.add_row("lost between sensor and driver", str(seen.lost))
-    rows.add_row("dropped because of their age", str(seen.late))
-    rows.add_row("published", str(seen.published))
-    rows.add_row("received by a reader of the newest message only", str(seen.received))
-    rows.add_row("superseded there", f"{seen.superseded} ({share:.3%})")
-    told = ", ".join(f"{code}: {count}" for code, count in seen.reasons.items())
-    rows.add_row("messages that were not valid", f"{seen.not_valid} {told}".strip())
+    share = soak_counts.superseded / max(soak_counts.published, 1)
+    rows.add_row("records read by the driver from its socket", str(soak_counts.records))
+    rows.add_row("lost between sensor and driver", str(soak_counts.lost))
+    rows.add_row("dropped because of their age", str(soak_counts.late))
+    rows.add_row("published", str(soak_counts.published))
+    rows.add_row("received by a reader of the newest message only", str(soak_counts.received))
+    rows.add_row("superseded there", f"{soak_counts.superseded} ({share:.3%})")
+    reason_counts = ", ".join(f"{code}: {count}" for code, count in soak_counts.reasons.items())
+    rows.add_row("messages that were not valid", f"{soak_counts.not_valid} {reason_counts}".strip())
     return rows
 
 
-def is_good(seen: Seen) -> bool:
+def is_good(soak_counts: SoakCounts) -> bool:
     """Return whether nothing was lost and few messages were superseded."""
-    few = seen.superseded <= MOST_SUPERSEDED * seen.published
-    return seen.records > 0 and seen.lost == 0 and seen.late == 0 and few
+    few = soak_counts.superseded <= MOST_SUPERSEDED * soak_counts.published
+    return soak_counts.records > 0 and soak_counts.lost == 0 and soak_counts.late == 0 and few
 
 
 def _free_port() -> int:
@@ -193,9 +195,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m bench.sensor_soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
     minutes = parser.parse_args().minutes
-    seen = soak(minutes)
-    Console().print(table(seen, minutes))
-    sys.exit(0 if is_good(seen) else 1)
+    soak_counts = soak(minutes)
+    Console().print(table(soak_counts, minutes))
+    sys.exit(0 if is_good(soak_counts) else 1)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ class Case:
 
 
 def run(case: Case) -> Result:
-    """Play one case with the documented gain rule."""
+    """Run one case with the documented gain rule."""
     cell = demo_cell(
         CELL,
         DemoOverrides(
@@ -49,7 +49,7 @@ def run(case: Case) -> Result:
 
 
 def results() -> dict[Case, Result]:
-    """Play every case."""
+    """Run every case."""
     cases = [Case(*choice) for choice in product(MODES, STIFFNESSES_N_M, DELAYS_MS)]
     with ProcessPoolExecutor() as pool:
         return dict(zip(cases, pool.map(run, cases), strict=True))

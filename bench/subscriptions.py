@@ -56,7 +56,7 @@ class Measurement:
     """Measurements of one configuration of subscriptions."""
 
     cpu_s: list[float] = field(default_factory=list)  # of the hub, per 1000 messages
-    way_ms: list[float] = field(default_factory=list)  # of a message, median of a round
+    latency_ms: list[float] = field(default_factory=list)  # of a message, median of a round
     declared_s: list[float] = field(default_factory=list)  # until all were declared
 
 
@@ -67,7 +67,7 @@ def rows(found: dict[str, Measurement]) -> list[list[str]]:
         [
             name,
             f"{median(each.cpu_s) / median(base.cpu_s):.2f}",
-            f"{median(each.way_ms) / median(base.way_ms):.2f}",
+            f"{median(each.latency_ms) / median(base.latency_ms):.2f}",
             f"{median(each.declared_s) * 1e3:.0f} ms",
         ]
         for name, each in found.items()
@@ -114,11 +114,11 @@ def measure() -> dict[str, Measurement]:
     with _hub(cell) as pid, _session(cell) as writer, _session(cell) as reader:
         arrived: list[float] = []
 
-        def hear(sample: zenoh.Sample) -> None:
+        def record_arrival(sample: zenoh.Sample) -> None:
             sent_ns = int.from_bytes(sample.payload.to_bytes()[:8], "little")
             arrived.append((time.monotonic_ns() - sent_ns) * 1e-6)
 
-        kept = reader.declare_subscriber(f"{cell.cell}/{TOPICS[0].key}", hear)
+        kept = reader.declare_subscriber(f"{cell.cell}/{TOPICS[0].key}", record_arrival)
         publishers = [writer.declare_publisher(f"{cell.cell}/{topic.key}") for topic in TOPICS]
         for _ in range(ROUNDS):
             for name, (sessions, each) in CONFIGURATIONS.items():
@@ -131,7 +131,7 @@ def measure() -> dict[str, Measurement]:
                     before_s = _cpu_s(pid)
                     count = _publish(publishers)
                     found[name].cpu_s.append((_cpu_s(pid) - before_s) / count * 1000)
-                    found[name].way_ms.append(median(arrived))
+                    found[name].latency_ms.append(median(arrived))
         kept.undeclare()
     return found
 
@@ -147,8 +147,8 @@ def _subscribe(cell: CellConfig, sessions: int, each: int, stack: ExitStack) -> 
     for _ in range(sessions):
         session = stack.enter_context(_session(cell))
         for pattern in patterns(cell.cell)[:each]:
-            heard = session.declare_subscriber(pattern, zenoh.handlers.RingChannel(1))
-            stack.callback(lambda _: None, heard)
+            subscription = session.declare_subscriber(pattern, zenoh.handlers.RingChannel(1))
+            stack.callback(lambda _: None, subscription)
 
 
 def _publish(publishers: list[Any]) -> int:

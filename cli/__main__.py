@@ -11,8 +11,8 @@ from cli import (
     config_verbs,
     payload,
     pki,
+    verbs_arm,
     verbs_force,
-    verbs_motion,
     verbs_move,
     verbs_read,
     verbs_run,
@@ -59,14 +59,14 @@ app.command(rich_help_panel=STATUS)(verbs_read.status)
 app.command(rich_help_panel=STATUS)(doctor)
 app.command(rich_help_panel=STATUS)(verbs_read.topics)
 app.command(rich_help_panel=STATUS)(verbs_watch.watch)
-app.command(rich_help_panel=MOVE)(verbs_motion.arm)
-app.command("back-off", rich_help_panel=MOVE)(verbs_motion.back_off)
-app.command(rich_help_panel=MOVE)(verbs_motion.hold)
-app.command(rich_help_panel=MOVE)(verbs_motion.clear)
+app.command(rich_help_panel=MOVE)(verbs_arm.arm)
+app.command("back-off", rich_help_panel=MOVE)(verbs_arm.back_off)
+app.command(rich_help_panel=MOVE)(verbs_arm.hold)
+app.command(rich_help_panel=MOVE)(verbs_arm.clear)
 app.add_typer(verbs_move.move, name="move", rich_help_panel=MOVE)
 app.command(rich_help_panel=MOVE, context_settings=NEGATIVE_NUMBERS)(verbs_move.jog)
 app.command(rich_help_panel=MOVE)(verbs_move.retract)
-app.command(rich_help_panel=MOVE)(verbs_motion.speed)
+app.command(rich_help_panel=MOVE)(verbs_arm.speed)
 app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
 skills.add_to(app, "Skills")
 app.command(rich_help_panel=FORCE)(verbs_force.tare)
@@ -77,8 +77,8 @@ app.add_typer(payload.app, name="payload", rich_help_panel=FORCE)
 app.add_typer(bench, name="bench", rich_help_panel=RUN)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from forcemesh.version import __version__
 
         typer.echo(f"forcemesh {__version__}")

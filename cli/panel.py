@@ -48,6 +48,8 @@ def panel(
         main(arguments)
 
 
-def panel_sidecar(supervisor: "Supervisor", *, wanted: bool = True) -> AbstractContextManager[None]:
+def panel_sidecar(
+    supervisor: "Supervisor", *, enabled: bool = True
+) -> AbstractContextManager[None]:
     """Serve the panel of a running cell while the context is open."""
-    return sidecar("services.panel", "panel", supervisor, wanted=wanted)
+    return sidecar("services.panel", "panel", supervisor, enabled=enabled)

@@ -26,10 +26,10 @@ NoRecorder = Annotated[
 
 
 def recorder_sidecar(
-    supervisor: "Supervisor", *, wanted: bool = True
+    supervisor: "Supervisor", *, enabled: bool = True
 ) -> AbstractContextManager[None]:
     """Run the recorder of a cell, with a ring buffer of the last minutes, during the context."""
-    return sidecar("services.recorder", "recorder", supervisor, wanted=wanted)
+    return sidecar("services.recorder", "recorder", supervisor, enabled=enabled)
 
 
 @record.command("start")
@@ -72,7 +72,7 @@ def record_status(as_json: JsonOption = False, cell: CellOption = None) -> None:
             status = feed()
         except NotValidError:
             status = feed.reading().message or topics.RECORDER_STATUS.message()
-    print(status.model_dump_json() if as_json else status_text(status))
+    print(status.as_json() if as_json else status_text(status))
     raise typer.Exit(OK if status.valid else NOT_WELL)
 
 

@@ -24,7 +24,7 @@ def flat_fields(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     if isinstance(fields, dict):
         for name, value in fields.items():
             yield from flat_fields(value, f"{path}.{name}" if path else name)
-    elif isinstance(fields, list):
+    elif isinstance(fields, list | tuple):
         for index, value in enumerate(fields):
             yield from flat_fields(value, f"{path}.{index}")
     else:
@@ -91,11 +91,11 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
 
 
 def _learning_messages(read: "RecordedFile") -> "list[RecordedMessage]":
-    wanted = ("wrench", "robot/command", "robot/state")
+    plotted = ("wrench", "robot/command", "robot/state")
     return [
         message
         for message in read.messages()
-        if message.topic in wanted and message.fields.get("valid", True)
+        if message.topic in plotted and message.fields.get("valid", True)
     ]
 
 

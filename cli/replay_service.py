@@ -95,8 +95,8 @@ def service_output(
     runner = Runner(make(bus, cell), [reporter_of(bus, cell)], clock)
     keys = [topic.key for topic in TOPICS if role in topic.readers]
     publishers = {key: transport.publish(f"{cell.cell}/{key}", "report") for key in keys}
-    wanted = (each for each in messages if each.topic in publishers and each.at_ns >= begin_ns)
-    for at_ns, batch in groupby(wanted, key=lambda each: each.at_ns - offset_ns):
+    replayed = (each for each in messages if each.topic in publishers and each.at_ns >= begin_ns)
+    for at_ns, batch in groupby(replayed, key=lambda each: each.at_ns - offset_ns):
         while at_ns - clock.now_ns() > REPLAY_TICK_NS:
             clock.advance_ns(REPLAY_TICK_NS)
             _step(runner, clock)
@@ -135,9 +135,7 @@ def field_differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
     numbers: dict[str, float] = {}
     counts: dict[str, int] = {}
     for recorded, replayed in pairs:
-        then, now = (
-            dict(flat_fields(each.model_dump(mode="json"))) for each in (recorded, replayed)
-        )
+        then, now = (dict(flat_fields(each.as_dict())) for each in (recorded, replayed))
         for name in dict.fromkeys((*then, *now)):
             a, b = then.get(name), now.get(name)
             if isinstance(a, float) and isinstance(b, float):

@@ -156,7 +156,7 @@ def _cell_status(
         cell=cell.cell,
         state=DOWN if arbiter is None else arbiter.state,
         commander="none" if arbiter is None else arbiter.commander,
-        trips=[] if arbiter is None else [trip.model_dump() for trip in arbiter.trips],
+        trips=[] if arbiter is None else [trip.as_dict() for trip in arbiter.trips],
         not_ready=[] if arbiter is None else list(arbiter.not_ready),
         clears="" if arbiter is None else arbiter.clears,
         last_state=run.last_state if run else "",

@@ -130,9 +130,9 @@ def force_gains(
     with cell_of(cell) as client:
         reply = client.force.ask_gains(request)
     if reply.gains is not None and as_json:
-        print(reply.gains.model_dump_json())
+        print(reply.gains.as_json())
     elif reply.gains is not None:
-        for (option, unit), gain in zip(OPTIONS, reply.gains.model_dump().values(), strict=True):
+        for (option, unit), gain in zip(OPTIONS, reply.gains.as_dict().values(), strict=True):
             print(f"{option} {','.join(f'{part:g}' for part in gain)}  # {unit}")
     if reply.text:
         typer.echo(reply.text, err=True)

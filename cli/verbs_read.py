@@ -109,7 +109,7 @@ def _print_status(found: "CellStatus") -> None:
         soft_wrap=True,
     )
     for label, lines in (
-        ("stopped by", [trip_text(Trip.model_validate(trip)) for trip in found["trips"]]),
+        ("stopped by", [trip_text(Trip.from_dict(trip)) for trip in found["trips"]]),
         ("not ready", found["not_ready"]),
         ("died", [died_text(each) for each in found["restarts"]]),
         ("next", [found["clears"]] if found["clears"] else []),

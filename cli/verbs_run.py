@@ -75,8 +75,8 @@ def up(
     with ExitStack() as afterwards:  # sidecars end last: the arm is stopped first
 
         def start_helpers() -> None:
-            afterwards.enter_context(recorder_sidecar(supervisor, wanted=not no_recorder))
-            afterwards.enter_context(panel_sidecar(supervisor, wanted=not no_panel))
+            afterwards.enter_context(recorder_sidecar(supervisor, enabled=not no_recorder))
+            afterwards.enter_context(panel_sidecar(supervisor, enabled=not no_panel))
 
         try:
             _supervise(supervisor, loaded, path, stop=stop, when_ready=start_helpers)

@@ -88,7 +88,7 @@ def watch(
                 _write_csv(client, row, csv, end)
             elif as_json:
                 for received in _messages(client.feed(row), end):
-                    fields = received.header.model_dump() | received.message.model_dump()
+                    fields = received.header.as_dict() | received.message.as_dict()
                     sys.stdout.write(json.dumps(fields) + "\n")
                     sys.stdout.flush()
             else:
@@ -166,7 +166,7 @@ def _message_table(feed: "Feed[Message]", received: "Received[Message]", *, rate
     table = Table(title=feed.topic.key, caption=caption)
     for name in ("field", "value"):
         table.add_column(name, overflow="fold")  # nothing is cut
-    for name, value in received.message.model_dump().items():
+    for name, value in received.message.as_dict().items():
         table.add_row(name, _value_text(value))
     return table
 

@@ -18,13 +18,13 @@ def main(cell: Cell) -> float:
     cell.force.start(FORCE_N, mode="both")
     flat_since_s = math.inf
     try:
-        for heard in cell.wrench.stream(seconds=WITHIN_S):
-            if not cell.status().goes_on:
+        for received in cell.wrench.stream(seconds=WITHIN_S):
+            if not cell.status().operational:
                 raise NotReachedError("the arm was stopped")
-            rests = math.hypot(*heard.message.torque_Nm) <= NO_TORQUE_NM
+            rests = math.hypot(*received.message.torque_Nm) <= NO_TORQUE_NM
             pressed = abs(cell.force.pressed_N() - FORCE_N) <= 1.0
-            flat_since_s = min(flat_since_s, heard.stamp_s) if rests and pressed else math.inf
-            if heard.stamp_s - flat_since_s >= STEADY_S:
+            flat_since_s = min(flat_since_s, received.stamp_s) if rests and pressed else math.inf
+            if received.stamp_s - flat_since_s >= STEADY_S:
                 break
         else:
             raise NotReachedError(f"the torque was not zero after {WITHIN_S:g} s")

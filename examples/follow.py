@@ -31,21 +31,21 @@ def square(cell: Cell, side_m: float) -> tuple[Vec3, ...]:
 
 def main(cell: Cell, side_m: float = SIDE_M) -> float:
     """Press, follow the square, stop; return the largest force error on the path [N]."""
-    wanted = ForceStartRequest(
+    request = ForceStartRequest(
         mode="position", setpoint_N=FORCE_N, law="adaptive", axes=ALONG_TOOL, frame="tool"
     )
     worst_N = 0.0
-    cell.force.begin(wanted)
+    cell.force.begin(request)
     try:
         cell.force.settle()
         cell.force.path(square(cell, side_m), speed_m_s=SPEED_M_S)
-        seen = False
-        for said in cell.target.stream(seconds=60.0):
-            if said.message.path_left_m is None or not cell.status().goes_on:
-                raise NotReachedError(f"the path ended early: {said.message.reason}")
+        has_begun = False
+        for reading in cell.target.stream(seconds=60.0):
+            if reading.message.path_left_m is None or not cell.status().operational:
+                raise NotReachedError(f"the path ended early: {reading.message.reason}")
             worst_N = max(worst_N, abs(cell.force.pressed_N() - FORCE_N))
-            seen = seen or said.message.path_left_m > 0.0
-            if seen and said.message.path_left_m < 1e-5:
+            has_begun = has_begun or reading.message.path_left_m > 0.0
+            if has_begun and reading.message.path_left_m < 1e-5:
                 break
     finally:
         cell.force.stop()

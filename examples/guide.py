@@ -14,13 +14,13 @@ SECONDS = 10.0
 EVERY_M = 0.01  # distance between recorded positions
 
 
-def lead(cell: Cell, seconds: float) -> list[PoseRecord]:
+def record_guiding(cell: Cell, seconds: float) -> list[PoseRecord]:
     """Run hand guiding for a time; return the recorded poses of the flange."""
     places = [here(cell)]
     cell.force.start(law="admittance")
     try:
         for _ in cell.state.stream(seconds=seconds):
-            if not cell.status().goes_on:
+            if not cell.status().operational:
                 raise ArmStoppedError("hold", "the arm was stopped")
             if math.dist(here(cell).position_m, places[-1].position_m) > EVERY_M:
                 places.append(here(cell))
@@ -38,7 +38,7 @@ def here(cell: Cell) -> PoseRecord:
 def main(cell: Cell, seconds: float = SECONDS) -> int:
     """Guide, then return; return the number of recorded poses."""
     print(f"guide the tool by hand, {seconds:g} s")
-    places = lead(cell, seconds)
+    places = record_guiding(cell, seconds)
     print(f"returning through {len(places)} positions")
     for place in reversed(places):
         cell.move.to(place.position_m, place.orientation_xyzw, speed_m_s=0.05)

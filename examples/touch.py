@@ -13,10 +13,10 @@ def main(cell: Cell) -> tuple[float, float, float]:
     """Touch and retract; return the position of the flange at contact [m]."""
     cell.force.start(FORCE_N)
     try:
-        for said in cell.target.stream(seconds=WITHIN_S):
-            if said.message.contact == "contact":
+        for reading in cell.target.stream(seconds=WITHIN_S):
+            if reading.message.contact == "contact":
                 break
-            if not (status := cell.status()).goes_on:
+            if not (status := cell.status()).operational:
                 why = "; ".join(trip.text for trip in status.trips)
                 raise NotReachedError(f"the arm was stopped before contact: {why}")
         else:

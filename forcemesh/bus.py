@@ -117,14 +117,14 @@ class Incoming(Generic[Q]):
 
     request: Q
     call: Call
-    complaint: str = ""  # why it could not be decoded, if it is served anyway
+    fault: str = ""  # why it could not be decoded, if it is served anyway
 
     def reply(self, reply: Reply) -> None:
         """Send the reply; for a request that could not be decoded, add the decoding error."""
-        if self.complaint:
-            text = f"{reply.text}; the request itself cannot be decoded: {self.complaint}"
-            told = refusal("malformed", text)
-            reply = told.model_copy(update={"accepted": reply.accepted})
+        if self.fault:
+            text = f"{reply.text}; the request itself cannot be decoded: {self.fault}"
+            refused_reply = refusal("malformed", text)
+            reply = refused_reply.replaced(accepted=reply.accepted)
         self.call.answer(encode_record(reply))
 
 

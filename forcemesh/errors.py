@@ -116,14 +116,14 @@ def _with_remedy(text: str, remedy: str) -> str:
 
 def _numbers(text: str, value: float | None, limit: float | None) -> str:
     """Return the numbers that complete a text, in the unit that the text uses."""
-    for said, unit in IN_A_UNIT.findall(text):
+    for value_text, unit in IN_A_UNIT.findall(text):
         scale = PER_SI[unit]
-        if value is not None and abs(float(said) - scale * value) <= SAME_NUMBER * max(
+        if value is not None and abs(float(value_text) - scale * value) <= SAME_NUMBER * max(
             1.0, abs(value)
         ):
             shown = "" if limit is None else f"{scale * limit:.6g}"
-            is_said = not shown or re.search(rf"\b{re.escape(shown)}\b", text) is not None
-            return "" if is_said else f" [limit {shown} {unit}]"
+            is_shown = not shown or re.search(rf"\b{re.escape(shown)}\b", text) is not None
+            return "" if is_shown else f" [limit {shown} {unit}]"
     rows = (("value", value), ("limit", limit))
     numbers = [f"{name} {number:.6g}" for name, number in rows if number is not None]
     return f" [{', '.join(numbers)}]" if numbers else ""

@@ -7,7 +7,8 @@ its usual rate: an idle service must differ from a dead one.
 Sign convention: a positive force or torque means that the environment pushes the robot.
 """
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -36,6 +37,27 @@ class Record(BaseModel):
     """Part of a message: strict types, finite numbers, unknown fields ignored."""
 
     model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False, extra="ignore")
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Return a checked record from values by field name.
+
+        Raises:
+            ValueError: A value is missing, of another type or outside its range.
+        """
+        return cls.model_validate(values)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the values by field name, those of records within as well."""
+        return self.model_dump()
+
+    def as_json(self) -> str:
+        """Return the values as JSON, as `--json` prints them."""
+        return self.model_dump_json()
+
+    def replaced(self, **changes: Any) -> Self:
+        """Return a copy with other values, which are not checked."""
+        return self.model_copy(update=changes)
 
 
 class Message(Record):
@@ -261,8 +283,8 @@ class RobotCommand(Message):
 ArbiterState = Literal[
     "BOOT", "IDLE", "ARMED", "SETTLING", "ACTIVE", "STOPPING", "HOLDING", "FAULT"
 ]
-GOES_ON: tuple[ArbiterState, ...] = ("ARMED", "SETTLING", "ACTIVE")
-MAY_MOVE: tuple[ArbiterState, ...] = (*GOES_ON, "STOPPING")
+OPERATIONAL: tuple[ArbiterState, ...] = ("ARMED", "SETTLING", "ACTIVE")
+MAY_MOVE: tuple[ArbiterState, ...] = (*OPERATIONAL, "STOPPING")
 
 
 class ArbiterStatus(Message):
@@ -285,9 +307,9 @@ class ArbiterStatus(Message):
         return self.state in MAY_MOVE
 
     @property
-    def goes_on(self) -> bool:
+    def operational(self) -> bool:
         """Whether the arm may move and no trip has stopped it."""
-        return self.state in GOES_ON
+        return self.state in OPERATIONAL
 
 
 class RecorderStatus(Message):

@@ -40,7 +40,7 @@ def _robot_state(fields: Fields) -> Fields:
             "kawasaki": {name: bits.get(name, False) for name in CONTROLLER_BITS}
             | {"error_code": fields.get("error_code", 0)},
         },
-        "hold": tripped(known, reason).model_dump() if isinstance(reason, str) and reason else None,
+        "hold": tripped(known, reason).as_dict() if isinstance(reason, str) and reason else None,
         "accepted": _owned(fields.get("accepted")),
     }
 

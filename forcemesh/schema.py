@@ -53,7 +53,7 @@ def schema_of(
         body: The message, request or reply.
         mode: `serialization`: published, with every field; `validation`: accepted in a request.
     """
-    parts = [_tidy(record.model_json_schema(mode=mode), mode) for record in (head, body)]
+    parts = [_cleaned(record.model_json_schema(mode=mode), mode) for record in (head, body)]
     schema = {
         "$schema": DIALECT,
         "title": body.__name__,
@@ -67,22 +67,22 @@ def schema_of(
     return schema
 
 
-def _tidy(node: Any, mode: Mode) -> Any:
+def _cleaned(node: Any, mode: Mode) -> Any:
     """Drop titles that only repeat a name; in serialization mode mark every field as required."""
     if isinstance(node, list):
-        return [_tidy(item, mode) for item in node]
+        return [_cleaned(item, mode) for item in node]
     if not isinstance(node, dict):
         return node
-    tidy = {
-        key: {name: _tidy(part, mode) for name, part in value.items()}
+    cleaned = {
+        key: {name: _cleaned(part, mode) for name, part in value.items()}
         if key in ("properties", "$defs")
-        else _tidy(value, mode)
+        else _cleaned(value, mode)
         for key, value in node.items()
         if key != "title"
     }
-    if mode == "serialization" and "properties" in tidy:
-        tidy["required"] = list(tidy["properties"])
-    return tidy
+    if mode == "serialization" and "properties" in cleaned:
+        cleaned["required"] = list(cleaned["properties"])
+    return cleaned
 
 
 def _topic(topic: Topic[Any]) -> dict[str, Any]:

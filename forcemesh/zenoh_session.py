@@ -83,29 +83,29 @@ def log_refusals() -> None:
 
 
 def _refuse_hub_without_acl(
-    ear: zenoh.Session, mouth: zenoh.Session, key: str, endpoint: str
+    receiver: zenoh.Session, sender: zenoh.Session, key: str, endpoint: str
 ) -> None:
     """Self-test of access control: publish on a key that the ACL denies to every role.
 
     Receiving it means that the hub enforces no ACL. Without a match it is inconclusive.
     """
-    heard = ear.declare_subscriber(key, zenoh.handlers.RingChannel(1))
-    said = mouth.declare_publisher(key)
+    subscriber = receiver.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+    publisher = sender.declare_publisher(key)
     give_up = time.monotonic() + SELF_TEST_WITHIN_S
-    while not said.matching_status.matching:  # type: ignore[attr-defined]
+    while not publisher.matching_status.matching:  # type: ignore[attr-defined]
         if time.monotonic() >= give_up:
             return
         time.sleep(0.01)
-    said.put(b"nobody may say this")
+    publisher.put(b"nobody may say this")
     give_up = time.monotonic() + SELF_TEST_WAIT_S
     while time.monotonic() < give_up:
-        if heard.try_recv() is not None:
+        if subscriber.try_recv() is not None:
             raise BusError(
                 f"refused: the hub at {endpoint} accepts every message: it runs without the "
                 "access control of this cell; start it with `python -m services.hub`"
             )
         time.sleep(0.01)
-    heard.undeclare()
+    subscriber.undeclare()
 
 
 def _refuse_a_false_hub(session: zenoh.Session, cell: Reachable, endpoint: str) -> None:
@@ -113,12 +113,12 @@ def _refuse_a_false_hub(session: zenoh.Session, cell: Reachable, endpoint: str) 
 
     Detects certificates of an older forcemesh, and the hub of another cell of the same authority.
     """
-    wanted = common_name(HUB, cell.cell)
+    expected = common_name(HUB, cell.cell)
     shown = {link.auth_identifier for link in session.info.links()} - {None}
-    if shown and wanted not in shown:
+    if shown and expected not in shown:
         raise BusError(
             f"refused: the server at {endpoint} shows the certificate of "
-            f"{', '.join(sorted(map(str, shown)))}, but the hub of this cell shows {wanted}"
+            f"{', '.join(sorted(map(str, shown)))}, but the hub of this cell shows {expected}"
         )
 
 
@@ -148,25 +148,25 @@ class ZenohSource:
     ) -> None:
         """Read from an open subscriber whose channel has room for some samples."""
         self._subscriber, self._room = subscriber, room
-        self._ear: ReceiverThread | None = None
+        self._receiver: ReceiverThread | None = None
 
     def close(self) -> None:
         """Wait for the receiver thread to end; the session has been closed."""
-        if self._ear is not None:
-            self._ear.end()
+        if self._receiver is not None:
+            self._receiver.end()
 
     def take(self) -> bytes | None:
         """Return the next payload not yet taken, None when there is none."""
-        if self._ear is not None:
-            return self._ear.take()
+        if self._receiver is not None:
+            return self._receiver.take()
         sample = self._subscriber.try_recv()
         return None if sample is None else sample.payload.to_bytes()
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until a message arrives, at most for a time [s]."""
-        if self._ear is None:  # only waiting needs a thread
-            self._ear = ReceiverThread(self._subscriber.recv, self._room)
-        self._ear.news.wait(timeout_s)
+        if self._receiver is None:  # only waiting needs a thread
+            self._receiver = ReceiverThread(self._subscriber.recv, self._room)
+        self._receiver.arrived.wait(timeout_s)
 
 
 class ReceiverThread:
@@ -174,7 +174,7 @@ class ReceiverThread:
 
     def __init__(self, receive: Callable[[], zenoh.Sample], room: int = 1) -> None:
         """Receive until the session is closed."""
-        self.news = threading.Event()
+        self.arrived = threading.Event()
         self._receive = receive
         self._newest: deque[zenoh.Sample] = deque(maxlen=room)
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -186,7 +186,7 @@ class ReceiverThread:
 
     def take(self) -> bytes | None:
         """Return the next payload once."""
-        self.news.clear()  # first: a concurrent arrival causes a spurious wake-up, never a lost one
+        self.arrived.clear()  # first: an arrival meanwhile wakes once too often, never too seldom
         try:
             return self._newest.popleft().payload.to_bytes()
         except IndexError:
@@ -196,7 +196,7 @@ class ReceiverThread:
         with suppress(zenoh.ZError):
             while True:
                 self._newest.append(self._receive())
-                self.news.set()
+                self.arrived.set()
 
 
 @dataclass(slots=True)

@@ -20,10 +20,10 @@ CANNOT_RUN_CODE = 2  # exit code of a process that has reported why it cannot ru
 
 @contextmanager
 def sidecar(
-    module: str, name: str, supervisor: "Supervisor", *, wanted: bool = True
+    module: str, name: str, supervisor: "Supervisor", *, enabled: bool = True
 ) -> Iterator[None]:
     """Run a sidecar process while the context is open."""
-    if not wanted:
+    if not enabled:
         yield
         return
     from launch.started_process import ProcessSpec

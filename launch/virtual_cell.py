@@ -11,7 +11,7 @@ from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.errors import ConfigError
 from forcemesh.topics import CLIENT
 from services.arbiter.service import ArbiterService
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from services.hub.service import Hub
 from services.regulator.service import Regulator
@@ -82,7 +82,7 @@ class VirtualCell:
         controller.machine.pendant.monitor_speed(100.0)
         controller.machine.pendant.execute("fm.main")
         self._add("sensor", controller, sensor_bus)
-        wire = LockStepLink(network, self.cell.gateway.port, News)
+        wire = LockStepLink(network, self.cell.gateway.port, LinkEvents)
         self._add("robot", Gateway(bus, self.cell, wire), bus)
         return controller.arm
 

@@ -1,7 +1,7 @@
-"""What every test shares: how hypothesis draws, and what counts as a verdict.
+"""Configuration of all tests: example generation of hypothesis, and the verdict of skipped tests.
 
 On a developer's machine each run draws new examples; in CI the same ones are drawn every time, so
-that a red run is always the change's own doing. What may be repeated: `tests/repeats.py`.
+that a failed run is always caused by the change. Permitted repeats: `tests/repeats.py`.
 """
 
 import gc
@@ -17,27 +17,27 @@ from hypothesis import Phase, settings
 
 from tests.repeats import Repeats
 
-# No deadline per example: how long one takes is the machine's business, not the code's.
+# No deadline per example: its duration depends on the machine, not on the code.
 settings.register_profile("dev", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, database=None, print_blob=True)
-# Whether a mutant dies is all that `make mutate` asks: no example is made smaller.
+# `make mutate` needs only the verdict on a mutant: no example is made smaller.
 settings.register_profile(
     "mutants", settings.get_profile("ci"), phases=(Phase.explicit, Phase.generate)
 )
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
-# The tree of verbs does not change, and takes longer to make than most of them to refuse.
+# The tree of verbs does not change, and takes longer to make than most refusals.
 typer.testing._get_command = cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
-# A panel beside every cell that a test brings up would take its time and its port: tests/browser
-# asks for one where it is wanted.
+# A panel for every cell that a test starts would take its time and its port: tests/browser
+# starts one where it is needed.
 os.environ.setdefault("FORCEMESH_NO_PANEL", "1")
 os.environ.setdefault("FORCEMESH_NO_RECORDER", "1")
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """In CI nothing passes by being left out: what this machine cannot try is a failure there."""
+    """Count a skipped test as failed in CI."""
     report = yield
     if os.environ.get("CI") and report.skipped:
         report.outcome = "failed"
@@ -45,13 +45,13 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
 
 
 def pytest_collection_finish() -> None:
-    """Leave what is there before the first test out of each later collection: it only gets read."""
+    """Freeze the objects that exist before the first test: later garbage collections skip them."""
     gc.collect()
     gc.freeze()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let every run have its own witnesses and its own count."""
+    """Give every run its own witnesses and its own count of repeats."""
     folder = tempfile.TemporaryDirectory(prefix="witness-")
     config.add_cleanup(folder.cleanup)
     config.pluginmanager.register(Repeats(Path(folder.name)))

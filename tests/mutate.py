@@ -1,13 +1,16 @@
-"""Change single expressions of the modules that decide about motion; see what no test notices.
+"""Mutation test of the modules that decide about motion: changes that no test detects.
 
 `make mutate`, or `python -m tests.mutate [MODULE ...] [--count N] [--seed S] [--since REF]`; CI
-takes a sample, `--sample N`. No file is touched: a forked process imports the changed text in the
-module's place and runs the module's tests. Processes that tests start see the module as it is, so
-tests of real processes are left out. A survivor that is listed in `tests/survivors.txt` with its
-reason is not one; a listed one that is killed is told as well. The program of the controller has
+takes a sample, `--sample N`.
+
+No file is changed: a forked process imports the changed text in the module's place and runs the
+module's tests. Processes that tests start import the unchanged module, so tests of real processes
+are left out. A survivor that is listed in `tests/survivors.txt` with its reason is accepted; a
+listed one that is killed is reported as well. The program of the controller has
 `tests.mutate_program`.
 
-Exit code 0: no survivor that is not listed; 1: some; 2: wrong arguments, or the tests fail anyway.
+Exit code 0: no survivor that is not listed; 1: some; 2: wrong arguments, or the tests fail without
+a mutant.
 """
 
 import argparse
@@ -29,23 +32,23 @@ from tools.whole_runs import kept_at
 
 SURVIVORS = ROOT / "tests" / "survivors.txt"
 SAMPLE = "N of each module changed since the kept whole run, one of each other"
-LEAST_S, TIMES_LONGER = 60.0, 6.0  # what runs longer than both has been caught in a loop: killed
+LEAST_S, TIMES_LONGER = 60.0, 6.0  # a run that is longer than both is in an endless loop: killed
 
 
 # --- running the tests of one --------------------------------------------------------------------
 
 
 class Instead(importlib.abc.MetaPathFinder):
-    """Lets one module be imported from another text."""
+    """Import finder that loads one module from another text."""
 
     def __init__(self, mutant: Mutant) -> None:
-        """Tell which one."""
+        """Store the module and its text."""
         self._mutant = mutant
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return where the changed module comes from; of others nothing is known here."""
+        """Return the origin of the changed module, None for others."""
         if fullname != self._mutant.module:
             return None
         loader = ChangedText(fullname, str(path_of(fullname)), self._mutant.text)
@@ -53,20 +56,20 @@ class Instead(importlib.abc.MetaPathFinder):
 
 
 class ChangedText(SourceFileLoader):
-    """Compiles a text instead of the file."""
+    """Loader that compiles a text instead of the file."""
 
     def __init__(self, fullname: str, path: str, text: str) -> None:
-        """Keep the text."""
+        """Store the text."""
         super().__init__(fullname, path)
         self._text = text
 
     def get_code(self, _fullname: str) -> CodeType:
-        """Return the code; nothing is read from or written to a cache."""
+        """Return the code; no cache is read or written."""
         return compile(self._text, self.path, "exec", dont_inherit=True)
 
 
 def is_killed(mutant: Mutant) -> bool:
-    """Run a module's tests on a mutant, in this process; tell whether one of them fails."""
+    """Run a module's tests on a mutant, in this process; return whether one of them fails."""
     os.environ["CI"] = "1"  # the same examples every time
     sys.meta_path.insert(0, Instead(mutant))
     sys.stdout = sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
@@ -79,12 +82,12 @@ def is_killed(mutant: Mutant) -> bool:
     chosen = ["-m", "not (realtime or processes or long)", "--hypothesis-profile", "mutants"]
     try:
         return pytest.main([*options, *chosen, *files]) != pytest.ExitCode.OK
-    except BaseException:  # noqa: BLE001 - whatever it breaks, somebody sees it
+    except BaseException:  # noqa: BLE001 - any error is a detection
         return True
 
 
 def forked(mutant: Mutant, within_s: float) -> tuple[bool, float]:
-    """Judge a mutant in a process of its own; return whether it is killed, and how long it took."""
+    """Judge a mutant in a process of its own; return whether it is killed, and the duration."""
     if mutant.module in sys.modules:
         raise RuntimeError(f"{mutant.module} is imported already: a change of it is not seen")
     began_s = time.monotonic()
@@ -112,7 +115,7 @@ def judge(work: tuple[Mutant, float]) -> tuple[Mutant, bool]:
 
 
 def listed(path: Path = SURVIVORS) -> dict[str, str]:
-    """Return the survivors that were looked at, and why each one may live."""
+    """Return the reviewed survivors, each with its reason."""
     rows = [row for row in path.read_text(encoding="utf-8").splitlines() if row.strip()]
     pairs = [row.split(" | ", 1) for row in rows if not row.startswith("#")]
     lacking = [pair[0] for pair in pairs if len(pair) == 1 or not pair[1].strip()]
@@ -122,7 +125,7 @@ def listed(path: Path = SURVIVORS) -> dict[str, str]:
 
 
 def changed_since(reference: str) -> list[str]:
-    """Return the modules of the table whose files, or whose tests, a range of commits touches."""
+    """Return the modules of the table whose files or tests a range of commits changes."""
     command = ["git", "diff", "--name-only", reference, "--"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     touched = set(done.stdout.splitlines())
@@ -130,7 +133,7 @@ def changed_since(reference: str) -> list[str]:
 
 
 def chosen(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
-    """Return so many mutants of each module, drawn by a seed; 0: all of them."""
+    """Return this number of mutants of each module, drawn by a seed; 0: all of them."""
     work: list[Mutant] = []
     for module in modules:
         every = mutants_of(module)
@@ -142,7 +145,7 @@ def chosen(modules: Sequence[str], count: int, seed: int) -> list[Mutant]:
 
 
 def sampled(count: int, seed: int, since: str) -> list[Mutant]:
-    """Return so many mutants of each module that was changed since a commit, one of each other."""
+    """Return this number of mutants of each module changed since a commit, one of each other."""
     changed = changed_since(since)
     return [
         mutant
@@ -152,7 +155,7 @@ def sampled(count: int, seed: int, since: str) -> list[Mutant]:
 
 
 def limits_s(modules: Sequence[str]) -> dict[str, float]:
-    """Return how long the tests of each module may take; exit where they fail unchanged."""
+    """Return the time limit of each module's tests; exit where they fail without a mutant."""
     limits = {}
     for module in modules:
         same = Mutant(module, "unchanged", path_of(module).read_text(encoding="utf-8"))
@@ -165,19 +168,21 @@ def limits_s(modules: Sequence[str]) -> dict[str, float]:
 
 
 def report(
-    results: Iterator[tuple[Mutant, bool]], known: dict[str, str], say: Callable[[str], object]
+    results: Iterator[tuple[Mutant, bool]],
+    known: dict[str, str],
+    print_line: Callable[[str], object],
 ) -> int:
-    """Say what became of each; return how many live that are not listed."""
-    killed = alive = 0
-    for mutant, is_dead in results:
-        killed += is_dead
-        if is_dead and mutant.title in known:
-            say(f"killed, and listed as a survivor: {mutant.title}")
-        elif not is_dead and mutant.title not in known:
-            alive += 1
-            say(f"SURVIVED {mutant.title}")
-    say(f"{killed} killed, {alive} survived that are not listed")
-    return alive
+    """Print the verdict of each; return the number of survivors that are not listed."""
+    killed = survivors = 0
+    for mutant, was_killed in results:
+        killed += was_killed
+        if was_killed and mutant.title in known:
+            print_line(f"killed, and listed as a survivor: {mutant.title}")
+        elif not was_killed and mutant.title not in known:
+            survivors += 1
+            print_line(f"SURVIVED {mutant.title}")
+    print_line(f"{killed} killed, {survivors} survived that are not listed")
+    return survivors
 
 
 def main() -> int:
@@ -204,12 +209,12 @@ def main() -> int:
     within_s = limits_s(modules)
     with multiprocessing.get_context("fork").Pool(given.jobs) as pool:
         pairs = [(mutant, within_s[mutant.module]) for mutant in work]
-        alive = report(pool.imap(judge, pairs), known, lambda line: print(line, flush=True))  # noqa: T201
-    return min(alive, 1)
+        survivors = report(pool.imap(judge, pairs), known, lambda line: print(line, flush=True))  # noqa: T201
+    return min(survivors, 1)
 
 
 def preload() -> None:
-    """Import before forking what is large and not ours; plugins are for pytest to import."""
+    """Import large packages of others before the fork, except plugins, which pytest imports."""
     for name in ("lark", "mujoco", "msgpack", "pinocchio", "pydantic", "zenoh"):
         importlib.import_module(name)
 

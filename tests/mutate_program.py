@@ -1,6 +1,6 @@
-"""Change single steps of the controller's program in memory; see which ones the tests notice.
+"""Mutation test of the controller's program: single steps changed in memory.
 
-`python -m tests.mutate_program [--count N] [--seed S] [--jobs J]`. The file is never touched.
+`python -m tests.mutate_program [--count N] [--seed S] [--jobs J]`. The file is never changed.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from sim.controller.parser import parse
 from tests.fakes import controller_talk
 
 TESTS = Path(__file__).resolve().parent / "unit"
-# Which tests come first: those most likely to notice a change in this part.
+# Tests that run first: those most likely to detect a change in this part.
 ORDER = {
     "step seed": "feedback", "take turn release": "commands", "send": "numbers",
     "recv hello": "program", "watch halt": "watchdog",
@@ -46,20 +46,20 @@ class Mutant:
     part: str  # of the program, without "fm."
     line: int
     old: str
-    new: str  # the control is no change at all
+    new: str  # the control has no change
 
     def __str__(self) -> str:
         return f"{self.line:4d}: {self.old.strip()}  ->  {self.new.strip()}"
 
     def text(self) -> str:
-        """Return the whole program, changed."""
+        """The whole program with the change."""
         lines = controller_talk.TEXT.split("\n")
         lines[self.line - 1] = self.new
         return "\n".join(lines)
 
 
 def mutants() -> Iterator[Mutant]:
-    """Yield every change that there is, in the order of the file, except in settings and set-up."""
+    """Yield every possible change, in the order of the file, except in settings and set-up."""
     part = ""
     for number, line in enumerate(controller_talk.TEXT.split("\n"), 1):
         if line.startswith(".PROGRAM "):
@@ -75,7 +75,7 @@ def mutants() -> Iterator[Mutant]:
 
 
 def chosen(count: int, seed: int) -> list[Mutant]:
-    """Return some mutants that the parser takes, each of another line."""
+    """Return some mutants that the parser accepts, each of another line."""
     every, taken = list(mutants()), dict[int, Mutant]()
     random.Random(seed).shuffle(every)
     for mutant in every:
@@ -87,7 +87,7 @@ def chosen(count: int, seed: int) -> list[Mutant]:
 
 
 def survives(mutant: Mutant) -> tuple[Mutant, bool]:
-    """Run the tests against a mutant, in this process; tell whether all of them pass."""
+    """Run the tests against a mutant, in this process; return whether all of them pass."""
     os.environ["CI"] = "1"  # the same examples every time
     controller_talk.TEXT = mutant.text()
     sys.stdout = sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
@@ -103,16 +103,16 @@ def main() -> int:
     for name, default in (("--count", 80), ("--seed", 1), ("--jobs", 2)):
         parser.add_argument(name, type=int, default=default)
     arguments = parser.parse_args()
-    work, alive = chosen(arguments.count, arguments.seed), 0
+    work, survivors = chosen(arguments.count, arguments.seed), 0
     first = controller_talk.TEXT.split("\n", 1)[0]
     with multiprocessing.get_context("fork").Pool(arguments.jobs, maxtasksperchild=1) as pool:
         if not pool.apply(survives, [Mutant("", 1, first, first)])[1]:
             parser.error("the tests do not pass on the unchanged program")
         for mutant, survived in pool.imap(survives, work):
-            alive += survived
+            survivors += survived
             print("SURVIVED" if survived else "killed  ", mutant, flush=True)  # noqa: T201
-    print(f"{len(work) - alive} of {len(work)} killed")  # noqa: T201
-    return min(alive, 100)
+    print(f"{len(work) - survivors} of {len(work)} killed")  # noqa: T201
+    return min(survivors, 100)
 
 
 if __name__ == "__main__":

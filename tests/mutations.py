@@ -1,7 +1,7 @@
-"""Every single change of a module's text that a test should notice, and which tests should.
+"""Single changes of a module's text that a test must detect, and the tests that judge them.
 
-Limits, boundaries, rows of tables, comparisons, guards, calls and ways past a function. Types,
-defaults of arguments and texts for people stay as they are. `tests.mutate` judges them.
+Limits, boundaries, rows of tables, comparisons, guards, calls and returns from a function. Types,
+defaults of arguments and texts for people stay unchanged. `tests.mutate` judges them.
 """
 
 import ast
@@ -13,10 +13,10 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LOOSER = (1.6, 0.1)  # what a limit is multiplied by
+LOOSER = (1.6, 0.1)  # factors of a limit
 PLAIN = (ast.Name, ast.Attribute, ast.Call)  # conditions that are no comparison
 
-# Which tests judge a module, those most likely to see a change first.
+# Tests that judge a module, those most likely to detect a change first.
 JUDGES = {
     "common.motion.permission": (
         "unit/common/motion/test_permission",
@@ -125,7 +125,7 @@ class Mutant:
 
     @property
     def title(self) -> str:
-        """How it is listed."""
+        """The name in a list."""
         return f"{self.module} {self.name}"
 
 
@@ -133,7 +133,7 @@ class Changes:
     """Every single change of one module's text."""
 
     def __init__(self, module: str, text: str) -> None:
-        """Parse it."""
+        """Parse the text."""
         self._module, self._text = module, text
         self._tree = ast.parse(text)
         lines = [0, *(found.end() for found in re.finditer("\n", text))]
@@ -142,9 +142,9 @@ class Changes:
 
     def __iter__(self) -> Iterator[Mutant]:
         """Yield mutants in the order of the text, in functions and outside of them."""
-        yield from self._within(self._tree, "")
+        yield from self._mutants_of(self._tree, "")
 
-    def _within(self, node: ast.AST, place: str) -> Iterator[Mutant]:
+    def _mutants_of(self, node: ast.AST, place: str) -> Iterator[Mutant]:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.JoinedStr | ast.arguments) or child in _annotations(node):
                 continue  # texts for people, types, defaults
@@ -152,7 +152,7 @@ class Changes:
             if isinstance(child, ast.FunctionDef | ast.ClassDef):
                 here = f"{place}.{child.name}" if place else child.name
             yield from self._of(child, here)
-            yield from self._within(child, here)
+            yield from self._mutants_of(child, here)
 
     def _of(self, node: ast.AST, place: str) -> Iterator[Mutant]:
         yield from self._decisions(node, place)
@@ -216,18 +216,18 @@ class Changes:
                 yield from self._between(place, left, right, old, COMPARISONS[old])
 
     def _between(
-        self, place: str, left: ast.expr, right: ast.expr, old: str, news: Sequence[str]
+        self, place: str, left: ast.expr, right: ast.expr, old: str, replacements: Sequence[str]
     ) -> Iterator[Mutant]:
         begin, end = self._end(left), self._start(right)
         at = self._text.find(old, begin, end)
         if at >= 0:
             shown = self._shown(left), self._shown(right)
-            for new in news:
+            for new in replacements:
                 what = f"{shown[0]} {old} {shown[1]} -> {new}"
                 yield self._made(place, at, at + len(old), new, what)
 
     def _change(self, place: str, node: ast.AST, cut: int, new: str, what: str) -> Mutant:
-        """Put something before a node, or cut off what it begins with."""
+        """Insert a text before a node, or remove a number of its first characters."""
         at = self._start(node)
         shown = "" if new.startswith("return") else f"{self._shown(node)} "
         return self._made(place, at, at + cut, new, f"{shown}{what}")
@@ -250,7 +250,7 @@ class Changes:
         return Mutant(self._module, name if count == 1 else f"{name} ({count})", text)
 
     def _context(self, node: ast.AST) -> str:
-        """Return the line that a number or a name stands in, cut to what tells it apart."""
+        """Return the line of a number or a name, cut to a length that identifies it."""
         begin = self._start(node)
         line = self._text[self._text.rfind("\n", 0, begin) + 1 :].split("\n", 1)[0]
         shown = self._shown(node)
@@ -278,7 +278,7 @@ def _annotations(node: ast.AST) -> tuple[ast.AST | None, ...]:
 
 
 def _gives_something(node: ast.FunctionDef) -> bool:
-    """Tell whether a function has a value and a body that could be passed over."""
+    """Return whether a function has a value and a body that a return could skip."""
     returns = node.returns
     gives = returns is not None and not (
         isinstance(returns, ast.Constant) and returns.value is None
@@ -302,7 +302,7 @@ def judges_of(module: str) -> list[str]:
 
 
 def files_of(module: str) -> list[str]:
-    """Return the files that say what its mutants are and whether they live."""
+    """Return the files that determine a module's mutants and their verdicts."""
     return [str(path_of(module).relative_to(ROOT)), *judges_of(module)]
 
 

@@ -1,9 +1,9 @@
-"""A test that failed while the machine itself stood still is tried once more; no other one is.
+"""Repetition of tests that failed while the machine itself stalled, and of no others.
 
-Idle witnesses (`tests.chaos.witness`), one process for each processor, note how late they are
-woken. A failure of a test in real time is repeated once where one of them was late by more than
-the deadline of the cell, within that test. Never repeated:
-what is marked `judged_once` (attacks, misreads, movement), and every test that is not in real time.
+Idle witnesses (`tests.chaos.witness`), one process for each processor, record the lateness of their
+wake-ups. A failure of a test in real time is repeated once where one of them was late by more than
+the deadline of the cell, within that test. Never repeated: tests marked `judged_once` (attacks,
+misreads, movement), and every test that is not in real time.
 """
 
 import time
@@ -15,62 +15,64 @@ import pytest
 
 from tests.chaos.witness import Witness, witness
 
-DEADLINE_S = 0.1  # of commands and sensor data in the demo's cells; a marker may say another one
-MOST_REPEATS = 3  # more fail the run: that machine is no place for a verdict
+DEADLINE_S = 0.1  # of commands and sensor data in the demo's cells; a marker may set another one
+MOST_REPEATS = 3  # more fail the run: that machine is not suitable for a verdict
 
 
 class Repeats:
-    """Allows a second try where the witness saw a stall, and tells all of them."""
+    """Permits a second try where the witness recorded a stall, and reports every repetition."""
 
     def __init__(self, folder: Path) -> None:
-        """Tell where the witnesses note what they see."""
+        """Store the folder of the witnesses' records."""
         self._folder = folder
         self._exits = ExitStack()
         self.witness = Witness([])
         self._began_ns = 0
-        self._told: list[str] = []
+        self._reported: list[str] = []
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Let what lives in real time ask the witness when it fails."""
+        """Let a failed test in real time be repeated if the witness recorded a stall."""
         for item in items:
             if may_be_repeated(item):
-                asks = partial(self._stood_still, deadline_of(item))
-                item.add_marker(pytest.mark.flaky(reruns=1, condition=asks))
+                stalled = partial(self._has_stalled, deadline_of(item))
+                item.add_marker(pytest.mark.flaky(reruns=1, condition=stalled))
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
-        """Start the witnesses where somebody may ask them."""
+        """Start the witnesses if a collected test may be repeated."""
         if not session.config.option.collectonly and any(map(may_be_repeated, session.items)):
             self.witness = self._exits.enter_context(witness(self._folder))
 
     def pytest_runtest_logstart(self) -> None:
-        """Remember when a try began."""
+        """Store the start time of a try."""
         self._began_ns = time.monotonic_ns()
 
-    def _stood_still(self, deadline_s: float) -> bool:
+    def _has_stalled(self, deadline_s: float) -> bool:
         return self.witness.worst_s(self._began_ns, time.monotonic_ns()) > deadline_s
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Remember a failure that is about to be repeated."""
+        """Store a failure that is about to be repeated."""
         if str(report.outcome) == "rerun":
             crash = getattr(report.longrepr, "reprcrash", None)
             why = crash.message.splitlines()[0] if crash else report.longreprtext
-            self._told.append(f"REPEATED, the machine stood still: {report.nodeid}: {why}")
+            self._reported.append(f"REPEATED, the machine stood still: {report.nodeid}: {why}")
 
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        """End the witnesses; fail a run that needed more repeats than are allowed."""
+        """End the witnesses; fail a run with more repeats than permitted."""
         self._exits.close()
-        if len(self._told) > MOST_REPEATS:
+        if len(self._reported) > MOST_REPEATS:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
-            self._told.append(f"{len(self._told)} repeats, {MOST_REPEATS} are allowed: failed")
+            self._reported.append(
+                f"{len(self._reported)} repeats, {MOST_REPEATS} are allowed: failed"
+            )
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        """Say what was repeated."""
-        for line in self._told:
+        """Print the repetitions."""
+        for line in self._reported:
             terminalreporter.write_line(line)
 
 
 def may_be_repeated(item: pytest.Item) -> bool:
-    """Tell whether a stall of the machine may be the cause when a test fails.
+    """Return whether a stall of the machine may be the cause when a test fails.
 
     The browser's tests share a cell, which a repeat would end.
     """
@@ -79,7 +81,7 @@ def may_be_repeated(item: pytest.Item) -> bool:
 
 
 def real_time(item: pytest.Item) -> pytest.Mark | None:
-    """Return the marker of a test that lives in real time."""
+    """Return the marker of a test in real time."""
     return item.get_closest_marker("realtime") or item.get_closest_marker("processes")
 
 

@@ -47,7 +47,7 @@ TRIES = 3  # to connect
 MOVED_RAD = 1e-3
 STOLEN_LEASE = 1_000_000
 OWN_MOVE_RAD = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
-ASK_S = 3.0
+REPLY_S = 3.0
 READY_S = 20.0  # of a cell that has just started
 
 
@@ -57,7 +57,7 @@ class Outcome:
 
     attack: str
     let_in: bool  # whether the hub accepted the connection
-    heard: int  # messages of the attacker that the bus forwarded
+    forwarded: int  # messages of the attacker that the bus forwarded
     moved_rad: float
     code: str  # under which the hub, or the cell, reports it
 
@@ -78,8 +78,10 @@ class Scene:
         self.epoch = 2**61 + time.monotonic_ns() % 2**32  # of all forged messages
         self.forged = 0
         self._subscribers = [
-            monitor.declare_subscriber(self.key, self._hear),
-            monitor.declare_subscriber(f"{cell.cell}/{topics.ROBOT_STATE.key}", self._see),
+            monitor.declare_subscriber(self.key, self._record_command),
+            monitor.declare_subscriber(
+                f"{cell.cell}/{topics.ROBOT_STATE.key}", self._record_joints
+            ),
         ]
 
     def forge(self, number: int) -> bytes:
@@ -97,14 +99,14 @@ class Scene:
         )
         return encode(header, command)
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _record_command(self, sample: zenoh.Sample) -> None:
         data = sample.payload.to_bytes()
         self.commands.append(data)
         with suppress(Exception):
             header, _ = decode(data, RobotCommand, self.key)
             self.forged += header.epoch == self.epoch
 
-    def _see(self, sample: zenoh.Sample) -> None:
+    def _record_joints(self, sample: zenoh.Sample) -> None:
         _, state = decode(sample.payload.to_bytes(), RobotState)
         self.joints.append(state.joint_rad)
 
@@ -134,8 +136,8 @@ def flood(session: zenoh.Session, scene: Scene) -> None:
 
 def replay(session: zenoh.Session, scene: Scene) -> None:
     """Replay the recorded commands in order, at ten times their rate."""
-    heard = list(scene.commands)
-    for data in heard:
+    forwarded = list(scene.commands)
+    for data in forwarded:
         session.put(scene.key, data)
         time.sleep(EVERY_S / 50)
 
@@ -145,14 +147,14 @@ class Attack(NamedTuple):
 
     name: str
     shown: str
-    say: SendAttack
+    send: SendAttack
     code: str
 
 
 ATTACKS = (
-    Attack("no certificate", "nobody", forging, "no_certificate"),
+    Attack("no certificate", "none", forging, "no_certificate"),
     Attack("foreign authority", "foreign", forging, "foreign_certificate"),
-    Attack("unknown name", "stranger", forging, "unknown_name"),
+    Attack("unknown name", "unknown", forging, "unknown_name"),
     Attack("right name, forbidden key", "regulator", forging, "forbidden"),
     Attack("oversize", "arbiter", oversize, "too_long"),
     Attack("flood", "monitor", flood, "forbidden"),
@@ -166,9 +168,9 @@ def attack_all(cell: CellConfig, folder: Path) -> Iterator[Outcome]:
     """Try every attack on a running cell, one after the other."""
     endpoint = endpoint_of(cell)
     with tempfile.TemporaryDirectory() as scratch:
-        stranger, foreign = Path(scratch, "stranger"), Path(scratch, "foreign")
-        _make_attack_certificates(cell, folder, stranger, foreign)
-        who = {"stranger": Identity("stranger", stranger), "foreign": Identity("arbiter", foreign)}
+        unknown, foreign = Path(scratch, "unknown"), Path(scratch, "foreign")
+        _make_attack_certificates(cell, folder, unknown, foreign)
+        who = {"unknown": Identity("unknown", unknown), "foreign": Identity("arbiter", foreign)}
         watching = client_settings(endpoint, "monitor", Identity("monitor", folder).settings())
         with _session(watching) as monitor:
             scene = Scene(cell, monitor)
@@ -186,33 +188,31 @@ def _attack(attack: Attack, settings: dict[str, object], scene: Scene) -> Outcom
     let_in = True
     try:
         with _session(settings) as session:
-            attack.say(session, scene)
+            attack.send(session, scene)
     except zenoh.ZError:
         let_in = False
         time.sleep(EVERY_S)
     time.sleep(0.3)  # for delayed messages
-    heard = scene.forged - forged
+    forwarded = scene.forged - forged
     del scene.commands[commands:]
     moved = max((math.dist(joints, scene.joints[0]) for joints in scene.joints), default=math.inf)
-    return Outcome(attack.name, let_in, heard, moved, attack.code)
+    return Outcome(attack.name, let_in, forwarded, moved, attack.code)
 
 
 def _settings(shown: str, identity: Identity, endpoint: str) -> dict[str, object]:
     if shown == "plain":
         return client_settings(f"tcp/{endpoint.partition('/')[2]}", shown, {})
-    if shown == "nobody":
+    if shown == "none":
         security = {"root_ca_certificate": str(identity.authority)}
         return client_settings(endpoint, shown, security)
     return client_settings(endpoint, shown, identity.settings())
 
 
-def _make_attack_certificates(
-    cell: CellConfig, folder: Path, stranger: Path, foreign: Path
-) -> None:
+def _make_attack_certificates(cell: CellConfig, folder: Path, unknown: Path, foreign: Path) -> None:
     """Issue a certificate for an unknown name, and an arbiter's by another authority."""
     now, hosts = dt.datetime.now(dt.UTC), ["localhost"]
     ours, theirs = read_authority(folder), make_authority("elsewhere", now)
-    for authority, name, target in ((ours, "stranger", stranger), (theirs, "arbiter", foreign)):
+    for authority, name, target in ((ours, "unknown", unknown), (theirs, "arbiter", foreign)):
         pair = make_certificate(authority, name, cell.cell, hosts=hosts, days=1, now=now)
         write_pair(target, name, pair, owner=None)
         copy_certificate(folder, target, AUTHORITY, owner=None)
@@ -228,7 +228,7 @@ def _move_a_little(bus: Bus, scene: Scene) -> None:
     ]
     for request, message in requests:
         give_up_s = time.monotonic() + READY_S
-        while (reply := bus.ask(request, message, ASK_S)).code == "not_ready":
+        while (reply := bus.ask(request, message, REPLY_S)).code == "not_ready":
             if time.monotonic() > give_up_s:
                 break
             time.sleep(0.2)
@@ -236,7 +236,7 @@ def _move_a_little(bus: Bus, scene: Scene) -> None:
             sys.exit(f"{request.key} was refused ({reply.code}): {reply.text}")
         time.sleep(0.2)
     time.sleep(2.0)
-    bus.ask(topics.HOLD, HoldRequest(reason="the attacks begin"), ASK_S)
+    bus.ask(topics.HOLD, HoldRequest(reason="the attacks begin"), REPLY_S)
     if not any(_permits(data) for data in scene.commands):
         sys.exit("no command with a permission was received: nothing to replay")
     time.sleep(0.5)
@@ -246,11 +246,11 @@ def _permits(data: bytes) -> bool:
     return decode(data, RobotCommand)[1].permission is not None
 
 
-def _again(say: Callable[[int], object]) -> None:
+def _again(send: Callable[[int], object]) -> None:
     give_up_s, number = time.monotonic() + SECONDS, 0
     while time.monotonic() < give_up_s:
         number += 1
-        say(number)
+        send(number)
         time.sleep(EVERY_S)
 
 
@@ -287,10 +287,10 @@ def main() -> int:
         if given.json:
             print(json.dumps(asdict(outcome)), flush=True)
             continue
-        way = "connected" if outcome.let_in else "refused"
+        connection = "connected" if outcome.let_in else "refused"
         print(
-            f"{'ok  ' if outcome.stopped else 'FAIL'} {outcome.attack}: {way}, "
-            f"{outcome.heard} messages forwarded, moved {outcome.moved_rad:.6f} rad",
+            f"{'ok  ' if outcome.stopped else 'FAIL'} {outcome.attack}: {connection}, "
+            f"{outcome.forwarded} messages forwarded, moved {outcome.moved_rad:.6f} rad",
             flush=True,
         )
     return 1 if wrong else 0

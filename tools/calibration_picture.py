@@ -30,10 +30,10 @@ class Silence:
     """Progress reporter without output."""
 
     def note(self, text: str) -> None:
-        """Say nothing."""
+        """Ignore the line."""
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
-        """Say nothing."""
+        """Ignore the progress."""
 
 
 def calibrated(cell: CellConfig) -> Findings:

@@ -82,11 +82,11 @@ def _row(parameter: Any) -> str:
 
 
 def _kind(parameter: Any) -> str:
-    wanted = parameter.type_descriptor.annotation
-    if get_origin(wanted) is Literal:
-        return ", ".join(map(str, get_args(wanted)))
-    if isinstance(wanted, type) and issubclass(wanted, Enum):
-        return ", ".join(str(each.value) for each in wanted)
+    value_type = parameter.type_descriptor.annotation
+    if get_origin(value_type) is Literal:
+        return ", ".join(map(str, get_args(value_type)))
+    if isinstance(value_type, type) and issubclass(value_type, Enum):
+        return ", ".join(str(each.value) for each in value_type)
     if getattr(parameter, "is_flag", False):
         return ""
     if parameter.min is not None and parameter.max is not None:
@@ -94,9 +94,9 @@ def _kind(parameter: Any) -> str:
     if parameter.min is not None:
         return f"from {parameter.min:g}"
     names = {float: "number", int: "whole number", str: "text", Path: "path"}
-    if get_origin(wanted) is list:
-        return f"{names.get(get_args(wanted)[0], 'text')}, several times"
-    return names.get(wanted, str(wanted))
+    if get_origin(value_type) is list:
+        return f"{names.get(get_args(value_type)[0], 'text')}, several times"
+    return names.get(value_type, str(value_type))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""What is checked of the word that swaps the robot: what it changes, replaces and needs.
+"""Container tests of the profile that selects the robot: its changes, replacements, requirements.
 
-Also what `docker compose up` brings up with no word and no setting at all.
+Also the containers of `docker compose up` without profile and settings.
 """
 
 import os
@@ -15,39 +15,41 @@ from tools.compose_rig import Compose, Operator, RequirementError, in_namespace,
 
 HEALTHY_S = 60.0
 DEFAULT_HEALTHY_S = 30.0
-WAITS_S = 30.0  # they say it after 8 s, on a machine that is busy
+WAITS_S = 30.0  # the message comes after 8 s, on a busy machine
 SETTINGS = "FORCEMESH_"
 OPENS = "import urllib.request as u; print(u.urlopen('http://127.0.0.1:8080/', timeout=5).status)"
 
 
 def another_profile(compose: Compose, _cell: CellConfig, operator: Operator) -> str:
-    """What is typed on top of a running profile makes no container of it anew."""
-    before = lives(compose)
+    """A second profile on a running one creates none of its containers again."""
+    before = containers_of(compose)
     sim = Compose("sim", compose.command)
     sim("up", "-d", "--no-build")
     if compose.profile == "sim":
-        if lives(compose) != before:
+        if containers_of(compose) != before:
             raise RequirementError("a second `docker compose up` has made containers anew")
         return f"{len(before)} containers as before"
-    sim.says("sim-cell", f"on standby: the profile {compose.profile} replaces the simulation")
-    if lives(compose) != before:
-        raise RequirementError(f"`docker compose up` has changed {before} to {lives(compose)}")
+    sim.wait_log("sim-cell", f"on standby: the profile {compose.profile} replaces the simulation")
+    if containers_of(compose) != before:
+        raise RequirementError(
+            f"`docker compose up` has changed {before} to {containers_of(compose)}"
+        )
     _is_still("robot-sim", compose)
     operator.until(operator.all_well, 30.0, "all well beside a simulation that stands back")
     return f"the simulation stands back, {len(before)} containers as before"
 
 
-def lives(compose: Compose) -> dict[str, tuple[str, ...]]:
-    """Return which container each service has, and since when it runs."""
+def containers_of(compose: Compose) -> dict[str, tuple[str, ...]]:
+    """Return the container of each service, and its start time."""
     facts = {name: compose.facts(name) for name in compose.names()}
     return {name: (each["Id"], each["State"]["StartedAt"]) for name, each in facts.items()}
 
 
 def runs(name: str, compose: Compose) -> bool:
-    """Tell whether a container's own process runs, not only what waits to start it."""
-    said = run("docker", "top", compose.id(name))
+    """Return whether a container's own process runs, not only the wait before its start."""
+    top = run("docker", "top", compose.id(name))
     module = {"robot-sim": "sim.robot"}.get(name, f"services.{name}")
-    return any(f"python -m {module}" in line and " run " not in line for line in said.splitlines())
+    return any(f"python -m {module}" in line and " run " not in line for line in top.splitlines())
 
 
 def _is_still(name: str, compose: Compose) -> None:
@@ -57,7 +59,7 @@ def _is_still(name: str, compose: Compose) -> None:
 
 @contextmanager
 def without_settings() -> Iterator[None]:
-    """Let compose be as on a fresh checkout: nothing in the environment."""
+    """Run compose as on a fresh checkout: without settings in the environment."""
     kept = {name: value for name, value in os.environ.items() if name.startswith(SETTINGS)}
     for name in kept:
         del os.environ[name]
@@ -68,7 +70,7 @@ def without_settings() -> Iterator[None]:
 
 
 def default_profile(compose: Compose, namespace: str) -> str:
-    """`docker compose up` and nothing else: well in time, the panel opens, status from outside."""
+    """`docker compose up` alone: in time, the panel opens, status from outside."""
     began_s = time.monotonic()
     compose("up", "-d", "--no-build")
     compose.wait_healthy(DEFAULT_HEALTHY_S)
@@ -83,25 +85,25 @@ def _outside(namespace: str, *words: str) -> str:
 
 
 def open_to_others(compose: Compose) -> str:
-    """Published wider without certificates or token, nothing of it starts, with one sentence."""
-    said = []
+    """Published on all interfaces without certificates or token, nothing starts; one message."""
+    refused = []
     for port in ("HUB", "PANEL"):
         name = f"FORCEMESH_PUBLISH_{port}"
         os.environ[name] = "0.0.0.0"  # noqa: S104 - it must be refused
         try:
             compose("up", "-d", "--no-build")
-            compose.says("sim-cell", f"{name}=0.0.0.0 is reachable from outside")
+            compose.wait_log("sim-cell", f"{name}=0.0.0.0 is reachable from outside")
             if any(runs(each, compose) for each in ("hub", "panel", "robot-sim")):
                 raise RequirementError(f"something runs with {name}=0.0.0.0")
-            said.append(name)
+            refused.append(name)
         finally:
             del os.environ[name]
             compose("down", "-v", "-t", "2")
-    return f"refused: {', '.join(said)}"
+    return f"refused: {', '.join(refused)}"
 
 
 def real_replaces_the_simulation(compose: Compose, settings: dict[str, str]) -> str:
-    """On top of a running simulation, and with the simulation on top of it: never both."""
+    """On a running simulation, and the simulation on top of it: never both."""
     real = Compose("real", compose.command)
     with without_settings():
         compose("up", "-d", "--no-build")
@@ -109,7 +111,7 @@ def real_replaces_the_simulation(compose: Compose, settings: dict[str, str]) -> 
     os.environ.update(settings)
     try:
         real("up", "-d", "--no-build")
-        real.says("real-cell", "real-cell: in use with /cells/emulated.yaml", WAITS_S)
+        real.wait_log("real-cell", "real-cell: in use with /cells/emulated.yaml", WAITS_S)
         _comes("gateway", real)
         _is_still("robot-sim", real)
         gateway = real.facts("gateway")["State"]["StartedAt"]
@@ -140,25 +142,25 @@ def _ends(name: str, compose: Compose) -> None:
 
 
 def no_cell_file(command: tuple[str, ...]) -> str:
-    """A real robot needs CELL: it says so, nobody runs, and with CELL the same containers go on."""
+    """A real robot needs CELL: an error without it, and with it the same containers continue."""
     real = Compose("real", command)
     try:
         real("up", "-d", "--no-build")
-        real.says("real-cell", "CELL=my-cell.yaml docker compose --profile real up")
+        real.wait_log("real-cell", "CELL=my-cell.yaml docker compose --profile real up")
         # Where the simulation's container came first its file was in use for a moment.
         for name in ("hub", "robot-sim", "gateway"):
             _ends(name, real)
         os.environ["CELL"] = "emulated.yaml"
         real("up", "-d", "--no-build")
-        real.says("real-cell", "in use with /cells/emulated.yaml")
+        real.wait_log("real-cell", "in use with /cells/emulated.yaml")
     finally:
         os.environ.pop("CELL", None)
         real("down", "-v", "-t", "2")
-    return "says what it needs, and comes with it"
+    return "refused without CELL, started with it"
 
 
 def check_profiles(command: tuple[str, ...], namespace: str) -> int:
-    """Check what is not about one profile alone; return 1 when a promise was not kept, else 0."""
+    """Check all that concerns several profiles; return 1 if a requirement was not met, else 0."""
     sim = Compose("sim", command)
     secure = {name: value for name, value in os.environ.items() if name.startswith(SETTINGS)}
     with without_settings():

@@ -38,7 +38,7 @@ class RequirementError(Exception):
 
 
 def run(*words: str, timeout_s: float = 120.0, **environment: str) -> str:
-    """Run a command; return its output. Raise PromiseError with the end of it if it fails."""
+    """Run a command; return its output. Raise RequirementError with the end of it if it fails."""
     around = {**os.environ, **environment}
     done = subprocess.run(
         words, capture_output=True, text=True, check=False, cwd=ROOT, timeout=timeout_s, env=around
@@ -52,10 +52,10 @@ def run_check(where: str, name: str, check: Callable[[], str]) -> int:
     """Run a check and print its result; return 1 if a requirement was not met, else 0."""
     began_s, wrong = time.monotonic(), 0
     try:
-        said = check()
+        result = check()
     except Exception as error:  # noqa: BLE001 - the other checks still run
-        said, wrong = f"FAILED: {error}", 1
-    print(f"{where:8} {name:26} {time.monotonic() - began_s:5.1f} s  {said}", flush=True)
+        result, wrong = f"FAILED: {error}", 1
+    print(f"{where:8} {name:26} {time.monotonic() - began_s:5.1f} s  {result}", flush=True)
     return wrong
 
 
@@ -92,7 +92,7 @@ class Compose:
         """Return the engine's data on a container."""
         return json.loads(run("docker", "inspect", self.id(name)))[0]
 
-    def says(self, name: str, text: str, within_s: float = 30.0) -> None:
+    def wait_log(self, name: str, text: str, within_s: float = 30.0) -> None:
         """Wait for a text in the log of a container."""
         give_up_s = time.monotonic() + within_s
         while text not in (log := self("logs", "--no-color", name)):
@@ -126,7 +126,7 @@ class Operator:
         self.readers = {topic.key: bus.reader(topic) for topic in TOPICS}
         self._home: tuple[float, ...] | None = None
 
-    def seen(self) -> set[str]:
+    def received(self) -> set[str]:
         """Return the topics with at least one received message."""
         now_ns = self._bus.clock.now_ns()
         return {k for k, r in self.readers.items() if r.read(now_ns).message is not None}
@@ -208,7 +208,7 @@ class Operator:
 
         def is_idle() -> bool:
             if self.state() not in {"", "IDLE"}:
-                self._ask(topics.CLEAR, Empty())
+                self._request(topics.CLEAR, Empty())
             return self.state() == "IDLE"
 
         self.until(is_idle, 30.0, "IDLE after clear")
@@ -221,7 +221,7 @@ class Operator:
         self._do(topics.MOVE, MoveRequest(kind="joints", joint_rad=home, speed_m_s=0.05))
         self.until(lambda: self._distance(home) < 2 * STILL_RAD, RETREAT_S, "the return path")
         time.sleep(0.5)
-        self._ask(topics.HOLD, HoldRequest(reason="back again"))
+        self._request(topics.HOLD, HoldRequest(reason="back again"))
         self.clear()
 
     def rests(self, seconds: float) -> None:
@@ -257,7 +257,7 @@ class Operator:
     def _read(self, key: str) -> Any:
         return self.readers[key].read(self._bus.clock.now_ns()).fresh
 
-    def _ask(self, request: Any, message: Any) -> Any:
+    def _request(self, request: Any, message: Any) -> Any:
         try:
             return self._bus.ask(request, message, 2.0)
         except ForcemeshError:
@@ -266,7 +266,7 @@ class Operator:
     def _do(self, request: Any, message: Any) -> None:
         give_up_s = time.monotonic() + 30.0
         while True:
-            reply = self._ask(request, message)
+            reply = self._request(request, message)
             if reply is not None and reply.accepted:
                 return
             if time.monotonic() > give_up_s:  # a temporary obstacle has passed by then

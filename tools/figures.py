@@ -84,7 +84,7 @@ def listed(root: Path = ROOT) -> dict[str, list[str]]:
 
 def mismatches(root: Path = ROOT) -> Iterator[str]:
     """Yield the location of every figure that is neither generated nor reviewed."""
-    known = yaml.safe_load((root / "docs" / LIST.name).read_text(encoding="utf-8")) or {}
+    reviewed = yaml.safe_load((root / "docs" / LIST.name).read_text(encoding="utf-8")) or {}
     for page in pages(root):
         text, name = page.read_text(encoding="utf-8"), str(page.relative_to(root))
         for found in BLOCK.finditer(text):
@@ -92,10 +92,10 @@ def mismatches(root: Path = ROOT) -> Iterator[str]:
                 yield f"{name}: block {found['name']} was changed by hand: {found['command']}"
         if text.count("<!-- measured ") != len(BLOCK.findall(text)):
             yield f"{name}: malformed mark `<!-- measured`"
-        now, read = figures(text), known.get(name, [])
+        now, read = figures(text), reviewed.get(name, [])
         if now != read:
             yield f"{name}: {_first_difference(now, read)}"
-    for page_name in known.keys() - {str(page.relative_to(root)) for page in pages(root)}:
+    for page_name in reviewed.keys() - {str(page.relative_to(root)) for page in pages(root)}:
         yield f"{page_name}: in docs/{LIST.name}, but there is no such page"
 
 

@@ -106,15 +106,15 @@ class HostileClient:
         self.session, self.cell = session, cell
         self.rng = random.Random(seed)  # noqa: S311 - attacks that can be repeated
         self.newest: dict[str, dict[str, Any]] = {}
-        self.heard_s: dict[str, float] = {}
+        self.received_s: dict[str, float] = {}
         self.fastest_m_s = 0.0
         self.replies: Counter[str] = Counter()
         self._lock = threading.Lock()
         self._epochs: set[int] = set()  # of the cell's own publishers: all others are ours
         self._own = True
-        self._subscriber = session.declare_subscriber(f"{cell}/**", self._hear)
+        self._subscriber = session.declare_subscriber(f"{cell}/**", self._receive)
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr).partition("/")[2]
         try:
             fields = msgpack.unpackb(sample.payload.to_bytes())
@@ -128,23 +128,23 @@ class HostileClient:
             elif fields["epoch"] not in self._epochs:
                 return
             if key == "robot/state":
-                self._see(self.newest.get(key), fields)
-            self.newest[key], self.heard_s[key] = fields, time.monotonic()
+                self._check_speed(self.newest.get(key), fields)
+            self.newest[key], self.received_s[key] = fields, time.monotonic()
 
-    def _see(self, before: dict[str, Any] | None, now: dict[str, Any]) -> None:
+    def _check_speed(self, before: dict[str, Any] | None, now: dict[str, Any]) -> None:
         if before is None or now["stamp_ns"] - before["stamp_ns"] < 3_000_000:
             return  # steps that were delayed in transit are not fast
-        way_m = math.dist(before["position_m"], now["position_m"])
-        speed_m_s = way_m / ((now["stamp_ns"] - before["stamp_ns"]) * 1e-9)
+        travel_m = math.dist(before["position_m"], now["position_m"])
+        speed_m_s = travel_m / ((now["stamp_ns"] - before["stamp_ns"]) * 1e-9)
         self.fastest_m_s = max(self.fastest_m_s, speed_m_s)
 
     def ready(self) -> dict[str, int]:
         """Wait for the health of every process; return their process ids."""
         give_up_s = time.monotonic() + PATIENCE_S
-        wanted = {f"{role}/health" for role in ROLES} | {"robot/state", "arbiter/status"}
-        while not wanted <= set(self.newest):
+        expected = {f"{role}/health" for role in ROLES} | {"robot/state", "arbiter/status"}
+        while not expected <= set(self.newest):
             if time.monotonic() > give_up_s:
-                sys.exit(f"never received: {', '.join(sorted(wanted - set(self.newest)))}")
+                sys.exit(f"never received: {', '.join(sorted(expected - set(self.newest)))}")
             time.sleep(0.1)
         self._own = False
         return {role: self.newest[f"{role}/health"]["pid"] for role in ROLES}
@@ -197,7 +197,7 @@ class HostileClient:
         since_s = time.monotonic()
         held = False
         while not held and time.monotonic() < give_up_s + HOLD_S:
-            is_new = self.heard_s["robot/command"] > since_s
+            is_new = self.received_s["robot/command"] > since_s
             held = is_new and self.newest["robot/command"]["permission"] is None
             time.sleep(0.01)
         if reply is None or not reply["accepted"] or not held:
@@ -260,7 +260,7 @@ def attack_cell(outsider: HostileClient, count: int) -> dict[str, Any]:
     time.sleep(3.0)
     holds.append(outsider.hold_works())
     now_s = time.monotonic()
-    silent = [r for r in ROLES if now_s - outsider.heard_s[f"{r}/health"] > 3.0]
+    silent = [r for r in ROLES if now_s - outsider.received_s[f"{r}/health"] > 3.0]
     other = [r for r in ROLES if outsider.newest[f"{r}/health"]["pid"] != pids[r]]
     broken = [r for r in ROLES if outsider.newest[f"{r}/health"]["code"] == "internal"]
     return {

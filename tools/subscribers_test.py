@@ -29,21 +29,21 @@ MISSING = 77
 
 
 @contextmanager
-def speaking_hub() -> Iterator[str]:
+def publishing_hub() -> Iterator[str]:
     """Run the hub of the demo cell on a free port and publish one wrench repeatedly."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     cell = load_cell(ROOT / "cells" / "demo.yaml", {"bus.endpoint": endpoint})
     stop, ready = threading.Event(), threading.Event()
 
-    def speak() -> None:
+    def publish() -> None:
         with open_hub(cell) as hub:
             publisher = hub.playing("wrench").publisher(topics.WRENCH)
             ready.set()
             while not stop.wait(0.02):
                 publisher.put(WrenchAtTcp(force_N=FORCE_N))
 
-    thread = threading.Thread(target=speak)
+    thread = threading.Thread(target=publish)
     thread.start()
     try:
         if not ready.wait(PATIENCE_S):
@@ -102,7 +102,7 @@ def python(endpoint: str) -> list[str]:
 
 def main() -> int:
     """Test each example; return the exit code."""
-    with speaking_hub() as endpoint:
+    with publishing_hub() as endpoint:
         commands = {"python": python(endpoint), "rust": rust(endpoint)}
         missing = [name for name, command in commands.items() if command is None]
         for name, command in commands.items():

@@ -131,9 +131,9 @@ def move_walk() -> Trace:
         state = robot.read(cell.clock.now_ns()).message
         return isinstance(state, RobotState) and state.goal.state == "running"
 
-    wish = MoveRequest(kind="pose", pose=client.move.jogged((0.0, 0.0, MOVE_M), axes="base"))
+    request = MoveRequest(kind="pose", pose=client.move.jogged((0.0, 0.0, MOVE_M), axes="base"))
     with trace.on():
-        client.move.begin(wish)
+        client.move.begin(request)
         cell.advance(1.0, runs)
     return trace
 
@@ -149,11 +149,11 @@ def main(words: list[str]) -> None:
     """Print the table, and on request the call traces."""
     parser = argparse.ArgumentParser(description=__doc__, prog="python -m tools.walks")
     parser.add_argument("--list", action="store_true", help="every file and function as well")
-    asked = parser.parse_args(words)
+    options = parser.parse_args(words)
     for name, walk in WALKS.items():
         trace = walk()
         print(f"{name}: {len(trace.files)} files, {len(trace.functions)} functions")
-        if asked.list:
+        if options.list:
             for file in trace.files:
                 names = ", ".join(function for where, function in trace.functions if where == file)
                 print(f"  {file}: {names}")

@@ -107,7 +107,7 @@ def defect(name: str, root: Path = ROOT, run: WholeRun | None = None) -> str:
     if record["command"] != run.command:
         return f"{name}: kept of `{record['command']}`, the table says `{run.command}`; {again}"
     if record["exit_code"] != 0 and not run.may_fail_until:
-        return f"{name}: failed at {record['commit']}; mend what it found, and {again}"
+        return f"{name}: failed at {record['commit']}; fix the cause, and {again}"
     behind = int(
         git("rev-list", "--count", f"{kept_at(name, root)}..HEAD", "--", *run.about, root=root)
     )
@@ -145,9 +145,9 @@ def main() -> int:
     given = parser.parse_args()
     if given.verb == "keep":
         return min(keep(given.name), 2)
-    complaints = [said for name in RUNS if (said := defect(name))]
-    print("\n".join([*complaints, *failures()]) or f"{len(RUNS)} whole runs are kept, all well")
-    return 1 if complaints else 0
+    defects = [found for name in RUNS if (found := defect(name))]
+    print("\n".join([*defects, *failures()]) or f"{len(RUNS)} whole runs are kept, all well")
+    return 1 if defects else 0
 
 
 def failures(root: Path = ROOT, runs: Mapping[str, WholeRun] = RUNS) -> Iterator[str]:

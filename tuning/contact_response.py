@@ -103,11 +103,11 @@ def _modelled_forces(
     count = int(duration_s / GRID_S) + 2
     delay_steps = np.maximum(1, np.round(taus / GRID_S).astype(int))
     step_N, sign = abs(then_N - first_N), np.sign(then_N - first_N)
-    wanted = first_N + sign * np.minimum(step_N, ramp_N_s * np.arange(count) * GRID_S)
+    setpoint = first_N + sign * np.minimum(step_N, ramp_N_s * np.arange(count) * GRID_S)
     force = np.full((count, len(taus)), first_N)
     columns = np.arange(len(taus))
     for step in range(1, count):
         then = np.maximum(step - delay_steps, 0)
-        error = force[then, columns] - np.where(step > delay_steps, wanted[then], first_N)
+        error = force[then, columns] - np.where(step > delay_steps, setpoint[then], first_N)
         force[step] = force[step - 1] - rate * GRID_S * error
     return force

@@ -99,14 +99,16 @@ def margins(loop: Loop) -> Margins:
     crossings = _crossings(log_size)
     lead = np.mod(_at(phase, crossings) + pi, 2.0 * pi)
     at = np.exp(_at(np.log(w), crossings))
-    turns = _crossings(np.mod(phase + 2.0 * pi, 2.0 * pi) - pi)
-    half_turns = 1.0 / np.exp(_at(log_size, turns[_at(L.real, turns) < 0.0]))
+    imaginary_crossings = _crossings(np.mod(phase + 2.0 * pi, 2.0 * pi) - pi)
+    sign_changes = 1.0 / np.exp(
+        _at(log_size, imaginary_crossings[_at(L.real, imaginary_crossings) < 0.0])
+    )
     symmetric = np.minimum(lead, 2.0 * pi - lead)
     least = int(np.argmin(symmetric))
     return Margins(
         stable=True,
         phase_deg=degrees(float(symmetric[least])),
-        gain=float(min((g for g in half_turns if g > 1.0), default=inf)),
+        gain=float(min((g for g in sign_changes if g > 1.0), default=inf)),
         delay_s=float(np.min(lead / at)),
         crossover_rad_s=float(at[least]),
     )

@@ -1,1 +1,1 @@
-"""The force benchmark: how well laws hold, release, find and follow a force."""
+"""The force benchmark: control laws that hold, release, search and follow a force."""

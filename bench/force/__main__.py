@@ -46,25 +46,25 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="docs/force.md and its pictures")
     parser.add_argument("--rows", type=Path, help="file of finished tables")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    asked = parser.parse_args()
-    extent, option = (QUICK, "--quick ") if asked.quick else (Extent(), "")
-    if asked.short:
+    options = parser.parse_args()
+    extent, option = (QUICK, "--quick ") if options.quick else (Extent(), "")
+    if options.short:
         extent, option = SHORT, "--short "
     command = f'make bench-force ARGS="{option}--write"'
-    with ProcessPoolExecutor(asked.workers) as pool:
+    with ProcessPoolExecutor(options.workers) as pool:
         rows: Rows = {}
-        if asked.rows is not None and asked.rows.exists():
-            rows = json.loads(asked.rows.read_text(encoding="utf-8"))
+        if options.rows is not None and options.rows.exists():
+            rows = json.loads(options.rows.read_text(encoding="utf-8"))
         for name, table in TABLES.items():
             if name not in rows:
                 rows[name] = table(extent, pool)
-                if asked.rows is not None:
-                    asked.rows.write_text(json.dumps(rows), encoding="utf-8")
-        if asked.json:
+                if options.rows is not None:
+                    options.rows.write_text(json.dumps(rows), encoding="utf-8")
+        if options.json:
             print(json.dumps(rows))
         else:
             Console(width=160).print(Markdown(page(rows, command)))
-        if asked.write:
+        if options.write:
             from bench.force import pictures  # noqa: PLC0415 - matplotlib takes a second
 
             text = as_block_page("force", page(rows, command), command)

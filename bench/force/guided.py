@@ -20,10 +20,10 @@ HandMotion = Callable[[float], tuple[Array, Array]]  # of the hand since the gri
 
 def guide(world: SceneSettings, make: Make) -> Measures:
     """A hand pulls the free tool at 30 mm/s."""
-    along = np.array([0.0, HAND_M_S, 0.0])
+    velocity_m_s = np.array([0.0, HAND_M_S, 0.0])
     rig = ForceRig(replace(world, gap_m=0.05).cell())
     pilot = make(rig)
-    rig.every_tick = grip_force(rig, lambda t: (along * t, along), GRIP_N_M)
+    rig.every_tick = grip_force(rig, lambda t: (velocity_m_s * t, velocity_m_s), GRIP_N_M)
     trace = rig.run(pilot, 2.0)
     force = np.array(trace.force_N)[:, 1][np.array(trace.t_s) > 1.0]
     return {"hand_N": float(np.abs(force).mean()), "hand_peak_N": float(np.abs(force).max())}
@@ -53,7 +53,9 @@ def guide_to_a_wall(world: SceneSettings, make: Make) -> Measures:
     }
 
 
-def grip_force(rig: ForceRig, way: HandMotion, grip_N_m: float) -> Callable[[ForceRig], None]:
+def grip_force(
+    rig: ForceRig, hand_motion: HandMotion, grip_N_m: float
+) -> Callable[[ForceRig], None]:
     """Return the function that applies the force of the hand at every tick."""
     tool, start = rig.arm.model.body("tool").id, rig.arm.ticks
     home: Array = np.array(rig.arm.T_base_tcp.translation)
@@ -62,8 +64,8 @@ def grip_force(rig: ForceRig, way: HandMotion, grip_N_m: float) -> Callable[[For
     def pull(rig: ForceRig) -> None:
         at = np.array(rig.arm.T_base_tcp.translation)
         speed, last[0] = (at - last[0]) / TICK_S, at
-        place, wanted = way((rig.arm.ticks - start) * TICK_S)
-        force_N = grip_N_m * (home + place - at) + GRIP_NS_M * (wanted - speed)
+        place, hand_speed = hand_motion((rig.arm.ticks - start) * TICK_S)
+        force_N = grip_N_m * (home + place - at) + GRIP_NS_M * (hand_speed - speed)
         rig.arm.data.xfrc_applied[tool][:3] = force_N
 
     return pull

@@ -90,7 +90,7 @@ def _releases(rows: list[Row]) -> Iterable[str]:
         title = "delay known" if error == 0.0 else f"delay assumed {error:+g} ms wrong"
         body = []
         for delay, line in groupby(these, key=lambda row: int(row["delay_ms"])):
-            cells = [f"{_release(r)}, {r['believed']:.2f} k" for r in line]
+            cells = [f"{_release(r)}, {r['stiffness_ratio']:.2f} k" for r in line]
             body.append((f"{delay} ms", *cells))
         yield _table((title, *(f"{k:g}" for k in stiffnesses)), body)
 
@@ -101,8 +101,8 @@ def _slow(rows: list[Row]) -> str:
             f"{r['loop_hz']:g} Hz",
             f"{r['stiffness_N_m']:g}",
             _s(r["first_s"]),
-            _s(r["met_s"]),
-            f"{max(r['first_overshoot_pct'], r['met_overshoot_pct']):.1f} %",
+            _s(r["identified_s"]),
+            f"{max(r['first_overshoot_pct'], r['identified_overshoot_pct']):.1f} %",
         )
         for r in rows
     ]
@@ -131,8 +131,8 @@ def _limited(rows: list[Row]) -> str:
             f"{r['speed_m_s'] * 1e3:g} mm/s",
             f"{r['stiffness_N_m']:g}",
             _s(r["first_s"]),
-            _s(r["met_s"]),
-            f"{max(r['first_overshoot_pct'], r['met_overshoot_pct']):.1f} %",
+            _s(r["identified_s"]),
+            f"{max(r['first_overshoot_pct'], r['identified_overshoot_pct']):.1f} %",
         )
         for r in rows
     ]
@@ -149,8 +149,8 @@ def _brakes(rows: list[Row]) -> str:
 
 
 def _release(row: Row) -> str:
-    overshoot_pct = max(row["first_overshoot_pct"], row["met_overshoot_pct"])
-    return f"{_tau(row, 'first')} / {_tau(row, 'met')}, {overshoot_pct:.0f} %"
+    overshoot_pct = max(row["first_overshoot_pct"], row["identified_overshoot_pct"])
+    return f"{_tau(row, 'first')} / {_tau(row, 'identified')}, {overshoot_pct:.0f} %"
 
 
 def _peers(rows: list[Row]) -> Iterable[str]:
@@ -159,9 +159,9 @@ def _peers(rows: list[Row]) -> Iterable[str]:
         body = [
             (
                 _where(r),
-                *(_s(r[name]) for name in ("one_s", "tuned_here_s", "first_s", "met_s")),
+                *(_s(r[name]) for name in ("one_s", "tuned_here_s", "first_s", "identified_s")),
                 _lead(r["one_s"], r["first_s"]),
-                _lead(r["tuned_here_s"], r["met_s"]),
+                _lead(r["tuned_here_s"], r["identified_s"]),
             )
             for r in these
         ]
@@ -174,7 +174,7 @@ def _peers(rows: list[Row]) -> Iterable[str]:
 def _fixed(row: Row) -> str:
     return (
         f"A PI with the gain rule for 1e5 N/m takes {_s(row['fixed_s'])} on 5e3 N/m at 10 ms, "
-        f"ours {_s(row['met_s'])} with the stiffness identified.\n"
+        f"ours {_s(row['identified_s'])} with the stiffness identified.\n"
     )
 
 

@@ -42,15 +42,15 @@ class Admittance:
         self._gain, self._time_s, self._longest_m_s = gain_m_per_Ns, time_s, longest_m_s
         self.setpoint_N = 0.0
 
-    def step(self, heard: LawSample) -> pin.SE3:
+    def step(self, sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        error_N = _error_N(heard, self.setpoint_N)
-        if heard.limited:
-            self._body.T_base_tcp = heard.T_let_through
-        share = 1.0 - float(np.exp(-heard.dt_s / self._time_s))
-        wanted = self._gain * error_N
-        speed = self._body.speed_m_s + share * (wanted - self._body.speed_m_s)
-        return self._body.moved(speed, heard.dt_s, self._longest_m_s)
+        error_N = _error_N(sample, self.setpoint_N)
+        if sample.limited:
+            self._body.T_base_tcp = sample.T_let_through
+        share = 1.0 - float(np.exp(-sample.dt_s / self._time_s))
+        target_speed = self._gain * error_N
+        speed = self._body.speed_m_s + share * (target_speed - self._body.speed_m_s)
+        return self._body.moved(speed, sample.dt_s, self._longest_m_s)
 
 
 class Fdcc:
@@ -65,17 +65,17 @@ class Fdcc:
         self._last_N: Array | None = None
         self.setpoint_N = 0.0
 
-    def step(self, heard: LawSample) -> pin.SE3:
+    def step(self, sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        error_N = _error_N(heard, self.setpoint_N)
-        change = np.zeros(3) if self._last_N is None else (error_N - self._last_N) / heard.dt_s
+        error_N = _error_N(sample, self.setpoint_N)
+        change = np.zeros(3) if self._last_N is None else (error_N - self._last_N) / sample.dt_s
         self._last_N = error_N
-        if heard.limited:
-            self._body.T_base_tcp = heard.T_let_through
+        if sample.limited:
+            self._body.T_base_tcp = sample.T_let_through
         push = (1.0 / KEPT_SPEED - 1.0) * self._gain * (error_N + self._time_s * change)
         speed = KEPT_SPEED * (self._body.speed_m_s + push)
-        return self._body.moved(speed, heard.dt_s, self._longest_m_s)
+        return self._body.moved(speed, sample.dt_s, self._longest_m_s)
 
 
-def _error_N(heard: LawSample, setpoint_N: float) -> Array:
-    return np.asarray(heard.force_N + setpoint_N * heard.T_base_tcp.rotation[:, 2])
+def _error_N(sample: LawSample, setpoint_N: float) -> Array:
+    return np.asarray(sample.force_N + setpoint_N * sample.T_base_tcp.rotation[:, 2])

@@ -36,20 +36,20 @@ class AdaptiveLawRunner:
         self.law = start_at(T_base_tcp)
         self.memory = adaptive.begin(T_base_tcp, T_measured or T_base_tcp, self.settings)
 
-    def step(self, heard: LawSample) -> pin.SE3:
+    def step(self, law_sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = back_calculate(self.law, heard.T_let_through) if heard.limited else self.law
-        sample = _sample(heard, self, law)
+        law = back_calculate(self.law, law_sample.T_let_through) if law_sample.limited else self.law
+        sample = _sample(law_sample, self, law)
         self.law, self.memory = adaptive.advance(
             law,
             self.memory,
             sample,
-            heard.T_base_tcp,
+            law_sample.T_base_tcp,
             gains=self.gains,
             plain=self.plain,
             settings=self.settings,
         )
-        self.law = with_lateral_travel(self.law, self.across_m_s * heard.dt_s)
+        self.law = with_lateral_travel(self.law, self.across_m_s * law_sample.dt_s)
         return self.law.T_base_tcp
 
 
@@ -75,12 +75,12 @@ class PlainLawRunner:
         self.mode, self.setpoint_N, self.across_m_s = mode, setpoint_N, np.zeros(3)
         self.law = start_at(T_base_tcp)
 
-    def step(self, heard: LawSample) -> pin.SE3:
+    def step(self, law_sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = back_calculate(self.law, heard.T_let_through) if heard.limited else self.law
-        sample = _sample(heard, self, law)
+        law = back_calculate(self.law, law_sample.T_let_through) if law_sample.limited else self.law
+        sample = _sample(law_sample, self, law)
         self.law = step(law, sample, self.gains, self.plain)
-        self.law = with_lateral_travel(self.law, self.across_m_s * heard.dt_s)
+        self.law = with_lateral_travel(self.law, self.across_m_s * law_sample.dt_s)
         return self.law.T_base_tcp
 
 
@@ -95,14 +95,14 @@ class GuidingLawRunner:
         self.setpoint_N, self.across_m_s = 0.0, np.zeros(3)
         self.law, self.memory = start_at(T_base_tcp), admittance.begin(T_measured)
 
-    def step(self, heard: LawSample) -> pin.SE3:
+    def step(self, law_sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
-        law = back_calculate(self.law, heard.T_let_through) if heard.limited else self.law
+        law = back_calculate(self.law, law_sample.T_let_through) if law_sample.limited else self.law
         self.law, self.memory = admittance.advance(
             law,
             self.memory,
-            LawInput(heard.force_N, heard.torque_Nm, 0.0, self.mode, heard.dt_s),
-            heard.T_base_tcp,
+            LawInput(law_sample.force_N, law_sample.torque_Nm, 0.0, self.mode, law_sample.dt_s),
+            law_sample.T_base_tcp,
             gains=self.gains,
             plain=self.plain,
             settings=self.settings,
@@ -111,23 +111,23 @@ class GuidingLawRunner:
 
 
 def _sample(
-    heard: LawSample, pilot: "AdaptiveLawRunner | PlainLawRunner", law: LawState
+    law_sample: LawSample, pilot: "AdaptiveLawRunner | PlainLawRunner", law: LawState
 ) -> LawInput:
     """Return the input of a law; axes of an imposed lateral motion are not force-controlled."""
     led = bool(pilot.across_m_s.any())
     return LawInput(
-        heard.force_N,
-        heard.torque_Nm,
+        law_sample.force_N,
+        law_sample.torque_Nm,
         pilot.setpoint_N,
         pilot.mode,
-        heard.dt_s,
+        law_sample.dt_s,
         R_base_task=law.T_base_tcp.rotation,
         axes=(not led, not led, True, True, True, True),
     )
 
 
-def with_lateral_travel(law: LawState, way_m: Array) -> LawState:
+def with_lateral_travel(law: LawState, travel_m: Array) -> LawState:
     """Move the tool perpendicular to its axis, independent of the force."""
     T, axis = law.T_base_tcp, law.T_base_tcp.rotation[:, 2]
-    across_m = way_m - (way_m @ axis) * axis
+    across_m = travel_m - (travel_m @ axis) * axis
     return replace(law, T_base_tcp=pin.SE3(T.rotation, T.translation + across_m))

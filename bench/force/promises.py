@@ -63,7 +63,7 @@ def _taus(name: str) -> Callable[[Row], float]:
 
 
 def _overshoot(row: Row) -> float:
-    return max(float(row["first_overshoot_pct"]), float(row["met_overshoot_pct"]))
+    return max(float(row["first_overshoot_pct"]), float(row["identified_overshoot_pct"]))
 
 
 def _releases(rows: list[Row]) -> Iterable[Requirement | None]:
@@ -75,13 +75,13 @@ def _releases(rows: list[Row]) -> Iterable[Requirement | None]:
     others = [row for row in right if row not in undelayed]
     late = [r for r in stiff if r["delay_error_ms"] == 5.0 and r not in undelayed]
     yield _worst("first contact, tau", 9.0, safe, _taus("first"))
-    yield _worst("stiffness identified, tau", 5.0, others, _taus("met"))
-    yield _worst("the same, delay assumed 5 ms long", 5.0, late, _taus("met"))
-    yield _worst("both, k <= 1e4 without delay", 6.0, undelayed, _taus("met"))
+    yield _worst("stiffness identified, tau", 5.0, others, _taus("identified"))
+    yield _worst("the same, delay assumed 5 ms long", 5.0, late, _taus("identified"))
+    yield _worst("both, k <= 1e4 without delay", 6.0, undelayed, _taus("identified"))
     yield _worst("overshoot, % (delay exact or 5 ms long)", 5.0, safe, _overshoot)
     far = [row for row in right if row["stiffness_N_m"] >= 1e4 and row["delay_ms"] >= 10]
     yield _worst("stricter, k >= 1e4, delay >= 10 ms, first, tau", 7.0, far, _taus("first"))
-    yield _worst("the same, identified, tau", 4.0, far, _taus("met"))
+    yield _worst("the same, identified, tau", 4.0, far, _taus("identified"))
     wrong = [row for row in stiff if row["delay_error_ms"] == 10.0]
     yield _worst("delay assumed 10 ms long, tau", 11.0, wrong, _taus("first"))
     yield _worst("the same, overshoot, %", 10.0, wrong, _overshoot)
@@ -97,8 +97,8 @@ def _capped_s(row: Row) -> float:
 
 def _limited(rows: list[Row]) -> Iterable[Requirement | None]:
     def part(row: Row) -> float:
-        way_s = (PRESS_N - BAND_N) / (float(row["stiffness_N_m"]) * float(row["speed_m_s"]))
-        limited_s = way_s + 5.0 * float(row["tau_s"])
+        approach_s = (PRESS_N - BAND_N) / (float(row["stiffness_N_m"]) * float(row["speed_m_s"]))
+        limited_s = approach_s + 5.0 * float(row["tau_s"])
         return _or_never(row["first_s"]) / max(limited_s, _capped_s(row))
 
     soft = [row for row in rows if row["stiffness_N_m"] < 5e3]
@@ -119,17 +119,23 @@ def with_own_results(rows: Rows) -> list[Row]:
         if row["delay_error_ms"] == 0.0
     }
     both = [(peer, ours[peer["stiffness_N_m"], peer["delay_ms"]]) for peer in rows["peers"]]
-    return [peer | {"first_s": row["first_s"], "met_s": row["met_s"]} for peer, row in both]
+    return [
+        peer | {"first_s": row["first_s"], "identified_s": row["identified_s"]}
+        for peer, row in both
+    ]
 
 
 def _slow(rows: list[Row]) -> Iterable[Requirement | None]:
-    for hz, first, met in ((60.0, 0.5, 0.35), (30.0, 0.8, 0.45), (15.0, 1.4, 0.65)):
+    for hz, first, identified in ((60.0, 0.5, 0.35), (30.0, 0.8, 0.45), (15.0, 1.4, 0.65)):
         these = [row for row in rows if row["loop_hz"] == hz]
         yield _worst(
             f"loop of {hz:g} Hz, first, s", first, these, lambda r: _or_never(r["first_s"])
         )
         yield _worst(
-            f"loop of {hz:g} Hz, identified, s", met, these, lambda r: _or_never(r["met_s"])
+            f"loop of {hz:g} Hz, identified, s",
+            identified,
+            these,
+            lambda r: _or_never(r["identified_s"]),
         )
     yield _worst("slow loops, overshoot, %", 5.0, rows, _overshoot)
 
@@ -167,7 +173,7 @@ def _scenes(rows: list[Row]) -> Iterable[Requirement | None]:
 def _peers(rows: list[Row]) -> Iterable[Requirement]:
     """Yield reciprocal speed ratios: met when ours is faster by the required factor."""
     one = [_or_never(row["one_s"]) / _or_never(row["first_s"]) for row in rows]
-    here = [_or_never(row["tuned_here_s"]) / _or_never(row["met_s"]) for row in rows]
+    here = [_or_never(row["tuned_here_s"]) / _or_never(row["identified_s"]) for row in rows]
     scenes = [f"{row['law']}, {row['stiffness_N_m']:g} N/m, {row['delay_ms']} ms" for row in rows]
     yield Requirement(
         "1 / median speed ratio, one setting for all", 1 / 5.0, 1 / float(np.median(one)), ""
@@ -190,7 +196,7 @@ def _peers(rows: list[Row]) -> Iterable[Requirement]:
 
 
 def _fixed(row: Row) -> Requirement:
-    lead = _or_never(row["fixed_s"]) / _or_never(row["met_s"])
+    lead = _or_never(row["fixed_s"]) / _or_never(row["identified_s"])
     return Requirement(
         "1 / speed ratio to a fixed gain safe at 1e5, at 5e3 N/m", 1 / 12.0, 1 / lead, ""
     )

@@ -88,7 +88,7 @@ class LawSample:
 class Pilot(Protocol):
     """Interface of a control law."""
 
-    def step(self, heard: LawSample) -> pin.SE3:
+    def step(self, law_sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
 
 
@@ -130,7 +130,7 @@ class ForceRig:
         self._sensor_ticks = round(1.0 / cell.rates.sensor_hz / TICK_S)
         self._law_ticks = max(1, round(1.0 / cell.rates.control_hz / TICK_S))
         self._pace: CommandedMotion = at_rest(self.arm.T_base_flange)
-        self._on_its_way: list[tuple[int, pin.SE3]] = []
+        self._in_transit: list[tuple[int, pin.SE3]] = []
         self._limited = False
         self.every_tick: Callable[[ForceRig], None] = _nothing
         for _ in range(30):
@@ -159,20 +159,20 @@ class ForceRig:
     def press(self, force_N: float) -> None:
         """Press under position control until the plate pushes back with a force, then rest."""
         k = self.arm.settings.stiffness_N_m
-        way_m = max(0.0, self.arm.lift_off_m) + force_N / k
+        travel_m = max(0.0, self.arm.lift_off_m) + force_N / k
         for _ in range(8):
             T = self._pace.T_base_flange.copy()
-            steps = max(1, int(way_m / 0.0002)) if way_m > 0 else 1
+            steps = max(1, int(travel_m / 0.0002)) if travel_m > 0 else 1
             for number in range(steps):
                 share = (number + 1) / steps
-                aim = T.translation + T.rotation[:, 2] * way_m * share
+                aim = T.translation + T.rotation[:, 2] * travel_m * share
                 self._motion.setpoint(pin.SE3(T.rotation, aim))
                 self._tick()
             for _ in range(100 + self.arm.settings.delay_ticks):
                 self._tick()
-            T_now = pin.SE3(T.rotation, T.translation + T.rotation[:, 2] * way_m)
+            T_now = pin.SE3(T.rotation, T.translation + T.rotation[:, 2] * travel_m)
             self._pace = at_rest(T_now)
-            way_m = (force_N - self.push_N()) / k
+            travel_m = (force_N - self.push_N()) / k
             if abs(force_N - self.push_N()) < 0.3:
                 break
 
@@ -190,7 +190,7 @@ class ForceRig:
     def _steer(self, pilot: Pilot) -> None:
         wrench, dt_s = self.wrench(), self._law_ticks * TICK_S
         T_let_through = self.T_base_tcp
-        heard = LawSample(
+        law_sample = LawSample(
             wrench.force_N,
             wrench.torque_Nm,
             self.arm.T_base_tcp,
@@ -198,10 +198,10 @@ class ForceRig:
             self._limited,
             dt_s,
         )
-        T_target = pilot.step(heard) * self._T_flange_tcp.inverse()
+        T_target = pilot.step(law_sample) * self._T_flange_tcp.inverse()
         self._pace = limit_motion(self._limits, self._pace, T_target, dt_s)
         self._limited = self._pace.lags
-        self._on_its_way.append((self.arm.ticks + CHAIN_TICKS, self._pace.T_base_flange))
+        self._in_transit.append((self.arm.ticks + CHAIN_TICKS, self._pace.T_base_flange))
 
     def _write(self, trace: Trace, t_s: float) -> None:
         wrench, T = self.wrench(), self.arm.T_base_tcp
@@ -213,8 +213,8 @@ class ForceRig:
         trace.push_N.append(-float(wrench.force_N @ T.rotation[:, 2]))
 
     def _tick(self) -> None:
-        while self._on_its_way and self._on_its_way[0][0] <= self.arm.ticks:
-            self._motion.setpoint(self._on_its_way.pop(0)[1])
+        while self._in_transit and self._in_transit[0][0] <= self.arm.ticks:
+            self._motion.setpoint(self._in_transit.pop(0)[1])
         self.every_tick(self)
         self.arm.command_joints(self._motion.tick(TICK_S))
         self.arm.step()

@@ -106,7 +106,7 @@ def scene_rows(extent: Extent, pool: Executor) -> list[Row]:
 
 def release_row(world: SceneSettings) -> Row:
     """Return first contact and identified stiffness, for our law."""
-    first, met = settle.ours(world)
+    first, identified = settle.ours(world)
     row: Row = {
         "stiffness_N_m": world.stiffness_N_m,
         "delay_ms": world.delay_ms,
@@ -115,9 +115,9 @@ def release_row(world: SceneSettings) -> Row:
         "accel_m_s2": world.accel_m_s2,
         "delay_error_ms": world.delay_error_ms,
         "tau_s": first.tau_s,
-        "believed": met.believed,
+        "stiffness_ratio": identified.stiffness_ratio,
     }
-    for name, done in (("first", first), ("met", met)):
+    for name, done in (("first", first), ("identified", identified)):
         row |= {f"{name}_s": done.settling_s, f"{name}_overshoot_pct": done.overshoot_pct}
     return row
 
@@ -127,8 +127,8 @@ def fixed_gain_rows(_: Extent, __: Executor) -> list[Row]:
     world = SceneSettings(5e3, 10)
     tau_s = settle.true_tau_s(world)
     fixed: Release = settle.plain(world, 0.45 / (1e5 * tau_s), SLOW_PLAIN_S)
-    met = settle.ours(world)[1]
-    return [{"fixed_s": fixed.settling_s, "met_s": met.settling_s}]
+    identified = settle.ours(world)[1]
+    return [{"fixed_s": fixed.settling_s, "identified_s": identified.settling_s}]
 
 
 def peer_rows(extent: Extent, pool: Executor) -> list[Row]:

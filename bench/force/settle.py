@@ -23,7 +23,7 @@ class Presser(Protocol):
 
     setpoint_N: float
 
-    def step(self, heard: LawSample) -> pin.SE3:
+    def step(self, sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
 
 
@@ -34,7 +34,7 @@ class Release:
     settling_s: float | None
     overshoot_pct: float  # true lift-off times stiffness, of the step
     tau_s: float  # true
-    believed: float = 0.0  # estimated stiffness, relative to the true one
+    stiffness_ratio: float = 0.0  # estimated stiffness, relative to the true one
 
     @property
     def taus(self) -> float | None:
@@ -92,9 +92,11 @@ def ours(world: SceneSettings) -> tuple[Release, Release]:
             if abs(rig.push_N() - setpoint_N) < 0.5 * BAND_N:
                 break
         rig.run(pilot, 0.3 + 2.0 / (5e-3 * world.stiffness_N_m))
-    believed = float(pilot.memory.k[2]) / world.stiffness_N_m
-    met = release(rig, pilot, world, longest_s)
-    return first, Release(met.settling_s, met.overshoot_pct, met.tau_s, believed)
+    stiffness_ratio = float(pilot.memory.k[2]) / world.stiffness_N_m
+    identified = release(rig, pilot, world, longest_s)
+    return first, Release(
+        identified.settling_s, identified.overshoot_pct, identified.tau_s, stiffness_ratio
+    )
 
 
 def plain(world: SceneSettings, gain_m_per_Ns: float, longest_s: float = 20.0) -> Release:

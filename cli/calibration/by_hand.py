@@ -26,7 +26,7 @@ from identification.static_poses import LEAST_POSES, WORST_CONDITIONING, angle
 NEW_RAD = np.radians(15.0)  # least distance to earlier attitudes for automatic capture
 STILL_S = 1.0  # time at rest before automatic capture
 CHECK_EVERY_NS = 50_000_000
-ENOUGH = 6
+ADVISED_POSES = 6
 KEYS = "Enter records a pose, u removes the last one, q continues"
 HINT = "tilt the tool by 60 degrees or more from the earlier poses, each time about another axis"
 
@@ -168,7 +168,7 @@ class PoseRecorder:
         if count < LEAST_POSES or found > WORST_CONDITIONING:
             self._output.note(
                 f"{count} poses with condition number {found:.0f} do not determine a fit (at most "
-                f"{WORST_CONDITIONING:.0f}, better {ENOUGH} poses or more): {HINT}"
+                f"{WORST_CONDITIONING:.0f}, better {ADVISED_POSES} poses or more): {HINT}"
             )
             return False
         return True

@@ -121,7 +121,7 @@ class Drive:
     def check(self) -> None:
         """Raise StoppedError with the arbiter's reason when the arm was stopped."""
         reading = self._arbiter.read(self._clock.now_ns())
-        if reading.fresh is not None and not reading.fresh.goes_on:
+        if reading.fresh is not None and not reading.fresh.operational:
             raise StoppedError(_stop_reason(reading.fresh))
         if reading.silent and reading.message is not None:
             raise CalibrationError(f"no arbiter status: {reading.fault}")

@@ -37,7 +37,7 @@ SpeedOption = Annotated[
 DwellOption = Annotated[
     float, typer.Option(min=0.1, max=10.0, help="Averaging time at a pose [s].")
 ]
-Turn = Annotated[
+RotationOption = Annotated[
     float, typer.Option(min=30.0, max=180.0, help="Largest rotation of joints 4 to 6 [deg].")
 ]
 MaxForce = Annotated[float, typer.Option(min=0.001, help="Largest residual force [N].")]
@@ -135,7 +135,7 @@ def calibrate(
     verify_poses: VerifyPoses = 4,
     speed: SpeedOption = None,
     dwell: DwellOption = 0.5,
-    turn: Turn = 120.0,
+    turn: RotationOption = 120.0,
     max_force: MaxForce = 0.5,
     max_torque: MaxTorque = 0.05,
     force: Force = False,

@@ -57,8 +57,8 @@ def play_real(
         processes.wait_ready()
         try:
             with (
-                recorder_sidecar(processes, wanted=recorder),
-                panel_sidecar(processes, wanted=panel),
+                recorder_sidecar(processes, enabled=recorder),
+                panel_sidecar(processes, enabled=panel),
                 open_bus(cell, CLIENT) as client,
             ):
                 check = _death_check(processes)

@@ -18,7 +18,7 @@ from cli.demo.scenario import (
 from common.config.cell import CellConfig
 
 # fmt: off
-LABELS = {  # of the numbers in robot/health
+LABELS = {  # of the numbers of robot/health in the table
     "framed_round_trip_p50_s": "command to acknowledgement, p50 [s]",
     "framed_round_trip_p99_s": "command to acknowledgement, p99 [s]",
     "taken_round_trip_p50_s": "command to execution, p50 [s]",
@@ -65,8 +65,9 @@ def table(result: Result, plan: ScenarioPlan, started: str) -> Table:
     if result.chain_latency_us_p50 is not None and result.chain_latency_us_p99 is not None:
         p50, p99 = result.chain_latency_us_p50, result.chain_latency_us_p99
         rows.add_row("whole chain", f"{p50:.0f} / {p99:.0f} us", "sensor to robot, p50 / p99")
-    for name, number in result.robot_numbers.items():
-        rows.add_row(LABELS.get(name, name), f"{number:.3g}", "from robot/health")
+    for name, label in LABELS.items():  # the others are in --json
+        if name in result.robot_numbers:
+            rows.add_row(label, f"{result.robot_numbers[name]:.3g}", "from robot/health")
     return rows
 
 

@@ -134,8 +134,8 @@ class Scenario:
     def _press(self) -> None:
         """Press in position mode until the force is steady."""
         self._start_ns = self._clock.now_ns()
-        wanted = ForceStartRequest(mode="position", setpoint_N=self._plan.press_N)
-        self._ask(topics.FORCE_START, wanted)
+        start_request = ForceStartRequest(mode="position", setpoint_N=self._plan.press_N)
+        self._ask(topics.FORCE_START, start_request)
         steady_since_s = float("inf")
         while (sample := self._watch("pressing", self.trace.press)) is None or (
             sample.t_s - steady_since_s < PRESS_STEADY_S
@@ -157,11 +157,13 @@ class Scenario:
     def _run_force_feedback(self) -> None:
         """Start force feedback and record until it has settled or the timeout has passed."""
         plan, trace = self._plan, self.trace
-        wanted = ForceStartRequest(mode=plan.mode, host=plan.host, setpoint_N=plan.setpoint_N)
+        start_request = ForceStartRequest(
+            mode=plan.mode, host=plan.host, setpoint_N=plan.setpoint_N
+        )
         offset_s = (self._clock.now_ns() - self._start_ns) / NS_PER_S
         trace.press = [_shifted_sample(sample, -offset_s) for sample in trace.press]
         self._start_ns = self._clock.now_ns()
-        trace.started = self._ask(topics.FORCE_START, wanted).text
+        trace.started = self._ask(topics.FORCE_START, start_request).text
         inside_since_s: float | None = None
         while True:
             sample = self._watch("force feedback", trace.work)
@@ -188,7 +190,7 @@ class Scenario:
         fresh = self._tick(phase)
         now_ns = self._clock.now_ns()
         status = self._arbiter.read(now_ns)
-        if status.fault or (status.fresh and not status.fresh.goes_on):
+        if status.fault or (status.fresh and not status.fresh.operational):
             raise ScenarioError(f"while {phase}: {_stop_reason(status.fresh, status.fault)}")
         wrench, robot = self._wrench.read(now_ns).message, self._robot.read(now_ns).message
         if not fresh or wrench is None or robot is None or not wrench.valid:

@@ -84,11 +84,11 @@ def check_protocol(version: int) -> ReportLine:
     return finding("protocol", "FAIL", found, "protocol")
 
 
-def check_arm(number: int, wanted: int) -> ReportLine:
+def check_arm(number: int, expected: int) -> ReportLine:
     """Compare the number of the arm with the cell file's: cables may be swapped."""
-    if number == wanted:
+    if number == expected:
         return passed("arm", f"number {number}")
-    return finding("arm", "FAIL", f"number {number}, the cell file requires {wanted}", "arm")
+    return finding("arm", "FAIL", f"number {number}, the cell file requires {expected}", "arm")
 
 
 def check_peer(*, any_peer: bool | None) -> ReportLine:

@@ -177,8 +177,8 @@ class _ControllerExchange:
                 self._probe()
                 self._receive_for(PROBE_EVERY_S)
             self._probe()
-            self._receive_for(self.patience.confirm_s, lambda: self.dialogue.unframed == 0)
-            self.reports.held = self.dialogue.unframed == 0
+            self._receive_for(self.patience.confirm_s, lambda: self.dialogue.unacknowledged == 0)
+            self.reports.held = self.dialogue.unacknowledged == 0
         except (OSError, RemoteProtocolError) as error:
             self.reports.broken = str(error)
         now_ns = time.monotonic_ns()

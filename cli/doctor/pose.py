@@ -72,19 +72,19 @@ def check_pose(
         f"the model, rounding gives {1e3 * limit.position_m:.3f} mm and "
         f"{degrees(limit.rotation_rad):.4f} deg"
     )
-    if _is_within(difference, limit):
+    if _is_below(difference, limit):
         return passed("pose", found)
-    if _is_within(difference, Tolerance(SMALL_M, SMALL_RAD)):
+    if _is_below(difference, Tolerance(SMALL_M, SMALL_RAD)):
         return finding("pose", "WARN", found, "pose.small")
     tolerance = Tolerance(limit.position_m + SMALL_M, limit.rotation_rad + SMALL_RAD)
     for text, remedy, T_explained in _explanations(T_model, q, frames, arm):
-        if _is_within(distance(T_explained, T_reported), tolerance):
+        if _is_below(distance(T_explained, T_reported), tolerance):
             return finding("pose", "FAIL", f"{found}: {text}", remedy)
     text, remedy = _likely_frame(T_model, T_reported, tolerance)
     return finding("pose", "FAIL", f"{found}: {text}", remedy)
 
 
-def _is_within(difference: Tolerance, limit: Tolerance) -> bool:
+def _is_below(difference: Tolerance, limit: Tolerance) -> bool:
     return (
         difference.position_m <= limit.position_m and difference.rotation_rad <= limit.rotation_rad
     )

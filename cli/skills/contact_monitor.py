@@ -108,7 +108,7 @@ class ContactMonitor:
 
     def _raise_when_stopped(self) -> None:
         status = self._cell.status()
-        if not status.goes_on:
+        if not status.operational:
             raise stopped_error(status, "the arm was stopped")
 
     def until(

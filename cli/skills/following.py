@@ -30,7 +30,7 @@ PRESS_AXES, FLAT_AXES = (
     (False, False, True, False, False, False),
     (False, False, True, True, True, False),
 )
-START_WITHIN_M = 0.02  # lateral; a path that starts farther away is rejected
+START_TOLERANCE_M = 0.02  # lateral; a path that starts farther away is rejected
 BEGINNING_S = 1.0  # start of the path, not counted in the mean error
 AT_REST_S = 0.2
 DONE_M = 1e-5
@@ -118,7 +118,7 @@ def _placed_points(
         return [point - points[0] + p_tcp_m for point in points]
     offset = points[0] - p_tcp_m
     distance_m = float(np.linalg.norm(offset - (offset @ axis) * axis))
-    if distance_m > START_WITHIN_M:
+    if distance_m > START_TOLERANCE_M:
         text = f"the path starts {1e3 * distance_m:.0f} mm away from the tool"
         raise DataError(f"{text}: move there first, or start at the tool with --from-here")
     return list(points)

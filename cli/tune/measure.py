@@ -238,7 +238,7 @@ class TuningMeasurement:
                 arrived_ns = self._clock.now_ns()
             if spent_s > within_s:
                 raise NotReachedError(f"the small steps took longer than {within_s:g} s")
-            if not self._cell.status().goes_on:
+            if not self._cell.status().operational:
                 raise stopped_error(self._cell.status(), "the arm was stopped")
 
     def _settled_point(

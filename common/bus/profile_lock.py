@@ -56,10 +56,10 @@ def announce(folder: Path, profile: str) -> int:
 
 def replaced_by(folder: Path, profile: str) -> str:
     """Return the requested profile that replaces another one, empty when there is none."""
-    return next((each for each in REPLACED_BY.get(profile, ()) if _is_asked(folder, each)), "")
+    return next((each for each in REPLACED_BY.get(profile, ()) if _is_requested(folder, each)), "")
 
 
-def _is_asked(folder: Path, profile: str) -> bool:
+def _is_requested(folder: Path, profile: str) -> bool:
     """Return whether the container of a profile runs. Shared locks do not block each other."""
     try:
         lock = os.open(folder / f"asked-{profile}", os.O_RDONLY)
@@ -74,7 +74,7 @@ def _is_asked(folder: Path, profile: str) -> bool:
     return False
 
 
-def claim(folder: Path, wanted: Choice) -> int | None:
+def acquire(folder: Path, choice: Choice) -> int | None:
     """Put a choice in use, if no process runs with another one.
 
     Returns:
@@ -87,9 +87,9 @@ def claim(folder: Path, wanted: Choice) -> int | None:
         pass  # a process runs, perhaps with this choice
     else:
         (folder / LINK).unlink(missing_ok=True)
-        (folder / LOCK).write_text(wanted.profile, "utf-8")
-        (folder / LINK).symlink_to(wanted.file)
-    return _share(lock, folder, wanted)
+        (folder / LOCK).write_text(choice.profile, "utf-8")
+        (folder / LINK).symlink_to(choice.file)
+    return _share(lock, folder, choice)
 
 
 def hold(folder: Path, profiles: tuple[str, ...]) -> int | None:
@@ -98,37 +98,37 @@ def hold(folder: Path, profiles: tuple[str, ...]) -> int | None:
     Returns:
         The lock that keeps it in use, None when there is none to share.
     """
-    there = chosen(folder)
-    if there is None or (profiles and there.profile not in profiles):
+    present = chosen(folder)
+    if present is None or (profiles and present.profile not in profiles):
         return None
-    if replaced_by(folder, there.profile):
+    if replaced_by(folder, present.profile):
         return None
-    return _share(os.open(folder / LOCK, os.O_RDONLY), folder, there)
+    return _share(os.open(folder / LOCK, os.O_RDONLY), folder, present)
 
 
-def _share(lock: int, folder: Path, wanted: Choice) -> int | None:
+def _share(lock: int, folder: Path, choice: Choice) -> int | None:
     fcntl.flock(lock, fcntl.LOCK_SH)
-    if chosen(folder) == wanted:
+    if chosen(folder) == choice:
         return lock
     os.close(lock)  # the choice changed before the lock was acquired
     return None
 
 
-def taken(there: Choice | None, wanted: Choice) -> str:
+def not_in_use_text(present: Choice | None, choice: Choice) -> str:
     """Return the message while a valid choice is not in use.
 
     A choice left waiting could be the first one after the next boot.
     """
-    if there is None:
+    if present is None:
         return "not in use yet; see the log of this container"
     return (
-        f"the profile {there.profile} is in use with {there.file}, and a cell has only one profile "
-        f"and file: first `{command_of(there.profile, 'down')}`, or remove this one: "
-        f"`{command_of(wanted.profile, f'rm -s -f {wanted.profile}-cell')}`"
+        f"the profile {present.profile} is in use with {present.file}, and a cell has only one "
+        f"profile and file: first `{command_of(present.profile, 'down')}`, or remove this one: "
+        f"`{command_of(choice.profile, f'rm -s -f {choice.profile}-cell')}`"
     )
 
 
-def stands_back(other: str) -> str:
+def standby_text(other: str) -> str:
     """Return the message of the simulation while another profile is requested."""
     return (
         f"on standby: the profile {other} replaces the simulation, until "
@@ -139,53 +139,53 @@ def stands_back(other: str) -> str:
 class Keeper:
     """Keeper of a choice: puts it in use, or reports once what prevents it."""
 
-    def __init__(self, folder: Path, wanted: Choice) -> None:
+    def __init__(self, folder: Path, choice: Choice) -> None:
         """Announce the choice; the profiles that it replaces end."""
-        self._folder, self._wanted = folder, wanted
+        self._folder, self._choice = folder, choice
         (folder / LOCK).touch()  # waiting containers then do not report a missing profile
-        self._asked = announce(folder, wanted.profile)
+        self._announcement = announce(folder, choice.profile)
         self._lock: int | None = None
-        self._said = ""
+        self._logged = ""
         self._since_s = time.monotonic()
         self._heartbeat = heartbeat_of_this_process()
 
     def step(self) -> str:
         """Run one step; return what prevents the use, empty when in use or on standby."""
-        if other := replaced_by(self._folder, self._wanted.profile):
+        if other := replaced_by(self._folder, self._choice.profile):
             self._give_back()
-            return self._tell("", stands_back(other))
+            return self._log("", standby_text(other))
         if self._lock is not None:
-            return self._tell("", f"in use with {self._wanted.file}")
-        if complaint := problem_with(self._wanted):
-            return self._tell(complaint, complaint)
-        self._lock = claim(self._folder, self._wanted)
+            return self._log("", f"in use with {self._choice.file}")
+        if fault := problem_with(self._choice):
+            return self._log(fault, fault)
+        self._lock = acquire(self._folder, self._choice)
         if self._lock is not None:
-            return self._tell("", f"in use with {self._wanted.file}")
-        there = chosen(self._folder)
-        if there is not None and replaced_by(self._folder, there.profile):
-            return self._tell("replacing the simulation", "")
-        complaint = taken(there, self._wanted)
-        return self._tell(complaint, complaint)
+            return self._log("", f"in use with {self._choice.file}")
+        present = chosen(self._folder)
+        if present is not None and replaced_by(self._folder, present.profile):
+            return self._log("replacing the simulation", "")
+        fault = not_in_use_text(present, self._choice)
+        return self._log(fault, fault)
 
     def _give_back(self) -> None:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
 
-    def _tell(self, complaint: str, words: str) -> str:
+    def _log(self, fault: str, text: str) -> str:
         """Log a new message. A complaint that another container may resolve is delayed."""
-        self._heartbeat.beat(time.monotonic_ns(), complaint)
-        replaceable = self._wanted.profile in REPLACED_BY
+        self._heartbeat.beat(time.monotonic_ns(), fault)
+        replaceable = self._choice.profile in REPLACED_BY
         too_early = time.monotonic() - self._since_s < GRACE_S
-        if words and words != self._said and not (complaint and replaceable and too_early):
-            _say(f"{self._wanted.profile}-cell: {words}")
-            self._said = words
-        return complaint
+        if text and text != self._logged and not (fault and replaceable and too_early):
+            _write(f"{self._choice.profile}-cell: {text}")
+            self._logged = text
+        return fault
 
 
-def keep(folder: Path, wanted: Choice) -> NoReturn:
+def keep(folder: Path, choice: Choice) -> NoReturn:
     """Keep a choice in use until the process is ended."""
-    keeper = Keeper(folder, wanted)
+    keeper = Keeper(folder, choice)
     while True:
         keeper.step()
         time.sleep(RETRY_S)
@@ -196,9 +196,9 @@ def run(folder: Path, profiles: tuple[str, ...], command: list[str]) -> NoReturn
     heartbeat = heartbeat_of_this_process()
     while True:
         lock = _wait(folder, profiles, command, heartbeat)
-        there = chosen(folder)
+        present = chosen(folder)
         os.set_inheritable(lock, True)  # noqa: FBT003 - the lock lives as long as the process
-        code = _play(folder, command, "" if there is None else there.profile, lock)
+        code = _play(folder, command, "" if present is None else present.profile, lock)
         os.close(lock)
         if code is not None:
             sys.exit(code if code >= 0 else 128 - code)
@@ -207,26 +207,26 @@ def run(folder: Path, profiles: tuple[str, ...], command: list[str]) -> NoReturn
 def _wait(folder: Path, profiles: tuple[str, ...], command: list[str], heartbeat: Heartbeat) -> int:
     """Wait for a choice to share; return its lock."""
     patient_until_s = time.monotonic() + LOCK_PATIENCE_S
-    said = ""
+    logged = ""
     while (lock := hold(folder, profiles)) is None:
-        why = waiting(folder, profiles)
-        if time.monotonic() > patient_until_s and why != said:
-            _say(f"{' '.join(command[:3])} waits: {why}" if why else "")
-            said = why
-        is_meant = any(replaced_by(folder, profile) for profile in profiles)
-        heartbeat.beat(time.monotonic_ns(), "" if is_meant else why or "waits for a cell file")
+        cause = waiting(folder, profiles)
+        if time.monotonic() > patient_until_s and cause != logged:
+            _write(f"{' '.join(command[:3])} waits: {cause}" if cause else "")
+            logged = cause
+        is_standby = any(replaced_by(folder, profile) for profile in profiles)
+        heartbeat.beat(time.monotonic_ns(), "" if is_standby else cause or "waits for a cell file")
         time.sleep(LOCK_POLL_S)
     return lock
 
 
 def _play(folder: Path, command: list[str], profile: str, lock: int) -> int | None:
     """Run a command to its end; return its exit code, None when its profile was replaced."""
-    child = subprocess.Popen(command, pass_fds=(lock,), preexec_fn=_die_with_parent)  # noqa: PLW1509
+    child = subprocess.Popen(command, pass_fds=(lock,), preexec_fn=_end_with_parent)  # noqa: PLW1509
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda passed, _frame: child.send_signal(passed))
     while (code := child.poll()) is None:
         if other := replaced_by(folder, profile):
-            _say(f"{' '.join(command[:3])} ends: the profile {other} replaces the simulation")
+            _write(f"{' '.join(command[:3])} ends: the profile {other} replaces the simulation")
             _end(child)
             return None
         with suppress(subprocess.TimeoutExpired):
@@ -244,7 +244,7 @@ def _end(child: subprocess.Popen[bytes]) -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def _die_with_parent() -> None:
+def _end_with_parent() -> None:
     """Make the kernel end the command when its `run` process is killed."""
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
@@ -254,31 +254,31 @@ def _die_with_parent() -> None:
 def waiting(folder: Path, profiles: tuple[str, ...] = ()) -> str:
     """Return why no choice can be shared, empty if a profile's container reports it."""
     if other := next((each for name in profiles if (each := replaced_by(folder, name))), ""):
-        return stands_back(other)
-    there = chosen(folder)
-    if there is not None and not replaced_by(folder, there.profile):
-        return f"the profile {there.profile} is in use, but this container belongs to another one"
+        return standby_text(other)
+    present = chosen(folder)
+    if present is not None and not replaced_by(folder, present.profile):
+        return f"the profile {present.profile} is in use, but this container belongs to another one"
     if (folder / LOCK).exists():
         return ""
     return "no cell file is in use: start the whole cell, `docker compose up`"
 
 
-def check(folder: Path, wanted: Choice) -> int:
+def check(folder: Path, choice: Choice) -> int:
     """Wait until a choice is in use, or print why it is not; return the exit code."""
     patient_until_s = time.monotonic() + LOCK_PATIENCE_S
-    while chosen(folder) != wanted or replaced_by(folder, wanted.profile):
-        complaint = problem_with(wanted)
-        if not complaint and time.monotonic() > patient_until_s:
-            other = replaced_by(folder, wanted.profile)
-            complaint = stands_back(other) if other else taken(chosen(folder), wanted)
-        if complaint:
-            _say(f"{wanted.profile}-cell: {complaint}")
+    while chosen(folder) != choice or replaced_by(folder, choice.profile):
+        fault = problem_with(choice)
+        if not fault and time.monotonic() > patient_until_s:
+            other = replaced_by(folder, choice.profile)
+            fault = standby_text(other) if other else not_in_use_text(chosen(folder), choice)
+        if fault:
+            _write(f"{choice.profile}-cell: {fault}")
             return 1
         time.sleep(LOCK_POLL_S)
     return 0
 
 
-def _say(line: str) -> None:
+def _write(line: str) -> None:
     if line:
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
@@ -295,7 +295,7 @@ def main(words: list[str], folder: Path = FOLDER) -> int:
         case ["run", *rest] if "--" in rest[:-1]:
             end = rest.index("--")
             run(folder, tuple(rest[:end]), rest[end + 1 :])
-    _say(__doc__ or "")
+    _write(__doc__ or "")
     return 2
 
 

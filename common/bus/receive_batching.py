@@ -13,7 +13,7 @@ OPEN_FILES = Path("/proc/self/fd")
 MANY_B = 16_384  # about 60 ms of an active cell
 AT_ONCE = 1
 BUSY = 50  # messages in a step: with fewer, batching has no benefit
-LOOKS = 20  # steps between searches for new connections
+SEARCH_STEPS = 20  # steps between searches for new connections
 
 
 class ReceiveBatching:
@@ -24,13 +24,13 @@ class ReceiveBatching:
         self._seldom = False
         self._steps = 0
 
-    def step(self, heard: int) -> None:
+    def step(self, received: int) -> None:
         """Enable batching after a busy step, disable it after another.
 
         Bytes below the threshold are therefore read two steps later at the latest.
         """
-        was, self._seldom = self._seldom, heard >= BUSY
-        if self._seldom != was or (self._seldom and self._steps % LOOKS == 0):
+        was, self._seldom = self._seldom, received >= BUSY
+        if self._seldom != was or (self._seldom and self._steps % SEARCH_STEPS == 0):
             for number in connections():  # also new ones
                 _let_wait(number, MANY_B if self._seldom else AT_ONCE)
         self._steps += 1

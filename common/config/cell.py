@@ -279,7 +279,7 @@ class GatewaySection(ConfigSection):
     # Longest time between two set points that the controller accepts; within it none moves farther
     # than limits.speed_m_s allows; the controller refuses one that does.
     segment_s: float = Field(0.1, ge=0.02, le=1.0)
-    max_untaken_setpoints: int = Field(1, ge=1, le=10)
+    max_unexecuted_setpoints: int = Field(1, ge=1, le=10)
     watchdog_s: float = Field(0.25, ge=0.1, le=2.0)
     heartbeat_s: float = Field(0.04, gt=0.0, le=0.1)
 

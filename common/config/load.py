@@ -25,7 +25,10 @@ TUNED = (  # fields permitted in the file that a cell file names as `tuning`
     "force.approach_m_s",
 )
 
-RENAMED = {"force.given_J": "force.environment_work_J"}  # keys of older cell files, still read
+RENAMED = {  # keys of older cell files, still read
+    "force.given_J": "force.environment_work_J",
+    "gateway.max_untaken_setpoints": "gateway.max_unexecuted_setpoints",
+}
 
 
 def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> CellConfig:
@@ -171,10 +174,10 @@ def _parsed(text: str) -> tuple[yaml.Node | None, tuple[str, ...]]:
     The C parser is faster, but a file of nothing but brackets crashes the process.
     """
     node = yaml.compose(text, Loader=yaml.SafeLoader)
-    return node, tuple(_said_twice(node))
+    return node, tuple(_duplicates(node))
 
 
-def _said_twice(
+def _duplicates(
     node: yaml.Node | None, path: str = "", inside: tuple[yaml.Node, ...] = ()
 ) -> Iterator[str]:
     """Yield the duplicate names of each section; YAML itself takes the last one."""
@@ -186,7 +189,7 @@ def _said_twice(
         if name in lines:
             yield f"{name}: defined twice, in lines {lines[name]} and {line}"
         lines.setdefault(name, line)
-        yield from _said_twice(value, f"{name}.", (*inside, node))
+        yield from _duplicates(value, f"{name}.", (*inside, node))
 
 
 def _set(tree: Any, dotted: str, value: object, source: str) -> None:

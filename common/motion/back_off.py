@@ -44,21 +44,21 @@ class BackOffPlan:
     """A straight path of the tool without rotation, in base axes."""
 
     kind: Kind
-    way_m: Array  # shape (3,)
+    travel_m: Array  # shape (3,)
 
     def goal(self, T_base_flange: pin.SE3) -> pin.SE3:
         """Return the flange pose at the end."""
-        return pin.SE3(T_base_flange.rotation, T_base_flange.translation + self.way_m)
+        return pin.SE3(T_base_flange.rotation, T_base_flange.translation + self.travel_m)
 
     def __str__(self) -> str:
         """Return a description."""
-        along = {
+        texts = {
             "force": "along the measured force",
             "workspace": "straight back into the workspace",
             "blind": "back along the tool's axis, without a force to follow",
         }
-        way_mm, most_mm_s = 1e3 * length(self.way_m), 1e3 * SPEED_M_S
-        return f"{way_mm:.1f} mm {along[self.kind]}, at most {most_mm_s:g} mm/s"
+        travel_mm, most_mm_s = 1e3 * length(self.travel_m), 1e3 * SPEED_M_S
+        return f"{travel_mm:.1f} mm {texts[self.kind]}, at most {most_mm_s:g} mm/s"
 
 
 def plan(
@@ -81,35 +81,39 @@ def plan(
     if not is_finite_pose(T_base_flange):
         return tripped("not_finite", "the pose of the flange is not finite")
     T_base_tcp = T_base_flange * T_flange_tcp
-    found = _followed(limits, T_base_tcp, wrench)
-    if isinstance(found, Trip):
-        if found.code != "no_direction" or not confirmed:
-            return found
-        found = BackOffPlan("blind", -BLIND_M * T_base_tcp.rotation[:, 2])
-    way_m = _not_outward(limits, T_base_tcp.translation, found.way_m)
-    return _within(relaxed_limits(limits, T_base_tcp), T_base_tcp, replace(found, way_m=way_m))
+    path = _direct_path(limits, T_base_tcp, wrench)
+    if isinstance(path, Trip):
+        if path.code != "no_direction" or not confirmed:
+            return path
+        path = BackOffPlan("blind", -BLIND_M * T_base_tcp.rotation[:, 2])
+    travel_m = _not_outward(limits, T_base_tcp.translation, path.travel_m)
+    return _inside_part(
+        relaxed_limits(limits, T_base_tcp), T_base_tcp, replace(path, travel_m=travel_m)
+    )
 
 
-def _followed(
+def _direct_path(
     limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp | None
 ) -> BackOffPlan | Trip:
     if wrench is None or not wrench.calibrated:
-        why = "is not known" if wrench is None else wrench.calibration_fault or "is not calibrated"
-        return tripped("no_direction", f"no force can be followed: the wrench {why}")
+        cause = (
+            "is not known" if wrench is None else wrench.calibration_fault or "is not calibrated"
+        )
+        return tripped("no_direction", f"no force can be followed: the wrench {cause}")
     force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
     if is_loaded(limits, wrench):
-        return _along(T_base_tcp, np.array(wrench.force_N), force_N)
+        return _plan_by_force(T_base_tcp, np.array(wrench.force_N), force_N)
     if check_workspace(limits, T_base_tcp) is None:
         text = (
             f"{force_N:.1f} N and {torque_Nm:.2f} N m are below half of the ceilings, and the tool "
             "is inside the workspace: arm, and move it"
         )
         return tripped("already", text, value=force_N, limit=ENDS_BELOW * limits.force_N, unit="N")
-    way = _inside(limits, np.asarray(T_base_tcp.translation)) - T_base_tcp.translation
-    return BackOffPlan("workspace", way * min(1.0, LONGEST_BACK_OFF_M / length(way)))
+    direction = _inside(limits, np.asarray(T_base_tcp.translation)) - T_base_tcp.translation
+    return BackOffPlan("workspace", direction * min(1.0, LONGEST_BACK_OFF_M / length(direction)))
 
 
-def _along(T_base_tcp: pin.SE3, force: Array, force_N: float) -> BackOffPlan | Trip:
+def _plan_by_force(T_base_tcp: pin.SE3, force: Array, force_N: float) -> BackOffPlan | Trip:
     if force_N < LEAST_BACK_OFF_FORCE_N:
         text = f"a force of {force_N:.1f} N has no reliable direction: the torque is too high"
         return tripped("no_direction", text, value=force_N, limit=LEAST_BACK_OFF_FORCE_N, unit="N")
@@ -130,23 +134,23 @@ def _inside(limits: Limits, p: Array) -> Array:
     return p
 
 
-def _not_outward(limits: Limits, p: Array, way: Array) -> Array:
+def _not_outward(limits: Limits, p: Array, travel: Array) -> Array:
     """Return a path without its small outward part on an axis that is outside."""
     low, high = p < limits.workspace_min_m, p > limits.workspace_max_m
-    outward = (low & (way < 0.0)) | (high & (way > 0.0))
-    little = np.abs(way) < OUTWARD_SHARE * length(way)
-    return np.where(outward & little, 0.0, way)
+    outward = (low & (travel < 0.0)) | (high & (travel > 0.0))
+    little = np.abs(travel) < OUTWARD_SHARE * length(travel)
+    return np.where(outward & little, 0.0, travel)
 
 
-def _within(limits: Limits, T_base_tcp: pin.SE3, found: BackOffPlan) -> BackOffPlan | Trip:
+def _inside_part(limits: Limits, T_base_tcp: pin.SE3, path: BackOffPlan) -> BackOffPlan | Trip:
     """Return the part of a path that leads no farther outside, or why that is too short."""
-    way_m = length(found.way_m)
+    travel_m = length(path.travel_m)
     for share in np.linspace(1.0, 0.0, 41):
-        T = pin.SE3(T_base_tcp.rotation, T_base_tcp.translation + share * found.way_m)
+        T = pin.SE3(T_base_tcp.rotation, T_base_tcp.translation + share * path.travel_m)
         if check_workspace(limits, T) is None:
-            if share * way_m < min(SHORTEST_M, way_m):
+            if share * travel_m < min(SHORTEST_M, travel_m):
                 break
-            return replace(found, way_m=share * found.way_m)
+            return replace(path, travel_m=share * path.travel_m)
     text = "the path would lead farther out of the workspace: move the planes in the cell file"
     return tripped("workspace", text)
 
@@ -200,7 +204,9 @@ def is_over(kind: Kind, limits: Limits, T_base_tcp: pin.SE3, wrench: WrenchAtTcp
     return kind == "workspace" and check_workspace(limits, T_base_tcp) is None
 
 
-def goal_trip(own: BackOffPlan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed) -> Trip | None:
+def goal_trip(
+    expected: BackOffPlan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Speed
+) -> Trip | None:
     """Check a goal against the path that this process has computed itself.
 
     Args:
@@ -209,23 +215,29 @@ def goal_trip(own: BackOffPlan | Trip, T_from: pin.SE3, T_to: pin.SE3, speed: Sp
         T_to: The goal, flange in base.
         speed: How fast.
     """
-    if isinstance(own, Trip):
-        return own
+    if isinstance(expected, Trip):
+        return expected
     real_m_s = speed.mechanical_m_s * speed.modular_fraction
     if real_m_s > SPEED_M_S * (1.0 + 1e-9):
         text = f"backing off with {real_m_s * 1e3:.1f} mm/s"
         return tripped("speed", text, value=real_m_s, limit=SPEED_M_S, unit="m/s")
     if not is_finite_pose(T_to):
         return tripped("not_finite", "the goal is not finite")
-    way, own_m = T_to.translation - T_from.translation, length(own.way_m)
-    way_m, turn_rad = length(way), length(rotation_between(T_from.rotation, T_to.rotation))
+    travel, expected_m = T_to.translation - T_from.translation, length(expected.travel_m)
+    travel_m, turn_rad = length(travel), length(rotation_between(T_from.rotation, T_to.rotation))
     if turn_rad > SAME_TURN_RAD:
         text = f"backing off would rotate the tool by {degrees(turn_rad):.2f} degrees"
         return tripped("state", text, value=turn_rad, limit=SAME_TURN_RAD, unit="rad")
-    if way_m > own_m + SAME_PATH_M:
-        text = f"backing off by {way_m * 1e3:.1f} mm, {own_m * 1e3:.1f} mm are expected from here"
-        return tripped("state", text, value=way_m, limit=own_m, unit="m")
-    if way_m > SAME_PATH_M and float(way @ own.way_m) < SAME_DIRECTION * way_m * own_m:
+    if travel_m > expected_m + SAME_PATH_M:
+        text = (
+            f"backing off by {travel_m * 1e3:.1f} mm, "
+            f"{expected_m * 1e3:.1f} mm are expected from here"
+        )
+        return tripped("state", text, value=travel_m, limit=expected_m, unit="m")
+    if (
+        travel_m > SAME_PATH_M
+        and float(travel @ expected.travel_m) < SAME_DIRECTION * travel_m * expected_m
+    ):
         return tripped("state", "backing off in a direction other than expected from here")
     return None
 
@@ -250,15 +262,15 @@ class LoadRatchet:
             lowest_Nm=min(self.lowest_Nm, torque_Nm),
         )
 
-    def trip(self, wrench: WrenchAtTcp, what: str) -> Trip | None:
+    def trip(self, wrench: WrenchAtTcp, motion: str) -> Trip | None:
         """Check a sample against the lowest load; `what` names the motion."""
         force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
         limit_N, limit_Nm = self.lowest_N + self.rise_N, self.lowest_Nm + self.rise_Nm
         if force_N > limit_N:
-            text = f"the force rose from {self.lowest_N:.1f} N to {force_N:.1f} N {what}"
+            text = f"the force rose from {self.lowest_N:.1f} N to {force_N:.1f} N {motion}"
             return tripped("force", text, value=force_N, limit=limit_N, unit="N")
         if torque_Nm > limit_Nm:
-            text = f"the torque rose from {self.lowest_Nm:.2f} N m to {torque_Nm:.2f} N m {what}"
+            text = f"the torque rose from {self.lowest_Nm:.2f} N m to {torque_Nm:.2f} N m {motion}"
             return tripped("torque", text, value=torque_Nm, limit=limit_Nm, unit="N m")
         return None
 
@@ -280,7 +292,7 @@ class BackOffState:
     since_ns: int
     load: LoadRatchet = LoadRatchet()
 
-    def felt(self, wrench: WrenchAtTcp | None) -> tuple["BackOffState", Trip | None]:
+    def update_load(self, wrench: WrenchAtTcp | None) -> tuple["BackOffState", Trip | None]:
         """Return the state after one more wrench, and why it must end; None is no wrench."""
         if wrench is None:
             return self, None
@@ -290,20 +302,24 @@ class BackOffState:
     def moved(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
         """Check travel and speed of the arm, and whether the force falls."""
         time_s = max(0, now_ns - self.since_ns) * 1e-9
-        way_m = length(T_base_flange.translation - self.T_start.translation)
+        travel_m = length(T_base_flange.translation - self.T_start.translation)
         most_m = LATE_M + FAST * SPEED_M_S * time_s
-        if way_m > most_m:
-            text = f"the arm moved {way_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
-            return tripped("speed", text, value=way_m, limit=most_m, unit="m")
+        if travel_m > most_m:
+            text = f"the arm moved {travel_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"
+            return tripped("speed", text, value=travel_m, limit=most_m, unit="m")
         if time_s > LONGEST_BACK_OFF_S:
             text = f"backing off took longer than {LONGEST_BACK_OFF_S:g} s"
             return tripped("still_loaded", text, value=time_s, limit=LONGEST_BACK_OFF_S, unit="s")
         load = self.load
         is_loaded = LEAST_BACK_OFF_FORCE_N < load.lowest_N < inf
-        if way_m > MUST_FALL_AFTER_M and is_loaded and load.first_N - load.lowest_N < MUST_FALL_N:
+        if (
+            travel_m > MUST_FALL_AFTER_M
+            and is_loaded
+            and load.first_N - load.lowest_N < MUST_FALL_N
+        ):
             text = (
-                f"the force is still {load.lowest_N:.1f} N after {way_m * 1e3:.1f} mm, initially "
-                f"{load.first_N:.1f} N: this is no contact force; tare in free space"
+                f"the force is still {load.lowest_N:.1f} N after {travel_m * 1e3:.1f} mm, "
+                f"initially {load.first_N:.1f} N: this is no contact force; tare in free space"
             )
             return tripped("still_loaded", text, value=load.lowest_N, limit=load.first_N, unit="N")
         return None

@@ -76,8 +76,8 @@ class ArmKinematics:
             return IkResult(None, "the pose contains a number that is not finite")
         q, error = self._newton(T_base_flange, q_start)
         if error > 1e-7:
-            return IkResult(None, self._why_not(T_base_flange, q, error))
-        return self._within_limits(q, q_start, jump_rad)
+            return IkResult(None, self._failure(T_base_flange, q, error))
+        return self._checked_limits(q, q_start, jump_rad)
 
     def limit_violation(self, q: Array) -> str:
         """Return a message about the first joint outside its limits, or an empty string."""
@@ -95,8 +95,8 @@ class ArmKinematics:
         size = math.inf
         for _ in range(_MAX_ITERATIONS):
             pin.computeJointJacobians(model, data, q)
-            here = pin.updateFramePlacement(model, data, flange)
-            error = pin.log6(here.actInv(goal)).vector
+            present = pin.updateFramePlacement(model, data, flange)
+            error = pin.log6(present.actInv(goal)).vector
             size = math.sqrt(error.dot(error))  # `dot` has the digits of `@` in a third of its time
             if size < _TOLERANCE:
                 break
@@ -110,7 +110,7 @@ class ArmKinematics:
             q += step if longest <= _MAX_STEP_RAD else step * (_MAX_STEP_RAD / longest)
         return q, size
 
-    def _why_not(self, goal: pin.SE3, q: Array, error: float) -> str:
+    def _failure(self, goal: pin.SE3, q: Array, error: float) -> str:
         wrist_m = goal.act(-self.model.jointPlacements[6].translation)
         far_m = float(np.linalg.norm(wrist_m))
         if far_m > self.reach_m:
@@ -122,7 +122,7 @@ class ArmKinematics:
         where = "singular pose" if least < 0.02 else "the iteration did not converge"
         return f"not reachable from here: {where} (error {error:.1e})"
 
-    def _within_limits(self, q: Array, q_start: Array, jump_rad: float) -> IkResult:
+    def _checked_limits(self, q: Array, q_start: Array, jump_rad: float) -> IkResult:
         violation = self.limit_violation(q)
         if violation:
             return IkResult(None, violation)

@@ -63,7 +63,7 @@ class LastCheck:
         self._joint_speed_max = np.radians(cell.robot.joint_speed_max_deg_s)
         self._flange_at = flange_at
         self._T_armed: pin.SE3 | None = None
-        self._budget = SetpointMonitor(cell.limits)
+        self._monitor = SetpointMonitor(cell.limits)
         self._joints: deque[tuple[int, Array]] = deque()
 
     def start(self, T_base_flange: pin.SE3, now_ns: int = 0, purpose: Purpose = "all") -> None:
@@ -86,16 +86,16 @@ class LastCheck:
         return (
             self._only_backing_off()
             or self.place(T_base_flange)
-            or self._budget.begin(T_base_flange, now_ns)
+            or self._monitor.begin(T_base_flange, now_ns)
         )
 
-    def setpoint(self, T_wanted: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
+    def setpoint(self, T_target: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Check a set point; an accepted one consumes its share of the stream budget."""
         return (
             self._only_backing_off()
-            or self.place(T_wanted)
-            or check_step(self._limits, T_measured, T_wanted)
-            or self._budget.spend(T_wanted, now_ns)
+            or self.place(T_target)
+            or check_step(self._limits, T_measured, T_target)
+            or self._monitor.check(T_target, now_ns)
         )
 
     def goal(
@@ -126,7 +126,7 @@ class LastCheck:
         else:
             return tripped("malformed", f"a goal of kind {goal.kind} without its numbers")
         if trip is None:
-            self._budget.moved_otherwise()
+            self._monitor.moved_otherwise()
         return trip
 
     def feedback(self, feedback: Feedback) -> Trip | None:
@@ -141,14 +141,14 @@ class LastCheck:
         if lever_m > LONGEST_CENTRE_M:
             text = f"centre of rotation {lever_m * 1e3:.0f} mm away from the TCP"
             return tripped("malformed", text, value=lever_m, limit=LONGEST_CENTRE_M, unit="m")
-        self._budget.moved_otherwise()
+        self._monitor.moved_otherwise()
         return None
 
     def wrench(self, wrench: WrenchAtTcp | None, *, in_move: bool = False) -> Trip | None:
         """Check the wrench, if known; a move must not rise much above its lowest load."""
         self._wrench = wrench
         if self._back_off is not None:
-            self._back_off, trip = self._back_off.felt(wrench)
+            self._back_off, trip = self._back_off.update_load(wrench)
             return trip
         if not in_move:
             self._load = None
@@ -159,12 +159,12 @@ class LastCheck:
             self._load, trip = back_off.in_move(self._limits, self._load, wrench)
         return trip
 
-    def place(self, T_wanted: pin.SE3) -> Trip | None:
+    def place(self, T_target: pin.SE3) -> Trip | None:
         """Check a flange pose: TCP inside the workspace, flange within the tether."""
         if self._T_armed is None:
             return tripped("no_lease", "no lease has begun")
-        trip = check_workspace(self._limits, T_wanted * self._T_flange_tcp)
-        return trip or self._tether_trip(self._limits, T_wanted)
+        trip = check_workspace(self._limits, T_target * self._T_flange_tcp)
+        return trip or self._tether_trip(self._limits, T_target)
 
     # --- the arm ----------------------------------------------------------------------------------
 
@@ -209,11 +209,11 @@ class LastCheck:
         if goal.kind != "pose" or goal.pose is None:
             return self._only_backing_off()
         limits, wrench = self._cell_limits, self._wrench
-        own = back_off.plan(limits, T_measured, self._T_flange_tcp, wrench, confirmed=True)
+        expected = back_off.plan(limits, T_measured, self._T_flange_tcp, wrench, confirmed=True)
         T_goal = pose_of(goal.pose)
-        trip = back_off.goal_trip(own, T_measured, T_goal, speed) or self.place(T_goal)
+        trip = back_off.goal_trip(expected, T_measured, T_goal, speed) or self.place(T_goal)
         if trip is None:
-            self._budget.moved_otherwise()
+            self._monitor.moved_otherwise()
         return trip
 
     def _tether_trip(self, limits: Limits, T: pin.SE3) -> Trip | None:
@@ -222,7 +222,7 @@ class LastCheck:
     def _pose_trip(self, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
         """Check a straight move: its end first, then the path of the rotating tool."""
         trip = self.place(T_to)
-        return trip or self._way_trip(_between(T_from, T_to))
+        return trip or self._path_trip(_between(T_from, T_to))
 
     def _joint_trip(self, q_from: Array, q_to: Array) -> Trip | None:
         if self._T_armed is None:
@@ -232,16 +232,16 @@ class LastCheck:
             return trip
         shares = np.linspace(0.0, 1.0, PATH_SAMPLES)
         flange_at = self._flange_at
-        return self._way_trip(flange_at(q_from + share * (q_to - q_from)) for share in shares)
+        return self._path_trip(flange_at(q_from + share * (q_to - q_from)) for share in shares)
 
-    def _way_trip(self, way: Iterable[pin.SE3]) -> Trip | None:
+    def _path_trip(self, path: Iterable[pin.SE3]) -> Trip | None:
         """Check a path without its first pose, which `arm` checks."""
-        poses = list(way)
+        poses = list(path)
         for T in poses[1:-1]:
             trip = check_workspace(self._wide, T * self._T_flange_tcp)
             trip = trip or self._tether_trip(self._wide, T)
             if trip is not None:
-                return trip.model_copy(update={"text": f"on the path: {trip.text}"})
+                return trip.replaced(text=f"on the path: {trip.text}")
         return self.place(poses[-1])
 
 
@@ -250,11 +250,11 @@ def _between(T_from: pin.SE3, T_to: pin.SE3) -> Iterable[pin.SE3]:
     if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
         yield from (T_from, T_to)
         return
-    way = T_to.translation - T_from.translation
-    turn = rotation_between(T_from.rotation, T_to.rotation)
+    translation = T_to.translation - T_from.translation
+    rotation = rotation_between(T_from.rotation, T_to.rotation)
     for share in np.linspace(0.0, 1.0, PATH_SAMPLES):
-        R = rotation_from_vector(share * turn) @ T_from.rotation
-        yield pin.SE3(R, T_from.translation + share * way)
+        R = rotation_from_vector(share * rotation) @ T_from.rotation
+        yield pin.SE3(R, T_from.translation + share * translation)
 
 
 def _widened(limits: Limits) -> Limits:

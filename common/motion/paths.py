@@ -29,20 +29,20 @@ class JointPath:
     """Synchronised joint path: all joints start and arrive together."""
 
     def __init__(self, kinematics: ArmKinematics, q_from: Array, q_to: Array) -> None:
-        self._from, self._way = q_from.copy(), q_to - q_from
+        self._from, self._travel = q_from.copy(), q_to - q_from
         self._kinematics = kinematics
         fastest_m = max(
-            float(np.linalg.norm((kinematics.jacobian(self._q(s)) @ self._way)[:3]))
+            float(np.linalg.norm((kinematics.jacobian(self._q(s)) @ self._travel)[:3]))
             for s in np.linspace(0.0, 1.0, 21)
         )
-        self.extent_m = max(fastest_m, TURN_RADIUS_M * float(abs(self._way).max()))
+        self.extent_m = max(fastest_m, TURN_RADIUS_M * float(abs(self._travel).max()))
 
     def at(self, share: float, q_near: Array) -> IkResult:  # noqa: ARG002 - one shape for all paths
         """Return the joint angles at path parameter `share`."""
         return IkResult(self._q(share))
 
     def _q(self, share: float) -> Array:
-        return self._from + share * self._way
+        return self._from + share * self._travel
 
 
 class LinearPath:
@@ -52,16 +52,17 @@ class LinearPath:
         self._kinematics = kinematics
         start = kinematics.flange_pose(q_from)
         self._R_from, self._from_m = np.array(start.rotation), np.array(start.translation)
-        self._way = T_goal.translation - self._from_m
-        self._turn = rotation_between(self._R_from, T_goal.rotation)
+        self._travel = T_goal.translation - self._from_m
+        self._rotation = rotation_between(self._R_from, T_goal.rotation)
         self.extent_m = max(
-            float(np.linalg.norm(self._way)), TURN_RADIUS_M * float(np.linalg.norm(self._turn))
+            float(np.linalg.norm(self._travel)),
+            TURN_RADIUS_M * float(np.linalg.norm(self._rotation)),
         )
 
     def pose(self, share: float) -> pin.SE3:
         """Return T_base_flange at path parameter `share`."""
-        R = rotation_from_vector(share * self._turn).dot(self._R_from)
-        return pin.SE3(R, self._from_m + share * self._way)
+        R = rotation_from_vector(share * self._rotation).dot(self._R_from)
+        return pin.SE3(R, self._from_m + share * self._travel)
 
     def at(self, share: float, q_near: Array) -> IkResult:
         """Return the joint angles at path parameter `share`, on the branch of q_near."""

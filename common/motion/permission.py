@@ -37,7 +37,7 @@ class GateDecision:
         return "" if self.hold is None else self.hold.code
 
 
-MOST_DEAD = 64  # stored leases: the bus reader bounds former publishers in the same way
+MOST_ENDED_LEASES = 64  # stored leases: the bus reader bounds former publishers in the same way
 NO_COMMAND_YET = GateDecision(None, tripped("no_lease", "no command yet"), None)
 
 
@@ -48,7 +48,7 @@ class CommandGate:
         """Start without permission."""
         self._accepted: Accepted | None = None
         self._live_lease: tuple[int, int] | None = None  # arbiter's epoch, lease
-        self._dead: dict[tuple[int, int], Trip] = {}  # lease: what ended it
+        self._ended_leases: dict[tuple[int, int], Trip] = {}  # lease: what ended it
         self._newest = (0, 0, 0)  # arbiter's epoch, lease, turn
 
     def judge(self, reading: Reading[RobotCommand], now_ns: int) -> GateDecision:
@@ -74,10 +74,10 @@ class CommandGate:
             reason = f"lease {permission.lease} owner {permission.ownership} is over"
             return self._refuse(tripped("no_lease", reason))
         lease = (header.epoch, permission.lease)
-        if lease in self._dead:
-            why = self._dead[lease]
-            text = clipped(f"lease {lease[1]} ended: {why.text}")
-            return self._refuse(why.model_copy(update={"text": text}))
+        if lease in self._ended_leases:
+            cause = self._ended_leases[lease]
+            text = clipped(f"lease {lease[1]} ended: {cause.text}")
+            return self._refuse(cause.replaced(text=text))
         self._live_lease = lease
         previous = self._accepted
         is_new = previous is None or (previous.epoch, previous.seq) != (header.epoch, header.seq)
@@ -94,24 +94,24 @@ class CommandGate:
 
     def _is_over(self, epoch: int, permission: Permission) -> bool:
         """Return whether a newer turn of this arbiter was received, even a refused one."""
-        seen = (epoch, permission.lease, permission.ownership)
-        if epoch == self._newest[0] and seen < self._newest:
+        permitted = (epoch, permission.lease, permission.ownership)
+        if epoch == self._newest[0] and permitted < self._newest:
             return True
-        self._newest = seen
+        self._newest = permitted
         return False
 
-    def revoke(self, why: Trip) -> GateDecision:
+    def revoke(self, cause: Trip) -> GateDecision:
         """End the live lease from the robot's side, after a command that it cannot execute."""
-        return self._refuse(why)
+        return self._refuse(cause)
 
-    def _refuse(self, why: Trip) -> GateDecision:
+    def _refuse(self, cause: Trip) -> GateDecision:
         """Hold, and mark the live lease as dead."""
         if self._live_lease is not None:
-            self._dead[self._live_lease] = why
+            self._ended_leases[self._live_lease] = cause
             self._live_lease = None
-            if len(self._dead) > MOST_DEAD:
-                del self._dead[next(iter(self._dead))]
-        return GateDecision(None, why, self._accepted)
+            if len(self._ended_leases) > MOST_ENDED_LEASES:
+                del self._ended_leases[next(iter(self._ended_leases))]
+        return GateDecision(None, cause, self._accepted)
 
 
 def _trip(code: str, reason: str) -> Trip:

@@ -30,18 +30,18 @@ class CommandedMotion:
     T_base_flange: pin.SE3
     T_target: pin.SE3  # target of this period
     speed_m_s: Array  # shape (3,)
-    turning_rad_s: Array  # shape (3,)
+    angular_rad_s: Array  # shape (3,)
     lags: bool = False  # behind the target by more than acceleration explains
 
     @property
-    def is_there(self) -> bool:
+    def is_at_target(self) -> bool:
         """Whether the pose equals the target."""
         return self.T_base_flange is self.T_target
 
     @property
-    def is_still(self) -> bool:
+    def is_at_rest(self) -> bool:
         """Whether the pose is at rest."""
-        speeds = self.speed_m_s.tolist() + self.turning_rad_s.tolist()
+        speeds = self.speed_m_s.tolist() + self.angular_rad_s.tolist()
         return all(abs(speed) <= AT_REST for speed in speeds)
 
 
@@ -69,33 +69,33 @@ def limit_motion(
     if dt_s < SAME_INSTANT_S:
         return replace(before, T_target=T_target)
     most = _Most(limits, dt_s)
-    now, last = np.array([before.speed_m_s, before.turning_rad_s]), before.T_base_flange
-    asked = _between(last, T_target) / dt_s
+    now, last = np.array([before.speed_m_s, before.angular_rad_s]), before.T_base_flange
+    needed = _between(last, T_target) / dt_s
     target_speed = _between(before.T_target, T_target) / dt_s
     target_speed = target_speed * most.speed(target_speed)
-    closing = asked - target_speed
-    wanted = target_speed + closing * most.closing(closing)
-    wanted = wanted * most.speed(wanted)
-    change = wanted - now
+    closing = needed - target_speed
+    allowed = target_speed + closing * most.closing(closing)
+    allowed = allowed * most.speed(allowed)
+    change = allowed - now
     reached = now + change * most.change(change)
-    if np.array_equal(reached, now + change) and np.abs(reached - asked).max() <= AT_REST:
-        return CommandedMotion(T_target, T_target, asked[0], asked[1])
-    pace = _moved(last, T_target, reached, dt_s)
-    return replace(pace, lags=most.is_behind(_between(pace.T_base_flange, T_target)))
+    if np.array_equal(reached, now + change) and np.abs(reached - needed).max() <= AT_REST:
+        return CommandedMotion(T_target, T_target, needed[0], needed[1])
+    motion = _moved(last, T_target, reached, dt_s)
+    return replace(motion, lags=most.is_behind(_between(motion.T_base_flange, T_target)))
 
 
 def brake(limits: Limits, before: CommandedMotion, dt_s: float) -> CommandedMotion:
     """Return the next pose of the fastest stop."""
-    now = np.array([before.speed_m_s, before.turning_rad_s])
+    now = np.array([before.speed_m_s, before.angular_rad_s])
     reached = now * (1.0 - _Most(limits, dt_s).change(now))
     return _moved(before.T_base_flange, before.T_target, reached, dt_s)
 
 
-def resting_place(limits: Limits, pace: CommandedMotion) -> pin.SE3:
+def resting_place(limits: Limits, motion: CommandedMotion) -> pin.SE3:
     """Return the flange pose at the end of braking from now."""
-    way, turn = pace.speed_m_s, pace.turning_rad_s
-    half_s = 0.5 * max(length(way) / limits.accel_m_s2, length(turn) / limits.accel_rad_s2)
-    return _along(pace.T_base_flange, np.array([way, turn]) * half_s)
+    speed, angular = motion.speed_m_s, motion.angular_rad_s
+    half_s = 0.5 * max(length(speed) / limits.accel_m_s2, length(angular) / limits.accel_rad_s2)
+    return _displaced(motion.T_base_flange, np.array([speed, angular]) * half_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,14 +114,16 @@ class _Most:
 
     def closing(self, pair: Array) -> float:
         """Return the factor for a closing speed that brakes exactly at the target."""
-        way = _closing_share(length(pair[0]), 0.5 * self.limits.accel_m_s2 * self.dt_s)
-        return min(way, _closing_share(length(pair[1]), 0.5 * self.limits.accel_rad_s2 * self.dt_s))
+        translation = _closing_share(length(pair[0]), 0.5 * self.limits.accel_m_s2 * self.dt_s)
+        return min(
+            translation, _closing_share(length(pair[1]), 0.5 * self.limits.accel_rad_s2 * self.dt_s)
+        )
 
     def is_behind(self, pair: Array) -> bool:
         limits, dt_s = self.limits, self.dt_s
-        way_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
-        turn_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
-        return length(pair[0]) > way_m or length(pair[1]) > turn_rad
+        lag_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
+        lag_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
+        return length(pair[0]) > lag_m or length(pair[1]) > lag_rad
 
 
 def _closing_share(speed: float, half: float) -> float:
@@ -130,21 +132,24 @@ def _closing_share(speed: float, half: float) -> float:
 
 
 def _share(pair: Array, most: float, most_rad: float) -> float:
-    way, turn = length(pair[0]), length(pair[1])
-    return min(most / way if way > most else 1.0, most_rad / turn if turn > most_rad else 1.0)
+    translation, rotation = length(pair[0]), length(pair[1])
+    return min(
+        most / translation if translation > most else 1.0,
+        most_rad / rotation if rotation > most_rad else 1.0,
+    )
 
 
 def _between(T_from: pin.SE3, T_to: pin.SE3) -> Array:
-    turn = rotation_between(T_from.rotation, T_to.rotation)
-    return np.array([T_to.translation - T_from.translation, turn])
+    rotation = rotation_between(T_from.rotation, T_to.rotation)
+    return np.array([T_to.translation - T_from.translation, rotation])
 
 
-def _along(T: pin.SE3, pair: Array) -> pin.SE3:
+def _displaced(T: pin.SE3, pair: Array) -> pin.SE3:
     return pin.SE3(rotation_from_vector(pair[1]) @ T.rotation, T.translation + pair[0])
 
 
 def _moved(T: pin.SE3, T_target: pin.SE3, speeds: Array, dt_s: float) -> CommandedMotion:
-    return CommandedMotion(_along(T, speeds * dt_s), T_target, speeds[0], speeds[1])
+    return CommandedMotion(_displaced(T, speeds * dt_s), T_target, speeds[0], speeds[1])
 
 
 # --- windows of time ------------------------------------------------------------------------------
@@ -160,22 +165,24 @@ class PathWindow:
         """Return the window with one more step."""
         pair = _between(T_from, T_to)
         first_ns = now_ns - WINDOW_S * NS_PER_S
-        kept = [step for step in self.steps if step[0] > first_ns]
-        return PathWindow((*kept, (now_ns, length(pair[0]), length(pair[1]))))
+        recent = [step for step in self.steps if step[0] > first_ns]
+        return PathWindow((*recent, (now_ns, length(pair[0]), length(pair[1]))))
 
 
 def check_rate(limits: Limits, window: PathWindow) -> Trip | None:
     """Refuse a longer path in a window than the speed limits allow, for any number of commands."""
     longest_s = WINDOW_S * WINDOW_MARGIN
-    way_m = sum([step[1] for step in window.steps])
-    if way_m > limits.speed_m_s * longest_s:
-        text = f"{way_m * 1e3:.1f} mm were commanded within {WINDOW_S * 1e3:.0f} ms"
-        return tripped("rate", text, value=way_m, limit=limits.speed_m_s * longest_s, unit="m")
-    turn_rad = sum([step[2] for step in window.steps])
-    if turn_rad > limits.speed_rad_s * longest_s:
-        text = f"{np.degrees(turn_rad):.1f} degrees were commanded within {WINDOW_S * 1e3:.0f} ms"
+    path_m = sum([step[1] for step in window.steps])
+    if path_m > limits.speed_m_s * longest_s:
+        text = f"{path_m * 1e3:.1f} mm were commanded within {WINDOW_S * 1e3:.0f} ms"
+        return tripped("rate", text, value=path_m, limit=limits.speed_m_s * longest_s, unit="m")
+    rotation_rad = sum([step[2] for step in window.steps])
+    if rotation_rad > limits.speed_rad_s * longest_s:
+        text = (
+            f"{np.degrees(rotation_rad):.1f} degrees were commanded within {WINDOW_S * 1e3:.0f} ms"
+        )
         return tripped(
-            "rate", text, value=turn_rad, limit=limits.speed_rad_s * longest_s, unit="rad"
+            "rate", text, value=rotation_rad, limit=limits.speed_rad_s * longest_s, unit="rad"
         )
     return None
 

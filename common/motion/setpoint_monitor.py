@@ -32,7 +32,7 @@ class StreamStep:
 
     at_ns: int
     T: pin.SE3
-    way_m: float
+    travel_m: float
     turn_rad: float
 
 
@@ -44,8 +44,8 @@ class SetpointMonitor:
         self._speed_m_s, self._speed_rad_s = limits.speed_m_s, radians(limits.speed_deg_s)
         self._accel_m_s2, self._accel_rad_s2 = limits.accel_m_s2, radians(limits.accel_deg_s2)
         self._step_m, self._step_rad = limits.step_m, radians(limits.step_deg)
-        self._left_m, self._left_rad = self._step_m, self._step_rad
-        self._left_at_ns: int | None = None
+        self._remaining_m, self._remaining_rad = self._step_m, self._step_rad
+        self._remaining_at_ns: int | None = None
         self._steps: deque[StreamStep] = deque()  # of the last window, and the one before
         self._last: pin.SE3 | None = None  # commanded last, None when something else moved the arm
 
@@ -56,23 +56,26 @@ class SetpointMonitor:
     def begin(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Begin a stream at the measured pose; a jump from the last set point counts as path."""
         if self._last is not None and now_ns - self._steps[-1].at_ns < WINDOW_S / S_PER_NS:
-            return self.spend(T_measured, now_ns)
+            return self.check(T_measured, now_ns)
         self._last = None
         self._put(StreamStep(now_ns, T_measured, 0.0, 0.0))
         return None
 
-    def spend(self, T_wanted: pin.SE3, now_ns: int) -> Trip | None:
+    def check(self, T_target: pin.SE3, now_ns: int) -> Trip | None:
         """Check the next set point of the stream; an accepted one consumes budget."""
         if self._last is None:
             return tripped("no_stream", "no stream of set points is active")
-        way = T_wanted.translation - self._last.translation
-        turn = rotation_between(self._last.rotation, T_wanted.rotation)
-        step = StreamStep(now_ns, T_wanted, length(way), length(turn))
+        travel = T_target.translation - self._last.translation
+        rotation = rotation_between(self._last.rotation, T_target.rotation)
+        step = StreamStep(now_ns, T_target, length(travel), length(rotation))
         trip = self._speed_trip(step) or self._rate_trip(step) or self._acceleration_trip(step)
         if trip is None:
-            self._left_m, self._left_rad = self._grown(now_ns)
-            self._left_m, self._left_rad = self._left_m - step.way_m, self._left_rad - step.turn_rad
-            self._left_at_ns = now_ns
+            self._remaining_m, self._remaining_rad = self._grown(now_ns)
+            self._remaining_m, self._remaining_rad = (
+                self._remaining_m - step.travel_m,
+                self._remaining_rad - step.turn_rad,
+            )
+            self._remaining_at_ns = now_ns
             self._put(step)
         return trip
 
@@ -81,28 +84,28 @@ class SetpointMonitor:
     def _speed_trip(self, step: StreamStep) -> Trip | None:
         grown_m, grown_rad = self._grown(step.at_ns)
         text = "set points are faster than the speed limit"
-        if step.way_m > grown_m:
+        if step.travel_m > grown_m:
             return tripped("speed", text, limit=self._speed_m_s, unit="m/s")
         if step.turn_rad > grown_rad:
             return tripped("speed", text, limit=self._speed_rad_s, unit="rad/s")
         return None
 
     def _grown(self, now_ns: int) -> tuple[float, float]:
-        since_ns = now_ns if self._left_at_ns is None else self._left_at_ns
+        since_ns = now_ns if self._remaining_at_ns is None else self._remaining_at_ns
         time_s = SPEED_MARGIN * max(0, now_ns - since_ns) * S_PER_NS
         return (
-            min(self._left_m + self._speed_m_s * time_s, self._step_m),
-            min(self._left_rad + self._speed_rad_s * time_s, self._step_rad),
+            min(self._remaining_m + self._speed_m_s * time_s, self._step_m),
+            min(self._remaining_rad + self._speed_rad_s * time_s, self._step_rad),
         )
 
     def _rate_trip(self, step: StreamStep) -> Trip | None:
         recent = [one for one in self._steps if step.at_ns - one.at_ns < WINDOW_S / S_PER_NS]
-        way_m = step.way_m + sum([one.way_m for one in recent])
+        travel_m = step.travel_m + sum([one.travel_m for one in recent])
         turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
         time_s = SPEED_MARGIN * WINDOW_S
         text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
-        if way_m > self._speed_m_s * time_s:
-            return tripped("rate", text, value=way_m, limit=self._speed_m_s * time_s, unit="m")
+        if travel_m > self._speed_m_s * time_s:
+            return tripped("rate", text, value=travel_m, limit=self._speed_m_s * time_s, unit="m")
         if turn_rad > self._speed_rad_s * time_s:
             return tripped(
                 "rate", text, value=turn_rad, limit=self._speed_rad_s * time_s, unit="rad"
@@ -112,12 +115,14 @@ class SetpointMonitor:
     def _acceleration_trip(self, step: StreamStep) -> Trip | None:
         half_ns = HALF_S / S_PER_NS
         middle, first = self._at(step.at_ns - half_ns), self._at(step.at_ns - 2 * half_ns)
-        way_m = (step.T.translation - middle.translation) - (middle.translation - first.translation)
-        turn_rad = _turn(middle, step.T) - _turn(first, middle)
+        travel_m = (step.T.translation - middle.translation) - (
+            middle.translation - first.translation
+        )
+        turn_rad = _rotation(middle, step.T) - _rotation(first, middle)
         more_m, more_rad = self._more_than_before(step, half_ns)
         text = "acceleration of the set points is above the limit"
         for change, accel, speed in (
-            (max(length(way_m), more_m), self._accel_m_s2, self._speed_m_s),
+            (max(length(travel_m), more_m), self._accel_m_s2, self._speed_m_s),
             (max(length(turn_rad), more_rad), self._accel_rad_s2, self._speed_rad_s),
         ):
             if change > ACCEL_MARGIN * accel * HALF_S**2 + speed * EARLY_S:
@@ -126,14 +131,14 @@ class SetpointMonitor:
 
     def _more_than_before(self, step: StreamStep, half_ns: float) -> tuple[float, float]:
         """Return by how much distance and angle of the last 60 ms exceed those of the 60 before."""
-        way_m = turn_rad = 0.0
+        travel_m = turn_rad = 0.0
         for one in (*self._steps, step):
             age_ns = step.at_ns - one.at_ns
             if age_ns < 2.0 * half_ns:
                 sign = 1.0 if age_ns < half_ns else -1.0
-                way_m += sign * one.way_m
+                travel_m += sign * one.travel_m
                 turn_rad += sign * one.turn_rad
-        return way_m, turn_rad
+        return travel_m, turn_rad
 
     def _at(self, at_ns: float) -> pin.SE3:
         """Return the commanded pose at a time: each set point holds until the next."""
@@ -145,13 +150,15 @@ class SetpointMonitor:
     def _put(self, step: StreamStep) -> None:
         """Store a step and drop those older than the window, except the one at its start."""
         if self._last is None:  # earlier poses are of another motion: only their distances count
-            kept = [StreamStep(one.at_ns, step.T, one.way_m, one.turn_rad) for one in self._steps]
-            self._steps = deque(kept)
+            rebased = [
+                StreamStep(one.at_ns, step.T, one.travel_m, one.turn_rad) for one in self._steps
+            ]
+            self._steps = deque(rebased)
         self._steps.append(step)
         self._last = step.T
         while len(self._steps) > 1 and step.at_ns - self._steps[1].at_ns >= WINDOW_S / S_PER_NS:
             self._steps.popleft()
 
 
-def _turn(a: pin.SE3, b: pin.SE3) -> Array:
+def _rotation(a: pin.SE3, b: pin.SE3) -> Array:
     return rotation_between(a.rotation, b.rotation)

@@ -50,18 +50,18 @@ class TrackingMonitor:
         """Stop comparing: the motion of the arm is unknown."""
         self._commanded, self._is_resting, self._off = CommandedPoses(), False, 0
 
-    def stream(self, T_wanted: pin.SE3, now_ns: int) -> None:
+    def stream(self, T_target: pin.SE3, now_ns: int) -> None:
         """Register a commanded set point."""
         if self._is_resting or self._commanded.is_line or self._commanded.joints is not None:
             self.free()
-        self._commanded.poses.append((now_ns, T_wanted))
+        self._commanded.poses.append((now_ns, T_target))
 
     def line(self, T_from: pin.SE3, T_to: pin.SE3) -> None:
         """Register a commanded straight move."""
         self.free()
         self._commanded = CommandedPoses(deque([(0, T_from), (0, T_to)]), is_line=True)
 
-    def turn(self, from_rad: Joints | Array, to_rad: Joints | Array) -> None:
+    def joint_move(self, from_rad: Joints | Array, to_rad: Joints | Array) -> None:
         """Register a commanded joint move: all joints start and arrive together."""
         self.free()
         self._commanded = CommandedPoses(joints=(np.array(from_rad), np.array(to_rad)))
@@ -105,12 +105,12 @@ class TrackingMonitor:
                 poses.popleft()
         if not poses:
             return 0.0, 0.0
-        known = [pose for _, pose in poses]
+        targets = [pose for _, pose in poses]
         away_m = away_rad = np.inf
         # Newest first: it nearly always matches, and the rest need no check.
-        for k in range(max(1, len(known) - 1)):
-            b = known[-1 - k]
-            a = known[-2 - k] if len(known) > 1 else b
+        for k in range(max(1, len(targets) - 1)):
+            b = targets[-1 - k]
+            a = targets[-2 - k] if len(targets) > 1 else b
             away_m = min(away_m, _distance_to_segment(a.translation, b.translation, T.translation))
             away_rad = min(away_rad, _turned(a, b, T))
             if away_m <= self._limit_m and away_rad <= self._limit_rad:
@@ -120,13 +120,16 @@ class TrackingMonitor:
 
 def _distance_to_segment(a: Array, b: Array, point: Array) -> float:
     """Return the distance of a point from a line segment."""
-    way = b - a
-    square = float(way @ way)
-    share = 0.0 if square == 0.0 else min(1.0, max(0.0, float((point - a) @ way) / square))
-    return length(point - a - share * way)
+    segment = b - a
+    square = float(segment @ segment)
+    share = 0.0 if square == 0.0 else min(1.0, max(0.0, float((point - a) @ segment) / square))
+    return length(point - a - share * segment)
 
 
 def _turned(a: pin.SE3, b: pin.SE3, T: pin.SE3) -> float:
     """Return the angle to the nearest orientation between two [rad]."""
-    turn, seen = rotation_between(a.rotation, b.rotation), rotation_between(a.rotation, T.rotation)
-    return _distance_to_segment(np.zeros(3), turn, seen)
+    rotation, measured = (
+        rotation_between(a.rotation, b.rotation),
+        rotation_between(a.rotation, T.rotation),
+    )
+    return _distance_to_segment(np.zeros(3), rotation, measured)

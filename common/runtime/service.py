@@ -173,11 +173,11 @@ class Containment:
     error keeps the fault, otherwise a person can clear it.
     """
 
-    def __init__(self, role: str, say: Callable[[str], object] = sys.stderr.write) -> None:
+    def __init__(self, role: str, write: Callable[[str], object] = sys.stderr.write) -> None:
         """Contain errors of a role; `say` writes to its log."""
         self.breakdowns = 0
-        self._role, self._say = role, say
-        self._text, self._until_ns, self._say_ns = "", 0, 0
+        self._role, self._write = role, write
+        self._text, self._until_ns, self._write_ns = "", 0, 0
 
     def step(self, service: Service, now_ns: int) -> str:
         """Step a service; return the error of a step in the last seconds, empty when none."""
@@ -193,10 +193,10 @@ class Containment:
         where = f"{Path(place.filename).name}:{place.lineno}"
         self._text = clipped(f"{self._role}: {type(error).__name__} at {where}: {error}")
         self._until_ns = now_ns + BREAKDOWN_SHOWN_NS
-        if now_ns >= self._say_ns:  # at most once a second
-            self._say_ns = now_ns + NS_PER_S
+        if now_ns >= self._write_ns:  # at most once a second
+            self._write_ns = now_ns + NS_PER_S
             trace = "".join(traceback.format_exception(error))
-            self._say(f"{self._role}: unexpected error ({self.breakdowns} so far)\n{trace}")
+            self._write(f"{self._role}: unexpected error ({self.breakdowns} so far)\n{trace}")
         if isinstance(service, Stoppable):
             service.broke_off(tripped("internal", self._text))
 

@@ -129,9 +129,9 @@ def _all_rules(cell: CellConfig) -> Iterator[tuple[str, list[Rule]]]:
 
 def _role(cell: CellConfig, role: str) -> list[Rule]:
     played = roles_of_process(cell, role)
-    heard = [topic.key for topic in TOPICS if set(topic.readers) & set(played)]
-    heard += [HEALTH[each].key for each in played]  # its own, for the healthcheck
-    return _process(cell, played, heard)
+    read_keys = [topic.key for topic in TOPICS if set(topic.readers) & set(played)]
+    read_keys += [HEALTH[each].key for each in played]  # its own, for the healthcheck
+    return _process(cell, played, read_keys)
 
 
 def _helper(cell: CellConfig, helper: str) -> list[Rule]:
@@ -139,14 +139,14 @@ def _helper(cell: CellConfig, helper: str) -> list[Rule]:
     return _process(cell, (helper,), [topic.key for topic in TOPICS])
 
 
-def _process(cell: CellConfig, played: tuple[str, ...], heard: Sequence[str]) -> list[Rule]:
-    said = [topic.key for topic in TOPICS if topic.writer in played]
+def _process(cell: CellConfig, played: tuple[str, ...], read_keys: Sequence[str]) -> list[Rule]:
+    written_keys = [topic.key for topic in TOPICS if topic.writer in played]
     served = [request.key for request in REQUESTS if request.server in played]
     return [
-        Rule(INGRESS, ("put",), _keys(cell.cell, said)),
+        Rule(INGRESS, ("put",), _keys(cell.cell, written_keys)),
         # A publisher must learn of subscribers, or it sends nothing.
         Rule(EGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
-        *_subscribe_rules(_keys(cell.cell, [*heard, SELF_TEST])),
+        *_subscribe_rules(_keys(cell.cell, [*read_keys, SELF_TEST])),
         Rule(INGRESS, ("declare_queryable", "reply"), _keys(cell.cell, served)),
         Rule(EGRESS, ("query",), _keys(cell.cell, served)),
     ]

@@ -66,10 +66,10 @@ def _of_name(
     except DataError as error:
         yield CertificateFinding("wrong", name, str(error), remedy)
         return
-    said = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    says = str(said[0].value) if said else "nothing"
-    if says != common_name(name, cell):
-        text = f"it is for {says}, not for {common_name(name, cell)}"
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    name_text = str(names[0].value) if names else "nothing"
+    if name_text != common_name(name, cell):
+        text = f"it is for {name_text}, not for {common_name(name, cell)}"
         yield CertificateFinding("wrong", name, text, remedy)
     try:
         certificate.verify_directly_issued_by(authority)
@@ -116,7 +116,7 @@ def _of_file(
     if key.exists() or must_have_key:
         yield from _of_key(key, name, certificate, remedy)
     ends = certificate.not_valid_after_utc
-    left = f"{(ends - now).days} days left, until {ends:%Y-%m-%d}"
+    remaining = f"{(ends - now).days} days left, until {ends:%Y-%m-%d}"
     if now < certificate.not_valid_before_utc:
         begins = certificate.not_valid_before_utc
         text = f"not valid before {begins:%Y-%m-%d %H:%M}: is this machine's clock right?"
@@ -124,9 +124,9 @@ def _of_file(
     elif now >= ends:
         yield CertificateFinding("wrong", name, f"expired on {ends:%Y-%m-%d}", remedy)
     elif now >= ends - SOON:
-        yield CertificateFinding("soon", name, left, remedy)
+        yield CertificateFinding("soon", name, remaining, remedy)
     else:
-        yield CertificateFinding("good", name, left)
+        yield CertificateFinding("good", name, remaining)
 
 
 def _of_key(

@@ -137,7 +137,7 @@ class Cell:
             ArmStoppedError: The arm was stopped again immediately.
         """
         reply = self.ask(topics.ARM, ArmRequest(purpose=purpose), within_s=within_s)
-        if not self._shows(lambda status: status.goes_on):
+        if not self._shows(lambda status: status.operational):
             raise stopped_error(self.status(), "arming was granted, but")
         return reply
 
@@ -200,9 +200,9 @@ class Cell:
         now = self.command().speed
         if not changes:
             return now
-        wanted = Speed.model_validate({**now.model_dump(), **changes})
-        self.ask(topics.SPEED, wanted)
-        return wanted
+        speed = Speed.from_dict({**now.as_dict(), **changes})
+        self.ask(topics.SPEED, speed)
+        return speed
 
     def tare(self, *, within_s: float = 2.0) -> Reply:
         """Take the present reading as zero force; refused in motion or contact."""
@@ -239,7 +239,7 @@ class Cell:
             NotValidError, LostError: As a feed.
             NotReachedError: Not ready within `within_s`; gives the reasons.
         """
-        if not self._shows(lambda s: s.goes_on or _is_ready(s), within_s):
+        if not self._shows(lambda s: s.operational or _is_ready(s), within_s):
             status = self.status()
             why = "; ".join([*status.not_ready, *(trip.text for trip in status.trips)])
             raise NotReachedError(f"not ready after {within_s:g} s, {status.state}: {why}")
@@ -270,14 +270,14 @@ class Cell:
         return self.session.ask(request, message, **options)
 
     def _shows(
-        self, wanted: Callable[[ArbiterStatus], bool], within_s: float = SHOWN_WITHIN_S
+        self, speed: Callable[[ArbiterStatus], bool], within_s: float = SHOWN_WITHIN_S
     ) -> bool:
         """Wait until arbiter/status fulfils a condition; return whether it did."""
         clock = self.session.clock
         give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
         while True:
             status = self.status.reading().fresh
-            if status is not None and wanted(status):
+            if status is not None and speed(status):
                 return True
             if clock.now_ns() >= give_up_ns:
                 return False

@@ -87,7 +87,7 @@ class Feed(Generic[M]):
         give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
         while (reading := self.reading()).fresh is None:
             if clock.now_ns() >= give_up_ns:
-                raise self._trouble(reading)
+                raise self._error(reading)
             clock.sleep_s(FEED_POLL_S)
         return reading.fresh
 
@@ -138,10 +138,10 @@ class Feed(Generic[M]):
 
     def __iter__(self) -> Iterator[M]:
         """Yield each received message, without end."""
-        for heard in self.stream():
-            yield heard.message
+        for reading in self.stream():
+            yield reading.message
 
-    def _trouble(self, reading: Reading[M]) -> LostError | NotValidError:
+    def _error(self, reading: Reading[M]) -> LostError | NotValidError:
         if reading.silent:
             return self._lost(reading.fault)
         return NotValidError(reading.code, reading.fault, remedy_of(reading.code))

@@ -47,7 +47,7 @@ class Force:
     def __init__(self, session: ClientSession) -> None:
         """Start without force feedback."""
         self._session = session
-        self._wanted: ForceStartRequest | None = None  # last start request of this client
+        self._last_request: ForceStartRequest | None = None  # last start request of this client
         tool = session.info.T_flange_tcp
         self._axis_in_flange = turning.rotate(tool.orientation_xyzw, (0.0, 0.0, 1.0))
 
@@ -73,9 +73,9 @@ class Force:
 
     def begin(self, request: ForceStartRequest) -> Reply:
         """Start force feedback with a complete request."""
-        wanted = request.model_copy(update={"commander": self._session.commander})
-        reply = self._session.ask(topics.FORCE_START, wanted)
-        self._wanted = wanted
+        start_request = request.replaced(commander=self._session.commander)
+        reply = self._session.ask(topics.FORCE_START, start_request)
+        self._last_request = start_request
         return reply
 
     @raise_data_errors()
@@ -84,15 +84,15 @@ class Force:
 
         Raises ForcemeshError when this client has not started any: mode and axes are unknown.
         """
-        wanted = self._wanted
-        if wanted is None:
+        start_request = self._last_request
+        if start_request is None:
             raise ForcemeshError(NOT_STARTED)
-        changed = wanted.model_dump() | {"setpoint_N": setpoint_N}
-        return self.begin(ForceStartRequest.model_validate(changed))
+        changed = start_request.as_dict() | {"setpoint_N": setpoint_N}
+        return self.begin(ForceStartRequest.from_dict(changed))
 
     def stop(self) -> Reply:
         """Stop force feedback; the arm stays where it is."""
-        self._wanted = None
+        self._last_request = None
         return self._session.ask(topics.FORCE_STOP, Empty())
 
     @raise_data_errors()
@@ -183,9 +183,9 @@ class Force:
 
         Raises as `press`, but force feedback keeps running.
         """
-        if self._wanted is None:
+        if self._last_request is None:
             raise ForcemeshError(NOT_STARTED)
-        force_N, clock = self._wanted.setpoint_N, self._session.clock
+        force_N, clock = self._last_request.setpoint_N, self._session.clock
         began_ns, inside_ns = clock.now_ns(), None
         while True:
             clock.sleep_s(POLL_S)
@@ -194,7 +194,7 @@ class Force:
             if progress is not None:
                 progress(found_N)
             self._raise_when_ended(now_ns - began_ns)
-            if abs(found_N - force_N) > band_N or not self._feels(force_N):
+            if abs(found_N - force_N) > band_N or not self._is_in_contact(force_N):
                 inside_ns = None
             else:
                 inside_ns = now_ns if inside_ns is None else inside_ns
@@ -207,9 +207,9 @@ class Force:
     def pressed_N(self) -> float:
         """Return the present pressing force along the tool's axis [N]."""
         robot = self._session.feed(topics.ROBOT_STATE)()
-        return self._along(robot, self._session.feed(topics.WRENCH)())
+        return self._press_force(robot, self._session.feed(topics.WRENCH)())
 
-    def _feels(self, force_N: float) -> bool:
+    def _is_in_contact(self, force_N: float) -> bool:
         """Return whether the tool is in contact; a small force is also measured in free space."""
         target = self._session.feed(topics.REGULATOR_TARGET).reading().fresh
         return force_N <= 0.0 or (target is not None and target.contact == "contact")
@@ -217,14 +217,14 @@ class Force:
     def _raise_when_ended(self, since_ns: int) -> None:
         """Raise when the arm or force feedback was stopped."""
         status = self._session.feed(topics.ARBITER_STATUS)()
-        if not status.goes_on:
+        if not status.operational:
             raise stopped_error(status, "pressing ended")
         target = self._session.feed(topics.REGULATOR_TARGET).reading().message
         ended = target is not None and target.mode is None
         if ended and target is not None and since_ns > STARTED_WITHIN_S * NS_PER_S:
             raise NotReachedError(f"pressing ended: {target.reason or 'force feedback stopped'}")
 
-    def _along(self, robot: RobotState, wrench: WrenchAtTcp) -> float:
+    def _press_force(self, robot: RobotState, wrench: WrenchAtTcp) -> float:
         q_base_flange = turning.unit(robot.orientation_xyzw)
         axis = turning.rotate(q_base_flange, self._axis_in_flange)
         return -sum(f * a for f, a in zip(wrench.force_N, axis, strict=True))

@@ -139,7 +139,7 @@ class Moves:
         """Move the flange to a pose in base; without an orientation it keeps its own."""
         turned = orientation_xyzw or self._session.feed(topics.ROBOT_STATE)().orientation_xyzw
         pose = PoseRecord(position_m=position_m, orientation_xyzw=turned)
-        return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
+        return self._move(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
 
     @raise_data_errors()
     def joints(
@@ -151,7 +151,7 @@ class Moves:
     ) -> RobotState:
         """Move the joints to angles [rad]."""
         request = MoveRequest(kind="joints", joint_rad=joint_rad, speed_m_s=speed_m_s)
-        return self._go(request, timeout_s)
+        return self._move(request, timeout_s)
 
     @raise_data_errors()
     def by(
@@ -163,7 +163,7 @@ class Moves:
     ) -> RobotState:
         """Move the joints by angles [rad] from where they are."""
         request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=speed_m_s)
-        return self._go(request, timeout_s)
+        return self._move(request, timeout_s)
 
     @raise_data_errors()
     def jog(
@@ -185,18 +185,20 @@ class Moves:
             timeout_s: Longest duration [s].
         """
         pose = self.jogged(shift_m, turn_rad, axes=axes)
-        return self._go(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
+        return self._move(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
 
     @raise_data_errors()
     def retract(
         self,
-        way_m: float = RETRACT_M,
+        travel_m: float = RETRACT_M,
         *,
         speed_m_s: float = RETRACT_M_S,
         timeout_s: float = LONGEST_MOVE_S,
     ) -> RobotState:
         """Leave a contact: move straight back along the tool's axis, away from the surface."""
-        return self.jog((0.0, 0.0, -way_m), axes="tool", speed_m_s=speed_m_s, timeout_s=timeout_s)
+        return self.jog(
+            (0.0, 0.0, -travel_m), axes="tool", speed_m_s=speed_m_s, timeout_s=timeout_s
+        )
 
     @raise_data_errors()
     def jogged(
@@ -217,6 +219,6 @@ class Moves:
             raise LostError(f"{topics.MOVE.key}: the reply names no goal")
         return Move(self._session, int(reply.value))
 
-    def _go(self, request: MoveRequest, timeout_s: float) -> RobotState:
+    def _move(self, request: MoveRequest, timeout_s: float) -> RobotState:
         commander = self._session.commander
-        return self.begin(request.model_copy(update={"commander": commander})).wait(timeout_s)
+        return self.begin(request.replaced(commander=commander)).wait(timeout_s)

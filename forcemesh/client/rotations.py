@@ -100,13 +100,13 @@ def jogged(
     q_base_flange = unit(flange.orientation_xyzw)
     q_base_tool = times(q_base_flange, tool.orientation_xyzw)
     p_base_tool = plus(flange.position_m, rotate(q_base_flange, tool.position_m))
-    turn = from_rotation_vector(turn_rad)
+    rotation = from_rotation_vector(turn_rad)
     if in_tool_axes:
         p_base_tool = plus(p_base_tool, rotate(q_base_tool, shift_m))
-        q_base_tool = times(q_base_tool, turn)
+        q_base_tool = times(q_base_tool, rotation)
     else:
         p_base_tool = plus(p_base_tool, shift_m)
-        q_base_tool = times(turn, q_base_tool)
+        q_base_tool = times(rotation, q_base_tool)
     q_new = unit(times(q_base_tool, inverse(tool.orientation_xyzw)))
     x, y, z = rotate(q_new, tool.position_m)
     return PoseRecord(position_m=plus(p_base_tool, (-x, -y, -z)), orientation_xyzw=q_new)

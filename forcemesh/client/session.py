@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo
-from forcemesh.client import ask as asking
+from forcemesh.client import ask
 from forcemesh.client.feed import Feed
 from forcemesh.client.roles import RoleHealth
 from forcemesh.clock import Clock
@@ -57,8 +57,8 @@ class ClientSession:
         """
         try:
             if within_s > 0.0:
-                return asking.ask_until(self.bus, request, message, within_s)
-            return asking.ask(self.bus, request, message, answer_s)
+                return ask.ask_until(self.bus, request, message, within_s)
+            return ask.ask(self.bus, request, message, answer_s)
         except BusError as error:
             raise self.lost(str(error)) from error
 

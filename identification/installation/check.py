@@ -109,8 +109,8 @@ def _com(force: ForceFit, torque: TorqueFits, expected: ExpectedInstallation) ->
     if not torque.shown:
         return None
     fits = plausible_fits(torque, expected) or list(torque.fits)
-    wanted = (EYE, force.wiring)
-    ranked = sorted(fits, key=lambda fit: not any(same(fit.wiring, W) for W in wanted))
+    cell_axes = (EYE, force.wiring)
+    ranked = sorted(fits, key=lambda fit: not any(same(fit.wiring, W) for W in cell_axes))
     return ranked[0].com_m
 
 

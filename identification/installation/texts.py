@@ -15,7 +15,7 @@ from common.motion.frames import (
 from identification.installation.axis_fit import turn_angle
 
 AXES = "xyz"
-LOOKS_LIKE_RAD = math.radians(5.0)
+RESEMBLES_RAD = math.radians(5.0)
 NEARLY_UPRIGHT = math.sin(math.radians(2.0))
 
 
@@ -57,7 +57,7 @@ def is_in_radians(oat_deg: tuple[float, float, float], R_flange_sensor: Array) -
     """Return whether the angles of the cell file, taken as radians, match the readings."""
     small = max(abs(angle) for angle in oat_deg) <= math.tau + 0.01
     as_radians = R_from_oat(Oat(*oat_deg))
-    return small and turn_angle(as_radians.T @ R_flange_sensor) < LOOKS_LIKE_RAD
+    return small and turn_angle(as_radians.T @ R_flange_sensor) < RESEMBLES_RAD
 
 
 def driver_remedy(wiring: Array, of: str) -> str:

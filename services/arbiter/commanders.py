@@ -38,8 +38,8 @@ class Commanders:
 
     def __init__(self, rest_needed_s: float) -> None:
         """Start without an owner."""
-        self.turn = Ownership()
-        self.claim: PendingMove | None = None
+        self.ownership = Ownership()
+        self.pending_move: PendingMove | None = None
         self._rest = Rest()
         self._rest_needed_s = rest_needed_s
         self._last_goal_id = 0
@@ -48,63 +48,82 @@ class Commanders:
     @property
     def goal_id(self) -> int:
         """Number of the pending move, else of the active one; 0 for none."""
-        goal = self.turn.goal if self.claim is None else self.claim.goal
+        goal = self.ownership.goal if self.pending_move is None else self.pending_move.goal
         return 0 if goal is None else goal.id
 
-    def see(self, robot: RobotState | None, now_ns: int) -> None:
+    def update(self, robot: RobotState | None, now_ns: int) -> None:
         """Update the time at rest from a robot state."""
-        self._rest = self._rest.seen(robot, self.turn, now_ns)
+        self._rest = self._rest.update(robot, self.ownership, now_ns)
 
     def drop(self) -> None:
         """End the active and the pending move: the arm is stopped, or armed again."""
-        self.turn, self.claim, self._regulator_rested = self.turn.next(), None, False
+        self.ownership, self.pending_move, self._regulator_rested = (
+            self.ownership.next(),
+            None,
+            False,
+        )
 
     # --- requests ---------------------------------------------------------------------------------
 
     def ask(
-        self, request: MoveRequest, robot: RobotState, bounds: ArmBounds, claim: PendingMove
+        self, request: MoveRequest, robot: RobotState, bounds: ArmBounds, pending_move: PendingMove
     ) -> tuple[Reply, CommandStep]:
         """Accept or refuse a move; it begins at once if the arm is free and at rest."""
-        holder = self.turn.commander if self.claim is None else self.claim.commander
+        holder = (
+            self.ownership.commander if self.pending_move is None else self.pending_move.commander
+        )
         if not outranks(request.commander, holder):
             return refusal("busy", f"the {holder} commands the arm; stop that first"), CommandStep()
-        trip = goal_trip(request, robot, bounds) or speed_trip(claim.speed, bounds.limits)
+        trip = goal_trip(request, robot, bounds) or speed_trip(pending_move.speed, bounds.limits)
         if trip is not None:
             return refused(trip), CommandStep()
         # Above the robot's number too: a restarted arbiter must not repeat one.
         self._last_goal_id = max(self._last_goal_id, robot.goal.id) + 1
-        self.claim = replace(claim, goal=claim.goal.model_copy(update={"id": self._last_goal_id}))
+        self.pending_move = replace(
+            pending_move, goal=pending_move.goal.replaced(id=self._last_goal_id)
+        )
         reply = Reply(
             accepted=True,
             text=f"move accepted: goal {self._last_goal_id}",
             value=float(self._last_goal_id),
         )
-        return reply, self._take(self.claim, holder, robot, bounds)
+        return reply, self._take(self.pending_move, holder, robot, bounds)
 
     def _take(
-        self, claim: PendingMove, holder: Commander, robot: RobotState, bounds: ArmBounds
+        self, pending_move: PendingMove, holder: Commander, robot: RobotState, bounds: ArmBounds
     ) -> CommandStep:
-        text = f"the {claim.commander} took the arm from the {holder}"
+        text = f"the {pending_move.commander} took the arm from the {holder}"
         trips = () if holder == "none" else (tripped("preempted", text),)
-        if self.turn.commander != "none":
-            self.turn, self._rest = self.turn.next(), Rest()
-        if self._rests(claim.since_ns):
-            return self._begin(claim, robot, bounds, trips)
+        if self.ownership.commander != "none":
+            self.ownership, self._rest = self.ownership.next(), Rest()
+        if self._rests(pending_move.since_ns):
+            return self._begin(pending_move, robot, bounds, trips)
         return CommandStep(event="take", trips=trips)
 
     def _rests(self, now_ns: int) -> bool:
         return self._rest.lasts_s(now_ns) >= self._rest_needed_s
 
     def _begin(
-        self, claim: PendingMove, robot: RobotState, bounds: ArmBounds, trips: tuple[Trip, ...]
+        self,
+        pending_move: PendingMove,
+        robot: RobotState,
+        bounds: ArmBounds,
+        trips: tuple[Trip, ...],
     ) -> CommandStep:
-        self.claim = None
-        trip = goal_trip(claim.request, robot, bounds)  # angles count from where the arm rests
+        self.pending_move = None
+        trip = goal_trip(
+            pending_move.request, robot, bounds
+        )  # angles count from where the arm rests
         if trip is not None:
             return CommandStep(event="end", trips=(*trips, tripped("goal_refused", trip.text)))
-        turn = replace(self.turn, commander=claim.commander, goal=claim.goal, speed=claim.speed)
-        self.turn = turn
-        return self._pursue(claim.goal, event="begin", trips=trips)
+        ownership = replace(
+            self.ownership,
+            commander=pending_move.commander,
+            goal=pending_move.goal,
+            speed=pending_move.speed,
+        )
+        self.ownership = ownership
+        return self._pursue(pending_move.goal, event="begin", trips=trips)
 
     # --- every period -----------------------------------------------------------------------------
 
@@ -113,7 +132,7 @@ class Commanders:
         robot: RobotState,
         target: RegulatorTarget | None,
         bounds: ArmBounds,
-        moment: Tick,
+        tick: Tick,
         *,
         trips: tuple[Trip, ...],
     ) -> CommandStep:
@@ -126,25 +145,27 @@ class Commanders:
             moment: This period.
             trips: Trips published so far.
         """
-        if target is None or self.turn.goal is not None or self.claim is not None:
+        if target is None or self.ownership.goal is not None or self.pending_move is not None:
             self._regulator_rested = target is None
-        if self.claim is not None:
-            return self._settle(self.claim, robot, bounds, now_ns=moment.now_ns, trips=trips)
-        if self.turn.goal is not None:
-            return self._watch(self.turn.goal, robot)
-        if self.turn.commander == "regulator":
-            return self._regulate(target, bounds, moment)
+        if self.pending_move is not None:
+            return self._settle(self.pending_move, robot, bounds, now_ns=tick.now_ns, trips=trips)
+        if self.ownership.goal is not None:
+            return self._watch(self.ownership.goal, robot)
+        if self.ownership.commander == "regulator":
+            return self._regulate(target, bounds, tick)
         if target is None or not self._regulator_rested:
             return CommandStep()
-        if not self._rests(moment.now_ns):  # the regulator continues from here until it may begin
-            return CommandStep(content={"pose": record_of(moment.T_measured), "limited": True})
-        stream = begin(moment.T_measured) if target.host == "pc" else None
-        self.turn = replace(self.turn, commander="regulator", host=target.host, stream=stream)
-        return replace(self._regulate(target, bounds, moment), event="begin", trips=())
+        if not self._rests(tick.now_ns):  # the regulator continues from here until it may begin
+            return CommandStep(content={"pose": record_of(tick.T_measured), "limited": True})
+        stream = begin(tick.T_measured) if target.host == "pc" else None
+        self.ownership = replace(
+            self.ownership, commander="regulator", host=target.host, stream=stream
+        )
+        return replace(self._regulate(target, bounds, tick), event="begin", trips=())
 
     def _settle(
         self,
-        claim: PendingMove,
+        pending_move: PendingMove,
         robot: RobotState,
         bounds: ArmBounds,
         *,
@@ -152,10 +173,13 @@ class Commanders:
         trips: tuple[Trip, ...],
     ) -> CommandStep:
         if self._rests(now_ns):
-            return self._begin(claim, robot, bounds, trips)
-        if now_ns - claim.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
+            return self._begin(pending_move, robot, bounds, trips)
+        if now_ns - pending_move.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
             return CommandStep()
-        text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {claim.commander}'s request"
+        text = (
+            f"the arm is not at rest {SETTLE_WITHIN_S:g} s after "
+            f"the {pending_move.commander}'s request"
+        )
         return CommandStep(stop=tripped("handover", text))
 
     def _watch(self, goal: Goal, robot: RobotState) -> CommandStep:
@@ -168,25 +192,25 @@ class Commanders:
         return CommandStep("goal", {"goal": goal}, **changed)
 
     def _end(self, trips: tuple[Trip, ...] | None = None) -> CommandStep:
-        self.turn = self.turn.next()
+        self.ownership = self.ownership.next()
         return CommandStep(event="end", trips=trips)
 
     def _regulate(
-        self, target: RegulatorTarget | None, bounds: ArmBounds, moment: Tick
+        self, target: RegulatorTarget | None, bounds: ArmBounds, tick: Tick
     ) -> CommandStep:
-        stream = self.turn.stream
-        if target is None and stream is not None and not stream.pace.is_still:
-            return self._set_point(braked(stream, bounds, moment.dt_s))  # stopped: ramp down
-        if target is None or target.host != self.turn.host:
+        stream = self.ownership.stream
+        if target is None and stream is not None and not stream.motion.is_at_rest:
+            return self._set_point(braked(stream, bounds, tick.dt_s))  # stopped: ramp down
+        if target is None or target.host != self.ownership.host:
             return self._end()
         if stream is None and target.feedback is not None:
             return CommandStep("feedback", {"host": "controller", "feedback": target.feedback})
         if stream is None or target.pose is None:
             return CommandStep(stop=tripped("regulator", NOTHING_TO_DO))
-        stream, trip = follow(stream, pose_of(target.pose), bounds, moment)
+        stream, trip = follow(stream, pose_of(target.pose), bounds, tick)
         return self._set_point(stream) if trip is None else CommandStep(stop=trip)
 
     def _set_point(self, stream: SetpointStream) -> CommandStep:
-        self.turn, pace = replace(self.turn, stream=stream), stream.pace
-        pose = record_of(pace.T_base_flange)
-        return CommandStep("setpoint", {"pose": pose, "limited": pace.lags})
+        self.ownership, motion = replace(self.ownership, stream=stream), stream.motion
+        pose = record_of(motion.T_base_flange)
+        return CommandStep("setpoint", {"pose": pose, "limited": motion.lags})

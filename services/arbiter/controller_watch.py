@@ -30,7 +30,7 @@ class ControllerWatch:
         self._stream_m_s, self._needed_m_s = cell.limits.speed_m_s, cell.force.speed_max_m_s
         self._at_start: float | None = None
 
-    def unfit(self, inputs: Inputs) -> Trip | None:
+    def start_trip(self, inputs: Inputs) -> Trip | None:
         """Return why force feedback must not start with this controller."""
         numbers = _numbers(inputs)
         fraction = numbers.get(MONITOR)
@@ -46,7 +46,7 @@ class ControllerWatch:
             return tripped("monitor_speed", text, value=fraction)
         return self._late(numbers.get(STREAMED), self._allowed_s)
 
-    def see(self, inputs: Inputs) -> Trip | None:
+    def update(self, inputs: Inputs) -> Trip | None:
         """Return why running force feedback must end; called once per snapshot."""
         numbers, runs = _numbers(inputs), inputs.target.fresh is not None
         fraction = numbers.get(MONITOR)

@@ -27,7 +27,7 @@ from forcemesh.messages import (
 )
 from forcemesh.requests import MoveRequest, Reply
 from services.arbiter import freeing, stops
-from services.arbiter import inputs as known
+from services.arbiter import inputs as input_checks
 from services.arbiter.bounds import ArmBounds
 from services.arbiter.commanders import Commanders, CommandStep
 from services.arbiter.freeing import Freeing
@@ -64,57 +64,57 @@ class Arbiter:
         self._lease = 0
         self._lease_since_ns = 0
         self._armed_for: Purpose = "all"
-        self._writers: known.Writers = {}  # publishers of the inputs at arming
+        self._writers: input_checks.Writers = {}  # publishers of the inputs at arming
         self._good_since_ns: int | None = None
         self._blind_since_ns: int | None = None  # good except for sensor and wrench
         self._last_ns = 0
-        self._seen: Inputs | None = None  # at the last tick
+        self._last_inputs: Inputs | None = None  # at the last tick
 
     # --- every period ---------------------------------------------------------------------------
 
     def tick(self, inputs: Inputs) -> RobotCommand:
         """Check the inputs, follow the commander, return the command of this period."""
         dt_s = (inputs.now_ns - self._last_ns) / NS_PER_S if self._last_ns else 0.0
-        self._last_ns, self._seen = inputs.now_ns, inputs
-        lost = known.missing(inputs)
+        self._last_ns, self._last_inputs = inputs.now_ns, inputs
+        lost = input_checks.missing(inputs)
         self._watch_readiness(inputs, lost)
-        self._commanders.see(inputs.robot.fresh, inputs.now_ns)
+        self._commanders.update(inputs.robot.fresh, inputs.now_ns)
         if self.state in MAY_MOVE:
             self._watch_motion(inputs, lost)
         command = None
         robot = inputs.robot.fresh
         if self.state in MAY_MOVE and robot is not None:
-            moment = Tick(pose_of(robot), inputs.now_ns, min(dt_s, self._longest_gap_s))
-            command = self._move_on(robot, inputs, moment)
+            tick = Tick(pose_of(robot), inputs.now_ns, min(dt_s, self._longest_gap_s))
+            command = self._move_on(robot, inputs, tick)
         return command or RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
 
     def status(self) -> ArbiterStatus:
         """Return the published status."""
-        turn, claim = self._commanders.turn, self._commanders.claim
-        not_ready = self._in_the_way()
+        ownership, pending_move = self._commanders.ownership, self._commanders.pending_move
+        not_ready = self._not_ready()
         return ArbiterStatus(
             state=self.state,
-            commander=turn.commander,
-            next_commander="none" if claim is None else claim.commander,
+            commander=ownership.commander,
+            next_commander="none" if pending_move is None else pending_move.commander,
             goal_id=self._commanders.goal_id,
             lease=self._lease,
-            ownership=turn.number,
+            ownership=ownership.number,
             armed_for=self._armed_for,
             trips=self.trips,
             not_ready=lines([trip.text for trip in not_ready]),
             clears=what_next(self.state, not_ready, self._armed_for),
         )
 
-    def _in_the_way(self) -> list[Trip]:
+    def _not_ready(self) -> list[Trip]:
         """Return why arming would be refused, from the last snapshot."""
-        if self._seen is None:
+        if self._last_inputs is None:
             return [tripped("not_ready", "starting")]
-        good_s = _since_s(self._good_since_ns, self._seen)
-        found = failed_checks(self._seen, self._terms, good_s, "all")
+        good_s = _since_s(self._good_since_ns, self._last_inputs)
+        found = failed_checks(self._last_inputs, self._terms, good_s, "all")
         return persistent(found) if self.state in MAY_MOVE else found
 
     def _watch_readiness(self, inputs: Inputs, lost: list[Trip]) -> None:
-        if lost and known.missing(inputs, blind=True):  # a subset of `lost`
+        if lost and input_checks.missing(inputs, blind=True):  # a subset of `lost`
             self._blind_since_ns = None
         else:
             self._blind_since_ns = self._blind_since_ns or inputs.now_ns
@@ -123,18 +123,18 @@ class Arbiter:
         else:
             self._good_since_ns = self._good_since_ns or inputs.now_ns
             if self.state == "BOOT":
-                self.trips = known.predecessor_trips(inputs)
+                self.trips = input_checks.predecessor_trips(inputs)
             self.state = after(self.state, "ready")
 
     def _watch_motion(self, inputs: Inputs, lost: list[Trip]) -> None:
         blind = self._freeing is not None and self._freeing.blind
         if blind and lost:
-            lost = known.missing(inputs, blind=True)
-        faults = lost or known.robot_complaints(inputs)
-        faults = faults or known.replaced_trips(inputs, self._writers)
+            lost = input_checks.missing(inputs, blind=True)
+        faults = lost or input_checks.robot_faults(inputs)
+        faults = faults or input_checks.replaced_trips(inputs, self._writers)
         robot, wrench = inputs.robot, inputs.wrench.fresh
-        unfelt = wrench is None and not blind
-        if faults or robot.fresh is None or robot.header is None or unfelt:
+        without_force = wrench is None and not blind
+        if faults or robot.fresh is None or robot.header is None or without_force:
             self._stop("fault", *faults)
             return
         bounds = self._bounds
@@ -142,12 +142,12 @@ class Arbiter:
             self._stop("fault", trip)
             return
         self._joints = self._joints.after(robot.header.stamp_ns, np.array(robot.fresh.joint_rad))
-        if self.state == "ACTIVE" and self._commanders.turn.stream is not None:
+        if self.state == "ACTIVE" and self._commanders.ownership.stream is not None:
             bounds = replace(bounds, limits=self._retreat.ceilings(bounds.limits))
         trip = (
             bounds.measured(robot.fresh, wrench, self._joints)
             or self._load_trip(robot.fresh, inputs)
-            or known.robot_trip(inputs, self._lease_since_ns)
+            or input_checks.robot_trip(inputs, self._lease_since_ns)
             or self._regulator_fails(inputs)
             or self._calibration_fails(inputs)
         )
@@ -160,7 +160,7 @@ class Arbiter:
         if self._freeing is not None:
             self._freeing, trip = freeing.watch(self._freeing, robot, wrench, inputs.now_ns)
             return trip
-        if self._commanders.turn.goal is None or wrench is None or not wrench.calibrated:
+        if self._commanders.ownership.goal is None or wrench is None or not wrench.calibrated:
             self._load = None
             return None
         self._load, trip = in_move(self._cells.limits, self._load, wrench)
@@ -168,7 +168,7 @@ class Arbiter:
 
     def _regulator_fails(self, inputs: Inputs) -> Trip | None:
         target = inputs.target.message
-        if self._commanders.turn.commander != "regulator" or target is None:
+        if self._commanders.ownership.commander != "regulator" or target is None:
             return None
         if target.valid or target.mode is None:
             return None
@@ -177,20 +177,20 @@ class Arbiter:
         return tripped(code, f"the regulator gave up: {target.reason}")
 
     def _calibration_fails(self, inputs: Inputs) -> Trip | None:
-        by_force = self._commanders.turn.commander == "regulator"
+        by_force = self._commanders.ownership.commander == "regulator"
         watched = inputs.watched
         return (watched.calibration or watched.slower) if by_force else None
 
-    def _move_on(self, robot: RobotState, inputs: Inputs, moment: Tick) -> RobotCommand | None:
+    def _move_on(self, robot: RobotState, inputs: Inputs, tick: Tick) -> RobotCommand | None:
         """Return the command of this period, None when the robot must hold."""
         if self._stopping is not None:
-            return self._stop_softly(moment)
+            return self._stop_softly(tick)
         target = inputs.target.fresh
         step = self._commanders.step(
             robot,
             target if self._armed_for == "all" else None,
             self._bounds,
-            moment,
+            tick,
             trips=self.trips,
         )
         self._note(step)
@@ -201,26 +201,26 @@ class Arbiter:
         if step.stop is None:
             return self._command(step)
         self._react(step.stop, inputs)
-        return self._stop_softly(moment)
+        return self._stop_softly(tick)
 
     def _note(self, step: CommandStep) -> None:
         self.state = after(self.state, step.event)
         self.trips = self.trips if step.trips is None else step.trips
 
     def _command(self, step: CommandStep) -> RobotCommand:
-        turn = self._commanders.turn
+        ownership = self._commanders.ownership
         content = {"host": "pc"} | step.content
         permission = Permission(
             host=content.pop("host"),
             lease=self._lease,
-            ownership=turn.number,
+            ownership=ownership.number,
             deadline_s=self._deadline_s,
             purpose=self._armed_for,
         )
         return RobotCommand(
             kind=step.kind,
-            commander=turn.commander,
-            speed=turn.speed or self._speed,
+            commander=ownership.commander,
+            speed=ownership.speed or self._speed,
             permission=permission,
             **content,
         )
@@ -240,7 +240,7 @@ class Arbiter:
             self._stop("hold", trip)
 
     def _softly(self, trip: Trip, inputs: Inputs) -> stops.Stopping | None:
-        stream = self._commanders.turn.stream
+        stream = self._commanders.ownership.stream
         if self._stopping is not None or stream is None:
             return None
         return stops.begin(
@@ -252,16 +252,16 @@ class Arbiter:
             now_ns=inputs.now_ns,
         )
 
-    def _stop_softly(self, moment: Tick) -> RobotCommand | None:
+    def _stop_softly(self, tick: Tick) -> RobotCommand | None:
         """Return the next set point of a soft stop; None when it is over or not permitted."""
         if self._stopping is None:
             return None
-        self._stopping = stopping = stops.step(self._stopping, self._bounds, moment)
+        self._stopping = stopping = stops.step(self._stopping, self._bounds, tick)
         self.trips = (stopping.trip,)
         if stopping.done:
             self._stop("hold")
             return None
-        pose = record_of(stopping.pace.T_base_flange)
+        pose = record_of(stopping.motion.T_base_flange)
         return self._command(CommandStep("setpoint", {"pose": pose, "limited": True}))
 
     def _stop(self, event: str, *trips: Trip) -> None:
@@ -295,14 +295,14 @@ class Arbiter:
                 text=f"was armed already, the arbiter is {self.state}",
             )
         if self.state in MAY_MOVE:
-            what = "jog" if self._armed_for == "jog" else "backing off"
-            return refusal("state", f"armed for {what} alone: hold, then arm for all")
+            purpose_text = "jog" if self._armed_for == "jog" else "backing off"
+            return refusal("state", f"armed for {purpose_text} alone: hold, then arm for all")
         if after(self.state, "arm") != "ARMED":
             return refusal("state", f"the arbiter is {self.state}: {CLEARS[self.state]}")
         good_s = _since_s(self._good_since_ns, inputs)
         not_ready = failed_checks(inputs, self._terms, good_s, purpose)
         if not_ready or robot is None:
-            return _not_ready(not_ready)
+            return _refuse_arming(not_ready)
         bounds = replace(self._cells, T_armed=pose_of(robot))
         self._begin_lease("arm", purpose, bounds, inputs)
         load = load_text(inputs, self._terms)
@@ -315,7 +315,7 @@ class Arbiter:
         self._lease += 1
         self._lease_since_ns = inputs.now_ns
         self._bounds, self._freeing = bounds, None
-        self._writers = known.writers(inputs)
+        self._writers = input_checks.writers(inputs)
 
     def back_off(self, inputs: Inputs, *, confirmed: bool) -> Reply:
         """Arm for one goal of the arbiter that frees an arm above a ceiling or outside the box.
@@ -330,21 +330,21 @@ class Arbiter:
         good_s = _since_s(self._blind_since_ns if blind else self._good_since_ns, inputs)
         not_ready = failed_checks(inputs, self._terms, good_s, "back_off", blind=blind)
         if not_ready or robot is None:
-            return _not_ready(not_ready)
-        begun = freeing.begin(inputs, robot, self._cells, confirmed=confirmed)
-        if isinstance(begun, Trip):
-            return refused(begun)
-        self._begin_lease("back_off", "back_off", begun.bounds, inputs)
-        unknown = tuple(known.fault_trips(inputs)) if blind else ()
-        self._freeing, request = replace(begun, unknown=unknown), begun.request
+            return _refuse_arming(not_ready)
+        plan = freeing.begin(inputs, robot, self._cells, confirmed=confirmed)
+        if isinstance(plan, Trip):
+            return refused(plan)
+        self._begin_lease("back_off", "back_off", plan.bounds, inputs)
+        unknown = tuple(input_checks.fault_trips(inputs)) if blind else ()
+        self._freeing, request = replace(plan, unknown=unknown), plan.request
         goal = Goal(id=0, kind=request.kind, pose=request.pose)
-        claim = PendingMove("operator", request, goal, begun.speed, inputs.now_ns)
-        reply, step = self._commanders.ask(request, robot, self._bounds, claim)
+        pending_move = PendingMove("operator", request, goal, plan.speed, inputs.now_ns)
+        reply, step = self._commanders.ask(request, robot, self._bounds, pending_move)
         self._note(step)
         if not reply.accepted:
             self._stop("hold", tripped(reply.code, reply.text))
             return reply
-        return reply.model_copy(update={"text": f"backing off {begun.plan}"})
+        return reply.replaced(text=f"backing off {plan.plan}")
 
     def hold(self, reason: str) -> Reply:
         """Stop motion and hold; always accepted."""
@@ -355,7 +355,7 @@ class Arbiter:
 
     def clear(self, inputs: Inputs) -> Reply:
         """Acknowledge a hold, or a fault without a present cause."""
-        if self.state == "FAULT" and (faults := known.fault_trips(inputs)):
+        if self.state == "FAULT" and (faults := input_checks.fault_trips(inputs)):
             return refused(faults[0])
         self.state = after(self.state, "clear")
         self.trips = () if self.state == "IDLE" else self.trips
@@ -379,8 +379,8 @@ class Arbiter:
             return refusal("busy", "the arm is backing off: wait until it has ended, or hold")
         goal = Goal(id=0, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad)
         speed = speed_of(request, self._speed)
-        claim = PendingMove(request.commander, request, goal, speed, inputs.now_ns)
-        reply, step = self._commanders.ask(request, robot, self._bounds, claim)
+        pending_move = PendingMove(request.commander, request, goal, speed, inputs.now_ns)
+        reply, step = self._commanders.ask(request, robot, self._bounds, pending_move)
         self._note(step)
         return reply
 
@@ -389,6 +389,6 @@ def _since_s(since_ns: int | None, inputs: Inputs) -> float:
     return 0.0 if since_ns is None else (inputs.now_ns - since_ns) / NS_PER_S
 
 
-def _not_ready(why: list[Trip]) -> Reply:
-    texts = "; ".join(trip.text for trip in why)
-    return refused(why[0].model_copy(update={"text": clipped(texts)}))
+def _refuse_arming(trips: list[Trip]) -> Reply:
+    texts = "; ".join(trip.text for trip in trips)
+    return refused(trips[0].replaced(text=clipped(texts)))

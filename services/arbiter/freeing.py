@@ -64,12 +64,12 @@ def begin(
     plan = back_off.plan(bounds.limits, T, bounds.T_flange_tcp, wrench, confirmed=confirmed)
     if isinstance(plan, Trip):
         return plan
-    around = back_off.relaxed_limits(bounds.limits, T * bounds.T_flange_tcp, MEASURED_SLACK_M)
+    relaxed = back_off.relaxed_limits(bounds.limits, T * bounds.T_flange_tcp, MEASURED_SLACK_M)
     return Freeing(
         plan=plan,
         run=BackOffState(T, inputs.now_ns),
         limits=bounds.limits,
-        bounds=replace(bounds, limits=around, T_armed=T),
+        bounds=replace(bounds, limits=relaxed, T_armed=T),
         blind=blind,
     )
 
@@ -79,7 +79,7 @@ def watch(
 ) -> tuple[Freeing, Trip | None]:
     """Return the state a period later, and why it must end: freed, or unable to get free."""
     T = pose_of(robot)
-    run, trip = freeing.run.felt(wrench)
+    run, trip = freeing.run.update_load(wrench)
     trip = trip or run.moved(T, now_ns)
     freeing = replace(freeing, run=run)
     T_base_tcp = T * freeing.bounds.T_flange_tcp
@@ -95,8 +95,8 @@ def at_its_end(freeing: Freeing, robot: RobotState, wrench: WrenchAtTcp | None) 
 
 def progress(freeing: Freeing, T_base_flange: pin.SE3, wrench: WrenchAtTcp | None) -> str:
     """Return the tool's travel and the present force as a text."""
-    way = T_base_flange.translation - freeing.run.T_start.translation
+    travel = T_base_flange.translation - freeing.run.T_start.translation
     force = "force unknown"
     if wrench is not None:
         force = f"{float(np.linalg.norm(wrench.force_N)):.1f} N now"
-    return f"{1e3 * float(np.linalg.norm(way)):.1f} mm, {force}"
+    return f"{1e3 * float(np.linalg.norm(travel)):.1f} mm, {force}"

@@ -36,8 +36,8 @@ def speed_of(request: MoveRequest, usual: Speed) -> Speed:
     """Return the speeds of a move: its own if the request has one."""
     if request.speed_m_s is None:
         return usual
-    own = {"mechanical_m_s": request.speed_m_s, "modular_fraction": 1.0}
-    return usual.model_copy(update=own)
+    requested = {"mechanical_m_s": request.speed_m_s, "modular_fraction": 1.0}
+    return usual.replaced(**requested)
 
 
 def real_speed_m_s(speed: Speed) -> float:

@@ -34,7 +34,7 @@ class Watched:
     """Faults found over several snapshots (watch.py)."""
 
     faults: tuple[Trip, ...] = ()  # they end motion
-    unrest: Trip | None = None  # why the arm does not count as at rest
+    motion_at_rest_violation: Trip | None = None  # why the arm does not count as at rest
     residual: Trip | None = None  # residual force in free space
     calibration: Trip | None = None  # why running force feedback must not use the wrench
     slow: Trip | None = None  # why the controller is too slow to start force feedback
@@ -79,7 +79,7 @@ def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
     """
     return [
         *_rivals(inputs),
-        *_silent_or_invalid(inputs, blind=blind),
+        *_lost_inputs(inputs, blind=blind),
         *_overruns(inputs),
         *inputs.watched.faults,
     ]
@@ -108,12 +108,16 @@ def overrun_trip(role: str, overruns: int, longest_gap_s: float) -> Trip:
     return tripped("overrun", text, value=overruns, limit=MOST_OVERRUNS)
 
 
-def _silent_or_invalid(inputs: Inputs, *, blind: bool) -> list[Trip]:
-    felt = [] if blind else _force_readings(inputs)
-    readings: list[Reading[Any]] = [inputs.robot, *felt]
+def _lost_inputs(inputs: Inputs, *, blind: bool) -> list[Trip]:
+    force_readings = [] if blind else _force_readings(inputs)
+    readings: list[Reading[Any]] = [inputs.robot, *force_readings]
     if inputs.target.silent:
         readings.append(inputs.target)
-    health = [heard for role, heard in inputs.health.items() if not (blind and role in FORCE_ROLES)]
+    health = [
+        health_reading
+        for role, health_reading in inputs.health.items()
+        if not (blind and role in FORCE_ROLES)
+    ]
     lost = [reading for reading in (*readings, *health) if reading.fault]
     return [_lost(reading, is_sensor=reading is inputs.sensor) for reading in lost]
 
@@ -128,7 +132,7 @@ def _force_readings(inputs: Inputs) -> list[Reading[Any]]:
     return [sensor, wrench]
 
 
-def robot_complaints(inputs: Inputs) -> list[Trip]:
+def robot_faults(inputs: Inputs) -> list[Trip]:
     """Return what keeps the robot from following commands, by its own status."""
     robot = inputs.robot.fresh
     if robot is None or (robot.status.ready and not robot.status.faults):
@@ -140,8 +144,8 @@ def robot_complaints(inputs: Inputs) -> list[Trip]:
 def _fault_of_robot(fault: Trip) -> Trip:
     """Return a fault of the robot with its remedy; its code may be of another version."""
     if fault.code not in FAULTS:
-        return fault.model_copy(update={"code": "robot_error", "rule": FAULTS["robot_error"].rule})
-    return fault.model_copy(update={"text": FAULTS[fault.code].remedy})
+        return fault.replaced(code="robot_error", rule=FAULTS["robot_error"].rule)
+    return fault.replaced(text=FAULTS[fault.code].remedy)
 
 
 def mismatched_roles(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
@@ -160,7 +164,7 @@ def mismatched_roles(inputs: Inputs, config_hash: str, version: str) -> list[Tri
 
 def fault_trips(inputs: Inputs) -> list[Trip]:
     """Return why motion must end in FAULT: an input is missing or the robot cannot move."""
-    return missing(inputs) or robot_complaints(inputs)
+    return missing(inputs) or robot_faults(inputs)
 
 
 def _lost(reading: Reading[Any], *, is_sensor: bool) -> Trip:

@@ -48,17 +48,17 @@ class Rest:
 
     since_ns: int | None = None
 
-    def seen(self, robot: RobotState | None, turn: Ownership, now_ns: int) -> "Rest":
+    def update(self, robot: RobotState | None, ownership: Ownership, now_ns: int) -> "Rest":
         """Return the state after another report; a robot that holds accepts no owner: no rest.
 
         A robot that has never accepted a command has no turn number to compare.
         """
-        if robot is None or turn.commander != "none" or robot.hold is not None:
+        if robot is None or ownership.commander != "none" or robot.hold is not None:
             return Rest()
         status, echo = robot.status, robot.accepted
         if status.moving or status.feedback is not None:
             return Rest()
-        if echo is not None and echo.ownership != turn.number:
+        if echo is not None and echo.ownership != ownership.number:
             return Rest()
         return Rest(now_ns) if self.since_ns is None else self
 

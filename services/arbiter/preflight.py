@@ -19,7 +19,7 @@ from common.motion.limits import Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip, Vec3
 from forcemesh.version import __version__
-from services.arbiter.inputs import Inputs, limit_trip, mismatched_roles, missing, robot_complaints
+from services.arbiter.inputs import Inputs, limit_trip, mismatched_roles, missing, robot_faults
 
 PREFLIGHT_S = 1.0  # time for which the inputs must have been good
 
@@ -70,50 +70,50 @@ class Check(NamedTuple):
     """One row of the preflight."""
 
     what: str
-    complaints: Callable[[PreflightContext], list[Trip]]
+    failures: Callable[[PreflightContext], list[Trip]]
     purposes: tuple[Purpose, ...]
 
 
-def _heard(look: PreflightContext) -> list[Trip]:
-    return missing(look.inputs, blind=look.blind)
+def _inputs_received(context: PreflightContext) -> list[Trip]:
+    return missing(context.inputs, blind=context.blind)
 
 
-def _steady(look: PreflightContext) -> list[Trip]:
-    if look.good_s >= PREFLIGHT_S:
+def _steady(context: PreflightContext) -> list[Trip]:
+    if context.good_s >= PREFLIGHT_S:
         return []
-    text = f"inputs have been good for {look.good_s:.1f} s, {PREFLIGHT_S:g} s are required"
-    return [tripped("not_ready", text, value=look.good_s, limit=PREFLIGHT_S)]
+    text = f"inputs have been good for {context.good_s:.1f} s, {PREFLIGHT_S:g} s are required"
+    return [tripped("not_ready", text, value=context.good_s, limit=PREFLIGHT_S)]
 
 
-def _controller(look: PreflightContext) -> list[Trip]:
-    return robot_complaints(look.inputs)
+def _controller(context: PreflightContext) -> list[Trip]:
+    return robot_faults(context.inputs)
 
 
-def _strangers(look: PreflightContext) -> list[Trip]:
-    return mismatched_roles(look.inputs, look.terms.config_hash, look.terms.version)
+def _mismatched_roles(context: PreflightContext) -> list[Trip]:
+    return mismatched_roles(context.inputs, context.terms.config_hash, context.terms.version)
 
 
-def _limits(look: PreflightContext) -> list[Trip]:
-    return _some(limit_trip(look.inputs, look.terms.limits, look.terms.p_flange_tcp_m))
+def _limits(context: PreflightContext) -> list[Trip]:
+    return _some(limit_trip(context.inputs, context.terms.limits, context.terms.p_flange_tcp_m))
 
 
-def _rest(look: PreflightContext) -> list[Trip]:
-    return _some(look.inputs.watched.unrest)
+def _rest(context: PreflightContext) -> list[Trip]:
+    return _some(context.inputs.watched.motion_at_rest_violation)
 
 
-def _residual(look: PreflightContext) -> list[Trip]:
-    return _some(look.inputs.watched.residual)
+def _residual(context: PreflightContext) -> list[Trip]:
+    return _some(context.inputs.watched.residual)
 
 
-def _calibration(look: PreflightContext) -> list[Trip]:
-    wrench = look.inputs.wrench.fresh
+def _calibration(context: PreflightContext) -> list[Trip]:
+    wrench = context.inputs.wrench.fresh
     if wrench is None or wrench.calibrated:
         return []
     return [tripped("payload", wrench.calibration_fault or "the wrench is not calibrated")]
 
 
-def _approach(look: PreflightContext) -> list[Trip]:
-    value, limit = look.terms.approach_m_s, look.terms.approach_limit_m_s
+def _approach(context: PreflightContext) -> list[Trip]:
+    value, limit = context.terms.approach_m_s, context.terms.approach_limit_m_s
     if value <= limit:
         return []
     text = (
@@ -123,23 +123,23 @@ def _approach(look: PreflightContext) -> list[Trip]:
     return [tripped("approach_speed", text, value=value, limit=limit)]
 
 
-def _controller_speed(look: PreflightContext) -> list[Trip]:
-    return _some(look.inputs.watched.slow)
+def _controller_speed(context: PreflightContext) -> list[Trip]:
+    return _some(context.inputs.watched.slow)
 
 
-def _tare(look: PreflightContext) -> list[Trip]:
+def _tare(context: PreflightContext) -> list[Trip]:
     """Check the age of the tare; the text contains the present reading."""
-    reading, wrench = look.inputs.health.get("wrench"), look.inputs.wrench.fresh
+    reading, wrench = context.inputs.health.get("wrench"), context.inputs.wrench.fresh
     health = None if reading is None else reading.fresh
     age_h = 0.0 if health is None else health.numbers.get("tare_age_h", 0.0)
-    limit_h = look.terms.tare_age_max_s / 3600.0
+    limit_h = context.terms.tare_age_max_s / 3600.0
     if age_h <= limit_h or wrench is None:
         return []
     text = (
         f"the last tare is {age_h:.1f} h old, force.tare_age_max_s allows {limit_h:.1f} h; "
         f"the reading is {hypot(*wrench.force_N):.2f} N now"
     )
-    return [tripped("tare", text, value=3600.0 * age_h, limit=look.terms.tare_age_max_s)]
+    return [tripped("tare", text, value=3600.0 * age_h, limit=context.terms.tare_age_max_s)]
 
 
 def _some(trip: Trip | None) -> list[Trip]:
@@ -148,10 +148,10 @@ def _some(trip: Trip | None) -> list[Trip]:
 
 # fmt: off
 CHECKS: tuple[Check, ...] = (
-    Check("every input is received, valid and in time",       _heard,       EVERY),
+    Check("every input is received, valid and in time",       _inputs_received,       EVERY),
     Check("all inputs have been valid for a second",          _steady,      EVERY),
     Check("the controller is ready to move",                  _controller,  EVERY),
-    Check("every process has this cell file and version",     _strangers,   EVERY),
+    Check("every process has this cell file and version",     _mismatched_roles,   EVERY),
     Check("force below its ceiling, tool in the workspace",   _limits,      MOVES),
     Check("the arm is at rest where it was commanded",        _rest,        EVERY),
     Check("the calibration is valid for tool and sensor",     _calibration, FORCE),
@@ -175,12 +175,12 @@ def failed_checks(
         purpose: Purpose of arming.
         blind: To back off without a measured force.
     """
-    look = PreflightContext(inputs, terms, good_s, blind)
-    found = CHECKS[0].complaints(look)
+    context = PreflightContext(inputs, terms, good_s, blind)
+    found = CHECKS[0].failures(context)
     if found:
         return found
     rows = [row for row in CHECKS[1:] if purpose in row.purposes]
-    return [trip for row in rows for trip in row.complaints(look)]
+    return [trip for row in rows for trip in row.failures(context)]
 
 
 def load_text(inputs: Inputs, terms: Terms) -> str:

@@ -27,14 +27,16 @@ class ArbiterService:
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
         self._wrench = bus.reader(topics.WRENCH)
         self._target = bus.reader(topics.REGULATOR_TARGET)
-        silent = {"arbiter", "sensor"} if cell.roles.sensor == "external" else {"arbiter"}
-        watched = {role: topic for role, topic in topics.HEALTH.items() if role not in silent}
+        without_health = {"arbiter", "sensor"} if cell.roles.sensor == "external" else {"arbiter"}
+        watched = {
+            role: topic for role, topic in topics.HEALTH.items() if role not in without_health
+        }
         self._health = {role: bus.reader(topic) for role, topic in watched.items()}
         self._command = bus.publisher(topics.ROBOT_COMMAND)
         self._status = bus.publisher(topics.ARBITER_STATUS)
         self._status_period_ns = round(NS_PER_S / cell.rates.status_hz)
         self._next_status_ns = 0
-        self._said: tuple[ArbiterState, tuple[Trip, ...]] = ("BOOT", ())
+        self._published: tuple[ArbiterState, tuple[Trip, ...]] = ("BOOT", ())
         self._arms = bus.inbox(topics.ARM)
         self._holds = bus.inbox(topics.HOLD)
         self._clears = bus.inbox(topics.CLEAR)
@@ -49,7 +51,7 @@ class ArbiterService:
 
     def step(self, now_ns: int) -> None:
         """Serve requests, check the inputs, publish command and status, reply."""
-        seen = Inputs(
+        readings = Inputs(
             now_ns=now_ns,
             robot=self._robot.read(now_ns),
             sensor=self._sensor.read(now_ns),
@@ -57,13 +59,13 @@ class ArbiterService:
             target=self._target.read(now_ns),
             health={role: reader.read(now_ns) for role, reader in self._health.items()},
         )
-        inputs = self._watch.see(seen)
+        inputs = self._watch.update(readings)
         answers = list(self._serve(inputs))
         self._command.put(self._core.tick(inputs), inputs.target.origin)
         self._report(now_ns)
         # Last, so that the status is published before a client acts on the reply.
-        for asked, reply in answers:
-            asked.reply(reply)
+        for request, reply in answers:
+            request.reply(reply)
 
     def broke_off(self, trip: Trip) -> None:
         """End motion: an exception left this service's state undefined."""
@@ -86,7 +88,7 @@ class ArbiterService:
 
     def _report(self, now_ns: int) -> None:
         """Publish the status at its rate, and at once when the state or a cause changes."""
-        news = (self._core.state, self._core.trips)
-        if now_ns >= self._next_status_ns or news != self._said:
-            self._next_status_ns, self._said = now_ns + self._status_period_ns, news
+        report = (self._core.state, self._core.trips)
+        if now_ns >= self._next_status_ns or report != self._published:
+            self._next_status_ns, self._published = now_ns + self._status_period_ns, report
             self._status.put(self._core.status())

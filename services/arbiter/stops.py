@@ -42,7 +42,7 @@ RETREAT_WITHIN_S = 2.0
 class Retreat:
     """Travel and speed of a retreat in this cell; zero travel disables it."""
 
-    way_m: float
+    travel_m: float
     speed_m_s: float
 
     @classmethod
@@ -52,7 +52,7 @@ class Retreat:
 
     def ceilings(self, limits: Limits) -> Limits:
         """Return limits with the ceilings at which a retreat begins, if it is enabled."""
-        if self.way_m <= 0.0:
+        if self.travel_m <= 0.0:
             return limits
         force_N, torque_Nm = RETREAT_FROM * limits.force_N, RETREAT_FROM * limits.torque_Nm
         return replace(limits, force_N=force_N, torque_Nm=torque_Nm)
@@ -63,11 +63,11 @@ class Stopping:
     """State of a soft stop: its cause, and the set points that come to rest."""
 
     trip: Trip
-    pace: CommandedMotion
+    motion: CommandedMotion
     since_ns: int
     speed_m_s: float = 0.0  # of a retreat
     T_back: pin.SE3 | None = None  # end pose of a retreat; None for a fade
-    way_m: float = 0.0  # travel of a retreat
+    travel_m: float = 0.0  # travel of a retreat
     done: bool = False
 
 
@@ -89,31 +89,31 @@ def begin(
 
     A retreat needs a valid wrench that pushes against the press axis.
     """
-    reaction, pace = reaction_to(trip), stream.pace
-    if reaction == "fade" and not pace.is_still:
-        return Stopping(trip, pace, now_ns)
-    if reaction != "retreat" or retreat.way_m <= 0.0 or wrench is None:
+    reaction, motion = reaction_to(trip), stream.motion
+    if reaction == "fade" and not motion.is_at_rest:
+        return Stopping(trip, motion, now_ns)
+    if reaction != "retreat" or retreat.travel_m <= 0.0 or wrench is None:
         return None
-    T = pace.T_base_flange
+    T = motion.T_base_flange
     press_axis = (T * bounds.T_flange_tcp).rotation[:, 2]
     if float(np.array(wrench.force_N) @ press_axis) >= 0.0:
         return None
-    T_back = pin.SE3(T.rotation, T.translation - retreat.way_m * press_axis)
-    return Stopping(trip, pace, now_ns, retreat.speed_m_s, T_back, retreat.way_m)
+    T_back = pin.SE3(T.rotation, T.translation - retreat.travel_m * press_axis)
+    return Stopping(trip, motion, now_ns, retreat.speed_m_s, T_back, retreat.travel_m)
 
 
-def step(stopping: Stopping, bounds: ArmBounds, moment: Tick) -> Stopping:
+def step(stopping: Stopping, bounds: ArmBounds, tick: Tick) -> Stopping:
     """Return the stop one period later; at its end the trip contains cause and travel."""
     if stopping.T_back is None:
-        pace = brake(bounds.limits, stopping.pace, moment.dt_s)
-        return replace(stopping, pace=pace, done=pace.is_still)
+        motion = brake(bounds.limits, stopping.motion, tick.dt_s)
+        return replace(stopping, motion=motion, done=motion.is_at_rest)
     slow = replace(bounds.limits, speed_m_s=stopping.speed_m_s)
-    pace = limit_motion(slow, stopping.pace, stopping.T_back, moment.dt_s)
-    late = moment.now_ns - stopping.since_ns > RETREAT_WITHIN_S * NS_PER_S
-    done = late or (pace.is_still and pace.is_there) or bounds.place(pace.T_base_flange)
+    motion = limit_motion(slow, stopping.motion, stopping.T_back, tick.dt_s)
+    late = tick.now_ns - stopping.since_ns > RETREAT_WITHIN_S * NS_PER_S
+    done = late or (motion.is_at_rest and motion.is_at_target) or bounds.place(motion.T_base_flange)
     if not done:
-        return replace(stopping, pace=pace)
-    left_m = np.linalg.norm(stopping.T_back.translation - stopping.pace.T_base_flange.translation)
-    text = f"{stopping.trip.text}; the tool went back {(stopping.way_m - left_m) * 1e3:.1f} mm"
-    trip = stopping.trip.model_copy(update={"text": clipped(text)})
+        return replace(stopping, motion=motion)
+    left_m = np.linalg.norm(stopping.T_back.translation - stopping.motion.T_base_flange.translation)
+    text = f"{stopping.trip.text}; the tool went back {(stopping.travel_m - left_m) * 1e3:.1f} mm"
+    trip = stopping.trip.replaced(text=clipped(text))
     return replace(stopping, trip=trip, done=True)

@@ -23,7 +23,7 @@ from services.arbiter.bounds import ArmBounds
 class SetpointStream:
     """State of the stream: the last command, and the travel of the last quarter of a second."""
 
-    pace: CommandedMotion
+    motion: CommandedMotion
     window: PathWindow
 
 
@@ -42,7 +42,7 @@ class Tick:
 
 
 def follow(
-    stream: SetpointStream, T_target: pin.SE3, bounds: ArmBounds, moment: Tick
+    stream: SetpointStream, T_target: pin.SE3, bounds: ArmBounds, tick: Tick
 ) -> tuple[SetpointStream, Trip | None]:
     """Return the stream after a target pose, or unchanged with the limit that it violates.
 
@@ -50,17 +50,17 @@ def follow(
     """
     if not is_finite_pose(T_target):
         return stream, check_workspace(bounds.limits, T_target)
-    limits, before = bounds.limits, stream.pace.T_base_flange
-    pace = limit_motion(limits, stream.pace, T_target, moment.dt_s)
-    window = stream.window.after(moment.now_ns, before, pace.T_base_flange)
+    limits, before = bounds.limits, stream.motion.T_base_flange
+    motion = limit_motion(limits, stream.motion, T_target, tick.dt_s)
+    window = stream.window.after(tick.now_ns, before, motion.T_base_flange)
     trip = (
-        bounds.place(resting_place(limits, pace))
-        or check_step(limits, moment.T_measured, pace.T_base_flange)
+        bounds.place(resting_place(limits, motion))
+        or check_step(limits, tick.T_measured, motion.T_base_flange)
         or check_rate(limits, window)
     )
-    return (SetpointStream(pace, window), None) if trip is None else (stream, trip)
+    return (SetpointStream(motion, window), None) if trip is None else (stream, trip)
 
 
 def braked(stream: SetpointStream, bounds: ArmBounds, dt_s: float) -> SetpointStream:
     """Return the stream after one period of braking."""
-    return replace(stream, pace=brake(bounds.limits, stream.pace, dt_s))
+    return replace(stream, motion=brake(bounds.limits, stream.motion, dt_s))

@@ -19,11 +19,11 @@ from forcemesh.messages import Trip
 from services.arbiter.controller_watch import ControllerWatch
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 
-CALM_S = 0.2  # least time of the flange at one pose
+REST_POSE_S = 0.2  # least time of the flange at one pose
 REST_POSITION_M = 2e-4
 REST_TURN_RAD = 2e-3
 RESIDUAL_S = 0.5
-STOOD_STILL_S = 1.0  # stall of the arbiter after which all inputs look stale
+STALL_S = 1.0  # stall of the arbiter after which all inputs look stale
 MISALIGNED_PAIRS = 2  # debounce: one pair may straddle a message in transit
 
 
@@ -32,7 +32,7 @@ class InputMonitors:
 
     def __init__(self, cell: CellConfig) -> None:
         """Start without snapshots."""
-        self._own = Overruns(allowed_gap_s(cell, "arbiter"))
+        self._overruns = Overruns(allowed_gap_s(cell, "arbiter"))
         self._rest = RestWatch(1.0 / cell.rates.robot_hz)
         self._residual = ResidualWatch(cell.force.idle_max_N, cell.force.idle_max_Nm)
         self._calibration = CalibrationWatch()
@@ -40,22 +40,24 @@ class InputMonitors:
         stale_s = [cell.stale_after_s(topic) for topic in (topics.ROBOT_STATE, topics.WRENCH)]
         self._alignment = AlignmentWatch(ALLOWED_SHARE * max(stale_s))
 
-    def see(self, inputs: Inputs) -> Inputs:
+    def update(self, inputs: Inputs) -> Inputs:
         """Return the snapshot with the findings of all monitors."""
-        self._own.stepped(inputs.now_ns)
-        faults = [self._alignment.see(inputs)]
-        if self._own.gap_s > STOOD_STILL_S:
-            text = f"the arbiter itself stalled for {self._own.gap_s:.1f} s and received nothing"
+        self._overruns.stepped(inputs.now_ns)
+        faults = [self._alignment.update(inputs)]
+        if self._overruns.gap_s > STALL_S:
+            text = (
+                f"the arbiter itself stalled for {self._overruns.gap_s:.1f} s and received nothing"
+            )
             faults.append(tripped("overrun", text))
-        if self._own.count > MOST_OVERRUNS:
-            faults.append(overrun_trip("arbiter", self._own.count, self._own.longest_s))
+        if self._overruns.count > MOST_OVERRUNS:
+            faults.append(overrun_trip("arbiter", self._overruns.count, self._overruns.longest_s))
         watched = Watched(
             faults=tuple(trip for trip in faults if trip is not None),
-            unrest=self._rest.see(inputs),
-            residual=self._residual.see(inputs),
-            calibration=self._calibration.see(inputs),
-            slow=self._controller.unfit(inputs),
-            slower=self._controller.see(inputs),
+            motion_at_rest_violation=self._rest.update(inputs),
+            residual=self._residual.update(inputs),
+            calibration=self._calibration.update(inputs),
+            slow=self._controller.start_trip(inputs),
+            slower=self._controller.update(inputs),
         )
         return replace(inputs, watched=watched)
 
@@ -65,11 +67,11 @@ class RestWatch:
 
     def __init__(self, robot_period_s: float) -> None:
         """Start without a time at rest."""
-        self._needed_ns = round(max(CALM_S, 3.0 * robot_period_s) * NS_PER_S)
+        self._needed_ns = round(max(REST_POSE_S, 3.0 * robot_period_s) * NS_PER_S)
         self._anchor: pin.SE3 | None = None
         self._since_ns = 0
 
-    def see(self, inputs: Inputs) -> Trip | None:
+    def update(self, inputs: Inputs) -> Trip | None:
         """Return why the arm does not count as at rest."""
         robot = inputs.robot.fresh
         if robot is None:
@@ -111,7 +113,7 @@ class ResidualWatch:
         self._above_since_ns: int | None = None
         self._verdict: Trip | None = None
 
-    def see(self, inputs: Inputs) -> Trip | None:
+    def update(self, inputs: Inputs) -> Trip | None:
         """Return the trip of a residual above its limit, None while it is below."""
         wrench, header = inputs.wrench.fresh, inputs.wrench.header
         if wrench is None or header is None:
@@ -139,9 +141,9 @@ class ResidualWatch:
             self._above_since_ns = now_ns
         if now_ns - self._above_since_ns >= RESIDUAL_S * NS_PER_S:
             is_force = force_N > self._limit_N
-            left = f"{force_N:.1f} N are" if is_force else f"{torque_Nm:.2f} N m are"
+            residual_text = f"{force_N:.1f} N are" if is_force else f"{torque_Nm:.2f} N m are"
             text = (
-                f"{left} left where nothing should be touched: tare in free space; "
+                f"{residual_text} left where nothing should be touched: tare in free space; "
                 "in contact, arm for jog, then `forcemesh retract`"
             )
             value, limit = (force_N, self._limit_N) if is_force else (torque_Nm, self._limit_Nm)
@@ -159,7 +161,7 @@ class CalibrationWatch:
         """Start without force feedback."""
         self._at_start: str | None = None
 
-    def see(self, inputs: Inputs) -> Trip | None:
+    def update(self, inputs: Inputs) -> Trip | None:
         """Return why running force feedback must end."""
         wrench, target = inputs.wrench.fresh, inputs.target.fresh
         if target is None or wrench is None:
@@ -190,11 +192,11 @@ class AlignmentWatch:
             limit_s: Two periods of the slower topic, with the default deadlines of the bus.
         """
         self._limit_s = limit_s
-        self._seen = (0, 0)  # seq of robot and wrench at the last pair
+        self._last_seq = (0, 0)  # seq of robot and wrench at the last pair
         self._bad_pairs = 0
         self._trip: Trip | None = None  # of the last pair
 
-    def see(self, inputs: Inputs) -> Trip | None:
+    def update(self, inputs: Inputs) -> Trip | None:
         """Return why pose and wrench do not match in time."""
         robot, wrench, sensor = inputs.robot.header, inputs.wrench.header, inputs.sensor.header
         origin = inputs.wrench.origin
@@ -202,16 +204,18 @@ class AlignmentWatch:
             return None
         if not robot.boot == wrench.boot == sensor.boot:
             return None  # stamps of different clocks cannot be subtracted
-        apart_s = (robot.stamp_ns - origin.stamp_ns) / NS_PER_S
-        if robot.seq != self._seen[0] and wrench.seq != self._seen[1]:
-            self._seen = (robot.seq, wrench.seq)
-            self._bad_pairs = self._bad_pairs + 1 if abs(apart_s) > self._limit_s else 0
-            self._trip = self._trip_of(apart_s)
+        offset_s = (robot.stamp_ns - origin.stamp_ns) / NS_PER_S
+        if robot.seq != self._last_seq[0] and wrench.seq != self._last_seq[1]:
+            self._last_seq = (robot.seq, wrench.seq)
+            self._bad_pairs = self._bad_pairs + 1 if abs(offset_s) > self._limit_s else 0
+            self._trip = self._trip_of(offset_s)
         return self._trip
 
-    def _trip_of(self, apart_s: float) -> Trip | None:
+    def _trip_of(self, offset_s: float) -> Trip | None:
         if self._bad_pairs < MISALIGNED_PAIRS:
             return None
-        older = "wrench" if apart_s > 0.0 else "robot/state"
-        text = f"{older} is {abs(apart_s) * 1e3:.0f} ms older: pose and wrench do not match in time"
-        return tripped("misaligned", text, value=abs(apart_s), limit=self._limit_s, unit="s")
+        older = "wrench" if offset_s > 0.0 else "robot/state"
+        text = (
+            f"{older} is {abs(offset_s) * 1e3:.0f} ms older: pose and wrench do not match in time"
+        )
+        return tripped("misaligned", text, value=abs(offset_s), limit=self._limit_s, unit="s")

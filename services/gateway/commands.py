@@ -64,20 +64,20 @@ class PoseCarry:
     oat: Oat | None = None
 
 
-def whole(T_wanted: pin.SE3, now_ns: int) -> pin.SE3:  # noqa: ARG001 - as `Pacing.leave`
+def unchanged(T_target: pin.SE3, now_ns: int) -> pin.SE3:  # noqa: ARG001 - as `Pacing.release`
     """Return a set point unchanged."""
-    return T_wanted
+    return T_target
 
 
 @dataclass(frozen=True, slots=True)
 class Pacing:
     """Flow control: number of packets in flight to the controller, and the heartbeat interval."""
 
-    max_untaken: int = 1  # unexecuted in the ring, before the next set point, centre or gains
-    max_unframed: int = 2  # unacknowledged by the receiver, before another wrench
+    max_unexecuted: int = 1  # unexecuted in the ring, before the next set point, centre or gains
+    max_unacknowledged: int = 2  # unacknowledged by the receiver, before another wrench
     heartbeat_after_s: float = 0.040
     # Pose to send for the newest set point [at ns]: itself, one towards it, or None for not yet.
-    leave: Callable[[pin.SE3, int], pin.SE3 | None] = whole
+    release: Callable[[pin.SE3, int], pin.SE3 | None] = unchanged
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +124,9 @@ def move_to_pose(
     """
     _refuse_unless_finite(T_base_flange)
     oat = oat_from_R(T_base_flange.rotation, carry.oat)
-    wanted_mm = T_base_flange.translation * MM_PER_M + np.array(carry.error_mm)
-    vec = _pose_vec(wanted_mm, oat, scales)
-    x, y, z = (float(e) for e in wanted_mm - np.array(vec[:3]) / scales.position_per_mm)
+    target_mm = T_base_flange.translation * MM_PER_M + np.array(carry.error_mm)
+    vec = _pose_vec(target_mm, oat, scales)
+    x, y, z = (float(e) for e in target_mm - np.array(vec[:3]) / scales.position_per_mm)
     return Command(Com.MOVE_POSE, 0, vec), PoseCarry((x, y, z), oat)
 
 
@@ -134,8 +134,8 @@ def set_point(
     T_base_flange: pin.SE3, scales: Scales, carry: PoseCarry
 ) -> tuple[Command, PoseCarry]:
     """Return command 13, one pose of a stream; otherwise as `move_to_pose`."""
-    command, left = move_to_pose(T_base_flange, scales, carry)
-    return replace(command, com=Com.SET_POINT), left
+    command, rest = move_to_pose(T_base_flange, scales, carry)
+    return replace(command, com=Com.SET_POINT), rest
 
 
 def move_to_joints(joint_rad: Joints, scales: Scales) -> Command:
@@ -279,7 +279,7 @@ def _gain_vec(kind: str, force: Vec3, torque: Vec3, per_one: float) -> VecInt:
     fx, fy, fz = (value * MM_PER_M for value in force)
     mx, my, mz = (degrees(value) for value in torque)
     vec = to_vec(names, (fx, fy, fz, mx, my, mz), (per_one,) * 6)
-    for name, wanted, sent in zip(names, (*force, *torque), vec, strict=True):
-        if wanted != 0.0 and sent == 0:
-            raise LocalProtocolError(f"{name} is {wanted:.3g}, too small: it would be sent as 0")
+    for name, requested, sent in zip(names, (*force, *torque), vec, strict=True):
+        if requested != 0.0 and sent == 0:
+            raise LocalProtocolError(f"{name} is {requested:.3g}, too small: it would be sent as 0")
     return vec

@@ -10,7 +10,7 @@ from forcemesh.messages import Trip
 from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import REPORTS_TO_CONFIRM, ControllerReport
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
 from services.gateway.round_trips import LEAST_STREAMED, Rate, WrappingCounterRate
 
@@ -33,7 +33,7 @@ class ByteLink(Protocol):
     connections: int
     last_fault: str
 
-    def poll(self, now_ns: int) -> News:
+    def poll(self, now_ns: int) -> LinkEvents:
         """Return the events since the last poll."""
 
     def send(self, data: bytes, now_ns: int) -> bool:
@@ -79,19 +79,19 @@ class ControllerConnection:
 
     def poll(self, now_ns: int) -> bool:
         """Serve the link; return whether a new pose with its joints was received."""
-        news = self._wire.poll(now_ns)
-        if news.opened:
+        events = self._wire.poll(now_ns)
+        if events.opened:
             self._up = True
             self.send(self.dialogue.connected(now_ns), now_ns)
         is_new = False
         try:
-            for event in self.dialogue.feed(news.data, now_ns) if news.data else ():
+            for event in self.dialogue.feed(events.data, now_ns) if events.data else ():
                 is_new |= self._take(event, now_ns)
         except RemoteProtocolError as error:
             self.errors += 1
             self._wire.close(str(error), now_ns)
             self._down()
-        if news.lost:
+        if events.lost:
             self._down()
         self._watch(now_ns)
         return is_new
@@ -106,7 +106,7 @@ class ControllerConnection:
         if data:
             self._wire.send(data, now_ns)
 
-    def trouble(self, now_ns: int) -> str:
+    def link_fault(self, now_ns: int) -> str:
         """Return why the robot cannot be commanded, empty when it can."""
         if not self.is_ready:
             return self._wire.last_fault or "not connected to the controller yet"
@@ -116,14 +116,14 @@ class ControllerConnection:
         if age_s > self._stale_after_s:
             limit_ms = self._stale_after_s * 1e3
             return f"the controller's pose is {age_s * 1e3:.0f} ms old, limit {limit_ms:.0f} ms"
-        is_young = now_ns - self._greeted_ns < SET_UP_WITHIN_NS
-        if is_young and not self.dialogue.is_set_up and not self._unfit_codes():
+        is_starting_up = now_ns - self._greeted_ns < SET_UP_WITHIN_NS
+        if is_starting_up and not self.dialogue.is_set_up and not self._controller_fault_codes():
             return "the controller is receiving its limits"
         return ""
 
-    def unfit(self) -> Trip | None:
+    def controller_fault(self) -> Trip | None:
         """Return the status bits that prevent motion."""
-        codes = self._unfit_codes()
+        codes = self._controller_fault_codes()
         if not codes and not self.dialogue.is_set_up:
             return tripped("robot_program", "the controller's program does not execute its limits")
         if not codes:
@@ -135,10 +135,10 @@ class ControllerConnection:
         error = 0 if self.health is None else self.health.error_code
         return tuple(
             tripped(code, FAULTS[code].cause, value=error if code == "robot_error" else None)
-            for code in self._unfit_codes()
+            for code in self._controller_fault_codes()
         )
 
-    def _unfit_codes(self) -> list[str]:
+    def _controller_fault_codes(self) -> list[str]:
         status = Status(0) if self.measured is None else self.measured.status
         codes = [code for bit, code in NEEDED.items() if not status & bit]
         return codes + [code for bit, code in FORBIDDEN.items() if status & bit]
@@ -176,7 +176,7 @@ class ControllerConnection:
 
     def _set_up_again(self, health: HealthReport, now_ns: int) -> None:
         """Send the limits again if they are neither executed nor queued: a hold voided them."""
-        is_void = health.queue_length == 0 and self.dialogue.unframed == 0
+        is_void = health.queue_length == 0 and self.dialogue.unacknowledged == 0
         self._voided = self._voided + 1 if is_void and not self.dialogue.is_set_up else 0
         if self._voided >= REPORTS_TO_CONFIRM:
             self._voided = 0

@@ -62,14 +62,14 @@ class Dialogue:
         self._setting_up: tuple[Command, ...] = ()
         self._set_up = NONE_YET  # the last of these
         self._speed: Speed | None = None
-        self._wanted_bits = _NO_BITS  # requested force feedback
+        self._requested_bits = _NO_BITS  # requested force feedback
         self._was_running = False
-        self._forget_motion()
+        self._reset_motion()
 
-    def _forget_motion(self, running: Gains | None = None) -> None:
+    def _reset_motion(self, running: Gains | None = None) -> None:
         """Reset the set-point stream and force feedback: nothing pending, no rounding carried."""
-        self._offers = PendingCommands(self.scales, self._pacing, running)
-        self._untaken: deque[int] = deque()
+        self._pending = PendingCommands(self.scales, self._pacing, running)
+        self._unexecuted: deque[int] = deque()
 
     # --- connection -------------------------------------------------------------------------------
 
@@ -99,8 +99,8 @@ class Dialogue:
             self._taken.read(event.taken_id, self._last_for_ring)
             self.echoes.taken_up_to(self.taken, now_ns)
             self._follow_status(event.status)
-            while self._untaken and self._untaken[0] <= self.taken:
-                self._untaken.popleft()
+            while self._unexecuted and self._unexecuted[0] <= self.taken:
+                self._unexecuted.popleft()
         elif isinstance(event, JointReport):
             self._framed.read(event.framed_id, self.last)
             self.echoes.framed.reached(self.framed, now_ns)
@@ -109,10 +109,10 @@ class Dialogue:
     def _follow_status(self, status: Status) -> None:
         """Detect that the controller ended requested force feedback by itself."""
         self.status = status
-        if self._wanted_bits and status & self._wanted_bits == self._wanted_bits:
+        if self._requested_bits and status & self._requested_bits == self._requested_bits:
             self._was_running = True
         elif self._was_running:
-            self._wanted_bits, self._was_running = _NO_BITS, False
+            self._requested_bits, self._was_running = _NO_BITS, False
 
     # --- views ------------------------------------------------------------------------------------
 
@@ -134,15 +134,15 @@ class Dialogue:
     @property
     def feedback_active(self) -> bool:
         """Whether force feedback is requested and not ended, or reported as running."""
-        return bool(self._wanted_bits or self.status & FEEDBACK_BITS)
+        return bool(self._requested_bits or self.status & FEEDBACK_BITS)
 
     @property
-    def untaken(self) -> int:
+    def unexecuted(self) -> int:
         """Number of streamed commands not yet executed by the robot program."""
-        return len(self._untaken)
+        return len(self._unexecuted)
 
     @property
-    def unframed(self) -> int:
+    def unacknowledged(self) -> int:
         """Number of packets not yet acknowledged by the controller's receiver."""
         return self.last - max(self._hello, self.framed)
 
@@ -187,22 +187,22 @@ class Dialogue:
     def offer_setpoint(self, T_base_flange: pin.SE3) -> None:
         """Store the newest pose of a stream; `tick` sends it when flow control permits."""
         self._refuse_during_feedback(Com.SET_POINT)
-        self._offers.setpoint(T_base_flange)
+        self._pending.setpoint(T_base_flange)
 
     def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
         """Store the newest wrench and its set point; `tick` sends them."""
         self._refuse_without_feedback("that could use a wrench")
-        self._offers.wrench(force_N, torque_Nm, setpoint_N)
+        self._pending.wrench(force_N, torque_Nm, setpoint_N)
 
     def offer_centre(self, T_flange_tcp: pin.SE3) -> None:
         """Store the newest centre of rotation of force feedback; `tick` sends it."""
         self._refuse_without_feedback("whose centre could be moved")
-        self._offers.centre(T_flange_tcp)
+        self._pending.centre(T_flange_tcp)
 
     def offer_gains(self, gains: Gains) -> None:
         """Store the newest gains of running force feedback; `tick` sends those that are new."""
         self._refuse_without_feedback("whose gains could be changed")
-        self._offers.gains(gains)
+        self._pending.gains(gains)
 
     def set_speed(self, speed: Speed, now_ns: int) -> bytes:
         """Return the speeds command, empty if the controller has these speeds already."""
@@ -229,8 +229,8 @@ class Dialogue:
             )
         self._refuse_during_feedback(Com.FEEDBACK)
         data = self._send(now_ns, *commands.gains(gains), *commands.start_feedback(mode))
-        self._forget_motion(gains)
-        self._wanted_bits, self._was_running = commands.BITS_OF_MODE[mode], False
+        self._reset_motion(gains)
+        self._requested_bits, self._was_running = commands.BITS_OF_MODE[mode], False
         return data
 
     def stop_feedback(self, now_ns: int) -> bytes:
@@ -241,13 +241,13 @@ class Dialogue:
     def tick(self, now_ns: int, *, permitted: bool) -> bytes:
         """Return the bytes due now: a set point, a wrench or a heartbeat; none unpermitted."""
         if not permitted or not self.ready:
-            self._offers.forget()
+            self._pending.clear()
             return b""
         data = self._due_to_ring(now_ns) + self._due_wrench(now_ns)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if data or silence_s < self._pacing.heartbeat_after_s:
             return data
-        if self.unframed:  # a packet in flight is a heartbeat; more would delay a hold
+        if self.unacknowledged:  # a packet in flight is a heartbeat; more would delay a hold
             return b""
         return self._send(now_ns, commands.HEARTBEAT)
 
@@ -255,34 +255,34 @@ class Dialogue:
 
     def _stop_motion(self) -> None:
         """Void the commands not yet executed: no echo of them will arrive."""
-        self._forget_motion()
-        self._wanted_bits, self._was_running = _NO_BITS, False
+        self._reset_motion()
+        self._requested_bits, self._was_running = _NO_BITS, False
         self.echoes.give_up_taken()
 
     def _goal(self, command: Command, speed: Speed, now_ns: int) -> bytes:
         self._refuse_during_feedback(command.com)
         data = self._send(now_ns, *self._speed_first(speed), command)
         self._speed, self._motion = speed, self.last
-        self._forget_motion()
+        self._reset_motion()
         return data
 
     def _due_to_ring(self, now_ns: int) -> bytes:
-        if self.untaken >= self._pacing.max_untaken:
+        if self.unexecuted >= self._pacing.max_unexecuted:
             return b""
-        due = self._offers.take_for_ring(now_ns)
+        due = self._pending.take_for_ring(now_ns)
         return b"".join(self._send_to_ring(now_ns, command) for command in due)
 
     def _send_to_ring(self, now_ns: int, command: Command) -> bytes:
         data = self._send(now_ns, command)
-        self._untaken.append(self.last)
+        self._unexecuted.append(self.last)
         self.echoes.streamed.sent(self.last, now_ns)
         self._motion = self.last
         return data
 
     def _due_wrench(self, now_ns: int) -> bytes:
-        if self.unframed >= self._pacing.max_unframed:
+        if self.unacknowledged >= self._pacing.max_unacknowledged:
             return b""
-        return self._send(now_ns, *self._offers.take_wrench())
+        return self._send(now_ns, *self._pending.take_wrench())
 
     def _speed_first(self, speed: Speed) -> tuple[Command, ...]:
         return () if speed == self._speed else (commands.speeds(speed, self.scales),)

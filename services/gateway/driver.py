@@ -54,7 +54,7 @@ class Driver:
         send: Callable[[bytes, int], None],
         *,
         guard: LastCheck,
-        departures: SetpointShaper,
+        shaper: SetpointShaper,
         tracking: TrackingMonitor,
         speed_m_s: float,
         T_flange_tcp: pin.SE3,
@@ -67,7 +67,7 @@ class Driver:
         self._dialogue = dialogue
         self._send = send
         self._guard = guard
-        self._departures = departures
+        self._shaper = shaper
         self._tracking = tracking
         self._T_flange_tcp = T_flange_tcp
         self._stream_speed = Speed(mechanical_m_s=speed_m_s)
@@ -77,7 +77,7 @@ class Driver:
         self._stream_from = 0  # packet number of that set point
         self._holding = True  # every connection begins with hello and hold
         self._lease: tuple[int, int] | None = None
-        self._wrench_seen: tuple[int, int] | None = None
+        self._last_wrench: tuple[int, int] | None = None
 
     @property
     def goal(self) -> GoalReport:
@@ -87,7 +87,7 @@ class Driver:
     @property
     def sent(self) -> pin.SE3 | None:
         """Last set point sent of the stream, flange in base; None: no stream."""
-        return self._departures.last if self._streaming else None
+        return self._shaper.last if self._streaming else None
 
     def disconnected(self) -> None:
         """Register a lost connection: a new one begins in hold."""
@@ -95,10 +95,10 @@ class Driver:
 
     def hold(self, reason: str, now_ns: int) -> None:
         """Brake and hold: command 8 once; nothing is resumed."""
-        if self._track.on_the_way:
+        if self._track.in_progress:
             self._track = self._track.ended("refused", reason)
         self._running, self._streaming = None, False
-        self._departures.end()
+        self._shaper.end()
         self._tracking.free()
         if not self._holding and self._dialogue.ready:
             self._holding = True
@@ -142,7 +142,7 @@ class Driver:
         _refuse(self._guard.wrench(wrench.fresh, in_move=command.kind == "goal"))
         if command.kind != "setpoint":
             self._streaming = False
-            self._departures.end()
+            self._shaper.end()
         if command.kind == "feedback":
             self._obey_feedback(command, wrench, now_ns)
             return
@@ -162,11 +162,11 @@ class Driver:
         track = self._track
         if goal.id == track.report.id and track.report.state != "queued":
             return
-        if goal.id != track.report.id and track.on_the_way:
+        if goal.id != track.report.id and track.in_progress:
             self._idle(now_ns)
             self._track = goals.refused(goal, "another goal was in progress; it is braked")
             return
-        if self._dialogue.feedback_active or not self._knows_where(goal, measured):
+        if self._dialogue.feedback_active or not self._is_start_known(goal, measured):
             self._track = goals.queued(goal)
             return
         trip = self._guard.goal(goal, speed, measured.T_base_flange, measured.joint_rad)
@@ -174,11 +174,11 @@ class Driver:
             self._track = goals.refused(goal, trip.text)
         else:
             self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
-            self._departures.moved_otherwise()
+            self._shaper.moved_otherwise()
             self._track = goals.sent(goal, self._dialogue.last, measured.joint_rad, now_ns)
             self._expect(self._track, measured)
 
-    def _knows_where(self, goal: Goal, measured: ControllerReport) -> bool:
+    def _is_start_known(self, goal: Goal, measured: ControllerReport) -> bool:
         """Return whether the start of a move is known, which the end of a relative one needs."""
         at_rest = self._dialogue.settled and not measured.status & Status.MOVING
         return goal.kind != "by" or at_rest
@@ -200,17 +200,17 @@ class Driver:
             return
         if not self._streaming:
             self._idle(now_ns)
-            _refuse(self._departures.seed(measured.T_base_flange, now_ns))
+            _refuse(self._shaper.seed(measured.T_base_flange, now_ns))
             _refuse(self._guard.seed(measured.T_base_flange, now_ns))
             self._tracking.stream(measured.T_base_flange, now_ns)
             self._send(self._dialogue.set_speed(self._stream_speed, now_ns), now_ns)
             self._dialogue.offer_setpoint(measured.T_base_flange)
             self._send(self._dialogue.tick(now_ns, permitted=True), now_ns)
             self._streaming, self._stream_from = True, self._dialogue.last
-        T_wanted = pose_of(command.pose)
-        _refuse(self._guard.setpoint(T_wanted, measured.T_base_flange, now_ns))
-        self._dialogue.offer_setpoint(T_wanted)
-        self._tracking.stream(T_wanted, now_ns)
+        T_target = pose_of(command.pose)
+        _refuse(self._guard.setpoint(T_target, measured.T_base_flange, now_ns))
+        self._dialogue.offer_setpoint(T_target)
+        self._tracking.stream(T_target, now_ns)
 
     def _expect(self, track: Track, measured: ControllerReport) -> None:
         """Set the expected path of the arm to a goal, for the tracking check."""
@@ -218,11 +218,11 @@ class Driver:
             self._tracking.line(measured.T_base_flange, track.T_target)
         else:
             target_rad = track.joint_target_rad or measured.joint_rad
-            self._tracking.turn(measured.joint_rad, target_rad)
+            self._tracking.joint_move(measured.joint_rad, target_rad)
 
     def _idle(self, now_ns: int) -> None:
         """Brake an active goal: the permission contains no motion."""
-        if self._track.on_the_way:
+        if self._track.in_progress:
             self._track = self._track.ended("refused", "the arbiter withdrew the goal")
             self._send(self._dialogue.hold(now_ns), now_ns)
 
@@ -249,7 +249,7 @@ class Driver:
             if feedback.gains != running.feedback.gains:
                 self._dialogue.offer_gains(feedback.gains)
             self._running = replace(
-                running, feedback=feedback, lever_m=self._turn_about(running, feedback)
+                running, feedback=feedback, lever_m=self._move_centre(running, feedback)
             )
             sample = (wrench.header.epoch, wrench.header.seq)
             self._feed_back(feedback, wrench.fresh, sample, now_ns - running.since_ns)
@@ -262,13 +262,13 @@ class Driver:
             feedback.mode, feedback.gains, permitted=True, now_ns=now_ns
         )
         self._send(data, now_ns)
-        self._departures.moved_otherwise()
+        self._shaper.moved_otherwise()
         self._running = RunningFeedback(feedback, now_ns, feedback.lever_m)
 
-    def _turn_about(self, running: RunningFeedback, feedback: Feedback) -> Vec3:
+    def _move_centre(self, running: RunningFeedback, feedback: Feedback) -> Vec3:
         """Offer the contact point as centre of rotation when it has moved; return the lever."""
-        way_m = np.linalg.norm(np.array(feedback.lever_m) - np.array(running.lever_m))
-        if way_m < CENTRE_STEP_M:
+        travel_m = np.linalg.norm(np.array(feedback.lever_m) - np.array(running.lever_m))
+        if travel_m < CENTRE_STEP_M:
             return running.lever_m
         self._dialogue.offer_centre(self._centre(feedback))
         return feedback.lever_m
@@ -290,8 +290,8 @@ class Driver:
         if not self._dialogue.status & FEEDBACK_BITS:
             if since_ns > FEEDBACK_STARTS_WITHIN_S * NS_PER_S:
                 raise RefusedError("feedback", "the controller did not start force feedback")
-        elif sample != self._wrench_seen:
-            self._wrench_seen = sample
+        elif sample != self._last_wrench:
+            self._last_wrench = sample
             setpoint_N = feedback.setpoint_force_N
             self._dialogue.offer_wrench(wrench.force_N, wrench.torque_Nm, setpoint_N)
 

@@ -14,7 +14,7 @@ from services.gateway.numbering import NONE_YET
 NO_GOAL = GoalReport()
 REACHED_M = 5e-4
 REACHED_RAD = 3e-3
-TAKEN_WITHIN_NS = 2_000_000_000
+EXECUTION_WITHIN_NS = 2_000_000_000
 # Debounce: the controller does not read ID and status of a report at one instant.
 REPORTS_TO_CONFIRM = 2
 STOPPED_SHORT_NS = 500_000_000  # time at rest away from the target
@@ -47,7 +47,7 @@ class Track:
     agreeing: int = 0  # consecutive reports with the same state
 
     @property
-    def on_the_way(self) -> bool:
+    def in_progress(self) -> bool:
         """Whether the goal is neither done nor refused."""
         return self.report.state in {"queued", "running"}
 
@@ -87,9 +87,9 @@ def follow(track: Track, measured: ControllerReport, now_ns: int) -> Track:
     if track.report.state != "running":
         return track
     if measured.taken < track.packet:
-        if now_ns - track.sent_ns > TAKEN_WITHIN_NS:
+        if now_ns - track.sent_ns > EXECUTION_WITHIN_NS:
             return track.ended(
-                "refused", f"not taken by the controller within {TAKEN_WITHIN_NS / 1e9:g} s"
+                "refused", f"not taken by the controller within {EXECUTION_WITHIN_NS / 1e9:g} s"
             )
         return track
     if measured.counter == track.counter:
@@ -127,11 +127,13 @@ def _missing(track: Track, measured: ControllerReport) -> str:
     """Return the distance to the target as a text, empty when it is reached."""
     if track.T_target is not None:
         T = measured.T_base_flange
-        way_m = float(np.linalg.norm(track.T_target.translation - T.translation))
+        distance_m = float(np.linalg.norm(track.T_target.translation - T.translation))
         turn_rad = float(np.linalg.norm(rotation_between(T.rotation, track.T_target.rotation)))
-        if way_m <= REACHED_M and turn_rad <= REACHED_RAD:
+        if distance_m <= REACHED_M and turn_rad <= REACHED_RAD:
             return ""
-        return f"{way_m * 1e3:.2f} mm and {np.degrees(turn_rad):.2f} degrees"
-    turns = np.array(measured.joint_rad) - np.array(track.joint_target_rad or measured.joint_rad)
-    turn_rad = float(np.abs(turns).max())
+        return f"{distance_m * 1e3:.2f} mm and {np.degrees(turn_rad):.2f} degrees"
+    rotations = np.array(measured.joint_rad) - np.array(
+        track.joint_target_rad or measured.joint_rad
+    )
+    turn_rad = float(np.abs(rotations).max())
     return "" if turn_rad <= REACHED_RAD else f"{np.degrees(turn_rad):.2f} degrees"

@@ -36,7 +36,7 @@ class LinkSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class News:
+class LinkEvents:
     """Events of the link since the last poll, in this order."""
 
     opened: bool = False
@@ -67,7 +67,7 @@ class Link:
         """Whether the connection is established."""
         return self._open
 
-    def poll(self, now_ns: int) -> News:
+    def poll(self, now_ns: int) -> LinkEvents:
         """Open, receive and supervise the connection; return its events."""
         opened, data = False, b""
         if not self._open and not self._lost and now_ns >= self._next_attempt_ns:
@@ -77,7 +77,7 @@ class Link:
             self._flush(now_ns)
             self._watch(now_ns)
         lost, self._lost = self._lost, ""
-        return News(opened, data, lost)
+        return LinkEvents(opened, data, lost)
 
     def send(self, data: bytes, now_ns: int) -> bool:
         """Queue bytes for sending; False without a connection (`poll` returns the reason)."""

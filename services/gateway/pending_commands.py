@@ -22,9 +22,9 @@ class PendingCommands:
         # The controller's set point is zero after a hold, a stop and hello.
         self._sent_setpoint = commands.force_set_point((0.0, 0.0, 0.0), scales)
         self._carry = PoseCarry()
-        self.forget()
+        self.clear()
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Drop all pending commands."""
         self._setpoint: pin.SE3 | None = None
         self._wrench: tuple[Command, ...] = ()
@@ -65,12 +65,12 @@ class PendingCommands:
         return wrench
 
     def _take_setpoint(self, now_ns: int) -> tuple[Command, ...]:
-        if (wanted := self._setpoint) is None:
+        if (target := self._setpoint) is None:
             return ()
-        if (leaves := self._pacing.leave(wanted, now_ns)) is None:
+        if (released := self._pacing.release(target, now_ns)) is None:
             return ()
-        command, self._carry = commands.set_point(leaves, self._scales, self._carry)
-        self._setpoint = None if leaves is wanted else wanted
+        command, self._carry = commands.set_point(released, self._scales, self._carry)
+        self._setpoint = None if released is target else target
         return (command,)
 
     def _take_gains(self) -> tuple[Command, ...]:

@@ -18,8 +18,8 @@ TAKEN = frozenset({
     Com.LIMITS, Com.TCP, Com.SET_POINT,
 })  # fmt: skip
 MOST_TIMES = 512
-MOST_UNDER_WAY = 512
-FORGET_AFTER_S = 60.0
+MOST_IN_FLIGHT = 512
+DROP_AFTER_S = 60.0
 RATE_WINDOW_S = 4.0
 LEAST_STREAMED = 20  # set points before their median is published
 RATE_LEAST_S = 1.0
@@ -40,7 +40,7 @@ class RoundTrips:
     def __init__(self) -> None:
         """Start without measurements."""
         self.last_s: float | None = None
-        self._under_way: deque[tuple[int, int]] = deque()  # number, sent at
+        self._in_flight: deque[tuple[int, int]] = deque()  # number, sent at
         self._times: deque[tuple[int, int]] = deque(maxlen=MOST_TIMES)  # echoed at, took
 
     def sent(self, number: int, now_ns: int) -> None:
@@ -48,28 +48,28 @@ class RoundTrips:
 
         With too many packets in flight this one is not timed: the older ones are.
         """
-        if len(self._under_way) < MOST_UNDER_WAY:
-            self._under_way.append((number, now_ns))
+        if len(self._in_flight) < MOST_IN_FLIGHT:
+            self._in_flight.append((number, now_ns))
 
     def reached(self, number: int, now_ns: int) -> None:
         """Register an echo: this packet and all before it have arrived."""
-        while self._under_way and self._under_way[0][0] <= number:
-            took_ns = now_ns - self._under_way.popleft()[1]
+        while self._in_flight and self._in_flight[0][0] <= number:
+            took_ns = now_ns - self._in_flight.popleft()[1]
             self.last_s = took_ns / NS_PER_S
             self._times.append((now_ns, took_ns))
 
     @property
     def oldest_ns(self) -> int | None:
         """Time of the oldest packet without an echo, None without such a packet."""
-        return self._under_way[0][1] if self._under_way else None
+        return self._in_flight[0][1] if self._in_flight else None
 
     def give_up(self) -> None:
         """Drop the packets in flight: they were voided and will not be echoed."""
-        self._under_way.clear()
+        self._in_flight.clear()
 
     def spread(self, now_ns: int, least: int = 1) -> Spread | None:
         """Return the spread of the last minute, None with fewer than `least` times."""
-        oldest_ns = now_ns - FORGET_AFTER_S * NS_PER_S
+        oldest_ns = now_ns - DROP_AFTER_S * NS_PER_S
         times = sorted(took for at, took in self._times if at >= oldest_ns)
         if len(times) < least:
             return None
@@ -128,8 +128,8 @@ class Rate:
 
     def hz(self, now_ns: int) -> float | None:
         """Return events per second up to now, None while unknown."""
-        past = [mark for mark in self._marks if now_ns - mark[0] >= self._window_ns]
-        since_ns, before = past[-1] if past else (self._marks or [(now_ns, 0)])[0]
+        earlier = [mark for mark in self._marks if now_ns - mark[0] >= self._window_ns]
+        since_ns, before = earlier[-1] if earlier else (self._marks or [(now_ns, 0)])[0]
         if now_ns - since_ns < self._least_ns:
             return None
         return (self._total - before) * NS_PER_S / (now_ns - since_ns)

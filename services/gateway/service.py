@@ -36,10 +36,10 @@ from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
 
 STEP_S = 0.002  # longest time that a report of the controller waits in the socket
 # Margins of the controller's own limits over those of this process.
-CONTROLLER_TURN_MARGIN_RAD = radians(0.5)
+CONTROLLER_ROTATION_MARGIN_RAD = radians(0.5)
 STEP_MARGIN = 1.1
 CONTROLLER_SPEED_MARGIN = 1.01
-WALL_MARGIN_M = MEASURED_SLACK_M + 1e-3
+WORKSPACE_MARGIN_M = MEASURED_SLACK_M + 1e-3
 # Mode of the force feedback in the controller, by its bits for position and for orientation.
 FEEDBACK: dict[tuple[bool, bool], Mode | None] = {
     (False, False): None,
@@ -64,11 +64,11 @@ class Gateway:
         kept = controller_limits(cell, section)
         guard = LastCheck(cell)
         step = set_point_step(cell, section)
-        departures = SetpointShaper(cell.limits, guard.place, CatchUp.of(cell), step)
+        shaper = SetpointShaper(cell.limits, guard.place, CatchUp.of(cell), step)
         pacing = Pacing(
-            max_untaken=section.max_untaken_setpoints,
+            max_unexecuted=section.max_unexecuted_setpoints,
             heartbeat_after_s=section.heartbeat_s,
-            leave=departures.leave,
+            release=shaper.release,
         )
         # A restarted process must not attribute echoes of its predecessor's IDs to itself.
         last_id = ID_FIRST + bus.epoch % ID_COUNT
@@ -83,7 +83,7 @@ class Gateway:
             self._dialogue,
             self._connection.send,
             guard=guard,
-            departures=departures,
+            shaper=shaper,
             tracking=TrackingMonitor(cell),
             speed_m_s=cell.limits.speed_m_s,
             T_flange_tcp=cell.tool.T_flange_tcp.pose,
@@ -91,7 +91,7 @@ class Gateway:
         self._gate = CommandGate()
         self._verdict = NO_COMMAND_YET
         self._state_period_ns = round(NS_PER_S / cell.rates.robot_hz)
-        self._said_ns = 0
+        self._reported_ns = 0
         self._refusals = 0
         self._command = bus.reader(topics.ROBOT_COMMAND)
         self._wrench = bus.reader(topics.WRENCH)
@@ -115,8 +115,8 @@ class Gateway:
             "reconnects": self._connection.reconnects,
             "protocol_errors": self._connection.errors,
             "refusals": self._refusals,
-            "untaken": self._dialogue.untaken,
-            "unframed": self._dialogue.unframed,
+            "unexecuted": self._dialogue.unexecuted,
+            "unacknowledged": self._dialogue.unacknowledged,
         }
 
     def numbers(self, now_ns: int) -> dict[str, float]:
@@ -130,14 +130,14 @@ class Gateway:
     def step(self, now_ns: int) -> None:
         """Read the controller's reports, execute the command or hold, publish the state."""
         is_new = self._connection.poll(now_ns)
-        self.fault = self._connection.trouble(now_ns)
+        self.fault = self._connection.link_fault(now_ns)
         self._verdict = self._judge(now_ns, is_new=is_new)
         if self._verdict.command is None:
             self._driver.hold(self._verdict.hold_reason, now_ns)
         measured = self._connection.measured
         if measured is not None:
             self._driver.follow_goal(measured, now_ns)
-        self._say(is_new, now_ns)
+        self._report(is_new, now_ns)
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -152,8 +152,8 @@ class Gateway:
         command, accepted = verdict.command, verdict.accepted
         if command is None or command.permission is None or accepted is None:
             return self._with_cause(verdict)
-        if (unfit := self._connection.unfit()) is not None:
-            return self._gate.revoke(unfit)
+        if (controller_fault := self._connection.controller_fault()) is not None:
+            return self._gate.revoke(controller_fault)
         try:
             self._driver.obey(
                 command,
@@ -178,22 +178,22 @@ class Gateway:
 
     def _with_cause(self, verdict: GateDecision) -> GateDecision:
         """Put the controller's present fault, the cause, before the reason of the ended lease."""
-        if (unfit := self._connection.unfit()) is None:
+        if (controller_fault := self._connection.controller_fault()) is None:
             return verdict
-        text = clipped(f"{unfit.text}; {verdict.hold_reason}")
-        return replace(verdict, hold=unfit.model_copy(update={"text": text}))
+        text = clipped(f"{controller_fault.text}; {verdict.hold_reason}")
+        return replace(verdict, hold=controller_fault.replaced(text=text))
 
     # --- state ------------------------------------------------------------------------------------
 
-    def _say(self, is_new: bool, now_ns: int) -> None:  # noqa: FBT001 - one flag of one caller
+    def _report(self, is_new: bool, now_ns: int) -> None:  # noqa: FBT001 - one flag of one caller
         """Publish every report; without reports publish the fault at the usual rate."""
-        since_ns, early_ns = now_ns - self._said_ns, EARLY * self._state_period_ns
+        since_ns, early_ns = now_ns - self._reported_ns, EARLY * self._state_period_ns
         measured = self._connection.measured
         if is_new and measured is not None and not self.fault and since_ns >= early_ns:
-            self._said_ns = now_ns
+            self._reported_ns = now_ns
             self._state.put(self._state_of(measured))
         elif self.fault and since_ns >= self._state_period_ns:
-            self._said_ns = now_ns
+            self._reported_ns = now_ns
             self._state.put(
                 RobotState(
                     valid=False,
@@ -283,12 +283,12 @@ def controller_limits(cell: CellConfig, section: GatewaySection) -> ControllerLi
         travel_m=limits.tether_m,
         force_N=limits.force_N,
         watchdog_s=section.watchdog_s,
-        turn_rad=radians(limits.tether_deg) + CONTROLLER_TURN_MARGIN_RAD,
+        turn_rad=radians(limits.tether_deg) + CONTROLLER_ROTATION_MARGIN_RAD,
         torque_Nm=limits.torque_Nm,
         set_point_m=STEP_MARGIN * step_m,
         set_point_rad=STEP_MARGIN * step_rad,
         fastest_m_s=CONTROLLER_SPEED_MARGIN * limits.speed_m_s,
-        lower_m=vec3(np.array(limits.workspace_min_m) - WALL_MARGIN_M),
-        upper_m=vec3(np.array(limits.workspace_max_m) + WALL_MARGIN_M),
+        lower_m=vec3(np.array(limits.workspace_min_m) - WORKSPACE_MARGIN_M),
+        upper_m=vec3(np.array(limits.workspace_max_m) + WORKSPACE_MARGIN_M),
         T_flange_tcp=cell.tool.T_flange_tcp.pose,
     )

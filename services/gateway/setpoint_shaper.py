@@ -54,7 +54,7 @@ class Sent:
     """One set point sent: its time, and its distance from the one before."""
 
     at_ns: int
-    way_m: float
+    travel_m: float
     turn_rad: float
 
 
@@ -76,12 +76,12 @@ class SetpointShaper:
         self._speed = (limits.speed_m_s, radians(limits.speed_deg_s))
         self._accel = (limits.accel_m_s2, radians(limits.accel_deg_s2))
         self._place = place
-        self._left: deque[Sent] = deque()  # in the last window
+        self._sent: deque[Sent] = deque()  # in the last window
         self._last: pin.SE3 | None = None  # None: the arm was moved otherwise
         self._flows = False  # a stream is active
         self._catch_up = catch_up or CatchUp()
         self._last_ns: int | None = None  # time of the last set point sent of a running stream
-        self._departed = 0  # set points sent of this stream
+        self._sent_count = 0  # set points sent of this stream
         self._backlog_m = 0.0  # travel that waited behind a stalled link and is not sent yet
 
     @property
@@ -102,23 +102,23 @@ class SetpointShaper:
 
     def end(self) -> None:
         """End the stream: unsent set points are dropped."""
-        self._flows, self._departed = False, 0
+        self._flows, self._sent_count = False, 0
         self._last_ns, self._backlog_m = None, 0.0
 
-    def leave(self, T_wanted: pin.SE3, now_ns: int) -> pin.SE3 | None:
-        """Return the pose to send now, `T_wanted` or one towards it; None: not yet."""
-        share = self.share(T_wanted, now_ns)
-        if not self._flows or (share < LEAST_SHARE and self._left):
+    def release(self, T_target: pin.SE3, now_ns: int) -> pin.SE3 | None:
+        """Return the pose to send now, `T_target` or one towards it; None: not yet."""
+        share = self.share(T_target, now_ns)
+        if not self._flows or (share < LEAST_SHARE and self._sent):
             return None
-        share = min(share, self._share_behind(T_wanted, now_ns), self._share_of_step(T_wanted))
-        T = T_wanted
+        share = min(share, self._share_behind(T_target, now_ns), self._share_of_step(T_target))
+        T = T_target
         if share < 1.0 and self._last is not None:
-            T = _between(self._last, T_wanted, share)
+            T = _between(self._last, T_target, share)
             if self._place(T) is not None:
                 return None
-        self._left.append(Sent(now_ns, *_steps(self._last, T)))
-        self._departed += 1
-        self._last, self._last_ns = T, now_ns if self._departed >= RUNS_FROM else None
+        self._sent.append(Sent(now_ns, *_steps(self._last, T)))
+        self._sent_count += 1
+        self._last, self._last_ns = T, now_ns if self._sent_count >= RUNS_FROM else None
         return T
 
     def _share_behind(self, T: pin.SE3, now_ns: int) -> float:
@@ -129,26 +129,26 @@ class SetpointShaper:
         if self._last_ns is None:
             return 1.0
         since_s = (now_ns - self._last_ns) / NS_PER_S
-        way_m = _steps(self._last, T)[0]
+        travel_m = _steps(self._last, T)[0]
         most_m = self._catch_up.speed_m_s * min(since_s, LATE_SETPOINT_S)
         if since_s > self._catch_up.late_s:
-            self._backlog_m = way_m
-        if self._backlog_m <= 0.0 or way_m <= most_m:
+            self._backlog_m = travel_m
+        if self._backlog_m <= 0.0 or travel_m <= most_m:
             self._backlog_m = 0.0
             return 1.0
         self._backlog_m -= most_m
-        return most_m / way_m
+        return most_m / travel_m
 
     def _share_of_step(self, T: pin.SE3) -> float:
         """Return the share of the travel that is one step."""
-        ways = zip(_steps(self._last, T), self._step, strict=True)
-        return min(most / max(way, NOTHING) for way, most in ways)
+        steps = zip(_steps(self._last, T), self._step, strict=True)
+        return min(most / max(travel, NOTHING) for travel, most in steps)
 
     def share(self, T: pin.SE3, now_ns: int) -> float:
         """Return the share of the travel to a pose that may be sent now, 0 to 1."""
-        while self._left and now_ns - self._left[0].at_ns > WINDOW_NS:
-            self._left.popleft()
-        used = (self._used("way_m", now_ns), self._used("turn_rad", now_ns))
+        while self._sent and now_ns - self._sent[0].at_ns > WINDOW_NS:
+            self._sent.popleft()
+        used = (self._used("travel_m", now_ns), self._used("turn_rad", now_ns))
         share = 1.0
         for step, (window, more), speed, accel in zip(
             _steps(self._last, T), used, self._speed, self._accel, strict=True
@@ -163,7 +163,7 @@ class SetpointShaper:
 
     def _used(self, name: str, now_ns: int) -> tuple[float, float]:
         """Return the travel in the window, and the last 60 ms minus the 60 ms before."""
-        sizes = [(now_ns - one.at_ns, float(getattr(one, name))) for one in self._left]
+        sizes = [(now_ns - one.at_ns, float(getattr(one, name))) for one in self._sent]
         newer = sum(size for age_ns, size in sizes if age_ns < HALF_NS)
         older = sum(size for age_ns, size in sizes if HALF_NS <= age_ns < 2 * HALF_NS)
         return sum(size for _, size in sizes), newer - older
@@ -173,14 +173,14 @@ def _steps(T_from: pin.SE3 | None, T_to: pin.SE3) -> tuple[float, float]:
     """Return travel [m] and rotation [rad] from one pose to another, zero from None."""
     if T_from is None:
         return 0.0, 0.0
-    way = T_to.translation - T_from.translation
-    turn = rotation_between(T_from.rotation, T_to.rotation)
-    return float(np.linalg.norm(way)), float(np.linalg.norm(turn))
+    travel = T_to.translation - T_from.translation
+    rotation = rotation_between(T_from.rotation, T_to.rotation)
+    return float(np.linalg.norm(travel)), float(np.linalg.norm(rotation))
 
 
 def _between(T_from: pin.SE3, T_to: pin.SE3, share: float) -> pin.SE3:
     """Interpolate two poses: straight line, constant-axis rotation."""
-    turn = rotation_between(T_from.rotation, T_to.rotation)
-    R = rotation_from_vector(share * turn) @ T_from.rotation
-    way = T_to.translation - T_from.translation
-    return pin.SE3(R, T_from.translation + share * way)
+    rotation = rotation_between(T_from.rotation, T_to.rotation)
+    R = rotation_from_vector(share * rotation) @ T_from.rotation
+    travel = T_to.translation - T_from.translation
+    return pin.SE3(R, T_from.translation + share * travel)

@@ -26,5 +26,5 @@ def connect(cell: CellConfig, role: str, *, refusals: Refusals) -> AbstractConte
 
 
 if __name__ == "__main__":
-    heard = Refusals()
-    main("hub", partial(Hub, refusals=heard), connect=partial(connect, refusals=heard))
+    refusal_log = Refusals()
+    main("hub", partial(Hub, refusals=refusal_log), connect=partial(connect, refusals=refusal_log))

@@ -18,7 +18,7 @@ from forcemesh.topics import SELF_TEST
 MOST_AT_ONCE_B = (
     256_000  # of Zenoh's lines in one step, twice the log output of a busy cell; the rest is lost
 )
-TELL_EVERY_NS = NS_PER_S
+REPORT_EVERY_NS = NS_PER_S
 LONGEST_LOGGED_TEXT = 200
 MOST_NAMES = 1024  # remembered by name
 MOST_KINDS = 256  # causes between two reports
@@ -112,15 +112,15 @@ class RefusalParser:
 class Refusals:
     """Counters of refusals by cause, with a report on standard error."""
 
-    def __init__(self, say: Callable[[str], object] = sys.stderr.write) -> None:
+    def __init__(self, write: Callable[[str], object] = sys.stderr.write) -> None:
         """Start without a log to read."""
         self.counts: Counter[str] = Counter()
-        self._say = say
+        self._write = write
         self._judge = RefusalParser(frozenset())
         self._waiting: Counter[tuple[str, str]] = Counter()
         self._file = -1
         self._rest = b""
-        self._tell_ns = 0
+        self._reported_ns = 0
 
     def capture(self, known: frozenset[str]) -> None:
         """Redirect this process's standard output, Zenoh's log, to a file in memory."""
@@ -136,11 +136,11 @@ class Refusals:
         if self._file < 0:
             return
         self._read()
-        if self._waiting and now_ns >= self._tell_ns:
-            self._tell_ns = now_ns + TELL_EVERY_NS
+        if self._waiting and now_ns >= self._reported_ns:
+            self._reported_ns = now_ns + REPORT_EVERY_NS
             for (code, words), times in self._waiting.items():
                 often = f" ({times} times)" if times > 1 else ""
-                self._say(f"hub: refused {code}: {_clean(words)}{often}\n")
+                self._write(f"hub: refused {code}: {_clean(words)}{often}\n")
             self._waiting.clear()
 
     def _read(self) -> None:

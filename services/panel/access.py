@@ -86,7 +86,7 @@ class Door:
         kept = f"{self.cookie}={number}; Path=/; Max-Age={round(SESSION_LASTS_S)}; HttpOnly; "
         return kept + ("SameSite=Strict; Secure" if self.is_encrypted else "SameSite=Strict")
 
-    def stranger(self, headers: Mapping[str, str]) -> str:
+    def refusal(self, headers: Mapping[str, str]) -> str:
         """Return why a request is not from the panel's own page, empty when it is."""
         asked = headers.get("Host", "")
         if not self.token and name_of(asked) not in {*HERE, self.reached_at}:

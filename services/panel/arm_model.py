@@ -86,13 +86,18 @@ def _add_tool(spec: mujoco.MjSpec, cell: CellConfig) -> None:
     length = float(np.linalg.norm(T_sensor_tcp.translation))
     direction = np.asarray(T_sensor_tcp.translation) / max(length, 1e-6)
     radius = 0.025 if cell.sim is None else cell.sim.disc_radius_m
-    along = _wxyz(_R_with_z(direction))
+    orientation = _wxyz(_R_with_z(direction))
     rod = max(0.01, length - 0.02)
     middle = direction * (0.01 + rod / 2)
     _show(
-        tool, CYLINDER, [SENSOR_RADIUS_M, 0.005, 0], pos=direction * 0.005, rgba=STEEL, quat=along
+        tool,
+        CYLINDER,
+        [SENSOR_RADIUS_M, 0.005, 0],
+        pos=direction * 0.005,
+        rgba=STEEL,
+        quat=orientation,
     )
-    _show(tool, CYLINDER, [0.012, rod / 2, 0], pos=middle, rgba=STEEL, quat=along)
+    _show(tool, CYLINDER, [0.012, rod / 2, 0], pos=middle, rgba=STEEL, quat=orientation)
     face = T_sensor_tcp.act(np.array([0.0, 0.0, -0.005]))
     _show(
         tool, CYLINDER, [radius, 0.005, 0], pos=face, rgba=ORANGE, quat=_wxyz(T_sensor_tcp.rotation)

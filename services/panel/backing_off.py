@@ -31,10 +31,10 @@ class BackOffButton:
 
     def _begin(self, *, without_force: bool = False) -> None:
         threading.Thread(
-            target=self._go, kwargs={"without_force": without_force}, daemon=True
+            target=self._start, kwargs={"without_force": without_force}, daemon=True
         ).start()
 
-    def _go(self, *, without_force: bool) -> None:
+    def _start(self, *, without_force: bool) -> None:
         refused: list[RefusedError] = []
 
         def back_off(cell: Cell) -> str:

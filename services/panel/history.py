@@ -68,13 +68,13 @@ class Span:
         """Fit the range to these values; return whether it changed."""
         known = np.concatenate([line[np.isfinite(line)] for line in lines] or [np.zeros(1)])
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
-        wanted = (-self._round(-low) if self._signed or low < 0.0 else 0.0, self._round(high))
+        span = (-self._round(-low) if self._signed or low < 0.0 else 0.0, self._round(high))
         too_small = low < self.low or high > self.high
-        too_large = wanted[1] - wanted[0] < PLOT_ROOM * (self.high - self.low)
+        too_large = span[1] - span[0] < PLOT_ROOM * (self.high - self.low)
         if not (too_small or too_large):
             return False
-        changed = wanted != (self.low, self.high)
-        self.low, self.high = wanted
+        changed = span != (self.low, self.high)
+        self.low, self.high = span
         return changed
 
     def _round(self, extent: float) -> float:

@@ -54,7 +54,7 @@ class PanelPage:
         self._log = FaultLog(lambda: datetime.now().astimezone().strftime("%H:%M:%S"))
         self._forms: dict[int, tuple[Viewer, list[Refresh]]] = {}
         self._snapshot = Snapshot()
-        self._seen_ns = 0
+        self._updated_ns = 0
         gate = Gate(door, f"forcemesh {cell.cell}")
         gate.routes = {"/state": self._state, "/stop": self._stop}
         self.server = open_server(gate, door, context_of(cell, door))
@@ -65,7 +65,7 @@ class PanelPage:
         self._scene = Scene(self.server, cell)
         self._plots = Plots(self.server, self._history)
         self.server.on_client_connect(self._came)
-        self.server.on_client_disconnect(self._left)
+        self.server.on_client_disconnect(self._disconnected)
         gate.ready = True
 
     def run(self, stop: threading.Event) -> None:
@@ -79,7 +79,7 @@ class PanelPage:
                 self._history.clear()
                 continue
             self._watch.join()
-            self._snapshot = snapshot = self._watch.look()
+            self._snapshot = snapshot = self._watch.snapshot()
             self._log.saw(snapshot.arbiter.fresh)
             self._history.add(snapshot.now_ns / NS_PER_S, self._readout.numbers(snapshot))
             if not self.server.get_clients():
@@ -101,17 +101,18 @@ class PanelPage:
     # --- requests of the status bar ---------------------------------------------------------------
 
     async def _state(self, rights: Rights) -> dict[str, Any]:
-        self._seen_ns = time.monotonic_ns()
+        self._updated_ns = time.monotonic_ns()
         if self._watch.clock.now_ns() - self._snapshot.now_ns > OLD_S * NS_PER_S:
-            self._snapshot = self._watch.look()  # the loop is late; the bar must not show old data
+            # The loop is late; the bar must not show old data.
+            self._snapshot = self._watch.snapshot()
         return strip(self._cell, self._snapshot, rights)
 
     async def _stop(self, rights: Rights) -> dict[str, Any]:
         if not may_stop(self._cell, rights):
             return {"text": "refused: this page is view-only", "answered": True}
-        self._seen_ns = time.monotonic_ns()  # a stop request keeps the panel on the bus
+        self._updated_ns = time.monotonic_ns()  # a stop request keeps the panel on the bus
         answer = await asyncio.to_thread(self._hold)
-        text = stop_text(answer, self._watch.look())
+        text = stop_text(answer, self._watch.snapshot())
         return {"text": text, "answered": UNANSWERED not in text}
 
     def _hold(self) -> RequestOutcome:
@@ -122,14 +123,14 @@ class PanelPage:
 
     def _is_watched(self) -> bool:
         if self.server.get_clients():
-            self._seen_ns = time.monotonic_ns()
-        return bool(self._seen_ns) and time.monotonic_ns() - self._seen_ns < LEFT_S * NS_PER_S
+            self._updated_ns = time.monotonic_ns()
+        return bool(self._updated_ns) and time.monotonic_ns() - self._updated_ns < LEFT_S * NS_PER_S
 
     async def _came(self, client: viser.ClientHandle) -> None:
         """Build the forms of a new client that has operator rights."""
         await asyncio.to_thread(self._build, client, RIGHTS.get())
 
-    async def _left(self, client: viser.ClientHandle) -> None:
+    async def _disconnected(self, client: viser.ClientHandle) -> None:
         self._forms.pop(client.client_id, None)
 
     def _build(self, client: viser.ClientHandle, rights: Rights) -> None:

@@ -19,11 +19,11 @@ class Prose:
         self._shown = shown
         self._handle = gui.add_html(_framed(shown).source)
 
-    def show(self, wanted: Html) -> None:
+    def show(self, html: Html) -> None:
         """Replace the shown text."""
-        if wanted != self._shown:
-            self._shown = wanted
-            self._handle.content = _framed(wanted).source
+        if html != self._shown:
+            self._shown = html
+            self._handle.content = _framed(html).source
 
 
 def paragraphs(*lines: Html | str) -> Html:

@@ -169,8 +169,8 @@ def box_edges(low: Array, high: Array) -> Any:
     return np.array([[corners[a], corners[b]] for a, b in pairs])
 
 
-def _arrow(start_m: Array, along_m: Array) -> Any:
-    return np.array([[start_m, start_m + along_m]], dtype=np.float32)
+def _arrow(start_m: Array, vector_m: Array) -> Any:
+    return np.array([[start_m, start_m + vector_m]], dtype=np.float32)
 
 
 def _show(handle: viser.SceneNodeHandle, visible: bool) -> None:  # noqa: FBT001 - show it or not

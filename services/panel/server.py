@@ -76,7 +76,7 @@ class Gate:
             alive = self.alive()
             status = HTTPStatus.OK if alive else HTTPStatus.SERVICE_UNAVAILABLE
             return answer(status, "alive" if alive else "no data from the cell", "text/plain")
-        if why := self._door.stranger(request.headers):
+        if why := self._door.refusal(request.headers):
             return answer(HTTPStatus.FORBIDDEN, why, "text/plain")
         is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
         if self._door.token and not is_socket and (shown := token_of(request)):
@@ -93,8 +93,8 @@ class Gate:
             asked = request.headers.get("Host", "")
             return answer(HTTPStatus.OK, self._page, "text/html", asked=asked)
         if path in self.routes and request.headers.get(ASKED_BY_US):
-            said = await self.routes[path](rights)
-            return answer(HTTPStatus.OK, json.dumps(said), "application/json")
+            page = await self.routes[path](rights)
+            return answer(HTTPStatus.OK, json.dumps(page), "application/json")
         return answer(HTTPStatus.NOT_FOUND, "page not found", "text/plain")
 
     def _rights(self, request: Request) -> Rights | None:
@@ -180,17 +180,19 @@ def close_server(server: viser.ViserServer) -> None:
 def refuse_an_open_door(host: str, port: int, *, encrypted: bool = False) -> None:
     """Self-test: send a cross-site request; raise ForcemeshError unless it is refused."""
     name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # noqa: S104 - not bound here
-    asking = http.client.HTTPConnection(name, port, timeout=SELF_TEST_S)
+    connection = http.client.HTTPConnection(name, port, timeout=SELF_TEST_S)
     if encrypted:  # browsers verify the certificate; this tests access control only
         unverified = ssl._create_unverified_context()  # noqa: S323, SLF001
-        asking = http.client.HTTPSConnection(name, port, timeout=SELF_TEST_S, context=unverified)
+        connection = http.client.HTTPSConnection(
+            name, port, timeout=SELF_TEST_S, context=unverified
+        )
     try:
-        asking.request("GET", "/", headers={"Origin": "http://elsewhere.example"})
-        status = asking.getresponse().status
+        connection.request("GET", "/", headers={"Origin": "http://elsewhere.example"})
+        status = connection.getresponse().status
     except OSError as error:
         raise ForcemeshError(f"the panel does not answer on {host}:{port}: {error}") from None
     finally:
-        asking.close()
+        connection.close()
     if status != HTTPStatus.FORBIDDEN:
         raise ForcemeshError(
             "refused: this version of viser bypasses the panel's access control; use a version "

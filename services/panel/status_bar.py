@@ -61,7 +61,7 @@ def state_of(snapshot: Snapshot) -> tuple[str, StateColour]:
     status = snapshot.arbiter.fresh
     if status is None:
         return "no arbiter status", NO_STATE
-    what = ALONE.get(status.armed_for, "") if status.goes_on else ""
+    what = ALONE.get(status.armed_for, "") if status.operational else ""
     return f"{status.state}{what}", STATE_COLOURS[status.state]
 
 
@@ -96,8 +96,8 @@ def services(snapshot: Snapshot) -> list[dict[str, str]]:
     A helper is shown once its first message was received: a recorder is optional.
     """
     rows = []
-    live_helpers = [name for name in topics.HELPERS if has_spoken(snapshot.health.get(name))]
-    for role in (*topics.ROLES, *live_helpers):
+    running_helpers = [name for name in topics.HELPERS if is_received(snapshot.health.get(name))]
+    for role in (*topics.ROLES, *running_helpers):
         reading: Reading[Any] | None = snapshot.health.get(role)
         stream: Reading[Any] | None = getattr(snapshot, STREAMS[role]) if role in STREAMS else None
         newest = stream if stream is not None and stream.message is not None else reading
@@ -108,7 +108,7 @@ def services(snapshot: Snapshot) -> list[dict[str, str]]:
     return rows
 
 
-def has_spoken(reading: Reading[Any] | None) -> bool:
+def is_received(reading: Reading[Any] | None) -> bool:
     """Return whether any message was received."""
     return reading is not None and reading.message is not None
 

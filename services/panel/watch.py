@@ -27,7 +27,7 @@ M = TypeVar("M", bound=Message)
 RECONNECT_S = 1.0  # between two attempts to reach the hub
 
 
-def unheard(topic: Topic[M]) -> Reading[M]:
+def no_reading(topic: Topic[M]) -> Reading[M]:
     """Return the reading of a topic without subscription: missing."""
     return Reading(None, None, float("inf"), f"{topic.key} missing", silent=True, code="missing")
 
@@ -38,14 +38,16 @@ class Snapshot:
 
     now_ns: int = 0
     hub_fault: str = "not connected: no page was open"
-    robot: Reading[RobotState] = field(default_factory=lambda: unheard(topics.ROBOT_STATE))
-    wrench: Reading[WrenchAtTcp] = field(default_factory=lambda: unheard(topics.WRENCH))
-    sensor: Reading[SensorWrench] = field(default_factory=lambda: unheard(topics.SENSOR_WRENCH))
+    robot: Reading[RobotState] = field(default_factory=lambda: no_reading(topics.ROBOT_STATE))
+    wrench: Reading[WrenchAtTcp] = field(default_factory=lambda: no_reading(topics.WRENCH))
+    sensor: Reading[SensorWrench] = field(default_factory=lambda: no_reading(topics.SENSOR_WRENCH))
     target: Reading[RegulatorTarget] = field(
-        default_factory=lambda: unheard(topics.REGULATOR_TARGET)
+        default_factory=lambda: no_reading(topics.REGULATOR_TARGET)
     )
-    command: Reading[RobotCommand] = field(default_factory=lambda: unheard(topics.ROBOT_COMMAND))
-    arbiter: Reading[ArbiterStatus] = field(default_factory=lambda: unheard(topics.ARBITER_STATUS))
+    command: Reading[RobotCommand] = field(default_factory=lambda: no_reading(topics.ROBOT_COMMAND))
+    arbiter: Reading[ArbiterStatus] = field(
+        default_factory=lambda: no_reading(topics.ARBITER_STATUS)
+    )
     health: dict[str, Reading[Health] | Reading[SensorWrench]] = field(default_factory=dict)
 
 
@@ -79,7 +81,7 @@ class CellMonitor:
         if client is not None:
             client.close()
 
-    def look(self) -> Snapshot:
+    def snapshot(self) -> Snapshot:
         """Return the newest message of every topic."""
         now_ns, client = self.clock.now_ns(), self._client
         if client is None:

@@ -28,21 +28,21 @@ class Progress:
     left: dict[str, Any] = field(default_factory=dict)
     notes: deque[str] = field(default_factory=lambda: deque(maxlen=NOTES))
 
-    def update(self, said: dict[str, Any]) -> None:
+    def update(self, line: dict[str, Any]) -> None:
         """Update from one decoded line of the child."""
-        if "plan" in said:
-            self.phase, self.plan = "asking", str(said["plan"])
-        if "progress" in said:
-            self.phase, self.share = "running", float(said["progress"])
-            self.text = str(said.get("text", ""))
-        if "left" in said:
-            self.left = dict(said["left"])
-        if "note" in said:
-            self.notes.append(str(said["note"]))
-        if "error" in said:
-            self.notes.append(f"⚠ {said['error']}")
-        if "end" in said:
-            self.phase = "done" if said["end"] == 0 else "failed"
+        if "plan" in line:
+            self.phase, self.plan = "asking", str(line["plan"])
+        if "progress" in line:
+            self.phase, self.share = "running", float(line["progress"])
+            self.text = str(line.get("text", ""))
+        if "left" in line:
+            self.left = dict(line["left"])
+        if "note" in line:
+            self.notes.append(str(line["note"]))
+        if "error" in line:
+            self.notes.append(f"⚠ {line['error']}")
+        if "end" in line:
+            self.phase = "done" if line["end"] == 0 else "failed"
 
 
 class WizardProcess:
@@ -77,7 +77,7 @@ class WizardProcess:
             self._listener.start()
         return ""
 
-    def go(self) -> None:
+    def start(self) -> None:
         """Confirm the plan: the arm may move."""
         self._write("go\n")
 

@@ -94,17 +94,17 @@ class Layout:
         except NOT_OURS as error:
             raise MessageError(f"not of this layout: {error}") from error
 
-    def text(self, said: Any) -> bytes:
+    def text(self, message: Any) -> bytes:
         """Return a decoded message as JSON; converts it in place."""
-        return to_json(self.change(said))
+        return to_json(self.change(message))
 
-    def change(self, said: Any) -> Any:
+    def change(self, message: Any) -> Any:
         """Convert the fields of a decoded message to their recorded form, in place."""
         for name, change in self._changes:
-            value = getattr(said, name)
+            value = getattr(message, name)
             if value is not None:
-                setattr(said, name, change(value))
-        return said
+                setattr(message, name, change(value))
+        return message
 
 
 @cache

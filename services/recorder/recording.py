@@ -51,8 +51,8 @@ class RecordingFile:
         writer = self._writer = McapWriter(self._stream, f"forcemesh {about['version']}")
         writer.add_metadata(METADATA, about)
         # Access data of the panel are not recorded.
-        told = cell.model_copy(update={"panel": PanelSection()})
-        writer.add_attachment(CELL_FILE, "application/yaml", dump_cell(told).encode(), at_ns)
+        stored = cell.model_copy(update={"panel": PanelSection()})
+        writer.add_attachment(CELL_FILE, "application/yaml", dump_cell(stored).encode(), at_ns)
         self._channels = [
             writer.add_channel(topic.key, "json", schema)
             for topic, schema in zip(TOPICS, SCHEMAS, strict=True)
@@ -106,14 +106,21 @@ class Recording:
     """Recording from start to stop, split into files by duration and size."""
 
     def __init__(
-        self, folder: Path, name: str, cell: CellConfig, *, cause: str, wall: WallClock, now_ns: int
+        self,
+        folder: Path,
+        name: str,
+        cell: CellConfig,
+        *,
+        cause: str,
+        wall_clock: WallClock,
+        now_ns: int,
     ) -> None:
         """Open the first file. Raises OSError if the folder cannot be written."""
         self.messages = 0
         self.unshaped = 0  # of them: kept byte for byte, but not decodable
         self.numbering = SequenceGaps()
         self.cause, self.since_ns = cause, now_ns
-        self._folder, self._name, self._cell, self._wall = folder, name, cell, wall
+        self._folder, self._name, self._cell, self._wall_clock = folder, name, cell, wall_clock
         self._opened_ns = self._flushed_ns = now_ns
         self._file = self._next_file(now_ns)
 
@@ -145,7 +152,7 @@ class Recording:
 
     def note(self, what: str, at_ns: int) -> None:
         """Write an event at a monotonic time."""
-        self._file.note(what, self._wall.arrival_ns(at_ns))
+        self._file.note(what, self._wall_clock.arrival_ns(at_ns))
 
     def close(self) -> None:
         """Finish the present file."""
@@ -156,13 +163,13 @@ class Recording:
         self.messages += 1
         layout = LAYOUTS[topic]
         try:
-            said = layout.read(data)
+            message = layout.read(data)
         except MessageError:
             self._write_unshaped(topic, at_ns, data)
             return
-        log_ns = self._stamped_ns(topic, said, at_ns)
+        log_ns = self._stamped_ns(topic, message, at_ns)
         self._file.add(topic, log_ns, data)
-        self._file.add_json(topic, log_ns, layout.text(said), said.seq % SEQUENCE)
+        self._file.add_json(topic, log_ns, layout.text(message), message.seq % SEQUENCE)
 
     def _write_unshaped(self, topic: int, at_ns: int, data: bytes) -> None:
         """Write an undecodable message byte for byte; its header may still be valid."""
@@ -170,13 +177,13 @@ class Recording:
         try:
             log_ns = self._stamped_ns(topic, HEADER.read(data), at_ns)
         except MessageError:
-            log_ns = self._wall.arrival_ns(at_ns)
+            log_ns = self._wall_clock.arrival_ns(at_ns)
         self._file.add(topic, log_ns, data)
 
     def _stamped_ns(self, topic: int, head: Any, at_ns: int) -> int:
         """Count sequence gaps; return the wall clock time of publication [ns]."""
         self.numbering.saw(topic, head.epoch, head.seq)
-        return self._wall.written_ns(head.boot, head.stamp_ns, at_ns)
+        return self._wall_clock.written_ns(head.boot, head.stamp_ns, at_ns)
 
     def _next_file(self, now_ns: int) -> RecordingFile:
         about = {
@@ -184,8 +191,8 @@ class Recording:
             "version": __version__,
             "config_hash": cell_hash(self._cell),
             "cause": self.cause,
-            "clock": self._wall.boot,
-            "wall_minus_monotonic_ns": str(self._wall.offsets_ns[self._wall.boot]),
+            "clock": self._wall_clock.boot,
+            "wall_minus_monotonic_ns": str(self._wall_clock.offsets_ns[self._wall_clock.boot]),
         }
         path = new_file(self._folder, self._name)
-        return RecordingFile(path, self._cell, about, at_ns=self._wall.arrival_ns(now_ns))
+        return RecordingFile(path, self._cell, about, at_ns=self._wall_clock.arrival_ns(now_ns))

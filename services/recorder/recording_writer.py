@@ -13,7 +13,7 @@ from services.recorder.recording import Recording
 from services.recorder.ring_buffer import Block
 from services.recorder.wall_clock import WallClock
 
-LOOK_NS = NS_PER_S  # period of the check of free space
+SPACE_CHECK_NS = NS_PER_S  # period of the check of free space
 GB = 1_000_000_000
 
 
@@ -29,7 +29,7 @@ class RecordingWriter:
         self._cell, self._clock, self._wall_ns = cell, clock, wall_ns
         self._waiting: deque[Block | list[Frame]] = deque()
         self._no_space, self._broken = "", ""
-        self._looked_ns: int | None = None
+        self._checked_ns: int | None = None
 
     @property
     def fault(self) -> str:
@@ -41,23 +41,23 @@ class RecordingWriter:
         """Return whether the write queue is not empty."""
         return bool(self._waiting)
 
-    def begin(self, label: str, cause: str, past: list[Block]) -> bool:
+    def begin(self, label: str, cause: str, ring_buffer: list[Block]) -> bool:
         """Start a recording with the pre-trigger memory; return whether it was started."""
-        self.look()
+        self.check_space()
         if self._no_space:
             return False
         now_ns = self._clock.now_ns()
-        wall = WallClock(self._clock.boot, self._wall_ns() - now_ns)
-        name = file_name(self._cell.cell, wall.arrival_ns(now_ns), label)
+        wall_clock = WallClock(self._clock.boot, self._wall_ns() - now_ns)
+        name = file_name(self._cell.cell, wall_clock.arrival_ns(now_ns), label)
 
         def open_it() -> None:
             self.recording = self.last = Recording(
-                self.folder, name, self._cell, cause=cause, wall=wall, now_ns=now_ns
+                self.folder, name, self._cell, cause=cause, wall_clock=wall_clock, now_ns=now_ns
             )
             self._broken = ""
             forget_oldest(self.folder, self._cell.cell, label, self._cell.recorder.faults_kept)
 
-        self._waiting = deque(past)
+        self._waiting = deque(ring_buffer)
         self._try(open_it)
         return self.recording is not None
 
@@ -88,15 +88,15 @@ class RecordingWriter:
         if recording is not None:
             self._try(recording.close)
 
-    def look(self) -> None:
+    def check_space(self) -> None:
         """Check the free space once per period, and stop before it is used up."""
         now_ns = self._clock.now_ns()
-        if self._looked_ns is not None and now_ns - self._looked_ns < LOOK_NS:
+        if self._checked_ns is not None and now_ns - self._checked_ns < SPACE_CHECK_NS:
             return
-        self._looked_ns = now_ns
-        self._try(self._look)
+        self._checked_ns = now_ns
+        self._try(self._measure_space)
 
-    def _look(self) -> None:
+    def _measure_space(self) -> None:
         self.free_bytes = free_bytes(self.folder)
         free_GB, least_GB = self.free_bytes / GB, self._cell.recorder.least_free_GB
         if free_GB >= least_GB:

@@ -43,45 +43,47 @@ class Recorder:
         self._section = cell.recorder
         self._status_address = f"{cell.cell}/{topics.ARBITER_STATUS.key}"
         self._taps = [(place, bus.tap(topic, RECORDER_QUEUE)) for place, topic in enumerate(TOPICS)]
-        self._past = RingBuffer(60.0 * self._section.keep_min, round(self._section.memory_MB * MB))
-        self._tape = RecordingWriter(cell, bus.clock, wall_ns)
+        self._ring_buffer = RingBuffer(
+            60.0 * self._section.keep_min, round(self._section.memory_MB * MB)
+        )
+        self._writer = RecordingWriter(cell, bus.clock, wall_ns)
         self._until_ns: int | None = None  # end of a recording that a fault triggered
         self._state = ""  # of the arbiter, as last received
         self._starts = bus.inbox(topics.RECORD_START)
         self._stops = bus.inbox(topics.RECORD_STOP)
-        self._says = bus.publisher(topics.RECORDER_STATUS)
-        self._wakes = ReceiveBatching()
+        self._status_publisher = bus.publisher(topics.RECORDER_STATUS)
+        self._batching = ReceiveBatching()
         self._status_ns = round(NS_PER_S / cell.rates.health_hz)
         self._next_status_ns = 0
 
     @property
     def fault(self) -> str:
         """Return why it cannot record, empty if it can."""
-        return self._tape.fault
+        return self._writer.fault
 
     def step(self, now_ns: int) -> None:
         """Receive, store, write, and reply to requests."""
-        self._tape.look()
-        frames = self._hear(now_ns)
-        self._wakes.step(len(frames))
-        self._past.add(frames, now_ns)
-        self._tape.add(frames)
+        self._writer.check_space()
+        frames = self._receive(now_ns)
+        self._batching.step(len(frames))
+        self._ring_buffer.add(frames, now_ns)
+        self._writer.add(frames)
         for frame in frames:
             if frame.topic == STATUS_PLACE:
                 self._mind(frame, now_ns)
         self._serve()
-        self._tape.work(WORK_NS)
+        self._writer.work(WORK_NS)
         is_over = self._until_ns is not None and now_ns >= self._until_ns
-        if is_over and not self._tape.waits:
+        if is_over and not self._writer.waits:
             self._end(0)
         if now_ns >= self._next_status_ns:
             self._next_status_ns = now_ns + self._status_ns
-            self._says.put(self._status(now_ns))
+            self._status_publisher.put(self._status(now_ns))
 
     def counters(self) -> dict[str, int]:
         """Return counts of written, lost and undecodable messages."""
-        recording = self._tape.last
-        counted = {"recording": int(self._tape.recording is not None)}
+        recording = self._writer.last
+        counted = {"recording": int(self._writer.recording is not None)}
         if recording is not None:
             counted |= {
                 "messages": recording.messages,
@@ -94,7 +96,7 @@ class Recorder:
         """Write the waiting messages, and finish the file."""
         self._end(LAST_WORK_NS)
 
-    def _hear(self, now_ns: int) -> list[Frame]:
+    def _receive(self, now_ns: int) -> list[Frame]:
         frames = []
         for place, tap in self._taps:
             take = tap.take
@@ -111,14 +113,14 @@ class Recorder:
             self._state = status.state
 
     def _stopped(self, code: str, now_ns: int) -> None:
-        running = self._tape.recording
+        running = self._writer.recording
         is_asked = running is not None and self._until_ns is None
         if running is not None and not is_asked and running.cause != code:
-            self._tape.note(code)
+            self._writer.note(code)
             self._end(LAST_WORK_NS)  # a rare stop gets its own file
-        if self._tape.recording is None and self._section.keep_min > 0.0:
-            self._tape.begin(fault_label(code), code, self._past.blocks())
-        self._tape.note(code)
+        if self._writer.recording is None and self._section.keep_min > 0.0:
+            self._writer.begin(fault_label(code), code, self._ring_buffer.blocks())
+        self._writer.note(code)
         if not is_asked:
             self._until_ns = now_ns + round(self._section.after_fault_s * NS_PER_S)
 
@@ -129,50 +131,48 @@ class Recorder:
             stop.reply(self._stop())
 
     def _start(self, request: RecordRequest) -> Reply:
-        running = self._tape.recording
+        running = self._writer.recording
         if running is not None and self._until_ns is None:
             return refusal("already", f"recording to {running.path}")
         self._end(LAST_WORK_NS)  # a request ends a recording that a fault triggered
-        past = self._past.blocks() if request.past else []
+        past = self._ring_buffer.blocks() if request.past else []
         if (
-            not self._tape.begin(safe_label(request.label), ASKED, past)
-            or self._tape.recording is None
+            not self._writer.begin(safe_label(request.label), ASKED, past)
+            or self._writer.recording is None
         ):
             return refusal("recording", self.fault)
-        return Reply(accepted=True, text=clipped(f"recording to {self._tape.recording.path}"))
+        return Reply(accepted=True, text=clipped(f"recording to {self._writer.recording.path}"))
 
     def _stop(self) -> Reply:
-        recording = self._tape.recording
+        recording = self._writer.recording
         if recording is None:
             return refusal("already", "nothing is being recorded")
         self._end(LAST_WORK_NS)
-        told = f"{recording.messages} messages, {recording.numbering.lost} lost"
-        return Reply(accepted=True, text=clipped(f"{recording.path}: {told}"))
+        counts = f"{recording.messages} messages, {recording.numbering.lost} lost"
+        return Reply(accepted=True, text=clipped(f"{recording.path}: {counts}"))
 
     def _end(self, longest_ns: int) -> None:
-        self._tape.end(longest_ns)
+        self._writer.end(longest_ns)
         self._until_ns = None
 
     def _status(self, now_ns: int) -> RecorderStatus:
-        recording = self._tape.last
+        recording = self._writer.last
         status = RecorderStatus(
             valid=not self.fault,
             reason=self.fault,
             code="recording" if self.fault else "",
-            memory_s=self._past.reaches_s(now_ns),
-            memory_bytes=self._past.bytes,
-            free_bytes=self._tape.free_bytes,
+            memory_s=self._ring_buffer.reaches_s(now_ns),
+            memory_bytes=self._ring_buffer.bytes,
+            free_bytes=self._writer.free_bytes,
         )
         if recording is None:
             return status
-        return status.model_copy(
-            update={
-                "recording": self._tape.recording is not None,
-                "cause": recording.cause,
-                "file": str(recording.path)[-400:],
-                "file_bytes": recording.file_bytes,
-                "messages": recording.messages,
-                "lost": min(recording.numbering.lost, LARGEST_COUNTER),
-                "recorded_s": (now_ns - recording.since_ns) / NS_PER_S,
-            }
+        return status.replaced(
+            recording=self._writer.recording is not None,
+            cause=recording.cause,
+            file=str(recording.path)[-400:],
+            file_bytes=recording.file_bytes,
+            messages=recording.messages,
+            lost=min(recording.numbering.lost, LARGEST_COUNTER),
+            recorded_s=(now_ns - recording.since_ns) / NS_PER_S,
         )

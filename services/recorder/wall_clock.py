@@ -6,7 +6,7 @@ machine are preserved, also when its wall clock is set meanwhile.
 
 from forcemesh.clock import NS_PER_S
 
-LONGEST_WAY_NS = 600 * NS_PER_S  # a stamp farther than this from its arrival is rejected
+LONGEST_TRANSIT_NS = 600 * NS_PER_S  # a stamp farther than this from its arrival is rejected
 MOST_CLOCKS = 64  # an unexpected publisher could name a new one with every message
 
 
@@ -42,4 +42,4 @@ class WallClock:
             if len(self.offsets_ns) < MOST_CLOCKS:
                 self.offsets_ns[boot] = offset_ns
         written_ns = stamp_ns + offset_ns
-        return written_ns if abs(written_ns - came_ns) < LONGEST_WAY_NS else came_ns
+        return written_ns if abs(written_ns - came_ns) < LONGEST_TRANSIT_NS else came_ns

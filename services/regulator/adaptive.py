@@ -173,9 +173,9 @@ def advance(
         share = tracking.share * noise_weight(
             tracking.drift.speed_m_s, press_axis.k_N_m * settings.tau_s
         )
-        ahead_m = share * tracking.drift.ahead_m(ahead_s, tracking.calm)
+        ahead_m = share * tracking.drift.ahead_m(ahead_s, tracking.steadiness)
         predicted_N = predicted_N + w[2] * k[2] * ahead_m * R[:, 2]
-        speed_m_s = share * tracking.drift.speed_in_m_s(ahead_s, tracking.calm)
+        speed_m_s = share * tracking.drift.speed_in_m_s(ahead_s, tracking.steadiness)
         drift_m_s = (speed_m_s + tracking.trim_m_s) * R[:, 2]
     error_N = R.T @ predicted_N + np.array([0.0, 0.0, sample.setpoint_N])
     Ki = limit_gain_for_braking(Ki, error_N, k, settings.gain_limits.brake_m_s2)

@@ -38,7 +38,7 @@ HAND_N_M = 1500.0  # largest stiffness of a hand's grip
 MASSES = 4.0  # M relative to the mass in front of the sensor
 NARROWS = 0.5  # of D v: below one, so that a force within the deadband comes to rest
 NARROWEST = 0.25  # of the deadband at rest
-TURN_DEADBAND = 0.5  # of the residual torque allowed in free space
+TORQUE_DEADBAND = 0.5  # of the residual torque allowed in free space
 RECENT_S = 0.01  # time constant of the means from which the stiffness is computed
 LEAST_N, LEAST_M = 1.0, 3e-5  # smaller changes are noise of sensor and pose
 STIFFER_THAN_CONTACT = 1.1
@@ -65,7 +65,7 @@ class AdmittanceSettings:
             tau_s=tau_s,
             mass_kg=MASSES * cell.contact.inertia_kg,
             deadband_N=max(cell.force.idle_max_N, cell.force.deadband_N),
-            deadband_Nm=max(TURN_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm),
+            deadband_Nm=max(TORQUE_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm),
             speed_max_m_s=cell.force.speed_max_m_s,
             delay_model=DelayModelSettings(model.median_s, 0.0, model.filter_s, model.median_s),
             stiffest_N_m=max(STIFFER_THAN_CONTACT * cell.contact.stiffness_N_m, HAND_N_M),

@@ -111,7 +111,7 @@ def ramped(now: Gains, goal: Gains, dt_s: float) -> Gains:
     if now == goal:
         return goal
     share = min(1.0, dt_s / GAIN_RAMP_S)
-    before, after = now.model_dump(), goal.model_dump()
+    before, after = now.as_dict(), goal.as_dict()
     return Gains(
         **{
             name: tuple(
@@ -144,4 +144,4 @@ def controller_gains(
         now = np.array(sent.force_i_m_per_Ns)
         if bool((np.abs(target - now) <= SAME_GAIN * now).all()):
             return sent
-    return requested.model_copy(update={"force_i_m_per_Ns": vec3(target)})
+    return requested.replaced(force_i_m_per_Ns=vec3(target))

@@ -66,7 +66,7 @@ class GuardSample:
     T_base_tcp: pin.SE3  # measured
     contact: Contact  # contact state of the law
     error: Array  # of force and torque beyond their deadbands. Shape (6,)
-    turns: bool  # the mode controls torques
+    rotates: bool  # the mode controls torques
     dt_s: float
     follows: bool = False  # tracks a moving surface, whose work along the tool axis is its own
     presses: bool = True  # the set point is not zero: the environment must not move the tool
@@ -168,7 +168,7 @@ def _count_work(before: GuardState, sample: GuardSample) -> GuardState:
     if length(travel_m) < WORK_STEP_M and length(turn_rad) < WORK_STEP_RAD:
         return before
     work_J = 0.5 * float((sample.force_N + last.force_N) @ travel_m)
-    if sample.turns:
+    if sample.rotates:
         work_J += 0.5 * float((sample.torque_Nm + last.torque_Nm) @ turn_rad)
     environment_work_J, tool_work_J = max(work_J, 0.0), before.tool_work_J + max(-work_J, 0.0)
     if not sample.presses:  # at set point 0 anything may move the tool; stored work is returned
@@ -215,7 +215,7 @@ def _work_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) ->
 def _rise_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
     """Check the force while the tool turns on unverified torques: it must not keep rising."""
     limit_N = (1.0 + RISE_PART) * sample.setpoint_N + settings.touch_N
-    unverified_rotation = sample.turns and sample.presses and bool(sample.limited.any())
+    unverified_rotation = sample.rotates and sample.presses and bool(sample.limited.any())
     if not unverified_rotation or not now.found or sample.pushed_back_N <= limit_N:
         return None
     text = (
@@ -229,7 +229,9 @@ def _rise_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) ->
 def _yield_trip(now: GuardState, sample: GuardSample, _: GuardSettings) -> Trip | None:
     """Check the travel along unverified axes."""
     force_tool_N = sample.T_base_tcp.rotation.T @ sample.force_N
-    return unverified_axes.trip_of(now.yielding, force_tool_N, sample.limited, turns=sample.turns)
+    return unverified_axes.trip_of(
+        now.yielding, force_tool_N, sample.limited, rotates=sample.rotates
+    )
 
 
 def _travel_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:

@@ -71,7 +71,7 @@ def follow(swing: HalfWaves, error: Array, dt_s: float, settings: OscillationSet
         return replace(swing, height=height, age_s=age_s)
     ended = crossed & (swing.side != 0.0)
     in_time = (swing.age_s >= settings.shortest_s) & (swing.age_s <= settings.longest_s)
-    lives = (
+    persists = (
         in_time
         & (swing.height >= settings.least)
         & (swing.height >= HALF_WAVE_KEPT * swing.before_last)
@@ -82,5 +82,5 @@ def follow(swing: HalfWaves, error: Array, dt_s: float, settings: OscillationSet
         age_s=np.where(crossed, 0.0, age_s),
         last=np.where(ended, swing.height, swing.last),
         before_last=np.where(ended, swing.last, swing.before_last),
-        count=np.where(ended, np.where(lives, swing.count + 1.0, 0.0), swing.count),
+        count=np.where(ended, np.where(persists, swing.count + 1.0, 0.0), swing.count),
     )

@@ -40,7 +40,7 @@ def refused_start(
     if request.setpoint_N > largest_N:
         text = "set point above force.setpoint_max_N"
         return refusal("setpoint", text, value=request.setpoint_N, limit=largest_N)
-    if arbiter is None or not arbiter.goes_on:
+    if arbiter is None or not arbiter.operational:
         state = "silent" if arbiter is None else arbiter.state
         return refusal("not_armed", f"the arbiter is {state}: arm first")
     if arbiter.armed_for != "all":
@@ -123,7 +123,7 @@ def _point_outside(request: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) 
         aim = p + component_across(np.array(point) - p, axis)
         trip = check_workspace(limits, pin.SE3(T_base_tcp.rotation, aim))
         if trip is not None:
-            return refused(trip.model_copy(update={"text": f"point {number}: {trip.text}"}))
+            return refused(trip.replaced(text=f"point {number}: {trip.text}"))
     return None
 
 

@@ -217,8 +217,8 @@ class Regulator:
             most_m_s = self._cell.force.speed_max_m_s
             law, path = apply_path(before, law, path, dt_s=dt_s, speed_max_m_s=most_m_s)
         sent = self._for_controller(session, adaptive_state, law.T_base_tcp.rotation)
-        turns = session.request.mode != "position"
-        limited = self._verification.limited(wrench.calibration, turns=turns)
+        rotates = session.request.mode != "position"
+        limited = self._verification.limited(wrench.calibration, rotates=rotates)
         guarded = guard_sample(
             law, sample, T_base_tcp, adaptive_state, motion=motion, limited=limited
         )
@@ -329,7 +329,7 @@ class Regulator:
         arbiter = status.fresh
         if arbiter is None:
             self._end(status.fault)
-        elif not arbiter.goes_on:
+        elif not arbiter.operational:
             self._end(f"the arbiter is {arbiter.state}")
         elif arbiter.lease != self._session.lease:  # held and armed again between two readings
             self._end("the arm was armed again")

@@ -91,14 +91,14 @@ def guard_sample(
     """Return the monitors' view of one sample; mode orientation has no approach."""
     error_N = _free(law.error_force_N, sample, 0)
     error_Nm = _free(law.error_torque_Nm, sample, 3)
-    moves, turns = sample.mode != "orientation", sample.mode != "position"
+    moves, rotates = sample.mode != "orientation", sample.mode != "position"
     return GuardSample(
         force_N=sample.force_N,
         torque_Nm=sample.torque_Nm,
         T_base_tcp=T_base_tcp,
         contact=law.contact if moves else "free",
-        error=np.concatenate((error_N * moves, error_Nm * turns)),
-        turns=turns,
+        error=np.concatenate((error_N * moves, error_Nm * rotates)),
+        rotates=rotates,
         dt_s=sample.dt_s,
         follows=adaptive is not None and adaptive.tracking.near,
         presses=moves and sample.setpoint_N > 0.0,

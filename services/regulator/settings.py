@@ -44,4 +44,6 @@ def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
     """Return the gains after a request: its preset first, then its single gains."""
     if change.preset is not None:
         gains = tune(cell, change.preset).gains
-    return gains.model_copy(update=change.model_dump(exclude_none=True, exclude={"preset"}))
+    new = {name: value for name, value in change.as_dict().items() if value is not None}
+    new.pop("preset", None)
+    return gains.replaced(**new)

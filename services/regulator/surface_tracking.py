@@ -18,7 +18,7 @@ from services.regulator.surface_motion import SurfaceMotion
 NEAR_N = 2.0  # force error at which surface tracking starts
 FADE_S = 0.05
 DRIFT_TAUS, DRIFT_LEAST_S, DRIFT_NOISE_N = 0.7, 0.025, 0.2
-CALM_N, CALM_UP_S, CALM_DOWN_S = 3.0, 0.3, 0.01  # use of the surface's acceleration
+STEADY_N, STEADY_UP_S, STEADY_DOWN_S = 3.0, 0.3, 0.01  # use of the surface's acceleration
 TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
 
 NO_DRIFT = SurfaceMotion()
@@ -31,7 +31,7 @@ class SurfaceTracking:
     near: bool = False  # near the set point since it changed or contact was lost: tracking
     drift: SurfaceMotion = NO_DRIFT
     share: float = 0.0  # of the drift that is fed forward
-    calm: float = 0.0  # share of its acceleration that is used
+    steadiness: float = 0.0  # share of its acceleration that is used
     trim_m_s: float = 0.0  # integral correction of the model's remaining error
     setpoint_N: float = 0.0
 
@@ -81,12 +81,14 @@ def update(
     surface_m = press_axis.filtered_travel_m + (force_N + press_axis.inertial_N) / press_axis.k_N_m
     time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
     drift = surface_motion.update(before.drift, surface_m, dt_s, time_s)
-    is_calm = abs(error_N) < CALM_N
-    calm_s = CALM_UP_S if is_calm else CALM_DOWN_S
-    calm = before.calm + (is_calm - before.calm) * min(1.0, dt_s / calm_s)
+    is_steady = abs(error_N) < STEADY_N
+    steadiness_s = STEADY_UP_S if is_steady else STEADY_DOWN_S
+    steadiness = before.steadiness + (is_steady - before.steadiness) * min(1.0, dt_s / steadiness_s)
     most = TRIM_SHARE * share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
     trim = before.trim_m_s + Ki * error_N / (TRIM_TAUS * tau_s) * share * dt_s
-    return SurfaceTracking(near, drift, share, calm, min(max(trim, -most), most), sample.setpoint_N)
+    return SurfaceTracking(
+        near, drift, share, steadiness, min(max(trim, -most), most), sample.setpoint_N
+    )
 
 
 def noise_weight(speed_m_s: float, k_tau: float) -> float:

@@ -95,9 +95,10 @@ def advance(
     faster_m_s = path.now_m_s + path.accel_m_s2 * dt_s
     speed_m_s = min(path.speed_m_s, stops_m_s, faster_m_s)
     direction = aim / length_m  # not zero: points within THERE_M have been removed
-    pushed_along_m = float(pushed_m @ direction)
+    pushed_distance_m = float(pushed_m @ direction)
     room_m = (
-        sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + pushed_along_m**2)) - pushed_along_m
+        sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + pushed_distance_m**2))
+        - pushed_distance_m
     )
     step_m = min(speed_m_s * dt_s, length_m, max(0.0, room_m))
     return replace(path, now_m_s=speed_m_s), step_m * direction
@@ -118,8 +119,8 @@ def _reached(path: TcpPath, p: Array, axis: Array) -> TcpPath:
         at += 1
     if not at:
         return path
-    left = path.points[at:], path.beyond_m[at:], path.stops_m[at:]
-    return replace(path, points=left[0], beyond_m=left[1], stops_m=left[2])
+    remaining = path.points[at:], path.beyond_m[at:], path.stops_m[at:]
+    return replace(path, points=remaining[0], beyond_m=remaining[1], stops_m=remaining[2])
 
 
 def _continues(path: TcpPath, aim: Array) -> bool:

@@ -36,13 +36,13 @@ class AxisVerification:
     checked: bool = False  # `forcemesh check axes` passed with the calibration in use
     touched: str = ""  # calibration verified along the tool by a touch from free space
 
-    def limited(self, wrench_calibration: str, *, turns: bool) -> "npt.NDArray[np.bool_]":
+    def limited(self, wrench_calibration: str, *, rotates: bool) -> "npt.NDArray[np.bool_]":
         """Return along which axes of the tool the travel is limited. Shape (3,).
 
         A wrong torque turns the tool into its contact, and the force then pushes it back along
         every axis: while the tool may turn, a touch alone exempts no axis.
         """
-        z_is_proved = self.touched == origin(wrench_calibration) and not turns
+        z_is_proved = self.touched == origin(wrench_calibration) and not rotates
         return np.array([True, True, not z_is_proved]) & (not self.checked)
 
 
@@ -138,11 +138,11 @@ def update(
 
 
 def trip_of(
-    now: YieldTravel, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, turns: bool
+    now: YieldTravel, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, rotates: bool
 ) -> Trip | None:
     """Return why force feedback must end, if it must; `force_tool_N` in tool axes, shape (3,)."""
     too_far = length(now.travel_m * limited) > LIMIT_M  # before the travel that the force allows
-    too_turned = turns and now.turn_rad > LIMIT_RAD and limited.any()
+    too_turned = rotates and now.turn_rad > LIMIT_RAD and limited.any()
     if not too_far and not too_turned:
         return None
     paid_m = _fallen_N(now, np.abs(force_tool_N), limited) / SOFTEST_N_M

@@ -71,7 +71,7 @@ class BotaDriver:
         """Return counts of received and lost readings."""
         return dict(self._counts)
 
-    def complaint(self) -> SensorFault:
+    def silence_fault(self) -> SensorFault:
         """Return why no sample is received."""
         if self._fault:
             return SensorFault("sensor_silent", f"{self.where}: {self._fault}")

@@ -10,7 +10,7 @@ DECIMATION_MARGIN = 2.05  # times the cell's rate: twice, plus tolerance of cloc
 class Decimation:
     """State of the decimation: the sensor's measured rate, and the ratio."""
 
-    wanted_hz: float
+    output_hz: float
     rate_hz: float = 0.0  # 0 until measured
     keep_every: int = 1
     kept: int = 0  # number of the last sample kept
@@ -42,6 +42,6 @@ def _measure(state: Decimation, number: int, now_ns: int) -> Decimation:
     if elapsed_ns < RATE_WINDOW_NS:
         return state
     rate_hz = 1e9 * (number - state.since[0]) / elapsed_ns
-    ratio = rate_hz / state.wanted_hz
+    ratio = rate_hz / state.output_hz
     keep_every = 1 if ratio <= DECIMATION_MARGIN else round(ratio)
     return replace(state, rate_hz=rate_hz, keep_every=keep_every, since=(number, now_ns))

@@ -62,7 +62,7 @@ class SensorInterface(Protocol):
     def read(self, now_ns: int) -> Sequence[SensorSample]:
         """Return every sample received since the last call, oldest first."""
 
-    def complaint(self) -> SensorFault:
+    def silence_fault(self) -> SensorFault:
         """Return why no sample is received at present, as far as the driver knows."""
 
     def info(self) -> Info | None:

@@ -48,7 +48,7 @@ class UdpLink:
         self.fault = ""  # of the network, empty while the sensor is received
         self._socket: socket.socket | None = None
         self._unanswered = 0
-        self._fault_is_news = False
+        self._fault_is_new = False
         self._ask_at_ns = 0
         self._emptied_ns = 0
 
@@ -93,9 +93,9 @@ class UdpLink:
 
     def _ask(self, now_ns: int) -> None:
         self._ask_at_ns = now_ns + round(self.settings.ask_every_s * NS_PER_S)
-        if not self._fault_is_news:
+        if not self._fault_is_new:
             self.fault = ""
-        self._fault_is_news = False
+        self._fault_is_new = False
         if self._unanswered and self._unanswered % self.settings.reopen_after == 0:
             self._drop()
         try:
@@ -128,4 +128,4 @@ class UdpLink:
         text = (isinstance(error, OSError) and error.strerror) or str(error)
         if isinstance(error, ConnectionRefusedError):
             text = "connection refused: switch on the sensor's RDT interface"
-        self.fault, self._fault_is_news = f"{self.where}: {text}", True
+        self.fault, self._fault_is_new = f"{self.where}: {text}", True

@@ -98,9 +98,9 @@ def disagreement(sensor: SensorSection, page: SettingsPage) -> SensorFault:
         ("force_range_N", sensor.force_range_N, page.force_range_N),
         ("torque_range_Nm", sensor.torque_range_Nm, page.torque_range_Nm),
     )
-    for name, wanted, rated in ranges:
-        if rated is not None and wanted > rated * (1.0 + SAME_COUNTS):
-            text = f"sensor.{name} is {wanted:g} in the cell file, {rated:g} on the sensor's page"
+    for name, expected, rated in ranges:
+        if rated is not None and expected > rated * (1.0 + SAME_COUNTS):
+            text = f"sensor.{name} is {expected:g} in the cell file, {rated:g} on the sensor's page"
             return SensorFault("sensor_calibration", f"{text} for its strongest axis")
     return NO_FAULT
 
@@ -147,6 +147,6 @@ def _unit(
     name = word or codes.get(int(number) if number.isascii() and number.isdigit() else 0, "")
     factor = units.get(re.sub(r"[^a-z]", "", name.lower()))
     if factor is None:
-        said = word or number or "missing"
-        raise DataError(f"the sensor's page has an unknown unit: cfg{which} is {said!r}")
+        text = word or number or "missing"
+        raise DataError(f"the sensor's page has an unknown unit: cfg{which} is {text!r}")
     return name, factor

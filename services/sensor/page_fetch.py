@@ -21,7 +21,7 @@ class PageSource(Protocol):
     def poll(self, now_ns: int) -> SettingsPage | None:
         """Return the page, None until it is received."""
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Drop the page and fetch it again: the sensor may have been replaced."""
 
 
@@ -45,7 +45,7 @@ class PageFetch:
             self._thread.start()
         return self._page
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Drop the page and fetch it again: the sensor may have been replaced."""
         self._page, self.fault = None, "not read yet"
 

@@ -129,7 +129,7 @@ def follow(stream: RdtStream, record: RdtRecord, now_ns: int) -> tuple[RdtStream
         tally = replace(tally, restarts=tally.restarts + 1)
         return _begin(stream, record, tally, now_ns), "sample"
     if ahead > 0:
-        return _go_on(stream, record, tally, now_ns)
+        return _continued(stream, record, tally, now_ns)
     bit = 1 << -ahead
     if stream.missing & bit:
         tally = replace(tally, reordered=tally.reordered + 1, lost=tally.lost - 1)
@@ -155,7 +155,7 @@ def _begin(stream: RdtStream, record: RdtRecord, tally: Tally, now_ns: int) -> R
     return RdtStream(record, 0, stream.number + 1, 1, now_ns, tally)
 
 
-def _go_on(
+def _continued(
     stream: RdtStream, record: RdtRecord, tally: Tally, now_ns: int
 ) -> tuple[RdtStream, Kind]:
     newest = stream.newest or record
@@ -167,13 +167,13 @@ def _go_on(
     if is_repeated:
         tally = replace(tally, repeated=tally.repeated + 1)
     # A sensor that repeats a sample is stalled, not frozen: its constant reading is not counted.
-    is_still = record.counts == newest.counts
+    is_unchanged = record.counts == newest.counts
     followed = RdtStream(
         newest=record,
         missing=missing,
         number=stream.number + ahead,
-        still_records=stream.still_records + (not is_repeated) if is_still else 1,
-        still_since_ns=stream.still_since_ns if is_still else now_ns,
+        still_records=stream.still_records + (not is_repeated) if is_unchanged else 1,
+        still_since_ns=stream.still_since_ns if is_unchanged else now_ns,
         tally=tally,
     )
     return followed, "repeated" if is_repeated else "sample"

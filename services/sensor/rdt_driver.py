@@ -68,12 +68,12 @@ class RdtDriver:
         """Store the settings. `page`: None if the cell file's counts are used."""
         self._sensor, self._wire, self._page = sensor, wire, page
         self._scale = scale_of(sensor) if page is None else None
-        self._page_trouble = NO_FAULT
+        self._page_fault = NO_FAULT
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
         self._stream = RdtStream()
         self._quality = Quality()
         self._silence = NOTHING_COMES
-        self._grudge, self._grudge_until_ns = NO_FAULT, 0
+        self._held_fault, self._held_until_ns = NO_FAULT, 0
         self._last: RdtRecord | None = None  # newest one received, also of an earlier stream
         self._last_ns = 0
         self._ft_step = 1
@@ -101,7 +101,7 @@ class RdtDriver:
         """Stop the sensor's stream."""
         self._wire.close()
 
-    def complaint(self) -> SensorFault:
+    def silence_fault(self) -> SensorFault:
         """Return why no sample is received: network, sensor, or this process."""
         if self._wire.fault:
             return SensorFault("sensor_silent", self._wire.fault)
@@ -110,13 +110,13 @@ class RdtDriver:
     def read(self, now_ns: int) -> Sequence[SensorSample]:
         """Return every sample received since the last call, oldest first."""
         self._calibrate(now_ns)
-        heard = self._wire.poll(now_ns)
-        age_ns = now_ns - heard.since_ns
-        samples = [self._take(datagram, now_ns, age_ns) for datagram in heard.datagrams]
-        if heard.asked:
-            self._asked = (now_ns, heard.unanswered)
+        received = self._wire.poll(now_ns)
+        age_ns = now_ns - received.since_ns
+        samples = [self._take(datagram, now_ns, age_ns) for datagram in received.datagrams]
+        if received.asked:
+            self._asked = (now_ns, received.unanswered)
             never = self._stream.number == 0
-            self._silence = NOTHING_COMES if never or heard.unanswered > 1 else NO_MORE
+            self._silence = NOTHING_COMES if never or received.unanswered > 1 else NO_MORE
         return [sample for sample in samples if sample is not None]
 
     # --- one record -------------------------------------------------------------------------------
@@ -128,11 +128,11 @@ class RdtDriver:
             text = f"{len(datagram)} bytes received, which are not an RDT record of 36 bytes"
             self._silence = SensorFault("sensor_stranger", text)
             return None
-        if self._asked is not None and not self._goes_on_with(record):
+        if self._asked is not None and not self._continues(record):
             self._stream = begin_anew(self._stream)
         restarts = self._stream.tally.restarts
         self._stream, kind = follow(self._stream, record, now_ns)
-        self._look_for_a_break(record, now_ns, is_new=self._stream.tally.restarts > restarts)
+        self._classify_break(record, now_ns, is_new=self._stream.tally.restarts > restarts)
         self._quality = self._quality.moved_on(self._stream.tally, self._stream.number)
         if kind == "repeated":
             text = f"the sensor is stalled: ft_sequence stays at {record.ft_sequence}"
@@ -152,53 +152,53 @@ class RdtDriver:
     def _sample(self, record: RdtRecord, now_ns: int) -> SensorSample:
         """Return the sample of a record, or its first fault in order of severity."""
         number = self._stream.number
-        if self._scale is None or self._page_trouble.code:
-            said = fault_sample(*(self._page_trouble if self._page_trouble.code else BEING_READ))
+        if self._scale is None or self._page_fault.code:
+            sample = fault_sample(*(self._page_fault if self._page_fault.code else BEING_READ))
         else:
-            said = sample_of(record, self._scale)
-        if said.status == "ok":
+            sample = sample_of(record, self._scale)
+        if sample.status == "ok":
             frozen = frozen_reason(self._stream, now_ns)
             causes = (
-                self._grudge if now_ns < self._grudge_until_ns else NO_FAULT,
+                self._held_fault if now_ns < self._held_until_ns else NO_FAULT,
                 SensorFault("sensor_frozen", frozen) if frozen else NO_FAULT,
-                self._quality.complaint(self._stream.tally, number),
+                self._quality.rate_fault(self._stream.tally, number),
             )
-            said = next((fault_sample(*cause) for cause in causes if cause.code), said)
-        return replace(said, counter=number, stamp_ns=now_ns)
+            sample = next((fault_sample(*cause) for cause in causes if cause.code), sample)
+        return replace(sample, counter=number, stamp_ns=now_ns)
 
-    def _look_for_a_break(self, record: RdtRecord, now_ns: int, *, is_new: bool) -> None:
+    def _classify_break(self, record: RdtRecord, now_ns: int, *, is_new: bool) -> None:
         """Classify the first record of a new stream; store the newest one."""
         last, asked = self._last, self._asked
-        if self._goes_on_with(record):
+        if self._continues(record):
             asked = None  # the stream resumed by itself, independent of the request
         if last is not None and (asked is not None or is_new):
             at_once = asked is not None and asked[1] == 1
             at_once = at_once and now_ns - (asked or (0, 0))[0] <= AT_ONCE_S * NS_PER_S
-            what = meaning_of_break(
+            fault = meaning_of_break(
                 last,
                 record,
                 silent_s=(now_ns - self._last_ns) / NS_PER_S,
                 ft_step=self._ft_step,
                 at_once=at_once,
             )
-            if what.code:
-                self._bear_a_grudge(what, now_ns)
+            if fault.code:
+                self._hold_fault(fault, now_ns)
         elif last is not None and signed(record.rdt_sequence - last.rdt_sequence) == 1:
             self._ft_step = max(signed(record.ft_sequence - last.ft_sequence), 0) or self._ft_step
         self._asked = None
         if self._stream.newest is record:
             self._last, self._last_ns = record, now_ns
 
-    def _goes_on_with(self, record: RdtRecord) -> bool:
+    def _continues(self, record: RdtRecord) -> bool:
         """Return whether a record continues the stream received last."""
         return self._last is not None and continues(self._last, record, self._ft_step)
 
-    def _bear_a_grudge(self, what: SensorFault, now_ns: int) -> None:
-        self._grudge, self._grudge_until_ns = what, now_ns + round(FAULT_HOLD_S * NS_PER_S)
-        is_theft = what.code == "sensor_stolen"
+    def _hold_fault(self, fault: SensorFault, now_ns: int) -> None:
+        self._held_fault, self._held_until_ns = fault, now_ns + round(FAULT_HOLD_S * NS_PER_S)
+        is_theft = fault.code == "sensor_stolen"
         self._counts["thefts" if is_theft else "sensor_restarts"] += 1
         if self._page is not None and not is_theft:
-            self._page.forget()
+            self._page.clear()
             self._scale = None
 
     # --- its page ---------------------------------------------------------------------------------
@@ -209,9 +209,9 @@ class RdtDriver:
             return
         page = self._page.poll(now_ns)
         if page is None:
-            self._page_trouble = SensorFault("sensor_calibration", f"its page: {self._page.fault}")
+            self._page_fault = SensorFault("sensor_calibration", f"its page: {self._page.fault}")
             return
-        self._page_trouble = disagreement(self._sensor, page)
+        self._page_fault = disagreement(self._sensor, page)
         self._scale = scale_of(self._sensor, page if self._sensor.calibration == "page" else None)
 
 
@@ -225,6 +225,6 @@ def rdt_driver(sensor: SensorSection, *, stale_after_s: float) -> RdtDriver:
         # Before the topic is stale: the reason is known by then.
         ask_after_s=0.5 * stale_after_s,
     )
-    wants_page = sensor.calibration != "cell"
-    page = PageFetch(sensor.address, sensor.page_port) if wants_page else None
+    reads_page = sensor.calibration != "cell"
+    page = PageFetch(sensor.address, sensor.page_port) if reads_page else None
     return RdtDriver(sensor, UdpLink(settings), page, stale_after_s=stale_after_s)

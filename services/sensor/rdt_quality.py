@@ -30,7 +30,7 @@ class Quality:
             return self
         return Quality(self.newer, self.newer_place, tally, place)
 
-    def complaint(self, tally: Tally, place: int) -> SensorFault:
+    def rate_fault(self, tally: Tally, place: int) -> SensorFault:
         """Return the fault of the records in the window."""
         places = place - self.older_place
         if places < LEAST_RECORDS:

@@ -81,14 +81,14 @@ class Framer:
             torque_Nm = (tx / 1000.0, ty / 1000.0, tz / 1000.0)
             frames.append(RobotiqFrame(force_N, torque_Nm, self._skipped))
             self._rest, self._skipped = self._rest[FRAME_BYTES:], 0
-        self._forget_rubbish()
+        self._drop_noise()
         return frames
 
     def _skip(self, count: int) -> None:
         self._rest = self._rest[count:]
         self._skipped += count
 
-    def _forget_rubbish(self) -> None:
+    def _drop_noise(self) -> None:
         """Keep only bytes that may still become a frame."""
         begin = self._rest.find(HEAD)
         if begin < 0:

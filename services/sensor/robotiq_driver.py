@@ -81,7 +81,7 @@ class RobotiqDriver:
         """Return counts of received, lost and malformed frames."""
         return {**self._counts, "bad_crc": self._framer.bad_crc}
 
-    def complaint(self) -> SensorFault:
+    def silence_fault(self) -> SensorFault:
         """Return why no sample is received."""
         if self._fault:
             return SensorFault("sensor_silent", f"{self.where}: {self._fault}")
@@ -124,8 +124,8 @@ class RobotiqDriver:
         self._counts["records"] += 1
         self._number += 1 + lost
         self._window = [*self._window[1 - WINDOW :], lost]
-        said = self._judged(read)
-        return replace(said, counter=self._number, stamp_ns=now_ns)
+        sample = self._judged(read)
+        return replace(sample, counter=self._number, stamp_ns=now_ns)
 
     def _judged(self, read: RobotiqFrame) -> SensorSample:
         info, lost, frames = self.info(), sum(self._window), len(self._window)

@@ -9,7 +9,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.messages import SensorWrench
 from services.sensor.decimation import Decimation, decimate, pause
 from services.sensor.driver import SensorInterface, SensorSample, fault_sample
-from services.sensor.drivers import driver_of
+from services.sensor.driver_registry import driver_of
 
 LONGEST_STEP_S = 0.001  # longest time that a record waits in the socket
 STEPS_PER_SAMPLE = 2  # with fewer, two samples arrive at once and the first is superseded
@@ -33,7 +33,7 @@ class SensorDriver:
         self._period_ns = round(NS_PER_S / cell.rates.sensor_hz)
         self._sampled_ns = bus.clock.now_ns()
         self._counter = 0
-        self._complain_at_ns = 0
+        self._fault_due_ns = 0
         self._about, self._serial = "", ""
         self._published = self._thinned = 0
         self._out = bus.publisher(topics.SENSOR_WRENCH)
@@ -58,11 +58,11 @@ class SensorDriver:
             self._take(sample, now_ns)
         silent_ns = now_ns - self._sampled_ns
         is_silent = silent_ns > self._stale_after_ns or self._counter == 0
-        if is_silent and now_ns >= self._complain_at_ns:
-            if now_ns - self._complain_at_ns > self._period_ns:
-                self._complain_at_ns = now_ns  # missed periods are not made up for
-            self._complain_at_ns += self._period_ns
-            code, text = self._driver.complaint()
+        if is_silent and now_ns >= self._fault_due_ns:
+            if now_ns - self._fault_due_ns > self._period_ns:
+                self._fault_due_ns = now_ns  # missed periods are not made up for
+            self._fault_due_ns += self._period_ns
+            code, text = self._driver.silence_fault()
             self._put(fault_sample(code, f"no sample for {silent_ns / 1e6:.0f} ms, {text}"))
 
     def _take(self, sample: SensorSample, now_ns: int) -> None:

@@ -80,8 +80,8 @@ def parse_calibration(text: str) -> CalibrationSection:
     except ValidationError as error:
         first = first_mistake(error)
         raise DataError(f"{first.where or 'calibration'}: {first.what}") from error
-    told = found.model_dump(mode="json", exclude={"payload": {"drift"}})
-    for where, number in _numbers(told, ""):
+    content = found.model_dump(mode="json", exclude={"payload": {"drift"}})
+    for where, number in _numbers(content, ""):
         if abs(number) > LARGEST:
             raise DataError(f"{where}: {number:g} is outside +-{LARGEST:g}")
     _ = found.payload.payload  # raises DataError if the payload is not physical
@@ -119,14 +119,15 @@ def _objection(found: CalibrationSection, cell: CellConfig) -> str:
 
 def _unverified(found: CalibrationSection, cell: CellConfig) -> str:
     """Return why a fit is not verified: no fresh poses, or a residual beyond the limits."""
-    name, left = f"calibration {found.revision}", found.verified
-    if left is None:
+    name, verification = f"calibration {found.revision}", found.verified
+    if verification is None:
         return f"{name} was not verified on fresh poses: run `forcemesh calibrate`"
     force_N, torque_Nm = cell.force.idle_max_N, cell.force.idle_max_Nm
-    if left.force_max_N <= force_N and left.torque_max_Nm <= torque_Nm:
+    if verification.force_max_N <= force_N and verification.torque_max_Nm <= torque_Nm:
         return ""
     return (
-        f"{name} left {left.force_max_N:.2f} N and {left.torque_max_Nm:.3f} N m at a fresh pose, "
+        f"{name} left {verification.force_max_N:.2f} N and "
+        f"{verification.torque_max_Nm:.3f} N m at a fresh pose, "
         f"the limits are {force_N:g} N and {torque_Nm:g} N m: run `forcemesh calibrate`"
     )
 

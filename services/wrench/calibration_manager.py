@@ -35,7 +35,7 @@ REST_TURN_RAD = 2e-3  # the same for its orientation: an error of 2 g per kilogr
 class RequestContext(NamedTuple):
     """Inputs at the time of a request."""
 
-    complaint: WrenchFault  # of the inputs
+    fault: WrenchFault  # of the inputs
     robot: RobotState | None
     feedback_runs: bool
 
@@ -52,18 +52,18 @@ class CalibrationManager:
         window = round(WINDOW_S * cell.rates.sensor_hz)
         self._recent: deque[tuple[Array, RobotState]] = deque(maxlen=window)
 
-    def remember(self, reading: Array, robot: RobotState) -> None:
+    def add(self, reading: Array, robot: RobotState) -> None:
         """Store a reading in sensor axes, shape (6,), with the state of the robot."""
         self._recent.append((reading, robot))
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Clear the window after a gap or a fault."""
         self._recent.clear()
 
-    def tare(self, moment: RequestContext) -> Reply:
+    def tare(self, context: RequestContext) -> Reply:
         """Take the present reading as zero."""
-        robot = moment.robot
-        refused = self._refusal(moment)
+        robot = context.robot
+        refused = self._refusal(context)
         if refused is not None or robot is None:
             return refused or refusal("invalid", "no pose")
         readings = [reading for reading, _ in self._recent]
@@ -73,7 +73,7 @@ class CalibrationManager:
             self.in_use = self.in_use.with_bias_of(payload)
         return reply
 
-    def calibrate(self, moment: RequestContext, text: str) -> Reply:
+    def calibrate(self, context: RequestContext, text: str) -> Reply:
         """Activate another calibration if it explains the present reading.
 
         Args:
@@ -87,25 +87,25 @@ class CalibrationManager:
         new = active_calibration(found, self._cell)
         if new.objection:
             return refusal("payload", new.objection)
-        robot = moment.robot
-        refused = self._refusal(moment)
+        robot = context.robot
+        refused = self._refusal(context)
         if refused is not None or robot is None:
             return refused or refusal("invalid", "no pose")
-        force_N, torque_Nm = self._left(new.payload, robot)
+        force_N, torque_Nm = self._residual(new.payload, robot)
         if (refused := self._too_much(found.revision, force_N, torque_Nm)) is not None:
             return refused
         self.in_use = new
         text = f"calibration {found.revision} is in use: residual {force_N:.2f} N and "
         return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
 
-    def _left(self, payload: Payload, robot: RobotState) -> tuple[float, float]:
+    def _residual(self, payload: Payload, robot: RobotState) -> tuple[float, float]:
         """Return the residual force [N] and torque about the TCP [N m] of the present reading."""
         mean = np.mean([reading for reading, _ in self._recent], axis=0)
-        left_N, left_Nm = residual(
+        residual_N, residual_Nm = residual(
             payload, self._R_base_sensor(robot), force_N=mean[:3], torque_Nm=mean[3:]
         )
-        about_tcp_Nm = left_Nm - np.cross(self._mounting.p_sensor_tcp_in_sensor, left_N)
-        return float(np.linalg.norm(left_N)), float(np.linalg.norm(about_tcp_Nm))
+        about_tcp_Nm = residual_Nm - np.cross(self._mounting.p_sensor_tcp_in_sensor, residual_N)
+        return float(np.linalg.norm(residual_N)), float(np.linalg.norm(about_tcp_Nm))
 
     def _too_much(self, revision: str, force_N: float, torque_Nm: float) -> Reply | None:
         """Refuse a payload whose residual exceeds the preflight limits for free space."""
@@ -131,21 +131,21 @@ class CalibrationManager:
         text = f"axes and signs are verified for calibration {self.in_use.name}"
         return Reply(accepted=True, text=text)
 
-    def _refusal(self, moment: RequestContext) -> Reply | None:
-        if moment.complaint != NO_FAULT or moment.robot is None:
-            return refusal(moment.complaint.code, moment.complaint.text)
-        if moment.feedback_runs:
+    def _refusal(self, context: RequestContext) -> Reply | None:
+        if context.fault != NO_FAULT or context.robot is None:
+            return refusal(context.fault.code, context.fault.text)
+        if context.feedback_runs:
             return refusal("busy", "force feedback is running: stop it first")
         if len(self._recent) < (self._recent.maxlen or 1):
             return refusal("wait", "not enough samples yet: repeat the request")
-        return self._motion(moment.robot)
+        return self._motion(context.robot)
 
     def _motion(self, robot: RobotState) -> Reply | None:
         """Refuse when the flange moved or turned during the window."""
         poses = [pose_of(state) for _, state in self._recent]
         moved_m = float(np.max(np.ptp([T.translation for T in poses], axis=0)))
-        turns = [rotation_between(poses[-1].rotation, T.rotation) for T in poses]
-        turned_rad = max(float(np.linalg.norm(turn)) for turn in turns)
+        rotations = [rotation_between(poses[-1].rotation, T.rotation) for T in poses]
+        turned_rad = max(float(np.linalg.norm(rotation)) for rotation in rotations)
         value, limit = moved_m, REST_POSITION_M
         if moved_m <= limit and turned_rad > REST_TURN_RAD:
             value, limit = turned_rad, REST_TURN_RAD

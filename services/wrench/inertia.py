@@ -24,7 +24,7 @@ from services.wrench.compensation import Mounting
 
 AT_REST = np.zeros(3)
 AT_REST.setflags(write=False)
-PERIODS_SEEN = 50  # window in which the robot's real period is measured
+PERIODS_MEASURED = 50  # window in which the robot's real period is measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,33 +46,33 @@ class AccelerationEstimator:
         offsets = np.arange(-half, half + 1, dtype=float)
         self._weights = 2.0 * np.linalg.pinv(np.vander(offsets, 3))[0]  # of the second derivative
         self._mounting = mounting
-        self._seen: deque[ReportedPose] = deque(maxlen=max(len(offsets), PERIODS_SEEN))
+        self._reports: deque[ReportedPose] = deque(maxlen=max(len(offsets), PERIODS_MEASURED))
 
-    def see(self, robot: Reading[RobotState], payload: Payload) -> None:
+    def update(self, robot: Reading[RobotState], payload: Payload) -> None:
         """Store a new pose; a stale pose or a gap clears the window."""
         if robot.fresh is None or robot.header is None:
-            self._seen.clear()
+            self._reports.clear()
             return
         header = robot.header
-        if self._seen:
-            last = self._seen[-1]
+        if self._reports:
+            last = self._reports[-1]
             if (header.epoch, header.seq) == (last.epoch, last.seq):
                 return
             if (header.epoch, header.seq) != (last.epoch, last.seq + 1):
-                self._seen.clear()
+                self._reports.clear()
         T = pose_of(robot.fresh) * self._mounting.T_flange_sensor
         R_mount = rotation_from_vector(np.array(payload.mounting_rotation_rad))
         p_com_m = np.asarray(T.act(R_mount @ np.array(payload.com_m)))
-        self._seen.append(ReportedPose(header.seq, header.epoch, header.stamp_ns, p_com_m))
+        self._reports.append(ReportedPose(header.seq, header.epoch, header.stamp_ns, p_com_m))
 
     def now(self) -> Array:
         """Return the acceleration [m/s^2], base axes. Shape (3,)."""
         count = len(self._weights)
-        if len(self._seen) < count:
+        if len(self._reports) < count:
             return AT_REST
-        first, last = self._seen[0], self._seen[-1]
+        first, last = self._reports[0], self._reports[-1]
         period_s = (last.stamp_ns - first.stamp_ns) / NS_PER_S / (last.seq - first.seq)
         if period_s <= 0.0:
             return AT_REST
-        p = np.array([seen.p_com_m for seen in list(self._seen)[-count:]])
+        p = np.array([report.p_com_m for report in list(self._reports)[-count:]])
         return np.asarray(self._weights @ (p - p[-1]) / period_s**2)

@@ -101,9 +101,9 @@ def check_reading(
         repeats=before.repeats + 1 if same else 0,
         taken_s=before.taken_s + dt_s,
     )
-    complaint = _beyond_range(reading, bounds) or _frozen(after, bounds)
-    if complaint is not None:
-        return after._replace(taken=None), complaint
+    fault = _beyond_range(reading, bounds) or _frozen(after, bounds)
+    if fault is not None:
+        return after._replace(taken=None), fault
     jump = _jump(after, reading, bounds)
     if jump is None:
         tame = min(after.tame + 1, WILD_APART)

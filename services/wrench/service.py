@@ -34,16 +34,16 @@ class WrenchService:
         self._sensor_period_s = 1.0 / cell.rates.sensor_hz
         self._mounting = Mounting(cell.sensor.T_flange_sensor.pose, cell.tool.T_flange_tcp.pose)
         self._p_sensor_tcp_in_sensor = self._mounting.p_sensor_tcp_in_sensor
-        self._desk = CalibrationManager(cell, self._mounting)
+        self._manager = CalibrationManager(cell, self._mounting)
         self._bounds, self._history, self._pairing = (
             ReadingLimits.of(cell),
             ReadingHistory(),
             Pairing(),
         )
         self._apart_max_s = apart_max_s(cell)
-        self._complaint, self._complain_until_ns = NO_FAULT, 0
+        self._fault, self._fault_until_ns = NO_FAULT, 0
         # A fault is published for this long: a reader that misses it finds the topic stale.
-        self._complain_for_ns = round(cell.stale_after_s(topics.WRENCH) * NS_PER_S)
+        self._fault_hold_ns = round(cell.stale_after_s(topics.WRENCH) * NS_PER_S)
         self._empty_filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._filter = self._empty_filter
         self._filter_delay_s = cell.filter_delay_s
@@ -79,11 +79,11 @@ class WrenchService:
     def step(self, now_ns: int) -> None:
         """Filter the newest sample; publish at the control rate, at once when a fault begins."""
         sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
-        was_fine = self._complaint == NO_FAULT
+        was_valid = self._fault == NO_FAULT
         T_base_flange = None if robot.fresh is None else pose_of(robot.fresh)
-        self._complain(self._take(sensor, robot), self._of_pose(robot, T_base_flange), now_ns)
+        self._set_fault(self._take(sensor, robot), self._of_pose(robot, T_base_flange), now_ns)
         self._serve(robot, now_ns)
-        if now_ns >= self._next_put_ns or (was_fine and self._complaint != NO_FAULT):
+        if now_ns >= self._next_put_ns or (was_valid and self._fault != NO_FAULT):
             # Half a sensor period early is on time: samples and periods are not aligned.
             slack_ns = round(0.5 * self._sensor_period_s * NS_PER_S)
             self._next_put_ns = now_ns + round(self.period_s * NS_PER_S) - slack_ns
@@ -92,52 +92,52 @@ class WrenchService:
     def _serve(self, robot: Reading[RobotState], now_ns: int) -> None:
         target = self._target.read(now_ns).fresh
         feedback_runs = target is not None and target.valid
-        moment = RequestContext(self._complaint, robot.fresh, feedback_runs)
+        context = RequestContext(self._fault, robot.fresh, feedback_runs)
         for tare in self._tares.take_all():
-            reply = self._desk.tare(moment)
+            reply = self._manager.tare(context)
             self._tared_ns = now_ns if reply.accepted else self._tared_ns
             tare.reply(reply)
         for other in self._calibrations.take_all():
-            reply = self._desk.calibrate(moment, other.request.calibration_json)
+            reply = self._manager.calibrate(context, other.request.calibration_json)
             self._tared_ns = now_ns if reply.accepted else self._tared_ns  # its bias is new too
             other.reply(reply)
         for axes in self._axes.take_all():
-            axes.reply(self._desk.axes_checked(axes.request.calibration))
+            axes.reply(self._manager.axes_checked(axes.request.calibration))
 
     def _take(self, sensor: Reading[SensorWrench], robot: Reading[RobotState]) -> WrenchFault:
         """Filter a new, valid sample; reset the filter after a gap or a fault."""
-        complaint, sample = sensor_fault(sensor), sensor.fresh
-        if sample is not None and sensor.header is not None and complaint == NO_FAULT:
+        fault, sample = sensor_fault(sensor), sensor.fresh
+        if sample is not None and sensor.header is not None and fault == NO_FAULT:
             stamp_ns = sensor.header.stamp_ns
             if stamp_ns == self._last_stamp_ns:
                 return NO_FAULT
             dt_s = max(stamp_ns - self._last_stamp_ns, 0) / NS_PER_S if self._last_stamp_ns else 0.0
             self._last_stamp_ns = stamp_ns
             reading = np.array(sample.force_N + sample.torque_Nm)
-            self._history, complaint = check_reading(self._history, reading, dt_s, self._bounds)
+            self._history, fault = check_reading(self._history, reading, dt_s, self._bounds)
             if self._history.counts:
                 self._filter = feed(self._filter, reading, dt_s)
                 if robot.fresh is not None:
-                    self._desk.remember(reading, robot.fresh)
+                    self._manager.add(reading, robot.fresh)
         else:
             self._history = ReadingHistory(spikes=self._history.spikes)
-        if complaint != NO_FAULT:
+        if fault != NO_FAULT:
             self._filter = self._empty_filter
-            self._desk.forget()
+            self._manager.clear()
         self._pairing = pair(self._pairing, sensor, robot)
         if self._acceleration is not None:
-            self._acceleration.see(robot, self._desk.in_use.payload)
-        return complaint
+            self._acceleration.update(robot, self._manager.in_use.payload)
+        return fault
 
-    def _complain(self, of_sensor: WrenchFault, of_pose: WrenchFault, now_ns: int) -> None:
+    def _set_fault(self, of_sensor: WrenchFault, of_pose: WrenchFault, now_ns: int) -> None:
         """Set the fault, and hold it until every reader must have received it."""
-        complaint = of_pose if of_sensor == NO_FAULT else of_sensor
-        if complaint != NO_FAULT:
-            waited_for = complaint.text.endswith(" missing")
-            self._complain_until_ns = now_ns + (0 if waited_for else self._complain_for_ns)
-        if complaint != NO_FAULT or now_ns >= self._complain_until_ns:
-            self._complaint = complaint
-        self.fault = self._complaint.text
+        fault = of_pose if of_sensor == NO_FAULT else of_sensor
+        if fault != NO_FAULT:
+            waited_for = fault.text.endswith(" missing")
+            self._fault_until_ns = now_ns + (0 if waited_for else self._fault_hold_ns)
+        if fault != NO_FAULT or now_ns >= self._fault_until_ns:
+            self._fault = fault
+        self.fault = self._fault.text
 
     def _of_pose(self, robot: Reading[RobotState], T_base_flange: pin.SE3 | None) -> WrenchFault:
         if T_base_flange is None:
@@ -155,7 +155,7 @@ class WrenchService:
     def _put(self, sensor: Reading[SensorWrench], T_base_flange: pin.SE3 | None) -> None:
         filtered = self._filter.output
         if self.fault or filtered is None or T_base_flange is None or sensor.fresh is None:
-            why = self._complaint if self.fault else WrenchFault("not_ready", "no sample yet")
+            why = self._fault if self.fault else WrenchFault("not_ready", "no sample yet")
             self._out.put(WrenchAtTcp(valid=False, reason=why.text, code=why.code), sensor.origin)
             return
         T_base_sensor = T_base_flange * self._mounting.T_flange_sensor
@@ -163,19 +163,19 @@ class WrenchService:
             Wrench(filtered[:3], filtered[3:]),
             R_base_sensor=np.asarray(T_base_sensor.rotation),
             p_sensor_tcp_in_sensor=self._p_sensor_tcp_in_sensor,
-            payload=self._desk.in_use.payload,
+            payload=self._manager.in_use.payload,
             a_com_m_s2=None if self._acceleration is None else self._acceleration.now(),
         )
-        calibration_fault = self._desk.in_use.fault(sensor.fresh.serial)
+        calibration_fault = self._manager.in_use.fault(sensor.fresh.serial)
         message = WrenchAtTcp(
             force_N=vec3(at_tcp_in_base.force_N),
             torque_Nm=vec3(at_tcp_in_base.torque_Nm),
             raw_force_N=sensor.fresh.force_N,
             raw_torque_Nm=sensor.fresh.torque_Nm,
-            calibration=self._desk.in_use.name,
+            calibration=self._manager.in_use.name,
             calibrated=not calibration_fault,
             calibration_fault=calibration_fault,
-            axes_checked=self._desk.in_use.axes_checked,
+            axes_checked=self._manager.in_use.axes_checked,
         )
         header = sensor.header
         self._out.put(message, None if header is None else Origin(header.stamp_ns, header.seq))

@@ -35,7 +35,7 @@ def compile_approach(statement: Instruction, at: int, evaluate: ArgumentCompiler
     def make(task: Task) -> MotionRequest:
         goal = target(task)
         T = goal.T if goal.T is not None else task.machine.robot.pose_of(_joints(goal))
-        return _motion(task, kind, Target(T=T * _along_z(-distance_mm(task))))
+        return _motion(task, kind, Target(T=T * _translation_z(-distance_mm(task))))
 
     return _handed_over(make, at)
 
@@ -47,7 +47,7 @@ def compile_depart(statement: Instruction, at: int, evaluate: ArgumentCompiler) 
 
     def make(task: Task) -> MotionRequest:
         T = task.machine.robot.destination()
-        return _motion(task, kind, Target(T=T * _along_z(-distance_mm(task))))
+        return _motion(task, kind, Target(T=T * _translation_z(-distance_mm(task))))
 
     return _handed_over(make, at)
 
@@ -91,12 +91,12 @@ def compile_draw(statement: Instruction, at: int, evaluate: ArgumentCompiler) ->
 
     def make(task: Task) -> MotionRequest:
         x, y, z, rx, ry, rz = (number(task) for number in numbers)
-        turn = _rotation("x", rx) @ _rotation("y", ry) @ _rotation("z", rz)
-        way = np.array([x, y, z]) * 1e-3
+        rotation = _rotation("x", rx) @ _rotation("y", ry) @ _rotation("z", rz)
+        travel = np.array([x, y, z]) * 1e-3
         T = task.machine.robot.destination()
-        goal = T * pin.SE3(turn, way)
+        goal = T * pin.SE3(rotation, travel)
         if not in_tool:
-            goal = pin.SE3(turn @ T.rotation, T.translation + way)
+            goal = pin.SE3(rotation @ T.rotation, T.translation + travel)
         value = speed_of(speed(task), statement.modifiers) if has_speed else None
         return _motion(task, "linear", Target(T=goal), speed=value)
 
@@ -150,7 +150,7 @@ def _joints(target: Target) -> Array:
     return target.q
 
 
-def _along_z(distance_mm: float) -> pin.SE3:
+def _translation_z(distance_mm: float) -> pin.SE3:
     return pin.SE3(np.eye(3), np.array([0.0, 0.0, distance_mm * 1e-3]))
 
 

@@ -120,13 +120,13 @@ def when_at_rest(at: int, action: Callable[[Task], None]) -> Op:
             action(task)
             return at + 1
 
-        def look(_: int) -> bool:
+        def condition(_: int) -> bool:
             if robot.moving:
                 return False
             action(task)
             return True
 
-        task.wait(look)
+        task.wait(condition)
         return at + 1
 
     return run

@@ -9,7 +9,7 @@ from sim.controller.errors import AsError
 from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.speeds import checked, percent
 from sim.controller.syntax import Instruction, Word
-from sim.controller.task import FOR_EVER, PC_PROGRAMS, StackFrame, Task
+from sim.controller.task import FOREVER, PC_PROGRAMS, StackFrame, Task
 
 if TYPE_CHECKING:
     from sim.controller.machine import Machine
@@ -109,14 +109,14 @@ def compile_pause(_: Instruction, at: int, __: ArgumentCompiler) -> Op:
             task.set_state("held")
             return at + 1
 
-        def look(_: int) -> bool:
+        def condition(_: int) -> bool:
             if robot.moving:
                 return False
             task.end_wait()
             task.set_state("held")
             return False
 
-        task.wait(look)
+        task.wait(condition)
         return at + 1
 
     return run
@@ -218,13 +218,13 @@ def _at_rest(at: int, end: Callable[[Task], None]) -> Op:
             end(task)
             return at
 
-        def look(_: int) -> bool:
+        def condition(_: int) -> bool:
             if robot.moving:
                 return False
             end(task)
             return False
 
-        task.wait(look)
+        task.wait(condition)
         return at
 
     return run
@@ -238,7 +238,7 @@ def _program(statement: Instruction, index: int) -> str:
 
 
 def _cycles(value: float) -> int:
-    return FOR_EVER if value < 0 else int(checked(value, 1, 32767, "cycles"))
+    return FOREVER if value < 0 else int(checked(value, 1, 32767, "cycles"))
 
 
 def _pc_number(value: float) -> int:

@@ -158,12 +158,12 @@ def _wait_for(
         finish(task, outcome)
         return at + 1
 
-    def look(now_ns: int) -> bool:
+    def condition(now_ns: int) -> bool:
         outcome = operation(now_ns)
         if outcome is None:
             return False
         finish(task, outcome)
         return True
 
-    task.wait(look)
+    task.wait(condition)
     return at + 1

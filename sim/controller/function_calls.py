@@ -33,7 +33,7 @@ def compile_function(expressions: Expressions, call: FunctionCall) -> Read:
     if call.name == "$DECODE":
         return _decode(expressions, call)
     if call.name in EXISTS or call.name in EXTREMES:
-        return _looked_up(expressions, call)
+        return _array_reader(expressions, call)
     return _computed(expressions, call)
 
 
@@ -147,7 +147,7 @@ def _decode(expressions: Expressions, call: FunctionCall) -> Read:
     return run
 
 
-def _looked_up(expressions: Expressions, call: FunctionCall) -> Read:
+def _array_reader(expressions: Expressions, call: FunctionCall) -> Read:
     """Compile EXISTxxx and MAXINDEX: their argument is a variable, or a string with its name."""
     if not call.arguments or call.arguments[0] is None:
         return _refuse("P0116", f"{call.name} takes a variable or a string with its name")

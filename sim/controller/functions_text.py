@@ -31,14 +31,14 @@ def middle(characters: str, start: int, count: int | None) -> str:
     return characters[start - 1 : end]
 
 
-def position(start: int, characters: str, wanted: str) -> int:
+def position(start: int, characters: str, text: str) -> int:
     """Return the 1-based position of a string, 0 if not found; case-insensitive."""
     start = max(start, 1)
     if start > len(characters):
         return 0
-    if not wanted:
+    if not text:
         return start
-    return characters.lower().find(wanted.lower(), start - 1) + 1
+    return characters.lower().find(text.lower(), start - 1) + 1
 
 
 def value_of(characters: str, code: int) -> float:

@@ -42,11 +42,11 @@ class ControllerHardware:
         *,
         behaviour: Behaviour | None = None,
         now_ns: int = 0,
-        say: Callable[[str], None] = lambda _: None,
+        print_line: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Power on: no program, switches at factory settings. `say` receives PRINT lines."""
         self.behaviour = behaviour or Behaviour()
-        self.say = say
+        self.print_line = print_line
         self.robot = Robot(arm)
         self.robot.queue.monitor_fraction = FACTORY_MONITOR_SPEED
         self.settings = MotionSettings()
@@ -88,7 +88,7 @@ class ControllerHardware:
         self._line += text
         if feed:
             line, self._line = self._line, ""
-            self.say(line)
+            self.print_line(line)
 
     def cycle_ended(self, task: Task) -> None:
         """Handle the end of a task's main program."""
@@ -105,8 +105,8 @@ class ControllerHardware:
             self.failed(self.robot_task, error)
         if self.robot_task.state == "ending" and not self.robot.moving:
             self.robot_task.set_state("idle")
-        for look in self.after_tick:
-            look()
+        for observer in self.after_tick:
+            observer()
         if self._later:
             due = [action for at_ns, action in self._later if at_ns <= self.now_ns]
             self._later = [entry for entry in self._later if entry[0] > self.now_ns]

@@ -22,7 +22,7 @@ UNREAD = re.compile(
     re.ASCII,
 )
 OPERANDS = frozenset({"NUMBER", "BASED", "STRING", "NAME", "SIGIL_NAME", "FUNCTION", "_LPAR"})
-LEAVES = (syntax.Number, syntax.Text, syntax.Word, syntax.Format)
+LEAF_NODES = (syntax.Number, syntax.Text, syntax.Word, syntax.Format)
 
 # Display name of a grammar terminal, in the order of the message.
 PLAIN = {
@@ -151,6 +151,6 @@ def _refuse_depth(statement: object) -> None:
 def _children(node: object) -> list[object]:
     if isinstance(node, tuple):
         return list(node)
-    if not is_dataclass(node) or isinstance(node, LEAVES):
+    if not is_dataclass(node) or isinstance(node, LEAF_NODES):
         return []
     return [getattr(node, field.name) for field in fields(node)]

@@ -98,11 +98,11 @@ def _types(
     called: Program,
     arguments: tuple[syntax.Expression | None, ...],
 ) -> Iterator[LintFinding]:
-    for number, (given, wanted) in enumerate(zip(arguments, called.parameters, strict=True), 1):
+    for number, (given, parameter) in enumerate(zip(arguments, called.parameters, strict=True), 1):
         variable = given.variable if isinstance(given, syntax.Reference) else given
-        if isinstance(variable, syntax.Variable) and variable.kind != wanted.kind:
+        if isinstance(variable, syntax.Variable) and variable.kind != parameter.kind:
             text = f"argument {number} of {called.name} is {variable.spelling}, "
-            yield at(program, step, "P0138", f"{text}the parameter is {wanted.spelling}")
+            yield at(program, step, "P0138", f"{text}the parameter is {parameter.spelling}")
 
 
 def _forbidden(program: Program, root: str) -> Iterator[LintFinding]:

@@ -56,7 +56,7 @@ class MotionQueue:
         return bool(self._active) or self._pausing is not None or self.ahead is not None
 
     @property
-    def under_way(self) -> bool:
+    def is_moving(self) -> bool:
         """Whether the command is changing, or a pause is active."""
         return bool(self._active) or self._pausing is not None
 

@@ -84,7 +84,7 @@ class _Reader:
             self._close()
         elif self.program is not None:
             if header and header["word"].upper() == "PROGRAM":
-                self._complain(self.program.where, "P0140", "the program has no .END")
+                self._add_error(self.program.where, "P0140", "the program has no .END")
                 self._close()
                 self._open(header, where)
             else:
@@ -95,12 +95,12 @@ class _Reader:
             self._data(stripped, where)
         elif not self.section and stripped and not stripped.startswith((";", ".*")):
             text = f"{stripped!a:.60} is outside of any .PROGRAM or data section"
-            self._complain(where, "P0109", text)
+            self._add_error(where, "P0109", text)
 
     def finish(self) -> tuple[SourceFile, tuple[SyntaxMistake, ...]]:
         """Return the file and its mistakes in the order of the file."""
         if self.program is not None:
-            self._complain(self.program.where, "P0140", "the program has no .END")
+            self._add_error(self.program.where, "P0140", "the program has no .END")
             self._close()
         source = SourceFile(
             self.name, self.programs, tuple(self.data), tuple(self.skipped), tuple(self.remarks)
@@ -133,9 +133,9 @@ class _Reader:
         try:
             self.data.append(data_line(self.section, line, where))
         except LineError as error:
-            self._complain(where, error.code, error.text)
+            self._add_error(where, error.code, error.text)
 
-    def _complain(self, where: Position, code: str, text: str) -> None:
+    def _add_error(self, where: Position, code: str, text: str) -> None:
         self.mistakes.append(SyntaxMistake(where, code, text))
 
 

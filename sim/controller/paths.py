@@ -24,18 +24,18 @@ class TcpLine:
         self._kinematics = kinematics
         self._T_tcp_flange = T_flange_tcp.inverse()
         self._from, self._to = T_from, T_to
-        self._way_m = T_to.translation - T_from.translation
-        self._turn = rotation_between(T_from.rotation, T_to.rotation)
-        self.way_m = float(np.linalg.norm(self._way_m))
-        self.extent_m = max(self.way_m, TURN_RADIUS_M * float(np.linalg.norm(self._turn)))
+        self._travel_m = T_to.translation - T_from.translation
+        self._rotation = rotation_between(T_from.rotation, T_to.rotation)
+        self.travel_m = float(np.linalg.norm(self._travel_m))
+        self.extent_m = max(self.travel_m, TURN_RADIUS_M * float(np.linalg.norm(self._rotation)))
 
     def tcp(self, share: float) -> pin.SE3:
         """Return T_base_tcp at path parameter `share`; the end is exact."""
         if share >= 1.0:
             return self._to
         return pin.SE3(
-            rotation_from_vector(share * self._turn) @ self._from.rotation,
-            self._from.translation + share * self._way_m,
+            rotation_from_vector(share * self._rotation) @ self._from.rotation,
+            self._from.translation + share * self._travel_m,
         )
 
     def at(self, share: float, q_near: np.ndarray) -> IkResult:

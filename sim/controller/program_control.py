@@ -7,7 +7,7 @@ from sim.controller.compiled import Compiled
 from sim.controller.errors import AsError
 from sim.controller.hardware import ControllerHardware
 from sim.controller.memory import Locals
-from sim.controller.task import FOR_EVER, PC_PROGRAMS, ProgramStop, StackFrame, Task
+from sim.controller.task import FOREVER, PC_PROGRAMS, ProgramStop, StackFrame, Task
 
 
 class ProgramControl(ControllerHardware):
@@ -109,7 +109,7 @@ class ProgramControl(ControllerHardware):
 
     def cycle_ended(self, task: Task) -> None:
         """Restart the main program, or end it."""
-        if task.cycles != FOR_EVER:
+        if task.cycles != FOREVER:
             task.cycles -= 1
         if task.cycles == 0:
             self.end(task)
@@ -136,7 +136,7 @@ class ProgramControl(ControllerHardware):
     def failed(self, task: Task, error: AsError) -> None:
         """Call the task's ONE program, or stop the task and report the position."""
         if not task.frames:  # a motion whose program has already ended
-            self.say(f"error: {error}")
+            self.print_line(f"error: {error}")
             self.robot.queue.brake(keep_ahead=False)
             return
         handled = task.handler and all(frame.handles is None for frame in task.frames)
@@ -161,7 +161,7 @@ class ProgramControl(ControllerHardware):
         task.set_state("stopped" if task.is_robot else "idle")
         if task.is_robot:
             self.robot.queue.brake(keep_ahead=False)
-        self.say(f"error: {stop}")
+        self.print_line(f"error: {stop}")
 
 
 def task_name(task: Task) -> str:

@@ -75,8 +75,8 @@ class Robot:
         """Whether the arm has reached its last command, within the motion's ACCURACY."""
         if self._arrived_at != self.arm.ticks:
             self._arrived_at = self.arm.ticks
-            self._arrived = not self.queue.under_way and self._is_near()
-        return self._arrived and not self.queue.under_way
+            self._arrived = not self.queue.is_moving and self._is_near()
+        return self._arrived and not self.queue.is_moving
 
     @property
     def moving(self) -> bool:
@@ -86,7 +86,7 @@ class Robot:
     @property
     def at_rest(self) -> bool:
         """Whether command and arm are at rest; at the latest 0.5 s after the command."""
-        if self.queue.under_way:
+        if self.queue.is_moving:
             return False
         still = not self.arm.moving or self._off_rad() < _STANDING_RAD
         return still or self.arm.ticks - self._commanded_at > _SETTLED_TICKS
@@ -108,13 +108,13 @@ class Robot:
     def tick(self) -> None:
         """Advance by one millisecond. Raises AsError if a motion cannot be continued."""
         try:
-            waits = self.queue.ahead is not None and not self.queue.under_way
+            waits = self.queue.ahead is not None and not self.queue.is_moving
             self.queue.tick(TICK_S, arrived=waits and self.arrived)
         except AsError:
             self.queue.fail()
             raise
         finally:
-            if self.queue.under_way:
+            if self.queue.is_moving:
                 self._commanded_at = self.arm.ticks
             command = self.queue.q_command
             command.setflags(write=False)

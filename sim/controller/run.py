@@ -96,7 +96,7 @@ def run_alone(
         network,
         behaviour=behaviour,
         now_ns=clock.now_ns(),
-        say=say,
+        print_line=print_line,
     )
     with ExitStack() as exits:
         exits.callback(machine.tcp.close_all)
@@ -105,7 +105,7 @@ def run_alone(
         machine.scheduler.skip_to(clock.now_ns())
         while not stop.is_set() and watch.alive:
             machine.scheduler.catch_up(clock.now_ns())
-            watch.look()
+            watch.follow()
             clock.sleep_s(TICK_S)
     return 1 if machine.stops else 0
 
@@ -120,7 +120,7 @@ def run_in_cell(
         service, reporters, clock = _with_its_sensor(cell, network, behaviour, exits)
         exits.callback(give_up_realtime_priority)
         exits.callback(service.close)
-        service.machine.say = say
+        service.machine.print_line = print_line
         start(service.machine, source, arguments)
         watch = ChangeLogger(service.machine, network)
         service.machine.after_tick.append(watch.ticked)
@@ -140,7 +140,9 @@ def _with_its_sensor(
     """
     if cell.sim is not None and cell.sim.netft:
         clock, server = MonotonicClock(), server_of(cell)
-        say(f"RDT at {cell.sensor.address}:{server.port}, page and faults at {server.page_port}")
+        print_line(
+            f"RDT at {cell.sensor.address}:{server.port}, page and faults at {server.page_port}"
+        )
         return ControllerNetft(server, clock, cell, network, behaviour=behaviour), [], clock
     refuse_other_implementation(cell, "sensor", "sim")
     bus = exits.enter_context(open_bus(cell, "sensor"))
@@ -162,7 +164,7 @@ def start(machine: Machine, source: SourceFile, arguments: argparse.Namespace) -
         machine.pendant.execute(name.lower())
     except AsError as error:
         raise ConfigError(source.name, [str(error)]) from error
-    say(f"robot program {name} of {source.name} runs")
+    print_line(f"robot program {name} of {source.name} runs")
 
 
 def default_program(source: SourceFile) -> str:
@@ -184,7 +186,7 @@ class ChangeLogger:
     def __init__(self, machine: Machine, network: SocketNetwork) -> None:
         """Start with an empty state."""
         self._machine, self._network = machine, network
-        self._seen: dict[str, str] = {}
+        self._last_state: dict[str, str] = {}
         self._ticks = 0
         self.alive = True
 
@@ -192,9 +194,9 @@ class ChangeLogger:
         """Check every TICKS_BETWEEN_LOOKS ticks: each tick would cost 25 % of the arm's time."""
         self._ticks += 1
         if self._ticks % TICKS_BETWEEN_CHECKS == 0:
-            self.look()
+            self.follow()
 
-    def look(self) -> None:
+    def follow(self) -> None:
         """Log the changes since the last check."""
         machine = self._machine
         for task in machine.tasks:
@@ -206,12 +208,12 @@ class ChangeLogger:
         self.alive = any(task.state != "idle" for task in machine.tasks) and not machine.stops
 
     def _note(self, what: str, state: str) -> None:
-        if self._seen.get(what, "") != state:
-            self._seen[what] = state
-            say(f"{what}: {state or 'none'}")
+        if self._last_state.get(what, "") != state:
+            self._last_state[what] = state
+            print_line(f"{what}: {state or 'none'}")
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     """Print a line and flush."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()

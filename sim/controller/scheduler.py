@@ -39,7 +39,7 @@ class Scheduler:
             tuple((tasks[(first + k) % count], (first + k + 1) % count) for k in range(count))
             for first in range(count)
         )
-        self._turn = 0
+        self._next_order = 0
         self.current = tasks[0]  # the task whose step is being executed
         self.now_ns = now_ns
         self.steps = 0
@@ -71,7 +71,7 @@ class Scheduler:
         """Execute one step of every ready task; without any, advance to the next tick."""
         idle, step_ns = True, self._step_ns
         if self.now_ns >= self._stalled_until_ns:
-            for task, next_turn in self._orders[self._turn]:
+            for task, next_order in self._orders[self._next_order]:
                 if not task.ready:
                     continue
                 idle, self.current = False, task
@@ -81,7 +81,7 @@ class Scheduler:
                 while self.now_ns >= self._next_tick_ns:
                     self._pass_tick()
                 if self.now_ns >= until_ns:
-                    self._turn = next_turn
+                    self._next_order = next_order
                     return
         if idle:
             self.now_ns = min(self._next_tick_ns, until_ns)
@@ -94,4 +94,4 @@ class Scheduler:
         for task in self._tasks:
             if task.waiting:
                 self.current = task
-                task.look(self.now_ns)
+                task.check_wait(self.now_ns)

@@ -41,7 +41,7 @@ class Linker:
             self._visit(at, statement)
         for left in self.stack:
             code = "P0144" if left.kind == "DO" else "P0140"
-            self._complain(left.at, code, f"{left.kind} has no {CLOSED_BY[left.kind]}")
+            self._add_error(left.at, code, f"{left.kind} has no {CLOSED_BY[left.kind]}")
         pairs = zip(self.steps, self.statements, strict=True)
         return tuple(replace(step, statement=statement) for step, statement in pairs)
 
@@ -68,23 +68,23 @@ class Linker:
         if self.stack and self.stack[-1].kind == kind:
             self.stack[-1].inner.append(at)
             return self.stack[-1]
-        self._complain(at, code, text)
+        self._add_error(at, code, text)
         return None
 
     def _else(self, at: int) -> None:
         opened = self._inside(at, "IF", "P0142", "ELSE must be between IF ... THEN and END")
         if opened is not None and len(opened.inner) > 1:
-            self._complain(at, "P0142", f"the IF of step {opened.at + 1} already has an ELSE")
+            self._add_error(at, "P0142", f"the IF of step {opened.at + 1} already has an ELSE")
 
     def _until(self, at: int, statement: syntax.Until) -> None:
         if self.stack and self.stack[-1].kind == "DO":
             self.statements[at] = replace(statement, do_at=self.stack.pop().at)
         else:
-            self._complain(at, "P0143", f"UNTIL closes DO{self._instead()}")
+            self._add_error(at, "P0143", f"UNTIL closes DO{self._instead()}")
 
     def _end(self, at: int) -> None:
         if not self.stack or self.stack[-1].kind == "DO":
-            self._complain(at, "P0141", f"END closes IF, WHILE, FOR or CASE{self._instead()}")
+            self._add_error(at, "P0141", f"END closes IF, WHILE, FOR or CASE{self._instead()}")
             return
         opened = self.stack.pop()
         self.statements[at] = syntax.End(opened.kind, opened.at)
@@ -127,7 +127,7 @@ class Linker:
             f" {CLOSED_BY[last.kind]}"
         )
 
-    def _complain(self, at: int, code: str, text: str) -> None:
+    def _add_error(self, at: int, code: str, text: str) -> None:
         self.mistakes.append(SyntaxMistake(self._where(at), code, text))
 
     def _where(self, at: int) -> Position:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 ROBOT = 1
 PC_PROGRAMS = range(1001, 1006)
 DEEPEST_CALL = 20
-FOR_EVER = -1
+FOREVER = -1
 
 TaskState = Literal["idle", "running", "held", "stopped", "ending"]
 Wait = Callable[[int], bool]
@@ -151,7 +151,7 @@ class Task:
         except AsError as error:
             self._failed(self, error)
 
-    def look(self, now_ns: int) -> None:
+    def check_wait(self, now_ns: int) -> None:
         """Poll the wait condition."""
         wait = self._wait
         if wait is None:

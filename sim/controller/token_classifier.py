@@ -171,7 +171,7 @@ class _Reader:
             kind = "TARGET"
         elif kind == "RELATION" and self.text:
             kind = "TEXT_RELATION"
-        self._remember(kind, token)
+        self._record(kind, token)
         return token if kind == token.type else _retyped(token, kind)
 
     def _word(self, token: Token, following: Token | None) -> str:
@@ -189,7 +189,7 @@ class _Reader:
             return "FUNCTION"
         return str(token.type)
 
-    def _remember(self, kind: str, token: Token) -> None:
+    def _record(self, kind: str, token: Token) -> None:
         if kind in {"_LPAR", "_LSQB", "_HASH_BRACKET"}:
             self.owners.append(self.text and self.previous in {"FUNCTION", "SIGIL_NAME"})
         elif kind in {"_RPAR", "_RSQB"} and self.owners:

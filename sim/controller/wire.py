@@ -13,25 +13,25 @@ from sim.controller.network import MemoryNetwork, MemoryStream
 PAUSE_S = 0.1  # between attempts to connect
 RECEIVE_BYTES = 16_384
 
-News = TypeVar("News")
+Events = TypeVar("Events")
 
 
-class LockStepLink(Generic[News]):
+class LockStepLink(Generic[Events]):
     """Connects to a port of a MemoryNetwork and reconnects after a loss."""
 
     def __init__(
-        self, network: MemoryNetwork, port: int, make_news: Callable[[bool, bytes, str], News]
+        self, network: MemoryNetwork, port: int, make_events: Callable[[bool, bytes, str], Events]
     ) -> None:
-        """Start unconnected; `make_news` receives opened, data and the reason of a loss."""
+        """Start unconnected; `make_events` receives opened, data and the reason of a loss."""
         self.connections = 0
         self.last_fault = ""
-        self._network, self._port, self._make_news = network, port, make_news
+        self._network, self._port, self._make_events = network, port, make_events
         self._stream: MemoryStream | None = None
         self._rest = b""  # bytes not yet accepted by the stream
         self._lost = ""
         self._next_attempt_ns = 0
 
-    def poll(self, now_ns: int) -> News:
+    def poll(self, now_ns: int) -> Events:
         """Connect if due, receive, send the rest; return the events."""
         opened, data = False, b""
         if self._stream is None and not self._lost and now_ns >= self._next_attempt_ns:
@@ -40,7 +40,7 @@ class LockStepLink(Generic[News]):
             data = self._receive(now_ns)
             self._flush(now_ns)
         lost, self._lost = self._lost, ""
-        return self._make_news(opened, data, lost)
+        return self._make_events(opened, data, lost)
 
     def send(self, data: bytes, now_ns: int) -> bool:
         """Send bytes; return False without a connection."""

@@ -64,13 +64,15 @@ def main() -> None:
             page_port=given.page_port,
         )
         where = f"http://{given.address}:{server.page_port}"
-        say(f"RDT at {given.address}:{server.port}, page {where}{PAGE}, switches {where}{FAULTS}")
+        print_line(
+            f"RDT at {given.address}:{server.port}, page {where}{PAGE}, switches {where}{FAULTS}"
+        )
         still = np.concatenate((given.force, given.torque))
         noise = np.array([given.noise_N] * 3 + [given.noise_Nm] * 3)
         prepare_realtime()
         run(server, ConstantWrench(still, noise, given.seed), given.rate_hz, stop)
         server.close()
-        say(f"{server.sent} records sent, {server.unsendable} unsendable")
+        print_line(f"{server.sent} records sent, {server.unsendable} unsendable")
 
 
 class ConstantWrench:
@@ -101,7 +103,7 @@ def run(server: NetftServer, source: ConstantWrench, rate_hz: float, stop: threa
         time.sleep(max(0, due_ns - time.monotonic_ns()) / NS_PER_S)
 
 
-def say(line: str) -> None:
+def print_line(line: str) -> None:
     """Print a line and flush."""
     sys.stdout.write(line + "\n")
     sys.stdout.flush()

@@ -26,12 +26,12 @@ class NetftSensor:
         self._ft_step = ft_step
         self._rng = np.random.default_rng(seed)
         self._rdt_sequence = 0
-        self._left: int | None = None  # records still to be sent; None: unlimited
+        self._remaining: int | None = None  # records still to be sent; None: unlimited
         self._counts: tuple[int, ...] = (0,) * 6
         self._bias: tuple[int, ...] = (0,) * 6
         self._held: list[bytes] = []
 
-    def hear(self, data: bytes, client: Address) -> None:
+    def receive(self, data: bytes, client: Address) -> None:
         """Process a request; an invalid one is ignored, as by a real sensor."""
         asked = command_of(data)
         if asked is None:
@@ -39,7 +39,7 @@ class NetftSensor:
         command, count = asked
         if command == START:
             self.client, self._rdt_sequence, self._held = client, 0, []
-            self._left = count or None
+            self._remaining = count or None
         elif command == STOP and client == self.client:
             self.client = None
         elif command == BIAS:
@@ -66,9 +66,9 @@ class NetftSensor:
         self._rdt_sequence += 1
         data = record(self._rdt_sequence, self.ft_sequence, switches.status, self._shown())
         client = self.client
-        if self._left is not None:
-            self._left -= 1
-            self.client = client if self._left else None
+        if self._remaining is not None:
+            self._remaining -= 1
+            self.client = client if self._remaining else None
         return [(sent, client) for sent in self._disturbed(data)]
 
     def _counts_of(self, wrench: Sequence[float]) -> tuple[int, ...]:

@@ -75,7 +75,7 @@ class NetftServer:
                 return
             except OSError:  # ICMP error of an earlier record: its client is gone
                 continue
-            self.sensor.hear(data, client)
+            self.sensor.receive(data, client)
 
     def measured(self, wrench: Sequence[float]) -> None:
         """Take a sample of a wrench [N, N m] and send its records."""

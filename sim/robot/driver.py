@@ -49,7 +49,7 @@ class SimDriver:
         self._streaming = False
         self._tracking.free()
         if self.goal.state == "running":
-            self.goal = self.goal.model_copy(update={"state": "refused", "reason": reason})
+            self.goal = self.goal.replaced(state="refused", reason=reason)
         if not self._seeded and not self._motion.busy and not self._arm.moving:
             self._motion.reseed(self._arm.q)
             self._seeded = True
@@ -102,15 +102,15 @@ class SimDriver:
                 return trip
             self._tracking.stream(T_measured, now_ns)
             self._streaming, self._sent = True, None
-        T_wanted = pose_of(command.pose)
-        trip = self._guard.setpoint(T_wanted, T_measured, now_ns)
+        T_target = pose_of(command.pose)
+        trip = self._guard.setpoint(T_target, T_measured, now_ns)
         if trip is not None:
             return trip
-        reason = self._motion.setpoint(T_wanted)
+        reason = self._motion.setpoint(T_target)
         if reason:
             return tripped("robot_refuses", reason)
-        self._tracking.stream(T_wanted, now_ns)
-        self._sent = T_wanted
+        self._tracking.stream(T_target, now_ns)
+        self._sent = T_target
         return None
 
     def _idle(self) -> None:
@@ -128,9 +128,9 @@ class SimDriver:
         elif self.goal.state == "running" and not self._motion.busy:
             if self._motion.state == "refused":
                 update = {"state": "refused", "reason": self._motion.reason}
-                self.goal = self.goal.model_copy(update=update)
+                self.goal = self.goal.replaced(**update)
             elif not self._arm.moving:
-                self.goal = self.goal.model_copy(update={"state": "done"})
+                self.goal = self.goal.replaced(state="done")
 
     def _start(self, goal: Goal, speed: Speed) -> str:
         q = self._motion.q_command
@@ -152,5 +152,5 @@ class SimDriver:
         q_goal = q + turn_rad if goal.kind == "by" else turn_rad
         reason = self._motion.start_joints(q_goal, motion_speed)
         if not reason:
-            self._tracking.turn(self._arm.q, q_goal)
+            self._tracking.joint_move(self._arm.q, q_goal)
         return reason

@@ -125,13 +125,13 @@ class MotionGenerator:
         self.q_command.setflags(write=False)
         return self.q_command
 
-    def _time_s(self, T_wanted: pin.SE3) -> float:
+    def _time_s(self, T_target: pin.SE3) -> float:
         """Return the travel time of the flange to a streamed pose [s], with a goal's rotation."""
         T = self._kinematics.flange_pose(self.q_command)
-        way = T_wanted.translation - T.translation
-        turn = rotation_between(T.rotation, T_wanted.rotation)
-        way_m, turn_rad = math.sqrt(way.dot(way)), math.sqrt(turn.dot(turn))
-        return max(way_m, TURN_RADIUS_M * turn_rad) / self._stream_m_s
+        travel = T_target.translation - T.translation
+        rotation = rotation_between(T.rotation, T_target.rotation)
+        travel_m, rotation_rad = math.sqrt(travel.dot(travel)), math.sqrt(rotation.dot(rotation))
+        return max(travel_m, TURN_RADIUS_M * rotation_rad) / self._stream_m_s
 
     def _start(self, path: MotionPath, speed: MotionSpeed) -> str:
         self._path, self._speed = path, speed
@@ -141,8 +141,8 @@ class MotionGenerator:
 
     def _brake_stream(self) -> None:
         """End a stream: stop if its pose is reached, otherwise ramp down."""
-        way = self._q_stream - self.q_command
-        needed_s = max(_time_at_full_speed_s(way), self._stream_s)
+        travel = self._q_stream - self.q_command
+        needed_s = max(_time_at_full_speed_s(travel), self._stream_s)
         self.state = "idle"
         if needed_s > 1e-9:
             path = JointPath(self._kinematics, self.q_command, self._q_stream)
@@ -152,9 +152,9 @@ class MotionGenerator:
 
     def _stream_on(self, dt_s: float) -> None:
         if self.q_command.tolist() != self._q_stream.tolist():
-            way = self._q_stream - self.q_command
-            ticks_needed = max(_time_at_full_speed_s(way), self._stream_s) / dt_s
-            self.q_command = self.q_command + way / max(1.0, ticks_needed)
+            travel = self._q_stream - self.q_command
+            ticks_needed = max(_time_at_full_speed_s(travel), self._stream_s) / dt_s
+            self.q_command = self.q_command + travel / max(1.0, ticks_needed)
         self._stream_s = max(0.0, self._stream_s - dt_s)
 
     def _follow(self, dt_s: float) -> None:
@@ -205,6 +205,6 @@ class MotionGenerator:
         return self._share, None
 
 
-def _time_at_full_speed_s(way_rad: Array) -> float:
+def _time_at_full_speed_s(travel_rad: Array) -> float:
     """Return the duration of a joint motion at the joint speed limits [s]."""
-    return float(max(map(truediv, map(abs, way_rad.tolist()), _JOINT_SPEEDS_RAD_S)))
+    return float(max(map(truediv, map(abs, travel_rad.tolist()), _JOINT_SPEEDS_RAD_S)))

@@ -118,8 +118,8 @@ class SprungPlate:
 
     def _misses(self, disc: Disc, squeeze: "_Squeeze") -> bool:
         """Return whether the disc is beside the plate or below it."""
-        beside = max(abs(disc.centre_m[0]), abs(disc.centre_m[1])) > HALF_SIDE_M
-        return beside or (not self.touched and squeeze.at(0.0)[0] < -DEEPEST_TOUCH_M)
+        is_off_plate = max(abs(disc.centre_m[0]), abs(disc.centre_m[1])) > HALF_SIDE_M
+        return is_off_plate or (not self.touched and squeeze.at(0.0)[0] < -DEEPEST_TOUCH_M)
 
     def _rub(self, disc: Disc, arm: Vector3, normal_N: float, rule: "_Midpoint") -> Vector3:
         """Apply stick or slip friction; return its force [N, N] and torque [Nm] on the disc."""

@@ -114,7 +114,7 @@ class SimRobot:
     def _refuse(self, trip: Trip) -> None:
         limit = "" if trip.limit is None else f" (limit {trip.limit:.6g})"
         self._refusals += 1
-        self._verdict = self._gate.revoke(trip.model_copy(update={"text": trip.text + limit}))
+        self._verdict = self._gate.revoke(trip.replaced(text=trip.text + limit))
         self._driver.hold(self._verdict.hold_reason)
 
     # --- publishing -----------------------------------------------------------------------------

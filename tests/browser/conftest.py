@@ -1,7 +1,7 @@
-"""A simulated cell in real processes with its panel, and pages of a real browser that look at it.
+"""A simulated cell in real processes with its panel, and pages of a real browser on it.
 
-One cell serves all tests; each begins with an arm at rest that is not armed. Whatever a page asks
-for is written down, and must have stayed on this machine.
+One cell serves all tests; each begins with an arm at rest that is not armed. Every request of a
+page is recorded, and must have stayed on this machine.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ FLAGS = [
     "--use-gl=angle",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    # Only the scene is WebGL. Asked to, the processor plays a graphics card for the whole page too:
+    # Only the scene is WebGL. On request the processor emulates a graphics card for the whole page:
     # 55 % of a core for one page, and two pages no longer answered. A browser without a card does
     # not, it paints the page itself: 1 %.
     "--disable-gpu-compositing",
@@ -34,7 +34,7 @@ FLAGS = [
 
 @pytest.fixture(scope="session")
 def cell_file(tmp_path_factory) -> Path:
-    """The demo's cell under a name and ports of its own; a slow machine is let be slow."""
+    """The demo's cell under a name and ports of its own, with time-outs of a slow machine."""
     folder = tmp_path_factory.mktemp("panel")
     port = free_port()
     overrides = {
@@ -54,7 +54,7 @@ def cell_file(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def cell(cell_file) -> Iterator[ConfiguredCell]:
-    """The cell, up, as a client of the bus sees it; `up` has started its panel."""
+    """The running cell as a client of the bus; `up` has started its panel."""
     folder = {"FORCEMESH_RUN_FOLDER": str(cell_file.parent), "FORCEMESH_NO_PANEL": "0"}
     with running("-m", "cli", "up", "--cell", cell_file, **folder):
         port = load_cell(cell_file).panel.port
@@ -72,7 +72,7 @@ def ready(cell) -> ConfiguredCell:
 
 
 def brought_home(cell: ConfiguredCell) -> bool:
-    """Bring the arm home; tell whether that went well: a machine that stalls makes it hold."""
+    """Move the arm home; return whether that succeeded: a machine that stalls makes it hold."""
     try:
         cell.hold("a test begins")
         cell.clear()
@@ -88,13 +88,13 @@ def brought_home(cell: ConfiguredCell) -> bool:
 
 @pytest.fixture
 def address(cell) -> str:
-    """Where the panel of the cell is."""
+    """Address of the panel of the cell."""
     return f"http://127.0.0.1:{cell.config.panel.port}/"
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """The system's Chromium; it cannot find any other machine."""
+    """The system's Chromium; it can reach no other machine."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield chromium
@@ -103,7 +103,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def cockpit(browser):
-    """Return what makes a page of a new person; at the end none may have asked anybody outside."""
+    """Return a factory of pages of a new person; at the end none has contacted another host."""
     made: list[Cockpit] = []
 
     def make(width: int = 1280, height: int = 760, **more) -> Cockpit:

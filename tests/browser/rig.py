@@ -15,7 +15,7 @@ from playwright.sync_api import Locator, Page
 from playwright.sync_api import TimeoutError as PlaywrightTimeout
 
 ROOT = Path(__file__).parents[2]
-TRIES, HIT_WITHIN_S, LOOKS = 3, 20.0, 5
+TRIES, HIT_WITHIN_S, CHECKS = 3, 20.0, 5
 PATIENCE_S = 90.0  # of the test, not of the cell: drawing without a graphics card is slow
 # The scene is drawn for pictures only: software WebGL would take the processor from the cell.
 SPARE = """
@@ -37,7 +37,7 @@ DRAW_ONCE = (
 
 
 class Cockpit:
-    """One page, as a person uses it: what is clicked, and what is read."""
+    """One page as a person uses it: clicks, and texts."""
 
     def __init__(self, page: Page) -> None:
         self.page = page
@@ -48,7 +48,7 @@ class Cockpit:
         page.on("websocket", lambda socket: self.asked.append(socket.url))
 
     def open(self, address: str) -> "Cockpit":
-        """Load the page, and wait for this person's own forms."""
+        """Load the page, and wait for the forms of this session."""
         self.page.goto(address)
         self.page.get_by_text("Replies to requests appear here.").wait_for()
         return self
@@ -64,9 +64,9 @@ class Cockpit:
         hit(self.button(label))
 
     def cancel(self) -> None:
-        """Say no to the open question, or see that it is gone: it goes away by itself."""
+        """Answer no to the open question, or wait until it has closed by itself."""
 
-        def gone() -> bool:
+        def is_closed() -> bool:
             no = self.button("Cancel")
             if no.count():
                 with suppress(PlaywrightTimeout, PlaywrightError, AssertionError):
@@ -76,7 +76,7 @@ class Cockpit:
             return no.count() == 0
 
         self.clicks += 1
-        wait_until(gone)
+        wait_until(is_closed)
 
     def tab(self, label: str) -> None:
         """Go to a tab."""
@@ -93,21 +93,21 @@ class Cockpit:
 
     @property
     def state(self) -> str:
-        """What the bar says of the arm."""
+        """Return the arm's state in the bar."""
         return self.page.locator("#fm-state").inner_text()
 
     def until_state(self, word: str, within_s: float = PATIENCE_S) -> None:
-        """Wait until the bar says so."""
+        """Wait until the bar shows a state."""
         self.page.locator("#fm-state", has_text=re.compile(rf"^{word}")).wait_for(
             timeout=1e3 * within_s
         )
 
-    def until_said(self, text: str) -> None:
-        """Wait until the line of answers holds a text."""
+    def until_reply(self, text: str) -> None:
+        """Wait until the line of replies contains a text."""
         self.page.get_by_text(text).locator("visible=true").first.wait_for()
 
     def arm(self) -> None:
-        """Arm, and say yes; again when a machine that stalled made the inputs not good enough."""
+        """Arm, and confirm; again when a machine that stalled made the inputs invalid."""
         for _ in range(TRIES):
             self.click("Arm")
             self.click("Arm now")
@@ -117,17 +117,17 @@ class Cockpit:
         raise AssertionError(f"not armed: {self.answer()}")
 
     def answer(self) -> str:
-        """Return what was answered last, as the page shows it."""
+        """Return the last reply, as the page shows it."""
         return " / ".join(self.page.locator(".mantine-Notification-root").all_inner_texts())
 
     def press(self) -> None:
-        """Start pressing with what the form says, and say yes."""
+        """Start pressing with the values of the form, and confirm."""
         self.click("Start pressing")
         self.click("Press now")
         self.until_state("ACTIVE")
 
     def picture(self, name: str) -> None:
-        """Draw the scene once and keep a picture in out/."""
+        """Draw the scene once and store a picture in out/."""
         self.page.evaluate(
             "document.querySelectorAll('.mantine-Notification-closeButton').forEach(e => e.click())"
         )
@@ -144,26 +144,26 @@ WHERE = """e => { e.scrollIntoView({block: 'nearest'});
 
 
 def hit(target: Locator) -> None:
-    """Click with the mouse what stands still and has nothing above it, without waiting for frames.
+    """Click an element that rests and is not covered, without waiting for frames.
 
-    The page is not drawn here, so the library's own wait for it to be still would be long.
+    The page is not drawn here, so the library's own wait for rest would be long.
     """
     target.wait_for()
-    give_up_s, before, looks = time.monotonic() + HIT_WITHIN_S, None, 0
+    give_up_s, before, checks = time.monotonic() + HIT_WITHIN_S, None, 0
     while True:
         found = target.evaluate(WHERE)
-        looks += 1
+        checks += 1
         if not found["covered"] and found == before:
             break
-        # One look may take longer than all of the time on a machine that stands still.
-        assert time.monotonic() < give_up_s or looks < LOOKS, found
+        # One check may take longer than the whole time-out on a machine that stalls.
+        assert time.monotonic() < give_up_s or checks < CHECKS, found
         before = found
         time.sleep(0.15)
     target.page.mouse.click(found["x"], found["y"])
 
 
 def wait_until(done, within_s=PATIENCE_S) -> None:
-    """Wait until something is so."""
+    """Wait until a condition is true."""
     give_up_s = time.monotonic() + within_s
     while not done():
         assert time.monotonic() < give_up_s, f"not within {within_s:g} s"
@@ -188,7 +188,7 @@ def running(*words: object, **environment: str) -> Iterator[subprocess.Popen[byt
 
 
 def answers(port: int) -> bool:
-    """Tell whether a panel is there."""
+    """Return whether a panel answers."""
     with suppress(OSError):
         return urllib.request.urlopen(f"http://127.0.0.1:{port}/alive", timeout=5.0).status == 200
     return False

@@ -19,7 +19,7 @@ from forcemesh.topics import HELPERS, ROLES
 from services.panel.state_colours import STATE_COLOURS
 from services.panel.watch import Snapshot
 from tests.browser.rig import wait_until
-from tests.browser.spoken import SpokenWatch, served
+from tests.browser.scripted import ScriptedWatch, served
 
 pytestmark = [pytest.mark.browser, pytest.mark.long, pytest.mark.timeout(300)]
 
@@ -53,7 +53,7 @@ LONG = {
     ),
 }
 SIZES = ((1024, 768), (1200, 800), (1920, 1080))
-# Elements of the bar that leave the window, hide a part of their text, or lie on their neighbour.
+# Elements of the bar that leave the window, hide a part of their text, or cover each other.
 CUT_OFF = """() => {
   const all = [...document.querySelectorAll('#fm *')].filter(e => e.getClientRects().length);
   return all.filter(e => {
@@ -79,13 +79,13 @@ def snapshot(status, **more):
     """Return a snapshot in which the arbiter has this status and every service is present."""
     health = {name: received(Health(rate_hz=250.0)) for name in (*ROLES, *HELPERS)}
     wrench = received(WrenchAtTcp(force_N=(0.0, 0.0, -24.9), calibrated=True))
-    known = {"robot": received(RobotState()), "wrench": wrench, "health": health}
-    return Snapshot(hub_fault="", arbiter=received(status), **(known | more))
+    readings = {"robot": received(RobotState()), "wrench": wrench, "health": health}
+    return Snapshot(hub_fault="", arbiter=received(status), **(readings | more))
 
 
-def watch_on(heard_now) -> SpokenWatch:
-    """Return a watch whose regulator answers for its gains."""
-    watch = SpokenWatch(heard_now)
+def watch_on(current) -> ScriptedWatch:
+    """Return a watch whose regulator answers the request for gains."""
+    watch = ScriptedWatch(current)
     watch.client.force = SimpleNamespace(gains=Gains)
     return watch
 
@@ -124,21 +124,21 @@ def test_the_force_is_legible_from_two_metres_and_never_a_zero_without_data(monk
         )
         shows(page, "value", "no data for 2.3 s")
         assert page.page.locator("#fm-goal").is_hidden()
-    shows(page, "value", "no data")  # the panel is gone
+    shows(page, "value", "no data")  # the panel has ended
 
 
 def test_each_state_has_its_colour_and_its_word(monkeypatch, cockpit):
-    """ARMED does not look like ACTIVE."""
+    """ARMED has another colour than ACTIVE."""
     watch = watch_on(Snapshot())
     colour = "getComputedStyle(document.querySelector('#fm-state')).backgroundColor"
     with served(monkeypatch, watch) as address:
         page = cockpit().open(address)
-        seen = {}
+        colours = {}
         for state in STATE_COLOURS:
             watch.received = snapshot(ArbiterStatus(state=state))
             page.until_state(state)
-            seen[state] = page.page.evaluate(colour)
-    assert len(set(seen.values())) == len(STATE_COLOURS), seen
+            colours[state] = page.page.evaluate(colour)
+    assert len(set(colours.values())) == len(STATE_COLOURS), colours
 
 
 def test_a_trip_is_shown_with_its_value_limit_and_remedy(monkeypatch, cockpit):
@@ -151,11 +151,11 @@ def test_a_trip_is_shown_with_its_value_limit_and_remedy(monkeypatch, cockpit):
         assert "above the ceiling (61.2 N, limit 60 N)" in cause
         assert "forcemesh back-off" in page.page.locator("#fm-remedy").inner_text()
         page.tab("Faults")
-        page.until_said("(61.2 N, limit 60 N)")
+        page.until_reply("(61.2 N, limit 60 N)")
 
 
 def test_dark_mode_and_the_note_on_drawing_are_in_the_settings_only(monkeypatch, cockpit):
-    """The note of viser does not lie over the scene; this browser has no graphics card."""
+    """The note of viser does not cover the scene; this browser has no graphics card."""
     with served(monkeypatch, watch_on(snapshot(LONG["owned"]))) as address:
         page = cockpit().open(address)
         for tab in ("Force", "Move", "Calibrate", "Record", "Faults"):

@@ -1,6 +1,6 @@
-"""Text of others in a real browser: it stands there letter by letter, and nothing of it acts.
+"""Text of other processes in a real browser: shown character by character, never executed.
 
-The page is served by this process from snapshots of its own: no cell is needed to say the worst.
+The page is served by this process from snapshots of its own, so no cell is needed.
 """
 
 from types import SimpleNamespace
@@ -12,12 +12,12 @@ from forcemesh.errors import RefusedError
 from forcemesh.messages import RecorderStatus
 from forcemesh.requests import Reply
 from services.panel.wizard import Progress
-from tests.browser.spoken import SpokenWatch, said, served
+from tests.browser.scripted import ScriptedWatch, feed_of, served
 from tests.fakes.hostile_text import filled, harmless, hostile, reading, snapshot, texts_of
 
 pytestmark = [pytest.mark.browser, pytest.mark.long, pytest.mark.timeout(300)]
 
-READY = {  # tab: what it shows once it was told of the cell
+READY = {  # tab: its elements for this cell
     "Force": "not calibrated",
     "Move": "flange",
     "Calibrate": "running:",
@@ -29,21 +29,21 @@ FORMS = "xpath=ancestor::*[@role='tablist'][1]/../.."
 FOREIGN = "#x, iframe, object, embed, a[href*='example'], img[src*='passwd'], em, del, h1, strong"
 
 
-def spoken(text) -> SpokenWatch:
-    """Return a watch on a cell that says such texts, also in every refusal."""
+def watch_with(text) -> ScriptedWatch:
+    """Return a watch on a cell that publishes such texts, also in every refusal."""
 
     def refuse(*_args, **_named):
         reply = filled(Reply, text)
         raise RefusedError(reply.code, reply.text, remedy=text("remedy"))
 
-    watch = SpokenWatch(snapshot(text))
+    watch = ScriptedWatch(snapshot(text))
     status = filled(RecorderStatus, text).model_copy(update={"recording": True})
     watch.client = SimpleNamespace(
         tare=refuse,
         clear=refuse,
         hold=refuse,
         force=SimpleNamespace(gains=refuse),
-        feed=lambda _topic: said(reading(status)),
+        feed=lambda _topic: feed_of(reading(status)),
     )
     return watch
 
@@ -60,10 +60,10 @@ def calibrating(text) -> Progress:
 
 
 def shown(cockpit, address):
-    """Return of each tab its elements and its text, and the page."""
+    """Return the elements and the text of each tab, and the page."""
     page = cockpit().open(address)
     page.click("Tare")
-    page.until_said("Tare")
+    page.until_reply("Tare")
     tags, texts = {}, {}
     for tab, shown_there in READY.items():
         page.tab(tab)
@@ -76,11 +76,11 @@ def shown(cockpit, address):
     return tags, texts, page
 
 
-def test_text_of_others_is_shown_as_text_and_nothing_of_it_becomes_an_element(monkeypatch, cockpit):
-    """The same elements as with harmless text; each field that is shown stands there whole."""
-    with served(monkeypatch, spoken(harmless), calibrating(harmless)) as address:
+def test_foreign_text_is_shown_as_text_and_makes_no_element(monkeypatch, cockpit):
+    """The elements are the same as with harmless text; each field is shown complete."""
+    with served(monkeypatch, watch_with(harmless), calibrating(harmless)) as address:
         expected, harmless_texts, _ = shown(cockpit, address)
-    with served(monkeypatch, spoken(hostile), calibrating(hostile)) as address:
+    with served(monkeypatch, watch_with(hostile), calibrating(hostile)) as address:
         tags, texts, page = shown(cockpit, address)
         assert page.page.locator(FOREIGN).count() == 0
         assert page.page.evaluate("window.ran") is None
@@ -91,7 +91,7 @@ def test_text_of_others_is_shown_as_text_and_nothing_of_it_becomes_an_element(mo
     assert status is not None
     assert wrench is not None
     named = {
-        *(text for text in texts_of(status.trips) if ".unit" not in text),  # goes with its value
+        *(text for text in texts_of(status.trips) if ".unit" not in text),  # no text of its own
         *texts_of(status.not_ready),
         status.clears,
         *(one.fault for one in received.health.values()),

@@ -1,4 +1,4 @@
-"""The panel in a real browser, in front of the simulated cell: what a person can do, and cannot."""
+"""The panel in a real browser on the simulated cell: permitted and refused actions of a person."""
 
 import os
 import re
@@ -24,7 +24,7 @@ SECRET = "0123456789abcdef"  # noqa: S105 - of a panel of this test
 
 
 def test_a_person_presses_and_the_force_follows_the_set_point(ready, address, cockpit):
-    """Arm, press, change the set point: each move is asked for twice, and the force is there."""
+    """Arm, press, change the set point: each move needs a confirmation, and the force follows."""
     page = cockpit(1440, 860).open(address)
     page.click("Arm")
     page.button("Arm now").wait_for()
@@ -42,32 +42,32 @@ def test_a_person_presses_and_the_force_follows_the_set_point(ready, address, co
     assert page.page.locator(".uplot canvas").count() == 4
     page.picture("panel")
     page.click("Stop force feedback")
-    page.until_said("force feedback is off")
+    page.until_reply("force feedback is off")
     assert ready.status().state == "ARMED"
 
 
 def test_tare_is_refused_in_contact_and_done_in_free_space(ready, address, cockpit):
-    """The answer is shown, with what to do about it."""
+    """The reply is shown, with the remedy."""
     page = cockpit().open(address)
     page.click("Tare")
-    page.until_said("Tare: done")
+    page.until_reply("Tare: done")
     page.arm()
     page.press()
     wait_until(lambda: ready.force.pressed_N() > 14.0)
     page.click("Tare")
-    page.until_said("Tare: refused")
+    page.until_reply("Tare: refused")
 
 
-@pytest.mark.parametrize("way", ["button", "key"])
-def test_stop_motion_holds_even_over_an_open_question(ready, address, cockpit, way):
-    """The button lies above every dialog, the key works everywhere; clearing is a step apart."""
+@pytest.mark.parametrize("control", ["button", "key"])
+def test_stop_motion_holds_even_over_an_open_question(ready, address, cockpit, control):
+    """The button is above every dialog, the key works everywhere; clearing is a separate step."""
     page = cockpit().open(address)
     page.arm()
     page.press()
     page.tab("Move")
     page.click("Unlock jogging")
     page.button("Unlock").wait_for()
-    if way == "button":
+    if control == "button":
         hit(page.page.locator("#fm-stop"))
     else:
         page.page.keyboard.press("Shift+S")
@@ -76,14 +76,14 @@ def test_stop_motion_holds_even_over_an_open_question(ready, address, cockpit, w
     page.until_state("HOLDING")
     page.cancel()
     page.tab("Faults")
-    page.until_said("Stop motion was pressed in the panel")
-    page.until_said("arm again when the path is clear")
+    page.until_reply("Stop motion was pressed in the panel")
+    page.until_reply("arm again when the path is clear")
     page.click("Clear")
     page.until_state("IDLE")
 
 
-def test_a_fault_is_told_with_its_remedy_and_recovered_from(ready, cell_file, address, cockpit):
-    """A service that freezes: the arm stops, the page names it; afterwards clear and arm work."""
+def test_a_fault_is_shown_with_its_remedy_and_recovered_from(ready, cell_file, address, cockpit):
+    """A frozen service: the arm stops, the page names it; afterwards clear and arm work."""
     page = cockpit().open(address)
     page.arm()
     run = Run.model_validate_json(next(cell_file.parent.glob("panel-*.json")).read_text())
@@ -93,7 +93,7 @@ def test_a_fault_is_told_with_its_remedy_and_recovered_from(ready, cell_file, ad
     try:
         page.until_state("FAULT")
         page.tab("Faults")
-        page.until_said("wrench/health stale")
+        page.until_reply("wrench/health stale")
     finally:
         os.kill(wrench.pid, signal.SIGCONT)
     wait_until(lambda: not ready.wrench.reading().fault)
@@ -107,7 +107,7 @@ def test_a_fault_is_told_with_its_remedy_and_recovered_from(ready, cell_file, ad
 def test_an_arm_without_a_wrench_backs_off_by_5_mm_after_a_second_question(
     ready, cell_file, address, cockpit
 ):
-    """No force can be followed: the first yes moves nothing, the second one 5 mm up, no farther."""
+    """Without a force signal: the first yes moves nothing, the second one 5 mm up, no farther."""
     page = cockpit().open(address)
     run = Run.model_validate_json(next(cell_file.parent.glob("panel-*.json")).read_text())
     wrench = run.entry("wrench")
@@ -119,19 +119,19 @@ def test_an_arm_without_a_wrench_backs_off_by_5_mm_after_a_second_question(
         wait_until(lambda: "wrench" in ready.silent())
         page.click("Back off")
         page.click("Back off now")
-        page.until_said("no force can be followed")
+        page.until_reply("no force can be followed")
         page.button("Move 5 mm back").wait_for()
         assert abs(1e3 * ready.state().position_m[2] - z_mm) < 0.1
         page.picture("panel-back-off")
         page.click("Move 5 mm back")
-        page.until_said("full travel used: 5.0 mm")
+        page.until_reply("full travel used: 5.0 mm")
     finally:
         os.kill(wrench.pid, signal.SIGCONT)
     assert abs(1e3 * ready.state().position_m[2] - z_mm - 5.0) < 0.5
 
 
 def test_two_people_do_not_disturb_each_other(ready, address, cockpit):
-    """A question is for who clicked, forms show the cell and keep what is typed, anybody stops."""
+    """A question is for its own session, forms show the cell and keep input, each can stop."""
     one, other = cockpit().open(address), cockpit().open(address)
     one.click("Arm")
     one.button("Arm now").wait_for()
@@ -147,7 +147,7 @@ def test_two_people_do_not_disturb_each_other(ready, address, cockpit):
         re.compile(r"^7(\.0)?\b")
     )  # the cell's, not the other's own default
     other.fill("Set point [N]", 9.0)
-    other.page.get_by_text("set point 7 N").wait_for()  # what is typed stays, and changes nothing
+    other.page.get_by_text("set point 7 N").wait_for()  # typed text stays, and changes nothing
     expect(shown).to_have_value(re.compile(r"^9(\.0)?\b"))
     other.page.keyboard.press("Shift+S")
     one.until_state("HOLDING")
@@ -178,9 +178,9 @@ def test_from_nothing_to_a_calibrated_press_in_eight_clicks(ready, cell_file, ad
     page.fill("Speed [mm/s]", 800)
     page.click("Calibrate")
     page.click("Move now")
-    page.until_said("running")
+    page.until_reply("running")
     wait_until((cell_file.parent / "made.yaml").exists, 2.0 * PATIENCE_S)
-    page.until_said("the cell uses the new calibration")
+    page.until_reply("the cell uses the new calibration")
     assert load_cell(cell_file).calibration is not None
     assert page.page.get_by_text("Residual force at each pose").is_visible()
     assert page.page.get_by_text("mass (kg)").is_visible()
@@ -193,8 +193,8 @@ def test_from_nothing_to_a_calibrated_press_in_eight_clicks(ready, cell_file, ad
     assert page.clicks <= 8
 
 
-def test_who_may_only_look_sees_everything_and_can_do_nothing(ready, cell_file, cockpit):
-    """A second panel with a token, view only: no form, no Stop motion, and none behind the page."""
+def test_a_view_only_session_shows_everything_and_commands_nothing(ready, cell_file, cockpit):
+    """A second panel with a token, view only: no form, no Stop motion, and no server function."""
     port = free_port()
     words = ("-m", "services.panel", "--cell", cell_file, "--port", port, "--view-only")
     with running(*words, FORCEMESH_PANEL_TOKEN=SECRET):
@@ -209,14 +209,14 @@ def test_who_may_only_look_sees_everything_and_can_do_nothing(ready, cell_file, 
         assert page.page.locator("#fm-mode").inner_text() == "SIMULATION · view only"
         assert page.page.locator("#fm-stop").is_hidden()
         assert page.page.get_by_role("tab", name="Force").count() == 0
-        ask = "fetch('/stop', {headers: {'X-Forcemesh': '1'}}).then(said => said.json())"
-        said = {"text": "refused: this page is view-only", "answered": True}
-        assert page.page.evaluate(ask) == said
+        request_stop = "fetch('/stop', {headers: {'X-Forcemesh': '1'}}).then(reply => reply.json())"
+        expected = {"text": "refused: this page is view-only", "answered": True}
+        assert page.page.evaluate(request_stop) == expected
         assert ready.status().state == "IDLE"
 
 
 def test_a_phone_shows_what_matters_and_its_stop_button_works(ready, address, cockpit):
-    """State and Stop motion are in sight, nothing is wider than the screen, a thumb can stop."""
+    """State and Stop motion are visible, nothing is wider than the screen, a thumb can stop."""
     page = cockpit(390, 844, has_touch=True, is_mobile=True, device_scale_factor=2.0)
     page.open(address)
     ready.arm("jog")
@@ -232,8 +232,8 @@ def test_a_phone_shows_what_matters_and_its_stop_button_works(ready, address, co
     page.until_state("HOLDING")
 
 
-def test_dark_is_remembered_and_the_page_can_call_nobody(ready, address, cockpit):
-    """The browser keeps the choice; and refuses to let the page ask another machine."""
+def test_dark_mode_is_stored_and_the_page_contacts_no_other_host(ready, address, cockpit):
+    """The browser keeps the choice, and its policy blocks requests to other machines."""
     page = cockpit().open(address)
     page.tab("Settings")
     hit(page.page.get_by_role("checkbox").last)
@@ -245,8 +245,8 @@ def test_dark_is_remembered_and_the_page_can_call_nobody(ready, address, cockpit
     assert page.page.evaluate(out) == "refused"
 
 
-def test_a_panel_that_is_gone_says_so_and_takes_nothing_with_it(ready, cell_file, cockpit):
-    """The bar tells it, Stop motion tells that there is no answer, and the cell goes on."""
+def test_an_ended_panel_is_shown_and_affects_no_other_process(ready, cell_file, cockpit):
+    """The bar shows it, Stop motion reports that there is no answer, and the cell continues."""
     port = free_port()
     with running("-m", "services.panel", "--cell", cell_file, "--port", port) as panel:
         wait_until(lambda: answers(port))
@@ -259,8 +259,8 @@ def test_a_panel_that_is_gone_says_so_and_takes_nothing_with_it(ready, cell_file
     assert not ready.silent()
 
 
-def test_the_panel_is_one_of_the_things_up_starts(cell, cell_file):
-    """It has a port of its own, and is not among the processes whose death ends the cell."""
+def test_the_panel_is_started_by_up(cell, cell_file):
+    """It has its own port, and its end does not end the cell."""
     run = Run.model_validate_json(next(cell_file.parent.glob("panel-*.json")).read_text())
     assert answers(cell.config.panel.port)
     helpers = {entry.module: entry.alive for entry in run.processes if entry.is_helper}

@@ -31,7 +31,7 @@ def main() -> int:
                         help="journal of trials; resumes an interrupted run")  # fmt: skip
     given = parser.parse_args()
     try:
-        cases = wanted(given)
+        cases = selected(given)
     except ValueError as error:
         parser.error(str(error))
     journal = Journal(given.journal)
@@ -43,7 +43,7 @@ def main() -> int:
     return 1 if broken else 0
 
 
-def wanted(given: argparse.Namespace) -> list[Case]:
+def selected(given: argparse.Namespace) -> list[Case]:
     """Return the cases that a command line selects. Raises ValueError for an unknown name."""
     if given.only:
         role, kind, phase = named(given.only)

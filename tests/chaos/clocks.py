@@ -147,10 +147,12 @@ def _shifted_by(jump_s: int, watch: ClockFaultObserver) -> str:
     pids = set(watch.cell.pids().values())
     maps = [Path(f"/proc/{pid}/maps").read_text(encoding="utf-8") for pid in pids]
     with child("tests.chaos.clocks_probe") as probe:
-        said = float((probe.stdout.readline() if probe.stdout else "") or "nan")
-    seen_s = said - time.time()
+        probe_s = float((probe.stdout.readline() if probe.stdout else "") or "nan")
+    offset_s = probe_s - time.time()
     whole = len(pids) >= len(ROLES) and all(LIBRARY in each for each in maps)
-    return f"{len(pids)} processes, {seen_s:+.0f} s" if whole and abs(seen_s - jump_s) < 5 else ""
+    return (
+        f"{len(pids)} processes, {offset_s:+.0f} s" if whole and abs(offset_s - jump_s) < 5 else ""
+    )
 
 
 def monotonic_differs(role: str) -> ClockCase:

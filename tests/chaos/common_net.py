@@ -104,8 +104,8 @@ class CellUnderTest:
     def pids(self) -> dict[str, int]:
         """Return process IDs by role, for the roles with fresh health."""
         now_ns = self.clock.now_ns()
-        heard = {role: reader.read(now_ns).fresh for role, reader in self._health.items()}
-        return {role: health.pid for role, health in heard.items() if health is not None}
+        health_of = {role: reader.read(now_ns).fresh for role, reader in self._health.items()}
+        return {role: health.pid for role, health in health_of.items() if health is not None}
 
     def causes(self) -> str:
         """Return the hold codes of the arbiter and the robot."""
@@ -120,8 +120,12 @@ class CellUnderTest:
         give_up_s = time.monotonic() + within_s
         while not what():
             if time.monotonic() >= give_up_s:
-                said = self.status
-                text = "silent" if said is None else f"{said.state} {said.trips} {said.not_ready}"
+                latest = self.status
+                text = (
+                    "silent"
+                    if latest is None
+                    else f"{latest.state} {latest.trips} {latest.not_ready}"
+                )
                 raise HarnessError(f"not within {within_s:g} s: {name}; the arbiter: {text}")
             time.sleep(POLL_S)
 
@@ -159,8 +163,8 @@ class CellUnderTest:
 
     def press(self, force_N: float) -> None:
         """Start force feedback with a set point, after an active move has ended."""
-        wanted = ForceStartRequest(mode="position", setpoint_N=force_N)
-        self.insist(topics.FORCE_START, wanted, within_s=5.0)
+        start = ForceStartRequest(mode="position", setpoint_N=force_N)
+        self.insist(topics.FORCE_START, start, within_s=5.0)
 
     def move_to(self, z_m: float, speed_m_s: float) -> None:
         """Start a linear move of the flange to a height."""
@@ -198,11 +202,11 @@ def log_to(folder: Path) -> Callable[[str, str], None]:
     """Return a log function for processes that writes to a file of the folder."""
     log = folder / "processes.log"
 
-    def say(who: str, line: str) -> None:
+    def log_line(who: str, line: str) -> None:
         with log.open("a", encoding="utf-8") as out:
             out.write(f"{who}: {line}\n")
 
-    return say
+    return log_line
 
 
 @contextmanager

@@ -124,14 +124,14 @@ class HealthMonitor:
         began_ns = last_ns = time.monotonic_ns()
         while busy():
             now_ns = time.monotonic_ns()
-            self._look(phase, now_ns)
+            self._evaluate(phase, now_ns)
             if self.cell.state != "ACTIVE":
                 phase.held = self.cell.causes() or "silent"
                 break
             last_ns = now_ns
             time.sleep(POLL_S)
         time.sleep(HEALTH_WINDOW_S / 2)  # wait for the last reports
-        self._look(phase, last_ns)
+        self._evaluate(phase, last_ns)
         phase.witness_s = self._witness.worst_s(began_ns, time.monotonic_ns())
         if phase.held and phase.witness_s <= self.cell.cell.deadlines.command_s:
             phase.mistakes.append(f"{name}: the arm was held: {phase.held}")
@@ -149,7 +149,7 @@ class HealthMonitor:
                 )
         return phase
 
-    def _look(self, phase: Phase, now_ns: int) -> None:
+    def _evaluate(self, phase: Phase, now_ns: int) -> None:
         for role, reader in self._health.items():
             if reader.poll() and (health := reader.read(now_ns).message) is not None:
                 phase.loops[role].take(health, now_ns, self._witness)
@@ -190,11 +190,11 @@ def flooded(
     words = ("flood", "--cell", path, "--mix", mix, "--rate", rate_hz, "--seconds", seconds)
     with child("tests.chaos.flood_peer", *words) as peer:
         phase = watcher.watch(f"flood, {mix}", lambda: peer.poll() is None)
-        said = _last_line(peer, seconds + 10.0)
-    sent = json.loads(said) if said else {}
+        report = _last_line(peer, seconds + 10.0)
+    sent = json.loads(report) if report else {}
     if sent.get("per_s", 0.0) < least_hz:
         phase.mistakes.append(f"no flood: {sent.get('per_s', 0.0):.0f} messages/s")
-    return phase, said
+    return phase, report
 
 
 def _last_line(peer: subprocess.Popen[str], within_s: float) -> str:
@@ -232,11 +232,11 @@ def run(seconds: float, rate_hz: int) -> tuple[list[Phase], list[str]]:
             under_test.press(PRESS_N)
             time.sleep(SETTLE_S)
             least_hz = LEAST_SHARE[mix] * rate_hz
-            phase, said = flooded(
+            phase, report = flooded(
                 watcher, path, mix, seconds=seconds, rate_hz=rate_hz, least_hz=least_hz
             )
             phases.append(phase)
-            sent.append(f"{mix}: {said}")
+            sent.append(f"{mix}: {report}")
         return phases, sent
 
 

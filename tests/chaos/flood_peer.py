@@ -24,7 +24,7 @@ VIEWER_HOLDS = 64  # capacity of the viewer's channel [samples]
 MIXES = {"messages": (6, 4, 0, 0), "mixed": (4, 2, 3, 1), "questions": (0, 0, 10, 0)}
 KINDS = ("unknown", "misplaced", "questions", "large")
 SMALL_B, LARGE_B = 100, 32_000
-ASKED = (topics.GAINS, topics.MOVE, topics.TARE, topics.SPEED, topics.FORCE_START)
+REQUESTS = (topics.GAINS, topics.MOVE, topics.TARE, topics.SPEED, topics.FORCE_START)
 
 
 def main() -> None:
@@ -74,13 +74,13 @@ def flood(
     small, large = b"\xc1" * SMALL_B, b"\xc1" * LARGE_B  # 0xC1 is no MessagePack
     publisher = session.declare_publisher
     unknown = [publisher(f"{cell.cell}/flood/{n}") for n in range(unknown_n)]
-    misplaced = [publisher(f"{cell.cell}/{request.key}") for request in ASKED[:misplaced_n]]
+    misplaced = [publisher(f"{cell.cell}/{request.key}") for request in REQUESTS[:misplaced_n]]
     larges = [publisher(f"{cell.cell}/flood/large/{n}") for n in range(large_n)]
     # A query blocks on congestion unless it may be dropped like the other messages.
     drop = zenoh.CongestionControl.DROP
     askers = [
         session.declare_querier(f"{cell.cell}/{request.key}", timeout=0.5, congestion_control=drop)
-        for request in ASKED
+        for request in REQUESTS
     ]
     began_s, bursts = time.monotonic(), 0
     while (at_s := time.monotonic() - began_s) < seconds:

@@ -32,19 +32,19 @@ class FlangePath:
         return FlangePath(self.at_ns[inside], self.position_m[inside], self.speed_m_s[inside])
 
     @property
-    def known(self) -> bool:
+    def has_samples(self) -> bool:
         """Whether the path has any samples."""
         return len(self.at_ns) > 0
 
     @property
     def fastest_m_s(self) -> float:
         """Largest speed; 0 without samples."""
-        return float(self.speed_m_s.max()) if self.known else 0.0
+        return float(self.speed_m_s.max()) if self.has_samples else 0.0
 
     @property
     def spread_m(self) -> float:
         """Largest distance from the start."""
-        if not self.known:
+        if not self.has_samples:
             return 0.0
         return float(np.linalg.norm(self.position_m - self.position_m[0], axis=1).max())
 
@@ -65,17 +65,17 @@ def paths(records: Records) -> list[FlangePath]:
     Speeds use the arm's own ticks: catching up after a delay does not increase them.
     """
     kinematics = ArmKinematics()
-    return [_path(each, kinematics) for each in _lives(records)]
+    return [_path(each, kinematics) for each in _processes(records)]
 
 
-def _lives(records: Records) -> Iterator[Records]:
+def _processes(records: Records) -> Iterator[Records]:
     starts = np.flatnonzero(np.diff(records["tick"]) < 0) + 1
-    yield from (life for life in np.split(records, starts) if len(life) > WINDOW_TICKS)
+    yield from (process for process in np.split(records, starts) if len(process) > WINDOW_TICKS)
 
 
 def _path(records: Records, kinematics: ArmKinematics) -> FlangePath:
     part = records[::STRIDE_TICKS]
     position_m = np.array([kinematics.flange_pose(q).translation for q in part["q"]])
     step = WINDOW_TICKS // STRIDE_TICKS
-    way_m = np.linalg.norm(position_m[step:] - position_m[:-step], axis=1)
-    return FlangePath(part["at_ns"][step:], position_m[step:], way_m / (WINDOW_TICKS * TICK_S))
+    travel_m = np.linalg.norm(position_m[step:] - position_m[:-step], axis=1)
+    return FlangePath(part["at_ns"][step:], position_m[step:], travel_m / (WINDOW_TICKS * TICK_S))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from launch.started_process import ChildProcess
 
-BITES_WITHIN_S = 2.0  # after SIGTERM a process may finish its work
+EFFECT_S = 2.0  # after SIGTERM a process may finish its work
 POLL_S = 0.001
 
 
@@ -33,13 +33,13 @@ def freeze(running: ChildProcess) -> int:
 
 
 def thaw(running: ChildProcess) -> int:
-    """Thaw a frozen process (SIGCONT); return the time. Raises NoBiteError if not frozen."""
+    """Thaw a frozen process (SIGCONT); return the time. Raises NoEffectError if not frozen."""
     if state_of(running.pid) != "T":
         raise NoEffectError(f"process {running.pid} was not frozen when it was to be thawed")
     return _hit(running, signal.SIGCONT)
 
 
-def prove_gone(running: ChildProcess) -> None:
+def prove_ended(running: ChildProcess) -> None:
     """Wait until the process has ended. Raises NoEffectError if it does not."""
     _until(lambda: running.ended() is not None, f"process {running.pid} did not end")
 
@@ -77,7 +77,7 @@ def _ahead_of_ordinary_processes() -> Iterator[None]:
 
 
 def _until(what: Callable[[], bool], otherwise: str) -> None:
-    give_up_s = time.monotonic() + BITES_WITHIN_S
+    give_up_s = time.monotonic() + EFFECT_S
     while not what():
         if time.monotonic() > give_up_s:
             raise NoEffectError(otherwise)

@@ -31,16 +31,19 @@ class Window:
 def measure(outcome: Outcome, window: Window, rig: Rig, notes: RecordedMessages) -> None:
     """Fill an outcome with the measurements.
 
-    Raises SpoiltError if the machine stalled, or if the arm was not moving at the fault.
+    Raises InvalidTrialError if the machine stalled, or if the arm was not moving at the fault.
     """
     since_ns = window.fault_ns - BEFORE_NS
     _refuse_stalls(outcome, window, rig)
-    lives = [life.between(since_ns, window.end_ns) for life in paths(rig.trace_since(since_ns))]
-    _refuse_rest(outcome, lives, window)
-    outcome.fastest_m_s = max(life.fastest_m_s for life in lives)
+    paths_of_arm = [
+        path_of_arm.between(since_ns, window.end_ns)
+        for path_of_arm in paths(rig.trace_since(since_ns))
+    ]
+    _refuse_rest(outcome, paths_of_arm, window)
+    outcome.fastest_m_s = max(path_of_arm.fastest_m_s for path_of_arm in paths_of_arm)
     _measure_commands(outcome, window, notes, rig.cell.stale_after_s(topics.ROBOT_COMMAND))
-    if not outcome.went_on:
-        _measure_path(outcome, window, lives)
+    if not outcome.continued:
+        _measure_path(outcome, window, paths_of_arm)
 
 
 def _refuse_stalls(outcome: Outcome, window: Window, rig: Rig) -> None:
@@ -52,9 +55,11 @@ def _refuse_stalls(outcome: Outcome, window: Window, rig: Rig) -> None:
         raise InvalidTrialError(f"the machine stalled for {outcome.stalled_s * 1e3:.0f} ms")
 
 
-def _refuse_rest(outcome: Outcome, lives: list[FlangePath], window: Window) -> None:
-    before = [life.between(0, window.fault_ns) for life in lives]
-    outcome.speed_m_s = next((float(path.speed_m_s[-1]) for path in before if path.known), 0.0)
+def _refuse_rest(outcome: Outcome, paths_of_arm: list[FlangePath], window: Window) -> None:
+    before = [path_of_arm.between(0, window.fault_ns) for path_of_arm in paths_of_arm]
+    outcome.speed_m_s = next(
+        (float(path.speed_m_s[-1]) for path in before if path.has_samples), 0.0
+    )
     if outcome.speed_m_s < MOVING_M_S:
         raise InvalidTrialError(f"it moved with {outcome.speed_m_s * 1e3:.1f} mm/s only")
 
@@ -67,7 +72,7 @@ def _measure_commands(
     ages = [age_s for _, age_s in notes.accepted.values()]
     outcome.oldest_accepted_s = max(ages, default=0.0)
     outcome.stale = sum(age_s > limit_s for age_s in ages)
-    if outcome.went_on:
+    if outcome.continued:
         return
     # Commands accepted after the bound, or after a thaw, are violations.
     after_ns = window.fault_ns + round(LAST_ACCEPTED_S * NS_PER_S)
@@ -79,16 +84,18 @@ def _measure_commands(
         outcome.last_accepted_s = max(0, last_ns - window.fault_ns) / NS_PER_S
 
 
-def _measure_path(outcome: Outcome, window: Window, lives: list[FlangePath]) -> None:
+def _measure_path(outcome: Outcome, window: Window, paths_of_arm: list[FlangePath]) -> None:
     """Evaluate the time to standstill, and motion after it."""
     case = outcome.case
-    outcome.arm_gone = case.hits_the_arm and not case.frozen_s
-    if outcome.arm_gone:  # a new arm process starts at rest and must stay at rest
-        outcome.moved_m = max((life.spread_m for life in lives[1:]), default=0.0)
+    outcome.arm_ended = case.hits_the_arm and not case.frozen_s
+    if outcome.arm_ended:  # a new arm process starts at rest and must stay at rest
+        outcome.moved_m = max(
+            (path_of_arm.spread_m for path_of_arm in paths_of_arm[1:]), default=0.0
+        )
         return
     # The time of a frozen arm stands still: it brakes after the thaw.
     base_ns = window.thaw_ns if case.hits_the_arm else window.fault_ns
-    path = lives[0].between(base_ns, window.end_ns)
+    path = paths_of_arm[0].between(base_ns, window.end_ns)
     still_ns = path.still_since_ns()
     if still_ns is not None:
         outcome.still_s = (still_ns - base_ns) / NS_PER_S

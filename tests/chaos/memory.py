@@ -37,10 +37,10 @@ def limit_file() -> Path | None:
     """Return the path of a group's limit below the folder of groups; None without groups."""
     for folder, name in ((GROUPS / "memory", "memory.limit_in_bytes"), (GROUPS, "memory.max")):
         controllers = folder / "cgroup.subtree_control"
-        known = (folder / name).exists() or (
+        has_limit = (folder / name).exists() or (
             controllers.exists() and "memory" in controllers.read_text(encoding="utf-8")
         )
-        if known and os.access(folder, os.W_OK) and os.geteuid() == 0:
+        if has_limit and os.access(folder, os.W_OK) and os.geteuid() == 0:
             return folder / name
     return None
 
@@ -48,7 +48,7 @@ def limit_file() -> Path | None:
 def exhaust(running: ChildProcess) -> int:
     """Exhaust the memory of a process; return when the kernel killed it (monotonic [ns]).
 
-    Raises NoBiteError without control groups, or if the kernel killed another process.
+    Raises NoEffectError without control groups, or if the kernel killed another process.
     """
     with _group(f"forcemesh-chaos-{running.pid}") as group:
         _write(Path(f"/proc/{running.pid}/oom_score_adj"), FIRST)

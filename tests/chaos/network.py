@@ -24,7 +24,7 @@ from tests.chaos.common_net import ROOT, make_cell, table
 from tests.chaos.network_faults import FAULTS, NetworkFault
 from tests.chaos.network_judge import TrialBounds
 from tests.chaos.network_lab import CANNOT_RUN, Cable, Lab, enter_own_namespace, why_not
-from tests.chaos.network_play import CABLE, HEAD, Row, asked, bounds_of, played
+from tests.chaos.network_play import CABLE, HEAD, Row, bounds_of, is_selected, played
 from tests.chaos.network_proxy import through_proxy
 from tests.chaos.network_trials import NetworkTrial
 from tools.figures import replace_block
@@ -89,8 +89,8 @@ def in_namespaces(template: str, only: str, seed: int) -> Iterator[Row]:
             replace(process, argv=(*process.argv, "--cell", str(path))) for process in processes
         ]
         # The second cell tests the controller's cable; its wires to the hub equal the first's.
-        wanted = [w for w in wires if cell.gateway is None or w.name in (CABLE, "robot")]
-        trials = [trial for trial in trials_on(cell, wanted) if asked(trial, only)]
+        wires_to_test = [w for w in wires if cell.gateway is None or w.name in (CABLE, "robot")]
+        trials = [trial for trial in trials_on(cell, wires_to_test) if is_selected(trial, only)]
         yield from played(template, cell, path, processes=processes, trials=trials, seed=seed)
 
 

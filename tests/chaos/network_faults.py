@@ -82,9 +82,11 @@ class PacketFilter:
 
     def end(self, wire: Cable) -> int:
         """Remove the rules; return the packet counter."""
-        said = json.loads(wire.near.run("nft", "-j", "list", "counter", "inet", TABLE, "bites"))
+        counters_json = json.loads(
+            wire.near.run("nft", "-j", "list", "counter", "inet", TABLE, "bites")
+        )
         wire.near.run("nft", f"delete table inet {TABLE}")
-        counters = [entry["counter"] for entry in said["nftables"] if "counter" in entry]
+        counters = [entry["counter"] for entry in counters_json["nftables"] if "counter" in entry]
         return int(counters[0]["packets"])
 
     def _rules(self, wire: Cable) -> list[str]:
@@ -116,11 +118,13 @@ class Slow:
     def end(self, wire: Cable) -> int:
         """Remove both; return the number of packets that passed through them."""
         show = ("tc", "-s", "-j", "qdisc", "show", "dev")
-        said = json.loads(wire.near.run(*show, wire.near_device))
-        said += json.loads(wire.at_far_end(*show, wire.far_device))
+        counters_json = json.loads(wire.near.run(*show, wire.near_device))
+        counters_json += json.loads(wire.at_far_end(*show, wire.far_device))
         wire.near.run("tc", "qdisc", "del", "dev", wire.near_device, "root")
         wire.at_far_end("tc", "qdisc", "del", "dev", wire.far_device, "root")
-        return sum(int(qdisc.get("packets", 0)) for qdisc in said if qdisc["kind"] == "tbf")
+        return sum(
+            int(qdisc.get("packets", 0)) for qdisc in counters_json if qdisc["kind"] == "tbf"
+        )
 
 
 def _lost(percent: int) -> str:

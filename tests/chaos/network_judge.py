@@ -18,7 +18,7 @@ from sim.robot.trace import RECORD
 MOVES_M_S = 2e-3  # a fault counts only while the flange is faster than this
 STILL_M_S = 1e-3
 WINDOW = 10  # ticks over which a speed is taken
-ON_ITS_WAY = 100  # ticks for the approach speed: a controller's steps stop in between
+APPROACH_TICKS = 100  # ticks for the approach speed: a controller's steps stop in between
 MS = 1e6  # nanoseconds
 
 Moments = npt.NDArray[np.int64]
@@ -78,60 +78,62 @@ class GroundTruthTrace:
             return np.zeros(0, np.int64), np.zeros(0)
         rows = np.fromfile(self._path, RECORD, count=count, offset=since * RECORD.itemsize)
         places = np.array([self._kinematics.flange_pose(q).translation for q in rows["q"]])
-        gone_m = np.linalg.norm(places[WINDOW:] - places[:-WINDOW], axis=1)
+        travel_m = np.linalg.norm(places[WINDOW:] - places[:-WINDOW], axis=1)
         # Ticks are the arm's own time: catching up after a delay does not appear as speed.
         took_s = (rows["tick"][WINDOW:] - rows["tick"][:-WINDOW]) * TICK_S
-        return rows["at_ns"][WINDOW:].astype(np.int64), gone_m / took_s
+        return rows["at_ns"][WINDOW:].astype(np.int64), travel_m / took_s
 
     def speed_now(self) -> float:
         """Return the recent mean speed of the flange [m/s], 0 without a trace."""
-        _, speeds = self.speeds(max(0, self.mark() - ON_ITS_WAY - WINDOW))
+        _, speeds = self.speeds(max(0, self.mark() - APPROACH_TICKS - WINDOW))
         return float(speeds.mean()) if len(speeds) else 0.0
 
 
 def judge(
-    seen: TrialObservations, at_ns: Moments, speed_m_s: Array, bounds: TrialBounds
+    observed: TrialObservations, at_ns: Moments, speed_m_s: Array, bounds: TrialBounds
 ) -> TrialVerdict:
     """Return the verdict of a trial; mistakes are empty if all bounds are met."""
-    after = at_ns >= seen.began_ns
+    after = at_ns >= observed.began_ns
     moving = at_ns[after & (speed_m_s > STILL_M_S)]
     fastest = float(speed_m_s[after].max(initial=0.0))
-    mistakes = [] if seen.bites else ["the fault did not bite"]
+    mistakes = [] if observed.bites else ["the fault had no effect"]
     if not after.any():
         mistakes.append("no trace of the arm")
     if fastest > bounds.fastest_m_s:
         mistakes.append(f"jumped: {fastest * 1e3:.0f} mm/s")
-    if not seen.held:
-        if seen.ends == "held":
+    if not observed.held:
+        if observed.ends == "held":
             mistakes.append("the arm was not held")
         return TrialVerdict("went on", None, None, 0, fastest, tuple(mistakes))
-    still_ms = (moving[-1] - seen.began_ns) / MS if len(moving) else 0.0
-    accepted_ms = None if seen.accepted_ns is None else (seen.accepted_ns - seen.began_ns) / MS
-    mistakes += _of_a_hold(seen, accepted_ms, still_ms, bounds)
-    stale = int(seen.ends == "held" and _after_heal(seen))
+    still_ms = (moving[-1] - observed.began_ns) / MS if len(moving) else 0.0
+    accepted_ms = (
+        None if observed.accepted_ns is None else (observed.accepted_ns - observed.began_ns) / MS
+    )
+    mistakes += _of_a_hold(observed, accepted_ms, still_ms, bounds)
+    stale = int(observed.ends == "held" and _after_heal(observed))
     return TrialVerdict("held", accepted_ms, still_ms, stale, fastest, tuple(mistakes))
 
 
 def _of_a_hold(
-    seen: TrialObservations, accepted_ms: float | None, still_ms: float, bounds: TrialBounds
+    observed: TrialObservations, accepted_ms: float | None, still_ms: float, bounds: TrialBounds
 ) -> Iterator[str]:
     """Yield the violations of a trial with a hold."""
-    if seen.ends == "went on":
+    if observed.ends == "went on":
         yield "held without need"
-    if not seen.causes:
+    if not observed.causes:
         yield "no cause was given"
     if accepted_ms is None:
-        yield "no command is known"
-    elif seen.ends != "held":  # the effect may be delayed: measured from the last command
+        yield "no command was recorded"
+    elif observed.ends != "held":  # the effect may be delayed: measured from the last command
         if still_ms - accepted_ms > bounds.still_s * 1e3:
             yield "moved long after a command"
     elif accepted_ms > bounds.last_command_s * 1e3:
         yield "a command was executed too late"
-    if seen.ends == "held" and still_ms > bounds.still_s * 1e3:
+    if observed.ends == "held" and still_ms > bounds.still_s * 1e3:
         yield "moved too long"
-    if seen.ends == "held" and _after_heal(seen):
+    if observed.ends == "held" and _after_heal(observed):
         yield "a command was executed after the heal without a new arming"
 
 
-def _after_heal(seen: TrialObservations) -> bool:
-    return seen.accepted_ns is not None and seen.accepted_ns > seen.healed_ns
+def _after_heal(observed: TrialObservations) -> bool:
+    return observed.accepted_ns is not None and observed.accepted_ns > observed.healed_ns

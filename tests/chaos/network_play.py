@@ -33,17 +33,17 @@ class Row:
     cell: str
     trial: NetworkTrial
     verdict: TrialVerdict
-    seen: TrialObservations
+    observed: TrialObservations
     repeated: int
 
     def cells(self) -> tuple[object, ...]:
         """Return the cells of the row."""
         verdict, trial = self.verdict, self.trial
         return (
-            self.cell, trial.wire, trial.fault, self.seen.bites, verdict.outcome,
+            self.cell, trial.wire, trial.fault, self.observed.bites, verdict.outcome,
             _ms(verdict.last_command_ms), _ms(verdict.still_ms),
             f"{verdict.fastest_m_s * 1e3:.0f}", verdict.stale,
-            self.seen.causes or "-", self.repeated, "; ".join(verdict.mistakes) or "ok",
+            self.observed.causes or "-", self.repeated, "; ".join(verdict.mistakes) or "ok",
         )  # fmt: skip
 
 
@@ -75,7 +75,7 @@ def environment(name: str, value: str) -> Iterator[None]:
             os.environ[name] = before
 
 
-def asked(trial: NetworkTrial, only: str) -> bool:
+def is_selected(trial: NetworkTrial, only: str) -> bool:
     """Return whether a trial is selected: `wire/fault`, `wire`, or `/fault`; empty for all."""
     wire, _, fault = only.partition("/")
     return wire in ("", trial.wire) and fault in ("", trial.fault)
@@ -100,6 +100,6 @@ def played(
         under_test = exits.enter_context(running_cell(cell, path, processes))
         bench = Bench(under_test, GroundTruthTrace(trace), watch, random.Random(seed))
         for trial in trials:
-            row = Row(name, trial, *bench.play(trial))
+            row = Row(name, trial, *bench.run(trial))
             print(" | ".join(str(word) for word in row.cells()), flush=True)
             yield row

@@ -15,7 +15,7 @@ from launch.processes import EMULATOR, processes_of
 from tests.chaos.common_net import free_port, make_cell
 from tests.chaos.network_faults import Ends
 from tests.chaos.network_judge import TrialBounds
-from tests.chaos.network_play import CABLE, Row, asked, bounds_of, played
+from tests.chaos.network_play import CABLE, Row, bounds_of, is_selected, played
 from tests.chaos.network_trials import NetworkTrial
 from tests.fakes.hostile_proxy import HostileProxy
 from tests.fakes.hostile_stream import MS, Abuse, Chop, Gather
@@ -31,18 +31,18 @@ class Delay(Abuse):
     by_ns: int = 0
     jitter_ns: int = 0
     rng: random.Random = field(default_factory=lambda: random.Random(1))
-    _under_way: deque[tuple[int, bytes]] = field(default_factory=deque)
+    _in_transit: deque[tuple[int, bytes]] = field(default_factory=deque)
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
         """Return the data that is due; a bite is a delayed read."""
         if waiting:
             due_ns = now_ns + self.by_ns + self.rng.randint(0, self.jitter_ns)
-            self._under_way.append((due_ns, bytes(waiting)))
+            self._in_transit.append((due_ns, bytes(waiting)))
             self.bites += due_ns > now_ns
             waiting.clear()
         pieces = []
-        while self._under_way and self._under_way[0][0] <= now_ns:
-            pieces.append(self._under_way.popleft()[1])
+        while self._in_transit and self._in_transit[0][0] <= now_ns:
+            pieces.append(self._in_transit.popleft()[1])
         return pieces
 
     def heal(self) -> None:
@@ -80,7 +80,7 @@ def through_proxy(only: str, seed: int) -> Iterator[Row]:
         ]
         bounds = bounds_of(cell, is_cable=True)
         trials = [trial_of(name, proxy, bounds) for name in ABUSES]
-        trials = [trial for trial in trials if asked(trial, only)]
+        trials = [trial for trial in trials if is_selected(trial, only)]
         yield from played("demo-tcp", cell, path, processes=processes, trials=trials, seed=seed)
 
 

@@ -23,7 +23,7 @@ CLEARANCE_M = 0.03  # start height of an approach above the initial height of th
 TRAVEL_S = 0.05, 0.4  # time of the fault after the start of the approach
 SET_OUT_S = 3.0
 WATCH_S = 1.5  # after the heal; the arm must be at rest
-HEARD_WITHIN_S = 5.0
+FRESH_S = 5.0
 ATTEMPTS = 4
 
 
@@ -48,22 +48,22 @@ class Bench:
     ) -> None:
         """Tare, and store the height of the arm."""
         self.cell, self.truth, self.witness, self._rng = cell, truth, witness, rng
-        self._seen_stalls = 0
+        self._counted_stalls = 0
         cell.tare()
         self._high_m = cell.height_m() + CLEARANCE_M
 
-    def play(self, trial: NetworkTrial) -> tuple[TrialVerdict, TrialObservations, int]:
+    def run(self, trial: NetworkTrial) -> tuple[TrialVerdict, TrialObservations, int]:
         """Run a trial, repeated if the machine stalled; also return the number of repetitions."""
         repeated = 0
         while True:
-            verdict, seen = self._once(trial)
-            doubtful = verdict.mistakes or (seen.held and trial.ends != "held")
-            if not doubtful or seen.stall_s < STALL_S:
-                return verdict, seen, repeated
+            verdict, observed = self._once(trial)
+            doubtful = verdict.mistakes or (observed.held and trial.ends != "held")
+            if not doubtful or observed.stall_s < STALL_S:
+                return verdict, observed, repeated
             if repeated == ATTEMPTS - 1:
-                stalled = f"the machine stalled in every attempt, {seen.stall_s * 1e3:.0f} ms"
+                stalled = f"the machine stalled in every attempt, {observed.stall_s * 1e3:.0f} ms"
                 mistakes = (*verdict.mistakes, stalled) if verdict.mistakes else ()
-                return replace(verdict, mistakes=mistakes), seen, repeated
+                return replace(verdict, mistakes=mistakes), observed, repeated
             repeated += 1
 
     def _once(self, trial: NetworkTrial) -> tuple[TrialVerdict, TrialObservations]:
@@ -77,8 +77,8 @@ class Bench:
             bites = trial.end()
         healed_ns = time.monotonic_ns()
         time.sleep(WATCH_S)
-        seen = self._see(trial, began_ns, healed_ns, bites)
-        return judge(seen, *self.truth.speeds(mark), trial.bounds), seen
+        observed = self._observe(trial, began_ns, healed_ns, bites)
+        return judge(observed, *self.truth.speeds(mark), trial.bounds), observed
 
     def _approach(self) -> None:
         """Approach under force feedback, faster than 2 mm/s, to a random height."""
@@ -102,13 +102,13 @@ class Bench:
         cell.press(PRESS_N)
         cell.until(lambda: self.truth.speed_now() > MOVES_M_S, "the arm moves", SET_OUT_S)
 
-    def _see(
+    def _observe(
         self, trial: NetworkTrial, began_ns: int, healed_ns: int, bites: int
     ) -> TrialObservations:
         """Observe the cell after the heal, once all topics are fresh again."""
         cell = self.cell
-        heard = lambda: cell.status is not None and cell.robot is not None  # noqa: E731
-        cell.until(heard, "arbiter and robot topics are fresh again", HEARD_WITHIN_S)
+        are_fresh = lambda: cell.status is not None and cell.robot is not None  # noqa: E731
+        cell.until(are_fresh, "arbiter and robot topics are fresh again", FRESH_S)
         status, robot = cell.status, cell.robot
         if status is None or robot is None:
             raise HarnessError("arbiter or robot topic expired again")
@@ -116,7 +116,7 @@ class Bench:
             began_ns=began_ns,
             healed_ns=healed_ns,
             accepted_ns=None if robot.accepted is None else robot.accepted.at_ns,
-            held=not status.goes_on,
+            held=not status.operational,
             causes=cell.causes(),
             bites=bites,
             ends=trial.ends,

@@ -35,10 +35,10 @@ class Outcome:
 
     case: Case
     speed_m_s: float = 0.0  # of the flange at the fault
-    went_on: bool = False  # the cell did not hold
+    continued: bool = False  # the cell did not hold
     last_accepted_s: float | None = None
     still_s: float | None = None  # None: the arm ended with its process
-    arm_gone: bool = False
+    arm_ended: bool = False
     stale: int = 0  # commands accepted past their deadline, or after a thaw
     oldest_accepted_s: float = 0.0
     moved_m: float = 0.0  # travel from standstill until arming
@@ -63,7 +63,7 @@ def violations(outcome: Outcome, limits: OutcomeLimits) -> list[str]:
         (fastest_m_s > most_m_s, f"the flange jumped: {fastest_m_s * 1e3:.0f} mm/s"),
         (outcome.stale > 0, f"{outcome.stale} stale commands were executed"),
     )
-    if outcome.went_on:
+    if outcome.continued:
         rules = (*always, (outcome.case.kind != "freeze-0.1", "the cell went on"))
     else:
         rules = (*always, *_rules_of_a_hold(outcome, limits))
@@ -72,7 +72,7 @@ def violations(outcome: Outcome, limits: OutcomeLimits) -> list[str]:
 
 def _rules_of_a_hold(outcome: Outcome, limits: OutcomeLimits) -> tuple[tuple[bool, str], ...]:
     last_s, still_s = outcome.last_accepted_s or 0.0, outcome.still_s or 0.0
-    never_stood = outcome.still_s is None and not outcome.arm_gone
+    never_stood = outcome.still_s is None and not outcome.arm_ended
     shows_nothing = bool(outcome.cause) and not outcome.status_shows
     return (
         (last_s > LAST_ACCEPTED_S, f"motion was accepted {last_s * 1e3:.0f} ms after the fault"),

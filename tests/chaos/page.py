@@ -19,15 +19,15 @@ def page(report: Report, each: int, when: datetime) -> str:
     broken = sum(
         bool(violations(outcome, report.limits[outcome.case.cell])) for outcome in outcomes
     )
-    went_on = sum(outcome.went_on for outcome in outcomes)
-    held, bound_ms = len(outcomes) - went_on, LAST_ACCEPTED_S * 1e3
+    unheld = sum(outcome.continued for outcome in outcomes)
+    held, bound_ms = len(outcomes) - unheld, LAST_ACCEPTED_S * 1e3
     lines = [
         "# Fault injection in real processes",
         "",
         "Made by `python -m tests.chaos --write`; method: [chaos](../tests/chaos/README.md).",
         f"{when:%Y-%m-%d}, two shared cores, at least {each} injections per service and kind:",
         f"{len(outcomes)} trials in real processes, each hit while the flange moved faster than",
-        f"2 mm/s. {held} held, {went_on} continued (a freeze of 0.1 s is as long as the deadlines",
+        f"2 mm/s. {held} held, {unheld} continued (a freeze of 0.1 s is as long as the deadlines",
         f"of these cells), {broken} violated a bound. {len(report.spoilt)} more were not valid and",
         "were repeated: the arm was too slow, or the machine itself stalled.",
         "",

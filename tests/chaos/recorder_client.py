@@ -17,7 +17,7 @@ Key = tuple[int, int]  # epoch of the publisher, number of the message
 
 @dataclass(slots=True)
 class RecordedMessages:
-    """Records since `Ear.begin`."""
+    """Records since `RecorderClient.begin`."""
 
     # Commands accepted for motion by the robot: time [ns], and their age [s]; 0: unknown.
     accepted: dict[Key, tuple[int, float]] = field(default_factory=dict)
@@ -80,8 +80,8 @@ class RecorderClient:
         if robot is not None:
             self._note_robot(robot)
         if arbiter is not None:
-            known = self.notes.codes
-            known.extend(trip.code for trip in arbiter.trips if trip.code not in known)
+            collected = self.notes.codes
+            collected.extend(trip.code for trip in arbiter.trips if trip.code not in collected)
 
     def _note_robot(self, robot: RobotState) -> None:
         notes, accepted = self.notes, robot.accepted

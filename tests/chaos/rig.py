@@ -89,7 +89,7 @@ class Rig:
         for name in names:
             if name in self.running:
                 self.running.pop(name).finish(0.0)
-            self.running[name] = ChildProcess(self._processes[name], self._file, self._hear)
+            self.running[name] = ChildProcess(self._processes[name], self._file, self._log_line)
         self._log_anew()
 
     def end(self, *names: str) -> None:
@@ -99,11 +99,11 @@ class Rig:
 
     def note_deaths(self) -> list[ProcessExit]:
         """Record ended processes in the run file, as a supervisor does; return them."""
-        died = [ended for each in self.running.values() if (ended := each.ended())]
-        for each in died:
+        ended_now = [ended for each in self.running.values() if (ended := each.ended())]
+        for each in ended_now:
             if self._log is not None:
                 self._log.add_exit(each)
-        return died
+        return ended_now
 
     def trace_since(self, since_ns: int) -> Records:
         """Return the trace of the arm since a time."""
@@ -116,7 +116,7 @@ class Rig:
         for running in self.running.values():
             self._log.add_process(running.process, running.pid)
 
-    def _hear(self, name: str, line: str) -> None:
+    def _log_line(self, name: str, line: str) -> None:
         self.arguments = [*self.arguments[-19:], f"{name}: {line}"]
 
     def _end_all(self) -> None:

@@ -78,7 +78,7 @@ class CaseRunner:
             try:
                 outcome = (self._trials or self._open(name)).run(case)
             except (InvalidTrialError, NotMovingError, NoEffectError) as error:
-                self._say(f"{case.cell} {case.name:<32} does not count: {error}")
+                self._print(f"{case.cell} {case.name:<32} does not count: {error}")
                 self.report.spoilt.append(f"{case.cell} {case.name}: {error}")
                 self._journal.repeated(self.report.spoilt[-1])
                 if not isinstance(error, InvalidTrialError):
@@ -86,11 +86,11 @@ class CaseRunner:
                 continue
             self.report.outcomes.append(outcome)
             self._journal.tried(outcome)
-            self._say(one_line(outcome, self.report.limits[name]))
+            self._print(one_line(outcome, self.report.limits[name]))
             if not outcome.recovered:
                 self._close()
             return
-        self._say(f"{case.cell} {case.name:<32} could not be tried")
+        self._print(f"{case.cell} {case.name:<32} could not be tried")
         self.report.untried.append(case.again)
         self._close()
 
@@ -100,14 +100,14 @@ class CaseRunner:
         folder = Path(self._exits.enter_context(tempfile.TemporaryDirectory(prefix="chaos-")))
         rig = self._rig = self._exits.enter_context(Rig(cell, folder))
         client = open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S)
-        ear = RecorderClient(self._exits.enter_context(client))
+        client_of_cell = RecorderClient(self._exits.enter_context(client))
         host: Host = "pc" if name == "sim" else "controller"
-        self._trials = Trials(rig, ear, ScriptedJob(ear, release_host=host))
+        self._trials = Trials(rig, client_of_cell, ScriptedJob(client_of_cell, release_host=host))
         return self._trials
 
     def _close(self) -> None:
         self._exits.close()
         self._trials = self._rig = None
 
-    def _say(self, line: str) -> None:
+    def _print(self, line: str) -> None:
         print(line, flush=True)

@@ -35,12 +35,12 @@ class NotMovingError(Exception):
 class ScriptedJob:
     """Client that runs the job on the cell."""
 
-    def __init__(self, ear: RecorderClient, *, release_host: Host) -> None:
+    def __init__(self, recorder: RecorderClient, *, release_host: Host) -> None:
         """Store the first pose of the arm as home."""
-        self._ear, self._host = ear, release_host
-        if not ear.until(lambda: ear.robot() is not None, READY_WITHIN_S):
+        self._recorder, self._host = recorder, release_host
+        if not recorder.until(lambda: recorder.robot() is not None, READY_WITHIN_S):
             raise NotMovingError("no robot state received")
-        robot = ear.robot()
+        robot = recorder.robot()
         if robot is None:
             raise NotMovingError("the robot state has expired")
         self._T_base_home = pose_of(robot)
@@ -65,21 +65,21 @@ class ScriptedJob:
 
         def decided() -> bool:
             nonlocal reply
-            self._ear.during(ASK_EVERY_S)
-            arbiter = self._ear.arbiter()
+            self._recorder.during(ASK_EVERY_S)
+            arbiter = self._recorder.arbiter()
             if arbiter is None or arbiter.state == "BOOT":
                 return False
             try:
                 if arbiter.state == "FAULT":
-                    reply = self._ear.bus.ask(topics.CLEAR, Empty())
+                    reply = self._recorder.bus.ask(topics.CLEAR, Empty())
                     if not reply.accepted:
                         return False
-                reply = self._ear.bus.ask(topics.ARM, ArmRequest(purpose=purpose))
+                reply = self._recorder.bus.ask(topics.ARM, ArmRequest(purpose=purpose))
             except ForcemeshError:
                 return False
             return reply.accepted or reply.code == IN_CONTACT
 
-        self._ear.until(decided, READY_WITHIN_S)
+        self._recorder.until(decided, READY_WITHIN_S)
         return reply
 
     def begin(self, phase: Phase, numbers: random.Random) -> None:
@@ -90,7 +90,7 @@ class ScriptedJob:
         if phase == "approach":
             self._go(FAR_M, speed_m_s=0.2)
             share = numbers.uniform(0.2, 0.7)
-            self._ask_move(0.0, speed_m_s=APPROACH_M_S)
+            self._request_move(0.0, speed_m_s=APPROACH_M_S)
             self._until(lambda: self._height_m() < FAR_M * (1.0 - share), "approach")
         elif phase == "press":
             self._go(NEAR_M, speed_m_s=0.1)
@@ -107,16 +107,18 @@ class ScriptedJob:
     def hold(self) -> None:
         """Request a hold; a missing reply is ignored."""
         try:
-            self._ear.bus.ask(topics.HOLD, HoldRequest(reason="the trial is over"), 1.0)
+            self._recorder.bus.ask(topics.HOLD, HoldRequest(reason="the trial is over"), 1.0)
         except ForcemeshError:
             return
 
     def provoke(self) -> list[str]:
         """Request motion without arming; return the requests wrongly accepted."""
-        wanted = self._request(0.0, 0.05)
+        start = self._request(0.0, 0.05)
         try:
-            move = self._ear.bus.ask(topics.MOVE, wanted, 1.0)
-            force = self._ear.bus.ask(topics.FORCE_START, ForceStartRequest(mode="position"), 1.0)
+            move = self._recorder.bus.ask(topics.MOVE, start, 1.0)
+            force = self._recorder.bus.ask(
+                topics.FORCE_START, ForceStartRequest(mode="position"), 1.0
+            )
         except ForcemeshError:
             return []  # no process is running that could accept
         replies = {"move": move, "force feedback": force}
@@ -125,11 +127,11 @@ class ScriptedJob:
     # --- internal ---------------------------------------------------------------------------------
 
     def _go(self, height_m: float, *, speed_m_s: float) -> None:
-        goal = self._ask_move(height_m, speed_m_s=speed_m_s)
+        goal = self._request_move(height_m, speed_m_s=speed_m_s)
         self._until(lambda: self._is_done(goal), f"the move to {height_m * 1e3:.0f} mm")
 
     def _is_done(self, goal: int) -> bool:
-        robot, arbiter = self._ear.robot(), self._ear.arbiter()
+        robot, arbiter = self._recorder.robot(), self._recorder.arbiter()
         if robot is None or arbiter is None or robot.goal.id != goal:
             return False
         return robot.goal.state == "done" and arbiter.commander == "none"
@@ -139,17 +141,17 @@ class ScriptedJob:
         T.translation = np.asarray(T.translation) + np.array([0.0, 0.0, height_m])
         return MoveRequest(kind="pose", pose=record_of(T), speed_m_s=speed_m_s)
 
-    def _ask_move(self, height_m: float, *, speed_m_s: float) -> int:
+    def _request_move(self, height_m: float, *, speed_m_s: float) -> int:
         reply = self._reply(topics.MOVE, self._request(height_m, speed_m_s))
         return round(reply.value or 0.0)
 
     def _feedback(self, setpoint_N: float, host: Host) -> None:
-        wanted = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
-        self._reply(topics.FORCE_START, wanted)
+        start = ForceStartRequest(mode="position", host=host, setpoint_N=setpoint_N)
+        self._reply(topics.FORCE_START, start)
 
     def _reply(self, request: topics.Request[topics.Q], message: topics.Q) -> Reply:
         try:
-            reply = self._ear.bus.ask(request, message)
+            reply = self._recorder.bus.ask(request, message)
         except ForcemeshError as error:
             raise NotMovingError(str(error)) from error
         if not reply.accepted:
@@ -162,19 +164,19 @@ class ScriptedJob:
 
         def there() -> bool:
             nonlocal stopped
-            arbiter = self._ear.arbiter()
-            if arbiter is not None and not arbiter.goes_on:
+            arbiter = self._recorder.arbiter()
+            if arbiter is not None and not arbiter.operational:
                 stopped = "; ".join(trip.text for trip in arbiter.trips) or arbiter.state
             return bool(stopped) or what()
 
-        if not self._ear.until(there, MOVED_WITHIN_S) or stopped:
+        if not self._recorder.until(there, MOVED_WITHIN_S) or stopped:
             raise NotMovingError(f"{doing}: {stopped or 'it did not come in time'}")
 
     def _height_m(self) -> float:
-        robot = self._ear.robot()
+        robot = self._recorder.robot()
         home_m = float(self._T_base_home.translation[2])
         return float("inf") if robot is None else robot.position_m[2] - home_m
 
     def _force_N(self) -> float:
-        force_N = self._ear.force_N()
+        force_N = self._recorder.force_N()
         return float("nan") if force_N is None else force_N

@@ -246,16 +246,17 @@ def soak(
         address = {"cell": "soak", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}"}
         cell, path = make_cell("demo", folder, {**(changes or {}), **address})
         watch = exits.enter_context(witness(folder))
-        seen = Soak(exits.enter_context(running_cell(cell, path)), watch, late_s)
-        seen.run(minutes)
-        rows = seen.judge(minutes)
+        result = Soak(exits.enter_context(running_cell(cell, path)), watch, late_s)
+        result.run(minutes)
+        rows = result.judge(minutes)
         print(table(f"Soak of {minutes:g} minutes", HEAD, rows))
         print(
-            f"{seen.rounds} rounds, {seen.false_holds} held without need, {len(seen.excused)} held "
-            f"in a stall of the machine; witness: p99.9 {watch.percentile_s(99.9) * 1e3:.1f} ms, "
+            f"{result.rounds} rounds, {result.false_holds} held without need, "
+            f"{len(result.excused)} held in a stall of the machine; "
+            f"witness: p99.9 {watch.percentile_s(99.9) * 1e3:.1f} ms, "
             f"{watch.stalls()} stalls above {STALL_S * 1e3:.0f} ms"
         )
-        return seen
+        return result
 
 
 def main() -> int:
@@ -265,12 +266,12 @@ def main() -> int:
     minutes = parser.parse_args().minutes
     take_realtime_priority()  # a delayed subscriber would miss messages
     try:
-        seen = soak(minutes)
+        result = soak(minutes)
     except ForcemeshError as error:
         print(f"the harness failed: {error}", file=sys.stderr)
         return 1
-    print("\n".join([*seen.excused, *seen.mistakes]) or "nothing to complain about")
-    return 0 if seen.rounds and not seen.mistakes else 1
+    print("\n".join([*result.excused, *result.mistakes]) or "no mistakes")
+    return 0 if result.rounds and not result.mistakes else 1
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ def rows(outcomes: Iterable[Outcome], limits: OutcomeLimits) -> list[str]:
 def one_line(outcome: Outcome, limits: OutcomeLimits) -> str:
     """Return one trial as a line for the console."""
     case, broken = outcome.case, violations(outcome, limits)
-    came_of_it = "went on" if outcome.went_on else "held"
+    came_of_it = "went on" if outcome.continued else "held"
     return (
         f"{case.cell} {case.name:<32} {outcome.speed_m_s * 1e3:4.0f} mm/s  {came_of_it:<7} "
         f"last {_ms(outcome.last_accepted_s)} rest {_rest(outcome)} "
@@ -41,18 +41,18 @@ def _place(case: Case) -> tuple[int, int]:
 
 def _row(group: list[Outcome], limits: OutcomeLimits) -> str:
     case = group[0].case
-    held = [outcome for outcome in group if not outcome.went_on]
+    held = [outcome for outcome in group if not outcome.continued]
     causes = sorted({outcome.cause for outcome in held if outcome.cause})
     accepted = [o.last_accepted_s for o in held if o.last_accepted_s is not None]
     rests = [o.still_s for o in held if o.still_s is not None]
-    gone = any(outcome.arm_gone for outcome in held)
+    has_arm_ended = any(outcome.arm_ended for outcome in held)
     cells = (
         case.role,
         case.kind,
         str(len(group)),
         str(len(held)),
         _ms(max(accepted)) if accepted else "ended with it" if held else "-",
-        _ms(max(rests)) if rests else "arm ended with its process" if gone else "-",
+        _ms(max(rests)) if rests else "arm ended with its process" if has_arm_ended else "-",
         str(sum(outcome.stale for outcome in group)),
         f"{max((o.moved_m for o in held), default=0.0) * 1e3:.2f}",
         ", ".join(f"`{cause}`" for cause in causes) or "-",
@@ -62,7 +62,7 @@ def _row(group: list[Outcome], limits: OutcomeLimits) -> str:
 
 
 def _rest(outcome: Outcome) -> str:
-    return "gone" if outcome.arm_gone else _ms(outcome.still_s)
+    return "gone" if outcome.arm_ended else _ms(outcome.still_s)
 
 
 def _ms(seconds: float | None) -> str:

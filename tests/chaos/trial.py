@@ -17,31 +17,31 @@ from tests.chaos.rig import Rig
 from tests.chaos.scripted_job import NotMovingError, ScriptedJob
 
 WATCH_S = 2.0  # observation time for uncommanded motion
-LOOK_S = 0.5  # from the end of a process to the status query
+STATUS_DELAY_S = 0.5  # from the end of a process to the status query
 UP_WITHIN_S = 30.0
 
 
 class Trials:
     """Runs cases on one running cell."""
 
-    def __init__(self, rig: Rig, ear: RecorderClient, job: ScriptedJob) -> None:
+    def __init__(self, rig: Rig, recorder: RecorderClient, job: ScriptedJob) -> None:
         """Use a running cell."""
-        self._rig, self._ear, self._job = rig, ear, job
-        self._view = CellView(ear.bus, rig.cell)
+        self._rig, self._recorder, self._job = rig, recorder, job
+        self._view = CellView(recorder.bus, rig.cell)
 
     def run(self, case: Case) -> Outcome:
         """Run a case.
 
-        Raises SpoiltError if the machine stalled or the arm was at rest, NotMovingError if it did
-        not reach the phase, NoBiteError if the injection had no effect.
+        Raises InvalidTrialError if the machine stalled or the arm was at rest, NotMovingError if
+        it did not reach the phase, NoEffectError if the injection had no effect.
         """
         outcome = Outcome(case)
         self._job.arm()
         self._job.begin(case.phase, case.random())
-        self._ear.begin()
+        self._recorder.begin()
         window = self._inject(outcome)
-        notes = self._ear.notes
-        self._ear.begin()
+        notes = self._recorder.notes
+        self._recorder.begin()
         self._recover(outcome)
         measure(outcome, window, self._rig, notes)
         return outcome
@@ -58,15 +58,15 @@ class Trials:
     def _inject(self, outcome: Outcome) -> Window:
         case, names = outcome.case, self._names(outcome.case)
         fault_ns, thaw_ns = self._freeze(outcome) if case.frozen_s else (self._strike(case), 0)
-        gone = [name for name in names if self._rig.running[name].ended() is not None]
-        if gone:
+        ended_names = [name for name in names if self._rig.running[name].ended() is not None]
+        if ended_names:
             self._rig.note_deaths()
             if case.kind != "restart":
-                self._ear.during(LOOK_S)
+                self._recorder.during(STATUS_DELAY_S)
                 outcome.status_shows = self._shows(self._status(), case.role)
-            self._rig.start(*gone)
-            self._until_up(outcome, *gone)
-            self._ear.during(WATCH_S if case.kind == "restart" else WATCH_S / 2)
+            self._rig.start(*ended_names)
+            self._until_up(outcome, *ended_names)
+            self._recorder.during(WATCH_S if case.kind == "restart" else WATCH_S / 2)
         self._note_causes(outcome)
         if case.kind == "restart":
             self._restart_the_others(names[0], outcome)
@@ -83,7 +83,7 @@ class Trials:
         strikes = {"terminate": injector.terminate, "memory": memory.exhaust}
         times = [strikes.get(case.kind, injector.kill)(each) for each in hit]
         for each in hit:
-            injector.prove_gone(each)
+            injector.prove_ended(each)
         return times[0]
 
     def _freeze(self, outcome: Outcome) -> tuple[int, int]:
@@ -95,13 +95,13 @@ class Trials:
         for each in frozen:
             injector.prove_frozen(each)
         if len(frozen) < len(hit):
-            self._ear.during(case.frozen_s / 2)
+            self._recorder.during(case.frozen_s / 2)
             injector.kill(hit[1])
-            injector.prove_gone(hit[1])
+            injector.prove_ended(hit[1])
         left_s = case.frozen_s - (time.monotonic_ns() - frozen_ns[0]) / NS_PER_S
-        self._ear.during(max(left_s, 0.0))
+        self._recorder.during(max(left_s, 0.0))
         thawed_ns = [injector.thaw(each) for each in frozen]
-        self._ear.during(WATCH_S)
+        self._recorder.during(WATCH_S)
         return frozen_ns[0], thawed_ns[0]
 
     def _restart_the_others(self, name: str, outcome: Outcome) -> None:
@@ -111,7 +111,7 @@ class Trials:
         self._rig.end(*others)
         self._rig.start(*others)
         self._until_up(outcome, *others)
-        self._ear.during(WATCH_S / 2)
+        self._recorder.during(WATCH_S / 2)
 
     def _until_up(self, outcome: Outcome, *started: str) -> None:
         """Wait for the new processes: messages of the old ones stay fresh for a while."""
@@ -122,15 +122,15 @@ class Trials:
                 self._rig.running[name].pid for name in started
             }
 
-        if not self._ear.until(up, UP_WITHIN_S):
+        if not self._recorder.until(up, UP_WITHIN_S):
             outcome.recovered, outcome.note = False, "; ".join(self._view.missing())
 
     def _note_causes(self, outcome: Outcome) -> None:
-        notes, arbiter = self._ear.notes, self._ear.arbiter()
+        notes, arbiter = self._recorder.notes, self._recorder.arbiter()
         outcome.causes = [code for code in notes.codes if code in FAULTS]
-        held = arbiter is None or not arbiter.goes_on
-        outcome.went_on = not notes.codes and not held
-        if not outcome.status_shows and not outcome.went_on:
+        held = arbiter is None or not arbiter.operational
+        outcome.continued = not notes.codes and not held
+        if not outcome.status_shows and not outcome.continued:
             outcome.status_shows = self._shows(self._status(), outcome.case.role)
 
     def _status(self) -> CellStatus:
@@ -141,14 +141,14 @@ class Trials:
         """Return whether a status names a received cause, or the target process."""
         codes = {trip["code"] for trip in status["trips"]}
         row = next(row for row in status["services"] if row["name"] == role)
-        return bool(codes & set(self._ear.notes.codes)) or bool(row["fault"])
+        return bool(codes & set(self._recorder.notes.codes)) or bool(row["fault"])
 
     def _end(self, outcome: Outcome) -> int:
         """Request motion once more, then end the observation; a cell that continued is held."""
-        if outcome.went_on:
+        if outcome.continued:
             end_ns = time.monotonic_ns()
             self._job.hold()
             return end_ns
         outcome.provoked = self._job.provoke()
-        self._ear.during(0.2)
+        self._recorder.during(0.2)
         return time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""The robots of the contract as fixtures: all of them, or those with a property of the table."""
+"""Fixtures of the contract's robots: all of them, or those with a property of the table."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ def those(has: Callable[[Robot], bool]) -> list[str]:
 
 
 def made(name: str) -> Rig:
-    """Return a robot that says where it is."""
+    """Return a robot that has reported its pose."""
     robot = ROBOTS[name]
     rig = robot.make()
     rig.connect()
@@ -30,17 +30,17 @@ def rig(request: pytest.FixtureRequest) -> Rig:
 
 @pytest.fixture(params=those(lambda robot: robot.feedback_host == "controller"))
 def controller_rig(request: pytest.FixtureRequest) -> Rig:
-    """The robots whose controller runs force feedback, so that they read the wrench."""
+    """The robots whose controller runs force feedback and therefore reads the wrench."""
     return made(request.param)
 
 
 @pytest.fixture(params=those(lambda robot: robot.guards_limits))
 def guarded_rig(request: pytest.FixtureRequest) -> Rig:
-    """The robots that keep the cell's limits again."""
+    """The robots that check the limits of the cell a second time."""
     return made(request.param)
 
 
 @pytest.fixture(params=those(lambda robot: not robot.has_controller))
 def bare_rig(request: pytest.FixtureRequest) -> Rig:
-    """The robots without a controller that could run force feedback."""
+    """The robots whose controller cannot run force feedback."""
     return made(request.param)

@@ -1,4 +1,4 @@
-"""Force feedback on the PC as the contract needs it: the regulator's own law, without the bus."""
+"""Force feedback on the PC for the contract: the regulator's control law without the bus."""
 
 from dataclasses import replace
 
@@ -14,12 +14,12 @@ from services.regulator.settings import law_settings, pi_gains
 
 
 class PcFeedback:
-    """Wrench in, next set point out; the law is the regulator's, the set points are the robot's."""
+    """Force feedback on the PC: wrench in, set point of the regulator's law out."""
 
     def __init__(
         self, cell: CellConfig, T_start: pin.SE3, mode: Mode, gains: Gains, *, now_ns: int
     ):
-        """Start at a flange pose. Without a dead band: tests push with small forces."""
+        """Start at a flange pose, without a dead band because the tests push with small forces."""
         settings = law_settings(cell)
         self._settings = replace(settings, deadband_N=0.0, deadband_Nm=0.0)
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
@@ -29,11 +29,11 @@ class PcFeedback:
         self.use(gains)
 
     def use(self, gains: Gains) -> None:
-        """Go on with other gains."""
+        """Change the gains."""
         self._gains = pi_gains(gains)
 
     def next_pose(self, wrench: WrenchAtTcp, now_ns: int) -> PoseRecord:
-        """Return the set point after one more sample."""
+        """Return the set point of the next sample."""
         sample = LawInput(
             force_N=np.array(wrench.force_N),
             torque_Nm=np.array(wrench.torque_Nm),

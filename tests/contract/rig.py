@@ -1,6 +1,6 @@
-"""One robot on an in-memory bus, and a stand-in for the arbiter: what the contract is tried on.
+"""Test rig of the contract: one robot on an in-memory bus and a substitute of the arbiter.
 
-Which robots there are stands in `tests/contract/robots.py`.
+The robots are defined in `tests/contract/robots.py`.
 """
 
 from collections.abc import Callable
@@ -36,12 +36,12 @@ from tests.contract.pc_feedback import PcFeedback
 
 DEMO_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 COMMAND_PERIOD_NS = 4_000_000
-DEADLINE_S = 0.25  # long enough that a busy machine does not look like a dead arbiter
+DEADLINE_S = 0.25  # longer than the stalls of a busy machine
 SENSOR_STAMP = Origin(123_456, 7)
 
 
 class LateClock:
-    """The rig's clock, as a process sees it whose messages are old when they come."""
+    """The rig's clock with a constant delay, for a process that receives its messages late."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -49,20 +49,20 @@ class LateClock:
 
     @property
     def boot(self) -> str:
-        """The same clock's."""
+        """Return the boot ID of the rig's clock."""
         return self._clock.boot
 
     def now_ns(self) -> int:
-        """Return the time a while ago."""
+        """Return the rig's time minus the delay."""
         return self._clock.now_ns() - round(self.late_s * NS_PER_S)
 
     def sleep_s(self, duration_s: float) -> None:
-        """Wait."""
+        """Sleep on the rig's clock."""
         self._clock.sleep_s(duration_s)
 
 
 class Rig:
-    """A robot, and what a test needs to command and to watch it."""
+    """A robot and the functions with which a test commands and observes it."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class Rig:
         return Bus(role, self.cell.cell, self.transport, self.cell, clock or self.clock)
 
     def restart_arbiter(self) -> None:
-        """Go on as another process: a new epoch."""
+        """Restart the arbiter's substitute: it publishes with a new epoch."""
         bus = self._bus("arbiter", self.arbiter_clock)
         self._put_command = bus.publisher(topics.ROBOT_COMMAND)
         self._next_ns = 0
@@ -104,7 +104,7 @@ class Rig:
     # --- time -------------------------------------------------------------------------------------
 
     def advance(self, duration_s: float, until: Callable[[], object] = lambda: False) -> bool:
-        """Let the robot live; tell whether a condition came true in that time."""
+        """Advance the robot by a time; return whether the condition became true in that time."""
         end_ns = self.clock.now_ns() + round(duration_s * NS_PER_S)
         while self.clock.now_ns() < end_ns:
             self.clock.sleep_s(0.001)
@@ -123,7 +123,7 @@ class Rig:
         return False
 
     def until(self, condition: Callable[[], object], within_s: float = 10.0) -> None:
-        """Let the robot live until a condition is true."""
+        """Advance the robot until a condition is true; fail after `within_s`."""
         assert self.advance(within_s, condition), self.state
 
     def _arbitrate(self, now_ns: int) -> None:
@@ -140,8 +140,8 @@ class Rig:
 
     # --- commanding -------------------------------------------------------------------------------
 
-    def say(self, kind: str, *, host: Host = "pc", **content: Any) -> None:
-        """Command this every period from now on, under the present lease."""
+    def send(self, kind: str, *, host: Host = "pc", **content: Any) -> None:
+        """Publish this command every period from now on, under the present lease."""
         self._on_pc = None
         self.command = self._permitted(kind, host, **content)
 
@@ -152,26 +152,26 @@ class Rig:
             {"kind": kind, "permission": permission, "commander": "operator"} | content
         )
 
-    def say_hold(self, reason: str = "asked to hold") -> None:
-        """Command hold every period from now on."""
+    def send_hold(self, reason: str = "asked to hold") -> None:
+        """Publish hold every period from now on."""
         self._on_pc = None
         self.command = RobotCommand(kind="hold", reason=reason)
 
     def silence(self) -> None:
-        """Say nothing any more."""
+        """Publish no more commands."""
         self._on_pc, self.command = None, None
 
     def push(self, force_N: Vec3 = (0.0, 0.0, 0.0), torque_Nm: Vec3 = (0.0, 0.0, 0.0)) -> None:
-        """Let the environment push from now on: base axes, about the TCP."""
+        """Apply a wrench of the environment from now on: base axes, about the TCP."""
         self.wrench = WrenchAtTcp(force_N=force_N, torque_Nm=torque_Nm)
 
     def feed_back(self, mode: Mode, gains: Gains) -> None:
-        """Run force feedback from now on, where this robot has it; `push` gives the wrench."""
+        """Command force feedback from now on, on the robot's loop host; `push` sets the wrench."""
         if self.feedback_host == "controller":
             feedback = Feedback(mode=mode, gains=gains)
-            self.say("feedback", host="controller", feedback=feedback)
-            wanted = (mode != "orientation", mode != "position")
-            self.until(lambda: self.feedback_bits == wanted)
+            self.send("feedback", host="controller", feedback=feedback)
+            request = (mode != "orientation", mode != "position")
+            self.until(lambda: self.feedback_bits == request)
         elif self._on_pc is None:
             now_ns = self.clock.now_ns()
             self._on_pc = PcFeedback(self.cell, self.T, mode, gains, now_ns=now_ns)
@@ -181,56 +181,56 @@ class Rig:
     def arm(self) -> None:
         """Open a new lease and wait until the robot accepts it."""
         self.lease += 1
-        self.say("idle")
+        self.send("idle")
         self.until(lambda: self.state.valid and not self.state.hold_reason)
 
     def connect(self) -> None:
-        """Wait until the robot says where it is."""
+        """Wait until the robot reports its pose."""
         self.until(lambda: self.state.valid)
 
     # --- watching ---------------------------------------------------------------------------------
 
     @property
     def T(self) -> pin.SE3:
-        """Flange in base, as the robot says."""
+        """Reported pose of the flange in base."""
         return pose_of(self.state)
 
     @property
     def T_tcp(self) -> pin.SE3:
-        """Tool centre point in base, as the robot says."""
+        """Reported pose of the tool centre point in base."""
         return self.T * self.cell.tool.T_flange_tcp.pose
 
     @property
     def feedback_bits(self) -> tuple[bool, bool]:
-        """Whether the controller says that feedback of position, of orientation runs."""
+        """Reported status bits of force feedback of position and of orientation."""
         mode = self.state.status.feedback
         return mode in ("position", "both"), mode in ("orientation", "both")
 
     @property
     def joint_rad(self) -> np.ndarray:
-        """Joint angles, as the robot says."""
+        """Reported joint angles."""
         return np.array(self.state.joint_rad)
 
     def fastest(self, window_s: float) -> tuple[float, float]:
-        """Return the longest way [m] and turn [rad] of the flange in any window of its track."""
-        ways_m, turns_rad = [0.0], [0.0]
+        """Return the longest travel [m] and rotation [rad] of the flange in any window."""
+        travels_m, turns_rad = [0.0], [0.0]
         for at_s, T in self.track:
-            later = next((seen for seen in self.track if seen[0] >= at_s + window_s - 1e-9), None)
+            later = next((each for each in self.track if each[0] >= at_s + window_s - 1e-9), None)
             if later is None:
                 break
-            share = window_s / (later[0] - at_s)  # no report comes at the window's very end
-            ways_m.append(share * float(np.linalg.norm(later[1].translation - T.translation)))
+            share = window_s / (later[0] - at_s)  # no report falls on the end of the window
+            travels_m.append(share * float(np.linalg.norm(later[1].translation - T.translation)))
             turn_rad = np.linalg.norm(rotation_between(T.rotation, later[1].rotation))
             turns_rad.append(share * float(turn_rad))
-        return max(ways_m), max(turns_rad)
+        return max(travels_m), max(turns_rad)
 
     def is_at_rest(self, within_s: float = 3.0) -> bool:
         """Wait until the arm has not moved for 50 ms."""
-        seen: list[np.ndarray] = []
+        positions: list[np.ndarray] = []
 
         def rests() -> bool:
-            seen.append(self.T.translation.copy())
-            return len(seen) > 50 and np.ptp(np.array(seen[-50:]), axis=0).max() < 5e-5
+            positions.append(self.T.translation.copy())
+            return len(positions) > 50 and np.ptp(positions[-50:], axis=0).max() < 5e-5
 
         return self.advance(within_s, rests)
 
@@ -253,8 +253,13 @@ def goal(id_: int, kind: str, **content: Any) -> Goal:
     return Goal.model_validate({"id": id_, "kind": kind} | content)
 
 
+def distance_m(T: pin.SE3, U: pin.SE3) -> float:
+    """Return the distance between two poses."""
+    return float(np.linalg.norm(T.translation - U.translation))
+
+
 def shifted(T: pin.SE3, x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> pin.SE3:
-    """The same orientation somewhere else in base."""
+    """Return a pose with the same orientation at a shifted position."""
     return pin.SE3(T.rotation, T.translation + np.array([x_m, y_m, z_m]))
 
 

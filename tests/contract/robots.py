@@ -1,7 +1,8 @@
-"""The four robots that keep the contract, and how they differ: every difference is said here.
+"""The four robots of the contract and all differences between them.
 
-All live on a virtual clock. `gateway` is the gateway with a fake controller that was written beside
-the program that ships and shares nothing with it; the emulated ones run that program itself.
+All run on a virtual clock. `gateway` is the gateway with a fake controller, an implementation of
+the protocol that shares no code with the shipped program; the emulated robots run that program
+itself.
 """
 
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from common.runtime.service import Runner, Service
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.messages import Gains, Host
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
@@ -27,11 +28,11 @@ from tests.contract.rig import DEADLINE_S, DEMO_CELL, Rig, gateway_cell
 from tests.fakes.controller import PORT, FakeController
 
 PROGRAM = Path(__file__).resolve().parents[2] / "controller" / "forcemesh.as"
-GOOD = Behaviour(step_s=1e-4)  # a controller that has time for the program
+GOOD = Behaviour(step_s=1e-4)  # a controller with time for the program
 
 
 class Emulated:
-    """A rig whose robot is the gateway and, stepped before it, the emulated controller."""
+    """A rig whose robot is the gateway and the emulated controller, which is stepped first."""
 
     def __init__(self, behaviour: Behaviour = GOOD, host: Host = "controller") -> None:
         changes = {"rates.robot_hz": 60, "sim.gap_m": 0.1, "gateway.watchdog_s": 0.25}
@@ -50,17 +51,17 @@ class Emulated:
         machine.pendant.monitor_speed(100.0)
         machine.pendant.execute("fm.main")
         runner = Runner(self.controller, [], bus.clock)
-        return Both(lock_step(bus, cell, self.network), living(runner))
+        return Both(lock_step(bus, cell, self.network), advance_service(runner))
 
     @property
     def machine(self) -> Machine:
-        """The controller."""
+        """The emulated controller."""
         assert self.controller is not None
         return self.controller.machine
 
 
 class Both:
-    """The gateway as the rig's service; the controller lives up to the same moment first."""
+    """The gateway as service of the rig; the controller advances to the same time first."""
 
     def __init__(self, gateway: Gateway, controller: Callable[[int], object]) -> None:
         self.gateway, self._controller = gateway, controller
@@ -68,35 +69,35 @@ class Both:
 
     @property
     def fault(self) -> str:
-        """The gateway's."""
+        """The fault of the gateway."""
         return self.gateway.fault
 
     def counters(self) -> dict[str, int]:
-        """The gateway's."""
+        """The counters of the gateway."""
         return self.gateway.counters()
 
     def numbers(self, now_ns: int) -> dict[str, float]:
-        """The gateway's."""
+        """The numbers of the gateway's health."""
         return self.gateway.numbers(now_ns)
 
     def step(self, now_ns: int) -> None:
-        """Controller first, then the gateway."""
+        """Step the controller, then the gateway."""
         self._controller(now_ns)
         self.gateway.step(now_ns)
 
 
-def living(runner: Runner) -> Callable[[int], object]:
-    """Return what lets a service that has a period of its own live up to a moment."""
+def advance_service(runner: Runner) -> Callable[[int], object]:
+    """Return a function that advances a service with a period of its own to a time."""
     return lambda now_ns: runner.step(now_ns) if runner.due(now_ns) else None
 
 
 def lock_step(bus: Bus, cell: CellConfig, network: MemoryNetwork) -> Gateway:
-    """Return a gateway whose wire is in memory."""
-    return Gateway(bus, cell, LockStepLink(network, PORT, News))
+    """Return a gateway with a wire in memory."""
+    return Gateway(bus, cell, LockStepLink(network, PORT, LinkEvents))
 
 
 def faked(controller: FakeController, network: MemoryNetwork) -> Callable[[Bus, CellConfig], Both]:
-    """Return what makes a gateway for a fake controller, which lives on the gateway's clock."""
+    """Return a factory of gateways with a fake controller on the gateway's clock."""
 
     def make(bus: Bus, cell: CellConfig) -> Both:
         gateway = lock_step(bus, cell, network)
@@ -119,17 +120,17 @@ def gateway_rig() -> Rig:
 
 
 def emulated_pc_rig() -> Rig:
-    """The gateway and the program that ships, freshly started; force feedback on the PC."""
+    """The gateway and the shipped program, freshly started; force feedback on the PC."""
     return Emulated(host="pc").rig
 
 
 def emulated_controller_rig() -> Rig:
-    """The same with force feedback in the controller."""
+    """The gateway and the shipped program with force feedback in the controller."""
     return Emulated(host="controller").rig
 
 
 def ran_feedback(rig: Rig) -> None:
-    """Let force feedback run and end: nothing of it may be left over for what comes after."""
+    """Run force feedback once and end it: it must leave no state that affects later tests."""
     rig.arm()
     rig.push(force_N=(5.0, 0.0, -5.0), torque_Nm=(0.0, 0.5, 0.0))
     gains = Gains(force_i_m_per_Ns=(2e-4,) * 3, torque_i_rad_per_Nms=(0.05,) * 3)
@@ -142,22 +143,22 @@ def ran_feedback(rig: Rig) -> None:
 
 
 def nothing(_rig: Rig) -> None:
-    """Begin fresh."""
+    """Make no preparation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Robot:
-    """One robot of the contract, and what of it is not as in the others."""
+    """One robot of the contract and its deviations from the others."""
 
     make: Callable[[], Rig]
-    # Where force feedback runs. `pc`: the robot gets set points and never sees the wrench, so what
-    # is promised about a bad wrench is the regulator's and the arbiter's promise, not its own.
+    # Where force feedback runs. `pc`: the robot gets set points and does not read the wrench;
+    # the regulator and the arbiter handle an invalid wrench.
     feedback_host: Host
-    # Whether it has a controller that could run force feedback; without one it refuses.
+    # Whether its controller can run force feedback; a robot without one refuses it.
     has_controller: bool = True
-    # Whether it keeps the cell's limits again behind the arbiter (design section 6).
+    # Whether it checks the limits of the cell after the arbiter (design section 6).
     guards_limits: bool = True
-    before: Callable[[Rig], None] = nothing  # what it has been through when a test begins
+    before: Callable[[Rig], None] = nothing  # preparation before a test begins
 
 
 ROBOTS = {

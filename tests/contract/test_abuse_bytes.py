@@ -1,9 +1,9 @@
-"""What the program that ships takes for a packet, byte by byte, against an independent reading.
+"""Packet validation of the shipped program, byte by byte, against an independent reading.
 
-There is no checksum in the protocol: a digit that becomes another digit inside the six numbers is
-a good packet with another number, and TCP's own checksum is all that stands before it. So the law
-here is equality with a reference, not "every change is seen"; where a change is seen for certain
-is stated beside it.
+The protocol has no checksum: a digit that becomes another digit inside the six numbers is a valid
+packet with another number, and only TCP's checksum protects it. The rule here is therefore equality
+with a reference, not "every change is detected"; where a change is certainly detected, the test
+states it.
 """
 
 import re
@@ -29,7 +29,7 @@ NO_VECTOR = {Com.FEEDBACK, Com.HOLD, Com.HEARTBEAT}
 OURS = {com for com in TABLE if com < Com.POSE}
 HELLO_PARAM = 2001  # version 2, arm 1
 HELLO = Packet(700_700, Com.HELLO, HELLO_PARAM, (50, 500, 250, 100, 1000, 10))
-TALK = (
+DIALOGUE = (
     HELLO,
     Packet(700_701, Com.HOLD),
     Packet(700_702, Com.TCP, 0, (100, -200, 8000, 45000, -500, 1)),
@@ -38,12 +38,12 @@ TALK = (
     Packet(700_705, Com.HEARTBEAT),
     Packet(700_706, Com.FEEDBACK, 2),
 )
-STREAM = b"".join(encode(packet) for packet in TALK)
+STREAM = b"".join(encode(packet) for packet in DIALOGUE)
 NASTY = b"0123456789-+ .eE^HBxX\x00\n\xff"
 
 
 def believable(stream: bytes) -> list[str]:
-    """Return the packets that a strict reader takes, up to the first that it does not."""
+    """Return the packets that a strict reader accepts, up to the first that it rejects."""
     taken: list[str] = []
     id_ = 0
     for at in range(0, len(stream) - PACKET_CHARS + 1, PACKET_CHARS):
@@ -72,8 +72,8 @@ def _params(com: int) -> range:
     return range(spans.get(Com(com), 1))
 
 
-class Ear:
-    """A controller that only listens: connection after connection on one program."""
+class PacketReceiver:
+    """An emulated controller that receives packets, one connection after the other."""
 
     def __init__(self) -> None:
         self.accepted: list[Accepted] = []
@@ -85,8 +85,8 @@ class Ear:
         while not self._network.listeners:
             self._pass_ms(1)
 
-    def hear(self, stream: bytes) -> tuple[list[str], bool]:
-        """Say something on a new connection; return what was accepted, and whether it ended."""
+    def receive(self, stream: bytes) -> tuple[list[str], bool]:
+        """Send a byte stream on a new connection; return accepted packets and whether it ended."""
         self.accepted.clear()
         wire = self._network.dial(PORT)
         wire.send(stream)
@@ -104,26 +104,26 @@ class Ear:
 
 
 @cache
-def ear() -> Ear:
-    """The one that listens to all cases: what came before must make no difference either."""
-    return Ear()
+def packet_receiver() -> PacketReceiver:
+    """Return the receiver that all cases share: earlier connections must make no difference."""
+    return PacketReceiver()
 
 
-def test_the_talk_itself_is_heard() -> None:
-    """Nothing is accepted that was not said, and all that was said is accepted."""
-    assert ear().hear(STREAM) == (believable(STREAM), False)
-    assert len(believable(STREAM)) == len(TALK)
+def test_the_unchanged_dialogue_is_accepted() -> None:
+    """Exactly the packets that were sent are accepted."""
+    assert packet_receiver().receive(STREAM) == (believable(STREAM), False)
+    assert len(believable(STREAM)) == len(DIALOGUE)
 
 
 @settings(max_examples=120)
 @given(at=st.integers(0, len(STREAM) - 1), byte=st.sampled_from(NASTY))
 @example(at=4 * PACKET_CHARS + 21, byte=ord("E"))
 def test_a_replaced_byte_is_read_as_a_strict_reader_reads_it(at: int, byte: int) -> None:
-    """Any byte of any field; the connection ends where the strict reader stops."""
+    """Any byte of any field is replaced; the connection ends where the strict reader stops."""
     stream = STREAM[:at] + bytes([byte]) + STREAM[at + 1 :]
-    heard, ended = ear().hear(stream)
-    assert heard == believable(stream)
-    assert ended == (len(heard) < len(TALK))
+    accepted_chars, ended = packet_receiver().receive(stream)
+    assert accepted_chars == believable(stream)
+    assert ended == (len(accepted_chars) < len(DIALOGUE))
 
 
 @settings(max_examples=60)
@@ -135,50 +135,48 @@ def test_a_replaced_byte_is_read_as_a_strict_reader_reads_it(at: int, byte: int)
 def test_bytes_that_are_lost_or_put_in_are_read_as_a_strict_reader_reads_them(
     at: int, drop: int, insert: bytes
 ) -> None:
-    """Never a new start in the middle of the stream."""
+    """The program does not find a new start in the middle of the stream."""
     stream = STREAM[:at] + insert + STREAM[at + drop :]
-    assert ear().hear(stream)[0] == believable(stream)
+    assert packet_receiver().receive(stream)[0] == believable(stream)
 
 
 @pytest.mark.parametrize("frame", range(9))
 @pytest.mark.parametrize("place", range(FRAME_STRIDE))
-def test_a_byte_that_no_number_holds_is_seen_in_every_place_of_every_field(
+def test_a_byte_outside_numbers_is_detected_in_every_position_of_every_field(
     frame: int, place: int
 ) -> None:
-    """The packets before it are heard, it and those behind it are not, the connection ends."""
+    """The packets before the byte are accepted, those from it on are not, the connection ends."""
     at = 4 * PACKET_CHARS + frame * FRAME_STRIDE + place
     stream = STREAM[:at] + b"x" + STREAM[at + 1 :]
-    assert ear().hear(stream) == (believable(STREAM)[:4], True)
+    assert packet_receiver().receive(stream) == (believable(STREAM)[:4], True)
 
 
 def test_a_digit_of_the_id_is_never_mistaken() -> None:
-    """IDs are consecutive: any other number in any of its six places ends the connection."""
+    """IDs are consecutive: any other number in any of its six digits ends the connection."""
     for place in range(6):
         at = 4 * PACKET_CHARS + place
         digit = (STREAM[at] - 48 + 1) % 10 + 48
         stream = STREAM[:at] + bytes([digit]) + STREAM[at + 1 :]
-        assert ear().hear(stream) == (believable(STREAM)[:4], True)
+        assert packet_receiver().receive(stream) == (believable(STREAM)[:4], True)
 
 
 @pytest.mark.parametrize("frame", range(1, 9))
 @pytest.mark.parametrize("digit", b"56789")
-def test_a_number_that_begins_like_an_id_is_seen_in_every_field(frame: int, digit: int) -> None:
-    """500000 and more is an ID, and stands in the first place only."""
+def test_a_number_that_begins_like_an_id_is_detected_in_every_field(frame: int, digit: int) -> None:
+    """500000 and more is an ID, which is permitted in the first field only."""
     at = 4 * PACKET_CHARS + frame * FRAME_STRIDE
     stream = STREAM[:at] + bytes([digit]) + b"00000" + STREAM[at + 6 :]
-    assert ear().hear(stream) == (believable(STREAM)[:4], True)
+    assert packet_receiver().receive(stream) == (believable(STREAM)[:4], True)
 
 
 @pytest.mark.parametrize(
     ("frame", "lost"), [(k, m) for k in range(9) for m in range(1, min(8, 9 - k) + 1)]
 )
-def test_whole_frames_that_are_lost_are_seen_in_the_packet_that_lost_them(
-    frame: int, lost: int
-) -> None:
-    """Wherever in it they stood: its own ID is missing, or the next packet's comes too early."""
+def test_lost_whole_frames_are_detected_in_the_packet_that_lost_them(frame: int, lost: int) -> None:
+    """At any position: the packet's own ID is missing, or the next packet's comes too early."""
     at = 4 * PACKET_CHARS + frame * FRAME_STRIDE
     stream = STREAM[:at] + STREAM[at + lost * FRAME_STRIDE :]
-    assert ear().hear(stream) == (believable(STREAM)[:4], True)
+    assert packet_receiver().receive(stream) == (believable(STREAM)[:4], True)
 
 
 @pytest.mark.parametrize(
@@ -191,6 +189,6 @@ def test_whole_frames_that_are_lost_are_seen_in_the_packet_that_lost_them(
     ids=["limits, 40 m/s", "speeds, 40 m/s", "speeds, 10 nm/s"],
 )
 def test_a_speed_that_the_language_does_not_take_is_refused(packet: Packet) -> None:
-    """Not an error stop, after which a person has to reset the controller."""
-    talk = (HELLO, Packet(700_701, Com.HOLD), packet, Packet(700_703, Com.MOVE_BY_JOINTS))
-    Ear().hear(b"".join(encode(each) for each in talk))
+    """It does not cause an error stop, which a person would have to reset."""
+    packets = (HELLO, Packet(700_701, Com.HOLD), packet, Packet(700_703, Com.MOVE_BY_JOINTS))
+    PacketReceiver().receive(b"".join(encode(each) for each in packets))

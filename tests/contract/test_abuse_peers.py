@@ -21,15 +21,15 @@ from tests.fakes.hostile_stream import Rewrite, Throttle
 
 TCP_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo-tcp.yaml"
 UP, DOWN = "to_controller", "to_gateway"
-SILENCE_S = WATCHDOG_S + 0.06 + 0.06  # two looks of the watchdog; from 100 mm/s to rest
+SILENCE_S = WATCHDOG_S + 0.06 + 0.06  # two cycles of the watchdog; from 100 mm/s to rest
 BRAKE_S = 0.07
-LINK_SILENCE_S = 1.5  # after which the gateway's socket gives a silent connection up
+LINK_SILENCE_S = 1.5  # after which the gateway's socket closes a silent connection
 WORSE = pessimistic(QUICK.step_s)
 BEHAVIOURS = pytest.mark.parametrize("behaviour", [QUICK, WORSE], ids=["kind", "pessimistic"])
 
 
 def give_up(cell: HostileCell) -> None:
-    """Let the gateway find that packets are not framed, or the socket's link that nothing comes."""
+    """Advance until the gateway detects unacknowledged packets, or its link the silence."""
     cell.rig.advance(LINK_SILENCE_S)
     if len(cell.hops) == 1:
         cell.wire.close("silent", cell.rig.clock.now_ns())
@@ -43,13 +43,13 @@ def give_up(cell: HostileCell) -> None:
 def test_a_gateway_that_vanishes_without_closing_is_missed_by_the_watchdog(
     behaviour: Behaviour, motion: str
 ) -> None:
-    """No FIN, no RST: the arm holds in time, and the next connection is accepted."""
+    """Without FIN and RST: the arm holds in time, and the next connection is accepted."""
     cell = HostileCell(behaviour)
     cell.begin(motion)
-    gone_ns = cell.rig.clock.now_ns()
+    vanished_ns = cell.rig.clock.now_ns()
     cell.network.vanish()
     give_up(cell)
-    assert (cell.stopped_ns(gone_ns) - gone_ns) / 1e9 <= SILENCE_S
+    assert (cell.stopped_ns(vanished_ns) - vanished_ns) / 1e9 <= SILENCE_S
     assert cell.rig.advance(4.0, lambda: len(cell.hops) == 2 and cell.rig.state.valid)
     cell.assert_stays(0.5)
     cell.rig.wrench = None
@@ -61,7 +61,7 @@ def test_a_gateway_that_vanishes_without_closing_is_missed_by_the_watchdog(
 def test_a_gateway_that_vanishes_while_nothing_moves_does_not_block_the_next(
     behaviour: Behaviour,
 ) -> None:
-    """The watchdog does not watch then; the sender finds out when nobody takes what it sends."""
+    """The watchdog is off then; the sender detects that its data is not acknowledged."""
     cell = HostileCell(behaviour)
     cell.rig.connect()
     cell.network.vanish()
@@ -74,7 +74,7 @@ def test_a_gateway_that_vanishes_while_nothing_moves_does_not_block_the_next(
 
 @pytest.mark.parametrize("phase_s", [0.3, 0.5])
 def test_the_connection_after_one_that_hung_is_kept(phase_s: float) -> None:
-    """A new peer is not held responsible for the one before; whenever that one vanished."""
+    """The silence of the previous peer does not count for the new one, whenever it began."""
     cell = HostileCell(WORSE)
     cell.rig.connect()
     cell.rig.advance(phase_s)
@@ -88,8 +88,8 @@ def test_the_connection_after_one_that_hung_is_kept(phase_s: float) -> None:
 # --- a second client ------------------------------------------------------------------------------
 
 
-def words(*coms: int) -> bytes:
-    """What somebody might say who knows the protocol: hello, then more."""
+def intruder_bytes(*coms: int) -> bytes:
+    """Return valid bytes of an unexpected client: hello, then more."""
     hello = encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, (50, 500, 250, 100, 1000, 10)))
     return hello + b"".join(
         encode(Packet(n, com)) for n, com in enumerate(coms, start=ID_FIRST + 1)
@@ -97,46 +97,49 @@ def words(*coms: int) -> bytes:
 
 
 @pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
-def test_a_second_client_is_not_heard_while_the_gateway_is_connected(motion: str) -> None:
-    """Not its hold, not its motion, not its garbage; it gets no byte; the gateway goes on."""
+def test_a_second_client_is_ignored_while_the_gateway_is_connected(motion: str) -> None:
+    """Its hold, motion and garbage are ignored; it receives no byte; the gateway continues."""
     cell = HostileCell()
     cell.begin(motion)
-    strangers = [cell.network.intrude(PORT, data) for data in (words(8), words(2), b"\x00" * 99)]
+    intruders = [
+        cell.network.intrude(PORT, data)
+        for data in (intruder_bytes(8), intruder_bytes(2), b"\x00" * 99)
+    ]
     cell.rig.advance(0.3)
     assert cell.moves
     assert cell.rig.state.hold_reason == ""
-    assert [stranger.receive(100) for stranger in strangers] == [None] * 3
+    assert [intruder.receive(100) for intruder in intruders] == [None] * 3
     cell.assert_nothing_misread()
 
 
 def test_a_client_that_waited_is_served_after_the_gateway_and_the_arm_holds_meanwhile() -> None:
-    """The controller serves one after the other; the gateway waits, gets in, and nothing moved."""
+    """The controller serves one client after the other; the gateway connects and nothing moved."""
     cell = HostileCell()
     cell.begin("goal")
-    stranger = cell.network.intrude(PORT, words())
+    intruder = cell.network.intrude(PORT, intruder_bytes())
     cell.wire.close("cut by the test", cell.rig.clock.now_ns())
     cell.rig.advance(0.5)
-    assert (stranger.receive(63) or b"")[7:13] == b"000009"
+    assert (intruder.receive(63) or b"")[7:13] == b"000009"
     assert not cell.rig.state.valid
     cell.assert_stays(1.0)
-    stranger.close()
+    intruder.close()
     cell.rig.connect()
     cell.assert_stays(0.5)
     cell.assert_obeys_after_arming()
 
 
-def test_a_client_that_came_first_keeps_the_gateway_out_and_the_gateway_says_so() -> None:
-    """No report, no permission: `robot/state` is not valid until the other one has gone."""
+def test_a_client_that_came_first_keeps_the_gateway_out_and_the_gateway_reports_it() -> None:
+    """No report, no permission: `robot/state` is invalid until the other client disconnects."""
     cell = HostileCell()
     while not cell.network.listeners:
         cell.machine.advance(cell.machine.now_ns + 1_000_000)
-    stranger = cell.network.intrude(PORT, words())
+    intruder = cell.network.intrude(PORT, intruder_bytes())
     cell.rig.lease = 1
-    cell.rig.say("idle")
+    cell.rig.send("idle")
     cell.rig.advance(1.0)
     assert not cell.rig.state.valid
     assert cell.rig.state.reason
-    stranger.close()
+    intruder.close()
     cell.assert_obeys_after_arming()
 
 
@@ -144,12 +147,12 @@ def test_a_client_that_came_first_keeps_the_gateway_out_and_the_gateway_says_so(
 
 
 @BEHAVIOURS
-def test_without_new_wrenches_the_program_holds_by_itself_though_the_link_lives(
+def test_without_new_wrenches_the_program_holds_although_the_link_is_up(
     behaviour: Behaviour,
 ) -> None:
-    """On its way every wrench becomes a heartbeat: packets come, the watchdog ends it all the same.
+    """The gateway sends each wrench as a heartbeat: packets arrive, and the watchdog still trips.
 
-    The correction itself ends with the last wrench; the latch comes within the watchdog's time.
+    The correction ends with the last wrench; the latch follows within the watchdog's time.
     """
     cell = HostileCell(behaviour)
     cell.begin("feedback")
@@ -167,7 +170,7 @@ def test_without_new_wrenches_the_program_holds_by_itself_though_the_link_lives(
 
 
 def test_without_new_wrenches_the_gateway_ends_force_feedback_in_the_controller() -> None:
-    """Command 8, before the program's own watchdog has to: the lease is dead."""
+    """Command 8 is sent before the program's own watchdog trips: the lease is dead."""
     cell = HostileCell()
     cell.begin("feedback")
     stopped_ns, cell.rig.wrench = cell.rig.clock.now_ns(), None
@@ -180,35 +183,35 @@ def test_without_new_wrenches_the_gateway_ends_force_feedback_in_the_controller(
 
 
 @pytest.mark.parametrize("host", ["pc", "controller"])
-def test_without_wrenches_the_whole_cell_holds_though_every_link_lives(host: Host) -> None:
-    """All services, gateway and program in lock step; the wrench's process dies on the approach.
+def test_without_wrenches_the_whole_cell_holds_although_every_link_is_up(host: Host) -> None:
+    """All services, gateway and program in lock step; the wrench's process ends on the approach.
 
-    Bound: the wrench's deadline in this cell, one set point already under way, the brake.
+    Bound: the wrench's deadline in this cell, one set point in flight, the braking time.
     """
     cell = VirtualCell(load_cell(TCP_CELL, {"sim.gap_m": 0.1}))
     robot = cell.client.reader(topics.ROBOT_STATE)
     cell.advance(2.0)
-    wanted = ForceStartRequest(mode="position", host=host, setpoint_N=10.0)
-    asked: list[tuple[topics.Request[Any], Any]] = [
+    force_start = ForceStartRequest(mode="position", host=host, setpoint_N=10.0)
+    preparation: list[tuple[topics.Request[Any], Any]] = [
         (topics.TARE, Empty()),
         (topics.ARM, Empty()),
-        (topics.FORCE_START, wanted),
+        (topics.FORCE_START, force_start),
     ]
-    for request, message in asked:
+    for request, message in preparation:
         answer = cell.client.ask(request, message)
         assert answer.accepted, answer.text
         cell.advance(0.6)
     track: list[np.ndarray] = []
 
-    def look() -> bool:
+    def record_joints() -> bool:
         track.append(cell.arm.q_command.copy())
         return False
 
-    cell.advance(0.1, look)
+    cell.advance(0.1, record_joints)
     assert np.abs(track[-1] - track[0]).max() > 1e-4, "it was not on its way"
     track.clear()
     cell.kill("wrench")
-    cell.advance(2.0, look)
+    cell.advance(2.0, record_joints)
     moved = np.abs(np.diff(np.array(track), axis=0)).max(axis=1) > 1e-9
     bound_s = cell.cell.stale_after_s(topics.WRENCH) + 0.05 + BRAKE_S
     assert not moved[round(bound_s * 1e3) :].any()
@@ -222,7 +225,7 @@ def test_without_wrenches_the_whole_cell_holds_though_every_link_lives(host: Hos
 
 @pytest.mark.parametrize("bytes_per_s", [1400, 1000, 500])
 def test_a_hold_does_not_wait_behind_heartbeats_on_a_slow_line(bytes_per_s: int) -> None:
-    """Or the arm holds by itself before; what the line does not carry must not pile up."""
+    """Or the arm holds by its watchdog before; packets beyond the line's rate must not queue."""
     cell = HostileCell()
     cell.rig.connect()
     cell.rig.arm()
@@ -230,7 +233,7 @@ def test_a_hold_does_not_wait_behind_heartbeats_on_a_slow_line(bytes_per_s: int)
     cell.rig.advance(3.0)
     assert abuse.bites
     before = cell.machine.memory.read("fm.hseq"), cell.machine.memory.read("fm.wseq")
-    cell.rig.say_hold()
+    cell.rig.send_hold()
     assert cell.rig.advance(
         SILENCE_S + 0.1,
         lambda: (
@@ -240,7 +243,7 @@ def test_a_hold_does_not_wait_behind_heartbeats_on_a_slow_line(bytes_per_s: int)
 
 
 def test_a_pose_is_never_joined_to_joints_of_another_sample() -> None:
-    """Whole 101 packets vanish: no state may come of a 102 alone."""
+    """Whole packets 101 are lost: no state may be made of a 102 alone."""
     cell = HostileCell()
     cell.begin("goal")
     poses = 0
@@ -263,7 +266,7 @@ def test_a_pose_is_never_joined_to_joints_of_another_sample() -> None:
 @pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
 @pytest.mark.long
 def test_run_on_the_pendant_after_a_hold_moves_nothing(behaviour: Behaviour, motion: str) -> None:
-    """Neither what HOLD interrupted nor what the gateway said meanwhile; a person arms first."""
+    """Neither the motion that HOLD interrupted nor later commands; a person arms first."""
     cell = HostileCell(behaviour)
     cell.begin(motion)
     held_ns = cell.rig.clock.now_ns()
@@ -282,7 +285,7 @@ def test_run_on_the_pendant_after_a_hold_moves_nothing(behaviour: Behaviour, mot
 
 @pytest.mark.parametrize("motion", ["goal", "feedback"])
 def test_run_on_the_pendant_after_the_gateway_vanished_moves_nothing(motion: str) -> None:
-    """Held, then the link is gone, then RUN: the hold outlives all of it."""
+    """Hold, then loss of the link, then RUN: the hold persists."""
     cell = HostileCell()
     cell.begin(motion)
     cell.machine.pendant.hold()

@@ -1,10 +1,10 @@
-"""Digits of reports spoilt on their way to the gateway: what is planned is bounded all the same.
+"""Corrupted digits of reports to the gateway: the planned motion stays bounded.
 
-101 and 102 have no checksum either. In the middle of a motion a wrong report ends it or is passed
-over. A stream begins at the reported pose, so a report that is wrong there sends a wrong first set
-point; the controller judges it by where the arm really is, and takes it only within a set point's
-step. What is judged is what the program plans, not only how far the arm comes: the next right
-report would mend that, and hide that a wrong motion was taken.
+101 and 102 have no checksum either. During a motion a wrong report ends it or is ignored. A stream
+begins at the reported pose, so a wrong report there sends a wrong first set point; the controller
+compares it with its measured pose and accepts it only within a set point's step. The planned motion
+of the program is judged, not only the travel of the arm: the next correct report would correct the
+travel and hide that a wrong motion was accepted.
 """
 
 import os
@@ -26,7 +26,7 @@ DOWN = "to_gateway"
 PLACES = [k for k in range(PACKET_CHARS) if k % FRAME_STRIDE != FRAME_STRIDE - 1]
 FLIPS = [(com, place, char) for com in (b"000101", b"000102")
          for place in PLACES for char in b"0123456789-"]  # fmt: skip
-ASIDE_M = 1e-3  # of the straight way up, on which the arm goes anyway
+ASIDE_M = 1e-3  # from the straight path up, which is the commanded motion
 ASIDE_RAD = 2e-3
 STEP_MARGIN = 1.1
 BLEND = 1.5
@@ -37,14 +37,14 @@ random.Random(5).shuffle(FLIPS)
 
 
 class Spoilt:
-    """Spoils reports of a kind in one place: the next one, or all from now on."""
+    """Corrupts reports of a kind in one digit: the next one, or all from now on."""
 
     def __init__(self, com: bytes, place: int, char: Callable[[int], int], *, all_: bool) -> None:
         self.com, self.place, self.char, self.all = com, place, char, all_
         self.done = False
 
     def __call__(self, packet: bytes) -> bytes:
-        """Return the packet as it is passed on."""
+        """Return the packet to pass on."""
         if packet[7:13] != self.com or (self.done and not self.all):
             return packet
         self.done = True
@@ -57,14 +57,14 @@ def other(digit: int) -> int:
     return ord("0123456789"[(digit - ord("0") + 1) % 10])
 
 
-def within(cell: HostileCell, first: tuple[int, int], far_m: float, far_rad: float) -> bool:
-    """Tell whether all that was planned and commanded since then is near the way straight up."""
+def is_near_path(cell: HostileCell, first: tuple[int, int], far_m: float, far_rad: float) -> bool:
+    """Return whether planned and commanded poses since `first` are near the straight path up."""
     robot, limits = cell.machine.robot, cell.rig.cell.limits
     T_first = robot.pose_of(cell.commands[first[0]])
-    way = [robot.pose_of(q) for q in cell.commands[first[0] :]]
-    aside = [T_first.actInv(T) for T in way + cell.planned[first[1] :]]
+    commanded = [robot.pose_of(q) for q in cell.commands[first[0] :]]
+    aside = [T_first.actInv(T) for T in commanded + cell.planned[first[1] :]]
     up_m = np.array([T_first.rotation @ T.translation for T in aside])
-    steps_m = np.linalg.norm(np.diff([T.translation for T in way], axis=0), axis=1)
+    steps_m = np.linalg.norm(np.diff([T.translation for T in commanded], axis=0), axis=1)
     return bool(
         np.linalg.norm(up_m[:, :2], axis=1).max() < far_m
         and -far_m < up_m[:, 2].min()
@@ -75,20 +75,20 @@ def within(cell: HostileCell, first: tuple[int, int], far_m: float, far_rad: flo
 
 
 def spoil_in_motion(motion: str, com: bytes, place: int, char: int) -> None:
-    """The arm goes up: 60 mm as a goal or a stream, or as long as a force pushes."""
+    """Move up by 60 mm as a goal or a stream, or while a force pushes, and corrupt reports."""
     cell = HostileCell()
     cell.begin(motion)
     first = len(cell.commands), len(cell.planned)
     cell.network.strike(DOWN, Rewrite(turn=Spoilt(com, place, lambda _: char, all_=False)))
     cell.rig.advance(0.4)
-    assert within(cell, first, ASIDE_M, ASIDE_RAD)
+    assert is_near_path(cell, first, ASIDE_M, ASIDE_RAD)
     cell.assert_obeys_after_arming()
 
 
 def begin_spoilt(com: bytes, place: int, char: Callable[[int], int]) -> HostileCell:
-    """Begin a stream where the arm is said to be, every report spoilt in one place; judge it.
+    """Begin a stream at a reported pose that is corrupted in one digit, and judge it.
 
-    The regulator too begins at the reported pose, so nothing on the PC can see that it is wrong.
+    The regulator begins at the reported pose too, so no process on the PC can detect the error.
     """
     cell = HostileCell()
     cell.rig.connect()
@@ -98,29 +98,31 @@ def begin_spoilt(com: bytes, place: int, char: Callable[[int], int]) -> HostileC
     cell.network.strike(DOWN, Rewrite(turn=spoilt))
     cell.rig.advance(0.1, lambda: spoilt.done)
     cell.rig.advance(0.05)
-    cell.rig.say("setpoint", pose=record_of(shifted(cell.rig.T, z_m=0.002)))
+    cell.rig.send("setpoint", pose=record_of(shifted(cell.rig.T, z_m=0.002)))
     cell.rig.advance(0.4)
     section = cell.rig.cell.gateway
     assert section is not None
     step_m, step_rad = set_point_step(cell.rig.cell, section)
-    assert within(cell, first, STEP_MARGIN * step_m + ASIDE_M, STEP_MARGIN * step_rad + ASIDE_RAD)
+    assert is_near_path(
+        cell, first, STEP_MARGIN * step_m + ASIDE_M, STEP_MARGIN * step_rad + ASIDE_RAD
+    )
     return cell
 
 
 def set_points(cell: HostileCell) -> list[str]:
-    """Return the set points that the program has taken from its ring."""
+    """Return the set points that the program has read from its ring."""
     return [packet.chars for packet in cell.taken if packet.chars[7:13] == "000013"]
 
 
 def spoil(com: bytes, place: int, char: int) -> None:
-    """In every motion, and at the beginning of a stream."""
+    """Corrupt reports in every motion and at the beginning of a stream."""
     for motion in ("goal", "stream", "feedback"):
         spoil_in_motion(motion, com, place, char)
     begin_spoilt(com, place, lambda _: char)
 
 
 def test_a_report_that_is_wrong_by_less_than_a_step_begins_a_stream_there() -> None:
-    """So the spoilt reports do get in: the first set point is what was reported, not the truth."""
+    """Corrupted reports take effect: the first set point is the reported pose, not the true one."""
     cell = begin_spoilt(b"000101", place_of(field=0, digit=3), other)
     assert set_points(cell)[0].split()[3] == "000100"  # 2 mm
     assert len(cell.planned) > 2
@@ -137,20 +139,20 @@ def test_a_stream_begins_no_farther_than_a_step_from_where_the_arm_is(
 
 @pytest.mark.parametrize("field", range(4))
 def test_the_controller_alone_refuses_to_begin_at_a_pose_it_is_not_at(field: int) -> None:
-    """200 mm or 20 degrees: everybody else believes the report, and lets the set point through."""
+    """200 mm or 20 degrees: all other checks use the report and pass the set point."""
     cell = begin_spoilt(b"000101", place_of(field, digit=1), other)
     assert set_points(cell)
     assert "the controller refused a set point" in cell.rig.state.hold_reason
 
 
 def place_of(field: int, digit: int) -> int:
-    """Return where a digit of one of the six numbers stands in a packet."""
+    """Return the position of a digit of one of the six numbers in a packet."""
     return (3 + field) * FRAME_STRIDE + digit
 
 
 @pytest.mark.parametrize("number", range(SAMPLE))
-def test_a_spoilt_digit_of_a_report_moves_nothing_that_should_not(number: int) -> None:
-    """One of the numbers' first digits, in one of the situations."""
+def test_a_corrupted_digit_of_a_report_causes_no_wrong_motion(number: int) -> None:
+    """One of the first digits of the numbers, in one of the situations."""
     flips = [flip for flip in FLIPS if flip[1] > 20 and flip[1] % FRAME_STRIDE < 3]
     spoil_in_motion(("goal", "stream", "feedback")[number], *flips[number])
 
@@ -158,7 +160,7 @@ def test_a_spoilt_digit_of_a_report_moves_nothing_that_should_not(number: int) -
 @pytest.mark.long
 @pytest.mark.timeout(EVERY_S if EVERY else LONG_S)
 @pytest.mark.parametrize("part", range(PARTS))
-def test_no_spoilt_digit_of_a_report_moves_anything_that_should_not(part: int) -> None:
-    """A digit of a field of 101 or 102, everywhere; `make flips` spoils every one in turn."""
+def test_no_corrupted_digit_of_a_report_causes_a_wrong_motion(part: int) -> None:
+    """A digit of a field of 101 or 102, everywhere; `make flips` corrupts every one in turn."""
     for flip in FLIPS[part::PARTS] if EVERY else FLIPS[part : part + 1]:
         spoil(*flip)

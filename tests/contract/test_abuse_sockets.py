@@ -1,6 +1,6 @@
-"""The same abuses on real sockets: a proxy between the gateway's own link and the controller.
+"""The same abuses on real sockets, with a proxy between the gateway's link and the controller.
 
-Bounds are in the controller's own time, so a slow machine does not make them longer.
+Bounds are in the controller's time, so a slow machine does not make them longer.
 """
 
 import random
@@ -37,7 +37,7 @@ CASES = [
 def test_an_abuse_ends_in_a_hold_that_only_arming_ends(
     name: str, direction: str, motion: str
 ) -> None:
-    """As in lock step; the gateway's link finds out by itself and connects again."""
+    """As in lock step; the gateway's link detects the abuse and connects again."""
     case = BREAKING[name]
     with ExitStack() as stack:
         cell = SocketCell(stack)
@@ -62,7 +62,7 @@ def test_an_abuse_ends_in_a_hold_that_only_arming_ends(
     ids=["1-byte writes", "100-byte chunks", "two packets merged"],
 )
 def test_how_bytes_are_cut_makes_no_difference(make: Callable[[], Abuse]) -> None:
-    """Both directions at once: a goal is done, and all that was said was understood."""
+    """In both directions at once: a goal is done, and every packet was decoded."""
     with ExitStack() as stack:
         cell = SocketCell(stack)
         cell.proxy.standing = {UP: make, DOWN: make}
@@ -74,14 +74,14 @@ def test_how_bytes_are_cut_makes_no_difference(make: Callable[[], Abuse]) -> Non
 
 
 def test_a_gateway_that_vanishes_without_closing_is_missed_and_the_next_one_served() -> None:
-    """The proxy answers nothing and closes nothing; both ends find out by themselves."""
+    """The proxy answers nothing and closes nothing; both ends detect it by time-out."""
     with ExitStack() as stack:
         cell = SocketCell(stack)
         cell.begin("feedback")
-        gone_ns = cell.machine.now_ns
+        vanished_ns = cell.machine.now_ns
         cell.proxy.vanish()
         cell.rig.advance(0.6)
-        took_s = (cell.stopped_ns(gone_ns) - gone_ns) / 1e9
+        took_s = (cell.stopped_ns(vanished_ns) - vanished_ns) / 1e9
         assert took_s <= BREAKING["half a packet, then silence"].bound_s + LATE_S
         cell.assert_stays(1.5)
         cell.rig.wrench = None
@@ -90,28 +90,28 @@ def test_a_gateway_that_vanishes_without_closing_is_missed_and_the_next_one_serv
         cell.assert_nothing_misread()
 
 
-def test_a_second_client_is_not_heard_while_the_gateway_is_connected() -> None:
-    """Hello and hold of a stranger wait in the backlog; nothing comes back, the goal is done."""
+def test_a_second_client_is_ignored_while_the_gateway_is_connected() -> None:
+    """Hello and hold of a second client wait in the backlog; no reply, and the goal is done."""
     hello = encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, (50, 500, 250, 100, 1000, 10)))
     with ExitStack() as stack:
         cell = SocketCell(stack)
         cell.begin("goal")
         held = cell.machine.memory.read("fm.hseq")
-        stranger = stack.enter_context(
+        intruder = stack.enter_context(
             socket.create_connection(("127.0.0.1", cell.sockets.bound[PORT]))
         )
-        stranger.sendall(hello + encode(Packet(ID_FIRST + 1, Com.HOLD)))
-        stranger.setblocking(False)
+        intruder.sendall(hello + encode(Packet(ID_FIRST + 1, Com.HOLD)))
+        intruder.setblocking(False)
         cell.rig.advance(0.3)
         assert cell.machine.memory.read("fm.hseq") == held
         with pytest.raises(BlockingIOError):
-            stranger.recv(1)
+            intruder.recv(1)
         cell.assert_nothing_misread()
 
 
 @pytest.mark.processes
 def test_a_gateway_that_is_killed_while_force_feedback_runs_leaves_an_arm_that_holds() -> None:
-    """SIGKILL; and one that is started again moves nothing before a person arms."""
+    """SIGKILL; a gateway that is started again moves nothing before a person arms."""
     with ExitStack() as stack:
         cell = LoneController(stack)
 

@@ -1,7 +1,7 @@
 """Gateway and shipped program on a hostile wire, in lock step: every bound is virtual time.
 
-After each abuse the same four questions: was it bitten, did anybody believe what was never said,
-did the arm stop in time, and did it stay until a person armed again.
+Four questions after each abuse: did the fault take effect, was data accepted that was never sent,
+did the arm stop in time, and did it rest until a person armed again.
 """
 
 import random
@@ -30,23 +30,23 @@ from tests.fakes.hostile_stream import (
 UP, DOWN = "to_controller", "to_gateway"
 MOTIONS = ("goal", "stream", "feedback")
 BRAKE_S = 0.06  # from 100 mm/s to rest
-LOOKS_S = 0.06  # two looks of the watchdog
-SILENCE_S = WATCHDOG_S + LOOKS_S + BRAKE_S
-BEAT_S = 0.05  # a spoiled packet shows when the next one has filled it up to 63 characters
+WATCHDOG_CYCLES_S = 0.06  # two cycles of the watchdog
+SILENCE_S = WATCHDOG_S + WATCHDOG_CYCLES_S + BRAKE_S
+BEAT_S = 0.05  # a corrupted packet shows when the next one has filled it up to 63 characters
 NOTICED_S = BEAT_S + BRAKE_S + 0.01
 FOR_EVER_NS = 10**15
 
 
 @dataclass(frozen=True)
 class Case:
-    """An abuse that must end in a hold, and how fast."""
+    """An abuse that must end in a hold, and the bound of its time."""
 
     make: Callable[[random.Random], Abuse]
     bound_s: float
 
 
 def somewhere(rng: random.Random) -> int:
-    """Bytes to let pass: up to two packets, so every place of a packet is hit in time."""
+    """Return a number of bytes to pass: up to two packets, so that every byte is hit."""
     return rng.randrange(1, 2 * PACKET_CHARS)
 
 
@@ -59,7 +59,7 @@ BREAKING = {
         lambda r: Edit(after=somewhere(r), insert=junk(r, r.randrange(1, 200))), NOTICED_S
     ),
     "a byte more": Case(lambda r: Edit(after=somewhere(r), insert=junk(r, 1)), NOTICED_S),
-    # Nothing may come after it: what is on its way is a beat, and this one never arrives.
+    # Nothing may follow: the bytes in flight are a heartbeat, and this one never arrives.
     "a byte less": Case(lambda r: Edit(after=somewhere(r), drop=1), SILENCE_S),
     "a byte replaced": Case(
         lambda r: Edit(after=somewhere(r), drop=1, insert=junk(r, 1)), NOTICED_S
@@ -69,7 +69,7 @@ BREAKING = {
 
 
 def judge(cell: HostileCell, abuse: Abuse, bound_s: float) -> None:
-    """Ask the four questions; the abuse has been on its way for long enough."""
+    """Answer the four questions; the abuse has lasted long enough."""
     assert abuse.bites, "the abuse never bit"
     assert abuse.bitten_ns is not None
     took_s = (cell.stopped_ns(abuse.bitten_ns) - abuse.bitten_ns) / 1e9
@@ -86,14 +86,14 @@ def judge(cell: HostileCell, abuse: Abuse, bound_s: float) -> None:
 def test_an_abuse_ends_in_a_hold_that_only_arming_ends(
     name: str, direction: str, motion: str
 ) -> None:
-    """In time, with nothing misread; the link is made again and nothing moves by that."""
+    """In time, with nothing misread; the link is opened again, which moves nothing."""
     case, cell = BREAKING[name], HostileCell()
     cell.begin(motion)
     abuse = cell.network.strike(direction, case.make(random.Random(f"{name} {motion}")))
     cell.rig.advance(0.6)
     judge(cell, abuse, case.bound_s)
     if isinstance(abuse, Freeze):
-        cell.assert_stays(2.6)  # the burst, if there is one, too
+        cell.assert_stays(2.6)  # also the burst, if there is one
         cell.wire.close("silent, as the socket's link finds", cell.rig.clock.now_ns())
     cell.assert_stays(0.5)
     cell.rig.wrench = None
@@ -126,7 +126,7 @@ HARMLESS: dict[str, Callable[[], Abuse]] = {
 
 @pytest.mark.parametrize("name", HARMLESS)
 def test_how_bytes_are_cut_makes_no_difference(name: str) -> None:
-    """Force feedback goes on in the controller, on one connection; all that was said is heard."""
+    """Force feedback continues in the controller, on one connection; every packet is received."""
     cell = HostileCell()
     cell.network.standing = {UP: HARMLESS[name], DOWN: HARMLESS[name]}
     cell.begin("feedback")
@@ -140,7 +140,7 @@ def test_how_bytes_are_cut_makes_no_difference(name: str) -> None:
 
 
 def test_one_byte_at_a_time_is_understood_by_the_program() -> None:
-    """Each byte is a TCP_RECV of its own: slow, and right; the watchdog must have the patience."""
+    """Each byte is a TCP_RECV of its own: slow and correct; the watchdog's time must suffice."""
     cell = HostileCell(gateway={"host": "127.0.0.1", "port": PORT, "watchdog_s": 0.5})
     cell.rig.connect()
     abuse = cell.network.strike(UP, Chop(size=1))
@@ -166,10 +166,10 @@ STRIKES = st.lists(
 
 @settings(max_examples=8)
 @given(motion=st.sampled_from(MOTIONS), chop=st.sampled_from([0, 1, 60, 255]), strikes=STRIKES)
-def test_whatever_comes_one_after_the_other_nothing_is_misread_and_the_arm_holds(
+def test_after_abuses_in_any_order_nothing_is_misread_and_the_arm_holds(
     motion: str, chop: int, strikes: list[tuple[str, str, int, int]]
 ) -> None:
-    """Abuses in any order, also of the connections that come after; then it stays."""
+    """Abuses in any order, also of later connections; then the arm stays at rest."""
     cell = HostileCell()
     cell.begin(motion)
     if chop:
@@ -182,7 +182,7 @@ def test_whatever_comes_one_after_the_other_nothing_is_misread_and_the_arm_holds
     cell.rig.advance(SILENCE_S + 0.5)
     if bitten and cell.rig.state.hold_reason:
         cell.assert_stays(1.0)
-    for hop in cell.hops:  # what was frozen thaws now
+    for hop in cell.hops:  # unfreezes what was frozen
         hop.to_controller.abuse, hop.to_gateway.abuse = Abuse(), Abuse()
     if bitten and cell.rig.state.hold_reason:
         cell.assert_stays(1.0)

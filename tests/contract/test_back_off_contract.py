@@ -1,4 +1,4 @@
-"""Backing off, behind the arbiter: every robot takes that one goal alone, and watches the force."""
+"""Back-off behind the arbiter: every robot accepts that goal alone and monitors the force."""
 
 import numpy as np
 import pinocchio as pin
@@ -13,28 +13,28 @@ UP_N = 75.0
 
 
 def begin(rig: Rig, force_N: float = UP_N) -> pin.SE3:
-    """Open a lease to back off while something pushes the tool upwards; return where the arm is."""
+    """Open a back-off lease while a force pushes the tool upwards; return the reported pose."""
     push(rig, force_N)
     rig.lease += 1
-    rig.say("idle", permission=permission(rig))
+    rig.send("idle", permission=permission(rig))
     rig.until(lambda: rig.state.valid and not rig.state.hold_reason)
     assert rig.is_at_rest()
     return pin.SE3(rig.T)
 
 
 def push(rig: Rig, force_N: float) -> None:
-    """Let the environment push up, as a calibrated wrench says it."""
+    """Apply an upward force of the environment and publish it as a calibrated wrench."""
     rig.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, force_N))
 
 
 def permission(rig: Rig) -> Permission:
-    """Return leave to back off."""
+    """Return a permission to back off."""
     return Permission(host="pc", lease=rig.lease, deadline_s=DEADLINE_S, purpose="back_off")
 
 
-def go(rig: Rig, number: int, T: pin.SE3, speed: Speed = SLOW) -> None:
-    """Ask for a goal under it."""
-    rig.say("goal", goal=pose_goal(number, T), speed=speed, permission=permission(rig))
+def send_goal(rig: Rig, number: int, T: pin.SE3, speed: Speed = SLOW) -> None:
+    """Send a goal under the back-off permission."""
+    rig.send("goal", goal=pose_goal(number, T), speed=speed, permission=permission(rig))
 
 
 def refused_as(rig: Rig, number: int) -> None:
@@ -43,7 +43,7 @@ def refused_as(rig: Rig, number: int) -> None:
 
 
 def up_m(rig: Rig, start: pin.SE3) -> float:
-    """Return how far the flange went up."""
+    """Return the upward travel of the flange."""
     return float(rig.T.translation[2] - start.translation[2])
 
 
@@ -57,19 +57,19 @@ def test_above_its_ceiling_a_robot_backs_off_and_does_nothing_else(guarded_rig: 
         (shifted(start, z_m=0.004), Speed(mechanical_m_s=0.02)),
     ]
     for number, (T, speed) in enumerate(wrong, start=1):
-        go(rig, number, T, speed)
+        send_goal(rig, number, T, speed)
         refused_as(rig, number)
         assert np.linalg.norm(rig.T.translation - start.translation) < 3e-4
-    go(rig, 9, shifted(start, z_m=0.004))
+    send_goal(rig, 9, shifted(start, z_m=0.004))
     rig.until(lambda: rig.state.goal.id == 9 and rig.state.goal.state == "done")
     assert up_m(rig, start) == pytest.approx(0.004, abs=5e-4)
 
 
 def test_a_force_that_rises_stops_it(guarded_rig: Rig) -> None:
-    """By 5 N above the least so far, though that is far below the ceiling."""
+    """5 N above the minimum since the start, although that is far below the ceiling."""
     rig = guarded_rig
     start = begin(rig)
-    go(rig, 1, shifted(start, z_m=0.015))
+    send_goal(rig, 1, shifted(start, z_m=0.015))
     rig.until(lambda: up_m(rig, start) > 0.001)
     push(rig, 40.0)
     rig.advance(0.1)

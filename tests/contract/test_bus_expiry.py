@@ -1,4 +1,4 @@
-"""A certificate that ends while the cell works: its link is closed, it is not let in again."""
+"""A certificate that expires during work: its link is closed and not accepted again."""
 
 import datetime as dt
 import json
@@ -18,27 +18,27 @@ from forcemesh.clock import MonotonicClock
 from forcemesh.identity import Identity
 from forcemesh.messages import Permission, RobotCommand
 from forcemesh.zenoh_settings import client_settings
-from tests.contract.test_bus_tls import make_cell, make_certificates
+from tests.contract.test_bus_tls import make_certificates, make_tls_cell
 
 pytestmark = pytest.mark.realtime
 
-LIVES_S = 8.0  # long enough to connect on a loaded machine
+VALID_S = 8.0  # long enough to connect on a loaded machine
 PATIENCE_S = 30.0
 
 
 @pytest.fixture
 def cell(tmp_path: Path) -> CellConfig:
     """A cell with certificates of its own."""
-    cell = make_cell(tmp_path / "pki")
+    cell = make_tls_cell(tmp_path / "pki")
     make_certificates(cell, tmp_path / "pki", tmp_path)
     return cell
 
 
-def shorten(folder: Path, name: str, cell: CellConfig, lives_s: float = LIVES_S) -> float:
-    """Let a name's certificate end soon; return when, on the wall clock [s]."""
+def shorten(folder: Path, name: str, cell: CellConfig, valid_s: float = VALID_S) -> float:
+    """Replace a certificate by one that expires soon; return the expiry time, wall clock [s]."""
     authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
     new = make_certificate(authority, name, cell.cell, hosts=[], days=1, now=now)
-    ends = now.replace(microsecond=0) + dt.timedelta(seconds=lives_s)
+    ends = now.replace(microsecond=0) + dt.timedelta(seconds=valid_s)
     builder = (
         x509.CertificateBuilder()
         .subject_name(new.certificate.subject)
@@ -60,7 +60,7 @@ def shorten(folder: Path, name: str, cell: CellConfig, lives_s: float = LIVES_S)
 def test_an_arbiter_whose_certificate_ends_is_cut_off_and_the_robot_holds(
     cell: CellConfig, tmp_path: Path
 ) -> None:
-    """Heard until it ends, then stale: the robot's last check holds, with the topic as the cause.
+    """Its messages are received until expiry, then stale: the robot holds, the topic is the cause.
 
     The hub closes the open link; a new one with the same certificate is refused.
     """
@@ -72,16 +72,16 @@ def test_an_arbiter_whose_certificate_ends_is_cut_off_and_the_robot_holds(
         open_bus(cell, "arbiter", patience_s=PATIENCE_S) as arbiter,
     ):
         commands = robot.reader(topics.ROBOT_COMMAND)
-        says = arbiter.publisher(topics.ROBOT_COMMAND)
+        put_command = arbiter.publisher(topics.ROBOT_COMMAND)
         leave = Permission(host="pc", lease=1, deadline_s=0.1, ownership=1)
-        heard_s = 0.0
+        received_s = 0.0
         while time.time() < ends_s + 4.0:
-            says.put(RobotCommand(kind="idle", permission=leave))
+            put_command.put(RobotCommand(kind="idle", permission=leave))
             time.sleep(0.01)
             if commands.read(clock.now_ns()).fresh is not None:
-                heard_s = time.time()
-        assert heard_s > 0.0, "this would prove nothing"
-        assert heard_s < ends_s + 2.0
+                received_s = time.time()
+        assert received_s > 0.0, "this would prove nothing"
+        assert received_s < ends_s + 2.0
         reading = commands.read(clock.now_ns())
         assert reading.silent
         assert "robot/command stale" in reading.fault
@@ -89,6 +89,6 @@ def test_an_arbiter_whose_certificate_ends_is_cut_off_and_the_robot_holds(
         settings = client_settings(cell.bus.endpoint, "arbiter", identity.settings())
         with pytest.raises(zenoh.ZError):
             zenoh.open(zenoh.Config.from_json5(json.dumps(settings))).close()
-        # Others go on: who has a certificate that is good is let in at once.
+        # Other clients are not affected: a valid certificate is accepted at once.
         with open_bus(cell, "wrench", patience_s=PATIENCE_S):
             pass

@@ -1,4 +1,4 @@
-"""A bus with certificates, with real hubs and clients: who gets in, who is heard."""
+"""A bus with certificates, with real hubs and clients: authentication and access control."""
 
 import datetime as dt
 import json
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.realtime
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 PATIENCE_S = 20.0  # of the test, for a loaded machine
-QUIET_S = 0.3  # by then all that gets through is there
+QUIET_S = 0.3  # long enough for every permitted message to arrive
 PEOPLE = ("operator", "monitor")
 
 
@@ -44,7 +44,7 @@ def _nothing_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
-def make_cell(folder: Path, name: str = "tls", **bus: object) -> CellConfig:
+def make_tls_cell(folder: Path, name: str = "tls", **bus: object) -> CellConfig:
     """Return a cell with certificates in a folder."""
     overrides = {
         "cell": name,
@@ -68,14 +68,14 @@ def make_certificates(cell: CellConfig, folder: Path, scratch: Path, *words: str
 def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder for all tests of this file, with certificates in `pki`."""
     folder = tmp_path_factory.mktemp("tls")
-    make_certificates(make_cell(folder / "pki"), folder / "pki", folder)
+    make_certificates(make_tls_cell(folder / "pki"), folder / "pki", folder)
     return folder
 
 
 @pytest.fixture
 def cell(scratch: Path) -> CellConfig:
     """A cell with certificates."""
-    return make_cell(scratch / "pki")
+    return make_tls_cell(scratch / "pki")
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def sessions(cell: CellConfig) -> Iterator[dict[str, zenoh.Session]]:
 
 
 def session_of(cell: CellConfig, name: str, folder: Path | None = None) -> zenoh.Session:
-    """Return a session with a name's certificate, which obeys nothing but the hub."""
+    """Return a session with a name's certificate, restricted by the hub alone."""
     where = folder or Path(cell.bus.tls.folder if cell.bus.tls else "")
     settings = client_settings(cell.bus.endpoint, name, Identity(name, where).settings())
     give_up_s = time.monotonic() + PATIENCE_S
@@ -102,37 +102,37 @@ def session_of(cell: CellConfig, name: str, folder: Path | None = None) -> zenoh
                 raise
 
 
-def test_every_name_is_heard_on_its_own_keys_and_on_no_other(
+def test_every_name_is_received_on_its_own_keys_and_on_no_other(
     cell: CellConfig, sessions: dict[str, zenoh.Session]
 ) -> None:
-    """All pairs of name and key are tried on a real hub: heard if the table names the writer."""
-    heard: set[tuple[str, str]] = set()
+    """All pairs of name and key on a real hub: received if the table names the writer."""
+    received: set[tuple[str, str]] = set()
 
-    def hear(sample: zenoh.Sample) -> None:
-        heard.add((sample.payload.to_string(), str(sample.key_expr)))
+    def record_sample(sample: zenoh.Sample) -> None:
+        received.add((sample.payload.to_string(), str(sample.key_expr)))
 
-    listening = sessions["monitor"].declare_subscriber(f"{cell.cell}/**", hear)
+    listening = sessions["monitor"].declare_subscriber(f"{cell.cell}/**", record_sample)
     expected = set()
     keys = [topic.key for topic in TOPICS] + [request.key for request in REQUESTS]
     for topic in TOPICS:
         roles = ("robot", "sensor") if topic.writer == "sensor" else (topic.writer,)
         expected |= {(role, f"{cell.cell}/{topic.key}") for role in roles if role != "hub"}
     give_up_s = time.monotonic() + PATIENCE_S
-    while not expected <= heard and time.monotonic() < give_up_s:
-        for name, session in sessions.items():  # again: a busy machine drops what is put
+    while not expected <= received and time.monotonic() < give_up_s:
+        for name, session in sessions.items():  # again: a busy machine drops messages
             for key in keys:
                 session.put(f"{cell.cell}/{key}", name)
         time.sleep(QUIET_S)
     listening.undeclare()
-    # What a session says it also hears itself, without the hub.
-    assert {pair for pair in heard if pair[0] != "monitor"} == expected
+    # A session receives its own messages without the hub.
+    assert {pair for pair in received if pair[0] != "monitor"} == expected
 
 
 @pytest.mark.parametrize("false_hub", [name for name in NAMES if name != "hub"])
 def test_a_certificate_of_another_name_is_no_hub(
     cell: CellConfig, false_hub: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A hub that shows what a monitor, a sensor or anybody else has: every role turns away."""
+    """A hub with the certificate of a monitor, a sensor or another name: every role rejects it."""
     folder = Path(cell.bus.tls.folder if cell.bus.tls else "")
     settings = hub_settings(cell, cell.bus.endpoint)
     settings["transport"]["link"]["tls"] = Identity(false_hub, folder).settings()
@@ -146,15 +146,15 @@ def test_a_certificate_of_another_name_is_no_hub(
                 return False
             return True
 
-        with ThreadPoolExecutor(len(NAMES)) as pool:  # each waits for its time to be over
+        with ThreadPoolExecutor(len(NAMES)) as pool:  # each waits until its time-out
             assert not any(pool.map(is_let_in, NAMES))
-    with open_hub(cell):  # and all of them are welcome on the right one
+    with open_hub(cell):  # and all of them connect to the correct one
         for name in set(NAMES) - {"hub"}:
             session_of(cell, name).close()
 
 
 def test_the_hub_of_another_cell_is_not_this_cells_hub(cell: CellConfig, tmp_path: Path) -> None:
-    """One authority for two cells: TLS takes the other's hub, and every role turns away from it."""
+    """One authority for two cells: TLS accepts the other hub, and every role rejects it."""
     folder = Path(cell.bus.tls.folder if cell.bus.tls else "")
     authority, now = read_authority(folder), dt.datetime.now(dt.UTC)
     hosts = ["localhost", "127.0.0.1"]
@@ -173,7 +173,7 @@ def test_the_hub_of_another_cell_is_not_this_cells_hub(cell: CellConfig, tmp_pat
 
 
 def test_the_hub_names_who_has_too_many_links(cell: CellConfig) -> None:
-    """By the name in the certificate, in its health; who has few is not named."""
+    """By the name in the certificate, in its health; a client with few links is not named."""
     with open_hub(cell) as bus:
         hub = Hub(bus, cell)
         few = [session_of(cell, "operator")]
@@ -187,28 +187,30 @@ def test_the_hub_names_who_has_too_many_links(cell: CellConfig) -> None:
             session.close()
 
 
-def test_only_people_are_answered(cell: CellConfig, sessions: dict[str, zenoh.Session]) -> None:
-    """Every name asks the arbiter: the questions of the operator and of the panel alone arrive."""
-    asked: set[str] = set()
+def test_only_requests_of_people_arrive(
+    cell: CellConfig, sessions: dict[str, zenoh.Session]
+) -> None:
+    """Every name sends requests to the arbiter: only those of operator and panel arrive."""
+    requesting: set[str] = set()
     people = {"operator", "panel"}
 
     def answer(query: zenoh.Query) -> None:
         assert query.payload is not None
-        asked.add(query.payload.to_string())
+        requesting.add(query.payload.to_string())
         query.reply(query.key_expr, b"yes")
 
     served = sessions["arbiter"].declare_queryable(f"{cell.cell}/{topics.HOLD.key}", answer)
     give_up_s = time.monotonic() + PATIENCE_S
-    while asked < people and time.monotonic() < give_up_s:
-        for name in set(sessions) - {"arbiter"}:  # its own question would not leave its session
+    while requesting < people and time.monotonic() < give_up_s:
+        for name in set(sessions) - {"arbiter"}:  # its own request would not leave its session
             list(sessions[name].get(f"{cell.cell}/{topics.HOLD.key}", payload=name, timeout=0.2))
     served.undeclare()
-    assert asked == people
+    assert requesting == people
 
 
-def test_a_monitor_may_hold_where_the_cell_says_so(scratch: Path) -> None:
-    """One word in the cell file, and the arbiter hears a monitor's hold, but not its clear."""
-    cell = make_cell(scratch / "pki", monitor_may_hold=True)
+def test_a_monitor_may_hold_where_the_cell_permits_it(scratch: Path) -> None:
+    """With one entry in the cell file the arbiter receives a monitor's hold, but not its clear."""
+    cell = make_tls_cell(scratch / "pki", monitor_may_hold=True)
     with open_hub(cell), open_bus(cell, "arbiter") as arbiter:
         inboxes = {r.key: arbiter.inbox(r) for r in (topics.HOLD, topics.CLEAR)}
         taken, done = [], threading.Event()
@@ -236,25 +238,25 @@ def test_a_monitor_may_hold_where_the_cell_says_so(scratch: Path) -> None:
 
 
 def test_the_cell_works_with_certificates_as_without(cell: CellConfig) -> None:
-    """A role's message reaches every reader of the table, the hub's health a client."""
+    """A role's message reaches every reader of the table, and the hub's health reaches a client."""
     with open_hub(cell) as hub, open_bus(cell, "wrench") as wrench, open_bus(
         cell, "regulator"
     ) as regulator, open_bus(cell, topics.CLIENT) as client:  # fmt: skip
         readers: list[Any] = [bus.reader(topics.WRENCH) for bus in (regulator, client)]
         readers.append(client.reader(HEALTH["hub"]))
-        says, health = wrench.publisher(topics.WRENCH), hub.publisher(HEALTH["hub"])
-        heard = [False, False, False]
+        put_wrench, health = wrench.publisher(topics.WRENCH), hub.publisher(HEALTH["hub"])
+        received = [False, False, False]
         give_up_s = time.monotonic() + PATIENCE_S
-        while not all(heard) and time.monotonic() < give_up_s:
-            says.put(WrenchAtTcp())
+        while not all(received) and time.monotonic() < give_up_s:
+            put_wrench.put(WrenchAtTcp())
             health.put(Health())
-            heard = [h or r.poll() for h, r in zip(heard, readers, strict=True)]
+            received = [h or r.poll() for h, r in zip(received, readers, strict=True)]
             time.sleep(0.005)
-        assert all(heard)
+        assert all(received)
 
 
 def test_a_hub_without_access_control_is_not_worked_on(cell: CellConfig) -> None:
-    """A role finds out that its hub lets anybody say anything, and refuses to run."""
+    """A role detects that its hub restricts no publisher, and refuses to run."""
     settings = hub_settings(cell, cell.bus.endpoint)
     del settings["access_control"]
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))):
@@ -269,7 +271,7 @@ def test_a_hub_without_access_control_is_not_worked_on(cell: CellConfig) -> None
 def test_a_foreign_certificate_does_not_get_in(
     cell: CellConfig, scratch: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An arbiter of another authority is told that the hub may be refusing it."""
+    """An arbiter of another authority gets an error that the hub may be refusing it."""
     foreign = scratch / "foreign"
     if not foreign.exists():
         make_certificates(cell, foreign, scratch)
@@ -282,30 +284,32 @@ def test_a_foreign_certificate_does_not_get_in(
             pass
 
 
-def test_two_cells_hang_on_one_tree_and_a_monitor_above_sees_both(scratch: Path) -> None:
-    """The hub below says its topics above, hears nothing from there, and neither side commands."""
-    above = make_cell(scratch / "pki", "tls", below=["left"])
-    left = make_cell(
+def test_two_cells_share_one_tree_and_a_monitor_above_reads_both(scratch: Path) -> None:
+    """The lower hub publishes its topics upwards, receives nothing, and neither side commands."""
+    above = make_tls_cell(scratch / "pki", "tls", below=["left"])
+    left = make_tls_cell(
         scratch / "left", "left", upstream={"endpoint": above.bus.endpoint, "cell": "tls"}
     )
     make_certificates(left, scratch / "left", scratch, "--authority", str(scratch / "pki"))
-    seen: set[str] = set()
+    received_keys: set[str] = set()
     with open_hub(above), open_hub(left):
         monitor = session_of(above, "monitor")
         below = session_of(left, "monitor")
         writers = [session_of(above, "wrench"), session_of(left, "wrench")]
         try:
             for name in ("tls", "left"):
-                monitor.declare_subscriber(f"{name}/**", lambda s: seen.add(str(s.key_expr)))
+                monitor.declare_subscriber(
+                    f"{name}/**", lambda s: received_keys.add(str(s.key_expr))
+                )
             leaked: list[str] = []
             below.declare_subscriber("tls/**", lambda s: leaked.append(str(s.key_expr)))
             give_up_s = time.monotonic() + PATIENCE_S
-            while len(seen) < 2 and time.monotonic() < give_up_s:
+            while len(received_keys) < 2 and time.monotonic() < give_up_s:
                 for writer, name in zip(writers, ("tls", "left"), strict=True):
                     writer.put(f"{name}/wrench", b"x")
                 writers[0].put("left/wrench", b"forged from above")
                 time.sleep(0.02)
-            assert seen == {"tls/wrench", "left/wrench"}
+            assert received_keys == {"tls/wrench", "left/wrench"}
             assert leaked == []
         finally:
             for session in (monitor, below, *writers):

@@ -20,6 +20,7 @@ from forcemesh.messages import ArbiterStatus, Message, WrenchAtTcp
 from forcemesh.requests import ArmRequest, HoldRequest, Reply
 from forcemesh.zenoh_session import ReceiverThread
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
+from tests.fakes.waiting import wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -43,22 +44,14 @@ def hub(cell: CellConfig) -> Iterator[Bus]:
         yield bus
 
 
-def until(what: Callable[[], object]) -> None:
-    """Wait until something is true; fail when it does not become true."""
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < give_up_s, "it did not happen"
-        time.sleep(0.002)
+def until_received(publisher: Publisher, message: Message, *readers: Reader) -> None:
+    """Publish until every reader has received a message: from then on nothing is lost."""
 
-
-def until_heard(publisher: Publisher, message: Message, *readers: Reader) -> None:
-    """Publish until every reader has heard something: from then on nothing is lost."""
-
-    def heard() -> bool:
+    def all_received() -> bool:
         publisher.put(message)
         return all(reader.poll() for reader in readers)
 
-    until(heard)
+    wait_until(all_received, PATIENCE_S)
 
 
 def seq(reader: Reader) -> int:
@@ -69,7 +62,7 @@ def seq(reader: Reader) -> int:
 
 @contextmanager
 def answering(bus: Bus, request: topics.Request, answer: Callable[[object], Reply]):
-    """Serve a request from another thread, as a service does from its loop."""
+    """Serve a request from another thread, as a service does in its loop."""
     inbox, done = bus.inbox(request), threading.Event()
     taken: list[object] = []
 
@@ -90,32 +83,32 @@ def answering(bus: Bus, request: topics.Request, answer: Callable[[object], Repl
 
 @pytest.mark.usefixtures("hub")
 def test_a_reader_gets_the_newest_message_only(cell: CellConfig) -> None:
-    """A reader that was busy sees what is true now, and knows how many it has missed."""
+    """A reader that was busy gets the newest message and the number of messages it has missed."""
     with open_bus(cell, "wrench") as writer, open_bus(cell, topics.CLIENT) as client:
         busy, idle = client.reader(topics.WRENCH), client.reader(topics.WRENCH)
         publisher = writer.publisher(topics.WRENCH)
-        until_heard(publisher, WrenchAtTcp(), busy, idle)
-        before, known = seq(busy), busy.counters.received + busy.counters.superseded
+        until_received(publisher, WrenchAtTcp(), busy, idle)
+        before, counted_before = seq(busy), busy.counters.received + busy.counters.superseded
         for number in range(1, 51):
             publisher.put(WrenchAtTcp(force_N=(float(number), 0.0, 0.0)))
-        until(lambda: seq(idle) == publisher.seq)
-        until(lambda: seq(busy) == publisher.seq)
+        wait_until(lambda: seq(idle) == publisher.seq, PATIENCE_S)
+        wait_until(lambda: seq(busy) == publisher.seq, PATIENCE_S)
 
         reading = busy.read(client.clock.now_ns())
         assert reading.fresh == WrenchAtTcp(force_N=(50.0, 0.0, 0.0))
         assert busy.counters.superseded >= 48
         counted = busy.counters.received + busy.counters.superseded
-        assert counted - known == publisher.seq - before
+        assert counted - counted_before == publisher.seq - before
         assert busy.poll() is False
 
 
 @pytest.mark.usefixtures("hub")
 def test_no_thread_outlives_its_bus(cell: CellConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that is still in Zenoh when Python ends aborts the process; also one that is slow."""
+    """A thread still in Zenoh when Python exits aborts the process; also a slow thread."""
     listen = ReceiverThread._listen
 
-    def slowly(ear: ReceiverThread) -> None:
-        listen(ear)
+    def slowly(receiver: ReceiverThread) -> None:
+        listen(receiver)
         time.sleep(0.2)
 
     monkeypatch.setattr(ReceiverThread, "_listen", slowly)
@@ -128,11 +121,11 @@ def test_no_thread_outlives_its_bus(cell: CellConfig, monkeypatch: pytest.Monkey
 
 @pytest.mark.usefixtures("hub")
 def test_silence_after_a_message_is_staleness(cell: CellConfig) -> None:
-    """The reader judges by its own clock: nobody has to say that nothing comes any more."""
+    """The reader uses its own clock: no message is needed to detect silence."""
     with open_bus(cell, "arbiter") as writer, open_bus(cell, topics.CLIENT) as client:
         reader = client.reader(topics.ARBITER_STATUS)
         publisher = writer.publisher(topics.ARBITER_STATUS)
-        until_heard(publisher, ArbiterStatus(state="IDLE"), reader)
+        until_received(publisher, ArbiterStatus(state="IDLE"), reader)
         now_ns = client.clock.now_ns()
         assert reader.read(now_ns).fault == ""
         later_ns = now_ns + round(1e9 * (reader.stale_after_s + 0.01))
@@ -141,7 +134,7 @@ def test_silence_after_a_message_is_staleness(cell: CellConfig) -> None:
 
 @pytest.mark.usefixtures("hub")
 def test_a_request_is_answered_by_the_role_that_serves_it(cell: CellConfig) -> None:
-    """What the client asked arrives as it was sent, and so does the answer."""
+    """The request arrives as it was sent, and so does the reply."""
     refusal = Reply(accepted=False, code="busy", text="not now", value=1.5, limit=1.0)
     with (
         open_bus(cell, "arbiter") as arbiter,
@@ -154,8 +147,8 @@ def test_a_request_is_answered_by_the_role_that_serves_it(cell: CellConfig) -> N
 
 
 @pytest.mark.usefixtures("hub")
-def test_a_request_is_asked_again_while_nobody_serves_it_yet(cell: CellConfig) -> None:
-    """A service that comes up while the question is open still answers it, and takes it once."""
+def test_a_request_is_repeated_until_a_service_serves_it(cell: CellConfig) -> None:
+    """A service that starts while the request is open still replies, and executes it once."""
     replies: list[Reply] = []
     with open_bus(cell, topics.CLIENT) as client:
         asker = threading.Thread(
@@ -172,8 +165,8 @@ def test_a_request_is_asked_again_while_nobody_serves_it_yet(cell: CellConfig) -
 
 
 @pytest.mark.usefixtures("hub")
-def test_a_request_that_nobody_answers_is_an_error_in_time(cell: CellConfig) -> None:
-    """The error names who should have answered, and comes when the time is up."""
+def test_a_request_without_a_reply_is_an_error_in_time(cell: CellConfig) -> None:
+    """The error names the role that should have replied, and is raised at the time-out."""
     with open_bus(cell, topics.CLIENT) as client:
         started_s = time.monotonic()
         with pytest.raises(BusError, match="arbiter did not answer zenoh/request/arm"):
@@ -183,7 +176,7 @@ def test_a_request_that_nobody_answers_is_an_error_in_time(cell: CellConfig) -> 
 
 @pytest.mark.usefixtures("hub")
 def test_a_malformed_request_is_refused_and_never_reaches_the_service(cell: CellConfig) -> None:
-    """Whoever speaks Zenoh can send anything; the service sees only what the table allows."""
+    """Any Zenoh client can send any bytes; the service receives only what the table allows."""
     with (
         open_bus(cell, "arbiter") as arbiter,
         open_bus(cell, topics.CLIENT) as client,
@@ -196,7 +189,7 @@ def test_a_malformed_request_is_refused_and_never_reaches_the_service(cell: Cell
 
 
 def test_a_hub_that_is_not_there_is_one_clear_error(cell: CellConfig) -> None:
-    """It names the endpoint that was tried."""
+    """It names the endpoint."""
     with (
         pytest.raises(BusError, match=f"no hub at {cell.bus.endpoint}"),
         open_bus(cell, topics.CLIENT, patience_s=0.2),
@@ -212,7 +205,7 @@ def test_two_hubs_on_one_endpoint_are_one_clear_error(cell: CellConfig) -> None:
 
 
 def test_environment_moves_the_endpoint(cell: CellConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A container finds its hub under another name than the cell file's."""
+    """In a container the hub has another address than in the cell file."""
     monkeypatch.setenv(ENDPOINT_VARIABLE, cell.bus.endpoint)
     elsewhere = cell.model_copy(
         update={"bus": cell.bus.model_copy(update={"endpoint": "tcp/127.0.0.1:1"})}
@@ -223,7 +216,7 @@ def test_environment_moves_the_endpoint(cell: CellConfig, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("role", [*topics.ROLES, *topics.HELPERS, topics.CLIENT])
 def test_a_role_gets_only_what_the_table_gives_it(cell: CellConfig, hub: Bus, role: str) -> None:
-    """Every pair of role and row is tried: writing, reading, serving and asking."""
+    """Every pair of role and row is tried: publish, read, serve and request."""
     bus = hub.playing(role)
     for topic in topics.TOPICS:
         assert may(bus.publisher, topic) == (topic.writer == role)
@@ -236,7 +229,7 @@ def test_a_role_gets_only_what_the_table_gives_it(cell: CellConfig, hub: Bus, ro
 
 
 def may(use: Callable[[Any], object], row: object) -> bool:
-    """Tell whether the bus lets a role use a row of the table."""
+    """Return whether the bus permits a role to use a row of the table."""
     try:
         use(row)
     except BusError:

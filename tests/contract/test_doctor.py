@@ -1,4 +1,4 @@
-"""A visit of `forcemesh doctor` to a controller, on real sockets: what it hears and leaves."""
+"""Visit of `forcemesh doctor` to a controller, on real sockets: results and side effects."""
 
 import socket
 import threading
@@ -21,29 +21,29 @@ SHORT = VisitTimeouts(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, co
 SCALES = Scales()
 
 
-def see(port: int, patience: VisitTimeouts = SHORT) -> Visit:
+def visit(port: int, patience: VisitTimeouts = SHORT) -> Visit:
     """Visit a port of this machine."""
     return visit_controller("127.0.0.1", port, SCALES, patience)
 
 
-def test_a_visit_hears_everything_and_leaves_the_controller_as_it_was() -> None:
+def test_a_visit_reads_all_reports_and_leaves_the_controller_unchanged() -> None:
     """Pose, joints, health, rates, round trip; held, not latched, nothing armed, nothing moved."""
     with FakeController(rate_hz=50.0) as controller:
         before = controller.robot.joint_rad.copy()
-        found = see(controller.port)
+        found = visit(controller.port)
         assert (found.opened, found.hello_outcome) == ("open", "answered")
-        heard = found.reports
-        assert heard is not None
-        assert heard.held
-        assert heard.broken == ""
-        assert heard.pose is not None
-        assert heard.health is not None
-        assert heard.sender_hz is not None
-        assert 5.0 < heard.sender_hz <= 51.0
-        assert heard.loop_hz is not None
-        assert heard.round_trip is not None
-        assert heard.longest_gap_s is not None
-        assert heard.longest_gap_s >= 1.0 / heard.sender_hz
+        found_reports = found.reports
+        assert found_reports is not None
+        assert found_reports.held
+        assert found_reports.broken == ""
+        assert found_reports.pose is not None
+        assert found_reports.health is not None
+        assert found_reports.sender_hz is not None
+        assert 5.0 < found_reports.sender_hz <= 51.0
+        assert found_reports.loop_hz is not None
+        assert found_reports.round_trip is not None
+        assert found_reports.longest_gap_s is not None
+        assert found_reports.longest_gap_s >= 1.0 / found_reports.sender_hz
         assert controller.wait_for(lambda: controller.errors == ["closed by the gateway"])
         assert not controller.robot.status & Status.WATCHDOG_LATCHED
         assert not controller._armed
@@ -51,9 +51,9 @@ def test_a_visit_hears_everything_and_leaves_the_controller_as_it_was() -> None:
 
 
 def test_a_visit_sends_nothing_but_hello_heartbeat_and_hold() -> None:
-    """And behind each heartbeat, which arms the watchdog, a hold in the same write."""
+    """Behind each heartbeat, which arms the watchdog, a hold follows in the same write."""
     with FakeController() as controller:
-        see(controller.port)
+        visit(controller.port)
         coms = [packet.com for packet in controller.of(*Com)]
     assert coms[0] == Com.HELLO
     assert coms[1::2] == [Com.HEARTBEAT] * (len(coms) // 2)
@@ -62,14 +62,14 @@ def test_a_visit_sends_nothing_but_hello_heartbeat_and_hold() -> None:
 
 
 @contextmanager
-def nobody() -> Iterator[int]:
-    """A port that is closed."""
+def closed_port() -> Iterator[int]:
+    """Yield a closed port."""
     yield free_port()
 
 
 @contextmanager
-def full() -> Iterator[int]:
-    """A port whose queue is full: it answers no more, as a machine that is off."""
+def full_port() -> Iterator[int]:
+    """Yield a port whose backlog is full: it does not answer, like a machine that is off."""
     with ExitStack() as stack:
         listener = stack.enter_context(socket.socket())
         listener.bind(("127.0.0.1", 0))
@@ -81,33 +81,33 @@ def full() -> Iterator[int]:
         yield listener.getsockname()[1]
 
 
-@pytest.mark.parametrize(("place", "opened"), [(nobody, "refused"), (full, "silent")])
-def test_a_closed_port_and_no_answer_are_told_apart(
+@pytest.mark.parametrize(("place", "opened"), [(closed_port, "refused"), (full_port, "silent")])
+def test_a_closed_port_and_no_answer_are_distinguished(
     place: Callable[[], AbstractContextManager[int]], opened: str
 ) -> None:
-    """Refused at once, or silence until the patience ends."""
+    """Refused at once, or silence until the time-out."""
     with place() as port:
-        found = see(port)
+        found = visit(port)
     assert found.opened == opened
     assert found.reports is None
     assert (found.opened_s >= SHORT.connect_s) == (opened == "silent")
 
 
-def test_a_name_that_does_not_resolve_and_no_way_are_told_apart() -> None:
-    """The system's own words are kept."""
+def test_an_unresolved_name_and_an_unreachable_host_are_distinguished() -> None:
+    """The text of the operating system is kept."""
     unresolved = visit_controller("no such host", 49152, SCALES, SHORT)
     assert unresolved.opened == "unresolved"
     assert unresolved.opened_detail
-    no_way = visit_controller("255.255.255.255", 49152, SCALES, SHORT)
-    assert no_way.opened == "unreachable"
-    assert no_way.opened_detail
+    unreachable = visit_controller("255.255.255.255", 49152, SCALES, SHORT)
+    assert unreachable.opened == "unreachable"
+    assert unreachable.opened_detail
 
 
 def test_a_second_client_gets_no_answer() -> None:
-    """The controller serves one: the other one waits in the queue of the port."""
+    """The controller serves one client: the second one waits in the backlog of the port."""
     with FakeController() as controller, socket.create_connection(("127.0.0.1", controller.port)):
         assert controller.wait_for(lambda: controller.connections == 1)
-        found = see(controller.port)
+        found = visit(controller.port)
         assert (found.opened, found.hello_outcome, found.hello) == ("open", "silent", None)
         assert found.hello_s >= SHORT.hello_s
 
@@ -116,7 +116,7 @@ def test_a_second_client_gets_no_answer() -> None:
     ("answer", "greeted"), [(b"", "closed"), (b"HTTP/1.1 400 " * 10, "garbled")]
 )
 def test_another_program_on_the_port_is_no_controller(answer: bytes, greeted: str) -> None:
-    """One that closes, and one that says something else."""
+    """A program that closes, and a program with another protocol."""
 
     def serve() -> None:
         client, _ = listener.accept()
@@ -127,24 +127,24 @@ def test_another_program_on_the_port_is_no_controller(answer: bytes, greeted: st
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=serve)
         thread.start()
-        found = see(listener.getsockname()[1])
+        found = visit(listener.getsockname()[1])
         thread.join()
     assert (found.opened, found.hello_outcome, found.reports) == ("open", greeted, None)
     assert found.hello_detail
 
 
-def test_version_and_scales_are_told_although_they_end_the_visit() -> None:
-    """The hello is kept for the lines; nothing more is sent."""
+def test_version_and_scales_are_reported_although_they_end_the_visit() -> None:
+    """The hello is kept for the report; nothing more is sent."""
     other = (60, 500, 250, 100, 1000, 10)
     with FakeController() as controller:
         controller.tantrums.greeting = 3001
-        found = see(controller.port)
+        found = visit(controller.port)
         assert (found.hello_outcome, found.reports) == ("answered", None)
         assert found.hello is not None
         assert found.hello.param == 3001
         assert controller.wait_for(lambda: len(controller.errors) == 1)
         controller.tantrums.greeting, controller.tantrums.scales = greeting(1), other
-        found = see(controller.port)
+        found = visit(controller.port)
         assert found.hello is not None
         assert (found.hello.vec, found.reports) == (other, None)
         assert {packet.com for packet in controller.of(*Com)} == {Com.HELLO}
@@ -163,15 +163,20 @@ def test_a_controller_that_greets_and_reports_nothing_has_no_rate() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=greet)
         thread.start()
-        heard = see(listener.getsockname()[1]).reports
+        found_reports = visit(listener.getsockname()[1]).reports
         thread.join()
-    assert heard is not None
-    assert (heard.pose, heard.sender_hz, heard.round_trip, heard.held) == (None, None, None, False)
+    assert found_reports is not None
+    assert (
+        found_reports.pose,
+        found_reports.sender_hz,
+        found_reports.round_trip,
+        found_reports.held,
+    ) == (None, None, None, False)
 
 
 @pytest.mark.parametrize("how", ["drop", "garbage", "frozen"])
-def test_a_controller_that_breaks_off_is_said(how: str) -> None:
-    """Closed, no packet, or silent in the middle: what came before is kept."""
+def test_a_controller_that_breaks_off_is_reported(how: str) -> None:
+    """Closed, no packet, or silent in the middle: the earlier results are kept."""
     with FakeController(rate_hz=50.0) as controller:
 
         def spoil() -> None:
@@ -184,9 +189,9 @@ def test_a_controller_that_breaks_off_is_said(how: str) -> None:
 
         thread = threading.Thread(target=spoil)
         thread.start()
-        heard = see(controller.port).reports
+        found_reports = visit(controller.port).reports
         thread.join()
-    assert heard is not None
-    assert heard.pose is not None
-    assert not heard.held
-    assert bool(heard.broken) == (how != "frozen")
+    assert found_reports is not None
+    assert found_reports.pose is not None
+    assert not found_reports.held
+    assert bool(found_reports.broken) == (how != "frozen")

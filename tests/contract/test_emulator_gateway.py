@@ -11,7 +11,7 @@ from tests.contract.robots import GOOD, Both, Emulated
 
 
 @pytest.mark.parametrize("behaviour", [GOOD, pessimistic(GOOD.step_s)], ids=["kind", "pessimistic"])
-def test_a_goal_goes_through_gateway_and_program_to_the_arm_and_comes_back_as_done(
+def test_a_goal_passes_gateway_and_program_and_is_reported_as_done(
     behaviour: Behaviour,
 ) -> None:
     """Hello, limits, command 1, LMOVE, MuJoCo, poses back, status bits, done; then it stays."""
@@ -26,10 +26,10 @@ def test_a_goal_goes_through_gateway_and_program_to_the_arm_and_comes_back_as_do
 
 
 def _goal_to(rig: Rig, id_: int, T: pin.SE3) -> None:
-    """Arm, ask for a pose, wait until it is done; after a stall of the controller, again."""
+    """Arm, send a pose goal, wait until it is done; repeat it after a stall of the controller."""
     for _ in range(3):
         rig.arm()
-        rig.say("goal", goal=pose_goal(id_, T))
+        rig.send("goal", goal=pose_goal(id_, T))
         rig.advance(5.0, lambda: rig.state.goal.state in ("done", "refused"))
         if rig.state.goal.state == "done":
             return
@@ -45,7 +45,7 @@ def test_two_runs_in_lock_step_are_the_same_to_the_last_bit() -> None:
         rig = emulated.rig
         rig.connect()
         rig.arm()
-        rig.say("setpoint", pose=record_of(shifted(rig.T, x_m=0.005)))
+        rig.send("setpoint", pose=record_of(shifted(rig.T, x_m=0.005)))
         rig.advance(0.5)
         return emulated.machine.robot.q.tobytes(), emulated.machine.scheduler.steps
 
@@ -58,7 +58,7 @@ def test_a_wire_that_is_cut_is_opened_again_and_nothing_moves_by_that() -> None:
     rig = emulated.rig
     assert rig.advance(5.0, lambda: rig.state.valid)
     rig.arm()
-    rig.say("goal", goal=pose_goal(1, shifted(rig.T, z_m=0.05)))
+    rig.send("goal", goal=pose_goal(1, shifted(rig.T, z_m=0.05)))
     rig.advance(0.25)
     assert isinstance(rig.service, Both)
     wire = rig.service.gateway._connection._wire

@@ -1,4 +1,4 @@
-"""`python -m sim.controller FILE.as`: a process that people and the gateway talk to."""
+"""`python -m sim.controller FILE.as` as a process for people and for the gateway."""
 
 import socket
 import subprocess
@@ -41,13 +41,13 @@ ECHO = program(
 
 
 def command(*words: str) -> list[str]:
-    """The command line of the emulator."""
+    """Return the command line of the emulator."""
     return [sys.executable, "-m", "sim.controller", *words]
 
 
 @pytest.mark.processes
 def test_a_file_runs_in_real_time_and_answers_on_its_port(tmp_path: Path) -> None:
-    """It says what it does, echoes, ends by itself with exit code 0."""
+    """It prints its state, echoes bytes and ends with exit code 0."""
     file = tmp_path / "echo.as"
     file.write_text(ECHO, encoding="ascii")
     with subprocess.Popen(
@@ -68,15 +68,15 @@ def test_a_file_runs_in_real_time_and_answers_on_its_port(tmp_path: Path) -> Non
 
 @pytest.mark.processes
 @pytest.mark.parametrize(
-    ("source", "says", "code"),
+    ("source", "expected", "code"),
     [
         (program("x = 1", "y = 1/0"), "(E0108)", 1),
         (program("x = = 1"), "broken.as:2", 2),
         ("", "there is no program", 2),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(
-    tmp_path: Path, source: str, says: str, code: int
+def test_an_error_is_reported_with_its_place(
+    tmp_path: Path, source: str, expected: str, code: int
 ) -> None:
     """Code, program and step of a running program; file and line of one that does not load."""
     file = tmp_path / "broken.as"
@@ -89,7 +89,7 @@ def test_what_is_wrong_is_said_with_its_place(
         timeout=DEADLINE_S,
         check=False,
     )
-    assert says in done.stdout + done.stderr
+    assert expected in done.stdout + done.stderr
     assert done.returncode == code
     assert "Traceback" not in done.stderr
     if code == 1:
@@ -128,8 +128,8 @@ def test_in_a_cell_it_publishes_the_readings_of_the_arm_that_its_program_moves()
     assert service.counters()["ms_lost"] == 0
 
 
-def test_a_process_that_was_held_up_loses_time_instead_of_racing() -> None:
-    """After 3 s of silence it makes up for 50 ms and counts the rest."""
+def test_a_process_that_stalled_skips_time_instead_of_racing() -> None:
+    """After a stall of 3 s it catches up 50 ms and counts the rest."""
     cell, clock = demo_cell(), ManualClock()
     service = ControllerSensor(Bus("sensor", cell.cell, MemoryTransport(), cell, clock), cell,
                                MemoryNetwork())  # fmt: skip

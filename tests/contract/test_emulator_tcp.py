@@ -43,7 +43,7 @@ SERVER = program(
 
 
 class Caller:
-    """A client of the controller: bytes in, bytes out, whatever carries them."""
+    """A client of the controller: bytes in, bytes out, on a socket or in memory."""
 
     def __init__(self, bench: AsBench, sockets: SocketNetwork | None) -> None:
         self._bench, self._sockets = bench, sockets
@@ -52,7 +52,7 @@ class Caller:
     def call(self) -> None:
         """Wait until the port is open, and connect."""
         port = self._sockets.bound if self._sockets else self._bench.network.listeners
-        self.live(lambda: PORT in port)
+        self.advance_until(lambda: PORT in port)
         if self._sockets is None:
             self.end = self._bench.network.dial(PORT)
         else:
@@ -69,7 +69,7 @@ class Caller:
             got += self._receive()
             return len(got) >= len(data)
 
-        self.live(come)
+        self.advance_until(come)
         return got
 
     def reset(self) -> None:
@@ -80,8 +80,8 @@ class Caller:
             self.end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
             self.end.close()
 
-    def live(self, condition: Callable[[], object]) -> None:
-        """Let the controller live until a condition holds."""
+    def advance_until(self, condition: Callable[[], object]) -> None:
+        """Advance the controller until a condition is true."""
         deadline = time.monotonic() + REAL_DEADLINE_S
         while not self._bench.advance(0.01, condition):
             assert time.monotonic() < deadline, "the controller does not do it"
@@ -107,7 +107,7 @@ def bench_on(kind: str, source: str, behaviour: Behaviour = FAST) -> tuple[AsBen
 
 @pytest.fixture(params=["sockets", "memory"])
 def server(request: pytest.FixtureRequest) -> Iterator[tuple[AsBench, Caller]]:
-    """Return an echo server in AS that has started, and its client."""
+    """Start an echo server in AS; return it and its client."""
     bench, caller = bench_on(request.param, SERVER)
     bench.start()
     yield bench, caller
@@ -134,7 +134,7 @@ def test_a_client_that_closes_gives_no_element_and_no_error(
     caller.call()
     caller.echo(b"a")
     caller.end.close()
-    caller.live(lambda: bench.task.state == "idle")
+    caller.advance_until(lambda: bench.task.state == "idle")
     assert bench.value("lost") == 2
     assert bench.machine.tcp.listening == ()
     assert not bench.machine.stops
@@ -146,13 +146,13 @@ def test_a_client_that_resets_is_a_lost_connection(server: tuple[AsBench, Caller
     caller.call()
     caller.echo(b"a")
     caller.reset()
-    caller.live(lambda: bench.task.state == "idle")
+    caller.advance_until(lambda: bench.task.state == "idle")
     assert bench.value("lost") == 1
     assert not bench.machine.stops
 
 
 def test_a_time_out_is_34024_after_its_time_and_other_programs_go_on() -> None:
-    """Only the task that waits is blocked: the robot program counts meanwhile."""
+    """Only the task that waits is blocked: the robot program continues to count."""
     source = program("TCP_LISTEN r, 49152", "t1 = TIMER(0)", "TCP_ACCEPT a, 49152, 2",
                      "t2 = TIMER(0)", name="listen") + program(
                      "n = 0", "PCEXECUTE 1: listen", "WHILE TASK(1001) DO", "n = n+1", "TWAIT 0.01",
@@ -164,7 +164,7 @@ def test_a_time_out_is_34024_after_its_time_and_other_programs_go_on() -> None:
 
 
 @pytest.mark.parametrize(
-    ("behaviour", "asked_s", "lasts_s"),
+    ("behaviour", "timeout_s", "lasts_s"),
     [
         (FAST, 0.2, 0.2),
         (FAST, 1.2, 1.2),
@@ -173,10 +173,10 @@ def test_a_time_out_is_34024_after_its_time_and_other_programs_go_on() -> None:
     ],
 )
 def test_a_fraction_of_a_second_in_a_time_out_is_an_open_question(
-    behaviour: Behaviour, asked_s: float, lasts_s: float
+    behaviour: Behaviour, timeout_s: float, lasts_s: float
 ) -> None:
     """Honoured by default, rounded up to a whole second by the pessimistic controller."""
-    source = program("TCP_LISTEN r, 49152", "t1 = TIMER(0)", f"TCP_ACCEPT a, 49152, {asked_s}",
+    source = program("TCP_LISTEN r, 49152", "t1 = TIMER(0)", f"TCP_ACCEPT a, 49152, {timeout_s}",
                      "t = TIMER(0)-t1")  # fmt: skip
     assert AsBench(source, behaviour).run().value("t") == pytest.approx(lasts_s, abs=0.02)
 
@@ -196,7 +196,7 @@ def test_listener_and_socket_survive_an_abort() -> None:
 
 
 def test_wrong_numbers_give_the_documented_codes() -> None:
-    """No listener, no such socket, nobody to connect to, too many bytes."""
+    """No listener, no such socket, no server to connect to, too many bytes."""
     source = program("TCP_ACCEPT a, 49152, 1", "TCP_CLOSE b, 7", "TCP_END_LISTEN c, 49152",
                      "n = 0", "TCP_RECV d, 7, $x[0], n, 1", '$y[0] = "q"',
                      "TCP_SEND e, 7, $y[0], 1",
@@ -225,12 +225,12 @@ def test_a_program_connects_to_a_server_of_ours() -> None:
         bench, caller = bench_on("sockets", source)
         bench.start()
         listening.settimeout(REAL_DEADLINE_S)
-        caller.live(lambda: bench.value("r") is not None)
+        caller.advance_until(lambda: bench.value("r") is not None)
         peer, _ = listening.accept()
         with peer:
             peer.settimeout(REAL_DEADLINE_S)
             assert peer.recv(100) == b"ask"
-            peer.sendall(b"told")
-            caller.live(lambda: bench.task.state == "idle")
-    assert bench.value("$b[1]") == "told"
+            peer.sendall(b"sent")
+            caller.advance_until(lambda: bench.task.state == "idle")
+    assert bench.value("$b[1]") == "sent"
     assert not bench.machine.stops

@@ -1,6 +1,6 @@
-"""Force feedback on every robot, where it has it: directions, gains, speed, what ends it.
+"""Force feedback on every robot that has it: directions, gains, speed and end conditions.
 
-The wrench is said, not felt: what is measured is how the arm answers, on `robot/state` alone.
+The wrench is published, not simulated by contact; the motion is measured on `robot/state` alone.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ GAINS = Gains(
     force_i_m_per_Ns=(RATE_M_S / FORCE_N,) * 3,
     torque_i_rad_per_Nms=(RATE_RAD_S / TORQUE_NM,) * 3,
 )
-SETTLE_S = 0.15  # delays of all robots on the way there
+SETTLE_S = 0.15  # covers the delays of all robots
 RUN_S = 0.6
 PUSHES = [(0, 1), (1, 1), (2, 1), (2, -1)]  # base axis, sign
 
@@ -30,7 +30,7 @@ def unit(axis: int, size: float) -> Vec3:
 
 
 def change(rig: Rig, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Let the robot live; return how its TCP moved [m] and turned [rad] in that time."""
+    """Advance the robot; return the travel [m] and rotation [rad] of its TCP in that time."""
     start, started_s = rig.T_tcp, rig.track[-1][0]
     rig.advance(duration_s)
     scale = duration_s / (rig.track[-1][0] - started_s)  # whole periods of the reports only
@@ -41,7 +41,7 @@ def change(rig: Rig, duration_s: float) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture
 def pushed(rig: Rig) -> Rig:
-    """A robot that is armed, with nothing that pushes."""
+    """Return an armed robot without an external force."""
     rig.arm()
     rig.push()
     return rig
@@ -51,10 +51,10 @@ def pushed(rig: Rig) -> Rig:
 
 
 @pytest.mark.parametrize(("axis", "sign"), PUSHES)
-def test_a_force_makes_the_arm_give_way_along_it_at_gain_times_force(
+def test_a_force_moves_the_arm_in_its_direction_at_gain_times_force(
     pushed: Rig, axis: int, sign: int
 ) -> None:
-    """Base axes, sign and size; nothing sideways, no turn, and a torque moves nothing."""
+    """Base axes, sign and size; no sideways motion, no rotation, and a torque moves nothing."""
     rig = pushed
     rig.feed_back("position", GAINS)
     rig.push(unit(axis, sign * FORCE_N), unit(axis, TORQUE_NM))
@@ -66,7 +66,7 @@ def test_a_force_makes_the_arm_give_way_along_it_at_gain_times_force(
 
 @pytest.mark.parametrize(("axis", "sign"), PUSHES)
 def test_a_torque_turns_the_tool_about_its_centre_point(pushed: Rig, axis: int, sign: int) -> None:
-    """About the base axis through the TCP of the cell file: it stays, the flange swings."""
+    """About the base axis through the TCP of the cell file: the TCP stays, the flange turns."""
     rig = pushed
     rig.feed_back("orientation", GAINS)
     rig.push(unit(axis, FORCE_N), unit(axis, sign * TORQUE_NM))
@@ -81,8 +81,8 @@ def test_a_torque_turns_the_tool_about_its_centre_point(pushed: Rig, axis: int, 
                        atol=5e-4)  # fmt: skip
 
 
-def test_both_gives_way_to_force_and_torque_at_once(pushed: Rig) -> None:
-    """The sum of the two modes, about one and the same TCP."""
+def test_mode_both_follows_force_and_torque_at_once(pushed: Rig) -> None:
+    """The sum of the two modes, about the same TCP."""
     rig = pushed
     rig.feed_back("both", GAINS)
     rig.push(unit(0, FORCE_N), unit(0, TORQUE_NM))
@@ -95,8 +95,8 @@ def test_both_gives_way_to_force_and_torque_at_once(pushed: Rig) -> None:
 # --- gains and speed ------------------------------------------------------------------------------
 
 
-def test_the_proportional_gain_answers_a_change_once_and_the_start_with_nothing(rig: Rig) -> None:
-    """A push that is there when feedback starts moves nothing; 10 N more move 0.15 mm, once."""
+def test_the_proportional_gain_acts_once_on_a_change_and_not_on_the_start(rig: Rig) -> None:
+    """A force present at the start of feedback moves nothing; 10 N more move 0.15 mm, once."""
     rig.arm()
     rig.push(unit(2, 5.0))
     start = rig.T_tcp
@@ -109,7 +109,7 @@ def test_the_proportional_gain_answers_a_change_once_and_the_start_with_nothing(
 
 
 def test_new_gains_count_from_then_on_without_a_bump(pushed: Rig) -> None:
-    """Half the gain is half the rate; the way so far stays."""
+    """Half the gain is half the rate; the travel up to the change stays."""
     rig = pushed
     rig.feed_back("position", GAINS)
     rig.push(unit(2, FORCE_N))
@@ -126,10 +126,10 @@ def test_new_gains_count_from_then_on_without_a_bump(pushed: Rig) -> None:
 
 @pytest.mark.parametrize("mode", ["position", "orientation"])
 def test_no_gain_makes_it_faster_than_the_speed_limit(pushed: Rig, mode: Mode) -> None:
-    """The highest gains that fit are a steady ramp below the limit.
+    """The highest permitted gains are a steady ramp below the limit.
 
-    How far below is the controller's business: the emulated one lets a turn count on 0.24 m, so
-    that 50 mm/s are 0.21 rad/s.
+    The margin depends on the controller: the emulated one counts a rotation on 0.24 m, so that 50
+    mm/s are 0.21 rad/s.
     """
     rig = pushed
     rig.feed_back(mode, Gains(force_i_m_per_Ns=(0.09,) * 3, torque_i_rad_per_Nms=(1.7,) * 3))
@@ -137,15 +137,15 @@ def test_no_gain_makes_it_faster_than_the_speed_limit(pushed: Rig, mode: Mode) -
     rig.push(unit(2, 20.0), unit(2, 2.0))
     rig.advance(0.5)
     limit_m_s, limit_rad_s = rig.cell.force.speed_max_m_s, rig.cell.force.speed_max_rad_s
-    way_m, turn_rad = rig.fastest(0.3)
+    travel_m, turn_rad = rig.fastest(0.3)
     if mode == "position":
-        assert 0.7 * limit_m_s < way_m / 0.3 < 1.1 * limit_m_s
+        assert 0.7 * limit_m_s < travel_m / 0.3 < 1.1 * limit_m_s
     else:
         assert 0.35 * limit_rad_s < turn_rad / 0.3 < 1.1 * limit_rad_s
 
 
-def test_no_push_no_motion(pushed: Rig) -> None:
-    """Feedback runs and nothing pushes: nothing drifts."""
+def test_without_a_force_nothing_moves(pushed: Rig) -> None:
+    """Feedback runs without an external force: nothing drifts."""
     rig = pushed
     start = pin.SE3(rig.T)
     rig.feed_back("both", GAINS)

@@ -1,4 +1,4 @@
-"""What the gateway says of the controller in `robot/health`: on a socket, and in lock step."""
+"""Figures of the controller in `robot/health`: on a socket, and in lock step."""
 
 from math import isfinite
 from typing import Any
@@ -20,7 +20,7 @@ FROM_103 = {"monitor_speed_fraction", "any_peer_may_connect"}
 
 
 class Listener:
-    """Lets a rig's robot publish its health, and keeps the newest."""
+    """Publishes the health of a rig's robot and keeps the newest message."""
 
     def __init__(self, rig: Rig) -> None:
         reporter = reporter_of(rig._robot, rig.cell)
@@ -35,7 +35,7 @@ class Listener:
 
 @pytest.mark.realtime
 def test_the_gateway_measures_the_controller_on_a_socket() -> None:
-    """100 samples a second, one turn for each; round trips; the controller's monitor speed."""
+    """100 samples a second, one cycle for each; round trips; the controller's monitor speed."""
     with a_cell_on_sockets(rate_hz=100.0) as cell:
         listener = Listener(cell.rig)
         cell.rig.connect()
@@ -50,8 +50,8 @@ def test_the_gateway_measures_the_controller_on_a_socket() -> None:
         assert 0.0 < numbers["taken_round_trip_p50_s"] <= numbers["taken_round_trip_p99_s"]
 
 
-def test_nothing_is_said_before_it_is_known() -> None:
-    """Without hello no number; a program that takes nothing has no taken round trip."""
+def test_a_figure_is_absent_before_it_is_measured() -> None:
+    """Without hello no figure; a program that executes nothing has no round trip of execution."""
     cell = a_cell()
     listener = Listener(cell.rig)
     cell.controller.tantrums.greet = False
@@ -72,13 +72,13 @@ def test_nothing_is_said_before_it_is_known() -> None:
 
 
 def counted(emulated: Emulated, name: str):
-    """What the program itself has counted."""
+    """Return the program's own counters."""
     value: Any = emulated.machine.memory.read(name)
     return value
 
 
 def test_the_gateway_measures_the_program_that_ships() -> None:
-    """In lock step: what it says is what the program has counted itself."""
+    """In lock step: the published figures equal the program's own counters."""
     emulated = Emulated()
     rig = emulated.rig
     assert isinstance(rig.service, Both)
@@ -88,7 +88,7 @@ def test_the_gateway_measures_the_program_that_ships() -> None:
     rig.arm()
     rig.advance(4.0)
     samples, loops = 0, counted(emulated, "fm.loops")
-    for _ in range(2):  # in 4 s the counter goes round
+    for _ in range(2):  # in 4 s the counter wraps
         before = counted(emulated, "fm.sbeat")
         rig.advance(2.0)
         samples += (counted(emulated, "fm.sbeat") - before) % COUNTER_SPAN
@@ -97,7 +97,7 @@ def test_the_gateway_measures_the_program_that_ships() -> None:
     numbers = gateway.numbers(rig.clock.now_ns())
     assert set(numbers) == RATES | FRAMED | TAKEN | FROM_103
     assert all(isfinite(number) and number > 0.0 for number in numbers.values())
-    assert numbers["any_peer_may_connect"] == 1.0  # fm.peer as it ships
+    assert numbers["any_peer_may_connect"] == 1.0  # fm.peer of the shipped program
     assert numbers["sender_hz"] == pytest.approx(samples_hz, abs=0.8)
     assert numbers["program_loop_hz"] == pytest.approx(loops_hz, abs=0.8)
     period_s = 1.0 / numbers["sender_hz"]

@@ -1,4 +1,4 @@
-"""What the robot's own process notices by itself while the arm moves: H21, H41 and H42."""
+"""Detections of the robot's own process while the arm moves: H21, H41 and H42."""
 
 import random
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from tests.fakes.hostile_stream import Reset, Rewrite, Throttle
 from tests.fuzz.permissive_arbiter import PermissiveController
 
 UP, DOWN = "to_controller", "to_gateway"
-REPORT_S = 0.040  # two samples of the program's sender are never farther apart here
+REPORT_S = 0.040  # two samples of the program's sender are at most this far apart here
 BRAKE_S = 0.07
 
 PENDANT: dict[str, tuple[Callable[[Pendant], None], str]] = {
@@ -42,7 +42,7 @@ BITS = {
 }
 
 
-# --- H42: the controller says that it does not obey -----------------------------------------------
+# --- H42: the controller reports that it does not execute commands --------------------------------
 
 
 @pytest.mark.parametrize("motion", ["goal", "stream", "feedback"])
@@ -50,9 +50,9 @@ BITS = {
 def test_what_a_person_does_at_the_pendant_stops_the_arm_under_its_own_code(
     what: str, motion: str
 ) -> None:
-    """The program stops at once and latches; the cause is named as soon as it reports again.
+    """The program stops at once and latches; the cause is named with its next report.
 
-    And nothing goes on when it is undone.
+    Undoing the intervention starts no motion.
     """
     act, code = PENDANT[what]
     cell = HostileCell()
@@ -83,7 +83,7 @@ def test_what_a_person_does_at_the_pendant_stops_the_arm_under_its_own_code(
 
 @pytest.mark.parametrize("bit", BITS, ids=[str(bit.name) for bit in BITS])
 def test_a_status_bit_alone_stops_the_arm_and_its_return_does_not_start_it(bit: Status) -> None:
-    """Toggled on the way, so that the controller itself knows nothing of it."""
+    """Toggled in transit, so that the controller itself does not know of it."""
     cell = HostileCell()
     cell.begin("goal")
 
@@ -109,61 +109,61 @@ def test_a_status_bit_alone_stops_the_arm_and_its_return_does_not_start_it(bit: 
 # --- H41: the arm is not where it was commanded ---------------------------------------------------
 
 
-class Lame(PermissiveController):
-    """Takes every command and stays where it is."""
+class UnresponsiveController(PermissiveController):
+    """A fake controller that accepts every command and does not move."""
 
     def _move(self, dt_s: float) -> None:
         pass
 
 
-def lame_rig() -> tuple[Rig, Lame]:
-    """The gateway and a controller that does not do what it says; it stands, armed."""
-    wire = Lame((0.0, 0.0, -1.5, 0.0, -1.5, 0.0))
+def unresponsive_rig() -> tuple[Rig, UnresponsiveController]:
+    """The gateway and a controller that does not execute commands; at rest and armed."""
+    wire = UnresponsiveController((0.0, 0.0, -1.5, 0.0, -1.5, 0.0))
     rig = Rig(hostile_cell(PORT), ManualClock(), lambda bus, cell: Gateway(bus, cell, wire))
     rig.connect()
     rig.arm()
     return rig, wire
 
 
-def is_off(rig: Rig, within_s: float) -> None:
-    """It holds for this reason, and the lease is dead."""
+def is_dead(rig: Rig, within_s: float) -> None:
+    """Return whether the robot holds for this reason and the lease is dead."""
     rig.until(lambda: rig.state.hold_code, within_s)
     assert rig.state.hold_code == "tracking"
-    rig.say("idle")
+    rig.send("idle")
     rig.advance(0.3)
     assert rig.state.hold_code == "tracking"
     assert "lease" in rig.state.hold_reason
 
 
-def test_a_controller_that_takes_set_points_and_ignores_them_is_found_out() -> None:
-    """20 mm/s, and the arm stands: by its reports, not by what it takes."""
-    rig, _ = lame_rig()
+def test_a_controller_that_accepts_set_points_and_ignores_them_is_detected() -> None:
+    """20 mm/s, and the arm stands: detected by its reports, not by accepted set points."""
+    rig, _ = unresponsive_rig()
     start = rig.T
     for step in range(1, 400):
-        rig.say("setpoint", pose=record_of(shifted(start, z_m=8e-5 * step)))
+        rig.send("setpoint", pose=record_of(shifted(start, z_m=8e-5 * step)))
         rig.advance(0.004)
         if rig.state.hold_code:
             break
-    is_off(rig, 0.01)
+    is_dead(rig, 0.01)
 
 
 @pytest.mark.parametrize("kind", ["pose", "joints", "idle"])
-def test_an_arm_that_leaves_its_way_is_found_out(kind: str) -> None:
-    """Beside the line of a move, out of the joints' proportion, or away from where it rested."""
-    rig, wire = lame_rig()
+def test_an_arm_that_leaves_its_path_is_detected(kind: str) -> None:
+    """Off the line of a move, out of the joints' proportion, or away from its rest position."""
+    rig, wire = unresponsive_rig()
     if kind == "pose":
-        rig.say("goal", goal=pose_goal(1, shifted(rig.T, z_m=0.05)))
+        rig.send("goal", goal=pose_goal(1, shifted(rig.T, z_m=0.05)))
     elif kind == "joints":
-        rig.say("goal", goal=goal(1, "joints", joint_rad=tuple(rig.joint_rad + 0.1)))
+        rig.send("goal", goal=goal(1, "joints", joint_rad=tuple(rig.joint_rad + 0.1)))
     rig.advance(0.1)
     assert rig.state.hold_code == ""
     wire.T = shifted(wire.T, x_m=0.015)
     wire.joint_rad = wire.joint_rad + np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    is_off(rig, 0.3)
+    is_dead(rig, 0.3)
 
 
 def test_the_simulated_arm_that_is_pushed_away_holds() -> None:
-    """Somebody leans on it until the servos give way."""
+    """A force on the arm displaces it until the servos give way."""
     rig = sim_rig()
     rig.connect()
     rig.arm()
@@ -183,18 +183,18 @@ def test_the_simulated_arm_that_is_pushed_away_holds() -> None:
 
 
 @pytest.mark.parametrize("bytes_per_s", [300, 150])
-def test_a_line_on_which_a_hold_would_be_late_is_given_up(bytes_per_s: int) -> None:
-    """Permission goes on and packets pile up: close, hold, under a code of its own."""
+def test_a_line_on_which_a_hold_would_be_late_is_closed(bytes_per_s: int) -> None:
+    """Permission continues and packets queue: close and hold, under a code of its own."""
     cell = HostileCell()
     cell.rig.connect()
     cell.rig.arm()
     start = cell.rig.T
     cell.network.strike(UP, Throttle(bytes_per_s=bytes_per_s))
-    cell.rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.06)))
+    cell.rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.06)))
     assert cell.rig.cell.gateway is not None
     watchdog_s = cell.rig.cell.gateway.watchdog_s
     cell.rig.until(lambda: cell.rig.state.hold_code, 0.1 + watchdog_s)
-    # Where less than a packet comes in its time the controller's own watchdog may be first.
+    # Where less than a packet arrives in its time the controller's own watchdog may be first.
     is_mute = PACKET_CHARS / bytes_per_s > watchdog_s
     assert cell.rig.state.hold_code in {"link_slow", "robot_link" if is_mute else "link_slow"}
     reasons = {"link_slow": "in transit", "robot_link": "closed by the controller"}
@@ -210,7 +210,7 @@ def test_a_line_on_which_a_hold_would_be_late_is_given_up(bytes_per_s: int) -> N
 
 @pytest.mark.parametrize("seed", range(4))
 def test_after_a_reset_at_any_byte_the_first_set_point_is_the_measured_pose(seed: int) -> None:
-    """Nothing is commanded before somebody arms; then the stream begins where the arm is."""
+    """Nothing is commanded before arming; then the stream begins at the measured pose."""
     cell = HostileCell()
     cell.begin("stream")
     abuse = cell.network.strike(UP, Reset(after=random.Random(seed).randrange(300)))
@@ -222,19 +222,19 @@ def test_after_a_reset_at_any_byte_the_first_set_point_is_the_measured_pose(seed
     assert {com for com, _ in sent} == {9, 8, 10, 11}, "hello, hold, limits, TCP"
     cell.rig.arm()
     measured = packets_of(cell.hops[-1].to_gateway.sent)
-    cell.rig.say("setpoint", pose=record_of(shifted(cell.rig.T, z_m=0.002)))
+    cell.rig.send("setpoint", pose=record_of(shifted(cell.rig.T, z_m=0.002)))
     cell.rig.advance(0.1)
     motions = [vec for com, vec in packets_of(cell.hops[-1].to_controller.sent) if com == 13]
-    first, seen = (
+    first, reported = (
         [int(frame) for frame in vec.split()]
         for vec in (motions[0], [vec for com, vec in measured if com == 101][-1])
     )
-    assert first[:3] == seen[:3]
+    assert first[:3] == reported[:3]
     turn = 360 * Scales().oat_per_deg  # 180 and -180 degrees are the same
-    assert all((a - b) % turn == 0 for a, b in zip(first[3:6], seen[3:6], strict=True))
+    assert all((a - b) % turn == 0 for a, b in zip(first[3:6], reported[3:6], strict=True))
 
 
 def packets_of(sent: bytes | bytearray) -> list[tuple[int, bytes]]:
-    """Command and vector of each whole packet."""
+    """Return command and vector of each whole packet."""
     whole = [bytes(sent[at : at + 63]) for at in range(0, len(sent) - 62, 63)]
     return [(int(chars[7:13]), chars[21:]) for chars in whole]

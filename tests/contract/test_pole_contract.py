@@ -1,7 +1,7 @@
 """Orientations at which O, A, T are not unique: A = 180 (tool down) and A = 0 (tool up).
 
-There O and T alone mean nothing, and half a degree aside they may lie anywhere: whoever
-interpolates or compares them would swing the tool round. Seen from outside nothing must show.
+There O and T alone have no meaning, and half a degree off they may have any value: an interpolation
+or comparison of O and T would spin the tool. No effect may be visible on the bus.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ from tests.contract.rig import Rig, goal, pose_goal
 # Joint angles [deg] at which the tool points exactly down, and exactly up.
 AT_POLE_DEG = {180: (0.0, 0.0, -90.0, 0.0, -90.0, 0.0), 0: (0.0, 20.0, -90.0, 0.0, 110.0, 0.0)}
 TILT_RAD = 0.03
-PARTS = 5  # of the way from pole to pole
+PARTS = 5  # of the path from pole to pole
 AXES = {"x": (1.0, 0.0, 0.0), "slanted": (0.6, -0.8, 0.0)}
 
 
@@ -27,16 +27,16 @@ def at_pole(rig: Rig, a_deg: int) -> pin.SE3:
     if not np.allclose(begin, end, atol=np.radians(0.01)):
         speed = Speed(mechanical_m_s=rig.cell.limits.speed_m_s)
         # The tool turns by more than limits.tether_deg in all: armed again on the way. The fake
-        # controller leaps, and a leap must not look like a joint that is too fast.
+        # controller jumps, and a jump must not be taken for a joint that is too fast.
         for number, q in enumerate(np.linspace(begin, end, PARTS + 1)[1:], start=1):
-            wanted = goal(number, "joints", joint_rad=tuple(q.tolist()))
-            rig.say("goal", goal=wanted, speed=speed)
+            target = goal(number, "joints", joint_rad=tuple(q.tolist()))
+            rig.send("goal", goal=target, speed=speed)
             rig.until(lambda id_=number: rig.state.goal.id == id_)  # type: ignore[misc]
             rig.until(lambda: rig.state.goal.state in {"done", "refused"}, within_s=30.0)
             assert rig.state.goal.state == "done", rig.state.goal
-            # A way shorter than what counts as reached is done before it has begun.
+            # A move shorter than the tolerance of arrival is done before it has begun.
             rig.until(lambda q=q: np.abs(rig.joint_rad - q).max() < np.radians(0.01))  # type: ignore[misc]
-            rig.say("idle")
+            rig.send("idle")
             assert rig.is_at_rest()
             rig.arm()
     assert abs(rig.T.rotation[2, 2]) == pytest.approx(1.0, abs=1e-6)
@@ -44,13 +44,13 @@ def at_pole(rig: Rig, a_deg: int) -> pin.SE3:
 
 
 def tilted(T: pin.SE3, axis: str, angle_rad: float) -> pin.SE3:
-    """The flange turned about a base axis, in its place."""
+    """Return the flange turned about a base axis, in its place."""
     vector = np.array(AXES[axis]) * angle_rad
     return pin.SE3(rotate_about_base_axes(T.rotation, vector), T.translation)
 
 
 def assert_a_plain_turn(rig: Rig, T_pole: pin.SE3, axis: str) -> None:
-    """All that was reported lies on the one turn about that axis, in one place."""
+    """All reported poses lie on the one rotation about that axis, in one place."""
     for _, T in rig.track:
         assert np.linalg.norm(T.translation - T_pole.translation) < 2e-4
         turn = rotation_between(T_pole.rotation, T.rotation)
@@ -61,11 +61,11 @@ def assert_a_plain_turn(rig: Rig, T_pole: pin.SE3, axis: str) -> None:
 @pytest.mark.parametrize("a_deg", AT_POLE_DEG)
 @pytest.mark.long
 def test_moves_through_a_pole_turn_about_their_one_axis(rig: Rig, a_deg: int, axis: str) -> None:
-    """To one side, through the pole to the other, back into it: one turn, in place, all the way."""
+    """To one side, through the pole to the other, back into it: one rotation, in place."""
     T_pole = at_pole(rig, a_deg)
     rig.track.clear()
     for number, angle_rad in enumerate((TILT_RAD, -TILT_RAD, 0.0), start=PARTS + 1):
-        rig.say("goal", goal=pose_goal(number, tilted(T_pole, axis, angle_rad)))
+        rig.send("goal", goal=pose_goal(number, tilted(T_pole, axis, angle_rad)))
         rig.until(lambda id_=number: rig.state.goal.id == id_)  # type: ignore[misc]
         rig.until(lambda: rig.state.goal.state in {"done", "refused"})
         assert rig.state.goal.state == "done", rig.state.goal
@@ -78,12 +78,12 @@ def test_moves_through_a_pole_turn_about_their_one_axis(rig: Rig, a_deg: int, ax
 def test_set_points_through_a_pole_turn_about_their_one_axis(rig: Rig, a_deg: int) -> None:
     """A stream in steps of 0.02 degrees, from one side of the pole to the other."""
     T_pole = at_pole(rig, a_deg)
-    rig.say("setpoint", pose=record_of(T_pole))
+    rig.send("setpoint", pose=record_of(T_pole))
     rig.advance(0.05)
     rig.track.clear()
     angles_rad = np.concatenate((np.linspace(0.0, 0.03, 90), np.linspace(0.03, -0.03, 180)))
     for angle_rad in angles_rad:
-        rig.say("setpoint", pose=record_of(tilted(T_pole, "slanted", float(angle_rad))))
+        rig.send("setpoint", pose=record_of(tilted(T_pole, "slanted", float(angle_rad))))
         rig.advance(0.004)
     rig.advance(0.3)
     assert rig.state.hold_reason == ""

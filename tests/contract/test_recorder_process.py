@@ -1,11 +1,11 @@
-"""The recorder as a process on a real bus: killed, asked, replayed, to the byte."""
+"""The recorder as a process on a real bus: killed, stopped by request, replayed byte by byte."""
 
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from forcemesh.topics import CLIENT
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from services.recorder.reading import RecordedFile
 from tests.chaos.common_net import free_port
+from tests.fakes.waiting import wait_until
 from tests.unit.services.recorder.test_recording import of_every_topic, recorded
 
 pytestmark = pytest.mark.realtime
@@ -32,13 +33,13 @@ ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / "cells" / "demo.yaml"
 PATIENCE_S = 30.0
 RATE_S = 0.004
-LOST_S = 1.0  # of the end of a recording, when its recorder is killed
+LOST_S = 1.0  # of the end of a recording whose recorder is killed
 ROOM = 10_000
 
 
 @pytest.fixture
 def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
-    """A cell that records into a folder of the test's, on a port that is free."""
+    """A cell that records into a folder of the test, on a free port."""
     monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
     settings = {"recorder.folder": str(tmp_path), "recorder.least_free_GB": 0.0}
     return load_cell(DEMO, {"bus.endpoint": f"tcp/127.0.0.1:{free_port()}", **settings})
@@ -57,74 +58,66 @@ def started(cell: CellConfig, folder: Path) -> Iterator[subprocess.Popen[bytes]]
             process.kill()
 
 
-def until(what: Callable[[], object]) -> None:
-    """Wait until something is true; fail when it does not become true."""
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < give_up_s, "it did not happen"
-        time.sleep(0.01)
-
-
-def say_for(publisher: Publisher[WrenchAtTcp], duration_s: float) -> None:
-    """Write a topic at its usual rate."""
+def publish_for(publisher: Publisher[WrenchAtTcp], duration_s: float) -> None:
+    """Publish a topic at its usual rate."""
     end_s = time.monotonic() + duration_s
     while time.monotonic() < end_s:
         publisher.put(WrenchAtTcp(force_N=(1.0, 2.0, 3.0)))
         time.sleep(RATE_S)
 
 
-def alive(client: Bus) -> Reader[Health]:
-    """Return the recorder's health once it is heard."""
+def recorder_health(client: Bus) -> Reader[Health]:
+    """Return the reader of the recorder's health once a message is received."""
     health = client.reader(topics.RECORDER_HEALTH)
-    until(lambda: health.read(client.clock.now_ns()).fresh)
+    wait_until(lambda: health.read(client.clock.now_ns()).fresh, PATIENCE_S)
     return health
 
 
 def test_after_a_kill_the_file_opens_up_to_the_last_second(
     cell: CellConfig, tmp_path: Path
 ) -> None:
-    """Killed in the middle: no gap before, no more than a second lost; any reader opens it."""
+    """Killed in motion: no gap before, at most one second lost; any reader opens the file."""
     with (
         open_hub(cell) as hub,
         open_bus(cell, CLIENT, patience_s=PATIENCE_S) as client,
         started(cell, tmp_path) as process,
     ):
-        alive(client)
+        recorder_health(client)
         publisher = hub.playing("wrench").publisher(topics.WRENCH)
         assert client.ask(topics.RECORD_START, RecordRequest(), PATIENCE_S).accepted
-        say_for(publisher, 3.0)
+        publish_for(publisher, 3.0)
         killed_ns = time.time_ns()
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
     (path,) = tmp_path.glob("*.mcap")
     read = RecordedFile(path)
-    said = list(read.messages("wrench"))
-    numbers = [each.fields["seq"] for each in said]
+    wrenches = list(read.messages("wrench"))
+    numbers = [each.fields["seq"] for each in wrenches]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    assert (killed_ns - said[-1].at_ns) / 1e9 < LOST_S
+    assert (killed_ns - wrenches[-1].at_ns) / 1e9 < LOST_S
     assert not read.is_whole
-    seen: list[object] = []
+    other_read: list[object] = []
     with path.open("rb") as stream, pytest.raises(Exception):  # noqa: B017, PT011 - of mcap, at the end
-        seen.extend(NonSeekingReader(stream).iter_messages(["wrench"], log_time_order=False))
-    assert len(seen) == len(said)
+        other_read.extend(NonSeekingReader(stream).iter_messages(["wrench"], log_time_order=False))
+    assert len(other_read) == len(wrenches)
 
 
 @pytest.mark.long
-def test_the_process_ends_its_file_when_it_is_told_to_end(cell: CellConfig, tmp_path: Path) -> None:
-    """SIGTERM: the file is whole, nothing is lost; stop says how much there is."""
+def test_the_process_completes_its_file_on_sigterm(cell: CellConfig, tmp_path: Path) -> None:
+    """SIGTERM: the file is complete, nothing is lost; the reply to stop states its length."""
     with (
         open_hub(cell) as hub,
         open_bus(cell, CLIENT, patience_s=PATIENCE_S) as client,
         started(cell, tmp_path) as process,
     ):
-        health = alive(client)
+        health = recorder_health(client)
         publisher = hub.playing("wrench").publisher(topics.WRENCH)
         assert client.ask(topics.RECORD_START, RecordRequest(label="one"), PATIENCE_S).accepted
-        say_for(publisher, 0.5)
-        told = client.ask(topics.RECORD_STOP, Empty(), PATIENCE_S)
-        assert " 0 lost" in told.text
+        publish_for(publisher, 0.5)
+        reply = client.ask(topics.RECORD_STOP, Empty(), PATIENCE_S)
+        assert " 0 lost" in reply.text
         assert client.ask(topics.RECORD_START, RecordRequest(label="two"), PATIENCE_S).accepted
-        say_for(publisher, 0.5)
+        publish_for(publisher, 0.5)
         message = health.read(client.clock.now_ns()).message
         assert message is not None
         assert message.counters["realtime"] == 0
@@ -150,7 +143,7 @@ def replaying(path: Path, *words: str) -> Iterator["subprocess.Popen[str]"]:
 
 
 def test_a_replay_reproduces_every_topic_to_the_byte(cell: CellConfig, tmp_path: Path) -> None:
-    """A client on the replay's own hub hears what was recorded, in order, and nothing else."""
+    """A client on the replay's own hub receives exactly the recorded messages, in order."""
     frames = of_every_topic(rounds=4)
     path = recorded(tmp_path, frames)
     port = str(free_port())
@@ -160,15 +153,15 @@ def test_a_replay_reproduces_every_topic_to_the_byte(cell: CellConfig, tmp_path:
             taps = {topic.key: client.tap(topic, ROOM) for topic in topics.TOPICS}
             assert process.wait(PATIENCE_S) == 0
             time.sleep(0.2)
-            heard = {key: taken(tap) for key, tap in taps.items()}
+            received = {key: drain(tap) for key, tap in taps.items()}
     expected: dict[str, list[bytes]] = {topic.key: [] for topic in topics.TOPICS}
     for frame in frames:
         expected[topics.TOPICS[frame.topic].key].append(frame.data)
-    assert heard == expected
+    assert received == expected
 
 
-def taken(tap: Source) -> list[bytes]:
-    """Return all that waits in a tap."""
+def drain(tap: Source) -> list[bytes]:
+    """Return all waiting messages of a subscription."""
     found = []
     while (data := tap.take()) is not None:
         found.append(data)
@@ -176,8 +169,8 @@ def taken(tap: Source) -> list[bytes]:
 
 
 @pytest.mark.long
-def test_a_replay_never_speaks_to_a_cell_that_is_alive(cell: CellConfig, tmp_path: Path) -> None:
-    """On its hub it is refused while one of its topics is said; under another name it is not."""
+def test_a_replay_never_publishes_to_a_running_cell(cell: CellConfig, tmp_path: Path) -> None:
+    """Refused while another process publishes one of its topics; under another name it runs."""
     path = recorded(tmp_path, of_every_topic(rounds=1))
     cell_file = tmp_path / "cell.yaml"
     cell_file.write_text(yaml.safe_dump(cell.model_dump(mode="json", exclude_none=True)))
@@ -186,13 +179,13 @@ def test_a_replay_never_speaks_to_a_cell_that_is_alive(cell: CellConfig, tmp_pat
         tap = hub.playing(CLIENT).tap(topics.ROBOT_COMMAND, ROOM)
         with replaying(path, "--onto", str(cell_file)) as process:
             while process.poll() is None:
-                say_for(publisher, 0.05)
+                publish_for(publisher, 0.05)
             assert process.returncode == 3
             assert process.stderr is not None
             assert "a cell demo is running there and publishes wrench" in process.stderr.read()
         assert tap.take() is None
         with replaying(path, "--onto", str(cell_file), "--as", "ghost", "--speed", "9") as process:
             while process.poll() is None:
-                say_for(publisher, 0.05)
+                publish_for(publisher, 0.05)
             assert process.returncode == 0
         assert tap.take() is None

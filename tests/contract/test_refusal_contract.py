@@ -1,4 +1,4 @@
-"""What every robot refuses, and the properties of single robots that `robots.py` states."""
+"""Refusals of every robot, and the properties of single robots that `robots.py` states."""
 
 import numpy as np
 import pinocchio as pin
@@ -7,7 +7,7 @@ import pytest
 from common.motion.convert import record_of
 from forcemesh.messages import Feedback, Gains, Goal, Speed, WrenchAtTcp
 from tests.contract.conftest import made
-from tests.contract.rig import Rig, goal, pose_goal, shifted
+from tests.contract.rig import Rig, distance_m, goal, pose_goal, shifted
 from tests.contract.robots import ROBOTS
 
 # The tool reaches back into the workspace; the wrist would be 1.1 m away from the shoulder.
@@ -21,23 +21,18 @@ OUT_OF_REACH: dict[str, Goal] = {
 TIME_ENOUGH_NS = 250_000_000
 
 
-def way_m(T: pin.SE3, U: pin.SE3) -> float:
-    """Distance between two poses."""
-    return float(np.linalg.norm(T.translation - U.translation))
-
-
 @pytest.mark.parametrize("kind", OUT_OF_REACH)
 def test_a_goal_out_of_reach_is_refused_and_moves_nothing(rig: Rig, kind: str) -> None:
     """Refused with a reason, under its id, without a hold; the next goal is done."""
     rig.arm()
     before = rig.T
-    rig.say("goal", goal=OUT_OF_REACH[kind])
+    rig.send("goal", goal=OUT_OF_REACH[kind])
     rig.until(lambda: rig.state.goal.id == 5 and rig.state.goal.state == "refused")
     rig.advance(0.2)
     assert rig.state.goal.reason
     assert rig.state.hold_reason == ""
-    assert way_m(rig.T, before) < 1e-4
-    rig.say("goal", goal=pose_goal(6, shifted(before, z_m=0.005)))
+    assert distance_m(rig.T, before) < 1e-4
+    rig.send("goal", goal=pose_goal(6, shifted(before, z_m=0.005)))
     rig.until(lambda: rig.state.goal.id == 6 and rig.state.goal.state == "done")
 
 
@@ -52,7 +47,7 @@ def test_no_goal_is_faster_than_mechanical_times_modular_speed(name: str, kind: 
 
 
 def fastest_of_goal(rig: Rig, kind: str) -> float:
-    """Let a goal be done at half of 80 mm/s; return the flange's highest speed."""
+    """Run a goal at half of 80 mm/s; return the flange's highest speed."""
     rig.arm()
     start, turn = rig.T, np.array([0.08, -0.04, 0.05, 0.0, 0.0, 0.0])
     goals = {
@@ -61,7 +56,7 @@ def fastest_of_goal(rig: Rig, kind: str) -> float:
         "by": goal(1, "by", joint_rad=tuple(turn.tolist())),
     }
     rig.track.clear()
-    rig.say("goal", goal=goals[kind], speed=Speed(mechanical_m_s=0.08, modular_fraction=0.5))
+    rig.send("goal", goal=goals[kind], speed=Speed(mechanical_m_s=0.08, modular_fraction=0.5))
     rig.until(lambda: rig.state.goal.state == "done")
     return rig.fastest(0.3)[0] / 0.3
 
@@ -70,35 +65,35 @@ def fastest_of_goal(rig: Rig, kind: str) -> float:
 
 
 def test_a_robot_without_a_controller_refuses_its_force_feedback(bare_rig: Rig) -> None:
-    """Also under a permission that names the controller: it holds and says why."""
+    """Also under a permission that names the controller: it holds and reports the reason."""
     rig = bare_rig
     rig.arm()
     before = rig.T
     rig.wrench = WrenchAtTcp(force_N=(0.0, 0.0, 10.0))
     feedback = Feedback(mode="position", gains=Gains(force_i_m_per_Ns=(1e-3,) * 3))
-    rig.say("feedback", host="controller", feedback=feedback)
+    rig.send("feedback", host="controller", feedback=feedback)
     rig.until(lambda: rig.state.hold_reason)
     rig.advance(0.2)
     assert "controller" in rig.state.hold_reason
-    assert way_m(rig.T, before) < 1e-4
+    assert distance_m(rig.T, before) < 1e-4
 
 
 @pytest.mark.parametrize("rule", ["workspace", "speed"])
 def test_a_goal_beyond_the_limits_of_the_cell_is_refused(guarded_rig: Rig, rule: str) -> None:
-    """What the arbiter should have refused is refused again, with the rule."""
+    """The robot refuses a goal outside the limits of the cell by itself, and names the rule."""
     rig = guarded_rig
     rig.arm()
     before, limits = rig.T, rig.cell.limits
     height_m = limits.workspace_max_m[2] - rig.T_tcp.translation[2]
     if rule == "workspace":
-        rig.say("goal", goal=pose_goal(1, shifted(before, z_m=height_m + 0.01)))
+        rig.send("goal", goal=pose_goal(1, shifted(before, z_m=height_m + 0.01)))
     else:
         speed = Speed(mechanical_m_s=1.2 * limits.speed_m_s)
-        rig.say("goal", goal=pose_goal(1, shifted(before, z_m=0.01)), speed=speed)
+        rig.send("goal", goal=pose_goal(1, shifted(before, z_m=0.01)), speed=speed)
     rig.until(lambda: rig.state.goal.state == "refused")
     rig.advance(0.2)
     assert rule in rig.state.goal.reason
-    assert way_m(rig.T, before) < 1e-4
+    assert distance_m(rig.T, before) < 1e-4
 
 
 def test_set_points_that_run_faster_than_the_cell_allows_end_in_hold(guarded_rig: Rig) -> None:
@@ -107,16 +102,16 @@ def test_set_points_that_run_faster_than_the_cell_allows_end_in_hold(guarded_rig
     rig.arm()
     start, limit_m_s = rig.T, rig.cell.limits.speed_m_s
     rig.track.clear()
-    rig.say("setpoint", pose=record_of(start))
+    rig.send("setpoint", pose=record_of(start))
     rig.advance(0.05)
     began_ns = rig.clock.now_ns()
     while not rig.state.hold_reason and rig.clock.now_ns() < began_ns + TIME_ENOUGH_NS:
-        # By the clock, not by the count: a machine that is late must not make them slower.
+        # By the clock, not by the count: a late machine must not make them slower.
         elapsed_s = (rig.clock.now_ns() - began_ns) * 1e-9
-        rig.say("setpoint", pose=record_of(shifted(start, z_m=2.0 * limit_m_s * elapsed_s)))
+        rig.send("setpoint", pose=record_of(shifted(start, z_m=2.0 * limit_m_s * elapsed_s)))
         rig.advance(0.004)
     rig.advance(0.2)
     assert "set point" in rig.state.hold_reason
     assert rig.is_at_rest()
-    assert way_m(rig.T, start) < 0.05
+    assert distance_m(rig.T, start) < 0.05
     assert rig.fastest(0.1)[0] / 0.1 < 1.35 * limit_m_s

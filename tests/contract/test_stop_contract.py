@@ -1,39 +1,38 @@
-"""What stops every robot, how soon, and what it takes to move it again."""
+"""Stops of every robot: causes, bounds, and the conditions for the next motion."""
 
 from collections.abc import Callable
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from common.motion.convert import record_of
 from forcemesh.messages import Gains, Permission, PoseRecord, RobotCommand, WrenchAtTcp
-from tests.contract.rig import DEADLINE_S, Rig, goal, pose_goal, shifted
+from tests.contract.rig import DEADLINE_S, Rig, distance_m, goal, pose_goal, shifted
 
 SPEED_M_S = 0.1  # of the goals; set points and feedback are slower
-STOPS_WITHIN_S = 0.3  # at rest after a hold that was said in full motion
+STOP_TIME_S = 0.3  # at rest after a hold during full motion
 REPORT_S = 0.05  # a report of every robot is younger
 NAN = float("nan")
 
 
 def to_a_pose(rig: Rig) -> None:
     """Move along a straight line."""
-    rig.say("goal", goal=pose_goal(1, shifted(rig.T, x_m=0.1, z_m=0.1)))
+    rig.send("goal", goal=pose_goal(1, shifted(rig.T, x_m=0.1, z_m=0.1)))
 
 
 def to_joints(rig: Rig) -> None:
     """Move to joint angles."""
-    wanted = rig.joint_rad + np.array([0.4, -0.2, 0.2, 0.0, 0.0, 0.0])
-    rig.say("goal", goal=goal(1, "joints", joint_rad=tuple(wanted.tolist())))
+    target = rig.joint_rad + np.array([0.4, -0.2, 0.2, 0.0, 0.0, 0.0])
+    rig.send("goal", goal=goal(1, "joints", joint_rad=tuple(target.tolist())))
 
 
 def by_joints(rig: Rig) -> None:
     """Move by joint angles."""
-    rig.say("goal", goal=goal(1, "by", joint_rad=(0.4, -0.2, 0.2, 0.0, 0.0, 0.0)))
+    rig.send("goal", goal=goal(1, "by", joint_rad=(0.4, -0.2, 0.2, 0.0, 0.0, 0.0)))
 
 
 def by_feedback(rig: Rig) -> None:
-    """Give way to a push: set points where force feedback is on the PC."""
+    """Give way to a force: set points where force feedback is on the PC."""
     rig.push(force_N=(0.0, 0.0, 10.0))
     rig.feed_back("position", Gains(force_i_m_per_Ns=(0.004,) * 3))
 
@@ -46,34 +45,29 @@ MOTIONS: dict[str, Callable[[Rig], None]] = {
 }
 
 
-def way_m(T: pin.SE3, U: pin.SE3) -> float:
-    """Distance between two poses."""
-    return float(np.linalg.norm(T.translation - U.translation))
-
-
-def under_way(rig: Rig, motion: str) -> None:
-    """Arm, and be in the middle of a motion."""
+def bring_into_motion(rig: Rig, motion: str) -> None:
+    """Arm, and advance into the middle of a motion."""
     rig.arm()
     start = rig.T
     MOTIONS[motion](rig)
-    rig.until(lambda: way_m(rig.T, start) > 0.008)
+    rig.until(lambda: distance_m(rig.T, start) > 0.008)
 
 
 def assert_stays(rig: Rig, duration_s: float = 0.4) -> None:
-    """Nothing moves in that time."""
+    """Assert that nothing moves in that time."""
     before = rig.T
     rig.advance(duration_s)
-    assert way_m(rig.T, before) < 2e-4
+    assert distance_m(rig.T, before) < 2e-4
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_a_hold_in_motion_stops_within_a_bound_and_the_arm_stays(rig: Rig, motion: str) -> None:
-    """Bound in time and in way; afterwards the same lease moves nothing, a newer one does."""
-    under_way(rig, motion)
-    rig.say_hold("enough")
+    """Bound in time and in travel; afterwards the same lease moves nothing, a newer one does."""
+    bring_into_motion(rig, motion)
+    rig.send_hold("enough")
     held = rig.T
-    rig.advance(STOPS_WITHIN_S)
-    assert way_m(rig.T, held) < SPEED_M_S * (STOPS_WITHIN_S / 2 + REPORT_S)
+    rig.advance(STOP_TIME_S)
+    assert distance_m(rig.T, held) < SPEED_M_S * (STOP_TIME_S / 2 + REPORT_S)
     assert "enough" in rig.state.hold_reason
     assert_stays(rig)
     assert rig.state.status.held
@@ -83,14 +77,14 @@ def test_a_hold_in_motion_stops_within_a_bound_and_the_arm_stays(rig: Rig, motio
     assert "lease" in rig.state.hold_reason
     rig.arm()
     assert_stays(rig, 0.2)
-    rig.say("goal", goal=pose_goal(2, shifted(rig.T, z_m=0.005)))
+    rig.send("goal", goal=pose_goal(2, shifted(rig.T, z_m=0.005)))
     rig.until(lambda: rig.state.goal.id == 2 and rig.state.goal.state == "done")
 
 
 @pytest.mark.parametrize("motion", ["pose", "feedback"])
 def test_a_command_older_than_its_deadline_holds(rig: Rig, motion: str) -> None:
-    """They come every period as ever, but late: what they say is no longer believed."""
-    under_way(rig, motion)
+    """They arrive every period, but late: they are no longer executed."""
+    bring_into_motion(rig, motion)
     rig.arbiter_clock.late_s = 1.2 * DEADLINE_S
     rig.until(lambda: rig.state.hold_reason, within_s=2 * DEADLINE_S)
     assert "old" in rig.state.hold_reason
@@ -106,10 +100,10 @@ def test_the_deadline_of_the_permission_counts_also_when_it_is_the_shorter_one(r
     start = rig.T
     rig.arbiter_clock.late_s = 0.6 * DEADLINE_S
     permission = Permission(host="pc", lease=rig.lease, deadline_s=0.4 * DEADLINE_S)
-    rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.05)), permission=permission)
+    rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.05)), permission=permission)
     rig.advance(0.4)
     assert "permission" in rig.state.hold_reason
-    assert way_m(rig.T, start) < 2e-4
+    assert distance_m(rig.T, start) < 2e-4
 
 
 def test_a_command_with_a_number_that_is_not_finite_moves_nothing_and_holds(rig: Rig) -> None:
@@ -120,14 +114,14 @@ def test_a_command_with_a_number_that_is_not_finite_moves_nothing_and_holds(rig:
     bad = PoseRecord.model_construct(
         position_m=(0.0, NAN, 0.3), orientation_xyzw=good.orientation_xyzw
     )
-    rig.say("setpoint", pose=good)
+    rig.send("setpoint", pose=good)
     rig.advance(0.05)
     assert rig.command is not None
     rig.command = RobotCommand.model_construct(**(dict(rig.command) | {"pose": bad}))
     rig.until(lambda: rig.state.hold_reason)
     assert_stays(rig)
-    assert way_m(rig.T, start) < 2e-4
-    rig.say("setpoint", pose=record_of(shifted(start, z_m=0.005)))
+    assert distance_m(rig.T, start) < 2e-4
+    rig.send("setpoint", pose=record_of(shifted(start, z_m=0.005)))
     assert_stays(rig)
     assert "lease" in rig.state.hold_reason
 
@@ -135,45 +129,45 @@ def test_a_command_with_a_number_that_is_not_finite_moves_nothing_and_holds(rig:
 # --- the wrench, where the robot reads it ---------------------------------------------------------
 
 
-def no_more(rig: Rig) -> None:
-    """The wrench service is gone."""
+def end_wrench(rig: Rig) -> None:
+    """End the wrench service."""
     rig.wrench = None
 
 
 def invalid(rig: Rig) -> None:
-    """The wrench service says that it does not know."""
+    """Publish a wrench that is marked invalid."""
     rig.wrench = WrenchAtTcp(valid=False, reason="the sensor is unplugged")
 
 
 def not_a_number(rig: Rig) -> None:
-    """The wrench service has gone mad."""
+    """Publish a wrench that is not a number."""
     rig.wrench = WrenchAtTcp.model_construct(force_N=(0.0, 0.0, NAN))
 
 
 def too_much(rig: Rig) -> None:
-    """Above the cell's ceiling."""
+    """Publish a force above the cell's ceiling."""
     rig.push(force_N=(0.0, 0.0, rig.cell.limits.force_N + 1.0))
 
 
 @pytest.mark.parametrize(
-    ("spoil", "says"),
+    ("spoil", "expected_reason"),
     [
-        (no_more, "stale"),
+        (end_wrench, "stale"),
         (invalid, "unplugged"),
         (not_a_number, "unreadable"),
         (too_much, "ceiling"),
     ],
 )
 def test_feedback_ends_in_hold_with_a_bad_wrench_and_does_not_come_back(
-    controller_rig: Rig, spoil: Callable[[Rig], None], says: str
+    controller_rig: Rig, spoil: Callable[[Rig], None], expected_reason: str
 ) -> None:
-    """The arm stops and says why; a good wrench alone, and a new lease alone, start nothing."""
+    """The arm stops with a reason; a good wrench alone, or a new lease alone, starts nothing."""
     rig = controller_rig
-    under_way(rig, "feedback")
+    bring_into_motion(rig, "feedback")
     spoil(rig)
     rig.until(lambda: rig.state.hold_reason, within_s=0.5)
-    assert says in rig.state.hold_reason
-    rig.advance(STOPS_WITHIN_S)
+    assert expected_reason in rig.state.hold_reason
+    rig.advance(STOP_TIME_S)
     rig.push(force_N=(0.0, 0.0, 10.0))
     assert_stays(rig)
     assert rig.feedback_bits == (False, False)
@@ -183,4 +177,4 @@ def test_feedback_ends_in_hold_with_a_bad_wrench_and_does_not_come_back(
     assert rig.feedback_bits == (False, False)
     start = rig.T
     by_feedback(rig)
-    rig.until(lambda: way_m(rig.T, start) > 0.001)
+    rig.until(lambda: distance_m(rig.T, start) > 0.001)

@@ -1,11 +1,11 @@
-"""The AS corpus: small programs whose comments say what has to come of them.
+"""The AS corpus: small programs whose comments state the expected result.
 
 ; after: x = 12 +- 0.5      a global at the end: a number, "text", (pose), or undefined
 ; prints: text              a line; if there is one, all of them, in order
 ; stops: E0102 main 3       an error that stopped a task or went to ONE: program and step
 ; refused: P1000            EXECUTE is refused
 ; mistake: P0120 7          the file does not parse: code and line; all of them
-; runs: demo                what is executed; main if nothing is said
+; runs: demo                the program to execute; main by default
 ; pendant: motors off       before EXECUTE; also: teach, teach lock
 """
 
@@ -25,13 +25,13 @@ from tests.fakes.as_bench import AsBench
 FOLDER = Path(__file__).parent / "as"
 FILES = sorted(FOLDER.glob("*.as"))
 DIRECTIVE = re.compile(r"^; (after|prints|stops|refused|mistake|runs|pendant): (.*)$", re.MULTILINE)
-AFTER = re.compile(r"(?P<name>\S+) = (?P<value>.*?)(?: \+- (?P<within>\S+))?")
+AFTER = re.compile(r"(?P<name>\S+) = (?P<value>.*?)(?: \+- (?P<tolerance>\S+))?")
 LONGEST_S = 30.0
 
 
 @dataclass(slots=True)
 class Outcome:
-    """What came of a program."""
+    """Result of a program."""
 
     mistakes: list[str] = field(default_factory=list)
     refused: str = ""
@@ -41,16 +41,16 @@ class Outcome:
     bench: AsBench | None = None
 
     def value(self, name: str) -> Value | None:
-        """A global at the end."""
+        """Return a global variable at the end."""
         assert self.bench is not None, "the program never ran"
         value: Value | None = self.bench.value(name)
         return value
 
 
 def directives(path: Path, word: str) -> list[str]:
-    """What the comments of a file say under a word."""
+    """Return the texts of a directive in the comments of a file."""
     found = DIRECTIVE.findall(path.read_text(encoding="ascii"))
-    return [text.rstrip() for said, text in found if said == word]
+    return [text.rstrip() for name, text in found if name == word]
 
 
 @cache
@@ -70,7 +70,7 @@ def run(path: Path) -> Outcome:
     except AsError as error:
         outcome.refused = error.code
         return outcome
-    over = bench.advance(LONGEST_S, lambda: not any(_under_way(t) for t in bench.machine.tasks))
+    over = bench.advance(LONGEST_S, lambda: not any(_is_running(t) for t in bench.machine.tasks))
     assert over, "it goes on and on"
     outcome.stops = [f"{s.error.code} {s.program} {s.step}" for s in bench.machine.stops]
     outcome.printed = bench.printed
@@ -78,29 +78,29 @@ def run(path: Path) -> Outcome:
 
 
 def expected(text: str) -> tuple[str, Value | None, float]:
-    """Read `name = value +- within`."""
+    """Read `name = value +- tolerance`."""
     match = AFTER.fullmatch(text)
     assert match is not None, text
-    value, within = match["value"], float(match["within"] or 0.0)
+    value, tolerance = match["value"], float(match["tolerance"] or 0.0)
     if value == "undefined":
-        return match["name"], None, within
+        return match["name"], None, tolerance
     if value.startswith('"'):
-        return match["name"], value[1:-1], within
+        return match["name"], value[1:-1], tolerance
     if value.startswith("("):
         numbers = [float(number) for number in value.strip("()").split(",")]
-        return match["name"], Transformation(*numbers), within
-    return match["name"], float(value), within
+        return match["name"], Transformation(*numbers), tolerance
+    return match["name"], float(value), tolerance
 
 
 def numbers(value: Value | None) -> tuple[float, ...]:
-    """The numbers of a value, none for a text."""
+    """Return the numbers of a value, none for a text."""
     if isinstance(value, Transformation | Joints):
         return tuple(value.numbers())
     return (float(value),) if isinstance(value, float | int) else ()
 
 
 def _record(bench: AsBench, executed: list[ProgramStep]) -> None:
-    """Note every step that is executed without an error."""
+    """Record every step that is executed without an error."""
 
     def recording(step: ProgramStep, op: Op) -> Op:
         def run_and_note(task: Task) -> int:
@@ -128,5 +128,5 @@ def _at_the_pendant(pendant: Pendant, act: str) -> None:
         pendant.teach_lock(on=True)
 
 
-def _under_way(task: Task) -> bool:
+def _is_running(task: Task) -> bool:
     return task.state in ("running", "held", "ending")

@@ -1,8 +1,8 @@
-"""The real arbiter and the robot's real gate side by side, small enough to walk through entirely.
+"""The real arbiter and the robot's real permission check together, for an exhaustive walk.
 
-One step is one period of both: requests, the arbiter's tick, its command on the way, the gate's
-verdict. Time is stretched: the permission lasts so long that one step may pass every other time
-that the arbiter waits for, so a walk needs no thousands of periods.
+One step is one period of both: requests, the arbiter's tick, its command in transit, the robot's
+verdict. Time is scaled: the permission lasts so long that one step may exceed every other wait of
+the arbiter, so a walk needs no thousands of periods.
 """
 
 from collections import deque
@@ -41,9 +41,9 @@ from forcemesh.requests import Reply
 from forcemesh.version import __version__
 from services.arbiter.core import Arbiter
 from services.arbiter.inputs import Inputs, Watched
-from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, shifted, unfit
+from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, shifted, with_fault
 
-# A way to go back when it is pushed hard, so that all three ways to stop are walked.
+# A permitted back-off, so that all three kinds of stop are walked.
 FREE = WrenchAtTcp(calibrated=True)  # nothing touches the tool
 WALKED = cell_from_tree(
     CELL.model_dump()
@@ -54,18 +54,18 @@ DEADLINE_S = 4.0
 PERIOD_S = 0.004
 FORCE_N = WALKED.limits.force_N
 HEALTH = Health(config_hash=cell_hash(WALKED), version=__version__)
-ALWAYS_SAID: dict[str, Message] = {"sensor": SensorWrench(), "wrench": FREE, "health": HEALTH}
+CONSTANT_MESSAGES: dict[str, Message] = {"sensor": SensorWrench(), "wrench": FREE, "health": HEALTH}
 FIT_AND_MOVING = FIT.model_copy(update={"moving": True})
 START = record_of(T_START)
 OUTSIDE = record_of(pin.SE3(T_START.rotation, np.array([5.0, 0.5, 0.35])))
 MOTIONS = ("goal", "setpoint", "feedback")
 NO_GOAL, NO_COMMAND, NO_STATUS = GoalReport(), RobotCommand(), ArbiterStatus()
-UNREST = tripped("moving", "the arm has been at rest for 0.00 s")
+NOT_AT_REST = tripped("moving", "the arm has been at rest for 0.00 s")
 NEVER: Reading[RobotCommand] = Reading(
     None, None, float("inf"), "robot/command missing", silent=True, code="missing"
 )
 
-WISHES: dict[str, RegulatorTarget] = {
+TARGETS: dict[str, RegulatorTarget] = {
     "stopped": STOPPED,
     "near": RegulatorTarget(mode="position", pose=shifted(x_m=1e-3)),
     "outside": RegulatorTarget(mode="position", pose=OUTSIDE),
@@ -76,39 +76,39 @@ WISHES: dict[str, RegulatorTarget] = {
     "gave up": RegulatorTarget(valid=False, mode="position", reason="no contact", code="travel"),
     "swings": RegulatorTarget(valid=False, mode="position", reason="sign", code="sensor_sign"),
 }
-# What can be wrong with what the arbiter reads. One thing at a time.
+# Faults of the arbiter's inputs, one at a time.
 SILENT = {f"{name} silent": name for name in ("robot", "sensor", "wrench", "target", "health")}
 INVALID = {f"{name} invalid": name for name in ("robot", "sensor", "wrench")}
-SAYS: dict[str, tuple[str, dict[str, Any]]] = {
-    "motors off": ("robot", {"status": unfit("robot_motors")}),
-    "error": ("robot", {"status": unfit("robot_error")}),
+CHANGED_MESSAGES: dict[str, tuple[str, dict[str, Any]]] = {
+    "motors off": ("robot", {"status": with_fault("robot_motors")}),
+    "error": ("robot", {"status": with_fault("robot_error")}),
     "robot holds": ("robot", {"hold": tripped("tracking", "HOLD on the pendant")}),
     "robot fails": ("robot", {"hold": tripped("link_slow", "the link is slow")}),
     "arm outside": ("robot", OUTSIDE.model_dump()),
     "pushed": ("wrench", {"force_N": (0.0, 0.0, 0.9 * FORCE_N)}),
     "crushed": ("wrench", {"force_N": (0.0, 0.0, 1.1 * FORCE_N)}),
     "late loop": ("health", {"overruns": 9}),
-    "stranger": ("health", {"config_hash": "0123456789ab"}),
+    "other cell file": ("health", {"config_hash": "0123456789ab"}),
 }
 WATCHED = {
     "misaligned": Watched(faults=(tripped("misaligned", "pose and wrench are apart"),)),
     "payload": Watched(residual=tripped("payload", "9 N are left")),
 }
 RIVALS = {"two writers": "sensor"}
-SPINS = "joint spins"  # a joint is elsewhere at each look
-TROUBLES = (*SILENT, *INVALID, *SAYS, *WATCHED, *RIVALS, SPINS)
-FOR_ARMING = ("stranger", "payload")  # that bar arming alone
-OF_MOTION = ("pushed", SPINS)  # that end what somebody does, not that somebody might
+SPINS = "joint spins"  # a joint is elsewhere at each check
+TROUBLES = (*SILENT, *INVALID, *CHANGED_MESSAGES, *WATCHED, *RIVALS, SPINS)
+FOR_ARMING = ("other cell file", "payload")  # that prevent arming alone
+OF_MOTION = ("pushed", SPINS)  # that end motion, not permission for motion
 SPUN_RAD = 2.5
 
 
-class SeenArbiter(Arbiter):
-    """The arbiter itself; each change of its state is written down."""
+class TracedArbiter(Arbiter):
+    """The arbiter with a record of each change of its state."""
 
     changes: list[tuple[ArbiterState, ArbiterState]]
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Keep the trace of `state`."""
+        """Record each change of `state`."""
         if name == "state":
             before = self.__dict__.get("state", value)
             self.__dict__.setdefault("changes", [])
@@ -119,67 +119,67 @@ class SeenArbiter(Arbiter):
 
 @cache
 def never_changes(kind: type) -> bool:
-    """Tell whether a class's objects may be shared: frozen ones, numbers, poses."""
+    """Return whether a class's objects may be shared: frozen ones, numbers, poses."""
     if is_dataclass(kind):
         return bool(kind.__dataclass_params__.frozen)  # type: ignore[attr-defined]
     values = (str, int, float, tuple, frozenset, type(None), np.ndarray, pin.SE3, Record)
     return issubclass(kind, values)
 
 
-def fork(thing: Any) -> Any:
-    """Return a copy that shares only what never changes."""
-    kind: Any = type(thing)
+def fork(original: Any) -> Any:
+    """Return a copy that shares only immutable objects."""
+    kind: Any = type(original)
     if never_changes(kind):
-        return thing
+        return original
     if kind is dict:
-        return {key: fork(value) for key, value in thing.items()}
+        return {key: fork(value) for key, value in original.items()}
     if kind in {list, set, deque}:
-        return kind(fork(value) for value in thing)
+        return kind(fork(value) for value in original)
     copied = kind.__new__(kind)
-    copied.__dict__.update({name: fork(value) for name, value in vars(thing).items()})
+    copied.__dict__.update({name: fork(value) for name, value in vars(original).items()})
     return copied
 
 
 @lru_cache(maxsize=2)
 def header_at(now_ns: int, epoch: int) -> Header:
-    """Return what stands before what somebody said just now: the same for all who did."""
+    """Return the header before a message of now: the same for all publishers."""
     return Header(seq=1, epoch=epoch, boot="walk", stamp_ns=now_ns)
 
 
-def new_arbiter() -> SeenArbiter:
+def new_arbiter() -> TracedArbiter:
     """Return an arbiter that has just been started."""
-    return SeenArbiter(WALKED, command_deadline_s=DEADLINE_S)
+    return TracedArbiter(WALKED, command_deadline_s=DEADLINE_S)
 
 
 @dataclass
 class Product:
-    """Both state machines, the wire between them, and a robot that does as its gate says."""
+    """Both state machines, the wire between them, and a robot that follows its permission check."""
 
-    core: SeenArbiter = field(default_factory=new_arbiter)
+    core: TracedArbiter = field(default_factory=new_arbiter)
     gate: CommandGate = field(default_factory=CommandGate)
     now_ns: int = NS_PER_S
     epoch: int = 1  # of the arbiter's process
     seq: int = 0
-    trouble: str = ""
-    wish: str = "stopped"
+    disturbance: str = ""
+    target: str = "stopped"
     moving: bool = False
     goal: GoalReport = NO_GOAL
     place: PoseRecord = START
     wrench_epoch: int = 1
     turned: bool = False  # a joint is elsewhere
     command: RobotCommand = NO_COMMAND  # that the arbiter gave last
-    wire: tuple[Header, RobotCommand] | None = None  # what the robot heard last
+    wire: tuple[Header, RobotCommand] | None = None  # last command that the robot received
     before: tuple[Header, RobotCommand] | None = None  # the last command of the owner before
     verdict: GateDecision = NO_COMMAND_YET
-    status: ArbiterStatus = NO_STATUS  # that the arbiter told last
-    # What must be remembered to judge, though neither machine depends on it:
+    status: ArbiterStatus = NO_STATUS  # last permission that the arbiter published
+    # Needed for the verdict, though neither machine depends on it:
     dead: frozenset[tuple[int, int]] = frozenset()  # leases that the gate has ended
-    armed: int = 0  # by a person, in this life of the arbiter
+    armed: int = 0  # by a person, since this start of the arbiter
     replies: list[Reply] = field(default_factory=list)
 
     @property
     def may_move(self) -> bool:
-        """The arbiter lets somebody move the arm, or would."""
+        """The arbiter permits or would permit a commander to move the arm."""
         return self.core.state in MAY_MOVE
 
     # --- what the arbiter reads -------------------------------------------------------------------
@@ -196,72 +196,78 @@ class Product:
                 hold=self.verdict.hold,
             )
         else:
-            message = WISHES[self.wish] if name == "target" else ALWAYS_SAID[name]
-        who, changes = SAYS.get(self.trouble, ("", {}))
+            message = TARGETS[self.target] if name == "target" else CONSTANT_MESSAGES[name]
+        who, changes = CHANGED_MESSAGES.get(self.disturbance, ("", {}))
         return message.model_copy(update=changes) if who == name else message
 
     def _reading(self, name: str) -> Reading[Any]:
         header = header_at(self.now_ns, self.wrench_epoch if name == "wrench" else 1)
-        message, silent = self._message(name), SILENT.get(self.trouble) == name
+        message, silent = self._message(name), SILENT.get(self.disturbance) == name
         code = "" if message.valid else message.code or "invalid"
-        if silent or INVALID.get(self.trouble) == name:
+        if silent or INVALID.get(self.disturbance) == name:
             code = "stale" if silent else "invalid"
         fault = f"{name} is {code}" if code else ""
-        rival = RIVALS.get(self.trouble) == name
+        rival = RIVALS.get(self.disturbance) == name
         return Reading(message, header, 0.0, fault, silent=silent, code=code, conflict=rival)
 
     def inputs(self) -> Inputs:
-        """Return what the arbiter knows now."""
-        seen = Inputs(
+        """Return the present inputs of the arbiter."""
+        received = Inputs(
             now_ns=self.now_ns,
             robot=self._reading("robot"),
             sensor=self._reading("sensor"),
             wrench=self._reading("wrench"),
             target=self._reading("target"),
             health={"regulator": self._reading("health")},
-            watched=WATCHED.get(self.trouble, Watched()),
+            watched=WATCHED.get(self.disturbance, Watched()),
         )
-        return replace(seen, watched=replace(seen.watched, unrest=UNREST)) if self.moving else seen
+        return (
+            replace(
+                received, watched=replace(received.watched, motion_at_rest_violation=NOT_AT_REST)
+            )
+            if self.moving
+            else received
+        )
 
     # --- one period -------------------------------------------------------------------------------
 
     def live(self, duration_s: float = PERIOD_S) -> Inputs:
-        """Let time pass up to the next step; return what the arbiter reads then."""
+        """Advance to the next step; return the inputs of the arbiter."""
         self.now_ns += round(duration_s * NS_PER_S)
-        self.turned ^= self.trouble == SPINS
+        self.turned ^= self.disturbance == SPINS
         self.replies = []
         self.core.changes = []
         return self.inputs()
 
     def close(self, inputs: Inputs, *, deliver: str = "new") -> None:
-        """Let the arbiter judge, and the robot hear what it said: `new`, `lost` or `old`."""
+        """Step the arbiter and deliver its command to the robot: `new`, `lost` or `old`."""
         self.command, self.seq = self.core.tick(inputs), self.seq + 1
         self.status = self.core.status()
-        self._forget_trouble()
+        self._delete_unread_faults()
         header = Header(seq=self.seq, epoch=self.epoch, boot="walk", stamp_ns=self.now_ns)
-        said = (header, self.command)
+        sent = (header, self.command)
         if deliver == "new":
-            if self.wire is not None and _owner(self.wire) not in {None, _owner(said)}:
+            if self.wire is not None and _owner(self.wire) not in {None, _owner(sent)}:
                 self.before = self.wire
-            self.wire = said
+            self.wire = sent
         reading = NEVER
-        heard = self.before if deliver == "old" else self.wire
-        if heard is not None:
-            age_s = 0.0 if deliver == "old" else (self.now_ns - heard[0].stamp_ns) / NS_PER_S
-            reading = Reading(heard[1], heard[0], age_s, "")
+        delivered = self.before if deliver == "old" else self.wire
+        if delivered is not None:
+            age_s = 0.0 if deliver == "old" else (self.now_ns - delivered[0].stamp_ns) / NS_PER_S
+            reading = Reading(delivered[1], delivered[0], age_s, "")
         self._obey(self.gate.judge(reading, self.now_ns))
 
-    def _forget_trouble(self) -> None:
-        """Let go what nobody asks about any more: it would only double the nodes."""
+    def _delete_unread_faults(self) -> None:
+        """Delete faults that no code reads any more: they would only double the nodes."""
         state = self.core.state
-        if self.may_move and self.trouble in FOR_ARMING:
-            self.trouble = ""
-        if state in {"ARMED", "SETTLING"} and self.trouble in OF_MOTION:
-            self.trouble = ""
-        self.turned &= state == "SETTLING" or self.trouble == SPINS
+        if self.may_move and self.disturbance in FOR_ARMING:
+            self.disturbance = ""
+        if state in {"ARMED", "SETTLING"} and self.disturbance in OF_MOTION:
+            self.disturbance = ""
+        self.turned &= state == "SETTLING" or self.disturbance == SPINS
 
     def _obey(self, verdict: GateDecision) -> None:
-        """Be a robot: go where a permitted set point says, begin a goal, stop on a hold."""
+        """Move to a permitted set point, begin a goal, or stop on a hold."""
         was, self.verdict, command = self.verdict.command, verdict, verdict.command
         if command is None:
             if was is not None and was.permission is not None and self.verdict.accepted:
@@ -276,12 +282,12 @@ class Product:
             self.goal = GoalReport(id=command.goal.id, state="running")
 
     def restart_arbiter(self) -> None:
-        """Let another process play the arbiter."""
+        """Start the arbiter again as a new process."""
         self.core, self.epoch, self.seq, self.armed = new_arbiter(), self.epoch + 1, 0, 0
 
 
-def _owner(said: tuple[Header, RobotCommand]) -> tuple[int, int, int] | None:
-    header, command = said
+def _owner(sent: tuple[Header, RobotCommand]) -> tuple[int, int, int] | None:
+    header, command = sent
     if command.permission is None:
         return None
     return header.epoch, command.permission.lease, command.permission.ownership

@@ -1,7 +1,8 @@
-"""An arbiter with a robot that hears late, takes its time to stop, and says so."""
+"""An arbiter and a robot that receives late, takes time to stop, and reports it."""
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 from forcemesh.faults import tripped
@@ -10,11 +11,20 @@ from forcemesh.messages import (
     Feedback,
     Gains,
     GoalReport,
+    PoseRecord,
     RobotCommand,
     RobotState,
 )
 from forcemesh.requests import MoveRequest, Reply
-from tests.fakes.arbiter_world import FIT, MOVE_DOWN, PERIOD_NS, STOPPED, World, shifted
+from tests.fakes.arbiter_world import (
+    FIT,
+    MOVE_DOWN,
+    PERIOD_NS,
+    STOPPED,
+    World,
+    distance_m,
+    shifted,
+)
 
 FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gains())
 MOTIONS = {"goal", "setpoint", "feedback"}
@@ -22,7 +32,7 @@ MOTIONS = {"goal", "setpoint", "feedback"}
 
 @dataclass
 class RobotWorld(World):
-    """The arbiter's surroundings, with a robot among them."""
+    """The arbiter's surroundings with a robot."""
 
     lag_periods: int = 4  # from a command to the report that shows it
     brake_periods: int = 15
@@ -32,25 +42,36 @@ class RobotWorld(World):
     def __post_init__(self) -> None:
         """Start with a robot that holds."""
         super().__post_init__()
-        self._heard: deque[RobotCommand] = deque([RobotCommand()] * self.lag_periods)
+        self._in_transit: deque[RobotCommand] = deque([RobotCommand()] * self.lag_periods)
         self._braking = 0
 
     @property
     def robot(self) -> RobotState:
-        """What the robot says."""
+        """Last reported state of the robot."""
         robot = self.messages["robot"]
         assert isinstance(robot, RobotState)
         return robot
 
+    @property
+    def set_points(self) -> list[PoseRecord]:
+        """Every commanded pose."""
+        streamed = [command for command in self.commands if command.kind == "setpoint"]
+        return [command.pose for command in streamed if command.pose is not None]
+
+    @property
+    def travels_m(self) -> list[float]:
+        """Travel of each set point from the one before."""
+        return [distance_m(b, a) for a, b in pairwise(self.set_points)]
+
     def tick(self, times: int = 1, *, period_ns: int = PERIOD_NS) -> RobotCommand:
-        """Let periods pass; return the last command."""
+        """Advance by periods; return the last command."""
         command = RobotCommand()
         for _ in range(times):
             self.began_moving.append(self.robot.status.moving)
             command = super().tick(period_ns=period_ns)
             self.commands.append(command)
-            self._heard.append(command)
-            self._obey(self._heard.popleft())
+            self._in_transit.append(command)
+            self._obey(self._in_transit.popleft())
         return command
 
     def _obey(self, command: RobotCommand) -> None:
@@ -72,23 +93,23 @@ class RobotWorld(World):
     # --- who asks ---------------------------------------------------------------------------------
 
     def ask(self, commander: Any) -> Reply | None:
-        """Let somebody ask for the arm; the regulator does it by its target."""
+        """Let a commander request the arm; the regulator requests it by its target."""
         if commander == "regulator":
             self.propose(shifted(z_m=-0.01))
         elif commander == "controller":
             self.propose(None, host="controller", feedback=FEEDBACK)
         else:
-            wish: MoveRequest = MOVE_DOWN.model_copy(update={"commander": commander})
-            return self.core.move(wish, self.inputs())
+            request: MoveRequest = MOVE_DOWN.model_copy(update={"commander": commander})
+            return self.core.move(request, self.inputs())
         return None
 
     def make_armed(self) -> "RobotWorld":
-        """Arm, and let the robot accept."""
+        """Arm and wait until the robot accepts."""
         super().make_armed()
         return self
 
     def give(self, commander: Any) -> "RobotWorld":
-        """Let somebody have the arm, and move it."""
+        """Give the arm to a commander and begin a motion."""
         self.make_armed()
         self.ask(commander)
         self.tick(60)
@@ -97,6 +118,6 @@ class RobotWorld(World):
         return self
 
     def stop_the_regulator(self) -> None:
-        """Do as the regulator does when somebody else commands."""
+        """Stop the regulator's target, as it does when another commander takes the arm."""
         if self.core.state in {"SETTLING", "STOPPING", "HOLDING"}:
             self.messages["target"] = STOPPED

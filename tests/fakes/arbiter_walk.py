@@ -1,8 +1,8 @@
-"""Everything that can happen to arbiter and gate, tried in every state that it leads to.
+"""Every event of arbiter and permission check, tried in every state that it leads to.
 
-Two nodes are the same when nothing that either machine decides by differs: times only by whether
-each wait is over, numbers of leases and turns only by whether they are the present ones. The walk
-ends when no event leads to a new node.
+Two nodes are the same when every quantity that decides in either machine is the same: times only by
+whether each wait is over, numbers of leases and of ownership only by whether they are the present
+ones. The walk ends when no event leads to a new node.
 """
 
 from collections import deque
@@ -23,26 +23,26 @@ from tests.fakes.arbiter_product import (
     DEADLINE_S,
     FOR_ARMING,
     OF_MOTION,
+    TARGETS,
     TROUBLES,
-    WISHES,
     Product,
     fork,
 )
 from tests.fakes.arbiter_world import MOVE_DOWN
 
-# From where the joint was at first this is in its range, from where it is turned to it is not.
+# The target is in range from the joint's first position, not from its turned position.
 TURN = MoveRequest(kind="by", joint_rad=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 Key = tuple[Any, ...]
 Event = Callable[[Product], None]
-Ask = Callable[[Product, Inputs], Reply]
-A_WHILE_S = 0.35  # a rest counts, and a robot that holds has had its time to answer
+SendRequest = Callable[[Product, Inputs], Reply]
+A_WHILE_S = 0.35  # a rest counts, and a robot that holds has had its time to reply
 LONG_S = 3.2  # every wait of the arbiter is over
 CREEP_S = 2.5  # a joint turns slowly
 TOO_LONG_S = DEADLINE_S + 0.1  # the permission is over
 
 
 def arm(product: Product, inputs: Inputs, purpose: Any = "all") -> Reply:
-    """Arm, as a person."""
+    """Arm as a person does."""
     before = product.may_move
     reply = product.core.arm(inputs, purpose)
     product.armed += reply.accepted and not before
@@ -50,35 +50,35 @@ def arm(product: Product, inputs: Inputs, purpose: Any = "all") -> Reply:
 
 
 def back_off(product: Product, inputs: Inputs) -> Reply:
-    """Ask to free the arm, as a person who is sure."""
+    """Request back-off as a person who confirms it."""
     before = product.core.status().lease
     reply = product.core.back_off(inputs, confirmed=True)
     product.armed += product.core.status().lease - before
     return reply
 
 
-def move(product: Product, inputs: Inputs, wish: MoveRequest, who: str) -> Reply:
-    """Ask for a move."""
-    return product.core.move(wish.model_copy(update={"commander": who}), inputs)
+def move(product: Product, inputs: Inputs, request: MoveRequest, who: str) -> Reply:
+    """Request a move."""
+    return product.core.move(request.model_copy(update={"commander": who}), inputs)
 
 
-ASKS: dict[str, Ask] = {
+REQUESTS: dict[str, SendRequest] = {
     "arm all": arm,
     "arm jog": partial(arm, purpose="jog"),
     "back off": back_off,
-    "hold": lambda product, _: product.core.hold("somebody"),
+    "hold": lambda product, _: product.core.hold("a client"),
     "clear": lambda product, inputs: product.core.clear(inputs),
-    "operator moves": partial(move, wish=MOVE_DOWN, who="operator"),
-    "program moves": partial(move, wish=MOVE_DOWN, who="program"),
+    "operator moves": partial(move, request=MOVE_DOWN, who="operator"),
+    "program moves": partial(move, request=MOVE_DOWN, who="program"),
 }
 TOGETHER = (("clear", "arm all"), ("arm all", "hold"), ("arm all", "operator moves"),
             ("operator moves", "hold"))  # fmt: skip
 
 
-def _asked(*names: str) -> Event:
+def _requested(*names: str) -> Event:
     def happen(product: Product) -> None:
         inputs = product.live()
-        product.replies = [ASKS[name](product, inputs) for name in names]
+        product.replies = [REQUESTS[name](product, inputs) for name in names]
         product.close(inputs)
 
     return happen
@@ -112,8 +112,8 @@ def _another_wrench(product: Product) -> None:
 
 
 ALWAYS: dict[str, Event] = {
-    **{name: _asked(name) for name in ASKS},
-    **{" + ".join(names): _asked(*names) for names in TOGETHER},
+    **{name: _requested(name) for name in REQUESTS},
+    **{" + ".join(names): _requested(*names) for names in TOGETHER},
     "a period": _passes(),
     "a while": _passes(A_WHILE_S),
     "long": _passes(LONG_S),
@@ -121,16 +121,16 @@ ALWAYS: dict[str, Event] = {
     "silence": _passes(TOO_LONG_S, deliver="lost"),
     "arbiter restarts": _restarts,
 }
-# At rest the arbiter asks only whether something is wrong: one trouble of each kind is enough.
+# At rest the arbiter asks only whether there is a fault: one of each kind is enough.
 AT_REST_TROUBLES = (
     "robot silent",
     "wrench invalid",
     "motors off",
     "crushed",
-    "stranger",
+    "other cell file",
     "payload",
 )
-AT_REST_WISHES = ("stopped", "near", "feedback")
+AT_REST_TARGETS = ("stopped", "near", "feedback")
 IN_MOTION_TROUBLES = tuple(name for name in TROUBLES if name not in FOR_ARMING)
 
 
@@ -140,42 +140,42 @@ def _turns(product: Product) -> None:
     product.close(inputs)
 
 
-MENDS = _passes(trouble="")
+REMOVE_DISTURBANCE = _passes(disturbance="")
 
 
 def happenings(product: Product) -> Iterator[tuple[str, Event]]:
-    """Yield what can happen now. Where it is as it would become already, nothing does."""
+    """Yield the possible events, without those that change nothing."""
     yield from ALWAYS.items()
     yield ("rests", _passes(moving=False)) if product.moving else ("moves", _passes(moving=True))
     if product.goal.state == "running":
         yield "goal done", _reports("done")
         yield "goal refused", _reports("refused")
-    claim = product.core._commanders.claim
-    if claim is not None and claim.request.kind == "by" and not product.turned:
+    pending = product.core._commanders.pending_move
+    if pending is not None and pending.request.kind == "by" and not product.turned:
         yield "a joint creeps", _passes(CREEP_S, turned=True)
     if product.before is not None and product.may_move:
         yield "old command", _passes(deliver="old")
-    if product.trouble:
-        yield "mended", MENDS
+    if product.disturbance:
+        yield "trouble removed", REMOVE_DISTURBANCE
         return
     works = product.status.commander == "regulator"
     if works:  # once is enough: to begin from where the arm has come to rest meanwhile
         yield "operator turns", _turns
-    for wish in WISHES if works else AT_REST_WISHES:
-        if wish != product.wish:
-            yield f"regulator: {wish}", _passes(wish=wish)
-    for trouble in _troubles(product):
-        yield trouble, _passes(trouble=trouble)
+    for target in TARGETS if works else AT_REST_TARGETS:
+        if target != product.target:
+            yield f"regulator: {target}", _passes(target=target)
+    for disturbance in _disturbances(product):
+        yield disturbance, _passes(disturbance=disturbance)
     if product.may_move:
         yield "another wrench", _another_wrench
 
 
-def _troubles(product: Product) -> tuple[str, ...]:
+def _disturbances(product: Product) -> tuple[str, ...]:
     if not product.may_move:
         return AT_REST_TROUBLES
     if product.core.state == "ACTIVE":
         return IN_MOTION_TROUBLES
-    return tuple(trouble for trouble in IN_MOTION_TROUBLES if trouble not in OF_MOTION)
+    return tuple(disturbance for disturbance in IN_MOTION_TROUBLES if disturbance not in OF_MOTION)
 
 
 # --- which nodes are the same ---------------------------------------------------------------------
@@ -189,14 +189,18 @@ def _over(since_ns: int | None, now_ns: int, *waits_s: float) -> int:
 
 
 def key_of(product: Product) -> Key:
-    """Return what decides about everything to come.
+    """Return the quantities that decide about all later steps.
 
-    Which code has latched is judged on every edge but decides nothing. What counts in motion alone
-    is left out at rest.
+    The latched code is judged on every edge but decides nothing. Quantities of motion alone are
+    left out at rest.
     """
     core, now_ns = product.core, product.now_ns
     commanders, stopping = core._commanders, core._stopping
-    turn, claim, stream = commanders.turn, commanders.claim, commanders.turn.stream
+    turn, pending, stream = (
+        commanders.ownership,
+        commanders.pending_move,
+        commanders.ownership.stream,
+    )
     moves = core.state in MAY_MOVE
     motion = (
         core._armed_for,
@@ -209,21 +213,21 @@ def key_of(product: Product) -> Key:
         core.state,
         turn.commander,
         turn.host,
-        None if stream is None else stream.pace.is_still,
+        None if stream is None else stream.motion.is_at_rest,
         turn.goal is not None and turn.goal.id == product.goal.id and product.goal.state,
-        None if claim is None else (claim.commander, claim.request.kind, product.turned),
-        None if claim is None else _over(claim.since_ns, now_ns, SETTLE_WITHIN_S),
-        None if stopping is None else (stopping.T_back is None, stopping.pace.is_still),
+        None if pending is None else (pending.commander, pending.request.kind, product.turned),
+        None if pending is None else _over(pending.since_ns, now_ns, SETTLE_WITHIN_S),
+        None if stopping is None else (stopping.T_back is None, stopping.motion.is_at_rest),
         None if stopping is None else _over(stopping.since_ns, now_ns, RETREAT_WITHIN_S),
         _over(commanders._rest.since_ns, now_ns, REST_S),
         _over(core._good_since_ns, now_ns, PREFLIGHT_S),
         _over(core._blind_since_ns, now_ns, PREFLIGHT_S),
         motion if moves else (),
     )
-    wish = product.wish
-    if turn.commander != "regulator" and not WISHES[wish].valid:
-        wish = "stopped"
-    here = (product.trouble, wish, product.moving, product.goal.state == "running")
+    target = product.target
+    if turn.commander != "regulator" and not TARGETS[target].valid:
+        target = "stopped"
+    here = (product.disturbance, target, product.moving, product.goal.state == "running")
     return (*arbiter, *_gate_key(product), *here)
 
 
@@ -245,7 +249,7 @@ def _gate_key(product: Product) -> Key:
     if not product.may_move:
         return (live, obeys, obeys and echo)
     old = None if product.before is None else product.before[0].epoch == product.epoch
-    return (live, obeys, echo, lease in gate._dead, gate._newest == (*lease, turn), old)
+    return (live, obeys, echo, lease in gate._ended_leases, gate._newest == (*lease, turn), old)
 
 
 # --- the walk -------------------------------------------------------------------------------------
@@ -253,7 +257,7 @@ def _gate_key(product: Product) -> Key:
 
 @dataclass
 class Edge:
-    """One step: what was, what happened, what is."""
+    """One step: the state before, the event, the state after."""
 
     before: Product
     event: str
@@ -262,17 +266,17 @@ class Edge:
 
 @dataclass
 class Walk:
-    """The graph, as far as it has been walked."""
+    """The graph as far as it has been walked."""
 
     judge: Callable[[Edge], None]
-    leave_out: tuple[str, ...] = ()  # events that do not happen
+    leave_out: tuple[str, ...] = ()  # events that are excluded
     nodes: dict[Key, Product] = field(default_factory=dict)
     came: dict[Key, tuple[Key, str]] = field(default_factory=dict)
     back: dict[Key, set[Key]] = field(default_factory=dict)
     edges: int = 0
 
     def run(self, most_nodes: int = 100_000) -> "Walk":
-        """Walk until nothing is new; an edge that breaks a rule is told with the way to it."""
+        """Walk until no node is new; an edge that breaks a rule is reported with its path."""
         first = Product()
         start = key_of(first)
         self.nodes[start] = first
@@ -289,15 +293,15 @@ class Walk:
         return self
 
     def _step(self, here: Key, event: str, happen: Event) -> Key | None:
-        """Go along one edge; return the node it leads to if that is new."""
+        """Take one edge; return the node it leads to if that is new."""
         after = fork(self.nodes[here])
         happen(after)
         self.edges += 1
         try:
             self.judge(Edge(self.nodes[here], event, after))
         except AssertionError as error:
-            way = " > ".join([*self.way(here), event])
-            raise AssertionError(f"{way}: {error}") from error
+            path = " > ".join([*self.path(here), event])
+            raise AssertionError(f"{path}: {error}") from error
         there = key_of(after)
         if event != "arbiter restarts":  # which would be a way out of everything
             self.back.setdefault(there, set()).add(here)
@@ -306,7 +310,7 @@ class Walk:
         self.nodes[there], self.came[there] = after, (here, event)
         return there
 
-    def way(self, key: Key) -> list[str]:
+    def path(self, key: Key) -> list[str]:
         """Return the events that lead to a node."""
         events: list[str] = []
         while key in self.came:
@@ -315,7 +319,7 @@ class Walk:
         return events
 
     def from_where(self, is_goal: Callable[[Product], bool]) -> set[Key]:
-        """Return the nodes from which some way leads to a goal."""
+        """Return the nodes from which a path leads to a goal."""
         reached = {key for key, product in self.nodes.items() if is_goal(product)}
         waiting = deque(reached)
         while waiting:

@@ -1,4 +1,4 @@
-"""An arbiter without bus or clock, and everything that it reads, to spoil piece by piece."""
+"""An arbiter without bus or clock, with all its inputs for a test to change one by one."""
 
 from dataclasses import dataclass, field
 from math import pi
@@ -11,7 +11,7 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.config.load import cell_hash, load_cell
 from common.motion.convert import pose_of, record_of
-from common.motion.frames import Oat, R_from_oat
+from common.motion.frames import Oat, R_from_oat, rotation_from_vector
 from forcemesh.bus import Reading
 from forcemesh.codec import Header
 from forcemesh.faults import FAULTS, tripped
@@ -48,7 +48,7 @@ SPOILED = "spoiled: 123 ms old, limit 100 ms"
 
 
 def good_messages(cell: CellConfig) -> dict[str, Message]:
-    """Return what is heard in a cell where all is well and nobody wants anything."""
+    """Return the inputs of a faultless cell without requests."""
     start = record_of(T_START)
     robot = RobotState(
         joint_rad=(0.0,) * 6,
@@ -63,8 +63,8 @@ def good_messages(cell: CellConfig) -> dict[str, Message]:
     return messages | {f"{role}/health": health for role in ROLES}
 
 
-def unfit(code: str) -> RobotStatus:
-    """Return the status of a robot that one fault keeps from moving."""
+def with_fault(code: str) -> RobotStatus:
+    """Return the status of a robot that one fault prevents from moving."""
     return RobotStatus(faults=(tripped(code, FAULTS[code].cause),))
 
 
@@ -78,7 +78,7 @@ class World:
     epochs: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Start the arbiter in a cell where all is well."""
+        """Start the arbiter in a faultless cell."""
         self.core = Arbiter(self.cell, command_deadline_s=DEADLINE_S)
         self.watch = InputMonitors(self.cell)
         self.messages = good_messages(self.cell)
@@ -86,20 +86,20 @@ class World:
     # --- surroundings -----------------------------------------------------------------------------
 
     def change(self, name: str, **changes: Any) -> None:
-        """Change fields of what one input says."""
+        """Change fields of one input."""
         self.messages[name] = self.messages[name].model_copy(update=changes)
 
     def place(self, T_base_flange: pin.SE3) -> None:
-        """Put the flange somewhere."""
+        """Set the pose of the flange."""
         record = record_of(T_base_flange)
         self.change("robot", position_m=record.position_m, orientation_xyzw=record.orientation_xyzw)
 
     def propose(self, pose: PoseRecord | None, **changes: Any) -> None:
-        """Let the regulator ask for a flange pose."""
+        """Publish a flange pose as target of the regulator."""
         self.messages["target"] = RegulatorTarget(mode="position", pose=pose, **changes)
 
     def reading(self, name: str) -> Reading[Any]:
-        """Judge one input as a reader would."""
+        """Return one input with its verdict, as a reader does."""
         message = self.messages[name]
         header = Header(seq=1, epoch=self.epochs.get(name, 1), boot="virtual", stamp_ns=self.now_ns)
         if name in self.silent:
@@ -110,8 +110,8 @@ class World:
         )
 
     def inputs(self) -> Inputs:
-        """Take the snapshot that the arbiter is given."""
-        seen = Inputs(
+        """Return the snapshot for the arbiter."""
+        snapshot = Inputs(
             now_ns=self.now_ns,
             robot=self.reading("robot"),
             sensor=self.reading("sensor"),
@@ -119,19 +119,19 @@ class World:
             target=self.reading("target"),
             health={role: self.reading(f"{role}/health") for role in ROLES},
         )
-        return self.watch.see(seen)
+        return self.watch.update(snapshot)
 
     # --- the arbiter ------------------------------------------------------------------------------
 
     def tick(self, times: int = 1, *, period_ns: int = PERIOD_NS) -> RobotCommand:
-        """Let periods pass; return the last command."""
+        """Advance by periods; return the last command."""
         for _ in range(times - 1):
             self.tick(period_ns=period_ns)
         self.now_ns += period_ns
         return self.core.tick(self.inputs())
 
     def pass_s(self, duration_s: float) -> RobotCommand:
-        """Let time pass, in long periods to be quick."""
+        """Advance by a time, in long periods to save computation."""
         return self.tick(round(duration_s * 1e9) // LONG_PERIOD_NS, period_ns=LONG_PERIOD_NS)
 
     def make_ready(self) -> "World":
@@ -141,7 +141,7 @@ class World:
         return self
 
     def make_armed(self) -> "World":
-        """Arm, and let the robot accept."""
+        """Arm and wait until the robot accepts."""
         self.make_ready()
         assert self.core.arm(self.inputs()).accepted
         self.pass_s(0.5)
@@ -149,11 +149,11 @@ class World:
         return self
 
     def make_active(self, commander: str) -> "World":
-        """Arm, and let somebody command."""
+        """Arm and let a commander move."""
         return self.make_armed().activate(commander)
 
     def activate(self, commander: str) -> "World":
-        """Let somebody command an arm that is armed."""
+        """Let a commander move an armed arm."""
         if commander == "operator":
             assert self.core.move(MOVE_DOWN, self.inputs()).accepted
         else:
@@ -163,7 +163,7 @@ class World:
         return self
 
     def report_goal(self, state: str, **changes: Any) -> None:
-        """Let the robot report on the goal that it was given last."""
+        """Let the robot report on its last goal."""
         command = self.core.tick(self.inputs())
         assert command.goal is not None
         robot = self.messages["robot"]
@@ -173,17 +173,27 @@ class World:
 
 
 def with_limits(**limits: float) -> World:
-    """Return a world in which some limits of the cell are other ones."""
+    """Return a world with changed limits of the cell."""
     changed = CELL.limits.model_copy(update=limits)
     return World(CELL.model_copy(update={"limits": changed}))
 
 
 def shifted(x_m: float = 0.0, y_m: float = 0.0, z_m: float = 0.0) -> PoseRecord:
-    """Return a flange pose beside the start, same orientation."""
+    """Return a flange pose shifted from the start, same orientation."""
     return record_of(pin.SE3(T_START.rotation, T_START.translation + np.array([x_m, y_m, z_m])))
 
 
-def way_m(a: PoseRecord | None, b: PoseRecord | RobotState) -> float:
+def pose_at(p: Any, turn: Any = (0.0, 0.0, 0.0)) -> pin.SE3:
+    """Return the pose at a place [m], turned by a rotation vector [rad]."""
+    return pin.SE3(rotation_from_vector(np.array(turn)), np.array(p, dtype=float))
+
+
+def displaced(kind: int, amount: float) -> pin.SE3:
+    """Return a pose so far [m] in x, or, for kind 1, turned by so much [rad] about z."""
+    return pose_at((amount * (1 - kind), 0.0, 0.0), (0.0, 0.0, amount * kind))
+
+
+def distance_m(a: PoseRecord | None, b: PoseRecord | RobotState) -> float:
     """Return the distance between two poses."""
     assert a is not None
     return float(np.linalg.norm(pose_of(a).translation - pose_of(b).translation))

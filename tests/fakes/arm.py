@@ -23,12 +23,12 @@ class FakeArm:
         self._data = self._model.createData()
 
     def pose(self, joint_rad: np.ndarray) -> pin.SE3:
-        """Flange in base."""
+        """Return the flange in base."""
         pin.forwardKinematics(self._model, self._data, joint_rad)
         return self._data.oMi[6].copy()
 
     def joints(self, T_base_flange: pin.SE3, near_rad: np.ndarray) -> np.ndarray | None:
-        """Joint angles near the given ones, or None when the pose cannot be reached."""
+        """Return joint angles near the given ones, or None when the pose is out of reach."""
         q = near_rad.copy()
         for _ in range(100):
             error = pin.log6(self.pose(q).actInv(T_base_flange)).vector

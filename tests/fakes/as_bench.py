@@ -19,13 +19,13 @@ FAST = Behaviour(step_s=2e-5)
 
 
 class AsBench:
-    """A controller with motors on, in REPEAT, at full monitor speed, and a program in it."""
+    """A controller with motors on, in REPEAT, at full monitor speed, with a loaded program."""
 
     def __init__(self, source: str, behaviour: Behaviour = FAST) -> None:
         self.printed: list[str] = []
         self.network = MemoryNetwork()
         self.machine = Machine(
-            SimArm(FREE, seed=0), self.network, behaviour=behaviour, say=self.printed.append
+            SimArm(FREE, seed=0), self.network, behaviour=behaviour, print_line=self.printed.append
         )
         self.machine.load(parse(source))
         self.pendant = self.machine.pendant
@@ -33,7 +33,7 @@ class AsBench:
 
     @property
     def robot(self) -> Robot:
-        """The arm as AS sees it."""
+        """The arm of the controller."""
         return self.machine.robot
 
     @property
@@ -58,16 +58,16 @@ class AsBench:
         return self.machine.now_ns / NS_PER_S
 
     def value(self, name: str) -> Any:
-        """A global."""
+        """Return the value of a global variable."""
         return self.machine.memory.read(name)
 
     def start(self, program: str = "main", cycles: int = 1) -> "AsBench":
-        """EXECUTE."""
+        """Execute EXECUTE."""
         self.pendant.execute(program, cycles=cycles)
         return self
 
     def advance(self, duration_s: float, until: Callable[[], object] = lambda: False) -> bool:
-        """Let time pass; tell whether a condition came true in it."""
+        """Advance by a time; return whether a condition came true in it."""
         end_ns = self.machine.now_ns + round(duration_s * NS_PER_S)
         while self.machine.now_ns < end_ns:
             self.machine.advance(min(self.machine.now_ns + 1_000_000, end_ns))
@@ -76,7 +76,7 @@ class AsBench:
         return False
 
     def run(self, program: str = "main", limit_s: float = 20.0) -> "AsBench":
-        """EXECUTE, and wait until the robot program is over without an error."""
+        """Execute EXECUTE and wait until the robot program ends without an error."""
         self.start(program)
         over = self.advance(limit_s, lambda: self.task.state in ("idle", "stopped"))
         assert not self.machine.stops, str(self.machine.stops[-1])
@@ -84,7 +84,7 @@ class AsBench:
         return self
 
     def fail(self, program: str = "main", limit_s: float = 20.0) -> AsError:
-        """EXECUTE, and wait for the error that stops the robot program."""
+        """Execute EXECUTE and wait for the error that stops the robot program."""
         self.start(program)
         assert self.advance(limit_s, lambda: self.task.state in ("idle", "stopped"))
         assert self.task.stop is not None, "no error stopped the program"
@@ -92,5 +92,5 @@ class AsBench:
 
 
 def program(*lines: str, name: str = "main") -> str:
-    """A program of these steps."""
+    """Return a program of these steps."""
     return "\n".join([f".PROGRAM {name}()", *lines, ".END", ""])

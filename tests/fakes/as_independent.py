@@ -1,4 +1,4 @@
-"""An evaluation of AS expressions that knows nothing of the emulator: numpy and one table."""
+"""An evaluation of AS expressions that is independent of the emulator: numpy and one table."""
 
 import math
 
@@ -21,11 +21,11 @@ VARIABLES = {"a": 2.0, ".b": -3.5, "c[1]": 0.1, "@n": 7.0, "z": 0.0}
 
 
 class Beyond(Exception):  # noqa: N818 (a result, not a failure)
-    """The value leaves what AS can hold, with its code."""
+    """The value exceeds the range of AS, with the error code."""
 
 
 class Independent:
-    """Precedence climbing over the words; knows nothing of the emulator."""
+    """Precedence climbing over the tokens, independent of the emulator."""
 
     def __init__(self, words: list[str]) -> None:
         self.words = words
@@ -57,7 +57,7 @@ class Independent:
 
 
 def literal(word: str) -> np.float32:
-    """The value of a number or variable."""
+    """Return the value of a number or variable."""
     if word in VARIABLES:
         return np.float32(VARIABLES[word])
     if word[:2] in {"^B", "^H"}:
@@ -66,12 +66,12 @@ def literal(word: str) -> np.float32:
 
 
 def truth(condition: bool) -> np.float32:
-    """TRUE is -1."""
+    """Return -1 for true, 0 for false."""
     return np.float32(-1.0 if condition else 0.0)
 
 
 def bits(value: np.float32) -> np.int32:
-    """The 32 bits of a value that has no more."""
+    """Return the 32 bits of a value that has no more."""
     whole = math.trunc(float(value))
     if not -(2**31) <= whole <= 2**32:
         raise Beyond("E0106")
@@ -79,7 +79,7 @@ def bits(value: np.float32) -> np.int32:
 
 
 def apply(operator: str, left: np.float32, right: np.float32) -> np.float32:
-    """One operator, in single precision."""
+    """Apply one operator in single precision."""
     if operator in RELATIONS:
         return truth(RELATIONS[operator](left, right))
     if operator in BITWISE:
@@ -91,7 +91,7 @@ def apply(operator: str, left: np.float32, right: np.float32) -> np.float32:
 
 
 def arithmetic(operator: str, left: np.float32, right: np.float32) -> np.float32:
-    """+ - * / MOD ^, or what AS refuses."""
+    """Compute + - * / MOD ^, or raise what AS refuses."""
     with np.errstate(all="ignore"):
         if operator in {"/", "MOD"} and right == 0:
             raise Beyond("E0108")
@@ -103,7 +103,7 @@ def arithmetic(operator: str, left: np.float32, right: np.float32) -> np.float32
 
 
 def powered(base: float, exponent: float) -> np.float32:
-    """Base to the exponent, through double precision."""
+    """Return base to the exponent through double precision."""
     if base == 0 and exponent < 0:
         raise Beyond("E0108")
     if base < 0 and exponent != int(exponent):
@@ -115,14 +115,14 @@ def powered(base: float, exponent: float) -> np.float32:
 
 
 def finite(value: np.float32) -> np.float32:
-    """Refuse what single precision cannot hold."""
+    """Refuse values outside single precision."""
     if not np.isfinite(value):
         raise Beyond("E0106")
     return value
 
 
 def outcome(words: list[str]) -> float | str:
-    """Return the value of the words, or the code of the error."""
+    """Return the value of the tokens, or the code of the error."""
     try:
         return float(Independent(words).value())
     except Beyond as error:
@@ -130,7 +130,7 @@ def outcome(words: list[str]) -> float | str:
 
 
 def outcome_of(operator: str, left: float, right: float) -> float | str:
-    """Return what one operator makes of two numbers, or the code of the error."""
+    """Return the result of one operator on two numbers, or the code of the error."""
     try:
         return float(apply(operator, np.float32(left), np.float32(right)))
     except Beyond as error:

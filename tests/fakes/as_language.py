@@ -20,7 +20,7 @@ SWITCHES = {"cp": True, "power": False}
 
 
 def standing_machine(signals: set[int], errors: list[int]) -> MachineInterface:
-    """A controller that stands still; the test sets its signals and its last error."""
+    """Return a controller at rest; the test sets its signals and its last error."""
     return cast("MachineInterface", SimpleNamespace(
         here=lambda: HERE,
         here_joints=lambda: HERE_JOINTS,
@@ -47,7 +47,7 @@ def standing_machine(signals: set[int], errors: list[int]) -> MachineInterface:
 
 
 class AsLanguage:
-    """Memory, locals of one call and a machine, to try expressions and assignments on."""
+    """Memory, locals of one call and a machine, for expressions and assignments."""
 
     def __init__(self, *assignments: str, optional_formats: bool = False) -> None:
         self.memory = Memory()

@@ -16,10 +16,15 @@ from forcemesh.topics import CLIENT, Request, Topic
 
 DEMO = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 CELL = load_cell(DEMO)
-# At half the demo's rates a virtual cell takes two thirds of the time: for what does not depend on
-# them. Nor does a lab have to have a sensor of 500 Hz.
+# At half the demo's rates a virtual cell takes two thirds of the time: for tests that do not
+# depend on the rates. A lab need not have a sensor of 500 Hz either.
 HALF_RATES = {"robot_hz": 125, "sensor_hz": 250, "control_hz": 125}
 HALF_CELL = load_cell(DEMO, {"rates": HALF_RATES})
+
+
+def cell_with(**changes: Any) -> CellConfig:
+    """Return the demo's cell with other values, `section__name`."""
+    return load_cell(DEMO, {name.replace("__", "."): value for name, value in changes.items()})
 
 
 class Bench:
@@ -32,7 +37,7 @@ class Bench:
         cell: CellConfig = CELL,
         step_s: float = 0.004,
     ) -> None:
-        """Start the service at a virtual instant; nothing has been said yet."""
+        """Start the service at a virtual time, before any message."""
         self.cell = cell
         self.clock = ManualClock()
         self.transport = MemoryTransport()
@@ -48,13 +53,13 @@ class Bench:
         return Bus(role, self.cell.cell, self.transport, self.cell, self.clock)
 
     def put(self, topic: Topic[Any], message: Message, origin: Origin | None = None) -> None:
-        """Say something as the role that writes a topic."""
+        """Publish a message as the role that writes its topic."""
         if topic.key not in self._publishers:
             self.replace_writer(topic)
         self._publishers[topic.key].put(message, origin)
 
     def replace_writer(self, topic: Topic[Any]) -> None:
-        """Go on as another process of the role that writes a topic."""
+        """Continue as another process of the role that writes a topic."""
         self._publishers[topic.key] = self._bus(topic.writer).publisher(topic)
 
     def watch(self, topic: Topic[Any]) -> Reader[Any]:
@@ -64,28 +69,28 @@ class Bench:
         return self._readers[topic.key]
 
     def step(self, times: int = 1) -> None:
-        """Let periods pass: first the other roles speak, then the service steps."""
+        """Advance by periods: first the other roles publish, then the service steps."""
         for _ in range(times):
             self.clock.sleep_s(self.step_s)
             self.before_step()
             self.service.step(self.clock.now_ns())
 
     def pass_s(self, duration_s: float) -> None:
-        """Let time pass."""
+        """Advance by a time."""
         self.step(round(duration_s / self.step_s))
 
     def newest(self, topic: Topic[Any]) -> Any:
-        """Return the newest message of a topic; the first call only starts to watch."""
+        """Return the newest message of a topic; the first call only subscribes."""
         return self.watch(topic).read(self.clock.now_ns()).message
 
     def after_step(self, topic: Topic[Any]) -> Any:
-        """Step once; return what the service said on a topic."""
+        """Step once; return the service's message of that step on a topic."""
         self.watch(topic)
         self.step()
         return self.newest(topic)
 
     def ask(self, request: Request[Any], message: Record) -> Reply:
-        """Send a request as a client and return the answer."""
+        """Send a request as a client and return the reply."""
         return self.client.ask(request, message)
 
     def _live(self, timeout_s: float, answered: Callable[[], bool]) -> None:

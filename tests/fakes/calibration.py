@@ -1,4 +1,4 @@
-"""A virtual cell that is calibrated, with a teller whose lines a test reads."""
+"""A calibrated virtual cell, and a recorder of the wizard's progress lines."""
 
 from collections.abc import Callable
 from functools import cache
@@ -29,15 +29,15 @@ def demo_cell(**overrides: Any) -> CellConfig:
 
 @cache
 def planned(cell: CellConfig, q_start: tuple[float, ...], options: PlanOptions) -> CalibrationPlan:
-    """Return a plan, made once for all who begin at the same joint angles [rad]."""
+    """Return a plan, computed once for all tests with the same initial joint angles [rad]."""
     return make_plan(cell, ArmKinematics(), np.array(q_start), options)
 
 
 class Notes:
-    """A teller: keeps the lines, and lets a test do something at a certain stage."""
+    """Progress recorder: keeps the lines, and runs a test's function at a certain stage."""
 
     def __init__(self) -> None:
-        """Begin with no line."""
+        """Start without lines."""
         self.lines: list[str] = []
         self.stages: list[str] = []
         self.shares: list[float] = []
@@ -48,7 +48,7 @@ class Notes:
         self.lines.append(text)
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
-        """Keep what changes, and do what was asked for at this stage, once."""
+        """Keep changes of the progress, and run the function of this stage, once."""
         if not self.stages or self.stages[-1] != text:
             self.stages.append(text)
         self.shares.append(done_s / total_s if total_s else 0.0)
@@ -59,7 +59,7 @@ class Notes:
                 return
 
     def at(self, text: str, do: Callable[[], None]) -> None:
-        """Do something the first time that a stage holds a text."""
+        """Run a function the first time that a stage contains a text."""
         self._events.append((text, do))
 
 
@@ -67,7 +67,7 @@ class CalibrationLab:
     """The cell on a virtual clock, at home and ready to be armed."""
 
     def __init__(self, cell: CellConfig | None = None) -> None:
-        """Wait out the preflight."""
+        """Advance past the preflight."""
         self.cell = cell or demo_cell(**QUICK)
         self.world = VirtualCell(self.cell)
         self.world.advance(1.2)
@@ -75,18 +75,18 @@ class CalibrationLab:
 
     @property
     def bus(self):
-        """A client's way to the cell."""
+        """The bus of a client of the cell."""
         return self.world.client
 
     def plan(self, **options: Any) -> CalibrationPlan:
-        """Return a plan from where the arm is."""
-        wanted = PlanOptions(**{"poses": 6, "verify_poses": 2, **options})
-        return planned(self.cell, tuple(self.world.arm.q.tolist()), wanted)
+        """Return a plan from the present pose."""
+        plan_options = PlanOptions(**{"poses": 6, "verify_poses": 2, **options})
+        return planned(self.cell, tuple(self.world.arm.q.tolist()), plan_options)
 
     def wizard(
         self, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
     ) -> CalibrationWizard:
-        """Return a wizard that has not begun."""
+        """Return a wizard at its first stage."""
         return CalibrationWizard(
             self.bus, self.cell, plan or self.plan(), timing=pace, output=self.notes
         )

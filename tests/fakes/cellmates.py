@@ -1,4 +1,4 @@
-"""The arbiter's process on a virtual clock, among roles that the test lets speak."""
+"""The arbiter's process on a virtual clock, among roles that the test plays."""
 
 from typing import Any
 
@@ -29,29 +29,29 @@ def topic_of(name: str) -> topics.Topic[Any]:
 
 
 class ElsewhereClock(ManualClock):
-    """The clock of another host: a day ahead, and known to be another one."""
+    """The clock of another host: a day ahead, with another boot ID."""
 
     @property
     def boot(self) -> str:
-        """Not the bench's."""
+        """Another boot ID than the bench's."""
         return "elsewhere"
 
 
 class Cellmates(Bench):
-    """The arbiter among roles that speak every period, as long as they live."""
+    """The arbiter among roles that publish every period until they are stopped."""
 
     def __init__(self, cell: CellConfig = CELL) -> None:
-        """Start with everybody alive and well."""
+        """Start with every role running and without faults."""
         super().__init__("arbiter", ArbiterService, cell)
         self.messages = good_messages(cell)
         self.dead: set[str] = set()
-        self.rivals: dict[str, Publisher[Any]] = {}  # second writers: heard after the first ones
+        self.rivals: dict[str, Publisher[Any]] = {}  # second publishers, read last
         self.sample_age_s = 0.002  # of the sensor's sample behind a wrench
-        self.before_step = self._speak
+        self.before_step = self._publish_all
         self.command = self.watch(topics.ROBOT_COMMAND)
         self.status = self.watch(topics.ARBITER_STATUS)
 
-    def _speak(self) -> None:
+    def _publish_all(self) -> None:
         sample_ns = self.clock.now_ns() - round(self.sample_age_s * NS_PER_S)
         origins = {"target": Origin(1234, 5), "wrench": Origin(sample_ns, 5)}
         for name, message in self.messages.items():
@@ -61,45 +61,45 @@ class Cellmates(Bench):
             rival.put(self.messages[name])
 
     def change(self, name: str, **changes: Any) -> None:
-        """Change fields of what one role says."""
+        """Change fields of the message of one role."""
         self.messages[name] = self.messages[name].model_copy(update=changes)
 
     def add_rival(self, name: str) -> None:
-        """Start a second process that writes what one role writes."""
+        """Start a second process that publishes the topic of one role."""
         topic = topic_of(name)
         bus = Bus(topic.writer, self.cell.cell, self.transport, self.cell, self.clock)
         self.rivals[name] = bus.publisher(topic)
 
     def move_away(self, name: str) -> None:
-        """Let one role speak from another host from now on."""
+        """Publish one role's messages from another host from now on."""
         topic, clock = topic_of(name), ElsewhereClock(10**14)
         bus = Bus(topic.writer, self.cell.cell, self.transport, self.cell, clock)
         self._publishers[topic.key] = bus.publisher(topic)
 
-    def told(self) -> ArbiterStatus:
+    def last_status(self) -> ArbiterStatus:
         """Return the arbiter's last status."""
         status: ArbiterStatus = self.newest(topics.ARBITER_STATUS)
         return status
 
     def codes(self) -> list[str]:
-        """Return the codes of what has stopped the arm."""
-        return [trip.code for trip in self.told().trips]
+        """Return the codes of the trips."""
+        return [trip.code for trip in self.last_status().trips]
 
-    def said(self) -> RobotCommand:
+    def published(self) -> RobotCommand:
         """Return the arbiter's last command."""
         command: RobotCommand = self.newest(topics.ROBOT_COMMAND)
         return command
 
     def arm(self) -> "Cellmates":
-        """Wait out the preflight and arm."""
+        """Advance past the preflight and arm."""
         self.pass_s(1.1)
         assert self.ask(topics.ARM, ArmRequest()).accepted
         self.pass_s(0.4)
-        assert self.told().state == "ARMED"
+        assert self.last_status().state == "ARMED"
         return self
 
     def ask_at_once(self, *requests: tuple[topics.Request[Any], Record]) -> None:
-        """Let several requests come in within one period."""
+        """Send several requests within one period."""
         for request, message in requests:
             waiting = self.transport.serve(f"{self.cell.cell}/{request.key}").waiting
             waiting.append(MemoryCall(encode_record(message)))

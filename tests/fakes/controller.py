@@ -1,11 +1,11 @@
-"""A robot controller: the other end of the packet protocol, with tantrums.
+"""A fake robot controller: the other end of the packet protocol, with injectable faults.
 
-Used as a context manager it lives in a thread, in real time, on a real TCP socket; on a network in
-memory whoever steps the gateway steps it too, on a clock of their own. It reads and writes with
-`controller.packet` alone. Like the real program it streams 101 and 102 (one
-counter for both of a sample) and 103, takes ring commands one by one, and has a watchdog that
-latches. It watches from the first packet after hello or hold that is more than a setting: then
-something may move, and silence is a fault.
+Used as a context manager it runs in a thread, in real time, on a real TCP socket; on a network in
+memory the test that steps the gateway steps it too, on a clock of its own. It reads and writes with
+`controller.packet` alone. Like the real program it streams 101 and 102 (one counter for both of a
+sample) and 103, executes ring commands one by one, and has a watchdog that latches. The watchdog is
+active from the first packet after hello or hold that is more than a setting: then a motion is
+possible, and silence is a fault.
 """
 
 import random
@@ -36,13 +36,13 @@ from sim.controller.network import MemoryNetwork, MemoryStream, SocketNetwork, S
 from tests.fakes.robot_program import RobotProgram
 
 PORT = 49152
-LOOKS_EVERY_S = 0.001  # in real time, at its socket
+CYCLE_S = 0.001  # in real time, at its socket
 SETTINGS = {Com.SPEEDS, Com.GAINS, Com.LIMITS, Com.TCP}
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A packet and when it came."""
+    """A packet and its time of receipt."""
 
     packet: Packet
     at_ns: int
@@ -50,21 +50,21 @@ class Received:
 
 @dataclass(slots=True)
 class Tantrums:
-    """What a test may do to the wire; all may be changed while the controller runs."""
+    """Injectable faults of the wire; all may be changed while the controller runs."""
 
     chop: bool = False  # write in pieces of 1 to 60 bytes
     merge: int = 1  # samples that are written at once
     frozen: bool = False  # neither read nor write
     mute: bool = False  # read, but write nothing
-    stalled: bool = False  # the robot program takes nothing from the ring
+    stalled: bool = False  # the robot program reads nothing from the ring
     greeting: int = greeting(1)  # Param of its hello
     any_peer: bool = True
-    scales: VecInt | None = None  # set others than it was asked for
-    greet: bool = True  # answer hello
+    scales: VecInt | None = None  # set others than commanded
+    greet: bool = True  # reply to hello
 
 
 class FakeController:
-    """Listens on `port`: of a network in memory, or of this machine until the context is left."""
+    """Listens on `port` of a network in memory, or of this machine until the context ends."""
 
     def __init__(
         self,
@@ -86,13 +86,13 @@ class FakeController:
         self.port = sockets.bound.get(PORT, PORT)
         self._client: MemoryStream | SocketStream | None = None
         self._reader = PacketReader()
-        self._said_hello = self._greeted = self._armed = False
+        self._hello_received = self._greeted = self._armed = False
         self._framed_id = NO_ID
-        self._outbox, self._rest = b"", b""  # not written yet, not taken by the network yet
-        self._now_s, self._cycled_s, self._heard_s = 0.0, 0.0, 0.0
+        self._outbox, self._rest = b"", b""  # not written yet, not accepted by the network yet
+        self._now_s, self._cycled_s, self._received_s = 0.0, 0.0, 0.0
         self._samples = 0
         self._stop = threading.Event()
-        self._news = threading.Condition(threading.RLock())  # guards everything above
+        self._new_data = threading.Condition(threading.RLock())  # guards everything above
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> "FakeController":
@@ -109,28 +109,28 @@ class FakeController:
 
     @property
     def T_base_flange(self) -> pin.SE3:
-        """Where the flange is."""
-        with self._news:
+        """The pose of the flange."""
+        with self._new_data:
             return self.robot.arm.pose(self.robot.joint_rad)
 
     def of(self, *coms: Com) -> list[Packet]:
-        """Received packets of these commands."""
-        with self._news:
+        """Return the received packets of these commands."""
+        with self._new_data:
             return [r.packet for r in self.received if r.packet.com in coms]
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float = 5.0) -> bool:
-        """Wait until a condition holds; it is looked at after each cycle of the controller."""
-        with self._news:
-            return self._news.wait_for(condition, timeout_s)
+        """Wait until a condition is true; it is checked after each cycle of the controller."""
+        with self._new_data:
+            return self._new_data.wait_for(condition, timeout_s)
 
     def write(self, data: bytes) -> None:
         """Put any bytes into the stream."""
-        with self._news:
+        with self._new_data:
             self._write(data)
 
     def drop(self, *, reset: bool = False) -> None:
         """End the connection, cleanly or with RST."""
-        with self._news:
+        with self._new_data:
             if reset and self._client is not None:
                 self._client.reset()
             self._lost("dropped by the test")
@@ -138,14 +138,14 @@ class FakeController:
     # --- the program ------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        while not self._stop.wait(LOOKS_EVERY_S):
+        while not self._stop.wait(CYCLE_S):
             self.live(time.monotonic())
 
     def live(self, now_s: float) -> None:
-        """Look at the network, and run a cycle of the robot program when it is time."""
+        """Poll the network, and run a cycle of the robot program when it is due."""
         if self.tantrums.frozen:
             return
-        with self._news:
+        with self._new_data:
             self._now_s = now_s
             self._listen()
             self._receive()
@@ -154,14 +154,14 @@ class FakeController:
                 self._cycled_s = now_s
                 self._cycle(min(since_s, 1.0))
             self._flush()
-            self._news.notify_all()
+            self._new_data.notify_all()
 
     def _cycle(self, dt_s: float) -> None:
         if not self.tantrums.stalled:
             self.robot.take()
             self.robot.correct(self._now_s)
         self.robot.move(dt_s)
-        if self._armed and self._now_s - self._heard_s > self.robot.watchdog_s:
+        if self._armed and self._now_s - self._received_s > self.robot.watchdog_s:
             self._lost("watchdog")
         self._report()
 
@@ -174,7 +174,7 @@ class FakeController:
         assert isinstance(stream, MemoryStream | SocketStream)
         self._client = stream
         self._reader, self._outbox, self._rest = PacketReader(), b"", b""
-        self._said_hello = self._greeted = False
+        self._hello_received = self._greeted = False
         self.connections += 1
 
     def _receive(self) -> None:
@@ -191,13 +191,13 @@ class FakeController:
             self._lost(str(error))
 
     def _frame(self, packet: Packet) -> None:
-        """Check, handle at once or put into the ring."""
+        """Check a packet, execute it at once or put it into the ring."""
         robot, com = self.robot, known(packet.com, packet.param)
-        if (com == Com.HELLO) == self._said_hello or com not in COMMANDS:
+        if (com == Com.HELLO) == self._hello_received or com not in COMMANDS:
             raise RemoteProtocolError(f"command {com} out of place")
-        if self._said_hello and packet.id != next_id(self._framed_id):
+        if self._hello_received and packet.id != next_id(self._framed_id):
             raise RemoteProtocolError(f"ID {packet.id} after {self._framed_id}")
-        self._framed_id, self._heard_s = packet.id, self._now_s
+        self._framed_id, self._received_s = packet.id, self._now_s
         if com == Com.HELLO:
             self._hello(packet)
         elif com == Com.HOLD:
@@ -220,18 +220,18 @@ class FakeController:
         robot.taken_id, robot.held_id, self._armed = packet.id, packet.id, False
         robot.set_up, robot.setpoint = set(), None
         robot.scales = tantrums.scales or packet.vec
-        self._said_hello = True
+        self._hello_received = True
         if tantrums.greet:
             self._greeted = True
             self._write(encode(Packet(packet.id, Com.HELLO, tantrums.greeting, robot.scales)))
 
     def _hold(self) -> None:
-        """After a hold nothing moves, so the watchdog has nothing to watch."""
+        """After a hold nothing moves, so the watchdog is off."""
         self.robot.hold(self._framed_id)
         self._armed = False
 
     def _lost(self, reason: str) -> None:
-        """The connection is over: hold, and latch if something was under way."""
+        """The connection is lost: hold, and latch if a motion was in progress."""
         if self._armed:
             self.robot.status |= Status.WATCHDOG_LATCHED
         self._hold()
@@ -244,7 +244,7 @@ class FakeController:
         self._client = None
 
     def _report(self) -> None:
-        """The sender: one sample is 101 and 102 under one counter, now and then 103."""
+        """Send one sample: 101 and 102 under one counter, now and then 103."""
         if not self._greeted or self._client is None:
             return
         robot, self._samples = self.robot, self._samples + 1
@@ -266,7 +266,7 @@ class FakeController:
             self._flush()
 
     def _flush(self) -> None:
-        """Hand over what the network takes; the rest goes the next time."""
+        """Write what the network accepts; the rest goes with the next call."""
         try:
             while self._client is not None and self._rest:
                 size = self._random.randint(1, 60) if self.tantrums.chop else len(self._rest)

@@ -1,4 +1,4 @@
-"""A client of the program that ships: packets over a wire in memory, all on the virtual clock."""
+"""A client of the shipped program: packets over a wire in memory, all on the virtual clock."""
 
 import re
 from collections.abc import Callable
@@ -38,7 +38,7 @@ PORT = 49152
 QUICK = Behaviour(step_s=1e-4)
 SCALES: VecInt = (50, 500, 250, 100, 1000, 10)  # per mm, degree, degree of a joint, N, N m, mm/s
 LIMITS: VecInt = (50, 1000, 500, 10_000, 5_000, 250)  # 1 mm, 2 deg, 50 mm/s, 200 mm, 50 N, 250 ms
-ARM = 1  # fm.num as it ships
+ARM = 1  # fm.num of the shipped program
 HELLO_PARAM = greeting(ARM)
 # 175 deg since a hold, 100 N m, 20 mm and 10 deg from one set point to the next, 1000 mm/s.
 MOTION: VecInt = (87_500, 100_000, 1_000, 5_000, 10_000, 0)
@@ -68,13 +68,13 @@ def with_peer(a: int, b: int, c: int, d: int) -> str:
 
 
 def codes_of(text: str) -> set[int]:
-    """Return every fault code that the program can report: of holds, and of refused targets."""
+    """Return every fault code of the program: of holds, and of refused targets."""
     refusals = {int(code) for code in re.findall(r"(?:fm\.refd|\.bad)=(\d+)", text)}
     return {int(code) for code in re.findall(r"fm\.fault=(\d+)", text)} - {0} | refusals - {0, 1}
 
 
 class Talk:
-    """A controller with `fm.main` started, and one client that may say anything to it."""
+    """A controller with `fm.main` started, and one client that may send it any bytes."""
 
     def __init__(
         self,
@@ -85,7 +85,8 @@ class Talk:
     ) -> None:
         """Switch on, load, full monitor speed, EXECUTE.
 
-        `prepare` comes right before EXECUTE; `text` is the program, with other settings perhaps.
+        `prepare` is called right before EXECUTE; `text` is the program, possibly with other
+        settings.
         """
         self.network = MemoryNetwork()
         self.machine = Machine(SimArm(FREE, seed=0), self.network, behaviour=behaviour)
@@ -112,7 +113,7 @@ class Talk:
     def live(
         self, duration_s: float, *, beat: bool = False, until: Callable[[], object] | None = None
     ) -> bool:
-        """Let time pass, with heartbeats if asked for; tell whether a condition came true."""
+        """Advance by a time, with optional heartbeats; return whether a condition came true."""
         end_ns = self.machine.now_ns + round(duration_s * NS_PER_S)
         while self.machine.now_ns < end_ns:
             if until is not None and until():
@@ -126,7 +127,7 @@ class Talk:
     def wait(
         self, until: Callable[[], object], limit_s: float = 5.0, *, beat: bool = True
     ) -> float:
-        """Let time pass until something is true; return how long it took [s]."""
+        """Advance until a condition is true; return the time that it took [s]."""
         start_s = self.now_s
         came = self.live(limit_s, beat=beat, until=until)
         assert came, f"not in {limit_s} s: status {self.status!r}, fault {self.fault}"
@@ -139,13 +140,13 @@ class Talk:
     # --- the wire ---------------------------------------------------------------------------------
 
     def dial(self, peer: Octets = LOOPBACK) -> None:
-        """Connect, as soon as the program listens."""
+        """Connect as soon as the program listens."""
         self.wait(lambda: PORT in self.network.listeners, beat=False)
         self.stream = self.network.dial(PORT, peer)
         self.closed, self.inbox, self._reader = False, [], PacketReader()
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the wire; a connection that is gone swallows them."""
+        """Put bytes on the wire; a closed connection discards them."""
         self._sent_ns = self.machine.now_ns
         try:
             assert self.stream.send(data) == len(data), "the wire is full"
@@ -153,7 +154,7 @@ class Talk:
             self.closed = True
 
     def send(self, com: int, param: int = 0, vec: VecInt = ZERO_VEC) -> int:
-        """Send a command with the ID that is due; return it."""
+        """Send a command with the next ID; return the ID."""
         self.id = next_id(self.id)
         self.write(encode(Packet(self.id, com, param, vec)))
         return self.id
@@ -166,7 +167,7 @@ class Talk:
     def greet(
         self, *, id_: int = ID_FIRST, param: int = HELLO_PARAM, scales: VecInt = SCALES
     ) -> None:
-        """Connect and say hello; wait for nothing."""
+        """Connect and send hello; wait for nothing."""
         self.dial()
         self.id = id_
         self.write(encode(Packet(id_, Com.HELLO, param, scales)))
@@ -182,9 +183,9 @@ class Talk:
         upper: VecInt = UPPER,
         tcp: VecInt = NO_TCP,
     ) -> None:
-        """Connect, say hello, wait for the stream of reports, `set_up`."""
+        """Connect, send hello, wait for the stream of reports, `set_up`."""
         self.greet(id_=id_, scales=scales)
-        self.wait(lambda: self.heard(Com.HEALTH), beat=False)
+        self.wait(lambda: self.received(Com.HEALTH), beat=False)
         if limits is not None:
             self.set_up(limits, motion=motion, lower=lower, upper=upper, tcp=tcp)
 
@@ -197,13 +198,13 @@ class Talk:
         upper: VecInt = UPPER,
         tcp: VecInt = NO_TCP,
     ) -> None:
-        """Send all that has to come, once, before anything moves; wait until it is taken."""
+        """Send each setting needed before a motion once; wait until all are executed."""
         for bank, vec in enumerate((limits, motion, lower, upper)):
             self.send(Com.LIMITS, bank, vec)
         self.do(Com.TCP, CentreParam.TCP, tcp)
 
     def do(self, com: int, param: int = 0, vec: VecInt = ZERO_VEC, limit_s: float = 5.0) -> float:
-        """Send a command for the robot program and wait until it is taken; return how long."""
+        """Send a command of the robot program and wait until it is executed; return the time."""
         sent = self.send(com, param, vec)
         return self.wait(lambda: self.taken == sent, limit_s, beat=False)
 
@@ -219,14 +220,14 @@ class Talk:
         elif data:
             self.inbox += self._reader.feed(data)
 
-    # --- what the controller says -----------------------------------------------------------------
+    # --- reports of the controller ----------------------------------------------------------------
 
-    def heard(self, com: Com) -> list[Packet]:
-        """Every report of a kind on this connection."""
+    def received(self, com: Com) -> list[Packet]:
+        """Return every report of a kind on this connection."""
         return [packet for packet in self.inbox if packet.com == com]
 
     def last(self, com: Com) -> Packet:
-        """The newest report of a kind, on this connection."""
+        """Return the newest report of a kind on this connection."""
         for packet in reversed(self.inbox):
             if packet.com == com:
                 return packet
@@ -234,17 +235,17 @@ class Talk:
 
     @property
     def status(self) -> Status:
-        """The bits of the newest sample."""
+        """Status bits of the newest sample."""
         return unpack_status(self.last(Com.POSE).param)[1]
 
     @property
     def fault(self) -> int:
-        """What 103 says."""
+        """Fault code of the newest 103."""
         return self.last(Com.HEALTH).param
 
     @property
     def taken(self) -> int:
-        """ID of the last command that the robot program took."""
+        """ID of the last command that the robot program has executed."""
         return self.last(Com.POSE).id
 
     @property
@@ -261,40 +262,40 @@ class Talk:
 
     @property
     def T_mm(self) -> pin.SE3:
-        """Where the flange is, its position in mm."""
+        """Flange pose with its position in mm."""
         T = self.robot.kinematics.flange_pose(self.robot.q)
         return pin.SE3(T.rotation, T.translation * 1e3)
 
     def height_mm(self) -> float:
-        """How high the flange is."""
+        """Height of the flange."""
         return float(self.T_mm.translation[2])
 
     def value(self, name: str) -> Any:
-        """A global variable."""
+        """Return the value of a global variable."""
         return self.machine.memory.read(name)
 
     # --- sentences --------------------------------------------------------------------------------
 
     def pose_vec(self, T_mm: pin.SE3, scales: VecInt = SCALES) -> VecInt:
-        """A pose with its position in mm as six numbers of a packet."""
+        """Return a pose with its position in mm as six numbers of a packet."""
         oat = np.degrees(oat_from_R(T_mm.rotation)) * scales[1]
         x, y, z, o, a, t = (round(float(v)) for v in (*(T_mm.translation * scales[0]), *oat))
         return (x, y, z, o, a, t)
 
     def shifted_vec(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> VecInt:
-        """The present pose, so many mm farther along the base axes."""
+        """Return the present pose, shifted along the base axes by that many mm."""
         T = self.T_mm
         return self.pose_vec(pin.SE3(T.rotation, T.translation + np.array([x, y, z])))
 
     def move_up(self, z_mm: float, *, speed_mm_s: float = 50.0) -> int:
-        """Send a speed and a straight motion along z from where the arm is; return its ID."""
+        """Send a speed and a straight motion up along z from the present pose; return its ID."""
         self.send(Com.SPEEDS, 0, (10_000, 10_000, 10_000, round(speed_mm_s * SCALES[5]), 0, 0))
         return self.send(Com.MOVE_POSE, 0, self.shifted_vec(z=z_mm))
 
     def start_feedback(
         self, mode: int, *, gains_p: VecInt = ZERO_VEC, gains_i: VecInt = ZERO_VEC
     ) -> None:
-        """Gains and start: 1 position, 2 orientation, 3 both; wait until it shows."""
+        """Send gains and start: 1 position, 2 orientation, 3 both; wait for the status."""
         self.send(Com.GAINS, 0, gains_p)
         self.send(Com.GAINS, 1, gains_i)
         for param in (0, 1):
@@ -304,7 +305,7 @@ class Talk:
 
 
 def moving(talk: Talk, z_mm: float = 60.0) -> Talk:
-    """On the way up."""
+    """Return a client during a motion up."""
     talk.hello()
     z = talk.height_mm()
     talk.move_up(z_mm)
@@ -312,8 +313,15 @@ def moving(talk: Talk, z_mm: float = 60.0) -> Talk:
     return talk
 
 
+def push(talk: Talk, times: int, vec: VecInt = ZERO_VEC) -> None:
+    """Send the same wrench some times, every 20 ms."""
+    for _ in range(times):
+        talk.send(Com.WRENCH, 0, vec)
+        talk.live(0.02)
+
+
 def still(talk: Talk, duration_s: float = 1.0) -> bool:
-    """Tell whether the arm stays where it is, from 0.3 s on."""
+    """Return whether the arm stays in its place, from 0.3 s on."""
     talk.live(0.3, beat=True)
     q = talk.robot.q
     talk.live(duration_s, beat=True)

@@ -1,4 +1,4 @@
-"""Dialogues in memory: what they want to send, and what a controller would say to them."""
+"""Dialogues in memory: their outgoing packets, and reports of a controller for them."""
 
 import numpy as np
 import pinocchio as pin
@@ -27,32 +27,32 @@ NONE = (0.0, 0.0, 0.0)  # no torque, no set point
 
 
 def packets(data: bytes) -> list[Packet]:
-    """Read what a dialogue wants to send."""
+    """Return the packets that a dialogue has to send."""
     return PacketReader().feed(data)
 
 
 def coms(data: bytes) -> list[tuple[int, int]]:
-    """(Com, Param) of what a dialogue wants to send."""
+    """Return (Com, Param) of the packets that a dialogue has to send."""
     return [(packet.com, packet.param) for packet in packets(data)]
 
 
 def at(x_mm: float) -> pin.SE3:
-    """A pose along x."""
+    """Return a pose shifted along x."""
     return pin.SE3(np.eye(3), np.array([x_mm * 1e-3, 0.4, 0.3]))
 
 
 def pose_report(taken_id: int, status: Status = QUIET) -> bytes:
-    """101 as the controller sends it."""
+    """Return 101 as the controller sends it."""
     return encode(Packet(taken_id, Com.POSE, pack_status(1, status)))
 
 
 def joint_report(framed_id: int) -> bytes:
-    """102 as the controller sends it."""
+    """Return 102 as the controller sends it."""
     return encode(Packet(framed_id, Com.JOINTS, pack_status(1, Status(0))))
 
 
 def greeted(pacing: Pacing | None = None, last_id: int = ID_LAST) -> Dialogue:
-    """A dialogue after both hellos, at time 0."""
+    """Return a dialogue after both hellos, at time 0."""
     dialogue = Dialogue(SCALES, pacing, last_id=last_id)
     hello = dialogue.connected(0)
     dialogue.feed(hello, 0)
@@ -61,7 +61,7 @@ def greeted(pacing: Pacing | None = None, last_id: int = ID_LAST) -> Dialogue:
 
 
 def in_feedback() -> Dialogue:
-    """A dialogue whose controller runs position feedback."""
+    """Return a dialogue whose controller runs position feedback."""
     dialogue = greeted()
     dialogue.start_feedback("position", GAINS, permitted=True, now_ns=0)
     dialogue.feed(pose_report(dialogue.last_id, Status.POSITION_FEEDBACK), 0)

@@ -1,4 +1,4 @@
-"""Requests as hostile as their types allow: every number and text of every request at its ends."""
+"""Requests with extreme values: every number and text of every request at its ends."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -17,7 +17,7 @@ OTHERS: tuple[Any, ...] = (None, (), (0.0,) * 64, {}, {"kind": "pose"}, True)
 
 
 def bodies(request: Request[Any]) -> Iterator[dict[str, Any]]:
-    """Yield the fields of a request: as they are, then each value replaced by each extreme."""
+    """Yield the fields of a request: unchanged, then each value replaced by each extreme."""
     for whole in _whole(request):
         yield whole
         for path, value in places(whole):
@@ -51,7 +51,7 @@ def _whole(request: Request[Any]) -> Iterator[dict[str, Any]]:
 
 
 def packed(body: dict[str, Any]) -> bytes:
-    """Return a body as bytes, whatever it holds."""
+    """Return a body as bytes, whatever it contains."""
     try:
         return bytes(msgpack.packb(body))
     except (ValueError, OverflowError, UnicodeEncodeError):

@@ -1,4 +1,4 @@
-"""A whole cell around the gateway: fake controller, gateway, stand-in for the arbiter."""
+"""A cell of the gateway: fake controller, gateway, substitute of the arbiter."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -13,17 +13,17 @@ from tests.fakes.controller import PORT, FakeController
 
 
 class GatewayCell:
-    """A controller, its gateway, and the stand-in for the arbiter."""
+    """A controller, its gateway, and the substitute of the arbiter."""
 
     def __init__(self, controller: FakeController, rig: Rig) -> None:
         self.controller, self.rig = controller, rig
 
     def coms(self) -> list[int]:
-        """Commands that the controller got, in their order, without heartbeats."""
+        """Commands that the controller has received, in order, without heartbeats."""
         return [p.com for p in self.controller.of(*Com) if p.com != Com.HEARTBEAT]
 
     def reports_pass(self) -> None:
-        """Let a few reports of the controller come through."""
+        """Advance by a few reports of the controller."""
         self.rig.states.clear()
         self.rig.until(lambda: len(self.rig.states) > 5)
 

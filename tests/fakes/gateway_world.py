@@ -1,4 +1,4 @@
-"""A gateway on the virtual clock, a controller with moods, and the judge of every packet."""
+"""A gateway on the virtual clock, a controller with faults, and the judge of every packet."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +16,7 @@ from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import Header, encode
 from forcemesh.faults import FAULTS
 from forcemesh.messages import Permission, RobotCommand, Speed, WrenchAtTcp
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from tests.contract.rig import DEADLINE_S, gateway_cell
 from tests.fuzz.permissive_arbiter import MOTIONS, PermissiveController, pose_of_vec
@@ -25,46 +25,46 @@ PAUSE_NS = 100_000_000
 STEP_NS = 2_000_000
 HOME_RAD = (0.0, 0.0, -np.pi / 2, 0.0, -np.pi / 2, 0.0)
 SCALES = (50, 500, 250, 100, 1000, 10)
-UNPERMITTED = {Com.HELLO, Com.HOLD, Com.LIMITS, Com.TCP}  # all that leaves without a permission
+UNPERMITTED = {Com.HELLO, Com.HOLD, Com.LIMITS, Com.TCP}  # all packets that need no permission
 Lease = tuple[int, int]
 
 
 def moves(packet: Packet) -> bool:
-    """Tell whether a packet may set the arm in motion, or keep it so."""
+    """Return whether a packet may start or continue a motion."""
     if packet.com == Com.FEEDBACK:
         return packet.param != FeedbackSwitch.STOP
     return packet.com in {*MOTIONS, Com.WRENCH}
 
 
-class MoodyController(PermissiveController):
-    """Obeys, until it hangs up, talks garbage, cuts its packets or loses a light."""
+class FaultyController(PermissiveController):
+    """Executes commands; a test makes it close, send garbage, cut packets or drop a status bit."""
 
     def __init__(self) -> None:
         super().__init__(HOME_RAD)
         self.packets: list[Packet] = []
-        self.on, self.off = Status(0), Status(0)  # lights that are wrong
-        self.held_back = 0  # bytes that come with the next report
+        self.on, self.off = Status(0), Status(0)  # wrong status bits
+        self.held_back = 0  # bytes that follow the next report
         self._judge_reader, self._lost, self._again_ns = PacketReader(), "", 0
 
-    def poll(self, now_ns: int) -> News:
-        """Live up to now."""
+    def poll(self, now_ns: int) -> LinkEvents:
+        """Advance to the present time."""
         lost, self._lost = self._lost, ""
         if lost or now_ns < self._again_ns:
-            return News(lost=lost)
-        news = super().poll(now_ns)
-        end = len(news.data) - self.held_back
-        self._outbox, self.held_back = news.data[max(end, 0) :], 0
-        return News(news.opened, news.data[: max(end, 0)], "")
+            return LinkEvents(lost=lost)
+        events = super().poll(now_ns)
+        end = len(events.data) - self.held_back
+        self._outbox, self.held_back = events.data[max(end, 0) :], 0
+        return LinkEvents(events.opened, events.data[: max(end, 0)], "")
 
     def send(self, data: bytes, now_ns: int) -> bool:
-        """Take packets; on a line that is down nobody hears them."""
+        """Accept packets; on a line that is down they are lost."""
         if not self._open:
             return False
         self.packets += self._judge_reader.feed(data)
         return super().send(data, now_ns)
 
     def close(self, reason: str, now_ns: int) -> None:
-        """End the connection, from either side: the arm stops."""
+        """Close the connection from either side: the arm stops."""
         if self._open:
             self._lost = reason
         self.last_fault, self._again_ns = reason, now_ns + PAUSE_NS
@@ -72,7 +72,7 @@ class MoodyController(PermissiveController):
         self._reader, self._judge_reader = PacketReader(), PacketReader()
         self._target = self.T.copy()
 
-    def say(self, data: bytes) -> None:
+    def insert(self, data: bytes) -> None:
         """Put bytes between the reports."""
         self._outbox += data
 
@@ -84,18 +84,18 @@ class MoodyController(PermissiveController):
 
 @dataclass
 class PacketJudge:
-    """Looks at each packet that leaves, and at what the gateway says of itself."""
+    """Judges each outgoing packet and each report of the gateway."""
 
     last_id: int
-    obeyed: tuple[int, int] = (0, 0)  # epoch and seq of what was accepted last
+    obeyed: tuple[int, int] = (0, 0)  # epoch and seq of the last accepted command
     dead: set[Lease] = field(default_factory=set)
     live: Lease | None = None
-    fresh: bool = True  # since hello or hold no set point has gone out
+    fresh: bool = True  # since hello or hold no set point has been sent
 
     def packet(self, packet: Packet, lease: Lease | None, stream: pin.SE3 | None) -> None:
-        """Judge a packet that leaves under a lease, or under none.
+        """Judge a packet that is sent under a lease, or under none.
 
-        `stream` is where the arm was reported last while set points are commanded.
+        `stream` is the last reported pose while set points are commanded.
         """
         assert packet.id == next_id(self.last_id), "a gap in the IDs"
         self.last_id = packet.id
@@ -112,7 +112,7 @@ class PacketJudge:
             self.fresh = False
 
     def verdict(self, lease: Lease | None) -> None:
-        """Remember which leases have ended."""
+        """Record which leases have ended."""
         if self.live is not None and lease != self.live:
             self.dead.add(self.live)
         assert lease not in self.dead
@@ -120,22 +120,22 @@ class PacketJudge:
 
 
 class GatewayWorld:
-    """The gateway, everything around it, and what is always true of it."""
+    """The gateway, its surroundings, and the invariants."""
 
-    def __init__(self, controller: MoodyController | None = None) -> None:
+    def __init__(self, controller: FaultyController | None = None) -> None:
         """Connect."""
         self.cell = gateway_cell(49152)
         self.clock, self.transport = ManualClock(), MemoryTransport()
-        self.controller = controller or MoodyController()
+        self.controller = controller or FaultyController()
         bus = self._bus("robot")
         self.gateway = Gateway(bus, self.cell, self.controller)
         self.judge = PacketJudge(self.gateway._dialogue.last_id)
         self.lease, self.turn, self.seq, self.epoch = 0, 0, 0, 1
-        self.kind = "hold"  # of what was said last
+        self.kind = "hold"  # of the last command
         self.wrench: WrenchAtTcp | None = WrenchAtTcp()
-        self.codes: set[str] = set()  # why it held, or was not heard
-        self.sent: list[bytes] = []  # commands, to be played again
-        self.allowed: tuple[Lease, int] | None = None  # by the newest good command: until when
+        self.codes: set[str] = set()  # reason of the hold, or of the rejection
+        self.sent: list[bytes] = []  # commands for a later replay
+        self.allowed: tuple[Lease, int] | None = None  # expiry by the newest valid command
         topic = topics.ROBOT_COMMAND
         self._put = self.transport.publish(f"{self.cell.cell}/{topic.key}", topic.qos)
         self._put_wrench = self._bus("wrench").publisher(topics.WRENCH)
@@ -147,13 +147,13 @@ class GatewayWorld:
 
     @property
     def T(self) -> pin.SE3:
-        """Where the arm is."""
+        """Pose of the arm."""
         return self.controller.T
 
     # --- the arbiter ------------------------------------------------------------------------------
 
-    def say(self, command: RobotCommand, *, late_s: float = 0.0, keep: bool = True) -> None:
-        """Publish a command as the arbiter does, or so much too late."""
+    def send(self, command: RobotCommand, *, late_s: float = 0.0, keep: bool = True) -> None:
+        """Publish a command as the arbiter does, with an optional delay."""
         self.seq += 1
         stamp_ns = self.clock.now_ns() - round(late_s * NS_PER_S)
         header = Header(
@@ -194,16 +194,16 @@ class GatewayWorld:
     # --- time -------------------------------------------------------------------------------------
 
     def live(self, steps: int = 1) -> None:
-        """Let the gateway step; judge all that it sends and says."""
+        """Step the gateway; judge all its packets and reports."""
         for _ in range(steps):
             self.clock.advance_ns(STEP_NS)
             now_ns = self.clock.now_ns()
             if self.wrench is not None:
                 self._put_wrench.put(self.wrench)
             self.gateway.step(now_ns)
-            self._look(now_ns)
+            self._judge_all(now_ns)
 
-    def _look(self, now_ns: int) -> None:
+    def _judge_all(self, now_ns: int) -> None:
         verdict, lease = self.gateway.verdict, None
         if verdict.command is None:
             assert verdict.hold_reason
@@ -212,23 +212,23 @@ class GatewayWorld:
             assert verdict.command.permission is not None
             assert verdict.accepted is not None
             lease = (verdict.accepted.epoch, verdict.command.permission.lease)
-            assert self.allowed is not None, "nobody allows this"
+            assert self.allowed is not None, "no command permits this"
             assert lease == self.allowed[0]
-            assert now_ns <= self.allowed[1], "the permission is over"
+            assert now_ns <= self.allowed[1], "the permission has expired"
         stopped = self.judge.live is not None and lease is None
-        self._look_at_packets(lease, stopped=stopped)
+        self._judge_packets(lease, stopped=stopped)
         self.judge.verdict(lease)
         if verdict.accepted is not None:
             accepted = (verdict.accepted.epoch, verdict.accepted.seq)
             assert accepted >= self.judge.obeyed
             self.judge.obeyed = accepted
-        self._look_at_state()
+        self._judge_state()
 
-    def _look_at_packets(self, lease: Lease | None, *, stopped: bool) -> None:
-        """Judge what was sent in this step.
+    def _judge_packets(self, lease: Lease | None, *, stopped: bool) -> None:
+        """Judge the packets of this step.
 
-        What is refused half-way left under the lease that was obeyed when the step began, or under
-        one that began and ended in this very step.
+        A packet that is refused during the step was sent under the lease at its start, or under one
+        that began and ended in the same step.
         """
         packets, self.controller.packets = self.controller.packets, []
         under = lease or self.judge.live or self._allowed_lease()
@@ -236,20 +236,20 @@ class GatewayWorld:
         streams = None if measured is None or self.kind != "setpoint" else measured.T_base_flange
         for packet in packets:
             self.judge.packet(packet, under, streams)
-        half_way = lease is None and any(packet.com not in UNPERMITTED for packet in packets)
-        if half_way and under is not None:
+        is_refused = lease is None and any(packet.com not in UNPERMITTED for packet in packets)
+        if is_refused and under is not None:
             self.judge.dead.add(under)
-        if (stopped or half_way) and self.gateway._connection.is_ready:
+        if (stopped or is_refused) and self.gateway._connection.is_ready:
             assert packets, "the arm is not braked"
             assert packets[-1].com == Com.HOLD
 
     def _allowed_lease(self) -> Lease | None:
-        """Return the lease of the newest command, if it may be obeyed now."""
+        """Return the lease of the newest command, if it may be executed now."""
         if self.allowed is None or self.clock.now_ns() > self.allowed[1]:
             return None
         return None if self.allowed[0] in self.judge.dead else self.allowed[0]
 
-    def _look_at_state(self) -> None:
+    def _judge_state(self) -> None:
         if self._states.poll():
             state = self._states.read(self.clock.now_ns()).message
             assert state is not None
@@ -260,5 +260,5 @@ class GatewayWorld:
             self.codes |= {state.code, state.hold_code}
 
     def shifted(self, x_m: float, y_m: float, z_m: float) -> Any:
-        """Return a pose beside the arm."""
+        """Return a pose shifted from the arm."""
         return record_of(pin.SE3(self.T.rotation, self.T.translation + np.array([x_m, y_m, z_m])))

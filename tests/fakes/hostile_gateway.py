@@ -1,7 +1,7 @@
 """A gateway as a process that can be killed: `python -m tests.fakes.hostile_gateway PORT feedback`.
 
-With `feedback` it arms and lets force feedback run in the controller until somebody ends it; with
-`idle` it only connects, as one that was started again.
+With `feedback` it arms and runs force feedback in the controller until it is killed; with `idle` it
+only connects, like a restarted gateway.
 """
 
 import sys
@@ -15,7 +15,7 @@ FOR_EVER_S = 3600.0
 
 
 def main(port: int, what: str) -> None:
-    """Connect, say so, do it until killed."""
+    """Connect, print it, and continue until killed."""
     rig = Rig(hostile_cell(port, **{"rates.robot_hz": 20}), MonotonicClock(), Gateway)
     rig.connect()
     sys.stdout.write("connected\n")

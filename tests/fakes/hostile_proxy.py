@@ -2,8 +2,8 @@
 
     gateway ─TCP─► proxy ─TCP─► controller        one Hop for each connection
 
-It lives in a thread of its own. What is written in pieces is written with a call for each piece and
-without Nagle; how the kernel joins them on the other side is the kernel's business.
+It runs in a thread of its own. Each piece is written with a call of its own and without Nagle's
+algorithm; the kernel may join the pieces on the other side.
 """
 
 import select
@@ -21,7 +21,7 @@ CHUNK = 65_536
 
 
 class HostileProxy:
-    """Use as a context manager: listens on `port`, connects on to what `upstream` names."""
+    """Context manager: listens on `port` and connects on to the port that `upstream` names."""
 
     def __init__(self, upstream: Callable[[], int | None]) -> None:
         """Listen; `upstream` returns the controller's port, None while it has none."""
@@ -56,26 +56,28 @@ class HostileProxy:
         return self.hops[-1]
 
     def strike(self, direction: str, abuse: Abuse) -> Abuse:
-        """Abuse one direction of the newest connection from now on."""
+        """Apply an abuse to one direction of the newest connection from now on."""
         with self._lock:
             self.hop.lane(direction).abuse = abuse
         return abuse
 
     def vanish(self) -> None:
-        """Read and answer nothing any more on the newest connection, and do not close it."""
+        """Read and answer nothing more on the newest connection, and do not close it."""
         with self._lock:
-            self.hop.gone = True
+            self.hop.vanished = True
 
     # --- inside -----------------------------------------------------------------------------------
 
     def _run(self) -> None:
         while not self._stop.is_set():
-            ends = [end for hop, *pair in self._pairs if not (hop.over or hop.gone) for end in pair]
+            ends = [
+                end for hop, *pair in self._pairs if not (hop.over or hop.vanished) for end in pair
+            ]
             select.select([self._listener, *ends], [], [], TURN_S)
             with self._lock:
                 self._accept()
                 for hop, near, far in self._pairs:
-                    if not (hop.gone or hop.over):
+                    if not (hop.vanished or hop.over):
                         self._pump(hop, near, far)
 
     def _accept(self) -> None:
@@ -114,7 +116,7 @@ class HostileProxy:
 
 
 def _carry(source: socket.socket, sink: socket.socket, lane: Lane, now_ns: int) -> bool:
-    """Move bytes from one end to the other; tell whether the source has ended and all is out."""
+    """Move bytes from one end to the other; return whether the source has ended and all is sent."""
     ended = False
     try:
         data = source.recv(CHUNK)

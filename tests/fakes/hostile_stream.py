@@ -1,7 +1,7 @@
-"""What may happen to the bytes of one direction between gateway and controller. No socket.
+"""Faults of the byte stream in one direction between gateway and controller, without sockets.
 
-An abuse takes bytes that wait and returns the pieces that are written now. It counts its bites, so
-that a test can prove that it was abused at all.
+An abuse takes waiting bytes and returns the pieces that are written now. It counts its bites, so
+that a test can prove that the abuse had an effect.
 
     push(data) ─► waiting ─► abuse.pass_on(waiting, now) ─► pieces, each written on its own
 """
@@ -18,20 +18,20 @@ MS = 1_000_000
 
 @dataclass
 class Abuse:
-    """The base: everything passes as it came."""
+    """Base class: passes everything unchanged."""
 
     bites: int = field(default=0, init=False)
-    cuts: bool = field(default=False, init=False)  # the connection shall be reset now
-    bitten_ns: int | None = field(default=None, init=False)  # the first bite
+    cuts: bool = field(default=False, init=False)  # the connection is to be reset now
+    bitten_ns: int | None = field(default=None, init=False)  # time of the first bite
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
-        """Take bytes that may pass now out of `waiting`; return them in pieces."""
+        """Take the bytes that may pass now out of `waiting`; return them in pieces."""
         return list(_pieces(waiting, len(waiting)))
 
 
 @dataclass
 class Chop(Abuse):
-    """Pieces of one size, whatever a packet is."""
+    """Cuts into pieces of one size, independent of packets."""
 
     size: int = 1
 
@@ -44,7 +44,7 @@ class Chop(Abuse):
 
 @dataclass
 class Gather(Abuse):
-    """Bytes wait until a chunk is full, at most some time: a peer that waits for an answer gets it.
+    """Collects bytes until a chunk is full or a time is over, so that the peer gets its reply.
 
     126 is two packets merged; 255 is four packets and the head of a fifth.
     """
@@ -71,14 +71,14 @@ class Gather(Abuse):
 
 @dataclass
 class Freeze(Abuse):
-    """After some bytes nothing passes for a while; then all of it at once."""
+    """Delays everything after some bytes for a time; then passes all of it at once."""
 
     after: int = 0
     for_ns: int = 3000 * MS
     _since_ns: int | None = None
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
-        """Hold back; a bite is a byte that is held back."""
+        """Hold bytes back; a bite is a byte that is held back."""
         head = _take(waiting, self.after)
         self.after -= len(head)
         if self.after:
@@ -92,13 +92,13 @@ class Freeze(Abuse):
 
 @dataclass
 class Throttle(Abuse):
-    """A line that is slower than what is written to it."""
+    """A line that is slower than its input."""
 
     bytes_per_s: int = 1000
     _spent_ns: int | None = None
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
-        """Let pass what the line carries; a bite is a turn that leaves something behind."""
+        """Pass what the line carries; a bite is a call that leaves bytes waiting."""
         ns_per_byte = 1_000_000_000 // self.bytes_per_s
         if self._spent_ns is None or not waiting:
             self._spent_ns = now_ns
@@ -111,14 +111,14 @@ class Throttle(Abuse):
 
 @dataclass
 class Edit(Abuse):
-    """Once, after some bytes: some are dropped, others put in their place."""
+    """Edits once, after some bytes: some are dropped, others put in their place."""
 
     after: int = 0
     drop: int = 0
     insert: bytes = b""
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
-        """Edit when the place has come with all that is dropped; the bite is the edit."""
+        """Edit when the bytes to drop have arrived; the bite is the edit."""
         if self.bites:
             return list(_pieces(waiting, len(waiting)))
         head = _take(waiting, self.after)
@@ -133,7 +133,7 @@ class Edit(Abuse):
 
 @dataclass
 class Reset(Abuse):
-    """After some bytes the connection is reset."""
+    """Resets the connection after some bytes."""
 
     after: int = 0
 
@@ -148,12 +148,12 @@ class Reset(Abuse):
 
 @dataclass
 class Rewrite(Abuse):
-    """Whole packets pass, each as a function turns it."""
+    """Passes whole packets, each changed by a function."""
 
     turn: Callable[[bytes], bytes] = bytes
 
     def pass_on(self, waiting: bytearray, now_ns: int) -> list[bytes]:
-        """Turn every whole packet; a bite is one that was changed."""
+        """Change every whole packet; a bite is one that differs."""
         pieces = []
         while len(waiting) >= PACKET_CHARS:
             packet = _take(waiting, PACKET_CHARS)
@@ -167,18 +167,18 @@ class Lane:
     """One direction of one connection."""
 
     abuse: Abuse = field(default_factory=Abuse)
-    sent: bytearray = field(default_factory=bytearray)  # what the sender wrote
-    passed: bytearray = field(default_factory=bytearray)  # what the receiver was given
+    sent: bytearray = field(default_factory=bytearray)  # bytes that the sender wrote
+    passed: bytearray = field(default_factory=bytearray)  # bytes that the receiver got
     waiting: bytearray = field(default_factory=bytearray)
     stuck: deque[bytes] = field(default_factory=deque)  # pieces that the receiver has no room for
 
     def push(self, data: bytes) -> None:
-        """Take what the sender wrote."""
+        """Accept bytes of the sender."""
         self.sent += data
         self.waiting += data
 
     def pull(self, now_ns: int) -> list[bytes]:
-        """Return the pieces that the receiver is given now."""
+        """Return the pieces that the receiver gets now."""
         pieces = self.abuse.pass_on(self.waiting, now_ns)
         if self.abuse.bites and self.abuse.bitten_ns is None:
             self.abuse.bitten_ns = now_ns
@@ -193,7 +193,7 @@ class Hop:
 
     to_controller: Lane = field(default_factory=Lane)
     to_gateway: Lane = field(default_factory=Lane)
-    gone: bool = False  # nothing is read, answered or closed any more
+    vanished: bool = False  # nothing is read, answered or closed any more
     over: bool = False
 
     def lane(self, direction: str) -> Lane:
@@ -202,12 +202,12 @@ class Hop:
 
     @property
     def cuts(self) -> bool:
-        """An abuse wants the connection reset."""
+        """Whether an abuse resets the connection."""
         return self.to_controller.abuse.cuts or self.to_gateway.abuse.cuts
 
 
 def junk(rng: random.Random, count: int) -> bytes:
-    """Return bytes that no packet holds."""
+    """Return bytes that are in no valid packet."""
     return bytes(rng.choice(b"\x00\n\r\x1b\xff+.eExX_*~") for _ in range(count))
 
 

@@ -1,4 +1,4 @@
-"""Messages whose every text field holds what a browser would take for markup, if it were let."""
+"""Messages with markup in every text field, which a browser must show as text."""
 
 import types
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -20,18 +20,18 @@ PLAIN: dict[Any, Any] = {int: 1, bool: False, float: 0.0}
 
 
 def hostile(name: str) -> str:
-    """Return a text of full length that says of which field it is, at both ends."""
+    """Return a text of full length that names its field at both ends."""
     inside = LONGEST - 2 * len(name) - 2
     return f"{name} {(MARKUP * 3)[:inside]} {name}"
 
 
 def harmless(name: str) -> str:
-    """Return a text that no renderer makes anything of."""
+    """Return a text without markup."""
     return f"{name.replace('.', '')} harmless"
 
 
 def filled(model: type[Record], text: Any, where: str = "") -> Any:
-    """Return a message with `text(name of the field)` in every text field, however deep."""
+    """Return a message with `text(name of the field)` in every text field at any depth."""
     values = {}
     for name, field in model.model_fields.items():
         value = _value(field.annotation, text, f"{where or model.__name__}.{name}")
@@ -43,7 +43,7 @@ def filled(model: type[Record], text: Any, where: str = "") -> Any:
 
 
 def _value(kind: Any, text: Any, where: str) -> Any:
-    """Return a value for a type that can hold a text, None where it cannot."""
+    """Return a value for a type that can hold a text, None for another type."""
     if kind is str:
         return text(where)
     if isinstance(kind, type) and issubclass(kind, Record):
@@ -69,13 +69,13 @@ def _holds_text(kind: Any) -> bool:
 
 
 def reading(message: Message, fault: str = "") -> Reading[Any]:
-    """Return a reading of it, fresh unless it has a fault."""
+    """Return a reading of a message, fresh unless it has a fault."""
     header = Header(seq=1, epoch=1, boot="b", stamp_ns=0)
     return Reading(message, header, 0.004, fault, silent=False)
 
 
 def snapshot(text: Any) -> Snapshot:
-    """Return what is known of a cell all of whose processes write such texts."""
+    """Return the snapshot of a cell whose processes all publish such texts."""
     of = {topic.key: filled(topic.message, text) for topic in topics.TOPICS}
     status = of["arbiter/status"].model_copy(update={"state": "FAULT", "valid": True})
     wrench = of["wrench"].model_copy(update={"calibrated": False})

@@ -7,7 +7,7 @@ from tests.fakes.hostile_stream import Abuse, Hop, Lane
 
 
 class PieceStream(MemoryStream):
-    """An end that is read piece by piece, as it was written: the most awkward network."""
+    """An end that is read piece by piece, as it was written: the least favourable network."""
 
     def receive(self, most: int) -> bytes | None:
         """Return the oldest piece that waits; see MemoryStream."""
@@ -21,10 +21,10 @@ class PieceStream(MemoryStream):
 
 
 class HostileNetwork(MemoryNetwork):
-    """A network whose every connection goes through a hop; `pump` lets bytes pass."""
+    """A network whose connections all go through a hop; `pump` lets bytes pass."""
 
     def __init__(self) -> None:
-        """Abuse nothing yet."""
+        """Start without an abuse."""
         super().__init__()
         self.hops: list[Hop] = []
         self.standing: dict[str, Callable[[], Abuse]] = {}  # for every new connection
@@ -36,10 +36,10 @@ class HostileNetwork(MemoryNetwork):
         return self.hops[-1]
 
     def dial(self, port: int, peer: Octets = LOOPBACK) -> MemoryStream:
-        """Connect through a hop. Raises OSError if nobody listens."""
+        """Connect through a hop. Raises OSError if no process listens."""
         listener = self.listeners.get(port)
         if listener is None:
-            raise ConnectionRefusedError(f"nobody listens on port {port}")
+            raise ConnectionRefusedError(f"no server listens on port {port}")
         near, ours = _pair()
         theirs, far = _pair()
         far.peer = peer
@@ -52,16 +52,16 @@ class HostileNetwork(MemoryNetwork):
         return near
 
     def strike(self, direction: str, abuse: Abuse) -> Abuse:
-        """Abuse one direction of the newest connection from now on."""
+        """Apply an abuse to one direction of the newest connection from now on."""
         self.hop.lane(direction).abuse = abuse
         return abuse
 
     def vanish(self) -> None:
-        """Neither end of the newest connection hears of the other again, or that it is gone."""
-        self.hop.gone = True
+        """Pass no more bytes between the ends of the newest connection, without closing it."""
+        self.hop.vanished = True
 
     def intrude(self, port: int, data: bytes) -> MemoryStream:
-        """Connect as somebody else, not through a hop, and say something."""
+        """Connect as another client, not through a hop, and send data."""
         stream = super().dial(port)
         stream.send(data)
         self.hops.insert(0, Hop(to_controller=Lane(sent=bytearray(data)), over=True))
@@ -70,7 +70,7 @@ class HostileNetwork(MemoryNetwork):
     def pump(self, now_ns: int) -> None:
         """Let bytes pass."""
         for hop, ours, theirs in self._ends:
-            if hop.gone or hop.over:
+            if hop.vanished or hop.over:
                 continue
             up_ended = _carry(ours, theirs, hop.to_controller, now_ns)
             down_ended = _carry(theirs, ours, hop.to_gateway, now_ns)
@@ -90,7 +90,7 @@ def _pair() -> tuple[PieceStream, PieceStream]:
 
 
 def _carry(source: PieceStream, sink: PieceStream, lane: Lane, now_ns: int) -> bool:
-    """Move bytes from one end to the other; tell whether the source has ended and all is out."""
+    """Move bytes from one end to the other; return whether the source has ended and all is sent."""
     ended = False
     try:
         while data := source.receive(65_536):

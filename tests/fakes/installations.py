@@ -1,4 +1,4 @@
-"""Static readings of a sensor that is installed in some way, and the fixes that are asked for."""
+"""Static readings of a sensor in a given installation, and the fixes of the findings."""
 
 import csv
 import re
@@ -16,20 +16,20 @@ from identification.static_poses import carries_a_fit, sort_into_poses
 
 EYE = np.eye(3)
 PAYLOAD = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))
-TRUTH = replace(PAYLOAD, com_m=(0.012, -0.008, 0.06))  # as cells/demo.yaml has it
+TRUTH = replace(PAYLOAD, com_m=(0.012, -0.008, 0.06))  # as in cells/demo.yaml
 OAT_DEG = (30.0, 0.0, 0.0)
 ERRORS = CellErrors(tilt_deg=1.5, mounting_deg=2.0, gain=1.0, drift=1.0)
 
 
 def oat_matrix(oat_deg: tuple[float, ...]) -> Array:
-    """Return the rotation of angles as a cell file has them."""
+    """Return the rotation matrix of O, A, T in a cell file."""
     return R_from_oat(Oat(*np.radians(oat_deg).tolist()))
 
 
 def belief(
     payload: Payload = PAYLOAD, oat_deg: tuple[float, float, float] = OAT_DEG
 ) -> ExpectedInstallation:
-    """Return a cell file that says the truth; the tool is along z of sensor and flange."""
+    """Return a cell file with the true installation; the tool is along z of sensor and flange."""
     R = oat_matrix(oat_deg)
     p_sensor = np.array([0.0, 0.0, 0.02])
     return ExpectedInstallation(
@@ -45,7 +45,7 @@ def belief(
 def readings(
     payload: Payload = PAYLOAD,
     *,
-    poses: int = 8,  # of six, one drawing in a thousand does not tell one axis from another
+    poses: int = 8,  # with six poses, one draw in a thousand does not distinguish the axes
     force: Array = EYE,
     torque: Array = EYE,
     world: CellErrors | None = None,
@@ -64,34 +64,34 @@ def readings(
         )
     while True:
         time_s = np.linspace(0.0, 300.0, poses)
-        seen = read(payload, attitudes(rng, poses), time_s, rng)
-        if carries_a_fit(sort_into_poses(seen)):
+        samples = read(payload, attitudes(rng, poses), time_s, rng)
+        if carries_a_fit(sort_into_poses(samples)):
             break
     bias_N, bias_Nm = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)
     return replace(
-        seen,
-        force_N=(seen.force_N - bias_N) @ force.T + bias_N,
-        torque_Nm=(seen.torque_Nm - bias_Nm) @ torque.T + bias_Nm,
+        samples,
+        force_N=(samples.force_N - bias_N) @ force.T + bias_N,
+        torque_Nm=(samples.torque_Nm - bias_Nm) @ torque.T + bias_Nm,
     )
 
 
-def mended(
-    finding: InstallationFinding, seen: Samples, of: ExpectedInstallation
+def apply_remedy(
+    finding: InstallationFinding, samples: Samples, of: ExpectedInstallation
 ) -> tuple[Samples, ExpectedInstallation]:
-    """Do what a finding of axes says, word by word, on an arm that stands upright."""
+    """Apply the remedy of a finding of axes, word by word, to an arm that stands upright."""
     oat = re.search(r"T_flange_sensor\.oat_deg: \[(.*?)\]", finding.remedy)
     if finding.code == "reaction":
-        return replace(seen, force_N=-seen.force_N, torque_Nm=-seen.torque_Nm), of
+        return replace(samples, force_N=-samples.force_N, torque_Nm=-samples.torque_Nm), of
     if oat:
         x, y, z = (float(angle) for angle in oat[1].split(","))
         R = oat_matrix((x, y, z))
         assert of.R_flange_sensor is not None
-        turned = seen.R_base_sensor @ of.R_flange_sensor.T @ R
+        turned = samples.R_base_sensor @ of.R_flange_sensor.T @ R
         # Positions are in flange axes, where they stay; the lever is in those of the sensor.
         com = None if of.com_m is None else R.T @ of.R_flange_sensor @ of.com_m
-        told = replace(of, R_flange_sensor=R, oat_deg=(x, y, z), com_m=com)
-        return replace(seen, R_base_sensor=turned), told
-    channels = {"F": seen.force_N, "M": seen.torque_Nm}
+        corrected = replace(of, R_flange_sensor=R, oat_deg=(x, y, z), com_m=com)
+        return replace(samples, R_base_sensor=turned), corrected
+    channels = {"F": samples.force_N, "M": samples.torque_Nm}
     after = {name: values.copy() for name, values in channels.items()}
     orders = re.findall(r"([FM])([xyz]) = (-?)[FM]([xyz])", finding.remedy.split(";")[0])
     orders += re.findall(r"(M)([xyz]) = (-?)M([xyz])", finding.remedy.partition("; in")[2])
@@ -99,20 +99,20 @@ def mended(
     for name, axis, sign, source in orders:
         value = channels[name][:, "xyz".index(source)]
         after[name][:, "xyz".index(axis)] = -value if sign else value
-    return replace(seen, force_N=after["F"], torque_Nm=after["M"]), of
+    return replace(samples, force_N=after["F"], torque_Nm=after["M"]), of
 
 
 def recorded(
     path: Path, wiring: Array = EYE, *, times: float = 1.0, base_axes: bool = False
 ) -> Path:
     """Write readings of the demo's tool and a wired sensor as a recording; return its path."""
-    seen = readings(TRUTH, force=wiring, torque=wiring, poses=8)
+    samples = readings(TRUTH, force=wiring, torque=wiring, poses=8)
     with path.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        for k in range(len(seen)):
-            R = seen.R_base_sensor[k]
+        for k in range(len(samples)):
+            R = samples.R_base_sensor[k]
             turn = R if base_axes else EYE
-            wrench = (*(times * turn @ seen.force_N[k]), *(turn @ seen.torque_Nm[k]))
+            wrench = (*(times * turn @ samples.force_N[k]), *(turn @ samples.torque_Nm[k]))
             writer.writerow([k, 0.5, 0.0, 0.6, *quaternion_from_R(R), *wrench])
     return path

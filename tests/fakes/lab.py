@@ -1,4 +1,4 @@
-"""A whole cell on a virtual clock, armed, with a client's eyes and hands."""
+"""A whole cell on a virtual clock, armed, with a client."""
 
 from collections.abc import Callable
 from typing import Any
@@ -25,10 +25,10 @@ BRAKE_S = 0.25
 
 
 class Lab:
-    """The cell with a client's eyes and hands."""
+    """The cell on a virtual clock with a client."""
 
     def __init__(self, cell: CellConfig = HALF_CELL) -> None:
-        """Wait out the preflight, tare and arm."""
+        """Advance past the preflight, tare and arm."""
         self.cell = VirtualCell(cell)
         self.robot = self.cell.client.reader(topics.ROBOT_STATE)
         self.command = self.cell.client.reader(topics.ROBOT_COMMAND)
@@ -36,13 +36,13 @@ class Lab:
         self.wrench = self.cell.client.reader(topics.WRENCH)
         self.cell.advance(
             1.2 if cell.roles.robot == "sim" else 1.6
-        )  # a controller is greeted first
+        )  # a controller needs a hello first
         assert self.ask(topics.TARE, Empty()).accepted
         assert self.ask(topics.ARM, Empty()).accepted
         self.cell.advance(0.05)
 
     def ask(self, request: topics.Request[Any], message: Any) -> Any:
-        """Ask as a client."""
+        """Send a request as a client."""
         return self.cell.client.ask(request, message)
 
     def now(self, reader: Any) -> Any:
@@ -51,13 +51,13 @@ class Lab:
 
     @property
     def state(self) -> RobotState:
-        """What the robot said last."""
+        """Last report of the robot."""
         state: RobotState = self.now(self.robot)
         return state
 
     @property
     def status(self) -> ArbiterStatus:
-        """What the arbiter said last."""
+        """Last status of the arbiter."""
         status: ArbiterStatus = self.now(self.arbiter)
         return status
 
@@ -67,7 +67,7 @@ class Lab:
         return float(self.now(self.wrench).force_N[2])
 
     def p_m(self) -> np.ndarray:
-        """True flange position, also when the robot's process is dead."""
+        """True flange position, also after the end of the robot's process."""
         return np.array(self.cell.arm.T_base_flange.translation)
 
     def q_command(self) -> np.ndarray:
@@ -76,8 +76,8 @@ class Lab:
 
     def approach(self) -> None:
         """Move down under force feedback, in free space."""
-        wanted = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
-        assert self.ask(topics.FORCE_START, wanted).accepted
+        start = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
+        assert self.ask(topics.FORCE_START, start).accepted
         self.cell.advance(0.2)
 
     def press(self) -> None:
@@ -87,12 +87,12 @@ class Lab:
         assert self.force_N == pytest.approx(PRESS_N, abs=1.0)
 
     def lift(self) -> None:
-        """Be on the way up under a goal."""
+        """Begin a move up as a goal."""
         assert self.ask(topics.MOVE, MoveRequest(kind="pose", pose=self.target(z_m=0.1))).accepted
         self.cell.advance(0.5)
 
     def target(self, **shift: float) -> PoseRecord:
-        """Return a flange pose beside where the arm is, turned a little."""
+        """Return a flange pose shifted from the present one, with a small rotation."""
         T = pose_of(self.state)
         T.translation = T.translation + np.array(
             [shift.get(axis, 0.0) for axis in ("x_m", "y_m", "z_m")]
@@ -101,14 +101,21 @@ class Lab:
         return record_of(T)
 
     def seconds_until(self, condition: Callable[[], bool], at_most_s: float) -> float:
-        """Let time pass until something is true; return how long it took."""
+        """Advance until a condition is true; return the time that it took."""
         before_ns = self.cell.clock.now_ns()
         self.cell.advance(at_most_s, condition)
         assert condition()
         return (self.cell.clock.now_ns() - before_ns) / 1e9
 
+    def finish_move(self, at_most_s: float = 6.0) -> float:
+        """Wait until the goal is done; return the duration."""
+        duration_s = self.seconds_until(lambda: self.status.state == "ARMED", at_most_s)
+        assert self.state.goal.state == "done"
+        assert self.status.commander == "none"
+        return duration_s
+
     def assert_still(self, duration_s: float) -> None:
-        """Neither the command nor the arm moves."""
+        """Assert that neither the command nor the arm moves."""
         q, p = self.q_command(), self.p_m()
         for _ in range(10):
             self.cell.advance(duration_s / 10)

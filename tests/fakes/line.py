@@ -1,4 +1,4 @@
-"""One reader with its clock, and hands to say anything to it."""
+"""One reader with its clock, and a channel for messages to it."""
 
 from typing import Any
 
@@ -14,27 +14,27 @@ CELL = "demo"
 
 
 class Line:
-    """A reader with its clock, and hands to say anything to it."""
+    """A reader with its clock, and a channel for messages to it."""
 
     def __init__(self) -> None:
-        """Start with nothing said."""
+        """Start without a message."""
         self.clock = ManualClock()
         self.source = MemorySource()
         self.reader = Reader(topics.SENSOR_WRENCH, self.source, self.clock, STALE_S, cell=CELL)
 
     def header(self, seq: int, **changes: Any) -> Header:
-        """Return a header written right now on the reader's own host."""
+        """Return a header written at this time on the reader's own host."""
         stamp_ns = self.clock.now_ns()
         fields = {"seq": seq, "epoch": 1, "boot": self.clock.boot, "stamp_ns": stamp_ns}
         fields |= {"topic": f"{CELL}/{self.reader.topic.key}"}
         return Header.model_validate(fields | changes)
 
-    def say(self, seq: int, message: SensorWrench | None = None, **changes: Any) -> bool:
-        """Put a message into the channel and poll; tell whether it was accepted."""
+    def deliver(self, seq: int, message: SensorWrench | None = None, **changes: Any) -> bool:
+        """Put a message into the channel and poll; return whether it was accepted."""
         message = SensorWrench(counter=seq) if message is None else message
         self.source.waiting.append(encode(self.header(seq, **changes), message))
         return self.reader.poll()
 
     def read(self) -> Reading[SensorWrench]:
-        """Judge right now."""
+        """Return the reading at this time."""
         return self.reader.read(self.clock.now_ns())

@@ -1,4 +1,4 @@
-"""Cases that `make test` has no time for: `make test-long` and CI play them."""
+"""Cases that are too long for `make test`: `make test-long` and CI run them."""
 
 from typing import Any
 
@@ -6,5 +6,5 @@ import pytest
 
 
 def long(value: object) -> Any:
-    """Return a parameter whose cases are left to the long run."""
+    """Return a parameter whose cases run in the long run only."""
     return pytest.param(value, marks=pytest.mark.long)

@@ -31,7 +31,7 @@ FITTING = About(force_range_N=200.0, torque_range_Nm=8.0)  # to the cell of the 
 
 
 class LoopSocket:
-    """A UDP socket that reaches one sensor and nobody else."""
+    """A UDP socket that is connected to one sensor only."""
 
     def __init__(self, sensor: NetftSensor) -> None:
         self.name = f"client {next(NAMES)}"
@@ -45,16 +45,16 @@ class LoopSocket:
         return self.inbox.popleft()
 
     def send(self, data: bytes) -> None:
-        """Hand a request to the sensor."""
-        self._sensor.hear(data, self.name)
+        """Pass a request to the sensor."""
+        self._sensor.receive(data, self.name)
 
     def close(self) -> None:
-        """Hear no more."""
+        """Close: receive no more."""
         self.name = ""
 
 
 class LoopLink(UdpLink):
-    """The driver's link with another kind of socket below it."""
+    """The driver's link on an in-memory socket."""
 
     def __init__(self, sensor: NetftSensor) -> None:
         start, stop = request(RdtCommand.START), request(RdtCommand.STOP)
@@ -66,7 +66,7 @@ class LoopLink(UdpLink):
         self._socket: Any = LoopSocket(self.sensor)
 
     def deliver(self, data: bytes, client: str) -> None:
-        """Let a datagram arrive, if it is for this client."""
+        """Deliver a datagram, if it is addressed to this client."""
         if self._socket is not None and self._socket.name == client:
             self._socket.inbox.append(data)
 
@@ -78,16 +78,16 @@ class LoopPage:
         self.fault, self.about, self.fetches = fault, about, 0
 
     def poll(self, _now_ns: int) -> SettingsPage | None:
-        """Return it, unless it cannot be read."""
+        """Return the page, unless it cannot be read."""
         return None if self.fault else parse(page(self.about))
 
-    def forget(self) -> None:
-        """Count that it was wanted anew."""
+    def clear(self) -> None:
+        """Count a new request of the page."""
         self.fetches += 1
 
 
 class NetftRig:
-    """Sensor, driver and service; `about` is what the sensor is, the cell file what we believe."""
+    """Sensor, driver and service; `about` describes the sensor, the cell file the configuration."""
 
     def __init__(
         self,
@@ -100,34 +100,34 @@ class NetftRig:
         self.sensor = NetftSensor(about, seed=1)
         self.link = LoopLink(self.sensor)
         section = self.cell.sensor
-        wants_page = section.calibration != "cell"
-        self.page = LoopPage(self.sensor.about, page_fault) if wants_page else None
+        reads_page = section.calibration != "cell"
+        self.page = LoopPage(self.sensor.about, page_fault) if reads_page else None
         self.driver = RdtDriver(section, self.link, self.page, stale_after_s=STALE_S)
         self.clock = ManualClock()
-        self.said: list[SensorWrench] = []
+        self.published: list[SensorWrench] = []
         bus = Bus("sensor", self.cell.cell, self, self.cell, self.clock)
         self.service = SensorDriver(bus, self.cell, self.driver)
-        self.on_the_way: Callable[[bytes], list[bytes]] = lambda data: [data]
+        self.in_transit: Callable[[bytes], list[bytes]] = lambda data: [data]
         self._rng = np.random.default_rng(2)
 
     def publish(self, _key: str, _qos: Qos) -> Callable[[bytes], None]:
         """Keep every message."""
-        return lambda data: self.said.append(decode(data, SensorWrench)[1])
+        return lambda data: self.published.append(decode(data, SensorWrench)[1])
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(name)
 
     def run(self, duration_s: float) -> list[SensorWrench]:
-        """Let the sensor measure and the driver read; return what was said."""
-        before = len(self.said)
+        """Let the sensor measure and the driver read; return the published messages."""
+        before = len(self.published)
         for _ in range(round(duration_s / PERIOD_S)):
             self.clock.sleep_s(PERIOD_S)
             noise = 1e-3 * self._rng.standard_normal(6)
             for data, client in self.sensor.measure((TRUTH + noise).tolist()):
-                for arrived in self.on_the_way(data):
+                for arrived in self.in_transit(data):
                     self.link.deliver(arrived, client)
             self.service.step(self.clock.now_ns())
-        return self.said[before:]
+        return self.published[before:]
 
     def switch(self, **switches: Any) -> None:
         """Set switches of the sensor; `restart` is one too."""
@@ -137,7 +137,7 @@ class NetftRig:
         self.sensor.switches = self.sensor.switches.changed(words)
 
     def first_code(self, longest_s: float = 2.0) -> str:
-        """Return the code of the first message that is not valid from now on."""
+        """Return the code of the next invalid message."""
         give_up_ns = self.clock.now_ns() + round(longest_s * NS_PER_S)
         while self.clock.now_ns() < give_up_ns:
             for message in self.run(0.01):
@@ -147,5 +147,5 @@ class NetftRig:
 
     @property
     def counters(self) -> dict[str, int]:
-        """What the service counts."""
+        """Counters of the service."""
         return self.service.counters()

@@ -1,6 +1,6 @@
-"""The law that the fake controller runs in force feedback: commands 4, 6, 10 and 11 in SI units.
+"""Control law of the fake controller's force feedback: commands 4, 6, 10 and 11 in SI units.
 
-Written from the specification and the packet's table, not from the program that ships.
+Written from the specification and the packet's table, not from the shipped program.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from common.motion.frames import rotate_about_base_axes
 
-LEVER_M_PER_RAD = 0.1  # a turn counts as that much way where a speed is limited
+LEVER_M_PER_RAD = 0.1  # equivalent travel of a rotation where a speed is limited
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class KeptLimits:
 
 
 class PiFeedback:
-    """One run of force feedback, from its start on."""
+    """One run of force feedback."""
 
     def __init__(self, T_base_flange: pin.SE3, T_flange_tcp: pin.SE3) -> None:
         self._T_flange_tcp = T_flange_tcp
@@ -45,22 +45,22 @@ class PiFeedback:
         limits: KeptLimits,
         now_s: float,
     ) -> pin.SE3 | None:
-        """Return the flange's next pose, or None when a limit says that it shall end.
+        """Return the flange's next pose, or None when a limit ends the run.
 
-        Wrench, and what it is above its set point, in N and N m, of shape (6,); the part of the
-        error that does not run is zero.
+        Wrench and error (wrench minus its set point) are in N and N m, of shape (6,); the part of
+        the error that is not controlled is zero.
         """
-        if self._before is None:  # nothing to compare with: no kick
+        if self._before is None:  # no previous error: no proportional kick
             self._before, self._at_s = error, now_s
         dt_s = now_s - self._at_s
-        way = gains_p * (error - self._before) + gains_i * error * dt_s
+        travel = gains_p * (error - self._before) + gains_i * error * dt_s
         self._before, self._at_s = error, now_s
-        way_m = _at_most(way[:3], min(limits.step_m, limits.speed_m_s * dt_s))
+        step_travel_m = _at_most(travel[:3], min(limits.step_m, limits.speed_m_s * dt_s))
         turn_rad = _at_most(
-            way[3:], min(limits.step_rad, limits.speed_m_s * dt_s / LEVER_M_PER_RAD)
+            travel[3:], min(limits.step_rad, limits.speed_m_s * dt_s / LEVER_M_PER_RAD)
         )
         R = rotate_about_base_axes(self._T_base_tcp.rotation, turn_rad)
-        self._T_base_tcp = pin.SE3(R, self._T_base_tcp.translation + way_m)
+        self._T_base_tcp = pin.SE3(R, self._T_base_tcp.translation + step_travel_m)
         travelled_m = np.linalg.norm(self._T_base_tcp.translation - self._start.translation)
         is_over = (
             np.linalg.norm(wrench[:3]) > limits.force_N

@@ -1,4 +1,4 @@
-"""How to bring about each fault in front of the arbiter's process, on a virtual clock."""
+"""Procedures that cause each fault in front of the arbiter's process, on a virtual clock."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,13 +20,13 @@ from tests.fakes.arbiter_world import (
     ROBOT_FAULTS,
     T_START,
     shifted,
-    unfit,
+    with_fault,
 )
 from tests.fakes.cellmates import Cellmates
 
 Provoke = Callable[[Cellmates], None]
 # fmt: off
-# Found in another process, whose words the arbiter passes on with their code:
+# Detected in another process, whose text the arbiter passes on with their code:
 WRENCH_CODES = (
     "sensor_silent", "sensor_fault", "sensor_saturated", "sensor_frozen", "sensor_jump",
     "not_finite", "sensor_stalled", "sensor_restarted", "sensor_stolen", "sensor_lossy",
@@ -41,42 +41,42 @@ HOLD_CODES = (
 OVER = 1.001
 
 
-def says(name: str, **changes: Any) -> Provoke:
-    """Let one role say something else."""
+def change_message(name: str, **changes: Any) -> Provoke:
+    """Change fields of one role's message."""
     return lambda cell: cell.change(name, **changes)
 
 
 def invalid(name: str, code: str) -> Provoke:
-    """Let one role say that it cannot answer, and why."""
-    return says(name, valid=False, reason="as the test wishes", code=code)
+    """Publish a role's message as invalid, with a reason."""
+    return change_message(name, valid=False, reason="set by the test", code=code)
 
 
 def holds(code: str) -> Provoke:
-    """Let the robot hold by itself, and say why."""
-    return says("robot", hold=tripped(code, "as the test wishes"))
+    """Let the robot hold by itself, with a reason."""
+    return change_message("robot", hold=tripped(code, "set by the test"))
 
 
-def behind(cell: Cellmates, topic: topics.Topic[Any], data: bytes) -> None:
-    """Let bytes come on a topic right behind each good message."""
+def follow_with_bytes(cell: Cellmates, topic: topics.Topic[Any], data: bytes) -> None:
+    """Publish bytes on a topic right behind each good message."""
     put = cell.transport.publish(f"{CELL.cell}/{topic.key}", "stream")
-    speak = cell.before_step
+    before = cell.before_step
 
-    def speak_then_disturb() -> None:
-        speak()
+    def before_then_disturb() -> None:
+        before()
         put(data)
 
-    cell.before_step = speak_then_disturb
+    cell.before_step = before_then_disturb
 
 
 def replay(cell: Cellmates) -> None:
-    """Play one packet of the robot again and again."""
-    heard = cell.transport.subscribe(f"{CELL.cell}/{topics.ROBOT_STATE.key}")
+    """Replay one packet of the robot repeatedly."""
+    received = cell.transport.subscribe(f"{CELL.cell}/{topics.ROBOT_STATE.key}")
     cell.step()
-    behind(cell, topics.ROBOT_STATE, heard.take() or b"")
+    follow_with_bytes(cell, topics.ROBOT_STATE, received.take() or b"")
 
 
 def work(cell: Cellmates, **changes: Any) -> None:
-    """Let the regulator command, then go on otherwise."""
+    """Let the regulator command, then change its target."""
     cell.messages["target"] = RegulatorTarget(mode="position", pose=shifted())
     cell.step(3)
     cell.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), **changes)
@@ -86,44 +86,44 @@ def pursue(cell: Cellmates) -> None:
     """Let the operator command, and the robot refuse it."""
     assert cell.ask(topics.MOVE, MOVE_DOWN).accepted
     cell.step(100)
-    goal = cell.said().goal
+    goal = cell.published().goal
     assert goal is not None
     cell.change("robot", goal=GoalReport(id=goal.id, state="refused", reason="out of reach"))
 
 
-def rely_no_more(cell: Cellmates) -> None:
-    """Let the regulator command by a force whose calibration is another one meanwhile."""
+def change_calibration(cell: Cellmates) -> None:
+    """Let the regulator command by a force whose calibration changes meanwhile."""
     work(cell)
     cell.change("wrench", calibration="another")
 
 
 def place(x_m: float) -> Provoke:
-    """Put the flange somewhere along base x."""
+    """Set the flange's position along base x."""
     record = record_of(pin.SE3(T_START.rotation, T_START.translation + np.array([x_m, 0.0, 0.0])))
-    return says("robot", **record.model_dump())
+    return change_message("robot", **record.model_dump())
 
 
 # fmt: off
 IN_MOTION: dict[str, Provoke] = {
     "invalid":       invalid("robot", ""),
-    "undecodable":   lambda cell: behind(cell, topics.WRENCH, b"\xc1"),
+    "undecodable":   lambda cell: follow_with_bytes(cell, topics.WRENCH, b"\xc1"),
     "two_writers":   lambda cell: cell.add_rival("wrench"),
-    "overrun":       says("regulator/health", overruns=4),
+    "overrun":       change_message("regulator/health", overruns=4),
     "bad_messages":  replay,
-    "internal":      says("wrench/health", valid=False, code="internal", reason="an error"),
+    "internal":      change_message("wrench/health", valid=False, code="internal", reason="error"),
     **{code: invalid("wrench", code) for code in WRENCH_CODES},
     "misaligned":    lambda cell: setattr(cell, "sample_age_s", 0.08),
     **{code: invalid("robot", code) for code in STATE_CODES},
-    **{code: says("robot", status=unfit(code)) for code in ROBOT_FAULTS},
-    "joint_count":   says("robot", joint_rad=(0.0,) * 7),
-    "robot_holds":   says("robot", hold=tripped("robot_holds", "something of its own")),
+    **{code: change_message("robot", status=with_fault(code)) for code in ROBOT_FAULTS},
+    "joint_count":   change_message("robot", joint_rad=(0.0,) * 7),
+    "robot_holds":   change_message("robot", hold=tripped("robot_holds", "something of its own")),
     **{code: holds(code) for code in HOLD_CODES},
     "goal_refused":  pursue,
     "workspace":     place(0.41),
-    "force":         says("wrench", force_N=(0.0, 0.0, CELL.limits.force_N * OVER)),
-    "torque":        says("wrench", torque_Nm=(0.0, CELL.limits.torque_Nm * OVER, 0.0)),
+    "force":         change_message("wrench", force_N=(0.0, 0.0, CELL.limits.force_N * OVER)),
+    "torque":        change_message("wrench", torque_Nm=(0.0, CELL.limits.torque_Nm * OVER, 0.0)),
     "hold":          lambda cell: cell.ask_at_once((topics.HOLD, HoldRequest())),
-    "calibration":   rely_no_more,
-    "regulator":     lambda cell: work(cell, valid=False, reason="as the test wishes"),
+    "calibration":   change_calibration,
+    "regulator":     lambda cell: work(cell, valid=False, reason="set by the test"),
 }
 # fmt: on

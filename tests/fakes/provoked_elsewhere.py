@@ -1,4 +1,4 @@
-"""How to bring about the faults that other processes than the arbiter's find."""
+"""Procedures that cause the faults which other processes than the arbiter's detect."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from sim.controller.network import MemoryNetwork
 from sim.controller.wire import LockStepLink
@@ -38,58 +38,58 @@ BEYOND = pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.1 * LIMITS.step_m]))
 
 
 def from_the_wrench(**sample: Any) -> str:
-    """Let the sensor say something; return what the wrench is called."""
+    """Publish a message of the sensor; return the wrench's fault code."""
     bench = WrenchBench()
     bench.settle()
     bench.sensor = sample
     bench.step(4)
-    return bench.said().code
+    return bench.published().code
 
 
 def from_a_frozen_sensor() -> str:
-    """Repeat one and the same reading in a cell whose sensor has noise."""
+    """Repeat one reading in a cell whose sensor has noise."""
     bench = WrenchBench(CELL)
     bench.pass_s(0.3)
-    return bench.said().code
+    return bench.published().code
 
 
 def tare(bench: WrenchBench, wait_s: float = 1.0) -> str:
-    """Ask for a tare."""
+    """Request a tare."""
     bench.pass_s(wait_s)
     return bench.ask(topics.TARE, Empty()).code
 
 
 def tare_in_contact() -> str:
-    """Ask for a tare while something pushes."""
+    """Request a tare while a force acts."""
     bench = WrenchBench()
     bench.force_N = np.array([0.0, 0.0, 20.0])
     return tare(bench)
 
 
 def tare_in_motion() -> str:
-    """Ask for a tare while the controller says that the arm moves."""
+    """Request a tare while the controller reports motion."""
     bench = WrenchBench()
     bench.status = RobotStatus(moving=True)
     return tare(bench)
 
 
-def start(**wanted: Any) -> str:
-    """Ask the regulator to start."""
+def start(**request: Any) -> str:
+    """Send a start request to the regulator."""
     bench = RegulatorBench()
     bench.pass_s(0.1)
-    return bench.start(ForceStartRequest(mode="position", **wanted)).code
+    return bench.start(ForceStartRequest(mode="position", **request)).code
 
 
-def guide_before_the_check() -> str:
-    """Let a hand guide what nobody has checked."""
+def guide_without_axes_check() -> str:
+    """Start hand guiding without a check of the sensor's axes."""
     bench = RegulatorBench()
     bench.wrench = WrenchAtTcp()
     bench.pass_s(0.1)
     return bench.start(ForceStartRequest(mode="position", law="admittance")).code
 
 
-def go_where_force_may_move() -> str:
-    """Ask for a path while the adaptive law may give way along it."""
+def request_path_in_force_direction() -> str:
+    """Request a path in a direction in which the adaptive law may give way."""
     bench = RegulatorBench()
     bench.pass_s(0.1)
     bench.start(ForceStartRequest(mode="position", law="adaptive"))
@@ -98,7 +98,7 @@ def go_where_force_may_move() -> str:
 
 
 def start_without_a_wrench() -> str:
-    """Ask the regulator to start before the wrench service was ever heard."""
+    """Send a start request to the regulator before the first wrench."""
     bench = RegulatorBench()
     bench.silent.add(topics.WRENCH.key)
     bench.pass_s(0.1)
@@ -106,18 +106,18 @@ def start_without_a_wrench() -> str:
 
 
 def from_a_gateway_alone() -> str:
-    """Let a gateway speak that has no controller."""
+    """Run a gateway without a controller."""
     cell = gateway_cell(49152)
-    wire = LockStepLink(MemoryNetwork(), 49152, News)
+    wire = LockStepLink(MemoryNetwork(), 49152, LinkEvents)
     bench = Bench("robot", lambda bus, _: Gateway(bus, cell, wire), cell)
     bench.watch(topics.ROBOT_STATE)
     bench.pass_s(0.1)
-    said: Message = bench.newest(topics.ROBOT_STATE)
-    return said.code
+    state: Message = bench.newest(topics.ROBOT_STATE)
+    return state.code
 
 
 def from_a_bare_arm() -> str:
-    """Ask the simulated arm for what only a controller can do."""
+    """Command the simulated arm to do a task of a controller."""
     bench = Bench("robot", SimRobot)
     permission = Permission(host="controller", lease=1, deadline_s=0.1)
     command = RobotCommand(
@@ -126,16 +126,16 @@ def from_a_bare_arm() -> str:
     bench.before_step = lambda: bench.put(topics.ROBOT_COMMAND, command, Origin(1, 1))
     bench.watch(topics.ROBOT_STATE)
     bench.pass_s(0.1)
-    said = bench.newest(topics.ROBOT_STATE)
-    return str(said.hold_code)
+    state = bench.newest(topics.ROBOT_STATE)
+    return str(state.hold_code)
 
 
 def ruled(trip: Trip | Reply | None) -> str:
-    """Return the code of a rule's answer."""
+    """Return the code of a rule's verdict."""
     return "nothing" if trip is None else trip.code
 
 
-def a_flood() -> Trip | None:
+def flood_commands() -> Trip | None:
     """Command ten steps of a millimetre within a hundredth of a second, a hundred times."""
     window, there = PathWindow(), pin.SE3(np.eye(3), np.array([1e-3, 0.0, 0.0]))
     for now_ns in range(1_000_000, 200_000_000, 1_000_000):
@@ -143,19 +143,19 @@ def a_flood() -> Trip | None:
     return check_rate(LIMITS, window)
 
 
-def too_sudden(rule: SetpointMonitor) -> Trip | None:
-    """Run nearly as fast as is allowed, then back at once."""
+def reverse_at_once(rule: SetpointMonitor) -> Trip | None:
+    """Run nearly at the speed limit, then reverse at once."""
     period_ns, place = 4_000_000, pin.SE3.Identity()
     trip = rule.begin(place, 0)
     for number in range(1, 60):
-        way_m = 9e-4 if number < 40 else -9e-4
-        place = pin.SE3(np.eye(3), place.translation + np.array([way_m, 0.0, 0.0]))
-        trip = trip or rule.spend(place, number * period_ns)
+        travel_m = 9e-4 if number < 40 else -9e-4
+        place = pin.SE3(np.eye(3), place.translation + np.array([travel_m, 0.0, 0.0]))
+        trip = trip or rule.check(place, number * period_ns)
     return trip
 
 
 def an_arm_that_stays_behind(rule: TrackingMonitor) -> Trip | None:
-    """Command one place and report another one, for a second."""
+    """Command one pose and report another one for a second."""
     trips = []
     for now_ns in range(0, 1_000_000_000, 4_000_000):
         rule.stream(HERE, now_ns)

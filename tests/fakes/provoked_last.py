@@ -1,4 +1,4 @@
-"""How to bring about the faults of the regulator's guards, of a slow controller, of a hand-over."""
+"""Procedures that cause the faults of the regulator's guards, a slow controller, a hand-over."""
 
 import numpy as np
 import pinocchio as pin
@@ -12,15 +12,15 @@ from services.arbiter.ownership import SETTLE_WITHIN_S
 from tests.fakes.arbiter_robot import RobotWorld
 from tests.fakes.arbiter_world import PERIOD_NS, T_START
 from tests.fakes.bench import CELL
-from tests.fakes.gateway_world import GatewayWorld, MoodyController
+from tests.fakes.gateway_world import FaultyController, GatewayWorld
 from tests.fakes.regulator_bench import RegulatorBench
 
 TOUCH_N, SETPOINT_N = CELL.force.touch_N, 20.0
-STEPS = 600  # of two milliseconds: longer than the controller may take to answer
+STEPS = 600  # of two milliseconds: longer than the controller may take to reply
 
 
 def pressing() -> RegulatorBench:
-    """Start to press, nothing touched yet."""
+    """Start to press without contact."""
     bench = RegulatorBench()
     bench.pass_s(0.1)
     assert bench.start(ForceStartRequest(mode="position", setpoint_N=SETPOINT_N)).accepted
@@ -29,47 +29,47 @@ def pressing() -> RegulatorBench:
 
 
 def push_sideways() -> str:
-    """Touch something that does not push back along the tool."""
+    """Touch a surface that does not push back in the tool's direction."""
     bench = pressing()
     bench.push((2.0 * TOUCH_N, 0.0, 0.0))
     bench.step(5)
-    return bench.said().code
+    return bench.published().code
 
 
 def search_too_far() -> str:
-    """Go down the whole search way and touch nothing."""
+    """Go down the whole search travel without contact."""
     bench = pressing()
     down_m = np.array([0.0, 0.0, -1.1 * CELL.force.search_m])
     there = record_of(pin.SE3(T_START.rotation, T_START.translation + down_m))
     bench.robot = bench.robot.model_copy(update=there.model_dump())
     bench.step(2)
-    return bench.said().code
+    return bench.published().code
 
 
 def swing() -> str:
-    """Push too much and too little in turns, as a loop with too high a gain does."""
+    """Alternate too much and too little force, as a loop with too high a gain does."""
     bench = pressing()
     for number in range(14):
         bench.push((0.0, 0.0, SETPOINT_N + (-15.0 if number % 2 else 15.0)))
         bench.pass_s(2.0 * CELL.loop_delay_s)
-    return bench.said().code
+    return bench.published().code
 
 
 # --- the gateway ----------------------------------------------------------------------------------
 
 
-class DeafController(MoodyController):
-    """Hears a command and does nothing about it; it may even not say that it has heard it."""
+class IgnoringController(FaultyController):
+    """Receives a command without executing it; optionally without the echo of its receipt."""
 
-    def __init__(self, deaf_to: Com, *, echoes: bool = True) -> None:
-        """Be deaf to one command; without `echoes` the ID of that packet stays the last one."""
+    def __init__(self, ignored: Com, *, echoes: bool = True) -> None:
+        """Ignore one command; without `echoes` the ID of that packet stays the last one."""
         super().__init__()
-        self._deaf_to, self._echoes, self._stuck = deaf_to, echoes, False
+        self._ignored, self._echoes, self._stuck = ignored, echoes, False
 
     def _take(self, packet: Packet) -> None:
         if self._stuck:
             return
-        if packet.com != self._deaf_to:
+        if packet.com != self._ignored:
             super()._take(packet)
         elif self._echoes:
             self._id = packet.id
@@ -77,34 +77,34 @@ class DeafController(MoodyController):
             self._stuck = True
 
 
-def feed_back(controller: MoodyController, gain: float = 1e-5) -> set[str]:
-    """Ask for force feedback in the controller for a while; return why the gateway held."""
+def feed_back(controller: FaultyController, gain: float = 1e-5) -> set[str]:
+    """Command force feedback in the controller for a time; return the gateway's hold reason."""
     world = GatewayWorld(controller)
     world.lease += 1
     feedback = Feedback(mode="position", gains=Gains(force_p_m_per_N=(gain, gain, gain)))
     for _ in range(STEPS // 10):
-        world.say(world.permitted("feedback", feedback=feedback))
+        world.send(world.permitted("feedback", feedback=feedback))
         world.live(10)
     return world.codes
 
 
-def ask_for_what_rounds_to_nothing() -> str:
-    """Ask for a gain below the last digit of the packet."""
-    return one_of("unsendable", feed_back(MoodyController(), 1e-13))
+def request_gain_that_rounds_to_zero() -> str:
+    """Request a gain below the last digit of the packet."""
+    return one_of("unsendable", feed_back(FaultyController(), 1e-13))
 
 
 def start_no_feedback() -> str:
-    """Let the controller not start what it is asked for."""
-    return one_of("feedback", feed_back(DeafController(Com.FEEDBACK)))
+    """Let the controller ignore the start of force feedback."""
+    return one_of("feedback", feed_back(IgnoringController(Com.FEEDBACK)))
 
 
 def answer_late() -> str:
-    """Let the controller echo nothing after hello and hold, and report on."""
-    return one_of("link_slow", feed_back(DeafController(Com.LIMITS, echoes=False)))
+    """Let the controller echo nothing after hello and hold, and continue its reports."""
+    return one_of("link_slow", feed_back(IgnoringController(Com.LIMITS, echoes=False)))
 
 
 def one_of(code: str, codes: set[str]) -> str:
-    """Return the code if it is among those that were said."""
+    """Return the code if it is among the reported ones."""
     return code if code in codes else f"{sorted(codes)} instead"
 
 
@@ -119,7 +119,7 @@ def preempt() -> str:
 
 
 def never_rest() -> str:
-    """Let the arm never come to rest for the next commander."""
+    """Keep the arm from rest, so that the next commander must wait."""
     world = RobotWorld(brake_periods=10**6).give("program")
     world.ask("operator")
     world.tick(round((SETTLE_WITHIN_S + 0.1) * 1e9 / PERIOD_NS))

@@ -1,4 +1,4 @@
-"""A sensor on a real UDP socket, and the driver that reads it on a clock of the tests' own."""
+"""A sensor on a real UDP socket, and the driver that reads it, on a clock of the tests."""
 
 import socket
 from collections.abc import Callable
@@ -23,7 +23,7 @@ PATIENCE_S = 5.0
 
 
 class FakeSensor:
-    """A sensor that streams to whoever asked last; the test says what it sends."""
+    """A sensor that streams to its last client; the test gives the data."""
 
     def __init__(self) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -40,8 +40,8 @@ class FakeSensor:
     def __exit__(self, *_: object) -> None:
         self.socket.close()
 
-    def hear(self) -> bytes:
-        """Wait for a request; a request to start begins the numbers anew."""
+    def receive(self) -> bytes:
+        """Wait for a request; a start request resets the numbers."""
         data, address = self.socket.recvfrom(64)
         if data == request(RdtCommand.START):
             self.client, self.place = address, 0
@@ -71,7 +71,7 @@ class Recorder:
         self.stamps: list[int] = []
 
     def publish(self, key: str, qos: Qos) -> Callable[[bytes], None]:
-        """Keep what is put."""
+        """Keep every message."""
         assert (key, qos) == ("rs007l/sensor/wrench", "stream")
 
         def put(data: bytes) -> None:
@@ -93,8 +93,8 @@ class Rig:
         cell = load_cell(REAL_CELL, where | overrides)
         self.sensor = sensor
         self.clock = ManualClock()
-        self.said = Recorder()
-        self.driver = SensorDriver(Bus("sensor", cell.cell, self.said, cell, self.clock), cell)
+        self.published = Recorder()
+        self.driver = SensorDriver(Bus("sensor", cell.cell, self.published, cell, self.clock), cell)
         self.runner = Runner(self.driver, [], self.clock)
 
     def __enter__(self) -> "Rig":
@@ -104,41 +104,41 @@ class Rig:
         self.driver.close()
 
     def advance(self, duration_s: float) -> list[SensorWrench]:
-        """Let time pass in steps of a tenth of a sensor's period; return what was said."""
-        before = len(self.said.messages)
+        """Advance in steps of a tenth of a sensor's period; return the published messages."""
+        before = len(self.published.messages)
         for _ in range(round(duration_s / PERIOD_S * 10)):
             self.clock.sleep_s(PERIOD_S / 10)
             if self.runner.due(self.clock.now_ns()):
                 self.runner.step(self.clock.now_ns())
-        return self.said.messages[before:]
+        return self.published.messages[before:]
 
     def start(self) -> None:
-        """Let the driver ask, and the sensor hear it."""
+        """Let the driver send its request, and the sensor receive it."""
         self.advance(PERIOD_S)
-        assert self.sensor.hear() == request(RdtCommand.START)
+        assert self.sensor.receive() == request(RdtCommand.START)
 
     def stream(self, duration_s: float, **how: Any) -> list[SensorWrench]:
-        """Let the sensor send a record each period; return what the driver said."""
-        before = len(self.said.messages)
+        """Send a record each period; return the driver's messages."""
+        before = len(self.published.messages)
         for _ in range(round(duration_s / PERIOD_S)):
             self.sensor.send(self.sensor.record(**how))
             self.advance(PERIOD_S)
-        return self.said.messages[before:]
+        return self.published.messages[before:]
 
     def send(self, *datagrams: bytes) -> list[SensorWrench]:
-        """Let several datagrams wait at once; return what the driver said to them."""
+        """Send several datagrams at once; return the driver's messages."""
         for data in datagrams:
             self.sensor.send(data)
         return self.advance(PERIOD_S)
 
     @property
     def counters(self) -> dict[str, int]:
-        """What the driver counts."""
+        """Counters of the driver."""
         return self.driver.counters()
 
 
 def assert_no_numbers(messages: list[SensorWrench], reason: str) -> None:
-    """Every message is not valid, says why, and carries no reading."""
+    """Assert that every message is invalid, has a reason, and carries no reading."""
     assert messages
     for message in messages:
         assert not message.valid
@@ -148,5 +148,5 @@ def assert_no_numbers(messages: list[SensorWrench], reason: str) -> None:
 
 
 def is_at_rate(messages: list[SensorWrench], duration_s: float) -> bool:
-    """Tell whether there is about one message for each period of the sensor."""
+    """Return whether there is about one message for each period of the sensor."""
     return abs(len(messages) - duration_s * SENSOR_HZ) <= 2

@@ -1,4 +1,4 @@
-"""The recorder on a bus in memory and a clock of the test's own, and what it has written."""
+"""The recorder on a bus in memory and a clock of the test, and its files."""
 
 import tempfile
 from pathlib import Path
@@ -29,7 +29,7 @@ def cell_with(folder: Path, **section: Any) -> CellConfig:
 
 
 class RecorderBench:
-    """Says things on the bus, lets time pass, asks the recorder."""
+    """Publishes messages, advances the clock, sends requests to the recorder."""
 
     def __init__(self, folder: Path, **section: Any) -> None:
         """Start a recorder that records into a folder."""
@@ -45,34 +45,34 @@ class RecorderBench:
         """Return the wall clock time."""
         return WALL_NS + self.clock.now_ns()
 
-    def say(self, topic: Topic[Any], message: Message) -> None:
-        """Say something on a topic as its writer."""
+    def send(self, topic: Topic[Any], message: Message) -> None:
+        """Publish a message on a topic as its writer."""
         if topic.key not in self._writers:
             self._writers[topic.key] = self._bus(topic.writer).publisher(topic)
         self._writers[topic.key].put(message)
 
-    def say_bytes(self, topic: Topic[Any], data: bytes) -> None:
-        """Put bytes on a key, whatever they are."""
+    def send_bytes(self, topic: Topic[Any], data: bytes) -> None:
+        """Put any bytes on a key."""
         self.transport.publish(f"{self.cell.cell}/{topic.key}", topic.qos)(data)
 
-    def pass_s(self, duration_s: float, *said: Topic[Any]) -> None:
-        """Let time pass while topics are said, each once in every step."""
+    def pass_s(self, duration_s: float, *published: Topic[Any]) -> None:
+        """Advance by a time while topics are published, each once in every step."""
         for _ in range(round(duration_s / self.recorder.period_s)):
-            for topic in said or (topics.WRENCH,):
-                self.say(topic, topic.message())
+            for topic in published or (topics.WRENCH,):
+                self.send(topic, topic.message())
             self.clock.sleep_s(self.recorder.period_s)
             self.recorder.step(self.clock.now_ns())
 
     def trip(self, state: ArbiterState = "HOLDING", code: str = "force") -> None:
-        """Let the arbiter stop an arm that was at work."""
-        self.say(topics.ARBITER_STATUS, ArbiterStatus(state="ACTIVE"))
+        """Trip an arm that was in motion."""
+        self.send(topics.ARBITER_STATUS, ArbiterStatus(state="ACTIVE"))
         self.pass_s(0.1)
         status = ArbiterStatus.model_validate({"state": state, "trips": (TRIP | {"code": code},)})
-        self.say(topics.ARBITER_STATUS, status)
+        self.send(topics.ARBITER_STATUS, status)
         self.pass_s(0.1)
 
     def ask(self, request: Request[Any], message: Record) -> Reply:
-        """Ask the recorder for something."""
+        """Send a request to the recorder."""
         address = f"{self.cell.cell}/{request.key}"
         call = MemoryCall(encode_record(message, address))
         self.transport.serve(address).waiting.append(call)
@@ -81,15 +81,15 @@ class RecorderBench:
         return decode_record(call.reply, Reply)
 
     def start(self, **options: Any) -> Reply:
-        """Ask it to record."""
+        """Send the request to record."""
         return self.ask(topics.RECORD_START, RecordRequest(**options))
 
     def stop(self) -> Reply:
-        """Ask it to end the recording."""
+        """Send the request to end the recording."""
         return self.ask(topics.RECORD_STOP, Empty())
 
     def status(self) -> RecorderStatus:
-        """Return what it says of itself."""
+        """Return the recorder's status."""
         message = self._status.read(self.clock.now_ns()).message
         assert message is not None
         return message
@@ -103,11 +103,11 @@ class RecorderBench:
 
 
 def record_without_space() -> str:
-    """Ask for a recording where less space is left than must be; return the answer's code."""
+    """Request a recording with less free space than required; return the reply's code."""
     with tempfile.TemporaryDirectory() as folder:
         return RecorderBench(Path(folder), least_free_GB=10_000.0).start().code
 
 
 def place(topic: Topic[Any]) -> int:
-    """Return a topic's place in the table."""
+    """Return a topic's index in the table."""
     return TOPICS.index(topic)

@@ -1,4 +1,4 @@
-"""Draws and spells out records (messages, requests, replies) from the types of their fields."""
+"""Random and complete records (messages, requests, replies) made from the types of their fields."""
 
 import types
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ Path = tuple[str | int, ...]
 
 @cache
 def records(record_type: type[BaseModel]) -> st.SearchStrategy[Any]:
-    """Return the strategy that builds any record of a type; poses are such as a request takes."""
+    """Return the strategy of any record of a type; poses are valid for requests."""
     if record_type is PoseRecord:
         position = st.tuples(*[st.floats(-FARTHEST_M, FARTHEST_M)] * 3)
         return st.builds(
@@ -92,7 +92,7 @@ def _flat(metadata: tuple[Any, ...]) -> list[Any]:
 
 
 def full(annotation: Any, text: str = "text") -> Any:
-    """Return plain data of a type with everything in it that may be there, floats as 0.5."""
+    """Return plain data of a type with every optional field present, floats as 0.5."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return full(args[0], text)

@@ -1,4 +1,4 @@
-"""A run as JSON lines, in the words of `forcemesh watch --json`, and a regulator fed with it."""
+"""A run as JSON lines in the format of `forcemesh watch --json`, and a regulator fed with it."""
 
 import json
 from collections.abc import Iterator
@@ -16,35 +16,34 @@ from forcemesh.topics import Request, Topic
 from launch.virtual_cell import VirtualCell
 from services.regulator.service import Regulator
 
-# In the order in which they are said within one millisecond: the file keeps it.
-SPOKEN: tuple[Topic[Any], ...] = (
+# In the order in which they are published within one millisecond: the file keeps it.
+TOPIC_ORDER: tuple[Topic[Any], ...] = (
     topics.ROBOT_STATE,
     topics.WRENCH,
     topics.REGULATOR_TARGET,
     topics.ROBOT_COMMAND,
     topics.ARBITER_STATUS,
 )
-MS_NS = 1_000_000
 
 
 def line_of(header: Header, message: Message) -> str:
-    """Return what `forcemesh watch --json` prints of a message."""
+    """Return the line that `forcemesh watch --json` prints for a message."""
     return json.dumps(header.model_dump() | message.model_dump())
 
 
 class Capture:
-    """A cell on the virtual clock of which every word to and from the regulator is written down."""
+    """A cell on the virtual clock with a record of every message to and from the regulator."""
 
     def __init__(self, cell: CellConfig) -> None:
-        """Begin at the cell's first instant."""
+        """Begin at the start of the cell."""
         self.world = VirtualCell(cell)
         self.lines: list[str] = []
-        self._readers: list[Reader[Any]] = [self.world.client.reader(t) for t in SPOKEN]
+        self._readers: list[Reader[Any]] = [self.world.client.reader(t) for t in TOPIC_ORDER]
         self._let_live = self.world.advance
         self.world.transport.advance = self.advance
 
     def advance(self, duration_s: float, until: Any = lambda: False) -> None:
-        """Let time pass by milliseconds and listen after each."""
+        """Advance by milliseconds and record messages after each."""
         for _ in range(round(duration_s * 1000)):
             if until():
                 return
@@ -56,27 +55,27 @@ class Capture:
                         self.lines.append(line_of(reading.header, reading.message))
 
     def ask(self, request: Request[Any], message: Record) -> None:
-        """Ask, and write down when."""
+        """Send a request and record its time."""
         if request.server == "regulator":
-            asked = {"request": request.key, "stamp_ns": self.world.clock.now_ns()}
-            self.lines.append(json.dumps(asked | {"fields": message.model_dump()}))
+            entry = {"request": request.key, "stamp_ns": self.world.clock.now_ns()}
+            self.lines.append(json.dumps(entry | {"fields": message.model_dump()}))
         reply = self.world.client.ask(request, message)
         assert reply.accepted, reply.text
 
 
 def replay(lines: list[str], cell: CellConfig) -> Iterator[tuple[bytes, bytes]]:
-    """Feed a capture through a regulator; yield each target as it was said and is said now."""
+    """Feed a capture through a regulator; yield each recorded target with the present one."""
     clock, transport = ManualClock(), MemoryTransport()
     regulator = Regulator(Bus("regulator", cell.cell, transport, cell, clock), cell)
     client = Bus("client", cell.cell, transport, cell, clock)
-    heard = client.reader(topics.REGULATOR_TARGET)
+    received = client.reader(topics.REGULATOR_TARGET)
     for line in lines:
         fields = json.loads(line)
         if "request" in fields:
             request = next(r for r in topics.REQUESTS if r.key == fields["request"])
-            asked = request.message.model_validate(fields["fields"], strict=False)
+            entry = request.message.model_validate(fields["fields"], strict=False)
             calls = transport.serve(f"{cell.cell}/{request.key}")
-            calls.waiting.append(MemoryCall(encode_record(asked, f"{cell.cell}/{request.key}")))
+            calls.waiting.append(MemoryCall(encode_record(entry, f"{cell.cell}/{request.key}")))
             continue
         header = Header.model_validate(fields)
         topic = find_topic(header.topic.partition("/")[2])
@@ -87,6 +86,6 @@ def replay(lines: list[str], cell: CellConfig) -> Iterator[tuple[bytes, bytes]]:
             continue
         clock.advance_ns(header.stamp_ns - clock.now_ns())
         regulator.step(header.stamp_ns)
-        now = heard.read(header.stamp_ns).message
+        now = received.read(header.stamp_ns).message
         assert now is not None
         yield message.model_dump_json().encode(), now.model_dump_json().encode()

@@ -1,4 +1,4 @@
-"""What the fake controller's robot program does with a command, and the arm that it moves.
+"""Robot program of the fake controller: execution of commands, and the arm that it moves.
 
 It keeps its own scales, so that a mistake in the gateway's conversions is not mirrored here.
 """
@@ -25,7 +25,7 @@ _SI_PER_ONE = np.repeat([1e-3, radians(1.0)], 3)  # of a gain in mm or degrees
 
 @dataclass(slots=True)
 class RobotProgram:
-    """The arm, the ring of commands, and everything that commands change."""
+    """The arm, the ring of commands, and all state that commands change."""
 
     arm: FakeArm = field(default_factory=FakeArm)
     lag_s: float = 0.02
@@ -36,7 +36,7 @@ class RobotProgram:
     taken_id: int = NO_ID
     held_id: int = NO_ID
     watchdog_s: float = 0.25
-    rate_rad_s: float = np.inf  # of the joint with the longest way
+    rate_rad_s: float = np.inf  # of the joint with the longest travel
     scales: VecInt = ZERO_VEC
     gains_p: VecInt = ZERO_VEC
     gains_i: VecInt = ZERO_VEC
@@ -81,21 +81,21 @@ class RobotProgram:
             self.status |= Status.TARGET_REFUSED
 
     def _keep(self, packet: Packet) -> None:
-        """Keep a bank of command 10; the box is the emulated program's to judge."""
+        """Store a bank of command 10; the emulated program checks the box."""
         if packet.param == 0:
             self.limits, self.watchdog_s = packet.vec, packet.vec[5] * 1e-3
         elif packet.param == 1:
             self.motion_limits = packet.vec
 
     def hold(self, id_: int) -> None:
-        """Brake: stand where the arm is; nothing of the ring survives, nothing is corrected."""
+        """Brake: stay at the present pose, clear the ring, end force feedback."""
         self.ring.clear()
         self.target_rad = self.joint_rad.copy()
         self.status = (self.status & ~FEEDBACK_BITS) | Status.HELD
         self.held_id, self.setpoint = id_, None
 
     def correct(self, now_s: float) -> None:
-        """Force feedback: the newest wrench, once, is one more target; a broken limit is a hold."""
+        """Step force feedback: the newest wrench, once, is a new target; a broken limit holds."""
         packet, self.wrench = self.wrench, None
         runs = [bool(self.status & bit) for bit in FEEDBACK_BITS]
         if packet is None or self.feedback is None or not any(runs):
@@ -119,22 +119,24 @@ class RobotProgram:
             self.target_rad = joints
 
     def move(self, dt_s: float) -> None:
-        """Let the joints follow, first order, no faster than the speeds allow."""
-        way_rad = (self.target_rad - self.joint_rad) * (1.0 - np.exp(-dt_s / self.lag_s))
-        fastest_rad = max(float(np.abs(way_rad).max()), 1e-12)
-        self.joint_rad = self.joint_rad + way_rad * min(1.0, self.rate_rad_s * dt_s / fastest_rad)
+        """Let the joints follow, first order, within the speed limits."""
+        travel_rad = (self.target_rad - self.joint_rad) * (1.0 - np.exp(-dt_s / self.lag_s))
+        fastest_rad = max(float(np.abs(travel_rad).max()), 1e-12)
+        self.joint_rad = self.joint_rad + travel_rad * min(
+            1.0, self.rate_rad_s * dt_s / fastest_rad
+        )
         moving = bool(np.abs(self.target_rad - self.joint_rad).max() > SETTLED_RAD)
         self.status = (self.status & ~Status.MOVING) | (Status.MOVING if moving else Status(0))
 
     def pose_vec(self) -> VecInt:
-        """X, Y, Z, O, A, T of the flange in packet units."""
+        """Return X, Y, Z, O, A, T of the flange in packet units."""
         T = self.arm.pose(self.joint_rad)
         oat = [degrees(angle) * self.scales[1] for angle in oat_from_R(T.rotation)]
         x, y, z, o, a, t = (round(v) for v in (*(T.translation * 1e3 * self.scales[0]), *oat))
         return (x, y, z, o, a, t)
 
     def joint_vec(self) -> VecInt:
-        """JT1 to JT6 in packet units."""
+        """Return JT1 to JT6 in packet units."""
         units = np.degrees(self.joint_rad) * self.scales[2]
         a, b, c, d, e, f = (round(float(unit)) for unit in units)
         return (a, b, c, d, e, f)
@@ -169,13 +171,17 @@ class RobotProgram:
             self.rate_rad_s = self._rate_rad_s(target)
 
     def _rate_rad_s(self, target_rad: np.ndarray) -> float:
-        """Joint rate at which the flange keeps the mechanical times the modular speed."""
+        """Return the joint rate of the flange at mechanical times modular speed."""
         speed_m_s = self.speeds[3] / self.scales[5] * 1e-3 * self.speeds[2] / 1e4
-        way_m = float(np.linalg.norm(pin.log6(self._pose_of_way(target_rad)).vector[:3]))
+        flange_travel_m = float(np.linalg.norm(pin.log6(self._pose_on_path(target_rad)).vector[:3]))
         turn_rad = float(np.abs(target_rad - self.joint_rad).max())
-        return turn_rad * speed_m_s / way_m if way_m > 1e-6 and speed_m_s > 0.0 else np.inf
+        return (
+            turn_rad * speed_m_s / flange_travel_m
+            if flange_travel_m > 1e-6 and speed_m_s > 0.0
+            else np.inf
+        )
 
-    def _pose_of_way(self, target_rad: np.ndarray) -> pin.SE3:
+    def _pose_on_path(self, target_rad: np.ndarray) -> pin.SE3:
         return self.arm.pose(self.joint_rad).actInv(self.arm.pose(target_rad))
 
     def _target(self, packet: Packet) -> np.ndarray | None:

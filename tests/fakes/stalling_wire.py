@@ -1,18 +1,18 @@
 """A wire in memory on which one direction can stall, as TCP does on a bad line: late, in order."""
 
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 from sim.controller.network import MemoryNetwork
 from sim.controller.wire import LockStepLink
 
 
-class StallingWire(LockStepLink[News]):
-    """What is sent, or what comes in, waits while its direction is stalled; nothing is lost."""
+class StallingWire(LockStepLink[LinkEvents]):
+    """A wire that delays the data of a stalled direction; nothing is lost."""
 
-    newest: "StallingWire"  # the one that was made last
+    newest: "StallingWire"  # the last instance
 
-    def __init__(self, network: MemoryNetwork, port: int, make_news: type[News]) -> None:
-        """Stall nothing yet."""
-        super().__init__(network, port, make_news)
+    def __init__(self, network: MemoryNetwork, port: int, make_events: type[LinkEvents]) -> None:
+        """Start without a stall."""
+        super().__init__(network, port, make_events)
         self.out_until_ns = self.in_until_ns = 0
         StallingWire.newest = self
 

@@ -1,4 +1,4 @@
-"""A plant for the regulator: an arm that is late, a contact and a hand, a sensor that may lie."""
+"""A plant for the regulator: a delayed arm, a contact and a hand, a sensor with false wiring."""
 
 from collections import deque
 
@@ -11,23 +11,23 @@ from forcemesh.messages import RobotState, WrenchAtTcp
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import T_FLANGE_TCP, RegulatorBench
 
-LATE = 6  # periods from a pose to the force that belongs to it
+LATE = 6  # periods from a pose to its force
 HAND_N_M = 1500.0
 
 
 class TouchedPlant(RegulatorBench):
-    """The arm is where it was told to be some periods ago; what it touches is a spring."""
+    """A delayed arm; its contact is a spring."""
 
     def __init__(
         self, wiring: Array | None = None, *, axes_checked: bool = False, cell: CellConfig = CELL
     ) -> None:
-        """Touch nothing; `wiring` is what the sensor shows of a force, base axes, shape (3, 3)."""
+        """Start without contact; `wiring` maps a force, base axes, to a reading, shape (3, 3)."""
         super().__init__(cell)
         self.robot: RobotState
         self.wiring = np.eye(3) if wiring is None else wiring
         self.checked = axes_checked
         self.k_N_m = np.zeros(3)  # of a contact that sticks
-        self.p_rest_m = self.p_m  # where it pushes with nothing
+        self.p_rest_m = self.p_m  # where it exerts no force
         self.p_hand_m: Array | None = None
         self.truth_N = np.zeros(3)
         self._poses: deque[RobotState] = deque([self.robot] * LATE, LATE)
@@ -36,23 +36,23 @@ class TouchedPlant(RegulatorBench):
 
     @property
     def p_m(self) -> Array:
-        """Where the TCP is."""
+        """Position of the TCP."""
         return np.array((pose_of(self.robot) * T_FLANGE_TCP).translation)
 
     def touch(self, force_N: Array, k_N_m: Array) -> None:
-        """Press with a force from now on, on something as stiff as that along the base axes."""
+        """Press with a force from now on, on a contact with that stiffness along the base axes."""
         self.k_N_m = k_N_m
         self.p_rest_m = self.p_m + np.divide(force_N, k_N_m, out=np.zeros(3), where=k_N_m > 0.0)
         self._show()
         self.step(10)
 
     def step(self, periods: int = 1) -> None:
-        """Let periods pass: the arm obeys late, the sensor shows what is touched."""
+        """Advance by periods: the arm follows late, the sensor shows the contact force."""
         for _ in range(periods):
             super().step()
-            said = self.said()
-            if said.valid and said.pose is not None:
-                self._poses.append(self.robot.model_copy(update=said.pose.model_dump()))
+            target = self.published()
+            if target.valid and target.pose is not None:
+                self._poses.append(self.robot.model_copy(update=target.pose.model_dump()))
             else:
                 self._poses.append(self._poses[-1])
             self.robot = self._poses[0]
@@ -60,7 +60,7 @@ class TouchedPlant(RegulatorBench):
 
     @property
     def p_commanded_m(self) -> Array:
-        """Where the TCP will be when every command has arrived."""
+        """Position of the TCP when every command has arrived."""
         return np.array((pose_of(self._poses[-1]) * T_FLANGE_TCP).translation)
 
     def _show(self) -> None:

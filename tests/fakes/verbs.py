@@ -12,8 +12,10 @@ from cli.skills import force_session as at_work
 from common.bus.configured_cell import ConfiguredCell
 
 
-def said(monkeypatch: pytest.MonkeyPatch, client: ConfiguredCell, tell: Any, *words: str) -> Result:
-    """Call a verb that works on a cell; `tell` takes its progress."""
+def call_verb(
+    monkeypatch: pytest.MonkeyPatch, client: ConfiguredCell, on_progress: Any, *words: str
+) -> Result:
+    """Call a verb that works on a cell; `tell` receives its progress."""
 
     @contextmanager
     def virtual(_named):
@@ -21,5 +23,5 @@ def said(monkeypatch: pytest.MonkeyPatch, client: ConfiguredCell, tell: Any, *wo
             yield client
 
     monkeypatch.setattr(at_work, "cell_of", virtual)
-    monkeypatch.setattr(at_work, "progress_bar", lambda: nullcontext(tell))
+    monkeypatch.setattr(at_work, "progress_bar", lambda: nullcontext(on_progress))
     return CliRunner().invoke(app, list(words))

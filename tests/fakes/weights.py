@@ -24,7 +24,7 @@ def attitudes(rng, n):
 
 
 def readings(payload, R, rng=None):
-    """Return what a sensor reads, with noise when there is a generator for it."""
+    """Return the readings of a sensor, with noise when there is a generator for it."""
     force, torque = predict(payload, R)
     if rng is not None:
         force = force + FORCE_NOISE_N * rng.normal(size=force.shape)
@@ -51,7 +51,7 @@ def as_recording(samples, wrench_axes):
 
 
 def tilted(angle_deg, rng, payload=TRUTH):
-    """Return the payload on a base that leans in a random direction."""
+    """Return the payload on a base that is tilted in a random direction."""
     heading = rng.uniform(0.0, 2.0 * np.pi)
     lean = np.radians(angle_deg) * np.array([np.cos(heading), np.sin(heading), 0.0])
     down = rotation_from_vector(lean) @ np.array([0.0, 0.0, -1.0])
@@ -66,7 +66,7 @@ def tilted(angle_deg, rng, payload=TRUTH):
 
 
 def mounted(angle_deg, rng):
-    """Return the payload on a sensor that is turned about a random axis."""
+    """Return the payload on a sensor that is rotated about a random axis."""
     axis = rng.normal(size=3)
     turn = np.radians(angle_deg) * axis / np.linalg.norm(axis)
     return Payload(

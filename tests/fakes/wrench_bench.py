@@ -1,4 +1,4 @@
-"""The wrench service on an in-memory bus, between a robot and a sensor that tests may bend."""
+"""The wrench service on an in-memory bus, between a robot and a sensor that tests can change."""
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +14,7 @@ from tests.fakes.bench import CELL, Bench
 SENSOR_S = 1.0 / CELL.rates.sensor_hz
 # An ideal sensor has no noise, so it may repeat itself.
 IDEAL = CELL.model_copy(update={"sensor": CELL.sensor.model_copy(update={"frozen_s": 0.0})})
-TOLD_S = CELL.stale_after_s(topics.WRENCH)  # so long a fault is told
+REPORT_S = CELL.stale_after_s(topics.WRENCH)  # duration of a fault's report
 DOWN = R_from_oat(Oat(0.0, np.pi, 0.0))
 BIAS_N, BIAS_NM = np.array(CELL.payload.bias_force_N), np.array(CELL.payload.bias_torque_Nm)
 MASS_KG, COM_M = CELL.payload.mass_kg, np.array(CELL.payload.com_m)
@@ -24,7 +24,7 @@ R_FLANGE_SENSOR = CELL.sensor.T_flange_sensor.pose.rotation
 
 
 class WrenchBench(Bench):
-    """The service between a robot and a sensor that tests may silence or bend."""
+    """The service between a robot and a sensor that tests can silence or change."""
 
     def __init__(self, cell: CellConfig = IDEAL) -> None:
         """Start with a tool that hangs free, pointing down."""
@@ -32,12 +32,12 @@ class WrenchBench(Bench):
         self.R_base_flange, self.p_m = DOWN, np.array([0.0, 0.5, 0.35])
         self.force_N, self.torque_Nm = np.zeros(3), np.zeros(3)  # environment, base, at the TCP
         self.status = RobotStatus()
-        self.sensor: dict[str, object] = {}  # fields to say instead of the truth
+        self.sensor: dict[str, object] = {}  # fields to publish instead of the true ones
         self.silent: set[str] = set()
-        self.before_step = self._speak
+        self.before_step = self._publish_all
         self.out = self.watch(topics.WRENCH)
 
-    def _speak(self) -> None:
+    def _publish_all(self) -> None:
         if "robot" not in self.silent:
             pose = record_of(pin.SE3(self.R_base_flange, self.p_m))
             self.put(
@@ -65,12 +65,12 @@ class WrenchBench(Bench):
         }
         return SensorWrench.model_validate(truth | self.sensor)
 
-    def said(self) -> WrenchAtTcp:
+    def published(self) -> WrenchAtTcp:
         """Return the newest wrench."""
         message: WrenchAtTcp = self.newest(topics.WRENCH)
         return message
 
     def settle(self) -> WrenchAtTcp:
-        """Let the filter settle, and old faults be told."""
-        self.pass_s(TOLD_S + 0.1)
-        return self.said()
+        """Advance until the filter has settled and old faults are reported."""
+        self.pass_s(REPORT_S + 0.1)
+        return self.published()

@@ -1,13 +1,13 @@
 # ruff: noqa: E501 - a table, read row by row
-"""What a person may type wrongly, verb by verb: the exit code, and a sentence of what is then said.
+"""Wrong inputs of a person, verb by verb: the exit code and a sentence of the message.
 
-BAD stands for a file that is not what is wanted, HERE for a file that is there, NOWHERE for none.
-Every verb has a row; tests/unit/cli/test_main_wrong_input.py walks the program to see to it.
+BAD stands for a file with wrong content, HERE for a file that exists, NOWHERE for none. Every verb
+has a row; tests/unit/cli/test_main_wrong_input.py checks that by reading the program.
 """
 
 from cli.context import NO_ANSWER, USAGE
 
-PASSES_ON = ("bench force",)  # hands all that is typed to a program with a parser of its own
+PASSES_ON = ("bench force",)  # passes all arguments to a program with a parser of its own
 NOT_OVER_5 = "must be at least 5"
 HEADER = "column t is missing; the header must be t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz"
 
@@ -85,12 +85,12 @@ ROWS: tuple[tuple[str, int, str], ...] = (
     ("payload check NOWHERE --payload NOWHERE", USAGE, "cannot be read: No such file or directory"),
     ("pki init now", USAGE, "Got unexpected extra argument(s) (now)"),
     ("pki check now", USAGE, "Got unexpected extra argument(s) (now)"),
-    ("pki issue nobody", USAGE, "unknown name 'nobody': choose from hub, robot, sensor"),
+    ("pki issue other", USAGE, "unknown name 'other': choose from hub, robot, sensor"),
     ("align --force 1", USAGE, NOT_OVER_5),
     ("follow", USAGE, "Missing argument 'PATH.csv'"),
     ("guide now", USAGE, "Got unexpected extra argument(s) (now)"),
     ("guide --record HERE", USAGE, "file exists: choose another name, or --overwrite"),
-    ("guide --record HERE/way.csv", USAGE, "cannot be written"),
+    ("guide --record HERE/path.csv", USAGE, "cannot be written"),
     ("guide --overwrite", USAGE, "--overwrite requires --record"),
     ("press", USAGE, "Missing argument 'NEWTON'"),
     ("press much", USAGE, "must be a number"),

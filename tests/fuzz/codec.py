@@ -52,7 +52,7 @@ class MisreadCounts:
 
     cases: int = 0
     kinds: Counter[str] = field(default_factory=Counter)
-    seen_late: int = 0  # accepted, of the kinds that are undetectable at once
+    detected_late: int = 0  # accepted, of the kinds that are undetectable at once
     well_formed: Counter[str] = field(default_factory=Counter)  # detectable only by content
     misread: list[str] = field(default_factory=list)
 
@@ -193,7 +193,7 @@ def run(cases: int, seed: int) -> MisreadCounts:
         tally.kinds[name] += 1
         why = judge(trio, (stream, right), tally, name)
         if why and name in LATE:
-            tally.seen_late += 1
+            tally.detected_late += 1
         elif why:
             tally.misread.append(f"{name}: {why}: {stream!r}")
     return tally
@@ -258,7 +258,7 @@ def main() -> int:
     print(f"{tally.cases} streams in {took_s:.0f} s, {tally.cases / took_s:.0f}/s")
     print(f"kinds         {dict(tally.kinds)}")
     print(f"well formed   {dict(tally.well_formed)}")
-    print(f"seen late     {tally.seen_late}")
+    print(f"detected late {tally.detected_late}")
     print(f"misread       {len(tally.misread)}")
     for line in tally.misread[:5]:
         print(line)

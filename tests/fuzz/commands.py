@@ -85,7 +85,7 @@ class World:
         self.clock, self.transport = ManualClock(), MemoryTransport()
         self.table, self._robot, self._seed = Table(), robot, seed
         limits = self.cell.limits
-        self._evil = HostileArbiter(
+        self._hostile = HostileArbiter(
             seed,
             self.cell.cell,
             self.clock.boot,
@@ -100,7 +100,7 @@ class World:
         self._state = self._bus("arbiter").reader(topics.ROBOT_STATE)
         self._above = False
         self._permitted_ns = -NS_PER_S
-        self._seen: object = None
+        self._last_state: object = None
         self._start()
 
     def _bus(self, role: str) -> Bus:
@@ -128,12 +128,12 @@ class World:
         pause_ms = 0
         for _ in range(messages):
             state = self._state.read(self.clock.now_ns()).message
-            saying = self._evil.say(self.clock.now_ns(), state)
-            self._put(saying.data)
-            self.table.kinds[saying.kind] += 1
-            if saying.permitted:
+            timed = self._hostile.next_message(self.clock.now_ns(), state)
+            self._put(timed.data)
+            self.table.kinds[timed.kind] += 1
+            if timed.permitted:
                 self._permitted_ns = self.clock.now_ns()
-            pause_ms = saying.pause_ms
+            pause_ms = timed.pause_ms
             for _ in range(pause_ms):
                 self._live()
         table, judge = self.table, self._judge
@@ -164,9 +164,11 @@ class World:
     def _note(self, state: RobotState) -> None:
         if state.hold_reason:
             self.table.holds[state.hold_code] += 1
-        seen = None if state.accepted is None else (state.accepted.epoch, state.accepted.seq)
-        if seen != self._seen:
-            self._seen, self.table.obeyed = seen, self.table.obeyed + 1
+        accepted_now = (
+            None if state.accepted is None else (state.accepted.epoch, state.accepted.seq)
+        )
+        if accepted_now != self._last_state:
+            self._last_state, self.table.obeyed = accepted_now, self.table.obeyed + 1
 
     def _push(self) -> None:
         """Publish a correct wrench: contact, and occasionally a force above the ceiling."""
@@ -195,7 +197,7 @@ class World:
         T_flange_tcp = self.cell.tool.T_flange_tcp.pose
         flange = pin.SE3(np.array(R), tool_m) * T_flange_tcp.inverse()
         lease, backs_off = lease_of(robot.verdict), is_backing_off(robot.verdict)
-        judge.look(at_s, q, flange, tool_m, lease=lease, backs_off=backs_off)
+        judge.check(at_s, q, flange, tool_m, lease=lease, backs_off=backs_off)
         self.table.moved_ms += not np.array_equal(q, before)
 
     def _live_gateway(self, now_ns: int) -> None:
@@ -233,7 +235,7 @@ def is_backing_off(verdict: GateDecision) -> bool:
     return permission is not None and permission.purpose == "back_off"
 
 
-def fuzz(robot: str, messages: int, seed: int, *, say: bool = False) -> Table:
+def fuzz(robot: str, messages: int, seed: int, *, verbose: bool = False) -> Table:
     """Fuzz one robot in blocks; return the results.
 
     Repeated change of the publisher identity would hold the arm by itself (`two_writers`). It is
@@ -245,7 +247,7 @@ def fuzz(robot: str, messages: int, seed: int, *, say: bool = False) -> Table:
         with patch.object(reader, "CONFLICT_S", 0.0):
             table.add(World(robot, seed).run(block))
         seed += 1
-        if say and seed % 10 == 0:
+        if verbose and seed % 10 == 0:
             rate = table.messages / (time.monotonic() - began_s)
             print(f"{robot}: {table.messages} messages, {rate:.0f}/s", flush=True)
     return table
@@ -278,7 +280,7 @@ def main() -> int:
     for robot in arguments.robots:
         began_s = time.monotonic()
         share = arguments.messages // len(arguments.robots)
-        table = fuzz(robot, share, arguments.seed, say=True)
+        table = fuzz(robot, share, arguments.seed, verbose=True)
         report(robot, table, time.monotonic() - began_s)
         broken += sum(table.broken.values())
     return int(broken > 0)

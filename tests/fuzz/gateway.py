@@ -46,12 +46,12 @@ def _packets(pieces: Iterable[bytes]) -> tuple[list[Packet], str]:
         try:
             found += reader.feed(piece)
         except RemoteProtocolError as error:
-            _stays_dead(reader, str(error))
+            _stays_closed(reader, str(error))
             return found, str(error)
     return found, ""
 
 
-def _stays_dead(reader: PacketReader, reason: str) -> None:
+def _stays_closed(reader: PacketReader, reason: str) -> None:
     try:
         reader.feed(encode(Packet(ID_FIRST, 12)))
     except RemoteProtocolError as error:

@@ -49,12 +49,12 @@ class HostileArbiter:
         self._plan, self._left = "run", 0
         self._p = np.array([0.0, 0.475, 0.377])
         self._q = np.array([1.0, 0.0, 0.0, 0.0])
-        self._way = np.zeros(3)
+        self._direction = np.zeros(3)
         self._factor = 1.0
         self._noisy = False
         self._held = 0  # consecutive messages that caused a hold
 
-    def say(self, now_ns: int, state: RobotState | None) -> TimedMessage:
+    def next_message(self, now_ns: int, state: RobotState | None) -> TimedMessage:
         """Return the next message."""
         rng = self._rng
         if self._left <= 0:
@@ -90,8 +90,8 @@ class HostileArbiter:
     def _aim(self, state: RobotState | None) -> None:
         if state is not None and self._rng.random() < 0.9:
             self._p, self._q = np.array(state.position_m), np.array(state.orientation_xyzw)
-        way = np.array([self._rng.gauss(0.0, 1.0) for _ in range(3)])
-        self._way = way / max(float(np.linalg.norm(way)), 1e-9)
+        direction = np.array([self._rng.gauss(0.0, 1.0) for _ in range(3)])
+        self._direction = direction / max(float(np.linalg.norm(direction)), 1e-9)
 
     def _header(self, now_ns: int) -> Fields:
         rng, chance = self._rng, self._rng.random() if self._noisy else 1.0
@@ -154,19 +154,21 @@ class HostileArbiter:
     def _setpoint(self, _state: RobotState | None, dt_s: float) -> Fields:
         rng, step_m = self._rng, self._factor * self._speed_m_s * dt_s
         if self._plan == "spin":
-            self._q = _turned(self._q, self._way * self._factor * self._speed_rad_s * dt_s)
+            self._q = _turned(self._q, self._direction * self._factor * self._speed_rad_s * dt_s)
         elif self._plan == "jump":
             if rng.random() < 0.05:
-                self._p = self._p + self._way * rng.choice((0.005, 0.012, 0.019, 0.021, 0.1, 1.0))
+                self._p = self._p + self._direction * rng.choice(
+                    (0.005, 0.012, 0.019, 0.021, 0.1, 1.0)
+                )
         elif self._plan == "shake":
             if rng.random() < 0.2:
-                self._way = -self._way
-            self._p = self._p + self._way * step_m
+                self._direction = -self._direction
+            self._p = self._p + self._direction * step_m
         elif self._plan == "anew":
-            offset = self._way * rng.uniform(0.0, 0.02)
+            offset = self._direction * rng.uniform(0.0, 0.02)
             return {"kind": "setpoint", "pose": _pose(self._p + offset, self._q)}
         else:
-            self._p = self._p + self._way * step_m
+            self._p = self._p + self._direction * step_m
         return {"kind": "setpoint", "pose": _pose(self._p, self._q)}
 
     def _goals(self, state: RobotState | None, _dt_s: float) -> Fields:
@@ -181,9 +183,9 @@ class HostileArbiter:
         far = again.choice((0.01, 0.05, 0.3, 3.0))
         goal: Fields = {"id": self._goal, "kind": kind, "pose": None, "joint_rad": None}
         if kind == "pose":
-            way = np.array([again.gauss(0.0, far) for _ in range(3)])
+            direction = np.array([again.gauss(0.0, far) for _ in range(3)])
             q = _turned(self._q, np.array([again.gauss(0.0, far) for _ in range(3)]))
-            goal["pose"] = _pose(self._p + way, q)
+            goal["pose"] = _pose(self._p + direction, q)
         else:
             joints = np.array([again.gauss(0.0, far) for _ in range(6)])
             if kind == "joints" and state is not None:

@@ -64,7 +64,7 @@ class CommandedPath:
         self._speed, self._turning = limits.speed_m_s, radians(limits.speed_deg_s)
         self._accel = limits.accel_m_s2
         self._times_s: deque[float] = deque()  # of the points of the last 250 ms, oldest first
-        self._ways_m: deque[float] = deque()  # travel up to each of them
+        self._travels_m: deque[float] = deque()  # travel up to each of them
         self._turns_rad: deque[float] = deque()
         self._last: tuple[Array, Array] | None = None
         self.most_m_s = self.most_m = self.most_m_s2 = 0.0
@@ -75,20 +75,20 @@ class CommandedPath:
 
     def add(self, at_s: float, p_m: Array, R: Array) -> list[str]:
         """Add a point; return the limits that it violates."""
-        times_s, ways_m, turns_rad = self._times_s, self._ways_m, self._turns_rad
-        way_m = turn_rad = 0.0
+        times_s, travels_m, turns_rad = self._times_s, self._travels_m, self._turns_rad
+        travel_m = turn_rad = 0.0
         if self._last is not None:
-            way_m = float(np.linalg.norm(p_m - self._last[0]))
+            travel_m = float(np.linalg.norm(p_m - self._last[0]))
             trace = float(np.sum(self._last[1] * R))
             turn_rad = _angle(trace)
         self._last = (p_m, R)
         times_s.append(at_s)
-        ways_m.append(way_m)
+        travels_m.append(travel_m)
         turns_rad.append(turn_rad)
         while at_s - times_s[0] > 0.25:
-            for column in (times_s, ways_m, turns_rad):
+            for column in (times_s, travels_m, turns_rad):
                 column.popleft()
-        count, window_m, window_rad = len(times_s), sum(ways_m), sum(turns_rad)
+        count, window_m, window_rad = len(times_s), sum(travels_m), sum(turns_rad)
         self.most_m = max(self.most_m, window_m)
         broken = []
         if window_m > MARGIN * self._speed * (0.25 + BURST_S) + ROUNDING_M * count:
@@ -100,8 +100,8 @@ class CommandedPath:
     def _sudden(self, at_s: float) -> list[str]:
         """Compare the travel of the last 60 ms with that of the 60 ms before."""
         first, middle = (self._count_older(at_s, age_s) for age_s in (2 * HALF_S, HALF_S))
-        newer = sum(islice(self._ways_m, middle, None))
-        older = sum(islice(self._ways_m, first, middle))
+        newer = sum(islice(self._travels_m, middle, None))
+        older = sum(islice(self._travels_m, first, middle))
         change = newer - older
         self.most_m_s = max(self.most_m_s, newer / HALF_S)
         self.most_m_s2 = max(self.most_m_s2, change / HALF_S**2)
@@ -134,7 +134,7 @@ class ArmJudge:
         self._above_s: float | None = None
         self._since_s, self._backs_off = 0.0, False
 
-    def look(
+    def check(
         self,
         at_s: float,
         q: Array,

@@ -12,7 +12,7 @@ import pinocchio as pin
 from common.motion.frames import Oat, R_from_oat, oat_from_R
 from controller.packet import Packet, PacketReader, encode
 from controller.packet_table import NO_ID, Com, Status, pack_status
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 
 REPORT_MS = 16
 READY = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
@@ -35,7 +35,7 @@ class PermissiveController:
         self._next_ns = self._now_ns = 0
         self._outbox, self._open, self._speed_m_s = b"", False, 0.0
 
-    def poll(self, now_ns: int) -> News:
+    def poll(self, now_ns: int) -> LinkEvents:
         """Advance to `now_ns`; return the events."""
         opened, self._open = not self._open, True
         self.connections += opened
@@ -45,7 +45,7 @@ class PermissiveController:
             self._next_ns = now_ns + REPORT_MS * 1_000_000
             self._report()
         data, self._outbox = self._outbox, b""
-        return News(opened, data, "")
+        return LinkEvents(opened, data, "")
 
     def send(self, data: bytes, now_ns: int) -> bool:
         """Receive packets."""
@@ -85,11 +85,11 @@ class PermissiveController:
                 self.joint_rad = self.joint_rad + joints
 
     def _move(self, dt_s: float) -> None:
-        way = self._target.translation - self.T.translation
-        length = float(np.linalg.norm(way))
+        offset = self._target.translation - self.T.translation
+        length = float(np.linalg.norm(offset))
         if length > 1e-9:
             share = min(1.0, self._speed_m_s * dt_s / length)
-            self.T = pin.SE3(self._target.rotation, self.T.translation + share * way)
+            self.T = pin.SE3(self._target.rotation, self.T.translation + share * offset)
         else:
             self.T = self._target.copy()
 

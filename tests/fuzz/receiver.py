@@ -43,7 +43,7 @@ class Controller:
         self.machine.pendant.monitor_speed(1.0)
         self.machine.pendant.execute("fm.main")
         self.stream: MemoryStream | None = None
-        self.said = PacketReader()
+        self.received = PacketReader()
         self.settle()
 
     def real(self, name: str) -> float:
@@ -68,13 +68,13 @@ class Controller:
             data = self.stream.receive(16_384) if self.stream is not None else None
         except ConnectionResetError:
             data = None
-        for packet in self.said.feed(data or b""):
+        for packet in self.received.feed(data or b""):
             assert packet.com in REPORTS, packet
             assert packet.param in TABLE[Com(packet.com)].params, packet
 
     def dial(self) -> MemoryStream:
         """Connect."""
-        self.stream, self.said = self.network.dial(PORT), PacketReader()
+        self.stream, self.received = self.network.dial(PORT), PacketReader()
         return self.stream
 
     def settle(self) -> None:

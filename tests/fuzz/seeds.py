@@ -64,7 +64,7 @@ def conversation(
 
 def receiver_seeds() -> dict[str, bytes]:
     """Return streams for the receiver, by name; the first byte selects their segmentation."""
-    seeds = {name: b"\x03" + conversation(said) for name, said in CONVERSATIONS.items()}
+    seeds = {name: b"\x03" + conversation(each) for name, each in CONVERSATIONS.items()}
     good = conversation(CONVERSATIONS["feedback"])
     return seeds | {
         "wrap": b"\x01" + conversation(BEAT * 3, first=ID_LAST - 1),

@@ -1,1 +1,1 @@
-"""Kept outputs: what the services and the controller program said in runs that never change."""
+"""Kept outputs: messages and packets of services and program in reference runs."""

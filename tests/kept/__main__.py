@@ -1,7 +1,8 @@
-"""Store the outputs of runs anew: `python -m tests.kept [RUN ...]`. Only ever for a good reason.
+"""Store the outputs of runs again: `python -m tests.kept [RUN ...]`.
 
-What a run said is the law for every later change that is to change nothing. A change that is meant
-to change something says in its commit which runs it has stored anew, and why.
+Only with a reason. The stored outputs are the reference of every later change without effect on
+behaviour. A change with an intended effect states in its commit which runs it has stored again, and
+why.
 """
 
 import sys
@@ -11,12 +12,12 @@ from tests.kept.runs import RUNS
 
 
 def main(names: list[str]) -> int:
-    """Play and store the named runs, or all."""
+    """Run and store the named runs, or all."""
     if unknown := set(names) - RUNS.keys():
         sys.stderr.write(f"no such run: {', '.join(sorted(unknown))}; {', '.join(RUNS)} are\n")
         return 2
     for name in names or RUNS:
-        kept = kept_of(RUNS[name].played())
+        kept = kept_of(RUNS[name].run_cell())
         write(name, kept)
         sys.stdout.write(f"{name}: {len(kept.events)} events, {len(kept.numbers)} streams\n")
     return 0

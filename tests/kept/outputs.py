@@ -1,9 +1,9 @@
-"""What is kept of a run, in terms that outlive the names on the wire.
+"""Kept outputs of a run, in terms that do not depend on the names on the wire.
 
-Numbers: for each stream the sum, and the sum weighted by place, of every WINDOW messages, so that a
-change of one number of one message shows. Events: whatever is no measured number, each time that it
-changes. Both are told in words of this file; when a field of a message is renamed, its name changes
-in the lines below that read it, and nothing that is kept does.
+Numbers: for each stream the sum, and the sum weighted by position, of every WINDOW messages, so
+that a change of one number of one message is detected. Events: every value that is not a measured
+number, each time that it changes. Both use names of this file; when a field of a message is
+renamed, its name changes in the functions below, and the kept files do not.
 """
 
 import json
@@ -20,13 +20,13 @@ from controller.packet_table import Com
 from forcemesh import messages as m
 from forcemesh import topics
 from forcemesh.codec import decode
-from tests.kept.player import Player
+from tests.kept.rig import KeptRig
 
 FOLDER = Path(__file__).parent / "outputs"
 WINDOW = 40  # messages
 MOST_APART = 1e-9  # N, N m, m, rad
 NS_PER_MS = 1_000_000
-HELD_ID = 4  # which number of the program's health names an ID
+HELD_ID = 4  # index of the ID in the program's health
 
 Row = list[float]
 
@@ -35,90 +35,94 @@ class Kept(NamedTuple):
     """Outputs of one run."""
 
     numbers: dict[str, Array]  # stream: rows of (count, sums, weighted sums)
-    events: list[str]  # in order: when [ms], of what, what
+    events: list[str]  # in order: time [ms], source, content
 
 
-class Said(NamedTuple):
-    """One message: numbers by stream, and the rest."""
+class Content(NamedTuple):
+    """Content of one message: numbers by stream, and the rest."""
 
     numbers: dict[str, Row]
     rest: tuple[Any, ...]
 
 
-# --- what is read of each message -----------------------------------------------------------------
+# --- content of each message ----------------------------------------------------------------------
 
 
-def wrench(said: m.WrenchAtTcp) -> Said:
-    """The environment's wrench, and whether it may be relied on."""
-    numbers = {"wrench": [*said.force_N, *said.torque_Nm]} if said.valid else {}
-    return Said(numbers, (said.valid, said.code, said.calibrated, said.calibration))
+def wrench(record: m.WrenchAtTcp) -> Content:
+    """Return the environment's wrench, and its validity."""
+    numbers = {"wrench": [*record.force_N, *record.torque_Nm]} if record.valid else {}
+    return Content(numbers, (record.valid, record.code, record.calibrated, record.calibration))
 
 
-def regulator(said: m.RegulatorTarget) -> Said:
-    """The pose or the feedback that is proposed, and the errors that it follows."""
-    numbers = _pose("regulator pose", said.pose) | _feedback("regulator feedback", said.feedback)
-    if said.valid:
-        numbers["regulator errors"] = [*said.error_force_N, *said.error_torque_Nm]
-    if said.path_left_m is not None:
-        numbers["path left"] = [said.path_left_m]
-    asked = (said.mode, said.host, said.law, said.setpoint_N)
-    return Said(numbers, (said.valid, said.code, *asked, said.contact))
+def regulator(record: m.RegulatorTarget) -> Content:
+    """Return the proposed pose or feedback, and its errors."""
+    numbers = _pose("regulator pose", record.pose) | _feedback(
+        "regulator feedback", record.feedback
+    )
+    if record.valid:
+        numbers["regulator errors"] = [*record.error_force_N, *record.error_torque_Nm]
+    if record.path_left_m is not None:
+        numbers["path left"] = [record.path_left_m]
+    request = (record.mode, record.host, record.law, record.setpoint_N)
+    return Content(numbers, (record.valid, record.code, *request, record.contact))
 
 
-def arbiter(said: m.RobotCommand) -> Said:
-    """What is let through, and under which permission."""
-    numbers = _pose("command pose", said.pose) | _feedback("command feedback", said.feedback)
-    goal, permission = said.goal, said.permission
+def arbiter(record: m.RobotCommand) -> Content:
+    """Return the command to the robot, and its permission."""
+    numbers = _pose("command pose", record.pose) | _feedback("command feedback", record.feedback)
+    goal, permission = record.goal, record.permission
     if goal is not None:
         numbers |= _pose("command goal", goal.pose)
         numbers |= {} if goal.joint_rad is None else {"command joints": [*goal.joint_rad]}
     who = None if permission is None else (permission.host, permission.lease, permission.ownership)
     why = None if permission is None else permission.purpose
-    speed = tuple(said.speed.model_dump().values())
-    return Said(numbers, (said.kind, said.commander, who, why, speed, said.limited))
+    speed = tuple(record.speed.model_dump().values())
+    return Content(numbers, (record.kind, record.commander, who, why, speed, record.limited))
 
 
-def status(said: m.ArbiterStatus) -> Said:
-    """Who may move the arm, and what stopped it."""
+def status(record: m.ArbiterStatus) -> Content:
+    """Return who may move the arm, and the causes of its stop."""
     who = (
-        said.state,
-        said.commander,
-        said.next_commander,
-        said.lease,
-        said.ownership,
-        said.armed_for,
+        record.state,
+        record.commander,
+        record.next_commander,
+        record.lease,
+        record.ownership,
+        record.armed_for,
     )
-    return Said({}, (*who, tuple(trip.code for trip in said.trips), len(said.not_ready)))
+    return Content({}, (*who, tuple(trip.code for trip in record.trips), len(record.not_ready)))
 
 
-def robot(said: m.RobotState) -> Said:
-    """Where the arm is, what it was sent, and why it holds."""
-    numbers = {"joints": [*(said.joint_rad or (0.0,) * 6)]} | _pose("sent", said.sent)
-    numbers["flange"] = [*said.position_m, *said.orientation_xyzw]
-    status, own = said.status, said.status.kawasaki or m.KawasakiStatus()
+def robot(record: m.RobotState) -> Content:
+    """Return the pose of the arm, the pose sent to it, and the cause of a hold."""
+    numbers = {"joints": [*(record.joint_rad or (0.0,) * 6)]} | _pose("sent", record.sent)
+    numbers["flange"] = [*record.position_m, *record.orientation_xyzw]
+    status, own = record.status, record.status.kawasaki or m.KawasakiStatus()
     ready = status.kawasaki is None and status.ready
     bits = [ready or bit for bit in (own.motor_power, own.repeat_mode, own.teach_lock_off)]
     bits += [ready or own.program_running, status.moving]
     bits += [status.feedback in (mode, "both") for mode in ("position", "orientation")]
     bits += [status.held, own.watchdog_latched, own.target_refused, own.error]
     flags = "".join(str(int(bit)) for bit in bits)
-    taken = None if said.accepted is None else said.accepted.ownership
-    goal = (said.goal.id, said.goal.state)
-    return Said(numbers, (flags, own.error_code, goal, said.hold_code, taken, said.link.connected))
+    taken = None if record.accepted is None else record.accepted.ownership
+    goal = (record.goal.id, record.goal.state)
+    return Content(
+        numbers, (flags, own.error_code, goal, record.hold_code, taken, record.link.connected)
+    )
 
 
 def _pose(name: str, pose: m.PoseRecord | None) -> dict[str, Row]:
     return {} if pose is None else {name: [*pose.position_m, *pose.orientation_xyzw]}
 
 
-def _feedback(name: str, said: m.Feedback | None) -> dict[str, Row]:
-    if said is None:
+def _feedback(name: str, record: m.Feedback | None) -> dict[str, Row]:
+    if record is None:
         return {}
-    gains = [number for three in said.gains.model_dump().values() for number in three]
-    return {name: [*said.setpoint_force_N, *said.lever_m, *gains]}
+    gains = [number for three in record.gains.model_dump().values() for number in three]
+    return {name: [*record.setpoint_force_N, *record.lever_m, *gains]}
 
 
-READ: dict[str, Callable[[Any], Said]] = {
+READ: dict[str, Callable[[Any], Content]] = {
     topics.WRENCH.key: wrench,
     topics.REGULATOR_TARGET.key: regulator,
     topics.ROBOT_COMMAND.key: arbiter,
@@ -131,23 +135,23 @@ KEY_TOPICS = {topic.key: topic for topic in topics.TOPICS if topic.key in READ}
 # --- keeping --------------------------------------------------------------------------------------
 
 
-def kept_of(player: Player) -> Kept:
-    """Return what is kept of a run that was played."""
+def kept_of(rig: KeptRig) -> Kept:
+    """Return the kept outputs of a run."""
     rows: dict[str, list[Row]] = {}
     events: list[tuple[int, str]] = []
-    for key, tap in player.taps.items():
+    for key, tap in rig.taps.items():
         last: tuple[Any, ...] | None = None
         while (data := tap.take()) is not None:
             header, message = decode(data, KEY_TOPICS[key].message)
-            said = READ[key](message)
-            for name, row in said.numbers.items():
+            content = READ[key](message)
+            for name, row in content.numbers.items():
                 rows.setdefault(name, []).append(row)
-            if said.rest != last:
-                last = said.rest
+            if content.rest != last:
+                last = content.rest
                 events.append((header.stamp_ns, f"{key} {last}"))
-    for at_ns, key, accepted, code in player.replies:
+    for at_ns, key, accepted, code in rig.replies:
         events.append((at_ns, f"{key} {'granted' if accepted else 'refused'} {code}"))
-    for at_ns, who, packet in player.packets:
+    for at_ns, who, packet in rig.packets:
         name = f"{who} {int(packet.com)}"
         if name not in rows:
             events.append((at_ns, f"{name} for the first time"))
@@ -160,13 +164,13 @@ def kept_of(player: Player) -> Kept:
 
 
 def _numbers_of(packet: Packet) -> Row:
-    """Return the numbers of a packet, without its ID and the one it names: they begin anywhere."""
+    """Return the numbers of a packet without its ID and the ID in it, whose start value varies."""
     named = HELD_ID if packet.com == Com.HEALTH else None
     return [packet.param, *(value for place, value in enumerate(packet.vec) if place != named)]
 
 
 def windows(rows: list[Row]) -> Array:
-    """Return for each WINDOW of rows how many they are, their sum, and their sum by place."""
+    """Return for each WINDOW of rows the count, the sum, and the sum weighted by position."""
     found = []
     for first in range(0, len(rows), WINDOW):
         part = np.array(rows[first : first + WINDOW], dtype=float)
@@ -176,7 +180,7 @@ def windows(rows: list[Row]) -> Array:
 
 
 def differences(kept: Kept, now: Kept) -> list[str]:
-    """Return in words where a run is not what was kept, first things first."""
+    """Return the differences of a run from its kept outputs as texts, the first ones first."""
     found = [
         f"event {number}: it was {was!r}, and is {what!r}"
         for number, (was, what) in enumerate(_side_by_side(kept.events, now.events))
@@ -206,7 +210,7 @@ def _size(rows: Array | None) -> int:
 
 
 def write(name: str, kept: Kept) -> None:
-    """Store what is kept of a run."""
+    """Store the kept outputs of a run."""
     FOLDER.mkdir(exist_ok=True)
     np.savez_compressed(FOLDER / f"{name}.npz", **kept.numbers)  # type: ignore[arg-type]
     text = json.dumps(kept.events, indent=0, ensure_ascii=False)
@@ -214,7 +218,7 @@ def write(name: str, kept: Kept) -> None:
 
 
 def read(name: str) -> Kept:
-    """Return what was stored of a run."""
+    """Return the stored outputs of a run."""
     with np.load(FOLDER / f"{name}.npz") as stored:
         numbers = {key: np.array(stored[key]) for key in stored.files}
     return Kept(numbers, json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8")))

@@ -1,7 +1,7 @@
-"""The runs whose outputs are kept: both laws, both hosts, all modes, faults, timely and late data.
+"""Reference runs: both laws, both hosts, all modes, faults, timely and late data.
 
-A run is a cell file, what is changed in it, and what a client and a fault do to it. None of them is
-ever changed: a new one is added beside them.
+A run is a cell file, changed values, and the actions of a client and of a fault. A run is never
+changed: new ones are added.
 """
 
 from collections.abc import Callable
@@ -12,181 +12,179 @@ from typing import Any
 from forcemesh import topics
 from forcemesh.messages import Speed
 from forcemesh.requests import BackOffRequest, Empty, PathRequest
-from tests.kept.player import Player, shifted
+from tests.kept.rig import KeptRig, shifted
 
 SIM, TCP = "demo.yaml", "demo-tcp.yaml"
 NEAR = {"sim.gap_m": 0.001}
 TILTED = {**NEAR, "sim.tilt_deg": 3.0}
-GIVEN_WAY_TO_N = {"position": 5.0, "orientation": 0.0, "both": 10.0}
+SECOND_SETPOINT_N = {"position": 5.0, "orientation": 0.0, "both": 10.0}
 
 
 @dataclass(frozen=True)
 class Run:
     """One run."""
 
-    play: Callable[[Player], None]
+    actions: Callable[[KeptRig], None]
     file: str = SIM
     changes: dict[str, Any] = field(default_factory=lambda: dict(NEAR))
-    is_short: bool = False  # `make test` plays it too
+    is_short: bool = False  # `make test` runs it too
 
-    def played(self) -> Player:
-        """Play it from the start of a cell."""
-        player = Player(self.file, **self.changes)
-        self.play(player)
-        return player
-
-
-def press_then(player: Player, mode: Any, **how: Any) -> None:
-    """Press in mode position, then go over to another mode and set point; over TCP with proof."""
-    player.begin()
-    if player.wire is not None:
-        player.prove_axes()
-    player.force(**how)
-    player.until_force_N(18.0)
-    player.wait(0.3)
-    player.force(mode, GIVEN_WAY_TO_N[mode], **how)
-    player.wait(0.7)
-    player.ask(topics.FORCE_STOP, Empty())
-    player.wait(0.1)
-    player.hold()
+    def run_cell(self) -> KeptRig:
+        """Run it from the start of a cell."""
+        rig = KeptRig(self.file, **self.changes)
+        self.actions(rig)
+        return rig
 
 
-def guided(player: Player) -> None:
-    """A hand leads the tool to and fro in free space."""
-    player.begin()
-    player.prove_axes()
-    player.force(setpoint_N=0.0, law="admittance")
+def press_then(rig: KeptRig, mode: Any, **how: Any) -> None:
+    """Press in mode position, then change mode and set point; over TCP with confirmed axes."""
+    rig.begin()
+    if rig.wire is not None:
+        rig.confirm_axes()
+    rig.force(**how)
+    rig.until_force_N(18.0)
+    rig.wait(0.3)
+    rig.force(mode, SECOND_SETPOINT_N[mode], **how)
+    rig.wait(0.7)
+    rig.send_request(topics.FORCE_STOP, Empty())
+    rig.wait(0.1)
+    rig.hold()
+
+
+def guided(rig: KeptRig) -> None:
+    """Guide the tool by hand back and forth in free space."""
+    rig.begin()
+    rig.confirm_axes()
+    rig.force(setpoint_N=0.0, law="admittance")
     for force_N in ((8.0, 0.0, 0.0), (0.0, 0.0, 0.0), (-8.0, 4.0, 0.0), (0.0, 0.0, 0.0)):
-        player.push(*force_N)
-        player.wait(0.3)
-    player.hold()
+        rig.push(*force_N)
+        rig.wait(0.3)
+    rig.hold()
 
 
-def along(player: Player) -> None:
-    """A path across the plate while it is pressed on."""
-    player.begin()
-    player.force()
-    player.until_force_N(18.0)
-    p = player.cell.arm.T_base_tcp.translation
+def follow_path(rig: KeptRig) -> None:
+    """Follow a path across the plate while pressing."""
+    rig.begin()
+    rig.force()
+    rig.until_force_N(18.0)
+    p = rig.cell.arm.T_base_tcp.translation
     points = tuple((p[0] + dx, p[1] + dy, p[2]) for dx, dy in ((0.01, 0.0), (0.01, 0.01)))
-    player.ask(topics.FORCE_PATH, PathRequest(points_m=points))
-    player.wait(1.5)
-    player.hold()
+    rig.send_request(topics.FORCE_PATH, PathRequest(points_m=points))
+    rig.wait(1.5)
+    rig.hold()
 
 
-def moved(player: Player) -> None:
-    """Moves of each kind, one taken over by the operator, and one that is refused."""
-    player.begin()
-    player.ask(topics.SPEED, Speed(mechanical_m_s=0.1, modular_fraction=0.5))
-    player.move(kind="pose", pose=player.beside(0.02, 0.0, 0.03, turn_rad=(0.0, 0.1, 0.1)))
-    player.wait(1.2)
-    player.move(kind="by", joint_rad=(0.05, 0.0, 0.0, 0.0, 0.0, -0.1), commander="program")
-    player.wait(0.2)
-    player.move(kind="pose", pose=player.beside(0.0, 0.02, 0.0))
-    player.wait(1.5)
-    player.move(kind="pose", pose=player.beside(2.0, 0.0, 0.0))
-    player.wait(0.2)
-    player.hold()
+def moved(rig: KeptRig) -> None:
+    """Move in each way, once pre-empted by the operator, once refused."""
+    rig.begin()
+    rig.send_request(topics.SPEED, Speed(mechanical_m_s=0.1, modular_fraction=0.5))
+    rig.move(kind="pose", pose=rig.shifted_pose(0.02, 0.0, 0.03, turn_rad=(0.0, 0.1, 0.1)))
+    rig.wait(1.2)
+    rig.move(kind="by", joint_rad=(0.05, 0.0, 0.0, 0.0, 0.0, -0.1), commander="program")
+    rig.wait(0.2)
+    rig.move(kind="pose", pose=rig.shifted_pose(0.0, 0.02, 0.0))
+    rig.wait(1.5)
+    rig.move(kind="pose", pose=rig.shifted_pose(2.0, 0.0, 0.0))
+    rig.wait(0.2)
+    rig.hold()
 
 
-def spoiled(player: Player, change: Any, for_s: float = 0.15) -> None:
-    """A fault of the sensor while the tool presses; then armed again, and pressed again."""
-    player.begin()
-    player.force()
-    player.until_force_N(18.0)
-    player.disturb(change)
-    player.wait(for_s)
-    player.disturb(None)
-    player.wait(1.3)
-    player.arm()
-    player.force()
-    player.wait(0.5)
-    player.hold()
+def spoiled(rig: KeptRig, change: Any, for_s: float = 0.15) -> None:
+    """Inject a sensor fault while the tool presses; then arm and press again."""
+    rig.begin()
+    rig.force()
+    rig.until_force_N(18.0)
+    rig.disturb(change)
+    rig.wait(for_s)
+    rig.disturb(None)
+    rig.wait(1.3)
+    rig.arm()
+    rig.force()
+    rig.wait(0.5)
+    rig.hold()
 
 
 def failed(sample: Any) -> Any:
-    """Let the sensor say that it has failed."""
+    """Return the sample of a failed sensor."""
     return type(sample)(sample.force_N, sample.torque_Nm, "fault", sample.counter)
 
 
-def backed_off(player: Player) -> None:
-    """Above the force's ceiling: held, backed off, armed."""
-    player.begin()
-    player.force()
-    player.until_force_N(18.0)
-    player.disturb(shifted(0.0, 0.0, -70.0, 0.0, 0.0, 0.0))
-    player.wait(0.3)
-    player.disturb(shifted(0.0, 0.0, -50.0, 0.0, 0.0, 0.0))
-    player.wait(1.3)
-    player.ask(topics.BACK_OFF, BackOffRequest())
-    player.wait(1.0)
-    player.disturb(None)
-    player.wait(1.3)
-    player.arm("jog")
-    player.hold()
+def backed_off(rig: KeptRig) -> None:
+    """Exceed the force ceiling: held, backed off, armed."""
+    rig.begin()
+    rig.force()
+    rig.until_force_N(18.0)
+    rig.disturb(shifted(0.0, 0.0, -70.0, 0.0, 0.0, 0.0))
+    rig.wait(0.3)
+    rig.disturb(shifted(0.0, 0.0, -50.0, 0.0, 0.0, 0.0))
+    rig.wait(1.3)
+    rig.send_request(topics.BACK_OFF, BackOffRequest())
+    rig.wait(1.0)
+    rig.disturb(None)
+    rig.wait(1.3)
+    rig.arm("jog")
+    rig.hold()
 
 
-def frozen(player: Player, *, role: str, stalls_s: tuple[float, ...], **how: Any) -> None:
-    """A process stands still again and again, in approach and in contact; armed again, if held."""
-    player.begin()
-    player.force(**how)
+def frozen(rig: KeptRig, *, role: str, stalls_s: tuple[float, ...], **how: Any) -> None:
+    """Freeze a process repeatedly, in approach and in contact; arm again if held."""
+    rig.begin()
+    rig.force(**how)
     for stall_s in stalls_s:
-        player.wait(0.25)
-        player.freeze(role, stall_s)
-    player.wait(1.3)
-    player.arm()
-    player.force(**how)
-    player.wait(0.4)
-    player.hold()
+        rig.wait(0.25)
+        rig.freeze(role, stall_s)
+    rig.wait(1.3)
+    rig.arm()
+    rig.force(**how)
+    rig.wait(0.4)
+    rig.hold()
 
 
-def killed(player: Player, role: str) -> None:
-    """A process dies while the tool presses."""
-    player.begin()
-    player.force()
-    player.until_force_N(18.0)
-    player.cell.kill(role)
-    player.wait(0.5)
+def killed(rig: KeptRig, role: str) -> None:
+    """Kill a process while the tool presses."""
+    rig.begin()
+    rig.force()
+    rig.until_force_N(18.0)
+    rig.cell.kill(role)
+    rig.wait(0.5)
 
 
-def stalled(
-    player: Player, *, out_s: tuple[float, ...], in_s: tuple[float, ...], **how: Any
-) -> None:
-    """One direction of the wire stalls while the tool presses, then the other one."""
-    player.begin()
-    player.force(**how)
-    player.until_force_N(15.0)
+def stalled(rig: KeptRig, *, out_s: tuple[float, ...], in_s: tuple[float, ...], **how: Any) -> None:
+    """Stall one direction of the wire while the tool presses, then the other one."""
+    rig.begin()
+    rig.force(**how)
+    rig.until_force_N(15.0)
     for direction, stalls_s in (("out", out_s), ("in", in_s)):
         for stall_s in stalls_s:
-            player.stall(direction, stall_s)
-            player.wait(stall_s + 0.3)
-    player.hold()
+            rig.stall(direction, stall_s)
+            rig.wait(stall_s + 0.3)
+    rig.hold()
 
 
-def emergency(player: Player, **how: Any) -> None:
-    """An emergency stop while the tool presses; reset, armed, pressed again."""
-    player.begin()
-    player.force(**how)
-    player.until_force_N(15.0)
-    pendant = player.machine.pendant
+def emergency(rig: KeptRig, **how: Any) -> None:
+    """Press the emergency stop while the tool presses; reset, arm, press again."""
+    rig.begin()
+    rig.force(**how)
+    rig.until_force_N(15.0)
+    pendant = rig.machine.pendant
     pendant.emergency_stop()
-    player.wait(1.0)
+    rig.wait(1.0)
     pendant.release_emergency_stop()
     pendant.motor_power(on=True)
     pendant.error_reset()
     pendant.run()
-    player.wait(1.5)
-    player.arm()
-    player.force(**how)
-    player.wait(0.6)
-    player.hold()
+    rig.wait(1.5)
+    rig.arm()
+    rig.force(**how)
+    rig.wait(0.6)
+    rig.hold()
 
 
 def _modes(short: str, file: str, **how: Any) -> dict[str, Run]:
     name = "-".join([*how.values(), "tcp" if file == TCP else "sim"])
     return {
         f"{name}-{mode}": Run(partial(press_then, mode=mode, **how), file, TILTED, mode == short)
-        for mode in GIVEN_WAY_TO_N
+        for mode in SECOND_SETPOINT_N
     }
 
 
@@ -198,7 +196,7 @@ RUNS: dict[str, Run] = {
     **_modes("both", TCP, law="plain", host="controller"),
     **_modes("", TCP, law="adaptive", host="controller"),
     "guided": Run(guided),
-    "path": Run(along, changes=TILTED),
+    "path": Run(follow_path, changes=TILTED),
     "moves-sim": Run(moved, changes={"sim.gap_m": 0.05}, is_short=True),
     "moves-tcp": Run(moved, TCP, {"sim.gap_m": 0.05}),
     "sensor-silent": Run(partial(spoiled, change=lambda _: None)),

@@ -1,4 +1,4 @@
-"""A cell file of one test alone, and processes that do not outlive their test."""
+"""A cell file for one test alone, and processes that end with their test."""
 
 import subprocess
 import sys
@@ -9,17 +9,16 @@ from typing import Any
 
 import pytest
 
-from common.config.load import dump_cell, load_cell
-from tests.chaos.common_net import free_port
+from tests.chaos.common_net import free_port, make_cell
 from tests.fakes.bench import HALF_RATES
 from tests.repeats import real_time
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to start processes
 
-# A quarter of the demo's rates: what these tests show does not depend on them, and two processors
-# with other work on them have the time for it. At full rate the cell needs most of both, and the
-# kernel stops real time that needs 95 % of one for 50 ms: that is what `make demo` and bench/ see.
+# A quarter of the demo's rates: the results of these tests do not depend on them, and two busy
+# processors have the time for it. At full rate the cell needs most of both, and the kernel stops
+# real time that needs 95 % of one for 50 ms: `make demo` and bench/ measure that.
 LIGHT: dict[str, Any] = {
     "rates": {"robot_hz": 60, "sensor_hz": 120, "control_hz": 60},
     "deadlines": {"command_s": 0.4, "sensor_s": 0.4},
@@ -34,9 +33,9 @@ HALF: dict[str, Any] = {
 HERE = Path(__file__).parent
 
 
-@pytest.hookimpl(tryfirst=True)  # before -m chooses
+@pytest.hookimpl(tryfirst=True)  # before -m selects
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Nothing runs beside a cell in real processes: it needs most of a small machine."""
+    """Run no test beside a cell in real processes: it needs most of a small machine."""
     for item in items:
         if item.path.is_relative_to(HERE) and real_time(item):
             item.add_marker(pytest.mark.alone)
@@ -51,9 +50,7 @@ def cell_file(tmp_path, monkeypatch) -> Path:
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
     port = free_port()
     overrides = {"cell": f"demo-{port}", "bus.endpoint": f"tcp/127.0.0.1:{port}", **LIGHT}
-    path = tmp_path / "cell.yaml"
-    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
-    return path
+    return make_cell("demo", tmp_path, overrides)[1]
 
 
 @pytest.fixture
@@ -68,9 +65,7 @@ def tcp_cell_file(tmp_path, monkeypatch) -> Path:
         **LIGHT,
         "rates": {**LIGHT["rates"], "robot_hz": 40},
     }
-    path = tmp_path / "cell.yaml"
-    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo-tcp.yaml", overrides)))
-    return path
+    return make_cell("demo-tcp", tmp_path, overrides)[1]
 
 
 @contextmanager
@@ -82,7 +77,7 @@ def _ending(process: subprocess.Popen[str]) -> Iterator[None]:
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """Start a Python process in the project's folder; it is ended with the test."""
+    """Start a Python process in the project's folder; it ends with the test."""
     with ExitStack() as exits:
 
         def run(*words: object) -> subprocess.Popen[str]:

@@ -1,4 +1,4 @@
-"""A whole cell with certificates, in processes, and nine strangers who want to move its arm."""
+"""A whole cell with certificates, in processes, and nine attacks of unauthorised clients."""
 
 import json
 import os
@@ -11,8 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.config.load import dump_cell, load_cell
-from tests.chaos.common_net import free_port
+from tests.chaos.common_net import free_port, make_cell
 from tests.scenario.conftest import LIGHT
 from tools.attacks import ATTACKS
 
@@ -32,20 +31,19 @@ def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "bus.tls": {"folder": str(tmp_path / "pki")},
         **LIGHT,
     }
-    path = tmp_path / "cell.yaml"
-    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo.yaml", overrides)))
+    _, path = make_cell("demo", tmp_path, overrides)
     result = CliRunner().invoke(app, ["pki", "init", "--cell", str(path)])
     assert result.exit_code == 0, result.output
     return path
 
 
-def test_nobody_moves_the_arm_who_is_not_the_arbiter(cell_file: Path, tmp_path: Path) -> None:
-    """None of nine attacks moves it or is passed on, and the hub says of each what it refused."""
+def test_no_client_but_the_arbiter_moves_the_arm(cell_file: Path, tmp_path: Path) -> None:
+    """None of nine attacks moves it or is passed on, and the hub reports each refusal."""
     log = tmp_path / "up.log"
-    with log.open("w") as said:
+    with log.open("w") as output:
         up = subprocess.Popen(
             [sys.executable, "-m", "cli", "up", "--cell", str(cell_file)],
-            cwd=ROOT, stdout=said, stderr=subprocess.STDOUT,
+            cwd=ROOT, stdout=output, stderr=subprocess.STDOUT,
         )  # fmt: skip
     try:
         give_up_s = time.monotonic() + PATIENCE_S
@@ -64,7 +62,7 @@ def test_nobody_moves_the_arm_who_is_not_the_arbiter(cell_file: Path, tmp_path: 
     assert len(rows) == 9
     for row in rows:
         assert row["moved_rad"] < 1e-3, row
-        assert row["heard"] == 0, row
-    told = log.read_text()
+        assert row["forwarded"] == 0, row
+    report = log.read_text()
     for code in {attack.code for attack in ATTACKS} - {""}:
-        assert f"refused {code}" in told
+        assert f"refused {code}" in report

@@ -15,17 +15,17 @@ pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(150)]
 
 
 def wait_for(process: subprocess.Popen[str], text: str) -> None:
-    """Read what a process says on standard error until a text is in it."""
-    stream, said = process.stderr, ""
+    """Read the standard error of a process until a text is in it."""
+    stream, progress = process.stderr, ""
     assert stream is not None
-    while text not in said:
+    while text not in progress:
         line = stream.readline()
-        assert line, f"it ended without saying {text!r}: {said}"
-        said += line
+        assert line, f"it ended without {text!r}: {progress}"
+        progress += line
 
 
 def test_the_wizard_holds_when_interrupted_and_calibrates_when_not(cell_file, start):
-    """Ctrl-C in motion: exit code 130 and a hold. Again: the running cell uses what was found."""
+    """Ctrl-C in motion: exit code 130 and a hold. Again: the running cell uses the result."""
     cell_file.write_text(dump_cell(load_cell(cell_file, {"limits.speed_m_s": 1.0})))
     wait_for(start("-m", "cli", "up", "--cell", cell_file), "is up")
     out: Path = cell_file.parent / "made.yaml"
@@ -34,20 +34,20 @@ def test_the_wizard_holds_when_interrupted_and_calibrates_when_not(cell_file, st
     interrupted = start(*words)
     wait_for(interrupted, "armed")
     interrupted.send_signal(signal.SIGINT)
-    _, said = interrupted.communicate(timeout=PATIENCE_S)
-    assert interrupted.returncode == 130, said
-    assert "HOLDING: the calibration was interrupted" in said
+    _, progress = interrupted.communicate(timeout=PATIENCE_S)
+    assert interrupted.returncode == 130, progress
+    assert "HOLDING: the calibration was interrupted" in progress
     assert not out.exists()
 
     again = start(*words)
-    _, said = again.communicate(timeout=PATIENCE_S)
+    _, progress = again.communicate(timeout=PATIENCE_S)
     assert again.returncode == 3
-    assert "the arbiter is HOLDING: the calibration was interrupted" in said
+    assert "the arbiter is HOLDING: the calibration was interrupted" in progress
 
     assert start("-m", "cli", "clear", "--cell", cell_file).wait(PATIENCE_S) == 0
     whole = start(*words)
-    printed, said = whole.communicate(timeout=PATIENCE_S)
-    assert whole.returncode == 0, said
+    printed, progress = whole.communicate(timeout=PATIENCE_S)
+    assert whole.returncode == 0, progress
     assert "PASS: at 1 fresh pose" in printed
     found = load_cell(cell_file, {"calibration": str(out)}).calibration
     assert found is not None

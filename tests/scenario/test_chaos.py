@@ -1,4 +1,4 @@
-"""The harness that pulls plugs: it can still do it, and it would notice what it is there for."""
+"""The fault injection harness: it injects faults, and its evaluation detects every violation."""
 
 from collections import Counter
 from dataclasses import replace
@@ -19,7 +19,7 @@ MS = 1_000_000
 
 
 @pytest.mark.processes
-@pytest.mark.timeout(300)  # a spoilt trial is repeated with a new cell
+@pytest.mark.timeout(300)  # an invalid trial is repeated with a new cell
 def test_two_plugs_are_pulled_and_the_arm_holds():
     """A frozen arbiter and a killed regulator in real processes: every bound is kept."""
     cases = [Case("sim", "arbiter", "freeze-1", "approach", 0), replace(CASE, phase="retreat")]
@@ -28,13 +28,13 @@ def test_two_plugs_are_pulled_and_the_arm_holds():
     assert [outcome.case for outcome in report.outcomes] == cases
     for outcome in report.outcomes:
         assert violations(outcome, LIMITS) == []
-        assert not outcome.went_on
+        assert not outcome.continued
         assert outcome.cause
         assert outcome.speed_m_s > 2e-3
 
 
 def held(**change: object) -> Outcome:
-    """An outcome in which everything is as it should be, but for what is changed."""
+    """Return an outcome without violations, except for the changed values."""
     good = Outcome(CASE, last_accepted_s=0.1, still_s=0.2, causes=["stale"], status_shows=True)
     for name, value in change.items():
         setattr(good, name, value)
@@ -42,7 +42,7 @@ def held(**change: object) -> Outcome:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"last_accepted_s": 0.151}, "151 ms after the fault"),
         ({"still_s": 0.351}, "only after 351 ms"),
@@ -54,27 +54,27 @@ def held(**change: object) -> Outcome:
         ({"causes": []}, "nothing named a cause"),
         ({"status_shows": False}, "status did not show"),
         ({"recovered": False, "note": "it could not be armed"}, "could not be armed"),
-        ({"went_on": True}, "the cell went on"),
+        ({"continued": True}, "the cell went on"),
     ],
 )
-def test_every_broken_bound_is_said(change, said):
-    """One number beyond its bound makes exactly one sentence; none makes none."""
+def test_every_violated_bound_is_reported(change, message):
+    """One number outside its bound makes exactly one message; none makes none."""
     assert violations(held(), LIMITS) == []
     found = violations(held(**change), LIMITS)
     assert len(found) == 1
-    assert said in found[0]
+    assert message in found[0]
 
 
-def test_a_short_freeze_may_go_on_but_not_jump():
-    """A freeze as long as the deadline may be lived through, within the cell's speed."""
-    short = held(case=replace(CASE, kind="freeze-0.1"), went_on=True, still_s=None, causes=[])
+def test_a_short_freeze_may_continue_but_not_jump():
+    """A freeze as long as the deadline may pass without a hold, within the cell's speed."""
+    short = held(case=replace(CASE, kind="freeze-0.1"), continued=True, still_s=None, causes=[])
     assert violations(short, LIMITS) == []
     short.fastest_m_s = 0.32
     assert violations(short, LIMITS) != []
 
 
-def test_the_matrix_hits_every_service_in_every_way():
-    """Each service and kind as often as asked; six each see both cells in all phases."""
+def test_the_matrix_hits_every_service_with_every_kind():
+    """Each service and kind as often as requested; six each cover both cells in all phases."""
     cases = matrix(6, seed=3)
     assert set(Counter((case.role, case.kind) for case in cases).values()) == {6}
     assert {(case.role, case.kind) for case in cases} == {(r, k) for r in ROLES for k in KINDS}
@@ -85,8 +85,8 @@ def test_the_matrix_hits_every_service_in_every_way():
     assert all(named(case.name) == (case.role, case.kind, case.phase) for case in cases)
 
 
-def test_two_faults_at_once_hit_two_processes_and_never_the_robot_or_arm_beside():
-    """The second one is another process, by the seed; what is measured goes on being measured."""
+def test_a_double_fault_hits_two_processes_and_never_robot_or_arm_second():
+    """By the seed, the second one is another process; the measured processes are not hit."""
     for case in matrix(6, seed=1):
         assert bool(case.second_role) == (case.kind in TWO)
         assert case.second_role not in (case.role, "robot", "sensor")
@@ -95,27 +95,27 @@ def test_two_faults_at_once_hit_two_processes_and_never_the_robot_or_arm_beside(
 
 
 @pytest.mark.parametrize("name", ["", "hub", "hub/kill", "hub/kill/press/1", "hub/sing/press"])
-def test_a_name_that_is_none_is_refused(name):
-    """Whoever repeats a trial by hand is told what there is."""
+def test_an_invalid_name_is_refused(name):
+    """An invalid name is refused with the list of valid ones."""
     with pytest.raises(ValueError, match="must be hub"):
         named(name)
 
 
 def path(*speeds_m_s: float) -> FlangePath:
-    """A flange with one speed for each millisecond, standing at the origin."""
+    """Return a flange path with one speed for each millisecond, starting at the origin."""
     count = len(speeds_m_s)
     return FlangePath(np.arange(count) * MS, np.zeros((count, 3)), np.array(speeds_m_s))
 
 
 def test_the_flange_stands_when_it_is_slow_for_a_tenth_of_a_second():
-    """A moment of rest on the way is none; rest that lasts begins with its first moment."""
+    """A moment of rest during motion is none; rest that lasts begins with its first moment."""
     pause = [0.1] * 20 + [0.0] * 50 + [0.1] * 20
     assert path(*pause).still_since_ns() is None
     assert path(*pause, *[0.0] * 200).still_since_ns() == 90 * MS
     assert path(*[0.0] * 200).still_since_ns() == 0
 
 
-def test_a_window_sees_the_stalls_that_touch_it(tmp_path):
+def test_a_window_counts_the_stalls_that_overlap_it(tmp_path):
     """Late from 100 to 130 ms: it counts within, across an edge, and nowhere else."""
     noted = tmp_path / "noted"
     noted.write_bytes(ROW.pack(130 * MS, 30 * MS) + ROW.pack(206 * MS, 6 * MS))
@@ -126,8 +126,8 @@ def test_a_window_sees_the_stalls_that_touch_it(tmp_path):
     assert worst_s(140 * MS, 190 * MS) == 0.0
 
 
-def test_an_interrupted_run_goes_on_with_what_is_left(tmp_path):
-    """What was tried comes back as it was, number by number; only the rest is still to be tried."""
+def test_an_interrupted_run_continues_with_the_cases_left(tmp_path):
+    """The recorded outcomes are restored number by number; only the other cases are still left."""
     path = tmp_path / "out" / "journal.jsonl"
     first, second = matrix(1, 0)[:2]
     outcome = held(case=first, moved_m=1e-4, note="words")

@@ -1,4 +1,4 @@
-"""The main job in real processes over real sockets, and what happens when one of them dies."""
+"""The main job in real processes over real sockets, and the death of each process."""
 
 import json
 import os
@@ -14,6 +14,7 @@ import pytest
 from common.bus.cell_bus import open_bus
 from common.config.load import load_cell
 from forcemesh import topics
+from tests.fakes.waiting import wait_until
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 60.0  # of the test, not of the cell: a loaded machine is slow to start processes
@@ -27,7 +28,7 @@ def forcemesh(*words: object) -> list[str]:
 
 
 def demo_words(cell_file: Path, *words: object) -> tuple[object, ...]:
-    """Return the words of a demo on the cell of this test."""
+    """Return the arguments of a demo on the cell of this test."""
     out = cell_file.parent / "out"
     return ("-m", "cli", "demo", "--cell", cell_file, "--json", "--out", out, *words)
 
@@ -37,7 +38,7 @@ def demo_words(cell_file: Path, *words: object) -> tuple[object, ...]:
     [("position", 5e3, 0), pytest.param("both", 1e5, 30, marks=pytest.mark.long)],
 )
 def test_the_main_job_settles_in_real_processes(cell_file, start, mode, stiffness_N_m, delay_ms):
-    """A process each do what one process on a virtual clock does in test_demo_virtual.py."""
+    """One process for each service does the same as one process in test_demo_virtual.py."""
     words = ("--mode", mode, "--stiffness", stiffness_N_m, "--delay-ms", delay_ms)
     demo = start(*demo_words(cell_file, *words))
     out, err = demo.communicate(timeout=2 * PATIENCE_S)
@@ -54,7 +55,8 @@ def test_the_main_job_settles_in_real_processes(cell_file, start, mode, stiffnes
 def test_the_main_job_settles_through_the_program_that_users_load(tcp_cell_file, start):
     """Gateway, TCP, emulated controller with the shipped forcemesh.as: force goes to zero.
 
-    Force feedback runs in the controller; host pc and the rest are in `make bench-tcp`.
+    Force feedback runs in the controller; host pc and the other combinations are in `make bench-
+    tcp`.
     """
     demo = start(*demo_words(tcp_cell_file, "--host", "controller"))
     out, err = demo.communicate(timeout=2 * PATIENCE_S)
@@ -66,7 +68,7 @@ def test_the_main_job_settles_through_the_program_that_users_load(tcp_cell_file,
 
 
 class Watcher:
-    """What a client sees of a cell while its processes die."""
+    """Client that observes a cell while its processes end."""
 
     def __init__(self, bus) -> None:
         """Subscribe."""
@@ -76,34 +78,31 @@ class Watcher:
         self.health = {role: bus.reader(topic) for role, topic in topics.HEALTH.items()}
 
     def until(self, what) -> None:
-        """Wait until something is true; fail when it does not become true."""
-        give_up = time.monotonic() + PATIENCE_S
-        while not what():
-            assert time.monotonic() < give_up, "it did not happen"
-            time.sleep(0.005)
+        """Wait until a condition is true; fail after the time-out."""
+        wait_until(what, PATIENCE_S)
 
     def state(self) -> str:
-        """The arbiter's state, empty when it is not heard."""
+        """Return the arbiter's state, empty when its status is missing."""
         status = self.arbiter.read(self.clock.now_ns()).fresh
         return "" if status is None else status.state
 
     def pid(self, role: str) -> int:
-        """The process that plays a role, 0 when it is not heard."""
+        """Return the process of a role, 0 when its health is missing."""
         health = self.health[role].read(self.clock.now_ns()).fresh
         return 0 if health is None else health.pid
 
     def held(self) -> bool:
-        """Whether a fresh robot says that it holds."""
+        """Return whether a fresh robot state reports a hold."""
         robot = self.robot.read(self.clock.now_ns()).fresh
         return robot is not None and bool(robot.hold_reason)
 
     def joints(self) -> np.ndarray:
-        """The measured joint angles."""
+        """Return the measured joint angles."""
         return np.array(self.robot.read(self.clock.now_ns()).message.joint_rad)
 
 
 def status_of(cell_file: Path) -> dict:
-    """Ask `forcemesh status --json`."""
+    """Return the output of `forcemesh status --json`."""
     command = forcemesh("status", "--json", "--cell", cell_file)
     done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
     return json.loads(done.stdout)
@@ -111,13 +110,13 @@ def status_of(cell_file: Path) -> dict:
 
 @pytest.mark.parametrize("role", [pytest.param("hub", marks=pytest.mark.long), "regulator"])
 def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, role):
-    """Kill -9 while force feedback runs: the arm stands, and the screen says who died.
+    """Kill -9 while force feedback runs: the arm stands, and the screen names the ended process.
 
     `make chaos` does it to all of them.
     """
     cell = load_cell(cell_file)
-    # The run must outlast what is looked at here: what an ended one says of its dead does not count
-    # any more. Ctrl-C ends it.
+    # The run must outlast this test: status does not report the ended processes of an ended run.
+    # Ctrl-C ends it.
     demo = start(*demo_words(cell_file, "--linger", 10 * PATIENCE_S))
     with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
         watcher = Watcher(bus)
@@ -126,7 +125,7 @@ def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, r
         if role not in ("hub", "robot", "sensor"):
             assert_held(watcher)
     if role == "hub":
-        # In a new one the others can be heard again. One within the deadline is never missed.
+        # In a new one the others are received again. One within the deadline is never missed.
         time.sleep(2.0 * cell.stale_after_s(topics.ROBOT_COMMAND))
         start("-m", "services.hub", "--cell", cell_file)
         with open_bus(cell, topics.CLIENT) as bus:
@@ -135,16 +134,16 @@ def test_killing_a_process_holds_the_arm_and_status_names_it(cell_file, start, r
     demo.send_signal(signal.SIGINT)
     _, err = demo.communicate(timeout=PATIENCE_S)
 
-    dead = {service["name"]: service for service in status["services"]}[role]
-    assert not dead["alive"]
-    assert "SIGKILL" in dead["fault"]
+    ended = {service["name"]: service for service in status["services"]}[role]
+    assert not ended["alive"]
+    assert "SIGKILL" in ended["fault"]
     assert status["state"] in ("HOLDING", "FAULT", "DOWN", "IDLE", "BOOT")
     assert demo.returncode == 1
     assert "SIGKILL" in err
 
 
 def assert_held(watcher: Watcher) -> None:
-    """The robot says that it holds, and its joints stand still from then on."""
+    """Assert that the robot reports a hold, and its joints stay at rest from then on."""
     watcher.until(watcher.held)
     time_to_brake = time.monotonic() + 0.5
     watcher.until(lambda: time.monotonic() > time_to_brake and watcher.held())

@@ -1,6 +1,6 @@
 """The main job through the real gateway and the shipped program, in lock step on a virtual clock.
 
-`make bench-tcp` plays every combination; these are the ends of it.
+`make bench-tcp` runs every combination; these are its extremes.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ CELLS = Path(__file__).parents[2] / "cells"
 MOST_OVERSHOOT_PCT = 5.0
 
 
-def play(host, mode, trial: DemoOverrides, settled_for_s=1.0) -> Result:
+def run_demo(host, mode, trial: DemoOverrides, settled_for_s=1.0) -> Result:
     """Run the demo's script with the documented gain rule and return its numbers."""
     cell = demo_cell(CELLS / "demo-tcp.yaml", trial)
     plan = ScenarioPlan(
@@ -38,24 +38,24 @@ def play(host, mode, trial: DemoOverrides, settled_for_s=1.0) -> Result:
 @pytest.mark.parametrize("mode", [long("position"), long("orientation"), "both"])
 @pytest.mark.parametrize("host", ["pc", "controller"])
 def test_the_main_job_settles_over_tcp(host, mode, stiffness_N_m, as_step_s, pessimistic):
-    """Whoever runs the law: gateway, packets, AS program, motion of the arm, and back."""
+    """On either loop host: gateway, packets, AS program, motion of the arm, and back."""
     trial = DemoOverrides(
         tilt_deg=DEFAULT_TILT_DEG[mode],
         stiffness_N_m=stiffness_N_m,
         as_step_s=as_step_s,
         pessimistic=pessimistic,
     )
-    result = play(host, mode, trial)
+    result = run_demo(host, mode, trial)
 
     assert result.settled
     assert result.overshoot_pct <= MOST_OVERSHOOT_PCT
 
 
 @pytest.mark.long
-def test_the_gateway_tells_how_fast_the_program_goes_round():
+def test_the_gateway_reports_the_loop_rate_of_the_program():
     """About 60 times a second at the demo's step time, by its own counter, and 2.4 times slower."""
-    fast = play("controller", "position", DemoOverrides(), settled_for_s=5.0).robot_numbers
-    slow = play(
+    fast = run_demo("controller", "position", DemoOverrides(), settled_for_s=5.0).robot_numbers
+    slow = run_demo(
         "controller", "position", DemoOverrides(as_step_s=0.0003), settled_for_s=5.0
     ).robot_numbers
 
@@ -67,20 +67,20 @@ def test_the_gateway_tells_how_fast_the_program_goes_round():
 
 
 @pytest.mark.long
-def test_two_plays_are_the_same_to_the_last_bit():
+def test_two_demo_runs_are_the_same_to_the_last_bit():
     """Gateway, program, arm and the whole cell on one clock."""
     trial = DemoOverrides(as_step_s=0.0003)
-    assert play("controller", "position", trial) == play("controller", "position", trial)
+    assert run_demo("controller", "position", trial) == run_demo("controller", "position", trial)
 
 
 def test_a_step_time_for_a_cell_without_an_emulated_controller_is_refused():
-    """With the name of a cell that has one."""
+    """The message names a cell that has one."""
     with pytest.raises(ConfigError, match=r"demo-tcp\.yaml"):
         demo_cell(CELLS / "demo.yaml", DemoOverrides(as_step_s=0.0003))
 
 
-def test_delay_and_rate_go_with_the_step_time():
-    """All that the program takes; what was measured at one step time holds for another."""
+def test_delay_and_rate_are_proportional_to_the_step_time():
+    """All parts of the loop in the program; a measurement at one step time holds for another."""
     plain = load_cell(CELLS / "demo-tcp.yaml")
     assert plain.sim is not None
     slow = demo_cell(CELLS / "demo-tcp.yaml", DemoOverrides(as_step_s=2.0 * plain.sim.as_step_s))

@@ -16,7 +16,7 @@ MODES = ("position", "orientation", "both")
 MOST_OVERSHOOT_PCT = 5.0
 
 
-def play(mode, stiffness_N_m, *, delay_ms, tilt_deg=None, press_N=30.0) -> Result:
+def run_demo(mode, stiffness_N_m, *, delay_ms, tilt_deg=None, press_N=30.0) -> Result:
     """Run the demo's script with the documented gain rule and return its numbers."""
     cell = demo_cell(
         CELL,
@@ -36,7 +36,7 @@ def play(mode, stiffness_N_m, *, delay_ms, tilt_deg=None, press_N=30.0) -> Resul
 @pytest.mark.parametrize("mode", MODES)
 def test_the_main_job_settles_without_overshoot(mode, stiffness_N_m, delay_ms):
     """From 30 N, tool exactly down (A = 180), the tuned gain settles with at most 5 %."""
-    result = play(mode, stiffness_N_m, delay_ms=delay_ms)
+    result = run_demo(mode, stiffness_N_m, delay_ms=delay_ms)
 
     assert result.settled
     assert result.overshoot_pct <= MOST_OVERSHOOT_PCT
@@ -46,40 +46,40 @@ def test_the_main_job_settles_without_overshoot(mode, stiffness_N_m, delay_ms):
 @pytest.mark.parametrize("mode", MODES)
 def test_the_main_job_settles_on_a_plate_tilted_15_degrees(mode, stiffness_N_m):
     """The same from a plate that the disc meets with its edge first."""
-    result = play(mode, stiffness_N_m, delay_ms=10, tilt_deg=15.0)
+    result = run_demo(mode, stiffness_N_m, delay_ms=10, tilt_deg=15.0)
 
     assert result.settled
     assert result.overshoot_pct <= MOST_OVERSHOOT_PCT
     if (mode, stiffness_N_m) == ("both", 2e4):
-        it_lies_flat(result)
+        is_parallel_to_plate(result)
 
 
 @pytest.mark.parametrize("delay_ms", [0, long(10), 30])
 @pytest.mark.parametrize("stiffness_N_m", [2e4, long(1e5)])
-def test_settling_goes_with_tau(stiffness_N_m, delay_ms):
+def test_settling_is_proportional_to_tau(stiffness_N_m, delay_ms):
     """Where stiffness and delay limit the gain, 30 N to 1 N takes a few tau, not more."""
-    result = play("position", stiffness_N_m, delay_ms=delay_ms)
+    result = run_demo("position", stiffness_N_m, delay_ms=delay_ms)
 
     assert result.settling_s is not None
     assert 4.0 * result.tau_s <= result.settling_s <= 8.0 * result.tau_s
 
 
-def it_lies_flat(result: Result) -> None:
-    """Pressed and free to turn, the tool's face has ended parallel to the plate's."""
+def is_parallel_to_plate(result: Result) -> None:
+    """Return whether the tool's face ended parallel to the plate, pressed and free to rotate."""
     assert result.misalignment_deg <= 0.2
     assert result.final_force_N == pytest.approx(10.0, abs=1.0)
 
 
 def test_mode_both_lays_the_disc_flat_on_the_plate():
-    """Also on one that is hardly tilted; at 15 degrees it is looked at where that is played."""
-    result = play("both", 2e4, delay_ms=10, tilt_deg=5.0)
+    """Also on one with a small tilt; 15 degrees are checked in the run with that tilt."""
+    result = run_demo("both", 2e4, delay_ms=10, tilt_deg=5.0)
 
     assert result.settled
-    it_lies_flat(result)
+    is_parallel_to_plate(result)
 
 
 def test_a_gain_for_a_plate_ten_times_softer_is_stopped_by_the_force_ceiling():
-    """The measure can fail: far too hot a gain does not settle, and the arm is held."""
+    """The measure can fail: a gain that is far too high does not settle, and the arm is held."""
     cell = demo_cell(CELL, DemoOverrides(stiffness_N_m=1e5, delay_s=0.01))
     softer = cell.contact.model_copy(update={"stiffness_N_m": 1e4})
     cell = cell.model_copy(update={"contact": softer})

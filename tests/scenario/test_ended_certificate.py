@@ -1,4 +1,4 @@
-"""A certificate that ends while the arm of a whole cell presses, in processes."""
+"""A certificate that expires while the arm of a whole cell presses, in processes."""
 
 import subprocess
 import time
@@ -17,29 +17,29 @@ from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import Watcher, forcemesh, status_of
 from tests.scenario.test_revived import press
 
-LIVES_S = 45.0  # long enough to be up and to press on a loaded machine
-LATE_S = 5.0  # until the hub has closed the link and the others have missed what came over it
+VALID_S = 45.0  # long enough to be up and to press on a loaded machine
+LATE_S = 5.0  # until the hub has closed the link and the others have missed its messages
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(300)]
 
 
 @pytest.mark.parametrize("role", ["wrench", "arbiter"])
-def test_the_arm_holds_and_the_screen_names_whose_certificate_ended(
+def test_the_arm_holds_and_the_screen_names_the_expired_certificate(
     cell_file: Path,  # noqa: F811
     tmp_path: Path,
     start,
     role: str,
 ) -> None:
-    """In mid-press: held soon after, not before; nothing moves again; `pki check` names it."""
+    """While pressing: held soon after, not before; no further motion; `pki check` names it."""
     cell_file.write_text(dump_cell(load_cell(cell_file, LIGHT)))
     cell = load_cell(cell_file)
-    ends_s = shorten(tmp_path / "pki", role, cell, LIVES_S)
+    ends_s = shorten(tmp_path / "pki", role, cell, VALID_S)
     wait_for(start("-m", "cli", "up", "--cell", cell_file, "--no-panel"), "is up")
     with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
         press(bus)
         watcher = Watcher(bus)
         watcher.until(lambda: watcher.state() == "ACTIVE")
-        assert time.time() < ends_s - 2.0, "this machine was too slow to see it happen"
+        assert time.time() < ends_s - 2.0, "this machine is too slow for the test"
         while time.time() < ends_s - 1.0:
             assert watcher.state() == "ACTIVE"
             time.sleep(0.05)

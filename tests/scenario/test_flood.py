@@ -1,6 +1,6 @@
-"""A client that says too much, one that is frozen: nobody else may notice. Small, for every day.
+"""A client that publishes too much, and a frozen one: no other process is affected.
 
-The whole of it is `make chaos-flood` and `make soak`.
+Short runs for every day. The whole test is `make chaos-flood` and `make soak`.
 """
 
 import json
@@ -40,34 +40,34 @@ def cell() -> CellConfig:
 
 
 class EndlessSource:
-    """Somebody who asks faster than anybody can answer."""
+    """A client whose requests arrive faster than a service can answer them."""
 
     def __init__(self, data: bytes) -> None:
-        """Ask always the same."""
-        self.data, self.answers = data, 0
+        """Store the request that is always repeated."""
+        self.data, self.replies = data, 0
 
     def take(self) -> "EndlessSource":
-        """Return the next question: there always is one."""
+        """Return the next request, without end."""
         return self
 
     def answer(self, _data: bytes) -> None:
-        """Count."""
-        self.answers += 1
+        """Count a reply."""
+        self.replies += 1
 
 
 @pytest.mark.parametrize("data", [b"\xc1", encode_record(Empty())], ids=["garbage", "good"])
 def test_endless_requests_do_not_keep_a_service_in_one_step(data):
-    """A step answers a few and goes on with its work, whether they can be understood or not."""
+    """A step answers a few and continues its work, whether they can be decoded or not."""
     source: Any = EndlessSource(data)
     taken = list(Inbox(topics.CLEAR, source, cell="demo").take_all())
 
-    assert len(taken) + source.answers == MOST_AT_ONCE
+    assert len(taken) + source.replies == MOST_AT_ONCE
 
 
 def received(
     session: zenoh.Session, subscriber: Any, key: str, sizes: list[int], last: int
 ) -> list[int]:
-    """Put messages of some sizes, until one of size `last` has come through; return what came."""
+    """Put messages of these sizes until one of size `last` arrives; return the received ones."""
     for size in sizes:
         session.put(key, b"\0" * size)
     got: list[int] = []
@@ -83,7 +83,7 @@ def received(
 
 @pytest.mark.realtime
 def test_the_hub_passes_no_long_message_on(cell):
-    """What is longer than any message of the table ends at the hub; what follows does not."""
+    """A message longer than any message of the table ends at the hub; the next one does not."""
     long = [LONGEST_MESSAGE_B + 1, 5 * LONGEST_MESSAGE_B, 200_000]
     with open_hub(cell), session_of(cell) as writer, session_of(cell) as reader:
         subscriber = reader.declare_subscriber("any/key", zenoh.handlers.FifoChannel(100))
@@ -95,8 +95,8 @@ def test_the_hub_passes_no_long_message_on(cell):
 
 
 @pytest.mark.realtime
-def test_a_transport_knows_its_longest_put(cell):
-    """What health says of puts comes from puts: none, none before the moment, the longest since."""
+def test_a_transport_reports_its_longest_put(cell):
+    """The put duration in health comes from puts: none, none earlier, the longest since."""
     with open_hub(cell), session_of(cell) as session:
         transport = ZenohTransport(session)
         assert transport.longest_put_s(0) == 0.0
@@ -111,7 +111,7 @@ def test_a_transport_knows_its_longest_put(cell):
 
 
 def watching(tmp_path: Path, late_ns: int) -> Witness:
-    """A witness that was late once, one second after the beginning of time."""
+    """Return a witness that was late once, one second after the start of the clock."""
     path = tmp_path / "witness.bin"
     path.write_bytes(ROW.pack(1_000_000_000, late_ns) + ROW.pack(1_004_000_000, 0) + b"half")
     return Witness([path])
@@ -119,7 +119,7 @@ def watching(tmp_path: Path, late_ns: int) -> Witness:
 
 @pytest.mark.parametrize("stall_ms", [0, 100])
 def test_a_late_loop_is_overdue_unless_the_witness_was_late_too(tmp_path, stall_ms):
-    """The judge itself: late alone is a miss, late together with an idle process is not."""
+    """The evaluation: late alone is a miss, late together with an idle process is not."""
     loop = flood.Loop("arbiter")
     health = Health(longest_gap_s=0.05, numbers={"put_max_s": 0.2})
     loop.take(health, 1_500_000_000, watching(tmp_path, stall_ms * 1_000_000))
@@ -129,15 +129,15 @@ def test_a_late_loop_is_overdue_unless_the_witness_was_late_too(tmp_path, stall_
 
 
 def test_a_loop_that_is_on_time_is_not_overdue(tmp_path):
-    """The judge itself: a gap within the shortest deadline is nobody's mistake."""
+    """The evaluation: a gap within the shortest deadline is no violation."""
     loop = flood.Loop("arbiter")
     loop.take(Health(longest_gap_s=0.019), 1_500_000_000, watching(tmp_path, 0))
 
     assert loop.overdue == loop.slow_puts == 0
 
 
-def test_a_body_that_grows_or_leaks_is_seen():
-    """The judge itself: the line through what it weighed, and files that are not given back."""
+def test_a_process_that_grows_or_leaks_is_detected():
+    """The evaluation: a line fit of the memory, and files that are not closed."""
     body = soak.ProcessUsage(1)
     body.at_s = [float(n) for n in range(100)]
     body.resident_b = [5e7 + 2000.0 * n for n in range(100)]
@@ -149,16 +149,16 @@ def test_a_body_that_grows_or_leaks_is_seen():
 
 @pytest.mark.parametrize(("over_s", "most_b"), [(6.0, 410_000), (60.0, 500_000), (600.0, 1e6)])
 def test_a_short_soak_has_a_small_bound(over_s, most_b):
-    """In 6 s a process that keeps a third of the messages of a 1 kHz sensor is seen."""
+    """In 6 s, a process that keeps a third of the messages of a 1 kHz sensor is detected."""
     assert soak.most_growth_b(over_s) == pytest.approx(most_b)
 
 
 @pytest.fixture
 def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.HealthMonitor, Path]]:
-    """A real cell that presses, and who watches it.
+    """Return a real cell that presses, and its client.
 
-    Late is here what misses a deadline of that cell; `make chaos-flood` asks for milliseconds, on a
-    machine that does nothing else.
+    A miss here is a missed deadline of that cell; `make chaos-flood` requires milliseconds, on a
+    machine without other load.
     """
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
     overrides = {"cell": "flood", "bus.endpoint": f"tcp/127.0.0.1:{free_port()}", **LIGHT}
@@ -167,7 +167,7 @@ def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.HealthMonitor, Path]
         under_test.tare()
         under_test.make_ready()
         under_test.press(flood.PRESS_N)
-        time.sleep(flood.HEALTH_WINDOW_S)  # health tells of a second and more ago
+        time.sleep(flood.HEALTH_WINDOW_S)  # health covers one second and is received later
         deadline_s = cell.deadlines.sensor_s
         yield (
             flood.HealthMonitor(under_test, watch, flood.TimingLimits(deadline_s, deadline_s)),
@@ -176,27 +176,27 @@ def pressing(tmp_path, monkeypatch) -> Iterator[tuple[flood.HealthMonitor, Path]
 
 
 @pytest.mark.processes
-def test_a_frozen_viewer_and_a_flood_hold_nobody_up(pressing):
+def test_a_frozen_viewer_and_a_flood_delay_no_process(pressing):
     """One second of each: no loop and no put misses a deadline that an idle process does not."""
     watcher, path = pressing
     frozen = flood.frozen_viewer(watcher, path, 1.0)
-    flooded, said = flood.flooded(watcher, path, "mixed", seconds=1.0, rate_hz=1000, least_hz=100)
+    flooded, sent = flood.flooded(watcher, path, "mixed", seconds=1.0, rate_hz=1000, least_hz=100)
 
     assert frozen.mistakes == []
     assert flooded.mistakes == []
-    assert json.loads(said)["questions"] > 30
+    assert json.loads(sent)["questions"] > 30
 
 
 @pytest.mark.processes
 def test_a_few_seconds_of_rounds_leak_nothing(monkeypatch, tmp_path):
-    """The soak itself, as short as it can be: a round, no growth, no open files, no false hold.
+    """The soak test at its shortest: a round, no growth, no open files, no false hold.
 
-    Late is here what misses a deadline of its cell, at half the demo's rates; `make soak` asks one
-    at full rate, on a machine that does nothing else, for 20 ms in 999 of 1000 messages.
+    A miss here is a missed deadline of its cell, at half the demo's rates; `make soak` requires of
+    one at full rate, on a machine without other load, 20 ms in 999 of 1000 messages.
     """
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
     late_s = LIGHT["deadlines"]["sensor_s"]
-    seen = soak.soak(minutes=0.1, changes={**LIGHT, **HALF}, late_s=late_s)
+    soak_run = soak.soak(minutes=0.1, changes={**LIGHT, **HALF}, late_s=late_s)
 
-    assert seen.rounds >= 1
-    assert seen.mistakes == []
+    assert soak_run.rounds >= 1
+    assert soak_run.mistakes == []

@@ -1,4 +1,4 @@
-"""A hostile outsider with Zenoh and MessagePack alone against a running cell, in processes."""
+"""A hostile client with Zenoh and MessagePack alone against a running cell, in processes."""
 
 import ast
 import json
@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(cell_file: Path) -> None:
-    """Every process lives, a held arm rests, every hold works. `make hostile` sends 10 000."""
+    """Every process continues, a held arm rests, every hold works. `make hostile` sends 10 000."""
     count, name = 400, load_cell(cell_file).cell
     command = [sys.executable, "-m", "tools.hostile", "--up", str(cell_file), "--cell", name]
     command += ["--count", str(count)]
@@ -36,8 +36,8 @@ def test_no_hostile_request_or_message_ends_a_process_or_moves_a_held_arm(cell_f
     assert found["replies"]["malformed"] > count // 10
 
 
-def test_the_outsider_imports_nothing_of_forcemesh() -> None:
-    """What it knows of the cell it could have read in the documentation."""
+def test_the_hostile_client_imports_nothing_of_forcemesh() -> None:
+    """Its knowledge of the cell could be read in the documentation."""
     tree = ast.parse((ROOT / "tools" / "hostile.py").read_text(encoding="utf-8"))
     names = {
         name.partition(".")[0]

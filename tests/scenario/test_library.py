@@ -1,4 +1,4 @@
-"""The library by itself: its wheel in an empty environment, against a cell that runs."""
+"""The library alone: its wheel in an empty environment, with a running cell."""
 
 import json
 import os
@@ -35,13 +35,13 @@ def main(endpoint: str, name: str) -> None:
         cell.tare()
         cell.arm()
         pressed = cell.force.press(10.0)
-        seen = [pushes(each.message) for each in cell.wrench.stream(seconds=0.5)]
+        forces_N = [pushes(each.message) for each in cell.wrench.stream(seconds=0.5)]
         cell.force.stop()
         cell.hold("the example is over")
         try:
             cell.move.by((0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
         except RefusedError as error:
-            print(pressed.force_N, sum(seen) / len(seen), cell.status().state, error.code)
+            print(pressed.force_N, sum(forces_N) / len(forces_N), cell.status().state, error.code)
 
 
 if __name__ == "__main__":
@@ -53,12 +53,12 @@ pytestmark = [pytest.mark.processes, pytest.mark.long]
 
 @pytest.fixture(scope="module")
 def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the Python of an environment with the wheel and what it asks for, and no more."""
+    """Return the Python of an environment with the wheel and its dependencies only."""
     folder = tmp_path_factory.mktemp("library")
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     subprocess.run(build, cwd=ROOT / "forcemesh", check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
-    versions = folder / "versions.txt"  # those that the rest of the tests run with
+    versions = folder / "versions.txt"  # the versions of the other tests
     versions.write_text(
         "".join(
             f"{each.name}=={each.version}\n"
@@ -74,7 +74,7 @@ def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(python: Path, *words: object) -> subprocess.CompletedProcess[str]:
-    """Run the bare Python, out of reach of this checkout."""
+    """Run the bare Python outside of this checkout."""
     found: dict[str, Any] = {"cwd": python.parent, "env": {"PATH": os.environ["PATH"], "HOME": "/"}}
     return subprocess.run(
         [str(python), *map(str, words)], capture_output=True, text=True, check=False, **found
@@ -93,7 +93,7 @@ def test_the_wheel_brings_few_packages_and_one_name(bare: Path) -> None:
 
 
 def test_a_program_presses_watches_and_holds_a_cell_that_runs(bare: Path, cell_file, start) -> None:
-    """It is given an endpoint and a name; the cell file is not there for it."""
+    """It gets an endpoint and a cell name, and no cell file."""
     up = start("-m", "cli", "up", "--cell", cell_file)
     assert "is up" in next(line for line in up.stderr if "is up" in line)
     cell = load_cell(cell_file)

@@ -1,4 +1,4 @@
-"""The whole chain over UDP and TCP in real processes, and what a fault of the sensor ends in."""
+"""The whole chain over UDP and TCP in real processes, and the effect of a sensor fault."""
 
 import socket
 import time
@@ -21,7 +21,7 @@ NETFT = ROOT / "cells" / "demo-netft.yaml"
 
 
 def test_the_process_of_the_arm_serves_its_sensor_and_the_driver_publishes_it() -> None:
-    """Every role of the bus has its process; the emulated controller plays none of them."""
+    """Every role of the bus has its process; the emulated controller has none of them."""
     played = {p.roles: p.module for p in processes_of(load_cell(NETFT))}
     assert played[("controller",)] == "sim.controller"
     assert played[("sensor",)] == "services.sensor"
@@ -29,7 +29,7 @@ def test_the_process_of_the_arm_serves_its_sensor_and_the_driver_publishes_it() 
 
 
 @pytest.mark.parametrize("wrong", [{"roles.sensor": "sim"}, {"roles.sensor": "external"}])
-def test_a_simulated_net_ft_that_nobody_reads_is_a_mistake(wrong) -> None:
+def test_a_simulated_net_ft_without_a_reader_is_refused(wrong) -> None:
     """The cell file is refused, with the field to change."""
     with pytest.raises(ConfigError, match=r"sim\.netft"):
         load_cell(NETFT, wrong)
@@ -56,7 +56,7 @@ def netft_cell(tmp_path, monkeypatch):
 
 
 class Client:
-    """Whoever watches the cell, and asks."""
+    """Client that observes and commands the cell."""
 
     def __init__(self, bus) -> None:
         """Subscribe."""
@@ -64,29 +64,29 @@ class Client:
         self.status = bus.reader(topics.ARBITER_STATUS)
 
     def until(self, what) -> None:
-        """Wait until something is true."""
+        """Wait until a condition is true."""
         give_up_s = time.monotonic() + PATIENCE_S
         while not what():
-            assert time.monotonic() < give_up_s, self.said()
+            assert time.monotonic() < give_up_s, self.arbiter_status()
             time.sleep(0.02)
 
-    def said(self):
-        """What the arbiter says."""
+    def arbiter_status(self):
+        """Return the newest status of the arbiter."""
         return self.status.read(time.monotonic_ns()).fresh
 
     def is_in(self, *states: str) -> bool:
-        """Whether the arbiter is in one of some states."""
-        status = self.said()
+        """Return whether the arbiter is in one of some states."""
+        status = self.arbiter_status()
         return status is not None and status.state in states
 
     def trips(self) -> dict[str, str]:
-        """Why the arm was stopped: texts by their codes."""
-        status = self.said()
+        """Return the trips: texts by their codes."""
+        status = self.arbiter_status()
         return {} if status is None else {trip.code: trip.text for trip in status.trips}
 
 
 def test_a_second_client_that_takes_the_stream_stops_the_arm(netft_cell, start) -> None:
-    """Seven processes, UDP and TCP: armed, robbed of the sensor, stopped with that very reason."""
+    """Seven processes, UDP and TCP: armed, deprived of the sensor, stopped with that reason."""
     cell, path = netft_cell
     start("-m", "cli", "up", "--cell", path)
     with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:

@@ -1,6 +1,6 @@
-"""Trouble on cables: the judge, the hop that delays, and one trial in real namespaces.
+"""Network faults: their evaluation, the delaying hop, and one trial in real namespaces.
 
-The whole of it is `make chaos-network`.
+The whole test is `make chaos-network`.
 """
 
 import os
@@ -33,8 +33,8 @@ MS = 10**6
 PATIENCE_S = 90.0
 
 
-def seen(**changes: object) -> TrialObservations:
-    """A fault that held the arm as it should."""
+def observations(**changes: object) -> TrialObservations:
+    """Return the observations of a fault that held the arm as expected."""
     fields: dict[str, object] = {
         "began_ns": BEGAN_NS,
         "healed_ns": HEALED_NS,
@@ -49,38 +49,38 @@ def seen(**changes: object) -> TrialObservations:
 
 
 def stops_after(moving_ms: int, speed_m_s: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """A flange that moves for some time after the fault, and then stands: moments, speeds."""
+    """Return a flange that moves for some time after the fault, then rests: times, speeds."""
     at_ns = BEGAN_NS + MS * np.arange(-20, 2500, dtype=np.int64)
     return at_ns, np.where(at_ns <= BEGAN_NS + moving_ms * MS, speed_m_s, 0.0)
 
 
-def travelled(path: Path, ways_rad: np.ndarray) -> GroundTruthTrace:
-    """Write the trace of an upright arm whose second joint turns so far in each tick."""
-    rows = np.zeros(len(ways_rad), RECORD)
-    rows["tick"] = np.arange(len(ways_rad))
-    rows["q"][:, 1] = np.cumsum(ways_rad)
+def travelled(path: Path, steps_rad: np.ndarray) -> GroundTruthTrace:
+    """Write the trace of an upright arm whose second joint rotates by an angle in each tick."""
+    rows = np.zeros(len(steps_rad), RECORD)
+    rows["tick"] = np.arange(len(steps_rad))
+    rows["q"][:, 1] = np.cumsum(steps_rad)
     rows.tofile(path)
     return GroundTruthTrace(path)
 
 
 @pytest.mark.parametrize("ends_at", range(200, 230, 5))
-def test_an_arm_that_dashes_and_waits_is_on_its_way(tmp_path, ends_at):
-    """A controller stops between its steps: that the arm stands right now says nothing."""
+def test_an_arm_that_moves_in_steps_is_in_motion(tmp_path, ends_at):
+    """A controller stops between its steps: rest at one tick proves nothing."""
     dashes_rad = np.where(np.arange(ends_at) % 30 < 10, 1e-5, 0.0)  # of some 900 mm
     assert travelled(tmp_path / "t", dashes_rad).speed_now() > MOVES_M_S
 
 
-def test_an_arm_that_has_stopped_is_not_on_its_way(tmp_path):
-    """Nor one that only has a trace of standing, nor one that has none."""
+def test_an_arm_that_has_stopped_is_not_in_motion(tmp_path):
+    """Nor one that only has a trace of rest, nor one without a trace."""
     dash_rad = np.where(np.arange(300) < 190, 1e-5, 0.0)
     assert travelled(tmp_path / "t", dash_rad).speed_now() < MOVES_M_S
     assert travelled(tmp_path / "u", np.zeros(300)).speed_now() == 0.0
     assert GroundTruthTrace(tmp_path / "none").speed_now() == 0.0
 
 
-def test_a_hold_within_the_bounds_is_no_mistake():
-    """The plain case: bitten, held, named, in time, and at rest from then on."""
-    verdict = judge(seen(), *stops_after(200), BOUNDS)
+def test_a_hold_within_the_bounds_is_no_violation():
+    """The plain case: effective, held, named, in time, and at rest from then on."""
+    verdict = judge(observations(), *stops_after(200), BOUNDS)
 
     assert verdict.mistakes == ()
     assert (verdict.last_command_ms, verdict.still_ms, verdict.stale) == (100.0, 200.0, 0)
@@ -89,39 +89,39 @@ def test_a_hold_within_the_bounds_is_no_mistake():
 @pytest.mark.parametrize(
     ("changes", "moving_ms", "mistake"),
     [
-        ({"bites": 0}, 200, "did not bite"),
+        ({"bites": 0}, 200, "had no effect"),
         ({"held": False}, 200, "was not held"),
         ({"causes": ""}, 200, "no cause"),
         ({"accepted_ns": BEGAN_NS + 151 * MS}, 200, "executed too late"),
-        ({"accepted_ns": None}, 200, "no command is known"),
+        ({"accepted_ns": None}, 200, "no command was recorded"),
         ({"accepted_ns": HEALED_NS + MS}, 200, "after the heal"),
         ({"ends": "went on"}, 200, "held without need"),
         ({}, 351, "moved too long"),
         ({}, 2000, "moved too long"),
         ({"ends": "either"}, 600, "moved long after a command"),
-        ({"ends": "either", "accepted_ns": None}, 200, "no command is known"),
+        ({"ends": "either", "accepted_ns": None}, 200, "no command was recorded"),
     ],
 )
-def test_whatever_is_out_of_bounds_is_a_mistake(changes, moving_ms, mistake):
-    """Each promise of the table can be broken, and is told from the others."""
-    verdict = judge(seen(**changes), *stops_after(moving_ms), BOUNDS)
+def test_every_value_out_of_bounds_is_a_violation(changes, moving_ms, mistake):
+    """Each bound of the table can be violated, and has a message of its own."""
+    verdict = judge(observations(**changes), *stops_after(moving_ms), BOUNDS)
 
     assert any(mistake in each for each in verdict.mistakes), verdict
 
 
 def test_motion_after_the_heal_counts_although_the_arm_had_stopped():
-    """An arm that comes to life again when the cable does has moved too long."""
+    """An arm that moves again when the cable is restored has moved too long."""
     at_ns, speed_m_s = stops_after(100)
     speed_m_s[at_ns > HEALED_NS + 400 * MS] = 0.005
 
-    assert "moved too long" in judge(seen(), at_ns, speed_m_s, BOUNDS).mistakes
+    assert "moved too long" in judge(observations(), at_ns, speed_m_s, BOUNDS).mistakes
 
 
-def test_an_arm_that_goes_on_may_not_jump():
-    """A fault that need not hold the arm must not throw it either; and no trace is no proof."""
-    calm = judge(seen(ends="either", held=False), *stops_after(2000), BOUNDS)
-    wild = judge(seen(ends="either", held=False), *stops_after(2000, 0.06), BOUNDS)
-    blind = judge(seen(), np.zeros(0, np.int64), np.zeros(0), BOUNDS)
+def test_an_arm_that_continues_may_not_jump():
+    """A fault that need not hold the arm must not make it jump; and no trace is no proof."""
+    calm = judge(observations(ends="either", held=False), *stops_after(2000), BOUNDS)
+    wild = judge(observations(ends="either", held=False), *stops_after(2000, 0.06), BOUNDS)
+    blind = judge(observations(), np.zeros(0, np.int64), np.zeros(0), BOUNDS)
 
     assert (calm.mistakes, calm.outcome) == ((), "went on")
     assert any("jumped" in mistake for mistake in wild.mistakes)
@@ -133,27 +133,27 @@ def test_an_arm_that_goes_on_may_not_jump():
     by_ms=st.integers(0, 50),
     jitter_ms=st.integers(0, 50),
 )
-def test_what_is_delayed_comes_whole_in_order_and_not_too_early(reads, by_ms, jitter_ms):
-    """A delaying hop loses, repeats and swaps nothing, whatever it draws."""
+def test_delayed_data_arrives_whole_in_order_and_not_too_early(reads, by_ms, jitter_ms):
+    """A delaying hop loses, repeats and reorders nothing, whatever it draws."""
     delay = Delay(by_ns=by_ms * MS, jitter_ns=jitter_ms * MS)
-    now_ms, went_in, came_out, waiting = 0, bytearray(), bytearray(), bytearray()
+    now_ms, sent, received, waiting = 0, bytearray(), bytearray(), bytearray()
     entered_ms: list[int] = []
     for pause_ms, data in reads:
         now_ms += pause_ms
         waiting += data
-        went_in += data
+        sent += data
         entered_ms += [now_ms] * len(data)
-        came_out += b"".join(delay.pass_on(waiting, now_ms * MS))
-        assert all(at + by_ms <= now_ms for at in entered_ms[: len(came_out)])
-        assert went_in.startswith(came_out)
-    came_out += b"".join(delay.pass_on(waiting, (now_ms + by_ms + jitter_ms) * MS))
+        received += b"".join(delay.pass_on(waiting, now_ms * MS))
+        assert all(at + by_ms <= now_ms for at in entered_ms[: len(received)])
+        assert sent.startswith(received)
+    received += b"".join(delay.pass_on(waiting, (now_ms + by_ms + jitter_ms) * MS))
 
-    assert came_out == went_in
+    assert received == sent
 
 
 @pytest.mark.parametrize("program", [network, clocks], ids=["network", "clocks"])
 def test_without_root_nothing_passes_silently(program, monkeypatch, capsys):
-    """Who may not make namespaces is told so, with an exit code of its own."""
+    """Without the right to make namespaces, the exit code differs and the reason is printed."""
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     monkeypatch.setattr(sys, "argv", ["chaos"])
 
@@ -162,7 +162,7 @@ def test_without_root_nothing_passes_silently(program, monkeypatch, capsys):
 
 
 def needs_namespaces() -> pytest.MarkDecorator:
-    """Skip, with the reason printed, where the kernel or the user does not allow namespaces."""
+    """Return a skip, with its reason, where kernel or user do not permit namespaces."""
     return pytest.mark.skipif(bool(why_not()), reason=why_not() or "namespaces can be made here")
 
 
@@ -174,7 +174,7 @@ def chaos_network(*words: str) -> list[str]:
 @pytest.mark.processes
 @needs_namespaces()
 def test_a_pulled_cable_holds_the_arm(tmp_path):
-    """The harness itself, once: the regulator's cable is pulled while the arm approaches."""
+    """The harness itself, once: the regulator's cable is unplugged while the arm approaches."""
     words = chaos_network("--cell", "demo", "--only", "regulator/link-down")
     done = subprocess.run(
         words, cwd=ROOT, timeout=PATIENCE_S, check=False, capture_output=True, text=True
@@ -204,7 +204,7 @@ def descendants(pid: int) -> set[int]:
 @pytest.mark.processes
 @needs_namespaces()
 def test_a_harness_that_is_killed_leaves_nothing_behind():
-    """Kill -9 in the middle: every process of it ends, and with them namespaces and cables."""
+    """Kill -9 during a trial: all its processes, namespaces and cables end."""
     harness = subprocess.Popen(
         chaos_network("--cell", "demo", "--only", "regulator/link-down"),
         cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -216,13 +216,13 @@ def test_a_harness_that_is_killed_leaves_nothing_behind():
         time.sleep(0.02)
     harness.kill()
     harness.wait()
-    while any(Path(f"/proc/{pid}/ns/net").exists() and alive(pid) for pid in started):
-        assert time.monotonic() < give_up_s, "something outlived its harness"
+    while any(Path(f"/proc/{pid}/ns/net").exists() and is_running(pid) for pid in started):
+        assert time.monotonic() < give_up_s, "a process outlived its harness"
         time.sleep(0.02)
 
 
-def alive(pid: int) -> bool:
-    """Tell whether a process still runs; one that only waits to be collected does not."""
+def is_running(pid: int) -> bool:
+    """Return whether a process still runs; a zombie does not."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8")
     except OSError:

@@ -1,4 +1,4 @@
-"""The notebooks run from top to bottom, and are stored without what they once printed."""
+"""The notebooks run from top to bottom, and are stored without outputs."""
 
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,8 @@ NOTEBOOKS = sorted(path.stem for path in FOLDER.glob("*.ipynb"))
 PATIENCE_S = 300
 
 
-def play(name: str) -> str:
-    """Run a notebook as Jupyter does; return all that it printed and how many pictures it drew."""
+def run_notebook(name: str) -> str:
+    """Run a notebook as Jupyter does; return its printed text and its number of pictures."""
     book = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
     NotebookClient(
         book, timeout=PATIENCE_S, kernel_name="python3", resources={"metadata": {"path": FOLDER}}
@@ -30,7 +30,7 @@ def play(name: str) -> str:
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_a_notebook_is_stored_without_outputs(name: str) -> None:
-    """Small, and without what differs from run to run."""
+    """Small, and without outputs that differ from run to run."""
     book = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4)
     nbformat.validate(book)
     for cell in book.cells:
@@ -43,8 +43,8 @@ def test_a_notebook_is_stored_without_outputs(name: str) -> None:
 @pytest.mark.long
 @pytest.mark.timeout(PATIENCE_S)
 def test_presets_are_compared_in_the_simulation() -> None:
-    """Stiffer gains are there sooner."""
-    printed = play("tune")
+    """Stiffer gains settle sooner."""
+    printed = run_notebook("tune")
     after_ms = [float(line.split(" ms, ")[0].split()[-1]) for line in printed.splitlines()[1:4]]
     assert after_ms == sorted(after_ms, reverse=True)
     assert printed.endswith("pictures: 1")
@@ -56,18 +56,18 @@ def test_presets_are_compared_in_the_simulation() -> None:
 def test_a_running_cell_is_plotted_and_its_recording_analysed(
     cell_file, start, tmp_path, monkeypatch
 ) -> None:
-    """From the bus, and from the file that the recorder wrote meanwhile."""
+    """From the bus, and from the file of the recorder."""
     monkeypatch.setenv("FORCEMESH_CELL", str(cell_file))
     monkeypatch.setenv("FORCEMESH_RECORDINGS", str(tmp_path / "recordings"))
     monkeypatch.setenv("FORCEMESH_NO_PANEL", "1")
     monkeypatch.delenv("FORCEMESH_NO_RECORDER", raising=False)
     up = start("-m", "cli", "up", "--cell", cell_file)
     assert "is up" in next(line for line in up.stderr if "is up" in line)
-    assert "pictures: 1" in play("subscribe")
+    assert "pictures: 1" in run_notebook("subscribe")
 
     recorded = record_a_press(cell_file, tmp_path)
     monkeypatch.setenv("FORCEMESH_RECORDING", str(recorded))
-    printed = play("recording")
+    printed = run_notebook("recording")
     assert recorded.name in printed
     assert "pictures: 1" in printed
     most_N = float(printed.split("maximum ")[1].split()[0])

@@ -24,7 +24,7 @@ def snippet(cell_file: Path) -> str:
 
 
 def test_the_subscriber_of_the_bus_page_reads_the_wrench(cell_file, start):
-    """Nothing but zenoh and msgpack is imported, and force comes out, newton by newton."""
+    """Only zenoh and msgpack are imported, and the force is printed in newtons."""
     code = snippet(cell_file).replace("])", "], flush=True)")
     imports = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Import)]
     assert {name.name for node in imports for name in node.names} == {"msgpack", "zenoh"}

@@ -1,4 +1,4 @@
-"""Figures that the virtual clock makes: what a page states is what its command prints today."""
+"""Figures measured on the virtual clock: a page shows the present output of its command."""
 
 from itertools import product
 
@@ -28,7 +28,7 @@ def test_the_settling_table_is_what_make_bench_prints(mode) -> None:
 
 @pytest.mark.parametrize("number", range(0, len(over_tcp.cases()), 14))
 def test_a_row_over_tcp_is_what_make_bench_tcp_prints(number: int) -> None:
-    """One in fourteen: all of them take minutes."""
+    """One of fourteen rows: all of them take minutes."""
     case = over_tcp.cases()[number]
     stated = rows_of("docs/over-tcp.md", "over-tcp")[1:]  # below the heads
     assert stated[number] == f"| {' | '.join(over_tcp.row(case))} |"

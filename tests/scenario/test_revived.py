@@ -1,8 +1,9 @@
-"""`forcemesh up` with each kind of process killed: it comes back, held, and status names it."""
+"""`forcemesh up` with each kind of process killed: it restarts, held, and status names it."""
 
 import os
 import signal
 import time
+from functools import partial
 
 import pytest
 
@@ -13,6 +14,7 @@ from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
 from launch.run_file import read_run
+from tests.fakes.waiting import wait_until
 from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import Watcher, status_of
 
@@ -27,21 +29,18 @@ pytestmark = [pytest.mark.realtime, pytest.mark.long, pytest.mark.timeout(400)]
 
 
 def pid_of(cell: str, role: str) -> int:
-    """Return the process that the run file names for a role; 0 while none lives."""
+    """Return the process of a role in the run file; 0 while there is none."""
     entry = (run := read_run(cell)) and run.entry(role)
     return entry.pid if entry and entry.ended is None else 0
 
 
-def until(what, name: str) -> None:
-    """Wait until something is so."""
-    give_up_s = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < give_up_s, name
-        time.sleep(0.05)
+def is_replaced(name: str, role: str, old: int) -> bool:
+    """Return whether another process has the role."""
+    return pid_of(name, role) not in (0, old)
 
 
 def press(bus) -> None:
-    """Clear, arm and press, as a person does; what is late is asked again."""
+    """Clear, arm and press, as a person does; a refused request is repeated."""
     give_up_s = time.monotonic() + PATIENCE_S
     for request, message in (
         (topics.CLEAR, Empty()),
@@ -57,21 +56,21 @@ def press(bus) -> None:
 
 
 def test_each_kind_of_process_comes_back_held_and_is_named(cell_file, start, monkeypatch):
-    """Kill -9 in motion, one after the other: another process plays the role, a person arms."""
+    """Kill -9 in motion, one after the other: another process takes the role, a person arms."""
     monkeypatch.delenv(WITHOUT_VARIABLE, raising=False)
     cell = load_cell(cell_file)
     wait_for(start("-m", "cli", "up", "--cell", cell_file, "--no-panel"), "is up")
     with open_bus(cell, topics.CLIENT, patience_s=PATIENCE_S) as bus:
         watcher = Watcher(bus)
         for role in MODULES:
-            until(lambda role=role: pid_of(cell.cell, role), f"{role} is started")
+            wait_until(partial(pid_of, cell.cell, role), PATIENCE_S, f"{role} is started")
             victim = pid_of(cell.cell, role)
             if role != "recorder":
                 press(bus)
             os.kill(victim, signal.SIGKILL)
-            until(lambda role=role, gone=victim: pid_of(cell.cell, role) not in (0, gone), role)
+            wait_until(partial(is_replaced, cell.cell, role, victim), PATIENCE_S, role)
             well = lambda: all(row["alive"] for row in status_of(cell_file)["services"])  # noqa: E731
-            until(well, f"all alive after {role}")
+            wait_until(well, PATIENCE_S, f"all alive after {role}")
             status = status_of(cell_file)
             if role != "recorder":
                 assert status["state"] not in MAY_MOVE, (role, status)

@@ -1,4 +1,4 @@
-"""What one running cell says is delivered to another one by mistake: nothing of it is obeyed."""
+"""Messages of one running cell are delivered to another one by mistake: it executes none."""
 
 from pathlib import Path
 from threading import Lock
@@ -12,10 +12,11 @@ from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.messages import MAY_MOVE
 from tests.chaos.common_net import free_port
+from tests.fakes.waiting import wait_until
 from tests.scenario.conftest import ROOT
 from tests.scenario.test_calibrate_processes import wait_for
 from tests.scenario.test_demo_processes import PATIENCE_S, Watcher
-from tests.scenario.test_revived import press, until
+from tests.scenario.test_revived import press
 from tools.hostile import connected
 
 STILL_RAD = 1e-3
@@ -29,7 +30,7 @@ pytestmark = [
 ]
 
 
-def cell_file(folder: Path, name: str) -> Path:
+def make_cell_file(folder: Path, name: str) -> Path:
     """Return a demo cell of its own on a free port of this machine."""
     overrides = {
         "cell": name,
@@ -42,10 +43,10 @@ def cell_file(folder: Path, name: str) -> Path:
 
 
 class Misdelivery:
-    """Everything one cell publishes, byte for byte, under the keys of another."""
+    """Delivers everything one cell publishes, byte for byte, under the keys of another."""
 
     def __init__(self, source: zenoh.Session, sink: zenoh.Session, one: str, other: str) -> None:
-        """Begin."""
+        """Start without deliveries."""
         self._sink, self._one, self._other, self._lock = sink, one, other, Lock()
         self.delivered: dict[str, int] = {}
         self._subscriber = source.declare_subscriber(f"{one}/**", self._deliver)
@@ -57,10 +58,10 @@ class Misdelivery:
             self.delivered[key] = self.delivered.get(key, 0) + 1
 
 
-def test_a_cell_does_not_obey_what_another_one_was_told(tmp_path, start, monkeypatch) -> None:
-    """One presses, the other stands held: it hears all of it, and its joints do not move."""
+def test_a_cell_does_not_execute_commands_of_another_one(tmp_path, start, monkeypatch) -> None:
+    """One presses, the other is held: it receives all messages, and its joints do not move."""
     monkeypatch.setenv("FORCEMESH_RUN_FOLDER", str(tmp_path))
-    files = {name: cell_file(tmp_path, name) for name in ("pressing", "standing")}
+    files = {name: make_cell_file(tmp_path, name) for name in ("pressing", "standing")}
     cells = {name: load_cell(file) for name, file in files.items()}
     for file in files.values():
         words = ("-m", "cli", "up", "--cell", file, "--no-panel")
@@ -79,14 +80,14 @@ def test_a_cell_does_not_obey_what_another_one_was_told(tmp_path, start, monkeyp
         many = lambda: bridge.delivered.get("robot/command", 0) > MESSAGES  # noqa: E731
         moved_rad = 0.0
 
-        def look() -> bool:
+        def is_delivered() -> bool:
             nonlocal moved_rad
             state = stands.robot.read(stands.clock.now_ns()).message
             moved_rad = max(moved_rad, float(np.abs(np.array(state.joint_rad) - rest).max()))
             assert state.hold_reason
             return many()
 
-        until(look, "enough is delivered")
+        wait_until(is_delivered, PATIENCE_S, "enough is delivered")
         assert moved_rad < STILL_RAD
         stands.until(lambda: stands.state() not in ("", *MAY_MOVE))
         assert {"robot/state", "sensor/wrench", "wrench"} <= bridge.delivered.keys()

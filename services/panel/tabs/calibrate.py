@@ -37,7 +37,7 @@ def build(viewer: Viewer) -> Refresh:
     start = gui.add_button("Calibrate", icon=viser.Icon.WAND, color="orange")
     stop = gui.add_button("Stop calibration", icon=viser.Icon.PLAYER_STOP, visible=False)
     bar = gui.add_progress_bar(0.0, visible=False)
-    plot = _LeftPlot(gui)
+    plot = _ResidualPlot(gui)
     notes = Prose(gui)
     asked = False  # whether this page requested the calibration and shows the confirmation
 
@@ -58,7 +58,9 @@ def build(viewer: Viewer) -> Refresh:
         now = wizard.progress
         if asked and now.phase == "asking":
             asked = False
-            viewer.confirm("Calibrate", _question(now), "Move now", wizard.go, if_not=wizard.cancel)
+            viewer.confirm(
+                "Calibrate", _question(now), "Move now", wizard.start, if_not=wizard.cancel
+            )
         runs = now.phase in {"planning", "asking", "running"}
         for handle, visible in ((start, not runs), (stop, runs), (bar, runs_now(now))):
             if handle.visible != visible:
@@ -72,7 +74,7 @@ def build(viewer: Viewer) -> Refresh:
     return refresh
 
 
-class _LeftPlot:
+class _ResidualPlot:
     """Plot of the residual force at each fitted pose and at each verification pose."""
 
     def __init__(self, gui: viser.GuiApi) -> None:

@@ -58,7 +58,7 @@ def build(viewer: Viewer) -> Refresh:
         form.refresh(snapshot)
         gains.refresh(snapshot)
         status = snapshot.arbiter.fresh
-        is_armed = status is not None and status.goes_on
+        is_armed = status is not None and status.operational
         if arm.visible == is_armed:
             arm.visible = not is_armed
 
@@ -121,27 +121,27 @@ class _PressForm:
         return cell.force.begin(self._request()).text
 
     def _on_start(self, _event: object) -> None:
-        wanted = self._request()
-        text = start_question(wanted, self._viewer.cell.force.search_m)
-        label = "Guide now" if wanted.law == "admittance" else "Press now"
+        request = self._request()
+        text = start_question(request, self._viewer.cell.force.search_m)
+        label = "Guide now" if request.law == "admittance" else "Press now"
         self._viewer.confirm_and_do("Start pressing", text, label, self._begin)
 
 
-def start_question(wanted: ForceStartRequest, search_m: float) -> Html:
+def start_question(request: ForceStartRequest, search_m: float) -> Html:
     """Return the confirmation text of a start request."""
-    if wanted.law == "admittance":
+    if request.law == "admittance":
         return html(
             "<p>Hand guiding: <b>the tool moves in the direction in which it is pushed</b> (mode "
             "{}). Confirm that the space around it is free and that only the guiding person is "
             "within reach.</p>",
-            wanted.mode,
+            request.mode,
         )
     return html(
         "<p>The tool moves along its z axis until contact, then presses with <b>{} N</b> "
         "(mode {}, loop host {}). The search ends after {} mm without contact.</p>",
-        f"{wanted.setpoint_N:g}",
-        wanted.mode,
-        wanted.host,
+        f"{request.setpoint_N:g}",
+        request.mode,
+        request.host,
         f"{1e3 * search_m:.0f}",
     )
 
@@ -191,14 +191,14 @@ class _GainsForm:
     def _apply(self, cell: Cell) -> str:
         if not self._are_read:  # the zeros of an unread form must not be applied
             return f"{self._read(cell)}: change them, then apply"
-        wanted = {
+        request = {
             field: tuple(float(part) * unit for part in self._rows[field].value)
             for field, _, unit in GAIN_ROWS
         }
-        return self._set(cell, wanted)
+        return self._set(cell, request)
 
-    def _set(self, cell: Cell, wanted: dict[str, Any]) -> str:
-        reply = cell.force.ask_gains(GainsRequest(**wanted))
+    def _set(self, cell: Cell, request: dict[str, Any]) -> str:
+        reply = cell.force.ask_gains(GainsRequest(**request))
         if reply.gains is not None:
             self._show(reply.gains)
         warning = f"\n⚠ {reply.text}" if reply.text else ""
@@ -232,7 +232,7 @@ def now_text(snapshot: Snapshot) -> Html:
     if target is not None and target.setpoint_N is not None:
         doing = html("{}, set point <b>{} N</b>", doing, f"{target.setpoint_N:g}")
     lines: list[Html | str] = [html("<b>{} N</b> · {}", f"{force_N:.1f}", doing)]
-    if status is not None and not status.goes_on:
+    if status is not None and not status.operational:
         lines.append("not armed")
     if not wrench.calibrated:
         lines.append(f"⚠ not calibrated: {wrench.calibration_fault}")

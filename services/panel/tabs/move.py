@@ -54,7 +54,7 @@ def build(viewer: Viewer) -> Refresh:
     with gui.add_folder("Joints", expand_by_default=False):
         _Joints(viewer, mover)
     with gui.add_folder("Flange pose", expand_by_default=False):
-        _GoTo(viewer, mover)
+        _JointTargets(viewer, mover)
 
     def refresh(snapshot: Snapshot) -> None:
         where.show(where_text(snapshot))
@@ -75,8 +75,8 @@ class Mover:
         watch, found = self._viewer.watch, []
 
         def begin(cell: Cell) -> str:
-            wanted = request(cell).model_copy(update={"speed_m_s": self._speed_m_s()})
-            found.append(cell.move.begin(wanted))
+            move = request(cell).replaced(speed_m_s=self._speed_m_s())
+            found.append(cell.move.begin(move))
             return "started"
 
         answer = ask(watch, begin)
@@ -92,7 +92,7 @@ class Mover:
 
     def state(self) -> RobotState | None:
         """Return the state of the arm, None when it is not fresh."""
-        return self._viewer.watch.look().robot.fresh
+        return self._viewer.watch.snapshot().robot.fresh
 
 
 class _Jog:
@@ -139,14 +139,14 @@ class _Jog:
         self._open()
         step = float(self._step.value) * (-1.0 if arrow.startswith("−") else 1.0)
         amount = math.radians(step) if turning else step / 1e3
-        along = vector("xyz".index(arrow[1:]), amount)
+        displacement = vector("xyz".index(arrow[1:]), amount)
         still: Vec3 = (0.0, 0.0, 0.0)
         axes: Literal["base", "tool"] = "tool" if self._axes.value == "tool" else "base"
         unit = "degrees about" if turning else "mm along"
 
         def request(cell: Cell) -> MoveRequest:
-            shift, turn = (still, along) if turning else (along, still)
-            return MoveRequest(kind="pose", pose=cell.move.jogged(shift, turn, axes=axes))
+            translation, rotation = (still, displacement) if turning else (displacement, still)
+            return MoveRequest(kind="pose", pose=cell.move.jogged(translation, rotation, axes=axes))
 
         self._mover.begin(f"Jog {step:+g} {unit} {arrow[1:]} of the {axes}", request)
 
@@ -172,9 +172,9 @@ class _Joints:
             for n in range(6)
         ]
         take = gui.add_button("Copy current angles", color="gray")
-        go = gui.add_button("Move the joints", icon=viser.Icon.PLAYER_PLAY, color="orange")
+        button = gui.add_button("Move the joints", icon=viser.Icon.PLAYER_PLAY, color="orange")
         take.on_click(lambda _event: self._take())
-        go.on_click(lambda _event: self._go())
+        button.on_click(lambda _event: self._start())
 
     def _take(self) -> None:
         state = self._mover.state()
@@ -182,7 +182,7 @@ class _Joints:
             for handle, angle in zip(self._angles, state.joint_rad, strict=True):
                 put(handle, round(math.degrees(angle), 2))
 
-    def _go(self) -> None:
+    def _start(self) -> None:
         angles = [float(handle.value) for handle in self._angles]
         request = MoveRequest(kind="joints", joint_rad=joints(np.radians(angles)))
         text = "All joints move to " + ", ".join(f"{angle:g}" for angle in angles) + " degrees."
@@ -194,7 +194,7 @@ class _Joints:
         )
 
 
-class _GoTo:
+class _JointTargets:
     """Move of the flange to a pose, in the pendant's convention."""
 
     def __init__(self, viewer: Viewer, mover: Mover) -> None:
@@ -202,9 +202,9 @@ class _GoTo:
         self._place = gui.add_vector3("X, Y, Z [mm]", (0.0, 0.0, 0.0), step=0.1)
         self._oat = gui.add_vector3("O, A, T [deg]", (0.0, 0.0, 0.0), step=0.1)
         take = gui.add_button("Copy current pose", color="gray")
-        go = gui.add_button("Move to pose", icon=viser.Icon.PLAYER_PLAY, color="orange")
+        button = gui.add_button("Move to pose", icon=viser.Icon.PLAYER_PLAY, color="orange")
         take.on_click(lambda _event: self._take())
-        go.on_click(lambda _event: self._go())
+        button.on_click(lambda _event: self._start())
 
     def _take(self) -> None:
         state = self._mover.state()
@@ -215,7 +215,7 @@ class _GoTo:
             o, a, t = (round(math.degrees(angle), 3) for angle in oat_from_R(T.rotation))
             put(self._oat, (o, a, t))
 
-    def _go(self) -> None:
+    def _start(self) -> None:
         place, angles = self._place.value, self._oat.value
         position_m = tuple(part / 1e3 for part in place)
         R = R_from_oat(Oat(*(math.radians(angle) for angle in angles)))

@@ -27,18 +27,18 @@ def add_settings(client: viser.ClientHandle) -> None:
     dark = client.gui.add_checkbox("Dark mode", initial_value=False)
     Prose(client.gui, DRAWN_SLOWLY)
 
-    def show(*, remember: bool) -> None:
+    def show(*, persist: bool) -> None:
         client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark.value)
-        if remember:
+        if persist:
             client.local_storage.set_item(DARK_KEY, "yes" if dark.value else "no")
 
-    dark.on_update(lambda _event: show(remember=True))
+    dark.on_update(lambda _event: show(persist=True))
 
     def recall() -> None:
         with suppress(TimeoutError):  # a busy browser keeps the light theme
             if client.local_storage.get_item(DARK_KEY, timeout=ANSWERS_WITHIN_S) == "yes":
                 put(dark, value=True)
-                show(remember=False)
+                show(persist=False)
 
     threading.Thread(target=recall, daemon=True).start()
 

@@ -1,4 +1,4 @@
-"""Wrong installations in a whole virtual cell: what arming says, what the check says."""
+"""Wrong installations in a whole virtual cell: the answers of arming and of the check."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.installations import ALL, FORCES, TORQUES, others, play, wirings
+from bench.installations import ALL, FORCES, TORQUES, evaluate, others, wirings
 from bench.installations_page import Outcome, page, short
 from bench.installations_stage import (
     InstallationError,
@@ -24,7 +24,7 @@ from identification.installation.terms import ExpectedInstallation
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "installations.md"
 
 
-def test_every_mistake_of_the_issue_is_played() -> None:
+def test_every_listed_mistake_is_played() -> None:
     """47 wirings of all channels, of forces, of torques; units; payload by 20 % and 20 mm."""
     for group in (ALL, FORCES, TORQUES):
         assert len({mistake.name for mistake in wirings(group)}) == 47
@@ -33,8 +33,8 @@ def test_every_mistake_of_the_issue_is_played() -> None:
         assert any(words in name for name in names), words
 
 
-def test_what_is_wrong_sideways_only_passes_the_tare_and_is_not_armed_in_another_attitude() -> None:
-    """Tool down its weight reads right; with the wrist turned it does not, and arming says so."""
+def test_an_error_in_x_and_y_passes_the_tare_but_arming_refuses_it_in_another_attitude() -> None:
+    """Tool down the weight reads right; with the wrist turned it does not: arming is refused."""
     sideways = np.diag([-1.0, -1.0, 1.0])
     stage = Stage(InstallationError("sideways", ALL, sideways, sideways))
     assert stage.world.client.ask(topics.TARE, Empty()).accepted
@@ -44,8 +44,8 @@ def test_what_is_wrong_sideways_only_passes_the_tare_and_is_not_armed_in_another
     assert "are left where nothing should be touched" in reply.text
 
 
-def test_who_is_rightly_installed_is_armed_in_another_attitude() -> None:
-    """The same without a mistake."""
+def test_a_correct_installation_is_armed_in_another_attitude() -> None:
+    """The same steps without a mistake."""
     stage = Stage(InstallationError("none", ALL))
     assert stage.world.client.ask(topics.TARE, Empty()).accepted
     stage.turn_wrist()
@@ -53,37 +53,37 @@ def test_who_is_rightly_installed_is_armed_in_another_attitude() -> None:
 
 
 @pytest.mark.long
-def test_the_arm_itself_gathers_what_tells_a_wrong_wiring() -> None:
-    """Played anew with a wrong wiring: the same finding as from the rows that are rewired."""
+def test_poses_gathered_by_the_arm_identify_a_wrong_wiring() -> None:
+    """A run with a wrong wiring gives the same findings as rewired rows of a correct run."""
     wiring = SIGNED[18]
     mistake = InstallationError("turned", ALL, wiring, wiring)
-    belief = ExpectedInstallation.of(true_cell())
-    played = judge_installation(gather(mistake), belief)
+    expected = ExpectedInstallation.of(true_cell())
+    played = judge_installation(gather(mistake), expected)
     assert [str(f) for f in played.findings] == [
-        str(f) for f in judge_installation(readings_with(mistake), belief).findings
+        str(f) for f in judge_installation(readings_with(mistake), expected).findings
     ]
     assert played.findings[0].code == "mounting"
-    assert rejection_reason(readings_with(InstallationError("none", ALL)), belief) is None
+    assert rejection_reason(readings_with(InstallationError("none", ALL)), expected) is None
 
 
-def test_what_the_cell_file_refuses_starts_nothing() -> None:
-    """A length in millimetres is told before anything is measured."""
+def test_a_mistake_that_the_cell_file_refuses_starts_nothing() -> None:
+    """A length in millimetres is reported before anything is measured."""
     (mistake,) = (each for each in others() if each.name.startswith("tool.T_flange_tcp"))
-    seen = play(mistake)
-    assert seen.is_told
-    assert seen.is_refused
-    assert "160 m; is that in millimetres?" in seen.sentences
+    outcome_of_run = evaluate(mistake)
+    assert outcome_of_run.is_detected
+    assert outcome_of_run.is_refused
+    assert "160 m; is that in millimetres?" in outcome_of_run.sentences
 
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_a_tenth_of_the_table_is_as_the_page_says() -> None:
-    """Told by the check, and then not armed or harmless; each has its sentence on the page."""
+def test_a_tenth_of_the_table_agrees_with_the_page() -> None:
+    """The check reports each mistake, and it is refused or harmless; the page lists it."""
     text = PAGE.read_text(encoding="utf-8")
     for mistake in [*others(), *wirings(ALL), *wirings(TORQUES)][1::10]:
-        seen = play(mistake)
-        assert seen.is_told, seen
-        assert seen.is_refused or seen.is_harmless, seen
+        outcome_of_run = evaluate(mistake)
+        assert outcome_of_run.is_detected, outcome_of_run
+        assert outcome_of_run.is_refused or outcome_of_run.is_harmless, outcome_of_run
         assert f"| {mistake.name} |" in text
 
 
@@ -91,7 +91,7 @@ def test_a_tenth_of_the_table_is_as_the_page_says() -> None:
 
 
 def outcome(**changes) -> Outcome:
-    """Return what came of one mistake."""
+    """Return the outcome of one mistake."""
     fields: dict[str, Any] = {
         "mistake": "x",
         "group": "g",
@@ -101,13 +101,13 @@ def outcome(**changes) -> Outcome:
         "arming": "payload: 9 N are left: tare in free space",
         "press": "sensor_sign after 3 ms",
         "peak_N": 5.0,
-        "way_m": 1e-3,
+        "travel_m": 1e-3,
     }
     return Outcome(**(fields | changes))
 
 
-def test_the_page_counts_what_passes_every_line() -> None:
-    """What is told, refused or harmless is safe; what is neither stands in the last column."""
+def test_the_page_counts_the_mistakes_that_pass_every_check() -> None:
+    """A reported, refused or harmless mistake is safe; the last column counts the others."""
     rows = [
         outcome(),
         outcome(verdict="right", findings=(), arming="", press="", peak_N=30.0),
@@ -125,8 +125,8 @@ def test_a_reason_is_shortened_to_its_first_part() -> None:
     assert short("") == ""
 
 
-def test_the_page_in_the_documentation_leaves_nothing_through() -> None:
-    """47 of 47 told in each group, and no mistake that nothing stops."""
+def test_the_documented_page_has_no_undetected_mistake() -> None:
+    """47 of 47 are reported in each group, and no mistake passes every check."""
     text = PAGE.read_text(encoding="utf-8")
     for group in (ALL, FORCES, TORQUES):
         (line,) = [line for line in text.splitlines() if line.startswith(f"| {group} | ")]

@@ -1,4 +1,4 @@
-"""Force, pose and calibration that `forcemesh status` shows, and what it shows without them."""
+"""Force, pose and calibration in `forcemesh status`, and the lines that replace missing data."""
 
 import math
 
@@ -39,7 +39,7 @@ class Cell:
         self.bus(topic.writer).publisher(topic).put(message)
 
     def lines(self, health: Health | None = None) -> dict[str, str]:
-        """Return what a user reads."""
+        """Return the lines that a user reads."""
         return dict(reading_lines(self.view.readings(health)))
 
 
@@ -66,7 +66,7 @@ def test_force_pose_and_calibration_are_shown_with_their_units(cell: Cell) -> No
 
 
 def test_data_for_programs_are_in_si(cell: Cell) -> None:
-    """As the bus has them."""
+    """They have the units of the bus."""
     found = cell.view.readings(None)
     assert found["force"]["press_N"] == pytest.approx(12.0)
     assert found["pose"]["position_m"] == (0.45, -0.1, 0.3)
@@ -76,7 +76,7 @@ def test_data_for_programs_are_in_si(cell: Cell) -> None:
 
 @pytest.mark.parametrize("topic", [topics.WRENCH, topics.ROBOT_STATE])
 def test_stale_data_is_named_and_never_a_number(cell: Cell, topic: Topic) -> None:
-    """A force that nobody measures is not zero."""
+    """A force without a measurement is not shown as zero."""
     stale_s = 2.0 * CELL.stale_after_s(topic)
     cell.clock.sleep_s(stale_s)
     for line in cell.lines().values():
@@ -85,7 +85,7 @@ def test_stale_data_is_named_and_never_a_number(cell: Cell, topic: Topic) -> Non
 
 
 def test_a_silent_cell_has_a_line_for_each_reading() -> None:
-    """Nothing was received: the reason stands where the number would."""
+    """Nothing was received: the reason replaces the number."""
     lines = Cell().lines()
     assert lines["force"] == lines["calibration"] == "no data: wrench missing"
     assert lines["pose"] == "no data: robot/state missing"
@@ -93,8 +93,8 @@ def test_a_silent_cell_has_a_line_for_each_reading() -> None:
     assert not Cell().view.is_complete()
 
 
-def test_a_wrench_that_force_feedback_may_not_use_says_why(cell: Cell) -> None:
-    """The force is still shown; a press along an unknown axis is not."""
+def test_a_wrench_that_force_feedback_must_not_use_is_shown_with_the_reason(cell: Cell) -> None:
+    """The calibration line gives the reason; the force is still shown."""
     fault = "no calibration"
     cell.put(
         topics.WRENCH,
@@ -109,7 +109,7 @@ def test_a_wrench_that_force_feedback_may_not_use_says_why(cell: Cell) -> None:
 
 
 def test_without_a_pose_the_force_stays_in_base_axes() -> None:
-    """The direction of the tool is unknown, the wrench is not."""
+    """The direction of the tool is unknown, the wrench is known."""
     cell = Cell()
     cell.put(topics.WRENCH, WRENCH)
     assert cell.lines()["force"].startswith("(0.00, 0.00, 12.00) N")

@@ -1,23 +1,18 @@
-"""The verbs about cell files: a new one loads, what it comes to is shown with its sources."""
+"""Verbs for cell files: a new file loads, and every value is shown with its source."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from cli.__main__ import app
 from cli.config_verbs import TEMPLATES
 from cli.context import OK, USAGE
 from common.config.load import load_cell
+from tests.fakes import verb_calls
+from tests.fakes.bench import DEMO
 
-ROOT = Path(__file__).resolve().parents[3]
-DEMO = ROOT / "cells" / "demo.yaml"
-
-
-def run(*words: object) -> Result:
-    """Call `forcemesh config`."""
-    return CliRunner().invoke(app, ["config", *map(str, words)])
+run = partial(verb_calls.run, "config")
 
 
 @pytest.mark.parametrize("kind", TEMPLATES)
@@ -34,16 +29,16 @@ def test_a_new_cell_file_loads_and_keeps_its_comments(kind: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", ["9.yaml", "an arm.yaml", "no-such-folder/arm.yaml"])
-def test_a_place_where_no_cell_file_can_be_is_refused(name: str, tmp_path: Path) -> None:
-    """Nothing is left behind."""
+def test_an_invalid_path_of_a_cell_file_is_refused(name: str, tmp_path: Path) -> None:
+    """No file is left."""
     done = run("init", tmp_path / name)
     assert done.exit_code == USAGE
     assert done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
-def test_show_tells_what_is_in_the_file_and_what_is_a_default() -> None:
-    """Every value, by its path."""
+def test_show_distinguishes_values_of_the_file_and_defaults() -> None:
+    """Every value is listed by its path."""
     values = json.loads(run("show", "--cell", DEMO, "--json").stdout)["values"]
     cell = load_cell(DEMO)
     assert values["cell"] == {"value": cell.cell, "from": "file"}
@@ -52,8 +47,8 @@ def test_show_tells_what_is_in_the_file_and_what_is_a_default() -> None:
     assert "limits.force_N" in run("show", "--cell", DEMO).stdout
 
 
-def test_show_keeps_a_token_to_itself(tmp_path: Path) -> None:
-    """A token that is printed is a token that is known."""
+def test_show_does_not_print_a_token(tmp_path: Path) -> None:
+    """A printed token is no longer secret."""
     path = tmp_path / "cell.yaml"
     path.write_text(DEMO.read_text() + "\npanel: {token: do-not-tell-this}\n")
     shown = run("show", "--cell", path, "--json").stdout
@@ -62,7 +57,7 @@ def test_show_keeps_a_token_to_itself(tmp_path: Path) -> None:
 
 
 def test_check_lists_mistakes_for_programs_too(tmp_path: Path) -> None:
-    """The same sentences, and the exit code of a wrong cell file."""
+    """The sentences are those of the text output, with the exit code of a wrong cell file."""
     path = tmp_path / "cell.yaml"
     path.write_text(DEMO.read_text() + "\nrolls: {}\n")
     done = run("check", path, "--json")

@@ -1,4 +1,4 @@
-"""An error becomes one line and an exit code, whoever raised it."""
+"""Conversion of every error to one line and an exit code."""
 
 import pytest
 import typer
@@ -30,28 +30,28 @@ ROWS: tuple[tuple[Exception, int, str], ...] = (
     (BusError("no hub: is the cell up?"), NO_ANSWER, f"no hub: is the cell up? {NEXT_STEP}\n"),
     (BusError("cannot listen on tcp/a:1"), NO_ANSWER, "cannot listen on tcp/a:1\n"),
     (LostError("no answer", ("arbiter",)), NO_ANSWER, f"no answer: {PART_STEP}\n"),
-    (LostError("nobody silent"), NO_ANSWER, f"nobody silent: {NO_REPLY_STEP}\n"),
+    (LostError("no silent role"), NO_ANSWER, f"no silent role: {NO_REPLY_STEP}\n"),
     (LostError("no answer", is_all=True), NO_ANSWER, f"no answer: {NEXT_STEP}\n"),
     (ForcemeshError("off by 3 mm"), NOT_WELL, "off by 3 mm"),
 )
 
 
-@pytest.mark.parametrize(("error", "code", "said"), ROWS, ids=[row[2] for row in ROWS])
-def test_an_error_raised_on_purpose(
-    error: Exception, code: int, said: str, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("error", "code", "output"), ROWS, ids=[row[2] for row in ROWS])
+def test_an_error_gives_its_message_and_exit_code(
+    error: Exception, code: int, output: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Its own words first, and its own exit code."""
+    """The message comes first; each kind of error has its exit code."""
     with pytest.raises(typer.Exit) as caught, one_line_errors():
         raise error
     assert caught.value.exit_code == code
-    assert capsys.readouterr().err.startswith(said)
+    assert capsys.readouterr().err.startswith(output)
 
 
 @pytest.mark.parametrize("wrong", [float("inf"), float("nan"), -1.0])
-def test_a_number_that_no_request_takes_is_wrong_usage(
+def test_a_number_that_a_request_does_not_accept_is_wrong_usage(
     wrong: float, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line that names it, and no mistake of forcemesh itself."""
+    """One line names the number; it is not an internal error."""
     with pytest.raises(typer.Exit) as caught, one_line_errors():
         ForceStartRequest(mode="position", setpoint_N=wrong)
     assert caught.value.exit_code == USAGE

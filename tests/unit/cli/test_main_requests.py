@@ -1,4 +1,4 @@
-"""The verbs on a bus whose services are played by a stand-in."""
+"""Verbs on a bus whose services are simulated by a stand-in."""
 
 import json
 import threading
@@ -31,8 +31,6 @@ from tests.fakes.verb_calls import run
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("cell_file")]
 
-ROOT = Path(__file__).resolve().parents[3]
-
 
 ARMINGS: tuple[tuple[list[str], ArmPurpose], ...] = ((["arm"], "all"), (["arm", "--jog"], "jog"))
 REQUESTS = [
@@ -51,11 +49,11 @@ REQUESTS = [
 
 
 class StandIn:
-    """Plays arbiter, regulator, wrench and robot: answers as it is told, moves at once."""
+    """Stand-in for arbiter, regulator, wrench and robot, with settable replies."""
 
     def __init__(self, cell: CellFile) -> None:
-        self.asked: list[object] = []
-        self.reply = Reply(accepted=True, text="as you like", value=7.0)
+        self.requests: list[object] = []
+        self.reply = Reply(accepted=True, text="accepted", value=7.0)
         self.goal = GoalReport()
         self.state = "ARMED"
         self.wrench: WrenchAtTcp | None = None
@@ -82,7 +80,7 @@ class StandIn:
             self._ready.set()
             while not self._stop.wait(0.005):
                 for incoming in (i for inbox in inboxes for i in inbox.take_all()):
-                    self.asked.append(incoming.request)
+                    self.requests.append(incoming.request)
                     incoming.reply(self.reply)
                 command.put(RobotCommand(speed=Speed(accel_fraction=0.25, mechanical_m_s=0.1)))
                 status.put(ArbiterStatus.model_validate({"state": self.state}))
@@ -112,11 +110,11 @@ def test_every_request_verb_prints_the_answer_or_the_refusal(services: StandIn) 
         assert done.stdout == ""
 
 
-def test_arming_says_what_for(services: StandIn) -> None:
-    """For all, unless it is for moves alone."""
+def test_arming_requests_its_purpose(services: StandIn) -> None:
+    """The purpose is all, or jog with the option."""
     for words, purpose in ARMINGS:
         assert run(*words).exit_code == OK
-        assert services.asked[-1] == ArmRequest(purpose=purpose)
+        assert services.requests[-1] == ArmRequest(purpose=purpose)
 
 
 @pytest.mark.parametrize(
@@ -128,9 +126,9 @@ def test_arming_says_what_for(services: StandIn) -> None:
     ],
 )
 def test_a_move_may_begin_with_a_minus_sign(services: StandIn, words: list[str]) -> None:
-    """Degrees and mm/s become radians and m/s, wherever the options stand."""
+    """Degrees and mm/s become radians and m/s, for any position of the options."""
     assert run(*words).exit_code == OK
-    request = services.asked[-1]
+    request = services.requests[-1]
     assert isinstance(request, MoveRequest)
     assert (request.kind, request.speed_m_s) == ("by", 0.02)
     assert request.joint_rad == pytest.approx((-0.0872664626, 0, 0, 0, 0, 1.5707963268))
@@ -139,18 +137,18 @@ def test_a_move_may_begin_with_a_minus_sign(services: StandIn, words: list[str])
 def test_a_move_to_a_pose_is_sent_in_si(services: StandIn) -> None:
     """Millimetres and O, A, T become metres and a quaternion: A = 180 is half a turn about y."""
     assert run("move", "to", "-100,475,377,0,180,0", "--no-wait").exit_code == OK
-    request = services.asked[-1]
+    request = services.requests[-1]
     assert isinstance(request, MoveRequest)
     assert request.pose is not None
     assert request.pose.position_m == pytest.approx((-0.1, 0.475, 0.377))
     assert [abs(q) for q in request.pose.orientation_xyzw] == pytest.approx([0, 1, 0, 0], abs=1e-9)
 
 
-def after_a_moment(services: StandIn, change: Callable[[], None]) -> threading.Thread:
-    """Do something from another thread a moment after a verb has asked for a move."""
+def change_after_request(services: StandIn, change: Callable[[], None]) -> threading.Thread:
+    """Apply a change from another thread, shortly after the first request."""
 
     def run_later() -> None:
-        while not services.asked:
+        while not services.requests:
             time.sleep(0.01)
         time.sleep(0.3)
         change()
@@ -161,10 +159,10 @@ def after_a_moment(services: StandIn, change: Callable[[], None]) -> threading.T
 
 
 def test_a_move_waits_until_its_own_goal_is_done(services: StandIn) -> None:
-    """The report of an older goal does not count."""
+    """The report of an older goal is ignored."""
     services.reply = Reply(accepted=True, text="move accepted: goal 8", value=8.0)
     services.goal = GoalReport(id=7, state="done")
-    waiting = after_a_moment(
+    waiting = change_after_request(
         services, lambda: setattr(services, "goal", GoalReport(id=8, state="done"))
     )
     done = run("move", "by", "1,0,0,0,0,0")
@@ -174,7 +172,7 @@ def test_a_move_waits_until_its_own_goal_is_done(services: StandIn) -> None:
 
 
 def test_a_move_that_the_robot_refuses_is_a_refusal(services: StandIn) -> None:
-    """Out of reach is known only to the robot."""
+    """Only the robot can detect that a pose is out of reach."""
     services.reply = Reply(accepted=True, value=8.0)
     services.goal = GoalReport(id=8, state="refused", reason="out of reach")
     done = run("move", "by", "1,0,0,0,0,0")
@@ -184,19 +182,19 @@ def test_a_move_that_the_robot_refuses_is_a_refusal(services: StandIn) -> None:
     )
 
 
-def test_a_move_that_the_robot_breaks_off_is_not_done(services: StandIn) -> None:
-    """It was not refused: it began, so where the arm is now is another question."""
+def test_a_move_that_the_robot_aborts_is_not_done(services: StandIn) -> None:
+    """It is no refusal: the move had begun, so the arm's position has changed."""
     services.reply = Reply(accepted=True, value=8.0)
     services.goal = GoalReport(id=8, state="running")
-    broken_off = GoalReport(id=8, state="refused", reason="permission is stale")
-    after_a_moment(services, lambda: setattr(services, "goal", broken_off))
+    aborted = GoalReport(id=8, state="refused", reason="permission is stale")
+    change_after_request(services, lambda: setattr(services, "goal", aborted))
     done = run("move", "by", "1,0,0,0,0,0")
     assert done.exit_code == NOT_WELL
     assert done.stderr == "the move ended before its goal: permission is stale\n"
 
 
-def test_a_move_that_is_stopped_on_its_way_is_not_done(services: StandIn) -> None:
-    """A hold by somebody else ends the waiting."""
+def test_a_move_that_is_stopped_before_its_goal_is_not_done(services: StandIn) -> None:
+    """A hold by another client ends the wait."""
     services.reply = Reply(accepted=True, value=8.0)
     services.state = "HOLDING"
     done = run("move", "by", "1,0,0,0,0,0")
@@ -205,15 +203,15 @@ def test_a_move_that_is_stopped_on_its_way_is_not_done(services: StandIn) -> Non
 
 
 def test_speeds_that_are_left_out_keep_their_value(services: StandIn) -> None:
-    """The request carries all of them; those not named are what the arbiter sends along now."""
+    """The request carries all speeds; the unnamed ones are those that the arbiter publishes."""
     assert run("speed", "--decel", "50").exit_code == OK
-    wanted = Speed(accel_fraction=0.25, decel_fraction=0.5, mechanical_m_s=0.1)
-    assert services.asked[-1] == wanted
+    expected = Speed(accel_fraction=0.25, decel_fraction=0.5, mechanical_m_s=0.1)
+    assert services.requests[-1] == expected
 
 
 @pytest.mark.usefixtures("services")
-def test_watch_prints_as_many_messages_as_asked_for() -> None:
-    """One JSON object a line, header and message side by side, each message once."""
+def test_watch_prints_the_requested_number_of_messages() -> None:
+    """Each message is one line of JSON with the fields of header and message."""
     rows = [
         json.loads(line)
         for line in run("watch", "robot/state", "--count", "3", "--json").stdout.splitlines()
@@ -226,8 +224,8 @@ def test_watch_prints_as_many_messages_as_asked_for() -> None:
 
 
 @pytest.mark.usefixtures("services")
-def test_watch_writes_a_file_and_never_over_one(tmp_path: Path) -> None:
-    """One topic into one new file; what it takes is said otherwise."""
+def test_watch_writes_a_new_file_and_never_overwrites_one(tmp_path: Path) -> None:
+    """It writes one topic to one new file; other usage is refused with the reason."""
     path = str(tmp_path / "robot.csv")
     done = run("watch", "robot/state", "--seconds", "0.5", "--csv", path)
     assert done.exit_code == OK
@@ -247,10 +245,10 @@ def test_watch_writes_a_file_and_never_over_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("services")
-def test_watch_gives_up_on_a_topic_on_which_nothing_is_said(
+def test_watch_ends_on_a_silent_topic(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A script does not hang for ever."""
+    """A script does not wait forever."""
     monkeypatch.setattr("cli.verbs_watch.SILENCE_S", 0.2)
     done = run("watch", "wrench", "--count", "1", "--json")
     assert done.exit_code == NO_ANSWER
@@ -265,16 +263,16 @@ def test_watch_gives_up_on_a_topic_on_which_nothing_is_said(
         (["jog", "j6", "-90"], None, (0.0, 0.0, 0.0, 0.0, 0.0, -1.5707963268)),
     ],
 )
-def test_a_jog_is_a_small_move_from_where_the_arm_is(
+def test_a_jog_is_a_move_relative_to_the_present_pose(
     services: StandIn,
     words: list[str],
     position_m: tuple[float, ...] | None,
     joint_rad: tuple[float, ...] | None,
 ) -> None:
-    """Millimetres along an axis, or degrees of a joint, with the minus sign in front."""
+    """Millimetres along an axis, or degrees of a joint; negative numbers are accepted."""
     services.goal = GoalReport(id=7, state="done")
     assert run(*words).exit_code == OK
-    request = services.asked[-1]
+    request = services.requests[-1]
     assert isinstance(request, MoveRequest)
     if position_m is not None and request.pose is not None:
         assert request.pose.position_m == pytest.approx(position_m)
@@ -282,52 +280,54 @@ def test_a_jog_is_a_small_move_from_where_the_arm_is(
     assert request.joint_rad == (None if joint_rad is None else pytest.approx(joint_rad))
 
 
-def test_a_jog_to_the_moon_is_told_in_metres_without_noise(services: StandIn) -> None:
-    """One number, rounded, and the limit; nothing is asked for."""
+def test_a_jog_far_out_of_range_is_refused_with_a_rounded_number(services: StandIn) -> None:
+    """The error gives one rounded number and the limit; nothing is requested."""
     done = run("jog", "z", "1e9")
     assert done.exit_code == USAGE
     assert "pose: a position of 1e+06 m is beyond 100 m" in done.stderr
-    assert services.asked == []
+    assert services.requests == []
 
 
 @pytest.mark.parametrize("words", [["jog", "z", "-10"], ["move", "by", "1,0,0,0,0,0"]])
-def test_a_move_of_a_loaded_tool_asks_first(services: StandIn, words: list[str]) -> None:
-    """With the force and the rise that stops it; where nobody answers, nothing is asked for."""
+def test_a_move_of_a_loaded_tool_needs_confirmation(services: StandIn, words: list[str]) -> None:
+    """The question gives force and permitted rise; without an answer nothing is requested."""
     services.goal = GoalReport(id=7, state="done")
     services.wrench = WrenchAtTcp(calibrated=True, force_N=(0.0, 0.0, 12.3))
     done = run(*words)
     assert done.exit_code == REFUSED
     assert "loaded with 12.3 N; a rise of 20 N stops the move" in done.stderr
     assert "--yes" in done.stderr
-    assert services.asked == []
+    assert services.requests == []
     assert run(*words, "--yes").exit_code == OK
     services.wrench = WrenchAtTcp(calibrated=False, force_N=(0.0, 0.0, 12.3))
     assert run(*words).exit_code == OK
 
 
-def test_backing_off_asks_first_and_says_why_it_is_refused(services: StandIn) -> None:
-    """Without an answer nothing is asked for; what may follow no force asks again."""
+def test_backing_off_needs_confirmation_and_prints_the_reason_of_a_refusal(
+    services: StandIn,
+) -> None:
+    """Without an answer nothing is requested; a refusal for lack of a force names the option."""
     assert run("back-off").exit_code == REFUSED
-    assert services.asked == []
+    assert services.requests == []
     services.reply = Reply(accepted=False, code="no_direction", text="no force can be followed")
     done = run("back-off", "--yes")
-    assert (done.exit_code, services.asked) == (REFUSED, [BackOffRequest()])
+    assert (done.exit_code, services.requests) == (REFUSED, [BackOffRequest()])
     assert "--without-force" in done.stderr
     assert run("back-off", "--yes", "--without-force").exit_code == REFUSED
-    assert services.asked[-1] == BackOffRequest(without_force=True)
+    assert services.requests[-1] == BackOffRequest(without_force=True)
 
 
 def test_speeds_are_printed_without_options_too(services: StandIn) -> None:
-    """Nothing is asked for when nothing is to be changed."""
+    """Without a change nothing is requested."""
     found = json.loads(run("speed", "--json").stdout)
     assert (found["accel_fraction"], found["mechanical_m_s"]) == (0.25, 0.1)
-    assert services.asked == []
+    assert services.requests == []
     assert "later moves run at 100.0 mm/s" in run("speed").stdout
 
 
 @pytest.mark.usefixtures("services")
-def test_watch_without_a_topic_shows_how_all_of_them_come() -> None:
-    """Rate and age of each, and who is silent."""
+def test_watch_without_a_topic_shows_the_rate_of_every_topic() -> None:
+    """It shows rate and age of each topic, and the silent ones."""
     found = json.loads(run("watch", "--count", "1", "--json").stdout)
     rows = {row["topic"]: row for row in found["topics"]}
     assert list(rows) == [topic.key for topic in topics.TOPICS]
@@ -339,19 +339,17 @@ def test_watch_without_a_topic_shows_how_all_of_them_come() -> None:
 
 
 def test_a_client_serves_many_threads_at_once(services: StandIn, cell_file: Path) -> None:
-    """Buttons of a panel and its plots: every request is answered, every reading is good."""
+    """As with buttons and plots of a panel: every request has its reply, every reading is valid."""
     with ConfiguredCell(cell_file) as cell, ThreadPoolExecutor(8) as pool:
-        asked = [pool.submit(cell.hold, f"thread {i}") for i in range(16)]
-        seen = [pool.submit(cell.state) for _ in range(64)]
-        assert all(each.result().accepted for each in asked)
-        assert {each.result().position_m for each in seen} == {(0.1, 0.2, 0.3)}
-    assert len(services.asked) == 16
+        replies = [pool.submit(cell.hold, f"thread {i}") for i in range(16)]
+        states = [pool.submit(cell.state) for _ in range(64)]
+        assert all(each.result().accepted for each in replies)
+        assert {each.result().position_m for each in states} == {(0.1, 0.2, 0.3)}
+    assert len(services.requests) == 16
 
 
-def test_a_client_of_a_cell_whose_service_is_silent_says_which(
-    services: StandIn, cell_file: Path
-) -> None:
-    """The hub answers, nobody writes any health: all roles are named."""
+def test_a_client_names_the_silent_roles_of_its_cell(services: StandIn, cell_file: Path) -> None:
+    """The hub responds, no role publishes its health: all roles are named."""
     del services
     with ConfiguredCell(cell_file) as cell, pytest.raises(LostError) as caught:
         cell.wrench(within_s=0.1)

@@ -1,4 +1,4 @@
-"""The verbs as a person calls them while no cell is up: usage, imports, tables."""
+"""Verbs while no cell is up: usage, imports, tables."""
 
 import json
 import os
@@ -12,8 +12,7 @@ from cli.context import NO_ANSWER, OK, USAGE
 from common.config.load import load_cell
 from forcemesh import topics
 from tests.fakes.verb_calls import run
-
-ROOT = Path(__file__).resolve().parents[3]
+from tools.tree import ROOT
 
 pytestmark = pytest.mark.usefixtures("cell_file")
 
@@ -29,8 +28,8 @@ READ_VERBS = [
 
 
 @pytest.mark.parametrize("words", READ_VERBS, ids=lambda words: words[0])
-def test_a_verb_that_only_looks_is_light(words: list[str]) -> None:
-    """Physics, plots and panels stay unloaded: they cost seconds and need libraries."""
+def test_a_verb_that_only_reads_loads_no_heavy_library(words: list[str]) -> None:
+    """Physics, plots and panels are not imported: they take seconds and need libraries."""
     program = (
         "import sys\n"
         "from cli.__main__ import app\n"
@@ -49,15 +48,15 @@ def test_a_verb_that_only_looks_is_light(words: list[str]) -> None:
     assert done.stderr.splitlines()[-1] == "loaded:"
 
 
-def test_help_says_what_the_exit_codes_mean() -> None:
-    """Scripts depend on them, so they are written where a person looks."""
+def test_help_explains_the_exit_codes() -> None:
+    """Scripts depend on them, so the help lists them."""
     text = " ".join(run("--help").output.split())
     for code, meaning in ((0, "success"), (2, "wrong usage"), (3, "refused"), (4, "no reply")):
         assert f"{code} {meaning}" in text
 
 
 @pytest.mark.parametrize("words", [["arm"], ["watch", "wrench"]], ids=lambda words: words[0])
-def test_without_a_hub_a_verb_says_so_in_one_line(words: list[str], cell_file: Path) -> None:
+def test_without_a_hub_a_verb_prints_one_line(words: list[str], cell_file: Path) -> None:
     """The line names the endpoint and the next step."""
     done = run(*words)
     assert done.exit_code == NO_ANSWER
@@ -82,15 +81,15 @@ def test_without_a_hub_a_verb_says_so_in_one_line(words: list[str], cell_file: P
         (["status", "--cell", "nowhere.yaml"], "no such file"),
     ],
 )
-def test_wrong_usage_is_told_before_anything_is_asked(words: list[str], hint: str) -> None:
-    """One exit code for all of it, and what would be right."""
+def test_wrong_usage_is_reported_before_any_request(words: list[str], hint: str) -> None:
+    """Each case has the same exit code, and the message gives the correct form."""
     done = run(*words)
     assert done.exit_code == USAGE
     assert hint in done.stderr
 
 
 def test_config_check_lists_every_mistake(cell_file: Path) -> None:
-    """A cell file is right, or all that is wrong with it is said at once."""
+    """The check accepts a cell file or reports all mistakes at once."""
     assert run("config", "check", str(cell_file)).exit_code == OK
     cell_file.write_text(cell_file.read_text() + "rolls: {}\nlimit: {}\n")
     done = run("config", "check", str(cell_file))
@@ -100,7 +99,7 @@ def test_config_check_lists_every_mistake(cell_file: Path) -> None:
 
 
 def test_topics_are_the_table_with_the_rates_of_the_cell(cell_file: Path) -> None:
-    """Every row of the table, none invented."""
+    """The list has exactly the rows of the table."""
     cell, table = load_cell(cell_file), json.loads(run("topics", "--json").stdout)
     assert [row["topic"] for row in table["topics"]] == [topic.key for topic in topics.TOPICS]
     assert [row["request"] for row in table["requests"]] == [r.key for r in topics.REQUESTS]
@@ -111,8 +110,8 @@ def test_topics_are_the_table_with_the_rates_of_the_cell(cell_file: Path) -> Non
     assert all(topic.key in text for topic in topics.TOPICS)
 
 
-def typed(variables: dict[str, str], *words: str) -> str:
-    """Return what the program prints in an environment of its own."""
+def output_of(variables: dict[str, str], *words: str) -> str:
+    """Return the output of the program in an environment with these variables."""
     program = "import sys\nfrom cli.__main__ import main\nmain()"
     done = subprocess.run(
         [sys.executable, "-c", program, *words],
@@ -126,14 +125,16 @@ def typed(variables: dict[str, str], *words: str) -> str:
 
 
 def test_the_shell_completes_verbs_and_topics() -> None:
-    """As `--install-completion` sets it up."""
-    asked = {"_FORCEMESH_COMPLETE": "complete_bash", "COMP_CWORD": "2"}
-    assert typed({**asked, "COMP_WORDS": "forcemesh watch robot/s"}).split() == ["robot/state"]
-    assert typed({**asked, "COMP_WORDS": "forcemesh force sto"}).split() == ["stop"]
+    """The environment is the one of `--install-completion`."""
+    completion = {"_FORCEMESH_COMPLETE": "complete_bash", "COMP_CWORD": "2"}
+    assert output_of({**completion, "COMP_WORDS": "forcemesh watch robot/s"}).split() == [
+        "robot/state"
+    ]
+    assert output_of({**completion, "COMP_WORDS": "forcemesh force sto"}).split() == ["stop"]
 
 
-def test_no_color_leaves_colours_out() -> None:
-    """Also where they are asked for by another variable: who wants none gets none."""
+def test_no_color_disables_colours() -> None:
+    """It has precedence over a variable that requests colours."""
     colour = "\x1b[3"
-    assert colour in typed({"FORCE_COLOR": "1"}, "status")
-    assert colour not in typed({"FORCE_COLOR": "1", "NO_COLOR": "1"}, "status")
+    assert colour in output_of({"FORCE_COLOR": "1"}, "status")
+    assert colour not in output_of({"FORCE_COLOR": "1", "NO_COLOR": "1"}, "status")

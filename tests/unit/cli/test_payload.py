@@ -1,54 +1,25 @@
-"""`forcemesh payload`: what goes to which stream, the keys of its JSON, its exit codes."""
+"""`forcemesh payload`: output streams, keys of its JSON, exit codes."""
 
 import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from cli.payload import app
-from common.config.payload import BiasDrift, Payload, load, predict
-from common.motion.frames import quaternion_from_R, rotation_from_vector
-from identification.recording import COLUMNS
+from common.config.payload import BiasDrift, Payload, load
+from tests.fakes import verb_calls
+from tests.fakes.payload_csv import write_recording
+from tests.fakes.weights import TRUTH
 
-EYE = np.eye(3)
-TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
-
-
-def write_recording(
-    path, *, axes="sensor", poses=10, seed=0, payload=TRUTH, spread=3.0, start_s=0.0, wired=EYE
-):
-    """Write a noisy recording of random attitudes and return its path."""
-    rng = np.random.default_rng(seed)
-    lines = [",".join(COLUMNS)]
-    for i in range(poses):
-        R = rotation_from_vector(rng.uniform(-spread, spread, 3))
-        force, torque = predict(payload, R)
-        force = force + 0.01 * rng.normal(size=3)
-        torque = torque + 0.0005 * rng.normal(size=3)
-        time_s = start_s + 10.0 * i
-        if payload.drift is not None:
-            change = payload.drift.since_end(np.array([time_s]))
-            force, torque = force + change[0][0], torque + change[1][0]
-        turn = R if axes == "base" else np.eye(3)
-        seen = [*(turn @ wired @ force), *(turn @ wired @ torque)]
-        row = [time_s, 0.5, 0.0, 0.6, *quaternion_from_R(R), *seen]
-        lines.append(",".join(repr(float(v)) for v in row))
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
-def run(*arguments):
-    """Run the verb and return its result; exit code, stdout and stderr apart."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+run = partial(verb_calls.run, "payload")
 
 
 @pytest.mark.parametrize("axes", ["sensor", "base"])
-def test_fit_prints_one_json_object_and_its_reasons_elsewhere(tmp_path, axes):
-    """Standard output is JSON alone; which axes were taken, and why, goes to standard error."""
+def test_fit_prints_one_json_object_and_its_remarks_on_stderr(tmp_path, axes):
+    """Standard output is only JSON; the chosen axes and the reason go to standard error."""
     result = run("fit", write_recording(tmp_path / "a.csv", axes=axes), "--json")
     assert result.exit_code == 0
     report = json.loads(result.stdout)
@@ -77,7 +48,7 @@ def test_fit_prints_tables_for_people(tmp_path):
 
 
 def test_fit_in_the_wrong_axes_warns_and_names_the_flag(tmp_path):
-    """The choice is obeyed; both residuals and the flag to use are on standard error."""
+    """The choice is used; both residuals and the option to use are on standard error."""
     path = write_recording(tmp_path / "a.csv", axes="base")
     result = run("fit", path, "--wrench-axes", "sensor", "--json")
     assert result.exit_code == 0
@@ -86,20 +57,23 @@ def test_fit_in_the_wrong_axes_warns_and_names_the_flag(tmp_path):
     assert "use --wrench-axes base" in result.stderr
 
 
-def test_fit_warns_of_a_sensor_whose_axes_are_not_those_of_the_poses(tmp_path):
-    """Turned, and mirrored: said, whatever residual the fit leaves; not said of a right one."""
+def test_fit_warns_of_a_sensor_with_axes_that_contradict_the_poses(tmp_path):
+    """Rotated or mirrored axes give a warning for any residual; correct ones give none."""
     mirrored, turned = np.diag([-1.0, 1.0, 1.0]), np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-    for wired, said in ((mirrored, "gravity points up"), (turned, "turned by 90 degrees about z")):
+    for wired, warning in (
+        (mirrored, "gravity points up"),
+        (turned, "turned by 90 degrees about z"),
+    ):
         bad = run("fit", write_recording(tmp_path / "a.csv", wired=wired), "--wrench-axes=sensor")
         assert bad.exit_code == 0
         assert "warning: " in bad.stderr
-        assert said in bad.stderr
+        assert warning in bad.stderr
     good = run("fit", write_recording(tmp_path / "b.csv"), "--wrench-axes=sensor")
     assert good.stderr == ""
 
 
 def test_a_fitted_payload_explains_another_recording(tmp_path):
-    """After fit --out, check works on attitudes that the fit has not seen, in other axes."""
+    """After fit --out, check works on attitudes outside the fit, in other axes."""
     out = tmp_path / "payload.yaml"
     assert run("fit", write_recording(tmp_path / "a.csv"), "--out", out).exit_code == 0
     assert load(out).mass_kg == pytest.approx(1.5, abs=0.01)
@@ -113,7 +87,7 @@ def test_a_fitted_payload_explains_another_recording(tmp_path):
 
 
 def test_check_follows_the_drift_through_the_time_of_each_row(tmp_path):
-    """Rows of the fit's hours are explained with the drift; a week later its end counts."""
+    """Rows of the fit's period are explained with the drift; later ones with its end value."""
     drift = BiasDrift(0.0, 90.0, (3.0, -2.0, 1.0), (0.1, -0.05, 0.05))
     drifting, out = replace(TRUTH, drift=drift), tmp_path / "payload.yaml"
     fit = run("fit", write_recording(tmp_path / "a.csv", payload=drifting), "--out", out, "--json")
@@ -127,8 +101,8 @@ def test_check_follows_the_drift_through_the_time_of_each_row(tmp_path):
     assert "without it" in run("check", same, "--payload", out).stdout
 
 
-def test_fit_lists_every_number_what_was_left_out_and_what_to_record_next(tmp_path):
-    """The report for programs: each number with its deviation; each lost row with why."""
+def test_fit_lists_every_parameter_the_rejected_rows_and_the_next_pose(tmp_path):
+    """The JSON report has each number with its deviation, and each rejected row with its reason."""
     path = write_recording(tmp_path / "a.csv", poses=12)
     lines = path.read_text().splitlines()
     cells = lines[4].split(",")
@@ -151,7 +125,7 @@ def test_fit_lists_every_number_what_was_left_out_and_what_to_record_next(tmp_pa
 
 
 def test_check_shows_that_the_payload_has_changed(tmp_path):
-    """Half a kilogram more shows as its weight, and the table says on which line."""
+    """Half a kilogram more appears as its weight, and the table gives the line."""
     out = tmp_path / "payload.yaml"
     run("fit", write_recording(tmp_path / "a.csv"), "--out", out)
     heavy = Payload(2.0, TRUTH.com_m, TRUTH.bias_force_N, TRUTH.bias_torque_Nm)
@@ -164,7 +138,7 @@ def test_check_shows_that_the_payload_has_changed(tmp_path):
 
 
 def test_check_in_the_wrong_axes_warns_and_names_the_flag(tmp_path):
-    """A payload that explains the other axes far better says so."""
+    """The warning names the axes that the payload explains far better."""
     out = tmp_path / "payload.yaml"
     path = write_recording(tmp_path / "a.csv")
     run("fit", path, "--out", out)
@@ -196,7 +170,7 @@ def test_a_bad_recording_ends_with_one_line_and_exit_code_two(tmp_path, change, 
 
 
 def test_poses_that_are_too_similar_end_with_exit_code_two(tmp_path):
-    """The one line says how far the poses are apart and what to do."""
+    """The line gives the spread of the poses and the remedy."""
     result = run("fit", write_recording(tmp_path / "a.csv", spread=0.06))
     assert result.exit_code == 2
     assert "turn the wrist by at least 60 degrees about two axes" in result.stderr
@@ -211,7 +185,7 @@ def test_a_payload_that_cannot_be_written_or_read_ends_with_exit_code_two(tmp_pa
         assert str(missing) in result.stderr
 
 
-def test_help_needs_no_mathematics():
+def test_help_imports_no_numerical_library():
     """The verb's help does not wait for numpy or pinocchio."""
     code = (
         "import sys; from cli.payload import app\n"

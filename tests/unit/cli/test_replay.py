@@ -1,4 +1,4 @@
-"""Verbs on a recording of a whole virtual cell: replay, export, report, and what they refuse."""
+"""Verbs on a recording of a whole virtual cell: replay, export, report, and refusals."""
 
 import csv
 import json
@@ -23,14 +23,14 @@ from launch.virtual_cell import VirtualCell
 from services.recorder.playback import chosen, play
 from services.recorder.reading import RecordedBytes, RecordedFile
 from services.recorder.service import Recorder
+from tests.fakes.bench import DEMO
 
 MESSAGES: dict[str, Any] = {topic.key: topic.message for topic in topics.TOPICS}
-DEMO = Path(__file__).resolve().parents[3] / "cells" / "demo.yaml"
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A cell that is armed, presses for a moment and is held, recorded by its recorder."""
+    """A recording of a cell that is armed, presses briefly and is held."""
     folder = tmp_path_factory.mktemp("recordings")
     settings = {"recorder.folder": str(folder), "recorder.least_free_GB": 0.0}
     world = VirtualCell(load_cell(DEMO, settings))
@@ -65,35 +65,35 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-class Kept(MemoryTransport):
-    """A bus that keeps all that is said on it, in order."""
+class RecordingTransport(MemoryTransport):
+    """A bus that keeps every message published on it, in order."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.said: list[tuple[str, bytes]] = []
+        self.published: list[tuple[str, bytes]] = []
 
     def publish(self, key: str, _qos: Any) -> Any:
-        """Return what notes the bytes under their key."""
-        return lambda data: self.said.append((key, data))
+        """Return a function that keeps the bytes with their key."""
+        return lambda data: self.published.append((key, data))
 
 
-def test_a_replay_says_the_same_bytes_in_the_same_time(recording: Path) -> None:
-    """On a virtual clock: every message, in order, under the cell's name, as long as it took."""
-    heard = list(RecordedFile(recording).raw_messages())
-    transport, clock = Kept(), ManualClock()
+def test_a_replay_publishes_the_same_bytes_in_the_same_time(recording: Path) -> None:
+    """On a virtual clock: every message, in order, under the cell's name, in the same duration."""
+    recorded = list(RecordedFile(recording).raw_messages())
+    transport, clock = RecordingTransport(), ManualClock()
     began_ns = clock.now_ns()
-    count = play(heard, transport, "demo", clock=clock)
-    assert count == len(heard) > 2000
-    assert transport.said == [(f"demo/{each.topic}", each.data) for each in heard]
-    assert clock.now_ns() - began_ns == heard[-1].at_ns - heard[0].at_ns
+    count = play(recorded, transport, "demo", clock=clock)
+    assert count == len(recorded) > 2000
+    assert transport.published == [(f"demo/{each.topic}", each.data) for each in recorded]
+    assert clock.now_ns() - began_ns == recorded[-1].at_ns - recorded[0].at_ns
 
 
-def test_a_replay_as_another_cell_says_so_in_every_message(recording: Path) -> None:
-    """Readers of that cell take them; but for the address nothing has changed."""
-    heard = list(RecordedFile(recording).raw_messages())[:200]
-    transport = Kept()
-    play(heard, transport, "other", clock=ManualClock())
-    for each, (key, data) in zip(heard, transport.said, strict=True):
+def test_a_replay_as_another_cell_has_its_name_in_every_message(recording: Path) -> None:
+    """Readers of that cell accept them; only the topic has changed."""
+    recorded = list(RecordedFile(recording).raw_messages())[:200]
+    transport = RecordingTransport()
+    play(recorded, transport, "other", clock=ManualClock())
+    for each, (key, data) in zip(recorded, transport.published, strict=True):
         header, message = decode(data, MESSAGES[each.topic], f"other/{each.topic}")
         then, before = decode(each.data, MESSAGES[each.topic], f"demo/{each.topic}")
         assert key == header.topic
@@ -103,29 +103,29 @@ def test_a_replay_as_another_cell_says_so_in_every_message(recording: Path) -> N
 @pytest.mark.parametrize("speed", [0.5, 4.0])
 def test_a_replay_may_be_faster_or_slower(speed: float) -> None:
     """Distances are divided by the speed."""
-    heard = [RecordedBytes("wrench", 10**18 + number * 10**6, b"") for number in range(101)]
+    recorded = [RecordedBytes("wrench", 10**18 + number * 10**6, b"") for number in range(101)]
     clock = ManualClock()
     began_ns = clock.now_ns()
-    play(heard, Kept(), "demo", clock=clock, speed=speed)
+    play(recorded, RecordingTransport(), "demo", clock=clock, speed=speed)
     assert clock.now_ns() - began_ns == pytest.approx(10**8 / speed, abs=10)
 
 
 def test_a_replay_of_some_topics_leaves_the_others_out(recording: Path) -> None:
-    """Just those that are named."""
+    """Only the named ones are replayed."""
     found = chosen(RecordedFile(recording).raw_messages(), frozenset({"wrench"}))
     assert {each.topic for each in found} == {"wrench"}
 
 
-def test_a_service_fed_again_says_the_same_again(recording: Path) -> None:
-    """The wrench service, by itself, comes to the very numbers that are in the recording."""
+def test_a_replayed_service_gives_the_same_output(recording: Path) -> None:
+    """The wrench service alone computes the numbers of the recording."""
     code, out, _ = run("replay", recording, "--to-service", "wrench")
     assert code == 0
     assert "all fields: equal" in out
     assert " 0 compared" not in out
 
 
-def test_a_service_that_was_asked_for_something_differs(recording: Path) -> None:
-    """Requests are not recorded: what they brought about is told as a difference."""
+def test_a_service_that_received_requests_differs(recording: Path) -> None:
+    """Requests are not recorded: their effect is reported as a difference."""
     code, out, _ = run("replay", recording, "--to-service", "regulator")
     assert code == 0
     assert "mode: differs in" in out
@@ -138,16 +138,16 @@ def test_csv_has_a_file_for_each_topic_and_units_in_its_columns(
     code, out, _ = run("export", recording, "-o", tmp_path)
     assert code == 0
     rows = rows_of(tmp_path / "wrench.csv")
-    said = list(RecordedFile(recording).messages("wrench"))
-    assert len(rows) == len(said)
-    assert float(rows[7]["force_N.z"]) == said[7].fields["force_N"]["z"]
+    messages = list(RecordedFile(recording).messages("wrench"))
+    assert len(rows) == len(messages)
+    assert float(rows[7]["force_N.z"]) == messages[7].fields["force_N"]["z"]
     assert 0.0 <= float(rows[0]["time_s"]) < float(rows[-1]["time_s"]) < 3.0
     assert f"wrench.csv: {len(rows)} rows" in out
     assert (tmp_path / "arbiter-status.csv").exists()
 
 
 def test_export_of_one_topic_writes_one_file(recording: Path, tmp_path: Path) -> None:
-    """What is not named is not written."""
+    """Topics that are not named are not written."""
     assert run("export", recording, "--only", "wrench", "--parquet", "-o", tmp_path)[0] == 0
     assert [path.name for path in tmp_path.iterdir()] == ["wrench.parquet"]
 
@@ -156,8 +156,8 @@ def test_parquet_holds_the_same_numbers(recording: Path, tmp_path: Path) -> None
     """Read by pyarrow, the columns are those of the CSV, and typed."""
     run("export", recording, "--parquet", "-o", tmp_path)
     table = parquet.read_table(tmp_path / "wrench.parquet").to_pydict()
-    said = list(RecordedFile(recording).messages("wrench"))
-    assert table["force_N.z"] == [each.fields["force_N"]["z"] for each in said]
+    messages = list(RecordedFile(recording).messages("wrench"))
+    assert table["force_N.z"] == [each.fields["force_N"]["z"] for each in messages]
     assert str(table["valid"][0]) == "True"
 
 
@@ -187,7 +187,7 @@ def test_lerobot_columns_hold_state_wrench_and_action(
 def test_without_pyarrow_parquet_is_one_sentence(
     recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Which extra to install, and the way without it."""
+    """It names the package and the option that works without it."""
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     code, _, err = run("export", recording, "--parquet", "-o", tmp_path)
     assert code == 2
@@ -198,7 +198,7 @@ def test_without_pyarrow_parquet_is_one_sentence(
 def test_the_report_is_one_page_with_plots_stops_and_remedies(
     recording: Path, tmp_path: Path
 ) -> None:
-    """Nothing in it points to a network; what people typed is text and no markup."""
+    """It has no network reference, and typed texts are escaped."""
     page = tmp_path / "report.html"
     code, out, _ = run("report", recording, "-o", page, "--no-3d")
     text = page.read_text(encoding="utf-8")
@@ -214,7 +214,7 @@ def test_the_report_is_one_page_with_plots_stops_and_remedies(
 
 
 def test_the_report_plays_the_arm_in_3d_without_a_server(recording: Path, tmp_path: Path) -> None:
-    """The scene stands in the page itself."""
+    """The scene is embedded in the page."""
     page = tmp_path / "report.html"
     assert run("report", recording, "-o", page)[0] == 0
     text = page.read_text(encoding="utf-8")
@@ -223,10 +223,8 @@ def test_the_report_plays_the_arm_in_3d_without_a_server(recording: Path, tmp_pa
     assert len(text) > 500_000
 
 
-def test_a_recording_that_breaks_off_is_shown_as_far_as_it_goes(
-    recording: Path, tmp_path: Path
-) -> None:
-    """Report and export say that the recorder was killed."""
+def test_a_truncated_recording_is_shown_up_to_its_end(recording: Path, tmp_path: Path) -> None:
+    """Report and export state that the recording is truncated."""
     part = tmp_path / "part.mcap"
     part.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     code, _, err = run("export", part, "--only", "wrench")
@@ -257,7 +255,7 @@ WRONG = [
 def test_wrong_input_is_one_sentence(
     recording: Path, words: tuple[str, ...], code: int, text: str
 ) -> None:
-    """What is wrong, and no traceback."""
+    """The sentence gives the cause, without a traceback."""
     found, _, err = run(*(word.format(recording) for word in words))
     assert found == code
     assert text in " ".join(err.replace("│", " ").split())

@@ -1,9 +1,8 @@
-"""`forcemesh status` on real processes: a hub that lives, and one that was killed."""
+"""`forcemesh status` on real processes: a running hub, and a killed one."""
 
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -17,18 +16,17 @@ from cli.record import recorder_sidecar
 from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
-from common.config.load import dump_cell, load_cell
+from common.config.load import dump_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import ArbiterStatus, Health, SensorWrench
-from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.cell_view import CellView
 from launch.processes import Supervisor
-from launch.run_file import FOLDER_VARIABLE, read_run
+from launch.run_file import read_run
 from launch.started_process import ProcessSpec
+from tools.tree import ROOT
 
-ROOT = Path(__file__).resolve().parents[3]
 HUB = ProcessSpec("services.hub", ("hub",))
 RECORDER = ProcessSpec("services.recorder", ("recorder",))
 SLEEPER = ProcessSpec("test", ("wrench",), (sys.executable, "-c", "import time; time.sleep(600)"))
@@ -36,23 +34,13 @@ SLEEPER = ProcessSpec("test", ("wrench",), (sys.executable, "-c", "import time; 
 pytestmark = pytest.mark.processes
 
 
-@pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
-    """A cell on a free port, its run files in a folder of this test alone."""
-    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    return load_cell(ROOT / "cells" / "demo.yaml", {"cell": "status", "bus.endpoint": endpoint})
-
-
 def faults(status: CellStatus) -> dict[str, str]:
-    """Return what is wrong with each role."""
+    """Return the fault of each role."""
     return {row["name"]: row["fault"] for row in status["services"]}
 
 
 def test_a_hub_alone_is_alive_and_the_others_are_silent(cell: CellConfig) -> None:
-    """Who is there has pid, rate and age; who is not has a reason."""
+    """A running role has pid, rate and age; another one has a reason."""
     with Supervisor(cell, processes=[HUB, SLEEPER]):
         status = cell_status(cell, read_run(cell.cell))
         hub = status["services"][0]
@@ -65,8 +53,8 @@ def test_a_hub_alone_is_alive_and_the_others_are_silent(cell: CellConfig) -> Non
         assert not is_well(status)
 
 
-def test_a_killed_hub_is_named_although_nothing_can_be_heard(cell: CellConfig) -> None:
-    """With the bus gone the run file and the kernel say who died, and soon."""
+def test_a_killed_hub_is_named_without_a_bus(cell: CellConfig) -> None:
+    """Without the bus, run file and kernel identify the killed process within two seconds."""
     with Supervisor(cell, processes=[HUB, SLEEPER]) as supervisor:
         run = read_run(cell.cell)
         assert run is not None
@@ -84,7 +72,9 @@ def test_a_killed_hub_is_named_although_nothing_can_be_heard(cell: CellConfig) -
     assert after["state"] == DOWN
 
 
-def test_a_second_hub_on_the_endpoint_is_told_and_nothing_else_is_started(cell: CellConfig) -> None:
+def test_a_second_hub_on_the_endpoint_is_reported_and_nothing_else_is_started(
+    cell: CellConfig,
+) -> None:
     """Otherwise two arbiters would command one arm."""
     other = cell.model_copy(update={"cell": "other"})
     with (
@@ -99,7 +89,7 @@ def test_a_second_hub_on_the_endpoint_is_told_and_nothing_else_is_started(cell: 
 
 
 def test_a_helper_is_listed_while_it_runs(cell: CellConfig) -> None:
-    """Without a recorder nothing is missing; one that runs is in the list."""
+    """A recorder is optional; a running one is in the list."""
     with Supervisor(cell, processes=[HUB, RECORDER]):
         wait_s = time.monotonic() + 20.0
         while (rows := cell_status(cell, None)["services"])[-1]["name"] != "recorder":
@@ -109,12 +99,12 @@ def test_a_helper_is_listed_while_it_runs(cell: CellConfig) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "says"), [(signal.SIGKILL, "killed by SIGKILL"), (signal.SIGSTOP, "but no health")]
+    ("number", "fault"), [(signal.SIGKILL, "killed by SIGKILL"), (signal.SIGSTOP, "but no health")]
 )
 def test_a_helper_that_was_started_stays_in_the_list(
-    cell: CellConfig, number: signal.Signals, says: str, monkeypatch: pytest.MonkeyPatch
+    cell: CellConfig, number: signal.Signals, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One that froze, or died too often to be started again, is missing: the cell is not well."""
+    """A frozen one, or one that exceeded its restarts, is reported as not alive."""
     monkeypatch.setattr("launch.restart.DEATH_LIMIT", 1)
     with Supervisor(cell, processes=[HUB]) as supervisor, recorder_sidecar(supervisor):
         run = read_run(cell.cell)
@@ -123,7 +113,7 @@ def test_a_helper_that_was_started_stays_in_the_list(
         assert entry is not None
         os.kill(entry.pid, number)
         wait_s = time.monotonic() + 20.0
-        while says not in (row := cell_status(cell, read_run(cell.cell))["services"][-1])["fault"]:
+        while fault not in (row := cell_status(cell, read_run(cell.cell))["services"][-1])["fault"]:
             assert time.monotonic() < wait_s, row
         assert (row["name"], row["alive"]) == ("recorder", False)
         found = observe_cell(cell, 0.1)
@@ -132,8 +122,8 @@ def test_a_helper_that_was_started_stays_in_the_list(
         assert not found.roles[-1].is_fresh
 
 
-def test_a_helper_that_died_is_started_again_and_named(cell: CellConfig) -> None:
-    """Another process is the recorder then, and the run file says how the first one ended."""
+def test_a_helper_that_died_is_restarted_and_named(cell: CellConfig) -> None:
+    """The run file states how the first recorder ended."""
     with Supervisor(cell, processes=[HUB]) as supervisor, recorder_sidecar(supervisor):
         run = read_run(cell.cell)
         first = None if run is None else run.entry("recorder")
@@ -145,8 +135,8 @@ def test_a_helper_that_died_is_started_again_and_named(cell: CellConfig) -> None
         assert (found[0]["name"], found[0]["how"]) == ("recorder", "killed by SIGKILL")
 
 
-def test_a_hold_that_was_asked_for_is_well_and_one_by_a_limit_is_not() -> None:
-    """What a script goes by."""
+def test_a_requested_hold_is_well_and_one_by_a_limit_is_not() -> None:
+    """Scripts depend on this result."""
 
     def held_by(code: str) -> bool:
         trips: list[dict[str, object]] = [{"code": code, "text": "why"}]
@@ -170,21 +160,21 @@ def test_a_hold_that_was_asked_for_is_well_and_one_by_a_limit_is_not() -> None:
 
 
 def put_health(bus: Bus) -> None:
-    """Publish once what a cell in good order publishes, but for the sensor's health."""
+    """Publish once the messages of a healthy cell, except the sensor's health."""
     for role in (role for role in topics.ROLES if role != "sensor"):
         health = Health(pid=4711, rate_hz=250.0)
         bus.playing(role).publisher(topics.HEALTH[role]).put(health)
     bus.playing("arbiter").publisher(topics.ARBITER_STATUS).put(ArbiterStatus(state="IDLE"))
 
 
-def test_a_view_is_complete_when_every_role_was_heard(cell: CellConfig) -> None:
-    """Readiness names exactly what is missing; a foreign sensor shows itself by its readings."""
+def test_a_view_is_complete_when_every_role_has_published(cell: CellConfig) -> None:
+    """Readiness names exactly the missing topics; readings suffice for an external sensor."""
     external = cell.model_copy(
         update={"roles": cell.roles.model_copy(update={"sensor": "external"})}
     )
     with Supervisor(cell, processes=[HUB]), open_bus(cell, "arbiter") as bus:
         client = bus.playing(topics.CLIENT)
-        view, foreign = CellView(client, cell), CellView(client, external)
+        view, external_view = CellView(client, cell), CellView(client, external)
         sensor = bus.playing("sensor").publisher(topics.SENSOR_WRENCH)
 
         def only_the_sensor_is_missing() -> bool:
@@ -194,23 +184,23 @@ def test_a_view_is_complete_when_every_role_was_heard(cell: CellConfig) -> None:
         def nothing_is_missing() -> bool:
             put_health(bus)
             sensor.put(SensorWrench())
-            return not foreign.missing()
+            return not external_view.missing()
 
         assert view.wait(only_the_sensor_is_missing, 20.0)
-        assert foreign.wait(nothing_is_missing, 20.0)
+        assert external_view.wait(nothing_is_missing, 20.0)
 
 
-def test_healthcheck_asks_for_one_role(cell: CellConfig, tmp_path: Path) -> None:
-    """What a container runs: 0 while that role's health is fresh, 1 otherwise."""
+def test_a_health_check_covers_one_role(cell: CellConfig, tmp_path: Path) -> None:
+    """Containers run it: 0 while the health of the role is fresh, 1 otherwise."""
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(cell))
     command = [sys.executable, "-m", "cli", "status", "--json", "--cell", str(path), "--service"]
     with Supervisor(cell, path, processes=[HUB]):
-        well, ill, helper = (
+        well, silent, helper = (
             subprocess.run([*command, role], cwd=ROOT, capture_output=True, text=True, check=False)
             for role in ("hub", "arbiter", "recorder")
         )
-    assert (well.returncode, ill.returncode, helper.returncode) == (0, 1, 1)
+    assert (well.returncode, silent.returncode, helper.returncode) == (0, 1, 1)
     assert json.loads(well.stdout)["name"] == "hub"
-    assert json.loads(ill.stdout)["alive"] is False
+    assert json.loads(silent.stdout)["alive"] is False
     assert json.loads(helper.stdout)["name"] == "recorder"

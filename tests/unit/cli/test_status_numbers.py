@@ -1,7 +1,6 @@
-"""Numbers of a health message: what may be in them, and how `forcemesh status` shows them."""
+"""Numbers of a health message: permitted values, and their format in `forcemesh status`."""
 
 import json
-import socket
 import threading
 from math import inf, nan
 from pathlib import Path
@@ -14,25 +13,22 @@ from cli.__main__ import app
 from cli.status import describe_number
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
-from common.config.load import dump_cell, load_cell
+from common.config.load import dump_cell
 from forcemesh import topics
 from forcemesh.messages import Health
-from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
-from launch.run_file import FOLDER_VARIABLE
 from launch.started_process import ProcessSpec
 from tests.fakes.bench import Bench
 
 pytestmark = pytest.mark.realtime
 
-ROOT = Path(__file__).resolve().parents[3]
 HUB = ProcessSpec("services.hub", ("hub",))
 NUMBERS = {"framed_round_trip_p50_s": 0.0123, "sender_hz": 40.0, "monitor_speed_fraction": 0.1}
 
 
 @pytest.mark.parametrize("number", [nan, inf, -inf])
-def test_what_is_not_finite_is_no_number(number: float) -> None:
-    """A message that exists is a message that can be trusted."""
+def test_a_number_that_is_not_finite_is_refused(number: float) -> None:
+    """Every message that exists is valid."""
     with pytest.raises(ValidationError):
         Health(numbers={"sender_hz": number})
 
@@ -46,18 +42,18 @@ def test_what_is_not_finite_is_no_number(number: float) -> None:
         ("odd", 3.0, "odd 3"),
     ],
 )
-def test_the_end_of_a_name_is_its_unit(name: str, number: float, words: str) -> None:
+def test_the_suffix_of_a_name_is_its_unit(name: str, number: float, words: str) -> None:
     """Seconds as milliseconds, hertz as per second, fractions as percent."""
     assert describe_number(name, number) == words
 
 
 def test_a_cell_on_the_virtual_clock_carries_them_on_its_bus() -> None:
-    """A reader gets the map that the writer has put."""
-    bench = Bench("robot", lambda bus, cell: Silent(bus.publisher(topics.ROBOT_HEALTH)))
+    """A reader receives the map of the writer."""
+    bench = Bench("robot", lambda bus, cell: HealthOnly(bus.publisher(topics.ROBOT_HEALTH)))
     assert bench.after_step(topics.ROBOT_HEALTH).numbers == NUMBERS
 
 
-class Silent:
+class HealthOnly:
     """A robot that only publishes one health message a step."""
 
     def __init__(self, publisher) -> None:
@@ -65,36 +61,26 @@ class Silent:
         self.period_s, self.trigger, self.fault = 0.004, None, ""
 
     def step(self, now_ns: int) -> None:
-        """Say it."""
+        """Publish the message."""
         self._publisher.put(Health(numbers=NUMBERS))
 
     def counters(self) -> dict[str, int]:
-        """Nothing is counted."""
+        """Return no counters."""
         return {}
-
-
-@pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
-    """A cell on a free port, its run files in a folder of this test alone."""
-    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    return load_cell(ROOT / "cells" / "demo.yaml", {"cell": "numbers", "bus.endpoint": endpoint})
 
 
 @pytest.mark.processes
 def test_status_shows_them_for_people_and_for_programs(cell: CellConfig, tmp_path: Path) -> None:
-    """One line below the table for a role that has some; a map in each row of --json."""
+    """The table has one line below for each role with numbers; each row of --json has a map."""
     path = tmp_path / "file.yaml"
     path.write_text(dump_cell(cell))
     with Supervisor(cell, path, processes=[HUB]), open_bus(cell, "robot") as bus:
         publisher = bus.publisher(topics.ROBOT_HEALTH)
-        report = json.loads(ask(publisher, ["status", "--json", "--cell", str(path)]))
-        text = ask(publisher, ["status", "--cell", str(path)])
+        report = json.loads(output_of(publisher, ["status", "--json", "--cell", str(path)]))
+        text = output_of(publisher, ["status", "--cell", str(path)])
     rows = {row["name"]: row["numbers"] for row in report["services"]}
     assert rows["robot"] == NUMBERS
-    assert set(rows["hub"]) | set(rows["arbiter"]) <= {"put_max_s"}  # what every process measures
+    assert set(rows["hub"]) | set(rows["arbiter"]) <= {"put_max_s"}  # measured by every process
     line = next(line for line in text.splitlines() if line.startswith("  robot: "))
     assert line == (
         "  robot: network round trip (median) 12.3 ms, monitor speed 10.0 %, "
@@ -102,15 +88,15 @@ def test_status_shows_them_for_people_and_for_programs(cell: CellConfig, tmp_pat
     )
 
 
-def ask(publisher, words: list[str]) -> str:
-    """Call a verb while the robot speaks."""
+def output_of(publisher, words: list[str]) -> str:
+    """Run a verb while the robot publishes."""
     stop = threading.Event()
 
-    def speak() -> None:
+    def publish() -> None:
         while not stop.wait(0.05):
             publisher.put(Health(pid=1, numbers=NUMBERS))
 
-    thread = threading.Thread(target=speak)
+    thread = threading.Thread(target=publish)
     thread.start()
     try:
         return CliRunner().invoke(app, words).stdout

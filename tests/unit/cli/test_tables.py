@@ -13,7 +13,7 @@ NAME = "controller.server_monitor_speed_fraction_of_the_program"
 
 @pytest.mark.parametrize("width", [20, 40, 80, 200])
 def test_no_name_is_cut_on_a_narrow_terminal(width: int) -> None:
-    """The line is longer than the terminal then."""
+    """The line may exceed the terminal's width."""
     console = Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None)
     table = Table("key", "value")
     table.add_row(NAME, "a text of several words that may be broken between them")
@@ -24,7 +24,7 @@ def test_no_name_is_cut_on_a_narrow_terminal(width: int) -> None:
 
 
 def test_into_a_pipe_no_line_is_broken(capsys: pytest.CaptureFixture[str]) -> None:
-    """One row, one line: what grep takes."""
+    """Each row is one line, so grep works."""
     table = Table("key", "value")
     table.add_row(NAME, "word " * 60)
     print_table(table_console(), table)

@@ -28,8 +28,8 @@ CELL = load_cell(DEMO)
 WRENCH: Topic[Any] = topics.WRENCH
 
 
-class Speaker:
-    """A cell whose writer puts the next message whenever the reader waits."""
+class PublishingCell:
+    """A cell whose writer publishes the next message whenever the reader waits."""
 
     def __init__(self, topic: Topic[Any], messages: list[Message]) -> None:
         self.clock, self.transport = ManualClock(), MemoryTransport()
@@ -42,7 +42,7 @@ class Speaker:
         return Bus(role, CELL.cell, self.transport, CELL, self.clock)
 
     def now_ns(self) -> int:
-        """Let 4 ms pass with each look at the clock, and the next message be put."""
+        """Advance the clock by 4 ms, publish the next message, and return the time."""
         self.clock.sleep_s(0.004)
         if self._messages:
             self._put(self._messages.pop(0))
@@ -53,9 +53,9 @@ def written_by(
     topic: Topic[Any], messages: list[Message], path: Path, **end: Any
 ) -> tuple[Written, list[dict[str, str]]]:
     """Write until the end; return the counts and the rows."""
-    speaker = Speaker(topic, messages)
+    cell = PublishingCell(topic, messages)
     options = {"seconds": None, "count": None, "silence_s": 1.0, **end}
-    written = write_csv(speaker.client, topic, path, **options)
+    written = write_csv(cell.client, topic, path, **options)
     with path.open(newline="", encoding="utf-8") as stream:
         return written, list(csv.DictReader(stream))
 
@@ -67,7 +67,7 @@ FORCES = st.tuples(*[st.floats(-1e3, 1e3)] * 3)
 def test_every_message_is_a_row_and_every_number_is_exact(
     tmp_path_factory: pytest.TempPathFactory, forces: list[Any]
 ) -> None:
-    """Units stand in the columns' names, as in an export."""
+    """The columns' names contain units, as in an export."""
     path = tmp_path_factory.mktemp("csv") / "wrench.csv"
     messages: list[Message] = [WrenchAtTcp(force_N=force) for force in forces]
     written, rows = written_by(topics.WRENCH, messages, path, count=len(forces))
@@ -80,7 +80,7 @@ def test_every_message_is_a_row_and_every_number_is_exact(
 
 
 def test_columns_are_those_of_the_first_valid_message(tmp_path: Path) -> None:
-    """A robot that says no joints yet has the same file."""
+    """Messages without joints have the same columns."""
     silent = RobotState(valid=False, reason="not connected")
     state = RobotState(joint_rad=(0.1,) * 6)
     _, rows = written_by(
@@ -100,8 +100,8 @@ def test_a_list_of_variable_length_is_json_in_one_cell(tmp_path: Path) -> None:
     assert found["value"] == 31.0
 
 
-def test_it_ends_after_the_time_and_is_lost_in_silence(tmp_path: Path) -> None:
-    """What came before is in the file."""
+def test_writing_ends_after_the_time_or_with_an_error_in_silence(tmp_path: Path) -> None:
+    """The earlier messages are in the file."""
     wrench = WrenchAtTcp(force_N=(1.0, 2.0, 3.0))
     always: list[Message] = [wrench] * 1000
     written, rows = written_by(topics.WRENCH, always, tmp_path / "a.csv", seconds=0.5)
@@ -112,24 +112,24 @@ def test_it_ends_after_the_time_and_is_lost_in_silence(tmp_path: Path) -> None:
 
 
 def test_messages_that_do_not_arrive_are_counted(tmp_path: Path) -> None:
-    """A reader that is too slow is told so."""
-    speaker = Speaker(topics.WRENCH, [])
-    source, put = speaker.session.bus.tap(topics.WRENCH, 1), speaker._put
+    """The count of lost messages reveals a reader that is too slow."""
+    cell = PublishingCell(topics.WRENCH, [])
+    source, put = cell.session.bus.tap(topics.WRENCH, 1), cell._put
 
     def put_twice(message: Message) -> None:
         put(message)
         put(message)
 
-    speaker.session = SimpleNamespace(bus=SimpleNamespace(tap=lambda *_: source), clock=speaker)
-    speaker._put, speaker._messages = put_twice, [WrenchAtTcp()] * 2
+    cell.session = SimpleNamespace(bus=SimpleNamespace(tap=lambda *_: source), clock=cell)
+    cell._put, cell._messages = put_twice, [WrenchAtTcp()] * 2
     written = write_csv(
-        speaker.client, WRENCH, tmp_path / "a.csv", seconds=None, count=2, silence_s=1.0
+        cell.client, WRENCH, tmp_path / "a.csv", seconds=None, count=2, silence_s=1.0
     )
     assert written == (2, 1)
 
 
 def test_a_file_that_exists_is_kept(tmp_path: Path) -> None:
-    """It may be the measurement of yesterday."""
+    """An earlier measurement is never overwritten."""
     path = tmp_path / "kept.csv"
     path.write_text("yesterday")
     with pytest.raises(FileExistsError):
@@ -138,14 +138,16 @@ def test_a_file_that_exists_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"\xc1", b"\x81\xa5valid\xa3yes"])
-def test_bytes_that_are_no_message_end_it_with_an_error(tmp_path: Path, data: bytes) -> None:
-    """A row that cannot be trusted is not written."""
-    speaker = Speaker(topics.WRENCH, [])
+def test_bytes_that_are_no_message_end_the_writing_with_an_error(
+    tmp_path: Path, data: bytes
+) -> None:
+    """An invalid row is not written."""
+    cell = PublishingCell(topics.WRENCH, [])
     source = SimpleNamespace(take=lambda: data)
-    speaker.session = SimpleNamespace(bus=SimpleNamespace(tap=lambda *_: source), clock=speaker)
+    cell.session = SimpleNamespace(bus=SimpleNamespace(tap=lambda *_: source), clock=cell)
     with pytest.raises(MessageError):
         write_csv(
-            speaker.client,
+            cell.client,
             WRENCH,
             tmp_path / "a.csv",
             seconds=1.0,

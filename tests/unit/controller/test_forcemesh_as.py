@@ -27,14 +27,13 @@ INSTRUCTIONS = """
 """
 DOCUMENTED = set(INSTRUCTIONS.split())
 NOT_IN_PC_PROGRAMS = {"LMOVE", "JMOVE", "BASE", "TOOL", "BREAK", "PCEXECUTE", "PCABORT"}
-# Variables with two writers; each is a single number and says so in fm.init.
+# Variables with two writers; each is a single number with a comment on it in fm.init.
 SHARED = {"fm.fault", "fm.taken"}
 
 NAME = re.compile(r"(?<![\w.])([$#]?)(fm\.[a-z0-9.]+)(\[?)", re.IGNORECASE)
 ASSIGNED = re.compile(
     r"^(?:POINT |HERE |DECOMPOSE |FOR )?([$#]?fm\.[a-z0-9.]+)(?:\[[^]]*\])*(?:=|$)"
 )
-OUTPUTS = re.compile(r"^TCP_(?:RECV|ACCEPT|LISTEN|SEND|CLOSE|END_LISTEN) ")
 
 
 def code_of(line: str) -> str:
@@ -90,7 +89,7 @@ def variables() -> Iterator[tuple[str, str, bool]]:
                 yield sigil, name, bool(bracket)
 
 
-def first_words() -> Iterator[tuple[str, str]]:
+def instruction_words() -> Iterator[tuple[str, str]]:
     """Yield (program, instruction word) for each line that is no assignment and no label."""
     for program, lines in programs().items():
         for line in lines:
@@ -112,7 +111,7 @@ def test_file_is_ascii_with_at_most_100_columns_and_plain_line_ends() -> None:
 
 
 def test_every_program_of_the_design_is_there() -> None:
-    """Three processes of the specification and the watchdog, and what a person starts by hand."""
+    """Three processes of the specification and the watchdog, and those that a person starts."""
     assert {*TASKS, *BY_HAND} <= set(programs())
     assert TEXT.count(".PROGRAM ") == TEXT.count("\n.END") == len(programs())
 
@@ -124,8 +123,8 @@ def test_emulator_parses_the_file_and_knows_no_trap_in_it() -> None:
 
 
 def test_every_instruction_is_documented_and_none_is_an_option() -> None:
-    """What is not in the manual, or must be bought, may be missing in a user's controller."""
-    assert {word for _, word in first_words()} <= DOCUMENTED
+    """An instruction outside of the manual, or an option, may be missing in a controller."""
+    assert {word for _, word in instruction_words()} <= DOCUMENTED
     code = "\n".join(without_strings(line) for lines in programs().values() for line in lines)
     assert set(re.findall(r"/[A-Z]\w*", code)) <= {"/I7", "/S", "/MAXVAL"}, (
         "no /K, no /L; /S is of MM/S"
@@ -174,16 +173,16 @@ def test_no_subroutine_is_shared_by_two_tasks() -> None:
 
 
 @pytest.mark.parametrize("task", TASKS[1:])
-def test_pc_programs_neither_move_nor_look_at_base_and_tool(task: str) -> None:
+def test_pc_programs_neither_move_nor_read_base_and_tool(task: str) -> None:
     """The manual allows BRAKE in PC programs and no other motion instruction (E1095)."""
-    words = {word for program, word in first_words() if program in callees(task)}
+    words = {word for program, word in instruction_words() if program in callees(task)}
     assert words & NOT_IN_PC_PROGRAMS == set()
     code = "\n".join(line for program in callees(task) for line in programs()[program])
     assert not re.search(r"\b(TOOL|BASE|INRANGE)\b", without_strings(code))
 
 
 def test_each_variable_has_one_task_that_writes_it() -> None:
-    """There is no lock in AS: what two tasks change, one of them loses."""
+    """There is no lock in AS: of two tasks that change a variable, one loses its change."""
     setup = {"fm.config", "fm.begin", "fm.init", "fm.leave", "fm.back"}
     writers: dict[str, set[str]] = {}
     for task in TASKS:
@@ -202,9 +201,9 @@ def test_each_timer_has_one_task_that_sets_it_and_stands_in_the_readme() -> None
                 if found := re.match(r"TIMER (\d+)=", line):
                     owners.setdefault(found[1], set()).add(task)
     assert all(len(tasks) == 1 for tasks in owners.values()), owners
-    said = re.search(r"TIMER ([\d, ]+);", README)
-    assert said
-    assert set(said[1].split(", ")) == set(owners)
+    documented = re.search(r"TIMER ([\d, ]+);", README)
+    assert documented
+    assert set(documented[1].split(", ")) == set(owners)
 
 
 def test_each_motion_is_tested_for_reach_and_for_a_hold_right_before() -> None:
@@ -219,12 +218,12 @@ def test_each_motion_is_tested_for_reach_and_for_a_hold_right_before() -> None:
             assert any(f"INRANGE({target})" in line for line in lines[i - 24 : i])
 
 
-def test_what_is_changed_is_kept_and_put_back() -> None:
+def test_changed_settings_are_kept_and_put_back() -> None:
     """TOOL, BASE, CP and the settings of motions belong to the user's other programs."""
     assert {"POINT fm.tool0=TOOL", "POINT fm.base0=BASE"} <= set(programs()["fm.begin"])
     back = programs()["fm.back"]
     assert back[:2] == ("TOOL fm.tool0", "BASE fm.base0")
-    changed = {word for program, word in first_words() if program in callees("fm.main")}
+    changed = {word for program, word in instruction_words() if program in callees("fm.main")}
     for setting in changed & {"SPEED", "ACCURACY", "ACCEL", "DECEL", "CP"}:
         assert any(line.startswith(setting) for line in back)
 
@@ -262,7 +261,7 @@ def test_receiver_knows_every_command_with_every_param() -> None:
 
 
 def initial_text(name: str) -> str:
-    """What fm.init puts into a string."""
+    """Return the text that fm.init puts into a string."""
     lines = [line for line in programs()["fm.init"] if line.startswith(name + "=")]
     return "".join(re.findall(r'"([^"]*)"', "".join(lines)))
 
@@ -288,14 +287,14 @@ def test_readme_holds_the_packet_table() -> None:
 
 
 def test_readme_explains_every_fault() -> None:
-    """A number in 103 that nobody can look up helps nobody."""
+    """A number in 103 needs its explanation in the README."""
     codes = codes_of(TEXT)
     section = README.split("## Faults")[1]
     assert set(map(int, re.findall(r"^\| (\d+) \|", section, re.MULTILINE))) == codes
 
 
 def _vectors(row: Row) -> list[tuple[str, tuple[str, ...]]]:
-    """What a command's vector holds, and for which Params."""
+    """Return the vector of a command, and the Params that it is for."""
     if not row.banks:
         return [(_span(row.params), row.vec)]
     return [(str(param), vec) for param, vec in enumerate((row.vec, *row.banks))]

@@ -6,18 +6,10 @@ import pytest
 
 from common.motion.frames import rotation_between
 from controller.packet_table import CentreParam, Com, Status
-from tests.fakes.controller_talk import Talk
+from tests.fakes.controller_talk import Talk, push
 
-PERIOD_S = 0.02
 AT_TCP = (0, 0, 8000, 0, 0, 0)
 TURN_X = (0, 0, 0, 1000, 0, 0)
-
-
-def push(talk: Talk, times: int, vec: tuple[int, int, int, int, int, int] = (0,) * 6) -> None:
-    """Send the same wrench some times, every 20 ms."""
-    for _ in range(times):
-        talk.send(Com.WRENCH, 0, vec)
-        talk.live(PERIOD_S)
 
 
 def turning(mode: int = 2) -> Talk:
@@ -30,14 +22,14 @@ def turning(mode: int = 2) -> Talk:
     return talk
 
 
-def farthest_way(talk: Talk, point_mm: np.ndarray, times: int = 50) -> float:
+def farthest_travel(talk: Talk, point_mm: np.ndarray, times: int = 50) -> float:
     """Turn, and return how far a point of the flange frame went at most [mm]."""
     start: pin.SE3 = talk.T_mm
     farthest = 0.0
     for _ in range(times):
         push(talk, 1, TURN_X)
-        way = talk.T_mm.act(point_mm) - start.act(point_mm)
-        farthest = max(farthest, float(np.linalg.norm(way)))
+        travel = talk.T_mm.act(point_mm) - start.act(point_mm)
+        farthest = max(farthest, float(np.linalg.norm(travel)))
     turned = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))
     assert turned[0] == pytest.approx(0.04 * times, rel=0.1)
     return farthest
@@ -58,19 +50,19 @@ def test_a_new_centre_moves_nothing(mode: int) -> None:
 
 
 def test_it_turns_about_the_newest_centre() -> None:
-    """First the TCP stays, then a point 25 mm beside it; and again the TCP."""
+    """First the TCP stays, then a point 25 mm off it; and again the TCP."""
     tcp_mm, rim_mm = np.array([0.0, 0.0, 160.0]), np.array([0.0, 25.0, 160.0])
     talk = turning()
     push(talk, 5, TURN_X)
-    assert farthest_way(talk, tcp_mm) < 0.05
+    assert farthest_travel(talk, tcp_mm) < 0.05
     talk.do(Com.TCP, CentreParam.CENTRE, (0, 1250, 8000, 0, 0, 0))
-    assert farthest_way(talk, rim_mm) < 0.05
+    assert farthest_travel(talk, rim_mm) < 0.05
     talk.do(Com.TCP, CentreParam.CENTRE, AT_TCP)
-    assert farthest_way(talk, tcp_mm) < 0.05
+    assert farthest_travel(talk, tcp_mm) < 0.05
 
 
 def test_travel_counts_on_from_the_start() -> None:
-    """A centre that moves does not give back the way that is used up: 3 mm of travel, fault 6."""
+    """A centre that moves does not give back used travel: 3 mm of travel, fault 6."""
     talk = Talk()
     talk.hello(limits=(50, 1000, 500, 150, 5_000, 250))
     talk.send(Com.TCP, CentreParam.CENTRE, AT_TCP)

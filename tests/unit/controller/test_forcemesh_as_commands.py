@@ -1,4 +1,4 @@
-"""The program that ships, executed: motions, speeds, settings, and what it refuses."""
+"""The program that ships, executed: motions, speeds, settings, and refusals."""
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +11,7 @@ from tests.fakes.controller_talk import LIMITS, MOTION, SCALES, Talk
 
 MOVE = (Com.MOVE_BY_JOINTS, (250, 0, 0, 0, 0, 0))
 HOME_DEG = np.array([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
-UP_DEG = np.array([0.0, 0.0, -90.0, 0.0, 90.0, 0.0])  # the flange looks up: A is 0
+UP_DEG = np.array([0.0, 0.0, -90.0, 0.0, 90.0, 0.0])  # the flange points up: A is 0
 TURN = (Com.MOVE_POSE, (0, 23_750, 18_850, 0, 90_000, 30_000))  # home, turned by 120 degrees
 FULL: VecInt = (10_000, 10_000, 10_000, 1_000, 0, 0)  # 100 mm/s
 
@@ -63,12 +63,12 @@ def place_vec(position_mm: np.ndarray, o: float, a: float, t: float) -> VecInt:
 
 
 @pytest.mark.parametrize("axis", range(3))
-@pytest.mark.parametrize("way_mm", [-30.0, 30.0])
-def test_a_pose_is_reached_along_a_straight_line(axis: int, way_mm: float) -> None:
-    """Command 1 along each axis: the flange stays within 0.1 mm of the line, and keeps its axes."""
+@pytest.mark.parametrize("travel_mm", [-30.0, 30.0])
+def test_a_pose_is_reached_on_a_straight_line(axis: int, travel_mm: float) -> None:
+    """Command 1 on each axis: the flange stays within 0.1 mm of the line, and keeps its axes."""
     talk = ready()
     start = talk.T_mm
-    way = way_mm * np.eye(3)[axis]
+    travel = travel_mm * np.eye(3)[axis]
     off: list[float] = []
 
     def watch() -> None:
@@ -76,8 +76,8 @@ def test_a_pose_is_reached_along_a_straight_line(axis: int, way_mm: float) -> No
         off.append(float(np.linalg.norm(np.delete(moved, axis))))
 
     talk.machine.after_tick.append(watch)
-    go(talk, Com.MOVE_POSE, talk.shifted_vec(*way))
-    assert np.allclose(talk.T_mm.translation - start.translation, way, atol=0.05)
+    go(talk, Com.MOVE_POSE, talk.shifted_vec(*travel))
+    assert np.allclose(talk.T_mm.translation - start.translation, travel, atol=0.05)
     assert max(off) < 0.1
     assert np.linalg.norm(rotation_between(start.rotation, talk.T_mm.rotation)) < 1e-3
 
@@ -93,7 +93,7 @@ def test_a_pose_is_reached_along_a_straight_line(axis: int, way_mm: float) -> No
         (-120, 170, -100),
     ],
 )
-def test_any_o_and_t_of_a_tool_that_looks_down_make_the_rotation_that_they_mean(
+def test_any_o_and_t_of_a_tool_that_points_down_make_the_rotation_that_they_mean(
     angles: tuple[float, float, float],
 ) -> None:
     """At A = 180 only T - O counts; near it each of the three does."""
@@ -106,7 +106,7 @@ def test_any_o_and_t_of_a_tool_that_looks_down_make_the_rotation_that_they_mean(
 
 
 @pytest.mark.parametrize("angles", [(0, 0, 20), (25, 0, -15), (200, 0, -185), (40, 12, -30)])
-def test_any_o_and_t_of_a_tool_that_looks_up_make_the_rotation_that_they_mean(
+def test_any_o_and_t_of_a_tool_that_points_up_make_the_rotation_that_they_mean(
     angles: tuple[float, float, float],
 ) -> None:
     """At A = 0 only O + T counts."""
@@ -153,14 +153,14 @@ def test_joint_angles_are_reached_each_its_own() -> None:
 def test_relative_joint_angles_add_up_from_where_the_motion_before_has_ended() -> None:
     """Two in a row, sent at once: each counts from the end of the one before."""
     talk = ready((10_000, 10_000, 10_000, 5_000, 0, 0))
-    way = np.array([4.0, -5.0, 6.0, -7.0, 8.0, -9.0])
-    talk.send(Com.MOVE_BY_JOINTS, 0, joints_vec(way))
-    go(talk, Com.MOVE_BY_JOINTS, joints_vec(0.5 * way))
-    assert np.allclose(joints_deg(talk), HOME_DEG + 1.5 * way, atol=0.01)
+    travel = np.array([4.0, -5.0, 6.0, -7.0, 8.0, -9.0])
+    talk.send(Com.MOVE_BY_JOINTS, 0, joints_vec(travel))
+    go(talk, Com.MOVE_BY_JOINTS, joints_vec(0.5 * travel))
+    assert np.allclose(joints_deg(talk), HOME_DEG + 1.5 * travel, atol=0.01)
 
 
 def test_relative_joint_angles_after_a_hold_count_from_where_the_arm_was_stopped() -> None:
-    """Not from where the braked motion wanted to go."""
+    """Not from the target of the braked motion."""
     talk = ready()
     talk.send(Com.MOVE_BY_JOINTS, 0, joints_vec(np.array([30.0, 0, 0, 0, 0, 0])))
     talk.wait(lambda: joints_deg(talk)[0] > 5.0)
@@ -168,9 +168,9 @@ def test_relative_joint_angles_after_a_hold_count_from_where_the_arm_was_stopped
     talk.live(0.5)
     stopped = joints_deg(talk)
     assert stopped[0] < 15.0
-    way = np.array([-2.0, 0, 0, 0, 0, 1.0])
-    go(talk, Com.MOVE_BY_JOINTS, joints_vec(way))
-    assert np.allclose(joints_deg(talk), stopped + way, atol=0.01)
+    travel = np.array([-2.0, 0, 0, 0, 0, 1.0])
+    go(talk, Com.MOVE_BY_JOINTS, joints_vec(travel))
+    assert np.allclose(joints_deg(talk), stopped + travel, atol=0.01)
 
 
 # --- refusals -------------------------------------------------------------------------------------
@@ -188,7 +188,7 @@ BEYOND = {
 def test_a_target_that_cannot_be_reached_is_taken_refused_and_moves_nothing(
     com: Com, vec: VecInt
 ) -> None:
-    """The program goes on: the next target is taken, and the bit goes."""
+    """The program continues: the next target is taken, and the bit goes."""
     talk = ready()
     go(talk, com, vec)
     assert talk.status & Status.TARGET_REFUSED
@@ -252,10 +252,10 @@ def settings_of(talk: Talk) -> list[float]:
 def test_settings_that_make_no_sense_are_taken_refused_and_change_nothing(
     com: Com, param: int, vec: VecInt
 ) -> None:
-    """The bit says so until the next target that is good."""
+    """The bit is set until the next good target."""
     talk = Talk()
     talk.hello(limits=None)
-    if com != Com.LIMITS:  # those are told before all others
+    if com != Com.LIMITS:  # those are sent before all others
         talk.set_up()
     before = settings_of(talk)
     talk.do(com, param, vec)

@@ -10,7 +10,7 @@ import pytest
 
 from controller.packet import Packet, VecInt, encode
 from controller.packet_table import ID_FIRST, Com, Status
-from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.behaviour import Behaviour
 from sim.controller.network import LOOPBACK
 from tests.fakes.controller_talk import (
     HELLO_PARAM,
@@ -19,7 +19,6 @@ from tests.fakes.controller_talk import (
     MOTION,
     NO_TCP,
     PORT,
-    QUICK,
     SCALES,
     SET_UP,
     TEXT,
@@ -33,20 +32,13 @@ from tests.fakes.controller_talk import (
 README = (Path(__file__).resolve().parents[3] / "controller" / "README.md").read_text("utf-8")
 HELLO = encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, SCALES))
 TOOL = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.01, -0.02, 0.15]))
-BEHAVIOURS = {"kind": Behaviour(step_s=QUICK.step_s), "pessimistic": pessimistic(QUICK.step_s)}
-
-
-@pytest.fixture(params=list(BEHAVIOURS))
-def behaviour(request: pytest.FixtureRequest) -> Behaviour:
-    """The kind reading of the open questions, and the worse one."""
-    return BEHAVIOURS[request.param]
 
 
 # --- every fault of the README --------------------------------------------------------------------
 
 
 def silence(talk: Talk) -> None:
-    """Nothing at all for half a second."""
+    """Send nothing for half a second."""
     moving(talk).live(0.5)
 
 
@@ -101,7 +93,7 @@ def beyond_the_reach(talk: Talk) -> None:
 
 
 def yielding(talk: Talk, vec: VecInt) -> None:
-    """Force feedback gives way to a wrench for 1.6 s."""
+    """Force feedback yields to a wrench for 1.6 s."""
     talk.start_feedback(1, gains_i=(0, 50_000, 50_000, 0, 0, 0))
     for _ in range(80):
         talk.send(Com.WRENCH, 0, vec)
@@ -109,26 +101,26 @@ def yielding(talk: Talk, vec: VecInt) -> None:
 
 
 def tool_of_another_program(talk: Talk) -> None:
-    """Somebody sets TOOL while `fm.main` runs."""
+    """Another program sets TOOL while `fm.main` runs."""
     talk.hello()
     talk.robot.T_flange_tcp = TOOL
     talk.do(Com.MOVE_POSE, 0, talk.shifted_vec(z=10.0))
 
 
 def pose_that_does_not_fit(talk: Talk) -> None:
-    """A long TOOL of somebody else and a fine scale: z is below -99999 units."""
+    """A long TOOL of another program and a fine scale: z is below -99999 units."""
     talk.hello()
     talk.hang_up()
     talk.live(0.1)
     talk.robot.T_flange_tcp = pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.6]))
     talk.greet(scales=(99, *SCALES[1:]))
-    talk.wait(lambda: talk.heard(Com.HEALTH))
-    assert not talk.heard(Com.POSE)
-    assert not talk.heard(Com.JOINTS)
+    talk.wait(lambda: talk.received(Com.HEALTH))
+    assert not talk.received(Com.POSE)
+    assert not talk.received(Com.JOINTS)
 
 
 def port_that_is_taken(talk: Talk) -> None:
-    """Somebody else has the port; it is tried again until it is free."""
+    """Another process has the port; it is tried again until it is free."""
     talk.wait(lambda: PORT in talk.machine.tcp.listening, beat=False)
     talk.machine.tcp.end_listen(PORT)
     talk.network.listen(PORT)
@@ -205,7 +197,7 @@ FAULTS: dict[int, Callable[[Talk], None]] = {
 }
 LATCHED = {1, 2, 3}
 CLOSED = {*LATCHED, 4, 5, 12, 18}  # the connection ends with these
-UNGREETED = {11, 18}  # no client has said hello
+UNGREETED = {11, 18}  # no client has sent a hello
 
 
 def found(talk: Talk) -> float:
@@ -215,13 +207,15 @@ def found(talk: Talk) -> float:
 
 def test_no_fault_of_the_readme_and_of_the_program_is_left_out_here() -> None:
     """Three lists, one set of numbers."""
-    said = set(map(int, re.findall(r"^\| (\d+) \|", README.split("## Faults")[1], re.MULTILINE)))
-    assert set(FAULTS) == said == codes_of(TEXT)
+    documented = set(
+        map(int, re.findall(r"^\| (\d+) \|", README.split("## Faults")[1], re.MULTILINE))
+    )
+    assert set(FAULTS) == documented == codes_of(TEXT)
 
 
 @pytest.mark.parametrize("code", FAULTS, ids=lambda code: FAULTS[code].__name__)
 def test_each_fault_has_its_number_and_stops_the_arm(code: int, behaviour: Behaviour) -> None:
-    """Held or never moved; latched and closed where the README says so, and only there."""
+    """Held or never moved; latched and closed where the README has it, and only there."""
     talk = Talk(behaviour, text=with_peer(*LOOPBACK))
     FAULTS[code](talk)
     assert found(talk) == code
@@ -238,7 +232,7 @@ def test_each_fault_has_its_number_and_stops_the_arm(code: int, behaviour: Behav
 
 
 @pytest.mark.parametrize("code", sorted(CLOSED - {3}))  # 3: fm.main itself has ended
-def test_a_fault_that_closed_the_connection_is_told_to_the_next_one(code: int) -> None:
+def test_a_fault_that_closed_the_connection_is_reported_to_the_next_one(code: int) -> None:
     """README: it stays until the next motion or start."""
     talk = Talk(text=with_peer(*LOOPBACK))
     FAULTS[code](talk)
@@ -255,7 +249,7 @@ def test_a_fault_that_closed_the_connection_is_told_to_the_next_one(code: int) -
 
 @pytest.mark.parametrize("component", range(6))
 @pytest.mark.parametrize("frame", ["T_flange_tcp", "T_base_shift"])
-def test_each_component_of_tool_and_base_is_looked_at(frame: str, component: int) -> None:
+def test_each_component_of_tool_and_base_is_checked(frame: str, component: int) -> None:
     """1 mm or 1 degree of any of them would put the arm somewhere else: fault 8, nothing moves."""
     talk = Talk()
     talk.hello()
@@ -276,11 +270,11 @@ def test_each_component_of_tool_and_base_is_looked_at(frame: str, component: int
 
 @pytest.mark.parametrize("axis", range(3))
 def test_no_pose_is_sent_when_any_coordinate_does_not_fit(axis: int) -> None:
-    """Nothing is ever clipped: 103 says 10, and nothing else comes."""
+    """No number is ever clipped: 103 reports 10, and nothing else comes."""
     talk = Talk()
     talk.hello()
     talk.robot.T_base_shift = pin.SE3(np.eye(3), 3.0 * np.eye(3)[axis])  # a BASE 3 m away
     talk.wait(lambda: talk.fault == 10, 1.0, beat=False)
-    before = len(talk.heard(Com.POSE)), len(talk.heard(Com.JOINTS))
+    before = len(talk.received(Com.POSE)), len(talk.received(Com.JOINTS))
     talk.live(0.5)
-    assert (len(talk.heard(Com.POSE)), len(talk.heard(Com.JOINTS))) == before
+    assert (len(talk.received(Com.POSE)), len(talk.received(Com.JOINTS))) == before

@@ -8,10 +8,9 @@ from common.motion.frames import rotation_between
 from controller.packet import VecInt
 from controller.packet_table import CentreParam, Com, Status
 from sim.controller.behaviour import Behaviour, pessimistic
-from tests.fakes.controller_talk import LIMITS, QUICK, Talk
+from tests.fakes.controller_talk import LIMITS, QUICK, Talk, push
 
 TCP_MM = np.array([0.0, 0.0, 160.0])
-PERIOD_S = 0.02
 
 
 def running(
@@ -22,7 +21,7 @@ def running(
     limits: VecInt = LIMITS,
     behaviour: Behaviour = QUICK,
 ) -> Talk:
-    """Force feedback runs, about a TCP 160 mm below the flange, and has seen one zero wrench."""
+    """Force feedback runs, about a TCP 160 mm below the flange, with one zero wrench received."""
     talk = Talk(behaviour)
     talk.hello(limits=limits)
     talk.send(Com.TCP, CentreParam.CENTRE, (0, 0, 8000, 0, 0, 0))
@@ -31,15 +30,8 @@ def running(
     return talk
 
 
-def push(talk: Talk, times: int, vec: VecInt = (0,) * 6) -> None:
-    """Send the same wrench some times, every 20 ms."""
-    for _ in range(times):
-        talk.send(Com.WRENCH, 0, vec)
-        talk.live(PERIOD_S)
-
-
 def tcp_mm(T: pin.SE3) -> np.ndarray:
-    """Where the TCP is."""
+    """Return the position of the TCP."""
     return np.array(T.act(TCP_MM))
 
 
@@ -48,8 +40,8 @@ def tcp_mm(T: pin.SE3) -> np.ndarray:
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_integral_gives_way_along_the_base_axis_at_gain_times_force(axis: int, sign: int) -> None:
-    """0.2 mm/(N s) and 10 N are 2 mm/s, along the force."""
+def test_integral_yields_on_the_base_axis_at_gain_times_force(axis: int, sign: int) -> None:
+    """0.2 mm/(N s) and 10 N are 2 mm/s, in the direction of the force."""
     gains = [0] * 6
     gains[axis] = 1000
     talk = running(1, gains_i=tuple(gains))  # type: ignore[arg-type]
@@ -152,7 +144,7 @@ def test_the_law_does_not_depend_on_the_speed_of_the_controller(behaviour: Behav
 def test_an_iteration_goes_no_farther_than_step_and_speed_allow(mode: int) -> None:
     """A gain that is far too high is a slow ramp of the flange, not a jump.
 
-    The limit is the flange's: 160 mm above the TCP it has a way of its own to go when it turns.
+    The limit is the flange's: 160 mm above the TCP it has its own travel when it turns.
     """
     limits = (10, 100, 50, 10_000, 5_000, 250)  # 0.2 mm, 0.2 degrees, 5 mm/s
     vec = (0, 0, 3000 * (mode & 1), 3000 * (mode >> 1), 0, 0)
@@ -160,8 +152,8 @@ def test_an_iteration_goes_no_farther_than_step_and_speed_allow(mode: int) -> No
     push(talk, 3, vec)
     start = talk.T_mm
     push(talk, 25, vec)
-    way = float(np.linalg.norm(talk.T_mm.translation - start.translation))
-    assert 1.2 < way < 2.6  # 0.5 s at 5 mm/s
+    travel = float(np.linalg.norm(talk.T_mm.translation - start.translation))
+    assert 1.2 < travel < 2.6  # 0.5 s at 5 mm/s
     turned = np.degrees(np.linalg.norm(rotation_between(start.rotation, talk.T_mm.rotation)))
     assert turned < 0.5 * 5.0 / 1.75 * 1.1
     assert (turned > 0.3) == (mode > 1)
@@ -253,7 +245,7 @@ def test_a_hold_ends_it_and_a_new_start_begins_where_the_arm_is() -> None:
 
 
 def test_the_centre_may_change_while_it_runs_and_the_arm_stays() -> None:
-    """After a way along all three axes: the same pose, told by another point."""
+    """After a motion on all three axes: the same pose, expressed by another point."""
     talk = running(3, gains_i=(1000, 1000, 1000, 0, 0, 0))
     push(talk, 50, (1000, -1500, 2000, 0, 0, 0))
     push(talk, 5)

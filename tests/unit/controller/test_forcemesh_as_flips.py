@@ -1,4 +1,4 @@
-"""The program that ships, with one digit of one packet spoilt on its way: what moves is bounded.
+"""The program that ships, with one digit of one packet corrupted in transit: the motion is bounded.
 
 The packet has no checksum, so a spoilt digit inside the six numbers is a good packet with another
 number. Here every digit of every field of the commands 1, 2, 4, 5 and 13 becomes every other digit,
@@ -36,7 +36,7 @@ SAMPLE = 4  # flips of each command, always
 
 
 def flips(com: Com) -> list[tuple[int, str]]:
-    """Every place and what stands there instead; which digit it is now shows when it is sent."""
+    """Every place and its replacement; the present digit shows when it is sent."""
     rng = random.Random(int(com))
     found = [(place, char) for place in PLACES for char in "0123456789-"]
     rng.shuffle(found)
@@ -44,8 +44,8 @@ def flips(com: Com) -> list[tuple[int, str]]:
 
 
 @dataclass
-class Bench:
-    """A controller, what was promised, and the farthest that it went since `mark`."""
+class CorruptionBench:
+    """A controller, its promised limits, and the farthest that it went since `mark`."""
 
     talk: Talk = field(default_factory=Talk)
     connections: int = 0
@@ -56,7 +56,7 @@ class Bench:
         self.low, self.high = at - WALL_MM, at + WALL_MM
         self.centre = self.talk.T_mm
         self.connect()
-        self.talk.machine.after_tick.append(self._look)
+        self.talk.machine.after_tick.append(self._measure)
 
     def connect(self) -> None:
         """Greet and set up."""
@@ -79,12 +79,12 @@ class Bench:
 
     @property
     def commanded(self) -> pin.SE3:
-        """The flange as the motors are told, in mm."""
+        """The flange as commanded to the motors, in mm."""
         robot = self.talk.robot
         T = robot.kinematics.flange_pose(robot.queue.q_command)
         return pin.SE3(T.rotation, T.translation * 1e3)
 
-    def _look(self) -> None:
+    def _measure(self) -> None:
         """Judge each millisecond: box, turn, speed of the flange; and keep the farthest."""
         T = self.commanded
         tcp = T.act(TCP_MM)
@@ -95,8 +95,8 @@ class Bench:
         step_mm = float(np.linalg.norm(T.translation - self.before.translation))
         assert step_mm < BLEND * FASTEST_MM_S * 1e-3
         self.before = T
-        way = T.translation - self.start.translation
-        self.far_mm = max(self.far_mm, float(np.linalg.norm(way)))
+        travel = T.translation - self.start.translation
+        self.far_mm = max(self.far_mm, float(np.linalg.norm(travel)))
         self.turned_deg = max(self.turned_deg, float(turn))
 
     def rest(self) -> None:
@@ -109,7 +109,7 @@ class Bench:
             self.connect()
         self.mark()
 
-    def send_spoilt(self, com: Com, vec: VecInt, place: int, char: str) -> bool:
+    def send_corrupted(self, com: Com, vec: VecInt, place: int, char: str) -> bool:
         """Send a packet with one character replaced; False when it is the one that stands there."""
         id_ = next_id(self.talk.id)
         good = encode(Packet(id_, com, 0, vec))
@@ -123,32 +123,32 @@ class Bench:
     def near(self, mm: float) -> VecInt:
         """A pose so many mm from here towards the middle of the box, as turned as at the start."""
         T = self.talk.T_mm
-        way = self.centre.translation - T.translation
-        way = way / max(1.0, float(np.linalg.norm(way))) * mm
-        return self.talk.pose_vec(pin.SE3(T.rotation, T.translation + way))
+        travel = self.centre.translation - T.translation
+        travel = travel / max(1.0, float(np.linalg.norm(travel))) * mm
+        return self.talk.pose_vec(pin.SE3(T.rotation, T.translation + travel))
 
 
-_benches: list[Bench] = []
+_benches: list[CorruptionBench] = []
 
 
-def bench() -> Bench:
+def bench() -> CorruptionBench:
     """One controller for all of them; a new one after a test has failed."""
     if not _benches:
-        _benches.append(Bench())
+        _benches.append(CorruptionBench())
     return _benches[0]
 
 
-def try_goal(bench: Bench, com: Com, place: int, char: str) -> None:
+def try_goal(bench: CorruptionBench, com: Com, place: int, char: str) -> None:
     """A spoilt goal: anywhere in the box, no faster and no farther turned than is allowed."""
     a, b, c, d, e, f = (round(float(q) * SCALES[2]) for q in np.degrees(bench.talk.robot.q))
     vec = bench.near(1.0) if com == Com.MOVE_POSE else (a, b, c, d, e, f)
-    if bench.send_spoilt(com, vec, place, char):
+    if bench.send_corrupted(com, vec, place, char):
         bench.talk.live(WATCHED_S, beat=True)
 
 
-def try_speed(bench: Bench, place: int, char: str) -> None:
+def try_speed(bench: CorruptionBench, place: int, char: str) -> None:
     """A spoilt speed, and a goal behind it."""
-    if bench.send_spoilt(Com.SPEEDS, SPEEDS, place, char) and not bench.talk.closed:
+    if bench.send_corrupted(Com.SPEEDS, SPEEDS, place, char) and not bench.talk.closed:
         bench.talk.send(Com.MOVE_POSE, 0, bench.near(8.0))
         bench.talk.live(WATCHED_S, beat=True)
         assert bench.far_mm < 8.0 + SETTLE_MM
@@ -156,12 +156,12 @@ def try_speed(bench: Bench, place: int, char: str) -> None:
         bench.talk.send(Com.SPEEDS, 0, SPEEDS)
 
 
-def try_set_point(bench: Bench, place: int, char: str) -> None:
+def try_set_point(bench: CorruptionBench, place: int, char: str) -> None:
     """A spoilt set point of a stream: one step aside at most, and those behind it go on."""
     talk = bench.talk
     vec = bench.near(1.0)
     talk.send(Com.SET_POINT, 0, bench.near(0.0))
-    spoilt = bench.send_spoilt(Com.SET_POINT, vec, place, char)
+    spoilt = bench.send_corrupted(Com.SET_POINT, vec, place, char)
     if spoilt:
         talk.live(0.05, beat=True)
     if spoilt and not talk.closed:
@@ -173,23 +173,23 @@ def try_set_point(bench: Bench, place: int, char: str) -> None:
         assert bench.turned_deg < STEP_DEG + SETTLE_DEG
 
 
-def try_wrench(bench: Bench, place: int, char: str) -> None:
-    """A spoilt wrench of force feedback: an iteration and its way back, and never its travel."""
+def try_wrench(bench: CorruptionBench, place: int, char: str) -> None:
+    """A corrupted wrench of force feedback: an iteration and its return, and never its travel."""
     talk = bench.talk
     talk.start_feedback(1, gains_i=GAIN)
     for _ in range(3):
         talk.send(Com.WRENCH)
         talk.live(0.02)
     before = bench.commanded
-    if bench.send_spoilt(Com.WRENCH, PUSH, place, char):
+    if bench.send_corrupted(Com.WRENCH, PUSH, place, char):
         for _ in range(5):
             talk.live(0.02)
             if not talk.closed:
                 talk.send(Com.WRENCH)
-        way = float(np.linalg.norm(bench.commanded.translation - before.translation))
+        travel = float(np.linalg.norm(bench.commanded.translation - before.translation))
         # 14 for 4 is a set point that stays: pressed on until the stop, at 50 mm/s at most.
         most = ITERATION_MM if not FRAME_STRIDE <= place < 2 * FRAME_STRIDE else TRAVEL_MM
-        assert way < most + 0.1
+        assert travel < most + 0.1
     if not talk.closed:
         talk.send(Com.FEEDBACK, 2)
 
@@ -198,15 +198,15 @@ def run(com: Com, chosen: list[tuple[int, str]]) -> None:
     """Spoil one packet after another."""
     for place, char in chosen:
         try:
-            spoil(bench(), com, place, char)
+            corrupt(bench(), com, place, char)
         except BaseException as error:
             _benches.clear()
             error.add_note(f"command {int(com)}, character {place + 1} becomes {char!r}")
             raise
 
 
-def spoil(bench: Bench, com: Com, place: int, char: str) -> None:
-    """Spoil one packet, and look what moves."""
+def corrupt(bench: CorruptionBench, com: Com, place: int, char: str) -> None:
+    """Corrupt one packet, and measure the motion."""
     bench.rest()
     if com in {Com.MOVE_POSE, Com.MOVE_JOINTS}:
         try_goal(bench, com, place, char)
@@ -235,8 +235,8 @@ def test_no_spoilt_digit_moves_more_than_the_limits_allow(com: Com) -> None:
 
 
 def test_the_limits_matter(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same with a controller that is told no walls: the judge sees what the walls prevent."""
-    loose = Bench()
+    """The same with a controller without walls: the judge finds the prevented motions."""
+    loose = CorruptionBench()
     monkeypatch.setattr(loose.talk, "hello", lambda **_: Talk.hello(loose.talk, limits=LIMITS))
     loose.connect()
     loose.talk.send(Com.MOVE_POSE, 0, loose.talk.shifted_vec(z=160.0))

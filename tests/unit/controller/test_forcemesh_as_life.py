@@ -5,21 +5,14 @@ import pinocchio as pin
 import pytest
 
 from controller.packet_table import ID_FIRST, Com, Status
-from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.behaviour import Behaviour
 from sim.controller.errors import AsError
 from sim.controller.machine import Machine
-from tests.fakes.controller_talk import LIMITS, PORT, QUICK, Talk, moving, still
+from tests.fakes.controller_talk import LIMITS, PORT, Talk, moving, still
 
 TOOL = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.01, -0.02, 0.15]))
 BASE = pin.SE3(pin.utils.rotate("z", -0.5), np.array([0.1, 0.2, -0.3]))
-BEHAVIOURS = {"kind": Behaviour(step_s=QUICK.step_s), "pessimistic": pessimistic(QUICK.step_s)}
 PC_PROGRAMS = {"fm.send": 1, "fm.recv": 2, "fm.watch": 3}
-
-
-@pytest.fixture(params=list(BEHAVIOURS))
-def behaviour(request: pytest.FixtureRequest) -> Behaviour:
-    """The kind reading of the open questions, and the worse one."""
-    return BEHAVIOURS[request.param]
 
 
 def users_frames(machine: Machine) -> None:
@@ -29,7 +22,7 @@ def users_frames(machine: Machine) -> None:
 
 
 def are_the_users(machine: Machine) -> bool:
-    """Tell whether TOOL, BASE and CP are the user's, to a float's precision."""
+    """Return whether TOOL, BASE and CP are the user's, to a float's precision."""
     frames = ((machine.robot.T_flange_tcp, TOOL), (machine.robot.T_base_shift, BASE))
     same = all(np.allclose(is_.homogeneous, was.homogeneous, atol=1e-6) for is_, was in frames)
     return same and not machine.switches.read("cp")
@@ -86,7 +79,7 @@ def test_quit_ends_all_and_puts_tool_base_and_cp_back(behaviour: Behaviour) -> N
 def test_execute_after_aborts_works_and_keeps_the_frames_of_before(
     times: int, behaviour: Behaviour
 ) -> None:
-    """An aborted run leaves TOOL and BASE null: they are not what is kept."""
+    """An aborted run leaves TOOL and BASE null: these values are not kept."""
     talk = moving(Talk(behaviour, prepare=users_frames))
     for _ in range(times):
         talk.pendant.abort()
@@ -126,7 +119,7 @@ def test_restore_puts_the_frames_back_after_an_abort_and_does_nothing_twice(
 
 
 @pytest.mark.parametrize("frozen_s", [0.2, 1.0])
-def test_what_came_during_a_freeze_is_read_before_silence_is_judged(
+def test_packets_of_a_freeze_are_read_before_silence_is_judged(
     frozen_s: float, behaviour: Behaviour
 ) -> None:
     """No task makes a step while beats pile up; then all at once. The motion ends as it should."""
@@ -141,7 +134,7 @@ def test_what_came_during_a_freeze_is_read_before_silence_is_judged(
 
 
 def test_silence_during_a_freeze_is_a_silence_all_the_same(behaviour: Behaviour) -> None:
-    """A packet that nobody had read yet counts as new; then the limit, and the arm is braked."""
+    """An unread packet counts as new; then the limit, and the arm is braked."""
     talk = moving(Talk(behaviour), 150.0)
     talk.machine.scheduler.stall(1.0)
     talk.live(1.0)
@@ -151,7 +144,7 @@ def test_silence_during_a_freeze_is_a_silence_all_the_same(behaviour: Behaviour)
     assert still(talk)
 
 
-def test_a_hold_that_came_in_a_freeze_voids_what_came_before_it(behaviour: Behaviour) -> None:
+def test_a_hold_that_came_in_a_freeze_voids_the_motions_before_it(behaviour: Behaviour) -> None:
     """Ten motions and the hold are read in one burst; none of the ten is made."""
     talk = moving(Talk(behaviour), 150.0)
     talk.machine.scheduler.stall(1.0)

@@ -1,4 +1,4 @@
-"""The program that ships, executed: what it lets move at all, by the banks of command 10."""
+"""The program that ships, executed: permitted motion by the banks of command 10."""
 
 import numpy as np
 import pinocchio as pin
@@ -16,6 +16,7 @@ from tests.fakes.controller_talk import (
     SET_UP,
     UPPER,
     Talk,
+    push,
     with_peer,
 )
 
@@ -67,13 +68,6 @@ def refused(talk: Talk, com: Com, vec: VecInt) -> int:
     return 0
 
 
-def push(talk: Talk, times: int, vec: VecInt = ZERO_VEC) -> None:
-    """Send the same wrench some times, every 20 ms."""
-    for _ in range(times):
-        talk.send(Com.WRENCH, 0, vec)
-        talk.live(0.02)
-
-
 # --- before everything has come -------------------------------------------------------------------
 
 
@@ -98,7 +92,7 @@ def test_nothing_moves_before_every_bank_and_the_tcp_have_come(missing: int) -> 
 
 
 def test_limits_of_another_connection_are_none() -> None:
-    """Whoever connects next sends its own."""
+    """The next client sends its own."""
     talk = ready()
     talk.hang_up()
     talk.live(0.3)
@@ -109,7 +103,7 @@ def test_limits_of_another_connection_are_none() -> None:
 
 
 @pytest.mark.parametrize("number", range(5))
-def test_limits_are_told_once(number: int) -> None:
+def test_limits_are_sent_once(number: int) -> None:
     """A packet whose command or Param was spoilt changes none of them; the next connection may."""
     talk = ready()
     names = ("ltravel", "lfast", "b[1]", "b[4]", "lcos", "wd", "lforce")
@@ -131,9 +125,9 @@ def test_a_target_outside_the_box_is_refused_on_every_side(com: Com, axis: int, 
     """Walls 10 mm around the TCP: 9 mm is let through, 11 mm is not."""
     talk = walled((10.0,) * 3, (10.0,) * 3)
     start = talk.T_mm
-    for way_mm, fault in ((11.0, BOX), (9.0, 0)):
-        way = sign * way_mm * np.eye(3)[axis]
-        vec = talk.pose_vec(pin.SE3(start.rotation, start.translation + way))
+    for travel_mm, fault in ((11.0, BOX), (9.0, 0)):
+        travel = sign * travel_mm * np.eye(3)[axis]
+        vec = talk.pose_vec(pin.SE3(start.rotation, start.translation + travel))
         assert refused(talk, com, vec) == fault
     assert (talk.T_mm.translation - start.translation)[axis] == pytest.approx(9.0 * sign, abs=0.1)
 
@@ -149,7 +143,7 @@ def test_it_is_the_tcp_that_has_to_stay_in_the_box() -> None:
         assert refused(talk, Com.MOVE_POSE, vec) == fault
 
 
-def test_joints_are_judged_by_where_the_tool_comes_and_by_its_way() -> None:
+def test_joints_are_judged_by_the_end_and_the_path_of_the_tool() -> None:
     """JT1 swings the tool aside; from -30 to 30 degrees it passes outside, and ends inside."""
     outward = (500.0, 500.0, 500.0)
     talk = walled(outward, (500.0, -34.0, 500.0))  # at 0 degrees the TCP is 34 mm outside
@@ -188,7 +182,7 @@ def test_force_feedback_that_comes_to_the_box_ends_in_hold(mode: int) -> None:
 
 
 def test_turns_count_from_the_first_motion_after_a_hold() -> None:
-    """20 degrees are allowed: 15 and 10 the same way are too many; a hold begins anew."""
+    """20 degrees are allowed: 15 and 10 in the same direction are too many; a hold begins anew."""
     talk = ready(motion=(20 * SCALES[1], *MOTION[1:]))
     by = 250
     assert refused(talk, Com.MOVE_BY_JOINTS, (0, 0, 0, 0, 0, 15 * by)) == 0
@@ -200,7 +194,7 @@ def test_turns_count_from_the_first_motion_after_a_hold() -> None:
     assert refused(talk, Com.MOVE_BY_JOINTS, (0, 0, 0, 0, 0, -15 * by)) == 0
 
 
-def test_a_pose_that_is_turned_too_far_is_refused_wherever_it_lies() -> None:
+def test_a_pose_that_is_turned_too_far_is_refused_at_any_position() -> None:
     """Also when its O, A, T stand for a small difference of numbers: the rotation counts."""
     talk = ready(motion=(20 * SCALES[1], *MOTION[1:]))
     start = talk.T_mm
@@ -217,7 +211,9 @@ def test_force_feedback_that_turns_too_far_ends_in_hold() -> None:
     assert refused(talk, Com.MOVE_BY_JOINTS, (0, 0, 0, 0, 0, 3 * 250)) == 0
     talk.start_feedback(2, gains_i=(0, 0, 0, 0, 0, 50_000))
     start = talk.T_mm
-    push(talk, 40, (0, 0, 0, 0, 0, -1000))  # the flange looks down: about base z the other way
+    push(
+        talk, 40, (0, 0, 0, 0, 0, -1000)
+    )  # the flange points down: about base z the other direction
     assert talk.fault == TURN
     assert talk.status & Status.HELD
     turned = np.degrees(np.linalg.norm(rotation_between(start.rotation, talk.T_mm.rotation)))
@@ -231,9 +227,9 @@ def test_a_set_point_is_measured_from_the_one_before_and_the_first_from_the_arm(
     """20 mm: 19 and 19 more pass; 21 does not, and the next is measured from the last good one."""
     talk = ready()
     start = talk.T_mm
-    ways = {21.0: LEAP, 19.0: 0, 38.0: 0, 60.0: LEAP, 17.0: LEAP, 57.0: 0}
-    for way_mm, fault in ways.items():
-        at = pin.SE3(start.rotation, start.translation + np.array([0.0, 0.0, way_mm]))
+    faults = {21.0: LEAP, 19.0: 0, 38.0: 0, 60.0: LEAP, 17.0: LEAP, 57.0: 0}
+    for travel_mm, fault in faults.items():
+        at = pin.SE3(start.rotation, start.translation + np.array([0.0, 0.0, travel_mm]))
         sent = talk.send(Com.SET_POINT, 0, talk.pose_vec(at))
         talk.live(0.3, beat=True)
         assert talk.taken == sent
@@ -298,8 +294,8 @@ def test_a_speed_above_the_highest_is_refused_and_the_one_before_stays(
 # --- the wrench and its set point -----------------------------------------------------------------
 
 
-def test_the_set_point_is_what_force_feedback_goes_for() -> None:
-    """10 N of 10 N is nothing to give way to; without the set point the arm goes up."""
+def test_the_set_point_is_the_target_of_force_feedback() -> None:
+    """10 N of 10 N leave no error to follow; without the set point the arm goes up."""
     talk = ready()
     talk.start_feedback(1, gains_i=(0, 0, 1_000, 0, 0, 0))
     talk.send(Com.FORCE_SET_POINT, 0, (0, 0, 1000, 0, 0, 0))
@@ -312,8 +308,8 @@ def test_the_set_point_is_what_force_feedback_goes_for() -> None:
 
 
 @pytest.mark.parametrize("end", ["hold", "stop", "hello"])
-def test_a_set_point_ends_with_what_it_was_for(end: str) -> None:
-    """The next force feedback begins with zero, whatever the last one went for."""
+def test_a_set_point_ends_with_its_force_feedback(end: str) -> None:
+    """The next force feedback begins with zero, whatever the last target was."""
     talk = ready()
     talk.start_feedback(1)
     talk.send(Com.FORCE_SET_POINT, 0, (0, 0, 1000, 0, 0, 0))
@@ -360,7 +356,7 @@ def test_the_ceilings_are_for_the_reading_itself(
 
 
 def test_only_the_pc_may_connect_when_its_address_is_set() -> None:
-    """Each number of the address counts; who is refused hears nothing, and the PC is served."""
+    """Each number of the address counts; a refused client gets nothing, the PC is served."""
     pc = (192, 168, 0, 10)
     talk = Talk(text=with_peer(*pc))
     for k in range(4):
@@ -376,7 +372,7 @@ def test_only_the_pc_may_connect_when_its_address_is_set() -> None:
 
 
 @pytest.mark.parametrize(("text", "any_peer"), [(with_peer(127, 0, 0, 1), 0), (None, 1)])
-def test_health_says_whether_anybody_may_connect(text: str | None, any_peer: int) -> None:
+def test_health_reports_whether_any_peer_may_connect(text: str | None, any_peer: int) -> None:
     """The last number of 103."""
     talk = Talk() if text is None else Talk(text=text)
     talk.hello(limits=None)

@@ -34,7 +34,7 @@ LEAST: VecInt = (10, 100, 50, 1, 10, 1)
 MOST: VecInt = (99, 555, 277, 999, 9999, 1000)
 SPEEDS: VecInt = (10_000, 10_000, 10_000, 500, 0, 0)
 HELLO = encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, SCALES))
-SET_UP_WORDS = b"".join(
+SET_UP_PACKETS = b"".join(
     encode(Packet(ID_FIRST + number, com, param, vec))
     for number, (com, param, vec) in enumerate(
         (
@@ -63,14 +63,14 @@ def shared() -> Talk:
     return Talk()
 
 
-def first_words(talk: Talk, data: bytes) -> None:
-    """Connect and say these bytes, then wait until the controller has judged them."""
+def greet_with(talk: Talk, data: bytes) -> None:
+    """Connect and send these bytes, then wait until the controller has judged them."""
     if not talk.closed:
         talk.hang_up()
         talk.live(0.01)
     talk.dial()
     talk.write(data)
-    talk.wait(lambda: talk.closed or talk.heard(Com.HELLO), beat=False)
+    talk.wait(lambda: talk.closed or talk.received(Com.HELLO), beat=False)
 
 
 def busy() -> tuple[Talk, int]:
@@ -88,16 +88,16 @@ def busy() -> tuple[Talk, int]:
 
 @pytest.mark.parametrize("id_", [ID_FIRST, ID_FIRST + 5, ID_LAST])
 def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id_: int) -> None:
-    """Before the hello nothing is said; after it 101, 102 and 103 say the hello's ID."""
+    """Before the hello nothing is sent; after it 101, 102 and 103 carry the hello's ID."""
     talk = Talk()
     talk.dial()
     talk.live(0.3)
     assert talk.inbox == []
     talk.id = id_
     talk.write(encode(Packet(id_, Com.HELLO, HELLO_PARAM, SCALES)))
-    talk.wait(lambda: talk.heard(Com.HEALTH), 1.0, beat=False)
+    talk.wait(lambda: talk.received(Com.HEALTH), 1.0, beat=False)
     assert talk.inbox[0] == Packet(id_, Com.HELLO, HELLO_PARAM, SCALES)
-    assert len(talk.heard(Com.HELLO)) == 1
+    assert len(talk.received(Com.HELLO)) == 1
     assert (talk.taken, talk.framed, talk.fault) == (id_, id_, 0)
     assert talk.last(Com.HEALTH).vec[4] == id_ - ID_FIRST
     assert talk.send(Com.HEARTBEAT) == next_id(id_)
@@ -124,26 +124,26 @@ def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id
 def test_first_packet_that_is_no_hello_closes_the_connection_unanswered(data: bytes) -> None:
     """Fault 4; the next client is served."""
     talk = shared()
-    first_words(talk, data)
+    greet_with(talk, data)
     assert talk.closed
     assert talk.inbox == []
     assert talk.value("fm.fault") == 4
-    first_words(talk, HELLO)
+    greet_with(talk, HELLO)
     assert talk.inbox[0].com == Com.HELLO
 
 
 @pytest.mark.parametrize(
     "param", [0, 1, 999, 1001, 3001, HELLO_PARAM - 1, HELLO_PARAM + 1, 499_999]
 )
-def test_another_version_or_arm_is_told_ours_and_goes(param: int) -> None:
-    """The PC can say which end is older, or which arm it met; nothing of it counts as a hello."""
+def test_a_client_of_another_version_or_arm_receives_ours_and_is_disconnected(param: int) -> None:
+    """The PC can report which end is older, or the other arm; none of it counts as a hello."""
     talk = shared()
-    first_words(talk, HELLO)
+    greet_with(talk, HELLO)
     talk.live(0.07)  # what follows the answer to a good hello is done
     latched = talk.value("fm.lack")
     talk.hang_up()
     talk.live(0.07)
-    first_words(talk, encode(Packet(ID_FIRST + 7, Com.HELLO, param, SCALES)))
+    greet_with(talk, encode(Packet(ID_FIRST + 7, Com.HELLO, param, SCALES)))
     talk.wait(lambda: talk.closed, 1.0, beat=False)
     assert talk.inbox == [Packet(ID_FIRST + 7, Com.HELLO, HELLO_PARAM, SCALES)]
     talk.live(0.07)
@@ -155,13 +155,13 @@ def test_another_version_or_arm_is_told_ours_and_goes(param: int) -> None:
 def test_scales_are_taken_up_to_their_limits_and_else_stay_as_they_were(
     index: int, edge: VecInt, beyond: int
 ) -> None:
-    """One scale that does not fit leaves all six alone; the answer tells which are in force."""
+    """One scale that does not fit leaves all six alone; the answer has those in force."""
     talk = shared()
-    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, SCALES)))
+    greet_with(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, SCALES)))
     a, b, c, d, e, f = (scale + beyond * (k == index) for k, scale in enumerate(edge))
-    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, (a, b, c, d, e, f))))
+    greet_with(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, (a, b, c, d, e, f))))
     assert talk.inbox[0].vec == SCALES
-    first_words(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, edge)))
+    greet_with(talk, encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, edge)))
     assert talk.inbox[0].vec == edge
 
 
@@ -201,8 +201,8 @@ def test_a_client_that_hangs_up_or_is_cut_makes_room_and_leaves_a_hold() -> None
 def test_every_command_of_the_table_is_framed(com: Com, param: int) -> None:
     """Every Param that the table knows, too; a Param more closes the connection."""
     talk = shared()
-    first_words(talk, HELLO)
-    talk.live(0.07)  # the watchdog looks twice
+    greet_with(talk, HELLO)
+    talk.live(0.07)  # the watchdog checks twice
     talk.id = ID_FIRST
     vec = HARMLESS.get(com, ZERO_VEC)
     if com in {Com.MOVE_POSE, Com.SET_POINT}:
@@ -217,14 +217,14 @@ def test_every_command_of_the_table_is_framed(com: Com, param: int) -> None:
     assert talk.framed == ID_FIRST + 1
 
 
-def test_a_fault_that_comes_while_a_motion_is_taken_is_told() -> None:
+def test_a_fault_that_comes_while_a_motion_is_taken_is_reported() -> None:
     """Every phase of 40 ms: the motion that ends a hold clears the fault of that hold, no newer."""
     talk = shared()
     for phase in range(400):
-        first_words(talk, HELLO)
+        greet_with(talk, HELLO)
         talk.live(0.07 + phase * 1e-4)
         talk.id = ID_FIRST
-        talk.write(SET_UP_WORDS)
+        talk.write(SET_UP_PACKETS)
         talk.id += 5
         talk.send(Com.MOVE_JOINTS, 0, (0, 0, -22_500, 0, -22_500, 0))
         talk.wait(lambda: talk.framed == ID_FIRST + 6, 1.0, beat=False)
@@ -244,7 +244,7 @@ def test_the_receiver_takes_exactly_the_packets_that_the_codec_takes(
 ) -> None:
     """One character changed: the connection stands if and only if it is a packet, and it is due."""
     talk = shared()
-    first_words(talk, HELLO)
+    greet_with(talk, HELLO)
     sent = encode(Packet(ID_FIRST + 1, com, 0, HARMLESS.get(com, ZERO_VEC)))
     data = bytearray(sent)
     data[place] = ord(char)
@@ -258,9 +258,9 @@ def test_the_receiver_takes_exactly_the_packets_that_the_codec_takes(
 
 
 def is_due(data: bytes, id_: int) -> bool:
-    """Tell whether the codec and the table take a packet, with this ID and a vector of numbers.
+    """Return whether the codec and the table take a packet, with this ID and a vector of numbers.
 
-    Where a fixed number is due the receiver wants it in its one form: -00000 is no zero there.
+    Where a fixed number is due the receiver accepts one form only: -00000 is no zero there.
     """
     try:
         packet = PacketReader().feed(data)[0]
@@ -276,7 +276,7 @@ def is_due(data: bytes, id_: int) -> bool:
 def test_an_id_that_is_not_the_next_closes_the_connection(id_: int) -> None:
     """A packet twice, a packet lost: never guess."""
     talk = shared()
-    first_words(talk, HELLO)
+    greet_with(talk, HELLO)
     talk.write(encode(Packet(id_, Com.HEARTBEAT)))
     talk.wait(lambda: talk.closed, 1.0, beat=False)
     assert talk.value("fm.fault") == 4
@@ -285,7 +285,7 @@ def test_an_id_that_is_not_the_next_closes_the_connection(id_: int) -> None:
 def test_a_second_hello_closes_the_connection() -> None:
     """Also with the ID that is due: hello is the first packet and no other."""
     talk = shared()
-    first_words(talk, HELLO)
+    greet_with(talk, HELLO)
     talk.write(encode(Packet(ID_FIRST + 1, Com.HELLO, HELLO_PARAM, SCALES)))
     talk.wait(lambda: talk.closed, 1.0, beat=False)
     assert talk.value("fm.fault") == 4
@@ -303,7 +303,9 @@ def test_ids_go_round_at_999999() -> None:
 
 @settings(max_examples=15)
 @given(cuts=st.lists(st.integers(1, 200), min_size=1, max_size=12), data=st.data())
-def test_how_the_stream_is_cut_makes_no_difference(cuts: list[int], data: st.DataObject) -> None:
+def test_the_division_of_the_stream_makes_no_difference(
+    cuts: list[int], data: st.DataObject
+) -> None:
     """Bytes come in any pieces, hello too; every packet is framed once, in order."""
     talk = Talk()
     talk.dial()
@@ -322,7 +324,7 @@ def test_how_the_stream_is_cut_makes_no_difference(cuts: list[int], data: st.Dat
 # --- the ring -------------------------------------------------------------------------------------
 
 
-def test_what_waits_in_the_ring_is_framed_at_once_taken_later_and_in_order() -> None:
+def test_packets_in_the_ring_are_framed_at_once_taken_later_and_in_order() -> None:
     """While the robot program hands a motion over, 102 runs ahead of 101, and 103 counts."""
     talk, moving = busy()
     ids = [talk.send(Com.GAINS, 0, (k,) * 6) for k in range(1, RING + 1)]
@@ -330,22 +332,22 @@ def test_what_waits_in_the_ring_is_framed_at_once_taken_later_and_in_order() -> 
     talk.live(0.3, beat=True)
     assert talk.taken == moving
     assert talk.last(Com.HEALTH).vec[2] == RING
-    seen: list[int] = []
+    gains: list[int] = []
 
     def took() -> bool:
         gain = round(talk.value("fm.kp[1]") * GAIN_P)
-        seen.extend([gain] if gain not in seen else [])
+        gains.extend([gain] if gain not in gains else [])
         return talk.taken == ids[-1]
 
     talk.wait(took, 10.0)
-    assert seen == sorted(seen)
-    assert len(seen) > RING // 2  # the ring is emptied faster than a test looks
-    assert seen[-1] == RING
+    assert gains == sorted(gains)
+    assert len(gains) > RING // 2  # the ring is emptied faster than a test reads
+    assert gains[-1] == RING
     talk.wait(lambda: talk.last(Com.HEALTH).vec[2] == 0, 1.0)
 
 
 def test_one_packet_more_than_the_ring_holds_is_fault_5_and_a_hold() -> None:
-    """Nobody takes anything: that is no place to drop packets silently."""
+    """No packet is taken: that is no place to drop packets silently."""
     talk, _ = busy()
     for k in range(1, RING + 2):
         talk.send(Com.GAINS, 0, (k,) * 6)

@@ -1,4 +1,4 @@
-"""The program that ships, executed: what its numbers mean, measured on the arm and in reports."""
+"""The program that ships, executed: its numbers, measured on the arm and in reports."""
 
 from itertools import pairwise
 
@@ -9,15 +9,14 @@ import pytest
 from common.motion.frames import rotation_between
 from controller.packet import VecInt
 from controller.packet_table import COUNTER_SPAN, ID_FIRST, CentreParam, Com, Status, unpack_status
-from tests.fakes.controller_talk import SCALES, Talk
+from tests.fakes.controller_talk import SCALES, Talk, push
 
 OTHER: VecInt = (20, 200, 100, 10, 100, 5)
-PERIOD_S = 0.02
 PUSH: VecInt = (1100, -1200, 1300, 1400, -1500, 1600)  # 11 N, -12 N, ..., 1.6 N m
 
 
-def timed_way(talk: Talk, speeds: VecInt, z_mm: float = 60.0) -> np.ndarray:
-    """Heights above the start in mm, one each millisecond, of a motion along z."""
+def timed_heights(talk: Talk, speeds: VecInt, z_mm: float = 60.0) -> np.ndarray:
+    """Heights above the start in mm, one each millisecond, of a motion in z."""
     talk.do(Com.SPEEDS, 0, speeds)
     z, heights = talk.height_mm(), list[float]()
     talk.machine.after_tick.append(lambda: heights.append(talk.height_mm() - z))
@@ -28,7 +27,7 @@ def timed_way(talk: Talk, speeds: VecInt, z_mm: float = 60.0) -> np.ndarray:
 
 
 def duration_s(heights: np.ndarray, from_mm: float, to_mm: float) -> float:
-    """How long the arm took from one height to another."""
+    """Return the time of the arm from one height to another."""
     return float(np.argmax(heights >= to_mm) - np.argmax(heights >= from_mm)) * 1e-3
 
 
@@ -36,13 +35,6 @@ def one_hot(index: int, value: int) -> VecInt:
     """Six numbers, one of them not zero."""
     a, b, c, d, e, f = (value * (k == index) for k in range(6))
     return (a, b, c, d, e, f)
-
-
-def push(talk: Talk, times: int, vec: VecInt) -> None:
-    """The same wrench some times, every 20 ms."""
-    for _ in range(times):
-        talk.send(Com.WRENCH, 0, vec)
-        talk.live(PERIOD_S)
 
 
 # --- command 5 ------------------------------------------------------------------------------------
@@ -59,12 +51,12 @@ def test_speed_is_mechanical_times_modular_times_monitor_speed(
     talk = Talk()
     talk.hello()
     talk.pendant.monitor_speed(monitor)
-    heights = timed_way(talk, (10_000, 10_000, modular * 100, mechanical * 10, 0, 0))
+    heights = timed_heights(talk, (10_000, 10_000, modular * 100, mechanical * 10, 0, 0))
     assert 30.0 / duration_s(heights, 15.0, 45.0) == pytest.approx(expected_mm_s, rel=0.02)
 
 
 def test_speed_is_50_mm_s_until_command_5_comes() -> None:
-    """A controller that was told nothing is slow."""
+    """A controller without a speed command is slow."""
     talk = Talk()
     talk.hello()
     z = talk.height_mm()
@@ -75,10 +67,10 @@ def test_speed_is_50_mm_s_until_command_5_comes() -> None:
 
 @pytest.mark.parametrize(("accel", "decel"), [(1_000, 10_000), (10_000, 1_000)])
 def test_acceleration_and_deceleration_are_each_its_own(accel: int, decel: int) -> None:
-    """10 % of one makes that end of the way slow, and not the other."""
+    """10 % of one makes that end of the motion slow, and not the other."""
     talk = Talk()
     talk.hello()
-    heights = timed_way(talk, (accel, decel, 10_000, 1_000, 0, 0), 60.0)
+    heights = timed_heights(talk, (accel, decel, 10_000, 1_000, 0, 0), 60.0)
     first, last = duration_s(heights, 0.1, 6.0), duration_s(heights, 54.0, 59.9)
     slow, quick = (first, last) if accel < decel else (last, first)
     assert slow > 0.17
@@ -87,7 +79,7 @@ def test_acceleration_and_deceleration_are_each_its_own(accel: int, decel: int) 
 
 @pytest.mark.parametrize(("axis", "turn_deg"), [("x", 25.0), ("y", -25.0), ("z", 60.0)])
 def test_a_turn_on_the_spot_takes_its_angle_times_the_lever(axis: str, turn_deg: float) -> None:
-    """One degree counts as 1.75 mm, whatever AS makes of MM/S without a way."""
+    """One degree counts as 1.75 mm, whatever AS makes of MM/S without travel."""
     talk = Talk()
     talk.hello()
     talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 500, 0, 0))
@@ -101,17 +93,17 @@ def test_a_turn_on_the_spot_takes_its_angle_times_the_lever(axis: str, turn_deg:
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_a_long_way_with_a_small_turn_keeps_the_speed_of_the_way(axis: int) -> None:
+def test_a_long_travel_with_a_small_turn_keeps_the_speed_of_the_travel(axis: int) -> None:
     """The turn gets time of its own only where it takes longer."""
     talk = Talk()
     talk.hello()
     talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 500, 0, 0))
     T = talk.T_mm
     goal = T * pin.SE3(pin.utils.rotate("z", np.radians(10.0)), -50.0 * np.eye(3)[axis])
-    gone = lambda: float(np.linalg.norm(talk.T_mm.translation - T.translation))  # noqa: E731
+    moved_mm = lambda: float(np.linalg.norm(talk.T_mm.translation - T.translation))  # noqa: E731
     talk.send(Com.MOVE_POSE, 0, talk.pose_vec(goal))
-    talk.wait(lambda: gone() > 10.0)
-    assert talk.wait(lambda: gone() > 40.0) == pytest.approx(0.6, rel=0.05)
+    talk.wait(lambda: moved_mm() > 10.0)
+    assert talk.wait(lambda: moved_mm() > 40.0) == pytest.approx(0.6, rel=0.05)
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -123,8 +115,8 @@ def test_joint_motions_take_the_time_of_the_flange_or_of_the_joint(joint: int) -
     talk.live(3.5, beat=True)
     q, turn = talk.robot.q, np.radians(np.where(np.arange(6) == joint, 12.0, 0.0))
     flange = talk.robot.kinematics.flange_pose
-    ways = [flange(q + share * turn).translation for share in np.linspace(0.0, 1.0, 50)]
-    arc_mm = 1e3 * sum(float(np.linalg.norm(b - a)) for a, b in pairwise(ways))
+    points = [flange(q + share * turn).translation for share in np.linspace(0.0, 1.0, 50)]
+    arc_mm = 1e3 * sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
     talk.send(Com.MOVE_BY_JOINTS, 0, one_hot(joint, 12 * SCALES[2]))
     talk.wait(lambda: talk.robot.queue.busy)
     took_s = talk.wait(lambda: not talk.robot.queue.busy)
@@ -137,7 +129,7 @@ def test_joint_motions_take_the_time_of_the_flange_or_of_the_joint(joint: int) -
 @pytest.mark.parametrize("axis", range(6))
 @pytest.mark.parametrize("kind", ["proportional", "integral"])
 def test_each_gain_is_of_its_own_axis_and_kind(axis: int, kind: str) -> None:
-    """All six components push; only the one with a gain moves the arm, along or about its axis."""
+    """All six components push; only the one with a gain moves the arm, on or about its axis."""
     talk = Talk()
     talk.hello()
     scale = (SCALES[3], SCALES[4])[axis // 3]
@@ -170,7 +162,7 @@ def test_a_load_that_is_there_at_the_start_is_no_change() -> None:
 
 
 def test_a_new_start_counts_from_where_the_arm_is() -> None:
-    """What was given way to before a stop, along and about every axis, is not gone again."""
+    """Travel of force feedback before a stop, on and about every axis, is not repeated."""
     talk = Talk()
     talk.hello()
     stopped = talk.T_mm
@@ -185,7 +177,7 @@ def test_a_new_start_counts_from_where_the_arm_is() -> None:
         stopped = talk.T_mm
 
 
-def test_the_tcp_of_command_11_is_what_a_moment_turns_about() -> None:
+def test_a_moment_turns_about_the_tcp_of_command_11() -> None:
     """In the flange frame, whatever its own orientation."""
     talk = Talk()
     talk.hello()
@@ -203,7 +195,7 @@ def test_the_tcp_of_command_11_is_what_a_moment_turns_about() -> None:
 
 
 def test_limits_of_command_10_arrive_each_in_its_place_and_unit() -> None:
-    """What they do is measured where force feedback is tested."""
+    """Their effects are measured where force feedback is tested."""
     talk = Talk()
     talk.hello(limits=(60, 750, 350, 2_000, 4_500, 330))
     names = ("lstep", "lturn", "lspeed", "ltravel", "lforce", "wd")
@@ -250,7 +242,7 @@ def test_all_scales_are_those_of_the_hello() -> None:
 def test_reports_are_the_pose_and_the_joints_rounded_to_a_unit(
     joints_deg: tuple[float, ...],
 ) -> None:
-    """Signs of all kinds, six digits and five; 101 and 102 say where the arm stands."""
+    """Signs of all kinds, six digits and five; 101 and 102 report the pose and the joints."""
     talk = Talk()
     talk.hello()
     talk.do(Com.SPEEDS, 0, (10_000, 10_000, 10_000, 10_000, 0, 0))
@@ -268,22 +260,22 @@ def test_one_sample_has_one_counter_and_each_eighth_a_103() -> None:
     """101, 102 with the same Param, in this order; 240 counters; 60 a second or more."""
     talk = Talk()
     talk.hello()
-    start_s, before = talk.now_s, len(talk.heard(Com.POSE))
+    start_s, before = talk.now_s, len(talk.received(Com.POSE))
     talk.live(7.0)
     kinds = [packet.com for packet in talk.inbox if packet.com != Com.HELLO]
-    poses, joints = talk.heard(Com.POSE), talk.heard(Com.JOINTS)
+    poses, joints = talk.received(Com.POSE), talk.received(Com.JOINTS)
     assert "".join({101: "p", 102: "j", 103: "h"}[kind] for kind in kinds).replace("pj", "") == (
-        "h" * len(talk.heard(Com.HEALTH))
+        "h" * len(talk.received(Com.HEALTH))
     )
     assert all(p.param == j.param for p, j in zip(poses, joints, strict=False))
     counters = [unpack_status(p.param)[0] for p in poses]
     assert all((b - a) % COUNTER_SPAN == 1 for a, b in pairwise(counters))
     assert len(poses) > COUNTER_SPAN
-    assert len(poses) / len(talk.heard(Com.HEALTH)) == pytest.approx(8.0, abs=0.3)
+    assert len(poses) / len(talk.received(Com.HEALTH)) == pytest.approx(8.0, abs=0.3)
     assert 60 < (len(poses) - before) / (talk.now_s - start_s) < 125
 
 
-def test_health_says_age_of_the_wrench_queue_monitor_speed_and_held_id() -> None:
+def test_health_reports_age_of_the_wrench_queue_monitor_speed_and_held_id() -> None:
     """Each in its place; the last number is one while any address may connect."""
     talk = Talk()
     talk.hello()

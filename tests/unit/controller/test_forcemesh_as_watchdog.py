@@ -7,24 +7,18 @@ import pytest
 
 from controller.packet import VecInt
 from controller.packet_table import ID_FIRST, Com, Status
-from sim.controller.behaviour import Behaviour, pessimistic
+from sim.controller.behaviour import Behaviour
 from sim.controller.errors import AsError
-from tests.fakes.controller_talk import LIMITS, QUICK, Talk
+from tests.fakes.controller_talk import LIMITS, Talk, push
 
-BEHAVIOURS = {"kind": Behaviour(step_s=QUICK.step_s), "pessimistic": pessimistic(QUICK.step_s)}
 WATCHDOG_S = LIMITS[5] * 1e-3
+UP_10_N: VecInt = (0, 0, 1000, 0, 0, 0)
 BRAKE_S = 0.2  # from 50 mm/s to a standstill, and the watchdog's own pause
 FEEDBACK = Status.POSITION_FEEDBACK | Status.ORIENTATION_FEEDBACK
 
 
-@pytest.fixture(params=list(BEHAVIOURS))
-def behaviour(request: pytest.FixtureRequest) -> Behaviour:
-    """The kind reading of the open questions, and the worse one."""
-    return BEHAVIOURS[request.param]
-
-
 def moving(behaviour: Behaviour) -> Talk:
-    """On the way: 30 mm up, and 30 mm more waits behind it; another one is in the ring."""
+    """In motion: 30 mm up, and 30 mm more waits behind it; another one is in the ring."""
     talk = Talk(behaviour)
     talk.hello()
     talk.move_up(30.0)
@@ -36,24 +30,18 @@ def moving(behaviour: Behaviour) -> Talk:
 
 
 def feeding(behaviour: Behaviour, limits: VecInt = LIMITS) -> Talk:
-    """Force feedback gives way by 20 mm/s to a wrench that has come every 20 ms."""
+    """Force feedback yields by 20 mm/s to a wrench that has come every 20 ms."""
     talk = Talk(behaviour)
     talk.hello(limits=limits)
     talk.start_feedback(1, gains_i=(0, 0, 10_000, 0, 0, 0))
     z = talk.height_mm()
     while talk.height_mm() < z + 3.0:
-        push(talk)
+        push(talk, 1, UP_10_N)
     return talk
 
 
-def push(talk: Talk) -> None:
-    """10 N from below, for 20 ms."""
-    talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
-    talk.live(0.02)
-
-
 def standing_s(talk: Talk, limit_s: float = 4.0, *, beat: bool = False) -> float:
-    """How long until the arm stands, for good: nothing moves in the two seconds behind."""
+    """Return the time until the arm stands, for good: nothing moves in the two seconds after."""
     start_s, moved_s, q = talk.now_s, talk.now_s, talk.robot.q
     while talk.now_s < start_s + limit_s:
         talk.live(0.01, beat=beat)
@@ -65,7 +53,7 @@ def standing_s(talk: Talk, limit_s: float = 4.0, *, beat: bool = False) -> float
 
 
 def stays(talk: Talk, duration_s: float, *, beat: bool = False) -> bool:
-    """Tell whether the arm stays where it is."""
+    """Return whether the arm stays where it is."""
     q = talk.robot.q
     talk.live(duration_s, beat=beat)
     return bool(np.abs(talk.robot.q - q).max() < 2e-4)
@@ -93,12 +81,12 @@ def comes_back_held(talk: Talk, *, latched_before: bool = True) -> None:
 
 
 def test_silence_stops_a_motion_within_the_limit_and_latches(behaviour: Behaviour) -> None:
-    """Fault 1: no packet for 250 ms. What waits behind the motion in hand does not start."""
+    """Fault 1: no packet for 250 ms. Motions behind the present one do not start."""
     talk = moving(behaviour)
     talk.live(0.041, beat=True)
     assert standing_s(talk) < WATCHDOG_S + BRAKE_S
     assert talk.value("fm.fault") == 1
-    assert any(p.param & Status.WATCHDOG_LATCHED for p in talk.heard(Com.POSE))
+    assert any(p.param & Status.WATCHDOG_LATCHED for p in talk.received(Com.POSE))
     assert talk.robot.queue.ahead is None
     comes_back_held(talk)
 
@@ -149,7 +137,7 @@ def test_nothing_is_watched_before_something_may_move(behaviour: Behaviour) -> N
 
 
 def test_a_new_connection_that_comes_to_the_id_of_the_last_one_is_no_silence() -> None:
-    """Hello 1 and beat 2, hung up, and the same again, at any moment between two looks."""
+    """Hello 1 and beat 2, hung up, and the same again, at any moment between two checks."""
     talk = Talk()
     for phase in range(20):
         talk.greet()
@@ -177,11 +165,11 @@ def test_a_gap_between_two_wrenches_is_not_made_up_for(behaviour: Behaviour) -> 
     talk = feeding(behaviour, (*LIMITS[:5], 600))
     talk.send(Com.GAINS, 1, (0, 0, 1_000, 0, 0, 0))
     for _ in range(10):
-        push(talk)
+        push(talk, 1, UP_10_N)
     talk.live(0.3, beat=True)
     z = talk.height_mm()
-    push(talk)
-    push(talk)
+    push(talk, 1, UP_10_N)
+    push(talk, 1, UP_10_N)
     talk.live(0.05, beat=True)
     assert talk.status & Status.POSITION_FEEDBACK
     assert talk.height_mm() - z < 0.15  # 40 ms of 2 mm/s are 0.08 mm; 300 ms more would be 0.68 mm
@@ -248,7 +236,7 @@ def emergency_stop(talk: Talk) -> None:
 
 
 def short_hold(talk: Talk) -> None:
-    """HOLD and RUN quicker than the watchdog's second look."""
+    """HOLD and RUN quicker than the watchdog's second check."""
     talk.pendant.hold()
     talk.live(0.04, beat=True)
     talk.pendant.run()
@@ -263,7 +251,7 @@ def short_hold(talk: Talk) -> None:
 def test_nothing_goes_on_after_the_pendant_stopped_it_also_not_by_run(
     behaviour: Behaviour, begin: Callable[[Behaviour], Talk], act: Callable[[Talk], None]
 ) -> None:
-    """Fault 3, latched, closed; what was on its way and what waited is gone."""
+    """Fault 3, latched, closed; the present motion and the waiting ones are gone."""
     talk = begin(behaviour)
     act(talk)
     assert standing_s(talk, 3.0, beat=True) < BRAKE_S + 0.1
@@ -273,7 +261,7 @@ def test_nothing_goes_on_after_the_pendant_stopped_it_also_not_by_run(
 
 
 def test_an_error_stop_is_latched_and_needs_ereset_and_execute(behaviour: Behaviour) -> None:
-    """103 says AS's own code; hello is answered; no packet moves the arm before EXECUTE."""
+    """103 reports AS's own code; hello is answered; no packet moves the arm before EXECUTE."""
     talk = moving(behaviour)
     talk.machine.failed(talk.machine.robot_task, AsError("E6007"))
     assert standing_s(talk, 3.0, beat=True) < BRAKE_S

@@ -24,7 +24,7 @@ from controller.packet_table import (
 )
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 
-# What both ends of the wire are built on: controller/README.md says it to whoever writes the other.
+# The base of both ends of the wire; controller/README.md has it for the author of the other end.
 FRAMES, FRAME_STRIDE, PACKET_CHARS = 9, 7, 63
 ID_FIRST, ID_LAST = 500_000, 999_999
 VALUE_MIN, VALUE_MAX = -99_999, 499_999
@@ -57,7 +57,7 @@ def test_a_packet_survives_the_wire(packet: Packet) -> None:
 
 @given(st.lists(packets, max_size=8), st.lists(st.integers(0, 8 * PACKET_CHARS)))
 def test_any_chunking_decodes_alike(sent: list[Packet], cuts: list[int]) -> None:
-    """How the stream is cut makes no difference to the packets."""
+    """The division of the stream makes no difference to the packets."""
     pieces = chop(b"".join(map(encode, sent)), cuts)
     assert feed_all(PacketReader(), pieces) == sent
 
@@ -69,7 +69,7 @@ def test_the_characters_are_those_of_the_specification() -> None:
     )  # fmt: skip
 
 
-def test_a_number_that_nobody_gave_is_zero() -> None:
+def test_an_omitted_number_is_zero() -> None:
     """A heartbeat or a hold holds nothing else, and Param zero means zero."""
     assert encode(Packet(500_000, 12)) == b"500000 000012 " + b"000000 " * 7
 
@@ -121,13 +121,13 @@ def test_two_packets_read_some_frames_too_late_are_none(a: Packet, b: Packet, la
     st.lists(st.integers(0, FRAMES), min_size=2, max_size=2, unique=True).map(sorted),
     st.lists(values, min_size=1, max_size=8),
 )
-def test_frames_that_are_lost_or_put_in_are_seen(
+def test_frames_that_are_lost_or_put_in_are_detected(
     a: Packet, b: Packet, lost: list[int], extra: list[int]
 ) -> None:
     """A packet that lost some is none; one into which some were put is followed by none."""
     first, second = encode(a), encode(b)
     at, then = (frame * FRAME_STRIDE for frame in lost)
-    if lost != [0, FRAMES]:  # a whole packet: that is for consecutive IDs to tell
+    if lost != [0, FRAMES]:  # a whole packet: consecutive IDs detect that
         with pytest.raises(RemoteProtocolError, match="packet 1 "):
             PacketReader().feed(first[:at] + first[then:] + second)
     more = b"".join(b"%06d " % value for value in extra)
@@ -137,7 +137,7 @@ def test_frames_that_are_lost_or_put_in_are_seen(
 
 @pytest.mark.parametrize("value", [1.0, True, None, "1", float("nan")])
 def test_a_frame_holds_integers_only(value: object) -> None:
-    """What is not an int is refused, whatever it would print as."""
+    """A value that is not an int is refused, whatever its text would be."""
     with pytest.raises(LocalProtocolError, match="integer"):
         encode(Packet(ID_FIRST, 1, 0, (value, 0, 0, 0, 0, 0)))  # type: ignore[arg-type]
 
@@ -179,8 +179,8 @@ def test_one_wrong_character_is_refused_or_is_another_number() -> None:
         b"-" * 6, b"*" * 6, b"12.345", b"\x00" * 6, "１２".encode(), "٣٣٣".encode(), b"12345\n",
     ],
 )  # fmt: skip
-def test_what_int_would_forgive_is_refused(frame: bytes) -> None:
-    """Frames are -?[0-9]+ in ASCII, not whatever int() takes."""
+def test_frames_that_int_would_accept_are_refused(frame: bytes) -> None:
+    """Frames are -?[0-9]+ in ASCII, not everything that int() takes."""
     assert len(frame) == 6
     data = encode(SAMPLE)
     with pytest.raises(RemoteProtocolError, match="Com"):
@@ -216,7 +216,7 @@ def test_the_place_of_a_fault_is_the_same_for_any_chunking(
 
 
 def test_a_dead_reader_stays_dead() -> None:
-    """After one malformed packet no later packet is believed."""
+    """After one malformed packet no later packet is accepted."""
     reader = PacketReader()
     with pytest.raises(RemoteProtocolError):
         reader.feed(b"x" * PACKET_CHARS)
@@ -274,7 +274,7 @@ def test_an_unknown_command_is_refused(com: int) -> None:
 
 
 @pytest.mark.parametrize(("param", "version", "arm"), [(999, 999, 0), (1000, 1, 0), (2007, 2, 7)])
-def test_a_hello_says_version_and_arm(param: int, version: int, arm: int) -> None:
+def test_a_hello_carries_version_and_arm(param: int, version: int, arm: int) -> None:
     """Version * 1000 + arm, and this is version 2; before it arms had no numbers."""
     assert greeted(param) == (version, arm)
     assert greeted(greeting(arm)) == (2, arm)

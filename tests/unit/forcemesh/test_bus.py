@@ -26,16 +26,10 @@ each_topic = pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.ke
 each_request = pytest.mark.parametrize("request_row", REQUESTS, ids=lambda row: row.key)
 
 
-@pytest.fixture
-def line() -> Line:
-    """A reader that has heard nothing."""
-    return Line()
-
-
 # --- missing, invalid, stale ----------------------------------------------------------------------
 
 
-def test_nothing_heard_is_missing(line: Line) -> None:
+def test_no_message_is_missing(line: Line) -> None:
     """The fault names the topic; there is no message to use by mistake."""
     reading = line.read()
 
@@ -46,8 +40,8 @@ def test_nothing_heard_is_missing(line: Line) -> None:
 
 
 def test_a_message_is_good_up_to_the_last_nanosecond_and_stale_after_it(line: Line) -> None:
-    """The boundary is exact, and the fault says both numbers."""
-    line.say(1)
+    """The boundary is exact, and the fault has both numbers."""
+    line.deliver(1)
     line.clock.advance_ns(round(STALE_S * 1e9))
     assert line.read().fault == ""
     assert line.read().fresh == SensorWrench(counter=1)
@@ -59,29 +53,29 @@ def test_a_message_is_good_up_to_the_last_nanosecond_and_stale_after_it(line: Li
     assert reading.message == SensorWrench(counter=1)
 
 
-def test_what_the_writer_calls_invalid_is_a_fault_with_its_reason(line: Line) -> None:
-    """Invalid and fresh: the reason is passed on; without one the reader says so."""
-    line.say(1, SensorWrench(valid=False, reason="no cable", code="sensor_silent"))
+def test_a_message_that_the_writer_marks_invalid_is_a_fault_with_its_reason(line: Line) -> None:
+    """Invalid and fresh: the reason is passed on; without one the reader reports that."""
+    line.deliver(1, SensorWrench(valid=False, reason="no cable", code="sensor_silent"))
     reading = line.read()
     assert reading.fault == "sensor/wrench invalid: no cable"
     assert reading.code == "sensor_silent"
 
-    line.say(2, SensorWrench(valid=False))
+    line.deliver(2, SensorWrench(valid=False))
     reading = line.read()
     assert reading.fault == "sensor/wrench invalid: no reason given"
     assert (reading.fresh, reading.code) == (None, "invalid")
 
 
 def test_a_reading_with_nothing_wrong_is_fresh_and_nobodys_conflict() -> None:
-    """A recording is read as if it were heard: by message, header, age and fault alone."""
+    """A recording is read like the bus: by message, header, age and fault alone."""
     reading = Reading(SensorWrench(), Line().header(1), 0.0, "")
     assert reading.fresh == SensorWrench()
     assert (reading.silent, reading.conflict, reading.code) == (False, False, "")
 
 
-def test_stale_is_told_apart_from_invalid(line: Line) -> None:
-    """Whether a role is heard at all is not a question of the words in its reason."""
-    line.say(1, SensorWrench(valid=False, reason="robot/state stale: 300 ms old"))
+def test_stale_is_distinguished_from_invalid(line: Line) -> None:
+    """Whether a role is received at all does not depend on the words of its reason."""
+    line.deliver(1, SensorWrench(valid=False, reason="robot/state stale: 300 ms old"))
     assert not line.read().silent
 
     line.clock.advance_ns(round(STALE_S * 1e9) + 1)
@@ -92,7 +86,7 @@ def test_stale_is_told_apart_from_invalid(line: Line) -> None:
 
 def test_a_fault_can_be_passed_on_however_long_the_reason_was(line: Line) -> None:
     """Each hop puts its own words before the reason; the text must still fit a message."""
-    line.say(1, SensorWrench(valid=False, reason=LONGEST_REASON))
+    line.deliver(1, SensorWrench(valid=False, reason=LONGEST_REASON))
     assert len(line.read().fault) == 400
     passed_on = WrenchAtTcp(valid=False, reason=line.read().fault)
 
@@ -110,16 +104,16 @@ def test_a_message_that_waited_through_a_freeze_is_stale_when_it_is_found(line: 
 
 
 def test_a_stamp_of_another_clock_is_not_subtracted(line: Line) -> None:
-    """From another host age counts since arrival, whatever its stamp says."""
+    """From another host age counts since arrival, whatever its stamp is."""
     for seq, stamp_ns in enumerate((0, 10**18, -5), start=1):
-        line.say(seq, boot="another host", stamp_ns=stamp_ns)
+        line.deliver(seq, boot="another host", stamp_ns=stamp_ns)
         line.clock.advance_ns(20 * MS)
         assert line.read().age_s == pytest.approx(0.02)
 
 
 def test_a_stamp_from_the_future_does_not_keep_a_message_fresh(line: Line) -> None:
     """On the own clock too, age counts at least since arrival."""
-    line.say(1, stamp_ns=line.clock.now_ns() + 10**12)
+    line.deliver(1, stamp_ns=line.clock.now_ns() + 10**12)
     line.clock.advance_ns(round(STALE_S * 1e9) + 1)
 
     assert "stale" in line.read().fault
@@ -127,20 +121,20 @@ def test_a_stamp_from_the_future_does_not_keep_a_message_fresh(line: Line) -> No
 
 def test_a_repeated_message_does_not_refresh_an_old_one(line: Line) -> None:
     """A switch that plays the last packet again cannot keep a dead writer alive."""
-    line.say(1)
+    line.deliver(1)
     for _ in range(20):
         line.clock.advance_ns(10 * MS)
-        assert not line.say(1)
+        assert not line.deliver(1)
     assert "stale" in line.read().fault
 
 
 def test_the_sensor_sample_behind_a_message_is_carried(line: Line) -> None:
     """Stamp and number of the sample; a writer that does not number them has zero; or nothing."""
-    line.say(1, sensor_stamp_ns=123, sensor_seq=7)
+    line.deliver(1, sensor_stamp_ns=123, sensor_seq=7)
     assert line.read().origin == Origin(123, 7)
-    line.say(2, sensor_stamp_ns=124)
+    line.deliver(2, sensor_stamp_ns=124)
     assert line.read().origin == Origin(124, 0)
-    line.say(3)
+    line.deliver(3)
     assert line.read().origin is None
 
 
@@ -149,9 +143,9 @@ def test_the_sensor_sample_behind_a_message_is_carried(line: Line) -> None:
 
 @given(st.lists(st.integers(1, 30), max_size=40))
 def test_exactly_the_left_to_right_maxima_are_accepted(seqs: list[int]) -> None:
-    """Any order, any repetition of a stream: only what is newer than all before it."""
+    """Any order, any repetition of a stream: only messages newer than all before."""
     line = Line()
-    accepted = [seq for seq in seqs if line.say(seq)]
+    accepted = [seq for seq in seqs if line.deliver(seq)]
 
     maxima = [seq for i, seq in enumerate(seqs) if seq > max(seqs[:i], default=0)]
     counters = line.reader.counters
@@ -163,14 +157,14 @@ def test_exactly_the_left_to_right_maxima_are_accepted(seqs: list[int]) -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 4), st.integers(1, 9)), max_size=40))
-def test_a_writer_that_was_followed_is_never_heard_again(said: list[tuple[int, int]]) -> None:
+def test_a_replaced_writer_is_never_accepted_again(messages: list[tuple[int, int]]) -> None:
     """A new epoch takes over and the old one is retired: two writers do not alternate."""
     line = Line()
     current: int | None = None
     retired: set[int] = set()
     newest, dropped = 0, 0
-    for epoch, seq in said:
-        accepted = line.say(seq, epoch=epoch)
+    for epoch, seq in messages:
+        accepted = line.deliver(seq, epoch=epoch)
         if epoch in retired:
             dropped += 1
             assert not accepted
@@ -186,15 +180,15 @@ def test_a_writer_that_was_followed_is_never_heard_again(said: list[tuple[int, i
 
 def test_a_writer_that_starts_anew_may_count_from_one(line: Line) -> None:
     """A restart is a new epoch: its low numbers are not reordered old messages."""
-    assert line.say(1000, epoch=1)
-    assert line.say(1, epoch=2)
+    assert line.deliver(1000, epoch=1)
+    assert line.deliver(1, epoch=2)
 
 
 @given(st.binary(max_size=80))
 def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: bytes) -> None:
     """Neither the message before nor zero: a fault with its own code, counted."""
     line = Line()
-    line.say(1)
+    line.deliver(1)
     line.source.waiting.append(data)
     assert not line.reader.poll()
     reading = line.read()
@@ -202,12 +196,12 @@ def test_bytes_that_are_no_message_are_unknown_until_the_next_good_one(data: byt
     assert reading.fault.startswith("sensor/wrench unreadable: ")
     assert line.reader.counters.undecodable == 1
     assert line.reader.counters.last_error
-    assert line.say(2)
+    assert line.deliver(2)
     assert line.read().fresh is not None
 
 
-def test_only_the_newest_is_seen() -> None:
-    """A reader that was busy finds the last of many; what it missed is counted."""
+def test_only_the_newest_is_read() -> None:
+    """A reader that was busy finds the last of many; missed ones are counted."""
     clock, transport = ManualClock(), MemoryTransport()
     bus = Bus("sensor", "demo", transport, CELL, clock)
     reader = Bus("wrench", "demo", transport, CELL, clock).reader(topics.SENSOR_WRENCH)
@@ -232,9 +226,11 @@ def bus_of(role: str, transport: MemoryTransport | None = None) -> Bus:
 
 
 @each_topic
-@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT, "stranger"])
-def test_the_table_alone_says_who_may_write_and_read(role: str, topic: Topic[Any]) -> None:
-    """Swept: every role with every topic; a refusal says whose the topic is."""
+@pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT, "unknown"])
+def test_the_table_alone_decides_which_role_may_write_and_read(
+    role: str, topic: Topic[Any]
+) -> None:
+    """Swept: every role with every topic; a refusal names the topic's role."""
     bus = bus_of(role)
     if topic.writer == role:
         bus.publisher(topic)
@@ -249,7 +245,7 @@ def test_the_table_alone_says_who_may_write_and_read(role: str, topic: Topic[Any
 
 
 @pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
-def test_only_who_watches_taps(role: str) -> None:
+def test_only_clients_and_helpers_get_every_message(role: str) -> None:
     """Every message of a topic goes to clients and helpers; a role judges what it reads."""
     if role in ROLES:
         with pytest.raises(BusError, match=f"{role} may not tap wrench"):

@@ -1,4 +1,4 @@
-"""Requests and their answers: what a service is shown, what it never sees, what a client hears."""
+"""Requests and their answers: those that a service gets, those it never gets, and the replies."""
 
 from pathlib import Path
 from typing import Any
@@ -26,10 +26,10 @@ def bus_of(role: str, transport: MemoryTransport) -> Bus:
     return Bus(role, "demo", transport, CELL, ManualClock())
 
 
-def hear(
+def serve(
     *requests: bytes, row: topics.Request[Any] = topics.RECORD_START
 ) -> tuple[list[Any], list[Reply | None]]:
-    """Let raw bytes come in as requests; return what the service took and what was answered."""
+    """Receive raw bytes as requests; return the requests of the service and the replies."""
     transport = MemoryTransport()
     inbox = bus_of(row.server, transport).inbox(row)
     calls = [MemoryCall(data) for data in requests]
@@ -44,8 +44,8 @@ def hear(
 
 @given(st.binary(max_size=60).filter(lambda data: data != b"\x80"))
 def test_a_request_that_does_not_decode_is_refused_on_the_spot(data: bytes) -> None:
-    """The service never sees it, and who asked hears what was wrong."""
-    taken, (reply,) = hear(data)
+    """The service never gets it, and the client receives the mistake."""
+    taken, (reply,) = serve(data)
 
     assert taken == []
     assert reply is not None
@@ -55,8 +55,8 @@ def test_a_request_that_does_not_decode_is_refused_on_the_spot(data: bytes) -> N
 
 @given(st.binary(max_size=60).filter(lambda data: data != b"\x80"))
 def test_a_hold_that_does_not_decode_is_served_and_complained_of(data: bytes) -> None:
-    """Whatever the bytes are: the service sees a hold, and who asked hears what was wrong."""
-    (taken,), (reply,) = hear(data, row=topics.HOLD)
+    """Whatever the bytes are: the service gets a hold, and the client receives the mistake."""
+    (taken,), (reply,) = serve(data, row=topics.HOLD)
 
     assert isinstance(taken, HoldRequest)
     assert reply is not None
@@ -66,7 +66,7 @@ def test_a_hold_that_does_not_decode_is_served_and_complained_of(data: bytes) ->
 
 def test_an_empty_map_is_a_request_with_all_its_defaults() -> None:
     """The smallest hold that any language can send is one byte."""
-    taken, (reply,) = hear(b"\x80", row=topics.HOLD)
+    taken, (reply,) = serve(b"\x80", row=topics.HOLD)
 
     assert taken == [HoldRequest()]
     assert reply == Reply(accepted=True, text="held")
@@ -75,7 +75,7 @@ def test_an_empty_map_is_a_request_with_all_its_defaults() -> None:
 def test_requests_are_taken_in_order_and_a_bad_one_stops_none_behind_it() -> None:
     """Everything that has come in is served in one go, each gets its own answer."""
     good = [b"\x81\xa5label\xa1" + letter for letter in (b"a", b"b")]
-    taken, replies = hear(good[0], b"\xc1", good[1])
+    taken, replies = serve(good[0], b"\xc1", good[1])
 
     assert [request.label for request in taken] == ["a", "b"]
     assert [reply and reply.text for reply in (replies[0], replies[2])] == ["a", "b"]
@@ -83,7 +83,7 @@ def test_requests_are_taken_in_order_and_a_bad_one_stops_none_behind_it() -> Non
     assert replies[1].code == "malformed"
 
 
-def test_the_answer_comes_back_to_who_asked() -> None:
+def test_the_answer_comes_back_to_the_client() -> None:
     """Through the same bytes as between processes, number and limit included."""
     transport = MemoryTransport()
     inbox = bus_of("arbiter", transport).inbox(topics.ARM)
@@ -98,17 +98,17 @@ def test_the_answer_comes_back_to_who_asked() -> None:
 
 
 def test_an_answer_that_never_comes_is_an_error_that_names_the_server() -> None:
-    """Nobody serves, or the server is dead: the client is not left hanging."""
-    nobody, dead = MemoryTransport(), MemoryTransport()
+    """No server, or a dead one: the client is not left hanging."""
+    unserved, dead = MemoryTransport(), MemoryTransport()
     bus_of("arbiter", dead).inbox(topics.ARM)
     dead.advance = lambda _timeout_s, _until: None
-    for transport in (nobody, dead):
+    for transport in (unserved, dead):
         with pytest.raises(BusError, match="arbiter did not answer demo/request/arm within 2 s"):
             bus_of(CLIENT, transport).ask(topics.ARM, ArmRequest())
 
 
 def test_an_answer_that_is_no_reply_is_an_error() -> None:
-    """The client judges what it is told like any other reader."""
+    """The client judges its answer like any other reader."""
     transport = MemoryTransport()
     server = transport.serve("demo/request/arm")
 

@@ -1,4 +1,4 @@
-"""Messages, requests and replies as bytes: what goes through, and that nothing else does."""
+"""Messages, requests and replies as bytes: right ones pass, and no others do."""
 
 import math
 from typing import Any
@@ -68,7 +68,7 @@ def spelled_out(record_type: type[m.Record]) -> dict[str, Any]:
 
 
 def nullable(record_type: type[m.Record], path: tuple[str | int, ...]) -> bool:
-    """Tell whether None is a right value at a path: found by asking pydantic itself."""
+    """Return whether None is a right value at a path: found by asking pydantic itself."""
     try:
         record_type.model_validate(put(full(record_type), path, None))
     except ValueError:
@@ -96,7 +96,7 @@ def test_a_request_comes_back_as_it_was(record_type: type[m.Record], data: Any) 
 
 @each_message
 def test_any_language_reads_a_flat_map(message_type: type[m.Message]) -> None:
-    """Plain msgpack sees header and body side by side under the names of the fields."""
+    """Plain msgpack has header and body in one map, under the names of the fields."""
     message = message_type.model_validate(full(message_type))
     fields = msgpack.unpackb(encode(HEADER, message), use_list=False)
 
@@ -123,7 +123,7 @@ def test_a_number_that_is_not_finite_is_refused_everywhere(record_type: type[m.R
 
 
 @each_type
-def test_a_number_that_is_not_finite_cannot_even_be_said(record_type: type[m.Record]) -> None:
+def test_a_number_that_is_not_finite_cannot_be_encoded(record_type: type[m.Record]) -> None:
     """A record that exists can be trusted: the writer is stopped before the reader."""
     fields = full(record_type)
     for path, value in places(fields):
@@ -135,7 +135,7 @@ def test_a_number_that_is_not_finite_cannot_even_be_said(record_type: type[m.Rec
 
 @each_type
 def test_a_value_of_another_type_is_refused_everywhere(record_type: type[m.Record]) -> None:
-    """Swept: every field, container and entry; nothing is converted on the way in."""
+    """Swept: every field, container and entry; nothing is converted at the entry."""
     fields = spelled_out(record_type)
     own = {name: value for name, value in fields.items() if name in record_type.model_fields}
     for path, value in places(own):
@@ -150,7 +150,7 @@ def test_a_value_of_another_type_is_refused_everywhere(record_type: type[m.Recor
 
 @each_type
 def test_a_word_that_is_not_in_the_list_is_refused(record_type: type[m.Record]) -> None:
-    """A mode, host or state that nobody knows is not guessed."""
+    """An unknown mode, host or state is not guessed."""
     fields = spelled_out(record_type)
     words = [
         p for p, value in places(full(record_type)) if isinstance(value, str) and value != "text"
@@ -220,8 +220,8 @@ def test_too_many_bytes_are_refused_unread(record_type: type[m.Record]) -> None:
         read(msgpack.packb({**fields, "more": "x" * (spare + 1)}), record_type)
 
 
-def test_what_nobody_could_read_is_not_sent() -> None:
-    """The writer hears of a message that is too large, not the readers."""
+def test_an_unreadable_message_is_not_sent() -> None:
+    """The writer gets the error for a message that is too large, not the readers."""
     endless = m.ArbiterStatus(not_ready=("x" * 500,) * 9)
     with pytest.raises(MessageError, match="the limit is"):
         encode(HEADER, endless)
@@ -248,7 +248,7 @@ def test_deep_and_wide_nesting_is_refused(record_type: type[m.Record]) -> None:
 
 @each_type
 def test_unknown_fields_are_ignored(record_type: type[m.Record]) -> None:
-    """A newer writer may say more; what an older reader knows still arrives."""
+    """A newer writer may add fields; those that an older reader knows still arrive."""
     fields = spelled_out(record_type)
     more = {**fields, "new_field": {"a": (1, 2.5, "b")}}
 
@@ -256,7 +256,7 @@ def test_unknown_fields_are_ignored(record_type: type[m.Record]) -> None:
 
 
 @each_type
-def test_of_a_field_said_twice_the_last_one_counts(record_type: type[m.Record]) -> None:
+def test_of_a_repeated_field_the_last_one_counts(record_type: type[m.Record]) -> None:
     """Duplicates in a map are one field, and it is judged like any other."""
     fields = spelled_out(record_type)
     right, wrong = list(fields.items()), [(name, ("no", "such", "type")) for name in fields]
@@ -269,7 +269,7 @@ def test_of_a_field_said_twice_the_last_one_counts(record_type: type[m.Record]) 
 
 @each_type
 def test_another_schema_version_is_refused(record_type: type[m.Record]) -> None:
-    """Two programs that do not speak one language say so, in messages and in requests."""
+    """Two programs of different versions report that, in messages and in requests."""
     fields = spelled_out(record_type)
     for version in (0, SCHEMA_VERSION + 1, -1):
         with pytest.raises(MessageError, match=f"schema version {version}"):

@@ -1,4 +1,4 @@
-"""What was written for another key or another cell is not taken, however well it decodes."""
+"""Bytes that were written for another key or another cell are refused, however well they decode."""
 
 from pathlib import Path
 
@@ -22,9 +22,9 @@ OTHERS = [topic for topic in topics.TOPICS if topic is not topics.SENSOR_WRENCH]
 
 @pytest.mark.parametrize("other", OTHERS, ids=lambda topic: topic.key)
 def test_a_message_of_another_topic_is_dropped(other):
-    """It is neither believed, nor does it retire the writer or spoil what that one said."""
+    """It is neither accepted, nor does it retire the writer or spoil that one's message."""
     line = Line()
-    assert line.say(1, m.SensorWrench(counter=5))
+    assert line.deliver(1, m.SensorWrench(counter=5))
     header = line.header(900, epoch=2, topic=f"demo/{other.key}")
     line.source.waiting.append(encode(header, other.message()))
     assert not line.reader.poll()
@@ -33,15 +33,15 @@ def test_a_message_of_another_topic_is_dropped(other):
     assert reading.fresh.counter == 5
     assert not reading.conflict
     assert line.reader.counters.misrouted == 1
-    assert line.say(2)
+    assert line.deliver(2)
 
 
 def test_a_topic_on_which_hardly_anything_else_comes_is_not_orderly():
     """A stray now and then is nothing; strays all the time are a fault."""
     line = Line()
-    assert line.say(1)
+    assert line.deliver(1)
     for seq in range(10):
-        line.say(seq, topic="demo/wrench")
+        line.deliver(seq, topic="demo/wrench")
     reading = line.read()
     assert reading.code == "bad_messages"
     assert "10 addressed to another topic or cell" in reading.fault
@@ -58,20 +58,20 @@ def test_a_request_for_something_else_is_refused(other):
         decode_record(data, other.message, f"demo/{other.key}")
 
 
-def test_a_request_need_not_say_where_it_goes():
-    """A client of somebody's own sends the fields of the request alone."""
+def test_a_request_may_omit_its_address():
+    """A client of another author sends the fields of the request alone."""
     assert decode_record(encode_record(q.Empty()), q.Empty, f"demo/{topics.CLEAR.key}") == q.Empty()
 
 
 def test_a_publisher_writes_the_address():
-    """What the project's own programs send names its key."""
+    """Messages of the project's own programs name their key."""
     cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
     writer = Bus("arbiter", "demo", transport, cell, clock)
     reader = Bus("robot", "demo", transport, cell, clock)
-    heard = reader.reader(topics.ROBOT_COMMAND)
+    commands = reader.reader(topics.ROBOT_COMMAND)
     writer.publisher(topics.ROBOT_COMMAND).put(m.RobotCommand())
-    assert heard.poll()
-    header = heard.read(clock.now_ns()).header
+    assert commands.poll()
+    header = commands.read(clock.now_ns()).header
     assert header is not None
     assert header.topic == "demo/robot/command"
 
@@ -93,7 +93,7 @@ def test_a_message_of_another_cell_is_dropped(topic):
 
 @pytest.mark.parametrize("request_row", topics.REQUESTS, ids=lambda request: request.key)
 def test_a_request_to_another_cell_is_refused(request_row):
-    """What a person asks of one cell is not done by the next one."""
+    """A request to one cell is not executed by the next one."""
     cell, transport, clock = load_cell(DEMO), MemoryTransport(), ManualClock()
     asked = request_row.message.model_validate(full(request_row.message))
     sent = []
@@ -105,12 +105,12 @@ def test_a_request_to_another_cell_is_refused(request_row):
 
     transport.advance = deliver
     transport.serve(f"left/{request_row.key}")
-    with pytest.raises(BusError):  # nobody answers: the bytes are what counts
+    with pytest.raises(BusError):  # no one answers: the bytes are what counts
         Bus(topics.CLIENT, "left", transport, cell, clock).ask(request_row, asked)
     inbox = Bus(request_row.server, "right", transport, cell, clock).inbox(request_row)
     call = MemoryCall(sent[0])
     transport.serve(f"right/{request_row.key}").waiting.append(call)
-    for incoming in inbox.take_all():  # a hold is taken from anybody, and complained of
+    for incoming in inbox.take_all():  # a hold is taken from any client, and reported
         assert request_row is topics.HOLD
         incoming.reply(q.Reply(accepted=True))
     assert call.reply is not None

@@ -58,7 +58,7 @@ def test_a_mistake_is_named_with_its_place(tmp_path: Path, text: str, mistake: s
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    """It says which."""
+    """The error names it."""
     with pytest.raises(ConfigError, match=r"nowhere\.yaml: cannot be read: No such file"):
         Cell(tmp_path / "nowhere.yaml")
 
@@ -82,7 +82,7 @@ def test_an_endpoint_without_a_hub_is_named() -> None:
         Cell("tcp/127.0.0.1:1", "demo", patience_s=0.0)
 
 
-def test_the_hub_tells_a_client_the_facts_of_its_cell_file() -> None:
+def test_the_hub_sends_a_client_the_facts_of_its_cell_file() -> None:
     """Rates and deadlines of every topic, roles and tool: as the file has them."""
     world = VirtualCell(load_cell(ROOT / "cells" / "demo.yaml"))
     world.advance(0.5)
@@ -96,7 +96,7 @@ def test_the_hub_tells_a_client_the_facts_of_its_cell_file() -> None:
 
 
 def test_another_cells_hub_does_not_answer() -> None:
-    """A name that is not the cell's is a question for nobody: it is said which."""
+    """A name that is not the cell's gets no answer: the error names it."""
     world = VirtualCell(load_cell(ROOT / "cells" / "demo.yaml"))
     world.advance(0.5)
     with pytest.raises(LostError, match=r"did not answer other/info .* is other the cell's name\?"):
@@ -104,7 +104,7 @@ def test_another_cells_hub_does_not_answer() -> None:
 
 
 def test_the_public_names_are_there_and_no_others() -> None:
-    """What `forcemesh` offers is loaded on first use; a wrong name is an AttributeError."""
+    """The names of `forcemesh` are loaded on first use; a wrong name is an AttributeError."""
     for name in forcemesh.__all__:
         assert getattr(forcemesh, name) is not None
     assert inspect.isclass(forcemesh.Cell)

@@ -1,4 +1,4 @@
-"""Every error that forcemesh raises on purpose reaches whoever waits for a worker process."""
+"""Every error that forcemesh raises on purpose passes from a worker process to its parent."""
 
 import pickle
 
@@ -13,21 +13,21 @@ MADE = [
     errors.MisroutedError("for another topic", "misrouted"),
     errors.RefusedError("rate", "too fast", remedy="slower", value=2.0, limit=1.0),
     errors.ArmStoppedError("stale", "stopped", "arm again"),
-    errors.NotValidError("wrench", "no sample", "look at the sensor"),
+    errors.NotValidError("wrench", "no sample", "check the sensor"),
     errors.RemoteProtocolError("half a packet"),
 ]
 
 
 @pytest.mark.parametrize("text", ["the arbiter is IDLE: arm first", "arm first"])
-def test_a_remedy_that_was_said_is_not_said_again(text: str) -> None:
-    """A sentence that ends with what to do is enough."""
+def test_a_remedy_in_the_text_is_not_repeated(text: str) -> None:
+    """A sentence that ends with a remedy is enough."""
     assert str(errors.RefusedError("not_armed", text, remedy="arm first")) == text
     assert str(errors.RefusedError("x", text, remedy="wait")) == f"{text} -> wait"
 
 
 @pytest.mark.parametrize("error", MADE, ids=lambda error: type(error).__name__)
 def test_an_error_travels_between_processes_whole(error: errors.ForcemeshError) -> None:
-    """The same kind, the same sentence, and what it holds for programs."""
+    """The same kind, the same sentence, and its fields for programs."""
     came = pickle.loads(pickle.dumps(error))  # noqa: S301 - our own bytes
     assert type(came) is type(error)
     assert str(came) == str(error)

@@ -1,4 +1,4 @@
-"""The dictionary of faults: complete, unique, documented, and the only way to say why."""
+"""The dictionary of faults: complete, unique, documented, and the only source of reasons."""
 
 import ast
 from functools import cache
@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[3]
 CODE = production_files()
 each_fault = pytest.mark.parametrize("fault", FAULTS.values(), ids=lambda fault: fault.code)
 KINDS_OF_RULES = {
-    1: "who is heard",
+    1: "which writer is read",
     2: "sensor",
     3: "robot",
     4: "limits",
@@ -49,7 +49,7 @@ def test_rules_are_unique_in_order_and_of_a_known_hundred() -> None:
 
 
 @each_fault
-def test_a_fault_says_cause_and_remedy_in_words(fault: FaultCode) -> None:
+def test_a_fault_has_cause_and_remedy_in_words(fault: FaultCode) -> None:
     """Short, without a dot at the end, without the words of a safety function."""
     for text in (fault.cause, fault.remedy):
         assert 5 < len(text) < 200
@@ -65,13 +65,13 @@ def test_the_page_is_the_table() -> None:
 
 
 def test_trips_and_refusals_are_made_by_the_dictionary_alone() -> None:
-    """Nothing else makes a Trip, or a Reply that says no."""
+    """No other module makes a Trip, or a Reply that refuses."""
     home = ROOT / "forcemesh" / "faults.py"
     assert {path for path, _ in calls("Trip")} == {home}
     for path, call in calls("Reply"):
-        said = next((k.value for k in call.keywords if k.arg == "accepted"), None)
-        assert isinstance(said, ast.Constant)
-        assert said.value or path == home, f"{path}:{call.lineno}"
+        accepted = next((k.value for k in call.keywords if k.arg == "accepted"), None)
+        assert isinstance(accepted, ast.Constant)
+        assert accepted.value or path == home, f"{path}:{call.lineno}"
 
 
 def test_every_code_in_the_code_is_a_row_of_the_dictionary() -> None:
@@ -100,7 +100,7 @@ def test_the_longest_trip_can_be_sent(fault: FaultCode) -> None:
     assert len(encode_record(reply)) < MAX_BYTES
 
 
-def test_a_refusal_says_no() -> None:
+def test_a_refusal_is_not_accepted() -> None:
     """With code, rule and number."""
     reply = refusal("speed", "too fast", value=2.0, limit=1.0)
     assert (reply.accepted, reply.code, reply.rule, reply.value) == (False, "speed", 405, 2.0)

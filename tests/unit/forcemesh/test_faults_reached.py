@@ -1,4 +1,4 @@
-"""Every code of the dictionary can come about: the table of how.
+"""Every code of the dictionary can be caused: the table of causes.
 
 A code that nothing can bring about is either a mistake of the dictionary or a check that never
 bites. What is listed here goes through the public cores and services, on a virtual clock.
@@ -34,28 +34,28 @@ from tests.fakes.provoked_elsewhere import (
     BEYOND,
     HERE,
     LIMITS,
-    a_flood,
     an_arm_that_stays_behind,
+    flood_commands,
     from_a_bare_arm,
     from_a_frozen_sensor,
     from_a_gateway_alone,
     from_the_wrench,
-    go_where_force_may_move,
-    guide_before_the_check,
+    guide_without_axes_check,
+    request_path_in_force_direction,
+    reverse_at_once,
     ruled,
     start,
     start_without_a_wrench,
     tare,
     tare_in_contact,
     tare_in_motion,
-    too_sudden,
 )
 from tests.fakes.provoked_last import (
     answer_late,
-    ask_for_what_rounds_to_nothing,
     never_rest,
     preempt,
     push_sideways,
+    request_gain_that_rounds_to_zero,
     search_too_far,
     start_no_feedback,
     swing,
@@ -77,7 +77,7 @@ def cell_with(section: str, **changes: Any) -> Any:
 
 
 def in_motion(code: str) -> str:
-    """Provoke a fault while the arm is armed; return the code if the status says it."""
+    """Provoke a fault while the arm is armed; return the code if the status has it."""
     cell = Cellmates().arm()
     IN_MOTION[code](cell)
     cell.step(6)
@@ -99,14 +99,14 @@ def when_arming(cell: Cellmates, wait_s: float = 1.1) -> str:
 
 
 def with_health(**changes: str) -> str:
-    """Arm where one process says something else of itself."""
+    """Arm where one process reports another configuration of itself."""
     cell = Cellmates()
     cell.change("wrench/health", **changes)
     return when_arming(cell)
 
 
 def with_a_broken_process() -> str:
-    """Let one process say that its step broke off."""
+    """Let one process report that its step broke off."""
     cell = Cellmates().arm()
     cell.change("wrench/health", valid=False, code="internal", reason="ValueError at x.py:1")
     cell.step()
@@ -139,7 +139,7 @@ def ask_nonsense() -> str:
 
 
 def from_the_sensor(**switches: Any) -> str:
-    """Let the simulated Net F/T do something; return what the driver calls it."""
+    """Let the simulated Net F/T do something; return the driver's code."""
     rig = NetftRig()
     rig.run(0.3)
     rig.switch(**switches)
@@ -147,14 +147,14 @@ def from_the_sensor(**switches: Any) -> str:
 
 
 def from_a_sensor_without_a_page() -> str:
-    """Want the counts of a page that cannot be read."""
+    """Request the counts of a page that cannot be read."""
     rig = NetftRig(page_fault="HTTP 404", cell={"sensor.calibration": "page"})
     rig.run(0.01)
     return rig.first_code()
 
 
 def uncalibrated_force() -> str:
-    """Feel, for a second, what nothing in free space could be."""
+    """Publish, for a second, a force that is impossible in free space."""
     cell = Cellmates()
     cell.change("wrench", force_N=(0.0, 0.0, CELL.force.idle_max_N + 1.0))
     return when_arming(cell)
@@ -236,9 +236,9 @@ REACHED: dict[str, Callable[[], str]] = {
     "step":             lambda: ruled(check_step(LIMITS, HERE, BEYOND)),
     "tether":           lambda: ruled(check_tether(LIMITS, HERE, BEYOND_ALL)),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
-    "rate":             lambda: ruled(a_flood()),
-    "acceleration":     lambda: ruled(too_sudden(SetpointMonitor(CELL.limits))),
-    "no_stream":        lambda: ruled(SetpointMonitor(CELL.limits).spend(HERE, 1)),
+    "rate":             lambda: ruled(flood_commands()),
+    "acceleration":     lambda: ruled(reverse_at_once(SetpointMonitor(CELL.limits))),
+    "no_stream":        lambda: ruled(SetpointMonitor(CELL.limits).check(HERE, 1)),
     "no_lease":         lambda: ruled(LastCheck(CELL).setpoint(HERE, HERE, 1)),
     "tracking":         lambda: ruled(an_arm_that_stays_behind(TrackingMonitor(CELL))),
     "joint_speed":      lambda: ruled(check_joint_speed(LIMITS, np.full(6, 99.0))),
@@ -249,8 +249,8 @@ REACHED: dict[str, Callable[[], str]] = {
     "malformed":        ask_nonsense,
     "host":             partial(start, host="controller"),
     "setpoint":         partial(start, setpoint_N=CELL.force.setpoint_max_N + 1.0),
-    "axes":             go_where_force_may_move,
-    "axes_unproved":    guide_before_the_check,
+    "axes":             request_path_in_force_direction,
+    "axes_unproved":    guide_without_axes_check,
     "wait":             lambda: tare(WrenchBench(), wait_s=0.05),
     "moving":           tare_in_motion,
     "contact":          tare_in_contact,
@@ -259,7 +259,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "sensor_sign":      push_sideways,
     "travel":           search_too_far,
     "oscillation":      swing,
-    "unsendable":       ask_for_what_rounds_to_nothing,
+    "unsendable":       request_gain_that_rounds_to_zero,
     "feedback":         start_no_feedback,
     "link_slow":        answer_late,
     "preempted":        preempt,
@@ -277,7 +277,7 @@ REACHED: dict[str, Callable[[], str]] = {
 
 @pytest.mark.parametrize("code", REACHED)
 def test_a_code_can_be_reached(code: str) -> None:
-    """By what its row says is the cause."""
+    """By the cause in its row."""
     assert REACHED[code]() == code
 
 

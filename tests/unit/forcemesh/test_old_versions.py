@@ -61,7 +61,7 @@ def old(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     boot = unpack(frames[0].data)["boot"]
     recording = Recording(
         folder, "file", cell_with(folder), cause="asked",
-        wall=WallClock(boot, WALL_NS), now_ns=frames[0].at_ns,
+        wall_clock=WallClock(boot, WALL_NS), now_ns=frames[0].at_ns,
     )  # fmt: skip
     recording.write(frames, frames[-1].at_ns)
     recording.close()
@@ -74,12 +74,12 @@ def run(*words: object) -> tuple[int, str]:
     return result.exit_code, result.stdout
 
 
-def as_written(read: Any, said: Any) -> Any:
-    """Return what was read without the fields that records got since: they have their defaults."""
-    if isinstance(read, dict) and isinstance(said, dict) and said.keys() <= read.keys():
-        return {name: as_written(read[name], said[name]) for name in said}
-    if isinstance(read, tuple) and isinstance(said, tuple) and len(read) == len(said):
-        return tuple(as_written(*pair) for pair in zip(read, said, strict=True))
+def as_written(read: Any, written: Any) -> Any:
+    """Return a read record without the fields that records got since: they have their defaults."""
+    if isinstance(read, dict) and isinstance(written, dict) and written.keys() <= read.keys():
+        return {name: as_written(read[name], written[name]) for name in written}
+    if isinstance(read, tuple) and isinstance(written, tuple) and len(read) == len(written):
+        return tuple(as_written(*pair) for pair in zip(read, written, strict=True))
     return read
 
 
@@ -100,7 +100,7 @@ CHANGED = {"status", "accepted", "permission", "v"}
 
 
 def at(fields: Any, path: tuple[str, ...]) -> Any:
-    """Return what is at a path of plain data."""
+    """Return the value at a path of plain data."""
     for name in path:
         fields = fields[name]
     return fields
@@ -111,13 +111,13 @@ def test_a_kept_message_of_an_older_version_is_read(version: int, key: str) -> N
     """Field by field as it was written, under its own key and no other one."""
     data = KEPT[version, key]
     header, message = decode_recorded(data, BY_KEY[key].message, key)
-    said = msgpack.unpackb(data, use_list=False)
+    written = msgpack.unpackb(data, use_list=False)
     read = header.model_dump() | message.model_dump()
-    for name in (said.keys() & read.keys()) - (CHANGED if key in MOVED else set()):
-        assert as_written(read[name], said[name]) == said[name], name
+    for name in (written.keys() & read.keys()) - (CHANGED if key in MOVED else set()):
+        assert as_written(read[name], written[name]) == written[name], name
     for old_path, new_path in MOVED.get(key, []):
         if key != "arbiter/status" or version == 2:  # version 1 had no owner there
-            assert at(read, new_path) == at(said, old_path), old_path
+            assert at(read, new_path) == at(written, old_path), old_path
     for other in BY_KEY:
         if other != key:
             with pytest.raises(MisroutedError):
@@ -144,13 +144,13 @@ def test_a_spoilt_old_message_is_refused_and_breaks_nothing(status: object) -> N
 
 @each_kept
 def test_on_the_bus_an_older_version_is_refused(version: int, key: str) -> None:
-    """A program that is older than the cell is told so; it is never half understood."""
+    """A program that is older than the cell gets that answer; it is never half understood."""
     with pytest.raises(MessageError, match=f"schema version {version}, this program uses 3"):
         decode(KEPT[version, key], BY_KEY[key].message, f"demo/{key}")
 
 
 @each_kept
-def test_what_is_published_again_has_version_and_address_of_today(version: int, key: str) -> None:
+def test_a_republished_message_has_version_and_address_of_today(version: int, key: str) -> None:
     """Readers of the cell take it, as from the recording itself."""
     data = KEPT[version, key]
     _, message = decode(readdressed(data, f"demo/{key}"), BY_KEY[key].message, f"demo/{key}")
@@ -158,32 +158,32 @@ def test_what_is_published_again_has_version_and_address_of_today(version: int, 
 
 
 @pytest.mark.parametrize("data", [b"", b"\xc1", b"\x93\x01\x02\x03", pack({"v": 7, "topic": "x"})])
-def test_what_is_no_message_is_published_as_it_is(data: bytes) -> None:
-    """The recorder keeps strangers' bytes, and the replay does not repair them."""
+def test_bytes_that_are_no_message_are_published_unchanged(data: bytes) -> None:
+    """The recorder keeps undecodable bytes, and the replay does not repair them."""
     assert readdressed(data, "demo/wrench") == data
 
 
 def test_an_old_recording_is_replayed_into_readers_of_today(old: Path) -> None:
     """Every message, none refused for its version or address."""
-    heard = list(RecordedFile(old).raw_messages())
-    assert len(heard) > 1000
-    assert len({unpack(each.data)["v"] for each in heard} - {1, 2}) == 0
+    recorded = list(RecordedFile(old).raw_messages())
+    assert len(recorded) > 1000
+    assert len({unpack(each.data)["v"] for each in recorded} - {1, 2}) == 0
     world = VirtualCell(load_cell(DEMO))
     tap = world.transport.subscribe("demo/robot/state", 10**6)
-    play(heard, world.transport, "demo", clock=ManualClock())
+    play(recorded, world.transport, "demo", clock=ManualClock())
     count = 0
     while (data := tap.take()) is not None:
         header, _ = decode(data, BY_KEY["robot/state"].message, "demo/robot/state")
         count += header.v == SCHEMA_VERSION
-    assert count == sum(each.topic == "robot/state" for each in heard)
+    assert count == sum(each.topic == "robot/state" for each in recorded)
 
 
 def test_the_verbs_open_an_old_recording(old: Path, tmp_path: Path) -> None:
     """Export, report and a service that is fed with it: nothing is unreadable or left out."""
-    heard = list(RecordedFile(old).raw_messages())
+    recorded = list(RecordedFile(old).raw_messages())
     code, out = run("export", old, "-o", tmp_path / "tables")
     assert code == 0
-    assert f"wrench.csv: {sum(each.topic == 'wrench' for each in heard)} rows" in out
+    assert f"wrench.csv: {sum(each.topic == 'wrench' for each in recorded)} rows" in out
     code, out = run("report", old, "-o", tmp_path / "report.html", "--no-3d")
     assert code == 0
     assert "1 stops" in out

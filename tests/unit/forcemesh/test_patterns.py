@@ -1,4 +1,4 @@
-"""How a name must be written is said in words: a regular expression is not a sentence."""
+"""The form of a name is described in words: a regular expression is not a sentence."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -31,12 +31,12 @@ def patterns(schema: Any) -> Iterator[str]:
 
 
 def test_every_pattern_of_a_cell_file_has_its_words() -> None:
-    """None is left out: what has no words could only be shown as it is."""
+    """No pattern is left out: one without words could only be shown as it is."""
     assert set(patterns(CellConfig.model_json_schema())) == set(WORDS)
 
 
 @pytest.mark.parametrize(("place", "found"), PLACES.items())
-def test_a_wrong_name_is_told_in_words(place: str, found: object) -> None:
+def test_a_wrong_name_is_reported_in_words(place: str, found: object) -> None:
     """With its place and what was found, and no regular expression."""
     tree: dict[str, Any] = load_cell("cells/demo.yaml").model_dump(mode="json")
     tree["panel"] = tree["panel"] or {}

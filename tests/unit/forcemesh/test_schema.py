@@ -1,4 +1,4 @@
-"""What is said on the bus, as JSON Schema: it holds for every message, and the hub tells it."""
+"""JSON Schema of the messages on the bus: it holds for every message, and the hub publishes it."""
 
 import json
 import socket
@@ -31,14 +31,14 @@ each_request = pytest.mark.parametrize("request_row", REQUESTS, ids=lambda row: 
 
 
 def mistakes(schema: dict[str, Any], data: bytes) -> list[str]:
-    """Return what a stranger's validator finds wrong with bytes from the bus."""
+    """Return the mistakes that an independent validator finds in bytes from the bus."""
     Draft202012Validator.check_schema(schema)
     fields = json.loads(json.dumps(msgpack.unpackb(data)))
     return [error.message for error in Draft202012Validator(schema).iter_errors(fields)]
 
 
 @each_topic
-def test_every_message_is_what_its_schema_says(topic: Topic[Any]) -> None:
+def test_every_message_fits_its_schema(topic: Topic[Any]) -> None:
     """With nothing but defaults and with every field filled; every field is there."""
     schema = topic_schema(topic)
     for message in (topic.message(), topic.message.model_validate(full(topic.message))):
@@ -48,7 +48,7 @@ def test_every_message_is_what_its_schema_says(topic: Topic[Any]) -> None:
 
 
 @each_topic
-def test_a_schema_finds_what_is_wrong(topic: Topic[Any]) -> None:
+def test_a_schema_finds_wrong_fields(topic: Topic[Any]) -> None:
     """A field of another type, and one that is missing."""
     schema, fields = topic_schema(topic), msgpack.unpackb(encode(HEADER, topic.message()))
     assert mistakes(schema, msgpack.packb({**fields, "valid": "yes"}))
@@ -56,8 +56,8 @@ def test_a_schema_finds_what_is_wrong(topic: Topic[Any]) -> None:
 
 
 @each_request
-def test_every_request_is_what_its_schema_says(request_row: Request[Any]) -> None:
-    """As our own clients send it; what has a default may be left out."""
+def test_every_request_fits_its_schema(request_row: Request[Any]) -> None:
+    """As our own clients send it; fields with a default may be left out."""
     schema = describe()["requests"][request_row.key]["schema"]
     asked = request_row.message.model_validate(full(request_row.message))
     assert mistakes(schema, encode_record(asked, request_row.key)) == []
@@ -65,7 +65,7 @@ def test_every_request_is_what_its_schema_says(request_row: Request[Any]) -> Non
     assert set(schema["required"]) == needed
 
 
-def test_every_reply_is_what_its_schema_says() -> None:
+def test_every_reply_fits_its_schema() -> None:
     """Accepted, and refused with numbers."""
     for reply in (Reply(accepted=True), Reply(accepted=False, code="x", value=1.0, limit=2.0)):
         assert mistakes(describe()["reply"], encode_record(reply)) == []
@@ -76,7 +76,7 @@ def test_the_file_in_the_documentation_is_that_of_the_code() -> None:
     assert PAGE.read_text(encoding="utf-8") == page(), "make readme"
 
 
-def test_a_client_asks_the_hub_what_is_said() -> None:
+def test_a_client_gets_the_schema_from_the_hub() -> None:
     """The whole table, from the running cell."""
     cell = VirtualCell(CELL)
     assert ConfiguredCell(CELL, bus=cell.client).describe() == describe()
@@ -106,7 +106,7 @@ def endpoint() -> Iterator[str]:
 
 
 @pytest.mark.realtime
-def test_a_stranger_asks_the_hub_what_is_said(endpoint: str) -> None:
+def test_a_program_without_forcemesh_gets_the_schema_from_the_hub(endpoint: str) -> None:
     """With Zenoh's own client and nothing of ours: plain JSON under one key."""
     text = json.dumps({"mode": "client", "connect": {"endpoints": [endpoint], "timeout_ms": 10000}})
     with zenoh.open(zenoh.Config.from_json5(text)) as session:

@@ -1,4 +1,4 @@
-"""The laws of the bus table: who says what, to whom, how often, and when it goes stale."""
+"""The rules of the bus table: writer, readers, rate and deadline of each topic."""
 
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ TEXT = "robot/state stale: 123 ms old, limit 100 ms"
 POSE = m.PoseRecord.model_validate(full(m.PoseRecord))
 FEEDBACK = m.Feedback.model_validate(full(m.Feedback))
 TRIP = m.Trip(code="workspace", rule=401, text=TEXT, value=0.1234, limit=0.12)
-# What each message looks like on a bad day. Two kinds of command exclude each other.
+# Example of each message with a fault. Two kinds of command exclude each other.
 REALISTIC: dict[str, m.Message] = {
     "robot/state": m.RobotState(
         accepted=m.Accepted.model_validate(full(m.Accepted)),
@@ -79,7 +79,7 @@ REALISTIC: dict[str, m.Message] = {
 
 
 def test_every_row_of_the_module_is_in_the_tables_once() -> None:
-    """A row that a service could import but that no test sees would escape every law below."""
+    """A row that a service could import but that no test has would escape every rule below."""
     rows = [value for value in vars(topics).values() if isinstance(value, Topic | Request)]
 
     assert {id(row) for row in rows} == {id(row) for row in ROWS}
@@ -104,7 +104,7 @@ def test_a_key_is_canonical_and_names_one_thing(row: Topic[Any] | Request[Any]) 
 
 
 @each_row
-def test_a_row_says_what_it_is_for(row: Topic[Any] | Request[Any]) -> None:
+def test_a_row_has_its_purpose(row: Topic[Any] | Request[Any]) -> None:
     """The summary is the user's only documentation of a key."""
     assert len(row.summary) > 10
     assert not row.summary.endswith(".")
@@ -121,7 +121,7 @@ def test_exactly_one_role_writes_and_never_reads_its_own_words(topic: Topic[Any]
 
 @each_topic
 def test_a_client_may_watch_everything(topic: Topic[Any]) -> None:
-    """Nothing on the bus is hidden from whoever watches."""
+    """No topic of the bus is hidden from a client that watches."""
     assert CLIENT in topic.readers
 
 
@@ -150,7 +150,7 @@ def test_every_role_reports_its_health(role: str) -> None:
 
 @pytest.mark.parametrize("helper", HELPERS)
 def test_nothing_that_moves_the_arm_waits_for_a_helper(helper: str) -> None:
-    """It reports its health to whoever watches, and no role reads a word of it."""
+    """It reports its health to the clients that watch, and no role reads it."""
     row = HELPER_HEALTH[helper]
 
     assert (row.key, row.writer, row.message) == (f"{helper}/health", helper, m.Health)
@@ -160,13 +160,13 @@ def test_nothing_that_moves_the_arm_waits_for_a_helper(helper: str) -> None:
 
 @each_topic
 def test_rate_and_deadline_are_names_of_the_cell_file(topic: Topic[Any]) -> None:
-    """What the table calls a rate or a deadline is a number in every cell file."""
+    """Each rate and deadline of the table is a number in every cell file."""
     assert f"{topic.rate}_hz" in Rates.model_fields
     assert f"{topic.deadline}_s" in Deadlines.model_fields
 
 
 def test_no_rate_or_deadline_is_without_a_topic() -> None:
-    """A number that nothing obeys would deceive whoever sets it."""
+    """A number without effect would mislead the user who sets it."""
     rates = {f"{topic.rate}_hz" for topic in TOPICS}
     deadlines = {f"{topic.deadline}_s" for topic in TOPICS}
 
@@ -196,8 +196,8 @@ def test_a_slow_cell_is_not_stale_too_soon(control_hz: float) -> None:
 
 
 @each_topic
-def test_a_message_without_content_can_be_said(topic: Topic[Any]) -> None:
-    """A service that knows nothing yet still has a word to say: all fields have defaults."""
+def test_a_message_without_content_can_be_published(topic: Topic[Any]) -> None:
+    """A service without data still publishes: all fields have defaults."""
     message = topic.message()
 
     assert message.valid

@@ -61,7 +61,7 @@ def scaled(tree: dict[str, Any], path: tuple[Any, ...], factor: float) -> dict[s
 
 
 def mistake(tree: dict[str, Any]) -> str:
-    """Return what is wrong with a cell file, empty when nothing is."""
+    """Return the mistake of a cell file, empty when there is none."""
     try:
         cell_from_tree(tree, "x.yaml")
     except ConfigError as error:
@@ -80,9 +80,9 @@ def test_each_physical_field_times_a_thousand_is_refused_with_the_question(path:
     ]
     assert len(fields) > 60
     taken = {
-        ".".join(field): said
+        ".".join(field): message
         for field in fields
-        if "is that in" not in (said := mistake(scaled(tree, field, 1000.0)))
+        if "is that in" not in (message := mistake(scaled(tree, field, 1000.0)))
     }
     assert taken == {}
 
@@ -120,7 +120,7 @@ def test_a_number_that_fits_no_other_unit_is_not_asked_about() -> None:
 
 
 @pytest.mark.parametrize("ending", UNITS)
-def test_the_longest_ending_says_the_unit(ending: str) -> None:
+def test_the_longest_ending_decides_the_unit(ending: str) -> None:
     """speed_max_m_s is m/s, not s."""
     assert unit_of(f"x{ending}") is UNITS[ending]
 
@@ -173,7 +173,7 @@ def test_a_direction_of_gravity_is_a_direction() -> None:
     ("name", "usual"), [("force_N", USUAL_FORCE_N), ("speed_m_s", USUAL_SPEED_M_S)]
 )
 def test_more_than_usual_names_the_risk_assessment(name: str, usual: float) -> None:
-    """At the bound nothing is asked; above it a text, not blanks; the sentence says how."""
+    """At the bound nothing is asked; above it a text, not blanks; the sentence names the remedy."""
     tree = whole(DEMO)
     limits = tree["limits"]
     limits |= {"force_N": USUAL_FORCE_N, "speed_m_s": USUAL_SPEED_M_S, "risk_assessment": ""}

@@ -1,4 +1,4 @@
-"""Sources of messages: what a reader finds after it has waited."""
+"""Sources of messages: the content of a reader after it has waited."""
 
 import queue
 from types import SimpleNamespace
@@ -55,7 +55,7 @@ def test_a_reader_that_waits_loses_nothing_while_its_queue_has_room(room: int) -
 
 
 def test_a_reader_of_the_newest_gets_the_newest() -> None:
-    """Room for one: what a control loop reads is never old."""
+    """Room for one: a control loop never reads an old message."""
     subscriber: Any = Subscriber()
     source = ZenohSource(subscriber, 1)
     source.wait(0.0)

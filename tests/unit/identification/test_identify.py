@@ -1,4 +1,4 @@
-"""Payload identification: synthetic truth is recovered, and what cannot be told is said."""
+"""Payload identification: synthetic payloads are recovered; undetermined values are reported."""
 
 import numpy as np
 import pytest
@@ -24,8 +24,8 @@ from tests.fakes.weights import (
 )
 
 
-def test_a_resting_load_pulls_along_gravity_and_turns_about_the_sensor():
-    """Sensor upright: F = (0, 0, -m g) and M = c x F; upside down both turn their sign."""
+def test_a_load_at_rest_gives_its_weight_and_its_moment_about_the_sensor():
+    """Sensor upright: F = (0, 0, -m g) and M = c x F; upside down both change sign."""
     payload = Payload(2.0, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     weight = 2.0 * GRAVITY_M_S2
     force, torque = predict(payload, np.eye(3))
@@ -70,7 +70,7 @@ def test_noise_free_truth_is_recovered_exactly(seed, poses, mass, com, bias):
 
 
 def test_errors_are_as_large_as_the_standard_deviations_that_are_reported():
-    """Over 60 noisy recordings of six poses, parameter by parameter: neither boasting nor shy."""
+    """Over 60 noisy recordings of six poses, for each parameter: neither too small nor large."""
     errors, reported = [], []
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -86,7 +86,7 @@ def test_errors_are_as_large_as_the_standard_deviations_that_are_reported():
     assert np.exp(np.log(real / claimed).mean()) == pytest.approx(1.0, abs=0.1)
 
 
-def test_noise_of_force_and_torque_is_estimated_apart():
+def test_noise_of_force_and_torque_is_estimated_separately():
     """Each block has its own variance, so the unit of neither weighs on the other."""
     rng = np.random.default_rng(1)
     noise = identify_payload(readings(TRUTH, attitudes(rng, 60), rng)).chosen.solution.noise
@@ -132,8 +132,8 @@ def test_tilt_and_mounting_together_are_found(seed):
     assert worst_error(found.payload, truth, rng)[0] < 10 * FORCE_NOISE_N
 
 
-def test_noise_alone_does_not_buy_a_richer_model():
-    """Without tilt or mounting at most one recording in twenty is given one."""
+def test_noise_alone_does_not_select_a_larger_model():
+    """Without tilt or mounting error at most one recording in twenty gets a model with one."""
     names = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -142,7 +142,7 @@ def test_noise_alone_does_not_buy_a_richer_model():
 
 
 def test_a_gain_error_of_one_axis_is_not_explained_away_by_tilt_or_mounting():
-    """What no tilt or mounting causes must not be hidden in one."""
+    """An error with another cause must not be hidden in a tilt or a mounting."""
     rng = np.random.default_rng(3)
     samples = readings(TRUTH, attitudes(rng, 8), rng)
     wrong = Samples(samples.R_base_sensor, samples.force_N * [1.0, 1.0, 1.06], samples.torque_Nm)
@@ -152,8 +152,8 @@ def test_a_gain_error_of_one_axis_is_not_explained_away_by_tilt_or_mounting():
     np.testing.assert_allclose(ratio, 1.06, atol=0.005)
 
 
-def test_a_tilt_that_only_the_torque_shows_is_not_believed():
-    """A true tilt turns force and torque alike; one that spoils the force is another fault."""
+def test_a_tilt_that_only_the_torque_shows_is_not_selected():
+    """A true tilt rotates force and torque alike; one that worsens the force is another error."""
     rng = np.random.default_rng(15)
     R = attitudes(rng, 10)
     torque = predict(tilted(1.0, rng), R)[1] + TORQUE_NOISE_NM * rng.normal(size=(10, 3))
@@ -164,8 +164,8 @@ def test_a_tilt_that_only_the_torque_shows_is_not_believed():
     assert tilt.evidence > found.candidates[0].evidence + 10.0
 
 
-def test_a_sensor_mounted_far_turned_keeps_a_positive_mass():
-    """A large mounting rotation passes through gravity pointing up on its way, and comes back."""
+def test_a_sensor_with_a_large_mounting_rotation_keeps_a_positive_mass():
+    """During the fit of a large mounting rotation gravity points up for some steps, then down."""
     rng = np.random.default_rng(1)
     truth = mounted(111.0, rng)
     found = identify_payload(readings(truth, attitudes(rng, 12), rng))
@@ -174,23 +174,23 @@ def test_a_sensor_mounted_far_turned_keeps_a_positive_mass():
 
 
 def test_too_few_poses_for_a_tilt_give_the_plain_model_and_the_reason():
-    """Five poses fit ten unknowns, and the report says that they cannot tell more."""
+    """Five poses fit ten unknowns; the report states that more poses are needed for more."""
     rng = np.random.default_rng(4)
     found = identify_payload(readings(tilted(3.0, rng), attitudes(rng, 5), rng))
     assert found.chosen.model.name == "plain"
     assert all("too few poses" in model.verdict for model in found.candidates[1:])
 
 
-def test_a_parameter_that_the_poses_hardly_tell_is_named():
-    """With loud noise the centre of mass is called unsure, the mass is not."""
+def test_a_poorly_determined_parameter_is_named():
+    """With large torque noise the centre of mass is called uncertain, the mass is not."""
     rng = np.random.default_rng(14)
     samples = readings(TRUTH, attitudes(rng, 8), rng)
     noisy = samples.torque_Nm + 0.5 * rng.normal(size=samples.torque_Nm.shape)
-    unsure = identify_payload(Samples(samples.R_base_sensor, samples.force_N, noisy)).uncertain
-    assert [line.split()[0] for line in unsure] == ["com_m", "bias_torque_Nm"]
+    uncertain = identify_payload(Samples(samples.R_base_sensor, samples.force_N, noisy)).uncertain
+    assert [line.split()[0] for line in uncertain] == ["com_m", "bias_torque_Nm"]
 
 
-def test_gravity_that_points_up_is_fitted_and_said():
+def test_gravity_that_points_up_is_fitted_and_reported():
     """A sensor of the other sign, or an arm on the ceiling, gives a positive mass and a warning."""
     rng = np.random.default_rng(5)
     samples = readings(TRUTH, attitudes(rng, 8), rng)
@@ -201,7 +201,7 @@ def test_gravity_that_points_up_is_fitted_and_said():
 
 
 def test_a_leave_one_out_error_is_larger_than_the_residual_of_the_fit():
-    """A pose that the fit has not seen is predicted worse than one that it has."""
+    """A pose outside the fit is predicted worse than one of the fit."""
     rng = np.random.default_rng(6)
     chosen = identify_payload(readings(TRUTH, attitudes(rng, 6), rng)).chosen
     assert chosen.loo_force_N > chosen.rms_force_N > 0.0

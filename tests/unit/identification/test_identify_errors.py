@@ -1,4 +1,4 @@
-"""Payload identification: errors of sensor and cell are found, or left alone, as the data say."""
+"""Payload identification: errors of sensor and cell are identified where the data show them."""
 
 from dataclasses import replace
 
@@ -44,14 +44,14 @@ def test_every_derivative_is_that_of_the_residual(seed):
 
 @pytest.mark.parametrize("name", [name for name in WORLDS if name != "no error"])
 @pytest.mark.parametrize("poses", [6, 10, 20])
-def test_an_error_that_is_there_leaves_at_most_seven_tenths_of_plain_least_squares(name, poses):
-    """Force and torque on poses outside the fit, in the mean of a few random recordings."""
+def test_with_a_model_error_at_most_seven_tenths_of_the_least_squares_error_remain(name, poses):
+    """Mean over a few random recordings, for force and torque at poses outside the fit."""
     found, _ = compared(WORLDS[name], poses, 3)
     assert (found["ours"].mean(axis=0) <= 0.7 * found["LSM-short"].mean(axis=0)).all()
 
 
 @pytest.mark.parametrize("poses", [6, 10, 20])
-def test_where_there_is_no_error_none_is_invented(poses):
+def test_without_a_model_error_none_is_fitted(poses):
     """At most three per cent above plain least squares."""
     found, _ = compared(CellErrors(), poses, 5)
     assert (found["ours"].mean(axis=0) <= 1.03 * found["LSM-short"].mean(axis=0)).all()
@@ -63,7 +63,7 @@ def test_ten_poses_are_enough_also_on_a_tilted_base_with_a_turned_sensor():
     assert (left <= [0.02, 0.001]).all()
 
 
-def test_standard_deviations_are_honest_also_of_tilt_and_mounting():
+def test_standard_deviations_are_correct_also_for_tilt_and_mounting():
     """Of 12 recordings' 180 numbers, 88 to 99 per cent are within two standard deviations."""
     found = [trial(CellErrors(1.0, 1.0), seed)[1] for seed in range(12)]
     z = np.concatenate([np.concatenate(list(numbers.values())) for numbers in found])
@@ -72,8 +72,8 @@ def test_standard_deviations_are_honest_also_of_tilt_and_mounting():
 
 @settings(QUICK, max_examples=4)
 @given(seed=seeds)
-def test_a_left_out_pose_is_judged_as_by_a_fit_without_it(seed):
-    """The short way through the hat matrix gives what really leaving the pose out gives."""
+def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed):
+    """The formula with the hat matrix gives the same as a fit without the pose."""
     rng = np.random.default_rng(seed)
     train, _ = recording(truth(WORLDS["all of them"], rng), 10, 0, rng)
     left_out = solve(train, np.ones(10), Model(), start_state()).loo_residual
@@ -100,11 +100,11 @@ def test_the_published_methods_agree_where_they_must(seed):
     np.testing.assert_allclose(a.bias_force_N, b.bias_force_N, atol=1e-9)
 
 
-def test_a_bent_drift_is_followed():
-    """A bias that warms up: it is told from a straight one, and earlier readings are explained."""
+def test_a_curved_drift_is_identified():
+    """A warm-up drift is distinguished from a linear one, and explains the earlier readings."""
     rng = np.random.default_rng(5)
-    bent = BiasDrift(0.0, 600.0, (3.0, -2.0, 1.0), (0.1, 0.05, -0.1), (1.0, -0.6, 0.5))
-    train, others = recording(replace(truth(CellErrors(), rng), drift=bent), 12, 40, rng)
+    curved = BiasDrift(0.0, 600.0, (3.0, -2.0, 1.0), (0.1, 0.05, -0.1), (1.0, -0.6, 0.5))
+    train, others = recording(replace(truth(CellErrors(), rng), drift=curved), 12, 40, rng)
     found = identify_payload(train)
     assert found.chosen.model.name == "curved drift"
     force, _ = residual(
@@ -117,8 +117,8 @@ def test_a_bent_drift_is_followed():
     assert np.linalg.norm(force, axis=1).mean() < 0.05
 
 
-def test_the_bias_is_that_at_the_end_of_the_recording():
-    """What the next hour needs is the newest bias, not the mean one."""
+def test_the_bias_is_the_one_at_the_end_of_the_recording():
+    """Later measurements need the newest bias, not the mean one."""
     rng = np.random.default_rng(8)
     real = truth(WORLDS["drift 1 N, 50 mNm"], rng)
     R, time_s = attitudes(rng, 12), np.linspace(0.0, 600.0, 12)
@@ -130,8 +130,8 @@ def test_the_bias_is_that_at_the_end_of_the_recording():
 
 
 @given(st.floats(0.0, 600.0))
-def test_beyond_its_recording_a_drift_goes_on_for_half_a_length_and_then_stays(ahead_s):
-    """Zero at the end, straight on at first, never more than half as much again."""
+def test_after_the_recording_a_drift_continues_for_half_its_duration_then_stays_constant(ahead_s):
+    """Zero at the end, then linear, at most half of the drift again."""
     drift = BiasDrift(0.0, 600.0, (3.0, 0.0, 0.0), (0.0, 0.3, 0.0), (1.0, 0.0, 0.0))
     force, torque = drift.since_end(np.array([600.0, 600.0 + ahead_s]))
     assert force[0] == pytest.approx(np.zeros(3))
@@ -139,8 +139,8 @@ def test_beyond_its_recording_a_drift_goes_on_for_half_a_length_and_then_stays(a
     assert torque[1, 1] == pytest.approx(0.3 * min(ahead_s / 600.0, 0.5))
 
 
-def test_without_times_no_drift_is_tried():
-    """Readings that carry no time, or all the same one, cannot show it."""
+def test_without_time_stamps_no_drift_is_fitted():
+    """Readings without time, or all of one time, cannot show a drift."""
     samples = readings(TRUTH, attitudes(np.random.default_rng(2), 8))
     for time_s in (None, np.full(8, 3.0)):
         models = [c.model for c in identify_payload(replace(samples, time_s=time_s)).candidates]
@@ -148,7 +148,7 @@ def test_without_times_no_drift_is_tried():
 
 
 def test_a_gain_common_to_all_axes_is_called_undetermined():
-    """The weight of the tool cannot tell a sensor that reads 3 % more from a heavier tool."""
+    """A sensor that reads 3 % more and a heavier tool give the same readings."""
     rng = np.random.default_rng(3)
     found = identify_payload(
         read(truth(WORLDS["gain 3 %"], rng), attitudes(rng, 12), np.arange(12.0), rng)
@@ -163,7 +163,7 @@ def test_a_gain_common_to_all_axes_is_called_undetermined():
 
 @settings(QUICK, max_examples=4)
 @given(seed=seeds, poses=st.integers(5, 10))
-def test_the_advised_pose_makes_the_named_number_as_sure_as_promised(seed, poses):
+def test_the_advised_pose_reduces_the_deviation_as_announced(seed, poses):
     """With the advised attitude in the same fit, the deviation falls to what was announced."""
     rng = np.random.default_rng(seed)
     train, _ = recording(truth(CellErrors(), rng), poses, 0, rng)

@@ -1,4 +1,4 @@
-"""Payload identification: what is refused, which axes are believed, and the payload file."""
+"""Payload identification: refusals, choice of the wrench axes, and the payload file."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ from tests.fakes.weights import (
 
 @pytest.mark.parametrize("poses", [1, 2, 3])
 def test_fewer_than_four_poses_are_refused(poses):
-    """The error counts them and says how to get more."""
+    """The error counts the poses and gives the remedy."""
     rng = np.random.default_rng(8)
     with pytest.raises(DataError, match=rf"only {poses} distinct pose.*two axes"):
         identify_payload(readings(TRUTH, attitudes(rng, poses), rng))
@@ -42,7 +42,7 @@ def test_poses_that_hardly_differ_are_refused_with_their_spread():
 
 
 def test_poses_turned_about_the_vertical_only_are_refused():
-    """Gravity must move in the sensor, or weight is bias."""
+    """The direction of gravity must change in the sensor to separate weight from bias."""
     R = np.array([rotation_from_vector(np.array([0.0, 0.0, a])) for a in np.arange(0.0, 3.0, 0.5)])
     with pytest.raises(DataError, match="turns about the vertical"):
         identify_payload(readings(TRUTH, R))
@@ -60,15 +60,15 @@ def test_poses_that_flip_between_two_directions_of_gravity_are_refused():
 def test_a_recording_without_weight_is_refused():
     """Constant readings show a bias but no payload."""
     R = attitudes(np.random.default_rng(9), 8)
-    still = Samples(R, np.ones((8, 3)), np.ones((8, 3)))
+    constant = Samples(R, np.ones((8, 3)), np.ones((8, 3)))
     with pytest.raises(DataError, match="shows no weight"):
-        identify_payload(still)
+        identify_payload(constant)
 
 
 @settings(QUICK, max_examples=4)
 @given(seed=seeds)
 def test_both_wrench_axes_give_the_same_payload(seed):
-    """The same readings recorded in sensor axes and in base axes fit alike, and auto tells them."""
+    """The same readings in sensor axes and in base axes fit alike; auto identifies them."""
     rng = np.random.default_rng(seed)
     samples = readings(TRUTH, attitudes(rng, 10), rng)
     fits = [identify_recording(as_recording(samples, axes), None) for axes in ("sensor", "base")]
@@ -78,8 +78,8 @@ def test_both_wrench_axes_give_the_same_payload(seed):
     np.testing.assert_allclose(a.bias_force_N, b.bias_force_N, atol=1e-5)
 
 
-def test_wrong_axes_are_fitted_as_told_but_with_a_loud_warning():
-    """An explicit choice is obeyed, and the better one is named with both residuals."""
+def test_wrong_axes_are_fitted_as_requested_with_a_warning():
+    """An explicit choice is used, and the warning names the better one."""
     rng = np.random.default_rng(10)
     recording = as_recording(readings(TRUTH, attitudes(rng, 10), rng), "base")
     fit = identify_recording(recording, "sensor")
@@ -87,7 +87,7 @@ def test_wrong_axes_are_fitted_as_told_but_with_a_loud_warning():
     assert "use --wrench-axes base" in fit.identification.warnings[0]
 
 
-def test_a_payload_tells_the_axes_of_another_recording():
+def test_a_payload_identifies_the_axes_of_another_recording():
     """Two poses are enough for a check: the payload explains one reading of the axes."""
     rng = np.random.default_rng(11)
     samples = readings(TRUTH, attitudes(rng, 2), rng)
@@ -95,7 +95,7 @@ def test_a_payload_tells_the_axes_of_another_recording():
         assert axes_of(as_recording(samples, axes), TRUTH)[0] == axes
 
 
-def test_axes_that_nothing_tells_are_refused_with_the_flag():
+def test_ambiguous_axes_are_refused_with_the_option_to_use():
     """With the sensor parallel to the base both axes are the same."""
     recording = as_recording(readings(TRUTH, np.eye(3)[None]), "sensor")
     with pytest.raises(DataError, match="use --wrench-axes"):
@@ -150,7 +150,7 @@ bias_torque_Nm: [0, 0, 0]
     ],
 )
 def test_a_bad_payload_file_gets_one_error_with_file_and_key(tmp_path, text, problem):
-    """Each mistake names the file, the key and what would be right."""
+    """Each error names the file, the key and the correct form."""
     path = tmp_path / "payload.yaml"
     path.write_text(text)
     with pytest.raises(DataError, match=rf"payload\.yaml.*{problem}"):
@@ -158,7 +158,7 @@ def test_a_bad_payload_file_gets_one_error_with_file_and_key(tmp_path, text, pro
 
 
 def test_a_payload_file_written_by_hand_may_leave_out_the_corrections(tmp_path):
-    """1e-1 is a number to people, and gravity points down unless said otherwise."""
+    """1e-1 is accepted as a number, and gravity points down by default."""
     path = tmp_path / "payload.yaml"
     path.write_text(GOOD)
     assert load(path) == Payload(0.1, (0.0, 0.0, 0.1), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

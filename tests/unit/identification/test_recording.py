@@ -1,4 +1,4 @@
-"""The reader of recordings: what it takes, and that each mistake names file, line and column."""
+"""Reader of recordings: accepted files, and errors that name file, line and column."""
 
 import re
 
@@ -26,8 +26,8 @@ def cells(**changes):
     return ",".join({**values, **changes}.values())
 
 
-def test_a_good_file_is_read_number_by_number(tmp_path):
-    """Pose, wrench, time and line of every row come out as they stand in the file."""
+def test_every_number_of_a_valid_file_is_read(tmp_path):
+    """Pose, wrench, time and line of every row are those of the file."""
     recording = read_recording(written(tmp_path, HEADER, ROW, cells(t="10", fx="-1.5")))
     assert recording.line == (2, 3)
     assert recording.time_s.tolist() == [0.0, 10.0]
@@ -39,14 +39,14 @@ def test_a_good_file_is_read_number_by_number(tmp_path):
     )
 
 
-def test_columns_may_stand_in_any_order_beside_others(tmp_path):
-    """Columns are found by name; unknown ones, a byte order mark and blank lines do no harm."""
+def test_columns_may_have_any_order_and_unknown_ones_are_ignored(tmp_path):
+    """Columns are found by name; unknown ones, a byte order mark and blank lines are ignored."""
     names, values = [*reversed(COLUMNS), "note"], [*reversed(ROW.split(",")), "tool down"]
     path = written(tmp_path, "\ufeff" + ", ".join(names), ",".join(values), "")
     assert read_recording(path).force_N.tolist() == [[1.0, 2.0, 3.0]]
 
 
-def test_a_wrench_in_base_axes_is_turned_into_the_sensor_and_not_moved(tmp_path):
+def test_a_wrench_in_base_axes_is_rotated_into_sensor_axes_with_the_same_reference_point(tmp_path):
     """v_sensor = R_base_sensor^T v_base for force and torque alike; lengths stay."""
     recording = read_recording(written(tmp_path, HEADER, ROW))
     kept, turned = recording.samples("sensor"), recording.samples("base")
@@ -63,8 +63,8 @@ def test_a_missing_column_is_named(tmp_path, column):
         read_recording(written(tmp_path, header, ROW))
 
 
-def test_a_column_that_stands_there_twice_is_named(tmp_path):
-    """Two columns of one name leave open which one is meant."""
+def test_a_duplicate_column_is_named(tmp_path):
+    """Two columns of one name are ambiguous."""
     with pytest.raises(DataError, match=r"poses\.csv, line 1: column fx occurs 2 times"):
         read_recording(written(tmp_path, HEADER + ",fx", ROW + ",1"))
 
@@ -105,7 +105,7 @@ def test_a_ragged_row_is_named(tmp_path, row, problem):
 
 @pytest.mark.parametrize("scale", [0.0, 0.998, 1.002, 2.0])
 def test_a_quaternion_that_is_not_of_unit_length_is_refused(tmp_path, scale):
-    """Length 1 within a thousandth; a longer or shorter one is another quantity."""
+    """The length must be 1 within a thousandth."""
     row = cells(qz=str(0.6 * scale), qw=str(0.8 * scale))
     with pytest.raises(DataError, match=r"poses\.csv, line 3, columns qx to qw: .*length"):
         read_recording(written(tmp_path, HEADER, ROW, row))
@@ -118,21 +118,21 @@ def test_a_rounded_quaternion_is_normalised(tmp_path):
 
 
 def test_a_file_without_rows_is_refused(tmp_path):
-    """A header alone is no recording."""
+    """A header without rows is not a recording."""
     with pytest.raises(DataError, match=r"poses\.csv, line 2: no rows"):
         read_recording(written(tmp_path, HEADER))
 
 
 def test_an_empty_file_is_refused(tmp_path):
-    """An empty file lacks even the header, and the error says what it must be."""
+    """The error gives the header that an empty file lacks."""
     path = tmp_path / "poses.csv"
     path.write_bytes(b"")
     with pytest.raises(DataError, match=rf"poses\.csv, line 1: the file is empty; .*{HEADER}"):
         read_recording(path)
 
 
-def test_what_is_not_a_file_is_refused(tmp_path):
-    """A folder and a missing file are told apart from bad content."""
+def test_a_folder_or_a_missing_file_is_refused(tmp_path):
+    """The error of a folder or a missing file differs from that of bad content."""
     with pytest.raises(DataError, match="cannot be read: Is a directory"):
         read_recording(tmp_path)
     with pytest.raises(DataError, match=r"none\.csv: cannot be read: No such file"):
@@ -141,7 +141,7 @@ def test_what_is_not_a_file_is_refused(tmp_path):
 
 @pytest.mark.parametrize("content", [HEADER.encode("utf-16"), b"\xff\xfe\x00", b"t,x\xe9"])
 def test_a_file_in_another_encoding_is_refused(tmp_path, content):
-    """Bytes that are not UTF-8 are not guessed at."""
+    """Bytes that are not UTF-8 are refused."""
     path = tmp_path / "poses.csv"
     path.write_bytes(content)
     with pytest.raises(DataError, match=r"poses\.csv: is not UTF-8 text"):
@@ -149,6 +149,6 @@ def test_a_file_in_another_encoding_is_refused(tmp_path, content):
 
 
 def test_text_that_is_not_csv_is_refused_with_its_line(tmp_path):
-    """An unclosed quote is named where the reader gave up."""
+    """The error of an unclosed quote names the line where reading stopped."""
     with pytest.raises(DataError, match=r"poses\.csv, line 3: is not CSV text"):
         read_recording(written(tmp_path, HEADER, ROW, '"' + ROW))

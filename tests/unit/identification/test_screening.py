@@ -1,4 +1,4 @@
-"""Payload identification: rows that no fit may use are left out, each with its reason."""
+"""Screening: rows that a fit must not use are left out, each with its reason."""
 
 from dataclasses import replace
 
@@ -18,9 +18,9 @@ ROWS = 20
 
 
 def dwells(rng, poses=8, rows=ROWS):
-    """Return a recording at 50 Hz: so many poses, each of so many rows, jumping in between.
+    """Return a recording at 50 Hz with `poses` poses of `rows` rows each and jumps between them.
 
-    A smaller change from one row to the next would be a motion.
+    A smaller change from one row to the next would count as motion.
     """
     R = attitudes(rng, poses)
     while (angle(R[:-1], R[1:]) <= SINGLE_RAD).any():
@@ -31,7 +31,7 @@ def dwells(rng, poses=8, rows=ROWS):
 
 @QUICK
 @given(seed=seeds, poses=st.integers(6, 12), rows=st.integers(1, 30))
-@example(seed=141409, poses=9, rows=2)  # two attitudes that follow each other are alike
+@example(seed=141409, poses=9, rows=2)  # two consecutive attitudes are alike
 def test_a_clean_recording_loses_no_row(seed, poses, rows):
     """Noise alone is never a reason, whatever the number of rows in a dwell."""
     screened, rejected = screen_samples(dwells(np.random.default_rng(seed), poses, rows))
@@ -42,7 +42,7 @@ def test_a_clean_recording_loses_no_row(seed, poses, rows):
 @QUICK
 @given(seed=seeds, hit=st.integers(0, 7), push_N=st.floats(2.0, 50.0))
 def test_a_pose_in_contact_is_left_out(seed, hit, push_N):
-    """All rows of one dwell are pushed: the others say so."""
+    """A push during all rows of one dwell contradicts the other dwells."""
     rng = np.random.default_rng(seed)
     samples = dwells(rng)
     rows = np.arange(hit * ROWS, (hit + 1) * ROWS)
@@ -54,7 +54,7 @@ def test_a_pose_in_contact_is_left_out(seed, hit, push_N):
 
 
 def test_a_touch_within_a_dwell_is_left_out_and_the_dwell_stays():
-    """Five pushed rows of twenty go, fifteen remain."""
+    """Five rows of twenty are in contact and left out; fifteen remain."""
     samples = dwells(np.random.default_rng(1))
     torque = samples.torque_Nm.copy()
     torque[45:50] += 0.5
@@ -63,8 +63,8 @@ def test_a_touch_within_a_dwell_is_left_out_and_the_dwell_stays():
     assert len(screened) == 8
 
 
-def test_a_pose_that_lags_behind_the_reading_is_stale():
-    """The reading is already that of the next pose while the old pose is still written down."""
+def test_a_pose_older_than_its_reading_is_stale():
+    """The reading belongs to the next pose while the recorded pose is still the old one."""
     samples = dwells(np.random.default_rng(2))
     R = samples.R_base_sensor.copy()
     R[60:66] = R[59]
@@ -95,8 +95,8 @@ def swept(rng, poses=8):
 
 @QUICK
 @given(seed=seeds)
-def test_rows_of_a_turning_arm_are_left_out(seed):
-    """Between the dwells the reading holds inertia: only rows at rest remain."""
+def test_rows_of_a_rotating_arm_are_left_out(seed):
+    """Between the dwells the reading contains inertial forces: only rows at rest remain."""
     samples, moving = swept(np.random.default_rng(seed))
     _, rejected = screen_samples(samples)
     assert rejected[0].reason == MOVING
@@ -105,7 +105,7 @@ def test_rows_of_a_turning_arm_are_left_out(seed):
 
 
 def test_a_recording_that_never_rests_is_used_as_it_is():
-    """Slow turning does less harm than no fit at all."""
+    """Slow rotation causes less error than no fit at all."""
     samples, moving = swept(np.random.default_rng(3))
     rows = np.flatnonzero(moving)
     sweep = replace(samples[rows], time_s=np.arange(len(rows)) / 50.0)
@@ -113,8 +113,8 @@ def test_a_recording_that_never_rests_is_used_as_it_is():
     assert MOVING not in [r.reason for r in rejected]
 
 
-def test_line_numbers_point_into_the_recording():
-    """After rows were left out, a pose still knows the row at which it begins."""
+def test_first_rows_are_row_numbers_of_the_recording():
+    """After rows are left out, each pose keeps its first row in the recording."""
     samples = dwells(np.random.default_rng(4))
     force = samples.force_N.copy()
     force[20:40] += 20.0

@@ -1,4 +1,4 @@
-"""The process table of a cell and the supervisor, tried on small processes of the test's own."""
+"""Process table of a cell, and the supervisor with small processes of the test itself."""
 
 import importlib.util
 import os
@@ -22,10 +22,10 @@ from launch import processes
 from launch.processes import MODULES, Supervisor, processes_of
 from launch.run_file import FOLDER_VARIABLE, is_alive, read_run
 from launch.started_process import ProcessSpec, exit_cause
+from tests.fakes.bench import DEMO
+from tools.tree import ROOT
 
-ROOT = Path(__file__).resolve().parents[3]
-DEMO = ROOT / "cells" / "demo.yaml"
-PATIENCE_S = 20.0  # of the test, for a loaded machine
+PATIENCE_S = 20.0  # limit of the test's waits, for a loaded machine
 GATEWAY = {"roles.robot": "gateway", "gateway": {}, "roles.sensor": "driver"}
 
 pytestmark = pytest.mark.processes
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.processes
 
 @pytest.fixture
 def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CellConfig:
-    """A cell whose run files are this test's alone."""
+    """A cell whose run files belong to this test only."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     return load_cell(DEMO, {"cell": "unit"})
 
@@ -47,11 +47,11 @@ SLEEPER = "import time; print('up', flush=True); time.sleep(600)"
 STUBBORN = f"import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN); {SLEEPER}"
 
 
-def until(what: Callable[[], object]) -> None:
-    """Wait until something is true; fail when it does not become true."""
+def until(condition: Callable[[], object]) -> None:
+    """Wait until a condition is true; fail after PATIENCE_S."""
     give_up_s = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < give_up_s, "it did not happen"
+    while not condition():
+        assert time.monotonic() < give_up_s, "the condition did not become true in time"
         time.sleep(0.005)
 
 
@@ -69,25 +69,25 @@ def pids_of(cell: CellConfig) -> list[int]:
         ({**GATEWAY, "roles.sensor": "external"}, "services.gateway", None),
     ],
 )
-def test_every_role_is_played_by_the_process_that_the_cell_names(overrides, robot, sensor) -> None:
-    """One word in the cell file swaps robot and sensor; the other roles are always the same."""
+def test_every_role_is_run_by_the_process_that_the_cell_names(overrides, robot, sensor) -> None:
+    """The cell file selects the modules of robot and sensor; the other roles are fixed."""
     processes = processes_of(load_cell(DEMO, overrides))
-    played = {role: process.module for process in processes for role in process.roles}
+    modules = {role: process.module for process in processes for role in process.roles}
     fixed = {role: f"services.{role}" for role in ("hub", "arbiter", "regulator", "wrench")}
     expected = fixed | {"robot": robot} | ({"sensor": sensor} if sensor else {})
-    assert played == expected
+    assert modules == expected
     assert processes[0].module == "services.hub"
 
 
-def test_table_names_every_role_and_only_modules_that_can_be_run() -> None:
-    """A role without a row, or a row without a program, would fail at a user's desk."""
+def test_the_table_has_every_role_and_only_runnable_modules() -> None:
+    """A role without a row, or a row without a program, would fail only at start."""
     assert set(MODULES) == set(ROLES)
     modules = {module for choices in MODULES.values() for module in choices.values() if module}
     assert [m for m in modules if importlib.util.find_spec(f"{m}.__main__") is None] == []
 
 
-def test_processes_run_while_it_is_up_and_none_is_left_after(cell: CellConfig) -> None:
-    """Each has a session of its own, all are in the run file, and the end is clean."""
+def test_processes_run_under_the_supervisor_and_none_is_left_after_it(cell: CellConfig) -> None:
+    """Each process has its own session and an entry in the run file; the file is removed last."""
     with Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER), python("robot", SLEEPER)]):
         pids = pids_of(cell)
         assert len(pids) == 2
@@ -98,21 +98,21 @@ def test_processes_run_while_it_is_up_and_none_is_left_after(cell: CellConfig) -
 
 
 def test_lines_of_a_process_carry_its_role(cell: CellConfig) -> None:
-    """Whoever reads the log sees who said it; standard output and standard error alike."""
-    said: list[tuple[str, str]] = []
+    """Lines of standard output and of standard error carry the role."""
+    output: list[tuple[str, str]] = []
     program = f"import sys; print('to err', file=sys.stderr, flush=True); {SLEEPER}"
     with Supervisor(
         cell,
         DEMO,
         processes=[python("wrench", program)],
-        write_line=lambda *pair: said.append(pair),
+        write_line=lambda *pair: output.append(pair),
     ):
-        until(lambda: len(said) == 2)
-    assert said == [("wrench", "to err"), ("wrench", "up")]
+        until(lambda: len(output) == 2)
+    assert output == [("wrench", "to err"), ("wrench", "up")]
 
 
 def test_a_killed_process_is_named_with_its_signal(cell: CellConfig) -> None:
-    """The supervisor and the run file, also after the end, say who was killed by what."""
+    """Supervisor and run file, also after the end, name the process and its signal."""
     both = [python("wrench", SLEEPER), python("robot", SLEEPER)]
     with Supervisor(cell, DEMO, processes=both) as supervisor:
         victim = pids_of(cell)[1]
@@ -131,16 +131,16 @@ def test_a_killed_process_is_named_with_its_signal(cell: CellConfig) -> None:
     }
 
 
-def test_a_process_that_gives_up_is_named_with_its_code_and_last_words(cell: CellConfig) -> None:
-    """What it said last is why it went."""
+def test_an_exited_process_is_named_with_its_code_and_last_output(cell: CellConfig) -> None:
+    """The last output gives the cause of the exit."""
     program = "import sys; print('no such file'); sys.exit(2)"
     with Supervisor(cell, DEMO, processes=[python("wrench", program)]) as supervisor:
         until(lambda: supervisor.died)
     assert str(supervisor.died[0]).endswith("exit code 2, last output: no such file")
 
 
-def test_a_death_while_waiting_for_readiness_ends_the_wait(cell: CellConfig) -> None:
-    """Nobody waits for a cell that cannot become ready, and the error names the dead."""
+def test_an_exit_while_waiting_for_readiness_ends_the_wait(cell: CellConfig) -> None:
+    """A cell that cannot become ready ends the wait, and the error names the exited process."""
     wrench = [python("wrench", "raise SystemExit(3)")]
     with (
         Supervisor(cell, DEMO, processes=wrench) as supervisor,
@@ -149,15 +149,15 @@ def test_a_death_while_waiting_for_readiness_ends_the_wait(cell: CellConfig) -> 
         supervisor.wait_ready(PATIENCE_S)
 
 
-class Hours:
-    """A clock on which only sleep takes time, and a bus whose hub answers after so long."""
+class VirtualTime:
+    """A clock that only sleep advances, and a bus whose hub responds after a given time."""
 
     def __init__(
-        self, monkeypatch: pytest.MonkeyPatch, cell: CellConfig, heard_after_s: float
+        self, monkeypatch: pytest.MonkeyPatch, cell: CellConfig, hub_up_after_s: float
     ) -> None:
         """Stand in for time and bus of the supervisor."""
         self._now_s = 0.0
-        self._cell, self._heard_after_s = cell, heard_after_s
+        self._cell, self._hub_up_after_s = cell, hub_up_after_s
         monkeypatch.setattr(processes, "time", self)
         monkeypatch.setattr(processes, "HEALTH_POLL_S", 1.0)
         monkeypatch.setattr(processes, "open_bus", lambda *_, **__: nullcontext())
@@ -168,32 +168,32 @@ class Hours:
         return self._now_s
 
     def sleep(self, for_s: float) -> None:
-        """Let it pass."""
+        """Advance the clock."""
         self._now_s += for_s
 
     def pid(self, _role: str) -> int | None:
-        """Return the hub's process once it is heard."""
-        return pids_of(self._cell)[0] if self._now_s >= self._heard_after_s else None
+        """Return the hub's process once it responds."""
+        return pids_of(self._cell)[0] if self._now_s >= self._hub_up_after_s else None
 
     def arbiter(self) -> Reading[ArbiterStatus]:
-        """Return that nobody is heard."""
+        """Return a missing status."""
         return Reading(None, None, 0.0, "arbiter/status missing", silent=True)
 
 
-def test_a_hub_that_is_slow_to_come_up_is_waited_for(cell: CellConfig, monkeypatch) -> None:
-    """A minute, on a machine that is busy; after ten seconds it is said what is waited for."""
-    Hours(monkeypatch, cell, 60.0)
-    said: list[str] = []
+def test_the_supervisor_waits_for_a_slow_hub(cell: CellConfig, monkeypatch) -> None:
+    """It waits a minute on a busy machine, and reports the wait after ten seconds."""
+    VirtualTime(monkeypatch, cell, 60.0)
+    output: list[str] = []
     hub = [python("hub", SLEEPER)]
-    with Supervisor(cell, DEMO, processes=hub, write_line=lambda _name, line: said.append(line)):
-        assert [line for line in said if "still waiting for the hub at tcp/" in line] == [
+    with Supervisor(cell, DEMO, processes=hub, write_line=lambda _name, line: output.append(line)):
+        assert [line for line in output if "still waiting for the hub at tcp/" in line] == [
             "after 10 s still waiting for the hub at tcp/127.0.0.1:7447"
         ]
 
 
-def test_a_hub_that_is_never_heard_ends_the_wait_some_time(cell: CellConfig, monkeypatch) -> None:
-    """Its process lives and is not heard: that is said, with the address."""
-    Hours(monkeypatch, cell, float("inf"))
+def test_a_hub_that_never_responds_ends_the_wait(cell: CellConfig, monkeypatch) -> None:
+    """Its process is alive but does not respond: the error gives the address."""
+    VirtualTime(monkeypatch, cell, float("inf"))
     with (
         pytest.raises(ForcemeshError, match=r"the hub at tcp/.* did not respond in 120 s"),
         Supervisor(cell, DEMO, processes=[python("hub", SLEEPER)]),
@@ -201,8 +201,8 @@ def test_a_hub_that_is_never_heard_ends_the_wait_some_time(cell: CellConfig, mon
         pass
 
 
-def test_a_hub_that_dies_ends_the_wait_at_once(cell: CellConfig) -> None:
-    """However long a slow one would be waited for."""
+def test_a_hub_that_exits_ends_the_wait_at_once(cell: CellConfig) -> None:
+    """The wait ends long before the limit for a slow hub."""
     began_s = time.monotonic()
     with (
         pytest.raises(ForcemeshError, match=r"hub .*exit code 3"),
@@ -214,7 +214,7 @@ def test_a_hub_that_dies_ends_the_wait_at_once(cell: CellConfig) -> None:
 
 def test_a_process_that_will_not_end_is_killed_with_its_children(cell: CellConfig) -> None:
     """SIGTERM first, then SIGKILL for the whole session: no orphans."""
-    said: list[str] = []
+    output: list[str] = []
     parent = (
         "import subprocess, sys; "
         f"child = subprocess.Popen([sys.executable, '-c', {SLEEPER!r}], stdout=sys.stderr); "
@@ -224,17 +224,17 @@ def test_a_process_that_will_not_end_is_killed_with_its_children(cell: CellConfi
         cell,
         DEMO,
         processes=[python("wrench", parent)],
-        write_line=lambda _, line: said.append(line),
+        write_line=lambda _, line: output.append(line),
     ):
-        until(lambda: len(said) == 3)
-        child = next(int(line) for line in said if line.isdigit())
+        until(lambda: len(output) == 3)
+        child = next(int(line) for line in output if line.isdigit())
         pids = [*pids_of(cell), child]
         assert all(is_alive(pid, None) for pid in pids)
     until(lambda: not any(is_alive(pid, None) for pid in pids))
 
 
-def test_processes_die_with_a_supervisor_that_is_killed(cell: CellConfig) -> None:
-    """Not even kill -9 of the supervisor leaves a process behind, and the run is not live then."""
+def test_processes_end_with_a_killed_supervisor(cell: CellConfig) -> None:
+    """After kill -9 of the supervisor no process is left, and the run is not live."""
     program = f"""
 import sys, time
 from pathlib import Path
@@ -260,7 +260,7 @@ with Supervisor(load_cell({str(DEMO)!r}, {{"cell": "unit"}}), Path({str(DEMO)!r}
     assert not run.live
 
 
-def test_a_cell_that_is_up_is_not_started_again(cell: CellConfig) -> None:
+def test_a_running_cell_is_not_started_again(cell: CellConfig) -> None:
     """Two supervisors of one cell would be two commanders; the error names the first one."""
     with (
         Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER)]),
@@ -271,7 +271,7 @@ def test_a_cell_that_is_up_is_not_started_again(cell: CellConfig) -> None:
 
 
 def test_a_cell_without_a_file_is_written_for_its_processes(cell: CellConfig) -> None:
-    """The processes load the very cell that the supervisor was given."""
+    """The processes load the same cell as the supervisor."""
     with Supervisor(cell, processes=[python("wrench", SLEEPER)]):
         run = read_run(cell.cell)
         assert run is not None
@@ -287,6 +287,6 @@ def test_a_cell_without_a_file_is_written_for_its_processes(cell: CellConfig) ->
         (-99, "killed by signal 99"),
     ],
 )
-def test_return_codes_are_put_into_words(code: int, words: str) -> None:
-    """A negative code is a signal, named where it has a name."""
+def test_return_codes_are_described(code: int, words: str) -> None:
+    """A negative code is a signal, described by its name if it has one."""
     assert exit_cause(code) == words

@@ -1,4 +1,4 @@
-"""Run files: what a supervisor leaves for whoever asks later."""
+"""Run files: the record of a supervisor for later commands."""
 
 import os
 import subprocess
@@ -29,14 +29,14 @@ from tests.fakes.bench import CELL
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Run files of this test alone."""
+    """Run files of this test only."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "run"))
     writable_folder()
     return tmp_path / "run"
 
 
 def a_run(cell: str, *, live: bool = True, started_at: str = "2026-01-01T00:00:00") -> Run:
-    """Return a run of this very process, or one that is over; its cell file exists."""
+    """Return a run of this process, or an ended one; its cell file exists."""
     named = CELL.model_copy(update={"cell": cell})
     run = new_run(named, Path(__file__)).model_copy(update={"started_at": started_at})
     if live:
@@ -44,8 +44,8 @@ def a_run(cell: str, *, live: bool = True, started_at: str = "2026-01-01T00:00:0
     return run.model_copy(update={"ended_at": "2026-01-01T01:00:00"})
 
 
-def test_a_run_is_read_as_it_was_written() -> None:
-    """Every field survives, also how a process ended."""
+def test_a_run_round_trips() -> None:
+    """Every field is kept, also how a process ended."""
     ended = ExitRecord(code=-9, how="killed by SIGKILL", at="2026-01-01T00:00:01")
     entry = ProcessRecord(
         roles=("robot", "sensor"), module="m", pid=7, started_ticks=8, ended=ended
@@ -59,8 +59,8 @@ def test_a_run_is_read_as_it_was_written() -> None:
     assert read_run("one") is None
 
 
-def test_a_file_that_is_no_run_file_is_passed_over(folder: Path) -> None:
-    """Half a file or somebody else's file keeps nobody from asking."""
+def test_a_file_that_is_no_run_file_is_ignored(folder: Path) -> None:
+    """A truncated file or a foreign one does not prevent the query."""
     write_run(a_run("one"))
     (folder / "two.json").write_text('{"cell": "two"')
     (folder / "three.json").write_text("[]")
@@ -68,7 +68,7 @@ def test_a_file_that_is_no_run_file_is_passed_over(folder: Path) -> None:
 
 
 def test_live_runs_come_first_and_newer_ones_before_older_ones() -> None:
-    """The cell that is up is the one that is meant."""
+    """The running cell is the default."""
     write_run(a_run("old", started_at="2026-01-01T00:00:00"))
     write_run(a_run("new", started_at="2026-01-02T00:00:00"))
     write_run(a_run("over", live=False, started_at="2026-01-03T00:00:00"))
@@ -76,14 +76,14 @@ def test_live_runs_come_first_and_newer_ones_before_older_ones() -> None:
 
 
 def test_a_process_is_alive_only_under_its_own_start_time() -> None:
-    """A pid that was given to somebody else since is not the process that was started."""
+    """A reused pid is not the process that was started."""
     pid = os.getpid()
     assert is_alive(pid, start_ticks(pid))
     assert not is_alive(pid, (start_ticks(pid) or 0) - 1)
 
 
 def test_a_zombie_is_not_alive() -> None:
-    """A dead process that nobody has waited for yet still has its pid."""
+    """A dead process that was not yet waited for still has its pid."""
     child = subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE)
     ticks = start_ticks(child.pid)
     assert child.stdout is not None
@@ -94,8 +94,8 @@ def test_a_zombie_is_not_alive() -> None:
     child.wait()
 
 
-def test_the_cell_that_is_up_is_meant_without_being_named() -> None:
-    """`up` in one terminal, verbs in another: no need to repeat the file."""
+def test_the_running_cell_is_the_default() -> None:
+    """After `up` in one terminal, verbs in another one do not need the file."""
     assert find_cell_file(None) == default_cell_file()
     write_run(a_run("over", live=False))
     assert find_cell_file(None) == default_cell_file()
@@ -108,7 +108,7 @@ def test_the_cell_that_is_up_is_meant_without_being_named() -> None:
 def test_a_folder_that_cannot_be_made_falls_back_to_the_temporary_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A read-only image still has run files; nobody else may write there."""
+    """A read-only image still has run files; other users cannot write there."""
     monkeypatch.delenv(FOLDER_VARIABLE)
     (tmp_path / "file").touch()
     monkeypatch.setattr("launch.run_file.ROOT", tmp_path / "file")
@@ -118,8 +118,8 @@ def test_a_folder_that_cannot_be_made_falls_back_to_the_temporary_one(
     assert folder.stat().st_mode & 0o077 == 0
 
 
-def test_a_cell_that_is_up_is_talked_to_as_it_was_started(tmp_path: Path) -> None:
-    """Whatever stands in its file meanwhile: a hold does not wait for a text editor."""
+def test_a_running_cell_is_used_as_it_was_started(tmp_path: Path) -> None:
+    """Later edits of its file do not matter: a hold does not wait for a valid file."""
     path = tmp_path / "cell.yaml"
     path.write_text(dump_cell(CELL))
     write_run(new_run(CELL, path))
@@ -134,10 +134,10 @@ def test_a_cell_that_is_up_is_talked_to_as_it_was_started(tmp_path: Path) -> Non
         live_cell(tmp_path / "other.yaml")
 
 
-def test_a_wrong_calibration_keeps_nobody_from_talking_to_a_cell_elsewhere(
+def test_an_unreadable_calibration_does_not_prevent_the_use_of_a_cell(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is said, and the cell is taken without."""
+    """It is reported, and the cell is loaded without it."""
     path, calibration = tmp_path / "cell.yaml", tmp_path / "calibration.yaml"
     path.write_text(dump_cell(CELL) + "calibration: calibration.yaml\n")
     calibration.write_text("x: [")
@@ -145,7 +145,7 @@ def test_a_wrong_calibration_keeps_nobody_from_talking_to_a_cell_elsewhere(
     assert "calibration.yaml" in capsys.readouterr().err
 
 
-def test_what_a_run_file_keeps_of_a_cell_holds_no_token() -> None:
-    """It may be read by others of the machine."""
+def test_a_run_file_contains_no_token() -> None:
+    """Other users of the machine may read it."""
     secret = CELL.model_copy(update={"panel": CELL.panel.model_copy(update={"token": "s3cret"})})
     assert "s3cret" not in new_run(secret, Path(__file__)).as_started

@@ -1,4 +1,4 @@
-"""A whole cell in one process: whoever dies or freezes, the arm holds, and stays held."""
+"""A whole cell in one process: the arm holds, and stays held, when any process dies or freezes."""
 
 from typing import Any
 
@@ -11,15 +11,15 @@ from forcemesh.requests import Empty
 from tests.fakes.bench import CELL
 from tests.fakes.lab import BRAKE_S, Lab
 
-LATE_S = 0.03  # a period of each service on the way, beyond the deadline
-# What each role's death is noticed by, and so what the trip must name.
-NOTICED_BY: dict[str, topics.Topic[Any]] = {
+LATE_S = 0.03  # one period of each service in the chain, beyond the deadline
+# The topic whose absence reveals each role's death, and that the trip must name.
+MISSING_TOPIC: dict[str, topics.Topic[Any]] = {
     "robot": topics.ROBOT_STATE,
     "wrench": topics.WRENCH,
     "regulator": topics.REGULATOR_TARGET,
     "hub": topics.HUB_HEALTH,
 }
-ROLES = [*NOTICED_BY, "arbiter"]
+ROLES = [*MISSING_TOPIC, "arbiter"]
 MOTIONS = {"approach": Lab.approach, "press": Lab.press, "goal": Lab.lift}
 FROZEN = [(role, "goal") for role in ROLES] + [(role, "approach") for role in ROLES[1:3]]
 
@@ -29,14 +29,14 @@ FROZEN = [(role, "goal") for role in ROLES] + [(role, "approach") for role in RO
 
 @pytest.mark.parametrize("motion", ["press", "goal"])
 @pytest.mark.parametrize("role", ROLES)
-def test_whoever_dies_the_arm_holds_in_time_and_for_good(role: str, motion: str) -> None:
-    """Swept: each role in each motion; the hold comes within the deadline and names the input."""
+def test_the_arm_holds_in_time_and_stays_held_when_a_process_dies(role: str, motion: str) -> None:
+    """Each role in each motion: the hold comes within the deadline and names the input."""
     lab = Lab(CELL)
     MOTIONS[motion](lab)
-    topic = NOTICED_BY.get(role, topics.ROBOT_COMMAND)
+    topic = MISSING_TOPIC.get(role, topics.ROBOT_COMMAND)
     before = lab.q_command()
     lab.cell.advance(0.02)
-    assert np.abs(lab.q_command() - before).max() > 1e-8, "this would prove nothing"
+    assert np.abs(lab.q_command() - before).max() > 1e-8, "the arm must be moving for this test"
     lab.cell.kill(role)
 
     def permission_is_gone() -> bool:
@@ -67,8 +67,8 @@ def test_whoever_dies_the_arm_holds_in_time_and_for_good(role: str, motion: str)
 
 
 @pytest.mark.parametrize(("role", "motion"), FROZEN)
-def test_whoever_freezes_and_comes_back_sets_nothing_in_motion(role: str, motion: str) -> None:
-    """As a debugger or a swapping machine does: afterwards a person clears, arms and starts."""
+def test_a_process_that_resumes_after_a_freeze_moves_nothing(role: str, motion: str) -> None:
+    """A debugger or swapping causes such a freeze; then a person clears, arms and starts."""
     lab = Lab()
     MOTIONS[motion](lab)
     frozen = lab.cell.runners.pop(role)

@@ -1,4 +1,4 @@
-"""Above the ceiling in a whole cell on a virtual clock: what is refused, and what frees the arm."""
+"""Force above the ceiling in a whole cell on a virtual clock: refusals, and backing off."""
 
 from contextlib import nullcontext
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import typer
 
-from cli import verbs_motion
+from cli import verbs_arm
 from cli.context import REFUSED, confirmed
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
@@ -20,12 +20,12 @@ WIDE = load_cell(DEMO_CELL, {"limits.move_rise_N": 1000.0})
 
 
 def client_of(lab: Lab) -> ConfiguredCell:
-    """A program's way into the lab."""
+    """Return a client of the lab."""
     return ConfiguredCell(lab.cell.cell, commander="operator", bus=lab.cell.client)
 
 
 def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> None:
-    """`jog z -80`: 20 N, and what 50 mm/s add until the arm stands; arming goes on, retract too."""
+    """`jog z -80`: 20 N plus the rise at 50 mm/s until rest; arming and retract still work."""
     lab = Lab()
     client = client_of(lab)
     with pytest.raises(ArmStoppedError, match="force rose") as stopped:
@@ -42,7 +42,7 @@ def test_a_jog_into_the_plate_stops_at_its_force_rise_below_the_ceiling() -> Non
 
 
 def test_an_arm_above_its_ceiling_is_freed_by_backing_off() -> None:
-    """Without that limit the jog ends above the ceiling: no arming, but a way out."""
+    """Without that limit the jog ends above the ceiling: arming is refused, backing off works."""
     lab = Lab(WIDE)
     client = client_of(lab)
     with pytest.raises(ArmStoppedError):
@@ -66,15 +66,15 @@ def test_an_arm_above_its_ceiling_is_freed_by_backing_off() -> None:
     assert abs(lab.force_N) < 2.0
 
 
-def test_the_verb_names_a_next_step_that_is_not_refused(monkeypatch, capsys) -> None:
-    """Freed and still in contact: arming for all would be refused, arming for jog is not."""
+def test_the_verb_names_a_next_step_that_is_accepted(monkeypatch, capsys) -> None:
+    """Freed and still in contact: arming for all is refused, arming for jog is accepted."""
     lab = Lab(WIDE)
     client = client_of(lab)
     with pytest.raises(ArmStoppedError):
         client.jog((0.0, 0.0, -0.08))
     lab.cell.advance(1.5)
-    monkeypatch.setattr(verbs_motion, "cell_of", lambda _cell: nullcontext(client))
-    verbs_motion.back_off(yes=True)
+    monkeypatch.setattr(verbs_arm, "cell_of", lambda _cell: nullcontext(client))
+    verbs_arm.back_off(yes=True)
     assert "arm for jog, then `forcemesh retract`" in capsys.readouterr().out
     lab.cell.advance(1.2)
     with pytest.raises(RefusedError, match="forcemesh retract`; else") as refused:
@@ -83,8 +83,8 @@ def test_the_verb_names_a_next_step_that_is_not_refused(monkeypatch, capsys) -> 
     assert lab.status.clears.startswith("if in contact, arm for jog")
 
 
-def test_where_there_is_nothing_to_free_it_says_so() -> None:
-    """Free, and held: refused as already so."""
+def test_backing_off_without_contact_is_refused() -> None:
+    """The arm is free and held: already in the requested state."""
     lab = Lab()
     assert lab.ask(topics.HOLD, HoldRequest(reason="look")).accepted
     lab.cell.advance(1.5)
@@ -94,10 +94,10 @@ def test_where_there_is_nothing_to_free_it_says_so() -> None:
 
 
 @pytest.mark.parametrize("answer", ["n\n", ""])
-def test_what_is_not_confirmed_is_not_done(
+def test_without_a_confirmation_the_command_is_refused(
     answer: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """No, and nobody there: a sentence and the code of a refusal."""
+    """The answer no, and no terminal: a sentence and the exit code of a refusal."""
 
     def asked(*_: object, **__: object) -> bool:
         if not answer:

@@ -1,7 +1,7 @@
-"""No request, however extreme, ends a service or moves the arm beyond what the cell file allows.
+"""Extreme requests: none ends a service or moves the arm beyond the limits of the cell file.
 
 Every request model, every field at its extremes, in every state, against the cores of a whole cell
-on a virtual clock. An error that a core does not foresee is raised here and fails the test.
+on a virtual clock. An unhandled error of a core is raised here and fails the test.
 """
 
 import json
@@ -18,7 +18,7 @@ from common.config.calibration import CalibrationSection
 from common.motion.limits import Limits
 from forcemesh import topics
 from forcemesh.codec import decode_record, encode_record
-from forcemesh.messages import GOES_ON
+from forcemesh.messages import OPERATIONAL
 from forcemesh.requests import CalibrationRequest, Empty, HoldRequest, PathRequest, Reply
 from tests.fakes.bench import CELL
 from tests.fakes.extremes import hostile
@@ -27,31 +27,31 @@ from tests.fakes.long import long
 from tests.unit.common.config.test_calibration import calibration
 
 EVERY_S = 0.004  # one request in each control period
-SAMPLE = 30  # of some 3000 in a quick run, in each state
+SAMPLE = 30  # of about 3000, for each state, in a quick run
 LIMITS = Limits.of(CELL)
-SPEED_M_S = 1.2 * CELL.limits.speed_m_s + 0.02  # of the true arm, its servos' lag included
+SPEED_M_S = 1.2 * CELL.limits.speed_m_s + 0.02  # of the simulated arm, with servo lag
 FORCE_N = 1.3 * CELL.limits.force_N
 LONGEST_SENTENCE = 400  # characters: no number is written out with 300 digits
 
 
 def idle(lab: Lab) -> None:
-    """Be held and cleared."""
+    """Bring the arm to IDLE: held and cleared."""
     held(lab)
     assert lab.ask(topics.CLEAR, Empty()).accepted
 
 
 def armed(_lab: Lab) -> None:
-    """Be armed, as a lab is."""
+    """Keep the arm armed, as a lab is."""
 
 
 def held(lab: Lab) -> None:
-    """Be held by a person."""
+    """Hold the arm by request."""
     assert lab.ask(topics.HOLD, HoldRequest()).accepted
     lab.cell.advance(BRAKE_S)
 
 
 def faulty(lab: Lab) -> None:
-    """Have lost a process."""
+    """Kill a process, so that the arbiter reports FAULT."""
     lab.cell.kill("wrench")
     lab.cell.advance(0.3)
     assert lab.status.state == "FAULT"
@@ -68,14 +68,14 @@ STATES: dict[str, Callable[[Lab], None]] = {
 
 
 def send(lab: Lab, key: str, data: bytes) -> MemoryCall:
-    """Put a request's bytes before its server."""
+    """Queue the bytes of a request for its server."""
     call = MemoryCall(data)
     lab.cell.transport.serve(f"{CELL.cell}/{key}").waiting.append(call)
     return call
 
 
-def assaulted(lab: Lab, requests: list[tuple[str, bytes]]) -> None:
-    """Send requests one after the other; judge the true arm after each."""
+def send_all(lab: Lab, requests: list[tuple[str, bytes]]) -> None:
+    """Send requests in sequence; check the simulated arm after each."""
     before_m = lab.p_m()
     for key, data in requests:
         send(lab, key, data)
@@ -91,13 +91,13 @@ def assaulted(lab: Lab, requests: list[tuple[str, bytes]]) -> None:
         before_m = p_m
 
 
-def hold_works(lab: Lab) -> None:
-    """A hold is obeyed: the arm comes to rest and stays there."""
+def assert_hold_works(lab: Lab) -> None:
+    """Check that a hold is executed: the arm comes to rest and stays there."""
     call = send(lab, topics.HOLD.key, b"")
     lab.cell.advance(2 * EVERY_S)
     assert call.reply is not None
     assert decode_record(call.reply, Reply).accepted
-    assert lab.status.state not in GOES_ON
+    assert lab.status.state not in OPERATIONAL
     lab.cell.advance(BRAKE_S)
     lab.assert_still(0.1)
 
@@ -105,14 +105,14 @@ def hold_works(lab: Lab) -> None:
 @pytest.mark.parametrize("share", ["some", long("all")])
 @pytest.mark.parametrize("state", STATES)
 def test_no_request_ends_a_service_or_breaks_a_limit(state: str, share: str) -> None:
-    """Whatever comes in, in whichever state: the arm keeps its limits, and a hold works."""
+    """In every state, for any request: the arm keeps its limits, and a hold works."""
     requests = hostile()
     if share == "some":
         requests = random.Random(state).sample(requests, SAMPLE)
     lab = Lab(CELL)  # a request in each of its control periods
     STATES[state](lab)
-    assaulted(lab, requests)
-    hold_works(lab)
+    send_all(lab, requests)
+    assert_hold_works(lab)
 
 
 def calibration_json(path: tuple[str, ...], value: Any) -> str:
@@ -146,20 +146,20 @@ EXTREME_CALIBRATIONS: list[tuple[tuple[str, ...], Any]] = [
 ]
 
 
-def test_the_calibration_without_the_extreme_value_can_be() -> None:
-    """What is refused below is refused for its one value."""
+def test_the_calibration_without_the_extreme_value_is_valid() -> None:
+    """The refusals below are therefore caused by the one extreme value."""
     mass_kg = CELL.payload.mass_kg
     text = calibration_json(("payload", "mass_kg"), mass_kg)
     assert CalibrationSection.model_validate_json(text).payload.mass_kg == mass_kg
 
 
 @pytest.mark.parametrize(("path", "value"), EXTREME_CALIBRATIONS, ids=str)
-def test_a_calibration_that_cannot_be_is_refused(path: tuple[str, ...], value: Any) -> None:
-    """With a sentence; the wrench goes on as it was."""
+def test_an_impossible_calibration_is_refused(path: tuple[str, ...], value: Any) -> None:
+    """The reply names the value; the wrench stays valid."""
     lab = Lab()
     held(lab)
     text = calibration_json(path, value)
-    with pytest.raises(ValidationError) as refused:  # a file that says it cannot be read either
+    with pytest.raises(ValidationError) as refused:  # a file with this value is refused too
         CalibrationSection.model_validate_json(text)
     assert {str(mistake["loc"][0]) for mistake in refused.value.errors()} == {path[0]}
     reply = lab.ask(topics.CALIBRATE, CalibrationRequest(calibration_json=text))
@@ -171,27 +171,27 @@ def test_a_calibration_that_cannot_be_is_refused(path: tuple[str, ...], value: A
 
 
 def test_a_point_outside_the_workspace_is_refused() -> None:
-    """Named by its number, with the axis and the limit; what lies along the tool's axis is free."""
+    """The reply gives number, axis and limit; the coordinate along the tool's axis is free."""
     lab = Lab()
     lab.press()
     x_m, y_m, z_m = lab.p_m()
     inside, above = (x_m + 0.005, y_m, z_m), (x_m + 0.005, y_m, z_m + 50.0)
     beyond = (x_m + 5.0, y_m, z_m)
-    wanted = PathRequest(points_m=(inside, beyond))
-    reply = lab.ask(topics.FORCE_PATH, wanted)
+    request = PathRequest(points_m=(inside, beyond))
+    reply = lab.ask(topics.FORCE_PATH, request)
     assert (reply.accepted, reply.code) == (False, "workspace")
     assert reply.text.startswith("point 2: TCP x = ")
     assert lab.ask(topics.FORCE_PATH, PathRequest(points_m=(inside, above))).accepted
 
 
-def test_a_hold_is_served_though_other_requests_come_without_end() -> None:
-    """Every inbox full of nonsense: the hold is taken within a period."""
+def test_a_hold_is_served_while_every_inbox_is_full() -> None:
+    """With invalid requests in every inbox the hold is executed within two periods."""
     lab = Lab()
     lab.lift()
     for row in topics.REQUESTS:
         for _ in range(16):
             send(lab, row.key, encode_record(Empty()) if row is topics.CLEAR else b"\xc1")
     lab.cell.advance(EVERY_S * 2)
-    assert lab.status.state not in GOES_ON
-    lab.cell.advance(EVERY_S * 8)  # until what waits is answered: a few in each period
-    hold_works(lab)
+    assert lab.status.state not in OPERATIONAL
+    lab.cell.advance(EVERY_S * 8)  # until the queued requests are answered: a few in each period
+    assert_hold_works(lab)

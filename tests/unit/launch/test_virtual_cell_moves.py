@@ -1,4 +1,4 @@
-"""Moves in a whole cell on a virtual clock: they arrive or say why not; one commander."""
+"""Moves in a whole cell on a virtual clock: arrival or a reason, and one commander."""
 
 from functools import partial
 
@@ -18,16 +18,8 @@ from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 @pytest.fixture
 def lab() -> Lab:
-    """A cell that is armed."""
+    """An armed cell."""
     return Lab()
-
-
-def finish(lab: Lab, at_most_s: float = 6.0) -> float:
-    """Wait until the goal is done; return how long it took."""
-    duration_s = lab.seconds_until(lambda: lab.status.state == "ARMED", at_most_s)
-    assert lab.state.goal.state == "done"
-    assert lab.status.commander == "none"
-    return duration_s
 
 
 def test_a_move_to_a_pose_arrives_there(lab: Lab) -> None:
@@ -36,23 +28,23 @@ def test_a_move_to_a_pose_arrives_there(lab: Lab) -> None:
         target = shift()
         reply = lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=target))
         assert reply.accepted
-        finish(lab)
+        lab.finish_move()
         assert lab.state.goal.id == reply.value
-        T, T_wanted = pose_of(lab.state), pose_of(target)
-        assert T.translation == pytest.approx(T_wanted.translation, abs=1e-4)
-        assert np.linalg.norm(rotation_between(T.rotation, T_wanted.rotation)) < 1e-3
+        T, T_target = pose_of(lab.state), pose_of(target)
+        assert T.translation == pytest.approx(T_target.translation, abs=1e-4)
+        assert np.linalg.norm(rotation_between(T.rotation, T_target.rotation)) < 1e-3
 
 
 def test_moves_of_the_joints_arrive_there(lab: Lab) -> None:
-    """By angles from where they are, then to angles: back to the start."""
+    """A relative move, then an absolute one back to the start."""
     start = np.array(lab.state.joint_rad)
     turn = np.radians([4.0, -3.0, 5.0, 2.0, -4.0, 10.0])
     assert lab.ask(topics.MOVE, MoveRequest(kind="by", joint_rad=tuple(turn.tolist()))).accepted
-    finish(lab)
+    lab.finish_move()
     assert lab.state.joint_rad == pytest.approx(start + turn, abs=1e-3)
     back = MoveRequest(kind="joints", joint_rad=tuple(start.tolist()))
     assert lab.ask(topics.MOVE, back).accepted
-    finish(lab)
+    lab.finish_move()
     assert lab.state.joint_rad == pytest.approx(start, abs=1e-3)
 
 
@@ -70,7 +62,7 @@ def test_a_pose_out_of_reach_is_refused_by_the_robot_with_its_reason(lab: Lab) -
 
 
 def test_hold_during_a_move_brakes_and_holds(lab: Lab) -> None:
-    """On the way, not at the end; the robot says why, and the goal is over for good."""
+    """The arm stops during the move with the reason, and does not resume the goal."""
     target = lab.target(z_m=0.1)
     assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=target)).accepted
     lab.cell.advance(0.5)
@@ -87,7 +79,7 @@ def test_hold_during_a_move_brakes_and_holds(lab: Lab) -> None:
     assert lab.status.state == "ARMED"
 
 
-def test_speed_decides_how_long_a_move_takes(lab: Lab) -> None:
+def test_the_speed_setting_scales_the_duration_of_a_move(lab: Lab) -> None:
     """The real speed is mechanical times modular: half of either is twice the time."""
 
     def duration_s(speed: Speed, **shift: float) -> float:
@@ -95,7 +87,7 @@ def test_speed_decides_how_long_a_move_takes(lab: Lab) -> None:
         T = pose_of(lab.state)
         T.translation = T.translation + np.array([0.0, 0.0, shift["z_m"]])
         assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=record_of(T))).accepted
-        return finish(lab)
+        return lab.finish_move()
 
     fast_s = duration_s(Speed(mechanical_m_s=0.1), z_m=0.08)
     assert fast_s == pytest.approx(0.8, abs=0.2)
@@ -106,20 +98,20 @@ def test_speed_decides_how_long_a_move_takes(lab: Lab) -> None:
 
 
 def test_a_start_during_a_move_is_refused_and_so_is_a_second_move(lab: Lab) -> None:
-    """One commander: who has the arm keeps it against his like, until it is done or stopped."""
+    """The commander keeps the arm against equal ones until its move is done or stopped."""
     lab.lift()
-    wanted = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
-    assert lab.ask(topics.FORCE_START, wanted).code == "busy"
+    request = ForceStartRequest(mode="position", setpoint_N=PRESS_N)
+    assert lab.ask(topics.FORCE_START, request).code == "busy"
     assert lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=lab.target(z_m=0.02))).code == "busy"
-    finish(lab)
+    lab.finish_move()
     lab.assert_still(0.3)
-    assert lab.ask(topics.FORCE_START, wanted).accepted
+    assert lab.ask(topics.FORCE_START, request).accepted
     lab.cell.advance(0.1)
     assert lab.status.commander == "regulator"
 
 
 def test_the_same_seed_is_the_same_run() -> None:
-    """Lock step: two cells agree to the last bit, so that a failure can be found again."""
+    """Two cells in lock step agree to the last bit, so that a failure can be reproduced."""
     runs = []
     for _ in range(2):
         lab = Lab()

@@ -1,8 +1,8 @@
-"""H31: a sensor with a wrong sign, axis, frame or unit never presses with 10 N or goes 2 mm on.
+"""H31: with a sensor of wrong sign, axis, frame or unit the force stays below 10 N, travel 2 mm.
 
-All 48 signed permutations of the force axes in the simulated cell, judged by the true contact.
-The first line of defence is the tare, which such a sensor does not pass; here it has been passed
-somehow, and the first touch itself must show that something is wrong.
+All 48 signed permutations of the force axes in the simulated cell, judged by the true contact:
+the arm stops within 2 mm of the first touch. The first check is the tare, which such a sensor does
+not pass; here it has passed, and the first touch itself must reveal the error.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ GAP_M = 0.001
 
 
 def cell_with(**changes: Any) -> CellConfig:
-    """Return the demo's cell with a plate near by and what else is asked for."""
+    """Return the demo's cell with a plate close to the tool and other changes."""
     tree: dict[str, Any] = CELL.model_dump(mode="json")
     tree["sim"]["gap_m"] = GAP_M
     for dotted, value in changes.items():
@@ -45,18 +45,18 @@ def cell_with(**changes: Any) -> CellConfig:
 
 @dataclass
 class Touch:
-    """What truly happened when the tool was pressed on the plate."""
+    """True force and travel of the tool pressed on the plate."""
 
     peak_N: float
-    way_m: float  # from the first touch on
-    codes: set[str]  # why the arm was stopped, empty: it went on pressing
+    travel_m: float  # from the first touch
+    codes: set[str]  # reasons of the stop; empty: it continued pressing
 
 
 class Bench:
-    """An armed cell whose sensor can be rewired between presses, as if that had been tared away."""
+    """An armed cell whose sensor can be rewired between presses, as if tared in that state."""
 
     def __init__(self, cell: CellConfig) -> None:
-        """Wait out the preflight and tare."""
+        """Wait for the preflight and tare."""
         self.cell = VirtualCell(cell)
         self.arm = self.cell.arm
         self.status = self.cell.client.reader(topics.ARBITER_STATUS)
@@ -66,22 +66,22 @@ class Bench:
         self.rest = load + self.bias(cell)
         self._site = self.arm.model.site("tcp").id
         self._p_touch: Array | None = None
-        self._peak_N = self._way_m = 0.0
+        self._peak_N = self._travel_m = 0.0
 
     @staticmethod
     def bias(cell: CellConfig) -> Array:
-        """Return what the simulated sensor adds to the load."""
+        """Return the bias of the simulated sensor."""
         assert cell.sim is not None
         return np.array([*cell.sim.bias_force_N, *cell.sim.bias_torque_Nm])
 
     def rewire(self, force: Array, torque: Array | None = None) -> None:
-        """Let the channels show what they should not; the reading at rest stays as it is."""
+        """Apply a wrong wiring to the channels; the reading at rest stays the same."""
         wiring = np.zeros((6, 6))
         wiring[:3, :3], wiring[3:, 3:] = force, np.eye(3) if torque is None else torque
 
         def disturb(sample: FtSample) -> FtSample:
-            grown = np.concatenate((sample.force_N, sample.torque_Nm)) - self.rest
-            shown = self.rest + wiring @ grown
+            change = np.concatenate((sample.force_N, sample.torque_Nm)) - self.rest
+            shown = self.rest + wiring @ change
             return FtSample(shown[:3], shown[3:], sample.status, sample.counter)
 
         self.arm.ft_sensor.disturb = disturb
@@ -89,22 +89,22 @@ class Bench:
     def press(
         self, mode: Mode = "position", press_N: float = PRESS_N, for_s: float = 0.55
     ) -> Touch:
-        """Arm and press until something stops the arm; return what truly happened."""
+        """Arm and press until the arm is stopped; return the true force and travel."""
         client = self.cell.client
         assert client.ask(topics.ARM, ArmRequest()).accepted
-        wanted = ForceStartRequest(mode=mode, setpoint_N=press_N)
-        assert client.ask(topics.FORCE_START, wanted).accepted
-        self._p_touch, self._peak_N, self._way_m = None, 0.0, 0.0
+        request = ForceStartRequest(mode=mode, setpoint_N=press_N)
+        assert client.ask(topics.FORCE_START, request).accepted
+        self._p_touch, self._peak_N, self._travel_m = None, 0.0, 0.0
         self.cell.advance(for_s, self._stopped)
         trips = self.status.read(self.cell.clock.now_ns()).message
         codes = {trip.code for trip in trips.trips} if trips and self._stopped() else set()
         for _ in range(150):
             self.cell.advance(0.001)
             self._stopped()
-        return Touch(self._peak_N, self._way_m, codes)
+        return Touch(self._peak_N, self._travel_m, codes)
 
     def lift(self) -> None:
-        """Stop pressing, acknowledge, go back up a little."""
+        """Stop pressing, clear, and move up by LIFT_M."""
         client = self.cell.client
         self.arm.ft_sensor.disturb = lambda sample: sample
         client.ask(topics.FORCE_STOP, Empty())
@@ -120,14 +120,14 @@ class Bench:
         assert self.arm.lift_off_m > 0.0
 
     def _stopped(self) -> bool:
-        """Look at the truth; tell whether the arbiter holds."""
+        """Record the true contact; return whether the arbiter holds."""
         force_N = float(np.linalg.norm(self.arm.true_wrench().force_N))
         if force_N > 0.0 or self._p_touch is not None:
             p = self.arm.data.site_xpos[self._site].copy()
             if self._p_touch is None and force_N > 0.5:
                 self._p_touch = p
             if self._p_touch is not None:
-                self._way_m = max(self._way_m, float(np.linalg.norm(p - self._p_touch)))
+                self._travel_m = max(self._travel_m, float(np.linalg.norm(p - self._p_touch)))
             self._peak_N = max(self._peak_N, force_N)
         status = self.status.read(self.cell.clock.now_ns()).message
         return status is not None and status.state in {"HOLDING", "FAULT"}
@@ -140,45 +140,47 @@ def shows_pressing(force: Array, cell: CellConfig) -> float:
 
 
 def judge_presses(cell: CellConfig, wirings: list[Array]) -> int:
-    """Press with each wiring; return how many were stopped by the sign of the first touch."""
+    """Press with each wiring; return the number stopped by the sign of the first touch."""
     bench = Bench(cell)
     stopped = 0
     for wiring in wirings:
         bench.rewire(wiring)
         touch = bench.press()
-        told = f"{wiring.astype(int).tolist()}: {touch}"
-        assert touch.peak_N < MOST_N, told
-        assert touch.way_m < MOST_M, told
-        if shows_pressing(wiring, cell) > 0.9:  # a straight press does not show the other two axes
-            assert not touch.codes, told
-            assert touch.peak_N == pytest.approx(PRESS_N, abs=0.6), told
+        details = f"{wiring.astype(int).tolist()}: {touch}"
+        assert touch.peak_N < MOST_N, details
+        assert touch.travel_m < MOST_M, details
+        if (
+            shows_pressing(wiring, cell) > 0.9
+        ):  # a straight press does not reveal the other two axes
+            assert not touch.codes, details
+            assert touch.peak_N == pytest.approx(PRESS_N, abs=0.6), details
         else:
-            assert "sensor_sign" in touch.codes, told
+            assert "sensor_sign" in touch.codes, details
             stopped += 1
         bench.lift()
     return stopped
 
 
-# --- along the tool -------------------------------------------------------------------------------
+# --- axis of the tool -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("order", range(6))
 def test_all_48_wirings_of_the_force_axes(order: int) -> None:
-    """40 are stopped at the first touch; the right one and those that differ beside it press well.
+    """40 are stopped at the first touch; the 8 with the right tool axis press normally.
 
-    Sensor mounted at 30 degrees about the tool's axis, as in the cells that ship.
+    Sensor mounted at 30 degrees about the tool's axis, as in the supplied cells.
     """
     assert CELL.sensor.T_flange_sensor.oat_deg == (30.0, 0.0, 0.0)
     wirings = all_wirings()[8 * order : 8 * order + 8]
-    along = sum(wiring[2, 2] == 1.0 for wiring in wirings)
-    assert along in (0, 4)
-    assert judge_presses(cell_with(), wirings) == 8 - along
+    aligned = sum(wiring[2, 2] == 1.0 for wiring in wirings)
+    assert aligned in (0, 4)
+    assert judge_presses(cell_with(), wirings) == 8 - aligned
 
 
 @pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (30.0, 90.0, 0.0), (30.0, 90.0, 90.0)])
 @pytest.mark.long
-def test_wirings_of_a_sensor_that_is_mounted_another_way(oat_deg) -> None:
-    """Whichever of its axes lies along the tool: six signs and swaps."""
+def test_wirings_of_a_sensor_with_another_mounting(oat_deg) -> None:
+    """Six signs and permutations, with each sensor axis along the tool."""
     mounting = {"position_m": [0.0, 0.0, 0.02], "oat_deg": oat_deg}
     com_m = (0.0, 0.0, 0.0)
     cell = cell_with(sensor__T_flange_sensor=mounting, sim__tool_com_m=com_m, payload__com_m=com_m)
@@ -189,7 +191,7 @@ def test_wirings_of_a_sensor_that_is_mounted_another_way(oat_deg) -> None:
 
 @pytest.mark.parametrize("stiffness_N_m", [5e3, 1e5])
 def test_a_wrong_sign_on_soft_and_on_stiff_plates(stiffness_N_m: float) -> None:
-    """The approach is as slow as the stiffness asks for: 10 N and 2 mm hold for both."""
+    """The approach speed follows from the stiffness: 10 N and 2 mm hold for both."""
     cell = cell_with(sim__stiffness_N_m=stiffness_N_m, contact__stiffness_N_m=stiffness_N_m)
     cell = cell.model_copy(
         update={"force": cell.force.model_copy(update={"approach_m_s": cell.approach_limit_m_s})}
@@ -199,37 +201,37 @@ def test_a_wrong_sign_on_soft_and_on_stiff_plates(stiffness_N_m: float) -> None:
     touch = bench.press(for_s=2.0)
     assert "sensor_sign" in touch.codes
     assert touch.peak_N < MOST_N
-    assert touch.way_m < MOST_M
+    assert touch.travel_m < MOST_M
 
 
-# --- beside the tool ------------------------------------------------------------------------------
+# --- lateral axes ---------------------------------------------------------------------------------
 
 
-def test_what_runs_away_sideways_is_stopped_by_the_work_that_it_seems_to_get() -> None:
-    """Both axes beside the tool reversed, 20 N: the tool creeps until its work shows it."""
+def test_lateral_drift_is_stopped_by_the_work_limit() -> None:
+    """Both lateral axes reversed, 20 N: the tool creeps until its work reveals it."""
     bench = Bench(cell_with())
     bench.rewire(np.diag([-1.0, -1.0, 1.0]))
     touch = bench.press(press_N=20.0, for_s=3.0)
     assert "sensor_sign" in touch.codes
-    assert touch.way_m < 2.0 * MOST_M
+    assert touch.travel_m < 2.0 * MOST_M
     bench.lift()
     bench.rewire(np.eye(3))
     assert not bench.press(press_N=20.0, for_s=1.0).codes
 
 
 @pytest.mark.parametrize("signs", [(-1.0, -1.0, -1.0), (-1.0, 1.0, 1.0)])
-def test_wrong_torques_are_stopped_while_the_tool_turns(signs) -> None:
-    """Mode both on a tilted plate: instead of lying down the disc would stand up on its edge."""
+def test_wrong_torques_are_stopped_while_the_tool_rotates(signs) -> None:
+    """Mode both on a tilted plate: the disc would rotate onto its edge, not onto its face."""
     bench = Bench(cell_with(sim__tilt_deg=5.0))
     bench.rewire(np.eye(3), np.diag(signs))
     touch = bench.press("both", for_s=2.0)
     assert "sensor_sign" in touch.codes
     assert touch.peak_N < 2.0 * MOST_N
-    assert touch.way_m < MOST_M
+    assert touch.travel_m < MOST_M
 
 
-def test_right_torques_lay_the_disc_down() -> None:
-    """The same press, rightly wired, is not stopped."""
+def test_correct_torques_align_the_disc_with_the_plate() -> None:
+    """The same press, correctly wired, is not stopped."""
     bench = Bench(cell_with(sim__tilt_deg=5.0))
     assert not bench.press("both", for_s=2.0).codes
 
@@ -238,7 +240,7 @@ def test_right_torques_lay_the_disc_down() -> None:
 
 
 @pytest.mark.parametrize("unit", [1.0, 1 / 9.80665, 1 / 4.44822, 1e-3, 1e3])
-def test_of_all_wirings_and_units_the_tare_lets_through_what_shows_the_weight(unit: float) -> None:
+def test_the_tare_accepts_only_wirings_and_units_that_show_the_weight(unit: float) -> None:
     """Tool down: 8 of 48 in newtons, none in kgf, pounds, kN or mN."""
     payload = Payload(
         CELL.payload.mass_kg,
@@ -266,7 +268,7 @@ IN_MM = "is that in millimetres?"
 
 
 @pytest.mark.parametrize(
-    ("dotted", "value", "asks"),
+    ("dotted", "value", "question"),
     [
         ("payload.mass_kg", 1000.0, f": {IN_GRAMS}"),
         ("payload.com_m", (12.0, -8.0, 60.0), f".2: must be at most 1 m, found 60 m; {IN_MM}"),
@@ -278,17 +280,19 @@ IN_MM = "is that in millimetres?"
         ),
     ],
 )
-def test_a_cell_in_wrong_units_is_refused_and_asked_for_its_unit(dotted, value, asks: str) -> None:
-    """Before there is a cell at all: nothing runs that could move."""
+def test_a_cell_in_wrong_units_is_refused_with_a_question_about_the_unit(
+    dotted, value, question: str
+) -> None:
+    """The refusal comes while the file is loaded: no process runs that could move the arm."""
     if "T_flange" in dotted:
         value = {"position_m": (0.0, 0.0, value)}
     with pytest.raises(ConfigError) as refused:
         cell_with(**{dotted.replace(".", "__"): value})
-    assert dotted + asks in str(refused.value)
+    assert dotted + question in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "changes",
     [
         {"payload__mass_kg": CELL.payload.mass_kg * 2.20462},
         {"payload__mass_kg": CELL.payload.mass_kg * 9.80665},
@@ -296,9 +300,9 @@ def test_a_cell_in_wrong_units_is_refused_and_asked_for_its_unit(dotted, value, 
     ],
     ids=["pounds for kilograms", "newtons for kilograms", "decimetres for metres"],
 )
-def test_a_payload_in_wrong_units_that_could_be_is_refused_before_anything_moves(wrong) -> None:
-    """Within the plausible ranges the true weight does not fit; the tare says by how much."""
-    cell = VirtualCell(cell_with(**wrong))
+def test_a_plausible_payload_in_wrong_units_is_refused_before_any_motion(changes) -> None:
+    """The true weight does not fit the plausible payload; the tare gives the difference."""
+    cell = VirtualCell(cell_with(**changes))
     cell.advance(0.4)
     reply = cell.client.ask(topics.TARE, Empty())
     assert (reply.accepted, reply.code) == (False, "contact")
@@ -306,8 +310,8 @@ def test_a_payload_in_wrong_units_that_could_be_is_refused_before_anything_moves
 
 
 @pytest.mark.parametrize("lever", ["tool__T_flange_tcp", "sensor__T_flange_sensor"])
-def test_a_lever_in_wrong_units_moves_nothing_or_presses_as_it_should(lever, monkeypatch) -> None:
-    """Within the plausible ranges: a tool of 1.6 m is refused, a sensor at 2 m does no harm."""
+def test_a_lever_in_wrong_units_is_refused_or_harmless(lever, monkeypatch) -> None:
+    """A tool of 1.6 m is refused, a sensor at 2 m is harmless; both are plausible lengths."""
     true = cell_with()
     assert true.sim is not None
     settings = robot_service.sim_settings(true, true.sim)
@@ -321,4 +325,4 @@ def test_a_lever_in_wrong_units_moves_nothing_or_presses_as_it_should(lever, mon
     else:
         touch = bench.press()
         assert touch.peak_N < MOST_N
-        assert touch.way_m < MOST_M
+        assert touch.travel_m < MOST_M

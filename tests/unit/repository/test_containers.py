@@ -1,4 +1,4 @@
-"""The container files, checked without an engine: schema, names, commands, what each may do."""
+"""The container files, checked without an engine: schema, names, commands, permissions."""
 
 import importlib.util
 import re
@@ -19,8 +19,8 @@ from tests.fakes.compose_file import (
     PROFILES,
     ROOT,
     RUN,
-    SAY,
     SERVICES,
+    STATE_CELL,
     profile,
     roles_of,
 )
@@ -96,7 +96,7 @@ def test_health_of_a_container_is_its_own_heartbeat(name: str) -> None:
 
 
 def test_health_is_known_well_within_half_a_minute() -> None:
-    """The first look comes after seconds; one that is well is asked again only after a minute."""
+    """The first check comes after seconds; one that is well is asked again only after a minute."""
     health = COMPOSE["x-contained"]["healthcheck"]
     assert health["interval"] == "5s"
     assert int(health["timeout"][:-1]) > WATCHED_S
@@ -119,14 +119,14 @@ def test_secrets_are_files_and_never_the_authoritys_key() -> None:
     assert used == set(COMPOSE["secrets"])
 
 
-@pytest.mark.parametrize("name", SAY)
-def test_what_says_the_cell_file_has_no_key_and_no_network(name: str) -> None:
-    """It writes one link for the others, and reaches nobody."""
+@pytest.mark.parametrize("name", STATE_CELL)
+def test_the_publisher_of_the_cell_file_has_no_key_and_no_network(name: str) -> None:
+    """It writes one link for the others, and has no network."""
     assert not SERVICES[name].keys() & {"secrets", "networks", "ports", "depends_on"}
 
 
-def test_what_stands_for_hardware_knows_nothing_of_the_bus() -> None:
-    """The emulated controller has two wires, no certificate and no way to the hub."""
+def test_emulated_hardware_has_no_access_to_the_bus() -> None:
+    """The emulated controller has two wires, no certificate and no connection to the hub."""
     entry = SERVICES["controller-sim"]
     assert "secrets" not in entry
     assert set(entry["networks"]) == {"robot", "sensor"}
@@ -142,7 +142,7 @@ def test_container_may_do_nothing_but_its_work(name: str) -> None:
     assert entry["init"] is True
     assert entry["logging"]["options"].keys() == {"max-size", "max-file"}
     assert not entry.keys() & {"privileged", "cap_add", "devices", "pid"}
-    assert entry.get("network_mode") == ("none" if name in SAY else None)
+    assert entry.get("network_mode") == ("none" if name in STATE_CELL else None)
     assert entry["user"] == "${FORCEMESH_USER:-10001:10001}"
     assert entry["tmpfs"] == ["/tmp:noexec,nosuid,nodev,size=16m"]  # noqa: S108 - in there
     assert entry["mem_limit"]
@@ -154,12 +154,12 @@ def test_container_may_do_nothing_but_its_work(name: str) -> None:
         "panel": ["${FORCEMESH_CALIBRATION:-calibration}:/calibration"],
         "recorder": ["${FORCEMESH_RECORDINGS:-recordings}:/recordings"],
     }
-    in_use = "in-use:/in-use" if name in SAY else "in-use:/in-use:ro"
+    in_use = "in-use:/in-use" if name in STATE_CELL else "in-use:/in-use:ro"
     assert entry["volumes"] == ["./cells:/cells:ro", in_use, *more.get(name, [])]
 
 
 def test_hub_and_panel_are_published_and_only_on_this_machine() -> None:
-    """Two ports, on the loopback address unless the user says another one, each by itself."""
+    """Two ports, on the loopback address unless the user sets another one, each by itself."""
     published = {name: entry["ports"] for name, entry in SERVICES.items() if "ports" in entry}
     assert published == {
         "hub": [f"{PUBLISHED['HUB']}:7447:7447"],
@@ -167,20 +167,20 @@ def test_hub_and_panel_are_published_and_only_on_this_machine() -> None:
     }
 
 
-def test_containers_are_told_what_is_published() -> None:
-    """The very words of the ports: what judges a start judges the address that compose uses."""
+def test_containers_get_the_published_addresses() -> None:
+    """The start-up check judges the same address that compose publishes."""
     for name in [*ON_THE_BUS, "panel"]:
         assert SERVICES[name]["environment"]["FORCEMESH_HUB_PUBLISHED"] == PUBLISHED["HUB"]
     assert SERVICES["panel"]["environment"]["FORCEMESH_PANEL_PUBLISHED"] == PUBLISHED["PANEL"]
-    for name in SAY:
-        told = SERVICES[name]["environment"]
-        assert told["FORCEMESH_HUB_PUBLISHED"] == PUBLISHED["HUB"]
-        assert told["FORCEMESH_PANEL_PUBLISHED"] == PUBLISHED["PANEL"]
-        assert told["FORCEMESH_CERTIFICATES"] == "${FORCEMESH_PKI:-}"
+    for name in STATE_CELL:
+        environment = SERVICES[name]["environment"]
+        assert environment["FORCEMESH_HUB_PUBLISHED"] == PUBLISHED["HUB"]
+        assert environment["FORCEMESH_PANEL_PUBLISHED"] == PUBLISHED["PANEL"]
+        assert environment["FORCEMESH_CERTIFICATES"] == "${FORCEMESH_PKI:-}"
 
 
-def test_panel_listens_for_who_has_its_token_and_asks_with_its_own_certificate() -> None:
-    """Reached from outside this machine it wants a token; on the bus it is a person."""
+def test_panel_requires_its_token_and_has_its_own_certificate() -> None:
+    """Reached from outside this machine it requires a token; on the bus it is a person."""
     entry = SERVICES["panel"]
     assert entry["command"][-2:] == ["--host", "0.0.0.0"]
     given = entry["environment"]["FORCEMESH_PANEL_TOKEN"]
@@ -201,11 +201,11 @@ def test_recorder_writes_into_its_folder_alone() -> None:
 
 
 def test_networks_lead_only_where_a_container_has_to_go() -> None:
-    """The bus reaches nothing outside; only gateway and sensor have a way to their hardware."""
-    ways = {name: set(SERVICES[name]["networks"]) - {"bus"} for name in RUN}
+    """The bus reaches nothing outside; only gateway and sensor have a network to their hardware."""
+    outward = {name: set(SERVICES[name]["networks"]) - {"bus"} for name in RUN}
     assert COMPOSE["networks"]["bus"] == {"internal": True}
     assert all("bus" in SERVICES[name]["networks"] for name in ON_THE_BUS)
-    assert {name: way for name, way in ways.items() if way} == {
+    assert {name: networks for name, networks in outward.items() if networks} == {
         "hub": {"front"},
         "panel": {"front"},
         "gateway": {"robot"},
@@ -216,7 +216,7 @@ def test_networks_lead_only_where_a_container_has_to_go() -> None:
 
 @on_the_bus
 def test_endpoint_is_explicit_and_encrypted_where_there_are_certificates(name: str) -> None:
-    """No process looks around for its hub: the hub listens, the others name it, all alike."""
+    """No process searches for its hub: the hub listens, the others name it, all alike."""
     host = "0.0.0.0" if name == "hub" else "hub"
     assert SERVICES[name]["environment"] == {
         "FORCEMESH_ENDPOINT": f"{SCHEME}/{host}:7447",
@@ -239,8 +239,8 @@ def test_the_real_time_override_gives_a_limit_and_nothing_else() -> None:
     assert schema_check(path) == 0
 
 
-def test_a_role_on_another_machine_is_told_where_its_hub_is() -> None:
-    """The override adds a way out and asks for the endpoint; the hub stays where it is."""
+def test_a_role_on_another_machine_gets_the_endpoint_of_its_hub() -> None:
+    """The override adds a route out and requires the endpoint; the hub stays where it is."""
     path = ROOT / "docker-compose.remote.yml"
     override = yaml.safe_load(path.read_text(encoding="utf-8"))["services"]
     assert set(override) == set(ON_THE_BUS) - {"hub", "robot-sim"}
@@ -268,14 +268,14 @@ def test_image_does_not_run_as_root() -> None:
 
 
 def test_final_stage_builds_nothing() -> None:
-    """What runs has neither a compiler nor an installer's leftovers: it copies what was built."""
+    """The final image has neither compiler nor installer's leftovers: it copies the build."""
     final = "\n".join(dockerfile_stages()[-1])
     tools = r"\b(gcc|g\+\+|clang|cmake|build-essential|cargo|rustc|make|python3-dev|pip|uv)\b"
     assert not re.search(tools, final)
     assert len({stage[0].split()[1] for stage in dockerfile_stages()}) == 1
 
 
-def test_image_holds_what_the_lock_says() -> None:
+def test_image_holds_the_versions_of_the_lock() -> None:
     """Everything that is installed has a hash, or is the checkout itself without dependencies."""
     installs = [line for line in dockerfile_stages()[0] if "pip install" in line]
     locked = "--require-hashes --only-binary :all: -r requirements-run.lock"
@@ -295,7 +295,7 @@ def test_dockerfile_needs_no_frontend_and_no_shell_to_start() -> None:
     )
 
 
-def test_build_context_holds_just_what_is_copied() -> None:
+def test_build_context_holds_just_the_copied_paths() -> None:
     """Each path that the image copies exists and is let in; nothing else is let in."""
     ignore = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     let_in = {line.removeprefix("!") for line in ignore if line.startswith("!")}

@@ -18,12 +18,12 @@ def test_the_list_names_modules_that_are_there() -> None:
 
 
 def test_every_branch_counts() -> None:
-    """Nothing below the whole is enough."""
+    """Less than every branch is not enough."""
     assert CONFIG["run"]["branch"]
     assert CONFIG["report"]["fail_under"] == 100
 
 
-def test_a_line_that_is_left_out_says_why() -> None:
+def test_a_line_that_is_left_out_has_its_reason() -> None:
     """And there are hardly any."""
     found = [
         line

@@ -43,7 +43,7 @@ def armed(**overrides) -> tuple[VirtualCell, ConfiguredCell]:
 
 @pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.stem)
 def test_an_example_is_short_and_uses_nothing_but_the_client(path: Path) -> None:
-    """Under 80 lines; of the project it imports the client and what its requests are made of."""
+    """Under 80 lines; of the project it imports the client and the types of its requests."""
     text = path.read_text()
     assert len(text.splitlines()) < 80
     imports = {line.split()[1] for line in text.splitlines() if line.startswith(("import", "from"))}
@@ -67,7 +67,7 @@ def test_touch_and_press() -> None:
 
 
 def test_follow_goes_round_a_square_and_comes_back() -> None:
-    """With the force held all the way."""
+    """With the force held throughout."""
     world, cell = armed()
     start = np.array(world.arm.T_base_flange.translation)
     assert load("follow").main(cell, 0.01) < 2.0
@@ -76,7 +76,7 @@ def test_follow_goes_round_a_square_and_comes_back() -> None:
 
 
 def test_align_turns_by_the_tilt_of_the_plate() -> None:
-    """Four degrees, less what the plate itself gives."""
+    """Four degrees, less the tilt of the plate itself."""
     _, cell = armed(tilt_deg=4.0)
     assert load("align").main(cell) == pytest.approx(4.0, abs=1.0)
 
@@ -89,7 +89,7 @@ def test_guide_follows_a_push_and_goes_back() -> None:
     tool = world.arm.model.body("tool").id
     guide = load("guide")
     world.arm.data.xfrc_applied[tool][:3] = (0.0, 8.0, 0.0)
-    places = guide.lead(cell, 1.0)
+    places = guide.record_guiding(cell, 1.0)
     world.arm.data.xfrc_applied[tool][:3] = 0.0
     world.advance(0.5)
     assert len(places) >= 3

@@ -1,4 +1,4 @@
-"""docs/hazards.md: every hazard has a row, and what a row names as its proof exists."""
+"""docs/hazards.md: every hazard has a row, and each named proof exists."""
 
 import re
 from pathlib import Path
@@ -23,14 +23,14 @@ def test_every_test_that_is_named_exists() -> None:
 
 
 def test_every_command_that_is_named_is_a_target_of_make() -> None:
-    """So that a reader can run it."""
+    """A reader can run each of them."""
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     for target in set(re.findall(r"`make ([a-z-]+)`", PAGE)):
         assert f"\n{target}:" in makefile, target
 
 
 def test_no_row_is_left_open() -> None:
-    """A row says what proves it, or why nothing can."""
+    """A row names its proof, or the reason why there is none."""
     for row, text in ROWS:
         assert "PENDING" not in text, row
         assert text.rstrip().rsplit("|", 1)[1].strip(), row

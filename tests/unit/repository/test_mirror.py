@@ -1,4 +1,4 @@
-"""Unit tests stand where what they test stands: tests/unit/<folder>/test_<module>[_<aspect>].py."""
+"""Unit tests mirror the tree: tests/unit/<folder>/test_<module>[_<aspect>].py."""
 
 from pathlib import Path
 

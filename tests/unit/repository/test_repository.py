@@ -1,4 +1,4 @@
-"""What the repository promises about itself: its lock, its commands, its sizes, its words."""
+"""Rules of the repository: its lock, its commands, its sizes, its words."""
 
 import os
 import re
@@ -58,12 +58,12 @@ def run(
 @pytest.mark.parametrize(("lock", "extras"), [(LOCK, ("build", "dev")), (RUN_LOCK, ("build",))])
 def test_lock_satisfies_every_declared_dependency(lock: str, extras: tuple[str, ...]) -> None:
     """A dependency that was declared but not locked would not be there after `make setup`."""
-    for wanted in declared(*extras):
-        name = canonicalize_name(wanted.name)
+    for requirement in declared(*extras):
+        name = canonicalize_name(requirement.name)
         versions = [pin.specifier for pin in pins(lock) if canonicalize_name(pin.name) == name]
-        assert versions, f"{lock} lacks {wanted.name}: run make lock"
+        assert versions, f"{lock} lacks {requirement.name}: run make lock"
         for version in versions:
-            assert wanted.specifier.contains(str(version).removeprefix("=="))
+            assert requirement.specifier.contains(str(version).removeprefix("=="))
 
 
 @locks
@@ -77,7 +77,7 @@ def test_lock_pins_one_version_with_hashes(lock: str) -> None:
 
 @locks
 def test_lock_names_no_place(lock: str) -> None:
-    """A lock says what, never where from: no address, no path, no index option."""
+    """A lock has names and versions, never a source: no address, no path, no index option."""
     text = (ROOT / lock).read_text(encoding="utf-8")
     assert not re.search(r"://|file:|(^|\s)(/|\.\.?/|--index|--extra-index|--find-links)", text)
     assert all(pin.url is None for pin in pins(lock))
@@ -85,7 +85,7 @@ def test_lock_names_no_place(lock: str) -> None:
 
 def test_image_gets_the_versions_that_are_tested() -> None:
     """The image's lock is a part of the whole lock, without the developer's tools."""
-    # Not the markers: what the tests need too may be wanted in more places there.
+    # Not the markers: what the tests need too may be needed in more places there.
     run, whole = ({f"{pin.name}{pin.specifier}" for pin in pins(lock)} for lock in (RUN_LOCK, LOCK))
     assert run < whole
     names = {canonicalize_name(pin.name) for pin in pins(RUN_LOCK)}
@@ -113,7 +113,7 @@ def test_image_gets_the_versions_that_are_tested() -> None:
     ],
 )
 def test_make_knows_and_lists_its_targets(target: str) -> None:
-    """Each command that the documentation names is there, and `make` alone tells of it."""
+    """Each command that the documentation names is there, and `make` alone lists it."""
     assert run("make", "-n", target).returncode == 0
     assert re.search(rf"^{target} +\S", run("make").stdout, re.MULTILINE)
 
@@ -138,25 +138,25 @@ def fake_python(folder: Path, *, version: str, lacks: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("version", "lacks", "said"),
+    ("version", "lacks", "message"),
     [
         ("3.10.12", "(3, 11)", "is Python 3.10.12, and 3.11 or newer is needed"),
         ("3.11.2", "ensurepip", "apt-get install -y python3-venv\n"),
         ("3.11.2", "libgomp", "apt-get install -y libgomp1\n"),
     ],
 )
-def test_setup_says_what_is_missing(bare: Path, version: str, lacks: str, said: str) -> None:
-    """What the system lacks is named in one line, with the command that brings it."""
+def test_setup_names_the_missing_part(bare: Path, version: str, lacks: str, message: str) -> None:
+    """Each missing part of the system is named in one line, with the command that installs it."""
     python = fake_python(bare, version=version, lacks=f'"{lacks}"')
     result = run("tools/setup.sh", python, cwd=bare, PATH="/usr/bin:/bin")
     assert result.returncode == 1
-    assert said in result.stderr
+    assert message in result.stderr
     assert result.stderr.startswith("forcemesh: ")
     assert result.stderr.count("\n") == 1
     assert not (bare / ".venv").exists()
 
 
-def test_setup_without_any_python_says_so(bare: Path) -> None:
+def test_setup_without_any_python_reports_that(bare: Path) -> None:
     """No Python at all is the same kind of answer."""
     result = run("tools/setup.sh", "python-that-is-not-there", cwd=bare)
     assert result.returncode == 1
@@ -164,10 +164,10 @@ def test_setup_without_any_python_says_so(bare: Path) -> None:
     assert "apt-get install -y python3 python3-venv" in result.stderr
 
 
-def test_ci_runs_what_a_person_runs() -> None:
+def test_ci_runs_the_commands_that_a_person_runs() -> None:
     """CI has no checks of its own: it calls make, and any failure ends it.
 
-    But for that of the containers, which is last and says so: they are too heavy for two cores.
+    Except that of the containers, which is last with a comment: they are too heavy for 2 cores.
     """
     script = ROOT / ".ci" / "run"
     text = script.read_text(encoding="utf-8")
@@ -213,7 +213,7 @@ def test_sizes_fail_above_the_limits(
 
 
 def test_licence_is_the_one_that_is_declared() -> None:
-    """The full text of Apache-2.0 is in the repository, and the metadata says so."""
+    """The full text of Apache-2.0 is in the repository, and the metadata names it."""
     text = (ROOT / "LICENSE").read_text(encoding="utf-8")
     assert METADATA["license"] == "Apache-2.0"
     assert "Apache License\n" in text

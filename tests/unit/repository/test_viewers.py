@@ -1,4 +1,4 @@
-"""Layouts for other people's viewers show what there is."""
+"""Layouts for other viewers show topics and fields that exist."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ def paths(node: Any) -> list[str]:
     return own + [path for each in node.values() for path in paths(each)]
 
 
-def test_what_foxglove_is_to_show_is_in_every_recording() -> None:
+def test_the_paths_of_foxglove_are_in_every_recording() -> None:
     """Each path leads to a topic and to a field of its schema; each panel is on the page."""
     layout = json.loads(LAYOUT.read_text(encoding="utf-8"))
     found = paths(layout["configById"])

@@ -1,4 +1,4 @@
-"""The judge of the tests: it makes the changes that it says, and sees whether a test notices."""
+"""The judge of the tests: it makes its listed changes, and detects whether a test fails."""
 
 import multiprocessing
 import subprocess
@@ -20,13 +20,13 @@ TABLE = (
 
 
 def allowed(value: float, limit: float = 2.0) -> bool:
-    """Tell."""
+    """Compare."""
     if not value:
         note(value)
     return value <= MARGIN * limit and value is not None
 
 
-def said(value: float) -> str:
+def text(value: float) -> str:
     """Texts for people stay as they are."""
     return f"{value * 1e3:.1f} mm"
 '''
@@ -50,7 +50,7 @@ def made() -> dict[str, str]:
 
 
 def test_every_kind_of_change_is_made_once_and_nothing_else():
-    """Limits, rows, comparisons, ways past a function; neither types, defaults nor texts."""
+    """Limits, rows, comparisons, bypasses of a function; neither types, defaults nor texts."""
     assert made() == {
         "module: 1.5 in MARGIN = 1.5 -> 2.4": "MARGIN = 2.4",
         "module: 1.5 in MARGIN = 1.5 -> 0.15": "MARGIN = 0.15",
@@ -70,20 +70,20 @@ def test_every_kind_of_change_is_made_once_and_nothing_else():
         ),
         "allowed: MARGIN * limit -> /": "return value <= MARGIN / limit and value is not None",
         "allowed: value is not None -> is": "return value <= MARGIN * limit and value is None",
-        "said: returns None": "return None",
+        "text: returns None": "return None",
     }
 
 
 def test_the_changes_that_must_never_live_are_among_them():
     """A sign check that a fifth of a touch passes, loose margins, a guard or a row left out."""
     titles = {each.title for module in mutations.JUDGES for each in mutations.mutants_of(module)}
-    wanted = (
+    expected = (
         "services.regulator.guards module: 0.7 in MAIN_PART = 0.7 -> 0.07",
         "common.motion.setpoint_monitor module: 1.25 in SPEED_MARGIN = 1.25 -> 2",
         "common.motion.last_check LastCheck.setpoint: returns None",
         "services.regulator.guards _sign_trip: returns None",
     )
-    assert titles.issuperset(wanted)
+    assert titles.issuperset(expected)
     rows = [title for title in titles if title.startswith("services.arbiter.preflight module: Che")]
     assert len(rows) == 11
 
@@ -106,7 +106,7 @@ def test_a_change_that_a_test_notices_is_killed_and_one_that_changes_nothing_liv
     assert judged(dead, 300.0)
 
 
-def test_what_hangs_is_killed():
+def test_a_mutant_that_hangs_is_killed():
     """A loop without end is noticed by its time."""
     module = "services.wrench.tare"
     text = mutations.path_of(module).read_text()
@@ -120,13 +120,13 @@ def test_a_module_that_is_imported_already_cannot_be_judged(monkeypatch: pytest.
         mutate.forked(Mutant("services.wrench.tare", "any", ""), 2.0)
 
 
-def test_only_a_survivor_that_nobody_has_looked_at_counts():
-    """One that is listed is left alone; one that is listed and killed is told."""
+def test_only_a_survivor_that_is_not_listed_counts():
+    """One that is listed is left alone; one that is listed and killed is reported."""
     first, second, third = (Mutant("m", name, "") for name in ("a", "b", "c"))
-    said: list[str] = []
+    lines: list[str] = []
     results = iter([(first, False), (second, False), (third, True)])
-    assert mutate.report(results, {"m a": "why", "m c": "why"}, said.append) == 1
-    assert said == [
+    assert mutate.report(results, {"m a": "why", "m c": "why"}, lines.append) == 1
+    assert lines == [
         "SURVIVED m b",
         "killed, and listed as a survivor: m c",
         "1 killed, 1 survived that are not listed",
@@ -160,7 +160,7 @@ def test_a_choice_is_the_same_for_the_same_seed_and_another_for_another_one():
     )
 
 
-def test_a_sample_takes_more_of_what_was_changed(monkeypatch):
+def test_a_sample_takes_more_of_changed_modules(monkeypatch):
     """And one of each other module: none is forgotten."""
     monkeypatch.setattr(mutate, "changed_since", {"a0": ["common.motion.permission"]}.__getitem__)
     taken = Counter(mutant.module for mutant in mutate.sampled(3, 1, "a0"))
@@ -168,7 +168,7 @@ def test_a_sample_takes_more_of_what_was_changed(monkeypatch):
 
 
 def test_a_module_or_its_judges_that_were_touched_are_changed(monkeypatch):
-    """As git tells it."""
+    """Paths in the form of git."""
     touched = "tests/unit/controller/test_packet.py\ncommon/security/access_control.py\nREADME.md\n"
     done = subprocess.CompletedProcess([], 0, touched)
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)

@@ -21,7 +21,7 @@ import tests.repeats as repeats
 from tests.chaos.witness import Witness
 
 class Planted(repeats.Repeats):
-    '''The witness says what the planted test lets it say.'''
+    '''The witness reports the stall that the planted test sets.'''
     def pytest_collection_finish(self, session):
         Path("stalls").touch()
         self.witness = Witness([Path("stalls")])
@@ -57,7 +57,7 @@ FEW_PLUGINS = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # each plugin takes its t
 
 
 def run(folder: Path, marks: str, stall: str, number: int = 1, *options: str) -> tuple[int, str]:
-    """Run a test that fails the first time; return exit code and what was printed."""
+    """Run a test that fails the first time; return exit code and output."""
     (folder / "conftest.py").write_text(CONFTEST)
     text = TEST.format(marks=marks, stall=stall or "pass", number=number)
     (folder / "test_planted.py").write_text(text)
@@ -88,33 +88,33 @@ def run(folder: Path, marks: str, stall: str, number: int = 1, *options: str) ->
 )
 def test_a_failure_stays_one_unless_the_machine_stood_still_meanwhile(tmp_path, marks, stall):
     """It is tried once, and the run is red."""
-    code, said = run(tmp_path, marks, stall)
-    assert code == 1, said
-    assert "REPEATED" not in said
-    assert "1 failed" in said
+    code, output = run(tmp_path, marks, stall)
+    assert code == 1, output
+    assert "REPEATED" not in output
+    assert "1 failed" in output
 
 
 @pytest.mark.parametrize("marks", [REAL, "@pytest.mark.processes", f"{REAL}(deadline_s=0.2)"])
-def test_a_stall_longer_than_the_deadline_is_told_and_the_test_tried_once_more(tmp_path, marks):
+def test_a_stall_longer_than_the_deadline_is_reported_and_the_test_tried_once_more(tmp_path, marks):
     """Its name and why it failed are printed."""
-    code, said = run(tmp_path, marks, "stall(0.3)")
-    assert code == 0, said
-    assert "REPEATED, the machine stood still: test_planted.py::test_planted[0]" in said
-    assert "planted" in said
+    code, output = run(tmp_path, marks, "stall(0.3)")
+    assert code == 0, output
+    assert "REPEATED, the machine stood still: test_planted.py::test_planted[0]" in output
+    assert "planted" in output
 
 
 @pytest.mark.parametrize("options", [(), ("-n", "2")], ids=["alone", "side by side"])
 @pytest.mark.parametrize(("number", "expected"), [(3, 0), (4, 1)])
 def test_more_than_three_repeats_fail_the_run(tmp_path, number: int, expected: int, options):
     """A machine that stalls all the time is no place for a verdict, of all workers together."""
-    code, said = run(tmp_path, REAL, "stall(0.3)", number, *options)
-    assert code == expected, said
-    assert ("4 repeats, 3 are allowed: failed" in said) == bool(expected)
+    code, output = run(tmp_path, REAL, "stall(0.3)", number, *options)
+    assert code == expected, output
+    assert ("4 repeats, 3 are allowed: failed" in output) == bool(expected)
 
 
 @pytest.mark.processes
 def test_a_witness_that_is_stopped_for_long_has_noted_a_stall(tmp_path):
-    """The real witness of one processor: what is frozen and goes on was late, and says when."""
+    """The real witness of one processor: a frozen one was late, and reports when."""
     noted, processor = tmp_path / "noted", min(os.sched_getaffinity(0))
     noted.touch()
     watch, began_ns = Witness([noted]), time.monotonic_ns()
@@ -128,7 +128,7 @@ def test_a_witness_that_is_stopped_for_long_has_noted_a_stall(tmp_path):
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
-    """Look until it holds, for as long as a loaded machine may need."""
+    """Poll until it holds, for as long as a loaded machine may need."""
     give_up_s = time.monotonic() + 30.0
     while not condition():
         assert time.monotonic() < give_up_s
@@ -136,10 +136,8 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 @pytest.mark.parametrize(("ci", "code", "words"), [("1", 1, "1 failed"), ("", 0, "1 skipped")])
-def test_what_is_left_out_is_a_failure_in_ci(
-    tmp_path: Path, ci: str, code: int, words: str
-) -> None:
-    """A machine that cannot try something says so; CI may not take that for a pass."""
+def test_a_skipped_test_is_a_failure_in_ci(tmp_path: Path, ci: str, code: int, words: str) -> None:
+    """A machine that cannot try something reports that; CI may not take that for a pass."""
     (tmp_path / "conftest.py").write_text("from tests.conftest import pytest_runtest_makereport\n")
     (tmp_path / "test_planted.py").write_text(
         "import pytest\ndef test_planted():\n    pytest.skip('no such device')\n"

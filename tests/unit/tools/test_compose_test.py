@@ -1,4 +1,4 @@
-"""`make compose-test` without containers: what it says where no engine is, and what it repeats."""
+"""`make compose-test` without containers: its message without an engine, and its repeats."""
 
 import os
 import subprocess
@@ -18,10 +18,10 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.mark.parametrize(("words", "code"), [((), 77), (("--optional",), 0)])
-def test_without_an_engine_it_says_so_loudly(
+def test_without_an_engine_it_reports_that_loudly(
     tmp_path: Path, words: tuple[str, ...], code: int
 ) -> None:
-    """Nothing is tried and nothing passes silently: a line for people, a code for programs."""
+    """No test runs and none passes silently: a line for people, a code for programs."""
     environment = {**os.environ, "PATH": str(tmp_path), "DOCKER_HOST": f"unix://{tmp_path}/none"}
     done = subprocess.run(
         [sys.executable, "-m", "tools.compose_test", *words],
@@ -32,7 +32,7 @@ def test_without_an_engine_it_says_so_loudly(
 
 
 class Machine:
-    """What a witness tells of a machine that stood still for so long."""
+    """Report of a witness about a machine that stood still for so long."""
 
     def __init__(self, stalled_s: float) -> None:
         self.stalled_s = stalled_s
@@ -64,7 +64,7 @@ def at_home(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def operator(stalled_s: float) -> Operator:
-    """Return who stands in front of a cell on such a machine."""
+    """Return the operator of a cell on such a machine."""
     cell, transport = load_cell(ROOT / "cells" / "demo.yaml"), MemoryTransport()
     bus = Bus(topics.CLIENT, cell.cell, transport, cell, ManualClock())
     return Operator(bus, cell, Machine(stalled_s))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""README.md and docs: a figure that no command wrote, and nobody has read, fails here."""
+"""README.md and docs: a figure that no command wrote, and no reviewer listed, fails here."""
 
 import random
 import re
@@ -48,7 +48,7 @@ def test_a_planted_change_of_any_figure_is_found(copy: Path) -> None:
 @pytest.mark.parametrize(
     "added", ["It settles in 12 ms.", "5.3 times faster", "to 0.01 N·m", "99 %"]
 )
-def test_a_new_figure_that_nobody_has_read_is_found(copy: Path, added: str) -> None:
+def test_a_new_figure_without_review_is_found(copy: Path, added: str) -> None:
     """Wherever it is written."""
     page = copy / "README.md"
     page.write_text(f"{page.read_text('utf-8')}\n{added}\n", "utf-8")
@@ -56,7 +56,7 @@ def test_a_new_figure_that_nobody_has_read_is_found(copy: Path, added: str) -> N
 
 
 def test_a_block_is_put_in_the_place_of_the_old_one_with_its_stamp(tmp_path: Path) -> None:
-    """Name, command, commit and day stand in its mark; what stands around it stays."""
+    """Name, command, commit and day stand in its mark; the text around it stays."""
     page = tmp_path / "page.md"
     page.write_text(f"before\n{figures.block('speed', 'old', 'make old')}\nafter\n")
     figures.replace_block(page, "speed", "| 7 ms |", 'make bench ARGS="speed --write"')

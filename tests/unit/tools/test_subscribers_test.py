@@ -1,4 +1,4 @@
-"""The example subscriber knows nothing of ours but what the documentation says."""
+"""The example subscriber uses nothing of the project but its documentation."""
 
 import ast
 
@@ -11,15 +11,15 @@ from tools.subscribers_test import (
     THERE,
     first_line,
     numbers,
+    publishing_hub,
     python,
-    speaking_hub,
 )
 
 
 @pytest.mark.realtime
 def test_the_python_subscriber_reads_the_force() -> None:
     """To the last digit, through a hub of ours."""
-    with speaking_hub() as endpoint:
+    with publishing_hub() as endpoint:
         assert numbers(first_line(python(endpoint))) == FORCE_N
 
 

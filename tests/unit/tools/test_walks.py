@@ -1,4 +1,4 @@
-"""The walks through the code that CONTRIBUTING counts: what is traced, and that it is so."""
+"""The walks through the code that CONTRIBUTING counts: their steps, and their figures."""
 
 import re
 
@@ -9,8 +9,8 @@ from tools.walks import WALKS, main
 
 
 @pytest.mark.parametrize("name", WALKS)
-def test_no_walk_is_longer_than_the_page_says(name: str) -> None:
-    """Nor shorter by more than a tenth: then the page is to say so."""
+def test_no_walk_is_longer_than_on_the_page(name: str) -> None:
+    """Nor shorter by more than a tenth: then the page must be updated."""
     page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     (row,) = re.findall(rf"^ +{name}: +(\d+) files, (\d+) functions$", page, re.MULTILINE)
     trace = WALKS[name]()
@@ -21,11 +21,11 @@ def test_no_walk_is_longer_than_the_page_says(name: str) -> None:
 def test_a_walk_goes_from_service_to_service_as_the_data_does(capsys) -> None:
     """Sensor, wrench, regulator, arbiter; each file is listed with its functions."""
     main(["--list"])
-    told = capsys.readouterr().out
-    sample = told.partition("sample over TCP:")[0]
+    output = capsys.readouterr().out
+    sample = output.partition("sample over TCP:")[0]
     stations = ["sensor_feed.py", "services/wrench/", "services/regulator/", "services/arbiter/"]
     places = [sample.index(station) for station in stations]
     assert places == sorted(places)
     assert "services/regulator/adaptive.py: advance" in sample
-    assert "cli/" not in told
-    assert "launch/" not in told
+    assert "cli/" not in output
+    assert "launch/" not in output

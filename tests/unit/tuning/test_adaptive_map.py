@@ -1,4 +1,4 @@
-"""Outside what was measured the adaptive law gives way to the plain one, and says so."""
+"""Map of the adaptive law: outside the measured range the plain law runs, with a message."""
 
 import numpy as np
 import pytest
@@ -28,8 +28,8 @@ def cell_at(loop_hz: float, delay_s: float) -> CellConfig:
     [(250, 10, 1e3), (250, 60, 1e3), (60, 60, 1e3), (40, 45, 5e3), (15, 60, 5e3), (15, 30, 2e3),
      (14, 30, None), (60, 61, None), (250, 71, None)],
 )  # fmt: skip
-def test_the_map_says_from_which_contact_on_the_law_holds(loop_hz, delay_ms, softest) -> None:
-    """A slow loop with a late arm bears no soft contact; what is beyond all rows bears none."""
+def test_the_map_gives_the_softest_contact_of_the_law(loop_hz, delay_ms, softest) -> None:
+    """A slow loop with a long delay excludes soft contacts; beyond all rows no contact is valid."""
     cell = cell_at(loop_hz, delay_ms / 1e3)
     assert softest_N_m(cell) == softest
     assert bool(restriction(cell)) == (softest != 1e3)
@@ -37,7 +37,7 @@ def test_the_map_says_from_which_contact_on_the_law_holds(loop_hz, delay_ms, sof
 
 @given(st.floats(15.0, 60.0), st.floats(0.031, 0.06), st.floats(200.0, 2e5))
 def test_below_its_softest_contact_the_gain_is_the_plain_laws(loop_hz, delay_s, k_N_m) -> None:
-    """And nothing is foreseen there; from there on it is its own."""
+    """Below it the law predicts nothing; above it the gain is the adaptive one."""
     settings = AdaptiveSettings.of(cell_at(loop_hz, delay_s))
     Ki, w = gain_for(np.full(3, k_N_m), settings, 1.0 / loop_hz)
     if k_N_m < settings.softest_N_m:
@@ -46,7 +46,7 @@ def test_below_its_softest_contact_the_gain_is_the_plain_laws(loop_hz, delay_s, 
     assert settings.softest_N_m in {row.softest_N_m for row in MEASURED}
 
 
-def test_a_start_outside_the_map_runs_the_plain_law_with_a_sentence() -> None:
+def test_a_start_outside_the_map_runs_the_plain_law_and_reports_it() -> None:
     """The answer and the target name the law that runs."""
     bench = RegulatorBench(cell_at(60.0, 0.1))
     bench.pass_s(0.3)
@@ -55,16 +55,16 @@ def test_a_start_outside_the_map_runs_the_plain_law_with_a_sentence() -> None:
     assert "law plain" in reply.text
     assert "never measured at 60 Hz and 100 ms" in reply.text
     bench.step()
-    assert bench.said().law == "plain"
+    assert bench.published().law == "plain"
 
 
-def test_a_start_inside_the_map_says_nothing_or_from_where_on_it_holds() -> None:
-    """At full rate no word; in a slow loop with a late arm the softest contact."""
-    for cell, says in ((cell_at(250.0, 0.01), ""), (cell_at(40.0, 0.045), "from 5000 N/m upwards")):
+def test_a_start_inside_the_map_reports_only_a_restricted_range() -> None:
+    """At full rate no remark; in a slow loop with a long delay the softest contact."""
+    for cell, note in ((cell_at(250.0, 0.01), ""), (cell_at(40.0, 0.045), "from 5000 N/m upwards")):
         bench = RegulatorBench(cell)
         bench.pass_s(0.3)
         reply = bench.start(ADAPTIVE)
         assert "law adaptive" in reply.text
-        assert says in reply.text
+        assert note in reply.text
         assert law_settings(cell).approach_m_s > 0.0
-        assert ("plain" in reply.text) == bool(says)
+        assert ("plain" in reply.text) == bool(note)

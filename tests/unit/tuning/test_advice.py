@@ -1,4 +1,4 @@
-"""What tune advises is safe by its own margins, and a cell takes the file that it writes."""
+"""Advice of `tune`: gains are safe by their stated margins, and a cell file can use the result."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.errors import ConfigError, DataError
 from forcemesh.messages import Host
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, DEMO
 from tuning import advice
 from tuning.advice import MeasuredCell, advise
 from tuning.contact_response import ContactResponse
@@ -22,7 +22,6 @@ from tuning.gain_rule import tune
 from tuning.margins import Loop, margins
 from tuning.servo import Servo
 
-CELL_FILE = Path(__file__).resolve().parents[3] / "cells" / "demo.yaml"
 SERVO = Servo(0.03, 5e-4, 0.005, 0.012)
 SPRING = Spring(2e4, 100.0)
 measured = st.builds(
@@ -45,10 +44,10 @@ def advised(found: MeasuredCell, **now: float) -> advice.Advice:
 
 @settings(max_examples=6)
 @given(found=measured)
-def test_what_is_recommended_is_stable_with_the_margins_that_are_stated(
+def test_recommended_gains_are_stable_with_the_stated_margins(
     found: MeasuredCell,
 ) -> None:
-    """At least 50 degrees and a factor of two, and at 0.9 of the delay margin more it still is."""
+    """At least 50 degrees and a factor of two; 0.9 of the delay margin more is still stable."""
     for one in (advised(found).force, advised(found).torque):
         assert one.margins.stable
         assert one.margins.phase_deg >= advice.LEAST_PHASE_DEG
@@ -80,11 +79,11 @@ def test_what_is_recommended_is_stable_with_the_margins_that_are_stated(
 def test_the_lines_give_a_cell_the_gains_that_are_recommended(
     found: MeasuredCell, tmp_path_factory
 ) -> None:
-    """Written, named by a cell file, loaded: the same gains or a little less, and it can arm."""
+    """A cell that loads the written file has the same gains or slightly lower ones, and can arm."""
     one = advised(found)
     folder = tmp_path_factory.mktemp("cell")
     words.save(folder / "tuning.yaml", advice.cell_file_sections(CELL, found, [one]))
-    text = CELL_FILE.read_text().replace("force: {}", "force: {}\ntuning: tuning.yaml")
+    text = DEMO.read_text().replace("force: {}", "force: {}\ntuning: tuning.yaml")
     (folder / "cell.yaml").write_text(text)
     cell = load_cell(folder / "cell.yaml")
     gain = tune(cell).force_i_m_per_Ns
@@ -98,8 +97,8 @@ def test_the_lines_give_a_cell_the_gains_that_are_recommended(
     assert load_cell(folder / "cell.yaml", {"robot.delay_s": 0.2}).robot.delay_s == 0.2
 
 
-def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
-    """Ten times the rule's: not stable; none at all: does nothing; no press: it is said."""
+def test_a_gain_that_is_unstable_for_the_measured_cell_is_reported() -> None:
+    """Ten times the rule's gain: not stable; zero: no effect; no press: stiffness not measured."""
     found = MeasuredCell(SERVO, SPRING)
     one = advised(found, force_now=10.0 * advised(found).force.gain, torque_now=0.0)
     lines = words.report_lines(CELL, found, [one], advice.cell_file_sections(CELL, found, [one]))
@@ -108,18 +107,21 @@ def test_a_gain_that_does_not_bear_what_was_found_is_called_so() -> None:
     assert any("20000 +/- 200 N/m" in line for line in lines)
     assert any("together 30.0 +/- 1.0 ms" in line and "20.7 ms)" in line for line in lines)
     assert any("be separated: lag 5.0 to 12.0 ms (cell file: 10.7" in line for line in lines)
-    blind = MeasuredCell(found.servo, None)
+    without_press = MeasuredCell(found.servo, None)
     lines = words.report_lines(
-        CELL, blind, [advised(blind)], advice.cell_file_sections(CELL, blind, [advised(blind)])
+        CELL,
+        without_press,
+        [advised(without_press)],
+        advice.cell_file_sections(CELL, without_press, [advised(without_press)]),
     )
     assert any("stiffness not measured (cell file: 20000)" in line for line in lines)
-    plain = advice.as_dict(CELL, blind, [advised(blind, force_now=0.0)], {})
+    plain = advice.as_dict(CELL, without_press, [advised(without_press, force_now=0.0)], {})
     assert plain["hosts"]["pc"]["position_now"]["delay_s"] is None
-    assert plain["tau_s"] == pytest.approx(advised(blind).tau_s)
+    assert plain["tau_s"] == pytest.approx(advised(without_press).tau_s)
 
 
-def test_the_slower_host_decides_what_the_cell_file_says() -> None:
-    """One delay serves both: the controller's, when its loop is the slower one, with its bound."""
+def test_the_slower_host_sets_the_delay_of_the_cell_file() -> None:
+    """Both hosts share one delay: the controller's bound, when its loop is the slower one."""
     found = MeasuredCell(SERVO, SPRING, ContactResponse(0.12, 0.002))
     both = [
         advise(CELL, found, host, force_now=1e-3, torque_now=0.1) for host in ("pc", "controller")
@@ -133,8 +135,8 @@ def test_the_slower_host_decides_what_the_cell_file_says() -> None:
     assert any("own loop 120 +/- 4 ms" in line for line in lines)
 
 
-def test_the_gains_are_for_the_worst_split_and_for_two_deviations_more_delay() -> None:
-    """No gain is larger than that of either end of the range; less sure means less gain."""
+def test_gains_allow_for_the_worst_split_and_two_standard_deviations_of_delay() -> None:
+    """The gain is below those of both ends of the range; more uncertainty means less gain."""
     found = MeasuredCell(SERVO, SPRING)
     one = advised(found)
     for lag_s in SERVO.lags_s:
@@ -144,19 +146,19 @@ def test_the_gains_are_for_the_worst_split_and_for_two_deviations_more_delay() -
     assert advised(replace(found, servo=unsure)).force.gain < one.force.gain
 
 
-def test_the_cells_own_lag_stays_where_it_may_be_and_none_is_zero() -> None:
+def test_the_lag_of_the_cell_file_stays_within_the_range_and_above_zero() -> None:
     """10.7 ms of the demo's cell lie in the range; elsewhere it is the nearest end."""
-    for least_s, most_s, said_s in (
+    for least_s, most_s, expected_s in (
         (0.005, 0.012, 0.0107), (0.002, 0.004, 0.004), (0.015, 0.018, 0.015), (0.0, 0.0, 1e-4),
     ):  # fmt: skip
         found = MeasuredCell(replace(SERVO, lag_least_s=least_s, lag_most_s=most_s), None)
         robot = advice.cell_file_sections(CELL, found, [advised(found)])["robot"]
-        assert robot["lag_s"] == pytest.approx(said_s)
+        assert robot["lag_s"] == pytest.approx(expected_s)
         assert robot["delay_s"] + robot["lag_s"] == pytest.approx(SERVO.bound_s, abs=1.1e-3)
 
 
 @pytest.mark.parametrize(
-    ("found", "loop_hz", "says"),
+    ("found", "loop_hz", "reason"),
     [
         (MeasuredCell(replace(SERVO, sum_s=0.16), SPRING), 250.0, "too slow: the loop delay is "),
         (
@@ -172,45 +174,45 @@ def test_the_cells_own_lag_stays_where_it_may_be_and_none_is_zero() -> None:
         (MeasuredCell(SERVO, Spring(2e5, 1e3)), 15.0, ""),
     ],
 )
-def test_nothing_is_recommended_beyond_what_the_law_was_measured_for(
-    found: MeasuredCell, loop_hz: float, says: str
+def test_nothing_is_recommended_outside_the_measured_range_of_the_law(
+    found: MeasuredCell, loop_hz: float, reason: str
 ) -> None:
-    """What is too slow, too stiff or too soft is said, and no gain and no line of a file."""
+    """Too slow, too stiff or too soft: the reason is reported, without gains or file lines."""
     cell = at_hz(loop_hz)
     hosts: tuple[Host, ...] = ("pc",) if found.controller is None else ("pc", "controller")
     both = [advise(cell, found, host, force_now=1e-3, torque_now=0.1) for host in hosts]
     sections = advice.cell_file_sections(cell, found, both)
     why_not = advice.refusal_reason(cell, found, both)
-    assert says in why_not
-    assert bool(why_not) == bool(says)
+    assert reason in why_not
+    assert bool(why_not) == bool(reason)
     lines = words.report_lines(cell, found, both, sections)
-    assert any("recommended  " in line for line in lines) != bool(says)
-    assert ("for the cell file:" in lines) != bool(says)
-    assert lines[-1].startswith("nothing is recommended: too") == bool(says)
+    assert any("recommended  " in line for line in lines) != bool(reason)
+    assert ("for the cell file:" in lines) != bool(reason)
+    assert lines[-1].startswith("nothing is recommended: too") == bool(reason)
     plain = advice.as_dict(cell, found, both, sections)
-    assert (plain["cell_file"] is None) == bool(says)
-    assert all(("gains" in host) != bool(says) for host in plain["hosts"].values())
+    assert (plain["cell_file"] is None) == bool(reason)
+    assert all(("gains" in host) != bool(reason) for host in plain["hosts"].values())
     assert plain["refused"] == (why_not or None)
 
 
-def test_what_the_adaptive_law_does_not_bear_is_remarked() -> None:
-    """Where the cell's law is the adaptive one: softest contact of its map, delay not sharp."""
+def test_limits_of_the_adaptive_law_are_remarked() -> None:
+    """With the adaptive law: the softest contact of its map, and an uncertain delay."""
     adaptive = {"force": CELL.force.model_copy(update={"law": "adaptive"})}
     found = MeasuredCell(replace(SERVO, deviation_s=0.002), SPRING)
     sections = advice.cell_file_sections(CELL, found, [advised(found)])
     assert advice.remarks(CELL, found, sections) == []
-    said = advice.remarks(CELL.model_copy(update=adaptive), found, sections)
-    assert len(said) == 1
-    assert "overestimated" in said[0]
+    found_remarks = advice.remarks(CELL.model_copy(update=adaptive), found, sections)
+    assert len(found_remarks) == 1
+    assert "overestimated" in found_remarks[0]
     slow = at_hz(15.0).model_copy(update=adaptive)
-    said = advice.remarks(slow, found, sections)
-    assert "valid from 2000 N/m upwards" in said[0]
+    found_remarks = advice.remarks(slow, found, sections)
+    assert "valid from 2000 N/m upwards" in found_remarks[0]
     sharp = replace(found, servo=SERVO)
     assert (
         len(advice.remarks(slow, sharp, advice.cell_file_sections(CELL, sharp, [advised(sharp)])))
         == 1
     )
-    assert len(said) == 2
+    assert len(found_remarks) == 2
 
 
 def at_hz(loop_hz: float) -> CellConfig:
@@ -220,7 +222,7 @@ def at_hz(loop_hz: float) -> CellConfig:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "reason"),
     [
         ("- 1\n", "it must hold sections"),
         ("robot: 3\n", "it must hold sections"),
@@ -228,22 +230,20 @@ def at_hz(loop_hz: float) -> CellConfig:
         ("limits: {force_N: 900}\n", "limits.force_N"),
     ],
 )
-def test_a_tuning_file_may_say_what_is_measured_and_nothing_else(
-    tmp_path: Path, text, says
-) -> None:
-    """No limit goes up through the back door; a file that is not there is said, too."""
+def test_a_tuning_file_holds_only_measured_values(tmp_path: Path, text, reason) -> None:
+    """A tuning file cannot raise a limit; a missing file is reported."""
     (tmp_path / "tuning.yaml").write_text(text)
     cell = tmp_path / "cell.yaml"
-    cell.write_text(CELL_FILE.read_text() + "\ntuning: tuning.yaml\n")
-    with pytest.raises(ConfigError, match=says):
+    cell.write_text(DEMO.read_text() + "\ntuning: tuning.yaml\n")
+    with pytest.raises(ConfigError, match=reason):
         load_cell(cell)
     (tmp_path / "tuning.yaml").unlink()
     with pytest.raises(ConfigError, match="no such file"):
         load_cell(cell)
 
 
-def test_a_file_that_was_there_is_kept_beside_the_new_one(tmp_path: Path) -> None:
-    """As `calibrate` does; where nothing can be written it is said."""
+def test_a_previous_file_is_kept_as_a_copy(tmp_path: Path) -> None:
+    """As with `calibrate`; a folder that cannot be written is reported."""
     path = tmp_path / "sub" / "tuning.yaml"
     words.save(path, {"robot": {"delay_s": 0.01}})
     words.save(path, {"robot": {"delay_s": 0.02}})

@@ -1,4 +1,4 @@
-"""The gain rule: what becomes of stiffness, delay and inertia in a cell file."""
+"""Gain rule: gains from the stiffness, delay and inertia of a cell file."""
 
 from math import inf, nextafter, pi
 
@@ -28,7 +28,7 @@ def cell_of(k: float, k_tilt: float, delay_s: float) -> CellConfig:
     [("gentle", 0.2, 0.5 * 0.2 / 0.45), ("normal", 0.45, 0.5), ("stiff", 0.6, 0.5)],
 )
 @given(k=st.floats(1e3, 1e6), k_tilt=st.floats(1.0, 1e4), delay_s=st.floats(0.0, 0.2))
-def test_the_gain_rule_is_045_over_k_tau_unless_inertia_is_in_the_way(
+def test_the_gain_rule_is_045_over_k_tau_unless_inertia_limits_the_gain(
     preset: Preset, loop_gain: float, inertia: float, k: float, k_tilt: float, delay_s: float
 ) -> None:
     """K Ki tau = 0.2, 0.45 or 0.6, or Ki = 0.5 / (m w_b) where that is less; torque alike."""
@@ -40,7 +40,7 @@ def test_the_gain_rule_is_045_over_k_tau_unless_inertia_is_in_the_way(
     assert tuning.torque_i_rad_per_Nms == pytest.approx(torque)
 
 
-def test_normal_is_what_is_taken_where_no_preset_is_named() -> None:
+def test_the_default_preset_is_normal() -> None:
     """Services and messages that know no presets get the rule of the cell file."""
     assert tune(CELL) == tune(CELL, "normal")
 
@@ -48,7 +48,7 @@ def test_normal_is_what_is_taken_where_no_preset_is_named() -> None:
 @pytest.mark.parametrize(
     ("k", "k_tilt", "delay_s"), [(2e4, 100.0, 0.01), (1e3, 1.0, 0.0), (1e6, 1e4, 0.2)]
 )
-def test_what_is_called_unstable_begins_beyond_the_ends_of_theory(
+def test_gains_are_reported_unstable_only_above_the_theoretical_limit(
     k: float, k_tilt: float, delay_s: float
 ) -> None:
     """K Kp = 1, k Ki tau = pi / 2 and Ki = 1 / (m w_b), the last number allowed; torque alike."""
@@ -78,15 +78,17 @@ def test_what_is_called_unstable_begins_beyond_the_ends_of_theory(
     st.floats(0.0, 0.2),
     st.sampled_from(sorted(type(tune(CELL).gains).model_fields)),
 )
-def test_no_preset_is_unstable_and_what_would_be_is_named(preset, k, k_tilt, delay_s, name) -> None:
-    """Any cell: the rule's own gains pass, one gain that is a thousand times too much does not."""
+def test_no_preset_is_unstable_and_an_unstable_gain_is_named(
+    preset, k, k_tilt, delay_s, name
+) -> None:
+    """The rule's own gains pass in any cell; a gain that is a thousand times too large does not."""
     cell = cell_of(k, k_tilt, delay_s)
     gains = tune(cell, preset).gains
     assert not instability(cell, gains)
     rule = (gains.force_i_m_per_Ns[0], gains.torque_i_rad_per_Nms[0])
-    much = 1e3 * max(*rule, 1.0 / k, 1.0 / k_tilt)
-    said = instability(cell, gains.model_copy(update={name: (0.0, 0.0, much)}))
-    assert f": {name} above " in said
+    excessive_gain = 1e3 * max(*rule, 1.0 / k, 1.0 / k_tilt)
+    message = instability(cell, gains.model_copy(update={name: (0.0, 0.0, excessive_gain)}))
+    assert f": {name} above " in message
 
 
 @pytest.mark.parametrize(
@@ -98,7 +100,7 @@ def test_no_preset_is_unstable_and_what_would_be_is_named(preset, k, k_tilt, del
         ("filter", {"median": 5}, 0.002),  # a window of five is a sample later than one of three
         ("filter", {"median": 1}, -0.002),
         ("rates", {"sensor_hz": 100.0}, 0.008),  # the median's sample, five times as long
-        ("rates", {"control_hz": 50.0}, 0.008),  # on average half a period is waited
+        ("rates", {"control_hz": 50.0}, 0.008),  # the mean wait is half a period
     ],
 )
 def test_all_delay_of_the_loop_counts(
@@ -112,21 +114,21 @@ def test_all_delay_of_the_loop_counts(
 
 
 def test_tau_is_the_sum_of_its_parts() -> None:
-    """Nothing else is in it: the demo cell's numbers by hand."""
+    """The demo cell's numbers, added by hand, are the whole delay."""
     parts_s = (0.010, 0.0107, 0.005, 0.002, 0.002, CELL.force.chain_s)
 
     assert loop_delay_s(CELL) == pytest.approx(sum(parts_s))
 
 
-def test_proportional_gains_are_zero_unless_somebody_sets_them() -> None:
-    """They only fight known lag; the same integral gain on all axes."""
+def test_proportional_gains_are_zero_by_default() -> None:
+    """Proportional action only compensates known lag; all axes have the same integral gain."""
     assert not GAINS.force_p_m_per_N.any()
     assert not GAINS.torque_p_rad_per_Nm.any()
     assert len(set(GAINS.force_i_m_per_Ns)) == len(set(GAINS.torque_i_rad_per_Nms)) == 1
 
 
-def test_the_approach_is_as_slow_as_its_force_budget_asks_for() -> None:
-    """The first touch adds about k v tau: never more than budget or probe, nor over the wish."""
+def test_the_approach_speed_keeps_the_first_touch_within_its_force_budget() -> None:
+    """The first touch adds about k v tau: at most budget or probe; the set speed is a limit too."""
     tau_s = tune(CELL).tau_s
     for stiffness in (1e3, 2e4, 1e6):
         contact = CELL.contact.model_copy(update={"stiffness_N_m": stiffness})

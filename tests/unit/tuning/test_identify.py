@@ -1,4 +1,4 @@
-"""Delay, lag and stiffness come out of noisy records as they went in, or it is said why not."""
+"""Identification of delay, lag and stiffness from noisy records, and its refusals."""
 
 from math import sqrt
 
@@ -17,8 +17,8 @@ from tuning.servo import servo_of, sums
 FINE_S = 2e-4
 
 
-def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, seen_hz=250.0, seed=0, smooth=0.0) -> Steps:
-    """Return 4 mm out and back at 40 mm/s, seen through a delay and two equal lags.
+def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, pose_hz=250.0, seed=0, smooth=0.0) -> Steps:
+    """Return 4 mm out and back at 40 mm/s, measured after a delay and two equal lags.
 
     Integrated in small steps, unlike the model that is fitted. `smooth` is the share of the lag
     that is a moving average; `late_s` the deviation of the stamps.
@@ -39,10 +39,10 @@ def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, seen_hz=250.0, seed=0, sm
         arm += share * (0.5 * (before + first) - arm)
         arms.append(arm)
     rng = np.random.default_rng(seed)
-    seen_s = np.arange(delay_s + 0.001, 1.6, 1.0 / seen_hz)
-    seen_m = np.interp(seen_s - delay_s - FINE_S, fine_s, arms)
-    seen_s = np.sort(seen_s + rng.normal(0.0, late_s, len(seen_s)))
-    return Steps(sent_s, sent_m, seen_s, seen_m + 0.7 + rng.normal(0.0, noise_m, len(seen_s)))
+    pose_s = np.arange(delay_s + 0.001, 1.6, 1.0 / pose_hz)
+    pose_m = np.interp(pose_s - delay_s - FINE_S, fine_s, arms)
+    pose_s = np.sort(pose_s + rng.normal(0.0, late_s, len(pose_s)))
+    return Steps(sent_s, sent_m, pose_s, pose_m + 0.7 + rng.normal(0.0, noise_m, len(pose_s)))
 
 
 @settings(max_examples=6)
@@ -53,11 +53,11 @@ def record(delay_s, lag_s, noise_m=0.0, *, late_s=0.0, seen_hz=250.0, seed=0, sm
     st.sampled_from([40.0, 100.0, 250.0]),
     st.integers(0, 99),
 )
-@example(0.0, 0.0078125, 1.167e-5, 40.0, 1)  # few poses: two lags fit alike
-@example(0.0, 0.00390625, 3e-5, 250.0, 0)  # poses in step with the commands: so do several sums
-def test_delay_and_lag_together_are_found_through_noise(d_s, lag_s, noise_m, seen_hz, seed) -> None:
-    """As far as is said, by each number of stages; with the right number the lag, too."""
-    fits = identify_servo(record(d_s, lag_s, noise_m, seen_hz=seen_hz, seed=seed))
+@example(0.0, 0.0078125, 1.167e-5, 40.0, 1)  # few poses: two lags fit equally well
+@example(0.0, 0.00390625, 3e-5, 250.0, 0)  # poses synchronous with the commands: several sums fit
+def test_delay_and_lag_together_are_found_through_noise(d_s, lag_s, noise_m, pose_hz, seed) -> None:
+    """Within the stated deviation for each number of stages; the right number gives the lag."""
+    fits = identify_servo(record(d_s, lag_s, noise_m, pose_hz=pose_hz, seed=seed))
     assert tuple(fit.stages for fit in fits) == STAGES
     two = fits[1]
     assert two.sum_s == pytest.approx(d_s + lag_s, abs=4.0 * two.sum_deviation_s + 2e-4)
@@ -67,8 +67,8 @@ def test_delay_and_lag_together_are_found_through_noise(d_s, lag_s, noise_m, see
         assert fit.sum_s == pytest.approx(d_s + lag_s, abs=4.0 * fit.sum_deviation_s + 1e-3)
 
 
-def test_what_is_said_of_the_sum_is_true_of_19_in_20() -> None:
-    """Forty records with noise: two deviations hold the sum in 36, and are not generous."""
+def test_the_stated_deviation_of_the_sum_covers_19_of_20_records() -> None:
+    """Of 40 noisy records two deviations cover the sum in 36, and the deviation is not too wide."""
     errors = []
     for seed in range(40):
         two = identify_servo(record(0.013, 0.011, 1e-5, seed=seed))[1]
@@ -85,10 +85,10 @@ def test_what_is_said_of_the_sum_is_true_of_19_in_20() -> None:
     st.sampled_from([1e-6, 1e-5]),
     st.integers(0, 99),
 )
-def test_an_arm_that_is_none_of_the_models_is_within_what_is_said(
+def test_an_arm_unlike_every_model_is_within_the_stated_bounds(
     d_s, lag_s, smooth, noise_m, seed
 ) -> None:
-    """Its sum within two deviations, its lag within the range, and the bound is never too short."""
+    """Its sum is within two deviations, its lag within the range; the bound is never too short."""
     records = [record(d_s, lag_s, noise_m, smooth=smooth, seed=seed + n) for n in range(2)]
     found = servo_of([(identify_servo(one),) for one in records])
     assert abs(found.sum_s - d_s - lag_s) <= 2.0 * found.deviation_s
@@ -100,8 +100,8 @@ def test_an_arm_that_is_none_of_the_models_is_within_what_is_said(
 
 
 @pytest.mark.parametrize(("lag_s", "is_split"), [(0.0015, True), (0.0107, False)])
-def test_the_split_is_told_where_all_numbers_of_stages_agree(lag_s: float, is_split) -> None:
-    """That is where there is little lag; the demo's 10.7 ms may be 5 to 12."""
+def test_the_split_is_reported_where_all_numbers_of_stages_agree(lag_s: float, is_split) -> None:
+    """They agree where the lag is short; the demo's 10.7 ms could be 5 to 12 ms."""
     found = servo_of([(identify_servo(record(0.01, lag_s, 1e-6)),)] * 2)
     assert found.is_split == is_split
     least_s, most_s = found.lags_s
@@ -111,8 +111,8 @@ def test_the_split_is_told_where_all_numbers_of_stages_agree(lag_s: float, is_sp
         assert most_s > 0.012
 
 
-def test_rounds_repeat_where_two_in_a_row_are_within_a_millisecond() -> None:
-    """One alone does not; two that are not alike do not, and the deviation holds what is apart."""
+def test_rounds_repeat_when_two_consecutive_ones_agree_within_a_millisecond() -> None:
+    """One round is not enough, nor two that differ; the deviation includes their difference."""
     rounds = [
         (fits_of(delay_s), fits_of(delay_s + 0.0004)) for delay_s in (0.010, 0.014, 0.0131, 0.0133)
     ]
@@ -121,21 +121,21 @@ def test_rounds_repeat_where_two_in_a_row_are_within_a_millisecond() -> None:
     assert servo_of(rounds[2:]).sum_s == pytest.approx(0.0234)
     assert servo_of(rounds[:2]).deviation_s >= 0.002
     axes = servo_of([(fits_of(0.010), fits_of(0.016))] * 2)
-    assert axes.bound_s >= 0.026  # the slower axis is not forgotten
-    answers = [ContactResponse(tau_s, 1e-3) for tau_s in (0.05, 0.06, 0.063)]
-    assert [contact_response.delay_repeats(answers[:n]) for n in range(4)] == [
+    assert axes.bound_s >= 0.026  # the slower axis counts
+    responses = [ContactResponse(tau_s, 1e-3) for tau_s in (0.05, 0.06, 0.063)]
+    assert [contact_response.delay_repeats(responses[:n]) for n in range(4)] == [
         False,
         False,
         False,
         True,
     ]
-    both = contact_response.mean_response(answers[1:])
+    both = contact_response.mean_response(responses[1:])
     assert both.tau_s == pytest.approx(0.0615)
     assert both.bound_s >= 0.063
 
 
 def fits_of(delay_s: float) -> tuple[Fit, ...]:
-    """Return fits that say a delay with 10 ms of lag."""
+    """Return fits with this delay and 10 ms of lag."""
     return tuple(Fit(n, delay_s, 0.01, 1e-6, 1e-5, 1e-4) for n in STAGES)
 
 
@@ -143,51 +143,53 @@ def fits_of(delay_s: float) -> tuple[Fit, ...]:
     st.floats(2.7, 5.3).map(lambda x: 10.0**x),
     st.integers(0, 1000),
 )
-def test_a_stiffness_is_found_and_its_bound_is_rarely_too_soft(k, seed) -> None:
+def test_a_stiffness_is_identified_and_its_bound_is_rarely_too_soft(k, seed) -> None:
     """Five places at rest, poses good to 2 um and forces to 0.02 N: within four deviations."""
     rng = np.random.default_rng(seed)
     forces = np.array([4.0, 8.0, 12.0, 8.0, 4.0])
-    ways = forces / k + rng.normal(0.0, 2e-6, 5)
-    found = fit_spring(ways + 0.2, forces + rng.normal(0.0, 0.02, 5))
+    penetrations = forces / k + rng.normal(0.0, 2e-6, 5)
+    found = fit_spring(penetrations + 0.2, forces + rng.normal(0.0, 0.02, 5))
     assert found.k_N_m == pytest.approx(k, rel=0.02 + 4.0 * 2e-6 * k / 8.0)
     assert found.bound_N_m >= found.k_N_m
 
 
 @settings(max_examples=10)
 @given(st.floats(0.02, 0.15), st.floats(0.1, 0.6), st.integers(0, 99))
-def test_a_closed_loops_delay_is_found_from_its_answer(tau_s, c, seed) -> None:
-    """By another integration than the one that is fitted, through 0.1 N of noise: to 6 ms.
+def test_the_delay_of_a_closed_loop_is_identified_from_its_step_response(tau_s, c, seed) -> None:
+    """The simulation differs from the fitted model, with 0.1 N of noise: within 6 ms.
 
-    And to four of the deviations that are said.
+    The error is also within four stated deviations.
     """
     rate, dt_s = c / tau_s, 2e-4
     t = np.arange(0.0, 3.0, dt_s)
     force, late = np.full(len(t), 5.0), round(tau_s / dt_s)
-    wanted = np.minimum(10.0, 5.0 + 200.0 * t)
+    target = np.minimum(10.0, 5.0 + 200.0 * t)
     for n in range(1, len(t)):
-        then = force[n - 1 - late] - wanted[n - 1 - late] if n > late else 0.0
+        then = force[n - 1 - late] - target[n - 1 - late] if n > late else 0.0
         force[n] = force[n - 1] - rate * dt_s * then
-    seen = slice(0, None, 20)
-    noise = np.random.default_rng(seed).normal(0.0, 0.1, len(t[seen]))
+    sampled = slice(0, None, 20)
+    noise = np.random.default_rng(seed).normal(0.0, 0.1, len(t[sampled]))
     found = loop_delay(
-        t[seen], force[seen] + noise, first_N=5.0, then_N=10.0, ramp_N_s=200.0, rate=rate
+        t[sampled], force[sampled] + noise, first_N=5.0, then_N=10.0, ramp_N_s=200.0, rate=rate
     )
     assert found.tau_s == pytest.approx(tau_s, abs=6e-3)
     assert found.tau_s == pytest.approx(tau_s, abs=4.0 * found.deviation_s + 1e-3)
     assert found.bound_s == pytest.approx(found.tau_s + 2.0 * found.deviation_s)
 
 
-def test_what_the_records_do_not_tell_is_refused_in_one_sentence() -> None:
-    """An arm that stands, that does something else, a press that changes nothing, a mirage."""
+def test_records_without_the_information_are_refused_with_the_reason() -> None:
+    """An arm at rest, another motion, a press without effect, an implausible delay."""
     good = record(0.01, 0.01)
-    stood = Steps(
+    at_rest = Steps(
         good.commanded_s, good.commanded_m, good.measured_s, np.zeros_like(good.measured_m)
     )
     with pytest.raises(DataError, match="did not execute the small steps"):
-        identify_servo(stood)
-    wild = Steps(good.commanded_s, good.commanded_m, good.measured_s, good.measured_m[::-1] * 2.0)
+        identify_servo(at_rest)
+    unrelated = Steps(
+        good.commanded_s, good.commanded_m, good.measured_s, good.measured_m[::-1] * 2.0
+    )
     with pytest.raises(DataError, match="does not match the commanded one"):
-        identify_servo(wild)
+        identify_servo(unrelated)
     with pytest.raises(DataError, match="too few commands and poses"):
         identify_servo(
             Steps(good.commanded_s[:5], good.commanded_m[:5], good.measured_s, good.measured_m)

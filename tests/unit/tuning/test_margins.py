@@ -1,4 +1,4 @@
-"""Margins are what they say: more delay or gain than they leave swings, less does not."""
+"""Margins: a loop with more delay or gain than its margins oscillates, with less it does not."""
 
 from math import inf, pi
 
@@ -22,8 +22,8 @@ loops = st.builds(
 )
 
 
-def swings(loop: Loop) -> bool:
-    """Tell by the model in time whether a release grows instead of dying out."""
+def is_oscillating(loop: Loop) -> bool:
+    """Return whether a release grows instead of decaying, by the model in the time domain."""
     t, force = release_response(loop, 150.0)
     tail = np.abs(force[t > 0.8 * t[-1]]).max()
     middle = np.abs(force[(t > 0.2 * t[-1]) & (t < 0.4 * t[-1])]).max()
@@ -32,24 +32,24 @@ def swings(loop: Loop) -> bool:
 
 @settings(max_examples=12)
 @given(loops)
-def test_the_delay_margin_is_the_delay_that_a_loop_bears(loop: Loop) -> None:
-    """By a model in time that knows no frequencies: four fifths die out, a quarter more swings."""
+def test_the_delay_margin_is_the_added_delay_that_keeps_a_loop_stable(loop: Loop) -> None:
+    """By a model in the time domain: 0.8 of the margin decays, 1.25 of it oscillates."""
     found = margins(loop)
     if not found.stable:
-        assert swings(loop)
+        assert is_oscillating(loop)
         return
     less = Loop(**{**fields(loop), "delay_s": loop.delay_s + 0.8 * found.delay_s})
     more = Loop(**{**fields(loop), "delay_s": loop.delay_s + 1.25 * found.delay_s})
     assert margins(less).stable
     assert not margins(more).stable
-    assert not swings(less)
-    assert swings(more)
+    assert not is_oscillating(less)
+    assert is_oscillating(more)
 
 
 @settings(max_examples=30)
 @given(loops)
-def test_the_gain_margin_is_the_factor_that_a_loop_bears(loop: Loop) -> None:
-    """A little less is stable, a little more is not; and phase and delay margin agree."""
+def test_the_gain_margin_is_the_factor_that_keeps_a_loop_stable(loop: Loop) -> None:
+    """3 % less is stable, 3 % more is not; phase and delay margin agree."""
     found = margins(loop)
     if not found.stable:
         return
@@ -65,7 +65,7 @@ def test_the_gain_margin_is_the_factor_that_a_loop_bears(loop: Loop) -> None:
 
 @given(st.floats(0.005, 0.1), st.floats(3.0, 5.3))
 def test_a_pure_delay_has_the_margins_of_the_textbook(delay_s: float, log_k: float) -> None:
-    """Integrator behind a dead time: the end is at pi/2, the phase left is 90 degrees less c."""
+    """Integrator with dead time: the limit is pi/2, the phase margin 90 degrees minus c."""
     k = 10.0**log_k
     found = margins(Loop(k, 0.45 / (k * delay_s), delay_s, 0.0, 0.0, 0.0))
     assert found.gain == pytest.approx(0.5 * pi / 0.45, rel=2e-3)
@@ -74,8 +74,8 @@ def test_a_pure_delay_has_the_margins_of_the_textbook(delay_s: float, log_k: flo
     assert not margins(Loop(k, 1.6 / (k * delay_s), delay_s, 0.0, 0.0, 0.0)).stable
 
 
-def test_the_rule_settles_in_four_to_five_tau_and_a_heavy_tool_ends_it() -> None:
-    """The documented numbers of the plain law, from the model alone; no gain: it never settles."""
+def test_the_rule_settles_in_four_to_five_tau_unless_the_tool_is_heavy() -> None:
+    """The model gives the documented numbers of the plain law; without gain it never settles."""
     loop = Loop(2e4, 0.0, 0.016, 0.0107, 0.005, 1.2)
     ruled = forecast(loop.with_gain(0.45 / (loop.stiffness * loop.tau_s)))
     assert ruled.settling_s is not None

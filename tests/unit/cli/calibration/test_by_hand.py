@@ -1,4 +1,4 @@
-"""`calibrate --manual` in a virtual cell: a scripted person jogs, types, takes back, gives up."""
+"""`calibrate --manual` in a virtual cell: a scripted person jogs, types, removes poses, ends."""
 
 import os
 
@@ -22,14 +22,14 @@ from tests.fakes.bench import DEMO
 from tests.fakes.calibration import CalibrationLab
 
 INTERRUPT = "Ctrl-C"
-TAKES_S = 1.2  # until a pose has been read, and told
+TAKES_S = 1.2  # until a pose is read and reported
 
 
 class Person:
-    """Types what a script says; between two lines it may jog the arm, as anybody can."""
+    """Person who types the lines of a script; between two lines it may jog the arm."""
 
     def __init__(self, lab: CalibrationLab, verbs: list[object]) -> None:
-        """Verbs: a line to type, joint angles [rad] to go to, seconds to wait."""
+        """Verbs: a line to type, joint angles [rad] to move to, seconds to wait."""
         self.lab, self._verbs = lab, list(verbs)
         self._not_before_ns = 0
         lab.world.advance(0.5)
@@ -42,7 +42,7 @@ class Person:
         state = self._robot.read(now_ns).message
         if state is None or state.status.moving or now_ns < self._not_before_ns:
             return None
-        assert self._verbs, "the script has ended, and the watcher has not"
+        assert self._verbs, "the script has ended, but the recorder has not"
         verb = self._verbs.pop(0)
         if isinstance(verb, np.ndarray):
             self._jog(verb)
@@ -55,7 +55,7 @@ class Person:
     def _jog(self, q: np.ndarray) -> None:
         goal = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=0.9)
         reply = self.lab.bus.ask(topics.MOVE, goal)
-        if not reply.accepted:  # the move before has not quite ended: ask again
+        if not reply.accepted:  # the previous move has not quite ended: request again
             assert reply.code == "busy", reply.text
             self._verbs.insert(0, q)
         self._wait(0.1)
@@ -66,34 +66,36 @@ class Person:
 
 @pytest.fixture
 def lab() -> CalibrationLab:
-    """A cell that nobody drives but the person."""
+    """A cell that only the scripted person moves."""
     return CalibrationLab()
 
 
-def ways_of(lab: CalibrationLab, count: int) -> list[list[np.ndarray]]:
-    """Return the joint goals that lead to each of some attitudes, one after the other."""
+def joint_paths(lab: CalibrationLab, count: int) -> list[list[np.ndarray]]:
+    """Return the joint goals of the paths to some attitudes, in sequence."""
     plan = lab.plan(poses=max(count, 6), verify_poses=0)
-    ways, here = [], plan.route.hub
+    paths, here = [], plan.route.hub
     for place in plan.fit[:count]:
-        ways.append(plan.route.goals(here, plan.q[place]))
+        paths.append(plan.route.goals(here, plan.q[place]))
         here = plan.q[place]
-    ways[0].insert(0, plan.route.hub)
-    return ways
+    paths[0].insert(0, plan.route.hub)
+    return paths
 
 
-def watched(lab: CalibrationLab, verbs: list[object], **wish: int | float | bool) -> PoseRecorder:
-    """Return a watcher after the script has ended."""
-    wanted = HandOptions(**{"poses": 6, "verify_poses": 0, "dwell_s": 0.2, **wish})  # type: ignore[arg-type]
-    return PoseRecorder(lab.bus, lab.cell, wanted, keys=Person(lab, verbs), output=lab.notes)
+def recorder_of(
+    lab: CalibrationLab, verbs: list[object], **options: int | float | bool
+) -> PoseRecorder:
+    """Return a pose recorder with a scripted person."""
+    hand_options = HandOptions(**{"poses": 6, "verify_poses": 0, "dwell_s": 0.2, **options})  # type: ignore[arg-type]
+    return PoseRecorder(lab.bus, lab.cell, hand_options, keys=Person(lab, verbs), output=lab.notes)
 
 
-def test_a_person_jogs_takes_poses_and_gets_a_calibration(lab, tmp_path, capsys):
-    """Enter at each pose, with advice what to do next; then it is written and used."""
-    verbs: list[object] = [verb for way in ways_of(lab, 7) for verb in (*way, "")]
+def test_poses_taken_by_hand_give_a_calibration(lab, tmp_path, capsys):
+    """Enter at each pose, with advice for the next one; the result is written and used."""
+    verbs: list[object] = [verb for path in joint_paths(lab, 7) for verb in (*path, "")]
     job = Job(lab.cell, OutputFiles(tmp_path / "demo.yaml"), VerificationBounds(), use=True)
-    wish = HandOptions(poses=6, verify_poses=1, dwell_s=0.3)
+    options = HandOptions(poses=6, verify_poses=1, dwell_s=0.3)
 
-    assert calibrate(job, wish, lab.bus, Person(lab, verbs)) == 0
+    assert calibrate(job, options, lab.bus, Person(lab, verbs)) == 0
     cell = load_cell(lab_file(tmp_path), {"calibration": "demo.yaml"})
     found = cell.calibration
     assert isinstance(found, CalibrationSection)
@@ -119,58 +121,58 @@ def lab_file(folder):
     return path
 
 
-def test_a_pose_can_be_taken_back_and_a_near_one_is_told(lab):
-    """Twice the same attitude: it says so, and u takes it back; more than there are cannot be."""
-    watcher = watched(lab, ["", "", "u", "u", "u", INTERRUPT])
-    assert record_poses(watcher, lab.notes) == INTERRUPTED
-    assert watcher.dwells == []
+def test_a_pose_can_be_removed_and_a_near_one_is_reported(lab):
+    """A repeated attitude is reported, and u removes it; without poses u is refused."""
+    recorder = recorder_of(lab, ["", "", "u", "u", "u", INTERRUPT])
+    assert record_poses(recorder, lab.notes) == INTERRUPTED
+    assert recorder.dwells == []
     text = "\n".join(lab.notes.lines)
     assert "only 0 degrees from an earlier one" in text
     assert "removed: 0 poses remain" in text
     assert "there is no pose to remove" in text
 
 
-def test_too_few_poses_do_not_end_it(lab):
-    """After q with two poses it says what is missing and goes on watching."""
-    way, *_ = ways_of(lab, 1)
-    watcher = watched(lab, ["", *way, "", "q", INTERRUPT])
-    assert record_poses(watcher, lab.notes) == INTERRUPTED
-    assert len(watcher.dwells) == 2
+def test_too_few_poses_do_not_end_the_recording(lab):
+    """After q with two poses the reason is printed and the recording continues."""
+    path, *_ = joint_paths(lab, 1)
+    recorder = recorder_of(lab, ["", *path, "", "q", INTERRUPT])
+    assert record_poses(recorder, lab.notes) == INTERRUPTED
+    assert len(recorder.dwells) == 2
     assert any("do not determine a fit" in line for line in lab.notes.lines)
 
 
 @pytest.mark.long
-def test_poses_are_taken_by_themselves_when_still_and_new(lab):
-    """--auto-capture: one pose for each attitude, none on the way, none twice."""
-    verbs: list[object] = [verb for way in ways_of(lab, 4) for verb in (*way, 2.5)]
-    watcher = watched(lab, verbs, poses=4, auto=True)
-    assert record_poses(watcher, lab.notes) is None
-    assert len(dwells_of_purpose(watcher.dwells, "fit")) == 4
+def test_auto_capture_takes_each_new_pose_at_rest(lab):
+    """--auto-capture takes one pose for each attitude, none during motion, none twice."""
+    verbs: list[object] = [verb for path in joint_paths(lab, 4) for verb in (*path, 2.5)]
+    recorder = recorder_of(lab, verbs, poses=4, auto=True)
+    assert record_poses(recorder, lab.notes) is None
+    assert len(dwells_of_purpose(recorder.dwells, "fit")) == 4
     assert any("| at rest" in stage for stage in lab.notes.stages)
     assert any("waiting for the arm to rest" in stage for stage in lab.notes.stages)
-    for dwell in watcher.dwells:
+    for dwell in recorder.dwells:
         assert np.ptp(dwell.position_m, axis=0).max() < 1e-4
 
 
-def test_nobody_who_takes_a_pose_is_told(lab):
-    """After q at once there is nothing to calibrate from."""
-    watcher = watched(lab, ["q"])
-    assert record_poses(watcher, lab.notes) == 1
+def test_a_recording_without_poses_is_reported(lab):
+    """After an immediate q there is no pose for a calibration."""
+    recorder = recorder_of(lab, ["q"])
+    assert record_poses(recorder, lab.notes) == 1
     assert lab.notes.lines[-1] == "no pose was recorded"
 
 
-def test_a_sensor_fault_is_shown_and_outlived(lab):
-    """While a person jogs, a silent sensor ends nothing: it is shown until it speaks again."""
+def test_a_sensor_fault_is_shown_and_does_not_end_the_recording(lab):
+    """While a person jogs, the fault of a silent sensor is shown until it publishes again."""
     arm = lab.world.arm
-    watcher = watched(lab, [0.1, "", 1.0, "q", INTERRUPT])
+    recorder = recorder_of(lab, [0.1, "", 1.0, "q", INTERRUPT])
     arm.ft_sensor.disturb = lambda sample: None if 1.9 < arm.time_s < 2.2 else sample
-    assert record_poses(watcher, lab.notes) == INTERRUPTED
+    assert record_poses(recorder, lab.notes) == INTERRUPTED
     assert any("sensor/wrench stale" in stage for stage in lab.notes.stages)
-    assert len(watcher.dwells) == 1
+    assert len(recorder.dwells) == 1
 
 
 def test_lines_are_read_without_waiting_and_the_end_of_input_is_q(monkeypatch):
-    """A person who types nothing keeps nobody waiting; a closed terminal ends it."""
+    """Without input the poll returns at once; a closed terminal ends the recording."""
     read, write = os.pipe()
     with os.fdopen(read) as stdin, os.fdopen(write, "w") as typed:
         monkeypatch.setattr("sys.stdin", stdin)

@@ -1,4 +1,4 @@
-"""Reading at rest: stillness of pose and reading, each sample once, what is lost is read again."""
+"""Reading at rest: stillness of pose and reading, each sample once, repetition after a fault."""
 
 from typing import Any
 
@@ -22,11 +22,11 @@ CELL = demo_cell()
 NOISE_N = 0.1
 
 
-class LivelyClock(ManualClock):
-    """To sleep is to let sensor and robot speak: the sensor each 2 ms, the robot each 4 ms."""
+class PublishingClock(ManualClock):
+    """A clock whose sleep publishes: the sensor every 2 ms, the robot every 4 ms."""
 
     def __init__(self) -> None:
-        """Begin at rest, 10 N on the sensor."""
+        """Start at rest, with 10 N on the sensor."""
         super().__init__()
         self.transport = MemoryTransport()
         self._made = {
@@ -37,15 +37,15 @@ class LivelyClock(ManualClock):
         self.force_N: Any = lambda t_s: 10.0
         self.x_m: Any = lambda t_s: 0.4
         self.fault: Any = lambda t_s: ""
-        self.said: list[float] = []  # z force of every good reading
+        self.published_N: list[float] = []  # z force of every good reading
 
     @property
     def t_s(self) -> float:
-        """Time since the start [s]."""
+        """Return the time since the start [s]."""
         return (self.now_ns() - NS_PER_S) / NS_PER_S
 
     def sleep_s(self, duration_s: float) -> None:
-        """Move on by whole milliseconds, with everybody speaking."""
+        """Advance by whole milliseconds, and publish the messages that are due."""
         for _ in range(max(1, round(1e3 * duration_s))):
             self.advance_ns(1_000_000)
             tick = self.now_ns() // 1_000_000
@@ -54,43 +54,43 @@ class LivelyClock(ManualClock):
                 self._made["robot/state"].put(state)
                 self._made["wrench"].put(WrenchAtTcp(force_N=(0.3, 0.0, 0.0), calibration="abc"))
             if tick % 2 == 0:
-                self._speak()
+                self._publish_reading()
 
-    def _speak(self) -> None:
+    def _publish_reading(self) -> None:
         fault = self.fault(self.t_s)
         if fault:
             message = SensorWrench(valid=False, reason=fault, code="sensor_fault", status="fault")
         else:
             z_N = self.force_N(self.t_s) + NOISE_N * float(self._rng.normal())
-            self.said.append(z_N)
+            self.published_N.append(z_N)
             message = SensorWrench(force_N=(0.0, 0.0, z_N), serial="FT1234")
         self._made["sensor/wrench"].put(message)
 
 
 @pytest.fixture
-def clock() -> LivelyClock:
-    """A clock on which sensor and robot speak."""
-    return LivelyClock()
+def clock() -> PublishingClock:
+    """A clock on which sensor and robot publish."""
+    return PublishingClock()
 
 
 @pytest.fixture
 def gatherer(clock) -> Gatherer:
-    """A client of that cell, which has heard something."""
+    """A client of that cell that has received messages."""
     found = Gatherer(Bus(topics.CLIENT, CELL.cell, clock.transport, CELL, clock), CELL)
     found.until_received()
     return found
 
 
 def no_watch(_what: str) -> None:
-    """Nobody watches."""
+    """Ignore the progress."""
 
 
 def test_a_dwell_holds_each_good_reading_once(clock, gatherer):
-    """As many rows as the sensor said in that time, the very numbers, none twice."""
+    """Each row is one published reading, with its exact numbers, none twice."""
     dwell = gatherer.dwell("fit", 0.5, no_watch)
     assert len(dwell) == 250
-    heard = clock.said[-len(dwell) - 1 :]
-    assert set(np.round(dwell.force_N[:, 2], 12)) <= set(np.round(heard, 12))
+    published_N = clock.published_N[-len(dwell) - 1 :]
+    assert set(np.round(dwell.force_N[:, 2], 12)) <= set(np.round(published_N, 12))
     assert (np.diff(dwell.time_s) > 0.0).all()
     assert dwell.time_s[-1] - dwell.time_s[0] == pytest.approx(0.498)
     assert gatherer.serial == "FT1234"
@@ -99,7 +99,7 @@ def test_a_dwell_holds_each_good_reading_once(clock, gatherer):
     assert dwell.position_m[0] == pytest.approx([0.4, 0.0, 0.32])
 
 
-def test_what_the_cell_leaves_is_taken_about_the_sensor(gatherer):
+def test_the_residual_of_the_cell_is_about_the_sensor(gatherer):
     """A force of 0.3 N at the TCP, 140 mm away, is 42 mN m about the sensor's origin."""
     dwell = gatherer.dwell("verify", 0.3, no_watch)
     assert dwell.residual_N == pytest.approx([0.3, 0.0, 0.0])
@@ -107,8 +107,8 @@ def test_what_the_cell_leaves_is_taken_about_the_sensor(gatherer):
     assert gatherer.active_calibration == "abc"
 
 
-def test_it_waits_until_arm_and_force_are_still(clock, gatherer):
-    """The dwell begins when the motion has ended and the force has settled, not before."""
+def test_a_dwell_begins_when_arm_and_force_are_still(clock, gatherer):
+    """The dwell begins after the end of the motion and the settling of the force."""
     clock.x_m = lambda t_s: 0.4 + 0.05 * max(0.0, 1.0 - t_s)
     clock.force_N = lambda t_s: 10.0 + 5.0 * np.exp(-max(0.0, t_s - 1.0) / 0.3)
     waits: list[str] = []
@@ -121,35 +121,37 @@ def test_it_waits_until_arm_and_force_are_still(clock, gatherer):
 
 
 @pytest.mark.parametrize(
-    ("what", "says"),
+    ("quantity", "sentence"),
     [("x_m", "still waiting for the arm to rest"), ("force_N", "waiting for a steady force")],
 )
-def test_what_never_rests_ends_with_what_was_waited_for(clock, gatherer, what, says):
-    """Ten seconds, then one sentence that names it."""
+def test_waiting_for_rest_ends_with_an_error_that_names_the_cause(
+    clock, gatherer, quantity, sentence
+):
+    """After ten seconds one sentence names the cause."""
     began_s = clock.t_s
-    setattr(clock, what, lambda t_s: 0.4 + 0.8 * t_s)
-    with pytest.raises(CalibrationError, match=says):
+    setattr(clock, quantity, lambda t_s: 0.4 + 0.8 * t_s)
+    with pytest.raises(CalibrationError, match=sentence):
         gatherer.dwell("fit", 0.3, no_watch)
     assert clock.t_s - began_s == pytest.approx(STILL_WITHIN_S, abs=0.2)
 
 
 def test_a_fault_while_reading_is_read_again(clock, gatherer):
-    """A short fault costs one dwell; nothing of the spoilt one is kept."""
+    """After a short fault the whole dwell is repeated."""
     clock.fault = lambda t_s: "a spike" if 0.6 <= t_s < 0.65 else ""
     dwell = gatherer.dwell("fit", 0.3, no_watch)
     assert dwell.time_s[0] > 0.65
     assert len(dwell) == 150
 
 
-def test_a_second_fault_is_an_error_with_the_sensor_s_own_words(clock, gatherer):
-    """It is not tried for ever."""
+def test_a_second_fault_is_an_error_with_the_reason_of_the_sensor(clock, gatherer):
+    """The dwell is repeated only once."""
     clock.fault = lambda t_s: "a loose plug" if t_s % 0.5 > 0.45 else ""
     with pytest.raises(CalibrationError, match=r"failed twice: .*a loose plug"):
         gatherer.dwell("fit", 1.0, no_watch)
 
 
 def test_an_arm_that_moves_while_reading_is_read_again(clock, gatherer):
-    """A push against the arm in the middle of a dwell spoils it."""
+    """A displacement of the arm during a dwell causes its repetition."""
     clock.x_m = lambda t_s: 0.4 if t_s < 0.7 else 0.402
     dwell = gatherer.dwell("fit", 0.5, no_watch)
     assert np.ptp(dwell.position_m, axis=0).max() == 0.0
@@ -157,7 +159,7 @@ def test_an_arm_that_moves_while_reading_is_read_again(clock, gatherer):
 
 
 def test_a_silent_sensor_is_named(clock):
-    """Without any reading there is nothing to wait for."""
+    """The error gives the sensor's reason."""
     clock.fault = lambda t_s: "no power"
     gatherer = Gatherer(Bus(topics.CLIENT, CELL.cell, clock.transport, CELL, clock), CELL)
     with pytest.raises(CalibrationError, match=r"no reading within 2 s: .*no power"):
@@ -180,8 +182,8 @@ def test_stillness_allows_for_the_noise_of_the_sensor():
     assert "steady force (it changed by 0.10 N)" in judged(0.001, 0.1)
 
 
-def test_a_turning_sensor_is_not_still():
-    """The flange may rest while the wrist turns."""
+def test_a_rotating_sensor_is_not_still():
+    """The position may be constant while the wrist rotates."""
     stillness = StillnessDetector()
     for k in range(300):
         R = rotation_from_vector(np.array([0.0, 0.0, 1e-5 * k]))
@@ -192,8 +194,8 @@ def test_a_turning_sensor_is_not_still():
     assert stillness.newest is None
 
 
-def test_what_was_recorded_comes_back_from_its_file(gatherer, tmp_path):
-    """`payload fit` reads the file; rows to fit come first, with the lines that are shown."""
+def test_saved_dwells_are_read_back(gatherer, tmp_path):
+    """`payload fit` reads the file; rows of the fit come first, with their line numbers."""
     dwells = [gatherer.dwell(purpose, 0.2, no_watch) for purpose in ("verify", "fit", "fit")]
     path = tmp_path / "new" / "cell.csv"
     save_dwells(dwells, path)

@@ -1,30 +1,30 @@
-"""The verb `calibrate` on a virtual cell: what it writes, sends and says; usage in one sentence."""
+"""Verb `calibrate` on a virtual cell: files, sending, output and usage errors."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from cli.__main__ import app
 from cli.calibration.send import send_calibration as send_to_cell
 from cli.calibration.verb import ResultDestination
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
-from common.config.payload import Payload, predict
-from common.motion.frames import quaternion_from_R, rotation_from_vector
+from common.config.payload import Payload
 from forcemesh.requests import Reply
-from identification.recording import COLUMNS, read_recording
+from identification.recording import read_recording
+from tests.fakes import verb_calls
 from tests.fakes.bench import DEMO, HALF_RATES
 from tests.fakes.calibration import HOME_RAD, CalibrationLab
+from tests.fakes.payload_csv import write_recording
+from tests.fakes.weights import TRUTH
 
 FAST = ("--poses", "6", "--verify-poses", "1", "--speed", "900", "--dwell", "0.3")
-TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
 
 
 def cell_file(folder: Path, calibration: str | None = "made/demo.yaml") -> Path:
@@ -34,7 +34,7 @@ def cell_file(folder: Path, calibration: str | None = "made/demo.yaml") -> Path:
     tree["rates"] = HALF_RATES
     tree["calibration"] = calibration
     tree["tool"]["name"] = "disc"
-    tree["contact"]["inertia_kg"] = 1.6  # heavier than the tools of these tests
+    tree["contact"]["inertia_kg"] = 1.6  # above the mass of the tools of these tests
     path = folder / "cell.yaml"
     path.write_text(yaml.safe_dump(tree))
     return path
@@ -42,7 +42,7 @@ def cell_file(folder: Path, calibration: str | None = "made/demo.yaml") -> Path:
 
 @pytest.fixture
 def lab(tmp_path, monkeypatch) -> CalibrationLab:
-    """A cell on a virtual clock in the place of the one that is up."""
+    """A cell on a virtual clock that replaces the running one."""
     found = CalibrationLab(load_cell(cell_file(tmp_path)))
 
     @contextmanager
@@ -53,26 +53,24 @@ def lab(tmp_path, monkeypatch) -> CalibrationLab:
     return found
 
 
-def run(*words: object, text: str = "") -> Any:
-    """Run the verb as a person would."""
-    return CliRunner().invoke(app, ["calibrate", *(str(word) for word in words)], input=text)
+run = partial(verb_calls.run, "calibrate")
 
 
-def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path, monkeypatch):
-    """File, readings and report beside each other; the file before is kept; the cell has it.
+def test_the_running_cell_and_its_next_start_use_the_calibration(lab, tmp_path, monkeypatch):
+    """File, readings and report are in one folder; the previous file is kept; the cell uses it.
 
-    The cell judges it at the last pose, where nothing is touched; only then the arm comes back.
+    The cell checks it at the last pose, without contact; only then the arm returns.
     """
-    asked_at = []
+    sent_at = []
 
     def send(bus: Any, section: Any) -> Reply:
-        asked_at.append(np.abs(lab.world.arm.q - HOME_RAD).max())
+        sent_at.append(np.abs(lab.world.arm.q - HOME_RAD).max())
         return send_to_cell(bus, section)
 
     monkeypatch.setattr("cli.calibration.send.send_calibration", send)
     made = tmp_path / "made"
     made.mkdir()
-    (made / "demo.yaml").write_text("what was there before")
+    (made / "demo.yaml").write_text("the previous file")
     result = run("--yes", "--cell", tmp_path / "cell.yaml", *FAST)
 
     assert result.exit_code == 0, result.stderr
@@ -83,11 +81,11 @@ def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path, 
     assert found.payload.mass_kg == pytest.approx(1.0, abs=0.005)
     assert found.verified is not None
     assert found.verified.force_max_N < 0.1
-    assert (made / "demo.before.yaml").read_text() == "what was there before"
+    assert (made / "demo.before.yaml").read_text() == "the previous file"
     assert len(read_recording(made / "demo.csv").line) > 450
     assert f"calibration {found.revision} written to {made / 'demo.yaml'}" in result.stdout
     assert f"calibration {found.revision} is in use" in result.stdout.splitlines()[-1]
-    assert asked_at[0] > np.radians(5.0)
+    assert sent_at[0] > np.radians(5.0)
     assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
     assert "PASS: at 1 fresh pose" in result.stdout
     assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in result.stderr
@@ -100,7 +98,7 @@ def test_it_writes_what_the_cell_loads_and_the_running_cell_uses(lab, tmp_path, 
 
 
 def test_a_failed_verification_writes_nothing(lab, tmp_path):
-    """Exit code 1, the readings and a page to look at; the cell keeps what it has."""
+    """Exit code 1, with readings and a page; the cell keeps its calibration."""
     result = run("--yes", "--max-torque", "0.0001", "--cell", tmp_path / "cell.yaml", *FAST)
     assert result.exit_code == 1
     assert "FAIL: at 1 fresh pose" in result.stdout
@@ -110,8 +108,8 @@ def test_a_failed_verification_writes_nothing(lab, tmp_path):
     assert load_cell(tmp_path / "cell.yaml").calibration is None
 
 
-def test_what_the_cell_would_start_with_is_not_only_written(tmp_path):
-    """--out may not name the file that the cell takes at its next start, unless it is for use."""
+def test_out_must_not_name_the_file_that_the_cell_loads(tmp_path):
+    """--out without --use must not name the file that the cell loads at its next start."""
     named = tmp_path / "made" / "demo.yaml"
     result = run("--out", named, "--cell", cell_file(tmp_path))
     assert result.exit_code == 2
@@ -119,7 +117,7 @@ def test_what_the_cell_would_start_with_is_not_only_written(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("fate", "uses"),
+    ("options", "uses"),
     [
         ({}, False),
         ({"use": True}, True),
@@ -129,14 +127,14 @@ def test_what_the_cell_would_start_with_is_not_only_written(tmp_path):
         ({"moves_arm": True, "force": True}, False),
     ],
 )
-def test_use_is_what_the_wizard_is_for_and_a_wish_of_its_own_elsewhere(fate, uses):
-    """Never by --out, by a recording, by hand, or by --force alone."""
+def test_the_wizard_uses_its_result_and_other_methods_need_the_option(options, uses):
+    """--out, a recording, manual poses or --force alone do not put the result into use."""
     plain = {"out": None, "use": False, "force": False, "moves_arm": False}
-    assert ResultDestination(**(plain | fate)).uses is uses
+    assert ResultDestination(**(plain | options)).uses is uses
 
 
-def test_it_does_not_begin_in_contact(lab, tmp_path):
-    """The force is named, what to do is named, and nothing was moved."""
+def test_a_calibration_does_not_start_in_contact(lab, tmp_path):
+    """The error gives the force and the remedy, and nothing has moved."""
     arm, q = lab.world.arm, lab.world.arm.q
     arm.data.xfrc_applied[arm.model.body("tool").id][2] = 25.0
     lab.world.advance(0.5)
@@ -148,8 +146,8 @@ def test_it_does_not_begin_in_contact(lab, tmp_path):
     assert lab.world.arm.q == pytest.approx(q, abs=2e-3)
 
 
-def test_without_a_yes_nothing_moves(lab, tmp_path):
-    """No, and no answer at all, end in one sentence."""
+def test_without_confirmation_nothing_moves(lab, tmp_path):
+    """The answer no, and no answer, end in one sentence."""
     q = lab.world.arm.q
     for text in ("n\n", ""):
         result = run("--cell", tmp_path / "cell.yaml", *FAST, text=text)
@@ -160,7 +158,7 @@ def test_without_a_yes_nothing_moves(lab, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "sentence"),
     [
         (("--manual", "--verify-only"), "--manual and --verify-only cannot be combined"),
         (("--manual", "--from", "a.csv"), "--manual and --from cannot be combined"),
@@ -173,33 +171,19 @@ def test_without_a_yes_nothing_moves(lab, tmp_path):
         (("--use", "--force"), "--use and --force cannot be combined"),
     ],
 )
-def test_wrong_usage_is_one_sentence_and_exit_code_2(words, says):
-    """Before anything is connected to, let alone moved."""
+def test_wrong_usage_is_one_sentence_and_exit_code_2(words, sentence):
+    """The error precedes any connection or motion."""
     result = run(*words, "--cell", DEMO)
     assert result.exit_code == 2
-    assert says in result.stderr
+    assert sentence in result.stderr
 
 
-# --- from a recording ---------------------------------------------------------------------------
-
-
-def write_recording(path: Path, seed: int, payload: Payload = TRUTH) -> Path:
-    """Write a recording of twelve random attitudes."""
-    rng = np.random.default_rng(seed)
-    lines = [",".join(COLUMNS)]
-    for k in range(12):
-        R = rotation_from_vector(rng.uniform(-3.0, 3.0, 3))
-        force, torque = predict(payload, R)
-        force, torque = force + 0.01 * rng.normal(size=3), torque + 5e-4 * rng.normal(size=3)
-        row = [10.0 * k, 0.5, 0.0, 0.6, *quaternion_from_R(R), *force, *torque]
-        lines.append(",".join(repr(float(v)) for v in row))
-    path.write_text("\n".join(lines) + "\n")
-    return path
+# --- from a recording -----------------------------------------------------------------------------
 
 
 @pytest.fixture
 def quiet_cell(tmp_path) -> Path:
-    """A cell file whose hub nobody has started."""
+    """A cell file whose hub is not running."""
     path = cell_file(tmp_path)
     tree = yaml.safe_load(path.read_text())
     tree["bus"] = {"endpoint": "tcp/127.0.0.1:9"}
@@ -208,13 +192,13 @@ def quiet_cell(tmp_path) -> Path:
 
 
 def calibration_in(path: Path) -> CalibrationSection:
-    """Return the calibration that was written there."""
+    """Return the calibration of a file."""
     return CalibrationSection(**yaml.safe_load(path.read_text()))
 
 
-def test_a_recording_is_enough_and_says_that_it_was_not_verified(tmp_path, quiet_cell):
-    """The robot need not be up; without a second recording there is no verdict, and no use."""
-    recording = write_recording(tmp_path / "a.csv", seed=1)
+def test_a_recording_alone_gives_an_unverified_calibration(tmp_path, quiet_cell):
+    """The cell need not be up; without a second recording there is no verdict and no use."""
+    recording = write_recording(tmp_path / "a.csv", poses=12, seed=1)
     result = run("--from", recording, "--cell", quiet_cell)
     assert result.exit_code == 0, result.stderr
     found = calibration_in(tmp_path / "made" / "demo.unused.yaml")
@@ -225,36 +209,40 @@ def test_a_recording_is_enough_and_says_that_it_was_not_verified(tmp_path, quiet
     assert "the cell does not use it" in result.stdout.splitlines()[-1]
     assert "NOT VERIFIED" in (tmp_path / "made" / "demo.unused.html").read_text()
 
-    wanted = run("--from", recording, "--use", "--cell", quiet_cell)
-    assert wanted.exit_code == 1
-    assert "no fresh pose has verified it" in wanted.stdout.splitlines()[-1]
+    used = run("--from", recording, "--use", "--cell", quiet_cell)
+    assert used.exit_code == 1
+    assert "no fresh pose has verified it" in used.stdout.splitlines()[-1]
     assert load_cell(quiet_cell).calibration is None
 
 
-def test_a_cell_that_names_no_file_is_told_what_to_write(tmp_path, quiet_cell, monkeypatch):
-    """The calibration goes into the present folder, and a line says how the cell finds it."""
+def test_for_a_cell_without_a_calibration_file_the_line_to_add_is_printed(
+    tmp_path, quiet_cell, monkeypatch
+):
+    """The calibration is written below the current folder, with the line for the cell file."""
     monkeypatch.chdir(tmp_path)
     tree = yaml.safe_load(quiet_cell.read_text())
     del tree["calibration"]
     quiet_cell.write_text(yaml.safe_dump(tree))
-    result = run("--from", write_recording(tmp_path / "a.csv", seed=1), "--cell", quiet_cell)
+    result = run(
+        "--from", write_recording(tmp_path / "a.csv", poses=12, seed=1), "--cell", quiet_cell
+    )
     assert result.exit_code == 0, result.stderr
     assert (tmp_path / "calibration" / "demo.yaml").exists()
     assert "set `calibration: calibration/demo.yaml` in" in result.stdout
 
 
 @pytest.mark.parametrize(("mass_kg", "code", "word"), [(1.5, 0, "PASS"), (1.7, 1, "FAIL")])
-def test_another_recording_verifies_it(tmp_path, quiet_cell, mass_kg, code, word):
+def test_another_recording_verifies_a_calibration(tmp_path, quiet_cell, mass_kg, code, word):
     """One with the same tool passes; one with 200 g more fails and nothing is written."""
     other = Payload(mass_kg, TRUTH.com_m, TRUTH.bias_force_N, TRUTH.bias_torque_Nm)
-    recording = write_recording(tmp_path / "a.csv", seed=1)
-    fresh = write_recording(tmp_path / "b.csv", seed=2, payload=other)
+    recording = write_recording(tmp_path / "a.csv", poses=12, seed=1)
+    fresh = write_recording(tmp_path / "b.csv", poses=12, seed=2, payload=other)
     words = ("--from", recording, "--verify-with", fresh, "--cell", quiet_cell)
     result = run("--use", *words)
     assert result.exit_code == code, result.stderr
     assert f"{word}: at 12 fresh poses" in result.stdout
     assert (load_cell(quiet_cell).calibration is not None) is (code == 0)
-    if code:  # --force writes it in spite of that, never where the cell takes it
+    if code:  # --force writes it nevertheless, but not where the cell loads it
         assert run("--force", *words).exit_code == code
         assert load_cell(quiet_cell).calibration is None
         assert (tmp_path / "made" / "demo.unused.yaml").exists()
@@ -262,19 +250,19 @@ def test_another_recording_verifies_it(tmp_path, quiet_cell, mass_kg, code, word
         assert "the cell is not up: it takes the file" in result.stdout.splitlines()[-1]
 
 
-def test_a_sensor_that_sits_turned_is_no_calibration(tmp_path, quiet_cell):
-    """A rotation that a fit could correct is for the cell file to say, whatever is forced."""
+def test_a_rotated_sensor_is_not_calibrated(tmp_path, quiet_cell):
+    """A large mounting rotation belongs in the cell file, even with --force."""
     turned = replace(TRUTH, mounting_rotation_rad=(0.0, 0.0, np.pi))
-    recording = write_recording(tmp_path / "a.csv", seed=1, payload=turned)
+    recording = write_recording(tmp_path / "a.csv", poses=12, seed=1, payload=turned)
     result = run("--force", "--from", recording, "--cell", quiet_cell)
     assert result.exit_code == 1
     assert "the limit is 0.2 rad" in result.stderr
     assert not (tmp_path / "made").exists()
 
 
-def test_a_useless_recording_is_one_line(tmp_path, quiet_cell):
-    """Three poses, no file, no numbers: the sentence of `payload fit`, and nothing written."""
-    lines = write_recording(tmp_path / "a.csv", seed=1).read_text().splitlines()[:4]
+def test_an_unusable_recording_gives_one_line(tmp_path, quiet_cell):
+    """Too few poses or no file: the sentence of `payload fit`, and nothing is written."""
+    lines = write_recording(tmp_path / "a.csv", poses=12, seed=1).read_text().splitlines()[:4]
     (tmp_path / "few.csv").write_text("\n".join(lines))
     for name, code in (("few.csv", 1), ("none.csv", 2)):
         result = run("--from", tmp_path / name, "--cell", quiet_cell)

@@ -1,4 +1,4 @@
-"""The wizard in a whole virtual cell: a clean run, and every way in which one ends early."""
+"""Calibration wizard in a whole virtual cell: a complete run, and every early end."""
 
 from collections.abc import Callable
 from typing import Any
@@ -28,7 +28,7 @@ FEW = {"poses": 6, "verify_poses": 1}
 
 
 def status_of(lab: CalibrationLab) -> ArbiterStatus:
-    """Return what the arbiter says now."""
+    """Return the present status of the arbiter."""
     reader = lab.bus.reader(topics.ARBITER_STATUS)
     lab.world.advance(0.2)
     status: Any = reader.read(lab.world.clock.now_ns()).message
@@ -39,12 +39,12 @@ def status_of(lab: CalibrationLab) -> ArbiterStatus:
 def driven(
     lab: CalibrationLab, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
 ) -> tuple[CalibrationWizard, int | None]:
-    """Let the wizard run to whatever end."""
+    """Run the wizard to its end; return it with its exit code."""
     return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), pace, output=lab.notes)
 
 
-def left_at_random(payload: Payload, count: int = 200) -> tuple[float, float]:
-    """Return the mean error of a payload over random attitudes, by the truth of the simulation."""
+def mean_residual(payload: Payload, count: int = 200) -> tuple[float, float]:
+    """Return the mean error of a payload over random attitudes, from the simulated truth."""
     rng = np.random.default_rng(7)
     R = np.array([R_from_quaternion(q) for q in rng.normal(size=(count, 4))])
     apart = [
@@ -54,8 +54,8 @@ def left_at_random(payload: Payload, count: int = 200) -> tuple[float, float]:
     return force, torque
 
 
-def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
-    """Ten poses with sensor noise leave 0.02 N and 1 mN m; the arm is left as it was found."""
+def test_a_complete_run_identifies_the_payload_and_returns_to_its_start(tmp_path):
+    """Ten poses with sensor noise leave 0.02 N and 1 mN m; state and pose are the initial ones."""
     lab = CalibrationLab()
     plan = lab.plan(poses=10, verify_poses=2)
     wizard = CalibrationWizard(
@@ -65,7 +65,7 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
 
     evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
     found = findings_of(lab.cell, evidence, VerificationBounds())
-    force_N, torque_Nm = left_at_random(found.section.payload.payload)
+    force_N, torque_Nm = mean_residual(found.section.payload.payload)
     assert force_N <= 0.02
     assert torque_Nm <= 0.001
     assert found.verdict.passed
@@ -85,7 +85,7 @@ def test_a_clean_run_finds_the_payload_and_comes_home(tmp_path):
 
 @pytest.mark.long
 def test_a_cell_that_was_armed_stays_armed():
-    """The wizard takes away no more than it has brought; a payload of zeros is no trouble."""
+    """The wizard keeps an existing arming; a payload of zeros is accepted."""
     lab = CalibrationLab(demo_cell(**QUICK, payload={"mass_kg": 0.0, "com_m": [0, 0, 0]}))
     assert lab.bus.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
     _, ended = driven(lab, lab.plan(**FEW))
@@ -93,8 +93,8 @@ def test_a_cell_that_was_armed_stays_armed():
     assert status_of(lab).state == "ARMED"
 
 
-def test_a_contact_that_no_calibration_shows_is_found_by_lifting():
-    """Weight and touch look alike without a calibration; lifted without turning, a touch ends."""
+def test_without_a_calibration_contact_is_detected_by_lifting():
+    """Without a calibration weight and contact look alike; lifting without rotation decides."""
     lab = CalibrationLab(demo_cell(**QUICK, payload={"mass_kg": 0.0, "com_m": [0, 0, 0]}))
     arm = lab.world.arm
 
@@ -117,11 +117,11 @@ def test_a_contact_that_no_calibration_shows_is_found_by_lifting():
     assert lift_m == pytest.approx(0.1, abs=2e-3)
 
 
-def test_a_hold_in_the_middle_ends_it_with_the_arbiter_s_words():
-    """Somebody holds: nothing moves on, the poses so far are kept, nobody asks for more."""
+def test_a_hold_during_a_run_ends_it_with_the_reason_of_the_arbiter():
+    """After a hold by another client nothing moves, and the poses so far are kept."""
     lab = CalibrationLab()
-    asked = HoldRequest(reason="the visitor is inside")
-    lab.notes.at("pose 3 of 6: moving", lambda: lab.bus.ask(topics.HOLD, asked))
+    hold = HoldRequest(reason="the visitor is inside")
+    lab.notes.at("pose 3 of 6: moving", lambda: lab.bus.ask(topics.HOLD, hold))
     wizard, ended = driven(lab)
     assert ended == 1
     assert len(wizard.dwells) == 2
@@ -131,7 +131,7 @@ def test_a_hold_in_the_middle_ends_it_with_the_arbiter_s_words():
 
 
 def assert_rests(lab: CalibrationLab) -> None:
-    """The arm has been braked, and nothing moves it on."""
+    """Check that the arm has stopped and stays at rest."""
     lab.world.advance(0.5)
     q = lab.world.arm.q_command
     lab.world.advance(0.5)
@@ -141,7 +141,7 @@ def assert_rests(lab: CalibrationLab) -> None:
 def disturbed(
     lab: CalibrationLab, disturb: Callable[[FtSample], FtSample | None]
 ) -> Callable[[], None]:
-    """Return what spoils the sensor's samples from a moment on."""
+    """Return a function that starts a disturbance of the sensor's samples."""
 
     def begin() -> None:
         lab.world.arm.ft_sensor.disturb = disturb
@@ -149,8 +149,8 @@ def disturbed(
     return begin
 
 
-def test_a_sensor_fault_in_the_middle_ends_it_and_keeps_the_rows():
-    """The arbiter stops the arm for it, and says why."""
+def test_a_sensor_fault_during_a_run_ends_it_and_keeps_the_rows():
+    """The arbiter stops the arm and gives the reason."""
     lab = CalibrationLab()
     lab.notes.at("pose 2 of 6: reading", disturbed(lab, lambda _sample: None))
     wizard, ended = driven(lab)
@@ -161,7 +161,7 @@ def test_a_sensor_fault_in_the_middle_ends_it_and_keeps_the_rows():
 
 
 def test_contact_at_one_pose_is_left_out_of_the_fit(tmp_path):
-    """2 N that touch the tool at one pose of eight: that pose is rejected, the rest is good."""
+    """A force of 2 N at one pose of eight: that pose is rejected, the others are valid."""
     lab = CalibrationLab()
     arm = lab.world.arm
 
@@ -181,7 +181,7 @@ def test_contact_at_one_pose_is_left_out_of_the_fit(tmp_path):
 
 @pytest.mark.long
 def test_verification_fails_when_something_has_changed(tmp_path):
-    """A cable that pulls with 1 N from the first fresh pose on: FAIL, with the numbers."""
+    """A cable pulls with 1 N from the first fresh pose: FAIL, with the numbers."""
     lab = CalibrationLab()
     arm = lab.world.arm
 
@@ -199,7 +199,7 @@ def test_verification_fails_when_something_has_changed(tmp_path):
 
 
 def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
-    """An interruption while the arm moves: it is braked, and what was read is there."""
+    """An interruption during a move: the arm brakes, and earlier readings are kept."""
     lab = CalibrationLab()
 
     def interrupt() -> None:
@@ -219,7 +219,7 @@ def test_ctrl_c_holds_the_arm_and_keeps_the_rows():
 
 @pytest.mark.long
 def test_a_pose_that_the_robot_refuses_is_replaced(monkeypatch):
-    """The robot's own check refuses one goal: it is told, and another pose is taken."""
+    """The robot refuses one goal: this is reported, and another pose is used."""
     lab = CalibrationLab()
     plan = lab.plan(**FEW)
     bad = plan.q[plan.fit[1]]
@@ -244,8 +244,8 @@ def test_a_pose_that_the_robot_refuses_is_replaced(monkeypatch):
     )
 
 
-def test_a_cell_that_is_not_up_to_it_is_refused_before_anything_moves():
-    """Without a sensor nothing is armed, and so nothing is held either."""
+def test_a_cell_without_sensor_readings_is_refused_before_anything_moves():
+    """Without a sensor nothing is armed, so no hold is needed."""
     lab = CalibrationLab()
     plan = lab.plan(**FEW)
     lab.world.arm.ft_sensor.disturb = lambda sample: None
@@ -257,8 +257,8 @@ def test_a_cell_that_is_not_up_to_it_is_refused_before_anything_moves():
     assert lab.world.arm.q == pytest.approx(HOME_RAD, abs=1e-3)
 
 
-def test_an_arm_that_somebody_else_has_is_left_alone():
-    """Held by a person, or under force feedback: neither is swept aside by a calibration."""
+def test_an_arm_in_use_by_another_client_is_not_moved():
+    """Neither a hold nor force feedback is replaced by a calibration."""
     lab = CalibrationLab()
     plan = lab.plan(**FEW)
     lab.bus.ask(topics.HOLD, HoldRequest(reason="the visitor is inside"))
@@ -281,11 +281,11 @@ def test_an_arm_that_somebody_else_has_is_left_alone():
 
 
 @pytest.mark.long
-def test_a_controller_that_refuses_a_pose_gets_another_one():
-    """Over the gateway: the controller's own joint limit is narrower than the cell file says."""
+def test_a_pose_that_the_controller_refuses_is_replaced():
+    """Over the gateway: the controller's joint limit is narrower than that of the cell file."""
     cell = load_cell(DEMO.with_name("demo-tcp.yaml"), {"calibration": None})
     lab = CalibrationLab(cell)
-    lab.world.advance(0.8)  # a controller is greeted first
+    lab.world.advance(0.8)  # the gateway greets the controller first
     plan = lab.plan(**FEW)
     farthest = max(plan.fit, key=lambda place: abs(plan.q[place][5]))
     arm = lab.world.arm.kinematics

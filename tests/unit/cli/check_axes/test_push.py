@@ -1,4 +1,4 @@
-"""The guided push test in a virtual cell: somebody follows the prompts of a sensor wired wrong."""
+"""Guided push test in a virtual cell: a scripted person follows the prompts."""
 
 import re
 
@@ -21,27 +21,27 @@ AXES = {"+x": (1.0, 0.0, 0.0), "+y": (0.0, 1.0, 0.0), "straight up": (0.0, 0.0, 
 
 
 class Person:
-    """Reads the prompts and pushes the tip of the tool, with their hand off by some degrees."""
+    """Person who follows the prompts and pushes the tip of the tool, some degrees off."""
 
     def __init__(self, cell: VirtualCell, wiring=SIGNED[0], *, size_N=10.0, lazy=False) -> None:
-        """Stand beside the arm; the sensor's channels are wired so."""
+        """Set the wiring of the sensor's channels."""
         self.cell, self.size_N, self.lazy = cell, size_N, lazy
         self.notes: list[str] = []
         self.push = np.zeros(6)  # force and torque on the sensor, base axes
         self.began_ns = 0
-        self.deaf_to = 0  # prompts that are not followed
+        self.prompts_to_ignore = 0  # number of prompts not followed
         sensor = cell.arm.ft_sensor
         sensor.wiring[:3, :3] = sensor.wiring[3:, 3:] = wiring
         self.wiring = wiring
         sensor.disturb = self._disturb
 
     def note(self, text: str) -> None:
-        """Read a line; push when it asks for one."""
+        """Read a line; push when it requests a push."""
         self.notes.append(text)
         if not re.match(r"(push|twist) the t", text) or self.lazy:
             return
-        if self.deaf_to:
-            self.deaf_to -= 1
+        if self.prompts_to_ignore:
+            self.prompts_to_ignore -= 1
             return
         self.began_ns = self.cell.clock.now_ns()
         self.push = np.zeros(6)
@@ -55,7 +55,7 @@ class Person:
         self.push[3:] = np.cross(T_tcp.translation - T_sensor.translation, force)
 
     def progress(self, done_s: float, total_s: float, text: str) -> None:
-        """Look at the bar."""
+        """Check the progress."""
         assert 0.0 <= done_s <= total_s
         assert text
 
@@ -74,20 +74,20 @@ class Person:
 
 
 def pushed(cell, person):
-    """Return what the whole test finds."""
+    """Return the result of the whole test."""
     return PushTest(cell.client, CELL, person, within_s=3.0).run(ExpectedInstallation.of(CELL))
 
 
 @pytest.fixture
 def cell() -> VirtualCell:
-    """A cell that is up, not armed."""
+    """A running cell that is not armed."""
     world = VirtualCell(HALF_CELL)
     world.advance(1.2)
     return world
 
 
-def test_who_follows_the_prompts_is_told_that_all_is_right(cell) -> None:
-    """Four prompts, four answers, nothing to write; nothing was asked of the arm."""
+def test_correct_pushes_confirm_a_correct_wiring(cell) -> None:
+    """Four prompts, four confirmations, no remedy; the arm does not move."""
     person = Person(cell)
     found = pushed(cell, person)
     assert found.verdict == "right", [str(f) for f in found.findings]
@@ -98,8 +98,8 @@ def test_who_follows_the_prompts_is_told_that_all_is_right(cell) -> None:
 
 @pytest.mark.parametrize("number", [7, 18])
 @pytest.mark.long
-def test_a_wrong_wiring_is_told_after_it_was_pushed_twice(cell, number) -> None:
-    """What is not along the push is asked for once more, then believed."""
+def test_a_wrong_wiring_is_reported_after_two_pushes(cell, number) -> None:
+    """A reading that is not along the push is requested once more, then accepted."""
     person = Person(cell, SIGNED[number])
     found = pushed(cell, person)
     assert found.verdict == "wrong"
@@ -109,39 +109,39 @@ def test_a_wrong_wiring_is_told_after_it_was_pushed_twice(cell, number) -> None:
 
 
 @pytest.mark.long
-def test_who_misses_a_prompt_is_asked_again(cell) -> None:
-    """Three seconds without a push is said; the next try counts."""
+def test_a_missed_prompt_is_repeated(cell) -> None:
+    """Three seconds without a push are reported; the next attempt counts."""
     person = Person(cell)
-    person.deaf_to = 1
+    person.prompts_to_ignore = 1
     found = pushed(cell, person)
     assert found.verdict == "right"
     assert any("no push +x within 3 s" in note for note in person.notes)
 
 
 @pytest.mark.long
-def test_a_sensor_that_shows_no_push_is_told(cell) -> None:
-    """In kgf a push of 10 N reads 1: below what counts as one."""
+def test_a_sensor_that_shows_no_push_is_reported(cell) -> None:
+    """In kgf a push of 10 N reads 1, below the threshold of a push."""
     person = Person(cell, SIGNED[0] / 9.80665)
     with pytest.raises(CalibrationError, match="unit is too large"):
         pushed(cell, person)
 
 
-def test_pushes_that_read_like_no_hand_raise_a_doubt_about_the_unit(cell) -> None:
-    """Asked for about 10 N, read 98."""
+def test_implausibly_large_pushes_leave_the_unit_in_doubt(cell) -> None:
+    """About 10 N were requested and 98 N measured."""
     found = pushed(cell, Person(cell, 9.80665 * SIGNED[0]))
     assert found.verdict == "cannot tell"
     assert "about 10 N were requested" in found.findings[0].text
 
 
-def test_hands_that_stay_on_the_tool_are_asked_to_go(cell) -> None:
-    """The reading at rest waits for them, says so, and the test goes on."""
+def test_the_test_waits_until_the_hands_leave_the_tool(cell) -> None:
+    """The reading at rest waits for them, then the test continues."""
     person = Person(cell)
     person.push, person.began_ns = np.full(6, 2.0), cell.clock.now_ns()
     assert pushed(cell, person).verdict == "right"
 
 
-def test_nobody_pushes_an_arm_that_is_armed(cell) -> None:
-    """Refused at once, and also when it is armed in the middle."""
+def test_the_push_test_is_refused_for_an_armed_arm(cell) -> None:
+    """It is refused at once, with the command that ends the arming."""
     test = PushTest(cell.client, CELL, Person(cell))
     assert cell.client.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
     cell.advance(0.1)

@@ -1,39 +1,36 @@
 """`forcemesh check axes --from`: verdict, sentences, JSON, exit codes; usage in one sentence."""
 
 import json
+from functools import partial
 
 import pytest
-from typer.testing import CliRunner
 
-from cli.__main__ import app
 from identification.installation.axis_fit import SIGNED
+from tests.fakes import verb_calls
+from tests.fakes.bench import DEMO
 from tests.fakes.installations import recorded
 
-
-def run(*arguments):
-    """Run the verb against the demo's cell file."""
-    words = ["check", "axes", "--cell", "cells/demo.yaml", *map(str, arguments)]
-    return CliRunner().invoke(app, words)
+run = partial(verb_calls.run, "check", "axes", "--cell", DEMO)
 
 
 @pytest.mark.parametrize("base_axes", [False, True])
 def test_a_right_recording_ends_with_zero(tmp_path, base_axes) -> None:
-    """In whichever axes it was recorded: they are found and said."""
+    """The axes of the recording are identified and printed."""
     result = run("--from", recorded(tmp_path / "a.csv", base_axes=base_axes))
     assert result.exit_code == 0, result.output
     assert "right: axes, signs and units are those of the cell file" in result.stdout
     assert f"in {'base' if base_axes else 'sensor'} axes" in result.stdout
 
 
-def test_a_wrong_recording_says_what_and_what_to_write(tmp_path) -> None:
-    """Exit code 1, the sentence, and below it what to do."""
+def test_a_wrong_recording_gives_the_finding_and_the_remedy(tmp_path) -> None:
+    """Exit code 1, the finding, and the remedy below it."""
     result = run("--from", recorded(tmp_path / "a.csv", SIGNED[2]))
     assert result.exit_code == 1
     assert "Fy shows -y" in result.stdout
     assert "-> in the driver or the adapter: remap Fy = -Fy" in result.stdout
 
 
-def test_every_wiring_of_a_recording_is_told(tmp_path) -> None:
+def test_every_wiring_of_a_recording_gets_its_verdict(tmp_path) -> None:
     """The chain from file to verdict: 1 right, 47 wrong."""
     codes = [run("--from", recorded(tmp_path / "a.csv", W)).exit_code for W in SIGNED]
     assert codes == [0] + [1] * 47
@@ -50,8 +47,8 @@ def test_json_is_one_object_with_the_numbers(tmp_path) -> None:
     assert tree["evidence"]["poses"] == 8
 
 
-def test_the_mass_of_the_person_wins_over_the_cell_file(tmp_path) -> None:
-    """Readings ten times too small are newtons to a cell file of a light tool, kgf to a person."""
+def test_the_mass_option_overrides_the_cell_file(tmp_path) -> None:
+    """Readings ten times too small are newtons of a light tool or kgf of the given mass."""
     path = recorded(tmp_path / "a.csv", times=1 / 9.80665)
     assert "kilograms-force" in run("--from", path, "--mass", "1.0").stdout
     assert "kilograms-force" not in run("--from", path, "--mass", "0.102").stdout
@@ -64,15 +61,15 @@ def test_the_mass_of_the_person_wins_over_the_cell_file(tmp_path) -> None:
         (("--wrench-axes", "base"), "--wrench-axes requires --from"),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(arguments, words) -> None:
+def test_options_that_exclude_each_other_are_refused(arguments, words) -> None:
     """One sentence, exit code 2."""
     result = run(*arguments)
     assert result.exit_code == 2
     assert words in result.stderr
 
 
-def test_a_recording_that_is_not_there_ends_with_one_line() -> None:
-    """No traceback; not a verdict either."""
+def test_a_missing_recording_ends_with_one_line() -> None:
+    """There is neither a traceback nor a verdict."""
     result = run("--from", "nowhere.csv")
     assert result.exit_code == 2
     assert "nowhere.csv" in result.stderr

@@ -1,7 +1,6 @@
-"""How the demo ends when its cell does not go along."""
+"""End of the demo when its cell fails."""
 
 from contextlib import nullcontext
-from pathlib import Path
 
 import pytest
 
@@ -9,20 +8,20 @@ from cli.demo import play as demo_play
 from cli.demo.scenario import ScenarioError, ScenarioPlan
 from common.config.load import load_cell
 from forcemesh.errors import BusError, ForcemeshError
+from tests.fakes.bench import DEMO
 
-CELL = Path(__file__).parents[4] / "cells" / "demo.yaml"
-UNHEARD = "arbiter did not answer demo/arbiter/arm within 2 s"
+NO_REPLY = "arbiter did not answer demo/arbiter/arm within 2 s"
 
 
-class Mourners:
-    """Processes one of which may have died; they note how long they were to stay up."""
+class FakeSupervisor:
+    """A supervisor whose processes may have died; it records how long the others stay up."""
 
     def __init__(self, *died: str) -> None:
-        """Know who died."""
+        """Set the processes that died."""
         self.died = died
         self.lingers_s: list[float] = []
 
-    def __enter__(self) -> "Mourners":
+    def __enter__(self) -> "FakeSupervisor":
         """Start nothing."""
         return self
 
@@ -33,39 +32,39 @@ class Mourners:
         """Be ready."""
 
     def hold_after_death(self, linger_s: float) -> None:
-        """Note for how long."""
+        """Record the duration."""
         self.lingers_s.append(linger_s)
 
 
-def play(monkeypatch: pytest.MonkeyPatch, mourners: Mourners) -> ForcemeshError:
-    """Return how a demo ends whose request is not answered."""
+def play(monkeypatch: pytest.MonkeyPatch, supervisor: FakeSupervisor) -> ForcemeshError:
+    """Return the error of a demo whose request gets no reply."""
 
-    def unheard(_scenario: object) -> None:
-        raise BusError(UNHEARD)
+    def fail(_scenario: object) -> None:
+        raise BusError(NO_REPLY)
 
-    monkeypatch.setattr("launch.processes.Supervisor", lambda _cell: mourners)
+    monkeypatch.setattr("launch.processes.Supervisor", lambda _cell: supervisor)
     monkeypatch.setattr("common.bus.cell_bus.open_bus", lambda *_: nullcontext())
-    monkeypatch.setattr(demo_play, "Scenario", lambda *_, **__: type("S", (), {"run": unheard})())
+    monkeypatch.setattr(demo_play, "Scenario", lambda *_, **__: type("S", (), {"run": fail})())
     with pytest.raises(ForcemeshError) as caught:
-        demo_play.play_real(load_cell(CELL), ScenarioPlan(), lambda *_: None, 7.0)
+        demo_play.play_real(load_cell(DEMO), ScenarioPlan(), lambda *_: None, 7.0)
     return caught.value
 
 
-def test_a_death_in_the_middle_of_a_request_is_told_like_any_other(
+def test_a_death_during_a_request_is_reported_as_a_death(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Nobody answers because the hub was killed: the rest stays up, and who died is named."""
-    mourners = Mourners("hub (pid 7) was ended by SIGKILL")
-    error = play(monkeypatch, mourners)
+    """The hub was killed during a request: the others stay up, and the error names the hub."""
+    supervisor = FakeSupervisor("hub (pid 7) was ended by SIGKILL")
+    error = play(monkeypatch, supervisor)
     assert isinstance(error, ScenarioError)
-    assert str(error) == f"hub (pid 7) was ended by SIGKILL: {UNHEARD}"
-    assert mourners.lingers_s == [7.0]
+    assert str(error) == f"hub (pid 7) was ended by SIGKILL: {NO_REPLY}"
+    assert supervisor.lingers_s == [7.0]
 
 
-def test_a_request_that_nobody_answers_is_told_as_that(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody died: the exit code is that of no answer, and the arbiter was asked to hold."""
-    mourners = Mourners()
-    error = play(monkeypatch, mourners)
+def test_a_request_without_reply_is_reported_as_no_reply(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No process died: the exit code is that of no reply, and a hold was requested."""
+    supervisor = FakeSupervisor()
+    error = play(monkeypatch, supervisor)
     assert isinstance(error, BusError)
-    assert str(error) == UNHEARD
-    assert mourners.lingers_s == [7.0]
+    assert str(error) == NO_REPLY
+    assert supervisor.lingers_s == [7.0]

@@ -1,6 +1,4 @@
-"""Pictures of the demo: the tilted disc laid flat, and the contact in the plane of the plate."""
-
-from pathlib import Path
+"""Plots of the demo: alignment of the tilted disc, and the contact in the plane of the plate."""
 
 import numpy as np
 import pinocchio as pin
@@ -14,11 +12,10 @@ from cli.demo.measures import Surface
 from cli.demo.plots import _draw_plane, plot
 from cli.demo.result import pictured
 from cli.demo.scenario import ScenarioPlan, ScenarioSample, Trace
-from tools.tree import ROOT
+from tests.fakes.bench import DEMO
 
-CELL_FILE = Path(ROOT) / "cells" / "demo.yaml"
-TILTED = surface_of(demo_cell(CELL_FILE, DemoOverrides(tilt_deg=15.0)))
-LEVEL = surface_of(demo_cell(CELL_FILE, DemoOverrides()))
+TILTED = surface_of(demo_cell(DEMO, DemoOverrides(tilt_deg=15.0)))
+LEVEL = surface_of(demo_cell(DEMO, DemoOverrides()))
 PRESS_N = 10.0
 ACROSS = st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
 
@@ -47,7 +44,7 @@ def aligning(surface: Surface) -> Trace:
 
 @given(ACROSS, ACROSS)
 def test_the_plane_of_the_plate_is_drawn_true_to_length(one, other):
-    """Distances of points of the plate are kept; seen from above they would shrink."""
+    """Distances on the plate are kept; a projection from above would shorten them."""
     y = np.cross(TILTED.normal, [1.0, 0.0, 0.0])
     first, second = (TILTED.point_m + a * np.array([1.0, 0, 0]) + b * y for a, b in (one, other))
     drawn_m = np.linalg.norm(TILTED.in_plane_m(first) - TILTED.in_plane_m(second))
@@ -70,12 +67,12 @@ def test_the_contact_is_drawn_from_the_rim_to_the_middle_of_the_disc():
 def test_every_axis_of_the_plot_has_a_unit_and_a_tilted_plate_has_two_more(
     surface, names, tmp_path, monkeypatch
 ):
-    """Also the angle between disc and plate."""
-    seen = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: seen.extend(figure.axes))
+    """The two are the alignment plots, with the angle between disc and plate."""
+    drawn_axes = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn_axes.extend(figure.axes))
     plot(aligning(surface), ScenarioPlan(mode="both", setpoint_N=10.0), surface, tmp_path / "a.png")
-    assert len(seen) == names
-    assert all(axes.get_ylabel().endswith("]") for axes in seen)
+    assert len(drawn_axes) == names
+    assert all(axes.get_ylabel().endswith("]") for axes in drawn_axes)
 
 
 @pytest.mark.parametrize(
@@ -87,8 +84,8 @@ def test_every_axis_of_the_plot_has_a_unit_and_a_tilted_plate_has_two_more(
         ("orientation", 0.0, True),
     ],
 )
-def test_the_picture_shows_the_end_where_the_disc_still_presses(mode, setpoint_N, last):
-    """A disc that aligns itself is drawn flat on the plate, not on its edge before that."""
+def test_the_picture_shows_the_last_sample_in_contact(mode, setpoint_N, last):
+    """An aligned disc is drawn flat on the plate, not on its edge as before the alignment."""
     trace = aligning(TILTED)
     sample = pictured(trace, ScenarioPlan(mode=mode, setpoint_N=setpoint_N))
     assert sample is (trace.work if last else trace.press)[-1]

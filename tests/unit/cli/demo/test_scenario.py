@@ -1,4 +1,4 @@
-"""The demo before it starts anything: what it refuses, and what it says of what ran."""
+"""Demo before any start: refusals, and the law that its table names."""
 
 from pathlib import Path
 
@@ -12,25 +12,24 @@ from cli.demo.cell import DemoOverrides, check_plan, demo_cell, surface_of
 from cli.demo.measures import measure
 from cli.demo.scenario import ScenarioPlan
 from forcemesh.errors import ConfigError
+from tests.fakes.bench import DEMO
 from tuning.gain_rule import tune
-
-CELLS = Path(__file__).parents[4] / "cells"
 
 
 @pytest.mark.parametrize(
     "trial", [DemoOverrides(), DemoOverrides(stiffness_N_m=1e4), DemoOverrides(delay_s=0.02)]
 )
 def test_the_demo_never_runs_on_a_real_arm(trial: DemoOverrides) -> None:
-    """Its own options for the plate must not pass for a section `sim` of the cell file."""
+    """Its options for the plate do not replace the section `sim` of the cell file."""
     with pytest.raises(ConfigError, match="section `sim`"):
-        demo_cell(CELLS / "rs007l-real.yaml", trial)
+        demo_cell(DEMO.with_name("rs007l-real.yaml"), trial)
 
 
 def test_nothing_is_started_for_a_real_arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """The verb ends as wrong usage before any process is there."""
+    """The verb ends as wrong usage before any process starts."""
     started: list[object] = []
     monkeypatch.setattr(demo_play, "play_real", lambda *words, **_: started.append(words))
-    file = str(CELLS / "rs007l-real.yaml")
+    file = str(DEMO.with_name("rs007l-real.yaml"))
     result = CliRunner().invoke(
         app, ["demo", "--cell", file, "--force", "20", "--out", str(tmp_path)]
     )
@@ -40,8 +39,8 @@ def test_nothing_is_started_for_a_real_arm(monkeypatch: pytest.MonkeyPatch, tmp_
 
 
 def played(trial: DemoOverrides, plan: ScenarioPlan) -> str:
-    """Return the title of a virtual demo's table; no latencies stand in it."""
-    cell = demo_cell(CELLS / "demo.yaml", trial)
+    """Return the title of a virtual demo's table, which has no latencies."""
+    cell = demo_cell(DEMO, trial)
     trace = demo_play.play_virtual(cell, plan, lambda *_: None, 0.0)
     result = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
     assert not result.hops_us
@@ -51,7 +50,7 @@ def played(trial: DemoOverrides, plan: ScenarioPlan) -> str:
 
 @pytest.mark.long
 def test_the_table_names_the_law_that_ran() -> None:
-    """Beyond the measured map the plain law runs in the adaptive one's place, and is named."""
+    """Outside the measured map the plain law replaces the adaptive one, and is named."""
     title = played(
         DemoOverrides(law="adaptive", delay_s=0.09), ScenarioPlan(press_N=10.0, settled_for_s=0.2)
     )
@@ -59,9 +58,9 @@ def test_the_table_names_the_law_that_ran() -> None:
     assert "the plain law runs in its place" in title
 
 
-def test_a_set_point_that_nothing_would_hold_is_refused() -> None:
-    """Mode orientation regulates no force: to take one in silence would be to promise it."""
-    cell = demo_cell(CELLS / "demo.yaml", DemoOverrides())
+def test_a_set_point_that_the_mode_does_not_hold_is_refused() -> None:
+    """Mode orientation regulates no force, so a force set point is refused."""
+    cell = demo_cell(DEMO, DemoOverrides())
     with pytest.raises(ConfigError, match="holds no force"):
         check_plan(cell, ScenarioPlan(mode="orientation", setpoint_N=5.0))
     check_plan(cell, ScenarioPlan(mode="orientation"))

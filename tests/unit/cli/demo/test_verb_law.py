@@ -1,7 +1,5 @@
 """The demo with the adaptive law, in lock step, and the options that choose law and axes."""
 
-from pathlib import Path
-
 import pytest
 from typer.testing import CliRunner
 
@@ -10,9 +8,8 @@ from cli.demo.cell import DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import measure
 from cli.demo.play import play_virtual
 from cli.demo.scenario import ScenarioPlan
+from tests.fakes.bench import DEMO
 from tuning.gain_rule import tune
-
-CELL = Path(__file__).parents[4] / "cells" / "demo.yaml"
 
 
 @pytest.mark.parametrize(
@@ -20,11 +17,11 @@ CELL = Path(__file__).parents[4] / "cells" / "demo.yaml"
 )
 @pytest.mark.parametrize(("stiffness_N_m", "taus"), [(5e3, 6.0), (None, 5.0), (1e5, 5.0)])
 def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_N_m, taus) -> None:
-    """From 30 N to zero, the stiffness met while pressing; at most 5 % overshoot.
+    """From 30 N to zero, with the stiffness identified while pressing; at most 5 % overshoot.
 
-    On a soft plate it is the speed limit of force feedback that takes the time.
+    On a soft plate the speed limit of force feedback determines the time.
     """
-    cell = demo_cell(CELL.parent / file, DemoOverrides(law="adaptive", stiffness_N_m=stiffness_N_m))
+    cell = demo_cell(DEMO.parent / file, DemoOverrides(law="adaptive", stiffness_N_m=stiffness_N_m))
     plan = ScenarioPlan()
     trace = play_virtual(cell, plan, lambda *_: None, 0.0)
     found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
@@ -35,14 +32,14 @@ def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_
 
 @pytest.mark.long
 @pytest.mark.parametrize(("host", "stiffness_N_m"), [("pc", 1e5), ("controller", 2e4)])
-def test_a_controller_that_reports_seldom_presses_with_no_more(host, stiffness_N_m) -> None:
-    """12.5 poses a second. It pressed with 97 N of 30; gains that change fast were its end.
+def test_a_controller_with_a_low_report_rate_does_not_press_harder(host, stiffness_N_m) -> None:
+    """At 12.5 poses a second it once pressed with 97 N instead of 30, with fast gain changes.
 
-    On contacts softer than 20 N/mm the plain gains, which run beyond the measured map, take longer
+    On contacts softer than 20 N/mm the plain gains, used outside the measured map, take longer
     than the demo waits.
     """
     cell = demo_cell(
-        CELL.parent / "demo-tcp.yaml",
+        DEMO.parent / "demo-tcp.yaml",
         DemoOverrides(law="adaptive", stiffness_N_m=1e5, as_step_s=4e-4),
     )
     assert cell.sim is not None
@@ -56,8 +53,8 @@ def test_a_controller_that_reports_seldom_presses_with_no_more(host, stiffness_N
     assert found.overshoot_pct <= 5.0
 
 
-def test_an_axis_that_does_not_exist_is_named() -> None:
-    """The verb ends before it speaks to a cell."""
+def test_an_unknown_axis_is_named() -> None:
+    """The verb ends before it connects to a cell."""
     result = CliRunner().invoke(app, ["force", "start", "--axes", "x,up"])
     assert result.exit_code == 2
     assert "up" in result.output

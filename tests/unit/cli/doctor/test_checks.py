@@ -1,7 +1,6 @@
-"""The checks of `forcemesh doctor`: each line in each of its words, each remedy reached."""
+"""Checks of `forcemesh doctor`: every result of every line, and every remedy."""
 
 import re
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -13,12 +12,10 @@ from cli.doctor.remedies import BITS, FAULTS, REMEDIES
 from controller.packet_table import STATUS_SPAN, Status
 from services.gateway.round_trips import Spread
 from services.gateway.scales import Scales
+from tests.fakes.robot_program import READY as RUNNING
+from tools.tree import ROOT
 
-ROOT = Path(__file__).resolve().parents[4]
-READY = (
-    Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
-    | Status.HELD
-)  # fmt: skip
+READY = RUNNING | Status.HELD
 SCALES = Scales()
 RATE = {"robot_hz": 40.0, "stale_after_s": 0.1}
 FRESH = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0)
@@ -28,7 +25,7 @@ OTHER_FILE = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0, same_conf
 
 EMULATED = checks.check_address("h:1", "refused", "", 0.001, is_emulated=True)
 
-# What is found, the word, and the remedy.
+# The line, its result and its remedy.
 # fmt: off
 CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_address("h:1", "open", "", 0.001), "PASS", ""),
@@ -85,7 +82,7 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_stream("wrench", None, 250.0), "FAIL", "stream.silent"),
 ]
 # fmt: on
-# Reached by tests of their own modules.
+# Covered by tests of other modules.
 ELSEWHERE = {
     "cell file",
     "bus",
@@ -102,17 +99,17 @@ ELSEWHERE = {
 
 
 @pytest.mark.parametrize(("line", "word", "remedy"), CASES, ids=lambda value: str(value)[:40])
-def test_what_is_found_gets_its_word_and_its_remedy(
+def test_each_finding_has_its_result_and_its_remedy(
     line: ReportLine, word: str, remedy: str
 ) -> None:
-    """Who passes needs nothing done; who does not is told what to do."""
+    """A line that passes has no remedy, every other line has one."""
     assert line.result == word
     assert line.remedy == (REMEDIES[remedy] if remedy else "")
     assert line.found
 
 
 def test_every_remedy_is_reached() -> None:
-    """A remedy that no check gives is none."""
+    """Every listed remedy is given by some check."""
     here = {remedy for _, _, remedy in CASES if remedy}
     pose = {key for key in REMEDIES if key.startswith(("pose.", "sensor.", "clock."))}
     assert here | pose | ELSEWHERE == set(REMEDIES)
@@ -120,8 +117,8 @@ def test_every_remedy_is_reached() -> None:
 
 
 @pytest.mark.parametrize("row", BITS, ids=lambda row: row.check)
-def test_each_status_bit_has_its_line_both_ways(row) -> None:
-    """One bit, one line: nothing else changes with it."""
+def test_each_status_bit_changes_only_its_own_line(row) -> None:
+    """Each bit has one line; no other line changes with it."""
     ready = {line.check: line for line in checks.check_status(READY)}
     wrong = {line.check: line for line in checks.check_status(READY ^ row.bit)}
     assert (ready[row.check].result, ready[row.check].found) == ("PASS", row.normal_text)
@@ -131,8 +128,8 @@ def test_each_status_bit_has_its_line_both_ways(row) -> None:
     assert row.remedy
 
 
-def test_held_passes_both_ways() -> None:
-    """Hello holds, and a motion ends it: neither is a trouble."""
+def test_held_passes_set_and_cleared() -> None:
+    """A connection starts held, and a motion ends that: both states are normal."""
     for status, found in ((READY, "held"), (READY & ~Status.HELD, "no")):
         (line,) = (line for line in checks.check_status(status) if line.check == "held")
         assert line.result == "PASS"
@@ -140,21 +137,18 @@ def test_held_passes_both_ways() -> None:
 
 
 @given(st.integers(0, STATUS_SPAN - 1))
-def test_every_bit_is_looked_at_in_every_status(bits: int) -> None:
-    """Eleven lines, one for each bit; what keeps the gateway from obeying fails."""
+def test_every_bit_is_checked_in_every_status(bits: int) -> None:
+    """There is one line for each bit; bits that prevent motion fail."""
     lines = checks.check_status(Status(bits))
     assert len({line.check for line in lines}) == len(lines) == len(Status)
     failed = {row.bit for row in BITS for line in lines if line.check == row.check
               and line.result == "FAIL"}  # fmt: skip
-    needed = (
-        Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | (Status.PROGRAM_RUNNING)
-    )
     forbidden = Status.WATCHDOG_LATCHED | Status.ERROR
-    assert failed == set((needed & ~Status(bits)) | (forbidden & Status(bits)))
+    assert failed == set((RUNNING & ~Status(bits)) | (forbidden & Status(bits)))
 
 
 def test_fault_codes_are_those_of_the_program() -> None:
-    """controller/README.md lists them; each has its line."""
+    """Each code of controller/README.md has its line."""
     text = (ROOT / "controller" / "README.md").read_text(encoding="utf-8")
     listed = {
         int(code) for code in re.findall(r"^\| (\d+) \|", text.split("## Faults")[1], re.MULTILINE)
@@ -168,19 +162,21 @@ def test_fault_codes_are_those_of_the_program() -> None:
 
 @given(st.integers(-99_999, 999_999))
 def test_only_no_error_passes(code: int) -> None:
-    """Any other number is a trouble with a remedy."""
+    """Every other number has a remedy."""
     line = checks.check_error_code(code)
     assert (line.result == "PASS") == (code == 0)
     assert bool(line.remedy) == (code != 0)
 
 
 @given(st.floats(0.1, 1000.0), st.floats(0.1, 1000.0), st.floats(5.0, 1000.0))
-def test_a_faster_sender_is_never_judged_worse(one_hz: float, two_hz: float, wanted: float) -> None:
+def test_a_faster_sender_never_gets_a_worse_result(
+    one_hz: float, two_hz: float, robot_hz: float
+) -> None:
     """The verdict is monotone in the rate."""
     rank = {"FAIL": 0, "WARN": 1, "PASS": 2}
     slow, fast = sorted((one_hz, two_hz))
     words = [
-        checks.check_sender(hz, None, robot_hz=wanted, stale_after_s=3.0 / wanted).result
+        checks.check_sender(hz, None, robot_hz=robot_hz, stale_after_s=3.0 / robot_hz).result
         for hz in (slow, fast)
     ]
     assert rank[words[0]] <= rank[words[1]]

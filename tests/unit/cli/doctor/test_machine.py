@@ -1,10 +1,9 @@
-"""What `forcemesh doctor` says of this PC and of the sensor: each finding with its remedy."""
+"""Checks of `forcemesh doctor` on this PC and the sensor: findings with their remedies."""
 
 import datetime as dt
 import socket
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,21 +24,22 @@ from common.config.calibration import CalibrationSection, PayloadSection, Residu
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from services.sensor.rdt import RECORD, REQUEST, RdtCommand, RdtRecord
+from tests.fakes.bench import CELL, DEMO
 
-CELLS = Path(__file__).resolve().parents[4] / "cells"
-DEMO, NETFT = load_cell(CELLS / "demo.yaml"), load_cell(CELLS / "demo-netft.yaml")
+CELLS = DEMO.parent
+NETFT = load_cell(CELLS / "demo-netft.yaml")
 REAL = load_cell(CELLS / "rs007l-real.yaml")
 NOW = dt.datetime(2026, 11, 1, tzinfo=dt.UTC)
 GOOD = RdtRecord(1, 1, 0, (0,) * 6)
 
 
 def judged(line: ReportLine) -> tuple[str, bool]:
-    """The word of a line, and whether it says what to do."""
+    """Return the result of a line, and whether it has a remedy."""
     return line.result, bool(line.remedy)
 
 
 def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
-    """The cell with a calibration made so many days ago."""
+    """Return the cell with a calibration of this age in days."""
     residuals = Residuals(
         poses=8, force_mean_N=0.1, force_max_N=0.2, torque_mean_Nm=0.01, torque_max_Nm=0.02
     )
@@ -58,37 +58,37 @@ def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
 
 
 def test_every_item_has_a_line() -> None:
-    """Versions, clock, priority, ports, calibration: whatever this machine is like."""
-    lines = {line.check: line for line in machine_lines(DEMO, is_up=False)}
+    """Versions, clock, priority, ports and calibration have a line on every machine."""
+    lines = {line.check: line for line in machine_lines(CELL, is_up=False)}
     assert list(lines) == ["versions", "clock", "real-time priority", "ports", "calibration"]
     for line in lines.values():
         assert line.result in ("PASS", "SKIP") or line.remedy
 
 
 def test_a_missing_library_is_a_failure() -> None:
-    """It is named."""
+    """The missing library is named."""
     assert judged(check_versions({"Python": "3.11", "numpy": "2.2"})) == ("PASS", False)
     line = check_versions({"Python": "3.11", "numpy": ""})
     assert judged(line) == ("FAIL", True)
     assert "numpy missing" in line.found
 
 
-def test_a_clock_that_is_late_or_was_never_set_is_a_warning() -> None:
-    """Late by half a deadline; of 1970."""
+def test_a_late_or_unset_clock_is_a_warning() -> None:
+    """A clock is late by half a deadline, or shows the year 1970."""
     quick, late = SleepTimes(0.0011, 0.002), SleepTimes(0.0011, 0.05)
     assert judged(check_clock(quick, NOW)) == ("PASS", False)
     assert judged(check_clock(late, NOW)) == ("WARN", True)
     assert judged(check_clock(quick, NOW.replace(year=1970))) == ("WARN", True)
 
 
-def test_priority_that_is_not_granted_is_a_warning() -> None:
-    """The cell works without, until the machine is busy."""
+def test_missing_real_time_priority_is_a_warning() -> None:
+    """A cell works without it while the machine is idle."""
     assert judged(check_priority(is_granted=True)) == ("PASS", False)
     assert judged(check_priority(is_granted=False)) == ("WARN", True)
 
 
-def test_a_port_that_somebody_else_has_is_a_failure() -> None:
-    """While the cell is up it is the cell that has it."""
+def test_a_port_used_by_another_process_is_a_failure() -> None:
+    """While the cell is up, the cell itself uses the port."""
     taken = {"tcp/127.0.0.1:7447": True}
     assert judged(check_ports(taken, is_up=False)) == ("FAIL", True)
     assert judged(check_ports(taken, is_up=True)) == ("SKIP", False)
@@ -97,8 +97,8 @@ def test_a_port_that_somebody_else_has_is_a_failure() -> None:
 
 
 @pytest.mark.realtime
-def test_a_listener_on_the_hubs_port_is_seen() -> None:
-    """By trying to bind, which asks nobody."""
+def test_a_listener_on_the_port_of_the_hub_is_detected() -> None:
+    """The check binds the port, without contacting any process."""
     with socket.create_server(("127.0.0.1", 0)) as other:
         where = f"tcp/127.0.0.1:{other.getsockname()[1]}"
         cell = load_cell(CELLS / "demo.yaml", {"bus.endpoint": where})
@@ -109,9 +109,9 @@ def test_a_listener_on_the_hubs_port_is_seen() -> None:
 
 
 def test_a_calibration_is_judged_by_tool_and_age() -> None:
-    """None at all; the cell file's own numbers; fresh; old; of another tool."""
+    """Cases: none, the cell file's own numbers, a recent one, an old one, another tool."""
     assert judged(check_calibration(REAL, NOW)) == ("FAIL", True)
-    assert judged(check_calibration(DEMO, NOW)) == ("PASS", False)
+    assert judged(check_calibration(CELL, NOW)) == ("PASS", False)
     assert judged(check_calibration(calibrated(REAL, 3), NOW)) == ("PASS", False)
     assert judged(check_calibration(calibrated(REAL, 400), NOW)) == ("WARN", True)
     for changes in ({"tool": "another"}, {"verified": None}):
@@ -124,20 +124,20 @@ def test_a_calibration_is_judged_by_tool_and_age() -> None:
 
 
 def test_a_process_of_another_version_is_a_failure() -> None:
-    """The arbiter would refuse to arm; here is the remedy."""
+    """The arbiter refuses to arm in this case; the line gives the remedy."""
     line = check_role(ObservedRole("wrench", 0.1, is_fresh=True, version="0.0.1"))
     assert judged(line) == ("FAIL", True)
     assert "version 0.0.1" in line.found
 
 
-def test_a_sensor_that_is_not_ours_to_try_is_left_alone() -> None:
-    """A simulated one; and one whose only stream the cell has."""
-    assert sensor_line(DEMO, is_up=False).result == "SKIP"
+def test_a_sensor_that_must_not_be_contacted_is_skipped() -> None:
+    """A simulated sensor, and one whose only stream the cell uses."""
+    assert sensor_line(CELL, is_up=False).result == "SKIP"
     assert sensor_line(NETFT, is_up=True).result == "SKIP"
 
 
-def test_what_a_sensor_sends_is_judged() -> None:
-    """Nothing; an error; readings."""
+def test_the_stream_of_a_sensor_is_judged() -> None:
+    """Cases: no record, a record with an error, valid readings."""
     assert judged(check_stream_of("there", ReceivedStream(0, None), 0.5)) == ("FAIL", True)
     bad = RdtRecord(1, 1, 0x80000001, (0,) * 6)
     assert judged(check_stream_of("there", ReceivedStream(9, bad), 0.5)) == ("FAIL", True)
@@ -145,8 +145,8 @@ def test_what_a_sensor_sends_is_judged() -> None:
     assert (line.result, "1000 records/s" in line.found) == ("PASS", True)
 
 
-def test_a_sensor_on_a_line_of_its_own_is_looked_for() -> None:
-    """The package first, then the device."""
+def test_a_sensor_on_a_serial_device_is_checked_by_package_and_device() -> None:
+    """A missing package is reported first, then a missing device."""
     for driver in ("robotiq", "bota"):
         sensor = REAL.sensor.model_copy(update={"driver": driver})
         assert check_device(sensor, exists=True, has_package=True).result == "PASS"
@@ -157,8 +157,8 @@ def test_a_sensor_on_a_line_of_its_own_is_looked_for() -> None:
 
 @pytest.fixture
 def netft() -> Iterator[tuple[int, list[int]]]:
-    """A sensor that sends twenty records when asked, and what it was asked for."""
-    asked: list[int] = []
+    """The port of a sensor that sends twenty records on request, and its received commands."""
+    commands: list[int] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
         server.bind(("127.0.0.1", 0))
         server.settimeout(20.0)
@@ -166,21 +166,21 @@ def netft() -> Iterator[tuple[int, list[int]]]:
         def serve() -> None:
             for _ in range(2):
                 data, peer = server.recvfrom(64)
-                asked.append(REQUEST.unpack(data)[1])
-                if asked[-1] == RdtCommand.START:
+                commands.append(REQUEST.unpack(data)[1])
+                if commands[-1] == RdtCommand.START:
                     for number in range(20):
                         server.sendto(RECORD.pack(number, number, 0, *[0] * 6), peer)
 
         thread = threading.Thread(target=serve)
         thread.start()
-        yield server.getsockname()[1], asked
+        yield server.getsockname()[1], commands
         thread.join()
-        assert asked == [RdtCommand.START, RdtCommand.STOP]
+        assert commands == [RdtCommand.START, RdtCommand.STOP]
 
 
 @pytest.mark.realtime
-def test_the_sensor_is_asked_and_told_to_stop(netft: tuple[int, list[int]]) -> None:
-    """It must not go on sending to a port where nobody listens."""
+def test_the_sensor_is_started_and_stopped(netft: tuple[int, list[int]]) -> None:
+    """It must not continue to send to a closed port."""
     port, _ = netft
     found = listen("127.0.0.1", port, 0.5)
     assert (found.records, found.newest is not None) == (20, True)

@@ -1,4 +1,4 @@
-"""Pose against kinematics: right poses pass whatever rounding does, mistakes are named."""
+"""Pose check against the kinematics: correct poses pass despite rounding, mistakes are named."""
 
 from functools import cache
 from math import radians
@@ -21,27 +21,27 @@ FRAMES = Frames(
     pin.SE3(R_from_oat(Oat(radians(30.0), 0.0, 0.0)), np.array([0.0, 0.0, 0.02])),
 )
 COARSE = Scales(position_per_mm=10, oat_per_deg=100, joint_per_deg=50)
-Q = np.radians([20.0, 35.0, -80.0, 15.0, -70.0, 40.0])  # nothing special about it
+Q = np.radians([20.0, 35.0, -80.0, 15.0, -70.0, 40.0])  # an arbitrary posture
 
 
 @cache
 def arm() -> ArmKinematics:
-    """The one model."""
+    """Return the model of the arm."""
     return ArmKinematics()
 
 
 def judge(T: pin.SE3, q: np.ndarray = Q, scales: Scales | None = None) -> ReportLine:
-    """The line for a reported pose."""
+    """Return the line for a reported pose."""
     return check_pose(T, q, scales=scales or Scales(), frames=FRAMES, arm=arm())
 
 
 def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0, o: float = 0.0) -> pin.SE3:
-    """A frame: millimetres, and degrees about z."""
+    """Return a frame from millimetres and degrees about z."""
     return pin.SE3(pin.exp3(np.array([0, 0, radians(o)])), np.array([x, y, z]) * 1e-3)
 
 
 def through_packet(T: pin.SE3, scales: Scales) -> pin.SE3:
-    """A pose as it comes out of a 101."""
+    """Return a pose after rounding in packet 101."""
     oat = np.round(np.degrees(oat_from_R(T.rotation)) * scales.oat_per_deg) / scales.oat_per_deg
     position_mm = np.round(T.translation * 1e3 * scales.position_per_mm) / scales.position_per_mm
     return pin.SE3(R_from_oat(Oat(*np.radians(oat))), position_mm * 1e-3)
@@ -55,7 +55,7 @@ joint_angles = st.tuples(
 @given(joint_angles, st.sampled_from([Scales(), COARSE, Scales(position_per_mm=98)]))
 @settings(max_examples=200)
 def test_a_right_pose_passes_in_every_posture_and_scale(q: tuple, scales: Scales) -> None:
-    """Both reports are rounded on their own; the tolerance knows by how much."""
+    """Pose and joints are rounded separately; the tolerance allows for it."""
     joints = np.array(q)
     reported = through_packet(arm().flange_pose(joints), scales)
     units = np.round(np.degrees(joints) * scales.joint_per_deg)
@@ -65,7 +65,7 @@ def test_a_right_pose_passes_in_every_posture_and_scale(q: tuple, scales: Scales
 
 @given(joint_angles, st.floats(2.0, 500.0), st.integers(0, 2))
 def test_a_wrong_position_never_passes(q: tuple, wrong_mm: float, axis: int) -> None:
-    """Two millimetres are more than any rounding and more than any arm's own geometry."""
+    """Two millimetres exceed any rounding and any arm's geometric error."""
     T = arm().flange_pose(np.array(q))
     T.translation = T.translation + np.eye(3)[axis] * wrong_mm * 1e-3
     line = judge(T, np.array(q))
@@ -88,7 +88,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_of_frames_is_named(name: str) -> None:
-    """The numbers are those that the pendant would show."""
+    """The numbers are those of the pendant."""
     T, text, remedy = MISTAKES[name]
     line = judge(T)
     assert line.result == "FAIL"
@@ -98,8 +98,8 @@ def test_a_mistake_of_frames_is_named(name: str) -> None:
 
 @pytest.mark.parametrize("joint", range(6))
 @pytest.mark.parametrize("kind", ["direction", "zero"])
-def test_a_joint_that_the_model_sees_otherwise_is_named(joint: int, kind: str) -> None:
-    """A wrong direction or a zero a quarter turn away shows in the pose."""
+def test_a_joint_that_differs_from_the_model_is_named(joint: int, kind: str) -> None:
+    """A wrong direction, or a zero off by 90 degrees, is identified from the pose."""
     q = Q.copy()
     q[joint] = -q[joint] if kind == "direction" else q[joint] - np.pi / 2
     line = judge(arm().flange_pose(q))
@@ -110,13 +110,13 @@ def test_a_joint_that_the_model_sees_otherwise_is_named(joint: int, kind: str) -
 
 
 def test_a_small_difference_is_a_warning() -> None:
-    """Half a millimetre: no frame that somebody has set."""
+    """Half a millimetre does not come from a frame setting."""
     line = judge(moved(z=0.5) * FLANGE)
     assert (line.result, line.remedy) == ("WARN", REMEDIES["pose.small"])
 
 
 def test_an_arm_with_other_limits_has_no_model() -> None:
-    """The joint limits of the cell file tell whether the one model is meant."""
+    """The joint limits of the cell file identify the arm of the model."""
     low, high = (tuple(np.degrees(limit)) for limit in (arm().lower_rad, arm().upper_rad))
     assert model_of(low, high) is not None
     assert model_of(low, (*high[:5], 270.0)) is None

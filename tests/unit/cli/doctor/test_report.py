@@ -1,6 +1,4 @@
-"""What `forcemesh doctor` looks at in which cell, and its exit codes: nothing is left out."""
-
-from pathlib import Path
+"""Report of `forcemesh doctor`: its lines for each kind of cell, and its exit codes."""
 
 import numpy as np
 import pytest
@@ -29,16 +27,15 @@ from forcemesh.messages import Health, KawasakiStatus, LinkHealth, RobotState, R
 from services.gateway.reports import HealthReport, JointReport, PoseReport
 from services.gateway.round_trips import Spread
 from services.gateway.service import robot_status, scales_of
+from tests.fakes.bench import DEMO
+from tests.fakes.robot_program import READY as RUNNING
 
-CELLS = Path(__file__).resolve().parents[4] / "cells"
+CELLS = DEMO.parent
 TCP = load_cell(CELLS / "demo-tcp.yaml")
 SIM = load_cell(CELLS / "demo.yaml")
 assert TCP.gateway is not None
 SECTION, SCALES = TCP.gateway, scales_of(TCP.gateway)
-READY = (
-    Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
-    | Status.HELD
-)  # fmt: skip
+READY = RUNNING | Status.HELD
 Q = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 T = ArmKinematics().flange_pose(np.array(Q))
 STATUS_CHECKS = {
@@ -52,8 +49,8 @@ NUMBERS = {
 }  # fmt: skip
 
 
-def heard(status: Status = READY) -> ReceivedReports:
-    """What a controller in good order says."""
+def good_reports(status: Status = READY) -> ReceivedReports:
+    """Return the reports of a healthy controller."""
     return ReceivedReports(
         pose=PoseReport(T, 0, 1, status),
         joints=JointReport(Q, 1, 1, status),
@@ -67,19 +64,19 @@ def heard(status: Status = READY) -> ReceivedReports:
 
 
 def a_visit(found: ReceivedReports | None) -> Visit:
-    """A visit that was greeted well."""
+    """Return a visit with a correct greeting."""
     hello = Packet(ID_FIRST, Com.HELLO, greeting(1), SCALES.vec)
     return Visit(hello_outcome="answered", hello=hello, reports=found)
 
 
 def words(lines: list[ReportLine]) -> dict[str, str]:
-    """The word of each line; a check has one line."""
+    """Return the result of each line; a check has one line."""
     assert len({line.check for line in lines}) == len(lines)
     return {line.check: line.result for line in lines}
 
 
 def a_state(**changes: object) -> RobotState:
-    """The state of a robot in good order."""
+    """Return the state of a healthy robot."""
     quaternion = tuple(float(x) for x in _xyzw())
     bits = KawasakiStatus(
         motor_power=True, repeat_mode=True, teach_lock_off=True, program_running=True
@@ -101,26 +98,24 @@ def _xyzw() -> np.ndarray:
     return pin.Quaternion(T.rotation).coeffs()
 
 
-def overheard(
-    cell: CellConfig, state: RobotState | None, numbers: dict[str, float]
-) -> ObservedCell:
-    """A bus in good order."""
+def observed(cell: CellConfig, state: RobotState | None, numbers: dict[str, float]) -> ObservedCell:
+    """Return the observation of a healthy bus."""
     streams = ("robot/state", "sensor/wrench", "wrench", "regulator/target", "robot/command")
     rates = {row.key: cell.rate_hz(row) for row in topics.TOPICS}
     roles = [ObservedRole(role, 0.1, is_fresh=True, rate_hz=250.0) for role in topics.ROLES]
     return ObservedCell(roles, Health(numbers=numbers), state, {key: rates[key] for key in streams})
 
 
-def test_a_controller_in_good_order_passes_every_line() -> None:
-    """Way, sender, eleven bits, codes, pose, loop, speeds, round trip, goodbye."""
-    lines = words(link_lines(TCP, SECTION, SCALES, a_visit(heard())))
+def test_a_healthy_controller_passes_every_line() -> None:
+    """Connection, sender, status bits, codes, pose, loop, speeds, round trip and goodbye pass."""
+    lines = words(link_lines(TCP, SECTION, SCALES, a_visit(good_reports())))
     assert set(lines) == {*CONNECTION_CHECKS, *REST, *STATUS_CHECKS} - {"status bits"}
     assert set(lines.values()) == {"PASS"}
 
 
 VISITS = {
     "closed port": (Visit(opened="refused"), "address", NO_ANSWER),
-    "mute": (Visit(hello_outcome="silent"), "hello", NO_ANSWER),
+    "silent": (Visit(hello_outcome="silent"), "hello", NO_ANSWER),
     "garbled": (Visit(hello_outcome="garbled"), "hello", NO_ANSWER),
     "version": (
         Visit(hello_outcome="answered", hello=Packet(ID_FIRST, 9, 3001, SCALES.vec)),
@@ -138,8 +133,8 @@ VISITS = {
 
 
 @pytest.mark.parametrize("name", VISITS)
-def test_what_was_not_reached_is_skipped_by_name(name: str) -> None:
-    """One line fails, everything behind it says that it was not tried."""
+def test_checks_after_a_failed_one_are_skipped_by_name(name: str) -> None:
+    """One line fails; the later ones are marked as skipped."""
     found, failing, code = VISITS[name]
     lines = link_lines(TCP, SECTION, SCALES, found)
     marks = words(lines)
@@ -150,9 +145,9 @@ def test_what_was_not_reached_is_skipped_by_name(name: str) -> None:
     assert doctor.exit_code(lines) == code
 
 
-def test_a_connection_that_breaks_is_said_beside_what_was_heard() -> None:
-    """What came before is judged all the same."""
-    broken = heard()
+def test_a_broken_connection_is_reported_with_the_earlier_reports() -> None:
+    """Reports received before the break are still judged."""
+    broken = good_reports()
     broken.broken, broken.held = "closed by the controller", False
     lines = link_lines(TCP, SECTION, SCALES, a_visit(broken))
     marks = words(lines)
@@ -163,7 +158,7 @@ def test_a_connection_that_breaks_is_said_beside_what_was_heard() -> None:
 
 
 def test_a_greeted_controller_without_reports_has_no_bits_and_no_pose() -> None:
-    """They are skipped with the reason, the sender fails."""
+    """They are skipped with the reason, and the sender fails."""
     marks = words(link_lines(TCP, SECTION, SCALES, a_visit(ReceivedReports())))
     assert (marks["sender"], marks["status bits"], marks["pose"]) == ("FAIL", "SKIP", "SKIP")
     assert (marks["error code"], marks["round trip"]) == ("WARN", "FAIL")
@@ -171,20 +166,20 @@ def test_a_greeted_controller_without_reports_has_no_bits_and_no_pose() -> None:
 
 def test_a_pose_is_not_compared_while_the_arm_moves() -> None:
     """101 and 102 are of one sample, but AS reads pose and joints one after the other."""
-    lines = link_lines(TCP, SECTION, SCALES, a_visit(heard(READY | Status.MOVING)))
+    lines = link_lines(TCP, SECTION, SCALES, a_visit(good_reports(READY | Status.MOVING)))
     (pose,) = (line for line in lines if line.check == "pose")
     assert (pose.result, pose.remedy) == ("WARN", REMEDIES["pose.moving"])
 
 
 def test_an_arm_without_a_model_has_no_pose_check() -> None:
-    """It is skipped and said, not failed."""
+    """The check is skipped, not failed."""
     other = load_cell(CELLS / "demo-tcp.yaml", {"robot.joint_max_deg": [90] * 6})
-    assert words(link_lines(other, SECTION, SCALES, a_visit(heard())))["pose"] == "SKIP"
+    assert words(link_lines(other, SECTION, SCALES, a_visit(good_reports())))["pose"] == "SKIP"
 
 
-def test_a_running_cell_is_asked_on_the_bus() -> None:
-    """Roles, topics, bits, numbers; the way to the controller is the gateway's."""
-    lines = bus_lines(TCP, SCALES, overheard(TCP, a_state(), NUMBERS))
+def test_a_running_cell_is_observed_on_the_bus() -> None:
+    """Roles, topics, bits and numbers are judged; the connection belongs to the gateway."""
+    lines = bus_lines(TCP, SCALES, observed(TCP, a_state(), NUMBERS))
     marks = words(lines)
     assert {check for check, word in marks.items() if word == "SKIP"} == {
         *CONNECTION_CHECKS,
@@ -195,9 +190,9 @@ def test_a_running_cell_is_asked_on_the_bus() -> None:
     assert doctor.exit_code(lines) == OK
 
 
-def test_numbers_that_are_not_known_are_not_made_up() -> None:
-    """No round trip while nothing was sent; no rates right after the connection."""
-    marks = words(bus_lines(TCP, SCALES, overheard(TCP, a_state(), {})))
+def test_unknown_numbers_are_not_invented() -> None:
+    """There is no round trip before a target is sent, and no rate just after the connection."""
+    marks = words(bus_lines(TCP, SCALES, observed(TCP, a_state(), {})))
     assert (marks["round trip"], marks["program loop"]) == ("SKIP", "WARN")
     assert (marks["sender"], marks["monitor speed"]) == ("FAIL", "WARN")
 
@@ -211,9 +206,9 @@ LOST = {
 
 @pytest.mark.parametrize("name", LOST)
 def test_a_gateway_without_its_controller_fails_the_link(name: str) -> None:
-    """With the gateway's own reason; the rest is skipped, not guessed."""
+    """The link line has the gateway's reason; the other checks are skipped."""
     state = LOST[name]
-    lines = bus_lines(TCP, SCALES, overheard(TCP, state, {}))
+    lines = bus_lines(TCP, SCALES, observed(TCP, state, {}))
     (link,) = (line for line in lines if line.check == "link")
     assert (link.result, link.remedy) == ("FAIL", REMEDIES["link"])
     assert name != "not valid" or "no answer" in link.found
@@ -221,9 +216,9 @@ def test_a_gateway_without_its_controller_fails_the_link(name: str) -> None:
     assert doctor.exit_code(lines) == NOT_WELL
 
 
-def test_a_simulated_cell_has_no_link_and_says_so() -> None:
-    """Roles, topics and the pose are judged, everything of a controller is not used."""
-    marks = words(bus_lines(SIM, SCALES, overheard(SIM, a_state(), {})))
+def test_a_simulated_cell_has_no_link() -> None:
+    """Roles, topics and the pose are judged; checks of a controller are skipped with a reason."""
+    marks = words(bus_lines(SIM, SCALES, observed(SIM, a_state(), {})))
     assert {check for check, word in marks.items() if word == "SKIP"} == {
         *CONNECTION_CHECKS,
         *REST,
@@ -232,29 +227,29 @@ def test_a_simulated_cell_has_no_link_and_says_so() -> None:
     assert {line.found for line in unused_lines(SIM)} == {
         "not used by this cell: roles.robot is sim"
     }
-    silent = words(bus_lines(SIM, SCALES, overheard(SIM, None, {})))
+    silent = words(bus_lines(SIM, SCALES, observed(SIM, None, {})))
     assert silent["pose"] == "SKIP"
 
 
-def test_a_thinned_robot_state_is_not_slow_but_one_at_half_is() -> None:
-    """Of a sender at 73/s the gateway passes on each second sample: 36.5/s for 40."""
-    found = overheard(TCP, a_state(), NUMBERS)
+def test_a_decimated_robot_state_is_not_slow_but_one_at_half_rate_is() -> None:
+    """At 73 reports/s the gateway publishes each second one: 36.5/s instead of 40."""
+    found = observed(TCP, a_state(), NUMBERS)
     for hz, word in ((36.5, "PASS"), (20.0, "WARN"), (None, "FAIL")):
         found.stream_hz["robot/state"] = hz
         assert words(bus_lines(TCP, SCALES, found))["robot/state"] == word
-    simulated = overheard(SIM, a_state(), {})
+    simulated = observed(SIM, a_state(), {})
     simulated.stream_hz["robot/state"] = 200.0
     assert words(bus_lines(SIM, SCALES, simulated))["robot/state"] == "WARN"
 
 
 @pytest.mark.parametrize("bit", list(Status), ids=lambda bit: bit.name)
 def test_the_status_of_a_robot_is_that_of_its_controller(bit: Status) -> None:
-    """Each bit of the packet is in robot/state, and comes back from it as it was."""
+    """Each bit of the packet is in robot/state and round trips."""
     assert status_of(robot_status(bit, 0, ())) == bit
 
 
 def test_exit_codes() -> None:
-    """0 with warnings, 1 with a failure, 2 for a cell file, 4 when nobody is there."""
+    """0 with warnings, 1 with a failure, 2 for a cell file, 4 without a reply."""
     line, fail = ReportLine("x", "PASS", "fine"), ReportLine("x", "FAIL", "bad", "do")
     assert (
         doctor.exit_code(
@@ -268,10 +263,10 @@ def test_exit_codes() -> None:
         assert doctor.exit_code([fail, ReportLine(check, "FAIL", "bad", "do")]) == NO_ANSWER
 
 
-def test_the_report_for_people_has_a_remedy_below_each_trouble(
+def test_the_text_report_has_a_remedy_below_each_failure(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Square brackets in what was found are text; the last line counts."""
+    """Square brackets are printed as text; the last line counts the results."""
     doctor.print_lines(
         [ReportLine("a", "PASS", "fine"), ReportLine("b b", "FAIL", "bad [x]", "do [y]")]
     )

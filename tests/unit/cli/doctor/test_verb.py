@@ -1,4 +1,4 @@
-"""The verb `forcemesh doctor`: its exit codes, its choice between link and bus, as typed."""
+"""Verb `forcemesh doctor`: exit codes, and its choice between link and bus."""
 
 import json
 import subprocess
@@ -28,10 +28,10 @@ from launch.run_file import FOLDER_VARIABLE, new_run, write_run
 from launch.started_process import ProcessSpec
 from tests.chaos.common_net import free_port
 from tests.fakes.controller import FakeController
+from tools.tree import ROOT
 
 pytestmark = pytest.mark.realtime
 
-ROOT = Path(__file__).resolve().parents[4]
 HUB = ProcessSpec("services.hub", ("hub",))
 DEADLINE_S = 60.0
 SHORT = VisitTimeouts(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, confirm_s=0.5)
@@ -39,7 +39,7 @@ SHORT = VisitTimeouts(connect_s=0.5, hello_s=0.5, reports_s=0.5, watch_s=1.2, co
 
 @pytest.fixture
 def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
-    """Makes a cell file on ports of this test alone; nobody is up."""
+    """A function that makes a cell file on free ports, without a running cell."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     monkeypatch.delenv(ENDPOINT_VARIABLE, raising=False)
     monkeypatch.setattr(doctor_link, "PATIENCE", SHORT)
@@ -57,18 +57,18 @@ def cell_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
     return make
 
 
-def ask(path: Path) -> tuple[int, dict[str, str]]:
-    """Call the verb; return its exit code and the word of each line."""
+def run(path: Path) -> tuple[int, dict[str, str]]:
+    """Run the verb; return its exit code and the result of each line."""
     result = CliRunner().invoke(app, ["doctor", "--json", "--cell", str(path)])
     report = json.loads(result.stdout)
     assert report["exit_code"] == result.exit_code
     return result.exit_code, {line["check"]: line["result"] for line in report["lines"]}
 
 
-def test_a_controller_in_good_order_is_exit_code_0(cell_file: Callable[..., Path]) -> None:
+def test_a_healthy_controller_is_exit_code_0(cell_file: Callable[..., Path]) -> None:
     """The fake arm has the model's lengths: pose and joints agree."""
     with FakeController(rate_hz=50.0) as controller:
-        code, words = ask(cell_file(controller.port))
+        code, words = run(cell_file(controller.port))
     assert code == OK
     assert {check for check, word in words.items() if word == "SKIP"} == {
         "processes",
@@ -79,11 +79,11 @@ def test_a_controller_in_good_order_is_exit_code_0(cell_file: Callable[..., Path
     assert words["pose"] == "PASS"
 
 
-def test_lights_that_are_off_are_exit_code_1(cell_file: Callable[..., Path]) -> None:
-    """Each of its own line, all of them at once."""
+def test_missing_status_bits_are_exit_code_1(cell_file: Callable[..., Path]) -> None:
+    """Each missing bit fails its own line."""
     with FakeController(rate_hz=50.0) as controller:
         controller.robot.status = Status.TARGET_REFUSED
-        code, words = ask(cell_file(controller.port))
+        code, words = run(cell_file(controller.port))
     assert code == NOT_WELL
     failed = {check for check, word in words.items() if word == "FAIL"}
     assert failed == {"motor power", "mode", "teach lock", "robot program"}
@@ -91,41 +91,41 @@ def test_lights_that_are_off_are_exit_code_1(cell_file: Callable[..., Path]) -> 
 
 
 def test_a_cell_file_with_a_mistake_is_exit_code_2(tmp_path: Path) -> None:
-    """The mistake is in the line, and nothing else is tried."""
+    """There is only the line of the cell file; no other check runs."""
     path = tmp_path / "cell.yaml"
     path.write_text("cell: 7\n")
-    assert ask(path) == (USAGE, {"cell file": "FAIL"})
+    assert run(path) == (USAGE, {"cell file": "FAIL"})
 
 
-def test_nobody_there_is_exit_code_4(cell_file: Callable[..., Path]) -> None:
-    """A closed port; and a simulated cell that is not up."""
-    code, words = ask(cell_file(free_port()))
+def test_no_reply_is_exit_code_4(cell_file: Callable[..., Path]) -> None:
+    """Cases: a closed port, and a simulated cell that is not up."""
+    code, words = run(cell_file(free_port()))
     assert (code, words["address"], words["pose"]) == (NO_ANSWER, "FAIL", "SKIP")
-    code, words = ask(cell_file(base="demo"))
+    code, words = run(cell_file(base="demo"))
     assert (code, words["bus"], words["address"]) == (NO_ANSWER, "FAIL", "SKIP")
 
 
-def test_while_the_cell_is_up_the_controller_is_left_alone(
+def test_while_the_cell_is_up_the_controller_is_not_contacted(
     cell_file: Callable[..., Path],
 ) -> None:
-    """A run file of a living supervisor: no second client, also when its hub does not answer."""
+    """With the run file of a live supervisor there is no second client, even without a hub."""
     with FakeController() as controller:
         path = cell_file(controller.port)
         write_run(new_run(load_cell(path), path))  # this test is the supervisor
-        code, words = ask(path)
+        code, words = run(path)
         assert (code, words["bus"], "address" in words) == (NO_ANSWER, "FAIL", False)
         assert controller.connections == 0
 
 
 @pytest.mark.processes
-def test_a_cell_that_is_up_is_asked_on_its_bus(cell_file: Callable[..., Path]) -> None:
-    """Without a run file, too: whoever publishes robot/health has the controller."""
+def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -> None:
+    """Without a run file the publisher of robot/health reveals that the controller is in use."""
     with FakeController() as controller, ExitStack() as stack:
         path = cell_file(controller.port)
         cell = load_cell(path)
         other = cell.model_copy(update={"cell": "other"})
         stack.enter_context(Supervisor(other, processes=[HUB]))
-        stack.enter_context(speaking(cell))
+        stack.enter_context(publishing_robot(cell))
         found = observe_cell(cell, watch_s=1.0)
         assert found is not None
         assert found.robot is not None
@@ -133,20 +133,22 @@ def test_a_cell_that_is_up_is_asked_on_its_bus(cell_file: Callable[..., Path]) -
         assert found.state is not None
         assert found.stream_hz["wrench"] is None
         assert found.stream_hz["robot/state"] == pytest.approx(50.0, rel=0.5)
-        fresh = {heard.role for heard in found.roles if heard.is_fresh and heard.same_config}
+        fresh = {
+            observed.role for observed in found.roles if observed.is_fresh and observed.same_config
+        }
         assert fresh == {"robot"}
-        code, words = ask(path)
+        code, words = run(path)
         assert (code, words["address"], words["process robot"]) == (NOT_WELL, "SKIP", "PASS")
         assert (words["sender"], words["link"]) == ("SKIP", "FAIL")
         assert controller.connections == 0
 
 
 @contextmanager
-def speaking(cell: CellConfig) -> Iterator[None]:
-    """A robot that says something 50 times a second."""
+def publishing_robot(cell: CellConfig) -> Iterator[None]:
+    """Publish as a robot 50 times a second."""
     stop = threading.Event()
 
-    def speak() -> None:
+    def publish() -> None:
         with open_bus(cell, "robot") as bus:
             health = bus.publisher(topics.ROBOT_HEALTH)
             state = bus.publisher(topics.ROBOT_STATE)
@@ -154,7 +156,7 @@ def speaking(cell: CellConfig) -> Iterator[None]:
                 health.put(Health(config_hash=cell_hash(cell), numbers={"sender_hz": 40.0}))
                 state.put(RobotState())
 
-    thread = threading.Thread(target=speak)
+    thread = threading.Thread(target=publish)
     thread.start()
     try:
         yield
@@ -164,8 +166,8 @@ def speaking(cell: CellConfig) -> Iterator[None]:
 
 
 @pytest.mark.processes
-def test_the_verb_visits_the_program_that_ships(cell_file: Callable[..., Path]) -> None:
-    """Two processes: the emulated controller at 10 % monitor speed, and the command as typed."""
+def test_the_verb_visits_the_supplied_program(cell_file: Callable[..., Path]) -> None:
+    """Two processes: the emulated controller at 10 % monitor speed, and the command."""
     words = ["-m", "sim.controller", "controller/forcemesh.as", "--port", "0", "--speed", "10"]
     with subprocess.Popen(
         [sys.executable, *words, "--step-ms", "0.125"], cwd=ROOT, stdout=subprocess.PIPE, text=True
@@ -186,8 +188,8 @@ def test_the_verb_visits_the_program_that_ships(cell_file: Callable[..., Path]) 
         )
         process.terminate()
         process.communicate(timeout=DEADLINE_S)
-    said = {" ".join(line.split()[1:3]): line.split()[0] for line in done.stdout.splitlines()}
+    results = {" ".join(line.split()[1:3]): line.split()[0] for line in done.stdout.splitlines()}
     assert done.returncode == OK, done.stdout + done.stderr
-    assert (said["pose 0.000"], said["motor power"], said["left behind"]) == ("PASS",) * 3
-    assert said["monitor speed"] == "WARN"
+    assert (results["pose 0.000"], results["motor power"], results["left behind"]) == ("PASS",) * 3
+    assert results["monitor speed"] == "WARN"
     assert "0 failed" in done.stdout

@@ -1,4 +1,4 @@
-"""Paths in files: what is written is read again, what is wrong is said in one sentence."""
+"""Path files: round trip, thinning, and errors of one sentence."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -23,8 +23,8 @@ poses = st.builds(
 @settings(max_examples=30)
 @given(st.lists(poses, min_size=1, max_size=8))
 def test_poses_come_back_to_a_micrometre_and_a_millidegree(tmp_path_factory, recorded) -> None:
-    """Written in millimetres and degrees, read in metres and rotations."""
-    path = tmp_path_factory.mktemp("paths") / "way.csv"
+    """Files hold millimetres and degrees; reading gives metres and rotations."""
+    path = tmp_path_factory.mktemp("paths") / "path.csv"
     write_poses(path, [0.02 * n for n in range(len(recorded))], recorded)
     back = read_poses(path)
     for there, here in zip(recorded, back, strict=True):
@@ -36,8 +36,8 @@ def test_poses_come_back_to_a_micrometre_and_a_millidegree(tmp_path_factory, rec
 
 @settings(max_examples=30)
 @given(st.lists(poses, min_size=2, max_size=25), st.floats(1e-4, 0.5))
-def test_a_thinned_way_keeps_its_ends_and_stays_near_every_pose(recorded, tolerance_m) -> None:
-    """Each pose left out is within the tolerance of a straight piece of what is kept."""
+def test_a_thinned_path_keeps_its_ends_and_stays_near_every_pose(recorded, tolerance_m) -> None:
+    """Each omitted pose is within the tolerance of a straight segment of the kept ones."""
     kept = thinned(recorded, tolerance_m)
     assert kept[0] is recorded[0]
     assert kept[-1] is recorded[-1]
@@ -51,14 +51,14 @@ def test_a_thinned_way_keeps_its_ends_and_stays_near_every_pose(recorded, tolera
             assert off <= tolerance_m + np.linalg.norm(b - a) / 399
 
 
-def test_a_straight_way_needs_its_ends_alone() -> None:
+def test_a_straight_path_keeps_only_its_ends() -> None:
     """A thousand poses on a line become two."""
     line = [pose((0.001 * n, 0.0, 0.0), np.eye(3)) for n in range(1000)]
     assert len(thinned(line, 1e-6)) == 2
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "problem"),
     [
         ("", "no column x_mm, y_mm, z_mm"),
         ("x_mm,y_mm\n1,2\n", "no column z_mm; found x_mm, y_mm"),
@@ -68,18 +68,18 @@ def test_a_straight_way_needs_its_ends_alone() -> None:
         ("x_mm,y_mm,z_mm\n1,2,nan\n", "row 2: a number is not finite"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_said_with_its_name(tmp_path: Path, text, says) -> None:
-    """One sentence with the file, the row and what would be right."""
-    path = tmp_path / "way.csv"
+def test_an_error_in_a_file_is_reported_with_its_name(tmp_path: Path, text, problem) -> None:
+    """One sentence gives the file, the row and the cause."""
+    path = tmp_path / "path.csv"
     path.write_text(text)
-    with pytest.raises(DataError, match=says) as caught:
+    with pytest.raises(DataError, match=problem) as caught:
         read_points(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_is_not_there_and_one_that_is_no_text(tmp_path: Path) -> None:
-    """Both are said, and neither is an accident of the program."""
+def test_a_missing_file_and_one_that_is_no_text_are_refused(tmp_path: Path) -> None:
+    """Each error is one sentence and not an internal error."""
     with pytest.raises(DataError, match="cannot be read: No such file"):
         read_points(tmp_path / "none.csv")
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
@@ -89,9 +89,9 @@ def test_a_file_that_is_not_there_and_one_that_is_no_text(tmp_path: Path) -> Non
         write_poses(tmp_path, [0.0], [pose((0.0, 0.0, 0.0), np.eye(3))])
 
 
-def test_comments_spaces_and_other_columns_do_not_matter(tmp_path: Path) -> None:
-    """A spreadsheet's habits are borne."""
-    path = tmp_path / "way.csv"
+def test_comments_spaces_and_other_columns_are_ignored(tmp_path: Path) -> None:
+    """Files of spreadsheets are accepted."""
+    path = tmp_path / "path.csv"
     path.write_text("# a comment\nname, x_mm ,y_mm,z_mm\na,1,2,3\n# another\nb,4,5,6\n")
     assert np.array(read_points(path)) == pytest.approx(
         np.array([[0.001, 0.002, 0.003], [0.004, 0.005, 0.006]])

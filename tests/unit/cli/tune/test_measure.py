@@ -1,4 +1,4 @@
-"""`tune` on a whole cell in virtual time: it finds what is there, and leaves the arm as it was."""
+"""`tune` on a whole cell in virtual time: true values are identified, the arm returns."""
 
 import json
 from dataclasses import replace
@@ -14,20 +14,21 @@ from common.config.load import load_cell
 from forcemesh.errors import DataError, NotReachedError, RefusedError
 from launch.virtual_cell import VirtualCell
 from sim.robot.arm import motion_lag_s
+from tests.fakes.bench import DEMO
 from tests.fakes.long import long
-from tests.fakes.verbs import said
+from tests.fakes.verbs import call_verb
 from tuning.contact_spring import Spring
 from tuning.gain_rule import tune
 from tuning.identify import Steps
 from tuning.servo import Servo
 
-CELLS = Path(__file__).resolve().parents[4] / "cells"
+CELLS = DEMO.parent
 CHAIN_S = 0.003  # at most, from the arbiter's command to the robot, and back in its report
 SHARP_S = 0.002
 RATES_HZ = ((250, 250), (125, 250), (100, 125), (60, 250), (40, 125))  # of robot and regulator
 
 
-class Tuned:
+class TuneCell:
     """A cell in virtual time, armed, its tool in free space."""
 
     def __init__(self, name: str = "demo.yaml", overrides=None) -> None:
@@ -41,13 +42,13 @@ class Tuned:
         self.world.advance(0.1)
 
     def p(self) -> np.ndarray:
-        """True place of the flange."""
+        """Return the true position of the flange."""
         return np.array(self.world.arm.T_base_flange.translation)
 
 
 @pytest.mark.parametrize("number", [0, *(long(number) for number in range(1, 20))])
 def test_delay_and_lag_together_are_found_to_2_ms_in_20_of_20_cells(number: int) -> None:
-    """And as far as is said: an arm, its controller, its smoothing and its rates drawn by lot."""
+    """The error is within the stated deviation, for random arms, controllers and rates."""
     rng, (robot_hz, control_hz) = np.random.default_rng(number), RATES_HZ[number % len(RATES_HZ)]
     drawn = {
         "sim.delay_s": round(float(rng.uniform(0.0, 0.08)), 3),
@@ -55,7 +56,7 @@ def test_delay_and_lag_together_are_found_to_2_ms_in_20_of_20_cells(number: int)
         "rates.robot_hz": robot_hz,
         "rates.control_hz": control_hz,
     }
-    cell = Tuned(overrides=drawn)
+    cell = TuneCell(overrides=drawn)
     readings = run(cell, TuningTrial())
     arm, found = cell.world.arm.settings, readings.arm
     lag_s = motion_lag_s(arm)
@@ -70,9 +71,9 @@ def test_delay_and_lag_together_are_found_to_2_ms_in_20_of_20_cells(number: int)
 @pytest.mark.long
 @pytest.mark.parametrize(("delay_s", "k"), [(0.0, 5e3), (0.01, 1e5), (0.04, 2e4)])
 def test_it_finds_delay_lag_and_stiffness_of_the_simulated_arm(delay_s: float, k: float) -> None:
-    """The sum to two milliseconds, the stiffness to 3 % and as far as is said; then it is back."""
+    """The sum to 2 ms, the stiffness to 3 % and the stated spread; then the arm is at its start."""
     sim = {"sim.delay_s": delay_s, "sim.stiffness_N_m": k}
-    cell = Tuned(overrides=sim | {"contact.stiffness_N_m": 1e5, "force.approach_m_s": 0.0025})
+    cell = TuneCell(overrides=sim | {"contact.stiffness_N_m": 1e5, "force.approach_m_s": 0.0025})
     start, gain = cell.p(), tune(cell.client.config).force_i_m_per_Ns
     readings = measure(
         cell.client, TuningTrial(), gain=gain, with_press=True, with_controller=False
@@ -91,8 +92,8 @@ def test_it_finds_delay_lag_and_stiffness_of_the_simulated_arm(delay_s: float, k
 
 @pytest.mark.long
 def test_the_controllers_own_loop_is_measured_too() -> None:
-    """On the emulated controller: slower than its servo, about what its cell file allows for."""
-    cell = Tuned("demo-tcp.yaml")
+    """On the emulated controller the loop delay exceeds the servo's, near the cell file's value."""
+    cell = TuneCell("demo-tcp.yaml")
     gain = tune(cell.client.config).force_i_m_per_Ns
     readings = measure(cell.client, TuningTrial(), gain=gain, with_press=True, with_controller=True)
     found = readings.controller
@@ -103,11 +104,11 @@ def test_the_controllers_own_loop_is_measured_too() -> None:
 
 
 def test_steps_that_never_repeat_are_refused_after_five_rounds(monkeypatch) -> None:
-    """A machine that notes poses later and later: each round is said, and the arm goes nowhere."""
-    cell, truly, number = Tuned(), MotionRecorder.axis_steps, iter(range(100))
+    """With increasingly late poses the error lists each round, and the arm is at its start."""
+    cell, original, number = TuneCell(), MotionRecorder.axis_steps, iter(range(100))
 
-    def later(ears, axis) -> Steps:
-        steps = truly(ears, axis)
+    def later(recorder, axis) -> Steps:
+        steps = original(recorder, axis)
         return replace(steps, measured_s=steps.measured_s + 0.002 * next(number))
 
     monkeypatch.setattr(MotionRecorder, "axis_steps", later)
@@ -118,17 +119,17 @@ def test_steps_that_never_repeat_are_refused_after_five_rounds(monkeypatch) -> N
     assert cell.client.status().state == "ARMED"
 
 
-def test_a_press_is_repeated_until_it_tells_a_stiffness_and_refused_where_none_does(
+def test_a_press_is_repeated_until_it_determines_a_stiffness_or_is_refused(
     monkeypatch,
 ) -> None:
-    """Places that repeat need one press; scattered ones three, with what they showed."""
-    cell = Tuned()
+    """Repeatable positions need one press, scattered ones three; the error gives their results."""
+    cell = TuneCell()
     rng = np.random.default_rng(1)
     monkeypatch.setattr(cell.client.force, "begin", lambda _: None)
     for noise_m, presses in ((1e-7, 1), (4e-5, 3), (4e-4, None)):
         measuring = TuningMeasurement(cell.client, TuningTrial())
 
-        def place(_feeler, level_N, _what, noise_m=noise_m):
+        def place(_monitor, level_N, _what, noise_m=noise_m):
             return level_N / 2e4 + noise_m * rng.normal(), level_N
 
         monkeypatch.setattr(measuring, "_settled_point", place)
@@ -140,9 +141,9 @@ def test_a_press_is_repeated_until_it_tells_a_stiffness_and_refused_where_none_d
         assert len(measuring.readings.travel_m) == 5 * presses
 
 
-def test_it_begins_armed_free_and_inside_the_workspace() -> None:
-    """Each refusal is one sentence, nothing has moved."""
-    cell = Tuned()
+def test_tune_starts_armed_in_free_space_inside_the_workspace() -> None:
+    """Each refusal is one sentence, without any motion."""
+    cell = TuneCell()
     start = cell.p()
     x = float(start[0])
     trial = TuningTrial(step_m=0.01)
@@ -167,69 +168,71 @@ def test_it_begins_armed_free_and_inside_the_workspace() -> None:
 
 
 def test_the_verb_measures_writes_and_applies(monkeypatch, tmp_path: Path) -> None:
-    """Steps alone: tau as JSON, a picture, a file for the cell, gains set; wrong words are said."""
-    cell = Tuned()
+    """Steps alone give tau as JSON, a picture, a tuning file and gains; wrong usage is refused."""
+    cell = TuneCell()
     written, out = tmp_path / "tuning.yaml", tmp_path / "tune.png"
     words = ("--no-press", "--json", "--apply", "--write", str(written), "--out", str(out))
-    done = said(monkeypatch, cell.client, no_progress, "tune", *words)
+    done = call_verb(monkeypatch, cell.client, no_progress, "tune", *words)
     assert done.exit_code == 0, done.stderr
-    told = json.loads(done.stdout)
+    report = json.loads(done.stdout)
     config = cell.client.config
-    assert told["tau_s"] == pytest.approx(config.loop_delay_s, abs=CHAIN_S)
+    assert report["tau_s"] == pytest.approx(config.loop_delay_s, abs=CHAIN_S)
     true_s = config.robot.delay_s + config.robot.lag_s
-    assert told["delay_and_lag_s"] == pytest.approx(true_s, abs=SHARP_S)
-    assert told["refused"] is None
-    assert told["stiffness_N_m"] is None
-    advised = told["hosts"]["pc"]["gains"]["force_i_m_per_Ns"]
+    assert report["delay_and_lag_s"] == pytest.approx(true_s, abs=SHARP_S)
+    assert report["refused"] is None
+    assert report["stiffness_N_m"] is None
+    advised = report["hosts"]["pc"]["gains"]["force_i_m_per_Ns"]
     assert cell.client.force.gains().force_i_m_per_Ns == pytest.approx(advised)
     assert advised[2] == pytest.approx(tune(config).force_i_m_per_Ns, rel=0.1)
     assert written.read_text().count("delay_s") == 1
     assert out.read_bytes().startswith(b"\x89PNG")
-    for wrong, says in (
+    for wrong, message in (
         (("--force", "90"), "--force 90: the cell allows at most 40 N"),
         (("--for", "controller"), "--for controller: this cell offers pc"),
     ):
-        done = said(monkeypatch, cell.client, no_progress, "tune", *wrong)
-        assert (done.exit_code, done.stdout, done.stderr) == (2, "", f"{says}\n")
+        done = call_verb(monkeypatch, cell.client, no_progress, "tune", *wrong)
+        assert (done.exit_code, done.stdout, done.stderr) == (2, "", f"{message}\n")
 
 
-def test_the_verb_writes_and_sets_nothing_that_the_law_does_not_bear(
+def test_the_verb_writes_and_sets_nothing_outside_the_range_of_the_law(
     monkeypatch, tmp_path: Path
 ) -> None:
-    """It says what it measured and why not, and ends with 1; a loop that was not measured, too."""
-    cell, written = Tuned(), tmp_path / "tuning.yaml"
+    """It prints the measured values and the reason; a loop that was not measured is refused too."""
+    cell, written = TuneCell(), tmp_path / "tuning.yaml"
     gains, config = cell.client.force.gains(), cell.client.config
     robot = config.robot.model_copy(update={"hosts": ("pc", "controller")})
     cell.client.config = config.model_copy(update={"robot": robot})
     found = Readings(servo=Servo(0.03, 5e-4, 0.005, 0.012), spring=Spring(3e5, 1e3))
     monkeypatch.setattr("cli.tune.measure.measure", lambda *_, **__: found)
     words = ("tune", "--apply", "--write", str(written))
-    done = said(monkeypatch, cell.client, no_progress, *words)
+    done = call_verb(monkeypatch, cell.client, no_progress, *words)
     assert done.exit_code == 1
     assert done.stderr.startswith("nothing is recommended, written or set: too stiff: 3e+05 N/m")
     assert "together 30.0 +/- 1.0 ms" in done.stdout
     found.spring = Spring(2e4, 100.0)
-    done = said(monkeypatch, cell.client, no_progress, "tune", "--apply", "--for", "controller")
+    done = call_verb(
+        monkeypatch, cell.client, no_progress, "tune", "--apply", "--for", "controller"
+    )
     assert done.exit_code == 2
     assert done.stderr == "--for controller: its loop was not measured, so no gains are set\n"
     assert cell.client.force.gains() == gains
     assert not written.exists()
 
 
-def test_ctrl_c_in_the_middle_of_the_steps_holds_the_arm(monkeypatch) -> None:
+def test_ctrl_c_during_the_steps_holds_the_arm(monkeypatch) -> None:
     """The verb ends with 130, the arbiter is HOLDING."""
-    cell = Tuned()
+    cell = TuneCell()
 
     def interrupt(done, _total, _text) -> None:
         if done > 0.3:
             raise KeyboardInterrupt
 
-    done = said(monkeypatch, cell.client, interrupt, "tune")
+    done = call_verb(monkeypatch, cell.client, interrupt, "tune")
     assert (done.exit_code, done.stderr) == (130, "interrupted: the arm holds\n")
     cell.world.advance(0.1)
     assert cell.client.status().state == "HOLDING"
 
 
-def run(cell: Tuned, trial: TuningTrial) -> Readings:
-    """Measure steps alone."""
+def run(cell: TuneCell, trial: TuningTrial) -> Readings:
+    """Measure only the steps."""
     return measure(cell.client, trial, gain=1e-3, with_press=False, with_controller=False)

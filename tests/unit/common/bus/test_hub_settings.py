@@ -1,4 +1,4 @@
-"""What a process must not do on a bus that leaves this machine, and who it is there."""
+"""Actions that a process must not take on a bus that leaves this machine, and its name there."""
 
 from pathlib import Path
 
@@ -51,10 +51,10 @@ def touch_pair(folder: Path, *names: str) -> None:
 
 
 @pytest.mark.parametrize("wrong", ["garbage", "127.0.0.1:7447", "tcp/", "tcp/a b"])
-def test_what_is_no_endpoint_is_told_with_one_that_is(
+def test_a_wrong_endpoint_is_reported_with_a_right_one(
     wrong: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The variable by its name, and what would be right; what is right goes before the cell's."""
+    """The variable by its name, and the right form; the right one overrides the cell's."""
     monkeypatch.setenv(ENDPOINT_VARIABLE, wrong)
     with pytest.raises(ConfigError, match=r"FORCEMESH_ENDPOINT(.|\n)*tcp/127\.0\.0\.1:7447"):
         endpoint_of(cell())
@@ -71,15 +71,15 @@ def test_this_machine_needs_no_certificate(endpoint: str) -> None:
 
 @pytest.mark.parametrize("endpoint", ELSEWHERE)
 @pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
-def test_no_process_uses_an_open_bus_unless_told_in_so_many_words(endpoint: str, role: str) -> None:
-    """Every role refuses an address that others reach, and names both ways out."""
+def test_no_process_uses_an_open_bus_without_an_explicit_setting(endpoint: str, role: str) -> None:
+    """Every role refuses an address that others reach, and names both remedies."""
     with pytest.raises(BusError, match=r"refused: .*pki init.*insecure: true"):
         security_of(cell(), role, endpoint)
     assert security_of(cell(insecure=True), role, endpoint) == {}
 
 
 @pytest.mark.parametrize("endpoint", ["tcp/hub:7447", "tcp/0.0.0.0:7447"])
-def test_a_hub_in_a_container_is_judged_by_what_compose_publishes(
+def test_a_hub_in_a_container_is_judged_by_the_address_that_compose_publishes(
     endpoint: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Published on loopback it stays here; on any other address, or none, it is refused."""
@@ -107,7 +107,7 @@ def test_the_hub_above_is_refused_in_the_clear_too() -> None:
         hub_settings(cell(upstream=upstream), "tcp/127.0.0.1:7447")
 
 
-def test_both_ends_of_a_link_prove_who_they_are(tmp_path: Path) -> None:
+def test_both_ends_of_a_link_prove_their_names(tmp_path: Path) -> None:
     """Both show certificates, check the name in the other, and leave when it ends."""
     touch_pair(tmp_path, "hub", "wrench")
     secure = cell(tls={"folder": str(tmp_path)})
@@ -121,8 +121,8 @@ def test_both_ends_of_a_link_prove_who_they_are(tmp_path: Path) -> None:
     assert client["transport"]["link"]["tls"]["connect_private_key"].endswith("/wrench.key")
 
 
-def test_a_hub_with_certificates_denies_what_is_not_allowed(tmp_path: Path) -> None:
-    """Access control is on, by default nobody may anything, and long messages end there."""
+def test_a_hub_with_certificates_denies_everything_that_is_not_allowed(tmp_path: Path) -> None:
+    """Access control is on, by default everything is denied, and long messages end there."""
     touch_pair(tmp_path, "hub")
     settings = hub_settings(cell(tls={"folder": str(tmp_path)}), "tls/0.0.0.0:7447")
     assert settings["access_control"]["enabled"] is True
@@ -133,7 +133,7 @@ def test_a_hub_with_certificates_denies_what_is_not_allowed(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("missing", ["ca.pem", "wrench.pem", "wrench.key"])
 def test_a_missing_file_is_named_with_the_remedy(tmp_path: Path, missing: str) -> None:
-    """The error says which file and which command makes it."""
+    """The error names the file and the command that makes it."""
     touch_pair(tmp_path, "wrench")
     (tmp_path / missing).unlink()
     with pytest.raises(BusError, match=f"{missing} is missing; `forcemesh pki init --cell FILE`"):
@@ -141,7 +141,7 @@ def test_a_missing_file_is_named_with_the_remedy(tmp_path: Path, missing: str) -
 
 
 def test_a_file_that_cannot_be_read_is_named_with_the_remedy(tmp_path: Path) -> None:
-    """A folder in its place, or a file of somebody else, is told with the reason."""
+    """A folder in its place, or a file of another user, is reported with the reason."""
     touch_pair(tmp_path, "wrench")
     (tmp_path / "wrench.key").unlink()
     (tmp_path / "wrench.key").mkdir()
@@ -166,7 +166,7 @@ def test_a_client_is_the_first_person_whose_key_is_there(
     assert identity_of(cell(tls={"folder": str(tmp_path)}), CLIENT).name == name
 
 
-def test_the_environment_says_who_and_where(
+def test_the_environment_names_role_and_endpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It goes before the cell file, which goes before the place where `pki init` writes."""
@@ -178,7 +178,7 @@ def test_the_environment_says_who_and_where(
     assert identity_of(cell(tls={"folder": "/elsewhere"}), CLIENT) == Identity("monitor", tmp_path)
 
 
-def test_names_of_one_cell_say_nothing_in_another() -> None:
+def test_names_of_one_cell_give_no_access_in_another() -> None:
     """No name of a cell is one of another cell, even where one authority signs for both."""
     assert not {common_name(n, "left") for n in NAMES} & {common_name(n, "right") for n in NAMES}
 

@@ -1,4 +1,4 @@
-"""One word swaps the robot: what a profile changes, and that it is one container that says so."""
+"""One word swaps the robot: changes by a profile, and the one container that reads them."""
 
 import os
 import subprocess
@@ -17,9 +17,9 @@ from tests.fakes.compose_file import (
     PROFILES,
     ROOT,
     RUN,
-    SAY,
     SERVICES,
     STANDS_BACK,
+    STATE_CELL,
     profile,
     variables,
 )
@@ -34,8 +34,8 @@ WAIT = ["python", "-m", "common.bus.profile_lock", "run"]
 process = pytest.mark.parametrize("name", RUN)
 
 
-def test_one_word_swaps_who_plays_robot_and_sensor() -> None:
-    """The profiles differ in who plays robot and sensor, and in the hardware that is emulated."""
+def test_one_word_swaps_the_implementations_of_robot_and_sensor() -> None:
+    """The profiles differ in implementation of robot and sensor, and in emulated hardware."""
     same = set(ROLES) - {"robot", "sensor"}
     same |= {"panel", "recorder"}
     assert profile("sim") == same | {"sim-cell", "robot-sim"}
@@ -45,7 +45,7 @@ def test_one_word_swaps_who_plays_robot_and_sensor() -> None:
 
 @pytest.mark.parametrize("name", sorted({*ROLES, "panel", "recorder"} - {"robot", "sensor"}))
 def test_the_word_changes_no_other_container(name: str) -> None:
-    """What does not play robot or sensor belongs to no profile, and nothing in it reads one."""
+    """A container that is neither robot nor sensor has no profile and reads none."""
     assert "profiles" not in SERVICES[name]
     assert variables(SERVICES[name]) <= {
         "FORCEMESH_BUS", "FORCEMESH_CALIBRATION", "FORCEMESH_PANEL_TOKEN", "FORCEMESH_PUBLISH_HUB",
@@ -56,7 +56,7 @@ def test_the_word_changes_no_other_container(name: str) -> None:
 def test_no_word_at_all_is_the_simulated_cell() -> None:
     """`docker compose up` starts a whole cell, and asks for nothing that a checkout does not have.
 
-    No variable is required, and each file that is named lies in the repository.
+    No variable is required, and each file that is named is in the repository.
     """
     started = {name for name, entry in SERVICES.items() if "profiles" not in entry}
     assert started == profile("sim")
@@ -67,8 +67,8 @@ def test_no_word_at_all_is_the_simulated_cell() -> None:
 
 
 @process
-def test_the_cell_file_changes_no_container_but_the_one_that_says_it(name: str) -> None:
-    """CELL is read by what says it; what runs in two profiles runs there with the same settings."""
+def test_the_cell_file_changes_no_container_but_the_one_that_publishes_it(name: str) -> None:
+    """CELL is read by its publisher; a container of two profiles has the same settings in both."""
     assert "CELL" not in variables(SERVICES[name])
 
 
@@ -82,14 +82,14 @@ def test_compose_itself_reads_the_same_in_every_other_container(tmp_path: Path) 
     }
     for (word, file), containers in read.items():
         assert set(containers) >= profile(word)
-        for name in profile(word) - set(SAY):
+        for name in profile(word) - set(STATE_CELL):
             everywhere = [other[name] for other in read.values() if name in other]
             assert all(entry == containers[name] for entry in everywhere), (name, file)
     assert read["sim", ""]["sim-cell"] != read["sim", "mine.yaml"]["sim-cell"]
 
 
 def understood(word: str, pki: Path, **environment: str) -> dict[str, Any]:
-    """Return the containers as compose says that it understands them."""
+    """Return the containers as compose resolves them."""
     around = {"PATH": os.environ["PATH"], "FORCEMESH_PKI": str(pki), **environment}
     command = [*compose_command(), "-f", str(COMPOSE_FILE), "--profile", word, "config"]
     done = subprocess.run(command, env=around, capture_output=True, text=True, check=True, cwd=pki)
@@ -98,35 +98,35 @@ def understood(word: str, pki: Path, **environment: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("word", PROFILES)
-def test_a_profile_says_its_cell_file_in_one_place(word: str) -> None:
+def test_a_profile_names_its_cell_file_in_one_place(word: str) -> None:
     """Its own container does, alone in its profile; CELL names another file."""
     entry = SERVICES[f"{word}-cell"]
     assert entry.get("profiles", ["sim"]) == [word]
     assert entry["command"] == ["python", "-m", "common.bus.profile_lock", "keep", word]
     assert entry["environment"]["FORCEMESH_CELL"] == f"/cells/${{CELL:-{CELL_OF[word]}}}"
     others = {name for name, each in SERVICES.items() if "CELL" in variables(each)}
-    assert others == set(SAY)
+    assert others == set(STATE_CELL)
     assert "entrypoint" not in entry
 
 
 @pytest.mark.parametrize("word", PROFILES)
 def test_the_cell_file_of_a_profile_fits_its_implementations(word: str) -> None:
     """Its robot and sensor are containers of the profile; there is none for a real robot."""
-    complaint = problem_with(Choice(word, ROOT / "cells" / CELL_OF[word]), SAFE)
-    assert complaint == "" if CELL_OF[word] else "CELL=my-cell.yaml" in complaint
+    problem = problem_with(Choice(word, ROOT / "cells" / CELL_OF[word]), SAFE)
+    assert problem == "" if CELL_OF[word] else "CELL=my-cell.yaml" in problem
     assert set(IMPLEMENTATIONS) == set(PROFILES)
 
 
 @process
 def test_container_waits_for_the_cell_file_of_a_profile_in_which_it_is(name: str) -> None:
-    """It starts when one is in use: any, or for who plays robot or sensor one of its own."""
+    """It starts when a cell file is in use: any, or for robot and sensor one of its own profile."""
     entry = SERVICES[name]
     words = ["sim"] if name in STANDS_BACK else entry.get("profiles", [])
     assert entry["entrypoint"] == [*WAIT, *words, "--"]
 
 
-def test_what_says_the_cell_file_is_in_memory_and_ends_with_the_containers() -> None:
-    """Nothing of one run is left for the next one; it is small and holds no programs."""
+def test_the_published_cell_file_is_in_memory_and_ends_with_the_containers() -> None:
+    """No file of one run is left for the next one; it is small and holds no programs."""
     options = COMPOSE["volumes"]["in-use"]["driver_opts"]
     assert (options["type"], options["device"]) == ("tmpfs", "tmpfs")
     assert {"size=64k", "noexec", "nosuid", "nodev"} <= set(options["o"].split(","))
@@ -134,7 +134,7 @@ def test_what_says_the_cell_file_is_in_memory_and_ends_with_the_containers() -> 
 
 @pytest.mark.parametrize("word", ["", "emulated", "real"])
 def test_make_up_is_compose_with_that_word_alone(word: str) -> None:
-    """No second word, none for the simulation; it says why the cell file is not in use if not."""
+    """No second word, none for the simulation; a cell file that is not in use is explained."""
     outside = {k: v for k, v in os.environ.items() if not k.startswith(("MAKE", "MFLAGS", "ARGS"))}
     command = ["make", "-n", "up", f"PROFILE={word}", "COMPOSE=compose"]
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""One cell has one cell file: who says which, who waits for it, who is refused and how."""
+"""One cell has one cell file: tests of its publication, of waiting for it and of refusals."""
 
 import os
 import subprocess
@@ -16,10 +16,10 @@ import pytest
 from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with, unsafe
 from common.bus.profile_lock import (
     LOCK_PATIENCE_S,
+    acquire,
     announce,
     check,
     chosen,
-    claim,
     hold,
     main,
     waiting,
@@ -78,7 +78,7 @@ def process(
 
 
 def line(of: subprocess.Popen[str]) -> str:
-    """Return the next line that a process says to people."""
+    """Return the next line that a process prints for people."""
     assert of.stderr is not None
     return of.stderr.readline()
 
@@ -86,71 +86,71 @@ def line(of: subprocess.Popen[str]) -> str:
 # --- the lock -------------------------------------------------------------------------------------
 
 
-def test_nothing_is_in_use_before_a_profile_says_its_cell_file(tmp_path: Path) -> None:
-    """Who waits has nothing to take part in yet."""
+def test_nothing_is_in_use_before_a_profile_publishes_its_cell_file(tmp_path: Path) -> None:
+    """A waiting process has no profile to join yet."""
     assert chosen(tmp_path) is None
     assert hold(tmp_path, ()) is None
 
 
 @pytest.mark.parametrize("profiles", [(), ("sim",), ("emulated", "sim")])
-def test_what_a_profile_says_is_in_use_for_all_that_may_be_in_it(
+def test_a_published_choice_is_in_use_for_all_containers_of_its_profile(
     tmp_path: Path, profiles: tuple[str, ...]
 ) -> None:
     """The link leads to the cell file, for any process and for those of the profile."""
-    claim(tmp_path, SIM)
+    acquire(tmp_path, SIM)
     assert hold(tmp_path, profiles) is not None
     assert (tmp_path / "cell.yaml").resolve() == SIM.file
 
 
 def test_a_container_of_another_profile_does_not_take_part(tmp_path: Path) -> None:
-    """What plays the robot in one profile stays out of every other one."""
-    claim(tmp_path, SIM)
+    """The robot of one profile stays out of every other one."""
+    acquire(tmp_path, SIM)
     assert hold(tmp_path, ("emulated", "real")) is None
 
 
 @pytest.mark.parametrize(
     "other", [EMULATED, Choice("sim", EMULATED.file), Choice("real", SIM.file)]
 )
-def test_another_choice_is_refused_while_anybody_runs(tmp_path: Path, other: Choice) -> None:
-    """One process of the cell is enough; the container that said it may be gone."""
-    said = claim(tmp_path, SIM)
+def test_another_choice_is_refused_while_any_process_runs(tmp_path: Path, other: Choice) -> None:
+    """One process of the cell is enough; the container that published it may have ended."""
+    claimed = acquire(tmp_path, SIM)
     runs = hold(tmp_path, ())
-    end(said)
-    assert claim(tmp_path, other) is None
+    end(claimed)
+    assert acquire(tmp_path, other) is None
     assert chosen(tmp_path) == SIM
     end(runs)
-    assert claim(tmp_path, other) is not None
+    assert acquire(tmp_path, other) is not None
     assert chosen(tmp_path) == other
 
 
 def test_the_same_choice_may_come_again(tmp_path: Path) -> None:
-    """A profile's container that is started anew goes on where it was."""
-    claim(tmp_path, SIM)
-    assert claim(tmp_path, SIM) is not None
+    """A profile's container that is started anew continues."""
+    acquire(tmp_path, SIM)
+    assert acquire(tmp_path, SIM) is not None
 
 
-def test_whoever_runs_at_the_same_time_has_the_same_cell_file(tmp_path: Path) -> None:
+def test_processes_that_run_at_the_same_time_have_the_same_cell_file(tmp_path: Path) -> None:
     """Two profiles and five processes start in any order: all that get to run agree."""
     for _ in range(50):
         locks: list[int] = []
-        seen: list[Choice | None] = []
+        choices: list[Choice | None] = []
 
         def start(
-            what: Callable[[], int | None], locks: list[int] = locks, seen: list[Any] = seen
+            what: Callable[[], int | None], locks: list[int] = locks, choices: list[Any] = choices
         ) -> None:
             if (lock := what()) is not None:
-                seen.append(chosen(tmp_path))
+                choices.append(chosen(tmp_path))
                 locks.append(lock)
 
-        starts = [partial(claim, tmp_path, each) for each in (SIM, EMULATED)]
+        starts = [partial(acquire, tmp_path, each) for each in (SIM, EMULATED)]
         starts += [partial(hold, tmp_path, ()) for _ in range(5)]
         threads = [threading.Thread(target=start, args=(each,)) for each in starts]
         for thread in threads:
             thread.start()
         for thread in threads:
             thread.join()
-        assert seen
-        assert set(seen) == {chosen(tmp_path)}
+        assert choices
+        assert set(choices) == {chosen(tmp_path)}
         for lock in locks:
             os.close(lock)
 
@@ -171,18 +171,18 @@ def test_a_process_starts_when_the_cell_file_is_there_and_holds_it_until_it_ends
     )
     with process(tmp_path, SIM.file, *waits, patience_s=0.0) as service:
         assert "waits: no cell file is in use" in line(service)
-        end(claim(tmp_path, SIM))
+        end(acquire(tmp_path, SIM))
         assert service.stdout is not None
         assert service.stdout.readline() == "runs\n"
-        assert claim(tmp_path, EMULATED) is None
+        assert acquire(tmp_path, EMULATED) is None
     # The kernel ends the command after its parent: only then is the lock free.
-    end(until(lambda: claim(tmp_path, EMULATED)))
+    end(until(lambda: acquire(tmp_path, EMULATED)))
 
 
-def test_a_refused_profile_says_so_once_and_follows_when_the_other_has_ended(
+def test_a_refused_profile_reports_it_once_and_follows_when_the_other_has_ended(
     tmp_path: Path,
 ) -> None:
-    """One sentence with the way out, no loop; then it is the one in use."""
+    """One sentence with the remedy, no loop; then it is the one in use."""
     with process(tmp_path, REAL.file, "keep", "real") as real:
         assert line(real) == f"real-cell: in use with {REAL.file}\n"
         with process(tmp_path, EMULATED.file, "keep", "emulated") as emulated:
@@ -196,7 +196,7 @@ def test_a_refused_profile_says_so_once_and_follows_when_the_other_has_ended(
 
 
 def test_a_cell_file_that_is_put_right_is_taken_at_once(tmp_path: Path) -> None:
-    """The mistakes are said once, by one container; nobody has to start anything again."""
+    """The mistakes are printed once, by one container; no container has to be started again."""
     file, folder = tmp_path / "mine.yaml", tmp_path / "in-use"
     folder.mkdir()
     text = SIM.file.read_text("utf-8")
@@ -208,21 +208,21 @@ def test_a_cell_file_that_is_put_right_is_taken_at_once(tmp_path: Path) -> None:
         until(lambda: chosen(folder) == Choice("sim", file))
 
 
-def test_who_waits_in_vain_says_why(tmp_path: Path) -> None:
-    """Without any profile all say what to start; what another profile keeps out says that."""
+def test_a_process_that_waits_in_vain_prints_the_reason(tmp_path: Path) -> None:
+    """Without a profile, each prints the command to start; in another profile, that it waits."""
     assert "start the whole cell" in waiting(tmp_path)
     (tmp_path / "profile").touch()
     assert waiting(tmp_path) == ""
-    claim(tmp_path, REAL)
+    acquire(tmp_path, REAL)
     assert waiting(tmp_path).startswith("the profile real is in use")
 
 
-def test_check_tells_which_profile_is_in_use(
+def test_check_names_the_profile_in_use(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Zero for the one, and for the other one a sentence."""
     monkeypatch.setattr("common.bus.profile_lock.LOCK_PATIENCE_S", 0.0)
-    claim(tmp_path, SIM)
+    acquire(tmp_path, SIM)
     assert check(tmp_path, SIM) == 0
     assert capsys.readouterr().err == ""
     assert check(tmp_path, EMULATED) == 1
@@ -240,12 +240,12 @@ def test_check_tells_which_profile_is_in_use(
 @pytest.mark.processes
 @pytest.mark.parametrize("other", [EMULATED, REAL])
 @pytest.mark.parametrize("sim_first", [True, False])
-def test_what_is_asked_for_replaces_the_simulation_in_both_orders(
+def test_a_requested_profile_replaces_the_simulation_in_both_orders(
     tmp_path: Path, other: Choice, *, sim_first: bool
 ) -> None:
-    """Never both: robot and hub of the simulation end first, the hub goes on with the other file.
+    """Never both: robot and hub of the simulation end first, the hub continues with the other file.
 
-    When the other one has gone with all that ran with it, the simulation is there again.
+    When the other one has ended with all its processes, the simulation is there again.
     """
     (tmp_path / "profile").touch()
     stays = "import os, time; print(os.readlink(os.environ['LINK']), flush=True); time.sleep(60)"
@@ -262,26 +262,26 @@ def test_what_is_asked_for_replaces_the_simulation_in_both_orders(
     ):
         if sim_first:
             assert line(first) == f"sim-cell: in use with {SIM.file}\n"
-            assert (said_by(hub), said_by(robot)) == (str(SIM.file), str(SIM.file))
+            assert (file_printed_by(hub), file_printed_by(robot)) == (str(SIM.file), str(SIM.file))
         else:
-            assert said_by(gateway) == str(other.file)
+            assert file_printed_by(gateway) == str(other.file)
         with other_keeps if sim_first else sim_keeps as second:
             asked = second if sim_first else first
             assert line(asked) == f"{name}: in use with {other.file}\n"
-            assert said_by(hub) == str(other.file)
+            assert file_printed_by(hub) == str(other.file)
             if sim_first:
-                assert said_by(gateway) == str(other.file)
+                assert file_printed_by(gateway) == str(other.file)
                 assert "ends: the profile" in line(robot)
             sim = first if sim_first else second
             assert line(sim).startswith(f"sim-cell: on standby: the profile {other.profile}")
-            for gone in (asked, gateway):
-                gone.kill()
+            for ended in (asked, gateway):
+                ended.kill()
             if sim_first:
                 # The hub holds on to what it runs with: it is the other cell until it has ended.
                 assert chosen(tmp_path) == other
 
 
-def said_by(process: subprocess.Popen[str]) -> str:
+def file_printed_by(process: subprocess.Popen[str]) -> str:
     """Return the next line that a command has printed."""
     assert process.stdout is not None
     return process.stdout.readline().strip()
@@ -306,18 +306,18 @@ def test_wrong_words_show_the_right_ones(
 def test_a_profile_takes_only_a_cell_file_whose_implementations_it_starts(
     profile: str, file: str
 ) -> None:
-    """Robot and sensor of the file are containers of the profile, or one sentence says so."""
+    """Robot and sensor of the file are containers of the profile, or one sentence reports it."""
     roles = load_cell(CELLS / file).roles
     own = {"sim": ("sim", "sim")}.get(profile, ("gateway", "driver"))
-    complaint = problem_with(Choice(profile, CELLS / file), SAFE)
-    assert (complaint == "") == ((roles.robot, roles.sensor) == own)
-    if complaint:
-        assert "use another profile" in complaint
-        assert "\n" not in complaint
+    problem = problem_with(Choice(profile, CELLS / file), SAFE)
+    assert (problem == "") == ((roles.robot, roles.sensor) == own)
+    if problem:
+        assert "use another profile" in problem
+        assert "\n" not in problem
 
 
-def test_without_a_cell_file_the_real_profile_says_how_to_name_one() -> None:
-    """CELL is required there, and one sentence says how it is given."""
+def test_without_a_cell_file_the_real_profile_explains_how_to_name_one() -> None:
+    """CELL is required there, and one sentence explains how to set it."""
     assert problem_with(Choice("real", CELLS), {}) == (
         "the profile real needs your own cell file in cells/: "
         "CELL=my-cell.yaml docker compose --profile real up"
@@ -326,9 +326,9 @@ def test_without_a_cell_file_the_real_profile_says_how_to_name_one() -> None:
 
 def test_a_file_that_is_not_there_is_named_with_those_that_are() -> None:
     """A typing error in CELL gets the list of the cell files."""
-    complaint = problem_with(Choice("real", CELLS / "dem.yaml"), SAFE)
-    assert "no such file; there are" in complaint
-    assert "demo.yaml" in complaint
+    problem = problem_with(Choice("real", CELLS / "dem.yaml"), SAFE)
+    assert "no such file; there are" in problem
+    assert "demo.yaml" in problem
 
 
 # --- what is published ----------------------------------------------------------------------------

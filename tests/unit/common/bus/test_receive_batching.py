@@ -1,4 +1,4 @@
-"""Woken seldom while there is much to hear: on a real connection of this process."""
+"""Fewer wake-ups while much is received: on a real connection of this process."""
 
 import fcntl
 import select
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from common.bus import receive_batching as wakes
-from common.bus.receive_batching import BUSY, LOOKS, MANY_B, ReceiveBatching, connections
+from common.bus.receive_batching import BUSY, MANY_B, SEARCH_STEPS, ReceiveBatching, connections
 
 FEW = b"x" * 100
 
@@ -32,12 +32,12 @@ class Pair:
 
     @property
     def waiting_B(self) -> int:
-        """What has come and was not read."""
+        """Bytes that have arrived and were not read."""
         found = fcntl.ioctl(self.near, termios.FIONREAD, b"\0" * 4)
         return int(struct.unpack("i", found)[0])
 
     def wakes(self) -> bool:
-        """Whether somebody who waits for this end is woken."""
+        """Whether a thread that waits for this end is woken."""
         return bool(select.select([self.near], [], [], 0.0)[0])
 
 
@@ -50,10 +50,12 @@ def pair() -> Iterator[Pair]:
     pair.far.close()
 
 
-def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_a_step_that_hears_little(pair) -> None:
-    """What has come is taken in by the first step that hears little, and nothing is lost."""
-    ears = ReceiveBatching()
-    ears.step(BUSY)
+def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_a_step_that_receives_little(
+    pair,
+) -> None:
+    """Waiting bytes are taken in by the first step that receives little, and nothing is lost."""
+    batching = ReceiveBatching()
+    batching.step(BUSY)
     pair.send(FEW)
     assert not pair.wakes()
     pair.send(b"x" * MANY_B)
@@ -61,38 +63,38 @@ def test_after_a_busy_step_a_few_bytes_wait_for_many_or_for_a_step_that_hears_li
     assert len(pair.near.recv(2 * MANY_B)) == MANY_B + len(FEW)
     pair.send(FEW)
     assert not pair.wakes()
-    ears.step(BUSY - 1)
+    batching.step(BUSY - 1)
     assert pair.wakes()
     assert pair.near.recv(MANY_B) == FEW
 
 
-def test_with_little_to_hear_it_is_woken_at_once(pair) -> None:
+def test_with_few_messages_it_is_woken_at_once(pair) -> None:
     """A request that comes alone is answered as before."""
-    ears = ReceiveBatching()
-    for heard in (0, BUSY, 0):
-        ears.step(heard)
+    batching = ReceiveBatching()
+    for received in (0, BUSY, 0):
+        batching.step(received)
     pair.send(FEW)
     assert pair.wakes()
 
 
 def test_a_connection_that_is_made_anew_is_found(pair) -> None:
-    """Also in the place of one that has ended; what is no connection is left alone."""
-    ears = ReceiveBatching()
-    ears.step(BUSY)
+    """Also in the place of one that has ended; other files are left alone."""
+    batching = ReceiveBatching()
+    batching.step(BUSY)
     number = pair.near.fileno()
     pair.near.close()
-    ears.step(BUSY)
+    batching.step(BUSY)
     assert number not in connections()
     with socket.create_server(("127.0.0.1", 0)) as server, connected_to(server) as again:
-        for _ in range(LOOKS):
-            ears.step(BUSY)
+        for _ in range(SEARCH_STEPS):
+            batching.step(BUSY)
         assert {again.fileno()} <= set(connections())
         assert server.fileno() not in connections()
         assert again.getsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT) == MANY_B
 
 
 def test_where_the_system_has_no_list_of_open_files_nothing_is_done(monkeypatch, tmp_path) -> None:
-    """It only saves work: nobody is stopped by it."""
+    """It only saves work: no service is stopped by it."""
     monkeypatch.setattr(wakes, "OPEN_FILES", tmp_path / "none")
     assert connections() == []
     ReceiveBatching().step(BUSY)

@@ -35,7 +35,7 @@ def calibration(**changes: Any) -> CalibrationSection:
     return CalibrationSection(**(fields | changes))
 
 
-def cell_beside(folder: Path, found: CalibrationSection | None) -> Path:
+def cell_with(folder: Path, found: CalibrationSection | None) -> Path:
     """Write the demo's cell file, and the calibration that it names."""
     path = folder / "cells" / "demo.yaml"
     path.parent.mkdir()
@@ -47,19 +47,19 @@ def cell_beside(folder: Path, found: CalibrationSection | None) -> Path:
 
 def test_a_cell_file_names_its_calibration(tmp_path: Path) -> None:
     """The calibration is found from the cell file's folder, wherever the program was started."""
-    path = cell_beside(tmp_path, calibration())
+    path = cell_with(tmp_path, calibration())
     assert load_cell(path).calibration == calibration()
     assert calibration_file(path) == path.parent / "../calibration/demo.yaml"
 
 
 def test_without_the_file_there_is_no_calibration(tmp_path: Path) -> None:
     """A cell that was never calibrated loads; its payload section is all there is."""
-    assert load_cell(cell_beside(tmp_path, None)).calibration is None
+    assert load_cell(cell_with(tmp_path, None)).calibration is None
 
 
 def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
-    """A copy in another folder does not lose what the original names."""
-    cell = load_cell(cell_beside(tmp_path, calibration()))
+    """A copy in another folder keeps the calibration that the original names."""
+    cell = load_cell(cell_with(tmp_path, calibration()))
     copy = tmp_path / "copy.yaml"
     copy.write_text(dump_cell(cell), encoding="utf-8")
     assert load_cell(copy) == cell
@@ -68,7 +68,7 @@ def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
 
 def test_a_newer_calibration_is_no_other_configuration(tmp_path: Path) -> None:
     """Processes that were started before and after a calibration still belong together."""
-    path = cell_beside(tmp_path, None)
+    path = cell_with(tmp_path, None)
     before = load_cell(path)
     calibration().save(tmp_path / "calibration" / "demo.yaml")
     after = load_cell(path)
@@ -96,7 +96,7 @@ def test_every_calibration_is_read_as_it_was_written(
     assert CalibrationSection(**yaml.safe_load(path.read_text(encoding="utf-8"))) == found
 
 
-def test_the_revision_tells_calibrations_apart() -> None:
+def test_the_revision_distinguishes_calibrations() -> None:
     """Whatever differs, the revision does; the same numbers have the same one."""
     others = (
         {"cell": "other"},
@@ -110,9 +110,9 @@ def test_the_revision_tells_calibrations_apart() -> None:
     assert calibration().revision == calibration().revision
 
 
-def test_a_file_that_was_edited_says_so(tmp_path: Path) -> None:
+def test_an_edited_file_is_reported(tmp_path: Path) -> None:
     """A number changed by hand is no result of a calibration; deleting the revision admits it."""
-    path = cell_beside(tmp_path, calibration())
+    path = cell_with(tmp_path, calibration())
     file = tmp_path / "calibration" / "demo.yaml"
     text = file.read_text(encoding="utf-8").replace("mass_kg: 1.5", "mass_kg: 1.6")
     file.write_text(text, encoding="utf-8")
@@ -127,33 +127,33 @@ def test_a_file_that_was_edited_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("payload: {mass: 1}", "calibration.payload.mass: unknown name; did you mean mass_kg?"),
         ("- 1", "calibration: "),
         ("a: [", "not YAML"),
     ],
 )
-def test_mistakes_in_the_file_are_told_with_their_place(
-    tmp_path: Path, text: str, told: str
+def test_mistakes_in_the_file_are_reported_with_their_place(
+    tmp_path: Path, text: str, message: str
 ) -> None:
     """As those of the cell file itself."""
-    path = cell_beside(tmp_path, None)
+    path = cell_with(tmp_path, None)
     (tmp_path / "calibration").mkdir()
     (tmp_path / "calibration" / "demo.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError) as error:
         load_cell(path)
-    assert told in str(error.value)
+    assert message in str(error.value)
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     """With the place, in one sentence."""
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(DataError, match="cannot be written"):
         calibration().save(tmp_path / "file" / "demo.yaml")
 
 
-def test_a_payload_section_is_what_a_process_computes_with() -> None:
+def test_a_process_computes_with_the_payload_section() -> None:
     """The drift of its recording belongs to that recording alone."""
     section = load_cell(DEMO).payload
     assert section.payload.mass_kg == section.mass_kg

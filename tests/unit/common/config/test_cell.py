@@ -1,4 +1,4 @@
-"""What a cell file may not say, at the limits of it; and the files that a cell file names."""
+"""Values that a cell file may not hold, at their limits; and the files that a cell file names."""
 
 from collections.abc import Callable
 from math import nextafter
@@ -24,7 +24,7 @@ def changed(changes: dict[str, Any]) -> CellConfig:
 
 
 def mistakes(changes: dict[str, Any]) -> list[str]:
-    """Return what is wrong with the demo cell after changes."""
+    """Return the mistakes of the demo cell after changes."""
     with pytest.raises(ConfigError) as caught:
         changed(changes)
     return caught.value.mistakes
@@ -86,12 +86,12 @@ AT_THE_LIMIT: dict[str, tuple[Callable[[float], dict[str, Any]], float, str]] = 
 
 
 @pytest.mark.parametrize("what", AT_THE_LIMIT)
-def test_a_limit_of_several_fields_binds_where_it_says(what: str) -> None:
+def test_a_limit_of_several_fields_binds_at_its_value(what: str) -> None:
     """The value at the limit is taken, the next one above is named with its section."""
-    changes, limit, told = AT_THE_LIMIT[what]
+    changes, limit, message = AT_THE_LIMIT[what]
     assert changed(changes(limit * (1.0 - 1e-9))).cell == "demo"
     (line,) = mistakes(changes(limit * JUST_ABOVE))
-    assert line.startswith(told)
+    assert line.startswith(message)
 
 
 def test_the_slowest_joint_of_an_arm_is_no_arm() -> None:
@@ -141,7 +141,7 @@ def test_a_wall_without_a_direction_is_none() -> None:
 
 
 def test_accelerations_need_poses_that_show_them() -> None:
-    """What the tool's inertia takes away of the force cannot be guessed from slow reports."""
+    """The force of the tool's inertia cannot be estimated from slow reports."""
     inertial = {"filter.inertial": True, "rates.robot_hz": SLOWEST_INERTIAL_HZ}
     assert changed(inertial).filter.inertial
     (line,) = mistakes(inertial | {"rates.robot_hz": 0.999 * SLOWEST_INERTIAL_HZ})
@@ -151,9 +151,9 @@ def test_accelerations_need_poses_that_show_them() -> None:
 def test_a_sensor_without_noise_is_never_called_frozen() -> None:
     """Its readings are equal while nothing changes; over RDT too. A real one keeps its check."""
     noiseless: dict[str, Any] = {"sim.noise_force_N": 0.0, "sim.noise_torque_Nm": 0.0}
-    told = "sensor.frozen_s must be 0: the simulated sensor has no noise"
+    message = "sensor.frozen_s must be 0: the simulated sensor has no noise"
     for sensor in ({}, NETFT):
-        assert mistakes(noiseless | sensor) == [told]
+        assert mistakes(noiseless | sensor) == [message]
         assert changed(noiseless | sensor | {"sensor.frozen_s": 0.0}).cell == "demo"
     real = noiseless | {"roles.sensor": "external"}
     assert changed(real).sensor.frozen_s > 0.0
@@ -177,14 +177,14 @@ def test_a_role_of_the_simulation_needs_its_section(role: str) -> None:
 
 
 def test_a_sensor_that_does_not_speak_rdt_has_no_counts() -> None:
-    """What an unused field says is no mistake."""
+    """The value of an unused field is no mistake."""
     counts = {"roles.sensor": "driver", "sensor.counts_per_N": 1e12}
     assert mistakes(counts)
     assert changed(counts | {"sensor.driver": "bota"}).sensor.driver == "bota"
 
 
 def test_a_calibration_beyond_the_sensor_is_refused_as_a_payload_is() -> None:
-    """It replaces the payload, so the same range binds; the mistake says which of both it is."""
+    """It replaces the payload, so the same range binds; the mistake names which of both it is."""
     tree = yaml.safe_load(dump_cell(DEMO_CELL))
     left = {"force_mean_N": 0.0, "force_max_N": 0.0, "torque_mean_Nm": 0.0, "torque_max_Nm": 0.0}
     tree["calibration"] = {
@@ -232,7 +232,7 @@ def test_nothing_above_the_usual_passes_without_the_name_of_an_assessment(
 
 @pytest.fixture
 def named(tmp_path: Path) -> Callable[[str, str], Path]:
-    """Write the demo cell that names one more file beside it, which holds a text."""
+    """Write the demo cell that names one more file in its folder, which holds a text."""
 
     def write(section: str, text: str) -> Path:
         tree = yaml.safe_load(DEMO.read_text(encoding="utf-8"))
@@ -246,7 +246,7 @@ def named(tmp_path: Path) -> Callable[[str, str], Path]:
 
 
 @pytest.mark.parametrize("path", TUNED)
-def test_what_was_measured_goes_before_what_was_typed(
+def test_a_measured_value_overrides_a_typed_one(
     path: str, named: Callable[[str, str], Path]
 ) -> None:
     """Each of the fields that `forcemesh tune` measures, and no other changes."""
@@ -261,7 +261,7 @@ def test_what_was_measured_goes_before_what_was_typed(
 
 @pytest.mark.parametrize("path", ["limits.force_N", "force.setpoint_max_N", "robot.delay"])
 def test_a_tuning_changes_no_limit(path: str, named: Callable[[str, str], Path]) -> None:
-    """What a file of measured numbers may say is listed; a limit is a person's word."""
+    """The fields of a file of measured numbers are listed; a limit is set by a person."""
     section, name = path.split(".")
     file = named("tuning", f"{section}: {{{name}: 1.0}}")
     with pytest.raises(ConfigError) as caught:
@@ -282,7 +282,7 @@ def test_a_tuning_that_holds_no_sections_is_named(
     assert "named.yaml" in str(caught.value)
 
 
-def test_a_calibration_that_cannot_be_read_says_what_to_do(
+def test_a_calibration_that_cannot_be_read_names_the_remedy(
     named: Callable[[str, str], Path],
 ) -> None:
     """A cell without it would compensate with the wrong weight: it is not left out silently."""

@@ -29,7 +29,7 @@ def tree() -> dict[str, Any]:
 
 
 def mistakes(damaged: object) -> list[str]:
-    """Return what is wrong with a parsed cell file."""
+    """Return the mistakes of a parsed cell file."""
     with pytest.raises(ConfigError) as caught:
         cell_from_tree(damaged, "x.yaml")
     return caught.value.mistakes
@@ -83,7 +83,7 @@ def test_any_number_survives_the_dump(stiffness: float, x_m: float) -> None:
 # --- mistakes -------------------------------------------------------------------------------------
 
 
-def test_all_mistakes_are_told_at_once_each_with_its_path() -> None:
+def test_all_mistakes_are_reported_at_once_each_with_its_path() -> None:
     """Wrong range, wrong type, missing, unknown, wrong word, wrong length: one line each."""
     damaged = tree()
     damaged["rates"]["robot_hz"] = 0
@@ -120,7 +120,7 @@ def test_the_error_names_the_file_and_counts() -> None:
 
 
 @pytest.mark.parametrize("section", ["", *sections()])
-def test_an_unknown_name_is_told_in_every_section(section: str) -> None:
+def test_an_unknown_name_is_reported_in_every_section(section: str) -> None:
     """Swept: near to a valid name that name is offered, else all of them are listed."""
     model = sections()[section] if section else CellConfig
     name = next(iter(model.model_fields))
@@ -139,7 +139,7 @@ def test_an_unknown_name_is_told_in_every_section(section: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"roles": {"robot": "gateway", "sensor": "driver"}}, "a section `gateway` is needed"),
         ({"sim": None}, "a section `sim` is needed"),
@@ -147,10 +147,12 @@ def test_an_unknown_name_is_told_in_every_section(section: str) -> None:
         ({"bus": {"endpoint": "localhost"}}, "bus.endpoint: must be"),
     ],
 )
-def test_sections_that_do_not_go_together_are_told(changes: dict[str, Any], told: str) -> None:
+def test_sections_that_do_not_go_together_are_reported(
+    changes: dict[str, Any], message: str
+) -> None:
     """In words about the file, not about the program."""
     (line,) = mistakes(tree() | changes)
-    assert told in line
+    assert message in line
 
 
 @pytest.mark.parametrize(
@@ -160,7 +162,7 @@ def test_sections_that_do_not_go_together_are_told(changes: dict[str, Any], told
         ("limits", "workspace_min_m", [-400, -800, 0]),
     ],
 )
-def test_millimetres_instead_of_metres_are_told(section: str, key: str, value_mm: Any) -> None:
+def test_millimetres_instead_of_metres_are_reported(section: str, key: str, value_mm: Any) -> None:
     """No arm is that large: not taken for a workspace without an end."""
     damaged = tree()
     damaged[section][key] = value_mm
@@ -170,7 +172,7 @@ def test_millimetres_instead_of_metres_are_told(section: str, key: str, value_mm
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_an_empty_workspace_is_told_with_its_axis(axis: int) -> None:
+def test_an_empty_workspace_is_reported_with_its_axis(axis: int) -> None:
     """Lower and upper exchanged by mistake: the arm could go nowhere."""
     damaged = tree()
     limits = damaged["limits"]
@@ -180,7 +182,7 @@ def test_an_empty_workspace_is_told_with_its_axis(axis: int) -> None:
 
 
 @pytest.mark.parametrize("nothing", [None, [], "text", 3, [1, 2]])
-def test_a_file_that_holds_no_sections_is_told(nothing: object) -> None:
+def test_a_file_that_holds_no_sections_is_reported(nothing: object) -> None:
     """An empty file, a list, a word."""
     assert mistakes(nothing) == ["the file must hold a map of sections"]
 
@@ -198,7 +200,7 @@ def test_a_key_that_is_no_name_is_a_mistake(key: object) -> None:
 # --- files ----------------------------------------------------------------------------------------
 
 
-def test_a_missing_file_is_told_with_its_neighbours(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported_with_its_neighbours(tmp_path: Path) -> None:
     """Most often it is a slip of the pen."""
     (tmp_path / "right.yaml").write_text("cell: x", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"no such file; there are .*right\.yaml"):
@@ -208,7 +210,7 @@ def test_a_missing_file_is_told_with_its_neighbours(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         (b"cell: [1, 2", "not YAML: "),
         (b"cell: x\n\tbus: 1", "not YAML: "),
@@ -220,17 +222,17 @@ def test_a_missing_file_is_told_with_its_neighbours(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_that_is_no_cell_file_is_one_clear_error(
-    tmp_path: Path, content: bytes, told: str
+    tmp_path: Path, content: bytes, message: str
 ) -> None:
     """Broken YAML, other bytes, nothing at all, a section inside itself."""
     path = tmp_path / "cell.yaml"
     path.write_bytes(content)
     with pytest.raises(ConfigError) as caught:
         load_cell(path)
-    assert [line for line in caught.value.mistakes if told in line], caught.value.mistakes
+    assert [line for line in caught.value.mistakes if message in line], caught.value.mistakes
 
 
-def test_names_that_stand_there_twice_are_all_told_with_their_lines(tmp_path: Path) -> None:
+def test_repeated_names_are_all_reported_with_their_lines(tmp_path: Path) -> None:
     """YAML would silently take the last one: the limit that a person reads is not the one kept."""
     path = tmp_path / "cell.yaml"
     path.write_text("cell: x\nlimits:\n  force_N: 20\n  force_N: 60\ncell: y\n", encoding="utf-8")
@@ -243,7 +245,7 @@ def test_names_that_stand_there_twice_are_all_told_with_their_lines(tmp_path: Pa
 
 
 def test_a_folder_is_no_file(tmp_path: Path) -> None:
-    """Told like any other file that cannot be read."""
+    """Reported like any other file that cannot be read."""
     with pytest.raises(ConfigError, match="cannot be read"):
         load_cell(tmp_path)
 
@@ -261,7 +263,7 @@ def test_overrides_replace_and_add_by_dotted_path() -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "told"),
+    ("path", "message"),
     [
         ("sim.tilt_dg", "sim.tilt_dg: unknown name; did you mean tilt_deg?"),
         ("simm.tilt_deg", "simm: unknown name; did you mean sim?"),
@@ -270,11 +272,11 @@ def test_overrides_replace_and_add_by_dotted_path() -> None:
         ("rates.robot_hz.x", "rates.robot_hz.x: rates.robot_hz is not a section"),
     ],
 )
-def test_an_override_is_judged_like_the_file(path: str, told: str) -> None:
+def test_an_override_is_judged_like_the_file(path: str, message: str) -> None:
     """A wrong name, a wrong value, a path through something that is no section."""
     with pytest.raises(ConfigError) as caught:
         load_cell(DEMO, {path: "wrong"})
-    assert [line for line in caught.value.mistakes if line.startswith(told)], str(caught.value)
+    assert [line for line in caught.value.mistakes if line.startswith(message)], str(caught.value)
 
 
 @pytest.mark.parametrize("content", ["", "- 1", "sim:", "sim: 3"])
@@ -317,12 +319,12 @@ def test_every_number_changes_the_hash(path: str) -> None:
 
 
 @pytest.mark.parametrize(("path", "value"), [("recorder.keep_min", 7.0), ("panel.port", 5555)])
-def test_who_only_watches_may_be_set_up_otherwise(path: str, value: float) -> None:
-    """Panel and recorder move nothing: their settings keep nobody from arming."""
+def test_processes_that_only_watch_may_be_set_up_otherwise(path: str, value: float) -> None:
+    """Panel and recorder move nothing: their settings do not prevent arming."""
     assert cell_hash(load_cell(DEMO, {path: value})) == cell_hash(DEMO_CELL)
 
 
-def test_what_a_cell_file_names_is_beside_the_file_and_not_beside_a_link(tmp_path: Path) -> None:
+def test_a_named_file_is_in_the_folder_of_the_cell_file_and_not_of_a_link(tmp_path: Path) -> None:
     """Calibration and tuning are found through a link as they are without it."""
     file, link = tmp_path / "mine.yaml", tmp_path / "elsewhere" / "cell.yaml"
     file.write_text(DEMO.read_text("utf-8") + "tuning: tuned.yaml\n", "utf-8")

@@ -1,4 +1,4 @@
-"""The way out of a load or of a wall: what it may be, whatever is measured. Pure."""
+"""The travel out of a load or off a wall, and its limits, whatever is measured. Pure."""
 
 from math import hypot, radians
 
@@ -41,13 +41,13 @@ spots = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 1.5), st.floats(-0.5, 1.
 turns = st.tuples(*[st.floats(-1.7, 1.7)] * 3)
 
 
-def felt(force_N: Vec3 = (0.0, 0.0, 0.0), torque_Nm: Vec3 = (0.0, 0.0, 0.0)) -> WrenchAtTcp:
+def wrench_of(force_N: Vec3 = (0.0, 0.0, 0.0), torque_Nm: Vec3 = (0.0, 0.0, 0.0)) -> WrenchAtTcp:
     """Return a wrench that counts."""
     return WrenchAtTcp(calibrated=True, force_N=force_N, torque_Nm=torque_Nm)
 
 
 def plan(T: pin.SE3, wrench: WrenchAtTcp | None, *, confirmed: bool = False) -> BackOffPlan | Trip:
-    """Return the way out in the demo's cell."""
+    """Return the travel out in the demo's cell."""
     return back_off.plan(LIMITS, T, TOOL, wrench, confirmed=confirmed)
 
 
@@ -58,24 +58,24 @@ def code(found: BackOffPlan | Trip | None) -> str:
     return found.code if isinstance(found, Trip) else found.kind
 
 
-# --- the way --------------------------------------------------------------------------------------
+# --- the travel -----------------------------------------------------------------------------------
 
 
 @given(spots, turns, vectors, vectors, st.booleans(), st.booleans())
 @settings(max_examples=300, deadline=None)
-def test_a_way_out_is_short_leads_nowhere_worse_and_turns_nothing(
+def test_a_back_off_is_short_worsens_nothing_and_turns_nothing(
     p, turn, force_N, torque_Nm, known, confirmed
 ) -> None:
     """Whatever is measured and wherever the arm is."""
     T = pin.SE3(rotation_from_vector(np.array(turn)), np.array(p))
-    wrench = felt(force_N, torque_Nm) if known else None
+    wrench = wrench_of(force_N, torque_Nm) if known else None
     found = plan(T, wrench, confirmed=confirmed)
     if isinstance(found, Trip):
         return
     end = found.goal(T)
     assert np.array_equal(end.rotation, T.rotation)
-    way_m = float(np.linalg.norm(end.translation - T.translation))
-    assert way_m <= (back_off.BLIND_M if found.kind == "blind" else LONGEST_BACK_OFF_M) + 1e-9
+    travel_m = float(np.linalg.norm(end.translation - T.translation))
+    assert travel_m <= (back_off.BLIND_M if found.kind == "blind" else LONGEST_BACK_OFF_M) + 1e-9
     before, after = (T * TOOL).translation, (end * TOOL).translation
     low, high = (
         np.minimum(LIMITS.workspace_min_m, before),
@@ -85,7 +85,7 @@ def test_a_way_out_is_short_leads_nowhere_worse_and_turns_nothing(
     if found.kind == "force":
         assert wrench is not None
         assert back_off.is_loaded(LIMITS, wrench)
-        cosine = float(found.way_m @ np.array(force_N)) / way_m / hypot(*force_N)
+        cosine = float(found.travel_m @ np.array(force_N)) / travel_m / hypot(*force_N)
         assert cosine > 0.8
     if found.kind == "blind":
         assert confirmed
@@ -94,21 +94,21 @@ def test_a_way_out_is_short_leads_nowhere_worse_and_turns_nothing(
 @pytest.mark.parametrize(
     ("wrench", "confirmed", "kind"),
     [
-        (felt((0.0, 0.0, 75.0)), False, "force"),
-        (felt((40.0, 0.0, 40.0)), True, "force"),  # a second confirmation changes no direction
-        (felt((0.0, 0.0, 29.0)), False, "already"),
-        (felt((0.0, 0.0, 10.0), (0.0, 0.0, 6.0)), False, "force"),
-        (felt((0.0, 0.0, 4.0), (0.0, 0.0, 6.0)), False, "no_direction"),
-        (felt((0.0, 0.0, 4.0), (0.0, 0.0, 6.0)), True, "blind"),
-        (felt((0.0, 0.0, -75.0)), False, "no_direction"),  # it would press forward
-        (felt((0.0, 0.0, -75.0)), True, "blind"),
+        (wrench_of((0.0, 0.0, 75.0)), False, "force"),
+        (wrench_of((40.0, 0.0, 40.0)), True, "force"),  # a second confirmation changes no direction
+        (wrench_of((0.0, 0.0, 29.0)), False, "already"),
+        (wrench_of((0.0, 0.0, 10.0), (0.0, 0.0, 6.0)), False, "force"),
+        (wrench_of((0.0, 0.0, 4.0), (0.0, 0.0, 6.0)), False, "no_direction"),
+        (wrench_of((0.0, 0.0, 4.0), (0.0, 0.0, 6.0)), True, "blind"),
+        (wrench_of((0.0, 0.0, -75.0)), False, "no_direction"),  # it would press forward
+        (wrench_of((0.0, 0.0, -75.0)), True, "blind"),
         (None, False, "no_direction"),
         (None, True, "blind"),
         (WrenchAtTcp(force_N=(0.0, 0.0, 75.0)), False, "no_direction"),
         (WrenchAtTcp(force_N=(0.0, 0.0, 75.0)), True, "blind"),
     ],
 )
-def test_what_is_followed(wrench: WrenchAtTcp | None, confirmed: bool, kind: str) -> None:
+def test_the_followed_direction(wrench: WrenchAtTcp | None, confirmed: bool, kind: str) -> None:
     """The tool points down: a push upwards comes from below."""
     assert code(plan(DOWN, wrench, confirmed=confirmed)) == kind
 
@@ -116,31 +116,31 @@ def test_what_is_followed(wrench: WrenchAtTcp | None, confirmed: bool, kind: str
 def test_a_tool_outside_goes_straight_back_in() -> None:
     """12 mm beyond a wall: 13 mm back, so that it is inside; 50 mm beyond: 20 mm."""
     wall_m = float(LIMITS.workspace_max_m[0])
-    for beyond_m, way_m in ((0.012, 0.013), (0.05, LONGEST_BACK_OFF_M)):
+    for beyond_m, travel_m in ((0.012, 0.013), (0.05, LONGEST_BACK_OFF_M)):
         T = pin.SE3(DOWN.rotation, np.array([wall_m + beyond_m, 0.5, 0.3]))
-        found = plan(T, felt())
+        found = plan(T, wrench_of())
         assert isinstance(found, BackOffPlan)
         assert found.kind == "workspace"
-        assert found.way_m == pytest.approx([-way_m, 0.0, 0.0])
+        assert found.travel_m == pytest.approx([-travel_m, 0.0, 0.0])
 
 
-def test_a_tool_behind_a_plane_goes_along_its_normal() -> None:
+def test_a_tool_behind_a_plane_backs_off_by_its_normal() -> None:
     """A slanted wall."""
     plane = PlaneSection(point_m=(0.0, 0.0, 0.15), normal=(0.0, 1.0, 2.0))
     changed = CELL.limits.model_copy(update={"planes": (plane,)})
     limits = Limits.of(CELL.model_copy(update={"limits": changed}))
     T = pin.SE3(DOWN.rotation, np.array([0.0, 0.2, 0.20]))
     assert check_workspace(limits, T * TOOL) is not None
-    found = back_off.plan(limits, T, TOOL, felt(), confirmed=False)
+    found = back_off.plan(limits, T, TOOL, wrench_of(), confirmed=False)
     assert isinstance(found, BackOffPlan)
     assert found.kind == "workspace"
-    assert float(found.way_m @ limits.planes[0].normal) > 0.0
+    assert float(found.travel_m @ limits.planes[0].normal) > 0.0
 
 
 def test_a_force_that_leads_farther_out_is_not_followed() -> None:
-    """Outside above, pushed upwards: the sentence says so."""
+    """Outside above, pushed upwards: the sentence names that."""
     T = shifted(DOWN, z_m=LIMITS.workspace_max_m[2] - DOWN.translation[2] + 0.165)
-    found = plan(T, felt((0.0, 0.0, 75.0)))
+    found = plan(T, wrench_of((0.0, 0.0, 75.0)))
     assert isinstance(found, Trip)
     assert found.code == "workspace"
     assert "farther out" in found.text
@@ -151,10 +151,10 @@ def test_a_force_that_leads_farther_out_is_not_followed() -> None:
 
 @given(st.lists(st.tuples(vectors, vectors), min_size=1, max_size=40))
 def test_the_ceiling_only_comes_down(samples) -> None:
-    """Whatever the wrench does: what was let through was 3 N above the least so far at most."""
+    """Whatever the wrench does, the force let through is at most 3 N above the least so far."""
     load, lowest_N, lowest_Nm = LoadRatchet(), np.inf, np.inf
     for force_N, torque_Nm in samples:
-        wrench = felt(force_N, torque_Nm)
+        wrench = wrench_of(force_N, torque_Nm)
         tripped = load.trip(wrench, "while backing off") is not None
         too_much = hypot(*force_N) > lowest_N + RISE_N or hypot(*torque_Nm) > lowest_Nm + RISE_Nm
         assert tripped == too_much
@@ -164,13 +164,13 @@ def test_the_ceiling_only_comes_down(samples) -> None:
 
 
 def test_a_force_that_does_not_fall_is_no_contact() -> None:
-    """A lost bias reads the same wherever the tool goes: it ends after half the way."""
-    run, trip, way_m = BackOffState(DOWN, 0), None, 0.0
-    while trip is None and way_m < LONGEST_BACK_OFF_M:
-        way_m += 1e-4
-        run, trip = run.felt(felt((0.0, 0.0, 75.0)))
-        trip = trip or run.moved(shifted(DOWN, z_m=way_m), round(way_m / SPEED_M_S * 1e9))
-    assert way_m == pytest.approx(back_off.MUST_FALL_AFTER_M, abs=2e-4)
+    """A lost bias reads the same wherever the tool goes: it ends after half the travel."""
+    run, trip, travel_m = BackOffState(DOWN, 0), None, 0.0
+    while trip is None and travel_m < LONGEST_BACK_OFF_M:
+        travel_m += 1e-4
+        run, trip = run.update_load(wrench_of((0.0, 0.0, 75.0)))
+        trip = trip or run.moved(shifted(DOWN, z_m=travel_m), round(travel_m / SPEED_M_S * 1e9))
+    assert travel_m == pytest.approx(back_off.MUST_FALL_AFTER_M, abs=2e-4)
     assert trip is not None
     assert trip.code == "still_loaded"
     assert "no contact" in trip.text
@@ -220,34 +220,34 @@ def test_the_robot_takes_the_goal_alone_that_it_would_have_computed(
     T: pin.SE3, speed: Speed, rule: str
 ) -> None:
     """75 N from below: up, not far, slowly, without a turn."""
-    guard = freed_guard(felt((0.0, 0.0, 75.0)))
+    guard = freed_guard(wrench_of((0.0, 0.0, 75.0)))
     assert code(guard.goal(goal_to(T), speed, DOWN, JOINTS)) == rule
 
 
 def test_the_robot_takes_nothing_but_that_goal() -> None:
     """No joints, no set points; and no goal when there is nothing to get away from."""
-    guard = freed_guard(felt((0.0, 0.0, 75.0)))
+    guard = freed_guard(wrench_of((0.0, 0.0, 75.0)))
     joints = Goal(id=1, kind="by", joint_rad=(0.0, 0.0, 0.01, 0.0, 0.0, 0.0))
     assert code(guard.goal(joints, SLOW, DOWN, JOINTS)) == "state"
     assert code(guard.seed(DOWN, 0)) == "state"
     assert code(guard.setpoint(shifted(DOWN, z_m=1e-4), DOWN, 4 * MS)) == "state"
     nowhere = Goal(id=1, kind="pose")
     assert code(guard.goal(nowhere, SLOW, DOWN, JOINTS)) == "state"
-    free = freed_guard(felt((0.0, 0.0, 5.0)))
+    free = freed_guard(wrench_of((0.0, 0.0, 5.0)))
     assert code(free.goal(goal_to(shifted(DOWN, z_m=0.01)), SLOW, DOWN, JOINTS)) == "already"
 
 
 def test_the_robot_takes_no_force_feedback_while_it_backs_off() -> None:
     """The same request is fine under a lease for all: it is the purpose that forbids it."""
-    guard, wanted = LastCheck(CELL), Feedback(mode="position", gains=Gains())
+    guard, feedback = LastCheck(CELL), Feedback(mode="position", gains=Gains())
     guard.start(DOWN, 0, "back_off")
-    assert code(guard.feedback(wanted)) == "state"
+    assert code(guard.feedback(feedback)) == "state"
     guard.start(DOWN, 0, "all")
-    assert guard.feedback(wanted) is None
+    assert guard.feedback(feedback) is None
 
 
 def test_the_robot_lets_the_arm_go_back_without_a_force_to_follow() -> None:
-    """A person has agreed to it at the arbiter: 5 mm along the tool's axis, which points down."""
+    """A person has confirmed it at the arbiter: 5 mm on the tool's axis, which points down."""
     for z_m, rule in ((0.005, ""), (0.0061, "state")):
         guard = freed_guard(None)
         assert code(guard.goal(goal_to(shifted(DOWN, z_m=z_m)), SLOW, DOWN, JOINTS)) == rule
@@ -256,12 +256,12 @@ def test_the_robot_lets_the_arm_go_back_without_a_force_to_follow() -> None:
 @pytest.mark.parametrize(
     ("x_m", "rule"), [(0.19e-3, ""), (0.21e-3, "workspace"), (3e-3, "workspace")]
 )
-def test_the_way_back_goes_no_farther_beyond_a_wall_than_reports_are_rounded(
+def test_the_travel_back_goes_no_farther_beyond_a_wall_than_reports_are_rounded(
     x_m: float, rule: str
 ) -> None:
     """The tool at the wall, pushed upwards: 0.2 mm aside; the direction alone would let it pass."""
     at_wall = pin.SE3(DOWN.rotation, np.array([0.4, 0.5, 0.3]))
-    guard = freed_guard(felt((0.0, 0.0, 75.0)), at_wall)
+    guard = freed_guard(wrench_of((0.0, 0.0, 75.0)), at_wall)
     goal = goal_to(shifted(at_wall, x_m=x_m, z_m=0.010))
     assert code(guard.goal(goal, SLOW, at_wall, JOINTS)) == rule
 
@@ -273,7 +273,7 @@ def test_backing_off_ends_a_stream_of_the_lease_before(z_m: float, rule: str) ->
     guard.start(DOWN)
     assert guard.seed(DOWN, 0) is None
     guard.start(DOWN, 0, "back_off")
-    assert guard.wrench(felt((0.0, 0.0, 75.0))) is None
+    assert guard.wrench(wrench_of((0.0, 0.0, 75.0))) is None
     trip = guard.goal(goal_to(shifted(DOWN, z_m=z_m)), SLOW, DOWN, JOINTS)
     assert (trip is None) == (rule == "no_stream")
     guard.start(DOWN)
@@ -282,15 +282,15 @@ def test_backing_off_ends_a_stream_of_the_lease_before(z_m: float, rule: str) ->
 
 def test_the_robot_s_ceiling_is_a_ratchet_then_and_the_cell_s_again_afterwards() -> None:
     """75, down to 40, up to 43: and 43.1 is too much, far below the ceiling of 60."""
-    guard = freed_guard(felt((0.0, 0.0, 75.0)))
+    guard = freed_guard(wrench_of((0.0, 0.0, 75.0)))
     for force, rule in ((77.9, ""), (40.0, ""), (43.0, ""), (43.1, "force")):
-        assert code(guard.wrench(felt((0.0, 0.0, force)))) == rule
+        assert code(guard.wrench(wrench_of((0.0, 0.0, force)))) == rule
     guard.start(DOWN)
-    assert guard.wrench(felt((0.0, 0.0, 59.0))) is None
-    assert code(guard.wrench(felt((0.0, 0.0, 61.0)))) == "force"
+    assert guard.wrench(wrench_of((0.0, 0.0, 59.0))) is None
+    assert code(guard.wrench(wrench_of((0.0, 0.0, 61.0)))) == "force"
 
 
-def test_the_robot_watches_way_and_turn() -> None:
+def test_the_robot_watches_travel_and_turn() -> None:
     """An arm that goes farther than 20 mm, or turns, ends the lease."""
     for T, rule in (
         (shifted(DOWN, z_m=0.0205), ""),
@@ -298,8 +298,8 @@ def test_the_robot_watches_way_and_turn() -> None:
         (pin.SE3(rotation_from_vector(np.array([0.0, radians(2.0), 0.0])) @ DOWN.rotation,
                  DOWN.translation), "tether"),
     ):  # fmt: skip
-        guard = freed_guard(felt((0.0, 0.0, 75.0)))
-        guard.wrench(felt((0.0, 0.0, 35.0)))
+        guard = freed_guard(wrench_of((0.0, 0.0, 75.0)))
+        guard.wrench(wrench_of((0.0, 0.0, 35.0)))
         assert code(guard.arm(T, JOINTS, 5000 * MS)) == rule
 
 
@@ -315,6 +315,6 @@ def test_a_move_may_not_add_much_to_the_force() -> None:
         (40.0, False, ""), (40.0, True, ""), (59.0, True, ""), (10.0, True, ""),
         (31.0, True, "force"),
     ):  # fmt: skip
-        assert code(guard.wrench(felt((0.0, 0.0, force)), in_move=in_move)) == rule
+        assert code(guard.wrench(wrench_of((0.0, 0.0, force)), in_move=in_move)) == rule
     unknown = WrenchAtTcp(force_N=(0.0, 0.0, 55.0))  # the tool's weight, as it turns
     assert guard.wrench(unknown, in_move=True) is None

@@ -28,10 +28,10 @@ def test_a_force_at_a_point_of_the_face_is_found_at_this_point(turn, place_m, no
         ((0.0, 0.0, -0.9 * LEAST_NORMAL_N), 0.01),  # too weak
         ((0.0, 0.0, 20.0), 0.01),  # pulls
         ((20.0, 0.0, 0.0), 0.01),  # from the side
-        ((0.0, 0.0, -20.0), 1.1 * FACE_RADIUS_M),  # beside the face
+        ((0.0, 0.0, -20.0), 1.1 * FACE_RADIUS_M),  # outside of the face
     ],
 )
 def test_without_a_contact_of_the_face_the_point_is_the_tcp(force_N, arm_m):
-    """What does not push on the face has no point on it."""
+    """A force that does not push on the face has no point on it."""
     torque_Nm = np.cross([arm_m, 0.0, 0.0], force_N)
     assert not contact_point_m(np.eye(3), np.array(force_N), torque_Nm).any()

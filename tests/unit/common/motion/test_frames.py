@@ -91,7 +91,7 @@ def test_oat_stays_in_its_ranges(o: float, a: float, t: float) -> None:
 
 @given(angles, st.floats(0.01, math.pi - 0.01), angles)
 def test_away_from_the_poles_the_triple_itself_comes_back(o: float, a: float, t: float) -> None:
-    """There it is unique in its ranges, whatever was said before."""
+    """There it is unique in its ranges, whatever the previous one was."""
     assume(abs(o) < math.pi - 1e-6)
     assume(abs(t) < math.pi - 1e-6)
     back = oat_from_R(R_from_oat(Oat(o, a, t)), previous=Oat(1.0, 2.0, 3.0))
@@ -103,7 +103,7 @@ def test_away_from_the_poles_the_triple_itself_comes_back(o: float, a: float, t:
 def test_exactly_at_a_pole_o_stays_and_a_is_exact(
     o: float, a: float, t: float, before: float
 ) -> None:
-    """A = 0 and 180 come back exactly; O keeps what it was, T takes the rest."""
+    """A = 0 and 180 come back exactly; O keeps its value, T takes the rest."""
     R = R_from_oat(Oat(o, a, t))
     back = oat_from_R(R, previous=Oat(before, a, 0.0))
 
@@ -113,14 +113,14 @@ def test_exactly_at_a_pole_o_stays_and_a_is_exact(
 
 
 @given(angles, near_poles, angles, poles)
-def test_beside_a_pole_nothing_is_lost_that_a_packet_could_carry(
-    o: float, beside: float, t: float, pole: float
+def test_near_a_pole_nothing_is_lost_that_a_packet_could_carry(
+    o: float, off_pole: float, t: float, pole: float
 ) -> None:
     """Swept through 1e-9 to 1e-3 rad from both poles: error below half a packet step."""
-    R = R_from_oat(Oat(o, abs(pole - beside), t))
+    R = R_from_oat(Oat(o, abs(pole - off_pole), t))
     for previous in (None, Oat(2.0, pole, -1.0)):
         back = oat_from_R(R, previous)
-        limit = 1e-12 if beside > 1.001 * POLE_TOLERANCE_RAD else 1.001 * POLE_TOLERANCE_RAD
+        limit = 1e-12 if off_pole > 1.001 * POLE_TOLERANCE_RAD else 1.001 * POLE_TOLERANCE_RAD
         assert angle_between(R_from_oat(back), R) <= limit
 
 
@@ -129,8 +129,8 @@ def test_a_path_through_a_pole_is_continuous(o: float, pole: float, t: float, st
     """Straight through the pole: with unwrapping, no angle jumps by more than the path turns."""
     previous = Oat(o, pole + 20.0 * step, t)
     for k in range(20, -21, -1):
-        wanted = Oat(o, pole + k * step, t)
-        R = R_from_oat(wanted)
+        oat = Oat(o, pole + k * step, t)
+        R = R_from_oat(oat)
         now = unwrap_oat(oat_from_R(R, previous), previous)
         assert max(abs(x - y) for x, y in zip(now, previous, strict=True)) <= (
             step + 2.0 * POLE_TOLERANCE_RAD
@@ -153,7 +153,7 @@ def test_turning_about_the_axis_at_a_pole_moves_t_alone(o: float, pole: float, t
 
 @given(st.builds(Oat, angles, angles, angles), st.builds(Oat, *[st.floats(-20.0, 20.0)] * 3))
 def test_unwrapping_changes_the_triple_not_the_rotation(oat: Oat, previous: Oat) -> None:
-    """The result is an equal rotation, and no other equal triple lies nearer."""
+    """The result is an equal rotation, and no other equal triple is nearer."""
     near = unwrap_oat(oat, previous)
 
     assert R_from_oat(near) == pytest.approx(R_from_oat(oat), abs=1e-9)
@@ -191,7 +191,7 @@ def test_both_signs_of_a_quaternion_are_one_orientation(turn: np.ndarray) -> Non
 
 
 def test_a_half_turn_has_a_quaternion() -> None:
-    """The real part is 0, where a naive formula divides by it: each axis, both ways."""
+    """The real part is 0, where a naive formula divides by it: each axis, both signs."""
     for axis in np.eye(3):
         for sign in (1.0, -1.0):
             R = rotation_from_vector(sign * math.pi * axis)
@@ -207,7 +207,7 @@ def test_the_length_of_a_quaternion_is_divided_out_however_small_or_large(scale:
 
 
 def test_a_quaternion_without_direction_is_no_orientation() -> None:
-    """All zeros must not pass for "not turned": every limit refuses what is not finite."""
+    """All zeros must not pass for "not turned": every limit refuses a pose that is not finite."""
     nowhere = PoseRecord(position_m=(0.0, 0.5, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
 
     assert np.isnan(R_from_quaternion((0.0, 0.0, 0.0, 0.0))).all()
@@ -216,7 +216,7 @@ def test_a_quaternion_without_direction_is_no_orientation() -> None:
 
 @given(vectors, turns)
 def test_a_pose_survives_its_record(p: np.ndarray, turn: np.ndarray) -> None:
-    """What a message carries is the pose, to rounding."""
+    """A message carries the pose, to rounding."""
     T = pose(p, rotation_from_vector(turn))
 
     assert pose_of(record_of(T)).homogeneous == pytest.approx(T.homogeneous, abs=1e-12)

@@ -95,7 +95,7 @@ def placed(value: object) -> pin.SE3:
     "flange", [by_pinocchio, by_mujoco, by_here_of_as, by_ppoint_of_as, by_trans_of_as]
 )
 @pytest.mark.parametrize(("joints_deg", "flange_mm", "oat_deg"), ACCEPTANCE)
-def test_flange_stands_where_the_vendor_says(flange, joints_deg, flange_mm, oat_deg):
+def test_flange_stands_at_the_pose_of_the_vendor(flange, joints_deg, flange_mm, oat_deg):
     """Forward kinematics gives the controller's pose, to the last digit of the reference."""
     T = flange(np.array(joints_deg, dtype=float))
     assert T.translation * 1e3 == pytest.approx(flange_mm, abs=1e-3)
@@ -145,7 +145,7 @@ def test_gravity_torque_of_the_stretched_arm_is_that_of_the_mass_table():
 @given(joints, hnp.arrays(float, 6, elements=st.floats(-0.1, 0.1)))
 @settings(max_examples=200, deadline=None)
 def test_inverse_kinematics_undoes_forward_kinematics(q, offset):
-    """What is solved stands at the pose asked for, within the limits; otherwise it says why."""
+    """A solution stands at the pose asked for, within the limits; otherwise it gives the reason."""
     goal = ARM.flange_pose(q)
     result = ARM.solve(goal, q + offset, jump_rad=1.0)
     if result.q is None:
@@ -156,7 +156,7 @@ def test_inverse_kinematics_undoes_forward_kinematics(q, offset):
 
 
 def test_inverse_kinematics_almost_always_finds_a_near_solution():
-    """From 0.1 rad beside the solution, at most 1 in 100 poses is refused."""
+    """From 0.1 rad off the solution, at most 1 in 100 poses is refused."""
     rng = np.random.default_rng(5)
     refused = 0
     for _ in range(300):
@@ -167,7 +167,7 @@ def test_inverse_kinematics_almost_always_finds_a_near_solution():
 
 
 def test_small_steps_past_the_wrist_singularity_are_followed():
-    """Turning the wrist past joint 5 = 0, three degrees beside it, never fails nor jumps."""
+    """Turning the wrist past joint 5 = 0, three degrees off it, never fails nor jumps."""
     q = np.radians([10.0, 20.0, -60.0, 0.0, -3.0, 0.0])
     T = ARM.flange_pose(q)
     for _ in range(300):
@@ -187,7 +187,7 @@ def test_a_pose_out_of_reach_is_refused_with_both_lengths():
 
 
 def test_a_pose_beyond_a_joint_limit_is_refused_with_the_limit():
-    """Turning joint 1 by more than half a turn is refused, and the reason says which joint."""
+    """Turning joint 1 by more than half a turn is refused, and the reason names the joint."""
     q = np.radians([179.0, 0.0, -90.0, 0.0, -90.0, 0.0])
     beyond = q + np.radians([2.0, 0, 0, 0, 0, 0])
     result = ARM.solve(ARM.flange_pose(beyond), q, jump_rad=1.0)

@@ -72,11 +72,11 @@ def test_a_stream_keeps_the_speed_limit_whatever_its_period(factor: float, perio
     guard, step_m = guard_at(DOWN), factor * LIMITS.speed_m_s * period_ms * 1e-3
     T, tripped = DOWN, ""
     for number in range(1, 1000 // period_ms + 1):
-        wanted = shifted(T, x_m=step_m * (-1) ** (number // 20))
-        tripped = code(guard.setpoint(wanted, T, number * period_ms * MS))
+        T_target = shifted(T, x_m=step_m * (-1) ** (number // 20))
+        tripped = code(guard.setpoint(T_target, T, number * period_ms * MS))
         if tripped:
             break
-        T = wanted
+        T = T_target
     if factor <= 1.0 and step_m < LIMITS.step_m:
         assert tripped == ""
     if factor > 1.26:
@@ -89,9 +89,9 @@ def test_the_tether_is_fastened_where_the_lease_began() -> None:
     rules: list[str] = []
     while not rules or rules[-1] == "":
         now_ns += 100 * MS
-        wanted = shifted(T, x_m=0.0051)
-        rules.append(code(guard.setpoint(wanted, T, now_ns)))
-        T = wanted
+        T_target = shifted(T, x_m=0.0051)
+        rules.append(code(guard.setpoint(T_target, T, now_ns)))
+        T = T_target
     assert (len(rules), rules[-1]) == (40, "tether")  # 39 * 5.1 = 198.9 mm
     guard.start(T)
     guard.seed(T, now_ns)
@@ -110,9 +110,9 @@ def test_a_tool_that_is_turned_on_and_on_is_stopped_by_its_tether(axis: int, sig
         turned_deg += 0.5
         R = rotation_from_vector(np.radians(sign * turned_deg) * np.eye(3)[axis]) @ DOWN.rotation
         tip = DOWN * T_FLANGE_TCP
-        wanted = pin.SE3(R, tip.translation) * pin.SE3(np.eye(3), -T_FLANGE_TCP.translation)
-        rule = code(guard.setpoint(wanted, T, round(turned_deg * 100 * MS)))
-        T = wanted
+        T_target = pin.SE3(R, tip.translation) * pin.SE3(np.eye(3), -T_FLANGE_TCP.translation)
+        rule = code(guard.setpoint(T_target, T, round(turned_deg * 100 * MS)))
+        T = T_target
     assert rule == "tether"
     assert turned_deg == pytest.approx(cell.limits.tether_deg, abs=0.51)
     assert code(guard.arm(pin.SE3(T.rotation, DOWN.translation), JOINTS, 0)) in ("", "tether")

@@ -16,10 +16,10 @@ from forcemesh import topics
 from forcemesh.codec import encode_record
 from forcemesh.messages import Goal, RobotState, RobotStatus, Speed, Trip
 from forcemesh.requests import HoldRequest
-from services.arbiter.inputs import limit_trip, robot_complaints
+from services.arbiter.inputs import limit_trip, robot_faults
 from services.arbiter.watch import RestWatch
 from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
-from tests.fakes.arbiter_world import CELL, T_START, World, unfit
+from tests.fakes.arbiter_world import CELL, T_START, World, with_fault
 from tests.fakes.line import Line
 from tests.unit.forcemesh.test_bus_inbox import bus_of
 
@@ -31,15 +31,15 @@ JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 
 
 @pytest.mark.parametrize("name", ["robot", "wrench"])
-def test_of_what_is_not_heard_nothing_else_is_said(name: str) -> None:
-    """Neither lights nor limits are judged by an old message; that it is old is said elsewhere."""
+def test_a_message_that_is_not_received_is_not_judged_otherwise(name: str) -> None:
+    """Neither lights nor limits are judged by an old message; its age is reported elsewhere."""
     world = World()
-    world.change("robot", status=unfit("robot_error"))
+    world.change("robot", status=with_fault("robot_error"))
     world.change("wrench", force_N=(0.0, 0.0, 2.0 * CELL.limits.force_N))
     assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is not None
     world.silent.add(name)
     assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is None
-    assert bool(robot_complaints(world.inputs())) == (name != "robot")
+    assert bool(robot_faults(world.inputs())) == (name != "robot")
 
 
 def test_an_arm_at_no_place_never_rests() -> None:
@@ -48,7 +48,7 @@ def test_an_arm_at_no_place_never_rests() -> None:
     world.change("robot", orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
     for _ in range(5):
         world.now_ns += 1_000_000_000
-        trip = rest.see(world.inputs())
+        trip = rest.update(world.inputs())
         assert trip is not None
         assert trip.code == "moving"
 
@@ -68,7 +68,7 @@ def test_before_a_lease_no_move_of_joints_is_let_through_and_no_tether_pulls() -
 
 
 def test_from_an_unknown_place_the_end_of_a_move_counts() -> None:
-    """No way can be sampled from nowhere; a good end is let through, a bad one is not."""
+    """No path can be sampled from nowhere; a good end is let through, a bad one is not."""
     guard = LastCheck(CELL)
     guard.start(T_START)
     nowhere = pin.SE3(np.eye(3), np.full(3, np.nan))
@@ -93,12 +93,12 @@ def turned(turn_rad: float) -> pin.SE3:
     return pin.SE3(pin.utils.rotate("z", turn_rad) @ T_START.rotation, T_START.translation)
 
 
-def test_a_turn_is_limited_as_a_way_is() -> None:
+def test_a_turn_is_limited_as_a_travel_is() -> None:
     """One set point by the step; a stream that speeds up gently, by the speed, in any window."""
     limits, period_s = CELL.limits, 4e-3
     budget, speed = SetpointMonitor(limits), radians(limits.speed_deg_s)
     assert budget.begin(T_START, 0) is None
-    trip = budget.spend(turned(radians(1.1 * limits.step_deg)), 0)
+    trip = budget.check(turned(radians(1.1 * limits.step_deg)), 0)
     assert trip is not None
     assert (trip.code, trip.limit) == ("speed", speed)
 
@@ -109,7 +109,7 @@ def test_a_turn_is_limited_as_a_way_is() -> None:
         faster = speed_rad_s + 0.5 * radians(limits.accel_deg_s2) * period_s
         speed_rad_s = min(faster, 1.5 * speed)
         turn_rad += speed_rad_s * period_s
-        trip = budget.spend(turned(turn_rad), now_ns)
+        trip = budget.check(turned(turn_rad), now_ns)
     assert trip is not None
     assert (trip.code, trip.limit) == ("rate", pytest.approx(1.25 * 0.25 * speed))
     assert speed_rad_s > speed
@@ -123,12 +123,12 @@ def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> No
     """2 N m over a tenth of a radian are 0.2 J; in mode position the tool turns for others."""
     settings = GuardSettings.of(CELL)
     still = np.zeros(3)
-    seen = GuardSample(
-        still, np.array([0.0, 0.0, 2.0]), T_START, "contact", np.zeros(6), turns=turns, dt_s=0.004
+    sample = GuardSample(
+        still, np.array([0.0, 0.0, 2.0]), T_START, "contact", np.zeros(6), rotates=turns, dt_s=0.004
     )
-    remembered, _ = watch(GuardState(touched=True), seen, settings)
+    remembered, _ = watch(GuardState(touched=True), sample, settings)
     turned = pin.SE3(pin.utils.rotate("z", 0.1) @ T_START.rotation, T_START.translation)
-    remembered, _ = watch(remembered, replace(seen, T_base_tcp=turned), settings)
+    remembered, _ = watch(remembered, replace(sample, T_base_tcp=turned), settings)
     assert remembered.environment_work_J == pytest.approx(0.2 if turns else 0.0)
 
 
@@ -139,12 +139,12 @@ def test_many_requests_at_once_wait_their_turn() -> None:
     """So many in one step and no more; the rest is served next, in the order they came."""
     transport = MemoryTransport()
     inbox = bus_of("arbiter", transport).inbox(topics.HOLD)
-    said = [f"reason {number}" for number in range(6)]
-    calls = [MemoryCall(encode_record(HoldRequest(reason=reason))) for reason in said]
+    reasons = [f"reason {number}" for number in range(6)]
+    calls = [MemoryCall(encode_record(HoldRequest(reason=reason))) for reason in reasons]
     transport.serve("demo/request/hold").waiting.extend(calls)
     first = [incoming.request.reason for incoming in inbox.take_all()]
     then = [incoming.request.reason for incoming in inbox.take_all()]
-    assert (first, then) == (said[:4], said[4:])
+    assert (first, then) == (reasons[:4], reasons[4:])
 
 
 def test_to_wait_for_a_message_is_to_wait_at_its_source(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,10 +160,10 @@ def test_a_robot_that_is_not_ready_is_named_whatever_it_reports() -> None:
     """Without a cause, and with a code of another version: both end in the robot's own fault."""
     world = World()
     world.change("robot", status=RobotStatus())
-    assert [trip.code for trip in robot_complaints(world.inputs())] == ["robot_error"]
+    assert [trip.code for trip in robot_faults(world.inputs())] == ["robot_error"]
     unknown = Trip(code="of_a_later_version", rule=999, text="the coolant is low")
     world.change("robot", status=RobotStatus(faults=(unknown,)))
-    (trip,) = robot_complaints(world.inputs())
+    (trip,) = robot_faults(world.inputs())
     assert (trip.code, trip.text) == ("robot_error", "the coolant is low")
 
 

@@ -1,6 +1,6 @@
-"""Ten thousand commands of an evil arbiter: nothing leaves a robot's last check that is too much.
+"""Ten thousand commands of a hostile arbiter: no excessive command leaves a robot's last check.
 
-`make fuzz-commands` says a million of them.
+`make fuzz-commands` sends a million of them.
 """
 
 from pathlib import Path
@@ -11,11 +11,10 @@ import pytest
 from common.motion.last_check import LastCheck
 from common.motion.setpoint_monitor import SetpointMonitor
 from services.gateway.setpoint_shaper import SetpointShaper
-from tests.fuzz import commands
-from tests.fuzz import hostile_arbiter as evil
+from tests.fuzz import commands, hostile_arbiter
 from tests.fuzz.judges import allowance
 
-AS_IT_CAME = (SetpointShaper, "share")  # of its way that may leave
+AS_IT_CAME = (SetpointShaper, "share")  # of its travel that may leave
 IN_ONE = (SetpointShaper, "_share_of_step")
 ROBOTS = pytest.mark.parametrize("robot", ["gateway", "sim"])
 
@@ -32,18 +31,18 @@ def test_no_command_gets_past_the_limits(robot: str) -> None:
 
 @pytest.fixture
 def never_backs_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seed 42 says what it is known for under ordinary leases."""
-    monkeypatch.setattr(evil, "PURPOSES", ("all",))
+    """Seed 42 has its known result under ordinary leases."""
+    monkeypatch.setattr(hostile_arbiter, "PURPOSES", ("all",))
 
 
 @pytest.mark.usefixtures("never_backs_off")
-def test_what_is_late_to_leave_leaves_within_the_limits() -> None:
-    """Seed 42 once said what was allowed when it came, and was too sudden when it left."""
+def test_a_command_that_leaves_late_leaves_within_the_limits() -> None:
+    """Seed 42 once commanded what was allowed on arrival and too sudden when it left."""
     assert commands.fuzz("gateway", 5000, seed=42).broken == {}
 
 
-def test_the_page_says_what_the_judge_lets_pass() -> None:
-    """Nothing is let pass of which a reader of the page would not know."""
+def test_the_page_lists_the_commands_that_the_judge_lets_pass() -> None:
+    """Every command that the judge lets pass is named on the page."""
     page = Path(__file__).parents[4] / "docs" / "reliability.md"
     assert allowance() in page.read_text(encoding="utf-8")
 
@@ -51,14 +50,14 @@ def test_the_page_says_what_the_judge_lets_pass() -> None:
 @pytest.mark.parametrize(
     ("robot", "without", "breaks"),
     [
-        ("gateway", [(SetpointMonitor, "spend"), AS_IT_CAME], "acceleration"),
+        ("gateway", [(SetpointMonitor, "check"), AS_IT_CAME], "acceleration"),
         ("gateway", [(LastCheck, "setpoint"), AS_IT_CAME, IN_ONE], "workspace"),
         ("gateway", [(LastCheck, "wrench")], "moved without leave"),
         ("sim", [(LastCheck, "setpoint"), (LastCheck, "arm")], "workspace"),
         ("sim", [(LastCheck, "wrench")], "force"),
     ],
 )
-def test_the_judge_sees_what_the_guard_keeps_back(
+def test_the_judge_finds_the_commands_that_the_guard_keeps_back(
     monkeypatch: pytest.MonkeyPatch, robot: str, without: list[tuple[Any, str]], breaks: str
 ) -> None:
     """Without one of its rules a limit is broken, or the test above proves nothing."""

@@ -1,4 +1,4 @@
-"""What the last check counts over time, what it asks of the arm itself, of moves and of forces."""
+"""Rules of the last check over time, on the arm itself, on moves and on forces."""
 
 import random
 from collections.abc import Callable
@@ -23,7 +23,7 @@ LIMITS = CELL.limits
 DOWN = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.5, 0.3]))
 JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 MS = 1_000_000
-# What docs/reliability.md says, not what the code under test does.
+# Numbers of docs/reliability.md, not those of the code under test.
 SPEED_MARGIN, ACCEL_MARGIN, WINDOW_S, HALF_S, EARLY_S = 1.25, 1.5, 0.25, 0.06, 0.02
 
 
@@ -44,7 +44,7 @@ def guard_at(T: pin.SE3 = DOWN, now_ns: int = 0) -> LastCheck:
 
 
 def test_to_and_fro_within_60_ms_is_no_rest() -> None:
-    """The mean velocity is nothing, the way is not: it counts as the start that it is."""
+    """The mean velocity is zero, the travel is not: it counts as the start that it is."""
     most_m = ACCEL_MARGIN * LIMITS.accel_m_s2 * HALF_S**2 + LIMITS.speed_m_s * EARLY_S
     guard, away = guard_at(), shifted(DOWN, x_m=0.6 * most_m)
     assert code(guard.setpoint(away, DOWN, 20 * MS)) == ""
@@ -53,7 +53,7 @@ def test_to_and_fro_within_60_ms_is_no_rest() -> None:
 
 @given(st.integers(0, 2**32), st.floats(0.2, 20.0), st.booleans())
 @settings(max_examples=60, deadline=None)
-def test_whatever_is_asked_for_no_window_gets_more_way_than_the_limit_gives(
+def test_no_window_gets_more_travel_than_the_limit_gives(
     seed: int, factor: float, renews: bool
 ) -> None:
     """Any rhythm, any steps, new leases and new streams in between: a flood gains nothing."""
@@ -65,31 +65,31 @@ def test_whatever_is_asked_for_no_window_gets_more_way_than_the_limit_gives(
             guard.start(T)
             if guard.seed(T, now_ns) is not None:
                 continue
-        way_m = rng.uniform(0.0, factor * LIMITS.speed_m_s * 4e-3)
-        wanted = shifted(T, **{rng.choice(("x_m", "y_m")): rng.choice((-1, 1)) * way_m})
-        if guard.setpoint(wanted, T, now_ns) is None:
-            let_through.append((now_ns, way_m))
-            T = wanted
+        travel_m = rng.uniform(0.0, factor * LIMITS.speed_m_s * 4e-3)
+        T_target = shifted(T, **{rng.choice(("x_m", "y_m")): rng.choice((-1, 1)) * travel_m})
+        if guard.setpoint(T_target, T, now_ns) is None:
+            let_through.append((now_ns, travel_m))
+            T = T_target
     for at_ns, _ in let_through:
-        window = [way for then, way in let_through if 0 <= at_ns - then < WINDOW_S * 1e9]
+        window = [travel for then, travel in let_through if 0 <= at_ns - then < WINDOW_S * 1e9]
         assert sum(window) <= SPEED_MARGIN * LIMITS.speed_m_s * WINDOW_S + 1e-9
 
 
-def test_a_new_lease_brings_no_new_way() -> None:
+def test_a_new_lease_gives_no_new_travel() -> None:
     """A hundred leases at one instant together get the one step that time had earned."""
-    guard, T, way_m = guard_at(), DOWN, 0.0
+    guard, T, travel_m = guard_at(), DOWN, 0.0
     for _ in range(100):
         guard.start(T)
         guard.seed(T, 0)
-        wanted = shifted(T, x_m=0.002)
-        if guard.setpoint(wanted, T, 0) is None:
-            T, way_m = wanted, way_m + 0.002
-    assert way_m <= LIMITS.step_m + 1e-9
+        T_target = shifted(T, x_m=0.002)
+        if guard.setpoint(T_target, T, 0) is None:
+            T, travel_m = T_target, travel_m + 0.002
+    assert travel_m <= LIMITS.step_m + 1e-9
 
 
 @pytest.mark.parametrize(("share", "rule"), [(0.99, ""), (1.01, "acceleration")])
 def test_a_sudden_set_point_is_refused_below_the_step_too(share: float, rule: str) -> None:
-    """From rest; the limit is the cell's, with what a late message may look like beside it."""
+    """From rest; the limit is the cell's, plus the margin for a late message."""
     most_m = ACCEL_MARGIN * LIMITS.accel_m_s2 * HALF_S**2 + LIMITS.speed_m_s * EARLY_S
     assert most_m < LIMITS.step_m / 1.2
     guard = guard_at()
@@ -112,10 +112,10 @@ def test_a_stream_within_the_limits_is_never_stopped(
         v_m_s = float(np.clip(v_m_s + towards * change, -speed_m_s, speed_m_s))
         x_m += v_m_s * period_ms * 1e-3
         late_ms = rng.choice((0.0, 0.0, 0.0, 2.0, 10.0))
-        wanted = shifted(DOWN, x_m=x_m)
+        T_target = shifted(DOWN, x_m=x_m)
         at_ns = max(round((number * period_ms + late_ms) * MS), 0)
-        assert guard.setpoint(wanted, T, at_ns) is None
-        T = wanted
+        assert guard.setpoint(T_target, T, at_ns) is None
+        T = T_target
 
 
 # --- the arm itself -------------------------------------------------------------------------------
@@ -126,13 +126,13 @@ def tip_at(x_m: float, y_m: float, z_m: float) -> pin.SE3:
     return pin.SE3(DOWN.rotation, np.array([x_m, y_m, z_m + 0.16]))
 
 
-def along(way_m: float) -> pin.SE3:
+def off_axis(travel_m: float) -> pin.SE3:
     """Return the flange so far away, sideways and upwards."""
-    return shifted(DOWN, x_m=0.6 * way_m, z_m=0.8 * way_m)
+    return shifted(DOWN, x_m=0.6 * travel_m, z_m=0.8 * travel_m)
 
 
 def turned(turn_deg: float) -> pin.SE3:
-    """Return the flange turned about its own axis, which the tool lies in."""
+    """Return the flange turned about its own axis, which contains the tool."""
     return pin.SE3(pin.utils.rotate("z", radians(turn_deg)) @ DOWN.rotation, DOWN.translation)
 
 
@@ -160,10 +160,10 @@ EDGES: dict[str, tuple[str, float, Callable[[float], tuple[pin.SE3, Joints | Arr
     "z max": ("workspace", 2.0, lambda mm: (tip_at(0.0, 0.5, 0.6 + mm * 1e-3), JOINTS)),
     "plane": (
         "workspace",
-        2.0 * sqrt(2.0),  # along either axis, 2 mm along the normal
+        2.0 * sqrt(2.0),  # on either axis, 2 mm on the normal
         lambda mm: (tip_at(-0.35 - 0.5e-3 * mm, 0.25 - 0.5e-3 * mm, 0.14), JOINTS),
     ),
-    "tether": ("tether", 2.0, lambda mm: (along(0.5 + mm * 1e-3), JOINTS)),
+    "tether": ("tether", 2.0, lambda mm: (off_axis(0.5 + mm * 1e-3), JOINTS)),
     "tether's turn": ("tether", 0.5, lambda deg: (turned(150.0 + deg), JOINTS)),
     **{
         f"joint {number} at {limit_deg}": ("joint", 0.5, partial(joint_beyond, number, limit_deg))
@@ -189,7 +189,7 @@ def test_an_arm_whose_place_is_not_finite_is_noticed() -> None:
 
 
 def test_an_arm_that_left_its_tether_or_a_joint_range_is_noticed() -> None:
-    """Measured, whoever moved it."""
+    """Measured, whatever moved it."""
     assert code(guard_at().arm(shifted(DOWN, x_m=0.31), JOINTS, 0)) == "tether"
     assert code(guard_at().arm(DOWN, (0.0, 0.0, 0.0, 0.0, 0.0, 6.4), 0)) == "joint"
 
@@ -236,7 +236,7 @@ def test_a_joint_may_turn_a_tenth_faster_than_it_can_to_the_last_digit() -> None
 
 
 def test_a_joint_s_speed_is_not_judged_before_a_tenth_of_a_second_is_known() -> None:
-    """Two reports with jitter between them, or rounded, would look like any speed."""
+    """Two reports with jitter between them, or rounded, could show any speed."""
     guard, away = guard_at(), (0.0, 0.0, 0.0, 0.0, 1.5, 0.0)
     assert guard.arm(DOWN, (0.0,) * 6, 0) is None
     assert guard.arm(DOWN, away, 99 * MS) is None
@@ -266,7 +266,7 @@ def test_a_straight_move_that_swings_the_tool_out_is_refused_though_its_end_is_i
     cell = load_cell(DEMO_CELL, {"limits.workspace_max_m": [0.1, 0.8, 0.6],
                                  "limits.workspace_min_m": [-0.1, 0.2, -0.2]})  # fmt: skip
     guard = LastCheck(cell)
-    # Armed half-way, so that both ends are on the tether.
+    # Armed midway, so that both ends are on the tether.
     guard.start(pin.SE3(pin.utils.rotate("y", np.pi * 0.5) @ DOWN.rotation, end.translation))
     trip = guard.goal(Goal(id=1, kind="pose", pose=record_of(end)), Speed(), DOWN, JOINTS)
     assert trip is not None
@@ -287,7 +287,7 @@ def test_a_move_of_the_joints_is_judged_by_where_the_tool_goes_where_that_is_kno
 
 
 @pytest.mark.parametrize(
-    ("tether_m", "x_m", "on_the_way", "at_the_end"),
+    ("tether_m", "x_m", "on_the_path", "at_the_end"),
     [
         (1.0, 0.4019, "", "workspace"),
         (1.0, 0.4021, "workspace", "workspace"),
@@ -295,10 +295,10 @@ def test_a_move_of_the_joints_is_judged_by_where_the_tool_goes_where_that_is_kno
         (0.2, 0.2021, "tether", "tether"),
     ],
 )
-def test_a_move_of_the_joints_is_judged_after_each_24th_of_its_way(
-    tether_m: float, x_m: float, on_the_way: str, at_the_end: str
+def test_a_move_of_the_joints_is_judged_after_each_24th_of_its_path(
+    tether_m: float, x_m: float, on_the_path: str, at_the_end: str
 ) -> None:
-    """On the way as an arm that is measured, at its end as a command; where it begins, it is."""
+    """On the path as a measured arm, at its end as a command; at its start it is measured."""
     cell = load_cell(DEMO_CELL, {"limits.tether_m": tether_m})
     turn_by = Goal(id=1, kind="by", joint_rad=(1.2, 0.0, 0.0, 0.0, 0.0, 0.0))
     for part in range(25):
@@ -310,7 +310,7 @@ def test_a_move_of_the_joints_is_judged_after_each_24th_of_its_way(
         guard = LastCheck(cell, flange_at)
         guard.start(DOWN)
         trip = guard.goal(turn_by, Speed(), DOWN, (0.5, *JOINTS[1:]))
-        assert code(trip) == ("" if part == 0 else at_the_end if part == 24 else on_the_way)
+        assert code(trip) == ("" if part == 0 else at_the_end if part == 24 else on_the_path)
         if trip is not None:
             assert ("on the path" in trip.text) == (part < 24)
 
@@ -321,13 +321,13 @@ def test_a_move_of_the_joints_is_judged_after_each_24th_of_its_way(
         (shifted(DOWN, x_m=0.29), shifted(DOWN, x_m=-0.29), ""),
         (turned(70.0), turned(-70.0), ""),
         (turned(149.0), turned(30.0), ""),
-        (turned(140.0), turned(-140.0), "tether"),  # the short way: 80 degrees, by 180
+        (turned(140.0), turned(-140.0), "tether"),  # the smaller angle: 80 degrees, by 180
     ],
 )
-def test_a_straight_move_may_go_all_over_its_tether_and_no_farther_on_its_way(
+def test_a_straight_move_may_go_all_over_its_tether_and_no_farther_on_its_path(
     T_from: pin.SE3, T_to: pin.SE3, rule: str
 ) -> None:
-    """From where the arm is, not from where it was armed; it turns the short way."""
+    """From where the arm is, not from where it was armed; it turns through the smaller angle."""
     goal = Goal(id=1, kind="pose", pose=record_of(T_to))
     trip = guard_at().goal(goal, Speed(), T_from, JOINTS)
     assert code(trip) == rule
@@ -382,7 +382,7 @@ HARD_PRESS = PRESS.model_copy(update={"setpoint_force_N": (0.0, 41.0, 0.0)})
 def test_a_stream_ends_when_something_else_may_move_the_arm(
     moves: Callable[[LastCheck], Trip | None], ends: bool
 ) -> None:
-    """The next one begins at the measured pose; what was refused has moved nothing."""
+    """The next one begins at the measured pose; a refused one has moved nothing."""
     guard = guard_at()
     assert guard.setpoint(DOWN, DOWN, 4 * MS) is None
     assert (moves(guard) is None) == ends

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.config.load import load_cell
-from common.motion.frames import is_finite_pose, rotation_between, rotation_from_vector
+from common.motion.frames import is_finite_pose, rotation_between
 from common.motion.limits import (
     Limits,
     Plane,
@@ -26,6 +26,7 @@ from common.motion.limits import (
     limit_speed,
 )
 from forcemesh.messages import Trip
+from tests.fakes.arbiter_world import pose_at
 
 DEMO_CELL = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
 CELL = load_cell(DEMO_CELL)
@@ -45,15 +46,10 @@ spots = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0))
 def around(limit: float) -> list[float]:
     """Return values dense at a limit and sparse elsewhere, all of its sign."""
     values = [limit * share for share in (1.0, 1 - 1e-6, 1 + 1e-6, 0.99, 1.01, 0.5, 2.0)]
-    for way in (math.inf, -math.inf):
-        values.append(math.nextafter(limit, way))
-        values.append(math.nextafter(values[-1], way))
+    for travel in (math.inf, -math.inf):
+        values.append(math.nextafter(limit, travel))
+        values.append(math.nextafter(values[-1], travel))
     return values
-
-
-def at(p: Any, turn: Any = (0.0, 0.0, 0.0)) -> pin.SE3:
-    """Return a pose."""
-    return pin.SE3(rotation_from_vector(np.array(turn)), np.array(p, dtype=float))
 
 
 def assert_trip(trip: Trip | None, code: str, value: float, limit: float) -> None:
@@ -73,7 +69,7 @@ def test_the_workspace_ends_exactly_at_its_walls(axis: int, side: str) -> None:
         p = CENTRE.copy()
         p[axis] = value
         inside = LIMITS.workspace_min_m[axis] <= value <= LIMITS.workspace_max_m[axis]
-        trip = check_workspace(LIMITS, at(p))
+        trip = check_workspace(LIMITS, pose_at(p))
         if inside:
             assert trip is None
         else:
@@ -103,7 +99,7 @@ def test_each_joint_ends_exactly_at_its_limits(joint: int) -> None:
 def test_a_set_point_may_be_one_step_away_and_no_more(axis: int) -> None:
     """Swept: distance from where the arm is."""
     for length in around(LIMITS.step_m):
-        trip = check_step(LIMITS, at([0, 0, 0]), at(np.eye(3)[axis] * length))
+        trip = check_step(LIMITS, pose_at([0, 0, 0]), pose_at(np.eye(3)[axis] * length))
         assert (trip is None) == (length <= LIMITS.step_m)
         if trip is not None:
             assert_trip(trip, "step", length, LIMITS.step_m)
@@ -113,8 +109,8 @@ def test_a_set_point_may_be_one_step_away_and_no_more(axis: int) -> None:
 @given(directions, st.sampled_from(around(LIMITS.step_rad)))
 def test_a_set_point_may_be_one_turn_away_and_no_more(axis: np.ndarray, angle: float) -> None:
     """The same for orientation, about any axis, up to the rounding of the logarithm."""
-    T_to = at([0, 0, 0], axis / np.linalg.norm(axis) * angle)
-    trip = check_step(LIMITS, at([0, 0, 0]), T_to)
+    T_to = pose_at([0, 0, 0], axis / np.linalg.norm(axis) * angle)
+    trip = check_step(LIMITS, pose_at([0, 0, 0]), T_to)
     if abs(angle - LIMITS.step_rad) > 1e-9:
         assert (trip is None) == (angle <= LIMITS.step_rad)
     if trip is not None:
@@ -124,7 +120,7 @@ def test_a_set_point_may_be_one_turn_away_and_no_more(axis: np.ndarray, angle: f
 def test_half_a_turn_is_the_longest_turn() -> None:
     """At 180 degrees, where a turn's axis flips its sign, it is still a turn of 180 degrees."""
     for axis in np.eye(3):
-        trip = check_step(LIMITS, at([0, 0, 0]), at([0, 0, 0], math.pi * axis))
+        trip = check_step(LIMITS, pose_at([0, 0, 0]), pose_at([0, 0, 0], math.pi * axis))
         assert_trip(trip, "step", math.pi, LIMITS.step_rad)
 
 
@@ -132,7 +128,7 @@ def test_half_a_turn_is_the_longest_turn() -> None:
 def test_the_tether_ends_exactly(axis: int) -> None:
     """Swept: distance from where the arm was armed."""
     for length in around(LIMITS.tether_m):
-        trip = check_tether(LIMITS, at(np.zeros(3)), at(np.eye(3)[axis] * length))
+        trip = check_tether(LIMITS, pose_at(np.zeros(3)), pose_at(np.eye(3)[axis] * length))
         assert (trip is None) == (length <= LIMITS.tether_m)
         if trip is not None:
             assert_trip(trip, "tether", length, LIMITS.tether_m)
@@ -142,10 +138,10 @@ def test_the_tether_ends_exactly(axis: int) -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_tether_ends_for_turns_as_well(axis: int, sign: float) -> None:
-    """Swept in degrees, both ways: half a turn and all beyond the limit is refused."""
+    """Swept in degrees, both signs: half a turn and all beyond the limit is refused."""
     for turn_deg in (*range(0, 150, 10), 149.9, 150.1, 160.0, 170.0, 175.0, 180.0):
-        turned = at(np.zeros(3), sign * math.radians(turn_deg) * np.eye(3)[axis])
-        trip = check_tether(LIMITS, at(np.zeros(3)), turned)
+        turned = pose_at(np.zeros(3), sign * math.radians(turn_deg) * np.eye(3)[axis])
+        trip = check_tether(LIMITS, pose_at(np.zeros(3)), turned)
         assert (trip is None) == (turn_deg <= 150.0), turn_deg
         if trip is not None:
             assert_trip(trip, "tether", math.radians(turn_deg), LIMITS.tether_rad)
@@ -153,22 +149,24 @@ def test_the_tether_ends_for_turns_as_well(axis: int, sign: float) -> None:
 
 
 @given(spots, directions)
-def test_distances_are_from_where_the_arm_is_or_was(p: np.ndarray, way: np.ndarray) -> None:
-    """Anywhere in base: what counts is the difference."""
-    near, far = 0.99 * way / np.linalg.norm(way), 1.01 * way / np.linalg.norm(way)
+def test_distances_are_from_where_the_arm_is_or_was(p: np.ndarray, travel: np.ndarray) -> None:
+    """Anywhere in base: only the difference counts."""
+    near, far = 0.99 * travel / np.linalg.norm(travel), 1.01 * travel / np.linalg.norm(travel)
     step_m, tether_m = LIMITS.step_m, LIMITS.tether_m
 
-    assert check_step(LIMITS, at(p), at(p + near * step_m)) is None
-    assert_trip(check_step(LIMITS, at(p), at(p + far * step_m)), "step", 1.01 * step_m, step_m)
-    assert check_tether(LIMITS, at(p), at(p + near * tether_m)) is None
-    trip = check_tether(LIMITS, at(p), at(p + far * tether_m))
+    assert check_step(LIMITS, pose_at(p), pose_at(p + near * step_m)) is None
+    assert_trip(
+        check_step(LIMITS, pose_at(p), pose_at(p + far * step_m)), "step", 1.01 * step_m, step_m
+    )
+    assert check_tether(LIMITS, pose_at(p), pose_at(p + near * tether_m)) is None
+    trip = check_tether(LIMITS, pose_at(p), pose_at(p + far * tether_m))
     assert_trip(trip, "tether", 1.01 * tether_m, tether_m)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_force_and_torque_end_at_their_ceilings(axis: int, sign: float) -> None:
-    """Swept, both ways along each axis; the ceiling itself is allowed."""
+    """Swept, both signs of each axis; the ceiling itself is allowed."""
     unit = sign * np.eye(3)[axis]
     for force in around(LIMITS.force_N):
         trip = check_wrench(LIMITS, unit * force, np.zeros(3))
@@ -193,7 +191,7 @@ def test_the_ceiling_is_of_the_length_not_of_one_axis() -> None:
 @pytest.mark.parametrize("bad", NOT_FINITE)
 def test_a_number_that_is_not_finite_is_a_trip_in_every_rule(bad: float) -> None:
     """Swept through every argument and place: a trip that can be sent, never silence or a crash."""
-    good = at(CENTRE)
+    good = pose_at(CENTRE)
     for place in range(3):
         p = CENTRE.copy()
         p[place] = bad
@@ -202,10 +200,10 @@ def test_a_number_that_is_not_finite_is_a_trip_in_every_rule(bad: float) -> None
         v = np.zeros(3)
         v[place] = bad
         trips = [
-            check_workspace(LIMITS, at(p)),
+            check_workspace(LIMITS, pose_at(p)),
             check_workspace(LIMITS, pin.SE3(R, CENTRE)),
-            check_step(LIMITS, good, at(p)),
-            check_step(LIMITS, at(p), good),
+            check_step(LIMITS, good, pose_at(p)),
+            check_step(LIMITS, pose_at(p), good),
             check_step(LIMITS, good, pin.SE3(R, CENTRE)),
             check_step(LIMITS, pin.SE3(R, CENTRE), good),
             check_tether(LIMITS, good, pin.SE3(R, p)),
@@ -223,9 +221,9 @@ def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
     """Finite numbers whose squares are not finite: the rule they broke, not an exception."""
     v = np.array([huge, 0.0, -huge])
     codes = [
-        check_workspace(LIMITS, at(v)),
-        check_step(LIMITS, at(CENTRE), at(v)),
-        check_tether(LIMITS, at(CENTRE), at(v)),
+        check_workspace(LIMITS, pose_at(v)),
+        check_step(LIMITS, pose_at(CENTRE), pose_at(v)),
+        check_tether(LIMITS, pose_at(CENTRE), pose_at(v)),
         check_wrench(LIMITS, v, np.zeros(3)),
         check_wrench(LIMITS, np.zeros(3), v),
         check_joints(LIMITS, np.array([*v, *v])),
@@ -235,73 +233,73 @@ def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
 
 
 @given(spots, turns, st.lists(st.tuples(spots, turns, st.floats(0.0, 0.1)), max_size=20))
-def test_no_sequence_of_wishes_is_faster_than_the_limits(
-    p: np.ndarray, turn: np.ndarray, wishes: list[Any]
+def test_no_sequence_of_targets_is_faster_than_the_limits(
+    p: np.ndarray, turn: np.ndarray, targets: list[Any]
 ) -> None:
     """Whatever is asked for, and however irregularly: speed and turning speed are kept."""
-    T = at(p, turn)
-    for p_wanted, turn_wanted, dt_s in wishes:
-        T_wanted = at(p_wanted, turn_wanted)
-        T_next = limit_speed(LIMITS, T, T_wanted, dt_s)
+    T = pose_at(p, turn)
+    for p_target, turn_target, dt_s in targets:
+        T_target = pose_at(p_target, turn_target)
+        T_next = limit_speed(LIMITS, T, T_target, dt_s)
         moved = np.linalg.norm(T_next.translation - T.translation)
         turned = np.linalg.norm(rotation_between(T.rotation, T_next.rotation))
         assert moved <= LIMITS.speed_m_s * dt_s * (1.0 + 1e-9) + 1e-12
         assert turned <= LIMITS.speed_rad_s * dt_s * (1.0 + 1e-6) + 1e-6
-        assert np.linalg.norm(T_next.translation - p_wanted) <= (
-            np.linalg.norm(T.translation - p_wanted) + 1e-12
+        assert np.linalg.norm(T_next.translation - p_target) <= (
+            np.linalg.norm(T.translation - p_target) + 1e-12
         )
         T = T_next
 
 
 @given(spots, turns, spots, turns)
-def test_with_enough_time_a_wish_is_let_through_untouched(
-    p: np.ndarray, turn: np.ndarray, p_wanted: np.ndarray, turn_wanted: np.ndarray
+def test_with_enough_time_a_target_is_let_through_untouched(
+    p: np.ndarray, turn: np.ndarray, p_target: np.ndarray, turn_target: np.ndarray
 ) -> None:
-    """The very object, so that the caller can tell "limited" by identity."""
-    T_wanted = at(p_wanted, turn_wanted)
+    """The very object, so that the caller can detect "limited" by identity."""
+    T_target = pose_at(p_target, turn_target)
 
-    assert limit_speed(LIMITS, at(p, turn), T_wanted, 100.0) is T_wanted
+    assert limit_speed(LIMITS, pose_at(p, turn), T_target, 100.0) is T_target
 
 
 @given(spots, turns, spots, turns)
-def test_a_standing_wish_is_reached_on_the_straight_way(
-    p: np.ndarray, turn: np.ndarray, p_wanted: np.ndarray, turn_wanted: np.ndarray
+def test_a_constant_target_is_reached_on_the_straight_path(
+    p: np.ndarray, turn: np.ndarray, p_target: np.ndarray, turn_target: np.ndarray
 ) -> None:
     """Limited again and again, the pose arrives; position stays on the line in between."""
-    T, T_wanted = at(p, turn), at(p_wanted, turn_wanted)
-    way = p_wanted - p
+    T, T_target = pose_at(p, turn), pose_at(p_target, turn_target)
+    travel = p_target - p
     for _ in range(40):
-        T = limit_speed(LIMITS, T, T_wanted, 1.0)
-        gone = T.translation - p
-        assert np.linalg.norm(np.cross(way, gone)) <= 1e-9
-    assert T is T_wanted
+        T = limit_speed(LIMITS, T, T_target, 1.0)
+        moved = T.translation - p
+        assert np.linalg.norm(np.cross(travel, moved)) <= 1e-9
+    assert T is T_target
 
 
 def test_no_time_means_no_motion() -> None:
     """At dt = 0 (the first period) nothing is let through but where the arm is."""
-    T = at(CENTRE)
+    T = pose_at(CENTRE)
 
-    assert limit_speed(LIMITS, T, at(CENTRE + 0.1, [0.1, 0, 0]), 0.0) == T
-    assert limit_speed(LIMITS, T, at(CENTRE), 0.0) == T
+    assert limit_speed(LIMITS, T, pose_at(CENTRE + 0.1, [0.1, 0, 0]), 0.0) == T
+    assert limit_speed(LIMITS, T, pose_at(CENTRE), 0.0) == T
 
 
-def test_a_turn_is_limited_beside_a_small_way_and_a_way_beside_a_small_turn() -> None:
+def test_a_turn_is_limited_with_a_small_travel_and_a_travel_with_a_small_turn() -> None:
     """One of the two within its limit is no leave for the other."""
-    T, dt_s = at(CENTRE), 0.004
-    for way_m, turn_rad in ((1e-5, 0.5), (0.5, 1e-5)):
-        wish = at(CENTRE + way_m * np.eye(3)[0], [turn_rad, 0.0, 0.0])
-        T_next = limit_speed(LIMITS, T, wish, dt_s)
+    T, dt_s = pose_at(CENTRE), 0.004
+    for travel_m, turn_rad in ((1e-5, 0.5), (0.5, 1e-5)):
+        T_target = pose_at(CENTRE + travel_m * np.eye(3)[0], [turn_rad, 0.0, 0.0])
+        T_next = limit_speed(LIMITS, T, T_target, dt_s)
         moved = np.linalg.norm(T_next.translation - CENTRE)
         turned = np.linalg.norm(rotation_between(T.rotation, T_next.rotation))
-        assert moved == pytest.approx(min(way_m, LIMITS.speed_m_s * dt_s))
+        assert moved == pytest.approx(min(travel_m, LIMITS.speed_m_s * dt_s))
         assert turned == pytest.approx(min(turn_rad, LIMITS.speed_rad_s * dt_s))
 
 
 @pytest.mark.parametrize("bad", NOT_FINITE)
-def test_a_wish_that_is_not_finite_stays_recognisable(bad: float) -> None:
-    """Limiting speed never turns NaN into a pose that looks like one."""
-    for wish in (at([bad, 0.5, 0.0]), pin.SE3(np.full((3, 3), math.nan), CENTRE)):
-        T = limit_speed(LIMITS, at(CENTRE), wish, 0.004)
+def test_a_target_that_is_not_finite_stays_recognisable(bad: float) -> None:
+    """Limiting speed never turns NaN into a valid pose."""
+    for T_target in (pose_at([bad, 0.5, 0.0]), pin.SE3(np.full((3, 3), math.nan), CENTRE)):
+        T = limit_speed(LIMITS, pose_at(CENTRE), T_target, 0.004)
         assert not is_finite_pose(T)
         assert check_workspace(LIMITS, T) is not None
 
@@ -309,7 +307,7 @@ def test_a_wish_that_is_not_finite_stays_recognisable(bad: float) -> None:
 @pytest.mark.parametrize("check", [check_step, check_tether])
 def test_a_turn_of_exactly_the_limit_is_allowed(check: Any) -> None:
     """To the last digit of the angle that is computed."""
-    T_from, T_to = at(CENTRE), at(CENTRE, [0.1, -0.05, 0.07])
+    T_from, T_to = pose_at(CENTRE), pose_at(CENTRE, [0.1, -0.05, 0.07])
     angle = math.hypot(*rotation_between(T_from.rotation, T_to.rotation))
     for limit, rule in ((angle, None), (math.nextafter(angle, 0.0), check.__name__[6:])):
         trip = check(replace(LIMITS, step_rad=limit, tether_rad=limit), T_from, T_to)
@@ -321,12 +319,12 @@ def test_a_plane_itself_is_inside_and_the_next_number_behind_it_is_not() -> None
     walls = (Plane(np.array([0.0, 0.0, -0.1]), np.array([0.0, 0.0, 1.0])),
              Plane(np.array([0.1, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])))  # fmt: skip
     limits = replace(LIMITS, planes=walls)
-    assert check_workspace(limits, at([0.1, 0.5, -0.1])) is None
+    assert check_workspace(limits, pose_at([0.1, 0.5, -0.1])) is None
     for p, number in (
         ([0.1, 0.5, math.nextafter(-0.1, -1.0)], 1),
         ([math.nextafter(0.1, 1.0), 0.5, -0.1], 2),
     ):
-        trip = check_workspace(limits, at(p))
+        trip = check_workspace(limits, pose_at(p))
         assert_trip(trip, "workspace", -abs(p[number % 2 * 2] - walls[number - 1].point_m.sum()), 0)
         assert trip is not None
         assert f"behind plane {number}" in trip.text
@@ -345,7 +343,7 @@ def test_angles_and_limits_that_do_not_pair_are_an_error(number: int) -> None:
         replace(LIMITS, workspace_max_m=np.full(number - 3, 9.0)),
     ):
         with pytest.raises(ValueError, match="zip"):
-            check_workspace(limits, at(CENTRE))
+            check_workspace(limits, pose_at(CENTRE))
 
 
 def test_limits_are_those_of_the_cell_file_in_si_units() -> None:

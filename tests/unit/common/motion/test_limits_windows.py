@@ -1,20 +1,18 @@
-"""Limits that need a while or a wall: ways in a window, joint speeds, planes; and the ceilings."""
+"""Limits over time or at a wall: travel in a window, joint speeds, planes; and the ceilings."""
 
 import math
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.config.load import cell_from_tree, dump_cell
-from common.motion.frames import rotation_from_vector
 from common.motion.limits import Limits, check_joint_speed, check_workspace
 from common.motion.rate_limiter import JointTrack, PathWindow, check_rate
 from forcemesh.errors import ConfigError
-from tests.fakes.arbiter_world import CELL
+from tests.fakes.arbiter_world import CELL, pose_at
 
 LIMITS = Limits.of(CELL)
 # As docs/arbitration.md has them: the speed in any 250 ms and a quarter; joints over 100 ms.
@@ -22,29 +20,19 @@ WINDOW_S, WINDOW_MARGIN, JOINT_WINDOW_S = 0.25, 1.25, 0.1
 WINDOW_NS, JOINT_WINDOW_NS = 250_000_000, 100_000_000
 
 
-def at(p: np.ndarray, turn: np.ndarray) -> pin.SE3:
-    """Return a pose."""
-    return pin.SE3(rotation_from_vector(turn), np.array(p, dtype=float))
-
-
-def size(vector: np.ndarray) -> float:
-    """Return a length."""
-    return float(np.linalg.norm(vector))
-
-
 # --- windows --------------------------------------------------------------------------------------
 
 
 @given(st.lists(st.tuples(st.integers(0, 50_000_000), st.floats(0.0, 0.02)), max_size=60))
-def test_a_window_counts_every_way_of_the_last_quarter_second(steps) -> None:
-    """Against the plain sum, for any rhythm of commands; a flood of small ones is seen, too."""
+def test_a_window_counts_every_travel_of_the_last_quarter_second(steps) -> None:
+    """Against the plain sum, for any rhythm of commands; a flood of small ones counts, too."""
     window, now_ns, all_steps = PathWindow(), 10**9, list[tuple[int, float]]()
-    T = at(np.zeros(3), np.zeros(3))
-    for after_ns, way_m in steps:
+    T = pose_at(np.zeros(3), np.zeros(3))
+    for after_ns, travel_m in steps:
         now_ns += after_ns
-        all_steps.append((now_ns, way_m))
-        window = window.after(now_ns, T, at(np.array([way_m, 0.0, 0.0]), np.zeros(3)))
-        inside_m = sum(way for at_ns, way in all_steps if at_ns > now_ns - WINDOW_S * 1e9)
+        all_steps.append((now_ns, travel_m))
+        window = window.after(now_ns, T, pose_at(np.array([travel_m, 0.0, 0.0]), np.zeros(3)))
+        inside_m = sum(step_m for at_ns, step_m in all_steps if at_ns > now_ns - WINDOW_S * 1e9)
         most_m = LIMITS.speed_m_s * WINDOW_S * WINDOW_MARGIN
         trip = check_rate(LIMITS, window)
         if abs(inside_m - most_m) > 1e-12:
@@ -55,8 +43,8 @@ def test_a_window_counts_every_way_of_the_last_quarter_second(steps) -> None:
 
 
 def test_turns_count_in_the_window_as_well() -> None:
-    """A flood of turns without a way."""
-    T, T_next = at(np.zeros(3), np.zeros(3)), at(np.zeros(3), np.array([0.0, 0.1, 0.0]))
+    """A flood of turns without travel."""
+    T, T_next = pose_at(np.zeros(3), np.zeros(3)), pose_at(np.zeros(3), np.array([0.0, 0.1, 0.0]))
     most, window = LIMITS.speed_rad_s * WINDOW_S * WINDOW_MARGIN, PathWindow()
     for count in range(1, 8):
         window = window.after(10**9, T, T_next)
@@ -69,14 +57,18 @@ def test_turns_count_in_the_window_as_well() -> None:
 @pytest.mark.parametrize(("age_ns", "counts"), [(WINDOW_NS - 1, True), (WINDOW_NS, False)])
 def test_a_step_counts_for_a_quarter_of_a_second(age_ns: int, counts: bool) -> None:
     """To the nanosecond."""
-    T, T_next, now_ns = at(np.zeros(3), np.zeros(3)), at(np.full(3, 0.1), np.zeros(3)), 10**9
+    T, T_next, now_ns = (
+        pose_at(np.zeros(3), np.zeros(3)),
+        pose_at(np.full(3, 0.1), np.zeros(3)),
+        10**9,
+    )
     window = PathWindow().after(now_ns - age_ns, T, T_next).after(now_ns, T, T)
     assert (len(window.steps) == 2) == counts
 
 
-@pytest.mark.parametrize("kind", [1, 2], ids=["way", "turn"])
-def test_the_way_in_a_window_ends_exactly_at_its_limit(kind: int) -> None:
-    """The limit itself is allowed; way and turn each have their own."""
+@pytest.mark.parametrize("kind", [1, 2], ids=["travel", "turn"])
+def test_the_travel_in_a_window_ends_exactly_at_its_limit(kind: int) -> None:
+    """The limit itself is allowed; travel and turn each have their own."""
     most = (0.0, LIMITS.speed_m_s * 0.3125, LIMITS.speed_rad_s * 0.3125)[kind]
     for amount, rule in ((most, None), (math.nextafter(most, math.inf), "rate")):
         step = (10**9, amount, 0.0) if kind == 1 else (10**9, 0.0, amount)
@@ -119,21 +111,21 @@ def test_a_joint_s_speed_is_known_after_a_tenth_of_a_second_to_the_nanosecond() 
     repeats=st.lists(st.integers(1, 3), min_size=60, max_size=60),
 )
 def test_joint_speed_is_right_though_samples_repeat(joint, share, repeats) -> None:
-    """A robot that says each sample once to three times: the mean is off by those periods alone."""
+    """Each sample is published one to three times: the mean is off by those periods alone."""
     track, stamp_ns, speed = JointTrack(), 10**9, share * LIMITS.joint_speed_rad_s[joint]
-    seen = []
+    speeds = []
     for count in repeats:
         q = np.zeros(6)
         q[joint] = speed * stamp_ns * 1e-9
         for _ in range(count):
             track = track.after(stamp_ns, q)
             stamp_ns += 4_000_000
-            seen.append(track.speed_rad_s)
-    known = [found[joint] for found in seen if found is not None]
-    assert len(known) >= len(seen) - 0.1 / 0.004 - 2
+            speeds.append(track.speed_rad_s)
+    known = [found[joint] for found in speeds if found is not None]
+    assert len(known) >= len(speeds) - 0.1 / 0.004 - 2
     doubt = 2 * 0.004 / JOINT_WINDOW_S + 0.001
     assert all(abs(found - speed) <= abs(speed) * doubt + 1e-9 for found in known)
-    tripped = [check_joint_speed(LIMITS, found) for found in seen if found is not None]
+    tripped = [check_joint_speed(LIMITS, found) for found in speeds if found is not None]
     if abs(share) * (1.0 + doubt) < 1.0:
         assert not any(tripped)
     if abs(share) * (1.0 - doubt) > 1.0:
@@ -141,8 +133,8 @@ def test_joint_speed_is_right_though_samples_repeat(joint, share, repeats) -> No
         assert all(trip is not None and f"joint {joint + 1} " in trip.text for trip in tripped)
 
 
-def test_a_sample_that_is_said_again_with_its_stamp_changes_nothing() -> None:
-    """Nor does an older one: time only goes on."""
+def test_a_sample_that_is_published_again_with_its_stamp_changes_nothing() -> None:
+    """Nor does an older one: time never goes back."""
     track = JointTrack().after(10**9, np.zeros(6)).after(2 * 10**9, np.ones(6))
     assert track.after(2 * 10**9, np.full(6, 9.0)) is track
     assert track.after(10**9 + 1, np.full(6, 9.0)) is track
@@ -151,7 +143,7 @@ def test_a_sample_that_is_said_again_with_its_stamp_changes_nothing() -> None:
 
 @pytest.mark.parametrize("joint", range(6))
 def test_each_joint_has_its_speed(joint: int) -> None:
-    """Swept about the limit, both ways; not finite is a trip, too."""
+    """Swept about the limit, both signs; not finite is a trip, too."""
     fastest = LIMITS.joint_speed_rad_s[joint]
     for speed in (fastest, -fastest, 1.001 * fastest, -1.001 * fastest, math.nan):
         speeds = np.zeros(6)
@@ -174,16 +166,16 @@ def with_plane(point_m, normal) -> Limits:
 
 @given(
     st.floats(-0.2, 0.2),
-    hnp.arrays(float, 3, elements=st.floats(-3.0, 3.0)).filter(lambda n: size(n) > 0.1),
+    hnp.arrays(float, 3, elements=st.floats(-3.0, 3.0)).filter(lambda n: np.linalg.norm(n) > 0.1),
     hnp.arrays(float, 3, elements=st.floats(-0.15, 0.15)),
 )
 def test_the_tool_stays_on_the_side_that_the_normal_points_to(offset_m, normal, p) -> None:
     """Anywhere in the box, for any wall; the normal's length does not matter."""
     centre = (LIMITS.workspace_min_m + LIMITS.workspace_max_m) / 2.0
-    unit = normal / size(normal)
+    unit = normal / np.linalg.norm(normal)
     limits = with_plane(centre + offset_m * unit, normal)
     before_m = float(p @ unit) - offset_m
-    trip = check_workspace(limits, at(centre + p, np.zeros(3)))
+    trip = check_workspace(limits, pose_at(centre + p, np.zeros(3)))
 
     if abs(before_m) > 1e-9:
         assert (trip is None) == (before_m > 0.0)
@@ -194,7 +186,7 @@ def test_the_tool_stays_on_the_side_that_the_normal_points_to(offset_m, normal, 
 
 
 def test_a_plane_without_a_normal_is_a_mistake() -> None:
-    """Said when the cell file is read, with its place."""
+    """Reported when the cell file is read, with its place."""
     with pytest.raises(ConfigError, match=r"limits\.planes\.0: the normal has length zero"):
         with_plane((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -222,7 +214,7 @@ CEILINGS = {
 
 @pytest.mark.parametrize("path", CEILINGS)
 def test_no_cell_file_gets_above_the_ceilings_of_the_code(path: str) -> None:
-    """Swept: the ceiling itself loads, the next number does not, and what it is is said."""
+    """Swept: the ceiling itself loads, the next number does not, and the mistake names it."""
     section, name = path.split(".")
     tree = CELL.model_dump(mode="json")
     tree[section][name] = CEILINGS[path]

@@ -1,4 +1,4 @@
-"""The robot's gate: no permission, no motion, and what was lost once never comes back by itself."""
+"""The robot's gate: no permission, no motion, and a lost permission never comes back by itself."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ DEADLINE_S = 0.04
 NOW_NS = 5 * NS_PER_S
 
 
-def said(
+def command_reading(
     lease: int | None = 1,
     *,
     seq: int = 1,
@@ -47,7 +47,7 @@ def gate() -> CommandGate:
 
 
 def test_without_a_command_the_robot_holds(gate: CommandGate) -> None:
-    """Nothing heard yet: hold, and say why."""
+    """No message received yet: hold, with a reason."""
     verdict = gate.judge(NOTHING, NOW_NS)
 
     assert verdict == GateDecision(
@@ -68,7 +68,7 @@ def test_a_hold_of_the_arbiter_keeps_its_reason_and_its_code(
     gate: CommandGate, reason: str, code: str, shown: tuple[str, str]
 ) -> None:
     """The robot reports the arbiter's own fault; where that names none, that the arbiter holds."""
-    held = said(None)._replace(message=RobotCommand(reason=reason, code=code))
+    held = command_reading(None)._replace(message=RobotCommand(reason=reason, code=code))
     verdict = gate.judge(held, NOW_NS)
 
     assert (verdict.hold_reason, verdict.hold_code) == shown
@@ -76,8 +76,8 @@ def test_a_hold_of_the_arbiter_keeps_its_reason_and_its_code(
 
 
 def test_a_fresh_command_with_a_permission_is_obeyed_and_echoed(gate: CommandGate) -> None:
-    """The echo carries who, which, when, and the sensor sample behind it."""
-    reading = said(seq=4, epoch=2)
+    """The echo carries commander, permission, time, and the sensor sample behind it."""
+    reading = command_reading(seq=4, epoch=2)
     verdict = gate.judge(reading, NOW_NS)
 
     echo = Accepted(epoch=2, seq=4, at_ns=NOW_NS, sensor_stamp_ns=NOW_NS - 3_000_000, sensor_seq=9)
@@ -88,19 +88,19 @@ def test_a_fresh_command_with_a_permission_is_obeyed_and_echoed(gate: CommandGat
 
 def test_the_same_command_is_new_only_once(gate: CommandGate) -> None:
     """Judged each period, it is obeyed as long as it is fresh, but taken once."""
-    assert gate.judge(said(), NOW_NS).is_new
-    again = gate.judge(said(age_s=0.01), NOW_NS + 1)
+    assert gate.judge(command_reading(), NOW_NS).is_new
+    again = gate.judge(command_reading(age_s=0.01), NOW_NS + 1)
     assert again.command is not None
     assert not again.is_new
     assert again.accepted is not None
     assert again.accepted.at_ns == NOW_NS
-    assert gate.judge(said(seq=2), NOW_NS + 2).is_new
+    assert gate.judge(command_reading(seq=2), NOW_NS + 2).is_new
 
 
 def test_a_permission_counts_up_to_its_deadline_and_not_beyond(gate: CommandGate) -> None:
-    """The boundary is exact, and the hold says both numbers."""
-    assert gate.judge(said(age_s=DEADLINE_S), NOW_NS).command is not None
-    late = gate.judge(said(age_s=DEADLINE_S + 1e-9), NOW_NS)
+    """The boundary is exact, and the hold gives both numbers."""
+    assert gate.judge(command_reading(age_s=DEADLINE_S), NOW_NS).command is not None
+    late = gate.judge(command_reading(age_s=DEADLINE_S + 1e-9), NOW_NS)
     assert (late.command, late.hold_reason) == (None, "permission 40 ms old, limit 40 ms")
 
 
@@ -108,69 +108,69 @@ def test_a_permission_counts_up_to_its_deadline_and_not_beyond(gate: CommandGate
     "missed",
     [
         NOTHING,
-        said(age_s=1.0),
-        said(fault="robot/command stale: 50 ms old"),
-        said(fault="robot/command invalid: no reason given"),
-        said(None, seq=2),
+        command_reading(age_s=1.0),
+        command_reading(fault="robot/command stale: 50 ms old"),
+        command_reading(fault="robot/command invalid: no reason given"),
+        command_reading(None, seq=2),
     ],
     ids=["missing", "late", "stale", "invalid", "held"],
 )
-def test_what_was_missed_once_never_comes_back_under_the_same_lease(
+def test_a_missed_deadline_ends_the_lease_for_good(
     gate: CommandGate, missed: Reading[RobotCommand]
 ) -> None:
     """After a missed deadline, or a hold, only a new lease moves the arm: a person armed again."""
-    assert gate.judge(said(seq=1), NOW_NS).command is not None
+    assert gate.judge(command_reading(seq=1), NOW_NS).command is not None
     assert gate.judge(missed, NOW_NS).command is None
     for seq in range(3, 50):
-        verdict = gate.judge(said(seq=seq), NOW_NS)
+        verdict = gate.judge(command_reading(seq=seq), NOW_NS)
         assert verdict.command is None
         assert verdict.hold_reason.startswith("lease 1 ended: ")
-    assert gate.judge(said(lease=2, seq=50), NOW_NS).command is not None
+    assert gate.judge(command_reading(lease=2, seq=50), NOW_NS).command is not None
 
 
 def test_a_lease_number_of_another_arbiter_is_another_lease(gate: CommandGate) -> None:
     """A restarted arbiter counts its leases anew; its first one is not the dead one."""
-    gate.judge(said(lease=1, epoch=1), NOW_NS)
+    gate.judge(command_reading(lease=1, epoch=1), NOW_NS)
     gate.judge(NOTHING, NOW_NS)
 
-    assert gate.judge(said(lease=1, epoch=1, seq=2), NOW_NS).command is None
-    assert gate.judge(said(lease=1, epoch=2), NOW_NS).command is not None
+    assert gate.judge(command_reading(lease=1, epoch=1, seq=2), NOW_NS).command is None
+    assert gate.judge(command_reading(lease=1, epoch=2), NOW_NS).command is not None
 
 
 def test_the_last_64_leases_that_ended_stay_dead(gate: CommandGate) -> None:
     """However many arbiters were started: as many as the bus's reader bounds former writers to."""
     for epoch in range(1, 66):
-        assert gate.judge(said(epoch=epoch), NOW_NS).command is not None
+        assert gate.judge(command_reading(epoch=epoch), NOW_NS).command is not None
         gate.judge(NOTHING, NOW_NS)
 
     for epoch in range(2, 66):
-        again = gate.judge(said(epoch=epoch, seq=2), NOW_NS)
+        again = gate.judge(command_reading(epoch=epoch, seq=2), NOW_NS)
         assert (again.command, again.hold_reason) == (None, "lease 1 ended: robot/command missing")
 
 
 def test_a_lease_that_never_lived_cannot_be_missed(gate: CommandGate) -> None:
     """Before the first permission there is nothing to lose: the first lease is good."""
     gate.judge(NOTHING, NOW_NS)
-    gate.judge(said(None), NOW_NS)
+    gate.judge(command_reading(None), NOW_NS)
 
-    assert gate.judge(said(lease=1, seq=2), NOW_NS).command is not None
+    assert gate.judge(command_reading(lease=1, seq=2), NOW_NS).command is not None
 
 
 def test_the_robot_itself_can_end_a_lease(gate: CommandGate) -> None:
-    """Asked for what it cannot do, it holds until a person arms again."""
-    gate.judge(said(), NOW_NS)
+    """Asked for a motion that it cannot do, it holds until a person arms again."""
+    gate.judge(command_reading(), NOW_NS)
     assert gate.revoke(tripped("robot_refuses", "out of reach")).hold_reason == "out of reach"
-    assert gate.judge(said(seq=2), NOW_NS).hold_reason == "lease 1 ended: out of reach"
+    assert gate.judge(command_reading(seq=2), NOW_NS).hold_reason == "lease 1 ended: out of reach"
 
 
 def test_a_hold_always_has_a_reason_that_fits_a_message(gate: CommandGate) -> None:
     """However it came about, and however long the words were."""
-    gate.judge(said(), NOW_NS)
+    gate.judge(command_reading(), NOW_NS)
     verdicts = [
         gate.revoke(tripped("robot_refuses", "y" * 500)),
-        gate.judge(said(seq=2), NOW_NS),
+        gate.judge(command_reading(seq=2), NOW_NS),
         gate.judge(Reading(None, None, 0.0, ""), NOW_NS),
-        gate.judge(said(lease=None), NOW_NS),
+        gate.judge(command_reading(lease=None), NOW_NS),
     ]
     for verdict in verdicts:
         assert verdict.command is None
@@ -179,10 +179,10 @@ def test_a_hold_always_has_a_reason_that_fits_a_message(gate: CommandGate) -> No
 
 @dataclass
 class Model:
-    """What the gate must remember, in the plainest way."""
+    """The state of the gate, in its plainest form."""
 
     live: tuple[int, int] | None = None
-    dead: frozenset[tuple[int, int]] = frozenset()
+    ended: frozenset[tuple[int, int]] = frozenset()
 
 
 class GateMachine(RuleBasedStateMachine):
@@ -196,48 +196,48 @@ class GateMachine(RuleBasedStateMachine):
         self.epoch, self.lease, self.seq = 1, 1, 0
         self.verdict = NO_COMMAND_YET
 
-    def hear(self, reading: Reading[RobotCommand], *, good: bool) -> None:
+    def receive(self, reading: Reading[RobotCommand], *, good: bool) -> None:
         """Let the gate judge, and compare with the model."""
         self.verdict = self.gate.judge(reading, NOW_NS)
         key = (self.epoch, self.lease)
-        obeyed = good and key not in self.model.dead
+        obeyed = good and key not in self.model.ended
         assert (self.verdict.command is not None) == obeyed
         if obeyed:
             self.model.live = key
         elif self.model.live is not None and not good:
-            self.model.dead |= {self.model.live}
+            self.model.ended |= {self.model.live}
             self.model.live = None
 
     @rule(age_s=st.floats(0.0, 2.0 * DEADLINE_S))
     def command(self, age_s: float) -> None:
         """A command with a permission, in time or not."""
         self.seq += 1
-        reading = said(self.lease, seq=self.seq, epoch=self.epoch, age_s=age_s)
-        self.hear(reading, good=age_s <= DEADLINE_S)
+        reading = command_reading(self.lease, seq=self.seq, epoch=self.epoch, age_s=age_s)
+        self.receive(reading, good=age_s <= DEADLINE_S)
 
     @rule()
     def repeat(self) -> None:
-        """Nothing new came; the last command is still fresh."""
+        """No new command came; the last one is still fresh."""
         if self.seq:
-            self.hear(said(self.lease, seq=self.seq, epoch=self.epoch), good=True)
+            self.receive(command_reading(self.lease, seq=self.seq, epoch=self.epoch), good=True)
 
     @rule()
     def silence(self) -> None:
         """The reader finds fault."""
-        self.hear(NOTHING, good=False)
+        self.receive(NOTHING, good=False)
 
     @rule()
     def hold(self) -> None:
         """The arbiter takes the permission away."""
         self.seq += 1
-        self.hear(said(None, seq=self.seq, epoch=self.epoch), good=False)
+        self.receive(command_reading(None, seq=self.seq, epoch=self.epoch), good=False)
 
     @rule()
     def revoke(self) -> None:
         """The robot cannot go on."""
         self.verdict = self.gate.revoke(tripped("robot_refuses", "cannot"))
         if self.model.live is not None:
-            self.model.dead |= {self.model.live}
+            self.model.ended |= {self.model.live}
             self.model.live = None
 
     @rule()
@@ -267,61 +267,68 @@ def test_each_lease_dies_when_it_misses_and_an_older_one_never_lives_again(
     """Whichever lease is live when the deadline is missed is dead, and so are those before."""
     gate, newest = CommandGate(), 0
     for seq, lease in enumerate(order, start=1):
-        assert (gate.judge(said(lease, seq=seq), NOW_NS).command is not None) == (lease > newest)
+        assert (gate.judge(command_reading(lease, seq=seq), NOW_NS).command is not None) == (
+            lease > newest
+        )
         newest = max(newest, lease)
         assert gate.judge(NOTHING, NOW_NS).command is None
-        assert gate.judge(said(lease, seq=seq + 100), NOW_NS).command is None
+        assert gate.judge(command_reading(lease, seq=seq + 100), NOW_NS).command is None
 
 
 @given(st.lists(st.tuples(st.integers(1, 3), st.integers(0, 3)), min_size=1, max_size=12))
-def test_turns_of_a_lease_never_go_back(said_in_order: list[tuple[int, int]]) -> None:
-    """Obeyed is what is not older than all before; one that is older kills the lease for good."""
-    gate, dead = CommandGate(), 0
+def test_turns_of_a_lease_never_go_back(published: list[tuple[int, int]]) -> None:
+    """A command is accepted if none before it is newer; an older one ends the lease for good."""
+    gate, ended = CommandGate(), 0
     newest = (0, 0)
-    for seq, (lease, turn) in enumerate(said_in_order, start=1):
-        verdict = gate.judge(said(lease, seq=seq, turn=turn), NOW_NS)
-        obeyed = (lease, turn) >= newest and lease > dead
+    for seq, (lease, turn) in enumerate(published, start=1):
+        verdict = gate.judge(command_reading(lease, seq=seq, turn=turn), NOW_NS)
+        obeyed = (lease, turn) >= newest and lease > ended
         assert (verdict.command is not None) == obeyed
         if obeyed:
             newest = (lease, turn)
             assert verdict.accepted is not None
             assert verdict.accepted.ownership == turn
         else:
-            dead = newest[0]
+            ended = newest[0]
 
 
 @pytest.mark.parametrize("why", ["two writers", "late"])
-def test_a_turn_that_was_seen_and_refused_ends_the_ones_before_it_all_the_same(
+def test_a_turn_that_was_received_and_refused_ends_the_ones_before_it_all_the_same(
     gate: CommandGate, why: str
 ) -> None:
-    """Nothing is obeyed while two processes write; what is older is over when that has passed."""
-    newest = said(lease=5, turn=2, age_s=2 * DEADLINE_S if why == "late" else 0.0)
+    """While two processes write, no command is executed; afterwards an older turn is over."""
+    newest = command_reading(lease=5, turn=2, age_s=2 * DEADLINE_S if why == "late" else 0.0)
     assert gate.judge(newest._replace(conflict=why == "two writers"), NOW_NS).command is None
     for lease, turn in ((4, 9), (5, 1)):
-        verdict = gate.judge(said(lease=lease, turn=turn, seq=2), NOW_NS)
+        verdict = gate.judge(command_reading(lease=lease, turn=turn, seq=2), NOW_NS)
         assert (verdict.command, verdict.hold_code) == (None, "no_lease")
-    assert gate.judge(said(lease=5, turn=2, seq=3), NOW_NS).command is not None
+    assert gate.judge(command_reading(lease=5, turn=2, seq=3), NOW_NS).command is not None
 
 
 def test_a_new_turn_does_not_revive_a_dead_lease() -> None:
-    """Somebody else's turn is no leave to go on after a missed deadline: a person arms first."""
+    """Another client's turn does not permit motion after a missed deadline: a person arms first."""
     gate = CommandGate()
-    assert gate.judge(said(1, turn=1), NOW_NS).command is not None
+    assert gate.judge(command_reading(1, turn=1), NOW_NS).command is not None
     gate.judge(NOTHING, NOW_NS)
 
-    assert gate.judge(said(1, seq=2, turn=2), NOW_NS).command is None
-    assert gate.judge(said(2, seq=3, turn=2), NOW_NS).command is not None
+    assert gate.judge(command_reading(1, seq=2, turn=2), NOW_NS).command is None
+    assert gate.judge(command_reading(2, seq=3, turn=2), NOW_NS).command is not None
 
 
 def test_a_command_of_any_ended_lease_ends_the_live_one_and_stays_dead() -> None:
-    """Also of an arbiter before the present one: what interrupts motion is followed by a person."""
+    """Also of an arbiter before the present one: after an interruption a person arms."""
     gate = CommandGate()
-    assert gate.judge(said(1), NOW_NS).command is not None
+    assert gate.judge(command_reading(1), NOW_NS).command is not None
     gate.judge(NOTHING, NOW_NS)
-    assert gate.judge(said(2, seq=2), NOW_NS).command is not None
+    assert gate.judge(command_reading(2, seq=2), NOW_NS).command is not None
     gate.judge(NOTHING, NOW_NS)
-    assert gate.judge(said(3, seq=3, epoch=9), NOW_NS).command is not None
+    assert gate.judge(command_reading(3, seq=3, epoch=9), NOW_NS).command is not None
 
-    for dead in (said(1, seq=4), said(3, seq=5, epoch=9), said(2, seq=6), said(3, seq=7, epoch=9)):
-        assert gate.judge(dead, NOW_NS).command is None
-    assert gate.judge(said(4, seq=8, epoch=9), NOW_NS).command is not None
+    for ended in (
+        command_reading(1, seq=4),
+        command_reading(3, seq=5, epoch=9),
+        command_reading(2, seq=6),
+        command_reading(3, seq=7, epoch=9),
+    ):
+        assert gate.judge(ended, NOW_NS).command is None
+    assert gate.judge(command_reading(4, seq=8, epoch=9), NOW_NS).command is not None

@@ -1,4 +1,4 @@
-"""What the robot does when two processes say that they are the arbiter."""
+"""The robot's response to two processes that publish as arbiter."""
 
 from common.motion.permission import CommandGate
 from forcemesh.clock import NS_PER_S

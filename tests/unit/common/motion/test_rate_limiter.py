@@ -1,4 +1,4 @@
-"""How commanded poses may move: whatever is wished for, speed and acceleration are kept."""
+"""Limits of commanded motion: speed and acceleration are kept for any target."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -20,7 +20,7 @@ from common.motion.rate_limiter import (
     limit_motion,
     resting_place,
 )
-from tests.fakes.arbiter_world import CELL
+from tests.fakes.arbiter_world import CELL, displaced, pose_at
 
 LIMITS = Limits.of(CELL)
 DT_S = 0.004
@@ -30,12 +30,7 @@ ROUNDING = 1e-7  # of the logarithm of a rotation, per period
 spots = hnp.arrays(float, 3, elements=st.floats(-0.2, 0.2))
 turns = hnp.arrays(float, 3, elements=st.floats(-0.6, 0.6))
 times = st.floats(0.0, 1e-7) | st.floats(1e-6, 0.02)
-wishes = st.lists(st.tuples(spots, turns, times), min_size=1, max_size=15)
-
-
-def at(p: np.ndarray, turn: np.ndarray) -> pin.SE3:
-    """Return a pose."""
-    return pin.SE3(rotation_from_vector(turn), np.array(p, dtype=float))
+targets = st.lists(st.tuples(spots, turns, times), min_size=1, max_size=15)
 
 
 def size(vector: np.ndarray) -> float:
@@ -44,7 +39,7 @@ def size(vector: np.ndarray) -> float:
 
 
 def moved(before: CommandedMotion, after: CommandedMotion) -> tuple[float, float]:
-    """Return way and turn between two periods."""
+    """Return travel and turn between two periods."""
     a, b = before.T_base_flange, after.T_base_flange
     return size(b.translation - a.translation), size(rotation_between(a.rotation, b.rotation))
 
@@ -52,82 +47,90 @@ def moved(before: CommandedMotion, after: CommandedMotion) -> tuple[float, float
 # --- speed and acceleration -----------------------------------------------------------------------
 
 
-@given(spots, turns, wishes)
-def test_no_sequence_of_wishes_breaks_speed_or_acceleration(p, turn, wishes) -> None:
+@given(spots, turns, targets)
+def test_no_sequence_of_targets_breaks_speed_or_acceleration(p, turn, targets) -> None:
     """However wild and irregular: each step within its speed, each change of speed within its."""
-    pace = at_rest(at(p, turn))
-    for p_wished, turn_wished, dt_s in wishes:
-        after = limit_motion(LIMITS, pace, at(p_wished, turn_wished), dt_s)
-        way_m, turn_rad = moved(pace, after)
-        assert way_m <= LIMITS.speed_m_s * dt_s * SLACK + 1e-12
+    motion = at_rest(pose_at(p, turn))
+    for p_target, turn_target, dt_s in targets:
+        after = limit_motion(LIMITS, motion, pose_at(p_target, turn_target), dt_s)
+        travel_m, turn_rad = moved(motion, after)
+        assert travel_m <= LIMITS.speed_m_s * dt_s * SLACK + 1e-12
         assert turn_rad <= LIMITS.speed_rad_s * dt_s * SLACK + ROUNDING
-        assert size(after.speed_m_s - pace.speed_m_s) <= LIMITS.accel_m_s2 * dt_s * SLACK + 1e-9
-        change_rad_s = size(after.turning_rad_s - pace.turning_rad_s)
+        assert size(after.speed_m_s - motion.speed_m_s) <= LIMITS.accel_m_s2 * dt_s * SLACK + 1e-9
+        change_rad_s = size(after.angular_rad_s - motion.angular_rad_s)
         assert change_rad_s <= LIMITS.accel_rad_s2 * dt_s * SLACK + 1e-9
-        assert dt_s < 1e-6 or way_m == pytest.approx(size(after.speed_m_s) * dt_s, abs=1e-12)
-        pace = after
+        assert dt_s < 1e-6 or travel_m == pytest.approx(size(after.speed_m_s) * dt_s, abs=1e-12)
+        motion = after
 
 
 @settings(max_examples=25)
 @given(spots, turns)
-def test_a_standing_wish_is_reached_and_not_passed(p_wished, turn_wished) -> None:
+def test_a_constant_target_is_reached_and_not_passed(p_target, turn_target) -> None:
     """From rest: it arrives, to the very pose, and never goes farther by more than rounding."""
-    pace, wish = at_rest(at(np.zeros(3), np.zeros(3))), at(p_wished, turn_wished)
-    way_m, turn_rad = size(p_wished), size(turn_wished)
+    motion, T_target = at_rest(pose_at(np.zeros(3), np.zeros(3))), pose_at(p_target, turn_target)
+    travel_m, turn_rad = size(p_target), size(turn_target)
     for _ in range(3000):
-        pace = limit_motion(LIMITS, pace, wish, DT_S)
-        start = pace.T_base_flange
-        assert size(start.translation) <= way_m + 1e-5
+        motion = limit_motion(LIMITS, motion, T_target, DT_S)
+        start = motion.T_base_flange
+        assert size(start.translation) <= travel_m + 1e-5
         assert size(rotation_between(np.eye(3), start.rotation)) <= turn_rad + 1e-4
-        if pace.is_there and pace.is_still:
+        if motion.is_at_target and motion.is_at_rest:
             break
-    assert pace.T_base_flange is wish
+    assert motion.T_base_flange is T_target
 
 
 @given(speed=st.floats(-1.0, 1.0), start=st.floats(-1.0, 1.0))
 def test_a_stream_within_the_limits_is_let_through_untouched(speed: float, start: float) -> None:
     """The very object each period, so the force loop does not feel that there are limits."""
     most_m = LIMITS.accel_m_s2 * DT_S * DT_S
-    way_m, y_m, pace = 0.0, 0.1 * start, at_rest(at(np.array([0.0, 0.1 * start, 0.0]), np.zeros(3)))
+    travel_m, y_m, motion = (
+        0.0,
+        0.1 * start,
+        at_rest(pose_at(np.array([0.0, 0.1 * start, 0.0]), np.zeros(3))),
+    )
     for _ in range(20):
-        way_m = max(min(way_m + speed * most_m, LIMITS.speed_m_s * DT_S), -LIMITS.speed_m_s * DT_S)
-        y_m += 0.999 * way_m
-        wish = at(np.array([0.0, y_m, 0.0]), np.zeros(3))
-        pace = limit_motion(LIMITS, pace, wish, DT_S)
-        assert pace.T_base_flange is wish
+        travel_m = max(
+            min(travel_m + speed * most_m, LIMITS.speed_m_s * DT_S), -LIMITS.speed_m_s * DT_S
+        )
+        y_m += 0.999 * travel_m
+        T_target = pose_at(np.array([0.0, y_m, 0.0]), np.zeros(3))
+        motion = limit_motion(LIMITS, motion, T_target, DT_S)
+        assert motion.T_base_flange is T_target
 
 
 @settings(max_examples=25)
 @given(st.floats(0.005, 0.15), st.floats(0.002, 0.008))
 def test_a_stream_that_starts_at_once_is_caught_up_with(speed_m_s: float, dt_s: float) -> None:
-    """After the ramp there is no lag left, and it was not told to go back meanwhile."""
-    pace = at_rest(at(np.zeros(3), np.zeros(3)))
+    """After the ramp there is no lag left, and no command went back meanwhile."""
+    motion = at_rest(pose_at(np.zeros(3), np.zeros(3)))
     for period in range(1, 400):
-        wish = at(np.array([period * dt_s * speed_m_s, 0.0, 0.0]), np.zeros(3))
-        pace = limit_motion(LIMITS, pace, wish, dt_s)
-        assert not pace.lags
-        if pace.is_there:
+        T_target = pose_at(np.array([period * dt_s * speed_m_s, 0.0, 0.0]), np.zeros(3))
+        motion = limit_motion(LIMITS, motion, T_target, dt_s)
+        assert not motion.lags
+        if motion.is_at_target:
             break
-    assert pace.is_there
+    assert motion.is_at_target
 
 
 def test_a_stream_that_is_too_fast_lags() -> None:
-    """The regulator is told to go on from what was let through, before it runs far ahead."""
-    pace, farthest_m = at_rest(at(np.zeros(3), np.zeros(3))), 0.5 * LIMITS.speed_m_s**2 / 2.0
+    """The regulator continues from the pose that was let through, before it runs far ahead."""
+    motion, farthest_m = at_rest(pose_at(np.zeros(3), np.zeros(3))), 0.5 * LIMITS.speed_m_s**2 / 2.0
     for period in range(1, 400):
-        wish = at(np.array([period * DT_S * 1.2 * LIMITS.speed_m_s, 0.0, 0.0]), np.zeros(3))
-        pace = limit_motion(LIMITS, pace, wish, DT_S)
-        behind_m = size(wish.translation - pace.T_base_flange.translation)
-        assert pace.lags == (behind_m > farthest_m)
-    assert pace.lags
+        T_target = pose_at(
+            np.array([period * DT_S * 1.2 * LIMITS.speed_m_s, 0.0, 0.0]), np.zeros(3)
+        )
+        motion = limit_motion(LIMITS, motion, T_target, DT_S)
+        behind_m = size(T_target.translation - motion.T_base_flange.translation)
+        assert motion.lags == (behind_m > farthest_m)
+    assert motion.lags
 
 
 @given(turns.filter(lambda turn: size(turn) > 0.01), spots)
 def test_a_tool_that_turns_about_its_tip_still_does(turn, tip_m) -> None:
-    """Way and turn are cut by the same share: in the first period the tip hardly moves."""
-    wish = at(tip_m - rotation_from_vector(turn) @ tip_m, turn)
-    pace = limit_motion(LIMITS, at_rest(at(np.zeros(3), np.zeros(3))), wish, DT_S)
-    T, first_rad = pace.T_base_flange, LIMITS.accel_rad_s2 * DT_S * DT_S
+    """Travel and turn are cut by the same share: in the first period the tip hardly moves."""
+    T_target = pose_at(tip_m - rotation_from_vector(turn) @ tip_m, turn)
+    motion = limit_motion(LIMITS, at_rest(pose_at(np.zeros(3), np.zeros(3))), T_target, DT_S)
+    T, first_rad = motion.T_base_flange, LIMITS.accel_rad_s2 * DT_S * DT_S
     slip_m = size(T.act(tip_m) - tip_m)
 
     assert slip_m <= size(turn) * first_rad * size(tip_m) + 1e-9
@@ -135,43 +138,45 @@ def test_a_tool_that_turns_about_its_tip_still_does(turn, tip_m) -> None:
 
 def test_no_time_means_no_motion() -> None:
     """At dt = 0 the pose and its speed stay."""
-    pace = limit_motion(
-        LIMITS, at_rest(at(np.zeros(3), np.zeros(3))), at(np.ones(3), np.ones(3)), 0
+    motion = limit_motion(
+        LIMITS, at_rest(pose_at(np.zeros(3), np.zeros(3))), pose_at(np.ones(3), np.ones(3)), 0
     )
-    assert size(pace.T_base_flange.translation) == 0.0
-    assert pace.is_still
+    assert size(motion.T_base_flange.translation) == 0.0
+    assert motion.is_at_rest
 
 
 # --- braking --------------------------------------------------------------------------------------
 
 
-@given(wishes)
-def test_braking_ends_where_it_was_foretold(wishes) -> None:
+@given(targets)
+def test_braking_ends_at_the_predicted_pose(targets) -> None:
     """At rest after the shortest time, not beyond the resting place, near to it."""
-    pace = at_rest(at(np.zeros(3), np.zeros(3)))
-    for p_wished, turn_wished, _ in wishes:
-        pace = limit_motion(LIMITS, pace, at(p_wished, turn_wished), DT_S)
-    T_from, T_rest = pace.T_base_flange, resting_place(LIMITS, pace)
+    motion = at_rest(pose_at(np.zeros(3), np.zeros(3)))
+    for p_target, turn_target, _ in targets:
+        motion = limit_motion(LIMITS, motion, pose_at(p_target, turn_target), DT_S)
+    T_from, T_rest = motion.T_base_flange, resting_place(LIMITS, motion)
     periods = 0
-    while not pace.is_still:
-        after = brake(LIMITS, pace, DT_S)
-        assert size(after.speed_m_s - pace.speed_m_s) <= LIMITS.accel_m_s2 * DT_S * SLACK
-        pace, periods = after, periods + 1
+    while not motion.is_at_rest:
+        after = brake(LIMITS, motion, DT_S)
+        assert size(after.speed_m_s - motion.speed_m_s) <= LIMITS.accel_m_s2 * DT_S * SLACK
+        motion, periods = after, periods + 1
         assert periods < 200
-    way_m = size(T_rest.translation - T_from.translation)
-    assert size(pace.T_base_flange.translation - T_from.translation) <= way_m + 1e-12
-    assert size(pace.T_base_flange.translation - T_rest.translation) <= (
+    travel_m = size(T_rest.translation - T_from.translation)
+    assert size(motion.T_base_flange.translation - T_from.translation) <= travel_m + 1e-12
+    assert size(motion.T_base_flange.translation - T_rest.translation) <= (
         LIMITS.speed_m_s * DT_S + 1e-12
     )
 
 
 def test_a_speed_of_the_regulator_is_reached_in_a_few_periods() -> None:
-    """The default acceleration is quick beside the force loop: 50 mm/s in 25 ms."""
-    pace, speeds = at_rest(at(np.zeros(3), np.zeros(3))), [0.0]
+    """The default acceleration is quick compared with the force loop: 50 mm/s in 25 ms."""
+    motion, speeds = at_rest(pose_at(np.zeros(3), np.zeros(3))), [0.0]
     for period in range(1, 12):
-        wish = at(np.array([period * DT_S * CELL.force.speed_max_m_s, 0.0, 0.0]), np.zeros(3))
-        pace = limit_motion(LIMITS, pace, wish, DT_S)
-        speeds.append(size(pace.speed_m_s))
+        T_target = pose_at(
+            np.array([period * DT_S * CELL.force.speed_max_m_s, 0.0, 0.0]), np.zeros(3)
+        )
+        motion = limit_motion(LIMITS, motion, T_target, DT_S)
+        speeds.append(size(motion.speed_m_s))
     assert all(b - a <= LIMITS.accel_m_s2 * DT_S * SLACK for a, b in pairwise(speeds))
     assert max(speeds[:8]) >= CELL.force.speed_max_m_s
 
@@ -181,100 +186,95 @@ def test_a_speed_of_the_regulator_is_reached_in_a_few_periods() -> None:
 # The demo's limits: 0.25 m/s and 60 degrees/s, 2 m/s2 and 480 degrees/s2.
 SPEEDS = (0.25, radians(60.0))
 ACCELS = (2.0, radians(480.0))
-ORIGIN = at(np.zeros(3), np.zeros(3))
-each_kind = pytest.mark.parametrize("kind", [0, 1], ids=["way", "turn"])
-
-
-def along(kind: int, amount: float) -> pin.SE3:
-    """Return a pose so far [m] along x, or turned by so much [rad] about z."""
-    return at(np.array([amount * (1 - kind), 0.0, 0.0]), np.array([0.0, 0.0, amount * kind]))
+ORIGIN = pose_at(np.zeros(3), np.zeros(3))
+each_kind = pytest.mark.parametrize("kind", [0, 1], ids=["travel", "turn"])
 
 
 def moving(kind: int, speed: float, T_target: pin.SE3 = ORIGIN) -> CommandedMotion:
-    """Return a pace at the origin that goes along x, or turns about z."""
-    way = np.array([speed * (1 - kind), 0.0, 0.0])
-    return CommandedMotion(ORIGIN, T_target, way, np.array([0.0, 0.0, speed * kind]))
+    """Return a pace at the origin that goes in x, or turns about z."""
+    travel = np.array([speed * (1 - kind), 0.0, 0.0])
+    return CommandedMotion(ORIGIN, T_target, travel, np.array([0.0, 0.0, speed * kind]))
 
 
-def gone(kind: int, pace: CommandedMotion) -> tuple[float, float]:
+def place_and_speed(kind: int, motion: CommandedMotion) -> tuple[float, float]:
     """Return how far a pace is, and how fast it goes there."""
     if kind == 0:
-        return float(pace.T_base_flange.translation[0]), float(pace.speed_m_s[0])
-    turn_rad = rotation_between(np.eye(3), pace.T_base_flange.rotation)
-    return float(turn_rad[2]), float(pace.turning_rad_s[2])
+        return float(motion.T_base_flange.translation[0]), float(motion.speed_m_s[0])
+    turn_rad = rotation_between(np.eye(3), motion.T_base_flange.rotation)
+    return float(turn_rad[2]), float(motion.angular_rad_s[2])
 
 
 @each_kind
 def test_rest_is_slower_than_a_billionth_of_the_unit(kind: int) -> None:
     """1 nm/s is rest, the next number is not; at rest no pace lags."""
     for sign in (1.0, -1.0):
-        assert moving(kind, sign * 1e-9).is_still
-        assert not moving(kind, sign * nextafter(1e-9, 1.0)).is_still
+        assert moving(kind, sign * 1e-9).is_at_rest
+        assert not moving(kind, sign * nextafter(1e-9, 1.0)).is_at_rest
     assert not at_rest(ORIGIN).lags
 
 
 @each_kind
 def test_in_less_than_a_microsecond_nothing_moves(kind: int) -> None:
-    """What was asked for is remembered; in a microsecond it moves."""
-    before, wish = moving(kind, 0.1), along(kind, 0.01)
-    after = limit_motion(LIMITS, before, wish, nextafter(1e-6, 0.0))
-    assert (after.T_base_flange, after.T_target) == (before.T_base_flange, wish)
-    assert gone(kind, after) == (0.0, 0.1)
-    assert gone(kind, limit_motion(LIMITS, before, wish, 1e-6))[0] > 0.0
+    """The target is stored; in a microsecond it moves."""
+    before, T_target = moving(kind, 0.1), displaced(kind, 0.01)
+    after = limit_motion(LIMITS, before, T_target, nextafter(1e-6, 0.0))
+    assert (after.T_base_flange, after.T_target) == (before.T_base_flange, T_target)
+    assert place_and_speed(kind, after) == (0.0, 0.1)
+    assert place_and_speed(kind, limit_motion(LIMITS, before, T_target, 1e-6))[0] > 0.0
 
 
 @each_kind
 @pytest.mark.parametrize("periods", [1, 2, 5])
 @pytest.mark.parametrize("share", [0.0, 0.3, -0.3])
-def test_a_wish_is_closed_as_fast_as_it_can_be_braked(
+def test_a_target_is_approached_as_fast_as_it_can_be_braked(
     kind: int, periods: int, share: float
 ) -> None:
     """As it moves, too: each step is slower by the acceleration, and the last one ends there."""
-    slower, wished = ACCELS[kind] * DT_S, share * SPEEDS[kind]
+    slower, speed = ACCELS[kind] * DT_S, share * SPEEDS[kind]
     place = slower * DT_S * periods * (periods + 1) / 2
-    pace = moving(kind, wished + slower * periods, along(kind, place))
+    motion = moving(kind, speed + slower * periods, displaced(kind, place))
     for left in range(periods, 0, -1):
-        place += wished * DT_S
-        pace = limit_motion(LIMITS, pace, along(kind, place), DT_S)
-        assert gone(kind, pace)[1] == pytest.approx(wished + slower * left, rel=1e-6)
+        place += speed * DT_S
+        motion = limit_motion(LIMITS, motion, displaced(kind, place), DT_S)
+        assert place_and_speed(kind, motion)[1] == pytest.approx(speed + slower * left, rel=1e-6)
         still_to_go = slower * DT_S * left * (left - 1) / 2
-        assert gone(kind, pace)[0] == pytest.approx(place - still_to_go, abs=1e-9)
+        assert place_and_speed(kind, motion)[0] == pytest.approx(place - still_to_go, abs=1e-9)
 
 
 @each_kind
-def test_a_wish_that_is_nearer_than_the_slowest_step_is_reached_in_one(kind: int) -> None:
+def test_a_target_that_is_nearer_than_the_slowest_step_is_reached_in_one(kind: int) -> None:
     """Exactly, and not passed."""
     near = 0.5 * ACCELS[kind] * DT_S * DT_S
-    assert limit_motion(LIMITS, at_rest(ORIGIN), along(kind, near), DT_S).is_there
-    before = CommandedMotion(ORIGIN, along(kind, near), np.zeros(3), np.zeros(3))
-    assert limit_motion(LIMITS, before, along(kind, near), DT_S).is_there
+    assert limit_motion(LIMITS, at_rest(ORIGIN), displaced(kind, near), DT_S).is_at_target
+    before = CommandedMotion(ORIGIN, displaced(kind, near), np.zeros(3), np.zeros(3))
+    assert limit_motion(LIMITS, before, displaced(kind, near), DT_S).is_at_target
 
 
 @each_kind
-def test_a_wish_that_jumps_back_and_is_still_ahead_is_not_run_away_from(kind: int) -> None:
-    """Its speed counts up to the limit alone: a jump is no motion that goes on."""
+def test_a_target_that_jumps_back_and_is_still_ahead_is_not_run_away_from(kind: int) -> None:
+    """Its speed counts up to the limit alone: a jump is no continued motion."""
     ahead = 0.2 * SPEEDS[kind]
-    before = CommandedMotion(ORIGIN, along(kind, 2.0 * ahead), np.zeros(3), np.zeros(3))
-    pace = limit_motion(LIMITS, before, along(kind, ahead), DT_S)
-    assert gone(kind, pace)[1] == pytest.approx(ACCELS[kind] * DT_S)
+    before = CommandedMotion(ORIGIN, displaced(kind, 2.0 * ahead), np.zeros(3), np.zeros(3))
+    motion = limit_motion(LIMITS, before, displaced(kind, ahead), DT_S)
+    assert place_and_speed(kind, motion)[1] == pytest.approx(ACCELS[kind] * DT_S)
 
 
 @each_kind
 def test_braking_takes_off_the_acceleration_in_each_period(kind: int) -> None:
     """Down to rest; a pace that brakes does not lag."""
     slower = ACCELS[kind] * DT_S
-    pace, way = moving(kind, 3.5 * slower), 0.0
+    motion, travel = moving(kind, 3.5 * slower), 0.0
     for left in (2.5, 1.5, 0.5, 0.0, 0.0):
-        pace, way = brake(LIMITS, pace, DT_S), way + left * slower * DT_S
-        assert gone(kind, pace) == pytest.approx((way, left * slower), abs=1e-12)
-        assert not pace.lags
-    assert pace.is_still
+        motion, travel = brake(LIMITS, motion, DT_S), travel + left * slower * DT_S
+        assert place_and_speed(kind, motion) == pytest.approx((travel, left * slower), abs=1e-12)
+        assert not motion.lags
+    assert motion.is_at_rest
 
 
 @each_kind
 def test_braking_for_no_time_changes_neither_pose_nor_speed(kind: int) -> None:
     """Two periods may have one time stamp: the speed may change by nothing, and by no 0/0."""
-    assert gone(kind, brake(LIMITS, moving(kind, 0.1), 0.0)) == (0.0, 0.1)
+    assert place_and_speed(kind, brake(LIMITS, moving(kind, 0.1), 0.0)) == (0.0, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -284,11 +284,11 @@ def test_braking_for_no_time_changes_neither_pose_nor_speed(kind: int) -> None:
 def test_a_motion_rests_after_half_of_its_speed_for_the_time_it_brakes(
     speed: float, turning: float, half_s: float
 ) -> None:
-    """Its square over 2 a; way and turn end together, after the longer time of both."""
-    pace = CommandedMotion(
+    """Its square over 2 a; travel and turn end together, after the longer time of both."""
+    motion = CommandedMotion(
         ORIGIN, ORIGIN, np.array([0.0, speed, 0.0]), np.array([0.0, 0.0, turning])
     )
-    T = resting_place(LIMITS, pace)
+    T = resting_place(LIMITS, motion)
     assert T.translation == pytest.approx([0.0, speed * half_s, 0.0])
     assert rotation_between(np.eye(3), T.rotation) == pytest.approx([0.0, 0.0, turning * half_s])
 
@@ -303,10 +303,10 @@ def test_a_pace_lags_when_it_is_behind_by_more_than_full_speed_takes_to_brake(
     farthest = max(speed * dt_s, 0.5 * speed**2 / accel)
     first = accel * dt_s * dt_s  # what it goes in the first period, from rest
     for share, lags in ((1.0 - 1e-6, False), (1.0 + 1e-6, True)):
-        wish = along(kind, first + share * farthest)
-        pace = limit_motion(LIMITS, at_rest(ORIGIN), wish, dt_s)
-        assert gone(kind, pace)[0] == pytest.approx(first)
-        assert pace.lags == lags
+        T_target = displaced(kind, first + share * farthest)
+        motion = limit_motion(LIMITS, at_rest(ORIGIN), T_target, dt_s)
+        assert place_and_speed(kind, motion)[0] == pytest.approx(first)
+        assert motion.lags == lags
 
 
 @pytest.mark.parametrize(
@@ -323,5 +323,5 @@ def test_a_pace_that_is_behind_by_the_limit_itself_does_not_lag(
     """By the next number it does: in numbers that a difference and a rotation give back exactly."""
     limits, farthest = replace(LIMITS, speed_rad_s=speed_rad_s), first + behind
     for amount, lags in ((farthest, False), (nextafter(farthest, 1.0), True)):
-        pace = limit_motion(limits, at_rest(ORIGIN), along(kind, amount), dt_s)
-        assert pace.lags is lags
+        motion = limit_motion(limits, at_rest(ORIGIN), displaced(kind, amount), dt_s)
+        assert motion.lags is lags

@@ -1,17 +1,15 @@
-"""The three rules of a stream of set points, each at its last digit, for ways and for turns."""
+"""The three rules of a stream of set points, each at its last digit, for travel and for turns."""
 
 from collections.abc import Callable
 from math import nextafter, radians
 
-import numpy as np
-import pinocchio as pin
 import pytest
 
 from common.config.load import load_cell
-from common.motion.frames import rotation_from_vector
 from common.motion.setpoint_monitor import SetpointMonitor
 from forcemesh.messages import Trip
 from tests.contract.rig import DEMO_CELL
+from tests.fakes.arbiter_world import displaced
 
 MS = 1_000_000
 START_NS = 10**12  # of a stream: clocks begin nowhere in particular
@@ -25,20 +23,14 @@ SUDDEN = tuple(1.5 * a * 0.06**2 + v * 0.02 for v, a in zip(SPEEDS, ACCELS, stri
 WIDE = {"step_m": 0.2, "step_deg": 90.0}
 ROUND = {"accel_m_s2": 20.0, "accel_deg_s2": 5000.0}  # what starts suddenly enough for any test
 LITTLE = 1e-7  # as a share
-each_kind = pytest.mark.parametrize("kind", [0, 1], ids=["way", "turn"])
-
-
-def along(kind: int, amount: float) -> pin.SE3:
-    """Return a pose so far [m] along x, or turned by so much [rad] about z."""
-    turn = np.array([0.0, 0.0, amount * kind])
-    return pin.SE3(rotation_from_vector(turn), np.array([amount * (1 - kind), 0.0, 0.0]))
+each_kind = pytest.mark.parametrize("kind", [0, 1], ids=["travel", "turn"])
 
 
 def begun(kind: int, **changes: float) -> SetpointMonitor:
-    """Return a budget whose stream begins at nothing gone."""
-    budget = SetpointMonitor(LIMITS.model_copy(update=changes))
-    assert budget.begin(along(kind, 0.0), START_NS) is None
-    return budget
+    """Return a monitor whose stream begins at the origin."""
+    monitor = SetpointMonitor(LIMITS.model_copy(update=changes))
+    assert monitor.begin(displaced(kind, 0.0), START_NS) is None
+    return monitor
 
 
 def code(trip: Trip | None) -> str:
@@ -53,23 +45,23 @@ STEPS = (0.02, radians(10.0))  # of the demo's cell
 
 @each_kind
 def test_a_stream_begins_with_one_step_and_not_more(kind: int) -> None:
-    """What is refused uses nothing up; the trip names the speed that was broken."""
-    budget = begun(kind, **ROUND)
-    trip = budget.spend(along(kind, STEPS[kind] * (1.0 + LITTLE)), START_NS)
+    """A refused set point uses nothing up; the trip names the speed that was broken."""
+    monitor = begun(kind, **ROUND)
+    trip = monitor.check(displaced(kind, STEPS[kind] * (1.0 + LITTLE)), START_NS)
     assert trip is not None
     assert (trip.code, trip.limit) == ("speed", SPEEDS[kind])
-    assert budget.spend(along(kind, STEPS[kind] * (1.0 - LITTLE)), START_NS) is None
-    assert code(budget.spend(along(kind, STEPS[kind] * (1.0 + LITTLE)), START_NS)) == "speed"
+    assert monitor.check(displaced(kind, STEPS[kind] * (1.0 - LITTLE)), START_NS) is None
+    assert code(monitor.check(displaced(kind, STEPS[kind] * (1.0 + LITTLE)), START_NS)) == "speed"
 
 
-# The way's differences are exact, and the turn comes back from its rotation unchanged.
+# The travel's differences are exact, and the turn comes back from its rotation unchanged.
 @pytest.mark.parametrize(("kind", "step"), [(0, 2.0**-7), (1, radians(10.0))])
 def test_a_step_itself_may_be_gone(kind: int, step: float) -> None:
     """To the last digit, in numbers that are exact; and it is used up to the last digit."""
-    budget = begun(kind, **(ROUND | {"step_m": 2.0**-7}))
-    assert code(budget.spend(along(kind, nextafter(step, 1.0)), START_NS)) == "speed"
-    assert budget.spend(along(kind, step), START_NS) is None
-    assert code(budget.spend(along(kind, step + 1e-11), START_NS)) == "speed"
+    monitor = begun(kind, **(ROUND | {"step_m": 2.0**-7}))
+    assert code(monitor.check(displaced(kind, nextafter(step, 1.0)), START_NS)) == "speed"
+    assert monitor.check(displaced(kind, step), START_NS) is None
+    assert code(monitor.check(displaced(kind, step + 1e-11), START_NS)) == "speed"
 
 
 @each_kind
@@ -87,12 +79,12 @@ def test_time_refills_what_a_stream_has_used(
 ) -> None:
     """By 1.25 times the speed, from when it was used."""
     step = STEPS[kind]
-    way = more * step + 1.25 * SPEEDS[kind] * max(0, after_ms) * 1e-3
+    travel = more * step + 1.25 * SPEEDS[kind] * max(0, after_ms) * 1e-3
     for share, rule in ((1.0 - LITTLE, ""), (1.0 + LITTLE, "speed")):
-        budget, first = begun(kind, **ROUND), used * step * (1.0 - 1e-12)
-        assert budget.spend(along(kind, first), START_NS + 300 * MS) is None
+        monitor, first = begun(kind, **ROUND), used * step * (1.0 - 1e-12)
+        assert monitor.check(displaced(kind, first), START_NS + 300 * MS) is None
         at_ns = START_NS + (300 + after_ms) * MS
-        assert code(budget.spend(along(kind, first + share * way), at_ns)) == rule
+        assert code(monitor.check(displaced(kind, first + share * travel), at_ns)) == rule
 
 
 @each_kind
@@ -101,12 +93,12 @@ def test_however_long_a_stream_rests_it_gets_one_step(kind: int) -> None:
     step = STEPS[kind]
     for shares, rule in (((1.0 - LITTLE,), ""), ((1.0 + LITTLE,), "speed"),
                          ((0.5, 0.5 - LITTLE), ""), ((0.5, 0.5 + LITTLE), "speed")):  # fmt: skip
-        budget, at, trip = begun(kind, **ROUND), 0.0, None
-        assert budget.spend(along(kind, 0.0), START_NS) is None
+        monitor, at, trip = begun(kind, **ROUND), 0.0, None
+        assert monitor.check(displaced(kind, 0.0), START_NS) is None
         for share in shares:
             assert trip is None
             at += share * step
-            trip = budget.spend(along(kind, at), START_NS + 5000 * MS)
+            trip = monitor.check(displaced(kind, at), START_NS + 5000 * MS)
         assert code(trip) == rule
 
 
@@ -118,15 +110,15 @@ def test_in_any_250_ms_no_more_is_gone_than_the_speed_gives(kind: int) -> None:
     """A quarter above it; the trip gives both numbers. 250 ms later all of it is free again."""
     most = WINDOW * SPEEDS[kind]
     for share, rule in ((1.0 - LITTLE, ""), (1.0 + LITTLE, "rate")):
-        budget = begun(kind, **WIDE, **ROUND)
-        trip = budget.spend(along(kind, share * most), START_NS + 100 * MS)
+        monitor = begun(kind, **WIDE, **ROUND)
+        trip = monitor.check(displaced(kind, share * most), START_NS + 100 * MS)
         assert code(trip) == rule
         assert trip is None or trip.value == pytest.approx(share * most)
         assert trip is None or trip.limit == pytest.approx(most)
     for after_ns, rule in ((250 * MS - 1, "rate"), (250 * MS, "")):
-        budget, first = begun(kind, **WIDE, **ROUND), 0.9 * most
-        assert budget.spend(along(kind, first), START_NS) is None
-        trip = budget.spend(along(kind, first + 0.9 * most), START_NS + after_ns)
+        monitor, first = begun(kind, **WIDE, **ROUND), 0.9 * most
+        assert monitor.check(displaced(kind, first), START_NS) is None
+        trip = monitor.check(displaced(kind, first + 0.9 * most), START_NS + after_ns)
         assert code(trip) == rule
 
 
@@ -137,11 +129,11 @@ def test_in_any_250_ms_no_more_is_gone_than_the_speed_gives(kind: int) -> None:
         (1, WINDOW * SPEEDS[1] * (1.0 + 1e-15)),  # the next number comes back as a smaller turn
     ],
 )
-def test_the_way_of_a_window_may_be_gone_to_the_last_digit(kind: int, above: float) -> None:
+def test_the_travel_of_a_window_may_be_used_to_the_last_digit(kind: int, above: float) -> None:
     """In numbers that are exact."""
-    budget = begun(kind, **WIDE, **ROUND)
-    assert code(budget.spend(along(kind, above), START_NS + 4 * MS)) == "rate"
-    assert budget.spend(along(kind, WINDOW * SPEEDS[kind]), START_NS + 4 * MS) is None
+    monitor = begun(kind, **WIDE, **ROUND)
+    assert code(monitor.check(displaced(kind, above), START_NS + 4 * MS)) == "rate"
+    assert monitor.check(displaced(kind, WINDOW * SPEEDS[kind]), START_NS + 4 * MS) is None
 
 
 # --- from one 60 ms to the next -------------------------------------------------------------------
@@ -170,10 +162,10 @@ def test_from_one_60_ms_to_the_next_motion_changes_by_the_acceleration_at_most(
 ) -> None:
     """Half as much again, and 20 ms at full speed: exactly; to and fro is a change as well."""
     for share, rule in ((1.0 - LITTLE, ""), (1.0 + LITTLE, "acceleration")):
-        budget, trip = begun(kind, **WIDE), None
+        monitor, trip = begun(kind, **WIDE), None
         for at_ms, place in MOTIONS[motion](share):
             assert trip is None
-            trip = budget.spend(along(kind, place * SUDDEN[kind]), START_NS + at_ms * MS)
+            trip = monitor.check(displaced(kind, place * SUDDEN[kind]), START_NS + at_ms * MS)
         assert code(trip) == rule
         if trip is not None:
             assert trip.value == pytest.approx(SUDDEN[kind] / 0.06**2)
@@ -183,9 +175,9 @@ def test_from_one_60_ms_to_the_next_motion_changes_by_the_acceleration_at_most(
 def test_motion_may_change_by_the_acceleration_to_the_last_digit() -> None:
     """From rest, in numbers that are exact."""
     most_m, at_ns = SUDDEN[0], START_NS + 4 * MS
-    trip = begun(0, **WIDE).spend(along(0, nextafter(most_m, 1.0)), at_ns)
+    trip = begun(0, **WIDE).check(displaced(0, nextafter(most_m, 1.0)), at_ns)
     assert code(trip) == "acceleration"
-    assert begun(0, **WIDE).spend(along(0, most_m), at_ns) is None
+    assert begun(0, **WIDE).check(displaced(0, most_m), at_ns) is None
 
 
 # --- from one stream to the next ------------------------------------------------------------------
@@ -195,27 +187,27 @@ def test_motion_may_change_by_the_acceleration_to_the_last_digit() -> None:
     ("after_ns", "rule"), [(60 * MS, "speed"), (250 * MS - 1, "speed"), (250 * MS, "")]
 )
 @each_kind
-def test_a_jump_back_to_the_measured_pose_counts_as_way_for_250_ms(
+def test_a_jump_back_to_the_measured_pose_counts_as_travel_for_250_ms(
     kind: int, after_ns: int, rule: str
 ) -> None:
-    """Since the last set point, or new streams would be a way around the limits."""
-    budget, set_ns = begun(kind), START_NS + 200 * MS
-    assert budget.spend(along(kind, 0.001), set_ns) is None
-    assert code(budget.begin(along(kind, 0.5), set_ns + after_ns)) == rule
+    """Since the last set point, or new streams would bypass the limits."""
+    monitor, set_ns = begun(kind), START_NS + 200 * MS
+    assert monitor.check(displaced(kind, 0.001), set_ns) is None
+    assert code(monitor.begin(displaced(kind, 0.5), set_ns + after_ns)) == rule
 
 
 @each_kind
 def test_where_something_else_has_moved_the_arm_a_stream_begins_at_rest(kind: int) -> None:
     """From another place it is no jump; what was used up stays used up."""
-    budget, used = begun(kind, **WIDE), 0.0
+    monitor, used = begun(kind, **WIDE), 0.0
     for at_ms in range(4, 84, 4):
         used += 0.06 * SUDDEN[kind]
-        assert budget.spend(along(kind, used), START_NS + at_ms * MS) is None
-    budget.moved_otherwise()
-    assert code(budget.spend(along(kind, used), START_NS + 84 * MS)) == "no_stream"
-    assert budget.begin(along(kind, 0.5), START_NS + 88 * MS) is None
-    gone = 0.06 * SUDDEN[kind]
-    assert budget.spend(along(kind, 0.5 + gone), START_NS + 92 * MS) is None
-    left = WINDOW * SPEEDS[kind] - used - gone
-    trip = budget.spend(along(kind, 0.5 + gone + 1.001 * left), START_NS + 96 * MS)
+        assert monitor.check(displaced(kind, used), START_NS + at_ms * MS) is None
+    monitor.moved_otherwise()
+    assert code(monitor.check(displaced(kind, used), START_NS + 84 * MS)) == "no_stream"
+    assert monitor.begin(displaced(kind, 0.5), START_NS + 88 * MS) is None
+    travelled = 0.06 * SUDDEN[kind]
+    assert monitor.check(displaced(kind, 0.5 + travelled), START_NS + 92 * MS) is None
+    left = WINDOW * SPEEDS[kind] - used - travelled
+    trip = monitor.check(displaced(kind, 0.5 + travelled + 1.001 * left), START_NS + 96 * MS)
     assert code(trip) == "rate"

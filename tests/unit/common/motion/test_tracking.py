@@ -1,4 +1,4 @@
-"""H41: the arm is not where it was commanded. Never said of one that follows, however late."""
+"""H41: the arm is not where it was commanded. Never reported of one that follows, however late."""
 
 from collections.abc import Callable
 from math import nextafter, radians
@@ -20,7 +20,7 @@ HOME = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 MS = 1_000_000
 REPORT_MS = 20
 LIMIT_M = CELL.limits.tracking_m
-# As common/motion/tracking.py has them; written out, so that a change there is seen here.
+# As common/motion/tracking.py has them; written out, so that a change there fails here.
 PERIODS = 5
 ALLOWED_S = 2.0 * (CELL.robot.delay_s + CELL.robot.lag_s) + 0.1
 
@@ -64,7 +64,7 @@ def test_five_reports_may_be_off_and_the_sixth_in_a_row_is_a_trip(off: int) -> N
 
 
 def verdict(tracking: TrackingMonitor, T: pin.SE3, q: tuple[float, ...] = HOME) -> str:
-    """What is said of an arm that stays in a place."""
+    """Return the verdict on an arm that stays in a place."""
     trips = [tracking.judge(T, np.array(q), number * MS) for number in range(PERIODS + 1)]
     return "" if trips[-1] is None else trips[-1].code
 
@@ -85,7 +85,7 @@ def verdict(tracking: TrackingMonitor, T: pin.SE3, q: tuple[float, ...] = HOME) 
 def test_a_straight_move_stays_on_its_line(
     x_m: float, y_m: float, turn_deg: float, rule: str
 ) -> None:
-    """However fast it goes: beside the line, behind its start and beyond its end it is off."""
+    """However fast it goes: off the line, behind its start and beyond its end it is off."""
     tracking = TrackingMonitor(CELL)
     tracking.line(DOWN, shifted(DOWN, x_m=0.2))
     R = rotation_from_vector(np.array([0.0, radians(turn_deg), 0.0])) @ DOWN.rotation
@@ -93,22 +93,22 @@ def test_a_straight_move_stays_on_its_line(
 
 
 @pytest.mark.parametrize(
-    ("share", "beside_deg", "rule"),
+    ("share", "off_deg", "rule"),
     [(0.0, 0.0, ""), (0.5, 4.9, ""), (0.5, 5.1, "tracking"), (1.2, 0.0, "tracking")],
 )
 def test_a_move_of_the_joints_keeps_their_proportion(
-    share: float, beside_deg: float, rule: str
+    share: float, off_deg: float, rule: str
 ) -> None:
-    """All start and arrive together; the flange's pose is not looked at."""
-    way = np.array([0.5, -0.4, 0.0, 0.0, 0.0, 0.3])
+    """All start and arrive together; the flange's pose is not checked."""
+    travel = np.array([0.5, -0.4, 0.0, 0.0, 0.0, 0.3])
     tracking = TrackingMonitor(CELL)
-    tracking.turn(HOME, np.array(HOME) + way)
-    q = np.array(HOME) + share * way + np.array([0.0, 0.0, radians(beside_deg), 0.0, 0.0, 0.0])
+    tracking.joint_move(HOME, np.array(HOME) + travel)
+    q = np.array(HOME) + share * travel + np.array([0.0, 0.0, radians(off_deg), 0.0, 0.0, 0.0])
     assert verdict(tracking, shifted(DOWN, x_m=0.3), tuple(q)) == rule
 
 
 def test_nothing_is_compared_while_the_arm_brakes_or_the_controller_leads() -> None:
-    """Where it comes to rest is where it has to stay."""
+    """The arm has to stay where it comes to rest."""
     tracking = TrackingMonitor(CELL)
     tracking.line(DOWN, shifted(DOWN, x_m=0.2))
     tracking.rest(shifted(DOWN, y_m=0.1), moving=True)
@@ -124,7 +124,7 @@ def test_nothing_is_compared_while_the_arm_brakes_or_the_controller_leads() -> N
 
 
 def verdict_at(tracking: TrackingMonitor, T: pin.SE3, now_ns: int) -> str:
-    """Return the rule that trips where six reports in a row say the same at one time."""
+    """Return the rule that trips where six equal reports come at one time."""
     trips = [tracking.judge(T, HOME, now_ns) for _ in range(PERIODS + 1)]
     return "" if trips[-1] is None else trips[-1].code
 
@@ -149,7 +149,7 @@ CORNERS = np.array([[0.0, 0.0], [0.05, 0.05], [0.1, 0.0], [0.15, 0.05]])  # x an
 
 
 def zigzag() -> tuple[TrackingMonitor, list[pin.SE3]]:
-    """Return what compares with four set points, each turned farther, and the set points."""
+    """Return a monitor with four set points, each turned farther, and the set points."""
     places = [
         pin.SE3(rotation_from_vector(np.array([0.0, 0.0, 0.4 * k])) @ DOWN.rotation,
                 DOWN.translation + np.array([x_m, y_m, 0.0]))
@@ -178,13 +178,13 @@ def test_of_the_set_points_within_the_delay_each_counts(oldest: int) -> None:
 def test_between_two_set_points_the_arm_may_be_that_follow_each_other(
     a: int, b: int, rule: str
 ) -> None:
-    """Half-way from one to the next, and on no short cut."""
+    """Midway from one to the next, and on no short cut."""
     x_m, y_m = 0.5 * (CORNERS[a] + CORNERS[b])
     assert verdict_at(zigzag()[0], shifted(DOWN, x_m, y_m), 10 * MS) == rule
 
 
 def test_the_distance_of_the_cell_is_allowed_to_the_last_digit() -> None:
-    """10 mm and 5 degrees; what is beyond is named, its size and the limit with it."""
+    """10 mm and 5 degrees; a larger distance is named with its size and the limit."""
     at_rest = pin.SE3(np.eye(3), np.zeros(3))
     for x_m, found in ((0.01, None), (nextafter(0.01, 1.0), nextafter(0.01, 1.0))):
         tracking = TrackingMonitor(CELL)
@@ -195,7 +195,7 @@ def test_the_distance_of_the_cell_is_allowed_to_the_last_digit() -> None:
         assert trip is None or (trip.limit, "10.0 mm away" in trip.text) == (0.01, True)
     for q_rad, found in ((radians(5.0), None), (nextafter(radians(5.0), 1.0), radians(5.0))):
         tracking = TrackingMonitor(CELL)
-        tracking.turn((0.0,) * 6, (0.0,) * 6)
+        tracking.joint_move((0.0,) * 6, (0.0,) * 6)
         q = np.array([0.0, 0.0, q_rad, 0.0, 0.0, 0.0])
         trip = [tracking.judge(at_rest, q, k * MS) for k in range(PERIODS + 1)][-1]
         assert (trip and trip.limit) == found
@@ -218,7 +218,7 @@ BENT = (0.5, 0.0, -1.5, 0.0, -1.5, 0.0)
 COMMANDS: dict[str, Callable[[TrackingMonitor, pin.SE3], None]] = {
     "stream": lambda tracking, T: tracking.stream(T, 5000 * MS),
     "line": lambda tracking, T: tracking.line(T, shifted(T, z_m=0.02)),
-    "turn": lambda tracking, T: tracking.turn(HOME, HOME),
+    "turn": lambda tracking, T: tracking.joint_move(HOME, HOME),
     "rest": lambda tracking, T: tracking.rest(T, moving=False),
 }
 FREE: dict[str, Callable[[TrackingMonitor, pin.SE3], None]] = {
@@ -230,7 +230,7 @@ CHANGES = [(a, b) for a in (COMMANDS | FREE) for b in COMMANDS if a != b]
 
 
 @pytest.mark.parametrize(("first", "then"), CHANGES)
-def test_of_what_was_commanded_before_another_motion_nothing_counts(first: str, then: str) -> None:
+def test_commands_before_another_motion_do_not_count(first: str, then: str) -> None:
     """Neither its place nor its reports: five more may be off, and the sixth is a trip."""
     tracking, before, now = TrackingMonitor(CELL), shifted(DOWN, x_m=-0.2), shifted(DOWN, x_m=0.2)
     (COMMANDS | FREE)[first](tracking, before)

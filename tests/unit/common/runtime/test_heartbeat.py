@@ -16,7 +16,7 @@ SCRIPT = ROOT / "common" / "runtime" / "alive.sh"
 
 
 def judged(file: Path, *words: str) -> tuple[int, str]:
-    """Return the exit code of the check and what it says."""
+    """Return the exit code of the check and its output."""
     done = subprocess.run(
         ["/bin/sh", str(SCRIPT), *words], env={**os.environ, "FORCEMESH_HEARTBEAT": str(file)},
         capture_output=True, text=True, check=False, timeout=10,
@@ -25,18 +25,18 @@ def judged(file: Path, *words: str) -> tuple[int, str]:
 
 
 def test_a_fresh_heartbeat_is_well(tmp_path: Path) -> None:
-    """Nothing to say."""
+    """A fresh heartbeat gives no output."""
     Heartbeat(tmp_path / "alive").beat(1, "")
     assert judged(tmp_path / "alive") == (0, "")
 
 
 @pytest.mark.parametrize(("age_s", "code"), [(0, 0), (4, 0), (7, 1), (1000, 1)])
 def test_a_process_that_hangs_is_not_well(tmp_path: Path, age_s: int, code: int) -> None:
-    """The age is told; a heartbeat within five seconds is fresh."""
+    """The age is printed; a heartbeat within five seconds is fresh."""
     (tmp_path / "alive").write_bytes(line(since_boot_s() - age_s, ""))
-    found, said = judged(tmp_path / "alive")
+    found, output = judged(tmp_path / "alive")
     assert found == code
-    assert ("the process hangs" in said) == (code == 1)
+    assert ("the process hangs" in output) == (code == 1)
 
 
 def test_without_a_heartbeat_it_is_not_well(tmp_path: Path) -> None:
@@ -47,12 +47,12 @@ def test_without_a_heartbeat_it_is_not_well(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fault", ["stale: no wrench for 0.3 s", "$(touch x) `id` \\ * \n %s", "é"])
-def test_a_fault_is_said_and_never_obeyed(tmp_path: Path, fault: str) -> None:
+def test_a_fault_is_printed_and_never_executed(tmp_path: Path, fault: str) -> None:
     """Whatever the words are: one line, and no command of the shell's."""
     Heartbeat(tmp_path / "alive").beat(1, fault)
-    code, said = judged(tmp_path / "alive")
+    code, output = judged(tmp_path / "alive")
     assert code == 1
-    assert said.split()[0] in (fault.split(maxsplit=1)[0], "?", "??")
+    assert output.split()[0] in (fault.split(maxsplit=1)[0], "?", "??")
     assert list(tmp_path.iterdir()) == [tmp_path / "alive"]
 
 
@@ -103,7 +103,7 @@ def test_watching_answers_at_once_the_first_time_and_when_something_goes_wrong(
 
 
 class Clock:
-    """A clock that tells the machine's time and never waits."""
+    """A clock that reads the machine's time and never waits."""
 
     boot = ""
 
@@ -115,13 +115,13 @@ class Clock:
         """Go on at once."""
 
 
-class Once:
-    """A service that steps once and is told to stop."""
+class SingleStep:
+    """A service that steps once and is then stopped."""
 
     period_s, trigger, fault = 1e-3, None, "stale"
 
     def __init__(self, stop: threading.Event) -> None:
-        """Remember what stops it."""
+        """Store the event that stops it."""
         self._stop = stop
 
     def step(self, _now_ns: int) -> None:
@@ -134,8 +134,8 @@ class Once:
 
 
 def test_the_loop_that_does_the_work_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the environment names a file, with the service's own fault."""
+    """The file that the environment names gets the beats, with the service's own fault."""
     monkeypatch.setenv("FORCEMESH_HEARTBEAT", str(tmp_path / "alive"))
     stop = threading.Event()
-    Runner(Once(stop), [], Clock()).run(stop)
+    Runner(SingleStep(stop), [], Clock()).run(stop)
     assert judged(tmp_path / "alive") == (1, "stale")

@@ -1,4 +1,4 @@
-"""Memory is locked where the machine allows it; health says whether."""
+"""Memory is locked where the machine allows it; health reports whether it is."""
 
 import subprocess
 import sys
@@ -29,8 +29,8 @@ print(int(locked[0].split()[1]) > 0)
 
 
 @pytest.mark.parametrize("limit", ["limited", "as it is"])
-def test_memory_is_locked_or_it_is_said_that_it_is_not(limit: str) -> None:
-    """With too small a limit nothing is locked, and nothing fails later for want of memory."""
+def test_memory_is_locked_or_reported_as_unlocked(limit: str) -> None:
+    """With too small a limit nothing is locked, and nothing fails later for lack of memory."""
     done = subprocess.run(
         [sys.executable, "-c", LOCKS, limit],
         cwd=Path(__file__).parents[4],
@@ -38,20 +38,22 @@ def test_memory_is_locked_or_it_is_said_that_it_is_not(limit: str) -> None:
         text=True,
         check=True,
     )
-    said, found = done.stdout.splitlines()
-    assert said in ("True True", "False False")
-    assert found == said.split()[0]
+    printed, found = done.stdout.splitlines()
+    assert printed in ("True True", "False False")
+    assert found == printed.split()[0]
     if limit == "limited":
-        assert said == "False False"
+        assert printed == "False False"
 
 
 @pytest.mark.parametrize("locked", [True, False])
-def test_health_says_whether(locked: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside the word about real-time priority."""
+def test_health_reports_whether_memory_is_locked(
+    locked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Next to the report of real-time priority."""
     monkeypatch.setattr(memory_lock, "_locked", locked)
     cell = Cellmates()
-    heard = cell.client.reader(topics.ARBITER_HEALTH)
+    reader = cell.client.reader(topics.ARBITER_HEALTH)
     reporter_of(cell._bus("arbiter"), CELL).stepped(cell.clock.now_ns(), 0.0, cell.service)
-    message = heard.read(cell.clock.now_ns()).message
+    message = reader.read(cell.clock.now_ns()).message
     assert message is not None
     assert message.counters["memory_locked"] == int(locked)

@@ -1,4 +1,4 @@
-"""How often a loop comes far too late: counted over a second, judged by the cell's deadlines."""
+"""Overruns of a loop: counted over a second, judged by the cell's deadlines."""
 
 import pytest
 from hypothesis import given
@@ -17,8 +17,8 @@ MS = 1_000_000
 ALLOWED_S = 0.02
 
 
-class Sleeper:
-    """A service whose steps take as long as the test says."""
+class SlowService:
+    """A service whose steps take as long as the test sets."""
 
     period_s = 0.004
     trigger = None
@@ -34,7 +34,7 @@ class Sleeper:
         self.clock.sleep_s(self.busy_s)
 
     def counters(self) -> dict[str, int]:
-        """Nothing to count."""
+        """There are no counters."""
         return {}
 
 
@@ -61,10 +61,10 @@ def test_before_the_first_gap_nothing_is_late() -> None:
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_every_loop_that_says_something_in_a_stream_may_miss_a_period_and_no_deadline(
+def test_every_loop_that_publishes_a_stream_may_miss_a_period_and_no_deadline(
     role: str,
 ) -> None:
-    """At least two periods, less than what makes its topic stale; the hub streams nothing."""
+    """At least two periods, less than its topic's deadline; the hub streams nothing."""
     allowed_s = allowed_gap_s(CELL, role)
     streams = [t for t in topics.TOPICS if t.writer == role and t.qos == "stream"]
     assert (allowed_s is None) == (not streams)
@@ -73,13 +73,13 @@ def test_every_loop_that_says_something_in_a_stream_may_miss_a_period_and_no_dea
         assert 2.0 / CELL.rate_hz(topic) <= allowed_s < CELL.stale_after_s(topic)
 
 
-def test_health_tells_overruns_and_the_longest_gap() -> None:
-    """From the loop that does the work, not from beside it."""
+def test_health_reports_overruns_and_the_longest_gap() -> None:
+    """From the loop that does the work, not from a thread next to it."""
     clock, transport = ManualClock(), MemoryTransport()
     bus = Bus("regulator", CELL.cell, transport, CELL, clock)
     client = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock)
     health = client.reader(topics.REGULATOR_HEALTH)
-    sleeper = Sleeper(clock)
+    sleeper = SlowService(clock)
     runner = Runner(sleeper, [reporter_of(bus, CELL)], clock)
 
     def live_s(duration_s: float) -> None:
@@ -90,17 +90,17 @@ def test_health_tells_overruns_and_the_longest_gap() -> None:
                 runner.step(clock.now_ns())
 
     live_s(2.0)
-    said = health.read(clock.now_ns()).message
-    assert said is not None
-    assert (said.overruns, said.longest_gap_s) == (0, pytest.approx(0.004, abs=0.0011))
+    report = health.read(clock.now_ns()).message
+    assert report is not None
+    assert (report.overruns, report.longest_gap_s) == (0, pytest.approx(0.004, abs=0.0011))
     sleeper.busy_s = 0.08
     live_s(2.0)
-    said = health.read(clock.now_ns()).message
-    assert said is not None
-    assert said.overruns == pytest.approx(12, abs=1)
-    assert said.longest_gap_s == pytest.approx(0.081, abs=0.002)
+    report = health.read(clock.now_ns()).message
+    assert report is not None
+    assert report.overruns == pytest.approx(12, abs=1)
+    assert report.longest_gap_s == pytest.approx(0.081, abs=0.002)
     sleeper.busy_s = 0.0
     live_s(2.0)
-    said = health.read(clock.now_ns()).message
-    assert said is not None
-    assert said.overruns == 0
+    report = health.read(clock.now_ns()).message
+    assert report is not None
+    assert report.overruns == 0

@@ -1,4 +1,4 @@
-"""Who goes first: a process that works, not one that starts or ends."""
+"""Priority of processes: one that works goes first, one that starts or ends does not."""
 
 import gc
 import os
@@ -15,7 +15,7 @@ from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from tests.fakes.bench import CELL
 
-SAYS_ITS_POLICIES = """
+PRINTS_ITS_POLICIES = """
 import os, threading
 from pathlib import Path
 from common.runtime.priority import give_up_realtime_priority, take_realtime_priority
@@ -32,9 +32,9 @@ print(policies())
 
 
 def test_all_threads_go_first_or_the_machine_does_not_grant_it() -> None:
-    """Also those that were there before; and nobody does any more once it is given up."""
+    """Also those that existed before; and none does any more once it is given up."""
     found = subprocess.run(
-        [sys.executable, "-c", SAYS_ITS_POLICIES],
+        [sys.executable, "-c", PRINTS_ITS_POLICIES],
         cwd=Path(__file__).parents[4],
         capture_output=True,
         text=True,
@@ -67,7 +67,7 @@ def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatc
             return {}
 
         def close(self) -> None:
-            order.append("says goodbye")
+            order.append("sends goodbye")
 
     def make(*_: object) -> Worker:
         order.append("is made")
@@ -86,7 +86,7 @@ def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatc
         "freeze",
         "take",
         "works",
-        "says goodbye",
+        "sends goodbye",
         "give_up",
         "leaves the bus",
     ]

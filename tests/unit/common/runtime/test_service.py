@@ -1,4 +1,4 @@
-"""The process around a service: how it starts, what wakes it, how it ends, what it reports."""
+"""The process around a service: its start, its triggers, its end, its reports."""
 
 import gc
 import signal
@@ -53,7 +53,7 @@ class Worker:
             raise self.error
 
     def counters(self) -> dict[str, int]:
-        """Nothing to count."""
+        """There are no counters."""
         return {}
 
 
@@ -63,17 +63,17 @@ class LastStep(Worker):
     asked_by = signal.SIGTERM
 
     def step(self, now_ns: int) -> None:
-        """Be told to end."""
+        """Receive the signal to end."""
         super().step(now_ns)
         if len(self.steps_ns) == 3:
             signal.raise_signal(self.asked_by)
 
 
-class Line:
+class ServiceBus:
     """One cell's bus in memory, as a process opens it."""
 
     def __init__(self) -> None:
-        """Nobody is on it yet."""
+        """Start without a client."""
         self.clock, self.transport = ManualClock(), MemoryTransport()
         self.opened_by: list[str] = []
 
@@ -89,11 +89,11 @@ class Line:
 
 
 @pytest.fixture
-def line(monkeypatch: pytest.MonkeyPatch) -> Iterator[Line]:
+def line(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServiceBus]:
     """A bus, the demo cell on the command line, and signals as they were afterwards."""
     monkeypatch.setattr("sys.argv", ["role", "--cell", str(DEMO_FILE)])
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
-    yield Line()
+    yield ServiceBus()
     for number, handler in before.items():
         signal.signal(number, handler)
 
@@ -103,7 +103,7 @@ def line(monkeypatch: pytest.MonkeyPatch) -> Iterator[Line]:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_process_that_is_asked_to_end_finishes_its_step_and_no_other(
-    line: Line, number: signal.Signals
+    line: ServiceBus, number: signal.Signals
 ) -> None:
     """Both signals; nothing is raised, and a service without a goodbye needs none."""
     worker = LastStep(line.clock)
@@ -115,8 +115,8 @@ def test_a_process_that_is_asked_to_end_finishes_its_step_and_no_other(
     assert line.opened_by == ["robot"]
 
 
-def test_a_service_that_has_a_goodbye_says_it_before_the_bus_is_left(line: Line) -> None:
-    """A gateway tells its controller to hold: it needs its wire for that, and its topics."""
+def test_a_service_that_has_a_goodbye_sends_it_before_the_bus_is_left(line: ServiceBus) -> None:
+    """A gateway sends its controller a hold: it needs its wire for that, and its topics."""
 
     class Leaving(LastStep):
         def close(self) -> None:
@@ -132,7 +132,7 @@ def test_a_service_that_has_a_goodbye_says_it_before_the_bus_is_left(line: Line)
 
 
 def test_the_loop_is_spared_in_its_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """First what start-up has left, then the memory, and priority last: it would starve others."""
+    """First the memory of start-up, then the lock, and priority last: it would starve others."""
     order: list[str] = []
     for owner, name in (
         (gc, "collect"),
@@ -146,8 +146,8 @@ def test_the_loop_is_spared_in_its_order(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.parametrize("realtime", [True, False])
-def test_only_what_moves_the_arm_goes_before_ordinary_processes(
-    line: Line, realtime: bool, monkeypatch: pytest.MonkeyPatch
+def test_only_loops_that_move_the_arm_get_real_time_priority(
+    line: ServiceBus, realtime: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A helper that was given real-time priority would take it from the loops."""
     spared: list[int] = []
@@ -157,9 +157,9 @@ def test_only_what_moves_the_arm_goes_before_ordinary_processes(
     assert spared == ([0] if realtime else [])
 
 
-def test_a_process_of_two_roles_gives_the_health_of_both(line: Line) -> None:
+def test_a_process_of_two_roles_gives_the_health_of_both(line: ServiceBus) -> None:
     """The first role's bus is opened; the second one plays on it."""
-    heard = [
+    readers = [
         line.bus(topics.CLIENT).reader(topic)
         for topic in (topics.ROBOT_HEALTH, topics.SENSOR_HEALTH)
     ]
@@ -168,12 +168,12 @@ def test_a_process_of_two_roles_gives_the_health_of_both(line: Line) -> None:
         roles, lambda *_: worker, connect=line.connect, implementation="sim", realtime=False
     )
     assert line.opened_by == ["robot"]
-    assert [bool(reader.read(line.clock.now_ns()).fresh) for reader in heard] == [True, True]
+    assert [bool(reader.read(line.clock.now_ns()).fresh) for reader in readers] == [True, True]
 
 
 @pytest.mark.parametrize("roles", ["robot", ("sensor", "robot")])
 def test_a_role_that_the_cell_gives_to_another_process_is_never_played(
-    line: Line, roles: Any, capsys: pytest.CaptureFixture[str]
+    line: ServiceBus, roles: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Two robots on one bus would be two arms: exit 2 before the bus is open, with the remedy."""
 
@@ -182,18 +182,18 @@ def test_a_role_that_the_cell_gives_to_another_process_is_never_played(
 
     with pytest.raises(SystemExit) as ended:
         process.main(roles, make, connect=line.connect, implementation="gateway", realtime=False)
-    said = capsys.readouterr().err
+    printed = capsys.readouterr().err
     assert ended.value.code == 2
     assert line.opened_by == []
-    assert said.count("\n") == len(said.splitlines())
-    assert "gateway" in said
-    assert "in the cell file" in said
+    assert printed.count("\n") == len(printed.splitlines())
+    assert "gateway" in printed
+    assert "in the cell file" in printed
 
 
 def test_a_bus_that_does_not_open_ends_the_process_with_one_line(
-    line: Line, capsys: pytest.CaptureFixture[str]
+    line: ServiceBus, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whoever started it reads what is wrong, not a trace."""
+    """The operator reads what is wrong, not a trace."""
 
     @contextmanager
     def no_hub(_cell: CellConfig, _role: str) -> Iterator[Bus]:
@@ -207,14 +207,16 @@ def test_a_bus_that_does_not_open_ends_the_process_with_one_line(
 
 
 @pytest.mark.parametrize("error", [KeyError("x"), KeyboardInterrupt()], ids=repr)
-def test_what_is_not_of_forcemesh_ends_the_process_with_its_trace(error: BaseException) -> None:
-    """An unforeseen error at start is a bug: it must not look like a mistake of the user's."""
+def test_an_error_outside_of_forcemesh_ends_the_process_with_its_trace(
+    error: BaseException,
+) -> None:
+    """An unforeseen error at start is a bug: it must not read as a mistake of the user."""
     with pytest.raises(type(error)), exit_on_error("wrench"):
         raise error
 
 
-def test_what_goes_well_is_left_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    """No word, and no exit."""
+def test_a_success_is_left_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    """No output, and no exit."""
     with exit_on_error("wrench"):
         pass
     assert capsys.readouterr().err == ""
@@ -233,7 +235,7 @@ def test_the_cell_that_the_command_line_names_is_read(monkeypatch: pytest.Monkey
     assert ended.value.code == 2
 
 
-def test_a_cell_file_with_mistakes_ends_the_process_and_all_of_them_are_said(
+def test_a_cell_file_with_mistakes_ends_the_process_and_all_of_them_are_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """No service runs with the half that could be read."""
@@ -242,14 +244,14 @@ def test_a_cell_file_with_mistakes_ends_the_process_and_all_of_them_are_said(
     monkeypatch.setattr("sys.argv", ["arbiter", "--cell", str(broken)])
     with pytest.raises(SystemExit) as ended:
         cell_from_arguments("arbiter")
-    said = capsys.readouterr().err
+    printed = capsys.readouterr().err
     assert ended.value.code == 2
-    assert said.startswith("arbiter: ")
-    assert "speeed" in said
-    assert "roles.sensor" in said
+    assert printed.startswith("arbiter: ")
+    assert "speeed" in printed
+    assert "roles.sensor" in printed
 
 
-def test_a_signal_only_sets_the_event(line: Line) -> None:
+def test_a_signal_only_sets_the_event(line: ServiceBus) -> None:
     """The handler does nothing that a step in the middle of its work could notice."""
     assert line.opened_by == []
     stop = stop_on_signals()
@@ -270,7 +272,7 @@ class Trigger:
         self.waits_s: list[float] = []
 
     def poll(self) -> bool:
-        """Tell whether one has come since the last look."""
+        """Return whether one has come since the last call."""
         came = [at for at in self._comes_ns if at <= self._clock.now_ns()]
         self._comes_ns = self._comes_ns[len(came) :]
         return bool(came)
@@ -302,7 +304,7 @@ def run_until(worker: Worker, clock: ManualClock, steps: int) -> list[int]:
 
 
 def test_a_service_without_a_trigger_steps_once_a_period() -> None:
-    """On the beat, whatever is between; it looks up every 50 ms to see whether it shall end."""
+    """On the beat, whatever is between; it checks every 50 ms whether it shall end."""
     clock = ManualClock()
     pauses_s: list[float] = []
     sleep_s = clock.sleep_s
@@ -327,9 +329,9 @@ def test_a_newer_message_wakes_its_service_and_silence_does_so_too() -> None:
     assert max(trigger.waits_s) <= LONGEST_PAUSE_S
 
 
-def test_what_the_bus_brings_is_what_wakes_it() -> None:
+def test_a_message_wakes_the_service() -> None:
     """The service's own reader is the trigger: one step for all that waits, and none without."""
-    line = Line()
+    line = ServiceBus()
     worker = Worker(line.clock, period_s=10.0)
     worker.trigger = line.bus("wrench").reader(topics.SENSOR_WRENCH)
     sensor = line.bus("sensor").publisher(topics.SENSOR_WRENCH)
@@ -342,14 +344,14 @@ def test_what_the_bus_brings_is_what_wakes_it() -> None:
     assert not runner.due(line.clock.now_ns())
 
 
-# --- what it says of itself -----------------------------------------------------------------------
+# --- its own health report ------------------------------------------------------------------------
 
 
 class MeteredTransport(MemoryTransport):
     """A bus that knows how long its puts take."""
 
     def longest_put_s(self, since_ns: int) -> float:
-        """Return the age of what is asked for, so that a test sees what was asked."""
+        """Return the requested age, so that a test can check the request."""
         return since_ns / 1e9
 
 
@@ -357,30 +359,30 @@ class MeasuringWorker(Worker):
     """A service that measures something."""
 
     def numbers(self, now_ns: int) -> dict[str, float]:
-        """Return what it knows."""
+        """Return the measured numbers."""
         return {"age_s": (now_ns - self.steps_ns[0]) / 1e9}
 
 
 def healths(worker: Worker, transport: MemoryTransport, clock: ManualClock) -> list[Health]:
     """Let a service work for a second; return all health that it gave."""
     bus = Bus("wrench", CELL.cell, transport, CELL, clock)
-    heard = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.WRENCH_HEALTH)
-    runner, said = Runner(worker, [reporter_of(bus, CELL)], clock), []
+    reader = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.WRENCH_HEALTH)
+    runner, reports = Runner(worker, [reporter_of(bus, CELL)], clock), []
     for _ in range(10):
         runner.step(clock.now_ns())
-        if heard.poll():
-            message = heard.read(clock.now_ns()).message
+        if reader.poll():
+            message = reader.read(clock.now_ns()).message
             assert message is not None
-            said.append(message)
+            reports.append(message)
         clock.sleep_s(0.1)
-    return said
+    return reports
 
 
-def test_health_tells_what_the_service_measures_and_how_long_the_bus_kept_it() -> None:
+def test_health_reports_the_numbers_of_the_service_and_the_longest_put() -> None:
     """The longest put since the health before, and nothing where the bus does not know."""
     clock = ManualClock()
-    said = healths(MeasuringWorker(clock, period_s=0.1), MeteredTransport(), clock)
-    times = [message.numbers for message in said]
+    reports = healths(MeasuringWorker(clock, period_s=0.1), MeteredTransport(), clock)
+    times = [message.numbers for message in reports]
     assert [entry["age_s"] for entry in times] == pytest.approx([0.0, 0.3, 0.6, 0.9])
     assert [entry["put_max_s"] for entry in times] == pytest.approx([1.0, 1.0, 1.3, 1.6])
     clock = ManualClock()
@@ -388,8 +390,8 @@ def test_health_tells_what_the_service_measures_and_how_long_the_bus_kept_it() -
 
 
 def test_a_service_that_cannot_stop_the_arm_is_contained_as_well() -> None:
-    """Its health says so, and the arbiter stops the arm for it."""
-    line = Line()
+    """Its health reports it, and the arbiter stops the arm for it."""
+    line = ServiceBus()
     worker = Worker(line.clock, period_s=0.1)
     worker.error = ForcemeshError("worn out")
     contain = Containment("wrench", lambda _: None)

@@ -15,8 +15,8 @@ from tests.fakes.lab import Lab
 ERRORS = [ValueError("1e+200"), OverflowError(), RecursionError("deep"), BusError("x")]
 
 
-class Brittle:
-    """A service that breaks off when the test says so."""
+class FailingService:
+    """A service that breaks off when the test sets an error."""
 
     period_s = 0.004
     trigger = None
@@ -35,7 +35,7 @@ class Brittle:
             raise self.error
 
     def counters(self) -> dict[str, int]:
-        """Nothing to count."""
+        """There are no counters."""
         return {}
 
     def broke_off(self, trip: Trip) -> None:
@@ -44,62 +44,64 @@ class Brittle:
 
 
 @pytest.mark.parametrize("error", ERRORS, ids=repr)
-def test_an_unforeseen_error_is_said_at_once_and_the_process_goes_on(error: Exception) -> None:
+def test_an_unforeseen_error_is_reported_at_once_and_the_process_continues(
+    error: Exception,
+) -> None:
     """Health names it in the same step; two seconds after the last one it is well again."""
-    cell, brittle = Cellmates(), Brittle()
+    cell, failing = Cellmates(), FailingService()
     log: list[str] = []
     bus = cell._bus("wrench")
-    heard = cell.client.reader(topics.WRENCH_HEALTH)
+    reader = cell.client.reader(topics.WRENCH_HEALTH)
     contain = Containment("wrench", log.append)
-    runner = Runner(brittle, [reporter_of(bus, CELL)], cell.clock, contain=contain)
+    runner = Runner(failing, [reporter_of(bus, CELL)], cell.clock, contain=contain)
 
     def health() -> Health:
         cell.clock.sleep_s(0.004)
         runner.step(cell.clock.now_ns())
-        message = heard.read(cell.clock.now_ns()).message
+        message = reader.read(cell.clock.now_ns()).message
         assert message is not None
         return message
 
     assert health().valid
-    brittle.error = error
-    said = health()
-    assert (said.valid, said.code) == (False, "internal")
-    assert said.reason == said.fault
-    assert type(error).__name__ in said.reason
-    assert "test_service_breakdown.py" in said.reason
+    failing.error = error
+    report = health()
+    assert (report.valid, report.code) == (False, "internal")
+    assert report.reason == report.fault
+    assert type(error).__name__ in report.reason
+    assert "test_service_breakdown.py" in report.reason
     for _ in range(100):
         health()
-    assert brittle.steps == 102
+    assert failing.steps == 102
     assert contain.breakdowns == 101
     assert len(log) == 1, "one trace a second, however often it comes"
     assert "Traceback" in log[0]
-    assert {trip.code for trip in brittle.trips} == {"internal"}
-    brittle.error = None
+    assert {trip.code for trip in failing.trips} == {"internal"}
+    failing.error = None
     cell.clock.sleep_s(BREAKDOWN_SHOWN_NS / NS_PER_S)
     assert health().valid
 
 
 def test_without_a_containment_it_is_raised() -> None:
     """Virtual cells and tests see their errors."""
-    cell, brittle = Cellmates(), Brittle()
-    runner = Runner(brittle, [reporter_of(cell._bus("wrench"), CELL)], cell.clock)
-    brittle.error = ValueError("seen")
-    with pytest.raises(ValueError, match="seen"):
+    cell, failing = Cellmates(), FailingService()
+    runner = Runner(failing, [reporter_of(cell._bus("wrench"), CELL)], cell.clock)
+    failing.error = ValueError("raised")
+    with pytest.raises(ValueError, match="raised"):
         runner.step(cell.clock.now_ns())
 
 
 @pytest.mark.parametrize("role", ["hub", "robot", "wrench", "regulator"])
 def test_the_arm_goes_to_fault_when_another_process_breaks_off(role: str) -> None:
-    """Under the code of its own, with what the process says; a person clears and arms."""
+    """Under its own code, with the process's text; a person clears and arms."""
     cell = Cellmates().arm()
     well = cell.messages[f"{role}/health"]
     text = f"{role}: ValueError at law.py:7: 1e+200"
     cell.change(f"{role}/health", valid=False, code="internal", reason=text)
     cell.step()
-    assert cell.told().state == "FAULT"
+    assert cell.last_status().state == "FAULT"
     assert cell.codes() == ["internal"]
-    assert text in cell.told().trips[0].text
-    assert cell.said().permission is None
+    assert text in cell.last_status().trips[0].text
+    assert cell.published().permission is None
     assert not cell.ask(topics.CLEAR, Empty()).accepted
     cell.messages[f"{role}/health"] = well
     cell.pass_s(1.1)

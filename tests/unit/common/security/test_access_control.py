@@ -1,4 +1,4 @@
-"""Who may say and hear what: every name and every row of the table of topics, swept."""
+"""Permissions to publish and to receive: every name and every row of the table of topics, swept."""
 
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ def cell(request: pytest.FixtureRequest) -> CellConfig:
 
 
 def allowed(cell: CellConfig, name: str, message: str, flow: str) -> set[str]:
-    """Return the keys on which a name may do something, as the hub is told."""
+    """Return the keys on which a name may do something, in the hub's settings."""
     section: dict[str, Any] = access_control(cell)
     rules = {rule["id"]: rule for rule in section["rules"]}
     ids = [i for p in section["policies"] if p["subjects"] == [name] for i in p["rules"]]
@@ -47,30 +47,32 @@ def played(cell: CellConfig, role: str) -> set[str]:
 
 
 @pytest.mark.parametrize("role", PROCESSES)
-def test_a_role_may_say_its_own_topics_and_nothing_else(cell: CellConfig, role: str) -> None:
+def test_a_role_may_publish_its_own_topics_and_nothing_else(cell: CellConfig, role: str) -> None:
     """Every pair of role and key: allowed if and only if the table names it as the writer."""
     own = [topic for topic in TOPICS if topic.writer in played(cell, role)]
     assert allowed(cell, common_name(role, cell.cell), "put", "ingress") == keys(cell, own)
 
 
 @pytest.mark.parametrize("role", PROCESSES)
-def test_a_role_hears_what_the_table_says_its_own_health_and_the_self_test(
+def test_a_role_receives_the_topics_of_the_table_its_own_health_and_the_self_test(
     cell: CellConfig, role: str
 ) -> None:
     """It may subscribe to no more than it is sent, and is sent no more than it may subscribe to."""
     mine = played(cell, role)
-    heard = [t for t in TOPICS if set(t.readers) & mine or t.key in {f"{r}/health" for r in mine}]
+    received = [
+        t for t in TOPICS if set(t.readers) & mine or t.key in {f"{r}/health" for r in mine}
+    ]
     if role in HELPERS:
-        heard = list(TOPICS)
-    wanted = keys(cell, heard) | {f"{cell.cell}/{SELF_TEST}"}
+        received = list(TOPICS)
+    expected = keys(cell, received) | {f"{cell.cell}/{SELF_TEST}"}
     name = common_name(role, cell.cell)
-    assert allowed(cell, name, "put", "egress") == wanted
-    assert allowed(cell, name, "declare_subscriber", "ingress") == wanted
+    assert allowed(cell, name, "put", "egress") == expected
+    assert allowed(cell, name, "declare_subscriber", "ingress") == expected
 
 
 @pytest.mark.parametrize("role", PROCESSES)
 def test_a_role_answers_its_own_requests_and_asks_nothing(cell: CellConfig, role: str) -> None:
-    """Nobody but the server of a request can answer it; no process can arm the arm."""
+    """Only the server of a request can answer it; no process can arm the arm."""
     served = keys(cell, [r for r in REQUESTS if r.server in played(cell, role)])
     name = common_name(role, cell.cell)
     assert allowed(cell, name, "reply", "ingress") == served
@@ -79,8 +81,8 @@ def test_a_role_answers_its_own_requests_and_asks_nothing(cell: CellConfig, role
     assert allowed(cell, name, "query", "ingress") == set()
 
 
-def test_people_hear_everything_and_say_nothing(cell: CellConfig) -> None:
-    """Operator and panel ask for deeds, a monitor what is said; none may write a single topic."""
+def test_people_receive_everything_and_publish_nothing(cell: CellConfig) -> None:
+    """Operator and panel send requests, a monitor only receives; none may write a single topic."""
     for person in PEOPLE:
         name = common_name(person, cell.cell)
         assert allowed(cell, name, "put", "ingress") == set()
@@ -89,22 +91,24 @@ def test_people_hear_everything_and_say_nothing(cell: CellConfig) -> None:
         assert allowed(cell, name, "declare_subscriber", "ingress") == everything
     described = {f"{cell.cell}/{DESCRIBE}", f"{cell.cell}/{INFO}"}
     everything = keys(cell, REQUESTS) | described
-    for person, wanted in ((OPERATOR, everything), (PANEL, everything), (MONITOR, described)):
+    for person, expected in ((OPERATOR, everything), (PANEL, everything), (MONITOR, described)):
         name = common_name(person, cell.cell)
-        assert allowed(cell, name, "query", "ingress") == wanted
+        assert allowed(cell, name, "query", "ingress") == expected
         for message in ("reply", "declare_queryable"):  # or the answer never comes
-            assert allowed(cell, name, message, "egress") == wanted
+            assert allowed(cell, name, message, "egress") == expected
 
 
-def test_a_monitor_may_hold_and_no_more_if_the_cell_says_so() -> None:
+def test_a_monitor_may_hold_and_no_more_if_the_cell_file_allows_it() -> None:
     """One word in the cell file gives a monitor one request."""
     cell = load_cell(CELLS / "demo.yaml", {"bus.monitor_may_hold": True})
     asked = allowed(cell, common_name(MONITOR, cell.cell), "query", "ingress")
     assert asked == keys(cell, [HOLD]) | {f"{cell.cell}/{DESCRIBE}", f"{cell.cell}/{INFO}"}
 
 
-def test_who_shows_the_hubs_certificate_hears_its_health_and_no_more(cell: CellConfig) -> None:
-    """The hub's own healthcheck is a client: it may say nothing and hear one topic."""
+def test_a_client_with_the_hubs_certificate_receives_its_health_and_no_more(
+    cell: CellConfig,
+) -> None:
+    """The hub's own healthcheck is a client: it may publish nothing and receive one topic."""
     name = common_name("hub", cell.cell)
     health = {f"{cell.cell}/hub/health"}
     assert allowed(cell, name, "declare_subscriber", "ingress") == health
@@ -113,15 +117,15 @@ def test_who_shows_the_hubs_certificate_hears_its_health_and_no_more(cell: CellC
         assert allowed(cell, name, message, "ingress") == set()
 
 
-def test_what_no_rule_allows_is_denied(cell: CellConfig) -> None:
-    """It is on, its default is no, and there is no rule that takes anything away."""
+def test_everything_without_a_rule_is_denied(cell: CellConfig) -> None:
+    """Access control is on, its default is to deny, and no rule takes a permission away."""
     section = access_control(cell)
     assert (section["enabled"], section["default_permission"]) == (True, "deny")
     assert all(rule["permission"] == "allow" for rule in section["rules"])
 
 
-def test_who_may_say_something_learns_that_somebody_listens(cell: CellConfig) -> None:
-    """Without that Zenoh sends nothing; nobody else is told who listens."""
+def test_a_publisher_is_informed_of_subscribers(cell: CellConfig) -> None:
+    """Without that Zenoh sends nothing; no other client is informed of subscribers."""
     for role in PROCESSES:
         name = common_name(role, cell.cell)
         assert allowed(cell, name, "declare_subscriber", "egress") == {f"{cell.cell}/**"}
@@ -129,20 +133,20 @@ def test_who_may_say_something_learns_that_somebody_listens(cell: CellConfig) ->
         assert not allowed(cell, common_name(name, cell.cell), "declare_subscriber", "egress")
 
 
-def test_nobody_may_say_the_self_test(cell: CellConfig) -> None:
+def test_no_role_may_publish_the_self_test(cell: CellConfig) -> None:
     """The key that proves access control is writable by no name."""
     for name in names_of(cell):
         assert f"{cell.cell}/{SELF_TEST}" not in allowed(cell, name, "put", "ingress")
 
 
 def test_a_strange_name_of_this_authority_may_nothing_that_matters(cell: CellConfig) -> None:
-    """The rule that names strangers, so that they are logged, lets them say and hear nothing."""
+    """The rule that names unknown clients, so that they are logged, denies them everything."""
     for message in ("put", "delete", "query", "reply", "declare_queryable"):
         for flow in ("ingress", "egress"):
             assert allowed(cell, ANY_CLIENT, message, flow) == set()
 
 
-def test_no_rule_reaches_beyond_the_cell_and_every_policy_names_what_is_there(
+def test_no_rule_reaches_beyond_the_cell_and_every_policy_has_existing_names(
     cell: CellConfig,
 ) -> None:
     """Keys begin with the cell's name; Zenoh refuses empty lists and unknown names."""
@@ -157,7 +161,7 @@ def test_no_rule_reaches_beyond_the_cell_and_every_policy_names_what_is_there(
 
 
 def test_a_cell_below_is_watched_and_commands_nothing() -> None:
-    """The hub above lets the hub below say its own topics; people above hear them, ask nothing."""
+    """The hub below may publish its own topics; people above receive them and send no request."""
     above = load_cell(CELLS / "demo.yaml", {"bus.below": ["left"]})
     topics = {f"left/{topic.key}" for topic in TOPICS}
     assert allowed(above, "hub.left", "put", "ingress") == topics
@@ -170,8 +174,8 @@ def test_a_cell_below_is_watched_and_commands_nothing() -> None:
     assert not any(key.startswith("left/") for key in asked)
 
 
-def test_the_hub_above_hears_and_says_nothing() -> None:
-    """Who is above cannot put a single message into the cell below."""
+def test_the_hub_above_receives_and_publishes_nothing() -> None:
+    """The hub above cannot put a single message into the cell below."""
     upstream = {"endpoint": "tls/above:7447", "cell": "above"}
     below = load_cell(CELLS / "demo.yaml", {"bus.upstream": upstream})
     assert allowed(below, "hub.above", "put", "egress") == keys(below, TOPICS)

@@ -22,7 +22,7 @@ DEMO = str(ROOT / "cells" / "demo.yaml")
 
 
 def pki(*words: str, folder: Path) -> tuple[int, str]:
-    """Run `forcemesh pki`; return exit code and what it says."""
+    """Run `forcemesh pki`; return exit code and output."""
     arguments = ["pki", *words, "--cell", DEMO, "--folder", str(folder)]
     result = CliRunner().invoke(app, arguments)
     return result.exit_code, result.output
@@ -46,16 +46,16 @@ def issue(folder: Path, name: str, *, days: int = 365, cell: str = "demo") -> No
 
 
 def wrong(folder: Path, after_days: float = 0.0) -> list[CertificateFinding]:
-    """Return what is not good so many days after it was made."""
+    """Return the bad findings so many days after the folder was made."""
     found = check_folder(folder, "demo", NOW + dt.timedelta(days=after_days))
     return [finding for finding in found if finding.verdict != "good"]
 
 
 def test_a_certificate_is_not_wrong_and_good_at_once(folder: Path) -> None:
-    """What is right about it besides is not said; the remedy names the folder that was named."""
+    """Its right properties are not reported; the remedy names the folder that was named."""
     (folder / "operator.key").chmod(0o644)
-    said = [each.verdict for each in check_folder(folder, "demo", NOW) if each.name == "operator"]
-    assert said == ["wrong"]
+    output = [each.verdict for each in check_folder(folder, "demo", NOW) if each.name == "operator"]
+    assert output == ["wrong"]
     code, words = pki("check", folder=folder)
     assert code == 1
     assert f"forcemesh pki issue operator --again --cell {DEMO} --folder {folder}" in words
@@ -68,14 +68,14 @@ def certificate(folder: Path, name: str) -> x509.Certificate:
 
 def test_init_makes_all_names_and_check_finds_nothing_wrong(tmp_path: Path) -> None:
     """Every role and person gets a certificate with its own name, for both ends of a link."""
-    code, said = pki("init", "--host", "labpc", "--host", "192.168.1.7", folder=tmp_path / "pki")
-    assert code == 0, said
+    code, output = pki("init", "--host", "labpc", "--host", "192.168.1.7", folder=tmp_path / "pki")
+    assert code == 0, output
     for name in NAMES:
         made = certificate(tmp_path / "pki", name)
-        said_name = made.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value
-        assert said_name == f"{name}.demo"
+        common_name = made.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value
+        assert common_name == f"{name}.demo"
         usage = made.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
-        if name != "hub":  # whoever has this certificate can be nobody's hub
+        if name != "hub":  # no owner of this certificate can be a hub
             assert set(usage) == {ExtendedKeyUsageOID.CLIENT_AUTH}
             with pytest.raises(x509.ExtensionNotFound):
                 made.extensions.get_extension_for_class(x509.SubjectAlternativeName)
@@ -126,17 +126,17 @@ def test_an_older_certificate_that_could_be_the_hub_is_wrong(
 
 
 def test_a_hub_with_a_clients_certificate_is_wrong(folder: Path) -> None:
-    """It would be turned away by everybody; the check says so before the cell is up."""
+    """Every role would refuse it; the check reports that before the cell is up."""
     older(folder, "hub", [ExtendedKeyUsageOID.CLIENT_AUTH])
     (finding,) = wrong(folder)
     assert "every client rejects a hub" in finding.text
 
 
 def test_only_the_hub_has_hosts(tmp_path: Path) -> None:
-    """Nobody connects to a monitor; to ask for its host is a mistake, and said to be one."""
+    """No client connects to a monitor; a host for it is a mistake, and reported as one."""
     pki("init", folder=tmp_path)
-    code, said = pki("issue", "monitor", "--again", "--host", "labpc", folder=tmp_path)
-    assert (code, "--host is for hub and panel-page" in said) == (2, True)
+    code, output = pki("issue", "monitor", "--again", "--host", "labpc", folder=tmp_path)
+    assert (code, "--host is for hub and panel-page" in output) == (2, True)
     assert pki("issue", "hub", "--again", "--host", "labpc", folder=tmp_path)[0] == 0
 
 
@@ -153,12 +153,12 @@ def test_only_the_owner_reads_any_file(tmp_path: Path) -> None:
 
 
 def test_nothing_is_written_over_by_accident(tmp_path: Path) -> None:
-    """A second init, and a second issue of a name, are refused until `--again` is said."""
+    """A second init, and a second issue of a name, are refused until `--again` is given."""
     pki("init", folder=tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     for words in (("init",), ("issue", "wrench")):
-        code, said = pki(*words, folder=tmp_path)
-        assert (code, "--again" in said) == (2, True)
+        code, output = pki(*words, folder=tmp_path)
+        assert (code, "--again" in output) == (2, True)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert pki("issue", "wrench", "--again", folder=tmp_path)[0] == 0
     changed = {name for name in before if (tmp_path / name).read_bytes() != before[name]}
@@ -166,12 +166,12 @@ def test_nothing_is_written_over_by_accident(tmp_path: Path) -> None:
 
 
 def test_another_machine_gets_its_own_key_and_not_the_authoritys(tmp_path: Path) -> None:
-    """`issue --to` writes what one name needs and nothing that makes others."""
+    """`issue --to` writes the files of one name and nothing that makes others."""
     pki("init", folder=tmp_path / "pki")
-    code, said = pki(
+    code, output = pki(
         "issue", "monitor", "--again", "--to", str(tmp_path / "screen"), folder=tmp_path / "pki"
     )
-    assert code == 0, said
+    assert code == 0, output
     files = {path.name for path in (tmp_path / "screen").iterdir()}
     assert files == {"ca.pem", "monitor.pem", "monitor.key"}
     assert pki("check", folder=tmp_path / "screen")[0] == 0
@@ -180,21 +180,21 @@ def test_another_machine_gets_its_own_key_and_not_the_authoritys(tmp_path: Path)
 def test_cells_that_meet_can_share_an_authority(tmp_path: Path) -> None:
     """A second cell's folder made with `--authority` is trusted by the first, without its key."""
     pki("init", folder=tmp_path / "a")
-    code, said = pki("init", "--authority", str(tmp_path / "a"), folder=tmp_path / "b")
-    assert code == 0, said
+    code, output = pki("init", "--authority", str(tmp_path / "a"), folder=tmp_path / "b")
+    assert code == 0, output
     assert not (tmp_path / "b" / "ca.key").exists()
     authority = certificate(tmp_path / "a", "ca")
     certificate(tmp_path / "b", "hub").verify_directly_issued_by(authority)
 
 
-def test_a_name_that_nobody_has_is_not_issued(tmp_path: Path) -> None:
+def test_an_unknown_name_is_not_issued(tmp_path: Path) -> None:
     """A typing mistake makes no certificate; the names are listed."""
     pki("init", folder=tmp_path)
-    code, said = pki("issue", "arbitre", folder=tmp_path)
-    assert (code, "arbiter" in said) == (2, True)
+    code, output = pki("issue", "arbitre", folder=tmp_path)
+    assert (code, "arbiter" in output) == (2, True)
 
 
-def test_compose_settings_are_written_beside_what_was_there(tmp_path: Path) -> None:
+def test_compose_settings_are_added_to_the_existing_ones(tmp_path: Path) -> None:
     """`--env` sets folder and user in a file of settings and keeps the other lines."""
     env = tmp_path / ".env"
     env.write_text("CELL=mine.yaml\nFORCEMESH_PKI=/old\n")
@@ -210,7 +210,7 @@ def test_compose_settings_are_written_beside_what_was_there(tmp_path: Path) -> N
 
 
 def test_only_its_owner_reads_the_settings_that_hold_the_panels_token(tmp_path: Path) -> None:
-    """`.env` is 0600, also where an older one was not; never half written, nothing left beside."""
+    """`.env` is 0600, also where an older one was not; never half written, no file left over."""
     env = tmp_path / ".env"
     env.write_text("CELL=mine.yaml\n")
     env.chmod(0o644)
@@ -226,22 +226,22 @@ def test_only_its_owner_reads_the_settings_that_hold_the_panels_token(tmp_path: 
 
 
 def test_a_good_folder_is_good(folder: Path) -> None:
-    """Nothing is said against what has just been made."""
+    """A folder that has just been made has no findings."""
     assert wrong(folder) == []
 
 
 @pytest.mark.parametrize(("days", "verdict"), [(350.9, ""), (351.1, "soon"), (365.1, "wrong")])
-def test_the_end_is_told_two_weeks_before_and_after_it(
+def test_the_end_is_reported_two_weeks_before_and_after_it(
     folder: Path, days: float, verdict: str
 ) -> None:
-    """Every name is told, each with the command that makes a new one."""
+    """Every name is reported, each with the command that makes a new one."""
     found = wrong(folder, after_days=days)
     assert {f.verdict for f in found} == ({verdict} if verdict else set())
     assert len(found) == (len(NAMES) if verdict else 0)
     assert all(f.remedy == f"forcemesh pki issue {f.name} --again" for f in found)
 
 
-def test_a_clock_that_is_behind_is_told(folder: Path) -> None:
+def test_a_clock_that_is_behind_is_reported(folder: Path) -> None:
     """A certificate from the future is a matter of the clock, not of the certificate."""
     assert {f.remedy for f in wrong(folder, after_days=-1)} == {"set the clock"}
 
@@ -260,18 +260,18 @@ def test_everything_that_is_wrong_with_a_certificate_is_named(folder: Path) -> N
     (folder / "operator.pem").unlink()
     (folder / "operator.pem").write_text("what is this")
     (folder / "monitor.key").unlink()
-    said = {finding.name: finding.text for finding in wrong(folder)}
-    assert said["hub"] == "missing"
-    assert "it is for robot.other, not for robot.demo" in said["robot"]
-    assert "has not signed it" in said["sensor"]
-    assert "not the key of wrench.pem" in said["wrench"]
-    assert "is readable by others (mode 440)" in said["regulator"]
-    assert "no certificate" in said["operator"]
-    assert "no key" in said["monitor"]
-    assert set(said) == set(NAMES) - {"arbiter", "recorder", "panel"}
+    output = {finding.name: finding.text for finding in wrong(folder)}
+    assert output["hub"] == "missing"
+    assert "it is for robot.other, not for robot.demo" in output["robot"]
+    assert "has not signed it" in output["sensor"]
+    assert "not the key of wrench.pem" in output["wrench"]
+    assert "is readable by others (mode 440)" in output["regulator"]
+    assert "no certificate" in output["operator"]
+    assert "no key" in output["monitor"]
+    assert set(output) == set(NAMES) - {"arbiter", "recorder", "panel"}
 
 
-def test_an_empty_folder_says_what_to_do(tmp_path: Path) -> None:
+def test_an_empty_folder_is_reported_with_the_remedy(tmp_path: Path) -> None:
     """Before the first `init` there is one line with one remedy, and the exit code is 1."""
     found = check_folder(tmp_path, "demo", NOW)
     assert [(f.name, f.remedy) for f in found] == [("ca", "forcemesh pki init")]

@@ -88,7 +88,7 @@ def test_every_verb_waits_until_it_is_so(lab: Lab, cell: ConfiguredCell) -> None
 def test_a_refusal_carries_code_remedy_and_the_number_that_was_too_much(
     calm: ConfiguredCell,
 ) -> None:
-    """What a program needs, and the sentence that a person needs."""
+    """Codes and numbers for a program, and the sentence for a person."""
     with pytest.raises(RefusedError) as caught:
         calm.force.start(500.0)
     error = caught.value
@@ -113,7 +113,7 @@ def test_a_move_returns_where_the_arm_is(lab: Lab, cell: ConfiguredCell) -> None
 def test_a_jog_shifts_and_turns_the_tool(
     cell: ConfiguredCell, axes: Literal["base", "tool"], up_m: float
 ) -> None:
-    """Along base z, and back along the tool's own z, which points down here: the same way."""
+    """Along base z, and back along the tool's own z, which points down here: the same direction."""
     before = cell.state()
     there = cell.jog((0.0, 0.0, up_m), (0.0, 0.0, 0.1), axes=axes)
     assert there.position_m[2] == pytest.approx(before.position_m[2] + 0.01, abs=1e-4)
@@ -124,7 +124,7 @@ def test_a_jog_shifts_and_turns_the_tool(
 def test_a_move_that_returned_may_be_followed_by_the_next_at_once(
     lab: Lab, cell: ConfiguredCell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where the arbiter hears of the arrival after the client, as on a busy machine."""
+    """Also where the arbiter receives the arrival after the client, as on a busy machine."""
     arbiter = lab.cell.runners["arbiter"]
     due = arbiter.due
     monkeypatch.setattr(arbiter, "due", lambda now_ns: now_ns % SELDOM_NS == 0 and due(now_ns))
@@ -140,8 +140,8 @@ def test_a_move_out_of_reach_is_refused_before_it_begins(calm: ConfiguredCell) -
     assert caught.value.code in FAULTS
 
 
-def test_a_move_that_is_stopped_says_by_what(lab: Lab, cell: ConfiguredCell) -> None:
-    """A hold by somebody else ends the waiting with its reason and the way on."""
+def test_a_move_that_is_stopped_reports_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
+    """A hold by another client ends the waiting with its reason and the remedy."""
     going = cell.move.begin(up(cell))
     lab.cell.advance(0.3)
     lab.ask(topics.HOLD, HoldRequest(reason="a visitor"))
@@ -152,7 +152,7 @@ def test_a_move_that_is_stopped_says_by_what(lab: Lab, cell: ConfiguredCell) -> 
 
 
 def test_a_move_without_time_left_holds_the_arm(cell: ConfiguredCell) -> None:
-    """What nobody waits for any more does not go on."""
+    """A move without a waiting client does not continue."""
     with pytest.raises(NotReachedError, match=r"not complete within 0\.2 s"):
         cell.move.begin(up(cell)).wait(timeout_s=0.2)
     assert cell.status().state == "HOLDING"
@@ -161,7 +161,7 @@ def test_a_move_without_time_left_holds_the_arm(cell: ConfiguredCell) -> None:
 def test_pressing_that_does_not_come_about_stops_force_feedback(
     lab: Lab, cell: ConfiguredCell
 ) -> None:
-    """The time is up while the tool is still on its way to the plate."""
+    """The time is up while the tool is still above the plate."""
     with pytest.raises(NotReachedError, match=r"15 N were not reached within 0\.1 s"):
         cell.force.press(15.0, within_s=0.1)
     lab.cell.advance(0.2)
@@ -169,20 +169,20 @@ def test_pressing_that_does_not_come_about_stops_force_feedback(
     assert cell.target.reading().message.mode is None  # type: ignore[union-attr]
 
 
-def test_pressing_that_is_stopped_says_by_what(lab: Lab, cell: ConfiguredCell) -> None:
+def test_pressing_that_is_stopped_reports_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
     """A hold while the tool approaches."""
     lab.cell.advance(0.1)
     stop_at = lab.cell.clock.now_ns() + 200_000_000
 
     def hold(_: float) -> None:
-        if lab.cell.clock.now_ns() > stop_at and cell.status().goes_on:
+        if lab.cell.clock.now_ns() > stop_at and cell.status().operational:
             lab.ask(topics.HOLD, HoldRequest(reason="a visitor"))
 
     with pytest.raises(ArmStoppedError, match=r"pressing ended.*a visitor"):
         cell.force.press(15.0, progress=hold)
 
 
-def test_what_nobody_started_cannot_be_changed(calm: ConfiguredCell) -> None:
+def test_a_motion_that_was_not_started_cannot_be_changed(calm: ConfiguredCell) -> None:
     """A set point alone would leave mode and axes to chance."""
     with pytest.raises(ForcemeshError, match="use start"):
         calm.force.set(5.0)
@@ -206,14 +206,16 @@ def test_what_nobody_started_cannot_be_changed(calm: ConfiguredCell) -> None:
         (lambda cell: cell.arm("weld"), "purpose: .*found 'weld'"),
     ],
 )
-def test_an_argument_that_no_request_can_say_is_named(calm: ConfiguredCell, do, names: str) -> None:
+def test_an_argument_that_no_request_can_carry_is_named(
+    calm: ConfiguredCell, do, names: str
+) -> None:
     """One sentence of ours, nothing was sent."""
     with pytest.raises(DataError, match=names):
         do(calm)
 
 
 def test_gains_come_back_as_numbers(calm: ConfiguredCell) -> None:
-    """What was set is there, what was left out is as before."""
+    """Set gains are there, omitted ones are as before."""
     before = calm.force.gains()
     assert isinstance(before, Gains)
     assert before.force_i_m_per_Ns[0] > 0.0
@@ -222,15 +224,15 @@ def test_gains_come_back_as_numbers(calm: ConfiguredCell) -> None:
 
 
 def test_speeds_that_are_left_out_keep_their_value(calm: ConfiguredCell) -> None:
-    """The arbiter sends along what was set."""
+    """The arbiter sends the set speeds with each request."""
     before = calm.speed()
-    wanted = calm.speed(mechanical_m_s=0.02)
+    returned = calm.speed(mechanical_m_s=0.02)
     calm.session.clock.sleep_s(0.05)
-    assert calm.speed() == wanted == before.model_copy(update={"mechanical_m_s": 0.02})
+    assert calm.speed() == returned == before.model_copy(update={"mechanical_m_s": 0.02})
 
 
 def test_a_service_that_died_is_named(lab: Lab, cell: ConfiguredCell) -> None:
-    """By the feed that fell silent, and by the request that nobody answers."""
+    """By its feed that ended, and by the request without an answer."""
     lab.cell.kill("wrench")
     with pytest.raises(LostError, match=r"silent: wrench\b") as caught:
         cell.ask(topics.TARE, Empty(), answer_s=0.1)
@@ -239,8 +241,8 @@ def test_a_service_that_died_is_named(lab: Lab, cell: ConfiguredCell) -> None:
         cell.wrench(within_s=0.05)
 
 
-def test_a_service_that_cannot_answer_says_why(lab: Lab, cell: ConfiguredCell) -> None:
-    """The wrench without a robot is heard, and is no force."""
+def test_a_service_that_cannot_answer_gives_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
+    """The wrench without a robot publishes, and its message is no force."""
     lab.cell.kill("robot")
     lab.cell.advance(0.3)
     with pytest.raises(NotValidError) as caught:
@@ -251,12 +253,12 @@ def test_a_service_that_cannot_answer_says_why(lab: Lab, cell: ConfiguredCell) -
 
 def test_a_stream_yields_each_message_once_and_in_order(calm: ConfiguredCell) -> None:
     """At the rate of the cell, with the stamps of its writer."""
-    heard = list(calm.wrench.stream(seconds=0.5))
-    numbers = [each.header.seq for each in heard]
+    received = list(calm.wrench.stream(seconds=0.5))
+    numbers = [each.header.seq for each in received]
     assert numbers == sorted(set(numbers))
     rate_hz = calm.config.rate_hz(topics.WRENCH)
-    assert len(heard) == pytest.approx(0.5 * rate_hz, rel=0.1)
-    assert heard[-1].stamp_s - heard[0].stamp_s == pytest.approx(0.5, rel=0.1)
+    assert len(received) == pytest.approx(0.5 * rate_hz, rel=0.1)
+    assert received[-1].stamp_s - received[0].stamp_s == pytest.approx(0.5, rel=0.1)
 
 
 def test_a_stream_that_falls_silent_ends_with_the_reason(lab: Lab, cell: ConfiguredCell) -> None:
@@ -266,7 +268,7 @@ def test_a_stream_that_falls_silent_ends_with_the_reason(lab: Lab, cell: Configu
         list(cell.wrench.stream(silence_s=0.5))
 
 
-def test_a_rate_is_the_writers_however_seldom_one_looks(lab: Lab, cell: ConfiguredCell) -> None:
+def test_a_rate_is_the_writers_however_seldom_it_is_read(lab: Lab, cell: ConfiguredCell) -> None:
     """It is taken from the numbers that messages carry."""
     for _ in range(4):
         cell.wrench.reading()

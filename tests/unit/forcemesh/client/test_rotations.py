@@ -22,7 +22,7 @@ def frame(position_m: Vec3, oat_deg: Vec3) -> PoseRecord:
 
 @given(DEGREES)
 def test_o_a_t_give_the_same_rotation(oat_deg: Vec3) -> None:
-    """Rz(o) Ry(a) Rz(t), by either way."""
+    """Rz(o) Ry(a) Rz(t), by either function."""
     R = R_from_quaternion(turning.from_oat_deg(oat_deg))
     assert pytest.approx(R_from_oat(Oat(*np.radians(oat_deg))), abs=1e-12) == R
 

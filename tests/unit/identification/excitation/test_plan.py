@@ -1,4 +1,4 @@
-"""The plan of a calibration: inside the fence all the way, well conditioned, the same each time."""
+"""Plan of a calibration: paths inside the workspace, well conditioned, reproducible."""
 
 from itertools import pairwise
 
@@ -30,7 +30,7 @@ from tests.fakes.bench import DEMO
 from tests.fakes.calibration import HOME_RAD
 
 ARM = ArmKinematics()
-SPREAD_RAD = np.radians([40.0, 15.0, 15.0, 20.0, 20.0, 60.0])  # of starts, about the demo's
+SPREAD_RAD = np.radians([40.0, 15.0, 15.0, 20.0, 20.0, 60.0])  # of start poses, about the demo's
 WALL = {"point_m": [0.0, 0.62, 0.0], "normal": [0.0, -2.0, 0.0]}
 SMALL = {
     "limits.workspace_min_m": [-0.1, 0.375, 0.2],
@@ -61,7 +61,7 @@ def points_of(cell, q):
 
 
 def assert_inside(cell, plan: CalibrationPlan) -> None:
-    """Walk the whole way finely and look at every point."""
+    """Check every point of the whole path in small steps."""
     lowest_m = points_of(cell, plan.route.q_start)[:, 2].min() - 1e-6
     low, high = np.array(cell.limits.workspace_min_m), np.array(cell.limits.workspace_max_m)
     joint_low, joint_high = (
@@ -82,7 +82,7 @@ def assert_inside(cell, plan: CalibrationPlan) -> None:
 
 
 def refuse_all(plan: CalibrationPlan) -> None:
-    """Refuse pose after pose, until the plan gives up."""
+    """Refuse pose after pose until the plan raises its error."""
     for _ in range(len(plan.q)):
         plan = plan.without(plan.fit[0])
 
@@ -101,8 +101,8 @@ def plan_or_refusal(cell, q_start, options) -> CalibrationPlan | str:
     walls=st.sampled_from([[], [WALL]]),
     turn_deg=st.sampled_from([60.0, 120.0, 180.0]),
 )
-def test_goals_and_ways_stay_inside_from_any_start(offset, walls, turn_deg):
-    """Box, walls, floor and joint limits hold for three points, or it is refused with advice."""
+def test_goals_and_paths_stay_inside_from_any_start(offset, walls, turn_deg):
+    """Three points keep box, walls, floor and joint limits, or the plan is refused with advice."""
     cell = cell_with(planes=walls)
     q_start = HOME_RAD + np.array(offset) * SPREAD_RAD
     found = plan_or_refusal(cell, q_start, PlanOptions(turn_rad=np.radians(turn_deg)))
@@ -116,8 +116,8 @@ def test_goals_and_ways_stay_inside_from_any_start(offset, walls, turn_deg):
 @pytest.mark.parametrize(
     "corner", [(1, 1, 1, 1, 1, 1), (-1, 1, -1, 0, 1, -1), (0, 1, 0, -1, -1, 0)]
 )
-def test_from_usual_starts_there_is_a_good_plan(corner):
-    """Arm and wrist well away from the demo's own start: ten poses that tell the payload."""
+def test_usual_start_poses_have_a_well_conditioned_plan(corner):
+    """Arm and wrist far from the demo's own start: ten poses that identify the payload."""
     plan = make_plan(cell_with(), ARM, HOME_RAD + np.array(corner) * SPREAD_RAD, PlanOptions())
     assert len(plan.fit) == 10
     assert plan.conditioning < 3.0
@@ -130,15 +130,15 @@ def plan() -> CalibrationPlan:
 
 
 def test_the_same_start_gives_the_same_plan(plan):
-    """A person who looks at the plan twice sees the same one."""
+    """A repeated planning gives an identical plan."""
     again = make_plan(cell_with(), ARM, HOME_RAD, PlanOptions())
     assert again.fit == plan.fit
     assert again.verify == plan.verify
     assert np.array_equal(again.q, plan.q)
 
 
-def test_gravity_goes_all_round_the_sensor(plan):
-    """The tool comes to point upwards too, and every axis feels the weight both ways."""
+def test_the_poses_cover_all_directions_of_gravity(plan):
+    """The tool also points upwards, and every sensor axis carries the weight in both directions."""
     down = -plan.R_base_sensor[list(plan.fit), 2, :]
     assert (down.max(axis=0) > 0.5).all()
     assert (down.min(axis=0) < -0.3).all()
@@ -157,7 +157,7 @@ def test_the_expected_condition_number_is_that_of_the_design_matrix(plan):
     assert plan.conditioning == pytest.approx(singular[0] / singular[-1], rel=1e-3)
 
 
-def test_the_choice_is_better_than_attitudes_at_random(plan):
+def test_chosen_attitudes_are_better_than_random_ones(plan):
     """Of fifty random choices among the same candidates none is conditioned better by much."""
     rng = np.random.default_rng(3)
     numbers = [
@@ -169,7 +169,7 @@ def test_the_choice_is_better_than_attitudes_at_random(plan):
 
 
 @pytest.mark.parametrize("wrong_deg", [0.0, 1.0])
-def test_ten_planned_poses_tell_the_payload_also_with_a_tilt_and_a_turned_sensor(plan, wrong_deg):
+def test_ten_planned_poses_identify_the_payload_also_with_tilt_and_mounting(plan, wrong_deg):
     """0.02 N and 1 mN m over 200 random attitudes, means of 250 readings with a sensor's noise."""
     wrong = np.radians(wrong_deg)
     truth = Payload(
@@ -195,7 +195,7 @@ def test_ten_planned_poses_tell_the_payload_also_with_a_tilt_and_a_turned_sensor
 
 
 def test_fresh_poses_are_far_from_those_of_the_fit(plan):
-    """What verifies has not been seen: another attitude by tens of degrees."""
+    """Poses that verify differ from those of the fit by tens of degrees."""
     fit = plan.R_base_sensor[list(plan.fit)]
     apart = [angle(plan.R_base_sensor[place], fit).min() for place in plan.verify]
     assert len(apart) == 4
@@ -204,7 +204,7 @@ def test_fresh_poses_are_far_from_those_of_the_fit(plan):
 
 
 def test_a_small_box_gives_a_plan_inside_it(plan):
-    """20 centimetres are enough, with ways by the hub where the direct ones are closed."""
+    """20 centimetres are enough, with paths through the hub where direct ones are blocked."""
     cell = load_cell(DEMO, {"calibration": None, **SMALL})
     small = make_plan(cell, ARM, HOME_RAD, PlanOptions())
     assert_inside(cell, small)
@@ -212,7 +212,7 @@ def test_a_small_box_gives_a_plan_inside_it(plan):
 
 
 def test_a_refused_pose_is_replaced_by_another_one(plan):
-    """The plan keeps its size; neither the refused pose nor one beside it comes back."""
+    """The plan keeps its size; neither the refused pose nor one close to it is chosen again."""
     refused = plan.fit[3]
     other = plan.without(refused)
     assert len(other.fit) == len(plan.fit)
@@ -225,15 +225,15 @@ def test_a_refused_pose_is_replaced_by_another_one(plan):
     assert fewer.fit == plan.fit
 
 
-def test_when_every_pose_is_refused_it_ends_with_advice(plan):
-    """There is no endless search: below six poses it says what to do."""
+def test_refusing_every_pose_ends_with_advice(plan):
+    """There is no endless search: below six poses the error gives the remedy."""
     ended = r"only 5 poses remain, at least 6 are needed: .*--manual"
     with pytest.raises(CalibrationError, match=ended):
         refuse_all(plan)
 
 
 @pytest.mark.parametrize(
-    ("limits", "says"),
+    ("limits", "problem"),
     [
         ({"workspace_min_m": [-0.4, 0.2, 0.3]}, "TCP would be at z = 217 mm"),
         ({"workspace_max_m": [0.4, 0.8, 0.3]}, "flange would be at z = 377 mm"),
@@ -247,23 +247,23 @@ def test_when_every_pose_is_refused_it_ends_with_advice(plan):
         ({"tether_deg": 1.0}, "tether_deg"),
     ],
 )
-def test_a_cell_without_room_is_refused_with_advice(limits, says):
-    """One sentence that says where it fails, and what to do."""
-    with pytest.raises(CalibrationError, match=says) as error:
+def test_a_cell_without_room_is_refused_with_advice(limits, problem):
+    """One sentence gives the cause and the remedy."""
+    with pytest.raises(CalibrationError, match=problem) as error:
         make_plan(cell_with(**limits), ARM, HOME_RAD, PlanOptions())
     assert "--manual" in str(error.value)
 
 
-def test_fewer_poses_than_asked_for_are_told():
-    """Sixty poses that differ do not fit into a small box: it says how many do."""
+def test_fewer_poses_than_requested_are_reported():
+    """40 distinct poses do not fit into a small box: the warning gives the possible number."""
     cell = load_cell(DEMO, {"calibration": None, **SMALL})
     plan = make_plan(cell, ARM, HOME_RAD, PlanOptions(poses=40))
     assert LEAST_PLANNED_POSES <= len(plan.fit) < 40
     assert f"only {len(plan.fit)} of 40 poses are possible" in plan.warnings[0]
 
 
-def test_attitudes_that_differ_about_the_vertical_alone_teach_little():
-    """Turning about gravity leaves it as it is: the condition number says so."""
+def test_attitudes_that_differ_only_about_the_vertical_are_poorly_conditioned():
+    """Rotation about gravity does not change its direction: the condition number is large."""
     turns = np.radians(np.arange(0.0, 360.0, 30.0))
     R = np.array(
         [[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in turns]
@@ -272,11 +272,11 @@ def test_attitudes_that_differ_about_the_vertical_alone_teach_little():
     assert best_attitudes(R[:2], USUAL_PAYLOAD, 5) in ([0, 1], [1, 0])
 
 
-# --- the model -----------------------------------------------------------------------------------
+# --- the model ------------------------------------------------------------------------------------
 
 
 def state_with(T_reported) -> RobotState:
-    """Return what an arm at home says, its pose being another one perhaps."""
+    """Return the state of an arm at home that reports this pose."""
     record = record_of(T_reported)
     return RobotState(
         position_m=record.position_m,
@@ -285,14 +285,14 @@ def state_with(T_reported) -> RobotState:
     )
 
 
-def test_an_arm_that_agrees_with_its_model_may_be_planned_for():
-    """The pose is that of the joints: nothing is said against it."""
+def test_an_arm_that_agrees_with_its_model_can_be_planned_for():
+    """The reported pose is that of the joints: no error."""
     state = state_with(ARM.flange_pose(HOME_RAD))
     assert np.array_equal(by_arm._model(cell_with(), state).upper_rad, ARM.upper_rad)
 
 
-def test_a_pose_that_does_not_agree_is_refused_with_its_mistake_and_the_way_out():
-    """TOOL is set on the pendant: a plan by the model would lead elsewhere."""
+def test_a_pose_that_contradicts_the_model_is_refused_with_cause_and_remedy():
+    """With TOOL set on the pendant, a plan by the model would lead to other poses."""
     cell = cell_with()
     state = state_with(ARM.flange_pose(HOME_RAD) * cell.tool.T_flange_tcp.pose)
     with pytest.raises(
@@ -302,7 +302,7 @@ def test_a_pose_that_does_not_agree_is_refused_with_its_mistake_and_the_way_out(
 
 
 def test_another_arm_is_refused():
-    """The joint limits of the cell file tell that it is not the arm that is known."""
+    """The joint limits of the cell file differ from those of the known arm."""
     cell = load_cell(
         DEMO, {"calibration": None, "robot.joint_max_deg": [160, 135, 157, 200, 125, 360]}
     )
@@ -310,14 +310,14 @@ def test_another_arm_is_refused():
         by_arm._model(cell, state_with(ARM.flange_pose(HOME_RAD)))
 
 
-def test_the_person_is_told_the_box_and_what_is_not_known(plan):
-    """Numbers in millimetres, how long, and that only the box is known."""
-    told = by_arm.motion_description(cell_with(planes=[WALL]), plan, WizardTiming(0.1))
-    assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in told
-    assert "and 1 plane(s)" in told
-    assert "above z = 217 mm" in told
-    assert "10 poses and 4 to verify" in told
-    assert "other obstacles are unknown" in told
+def test_the_motion_description_gives_the_box_and_its_limitations(plan):
+    """It has numbers in millimetres, the duration, and that only the box is known."""
+    description = by_arm.motion_description(cell_with(planes=[WALL]), plan, WizardTiming(0.1))
+    assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in description
+    assert "and 1 plane(s)" in description
+    assert "above z = 217 mm" in description
+    assert "10 poses and 4 to verify" in description
+    assert "other obstacles are unknown" in description
     assert "4 poses, about" in by_arm.motion_description(
         cell_with(), plan, WizardTiming(0.1), fitting=False
     )

@@ -1,4 +1,4 @@
-"""Every wrong way to install a sensor is told from its weight, with a remedy that fixes it."""
+"""Check of the sensor's installation from the tool's weight, with remedies that fix it."""
 
 from dataclasses import replace
 
@@ -13,14 +13,14 @@ from identification.installation.axes import EYE
 from identification.installation.axis_fit import SIGNED, TURNS
 from identification.installation.check import judge_installation, rejection_reason
 from identification.installation.texts import oat_text
-from tests.fakes.installations import ERRORS, PAYLOAD, belief, mended, oat_matrix, readings
+from tests.fakes.installations import ERRORS, PAYLOAD, apply_remedy, belief, oat_matrix, readings
 
 CHANNELS = ("all six", "forces", "torques")
 
 
 @st.composite
 def payloads(draw) -> Payload:
-    """Draw a tool of some weight that sits on the tool's side, off its axis, and any bias."""
+    """Draw a payload on the tool's side, off the sensor's axis, with any bias."""
     number = st.floats(-1.0, 1.0)
     off = st.floats(0.01, 0.03) | st.floats(-0.03, -0.01)
     return Payload(
@@ -35,7 +35,7 @@ oats = st.tuples(st.floats(-180.0, 180.0), st.floats(5.0, 175.0), st.floats(-180
 
 
 def wired(wiring, channels):
-    """Return what forces and torques show when some of the channels are wired so."""
+    """Return the axis maps of force and torque when some of the channels have this wiring."""
     return {
         "force": EYE if channels == "torques" else wiring,
         "torque": EYE if channels == "forces" else wiring,
@@ -43,7 +43,7 @@ def wired(wiring, channels):
 
 
 def test_there_are_48_wirings_and_a_mounting_can_have_24_of_them() -> None:
-    """All different, the right one first."""
+    """All are different; the correct one is the first."""
     assert len({tuple(W.ravel()) for W in SIGNED}) == 48
     assert np.array_equal(SIGNED[0], EYE)
     assert len(TURNS) == 24
@@ -51,19 +51,21 @@ def test_there_are_48_wirings_and_a_mounting_can_have_24_of_them() -> None:
 
 @pytest.mark.parametrize("world", [None, ERRORS], ids=["a good cell", "tilt, gain, drift"])
 @pytest.mark.parametrize("channels", CHANNELS)
-def test_all_47_wrong_installations_are_told_and_mended(channels, world) -> None:
-    """The right one is right; for each other one, what the finding says to write makes it right."""
+def test_all_47_wrong_installations_are_identified_and_their_remedies_fix_them(
+    channels, world
+) -> None:
+    """The correct one passes; for each other one the values that the finding gives correct it."""
     for number, wiring in enumerate(SIGNED):
-        seen = readings(**wired(wiring, channels), world=world, seed=number, poses=8)
-        found = judge_installation(seen, belief())
-        told = f"{channels} {wiring.astype(int).tolist()}: {[str(f) for f in found.findings]}"
+        recorded = readings(**wired(wiring, channels), world=world, seed=number, poses=8)
+        found = judge_installation(recorded, belief())
+        details = f"{channels} {wiring.astype(int).tolist()}: {[str(f) for f in found.findings]}"
         if number == 0:
-            assert found.verdict == "right", told
+            assert found.verdict == "right", details
             continue
-        assert found.verdict == "wrong", told
-        assert len(found.findings) == 1, told
-        again = judge_installation(*mended(found.findings[0], seen, belief()))
-        assert again.verdict == "right", f"{told}, then {[str(f) for f in again.findings]}"
+        assert found.verdict == "wrong", details
+        assert len(found.findings) == 1, details
+        again = judge_installation(*apply_remedy(found.findings[0], recorded, belief()))
+        assert again.verdict == "right", f"{details}, then {[str(f) for f in again.findings]}"
 
 
 @settings(max_examples=150, deadline=None)
@@ -75,7 +77,7 @@ def test_all_47_wrong_installations_are_told_and_mended(channels, world) -> None
     poses=st.integers(4, 12),
     seed=st.integers(0, 10**6),
 )
-@example(  # four poses: two wirings of the torques, each with its own centre of mass, fit alike
+@example(  # four poses: two torque wirings, each with its own centre of mass, fit equally well
     payload=Payload(1.0, (0.012, -0.03, 0.0625), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
     oat_deg=(0.0, 5.0, 0.0),
     wiring=3,
@@ -83,28 +85,32 @@ def test_all_47_wrong_installations_are_told_and_mended(channels, world) -> None
     poses=4,
     seed=48026,
 )
-def test_any_tool_on_any_mounting_shows_it(payload, oat_deg, wiring, channels, poses, seed) -> None:
-    """Eight poses are enough, whatever hangs on the sensor and however it sits; fewer never lie."""
-    seen = readings(payload, **wired(SIGNED[wiring], channels), poses=poses, seed=seed)
-    of = belief(payload, oat_deg)
-    found = judge_installation(seen, of)
+def test_any_tool_on_any_mounting_identifies_the_wiring(
+    payload, oat_deg, wiring, channels, poses, seed
+) -> None:
+    """Eight poses are enough for any tool and mounting; fewer never give a wrong verdict."""
+    recorded = readings(payload, **wired(SIGNED[wiring], channels), poses=poses, seed=seed)
+    expected = belief(payload, oat_deg)
+    found = judge_installation(recorded, expected)
     if poses < 8 and found.verdict == "cannot tell":
         assert [finding.code for finding in found.findings] == ["poses"]
         return
     assert found.verdict == ("right" if wiring == 0 else "wrong")
     if wiring == 0:
         return
-    assert judge_installation(*mended(found.findings[0], seen, of)).verdict == "right"
+    assert (
+        judge_installation(*apply_remedy(found.findings[0], recorded, expected)).verdict == "right"
+    )
 
 
 @settings(max_examples=60, deadline=None)
 @given(payload=payloads(), wiring=st.integers(1, 47), seed=st.integers(0, 10**6))
-def test_without_a_known_payload_it_is_told_as_well(payload, wiring, seed) -> None:
-    """Neither mass nor lever need be known: the tool is on the side of its tip."""
-    seen = readings(payload, **wired(SIGNED[wiring], "all six"), seed=seed, poses=9)
-    of = replace(belief(payload), mass_kg=None, com_m=None)
-    assert judge_installation(seen, of).verdict == "wrong"
-    assert judge_installation(readings(payload, seed=seed, poses=9), of).verdict == "right"
+def test_a_wrong_wiring_is_identified_without_a_known_payload(payload, wiring, seed) -> None:
+    """Mass and lever may be unknown: the tool is on the side of its tip."""
+    recorded = readings(payload, **wired(SIGNED[wiring], "all six"), seed=seed, poses=9)
+    expected = replace(belief(payload), mass_kg=None, com_m=None)
+    assert judge_installation(recorded, expected).verdict == "wrong"
+    assert judge_installation(readings(payload, seed=seed, poses=9), expected).verdict == "right"
 
 
 @settings(max_examples=60, deadline=None)
@@ -114,19 +120,19 @@ def test_without_a_known_payload_it_is_told_as_well(payload, wiring, seed) -> No
     wiring=st.integers(0, 23),
     seed=st.integers(0, 10**6),
 )
-def test_a_mounting_at_any_angle_is_told_to_a_degree(turn_deg, axis, wiring, seed) -> None:
-    """Not only multiples of 90 degrees: what is to be written fixes it."""
+def test_a_mounting_angle_is_identified_within_a_degree(turn_deg, axis, wiring, seed) -> None:
+    """Angles other than multiples of 90 degrees: the remedy gives the value that corrects it."""
     turn = oat_matrix([(turn_deg, 0.0, 0.0), (0.0, turn_deg, 0.0), (90.0, turn_deg, -90.0)][axis])
     shown = TURNS[wiring] @ turn
-    seen = readings(force=shown, torque=shown, seed=seed, poses=9)
-    (finding,) = judge_installation(seen, belief()).findings
+    recorded = readings(force=shown, torque=shown, seed=seed, poses=9)
+    (finding,) = judge_installation(recorded, belief()).findings
     assert finding.code == "mounting"
-    again = judge_installation(*mended(finding, seen, belief()))
+    again = judge_installation(*apply_remedy(finding, recorded, belief()))
     assert again.verdict == "right"
     assert again.evidence["turned_deg"] < 1.0
 
 
-def test_a_play_of_a_few_degrees_is_right_and_said() -> None:
+def test_a_mounting_error_of_a_few_degrees_passes_and_is_reported() -> None:
     """The calibration finds and corrects it."""
     shown = oat_matrix((4.0, 0.0, 0.0))
     found = judge_installation(readings(force=shown, torque=shown), belief())
@@ -135,78 +141,78 @@ def test_a_play_of_a_few_degrees_is_right_and_said() -> None:
 
 
 def test_angles_in_radians_in_the_cell_file_are_recognised() -> None:
-    """30 degrees written as 0.5236: the sentence says so and gives the angles to write."""
+    """30 degrees written as 0.5236: the finding names the unit and gives the angles to write."""
     wrong = (0.5236, 0.0, 0.0)
-    seen = readings()
-    turned = seen.R_base_sensor @ oat_matrix((30.0, 0.0, 0.0)).T @ oat_matrix(wrong)
-    found = judge_installation(replace(seen, R_base_sensor=turned), belief(oat_deg=wrong))
+    recorded = readings()
+    turned = recorded.R_base_sensor @ oat_matrix((30.0, 0.0, 0.0)).T @ oat_matrix(wrong)
+    found = judge_installation(replace(recorded, R_base_sensor=turned), belief(oat_deg=wrong))
     assert "oat_deg [0.5236, 0.0, 0.0] is in radians" in found.findings[0].text
     assert found.findings[0].remedy == "write sensor.T_flange_sensor.oat_deg: [0, 0, 30]"
 
 
-# --- what weight alone cannot tell ----------------------------------------------------------------
+# --- what weight alone cannot determine -----------------------------------------------------------
 
 
-def test_a_sensor_of_reactions_and_an_arm_that_hangs_read_alike() -> None:
-    """Both are named; a cell file that says how gravity points settles it."""
-    seen = readings(force=-EYE, torque=-EYE)
-    (finding,) = judge_installation(seen, belief()).findings
+def test_a_sensor_of_reactions_and_a_hanging_arm_give_the_same_readings() -> None:
+    """The finding names both; a cell file with the direction of gravity decides."""
+    recorded = readings(force=-EYE, torque=-EYE)
+    (finding,) = judge_installation(recorded, belief()).findings
     assert finding.code == "reaction"
     assert "push the tool" in finding.remedy
     assert "payload.gravity_direction_in_base: [0, 0, 1]" in finding.remedy
-    hangs = replace(belief(), down_in_base=np.array([0.0, 0.0, 1.0]))
-    assert judge_installation(seen, hangs).verdict == "right"
-    assert judge_installation(readings(), hangs).findings[0].code == "reaction"
+    hanging = replace(belief(), down_in_base=np.array([0.0, 0.0, 1.0]))
+    assert judge_installation(recorded, hanging).verdict == "right"
+    assert judge_installation(readings(), hanging).findings[0].code == "reaction"
 
 
-def test_reversed_torques_are_told_by_the_side_of_the_tool_alone() -> None:
-    """-M with -c reads the same as M with c: unless tool or lever is known, that is said."""
-    seen = readings(torque=-EYE)
+def test_reversed_torques_are_identified_only_by_the_side_of_the_tool() -> None:
+    """-M with -c reads the same as M with c: unidentified unless tool or lever is known."""
+    recorded = readings(torque=-EYE)
     unknown = replace(belief(), com_m=None, p_flange_tcp_m=None)
-    found = judge_installation(seen, unknown)
+    found = judge_installation(recorded, unknown)
     assert found.verdict == "right"
     assert any("whether the torques are all reversed" in line for line in found.unidentified)
     for known in (belief(), replace(belief(), com_m=None), replace(belief(), p_flange_tcp_m=None)):
-        (finding,) = judge_installation(seen, known).findings
+        (finding,) = judge_installation(recorded, known).findings
         assert finding.code == "torque_axes"
         assert "torques are all reversed" in finding.text
 
 
-def test_another_tool_than_the_cell_file_knows_is_no_reversed_torque() -> None:
-    """The payload of the tool before lay on another side: the tip agrees, that is enough."""
+def test_a_tool_that_differs_from_the_cell_file_is_not_a_reversed_torque() -> None:
+    """The previous tool's centre of mass was on another side: an agreeing tip is enough."""
     before = replace(belief(), com_m=np.array([-0.02, 0.03, -0.04]))
     found = judge_installation(readings(), before)
     assert [finding.kind for finding in found.findings] == ["payload"]
     assert rejection_reason(readings(), before) is None
 
 
-def test_a_tool_on_its_axis_leaves_the_sign_of_its_torsion_open() -> None:
-    """Its moment about z never changes: said, and no mistake invented."""
+def test_a_tool_on_the_sensor_axis_leaves_the_sign_of_mz_unidentified() -> None:
+    """Its moment about z never changes: reported as unidentified, without a finding."""
     payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.055))
     found = judge_installation(readings(payload), belief(payload))
     assert found.verdict == "right"
     assert any("the sign of Mz" in line for line in found.unidentified)
 
 
-def test_a_lever_of_a_millimetre_is_not_relied_upon() -> None:
-    """Errors of gain and mounting are of that size: what it seems to show of Mz counts as open."""
+def test_a_lever_of_a_millimetre_leaves_the_sign_of_mz_unidentified() -> None:
+    """Errors of gain and mounting are of that size, so the sign of Mz is not identified."""
     payload = replace(PAYLOAD, com_m=(0.001, 0.0, 0.055))
     found = judge_installation(readings(payload), belief(payload))
     assert found.verdict == "right"
     assert any("the sign of Mz" in line for line in found.unidentified)
 
 
-def test_a_lever_in_the_axes_of_a_turned_sensor_is_no_second_mistake() -> None:
-    """A centre of mass from an earlier calibration of the same turned sensor: one finding."""
+def test_a_lever_in_the_axes_of_a_rotated_sensor_is_no_second_finding() -> None:
+    """A centre of mass from an earlier calibration of the same rotated sensor: one finding."""
     wiring = TURNS[5]
-    seen = readings(force=wiring, torque=wiring, poses=8)
-    of = replace(belief(), com_m=wiring @ np.array(PAYLOAD.com_m), p_flange_tcp_m=None)
-    found = judge_installation(seen, of)
+    recorded = readings(force=wiring, torque=wiring, poses=8)
+    expected = replace(belief(), com_m=wiring @ np.array(PAYLOAD.com_m), p_flange_tcp_m=None)
+    found = judge_installation(recorded, expected)
     assert [finding.code for finding in found.findings] == ["mounting"]
 
 
-def test_a_tool_without_a_lever_shows_nothing_of_the_torques() -> None:
-    """The forces are judged all the same."""
+def test_a_tool_without_a_lever_leaves_the_torques_unidentified() -> None:
+    """The forces are still judged."""
     payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.0))
     found = judge_installation(readings(payload), replace(belief(payload), com_m=None))
     assert found.verdict == "right"
@@ -219,46 +225,46 @@ def test_a_tool_without_a_lever_shows_nothing_of_the_torques() -> None:
 
 
 @pytest.mark.parametrize("spread_deg", [0.0, 2.0])
-def test_poses_that_are_alike_tell_nothing(spread_deg) -> None:
-    """Verdict: cannot tell, with advice; a calibration from them is refused."""
+def test_similar_poses_give_no_verdict(spread_deg) -> None:
+    """The verdict is "cannot tell", with a remedy; a calibration from them is refused."""
     rng = np.random.default_rng(3)
-    seen = readings(poses=12)
+    recorded = readings(poses=12)
     alike = np.array(
         [oat_matrix(tuple(rng.uniform(-spread_deg, spread_deg, 3))) for _ in range(12)]
     )
     weight = alike.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.8])
     noise = 0.01 * rng.normal(size=(12, 3))
-    found = replace(seen, R_base_sensor=alike, force_N=weight + noise)
+    found = replace(recorded, R_base_sensor=alike, force_N=weight + noise)
     assert judge_installation(found, belief()).verdict == "cannot tell"
     assert "turn the wrist" in (rejection_reason(found, belief()) or "")
 
 
 @pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (20.0, 35.0, 50.0)])
 @pytest.mark.parametrize("tilts_deg", [range(0, 360, 40), (0, 60, 0, 60, 60, 0, 60, 0, 60)])
-def test_turns_about_one_axis_leave_a_mirror_open(oat_deg, tilts_deg) -> None:
-    """Gravity in one plane of the sensor, or on one line of it, however it is mounted."""
+def test_rotations_about_one_axis_leave_a_mirrored_wiring_possible(oat_deg, tilts_deg) -> None:
+    """Gravity stays in one plane or on one line of the sensor, for any mounting."""
     turns = np.array([oat_matrix((90.0, float(angle), -90.0)) for angle in tilts_deg])
     R = turns @ oat_matrix(oat_deg)
     weight = R.swapaxes(1, 2) @ np.array([0.0, 0.0, -9.8])
     noise = 0.01 * np.random.default_rng(5).normal(size=(9, 3))
-    seen = replace(
+    recorded = replace(
         readings(poses=9), R_base_sensor=R, force_N=weight + noise, torque_Nm=0.0 * weight
     )
-    found = judge_installation(seen, belief())
+    found = judge_installation(recorded, belief())
     assert found.verdict == "cannot tell"
     assert found.findings[0].code == "poses"
 
 
-def test_model_errors_are_not_taken_for_an_installation() -> None:
-    """Usual errors of gain, tilt, mounting and drift, in many cells: right, and no complaint."""
+def test_model_errors_are_not_reported_as_a_wrong_installation() -> None:
+    """Usual errors of gain, tilt, mounting and drift, in many cells: no rejection."""
     for seed in range(60):
-        seen = readings(world=CellErrors(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
-        assert rejection_reason(seen, belief()) is None, seed
+        recorded = readings(world=CellErrors(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
+        assert rejection_reason(recorded, belief()) is None, seed
 
 
 @pytest.mark.parametrize("mass_kg", [0.15, 0.3, 1.0])
-def test_a_light_tool_under_a_drifting_sensor_is_told_all_the_same(mass_kg) -> None:
-    """2 N of drift below a tool of 1.5 N: ten poses in the order of time tell the two apart."""
+def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly(mass_kg) -> None:
+    """2 N of drift with a tool of 1.5 N: ten poses in order of time separate the two."""
     payload = replace(PAYLOAD, mass_kg=mass_kg)
     for seed in range(40):
         right = readings(payload, world=CellErrors(drift=2.0), seed=seed, poses=10)
@@ -271,8 +277,8 @@ def test_a_light_tool_under_a_drifting_sensor_is_told_all_the_same(mass_kg) -> N
         assert judge_installation(wrong, belief(payload)).verdict != "right"
 
 
-def test_angles_to_write_are_tidy_where_noise_would_turn_them_apart() -> None:
-    """Nearly upright only O + T is known: O = 0, and T takes it all; upside down O - T."""
+def test_angles_to_write_are_simple_where_only_a_sum_is_determined() -> None:
+    """Nearly upright only O + T is determined: O = 0 and T is the sum; upside down O - T."""
     for upright, words in (((0.0, 0.0, 50.0), "[0, 0, 50]"), ((0.0, 180.0, 50.0), "[0, 180, 50]")):
         leaning = oat_matrix((70.0, 0.2, -70.0)) @ oat_matrix(upright)
         assert oat_text(leaning) == f"sensor.T_flange_sensor.oat_deg: {words}"

@@ -1,4 +1,4 @@
-"""One commander at a time, and what of its wishes is let through."""
+"""One commander at a time, and the limits of the commands that pass."""
 
 import math
 
@@ -20,8 +20,8 @@ from tests.fakes.arbiter_world import (
     STOPPED,
     T_START,
     World,
+    distance_m,
     shifted,
-    way_m,
     with_limits,
 )
 
@@ -52,7 +52,7 @@ BAD_MOVES = {
 
 @pytest.mark.parametrize("move", [MOVE_DOWN, MOVE_JOINTS])
 def test_a_move_is_busy_under_another_one(move: MoveRequest) -> None:
-    """The refusal names who has the arm; what was commanded goes on."""
+    """The refusal names the owner of the arm; the present command continues."""
     world = World().make_active("operator")
     before = world.tick()
     reply = world.core.move(move, world.inputs())
@@ -63,7 +63,7 @@ def test_a_move_is_busy_under_another_one(move: MoveRequest) -> None:
 
 @pytest.mark.parametrize("ready", ["BOOT", "IDLE", "HOLDING", "FAULT"])
 def test_a_move_needs_an_armed_arbiter(ready: str) -> None:
-    """Refused in every other state, with what to do about it."""
+    """A move is refused in every other state, with the remedy."""
     world = World()
     if ready != "BOOT":
         world.make_ready()
@@ -79,8 +79,8 @@ def test_a_move_needs_an_armed_arbiter(ready: str) -> None:
     assert ready in reply.text
 
 
-def test_a_regulator_that_starts_under_a_goal_does_not_take_over() -> None:
-    """Neither during the goal nor after it: the regulator has to be seen stopped first."""
+def test_a_regulator_started_during_a_goal_does_not_take_over() -> None:
+    """Neither during the goal nor after it: the arbiter must first receive its stop."""
     world = World().make_active("operator")
     world.propose(shifted(z_m=-0.01))
     assert world.tick(5).kind == "goal"
@@ -94,8 +94,8 @@ def test_a_regulator_that_starts_under_a_goal_does_not_take_over() -> None:
     assert world.tick().kind == "setpoint"
 
 
-def test_arming_does_not_revive_a_regulator_that_never_stopped() -> None:
-    """After a hold a person arms; force feedback goes on only when it is started again."""
+def test_arming_does_not_resume_a_regulator_that_never_stopped() -> None:
+    """After a hold and an arming, force feedback continues only after a new start."""
     world = World().make_active("regulator")
     world.core.hold("enough")
     assert world.core.arm(world.inputs()).accepted
@@ -107,25 +107,25 @@ def test_arming_does_not_revive_a_regulator_that_never_stopped() -> None:
     assert world.tick().kind == "setpoint"
 
 
-def test_the_first_set_point_is_where_the_arm_is() -> None:
-    """Hand-over without a jump: equal where the regulator starts there, else a step from rest."""
+def test_the_first_set_point_is_the_measured_pose() -> None:
+    """The hand-over has no jump: the pose is equal if the regulator starts there, else a step."""
     world = World().make_armed()
     world.propose(shifted())
     command = world.tick()
     assert (command.kind, command.commander, command.limited) == ("setpoint", "regulator", False)
-    assert way_m(command.pose, shifted()) == 0.0
+    assert distance_m(command.pose, shifted()) == 0.0
 
     world = World().make_armed()
     world.propose(shifted(x_m=0.01))
     command = world.tick()
-    assert way_m(command.pose, shifted()) == pytest.approx(FIRST_M)
+    assert distance_m(command.pose, shifted()) == pytest.approx(FIRST_M)
 
 
 # --- goals ----------------------------------------------------------------------------------------
 
 
-def test_a_goal_is_said_again_each_period_until_the_robot_reports() -> None:
-    """The same id and content under the same lease; done gives the arm back."""
+def test_a_goal_is_repeated_each_period_until_the_robot_reports() -> None:
+    """Id and content stay the same under the same lease; done gives the arm back."""
     world = World().make_armed()
     assert world.core.move(MOVE_DOWN, world.inputs()).accepted
     commands = [world.tick() for _ in range(20)]
@@ -139,8 +139,8 @@ def test_a_goal_is_said_again_each_period_until_the_robot_reports() -> None:
     assert (world.tick().kind, world.core.state, world.core.status().trips) == ("idle", "ARMED", ())
 
 
-def test_a_goal_that_the_robot_refuses_is_told_and_does_not_hold() -> None:
-    """The reason is in the status, the arm stays armed, the next move clears it."""
+def test_a_goal_that_the_robot_refuses_is_reported_and_does_not_hold() -> None:
+    """The status has the reason, the arm stays armed, the next move clears it."""
     world = World().make_active("operator")
     world.report_goal("refused", reason="out of reach")
     assert world.tick().kind == "idle"
@@ -152,8 +152,8 @@ def test_a_goal_that_the_robot_refuses_is_told_and_does_not_hold() -> None:
 
 
 @pytest.mark.parametrize("last_id", [0, 1, 2, 10**6])
-def test_a_goal_never_bears_the_number_of_one_that_the_robot_already_knows(last_id: int) -> None:
-    """An arbiter that restarted counts on: else its first goal would count as done unmoved."""
+def test_a_goal_never_has_a_number_that_the_robot_already_knows(last_id: int) -> None:
+    """A restarted arbiter continues the count: else its first goal would count as done."""
     world = World().make_armed()
     world.change("robot", goal=GoalReport(id=last_id, state="done"))
     assert world.core.move(MOVE_DOWN, world.inputs()).accepted
@@ -165,7 +165,7 @@ def test_a_goal_never_bears_the_number_of_one_that_the_robot_already_knows(last_
 
 @pytest.mark.parametrize(("move", "code"), BAD_MOVES.values(), ids=BAD_MOVES)
 def test_a_move_that_breaks_a_rule_is_refused_with_its_code(move: MoveRequest, code: str) -> None:
-    """Nothing moves, nothing changes."""
+    """No motion and no change of state results."""
     world = World().make_armed()
     reply = world.core.move(move, world.inputs())
 
@@ -175,7 +175,7 @@ def test_a_move_that_breaks_a_rule_is_refused_with_its_code(move: MoveRequest, c
 
 
 def test_a_move_to_a_pose_beyond_the_tether_is_refused() -> None:
-    """The number is the distance from where the arm was armed."""
+    """The value is the distance from the pose of the arming."""
     world = with_limits(tether_m=0.1).make_armed()
     reply = world.core.move(MoveRequest(kind="pose", pose=shifted(x_m=0.11)), world.inputs())
 
@@ -184,7 +184,7 @@ def test_a_move_to_a_pose_beyond_the_tether_is_refused() -> None:
 
 
 def test_a_relative_move_counts_from_the_measured_joints() -> None:
-    """Ten degrees before the limit, a bit less is allowed; absolute angles are just angles."""
+    """Ten degrees before the limit, slightly less is allowed; absolute angles stay as they are."""
     world = World()
     near = (0.0, math.radians(125.0), 0.0, 0.0, 0.0, 0.0)
     world.change("robot", joint_rad=near)
@@ -199,7 +199,7 @@ def test_a_relative_move_counts_from_the_measured_joints() -> None:
 
 
 def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
-    """The real speed counts: mechanical times modular."""
+    """The effective speed counts: mechanical times modular."""
     world = World().make_armed()
     fast = Speed(mechanical_m_s=LIMITS.speed_m_s * 2.0, modular_fraction=0.51)
     reply = world.core.set_speed(fast)
@@ -212,7 +212,7 @@ def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     assert world.tick().speed == right
 
 
-def test_the_speed_of_one_move_is_of_that_move_alone() -> None:
+def test_the_speed_of_a_move_is_for_that_move_only() -> None:
     """A fast move does not make the next one fast."""
     world = World().make_armed()
     slow = Speed(mechanical_m_s=0.01, accel_fraction=0.3)
@@ -233,36 +233,38 @@ def test_the_speed_of_one_move_is_of_that_move_alone() -> None:
 
 @given(st.lists(st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2)),
                 min_size=1, max_size=10))  # fmt: skip
-def test_set_points_never_outrun_the_speed_limit(wishes: list[tuple[float, float, float]]) -> None:
-    """Whatever is proposed: what is let through moves by at most one period's way."""
+def test_set_points_never_exceed_the_speed_limit(
+    proposals: list[tuple[float, float, float]],
+) -> None:
+    """For any proposals a command moves by at most one period's travel."""
     world = with_limits(step_m=0.2).make_active("regulator")
     before = shifted()
-    for x_m, y_m, turn in wishes:
+    for x_m, y_m, turn in proposals:
         R = rotation_from_vector(np.array([0.0, 0.0, turn])) @ T_START.rotation
-        wish = pin.SE3(R, T_START.translation + np.array([x_m, y_m, 0.0]))
-        world.propose(record_of(wish))
+        proposal = pin.SE3(R, T_START.translation + np.array([x_m, y_m, 0.0]))
+        world.propose(record_of(proposal))
         command = world.tick()
         if command.kind != "setpoint" or command.pose is None:
             return
-        moved = way_m(command.pose, before)
+        moved = distance_m(command.pose, before)
         assert moved <= FASTEST_M * (1.0 + 1e-9)
         before = command.pose
 
 
-def test_force_feedback_that_comes_back_from_the_controller_starts_where_the_arm_is() -> None:
-    """The controller moved it meanwhile: the last set point of long ago is no place to begin."""
+def test_force_feedback_that_returns_from_the_controller_starts_at_the_arm() -> None:
+    """The controller has moved the arm: the last set point is no longer its pose."""
     world = World().make_active("regulator")
-    there = shifted(y_m=-0.015)
+    away = shifted(y_m=-0.015)
     world.propose(None, host="controller", feedback=FEEDBACK)
     assert world.tick().kind == "idle"
     assert world.pass_s(0.2).kind == "feedback"
-    world.place(pose_of(there))
+    world.place(pose_of(away))
     world.tick(5)
-    world.propose(there)
+    world.propose(away)
     assert world.tick().kind == "idle"
     command = world.pass_s(0.2)
     assert command.kind == "setpoint"
-    assert way_m(command.pose, there) <= 1e-12
+    assert distance_m(command.pose, away) <= 1e-12
 
 
 def test_a_set_point_too_far_from_the_arm_holds() -> None:
@@ -284,8 +286,8 @@ def test_a_set_point_too_far_from_the_arm_holds() -> None:
         ({"pose": None}, "regulator"),
     ],
 )
-def test_a_target_that_is_none_holds(changes: dict[str, object], code: str) -> None:
-    """No pose, no orientation, no content for the controller: hold, not a guess or a crash."""
+def test_an_invalid_target_holds(changes: dict[str, object], code: str) -> None:
+    """A missing pose, orientation or content for the controller leads to a hold."""
     world = World().make_active("regulator")
     world.change("target", **changes)
     command = world.tick()

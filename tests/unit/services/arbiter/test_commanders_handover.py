@@ -1,4 +1,4 @@
-"""Who takes the arm from whom, and that it rests in between: every ordered pair."""
+"""Hand-over of the arm for every ordered pair of commanders, with rest in between."""
 
 from itertools import pairwise, product
 from math import radians
@@ -15,11 +15,24 @@ from forcemesh.requests import MoveRequest
 from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
 from services.arbiter.ranks import RANKS, outranks
 from tests.fakes.arbiter_robot import MOTIONS, RobotWorld
-from tests.fakes.arbiter_world import CELL, MOVE_DOWN, PERIOD_NS, STOPPED, World, shifted, way_m
+from tests.fakes.arbiter_world import (
+    CELL,
+    MOVE_DOWN,
+    PERIOD_NS,
+    STOPPED,
+    World,
+    distance_m,
+    shifted,
+)
 
-OWNERS = ("regulator", "controller", "program", "operator")  # controller: the regulator, there
-ASKERS: tuple[Asker, ...] = get_args(Asker)
-# Written out a second time on purpose: whoever changes the ranks must mean it.
+OWNERS = (
+    "regulator",
+    "controller",
+    "program",
+    "operator",
+)  # controller: the regulator with loop host controller
+REQUESTERS: tuple[Asker, ...] = get_args(Asker)
+# Repeated on purpose: a change of the ranks has to be made twice.
 TAKES = {
     ("regulator", "program"),
     ("regulator", "operator"),
@@ -28,17 +41,17 @@ TAKES = {
     ("program", "operator"),
 }
 BY_PROGRAM = MOVE_DOWN.model_copy(update={"commander": "program"})
-FIRST_M = CELL.limits.accel_m_s2 * (PERIOD_NS * 1e-9) ** 2  # way of the first period from rest
-pairs = list(product(OWNERS, ASKERS))
+FIRST_M = CELL.limits.accel_m_s2 * (PERIOD_NS * 1e-9) ** 2  # travel of the first period from rest
+pairs = list(product(OWNERS, REQUESTERS))
 
 
-def named(owner: Any) -> Commander:
-    """Return an owner's name on the bus: the regulator, wherever it runs."""
+def commander_of(owner: Any) -> Commander:
+    """Return an owner's name on the bus: the regulator on either loop host."""
     return "regulator" if owner == "controller" else owner
 
 
 def settle(world: RobotWorld, until: str = "ACTIVE", at_most: int = 200) -> RobotCommand:
-    """Let periods pass until the next owner has begun; the regulator hears of it."""
+    """Let periods pass until the next owner has begun; the regulator receives the status."""
     for _ in range(at_most):
         command = world.tick()
         world.stop_the_regulator()
@@ -47,14 +60,8 @@ def settle(world: RobotWorld, until: str = "ACTIVE", at_most: int = 200) -> Robo
     raise AssertionError(f"still {world.core.state}")
 
 
-def ways_m(world: RobotWorld) -> list[float]:
-    """Return how far each set point is from the one before."""
-    poses = [said.pose for said in world.commands if said.kind == "setpoint"]
-    return [way_m(a, b) for a, b in pairwise(poses) if b is not None]
-
-
-def test_every_commander_has_a_rank_of_its_own() -> None:
-    """One table, complete, without ties: of two there is always one that gives way."""
+def test_every_commander_has_its_own_rank() -> None:
+    """The table is complete and without ties: one of two commanders always yields."""
     assert set(RANKS) == set(get_args(Commander))
     assert len(set(RANKS.values())) == len(RANKS)
     assert sorted(RANKS, key=lambda name: RANKS[name]) == [
@@ -62,46 +69,46 @@ def test_every_commander_has_a_rank_of_its_own() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("owner", "asker"), pairs)
-def test_who_takes_the_arm_from_whom(owner: str, asker: Asker) -> None:
-    """Swept: a higher rank is accepted, an equal or lower one hears who has the arm."""
+@pytest.mark.parametrize(("owner", "requester"), pairs)
+def test_a_higher_rank_takes_the_arm(owner: str, requester: Asker) -> None:
+    """Swept: a higher rank is accepted; the refusal of an equal or lower one names the owner."""
     world = RobotWorld().give(owner)
     before = world.core.status()
-    reply = world.ask(asker)
+    reply = world.ask(requester)
     assert reply is not None
 
-    assert reply.accepted == ((owner, asker) in TAKES)
-    assert reply.accepted == outranks(asker, named(owner))
+    assert reply.accepted == ((owner, requester) in TAKES)
+    assert reply.accepted == outranks(requester, commander_of(owner))
     if not reply.accepted:
         assert reply.code == "busy"
-        assert named(owner) in reply.text
+        assert commander_of(owner) in reply.text
         assert world.core.status() == before
         assert world.tick(20).kind in MOTIONS
 
 
-@pytest.mark.parametrize(("owner", "asker"), sorted(TAKES))
-def test_the_next_owner_begins_when_the_arm_has_come_to_rest(owner: str, asker: str) -> None:
-    """Idle from the first period on; the new one moves when the robot has rested for a while."""
+@pytest.mark.parametrize(("owner", "requester"), sorted(TAKES))
+def test_the_next_owner_begins_when_the_arm_is_at_rest(owner: str, requester: str) -> None:
+    """Idle from the first period on; the new owner moves when the robot has rested for a while."""
     world = RobotWorld().give(owner)
     first = len(world.commands)
-    assert world.ask(asker)
+    assert world.ask(requester)
     assert world.core.state == "SETTLING"
     command = settle(world)
 
-    assert (command.kind, command.commander) == ("goal", asker)
+    assert (command.kind, command.commander) == ("goal", requester)
     between = world.commands[first:-1]
-    assert {said.kind for said in between} == {"idle"}
+    assert {command.kind for command in between} == {"idle"}
     rested = round(REST_S * 1e9 / PERIOD_NS)
     assert not any(world.began_moving[-rested:])
     assert len(between) >= world.lag_periods + world.brake_periods + rested - 1
 
 
-@pytest.mark.parametrize(("owner", "asker"), sorted(TAKES))
-def test_every_owner_has_a_turn_of_its_own_under_one_lease(owner: str, asker: str) -> None:
-    """So the robot and everybody else can tell what belongs to whom."""
+@pytest.mark.parametrize(("owner", "requester"), sorted(TAKES))
+def test_every_owner_has_its_own_turn_under_one_lease(owner: str, requester: str) -> None:
+    """The turn identifies the owner of a command."""
     world = RobotWorld().give(owner)
     before = world.commands[-1].permission
-    world.ask(asker)
+    world.ask(requester)
     after = settle(world).permission
 
     assert before is not None
@@ -111,28 +118,32 @@ def test_every_owner_has_a_turn_of_its_own_under_one_lease(owner: str, asker: st
     assert world.core.status().ownership == after.ownership
 
 
-@pytest.mark.parametrize(("owner", "asker"), sorted(TAKES))
-def test_the_owner_before_is_told(owner: str, asker: str) -> None:
-    """At once who took the arm and who comes next; and still while the new one commands."""
+@pytest.mark.parametrize(("owner", "requester"), sorted(TAKES))
+def test_the_previous_owner_is_notified(owner: str, requester: str) -> None:
+    """The status has the new owner at once, and still while the new one commands."""
     world = RobotWorld().give(owner)
-    world.ask(asker)
+    world.ask(requester)
     status = world.core.status()
-    assert (status.state, status.commander, status.next_commander) == ("SETTLING", "none", asker)
+    assert (status.state, status.commander, status.next_commander) == (
+        "SETTLING",
+        "none",
+        requester,
+    )
     settle(world)
     status = world.core.status()
 
-    assert (status.commander, status.next_commander) == (asker, "none")
+    assert (status.commander, status.next_commander) == (requester, "none")
     assert [trip.code for trip in status.trips] == ["preempted"]
-    assert status.trips[0].text == f"the {asker} took the arm from the {named(owner)}"
+    assert status.trips[0].text == f"the {requester} took the arm from the {commander_of(owner)}"
 
 
 @pytest.mark.parametrize("host", ["regulator", "controller"])
-@pytest.mark.parametrize("owner", ASKERS)
+@pytest.mark.parametrize("owner", REQUESTERS)
 def test_force_feedback_never_takes_the_arm_from_a_move(owner: str, host: str) -> None:
-    """Neither during it nor after it: it has to be stopped and started anew."""
+    """Neither during the move nor after it: it has to be stopped and started again."""
     world = RobotWorld().give(owner)
     world.ask(host)
-    assert {said.kind for said in [world.tick() for _ in range(50)]} == {"goal"}
+    assert {command.kind for command in [world.tick() for _ in range(50)]} == {"goal"}
     world.change("robot", goal=world.robot.goal.model_copy(update={"state": "done"}))
     assert world.tick().kind == "idle"
     assert world.tick(100).kind == "idle"
@@ -148,7 +159,7 @@ def test_force_feedback_never_takes_the_arm_from_a_move(owner: str, host: str) -
 def test_a_regulator_begins_at_the_measured_pose_at_rest(
     lag: int, brake: int, stop_z_m: float
 ) -> None:
-    """However late the robot hears and however long it brakes; meanwhile it is told where it is."""
+    """For any delay and braking of the robot; meanwhile the regulator receives the pose."""
     world = RobotWorld(lag_periods=lag, brake_periods=brake).give("program")
     world.change("robot", goal=world.robot.goal.model_copy(update={"state": "done"}))
     world.tick()
@@ -160,12 +171,12 @@ def test_a_regulator_begins_at_the_measured_pose_at_rest(
         world.ask("regulator")
         before, command = world.robot, world.tick()
         assert (command.kind, command.limited) in {("idle", True), ("setpoint", False)}
-        assert way_m(command.pose, before) <= FIRST_M
+        assert distance_m(command.pose, before) <= FIRST_M
     assert not before.status.moving
 
 
-def test_a_robot_that_does_not_echo_the_new_turn_lets_nobody_begin() -> None:
-    """It says that it rests, but it has not heard yet: it may still be about to move."""
+def test_a_robot_without_an_echo_of_the_new_turn_delays_the_hand_over() -> None:
+    """A robot at rest that has not received the turn may still move by an older command."""
     world = World().make_armed()
     assert world.core.move(BY_PROGRAM, world.inputs()).accepted
     turn = world.core.status().ownership
@@ -179,8 +190,8 @@ def test_a_robot_that_does_not_echo_the_new_turn_lets_nobody_begin() -> None:
     assert world.pass_s(0.2).commander == "operator"
 
 
-def test_a_robot_that_holds_by_itself_lets_nobody_begin() -> None:
-    """Its lease may be dead: then it holds soon, and only a person leads out."""
+def test_a_robot_that_holds_by_itself_stops_the_hand_over() -> None:
+    """Its lease may have ended: then the arbiter holds soon, and only an operator clears it."""
     world = RobotWorld().give("program")
     world.ask("operator")
     for _ in range(200):
@@ -192,7 +203,7 @@ def test_a_robot_that_holds_by_itself_lets_nobody_begin() -> None:
 
 
 def test_an_arm_that_does_not_come_to_rest_is_held_with_the_reason() -> None:
-    """Nobody waits for ever, and nobody begins on a moving arm."""
+    """The wait is limited, and no owner begins on a moving arm."""
     world = RobotWorld(brake_periods=10**6).give("program")
     world.ask("operator")
     world.tick(round((SETTLE_WITHIN_S - 0.1) * 1e9 / PERIOD_NS))
@@ -204,28 +215,28 @@ def test_an_arm_that_does_not_come_to_rest_is_held_with_the_reason() -> None:
     assert (trip.code, "operator" in trip.text) == ("handover", True)
 
 
-def test_who_waits_can_be_overtaken_by_a_higher_rank_only() -> None:
-    """A program waits for the regulator's arm; a person comes before it, a program does not."""
+def test_a_pending_owner_is_replaced_by_a_higher_rank_only() -> None:
+    """A program waits for the regulator's arm; the operator replaces it, a program does not."""
     world = RobotWorld().give("regulator")
     first = world.ask("program")
     assert first is not None
     again = world.ask("program")
     assert again is not None
     assert (again.code, "program" in again.text) == ("busy", True)
-    person = world.ask("operator")
-    assert person is not None
-    assert person.accepted
+    reply = world.ask("operator")
+    assert reply is not None
+    assert reply.accepted
     assert world.core.status().trips[0].text == "the operator took the arm from the program"
     command = settle(world)
 
     assert command.goal is not None
-    assert (command.commander, command.goal.id) == ("operator", person.value)
-    assert first.value != person.value
+    assert (command.commander, command.goal.id) == ("operator", reply.value)
+    assert first.value != reply.value
 
 
 @pytest.mark.parametrize("owner", ["none", *OWNERS])
-def test_hold_ends_what_waits_too(owner: str) -> None:
-    """From SETTLING as from anywhere: no claim outlives a hold and an arming."""
+def test_hold_cancels_a_pending_owner(owner: str) -> None:
+    """This holds in SETTLING too: no pending move survives a hold and an arming."""
     world = RobotWorld()
     _ = world.make_armed() if owner == "none" else world.give(owner)
     if owner != "operator":
@@ -236,11 +247,11 @@ def test_hold_ends_what_waits_too(owner: str) -> None:
     world.messages["target"] = STOPPED
     world.pass_s(1.0)
     assert world.core.arm(world.inputs()).accepted
-    assert {said.kind for said in [world.tick() for _ in range(100)]} == {"idle"}
+    assert {command.kind for command in [world.tick() for _ in range(100)]} == {"idle"}
 
 
-def test_a_move_by_angles_counts_from_where_the_arm_has_come_to_rest() -> None:
-    """Judged again then: what would now leave the range is not begun, and the reason is told."""
+def test_a_relative_move_starts_from_the_angles_at_rest() -> None:
+    """It is checked again then: a move out of range does not begin, and the reason is reported."""
     world = RobotWorld()
     world.change("robot", joint_rad=(0.0, radians(120.0), 0.0, 0.0, 0.0, 0.0))
     world.give("program")
@@ -254,8 +265,8 @@ def test_a_move_by_angles_counts_from_where_the_arm_has_come_to_rest() -> None:
     assert world.tick(50).kind == "idle"
 
 
-def test_a_stopped_regulator_fades_and_gives_the_arm_back() -> None:
-    """No jerk at `force stop`: the set points come to rest within the limit of acceleration."""
+def test_a_stopped_regulator_fades_and_releases_the_arm() -> None:
+    """`force stop` causes no jerk: the set points stop within the acceleration limit."""
     world = RobotWorld().make_armed()
     for period in range(80):
         world.propose(shifted(z_m=-0.0002 * period))
@@ -265,6 +276,6 @@ def test_a_stopped_regulator_fades_and_gives_the_arm_back() -> None:
         assert len(world.commands) < 500
 
     assert (world.commands[-1].kind, world.core.state) == ("idle", "ARMED")
-    ways = ways_m(world)
-    assert ways[-1] <= FIRST_M * (1.0 + 1e-6) < 0.2 * max(ways)
-    assert max(abs(b - a) for a, b in pairwise(ways)) <= FIRST_M * (1.0 + 1e-6)
+    travels = world.travels_m
+    assert travels[-1] <= FIRST_M * (1.0 + 1e-6) < 0.2 * max(travels)
+    assert max(abs(b - a) for a, b in pairwise(travels)) <= FIRST_M * (1.0 + 1e-6)

@@ -1,4 +1,4 @@
-"""Delay and monitor speed as measured, against what the gains rely on; and how old the zero is."""
+"""Measured delay and monitor speed against the values that the gains rely on; age of the tare."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ DEMO_TCP = DEMO_CELL.with_name("demo-tcp.yaml")
 
 
 def measured(world: World, role: str = "robot", **numbers: float) -> World:
-    """Let a process say what it has measured."""
+    """Let a process report measured numbers."""
     world.change(f"{role}/health", numbers=numbers)
     return world
 
@@ -31,7 +31,7 @@ def refusals(world: World) -> tuple[str, str]:
     [
         ("robot", {}, "ok"),
         ("robot", {"monitor_speed_fraction": 1.0}, "ok"),
-        ("robot", {"monitor_speed_fraction": 0.2}, "ok"),  # 50 mm/s: as fast as it presses
+        ("robot", {"monitor_speed_fraction": 0.2}, "ok"),  # 50 mm/s: the speed of a press
         ("robot", {"monitor_speed_fraction": 0.19}, "monitor_speed"),
         ("robot", {"streamed_round_trip_p50_s": 0.99 * ALLOWED_S}, "ok"),
         ("robot", {"streamed_round_trip_p50_s": 1.01 * ALLOWED_S}, "delay"),
@@ -40,8 +40,8 @@ def refusals(world: World) -> tuple[str, str]:
         ("wrench", {"tare_age_h": 8.1}, "tare"),
     ],
 )
-def test_the_preflight_compares_what_is_measured(role: str, numbers: dict, code: str) -> None:
-    """For force feedback alone: one can always jog."""
+def test_the_preflight_compares_measured_values(role: str, numbers: dict, code: str) -> None:
+    """The check is for force feedback only: a jog is always possible."""
     world = measured(World(), role, **numbers).make_ready()
     for_all, for_jog = refusals(world)
     assert for_all == code
@@ -52,7 +52,7 @@ def test_the_preflight_compares_what_is_measured(role: str, numbers: dict, code:
 
 @pytest.mark.parametrize("to", [0.5, 0.98, 0.0])
 def test_a_monitor_speed_that_changes_while_pressing_holds(to: float) -> None:
-    """Up or down; the status says from what to what."""
+    """Up or down: the status has both values."""
     world = measured(World(), monitor_speed_fraction=1.0).make_active("regulator")
     assert world.tick(50).permission is not None
     measured(world, monitor_speed_fraction=to)
@@ -62,25 +62,25 @@ def test_a_monitor_speed_that_changes_while_pressing_holds(to: float) -> None:
     assert f"became {100 * to:g} %, it was 100 %" in trip.text
 
 
-def test_a_monitor_speed_that_changes_in_a_move_is_a_person_s_business() -> None:
-    """A move is slower then, and that is all."""
+def test_a_monitor_speed_that_changes_in_a_move_is_accepted() -> None:
+    """The move is slower then."""
     world = measured(World(), monitor_speed_fraction=1.0).make_active("operator")
     measured(world, monitor_speed_fraction=0.3)
     assert world.tick(20).permission is not None
 
 
-@pytest.mark.parametrize(("share", "goes_on"), [(1.4, True), (1.6, False)])
-def test_a_controller_that_becomes_late_while_pressing_holds(share: float, goes_on: bool) -> None:
-    """Beyond half as much again as the cell file says."""
+@pytest.mark.parametrize(("share", "continues"), [(1.4, True), (1.6, False)])
+def test_a_controller_that_becomes_late_while_pressing_holds(share: float, continues: bool) -> None:
+    """The limit is 1.5 times the value of the cell file."""
     world = World().make_active("regulator")
     measured(world, streamed_round_trip_p50_s=share * ALLOWED_S)
-    assert (world.tick(5).permission is not None) == goes_on
-    if not goes_on:
+    assert (world.tick(5).permission is not None) == continues
+    if not continues:
         assert world.core.status().trips[0].code == "delay"
 
 
 def test_the_pendant_s_speed_turned_down_while_an_emulated_arm_presses_holds() -> None:
-    """Gateway and the program that ships: within a second the arm holds, and says why."""
+    """Gateway and shipped program: within a second the arm holds with the reason."""
     lab = Lab(load_cell(DEMO_TCP))
     numbers = lab.cell.client.reader(topics.ROBOT_HEALTH)
     lab.approach()
@@ -94,8 +94,8 @@ def test_the_pendant_s_speed_turned_down_while_an_emulated_arm_presses_holds() -
     assert [trip.code for trip in lab.status.trips] == ["monitor_speed"]
 
 
-def test_a_tare_makes_the_zero_new_again() -> None:
-    """The age counts from the start of the process, or the last tare; a move of the clock shows."""
+def test_a_tare_resets_its_age() -> None:
+    """The age counts from the start of the process or the last tare, on the process's clock."""
     lab = Lab()
     numbers = lab.cell.client.reader(topics.WRENCH_HEALTH)
     lab.cell.advance(2.0)

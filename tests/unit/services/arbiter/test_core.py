@@ -1,4 +1,4 @@
-"""Who may move the arm, and how far: the arbiter's decisions, period by period."""
+"""Permission and limits of motion: the arbiter's decisions, period by period."""
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,7 @@ from tests.fakes.arbiter_world import (
     T_START,
     World,
     shifted,
-    unfit,
+    with_fault,
     with_limits,
 )
 
@@ -39,7 +39,7 @@ def moving(motion: str, force_N: float = 0.0) -> World:
 
 
 def assert_stopped(world: World, command: RobotCommand, state: str, text: str) -> None:
-    """The command is a hold without permission; the status says why."""
+    """Assert a hold without permission, with the reason in the status."""
     status = world.core.status()
     assert (command.kind, command.permission) == ("hold", None)
     assert (status.state, status.commander) == (state, "none")
@@ -51,21 +51,21 @@ def assert_stopped(world: World, command: RobotCommand, state: str, text: str) -
 # --- arming ---------------------------------------------------------------------------------------
 
 
-def test_the_first_word_is_hold() -> None:
-    """An arbiter that has just started permits nothing, whatever it hears."""
+def test_the_first_command_is_hold() -> None:
+    """An arbiter that has just started permits nothing for any input."""
     world = World()
     world.propose(shifted(z_m=-0.001))
     assert world.tick().permission is None
 
 
-def test_one_that_has_seen_nothing_says_that_it_starts() -> None:
-    """Its status can be asked for before its first period."""
+def test_an_arbiter_without_inputs_reports_its_start() -> None:
+    """Its status is available before its first period."""
     status = World().core.status()
     assert (status.state, status.not_ready) == ("BOOT", ("starting",))
 
 
 def test_arming_needs_a_second_of_good_inputs() -> None:
-    """Refused with how long they have been good; a gap starts the second anew."""
+    """The refusal has the time that they have been good; a gap restarts the second."""
     world = World()
     world.pass_s(0.9)
     reply = world.core.arm(world.inputs())
@@ -82,8 +82,8 @@ def test_arming_needs_a_second_of_good_inputs() -> None:
 
 
 @each_input
-def test_arming_names_the_input_that_is_not_good(name: str) -> None:
-    """Swept: each input in turn; nothing else stands in the refusal."""
+def test_arming_names_the_faulty_input(name: str) -> None:
+    """Swept: each input in turn; the refusal has nothing else."""
     world = World().make_ready()
     world.silent.add(name)
     world.tick()
@@ -94,10 +94,10 @@ def test_arming_names_the_input_that_is_not_good(name: str) -> None:
 
 
 @pytest.mark.parametrize("code", ROBOT_FAULTS)
-def test_arming_says_what_the_controller_lacks(code: str) -> None:
-    """Swept: each fault of the robot, with what to do about it."""
+def test_arming_names_the_fault_of_the_controller(code: str) -> None:
+    """Swept: each fault of the robot, with the remedy."""
     world = World().make_ready()
-    world.change("robot", status=unfit(code))
+    world.change("robot", status=with_fault(code))
     world.tick()
 
     reply = world.core.arm(world.inputs())
@@ -114,7 +114,7 @@ def test_a_process_with_another_cell_file_prevents_arming() -> None:
 
 
 def test_a_regulator_that_is_stopped_does_not_prevent_arming() -> None:
-    """Its target need not be valid, it must be heard: whatever words its reason holds."""
+    """Its target may be invalid for any reason, but must be received."""
     world = World().make_ready()
     world.change("target", reason="arbiter/status stale: 600 ms old, limit 500 ms")
     world.tick()
@@ -122,8 +122,8 @@ def test_a_regulator_that_is_stopped_does_not_prevent_arming() -> None:
     assert world.core.arm(world.inputs()).accepted
 
 
-def test_each_arming_opens_a_new_lease() -> None:
-    """Numbers only grow, and the command carries the one that was announced."""
+def test_each_arming_has_a_new_lease() -> None:
+    """Numbers only grow, and the command has the announced one."""
     world = World().make_ready()
     leases = []
     for _ in range(3):
@@ -160,15 +160,15 @@ def test_an_input_that_fails_in_motion_is_a_fault_with_its_name(name: str, motio
 
 @each_motion
 @pytest.mark.parametrize("name", ["robot", "sensor", "wrench"])
-def test_an_input_that_calls_itself_invalid_in_motion_is_a_fault(name: str, motion: str) -> None:
-    """The reason that the input gave is in the trip."""
+def test_an_invalid_input_in_motion_is_a_fault(name: str, motion: str) -> None:
+    """The trip has the reason of the input."""
     world = moving(motion)
     world.change(name, valid=False, reason="no cable")
     assert_stopped(world, world.tick(), "FAULT", f"{name} invalid: no cable")
 
 
-def spoiled(sensor: str, wrench: str) -> list[str]:
-    """Return what trips when sensor and wrench are not valid, with these codes."""
+def codes_of_invalid(sensor: str, wrench: str) -> list[str]:
+    """Return the trips when sensor and wrench are not valid, with these codes."""
     world = World().make_armed()
     world.change("sensor", valid=False, code=sensor, reason="broken gage")
     world.change("wrench", valid=False, code=wrench, reason="the sensor says fault: broken gage")
@@ -179,18 +179,18 @@ def spoiled(sensor: str, wrench: str) -> list[str]:
 @pytest.mark.parametrize(
     "codes", [("sensor_fault", "sensor_fault"), ("", "sensor_fault"), ("", "")]
 )
-def test_a_fault_of_the_sensor_stands_there_once(codes: tuple[str, str]) -> None:
-    """The wrench says it again: the same cause, and no second one."""
-    assert spoiled(*codes) == ["sensor invalid: broken gage"]
+def test_a_fault_of_the_sensor_is_reported_once(codes: tuple[str, str]) -> None:
+    """The wrench repeats it: the same cause is no second one."""
+    assert codes_of_invalid(*codes) == ["sensor invalid: broken gage"]
 
 
-def test_a_wrench_with_a_cause_of_its_own_is_named_beside_the_sensor() -> None:
-    """Two faults at once are two."""
-    assert len(spoiled("sensor_fault", "unpaired")) == 2
+def test_a_wrench_fault_is_reported_in_addition_to_the_sensors() -> None:
+    """Two faults at once are two trips."""
+    assert len(codes_of_invalid("sensor_fault", "unpaired")) == 2
 
 
-def test_a_silent_sensor_stands_there_once_and_a_silent_wrench_beside_it() -> None:
-    """What the wrench says of the sensor is left out; that it says nothing itself is not."""
+def test_a_silent_sensor_is_reported_once_and_a_silent_wrench_in_addition() -> None:
+    """The wrench's report of the sensor is left out; its own silence is not."""
     world = World().make_armed()
     world.silent.add("sensor")
     world.change("wrench", valid=False, code="sensor_silent", reason="sensor/wrench stale")
@@ -204,17 +204,17 @@ def test_a_silent_sensor_stands_there_once_and_a_silent_wrench_beside_it() -> No
 
 @each_motion
 @pytest.mark.parametrize("code", ROBOT_FAULTS)
-def test_a_controller_that_is_not_fit_any_more_is_a_fault(code: str, motion: str) -> None:
+def test_a_controller_that_is_no_longer_ready_is_a_fault(code: str, motion: str) -> None:
     """Swept: motors off, TEACH, an error, ... while the arm may move."""
     world = moving(motion)
-    world.change("robot", status=unfit(code))
+    world.change("robot", status=with_fault(code))
     assert_stopped(world, world.tick(), "FAULT", FAULTS[code].remedy)
     assert world.core.trips[0].code == code
 
 
 @pytest.mark.parametrize("name", ["robot", "sensor", "wrench", "target"])
 def test_another_writer_in_motion_is_a_fault(name: str) -> None:
-    """A second process on the same topic, or one that restarted unnoticed: a person looks first."""
+    """A second process on the topic, or a quick restart, requires an operator."""
     world = World().make_active("regulator")
     world.epochs[name] = 2
     command = world.tick()
@@ -226,8 +226,8 @@ def test_another_writer_in_motion_is_a_fault(name: str) -> None:
     assert world.tick(10).permission is not None
 
 
-def test_a_fault_is_not_cleared_while_its_cause_is_there() -> None:
-    """Clear is refused with the cause, and accepted once it is gone."""
+def test_a_fault_is_not_cleared_while_its_cause_is_present() -> None:
+    """Clear is refused with the cause, and accepted after its end."""
     world = World().make_armed()
     world.silent.add("wrench")
     world.tick()
@@ -247,7 +247,9 @@ def test_a_fault_is_not_cleared_while_its_cause_is_there() -> None:
 @each_motion
 def test_the_force_ceiling_holds(motion: str) -> None:
     """The ceiling itself is allowed; a newton more is a hold with both numbers."""
-    world = moving(motion, LIMITS.force_N - 10.0)  # from there limits.move_rise_N is no limit
+    world = moving(
+        motion, LIMITS.force_N - 10.0
+    )  # from this load limits.move_rise_N does not trip first
     world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N))
     assert world.tick().permission is not None
     world.change("wrench", force_N=(0.0, 0.0, LIMITS.force_N + 1.0))
@@ -258,7 +260,7 @@ def test_the_force_ceiling_holds(motion: str) -> None:
 
 
 def test_the_torque_ceiling_holds() -> None:
-    """The same about the TCP."""
+    """The same holds about the TCP."""
     world = World().make_armed()
     world.change("wrench", torque_Nm=(0.0, LIMITS.torque_Nm + 0.1, 0.0))
     assert_stopped(world, world.tick(), "HOLDING", "torque 10.10 N m is above the ceiling")
@@ -269,7 +271,7 @@ def test_the_torque_ceiling_holds() -> None:
     ("axis", "to_m"), [(0, -0.41), (0, 0.41), (1, 0.19), (1, 0.81), (2, -0.05), (2, 0.77)]
 )
 def test_a_tcp_that_leaves_the_workspace_holds(motion: str, axis: int, to_m: float) -> None:
-    """Swept: each wall, judged at the measured TCP, 160 mm below the flange."""
+    """Swept: each wall, checked at the measured TCP, 160 mm below the flange."""
     world = moving(motion)
     p = T_START.translation.copy()
     p[axis] = to_m
@@ -278,8 +280,8 @@ def test_a_tcp_that_leaves_the_workspace_holds(motion: str, axis: int, to_m: flo
 
 
 @each_motion
-def test_the_tether_holds_however_the_arm_got_there(motion: str) -> None:
-    """Travel since arming is measured: a move of the joints has no end pose to judge before."""
+def test_the_tether_holds_for_every_kind_of_motion(motion: str) -> None:
+    """The travel since arming is measured: a joint move has no end pose to check before."""
     world = with_limits(tether_m=0.2).make_armed()
     if motion == "operator":
         assert world.core.move(MOVE_JOINTS, world.inputs()).accepted
@@ -295,10 +297,10 @@ def test_the_tether_holds_however_the_arm_got_there(motion: str) -> None:
 
 @each_motion
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_the_tether_holds_a_tool_that_turns_on_and_on(motion: str, axis: int) -> None:
-    """Measured, whoever turns it: in steps that all other limits allow, one turn is not survived.
+def test_the_tether_holds_a_tool_that_keeps_turning(motion: str, axis: int) -> None:
+    """The rotation since arming is measured: steps within the other limits end within one turn.
 
-    A tool that is wound round and round tears its cables.
+    A tool that keeps turning tears its cables.
     """
     world = moving(motion)
     limit_deg = np.degrees(Limits.of(CELL).tether_rad)
@@ -314,8 +316,8 @@ def test_the_tether_holds_a_tool_that_turns_on_and_on(motion: str, axis: int) ->
 
 
 @each_motion
-def test_a_robot_that_keeps_holding_is_believed(motion: str) -> None:
-    """It has seen something that the arbiter has not; a moment after arming it may still hold."""
+def test_a_robot_that_keeps_holding_ends_the_lease(motion: str) -> None:
+    """It has a cause that the arbiter does not know; shortly after arming it may still hold."""
     world = moving(motion)
     world.change("robot", hold=tripped("robot_holds", "target out of reach"))
     assert_stopped(world, world.tick(), "HOLDING", "the robot holds: target out of reach")
@@ -327,16 +329,16 @@ def test_a_robot_that_keeps_holding_is_believed(motion: str) -> None:
 
 
 @pytest.mark.parametrize("motion", ["none", "operator"])
-def test_a_regulator_that_gives_up_stops_nobody_else(motion: str) -> None:
-    """It was not in command: the goal goes on, the arm stays armed."""
+def test_a_failed_regulator_stops_no_other_commander(motion: str) -> None:
+    """It did not command: the goal continues, the arm stays armed."""
     world = moving(motion)
     world.propose(None, valid=False, reason="wrench stale")
     kind = {"none": "idle", "operator": "goal"}[motion]
     assert {world.tick().kind for _ in range(10)} == {kind}
 
 
-def test_a_regulator_that_gives_up_holds() -> None:
-    """Invalid with a mode: it runs and cannot go on. Invalid without one: it was stopped."""
+def test_a_failed_regulator_holds() -> None:
+    """Invalid with a mode: it runs and cannot continue. Invalid without one: it was stopped."""
     world = World().make_active("regulator")
     world.change("target", valid=False, reason="wrench stale")
     assert_stopped(world, world.tick(), "HOLDING", "the regulator gave up: wrench stale")

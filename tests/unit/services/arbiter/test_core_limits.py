@@ -1,4 +1,4 @@
-"""Limits of the arm as it is measured, while it may move: joints, planes, and a wild regulator."""
+"""Limits of the measured arm while it may move: joints, planes, and a faulty regulator."""
 
 from itertools import pairwise
 from math import radians
@@ -36,7 +36,7 @@ def prepared(motion: str, world: World | None = None) -> World:
 @each_motion
 @pytest.mark.parametrize("number", range(1, 7))
 def test_a_measured_joint_beyond_its_range_holds(motion: str, number: int) -> None:
-    """Swept; on the limit itself, and a rounding beyond it, the arm may be."""
+    """Swept: the limit itself and a rounding beyond it are allowed."""
     limit_rad = radians(CELL.robot.joint_max_deg[number - 1])
     world = World()
     world.change("robot", joint_rad=joints(number, limit_rad + 0.9 * SLACK_RAD))
@@ -52,7 +52,7 @@ def test_a_measured_joint_beyond_its_range_holds(motion: str, number: int) -> No
 @pytest.mark.parametrize("number", [1, 6])
 @pytest.mark.parametrize("share", [0.95, 1.05])
 def test_a_joint_that_turns_too_fast_holds(motion: str, number: int, share: float) -> None:
-    """Within the window that it is measured over; a little slower it may go on."""
+    """The speed is measured over its window; slightly below the limit it may continue."""
     world = World()
     world.change("robot", joint_rad=joints(number, -1.0))
     prepared(motion, world)
@@ -70,7 +70,7 @@ def test_a_joint_that_turns_too_fast_holds(motion: str, number: int, share: floa
 
 @each_motion
 def test_the_tool_behind_a_plane_holds(motion: str) -> None:
-    """Judged at the measured TCP like the box."""
+    """The measured TCP is checked against planes as against the box."""
     wall_m = float(T_START.translation[1]) + 0.01
     plane = {"point_m": (0.0, wall_m, 0.0), "normal": (0.0, -2.0, 0.0)}
     limits = LimitsSection.model_validate(LIMITS.model_dump() | {"planes": [plane]})
@@ -83,35 +83,35 @@ def test_the_tool_behind_a_plane_holds(motion: str) -> None:
     assert (trip.code, "plane 1" in trip.text) == ("workspace", True)
 
 
-wild = st.tuples(*[st.floats(-0.5, 0.5)] * 3, *[st.floats(-1.0, 1.0)] * 3)
+any_motion = st.tuples(*[st.floats(-0.5, 0.5)] * 3, *[st.floats(-1.0, 1.0)] * 3)
 
 
 @settings(max_examples=40)
-@given(st.lists(st.tuples(wild, st.integers(1, 12), st.booleans()), min_size=1, max_size=8))
-def test_a_wild_regulator_stays_within_speed_acceleration_and_place(wishes) -> None:
-    """Whatever it wants and for how long, and when it gives up: what goes out keeps every limit."""
+@given(st.lists(st.tuples(any_motion, st.integers(1, 12), st.booleans()), min_size=1, max_size=8))
+def test_a_faulty_regulator_stays_within_speed_acceleration_and_workspace(proposals) -> None:
+    """For any proposals, durations and failures every command keeps every limit."""
     world = World().make_active("regulator")
-    said: list[PoseRecord] = [record_of(T_START)]
-    for (x_m, y_m, z_m, *turn), periods, rests in wishes:
+    sent_poses: list[PoseRecord] = [record_of(T_START)]
+    for (x_m, y_m, z_m, *turn), periods, rests in proposals:
         R = rotation_from_vector(np.array(turn)) @ T_START.rotation
-        wish = pin.SE3(R, T_START.translation + np.array([x_m, y_m, z_m]))
-        world.propose(record_of(wish))
+        proposal = pin.SE3(R, T_START.translation + np.array([x_m, y_m, z_m]))
+        world.propose(record_of(proposal))
         for _ in range(periods):
             command = world.tick()
             if command.kind == "setpoint" and command.pose is not None:
-                said.append(command.pose)
+                sent_poses.append(command.pose)
                 world.place(pose_of(command.pose))
         if rests:
             world.propose(None, valid=False)
-    poses = [pose_of(pose) for pose in said]
-    ways = [b.translation - a.translation for a, b in pairwise(poses)]
+    poses = [pose_of(pose) for pose in sent_poses]
+    travels = [b.translation - a.translation for a, b in pairwise(poses)]
     turns = [rotation_between(a.rotation, b.rotation) for a, b in pairwise(poses)]
     fastest = (LIMITS.speed_m_s * DT_S, radians(LIMITS.speed_deg_s) * DT_S)
     hardest = (LIMITS.accel_m_s2 * DT_S**2, radians(LIMITS.accel_deg_s2) * DT_S**2)
-    for steps, most, change in zip((ways, turns), fastest, hardest, strict=True):
+    for steps, limit, change in zip((travels, turns), fastest, hardest, strict=True):
         sizes = [float(np.linalg.norm(step)) for step in steps]
         changes = [float(np.linalg.norm(b - a)) for a, b in pairwise(steps)]
-        assert max(sizes, default=0.0) <= most * (1.0 + 1e-6) + 1e-9
+        assert max(sizes, default=0.0) <= limit * (1.0 + 1e-6) + 1e-9
         assert max(changes, default=0.0) <= change * (1.0 + 1e-6) + 1e-8
     low, high = np.array(LIMITS.workspace_min_m), np.array(LIMITS.workspace_max_m)
     for T in poses:

@@ -1,12 +1,12 @@
-"""A new arbiter says why the arm holds, although it has seen nothing of it."""
+"""A restarted arbiter: its status names the restart as the cause of the hold."""
 
 from forcemesh.faults import tripped
 from forcemesh.messages import Accepted
 from tests.fakes.arbiter_world import World
 
 
-def test_a_new_arbiter_says_that_another_one_commanded_before():
-    """After kill and restart its status is not empty: it names the restart, until a person arms."""
+def test_a_new_arbiter_reports_that_another_one_commanded_before():
+    """After kill and restart the status names the restart until the next arming."""
     world = World()
     world.change(
         "robot",
@@ -20,6 +20,6 @@ def test_a_new_arbiter_says_that_another_one_commanded_before():
     assert world.core.status().trips == ()
 
 
-def test_the_first_arbiter_of_a_robot_says_nothing():
-    """Where no command was ever accepted nothing was interrupted."""
+def test_the_first_arbiter_of_a_robot_reports_no_restart():
+    """Without an earlier accepted command nothing was interrupted."""
     assert World().make_ready().core.status().trips == ()

@@ -1,4 +1,4 @@
-"""Hold, always; and a random walk through everything that can happen to the arbiter."""
+"""Hold in every state, and a random sequence of all events that the arbiter can meet."""
 
 from typing import Any
 
@@ -27,9 +27,9 @@ from tests.fakes.arbiter_world import (
     ROBOT_FAULTS,
     STOPPED,
     World,
+    distance_m,
     shifted,
-    unfit,
-    way_m,
+    with_fault,
 )
 
 HEADER = Header(seq=1, epoch=2**62, boot="b" * 60, stamp_ns=10**15)
@@ -43,8 +43,8 @@ FEEDBACK = Feedback(mode="position", setpoint_force_N=(0.0, 0.0, 5.0), gains=Gai
 
 
 @pytest.mark.parametrize("motion", ["none", "operator", "regulator"])
-def test_hold_stops_whoever_commands(motion: str) -> None:
-    """In the same period; the reason is told, and arming again is all it takes."""
+def test_hold_stops_every_commander(motion: str) -> None:
+    """It stops in the same period with the reason, and a new arming is sufficient."""
     world = World().make_armed() if motion == "none" else World().make_active(motion)
     assert world.core.hold("coffee").accepted
     command = world.tick()
@@ -56,7 +56,7 @@ def test_hold_stops_whoever_commands(motion: str) -> None:
 
 
 def test_hold_is_accepted_in_every_state() -> None:
-    """Also where nothing moves; it never leads anywhere that could."""
+    """This includes states at rest; a hold never leads to a state that may move."""
     world = World()
     for prepare, state in (
         (lambda: None, "BOOT"),
@@ -75,8 +75,8 @@ def test_hold_is_accepted_in_every_state() -> None:
 
 
 @pytest.mark.parametrize("letter", ["x", "ж", "\U0001f916"])
-def test_however_long_the_reasons_are_there_is_room_for_them(letter: str) -> None:
-    """Status and command can always be sent: words must not silence the arbiter."""
+def test_status_and_command_fit_for_any_length_of_reasons(letter: str) -> None:
+    """Status and command can always be sent: a text must not silence the arbiter."""
     world = World().make_ready()
     for name in list(world.messages):
         world.change(name, valid=False, reason=letter * 370)
@@ -90,14 +90,14 @@ def test_however_long_the_reasons_are_there_is_room_for_them(letter: str) -> Non
 
 
 class ArbiterMachine(RuleBasedStateMachine):
-    """Requests and faults in any order; what must never be is checked after every step."""
+    """Requests and faults in any order, with the invariants checked after every step."""
 
     def __init__(self) -> None:
         """Start a cell."""
         super().__init__()
         self.world = World()
         self.command = self.world.tick()
-        self.armed = False  # by a person, and nothing has stopped the arm since
+        self.armed = False  # by an operator, without a stop since
         self.lease = 0
 
     @property
@@ -106,7 +106,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         return self.world.core.state
 
     def note(self, reply: Reply) -> None:
-        """A refusal says why."""
+        """Assert that a refusal has a reason."""
         assert reply.text
         assert reply.accepted or reply.code not in {"", "ok"}
 
@@ -114,7 +114,7 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     @rule()
     def arm(self) -> None:
-        """A person arms."""
+        """Arm as the operator."""
         before = self.state
         reply = self.world.core.arm(self.world.inputs())
         self.note(reply)
@@ -126,14 +126,14 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     @rule(reason=st.text(max_size=500))
     def hold(self, reason: str) -> None:
-        """Anybody holds."""
+        """Hold as any client."""
         assert self.world.core.hold(reason).accepted
         self.armed = False
         assert self.state not in MAY_MOVE
 
     @rule()
     def clear(self) -> None:
-        """A person acknowledges."""
+        """Acknowledge as the operator."""
         before = self.state
         self.note(self.world.core.clear(self.world.inputs()))
         assert self.state in MAY_MOVE or not self.armed
@@ -141,50 +141,50 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     @rule(
         move=st.sampled_from([MOVE_DOWN, MOVE_JOINTS, MoveRequest(kind="by")]),
-        asker=st.sampled_from(["operator", "program"]),
+        requester=st.sampled_from(["operator", "program"]),
     )
-    def move(self, move: MoveRequest, asker: Any) -> None:
-        """A person or a program moves."""
+    def move(self, move: MoveRequest, requester: Any) -> None:
+        """Move as an operator or a program."""
         before = self.world.core.status()
-        move = move.model_copy(update={"commander": asker})
+        move = move.model_copy(update={"commander": requester})
         reply = self.world.core.move(move, self.world.inputs())
         self.note(reply)
         ranks = ("none", "regulator", "program", "operator")
         holders = (before.commander, before.next_commander)
         if reply.accepted:
             assert self.armed
-            assert all(ranks.index(asker) > ranks.index(holder) for holder in holders)
+            assert all(ranks.index(requester) > ranks.index(holder) for holder in holders)
 
     @rule(speed=st.sampled_from([Speed(mechanical_m_s=0.2), Speed(mechanical_m_s=5.0)]))
     def speed(self, speed: Speed) -> None:
-        """A program sets speeds."""
+        """Set speeds as a program."""
         self.note(self.world.core.set_speed(speed))
 
     # --- surroundings ---------------------------------------------------------------------------
 
     @rule(name=st.sampled_from(INPUTS))
     def fall_silent(self, name: str) -> None:
-        """An input goes stale."""
+        """Let an input go stale."""
         self.world.silent.add(name)
 
     @rule(name=st.sampled_from(BOTHERS), reason=st.text(max_size=500))
     def turn_invalid(self, name: str, reason: str) -> None:
-        """An input says that it knows nothing."""
+        """Let an input report that it is invalid."""
         self.world.change(name, valid=False, reason=reason[:400])
 
     @rule(code=st.sampled_from(ROBOT_FAULTS))
     def report_a_fault(self, code: str) -> None:
-        """The robot is not ready."""
-        self.world.change("robot", status=unfit(code))
+        """Let the robot report that it is not ready."""
+        self.world.change("robot", status=with_fault(code))
 
     @rule(force_N=st.sampled_from([0.0, 59.0, 61.0]))
     def push(self, force_N: float) -> None:
-        """The environment pushes."""
+        """Let the environment push."""
         self.world.change("wrench", force_N=(0.0, 0.0, force_N))
 
     @rule(moving=st.booleans(), turn=st.integers(-1, 1))
     def robot_reports(self, moving: bool, turn: int) -> None:
-        """The robot moves or rests, and echoes this turn, or another one."""
+        """Let the robot move or rest, with an echo of this or another turn."""
         turn += self.world.core.status().ownership
         echo = Accepted(epoch=1, seq=1, ownership=turn, at_ns=1)
         status = FIT.model_copy(update={"moving": moving})
@@ -192,42 +192,42 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     @rule(hold_reason=st.sampled_from(["", "out of reach"]))
     def robot_holds(self, hold_reason: str) -> None:
-        """The robot holds by itself, or goes on."""
+        """Let the robot hold by itself, or continue."""
         hold = tripped("robot_holds", hold_reason) if hold_reason else None
         self.world.change("robot", hold=hold)
 
     @rule(state=st.sampled_from(["running", "done", "refused"]), lag=st.integers(0, 1))
     def report(self, state: Any, lag: int) -> None:
-        """The robot reports on the goal in hand, or still on an older one."""
+        """Let the robot report on the present goal or an older one."""
         goal_id = 0 if self.command.goal is None else max(0, self.command.goal.id - lag)
         self.world.change("robot", goal=GoalReport(id=goal_id, state=state, reason="why"))
 
     @rule(x_m=st.floats(-0.02, 0.02), valid=st.booleans())
     def propose(self, x_m: float, valid: bool) -> None:
-        """The regulator wants a pose, or gives up."""
+        """Let the regulator propose a pose, or fail."""
         self.world.propose(shifted(x_m=x_m), valid=valid, reason="" if valid else "cannot")
 
     @rule()
     def propose_feedback(self) -> None:
-        """The regulator wants the controller to run force feedback."""
+        """Let the regulator propose force feedback in the controller."""
         self.world.messages["target"] = RegulatorTarget(
             mode="position", host="controller", feedback=FEEDBACK
         )
 
     @rule()
     def stop_regulator(self) -> None:
-        """The regulator is stopped."""
+        """Stop the regulator."""
         self.world.messages["target"] = STOPPED
 
     @rule()
     def restart_a_writer(self) -> None:
-        """Another process writes the wrench."""
+        """Let another process write the wrench."""
         self.world.epochs["wrench"] = self.world.epochs.get("wrench", 1) + 1
 
     @precondition(lambda self: self.state not in MAY_MOVE)
     @rule()
-    def mend_everything(self) -> None:
-        """All is well again, and the preflight's second passes."""
+    def repair_everything(self) -> None:
+        """Remove all faults, and let the preflight's second pass."""
         epochs = self.world.epochs
         self.world.silent.clear()
         self.world.messages = World().messages
@@ -245,7 +245,7 @@ class ArbiterMachine(RuleBasedStateMachine):
             self.compare(before, self.command)
 
     def compare(self, before: RobotCommand, now: RobotCommand) -> None:
-        """A permission needs a person; set points of one stream do not jump."""
+        """Assert that an operator armed before a permission and that a stream has no jump."""
         assert (now.permission is not None) == (self.state in MAY_MOVE)
         assert (now.kind == "hold") == (now.permission is None)
         if now.permission is not None:
@@ -256,16 +256,16 @@ class ArbiterMachine(RuleBasedStateMachine):
             assert now.reason
         if before.kind == now.kind == "setpoint" and before.permission == now.permission:
             assert before.pose is not None
-            assert way_m(now.pose, before.pose) <= CELL.limits.speed_m_s * 0.004 * (1.0 + 1e-9)
+            assert distance_m(now.pose, before.pose) <= CELL.limits.speed_m_s * 0.004 * (1.0 + 1e-9)
         owners = {before.commander, now.commander} - {"none"}
         if before.permission is not None and now.permission is not None and len(owners) > 1:
             assert before.permission.ownership < now.permission.ownership
 
-    # --- what must always be --------------------------------------------------------------------
+    # --- invariants -----------------------------------------------------------------------------
 
     @invariant()
     def status_agrees(self) -> None:
-        """Commander, trips and lease tell the same story as the state."""
+        """Assert that commander, trips and lease agree with the state."""
         status = self.world.core.status()
         assert (status.commander != "none") == (status.state in {"ACTIVE", "STOPPING"})
         assert (status.next_commander != "none") == (status.state == "SETTLING")
@@ -275,7 +275,7 @@ class ArbiterMachine(RuleBasedStateMachine):
 
     @invariant()
     def all_can_be_sent(self) -> None:
-        """Whatever was said to the arbiter, its own words fit."""
+        """Assert that the messages fit after any request."""
         assert len(encode(HEADER, self.command)) < MAX_BYTES
         assert len(encode(HEADER, self.world.core.status())) < MAX_BYTES
 

@@ -1,4 +1,4 @@
-"""Backing off under the arbiter: who may, what goes out, how it ends."""
+"""Backing off under the arbiter: conditions, commands, and its end."""
 
 from math import hypot
 
@@ -33,45 +33,45 @@ def loaded(force_N: Vec3 = (0.0, 0.0, 75.0), cell: CellConfig = CELL) -> World:
 
 
 def robot_of(world: World) -> RobotState:
-    """Return what the robot says."""
+    """Return the newest state of the robot."""
     robot = world.messages["robot"]
     assert isinstance(robot, RobotState)
     return robot
 
 
 def back_off(world: World, *, confirmed: bool = False) -> Reply:
-    """Ask for it."""
+    """Request to back off."""
     return world.core.back_off(world.inputs(), confirmed=confirmed)
 
 
-def step(world: World, command: RobotCommand) -> None:
-    """Let the robot do what it is told, at the speed that it is told."""
+def follow(world: World, command: RobotCommand) -> None:
+    """Let the robot move by the command at its speed."""
     if command.kind != "goal" or command.goal is None or command.goal.pose is None:
         return
-    T, wanted = pose_of(robot_of(world)), pose_of(command.goal.pose)
-    way = wanted.translation - T.translation
-    far_m = float(np.linalg.norm(way))
+    T, target = pose_of(robot_of(world)), pose_of(command.goal.pose)
+    travel = target.translation - T.translation
+    far_m = float(np.linalg.norm(travel))
     share = min(1.0, command.speed.mechanical_m_s * DT_S / far_m) if far_m > 0.0 else 1.0
-    world.place(pin.SE3(wanted.rotation, T.translation + share * way))
+    world.place(pin.SE3(target.rotation, T.translation + share * travel))
     state = "done" if share == 1.0 else "running"
     report = {"id": command.goal.id, "state": state}
     world.change("robot", goal=robot_of(world).goal.model_copy(update=report))
 
 
 def spring(world: World, stiffness_N_m: float, force_N: float) -> None:
-    """Let the plate below push less the higher the tool is."""
+    """Let the force of the plate below decrease with the tool's height."""
     up_m = float(pose_of(robot_of(world)).translation[2] - T_START.translation[2])
     world.change("wrench", force_N=(0.0, 0.0, max(0.0, force_N - stiffness_N_m * up_m)))
 
 
 def codes(world: World) -> list[str]:
-    """Return why the arm stands."""
+    """Return the codes of the trips."""
     return [trip.code for trip in world.core.status().trips]
 
 
 @pytest.mark.parametrize("stiffness_N_m", [3000.0, 20_000.0, 200_000.0])
 def test_an_arm_above_its_ceiling_is_freed(stiffness_N_m: float) -> None:
-    """Arming is refused and names the way; backing off ends below half of the ceiling, held."""
+    """Arming is refused and names the remedy; backing off ends below half of the ceiling, held."""
     world = loaded()
     for purpose in ("all", "jog"):
         reply = world.core.arm(world.inputs(), purpose)
@@ -87,7 +87,7 @@ def test_an_arm_above_its_ceiling_is_freed(stiffness_N_m: float) -> None:
         if command.permission is None:
             break
         assert command.permission.purpose == "back_off"
-        step(world, command)
+        follow(world, command)
         spring(world, stiffness_N_m, 75.0)
     assert world.core.state == "HOLDING"
     assert codes(world) == ["back_off"]
@@ -99,8 +99,8 @@ def test_an_arm_above_its_ceiling_is_freed(stiffness_N_m: float) -> None:
     assert world.core.arm(world.inputs(), "jog").accepted
 
 
-def test_a_tool_outside_the_workspace_is_led_back_in() -> None:
-    """Straight, and no farther than it needs."""
+def test_a_tool_outside_the_workspace_is_moved_back() -> None:
+    """The motion is straight and no longer than needed."""
     world = World().make_armed()
     outside = pin.SE3(T_START.rotation, T_START.translation + np.array([0.412, 0.0, 0.0]))
     world.place(outside)
@@ -113,14 +113,14 @@ def test_a_tool_outside_the_workspace_is_led_back_in() -> None:
         command = world.tick()
         if command.permission is None:
             break
-        step(world, command)
+        follow(world, command)
     assert codes(world) == ["back_off"]
     x_m = robot_of(world).position_m[0]
     assert 0.3985 < x_m <= 0.4
 
 
-def test_where_no_force_can_be_followed_it_asks_again_and_goes_5_mm_back() -> None:
-    """The sensor is gone: a fault. Afterwards it is one still."""
+def test_without_a_usable_force_it_requires_a_confirmation_and_moves_5_mm_back() -> None:
+    """Without the sensor there is a fault, before and after."""
     world = loaded()
     world.silent.update({"sensor", "wrench", "sensor/health"})
     world.pass_s(1.1)
@@ -133,15 +133,15 @@ def test_where_no_force_can_be_followed_it_asks_again_and_goes_5_mm_back() -> No
         command = world.tick()
         if command.permission is None:
             break
-        step(world, command)
+        follow(world, command)
     up_m = pose_of(robot_of(world)).translation - T_START.translation
     assert up_m == pytest.approx([0.0, 0.0, 0.005], abs=1e-5)
     assert world.core.state == "FAULT"
     assert codes(world)[0] == "still_loaded"
 
 
-def test_out_of_a_fault_too_and_not_without_a_robot() -> None:
-    """Out of FAULT and BOOT it is possible without a sensor; never without the robot."""
+def test_it_leaves_a_fault_and_requires_a_robot() -> None:
+    """From FAULT and BOOT it is possible without a sensor, but never without the robot."""
     world = World().make_armed()
     world.silent.update({"sensor", "wrench"})
     world.tick()
@@ -159,16 +159,16 @@ def test_out_of_a_fault_too_and_not_without_a_robot() -> None:
     assert back_off(fresh, confirmed=True).accepted
 
 
-def test_it_is_refused_where_there_is_nothing_to_free_and_while_the_arm_may_move() -> None:
-    """Already free; armed."""
+def test_it_is_refused_for_a_free_arm_and_for_an_armed_arm() -> None:
+    """Neither has to be freed."""
     world = World().make_ready()
     assert back_off(world, confirmed=True).code == "already"
     armed = World().make_armed()
     assert back_off(armed).code == "state"
 
 
-def test_nothing_else_is_obeyed_meanwhile() -> None:
-    """No move, no force feedback, no other purpose; hold is."""
+def test_no_other_command_is_accepted_meanwhile() -> None:
+    """No move, no force feedback, no other purpose; hold is accepted."""
     world = loaded()
     assert back_off(world).accepted
     assert world.core.move(MOVE_DOWN, world.inputs()).code == "busy"
@@ -180,19 +180,19 @@ def test_nothing_else_is_obeyed_meanwhile() -> None:
     assert (world.tick().kind, codes(world)) == ("hold", ["hold"])
 
 
-def test_a_force_that_rises_ends_it() -> None:
-    """By more than 3 N above the least so far, though it is far below the ceiling."""
+def test_a_rising_force_ends_it() -> None:
+    """It ends at 3 N above the least force so far, also far below the ceiling."""
     world = loaded((0.0, 0.0, 65.0))
     assert back_off(world).accepted
     world.tick(50)
-    for force, goes_on in ((50.0, True), (40.0, True), (42.9, True), (43.1, False)):
+    for force, continues in ((50.0, True), (40.0, True), (42.9, True), (43.1, False)):
         world.change("wrench", force_N=(0.0, 0.0, force))
-        assert (world.tick().permission is not None) == goes_on
+        assert (world.tick().permission is not None) == continues
     assert codes(world) == ["force"]
 
 
-def test_a_whole_way_that_did_not_free_the_arm_says_so() -> None:
-    """Soft: 20 mm take 16 N away; backing off again goes on."""
+def test_a_full_travel_that_did_not_free_the_arm_is_reported() -> None:
+    """On a soft contact 20 mm remove 16 N; a second request continues."""
     world = loaded()
     for again in range(2):
         assert back_off(world).accepted
@@ -200,7 +200,7 @@ def test_a_whole_way_that_did_not_free_the_arm_says_so() -> None:
             command = world.tick()
             if command.permission is None:
                 break
-            step(world, command)
+            follow(world, command)
             spring(world, 800.0, 75.0)
         assert codes(world) == ["still_loaded"], again
         assert "full travel used" in world.core.status().trips[0].text
@@ -214,10 +214,10 @@ forces = st.lists(
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-60.0, 60.0), st.floats(20.0, 100.0), forces)
-def test_whatever_the_wrench_does_force_way_speed_and_turn_stay_in_their_bounds(
+def test_force_travel_speed_and_rotation_stay_bounded_for_any_wrench(
     sideways_N, up_N, then
 ) -> None:
-    """A permission is given only while the force is within its ratchet; the goal is one, short."""
+    """The permission requires a force below the ratchet; the goal is a single short one."""
     world = loaded((sideways_N, 0.0, up_N + 60.0))
     if not back_off(world).accepted:
         return
@@ -240,29 +240,29 @@ def test_whatever_the_wrench_does_force_way_speed_and_turn_stay_in_their_bounds(
             assert np.linalg.norm(T.translation - start.translation) <= LONGEST_BACK_OFF_M + 1e-9
             assert np.linalg.norm(rotation_between(start.rotation, T.rotation)) < 1e-6
             assert command.speed.mechanical_m_s * command.speed.modular_fraction <= SPEED_M_S
-            step(world, command)
+            follow(world, command)
     assert len(goals) <= 1
 
 
 # --- moves in contact -----------------------------------------------------------------------------
 
 
-def test_a_move_stops_at_a_force_rise_of_its_own() -> None:
-    """20 N above the least of the move, long before the ceiling of 60."""
+def test_a_move_stops_at_its_own_force_rise() -> None:
+    """The limit is 20 N above the least force of the move, far below the ceiling of 60."""
     world = World().make_armed()
     world.change("wrench", force_N=(0.0, 0.0, 10.0))
     assert world.core.move(MOVE_DOWN, world.inputs()).accepted
     world.tick(50)
-    for force, goes_on in ((29.0, True), (31.0, False)):
+    for force, continues in ((29.0, True), (31.0, False)):
         world.change("wrench", force_N=(0.0, 0.0, force))
-        assert (world.tick().permission is not None) == goes_on
+        assert (world.tick().permission is not None) == continues
     assert codes(world) == ["force"]
     assert "limits.move_rise_N" in world.core.status().trips[0].text
     assert world.core.state not in MAY_MOVE
 
 
-def test_the_arbiter_s_own_goal_is_judged_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that broke a limit would be refused by its number, and the lease would end in a hold."""
+def test_the_arbiters_own_goal_is_checked_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A goal beyond a limit is refused by its number, and the lease ends in a hold."""
     monkeypatch.setattr(Freeing, "speed", Speed(mechanical_m_s=2.0 * SPEED_M_S))
     world = loaded()
     reply = back_off(world)
@@ -273,8 +273,8 @@ def test_the_arbiter_s_own_goal_is_judged_like_any_other(monkeypatch: pytest.Mon
     assert (world.core.state, codes(world)) == ("HOLDING", ["speed"])
 
 
-def test_a_cell_that_is_slower_than_backing_off_backs_off_at_its_own_speed() -> None:
-    """It was refused with `speed`, and only the pendant was left."""
+def test_a_cell_slower_than_backing_off_uses_its_own_speed() -> None:
+    """Before, this was refused with `speed`, and only the pendant could free the arm."""
     slow = CELL.limits.model_copy(update={"speed_m_s": 0.5 * SPEED_M_S})
     world = loaded(cell=CELL.model_copy(update={"limits": slow}))
     assert back_off(world).accepted

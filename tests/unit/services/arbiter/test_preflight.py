@@ -1,4 +1,4 @@
-"""What must be so before the arm is armed, for all or for jog alone."""
+"""Conditions for arming, for all purposes or for jog only."""
 
 from typing import Any
 
@@ -6,14 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from common.config.cell import CellConfig
-from common.config.load import cell_from_tree
 from forcemesh.messages import ArmPurpose, RegulatorTarget, WrenchAtTcp
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms, failed_checks, load_text
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, World, shifted
+from tests.fakes.bench import cell_with
 
 IDLE_MAX_N = CELL.force.idle_max_N
-# As the documentation says them, not as the code does.
+# The values of the documentation, not those of the code.
 RESIDUAL_S, REST_S, REST_POSITION_M = 0.5, 0.2, 2e-4
 
 
@@ -22,39 +21,30 @@ def ready(**changes: object) -> World:
     return World(cell_with(**changes)).make_ready()
 
 
-def cell_with(**changes: object) -> CellConfig:
-    """Return the demo's cell with values put in by section__name."""
-    tree = CELL.model_dump()
-    for name, value in changes.items():
-        section, key = name.split("__")
-        tree[section][key] = value
-    return cell_from_tree(tree, "test")
-
-
-def beside(z_m: float) -> pin.SE3:
-    """Return a pose a little beside the start."""
+def near_start(z_m: float) -> pin.SE3:
+    """Return a pose close to the start."""
     return T_START * pin.SE3(np.eye(3), np.array([0.0, 0.0, z_m]))
 
 
-def feel(world: World, force_N: float) -> None:
-    """Let the wrench say a force."""
+def set_force(world: World, force_N: float) -> None:
+    """Let the wrench report a force."""
     world.change("wrench", force_N=(0.0, 0.0, force_N))
 
 
 def refused_with(world: World) -> tuple[str, bool]:
-    """Return the code with which arming for all is refused, and whether jog is possible."""
+    """Return the code of the refusal for all, and whether jog is possible."""
     everything = world.core.arm(world.inputs())
     assert not everything.accepted
     return everything.code, world.core.arm(world.inputs(), "jog").accepted
 
 
-# --- what concerns every motion -------------------------------------------------------------------
+# --- conditions of every motion ------------------------------------------------------------------
 
 
-def test_an_arm_that_was_just_moving_is_not_armed() -> None:
-    """Not for jog either: where it is commanded and where it is must be the same; then it is."""
+def test_an_arm_that_has_just_moved_is_not_armed() -> None:
+    """Neither for jog: first the commanded and the measured pose must be equal."""
     world = World().make_ready()
-    world.place(beside(2 * REST_POSITION_M))
+    world.place(near_start(2 * REST_POSITION_M))
     world.tick()
     assert refused_with(world) == ("moving", False)
     world.pass_s(REST_S - 0.02)
@@ -63,8 +53,8 @@ def test_an_arm_that_was_just_moving_is_not_armed() -> None:
     assert world.core.arm(world.inputs()).accepted
 
 
-def test_an_arm_whose_controller_says_that_it_moves_is_not_armed() -> None:
-    """Also where its pose does not show it."""
+def test_an_arm_whose_controller_reports_motion_is_not_armed() -> None:
+    """This holds also when its pose does not show it."""
     world = World().make_ready()
     world.change("robot", status=FIT.model_copy(update={"moving": True}))
     world.pass_s(1.0)
@@ -73,16 +63,16 @@ def test_an_arm_whose_controller_says_that_it_moves_is_not_armed() -> None:
 
 
 def test_noise_of_the_pose_is_rest() -> None:
-    """A tenth of a millimetre to and fro, as a coarse scale of the packet makes it."""
+    """Its size is a tenth of a millimetre, as a coarse scale of the packet causes."""
     world = World().make_ready()
     for number in range(50):
-        world.place(beside(1e-4 * (number % 2)))
+        world.place(near_start(1e-4 * (number % 2)))
         world.tick()
     assert world.core.arm(world.inputs()).accepted
 
 
-def test_motion_is_no_complaint_while_it_is_wanted() -> None:
-    """The status of an arm that moves under a goal does not say that it should rest."""
+def test_commanded_motion_is_no_fault() -> None:
+    """The status of an arm that moves under a goal does not require rest."""
     world = World().make_active("operator")
     world.change("robot", status=FIT.model_copy(update={"moving": True}))
     world.tick()
@@ -91,19 +81,19 @@ def test_motion_is_no_complaint_while_it_is_wanted() -> None:
 
 @pytest.mark.parametrize("purpose", ["all", "jog"])
 def test_the_ceiling_and_the_workspace_hold_for_every_purpose(purpose: ArmPurpose) -> None:
-    """Jog is no way around a limit."""
+    """Jog does not bypass a limit."""
     world = World().make_ready()
-    feel(world, CELL.limits.force_N + 1.0)
+    set_force(world, CELL.limits.force_N + 1.0)
     assert world.core.arm(world.inputs(), purpose).code == "force"
 
 
 # --- free space, calibration, approach ------------------------------------------------------------
 
 
-def test_what_is_left_in_free_space_prevents_force_feedback_not_jog() -> None:
-    """Half a second of it; with both numbers, and told in the status before anybody asks (H28)."""
+def test_a_residual_force_prevents_force_feedback_but_not_jog() -> None:
+    """Half a second of it is reported with both numbers, also in the status before arming (H28)."""
     world = World().make_ready()
-    feel(world, IDLE_MAX_N + 0.5)
+    set_force(world, IDLE_MAX_N + 0.5)
     world.pass_s(RESIDUAL_S - 0.02)
     assert world.core.status().not_ready == ()
     world.pass_s(0.06)
@@ -114,33 +104,33 @@ def test_what_is_left_in_free_space_prevents_force_feedback_not_jog() -> None:
     assert world.core.arm(world.inputs(), "jog").accepted
 
 
-def test_a_drift_of_a_tenth_of_a_newton_per_second_is_found() -> None:
-    """Within half a second of leaving what is allowed, also while the arm is armed."""
+def test_a_drift_of_a_tenth_of_a_newton_per_second_is_detected() -> None:
+    """It is reported within half a second beyond the limit, also while the arm is armed."""
     world = World().make_armed()
     for tenths in range(40):
-        feel(world, 0.1 * tenths)
+        set_force(world, 0.1 * tenths)
         world.pass_s(1.0)
-        said = [line for line in world.core.status().not_ready if "left" in line]
-        assert bool(said) == (0.1 * tenths > IDLE_MAX_N)
+        reported = [line for line in world.core.status().not_ready if "left" in line]
+        assert bool(reported) == (0.1 * tenths > IDLE_MAX_N)
     assert world.core.state == "ARMED"
 
 
-def test_a_touch_that_ends_is_not_remembered() -> None:
-    """Shorter than half a second, again and again: nothing is left."""
+def test_a_touch_that_ends_leaves_no_residual() -> None:
+    """Repeated touches shorter than half a second leave nothing."""
     world = World().make_ready()
     for _ in range(5):
-        feel(world, 20.0)
+        set_force(world, 20.0)
         world.pass_s(RESIDUAL_S - 0.04)
-        feel(world, 0.1)
+        set_force(world, 0.1)
         world.tick()
     assert world.core.arm(world.inputs()).accepted
 
 
 def test_contact_that_the_regulator_found_is_expected() -> None:
-    """Held while it presses, armed again right there: the last free space counts."""
+    """After a hold during a press the arm is armed again: the last free space counts."""
     world = World().make_active("regulator")
     world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact="contact")
-    feel(world, 20.0)
+    set_force(world, 20.0)
     world.pass_s(2.0)
     world.core.hold("coffee")
     world.messages["target"] = RegulatorTarget(valid=False, reason="stopped")
@@ -150,11 +140,11 @@ def test_contact_that_the_regulator_found_is_expected() -> None:
 
 
 @pytest.mark.parametrize("cause", ["tared", "restarted"])
-def test_with_another_bias_contact_is_not_expected_any_more(cause: str) -> None:
-    """Nobody knows then which part of the force is contact: jog away, tare."""
+def test_with_another_bias_contact_is_no_longer_expected(cause: str) -> None:
+    """The contact's share of the force is unknown: jog away, then tare."""
     world = World().make_active("regulator")
     world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact="contact")
-    feel(world, 20.0)
+    set_force(world, 20.0)
     world.tick(2)
     world.core.hold("coffee")
     world.messages["target"] = RegulatorTarget(valid=False, reason="stopped")
@@ -166,23 +156,23 @@ def test_with_another_bias_contact_is_not_expected_any_more(cause: str) -> None:
     assert refused_with(world) == ("payload", True)
 
 
-def test_after_contact_has_ended_the_free_space_is_judged_again() -> None:
-    """Moved away, then something is left: that is not the contact of before."""
+def test_after_contact_has_ended_the_free_space_is_checked_again() -> None:
+    """A residual after the retreat is not the earlier contact."""
     world = World().make_active("regulator")
     world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact="contact")
-    feel(world, 20.0)
+    set_force(world, 20.0)
     world.tick(2)
     world.core.hold("coffee")
     world.messages["target"] = RegulatorTarget(valid=False, reason="stopped")
-    feel(world, 0.0)
+    set_force(world, 0.0)
     world.tick()
-    feel(world, 5.0)
+    set_force(world, 5.0)
     world.pass_s(1.0)
     assert refused_with(world) == ("payload", True)
 
 
-def test_a_calibration_that_does_not_hold_is_told_and_jog_is_possible() -> None:
-    """The wrench says so itself, and why (H45)."""
+def test_an_invalid_calibration_is_reported_and_jog_is_possible() -> None:
+    """The wrench itself reports it with the reason (H45)."""
     world = World().make_ready()
     world.change("wrench", calibrated=False, calibration_fault="another sensor")
     assert refused_with(world) == ("payload", True)
@@ -190,8 +180,8 @@ def test_a_calibration_that_does_not_hold_is_told_and_jog_is_possible() -> None:
     assert "another sensor" in " ".join(world.core.status().not_ready)
 
 
-def test_a_torque_that_is_left_in_free_space_is_told_like_a_force() -> None:
-    """A wrong centre of mass shows nowhere else."""
+def test_a_residual_torque_is_reported_like_a_force() -> None:
+    """Only the torque shows a wrong centre of mass."""
     world = World().make_ready()
     over_Nm = 1.1 * CELL.force.idle_max_Nm
     world.change("wrench", torque_Nm=(0.0, over_Nm, 0.0))
@@ -214,16 +204,16 @@ def running() -> World:
     "changes",
     [{"calibration": "another"}, {"calibrated": False, "calibration_fault": "another sensor"}],
 )
-def test_force_feedback_ends_when_its_calibration_does(changes: dict[str, Any]) -> None:
-    """It would answer the step of the force with motion."""
+def test_force_feedback_ends_with_its_calibration(changes: dict[str, Any]) -> None:
+    """The regulator would respond to the step of the force with motion."""
     world = running()
     world.change("wrench", **changes)
     assert world.tick().kind == "hold"
     assert [trip.code for trip in world.core.status().trips] == ["calibration"]
 
 
-def test_a_calibration_may_change_while_a_person_moves_the_arm() -> None:
-    """Jog does not look at the force but for its ceiling."""
+def test_a_calibration_may_change_during_a_move() -> None:
+    """Jog checks the force against its ceiling only."""
     world = World().make_active("operator")
     world.change("wrench", calibration="another")
     assert world.tick().kind == "goal"
@@ -246,10 +236,10 @@ def test_an_approach_that_is_too_fast_for_the_stiffness_is_refused_with_the_numb
 # --- jog ------------------------------------------------------------------------------------------
 
 
-def test_jog_is_possible_in_contact_and_moves_away() -> None:
-    """Just below the ceiling, nothing known of free space: armed, and a move begins."""
+def test_jog_is_possible_in_contact() -> None:
+    """Just below the ceiling and without a known free space it is armed, and a move begins."""
     world = World()
-    feel(world, CELL.limits.force_N - 1.0)
+    set_force(world, CELL.limits.force_N - 1.0)
     world.pass_s(1.2)
     assert refused_with(world) == ("payload", True)
     world.pass_s(0.5)
@@ -259,8 +249,8 @@ def test_jog_is_possible_in_contact_and_moves_away() -> None:
     assert world.tick().kind == "goal"
 
 
-def test_under_jog_the_regulator_is_not_followed() -> None:
-    """Whatever it proposes: the arm is idle, and stays armed."""
+def test_under_jog_the_regulator_is_ignored() -> None:
+    """For any proposal the arm is idle and stays armed."""
     world = World().make_ready()
     assert world.core.arm(world.inputs(), "jog").accepted
     world.pass_s(0.5)
@@ -268,8 +258,8 @@ def test_under_jog_the_regulator_is_not_followed() -> None:
     assert {world.tick().kind for _ in range(20)} == {"idle"}
 
 
-def test_from_jog_to_all_leads_through_hold() -> None:
-    """Arming for less than it is armed for changes nothing, for more is refused with the way."""
+def test_a_change_from_jog_to_all_requires_a_hold() -> None:
+    """Arming for less changes nothing; arming for more is refused with the remedy."""
     world = World().make_ready()
     assert world.core.arm(world.inputs(), "jog").accepted
     assert world.core.arm(world.inputs(), "jog").code == "already"
@@ -282,18 +272,18 @@ def test_from_jog_to_all_leads_through_hold() -> None:
     assert world.core.status().armed_for == "all"
 
 
-def test_the_list_says_what_each_check_is_and_only_force_is_left_out() -> None:
-    """One row per rule of the preflight, in words."""
-    words = [check.what for check in CHECKS]
-    assert len(set(words)) == len(words) == 11
+def test_the_list_names_each_check_and_only_force_is_left_out() -> None:
+    """There is one row per rule of the preflight."""
+    names = [check.what for check in CHECKS]
+    assert len(set(names)) == len(names) == 11
     assert [check.purposes for check in CHECKS[-5:]] == [("all",)] * 5
-    assert [check.what for check in CHECKS if check.purposes == ("all", "jog")] == [words[4]]
+    assert [check.what for check in CHECKS if check.purposes == ("all", "jog")] == [names[4]]
 
 
-def test_an_input_that_is_lost_is_told_alone() -> None:
-    """What the others say cannot be known then."""
+def test_a_lost_input_is_reported_alone() -> None:
+    """The other checks have no result without it."""
     world = ready(force__approach_m_s=0.25)
-    feel(world, 30.0)
+    set_force(world, 30.0)
     world.pass_s(1.0)
     assert len(world.core.status().not_ready) == 2
     world.messages["wrench"] = WrenchAtTcp(valid=False, reason="no cable")
@@ -301,47 +291,47 @@ def test_an_input_that_is_lost_is_told_alone() -> None:
     assert world.core.status().not_ready == ("wrench invalid: no cable",)
 
 
-# --- the last digit -------------------------------------------------------------------------------
+# --- exact limits ---------------------------------------------------------------------------------
 
 TERMS = Terms.of(CELL)
 
 
-def test_inputs_that_were_good_for_just_a_second_are_enough() -> None:
-    """One nanosecond less is not, and says how long it was."""
+def test_one_second_of_good_inputs_is_sufficient() -> None:
+    """One nanosecond less is refused, with the duration."""
     inputs = World().make_ready().inputs()
     assert failed_checks(inputs, TERMS, 1.0, "all") == []
     (trip,) = failed_checks(inputs, TERMS, 1.0 - 1e-9, "all")
     assert (trip.code, trip.limit) == ("not_ready", 1.0)
 
 
-@pytest.mark.parametrize(("age_h", "told"), [(8.0, 0), (8.001, 1)])
-def test_a_tare_may_be_as_old_as_the_cell_says(age_h: float, told: int) -> None:
-    """Age and limit are told in seconds."""
+@pytest.mark.parametrize(("age_h", "reports"), [(8.0, 0), (8.001, 1)])
+def test_a_tare_may_have_the_age_of_the_cell_file(age_h: float, reports: int) -> None:
+    """Age and limit are in seconds."""
     world = World(cell_with(force__tare_age_max_s=28800.0)).make_ready()
     world.change("wrench/health", numbers={"tare_age_h": age_h})
     found = failed_checks(world.inputs(), Terms.of(world.cell), 9.0, "all")
-    assert [(trip.code, trip.limit) for trip in found] == [("tare", 28800.0)] * told
-    assert [trip.value for trip in found] == [pytest.approx(3600.0 * age_h)] * told
+    assert [(trip.code, trip.limit) for trip in found] == [("tare", 28800.0)] * reports
+    assert [trip.value for trip in found] == [pytest.approx(3600.0 * age_h)] * reports
 
 
 @pytest.mark.parametrize("silent", [set(), {"wrench"}, {"wrench/health"}])
-def test_the_age_of_a_tare_that_nobody_tells_is_no_complaint(silent: set[str]) -> None:
-    """Who is not heard is told elsewhere; a wrench service without a number has just begun."""
+def test_an_unknown_age_of_the_tare_is_no_fault(silent: set[str]) -> None:
+    """A silent process has its own fault; a wrench service without a number has just started."""
     world = World(cell_with(force__tare_age_max_s=1800.0)).make_ready()
     if silent == {"wrench"}:
         world.change("wrench/health", numbers={"tare_age_h": 9.0})
     world.silent = silent
-    look = PreflightContext(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
-    assert CHECKS[-1].complaints(look) == []
+    context = PreflightContext(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
+    assert CHECKS[-1].failures(context) == []
 
 
-@pytest.mark.parametrize(("over_N", "told"), [(0.0, False), (0.1, True)])
-def test_who_arms_is_told_of_a_load_beyond_a_touch(over_N: float, told: bool) -> None:
-    """What the cell calls a touch is none yet; without a wrench nothing is known."""
+@pytest.mark.parametrize(("over_N", "reports"), [(0.0, False), (0.1, True)])
+def test_the_reply_to_arm_reports_a_load_beyond_a_touch(over_N: float, reports: bool) -> None:
+    """The cell's touch force itself is not reported; without a wrench no load is known."""
     world = World().make_ready()
-    feel(world, TERMS.touch_N + over_N)
+    set_force(world, TERMS.touch_N + over_N)
     text = load_text(world.inputs(), TERMS)
-    assert text.startswith(f"; the tool is loaded with {TERMS.touch_N + over_N:.1f} N") == told
-    assert bool(text) == told
+    assert text.startswith(f"; the tool is loaded with {TERMS.touch_N + over_N:.1f} N") == reports
+    assert bool(text) == reports
     world.silent = {"wrench"}
     assert load_text(world.inputs(), TERMS) == ""

@@ -1,4 +1,4 @@
-"""Armed for jog alone, in a whole cell: one can always move away, and nothing else."""
+"""Arming for jog in a whole cell: moves are possible, force feedback is not."""
 
 import pytest
 
@@ -14,17 +14,17 @@ FORCE = ForceStartRequest(mode="position", setpoint_N=10.0)
 
 
 def restart_wrench(lab: Lab) -> None:
-    """Put a new process in the place of the wrench service."""
+    """Replace the wrench service by a new process."""
     bus = Bus("wrench", HALF_CELL.cell, lab.cell.transport, HALF_CELL, lab.cell.clock)
     service = WrenchService(bus, HALF_CELL)
     lab.cell.runners["wrench"] = Runner(service, [reporter_of(bus, HALF_CELL)], lab.cell.clock)
 
 
-def test_after_a_tare_was_lost_in_contact_one_jogs_away_and_goes_on() -> None:
-    """The wrench service restarts while the tool presses: nobody knows its bias any more."""
+def test_after_a_lost_tare_in_contact_one_jogs_away_and_continues() -> None:
+    """The wrench service restarts while the tool presses: its bias is unknown."""
     lab = Lab()
     lab.press()
-    assert lab.ask(topics.HOLD, HoldRequest(reason="look at that")).accepted
+    assert lab.ask(topics.HOLD, HoldRequest(reason="inspection")).accepted
     lab.cell.advance(BRAKE_S)
     restart_wrench(lab)
     lab.cell.advance(2.3)
@@ -50,8 +50,8 @@ def test_after_a_tare_was_lost_in_contact_one_jogs_away_and_goes_on() -> None:
     assert lab.ask(topics.FORCE_START, FORCE).accepted
 
 
-def test_an_arm_that_still_brakes_is_not_armed_until_it_rests() -> None:
-    """Refused with how long it has rested and how long is needed; a moment later it is armed."""
+def test_a_braking_arm_is_not_armed_until_it_rests() -> None:
+    """The refusal has the present and the required time of rest; later it is armed."""
     lab = Lab()
     lab.lift()
     assert lab.ask(topics.HOLD, HoldRequest(reason="wait")).accepted

@@ -1,4 +1,4 @@
-"""Words that fit: the arbiter's texts are cut between characters, and the first cause is kept."""
+"""Length limits of reports: texts are cut between characters, and the first cause is kept."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,7 +22,7 @@ texts = st.text(max_size=500)
 
 @given(texts, st.integers(0, 600))
 def test_a_text_is_cut_to_bytes_and_between_characters(text: str, most: int) -> None:
-    """It is the longest beginning that fits; what fits is not touched."""
+    """The result is the longest beginning that fits; a shorter text is unchanged."""
     short = clipped(text, most)
 
     assert text.startswith(short)
@@ -33,7 +33,7 @@ def test_a_text_is_cut_to_bytes_and_between_characters(text: str, most: int) -> 
 
 @given(st.lists(texts, max_size=20))
 def test_of_many_causes_the_first_and_the_newest_are_kept(causes: list[str]) -> None:
-    """The first says what happened, the last what somebody did about it."""
+    """The first is the cause, the last is the latest reaction."""
     kept = recent(tuple(Trip(code=str(i), rule=i, text=text) for i, text in enumerate(causes)))
 
     assert len(kept) == min(len(causes), MOST_TRIPS)
@@ -44,11 +44,11 @@ def test_of_many_causes_the_first_and_the_newest_are_kept(causes: list[str]) -> 
 
 
 @given(st.lists(texts, max_size=30))
-def test_of_many_lines_the_first_are_said(many: list[str]) -> None:
-    """Enough for every role and bit; the rest shows when these are mended. Long ones are cut."""
-    said = lines(many)
-    assert len(said) == min(len(many), MOST_LINES)
-    for line, text in zip(said, many, strict=False):
+def test_of_many_lines_the_first_are_reported(many: list[str]) -> None:
+    """The rest is reported after these have been remedied. Long lines are cut."""
+    reported = lines(many)
+    assert len(reported) == min(len(many), MOST_LINES)
+    for line, text in zip(reported, many, strict=False):
         assert len(line.encode()) <= LINE_BYTES
         assert line == text or (len(text.encode()) > LINE_BYTES and line.endswith(MORE))
         assert text.startswith(line.removesuffix(MORE))
@@ -60,8 +60,8 @@ def test_a_line_is_cut_between_words() -> None:
     assert set(line.removesuffix(MORE).split()) == {"12345"}
 
 
-def test_what_to_do_next_is_what_mends_it_where_arming_would_be_refused() -> None:
-    """Never `arm` while that is refused; a fault has its own way."""
+def test_the_next_step_is_the_remedy_where_arming_would_be_refused() -> None:
+    """It is never `arm` while that is refused; a fault has its own remedy."""
     why = [Trip(code="force", rule=408, text="90 N"), Trip(code="payload", rule=517, text="none")]
     assert what_next("IDLE", []) == CLEARS["IDLE"]
     refused: tuple[ArbiterState, ...] = ("IDLE", "HOLDING")
@@ -74,8 +74,8 @@ def test_what_to_do_next_is_what_mends_it_where_arming_would_be_refused() -> Non
     assert what_next("HOLDING", [], "jog") == CLEARS["HOLDING"]
 
 
-def test_there_is_room_for_what_a_person_needs() -> None:
-    """All four causes and a line for each input: no limit is so tight that it hides them."""
+def test_the_limits_leave_room_for_all_causes() -> None:
+    """All four causes and a line for each input fit."""
     assert MOST_TRIPS >= 3
     assert MOST_LINES >= 9
     assert len("wrench invalid: sensor/wrench stale: 12345 ms old, limit 1000 ms") <= LINE_BYTES

@@ -1,4 +1,4 @@
-"""From a fault to its name on arbiter/status: one period and the status at once (R21)."""
+"""From a fault to its code on arbiter/status: one period, without waiting for the rate (R21)."""
 
 import pytest
 
@@ -7,14 +7,14 @@ from services.arbiter.reports import MOST_TRIPS
 from tests.fakes.cellmates import Cellmates
 from tests.fakes.provoked import IN_MOTION
 
-# What takes several messages to be known at all.
+# Faults that several messages are needed for.
 PERIODS = {"misaligned": 2, "bad_messages": 6}
-# Told by age alone, at the deadline of each topic: swept in test_service.py.
+# Reported by age alone, at the deadline of each topic: swept in test_service.py.
 BY_AGE = {"missing", "stale"}
-# Needs a process that restarts faster than its topic grows stale: test_core.py.
+# Faults of a process that restarts before its topic is stale: test_core.py.
 BY_WRITER = {"writer"}
-# Limits of set points and of who commands, and what the regulator says of its own contact: they
-# stop a motion that is under way, in the period in which they are found (test_arbiter_*.py).
+# Limits of set points and of commanders, and the regulator's reports of its own contact: they
+# stop a present motion in the period in which they are found (test_arbiter_*.py).
 IN_THE_STREAM = {
     "joint", "step", "tether", "speed", "travel", "oscillation", "sensor_sign", "no_lease",
     "preempted", "handover", "back_off", "still_loaded",
@@ -23,8 +23,8 @@ IN_THE_STREAM = {
 
 
 @pytest.mark.parametrize("code", IN_MOTION)
-def test_a_fault_is_named_in_the_period_in_which_it_can_be_known(code: str) -> None:
-    """Swept: each code of the list; the permission ends, the status is of this very period."""
+def test_a_fault_is_reported_in_the_first_possible_period(code: str) -> None:
+    """Swept: for each code of the list the permission ends, and the status is of this period."""
     cell = Cellmates().arm()
     IN_MOTION[code](cell)
     for _ in range(PERIODS.get(code, 1)):
@@ -33,24 +33,24 @@ def test_a_fault_is_named_in_the_period_in_which_it_can_be_known(code: str) -> N
     status = cell.status.read(cell.clock.now_ns())
     assert code in cell.codes()
     assert status.age_s == 0.0
-    assert (cell.said().permission is None) == (code != "goal_refused")
-    (trip,) = [trip for trip in cell.told().trips if trip.code == code]
+    assert (cell.published().permission is None) == (code != "goal_refused")
+    (trip,) = [trip for trip in cell.last_status().trips if trip.code == code]
     assert trip.rule == FAULTS[code].rule
     assert trip.text
 
 
-def test_every_stop_is_in_one_of_the_lists() -> None:
-    """A new row of the dictionary must be proved to be told in time, or be said to be elsewhere."""
+def test_every_trip_is_in_one_of_the_lists() -> None:
+    """A new code needs a test of its time, or a reference to another test."""
     stops = {fault.code for fault in FAULTS.values() if fault.kind != "REFUSAL"}
     lists = [set(IN_MOTION), BY_AGE, BY_WRITER, IN_THE_STREAM]
     assert set().union(*lists) == stops
     assert sum(map(len, lists)) == len(stops)
 
 
-def test_a_second_cause_is_told_at_once_too() -> None:
-    """While the arm is stopped already: the status does not wait for its rate."""
+def test_a_second_cause_is_reported_at_once_too() -> None:
+    """With the arm already stopped, the status still does not wait for its rate."""
     cell = Cellmates().arm()
     for number, code in enumerate(["hold"] * MOST_TRIPS, start=1):
         IN_MOTION[code](cell)
         assert cell.status.read(cell.clock.now_ns()).age_s == 0.0
-        assert len(cell.told().trips) == number
+        assert len(cell.last_status().trips) == number

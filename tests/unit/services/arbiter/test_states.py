@@ -1,4 +1,4 @@
-"""The arbiter's table of states: every pair of state and event, and what must never lead where."""
+"""The arbiter's table of states: every pair of state and event, and forbidden transitions."""
 
 from itertools import product
 from typing import get_args
@@ -14,7 +14,7 @@ EVENTS = ("ready", "arm", "back_off", "take", "begin", "end", "soften", "hold", 
 A_PERSONS = ("arm", "back_off")
 AT_REST = tuple(state for state in STATES if state not in MAY_MOVE)
 
-# Written out a second time on purpose: whoever changes the table must mean it.
+# Repeated on purpose: a change of the table has to be made twice.
 EXPECTED = {
     ("BOOT", "ready"): "IDLE",
     ("BOOT", "back_off"): "ARMED",
@@ -48,15 +48,13 @@ each_state = pytest.mark.parametrize("state", STATES)
 
 @each_state
 @pytest.mark.parametrize("event", EVENTS)
-def test_every_pair_of_state_and_event_leads_where_it_should(
-    state: ArbiterState, event: str
-) -> None:
-    """Swept; what is not listed changes nothing."""
+def test_every_pair_of_state_and_event_has_its_next_state(state: ArbiterState, event: str) -> None:
+    """Swept: an unlisted pair changes nothing."""
     assert after(state, event) == EXPECTED.get((state, event), state)
 
 
-def test_the_table_knows_every_state_and_no_other_word() -> None:
-    """Each state has a row and a sentence on what clears it; each event is one of the ten."""
+def test_the_table_has_every_state_and_event_and_no_other() -> None:
+    """Each state has a row and a sentence on its remedy; each event is one of the ten."""
     assert set(TABLE) == set(CLEARS) == set(MEANS) == set(STATES)
     for row in TABLE.values():
         assert set(row) <= set(EVENTS)
@@ -65,15 +63,15 @@ def test_the_table_knows_every_state_and_no_other_word() -> None:
 
 @pytest.mark.parametrize(("state", "event"), list(product(AT_REST, EVENTS)))
 def test_only_arming_leads_to_motion(state: ArbiterState, event: str) -> None:
-    """From every state at rest, every event but a person's arming stays at rest."""
+    """From every state at rest, every event but arming leads to a state at rest."""
     if event not in A_PERSONS:
         assert after(state, event) not in MAY_MOVE
 
 
-def test_a_fault_and_the_start_cannot_be_armed_away() -> None:
-    """From FAULT a person clears first, from BOOT the inputs must be heard first.
+def test_fault_and_boot_cannot_be_armed() -> None:
+    """FAULT requires a clear first, BOOT requires the inputs first.
 
-    Backing off alone is possible without: its goal is the arbiter's own, and it ends in a latch.
+    Backing off is possible without: its goal is the arbiter's own, and it ends in a latch.
     """
     assert after("FAULT", "arm") == "FAULT"
     assert after("BOOT", "arm") == "BOOT"
@@ -82,39 +80,39 @@ def test_a_fault_and_the_start_cannot_be_armed_away() -> None:
 
 @pytest.mark.parametrize("state", MAY_MOVE)
 def test_hold_and_fault_end_every_motion(state: ArbiterState) -> None:
-    """Two events stop the arm from wherever it may move, each into its own latch."""
+    """Hold and fault stop the arm in every state that may move, each with its own latch."""
     assert after(state, "hold") == "HOLDING"
     assert after(state, "fault") == "FAULT"
 
 
 @each_state
 def test_hold_never_leads_to_motion_or_out_of_a_latch(state: ArbiterState) -> None:
-    """Held twice is held; a fault is not softened into a hold."""
+    """A second hold is a hold; a fault does not become a hold."""
     assert after(state, "hold") not in MAY_MOVE
     assert after(after(state, "hold"), "hold") == after(state, "hold")
 
 
 @each_state
 def test_every_state_can_be_left_for_idle_or_motion(state: ArbiterState) -> None:
-    """No dead end: a person gets the arm to move again from anywhere, step by step."""
+    """There is no dead end: an operator gets the arm to move again from any state."""
     reached = {state}
     for _ in STATES:
-        reached |= {after(here, event) for here in reached for event in EVENTS}
+        reached |= {after(one, event) for one in reached for event in EVENTS}
 
     assert {"IDLE", "ARMED", "ACTIVE"} <= reached
 
 
 @each_state
-def test_whoever_may_not_move_is_told_what_to_do(state: ArbiterState) -> None:
-    """A state at rest has its sentence; where the arm may move there is nothing to clear."""
+def test_a_state_at_rest_has_a_remedy(state: ArbiterState) -> None:
+    """A state that may move has nothing to clear."""
     assert bool(CLEARS[state]) == (state not in MAY_MOVE)
 
 
-def test_a_stop_that_has_begun_goes_on_to_the_latch() -> None:
-    """From STOPPING nothing leads back to motion: neither an owner's end nor a new wish."""
+def test_a_stop_in_progress_ends_in_the_latch() -> None:
+    """No event leads from STOPPING to motion: neither an owner's end nor a new request."""
     assert {after("STOPPING", event) for event in EVENTS} == {"STOPPING", "HOLDING", "FAULT"}
 
 
-def test_the_page_for_people_is_made_from_the_tables() -> None:
-    """docs/arbitration.md shows every state, arrow, rank and reaction as they are."""
+def test_the_page_is_generated_from_the_tables() -> None:
+    """docs/arbitration.md has every state, transition, rank and reaction of the code."""
     assert PAGE.read_text(encoding="utf-8") == page(), "make readme"

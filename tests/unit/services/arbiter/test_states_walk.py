@@ -1,7 +1,7 @@
-"""Every state that arbiter and gate can get into together, and what is true on every way there.
+"""Every state that arbiter and gate can reach together, and the rules of every step.
 
-Not a model: the real `Arbiter` and the real `CommandGate` are walked through, event by event, until
-nothing new is found (tests/fakes/arbiter_walk.py). What holds here holds in every order of events.
+The real `Arbiter` and the real `CommandGate` are explored event by event until no new state is
+found (tests/fakes/arbiter_walk.py). The rules hold for every order of events.
 """
 
 from collections.abc import Callable
@@ -24,28 +24,30 @@ from tests.fakes.arbiter_product import (
     SILENT,
     TROUBLES,
     Product,
-    SeenArbiter,
+    TracedArbiter,
     fork,
 )
 from tests.fakes.arbiter_walk import ALWAYS, Edge, Walk, happenings, key_of
 
-# What ends motion in the very period in which it is seen.
+# Faults that end motion in the period in which they are received.
 FATAL = {
     *SILENT, "robot invalid", "sensor invalid", "wrench invalid", "motors off", "error",
     "late loop", "misaligned", "two writers", "another wrench",
 }  # fmt: skip
-# What backing off without a force to follow does not wait for.
-UNFELT = {f"{name} {how}" for name in ("sensor", "wrench") for how in ("silent", "invalid")}
+# Faults that do not stop backing off without force.
+UNFELT = {f"{name} {fault}" for name in ("sensor", "wrench") for fault in ("silent", "invalid")}
 MOVES = ("operator moves", "program moves", "operator turns")
 LATCHED = ("HOLDING", "FAULT")
-FEW = tuple(trouble for trouble in TROUBLES if trouble != "robot silent")  # for a quick look
+FEW = tuple(
+    disturbance for disturbance in TROUBLES if disturbance != "robot silent"
+)  # for a short exploration
 
 
-# --- what is true of every step -------------------------------------------------------------------
+# --- rules of every step --------------------------------------------------------------------------
 
 
 def there_is_one_owner(edge: Edge) -> None:
-    """Who has the arm keeps its turn; the next one has another; command and status agree."""
+    """Assert that owners have different turns, and that command and status agree."""
     before, after = edge.before.status, edge.after.status
     command, permission = edge.after.command, edge.after.command.permission
     assert (permission is not None) == edge.after.may_move == (command.kind != "hold")
@@ -61,7 +63,7 @@ def there_is_one_owner(edge: Edge) -> None:
 
 
 def the_robot_obeys_the_newest_owner_in_time(edge: Edge) -> None:
-    """What is obeyed is what was heard last, not too old, of a lease that never ended."""
+    """Assert that the robot obeys the newest command of a lease that has not ended, in time."""
     product, obeyed = edge.after, edge.after.verdict.command
     if obeyed is None:
         return
@@ -76,15 +78,15 @@ def the_robot_obeys_the_newest_owner_in_time(edge: Edge) -> None:
 
 
 def fatal_to(product: Product) -> set[str]:
-    """Return what ends the motion that is under way."""
+    """Return the faults that end the present motion."""
     freeing = product.core._freeing
     return FATAL - UNFELT if freeing is not None and freeing.blind else FATAL
 
 
 def moving_implies_a_fresh_owner(edge: Edge) -> None:
-    """A motion has a commander, and nothing that the arbiter hears is wrong."""
+    """Assert that motion has a commander and only good inputs."""
     if edge.after.may_move:
-        assert edge.after.trouble not in fatal_to(edge.after)
+        assert edge.after.disturbance not in fatal_to(edge.after)
     if edge.after.command.kind in MOTIONS:
         assert edge.after.core.state in {"ACTIVE", "STOPPING"}
         assert edge.after.command.commander != "none"
@@ -93,17 +95,17 @@ def moving_implies_a_fresh_owner(edge: Edge) -> None:
 
 
 def hold_ends_motion_in_the_same_step(edge: Edge) -> None:
-    """Whoever asked for what in the same period."""
+    """Assert that a hold ends motion for any other request of the period."""
     if "hold" in edge.event.split(" + "):
         assert not edge.after.may_move
         assert edge.after.command.kind == "hold"
         assert edge.after.verdict.command is None
 
 
-def only_a_person_leads_to_motion(edge: Edge) -> None:
-    """From wherever nothing moves, `arm` alone; from FAULT not without `clear` before it.
+def only_arming_leads_to_motion(edge: Edge) -> None:
+    """Assert that from rest only `arm` leads to motion; from FAULT only after `clear`.
 
-    Backing off needs no clear, but it arms for its own goal alone.
+    Backing off needs no clear, but it arms for its own goal only.
     """
     if not edge.before.may_move and edge.after.may_move:
         assert edge.after.replies[0].accepted
@@ -118,15 +120,15 @@ def only_a_person_leads_to_motion(edge: Edge) -> None:
         assert edge.after.core.state in LATCHED
 
 
-def a_lease_is_a_person_that_armed(edge: Edge) -> None:
-    """One number each time, never one that was there before."""
+def each_arming_has_its_own_lease(edge: Edge) -> None:
+    """Assert that a lease is used once."""
     before, after = edge.before.status.lease, edge.after.status.lease
     assert after == edge.after.armed
     assert after - before in {0, 1} or edge.event == "arbiter restarts"
 
 
-def states_change_as_the_table_says(edge: Edge) -> None:
-    """Each change is a row, and one follows from the other."""
+def states_change_by_the_table(edge: Edge) -> None:
+    """Assert that each change is a row, and the rows are connected."""
     for old, new in edge.after.core.changes:
         assert new in TABLE[old].values(), (old, new)
     if edge.event != "arbiter restarts":
@@ -135,8 +137,8 @@ def states_change_as_the_table_says(edge: Edge) -> None:
         assert steps[-1] == edge.after.core.state
 
 
-def whatever_is_refused_or_held_says_why(edge: Edge) -> None:
-    """With a code of the dictionary and its rule."""
+def refusals_and_holds_have_a_reason(edge: Edge) -> None:
+    """Assert a code of the dictionary with its reaction."""
     for reply in edge.after.replies:
         assert reply.text
         if reply.accepted:
@@ -157,17 +159,17 @@ def whatever_is_refused_or_held_says_why(edge: Edge) -> None:
 
 
 def a_move_needs_a_higher_rank(edge: Edge) -> None:
-    """And an arm that is armed and not being stopped."""
+    """Assert a higher rank, and an arm that is armed and not being stopped."""
     if edge.event in MOVES and edge.after.replies[0].accepted:
         before = edge.before.status
         assert before.state in {"ARMED", "SETTLING", "ACTIVE"}
-        asker: Any = edge.event.split()[0]
-        assert outranks(asker, before.commander)
-        assert outranks(asker, before.next_commander)
+        requester: Any = edge.event.split()[0]
+        assert outranks(requester, before.commander)
+        assert outranks(requester, before.next_commander)
 
 
-def a_dead_lease_is_noticed(edge: Edge) -> None:
-    """An arbiter whose robot refuses its lease does not go on for ever as if it moved."""
+def an_ended_lease_is_detected(edge: Edge) -> None:
+    """Assert that an arbiter whose robot refuses its lease does not continue."""
     lease = (edge.before.epoch, edge.before.status.lease)
     if edge.event == "long" and edge.before.may_move and lease in edge.before.dead:
         assert edge.after.core.state in {"STOPPING", *LATCHED}
@@ -178,17 +180,17 @@ RULES: tuple[Callable[[Edge], None], ...] = (
     the_robot_obeys_the_newest_owner_in_time,
     moving_implies_a_fresh_owner,
     hold_ends_motion_in_the_same_step,
-    only_a_person_leads_to_motion,
-    a_lease_is_a_person_that_armed,
-    states_change_as_the_table_says,
-    whatever_is_refused_or_held_says_why,
+    only_arming_leads_to_motion,
+    each_arming_has_its_own_lease,
+    states_change_by_the_table,
+    refusals_and_holds_have_a_reason,
     a_move_needs_a_higher_rank,
-    a_dead_lease_is_noticed,
+    an_ended_lease_is_detected,
 )
 
 
-def judge(edge: Edge) -> None:
-    """Hold one step against every rule."""
+def check(edge: Edge) -> None:
+    """Check one step against every rule."""
     for rule in RULES:
         rule(edge)
 
@@ -197,168 +199,168 @@ def judge(edge: Edge) -> None:
 
 
 def every_row_is_walked(rows: set[tuple[str, str]]) -> None:
-    """A row that nothing leads along would be a row that nobody has thought of."""
+    """Assert that no row of the table is unused."""
     assert rows == {(old, new) for old, row in TABLE.items() for new in row.values()}
-    for row in TABLE.values():  # backing off arms as well: it is told apart by what it arms for
+    for row in TABLE.values():  # backing off arms as well: its purpose distinguishes it
         states = [new for event, new in row.items() if event != "back_off"]
         assert len(set(states)) == len(states)
 
 
 def there_is_no_dead_end(walk: Walk) -> None:
-    """From everywhere some way leads to an arm that is armed and obeys; no process starts anew."""
+    """Assert that a path without a restart leads from every node to an armed, obeying arm."""
     home = walk.from_where(lambda p: p.core.state == "ARMED" and p.verdict.command is not None)
-    assert [walk.way(key) for key in walk.nodes if key not in home] == []
+    assert [walk.path(key) for key in walk.nodes if key not in home] == []
 
 
-def one_recipe_helps_everywhere(walk: Walk) -> None:
-    """Hold, mend, let it rest, wait, clear, arm: the same for whatever has happened."""
+def one_recovery_works_everywhere(walk: Walk) -> None:
+    """Assert that hold, repair, rest, wait, clear and arm recover from every node."""
     for key, found in walk.nodes.items():
         product: Product = fork(found)
-        product.trouble, product.moving, product.wish = "", False, "stopped"
+        product.disturbance, product.moving, product.target = "", False, "stopped"
         for event in ("hold", "long", "long", "clear", "arm all"):
             ALWAYS[event](product)
-        assert product.core.state == "ARMED", walk.way(key)
+        assert product.core.state == "ARMED", walk.path(key)
         assert product.verdict.command is not None
 
 
-def a_node_is_what_its_way_leads_to(walk: Walk) -> None:
-    """Walked again from the start, without copies, the same node is reached."""
+def a_node_is_reproduced_by_its_path(walk: Walk) -> None:
+    """Assert that the path from the start leads to the same node without copies."""
     for key in list(walk.nodes)[:: max(1, len(walk.nodes) // 60)]:
         product = Product()
-        for event in walk.way(key):
+        for event in walk.path(key):
             dict(happenings(product))[event](product)
         assert key_of(product) == key
 
 
-def test_no_way_through_arbiter_and_gate_breaks_a_rule(capsys: Any) -> None:
-    """The walk has an end, every step of it keeps every rule, and so does the whole graph."""
+def test_no_sequence_of_events_of_arbiter_and_gate_breaks_a_rule(capsys: Any) -> None:
+    """The exploration ends; every step keeps every rule, and so does the whole graph."""
     rows: set[tuple[str, str]] = set()
 
-    def judge_and_note(edge: Edge) -> None:
-        judge(edge)
+    def check_and_record(edge: Edge) -> None:
+        check(edge)
         rows.update(edge.after.core.changes)
 
-    walk = Walk(judge_and_note).run()
+    walk = Walk(check_and_record).run()
     with capsys.disabled():
         print(f" [{len(walk.nodes)} states, {walk.edges} edges] ", end="")  # noqa: T201
     assert len(walk.nodes) > 1000
     every_row_is_walked(rows)
     there_is_no_dead_end(walk)
-    one_recipe_helps_everywhere(walk)
-    a_node_is_what_its_way_leads_to(walk)
+    one_recovery_works_everywhere(walk)
+    a_node_is_reproduced_by_its_path(walk)
 
 
-# --- the walk bites -------------------------------------------------------------------------------
+# --- mutations are detected -----------------------------------------------------------------------
 
 
-def armed_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fault can be armed away."""
+def arm_in_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a fault be armed."""
     monkeypatch.setitem(states.TABLE["FAULT"], "arm", "ARMED")
 
 
-def clear_arms(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To clear is to arm."""
+def arm_by_clear(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let clear arm."""
     monkeypatch.setitem(states.TABLE["HOLDING"], "clear", "ARMED")
 
 
-def hold_is_deaf(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who settles is not held."""
+def ignore_hold_in_settling(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ignore a hold in SETTLING."""
     monkeypatch.setitem(states.TABLE["SETTLING"], "hold", "SETTLING")
 
 
-def gate_forgets(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lease that was ended goes on."""
+def forget_ended_leases(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Continue an ended lease."""
     monkeypatch.setattr(
         CommandGate, "_refuse", lambda gate, why: GateDecision(None, why, gate._accepted)
     )
 
 
-def gate_waits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A permission never gets old."""
-    judge_well = CommandGate.judge
+def ignore_deadlines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a permission never expire."""
+    original_judge = CommandGate.judge
 
-    def judge_young(gate: CommandGate, reading: Any, now_ns: int) -> GateDecision:
-        return judge_well(gate, reading._replace(age_s=0.0), now_ns)
+    def judge_without_age(gate: CommandGate, reading: Any, now_ns: int) -> GateDecision:
+        return original_judge(gate, reading._replace(age_s=0.0), now_ns)
 
-    monkeypatch.setattr(CommandGate, "judge", judge_young)
+    monkeypatch.setattr(CommandGate, "judge", judge_without_age)
 
 
-def gate_goes_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An owner of before is heard again."""
-    judge_well = CommandGate.judge
+def accept_earlier_owners(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Accept commands of an earlier owner."""
+    original_judge = CommandGate.judge
 
-    def judge_anew(gate: CommandGate, reading: Any, now_ns: int) -> GateDecision:
+    def judge_without_memory(gate: CommandGate, reading: Any, now_ns: int) -> GateDecision:
         gate._newest = (0, 0, 0)
-        return judge_well(gate, reading, now_ns)
+        return original_judge(gate, reading, now_ns)
 
-    monkeypatch.setattr(CommandGate, "judge", judge_anew)
-
-
-def everybody_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No rank is looked at."""
-    monkeypatch.setattr(commanders, "outranks", lambda asker, holder: True)
+    monkeypatch.setattr(CommandGate, "judge", judge_without_memory)
 
 
-def turns_stay(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The next owner has the turn of the one before."""
+def ignore_ranks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Accept every rank."""
+    monkeypatch.setattr(commanders, "outranks", lambda requester, holder: True)
+
+
+def keep_turns(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give the next owner the turn of the one before."""
     monkeypatch.setattr(Ownership, "next", lambda turn: Ownership(turn.number))
 
 
-def nothing_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who had the arm keeps it over a stop."""
+def keep_owner_over_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keep the owner over a stop."""
     monkeypatch.setattr(Commanders, "drop", lambda self: None)
 
 
-def state_is_written_past_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A move begins at once, whatever the table says."""
-    move_well = SeenArbiter.move
+def set_state_without_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Begin a move at once without the table."""
+    original_move = TracedArbiter.move
 
-    def move_at_once(arbiter: SeenArbiter, *args: Any) -> Any:
-        reply = move_well(arbiter, *args)
+    def move_at_once(arbiter: TracedArbiter, *args: Any) -> Any:
+        reply = original_move(arbiter, *args)
         if reply.accepted and arbiter.state in MAY_MOVE:
             arbiter.state = "STOPPING"
         return reply
 
-    monkeypatch.setattr(SeenArbiter, "move", move_at_once)
+    monkeypatch.setattr(TracedArbiter, "move", move_at_once)
 
 
-def leases_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each person who arms gets the same number."""
-    arm_well = SeenArbiter.arm
+def repeat_leases(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give each arming the same number."""
+    original_arm = TracedArbiter.arm
 
-    def arm_alike(arbiter: SeenArbiter, *args: Any) -> Any:
-        reply = arm_well(arbiter, *args)
+    def arm_with_old_lease(arbiter: TracedArbiter, *args: Any) -> Any:
+        reply = original_arm(arbiter, *args)
         arbiter._lease = min(arbiter._lease, 1)
         return reply
 
-    monkeypatch.setattr(SeenArbiter, "arm", arm_alike)
+    monkeypatch.setattr(TracedArbiter, "arm", arm_with_old_lease)
 
 
 @pytest.mark.parametrize(
-    "spoil",
+    "mutate",
     [
-        armed_away,
-        clear_arms,
-        hold_is_deaf,
-        gate_forgets,
-        gate_waits,
-        gate_goes_back,
-        everybody_goes_first,
-        turns_stay,
-        nothing_is_dropped,
-        state_is_written_past_the_table,
-        leases_come_back,
+        arm_in_fault,
+        arm_by_clear,
+        ignore_hold_in_settling,
+        forget_ended_leases,
+        ignore_deadlines,
+        accept_earlier_owners,
+        ignore_ranks,
+        keep_turns,
+        keep_owner_over_a_stop,
+        set_state_without_the_table,
+        repeat_leases,
     ],
 )
-def test_a_mistake_is_found(spoil: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each mutation of the real code breaks a rule somewhere on the walk."""
-    spoil(monkeypatch)
+def test_a_mutation_is_detected(mutate: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each mutation of the real code breaks a rule in the exploration."""
+    mutate(monkeypatch)
     with pytest.raises(AssertionError, match=r"arm|hold|moves|clear"):
-        Walk(judge, FEW).run()
+        Walk(check, FEW).run()
 
 
-def test_a_dead_end_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without its only row, nothing leads out of a fault any more."""
+def test_a_dead_end_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without its only row nothing leads out of a fault."""
     monkeypatch.setitem(states.TABLE, "FAULT", {})
     few = (*FEW, *MOVES, "arm jog", "arm all + operator moves", "moves", "old command")
     walk = Walk(lambda edge: None, few).run()

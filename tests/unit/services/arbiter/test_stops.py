@@ -1,4 +1,4 @@
-"""How motion ends: at once, by fading, or by going back a little; by one table."""
+"""The three reactions that end motion: immediate hold, fade and retreat; one table."""
 
 from itertools import pairwise
 
@@ -10,21 +10,21 @@ from hypothesis import strategies as st
 from common.motion.convert import pose_of
 from common.motion.limits import Limits
 from forcemesh.faults import FAULTS, tripped
-from forcemesh.messages import PoseRecord, WrenchAtTcp
+from forcemesh.messages import WrenchAtTcp
 from services.arbiter.bounds import ArmBounds
 from services.arbiter.stops import REACTIONS, Retreat, Stopping, begin, step
 from services.arbiter.stream import Tick
 from services.arbiter.stream import begin as begin_stream
 from tests.fakes.arbiter_robot import RobotWorld
-from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, shifted, way_m
+from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, shifted
 
 DT_S = PERIOD_NS * 1e-9
 LIMITS = CELL.limits
-CHANGE_M = LIMITS.accel_m_s2 * DT_S * DT_S * (1.0 + 1e-6)  # of one period's way
+CHANGE_M = LIMITS.accel_m_s2 * DT_S * DT_S * (1.0 + 1e-6)  # of one period's travel
 TIP_M = CELL.tool.T_flange_tcp.position_m[2]
 FLOOR_M = LIMITS.workspace_min_m[2]
 RETREAT_M = 0.001
-RETREAT_FROM, RETREAT_WITHIN_S = 0.8, 2.0  # as docs/arbitration.md says
+RETREAT_FROM, RETREAT_WITHIN_S = 0.8, 2.0  # values of the arbitration page
 SOFT_N = RETREAT_FROM * LIMITS.force_N + 1.0
 
 
@@ -35,7 +35,7 @@ def world_with(**force: float) -> RobotWorld:
 
 
 def run(world: RobotWorld, velocity_m_s: tuple[float, float, float], periods: int) -> None:
-    """Let the regulator stream set points at a speed from where it was, as long as it may."""
+    """Let the regulator stream set points at a speed from the start, until a hold."""
     if world.core.state == "BOOT":
         world.make_armed()
     for period in range(1, periods + 1):
@@ -47,41 +47,30 @@ def run(world: RobotWorld, velocity_m_s: tuple[float, float, float], periods: in
             return
 
 
-def set_points(world: RobotWorld) -> list[PoseRecord]:
-    """Return every pose that was commanded."""
-    said = [command for command in world.commands if command.kind == "setpoint"]
-    return [command.pose for command in said if command.pose is not None]
-
-
-def ways_m(world: RobotWorld) -> list[float]:
-    """Return how far each set point is from the one before."""
-    return [way_m(b, a) for a, b in pairwise(set_points(world))]
-
-
 # --- the table ------------------------------------------------------------------------------------
 
 
-def test_what_ends_softly_is_this_and_nothing_else() -> None:
-    """Row by row: one that is left out would be held at once, and nobody would notice."""
+def test_the_table_has_exactly_these_soft_reactions() -> None:
+    """A missing row would be an immediate hold without notice."""
     fades = {"workspace", "tether", "joint_speed", "regulator", "travel"}
     assert dict.fromkeys(fades, "fade") | {"force": "retreat", "torque": "retreat"} == REACTIONS
 
 
 @pytest.mark.parametrize("code", REACTIONS)
-def test_only_what_a_person_can_arm_away_is_stopped_softly(code: str) -> None:
-    """A FAULT means that something cannot be trusted any more: there is nothing to wait for."""
+def test_only_a_hold_that_can_be_armed_again_is_soft(code: str) -> None:
+    """A FAULT concerns something that is no longer reliable, so the arm stops at once."""
     assert FAULTS[code].kind == "HOLD"
     assert REACTIONS[code] in {"fade", "retreat"}
 
 
 @pytest.mark.parametrize("code", ["hold", "step", "tracking", "robot_holds", "rate", "not_finite"])
-def test_what_is_urgent_is_held_at_once(code: str) -> None:
-    """A person's wish, an arm that does not follow, commands that cannot be believed."""
+def test_urgent_causes_hold_at_once(code: str) -> None:
+    """An operator's hold, an arm that does not follow, and invalid commands."""
     assert code not in REACTIONS
 
 
 def test_a_target_for_the_controller_without_content_holds() -> None:
-    """It may begin, and then there is nothing to do."""
+    """It may begin, but then it has no content."""
     world = world_with().make_armed()
     world.propose(None, host="controller")
     assert world.tick().permission is None
@@ -96,23 +85,23 @@ velocities = st.tuples(*[st.floats(-0.14, 0.14)] * 3).filter(lambda v: np.linalg
 @settings(max_examples=8)
 @given(velocities)
 def test_set_points_fade_out_inside_the_workspace(velocity: tuple[float, float, float]) -> None:
-    """Any way out: no set point outside, none that changes speed faster than allowed, then hold."""
+    """In any direction no set point is outside, the speed change is limited, and a hold ends it."""
     world = world_with()
     run(world, velocity, 2000)
     assert world.core.state == "HOLDING"
     assert world.core.status().trips[0].code == "workspace"
     low, high = np.array(LIMITS.workspace_min_m), np.array(LIMITS.workspace_max_m)
-    for pose in set_points(world):
+    for pose in world.set_points:
         T = pose_of(pose)
         tip = T.act(np.array([0.0, 0.0, TIP_M]))
         assert ((tip >= low - 1e-12) & (tip <= high + 1e-12)).all()
-    ways = ways_m(world)
-    assert max(abs(b - a) for a, b in pairwise(ways)) <= CHANGE_M
-    assert ways[-1] <= CHANGE_M
+    travels = world.travels_m
+    assert max(abs(b - a) for a, b in pairwise(travels)) <= CHANGE_M
+    assert travels[-1] <= CHANGE_M
 
 
-def test_while_it_fades_the_state_is_stopping_and_the_cause_is_told() -> None:
-    """The regulator hears that it must end; moves are refused; arming changes nothing."""
+def test_during_a_fade_the_state_is_stopping_with_its_cause() -> None:
+    """The regulator receives its end; moves are refused; arming changes nothing."""
     world = world_with()
     world.make_armed()
     periods = 0
@@ -137,8 +126,8 @@ def test_while_it_fades_the_state_is_stopping_and_the_cause_is_told() -> None:
     assert [trip.code for trip in world.core.status().trips] == ["workspace"]
 
 
-def test_a_regulator_that_gives_up_in_motion_fades() -> None:
-    """With its own code where it has one; the set points do not stop dead."""
+def test_a_regulator_that_fails_in_motion_fades() -> None:
+    """The trip has the regulator's code, if any; the set points do not stop abruptly."""
     for code, expected in (("travel", "travel"), ("", "regulator"), ("nonsense", "regulator")):
         world = world_with()
         run(world, (0.0, 0.0, -0.05), 40)
@@ -148,11 +137,11 @@ def test_a_regulator_that_gives_up_in_motion_fades() -> None:
         assert kinds[-1] == "hold"
         trip = world.core.status().trips[0]
         assert (trip.code, "no contact" in trip.text) == (expected, True)
-        assert max(abs(b - a) for a, b in pairwise(ways_m(world))) <= CHANGE_M
+        assert max(abs(b - a) for a, b in pairwise(world.travels_m)) <= CHANGE_M
 
 
-def test_a_regulator_that_gives_up_for_a_fault_is_a_fault_at_once() -> None:
-    """The table of faults says so of a wrong sign: nothing fades."""
+def test_a_regulator_failure_that_is_a_fault_stops_at_once() -> None:
+    """The table of faults requires this for a wrong sign: nothing fades."""
     world = world_with()
     run(world, (0.0, 0.0, -0.05), 40)
     world.propose(None, valid=False, reason="pushed sideways", code="sensor_sign")
@@ -162,8 +151,8 @@ def test_a_regulator_that_gives_up_for_a_fault_is_a_fault_at_once() -> None:
 
 
 @pytest.mark.parametrize("event", ["hold", "silence", "force"])
-def test_what_is_urgent_cuts_a_fade_short(event: str) -> None:
-    """A person, a lost input, too much force: no further set point, and both causes are told."""
+def test_urgent_causes_end_a_fade(event: str) -> None:
+    """A hold, a lost input or too much force ends the set points; both causes are reported."""
     world = world_with()
     run(world, (0.0, 0.0, -0.05), 40)
     world.propose(None, valid=False, reason="enough", code="travel")
@@ -181,8 +170,8 @@ def test_what_is_urgent_cuts_a_fade_short(event: str) -> None:
 
 
 @pytest.mark.parametrize("owner", ["program", "operator", "controller"])
-def test_what_is_not_streamed_is_held_at_once(owner: str) -> None:
-    """A goal and the controller's own force feedback are braked by the robot, not by set points."""
+def test_motion_without_set_points_is_held_at_once(owner: str) -> None:
+    """The robot brakes a goal and the controller's own force feedback, not the set points."""
     world = RobotWorld().give(owner)
     p = T_START.translation + np.array([0.0, 0.0, FLOOR_M - 0.2])
     T = pose_of(world.robot)
@@ -205,21 +194,21 @@ def pressing(retreat_m: float = RETREAT_M, **force: float) -> RobotWorld:
 
 @settings(max_examples=6)
 @given(retreat_m=st.floats(0.0002, 0.002), speed_m_s=st.floats(0.002, 0.01))
-def test_the_tool_goes_back_along_its_axis_and_holds(retreat_m: float, speed_m_s: float) -> None:
-    """As far and as fast as the cell says, within the acceleration; then both facts are latched."""
+def test_the_tool_retreats_along_its_axis_and_holds(retreat_m: float, speed_m_s: float) -> None:
+    """Distance and speed are those of the cell; both causes are latched."""
     world = pressing(retreat_m, retreat_m_s=speed_m_s)
-    before = set_points(world)[-1]
+    before = world.set_points[-1]
     world.tick()
     assert world.core.state == "STOPPING"
     while world.tick().kind == "setpoint":
         assert len(world.commands) < 2000
-    back = set_points(world)[-1]
+    back = world.set_points[-1]
 
     assert world.core.state == "HOLDING"
-    gone = pose_of(back).translation - pose_of(before).translation
-    assert gone == pytest.approx([0.0, 0.0, retreat_m], abs=2e-5)
+    travel = pose_of(back).translation - pose_of(before).translation
+    assert travel == pytest.approx([0.0, 0.0, retreat_m], abs=2e-5)
     fastest_m = speed_m_s * DT_S * (1.0 + 1e-6)
-    upward = [w for a, b, w in zip(set_points(world), set_points(world)[1:], ways_m(world),
+    upward = [w for a, b, w in zip(world.set_points, world.set_points[1:], world.travels_m,
                                    strict=False) if b.position_m[2] > a.position_m[2]]  # fmt: skip
     assert max(upward) <= fastest_m
     (trip,) = world.core.status().trips
@@ -229,8 +218,8 @@ def test_the_tool_goes_back_along_its_axis_and_holds(retreat_m: float, speed_m_s
     assert trip.limit == pytest.approx(RETREAT_FROM * LIMITS.force_N)
 
 
-def test_without_opting_in_nothing_goes_back_and_the_whole_ceiling_counts() -> None:
-    """The default: the arm holds where it is, at the ceiling of the cell."""
+def test_without_the_option_there_is_no_retreat_and_the_whole_ceiling_counts() -> None:
+    """By default the arm holds at its present pose, at the ceiling of the cell."""
     world = pressing(0.0)
     assert world.tick().kind == "setpoint"
     assert world.core.state == "ACTIVE"
@@ -240,10 +229,10 @@ def test_without_opting_in_nothing_goes_back_and_the_whole_ceiling_counts() -> N
 
 
 @pytest.mark.parametrize("force_N", [(0.0, 0.0, -SOFT_N), (SOFT_N, 0.0, 0.0)])
-def test_only_a_push_against_the_press_makes_it_go_back(
+def test_only_a_push_against_the_press_causes_a_retreat(
     force_N: tuple[float, float, float],
 ) -> None:
-    """Pulled, or pushed from the side, backwards is no better than here: hold."""
+    """For a pull or a lateral push the arm holds, because a retreat would not help."""
     world = pressing()
     world.change("wrench", force_N=force_N)
     assert world.tick().kind == "hold"
@@ -251,8 +240,8 @@ def test_only_a_push_against_the_press_makes_it_go_back(
 
 
 @pytest.mark.parametrize("event", ["wrench", "force", "hold"])
-def test_a_retreat_ends_with_the_wrench_and_when_it_gets_worse(event: str) -> None:
-    """It goes on only while the wrench is valid and below the whole ceiling."""
+def test_a_retreat_ends_with_an_invalid_wrench_and_a_rising_force(event: str) -> None:
+    """It continues only while the wrench is valid and below the whole ceiling."""
     world = pressing()
     world.tick(10)
     assert world.core.state == "STOPPING"
@@ -269,7 +258,7 @@ def test_a_retreat_ends_with_the_wrench_and_when_it_gets_worse(event: str) -> No
 
 
 def test_a_retreat_does_not_leave_the_workspace() -> None:
-    """A wall behind the tool, half way: it goes to the wall and no farther."""
+    """With a wall behind the tool, half way, it ends at the wall."""
     wall_m = float(T_START.translation[2]) - TIP_M + 0.001
     limits = LIMITS.model_copy(update={"workspace_max_m": (*LIMITS.workspace_max_m[:2], wall_m)})
     force = CELL.force.model_copy(update={"retreat_m": 0.002})
@@ -280,15 +269,17 @@ def test_a_retreat_does_not_leave_the_workspace() -> None:
     while world.tick().kind == "setpoint":
         assert len(world.commands) < 2000
     assert world.core.state == "HOLDING"
-    highest_m = max(pose.position_m[2] for pose in set_points(world)) - TIP_M
+    highest_m = max(pose.position_m[2] for pose in world.set_points) - TIP_M
     assert wall_m - 1e-4 < highest_m <= wall_m + 1e-12
 
 
 def test_the_force_ceiling_of_a_goal_is_the_whole_one() -> None:
-    """The lower one is for set points that can go back; a move is held at the ceiling."""
+    """The lower one is for set points that can retreat; a move is held at the ceiling."""
     world = world_with(retreat_m=RETREAT_M)
     world.make_armed()
-    world.change("wrench", force_N=(0.0, 0.0, SOFT_N))  # from there limits.move_rise_N is no limit
+    world.change(
+        "wrench", force_N=(0.0, 0.0, SOFT_N)
+    )  # from this load limits.move_rise_N does not trip first
     world.ask("operator")
     world.tick(60)
     for force_N in (SOFT_N, LIMITS.force_N):
@@ -305,17 +296,17 @@ TRIP = tripped("force", "65 N pressed")
 BOUNDS = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
 
 
-def retreat(way_m: float, speed_m_s: float, press_N: float = SOFT_N) -> Stopping | None:
-    """Return how a retreat begins when so much presses against a tool at rest at the start."""
+def retreat(travel_m: float, speed_m_s: float, press_N: float = SOFT_N) -> Stopping | None:
+    """Return the start of a retreat from this press force on a tool at rest."""
     press_axis = (T_START * BOUNDS.T_flange_tcp).rotation[:, 2]
     x_N, y_N, z_N = (-press_N * press_axis).tolist()
     wrench = WrenchAtTcp(force_N=(x_N, y_N, z_N))
-    allowed = Retreat(way_m, speed_m_s)
+    allowed = Retreat(travel_m, speed_m_s)
     return begin(TRIP, begin_stream(T_START), BOUNDS, retreat=allowed, wrench=wrench, now_ns=0)
 
 
-def played(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
-    """Step until it is done, or a time is over; return when that was [s]."""
+def run_stop(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
+    """Step until it is done, or a time is over; return the time [s]."""
     period = 0
     while not stopping.done and period * DT_S < end_s:
         period += 1
@@ -325,30 +316,30 @@ def played(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
 
 
 def test_a_retreat_lowers_both_ceilings_and_no_retreat_neither() -> None:
-    """Four fifths: the robot's own check of the whole one would cut it off."""
+    """They are four fifths: the robot's own check of the whole one would end the retreat."""
     lower = Retreat(0.001, 0.005).ceilings(BOUNDS.limits)
     assert lower.force_N == pytest.approx(0.8 * LIMITS.force_N)
     assert lower.torque_Nm == pytest.approx(0.8 * LIMITS.torque_Nm)
     assert Retreat(0.0, 0.005).ceilings(BOUNDS.limits) is BOUNDS.limits
 
 
-def test_a_retreat_says_how_far_it_went() -> None:
-    """All of its way when it arrives, in less than its time."""
+def test_a_retreat_reports_its_travel() -> None:
+    """All of the travel when it arrives, in less than its time."""
     begun = retreat(0.002, 0.01)
     assert begun is not None
-    done, took_s = played(begun, 1.0)
+    done, took_s = run_stop(begun, 1.0)
     assert done.done
     assert 0.2 <= took_s < 0.5
     assert done.trip.text == "65 N pressed; the tool went back 2.0 mm"
-    assert done.pace.is_there, "it ends at rest, where it was to go, and not a step before"
+    assert done.motion.is_at_target, "it ends at rest at its target, and not before"
 
 
 def test_a_retreat_that_does_not_arrive_ends_after_two_seconds() -> None:
-    """Two seconds are allowed, one period more is not; it says how far it came."""
+    """Two seconds are allowed, one period more is not; it reports its travel."""
     begun = retreat(0.01, 0.001)
     assert begun is not None
-    assert not played(begun, RETREAT_WITHIN_S)[0].done
-    done, took_s = played(begun, 10.0)
+    assert not run_stop(begun, RETREAT_WITHIN_S)[0].done
+    done, took_s = run_stop(begun, 10.0)
     assert done.done
     assert took_s == pytest.approx(RETREAT_WITHIN_S + DT_S)
     went_mm = float(done.trip.text.removesuffix(" mm").rsplit(" ", 1)[1])
@@ -356,6 +347,6 @@ def test_a_retreat_that_does_not_arrive_ends_after_two_seconds() -> None:
 
 
 @pytest.mark.parametrize("press_N", [0.0, -1.0])
-def test_without_a_press_nothing_goes_back(press_N: float) -> None:
-    """Exactly none is none: there is no way out of nothing."""
+def test_without_a_press_there_is_no_retreat(press_N: float) -> None:
+    """Exactly zero is no press: it has no direction."""
     assert retreat(0.002, 0.01, press_N) is None

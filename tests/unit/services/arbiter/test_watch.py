@@ -1,4 +1,4 @@
-"""What one look cannot show: each watcher by itself, at the last digit of what it allows."""
+"""Checks over several periods: each by itself, at its exact limits."""
 
 import dataclasses
 from typing import Any, Literal
@@ -17,73 +17,73 @@ from tests.fakes.arbiter_world import CELL, STOPPED, T_START, World, shifted
 S = 1_000_000_000
 
 
-def at(world: World, after_s: float) -> None:
-    """Let time pass without anybody stepping."""
+def advance(world: World, after_s: float) -> None:
+    """Let time pass without a step."""
     world.now_ns += round(after_s * S)
 
 
-def seen(rest: RestWatch, world: World, after_s: float) -> Trip | None:
-    """Show the watcher the world, so much later."""
-    at(world, after_s)
-    return rest.see(world.inputs())
+def updated(rest: RestWatch, world: World, after_s: float) -> Trip | None:
+    """Update the check with the world after some time."""
+    advance(world, after_s)
+    return rest.update(world.inputs())
 
 
 # --- rest -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("period_s", "needed_s"), [(0.004, 0.2), (0.1, 0.3)])
-def test_an_arm_rests_that_stayed_for_a_fifth_of_a_second_or_three_reports(
+def test_an_arm_rests_after_a_fifth_of_a_second_or_three_reports(
     period_s: float, needed_s: float
 ) -> None:
-    """Exactly so long is enough; the wait that is missing is told."""
+    """Exactly this time is sufficient; the missing time is reported."""
     world, rest = World(), RestWatch(period_s)
-    assert seen(rest, world, 0.0) is not None
-    trip = seen(rest, world, needed_s - 1e-6)
+    assert updated(rest, world, 0.0) is not None
+    trip = updated(rest, world, needed_s - 1e-6)
     assert trip is not None
     assert (trip.code, trip.limit) == ("moving", needed_s)
     assert trip.value == pytest.approx(needed_s, abs=2e-6)
-    assert seen(rest, world, 1e-6) is None
+    assert updated(rest, world, 1e-6) is None
 
 
 @pytest.mark.parametrize(("robot_hz", "needed_s"), [(250.0, 0.2), (10.0, 0.3)])
-def test_the_cell_says_how_often_the_arm_reports(robot_hz: float, needed_s: float) -> None:
-    """A robot on a slow link is watched for longer."""
+def test_the_cell_file_sets_the_rate_of_the_arms_reports(robot_hz: float, needed_s: float) -> None:
+    """A robot on a slow link is checked for longer."""
     rates = CELL.rates.model_copy(update={"robot_hz": robot_hz})
     world = World(CELL.model_copy(update={"rates": rates}))
-    unrest = world.inputs().watched.unrest
-    assert unrest is not None
-    assert unrest.limit == needed_s
+    motion_at_rest_violation = world.inputs().watched.motion_at_rest_violation
+    assert motion_at_rest_violation is not None
+    assert motion_at_rest_violation.limit == needed_s
 
 
 @pytest.mark.parametrize(("away_m", "rests"), [(2e-4, True), (2.001e-4, False)])
 def test_a_fifth_of_a_millimetre_is_still_rest(away_m: float, rests: bool) -> None:
-    """From where it was first seen, so that a slow drift is found."""
+    """It counts from the first pose, so that a slow drift is found."""
     world, rest = World(), RestWatch(0.004)
     world.change("robot", position_m=(0.0, 0.0, 0.0))
-    assert seen(rest, world, 0.0) is not None
+    assert updated(rest, world, 0.0) is not None
     world.change("robot", position_m=(0.0, 0.0, away_m))
-    assert (seen(rest, world, 0.5) is None) == rests
+    assert (updated(rest, world, 0.5) is None) == rests
 
 
 @pytest.mark.parametrize(("turn_rad", "rests"), [(1.999e-3, True), (2.001e-3, False)])
 def test_two_milliradians_are_still_rest(turn_rad: float, rests: bool) -> None:
-    """As much as the position allows at a tenth of a metre."""
+    """This is the position limit at a tenth of a metre."""
     world, rest = World(), RestWatch(0.004)
-    assert seen(rest, world, 0.0) is not None
+    assert updated(rest, world, 0.0) is not None
     turned = T_START.copy()
     turned.rotation = rotation_from_vector(np.array([turn_rad, 0.0, 0.0])) @ T_START.rotation
     world.change("robot", orientation_xyzw=record_of(turned).orientation_xyzw)
-    assert (seen(rest, world, 0.5) is None) == rests
+    assert (updated(rest, world, 0.5) is None) == rests
 
 
-def test_rest_begins_with_the_first_pose_that_is_one() -> None:
-    """From nowhere nothing is near, however long ago nowhere was."""
+def test_rest_begins_with_the_first_valid_pose() -> None:
+    """Without a pose there is no rest, after any time."""
     world, rest = World(), RestWatch(0.004)
-    here = record_of(T_START).orientation_xyzw
+    orientation = record_of(T_START).orientation_xyzw
     world.change("robot", orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
-    assert seen(rest, world, 0.0) is not None
-    world.change("robot", orientation_xyzw=here)
-    trip = seen(rest, world, 1.0)
+    assert updated(rest, world, 0.0) is not None
+    world.change("robot", orientation_xyzw=orientation)
+    trip = updated(rest, world, 1.0)
     assert trip is not None
     assert trip.value == 0.0
 
@@ -91,34 +91,34 @@ def test_rest_begins_with_the_first_pose_that_is_one() -> None:
 # --- the arbiter's own loop -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("gap_s", "told"), [(1.0, False), (1.0 + 1e-6, True)])
-def test_an_arbiter_that_stood_still_for_more_than_a_second_blames_itself(
-    gap_s: float, told: bool
+@pytest.mark.parametrize(("gap_s", "reported"), [(1.0, False), (1.0 + 1e-6, True)])
+def test_an_arbiter_that_stalled_for_more_than_a_second_reports_itself(
+    gap_s: float, reported: bool
 ) -> None:
-    """All the others look silent then, and are not to blame."""
+    """All the other processes seem silent then without a fault of theirs."""
     world = World()
     world.inputs()
-    at(world, gap_s)
+    advance(world, gap_s)
     faults = world.inputs().watched.faults
-    assert any("itself stalled for 1.0 s" in trip.text for trip in faults) == told
+    assert any("itself stalled for 1.0 s" in trip.text for trip in faults) == reported
 
 
-# --- what is left in free space -------------------------------------------------------------------
+# --- residual in free space -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("contact", "told"), [("free", True), ("contact", False)])
+@pytest.mark.parametrize(("contact", "reported"), [("free", True), ("contact", False)])
 def test_only_contact_that_the_regulator_found_explains_a_force(
-    contact: Literal["free", "contact"], told: bool
+    contact: Literal["free", "contact"], reported: bool
 ) -> None:
-    """While force feedback approaches, what is left is left in free space."""
+    """While force feedback approaches, a force is a residual in free space."""
     world, residual = World(), ResidualWatch(2.0, 1.0)
     world.messages["target"] = RegulatorTarget(mode="position", pose=shifted(), contact=contact)
     world.change("wrench", force_N=(0.0, 0.0, 5.0))
-    assert residual.see(world.inputs()) is None
-    at(world, 0.5 - 1e-6)
-    assert residual.see(world.inputs()) is None
-    at(world, 1e-6)
-    assert (residual.see(world.inputs()) is not None) == told
+    assert residual.update(world.inputs()) is None
+    advance(world, 0.5 - 1e-6)
+    assert residual.update(world.inputs()) is None
+    advance(world, 1e-6)
+    assert (residual.update(world.inputs()) is not None) == reported
 
 
 FULL_N, FULL_NM = 2.0, 1.0
@@ -126,7 +126,7 @@ MORE_N, MORE_NM = np.nextafter(FULL_N, 9.0), np.nextafter(FULL_NM, 9.0)
 
 
 @pytest.mark.parametrize(
-    ("force_N", "torque_Nm", "told"),
+    ("force_N", "torque_Nm", "reported"),
     [
         (FULL_N, FULL_NM, None),
         (MORE_N, FULL_NM, (MORE_N, FULL_N)),
@@ -134,23 +134,23 @@ MORE_N, MORE_NM = np.nextafter(FULL_N, 9.0), np.nextafter(FULL_NM, 9.0)
         (MORE_N, MORE_NM, (MORE_N, FULL_N)),
     ],
 )
-def test_as_much_as_the_cell_allows_may_be_left_and_no_more(
-    force_N: float, torque_Nm: float, told: tuple[float, float] | None
+def test_the_residual_may_be_as_large_as_the_cell_allows(
+    force_N: float, torque_Nm: float, reported: tuple[float, float] | None
 ) -> None:
-    """The one that is too large is told with its own limit; the force, where both are."""
+    """The excessive one is reported with its own limit; the force, where both are."""
     world, residual = World(), ResidualWatch(FULL_N, FULL_NM)
     world.change("wrench", force_N=(0.0, force_N, 0.0), torque_Nm=(torque_Nm, 0.0, 0.0))
-    residual.see(world.inputs())
-    at(world, 1.0)
-    trip = residual.see(world.inputs())
-    assert (None if trip is None else (trip.value, trip.limit)) == told
+    residual.update(world.inputs())
+    advance(world, 1.0)
+    trip = residual.update(world.inputs())
+    assert (None if trip is None else (trip.value, trip.limit)) == reported
 
 
-Phase = Literal["free", "contact"] | None  # what the regulator says; None: it is not running
+Phase = Literal["free", "contact"] | None  # the regulator's report; None: it is not running
 
 
 @pytest.mark.parametrize(
-    ("before", "told"),
+    ("before", "reported"),
     [
         ([("free", 0.5)], True),
         ([("contact", 5.0), ("contact", 0.5)], False),
@@ -159,9 +159,9 @@ Phase = Literal["free", "contact"] | None  # what the regulator says; None: it i
     ],
 )
 def test_a_contact_ends_where_the_tool_is_free_and_no_feedback_runs(
-    before: list[tuple[Phase, float]], told: bool
+    before: list[tuple[Phase, float]], reported: bool
 ) -> None:
-    """A tool that bounces has not left; one that was never in contact cannot bounce."""
+    """A tool that bounces is still in contact; one that was never in contact cannot bounce."""
     world, residual, trip = World(), ResidualWatch(FULL_N, FULL_NM), None
     after: list[tuple[Phase, float]] = [("free", 5.0)] * 2
     for phase, force_N in before + after:
@@ -171,16 +171,16 @@ def test_a_contact_ends_where_the_tool_is_free_and_no_feedback_runs(
                 mode="position", pose=shifted(), contact=phase
             )
         world.change("wrench", force_N=(0.0, 0.0, force_N))
-        at(world, 0.5)
-        trip = residual.see(world.inputs())
-    assert (trip is not None) == told
+        advance(world, 0.5)
+        trip = residual.update(world.inputs())
+    assert (trip is not None) == reported
 
 
 # --- the calibration that force feedback relies on ------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("snapshots", "told"),
+    ("snapshots", "reported"),
     [
         ("a- b- b+", False),
         ("a+ b- b+", False),
@@ -192,8 +192,8 @@ def test_a_contact_ends_where_the_tool_is_free_and_no_feedback_runs(
         ("a+ b+ a+", False),
     ],
 )
-def test_only_while_force_feedback_runs_must_its_calibration_stay(
-    snapshots: str, told: bool
+def test_the_calibration_must_stay_only_while_force_feedback_runs(
+    snapshots: str, reported: bool
 ) -> None:
     """Each snapshot: the calibration, or none while the wrench is silent; + where feedback runs."""
     world, watch, trip = World(), CalibrationWatch(), None
@@ -204,21 +204,21 @@ def test_only_while_force_feedback_runs_must_its_calibration_stay(
         world.messages["target"] = STOPPED
         if runs == "+":
             world.propose(shifted())
-        trip = watch.see(world.inputs())
-    assert (None if trip is None else trip.code) == ("calibration" if told else None)
+        trip = watch.update(world.inputs())
+    assert (None if trip is None else trip.code) == ("calibration" if reported else None)
 
 
 @pytest.mark.parametrize(
     ("fault", "text"), [("another sensor", "another sensor"), ("", "the wrench is not calibrated")]
 )
-def test_a_wrench_without_calibration_ends_force_feedback_with_its_own_reason(
+def test_a_wrench_without_calibration_ends_force_feedback_with_its_reason(
     fault: str, text: str
 ) -> None:
-    """Also where it gives none."""
+    """This holds also without a reason."""
     world = World()
     world.propose(shifted())
     world.change("wrench", calibrated=False, calibration_fault=fault)
-    trip = CalibrationWatch().see(world.inputs())
+    trip = CalibrationWatch().update(world.inputs())
     assert trip is not None
     assert (trip.code, trip.text) == ("calibration", text)
 
@@ -227,7 +227,7 @@ def test_a_wrench_without_calibration_ends_force_feedback_with_its_own_reason(
 
 
 def pair(robot_seq: int, wrench_seq: int, apart_ns: int) -> Inputs:
-    """Return a snapshot whose pose was taken so long after the sample behind its wrench."""
+    """Return a snapshot whose pose is later than the wrench's sample by this time."""
     one = World().inputs()
     header = Header(seq=robot_seq, epoch=1, boot="virtual", stamp_ns=S)
     behind = {"seq": wrench_seq, "sensor_stamp_ns": S - apart_ns, "sensor_seq": 1}
@@ -238,7 +238,7 @@ def pair(robot_seq: int, wrench_seq: int, apart_ns: int) -> Inputs:
 
 @pytest.mark.parametrize("first", [(1, 1), (1, 2), (2, 1)])
 @pytest.mark.parametrize(("sign", "older"), [(1, "wrench"), (-1, "robot/state")])
-def test_the_second_pair_out_of_step_is_told_whatever_their_numbers(
+def test_the_second_misaligned_pair_is_reported_for_any_numbers(
     first: tuple[int, int], sign: int, older: str
 ) -> None:
     """A sixteenth of a second is allowed, one nanosecond more is not; one message makes no pair."""
@@ -247,10 +247,10 @@ def test_the_second_pair_out_of_step_is_told_whatever_their_numbers(
         watch = AlignmentWatch(0.0625)
         apart_ns = sign * (allowed_ns + beyond_ns)
         robot_seq, wrench_seq = first
-        assert watch.see(pair(robot_seq, wrench_seq, apart_ns)) is None
-        assert watch.see(pair(robot_seq + 1, wrench_seq, apart_ns)) is None
-        assert watch.see(pair(robot_seq, wrench_seq + 1, apart_ns)) is None
-        trip = watch.see(pair(robot_seq + 1, wrench_seq + 1, apart_ns))
+        assert watch.update(pair(robot_seq, wrench_seq, apart_ns)) is None
+        assert watch.update(pair(robot_seq + 1, wrench_seq, apart_ns)) is None
+        assert watch.update(pair(robot_seq, wrench_seq + 1, apart_ns)) is None
+        trip = watch.update(pair(robot_seq + 1, wrench_seq + 1, apart_ns))
         assert (trip is not None) == bool(beyond_ns)
         if trip is not None:
             assert (trip.code, trip.limit) == ("misaligned", 0.0625)
@@ -260,53 +260,51 @@ def test_the_second_pair_out_of_step_is_told_whatever_their_numbers(
 
 @pytest.mark.parametrize(("sign", "older"), [(1, "wrench"), (-1, "robot/state")])
 @pytest.mark.parametrize("since_ns", [0, 1, -1, S])
-def test_a_trip_gives_the_age_of_the_pair_that_was_judged(
-    sign: int, older: str, since_ns: int
-) -> None:
-    """Not of a message that came alone since then: without a new one of the other it is no pair."""
+def test_a_trip_has_the_age_of_the_checked_pair(sign: int, older: str, since_ns: int) -> None:
+    """A later message without a new one of the other topic makes no pair."""
     watch = AlignmentWatch(0.0625)
-    watch.see(pair(1, 1, sign * S // 8))
-    trip = watch.see(pair(2, 2, sign * S // 8))
+    watch.update(pair(1, 1, sign * S // 8))
+    trip = watch.update(pair(2, 2, sign * S // 8))
     assert trip is not None
     assert trip.text.startswith(f"{older} is 125 ms older")
     assert trip.value == pytest.approx(0.125)
     for robot_seq, wrench_seq in ((3, 2), (2, 3)):
-        assert watch.see(pair(robot_seq, wrench_seq, -sign * since_ns)) == trip
-    assert watch.see(pair(3, 3, 0)) is None
+        assert watch.update(pair(robot_seq, wrench_seq, -sign * since_ns)) == trip
+    assert watch.update(pair(3, 3, 0)) is None
 
 
 @pytest.mark.parametrize("lost", ["robot", "wrench", "sensor", "sample"])
-def test_what_was_never_heard_is_no_older_than_anything(lost: str) -> None:
-    """Pose, wrench, sensor and the sample behind the wrench: one without a stamp tells no age."""
+def test_a_missing_input_has_no_age(lost: str) -> None:
+    """Pose, wrench, sensor and the wrench's sample: without a stamp there is no comparison."""
     watch = AlignmentWatch(0.0625)
     for seq in (1, 2):
-        watch.see(pair(seq, seq, S))
+        watch.update(pair(seq, seq, S))
     one = pair(3, 3, S)
     header = one.wrench.header
     if lost == "sample" and header is not None:
         header = header.model_copy(update={"sensor_stamp_ns": None})
-        gone: Any = {"wrench": one.wrench._replace(header=header)}
+        missing: Any = {"wrench": one.wrench._replace(header=header)}
     else:
-        gone = {lost: getattr(one, lost)._replace(header=None)}
-    assert watch.see(one) is not None
-    assert watch.see(dataclasses.replace(one, **gone)) is None
+        missing = {lost: getattr(one, lost)._replace(header=None)}
+    assert watch.update(one) is not None
+    assert watch.update(dataclasses.replace(one, **missing)) is None
 
 
-@pytest.mark.parametrize(("apart_s", "told"), [(0.2 - 1e-6, False), (0.2 + 1e-6, True)])
-def test_two_periods_of_the_slower_one_may_lie_between_pose_and_wrench(
-    apart_s: float, told: bool
+@pytest.mark.parametrize(("apart_s", "reported"), [(0.2 - 1e-6, False), (0.2 + 1e-6, True)])
+def test_two_periods_of_the_slower_topic_may_lie_between_pose_and_wrench(
+    apart_s: float, reported: bool
 ) -> None:
-    """An arm that reports ten times a second, and a sensor that is quick."""
+    """The arm reports ten times a second, and the sensor is fast."""
     rates = CELL.rates.model_copy(update={"robot_hz": 10.0})
     world = World(CELL.model_copy(update={"rates": rates}))
-    told_of: set[str] = set()
+    reported_codes: set[str] = set()
     for seq in range(2, 5):
-        at(world, 0.1)
+        advance(world, 0.1)
         one = world.inputs()
         header = Header(seq=seq, epoch=1, boot="virtual", stamp_ns=world.now_ns)
         behind = {"sensor_stamp_ns": world.now_ns - round(apart_s * S), "sensor_seq": seq}
         wrench = one.wrench._replace(header=header.model_copy(update=behind))
         robot = one.robot._replace(header=header)
-        seen = world.watch.see(dataclasses.replace(one, robot=robot, wrench=wrench))
-        told_of = {trip.code for trip in seen.watched.faults}
-    assert ("misaligned" in told_of) == told
+        updated = world.watch.update(dataclasses.replace(one, robot=robot, wrench=wrench))
+        reported_codes = {trip.code for trip in updated.watched.faults}
+    assert ("misaligned" in reported_codes) == reported

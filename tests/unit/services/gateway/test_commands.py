@@ -1,4 +1,4 @@
-"""SI to packet and back: units, signs, rounding that is carried, and nothing that does not fit."""
+"""SI to packet and back: units, signs, carried rounding, and refusal of values out of range."""
 
 from math import degrees, inf, nan, pi, radians
 
@@ -31,13 +31,13 @@ poses = st.builds(
 
 
 def over_the_wire(command: Command) -> Packet:
-    """Encode and decode, as the controller would get it."""
+    """Encode and decode a command as the controller would receive it."""
     (packet,) = PacketReader().feed(encode(command.packet(ID_FIRST)))
     return packet
 
 
 def pose_of(packet: Packet) -> pin.SE3:
-    """Read a command's pose with the eyes of the report parser."""
+    """Return a command's pose as the parser of reports reads it."""
     echoed = Packet(ID_FIRST, Com.POSE, pack_status(0, Status(0)), packet.vec)
     report = reports.parse_report(echoed, SCALES)
     assert isinstance(report, reports.PoseReport)
@@ -45,13 +45,13 @@ def pose_of(packet: Packet) -> pin.SE3:
 
 
 def angle_between_deg(T: pin.SE3, U: pin.SE3) -> float:
-    """Angle between two orientations."""
+    """Return the angle between two orientations in degrees."""
     return degrees(float(np.linalg.norm(rotation_between(T.rotation, U.rotation))))
 
 
 @given(poses)
 def test_a_pose_arrives_within_half_a_unit(T: pin.SE3) -> None:
-    """0.01 mm per axis and the sum of three half angle units at most."""
+    """The errors are at most 0.01 mm per axis and the sum of three half angle units."""
     command, _ = commands.move_to_pose(T, SCALES, PoseCarry())
     got = pose_of(over_the_wire(command))
     assert np.abs(got.translation - T.translation).max() * 1e3 <= UNIT_MM / 2 + 1e-9
@@ -60,7 +60,7 @@ def test_a_pose_arrives_within_half_a_unit(T: pin.SE3) -> None:
 
 @given(st.tuples(position, position, position), st.integers(3, 40))
 def test_the_mean_of_a_stream_is_exact(p: tuple[float, float, float], repeats: int) -> None:
-    """The rounding error is carried: sums of sent and wanted differ by half a unit at most."""
+    """The rounding error is carried: the sums of sent and target differ by half a unit at most."""
     T, carry, sent_mm = pin.SE3(np.eye(3), np.array(p)), PoseCarry(), np.zeros(3)
     for _ in range(repeats):
         command, carry = commands.move_to_pose(T, SCALES, carry)
@@ -69,18 +69,18 @@ def test_the_mean_of_a_stream_is_exact(p: tuple[float, float, float], repeats: i
 
 
 def test_the_mean_comes_within_a_tenth_of_a_micrometre() -> None:
-    """A slow ramp of 500 positions: mean sent equals mean wanted to 1e-4 mm."""
-    carry, wanted_mm, sent_mm = PoseCarry(), [], []
+    """A slow ramp of 500 positions: mean sent equals mean target to 1e-4 mm."""
+    carry, target_mm, sent_mm = PoseCarry(), [], []
     for step in range(500):
         p_mm = np.array([100.003, -250.0077, 333.3333]) + step * 1.3e-3
         command, carry = commands.move_to_pose(pin.SE3(np.eye(3), p_mm * 1e-3), SCALES, carry)
-        wanted_mm.append(p_mm)
+        target_mm.append(p_mm)
         sent_mm.append(np.array(over_the_wire(command).vec[:3]) / SCALES.position_per_mm)
-    assert np.abs(np.mean(sent_mm, axis=0) - np.mean(wanted_mm, axis=0)).max() < 1e-4
+    assert np.abs(np.mean(sent_mm, axis=0) - np.mean(target_mm, axis=0)).max() < 1e-4
 
 
 def test_a_refused_pose_leaves_the_carry_alone() -> None:
-    """State goes in and comes out: after a refusal the caller still has the old one."""
+    """The carry is passed in and returned: after a refusal the caller still has the old one."""
     _, carry = commands.move_to_pose(
         pin.SE3(np.eye(3), np.full(3, 1.234567e-3)), SCALES, PoseCarry()
     )
@@ -93,7 +93,7 @@ def test_a_refused_pose_leaves_the_carry_alone() -> None:
 @pytest.mark.parametrize("o_deg", [0.0, 30.0, -170.0, 180.0])
 @pytest.mark.parametrize("t_deg", [0.0, 45.0, -135.0])
 def test_the_poles_of_oat_arrive_exactly(a_deg: float, o_deg: float, t_deg: float) -> None:
-    """Straight up and straight down are ordinary orientations."""
+    """An orientation straight up or down is sent exactly."""
     R = R_from_oat(Oat(radians(o_deg), radians(a_deg), radians(t_deg)))
     T = pin.SE3(R, np.array([0.4, 0.1, 0.2]))
     command, _ = commands.move_to_pose(T, SCALES, PoseCarry())
@@ -103,19 +103,19 @@ def test_the_poles_of_oat_arrive_exactly(a_deg: float, o_deg: float, t_deg: floa
 
 @pytest.mark.parametrize("a_deg", [0.0, 180.0])
 def test_a_stream_that_comes_to_a_pole_keeps_its_o(a_deg: float) -> None:
-    """Only T takes what the pole leaves open, so the numbers of a tool-down stream do not jump."""
+    """Only T takes up the freedom at the pole, so the numbers of a tool-down stream do not jump."""
     toward = a_deg + (5.0 if a_deg == 0.0 else -5.0)
-    carry, seen_o = PoseCarry(), []
+    carry, sent_o = PoseCarry(), []
     for a in (toward, a_deg, a_deg, toward):
         R = R_from_oat(Oat(radians(70.0), radians(a), radians(-20.0)))
         command, carry = commands.move_to_pose(pin.SE3(R, np.zeros(3)), SCALES, carry)
-        seen_o.append(command.vec[3])
-    assert seen_o == [70 * SCALES.oat_per_deg] * 4
+        sent_o.append(command.vec[3])
+    assert sent_o == [70 * SCALES.oat_per_deg] * 4
 
 
 @given(st.tuples(*[st.floats(-2 * pi, 2 * pi)] * 6))
 def test_joint_angles_arrive_within_half_a_unit(q: Joints) -> None:
-    """Command 2 and the report of joints share unit and sign, for two full turns."""
+    """Command 2 and the report of joints have the same unit and sign, for two full turns."""
     packet = over_the_wire(commands.move_to_joints(q, SCALES))
     echoed = Packet(ID_FIRST + 5, Com.JOINTS, pack_status(3, Status.MOVING), packet.vec)
     report = reports.parse_report(echoed, SCALES)
@@ -126,7 +126,7 @@ def test_joint_angles_arrive_within_half_a_unit(q: Joints) -> None:
 
 
 def test_each_command_has_the_numbers_of_the_table() -> None:
-    """Hand-computed vectors of every command that the PC sends."""
+    """Each command of the PC has the vector that was computed by hand."""
     p = np.array([0.1, -0.2, 0.3])
     T = pin.SE3(R_from_oat(Oat(radians(10), radians(90), radians(-20))), p)
     turn = (radians(1.0), radians(-2.0), 0.0, 0.0, 0.0, radians(90.0))
@@ -184,7 +184,7 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
 @pytest.mark.parametrize("bad", [nan, inf, -inf])
 @pytest.mark.parametrize("index", range(6))
 def test_a_number_that_is_not_finite_is_never_sent(bad: float, index: int) -> None:
-    """NaN and infinity in any place of any vector raise."""
+    """NaN and infinity in any element of any vector raise an error."""
     a, b, c, d, e, f = (bad if i == index else 0.1 for i in range(6))
     with pytest.raises(LocalProtocolError):
         commands.move_to_joints((a, b, c, d, e, f), SCALES)
@@ -199,8 +199,8 @@ def test_a_number_that_is_not_finite_is_never_sent(bad: float, index: int) -> No
         commands.move_to_pose(T, SCALES, PoseCarry((bad, 0.0, 0.0)))
 
 
-def test_what_does_not_fit_is_refused_with_quantity_and_range() -> None:
-    """-2.1 m, a joint at 500 degrees, 1500 N the wrong way, 200 N m: never clipped."""
+def test_a_value_out_of_range_is_refused_with_quantity_and_range() -> None:
+    """-2.1 m, a joint at 500 degrees, 1500 N with the wrong sign, 200 N m: never clipped."""
     with pytest.raises(LocalProtocolError, match=r"Z \[mm\] is -2100, the packet holds -1999.98"):
         commands.move_to_pose(pin.SE3(np.eye(3), np.array([0, 0, -2.1])), SCALES, PoseCarry())
     with pytest.raises(LocalProtocolError, match="JT4"):
@@ -212,7 +212,7 @@ def test_what_does_not_fit_is_refused_with_quantity_and_range() -> None:
 
 
 def test_a_gain_is_neither_clipped_nor_lost() -> None:
-    """Too large does not fit; too small would silently become no control at all."""
+    """A gain that is too large is refused; one that is too small would be sent as zero."""
     with pytest.raises(LocalProtocolError, match="P gain x"):
         commands.gains(Gains(force_p_m_per_N=(1.1e-3, 0, 0)))
     with pytest.raises(LocalProtocolError, match="I gain mz is 1e-09, too small"):
@@ -224,8 +224,8 @@ def test_scales_are_range_checked_at_both_ends(name: str) -> None:
     """Both bounds of every scale bind, here and in the controller's hello."""
     low, high = SCALE_RANGES[name]
     for value in (low, high):
-        asked = Scales(**{name: value})
-        assert scales_from_hello(asked.vec) == asked
+        requested = Scales(**{name: value})
+        assert scales_from_hello(requested.vec) == requested
     for value in (low - 1, high + 1):
         with pytest.raises(LocalProtocolError, match=name):
             Scales(**{name: value})
@@ -235,15 +235,15 @@ def test_scales_are_range_checked_at_both_ends(name: str) -> None:
 
 
 def test_the_controllers_hello_must_agree() -> None:
-    """Another version, arm or scale is refused; the error names both sides and what to do."""
+    """Another version, arm or scale is refused; the error names both values and the remedy."""
     good = commands.hello(SCALES, 7).packet(ID_FIRST)
     assert reports.parse_hello(good, SCALES, 7) == reports.HelloReceived(SCALES)
-    for param, said in (
+    for param, message in (
         (1, "protocol 1, this gateway 2: load controller/forcemesh.as"),
         (3007, "protocol 3, this gateway 2: load"),
         (2008, r"arm 8, the cell file's gateway\.arm is 7: are cables .* swapped"),
     ):
-        with pytest.raises(RemoteProtocolError, match=said):
+        with pytest.raises(RemoteProtocolError, match=message):
             reports.parse_hello(Packet(ID_FIRST, 9, param, good.vec), SCALES, 7)
     with pytest.raises(RemoteProtocolError, match="position_per_mm asked 50, has 60"):
         reports.parse_hello(Packet(ID_FIRST, 9, 2007, (60, *good.vec[1:])), SCALES, 7)
@@ -272,7 +272,7 @@ def test_health_arrives_in_si() -> None:
         for com, param in ((1, 0), (12, 0), (9, 1), (104, 0), (0, 0), (101, -1), (102, 499_999))
     ],
 )
-def test_what_a_controller_never_says_is_refused(packet: Packet) -> None:
-    """Our own commands, a second hello, unknown numbers, impossible status."""
+def test_a_packet_that_no_controller_sends_is_refused(packet: Packet) -> None:
+    """Commands of the PC, a second hello, unknown numbers and impossible status are refused."""
     with pytest.raises(RemoteProtocolError):
         reports.parse_report(packet, SCALES)

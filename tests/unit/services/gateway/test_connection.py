@@ -1,4 +1,4 @@
-"""Link and dialogue joined, without a socket: what is believed, what is measured, when it ends."""
+"""Link and dialogue joined, without a socket: accepted reports, measured numbers, and the end."""
 
 import pytest
 
@@ -6,159 +6,159 @@ from controller.packet import Packet, encode
 from controller.packet_table import ID_FIRST, PERCENT, Com, Status, pack_status
 from services.gateway.connection import ControllerConnection
 from services.gateway.dialogue import Dialogue
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 from tests.fakes.dialogues import KEPT, MS, SCALES, joint_report, packets, pose_report
 
 STALE_S = 0.1
 FIT = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
 
 
-class HandWire:
-    """A line whose far end is the test."""
+class ScriptedWire:
+    """A line whose other end is the test."""
 
     def __init__(self) -> None:
-        """Not connected yet."""
+        """Create an unconnected line."""
         self.connections, self.last_fault, self.sent = 0, "", b""
-        self.news = News()
+        self.pending = LinkEvents()
 
-    def poll(self, now_ns: int) -> News:
-        """Return what the test has put there, once."""
-        news, self.news = self.news, News()
-        self.connections += news.opened
-        return news
+    def poll(self, now_ns: int) -> LinkEvents:
+        """Return the pending news of the test, once."""
+        received, self.pending = self.pending, LinkEvents()
+        self.connections += received.opened
+        return received
 
     def send(self, data: bytes, now_ns: int) -> bool:
-        """Keep it."""
+        """Keep the bytes."""
         self.sent += data
         return True
 
     def greeted(self) -> None:
-        """Nothing to note."""
+        """Do nothing."""
 
     def close(self, reason: str, now_ns: int) -> None:
         """Keep the reason."""
         self.last_fault = reason
 
 
-class Talk:
-    """A connection and its wire, at a time."""
+class ConnectionRig:
+    """A connection and its wire at a point in time."""
 
     def __init__(self) -> None:
-        """Not connected yet."""
-        self.wire, self.now_ns = HandWire(), 0
+        """Create an unconnected connection."""
+        self.wire, self.now_ns = ScriptedWire(), 0
         self.dialogue = Dialogue(SCALES)
         self.connection = ControllerConnection(
             self.wire, self.dialogue, KEPT, stale_after_s=STALE_S
         )
 
-    def hear(self, data: bytes = b"", *, opened: bool = False, lost: str = "") -> bool:
-        """Let bytes come, or the line open or end."""
-        self.wire.news = News(opened, data, lost)
+    def receive(self, data: bytes = b"", *, opened: bool = False, lost: str = "") -> bool:
+        """Deliver bytes, or open or end the line."""
+        self.wire.pending = LinkEvents(opened, data, lost)
         return self.connection.poll(self.now_ns)
 
-    def greet(self) -> "Talk":
+    def greet(self) -> "ConnectionRig":
         """Connect, and answer the hello with itself."""
-        self.hear(opened=True)
-        self.hear(self.wire.sent)
+        self.receive(opened=True)
+        self.receive(self.wire.sent)
         assert self.connection.is_ready
         return self
 
     def report(self, counter: int = 1, status: Status = FIT) -> bool:
-        """Report a sample: all that was sent is framed and taken."""
+        """Report a sample in which all sent packets are framed and taken."""
         param, id_ = pack_status(counter, status), self.dialogue.last_id
         pose = encode(Packet(id_, Com.POSE, param, (0, 20_000, 15_000, 0, 0, 0)))
-        return self.hear(pose + encode(Packet(id_, Com.JOINTS, param)))
+        return self.receive(pose + encode(Packet(id_, Com.JOINTS, param)))
 
 
-def test_what_is_lacking_is_named_in_its_order() -> None:
-    """The line, the first pose, then its age with the limit."""
-    talk = Talk()
-    assert talk.connection.trouble(0) == "not connected to the controller yet"
-    talk.greet()
-    assert talk.connection.trouble(0) == "no pose from the controller yet"
-    assert talk.report()
-    assert talk.connection.trouble(round(STALE_S * 1e9)) == ""
-    assert talk.connection.trouble(110 * MS) == (
+def test_missing_inputs_are_named_in_their_order() -> None:
+    """The order is the line, the first pose, then the age of the pose with its limit."""
+    rig = ConnectionRig()
+    assert rig.connection.link_fault(0) == "not connected to the controller yet"
+    rig.greet()
+    assert rig.connection.link_fault(0) == "no pose from the controller yet"
+    assert rig.report()
+    assert rig.connection.link_fault(round(STALE_S * 1e9)) == ""
+    assert rig.connection.link_fault(110 * MS) == (
         "the controller's pose is 110 ms old, limit 100 ms"
     )
 
 
 def test_it_cannot_be_commanded_before_the_program_has_its_limits() -> None:
-    """For a second that is how a connection begins; then something is wrong with the program."""
-    talk = Talk().greet()
+    """For one second this state is normal; later it is a fault of the program."""
+    rig = ConnectionRig().greet()
     hello = Packet(ID_FIRST, Com.POSE, pack_status(1, FIT), (0, 20_000, 15_000, 0, 0, 0))
-    for at_ms, trouble, fault in (
+    for at_ms, link_fault, fault in (
         (0, "the controller is receiving its limits", ""),
         (999, "the controller is receiving its limits", ""),
         (1001, "", "robot_program"),
     ):
-        talk.now_ns = at_ms * MS
-        framed = Packet(talk.dialogue.last_id, Com.JOINTS, hello.param)
-        talk.hear(encode(hello) + encode(framed))
-        assert talk.connection.trouble(talk.now_ns) == trouble
-        unfit = talk.connection.unfit()
-        assert unfit is not None
-        assert not fault or unfit.code == fault
-    talk.report()
-    assert talk.connection.trouble(talk.now_ns) == ""
-    assert talk.connection.unfit() is None
+        rig.now_ns = at_ms * MS
+        framed = Packet(rig.dialogue.last_id, Com.JOINTS, hello.param)
+        rig.receive(encode(hello) + encode(framed))
+        assert rig.connection.link_fault(rig.now_ns) == link_fault
+        with_fault = rig.connection.controller_fault()
+        assert with_fault is not None
+        assert not fault or with_fault.code == fault
+    rig.report()
+    assert rig.connection.link_fault(rig.now_ns) == ""
+    assert rig.connection.controller_fault() is None
 
 
-def test_limits_that_a_hold_of_the_controllers_own_has_voided_are_told_again() -> None:
-    """Framed, nothing waits, and not taken, by two reports of its health in a row."""
-    talk = Talk().greet()
-    before = len(packets(talk.wire.sent))
+def test_limits_that_a_hold_of_the_controller_has_voided_are_sent_again() -> None:
+    """They are sent again when two health reports find them framed, not pending and not taken."""
+    rig = ConnectionRig().greet()
+    before = len(packets(rig.wire.sent))
     for _ in range(3):
-        talk.hear(joint_report(talk.dialogue.last_id) + encode(Packet(ID_FIRST, Com.HEALTH, 0)))
-    sent = [packet.com for packet in packets(talk.wire.sent)[before:]]
+        rig.receive(joint_report(rig.dialogue.last_id) + encode(Packet(ID_FIRST, Com.HEALTH, 0)))
+    sent = [packet.com for packet in packets(rig.wire.sent)[before:]]
     assert sent == [Com.HOLD, *[Com.LIMITS] * 4, Com.TCP]
 
 
 def test_half_a_sample_is_none() -> None:
-    """102 without the 101 before it says where no arm is."""
-    talk = Talk().greet()
-    assert not talk.hear(joint_report(talk.dialogue.last_id))
-    assert talk.connection.measured is None
+    """102 without the 101 before it gives no pose."""
+    rig = ConnectionRig().greet()
+    assert not rig.receive(joint_report(rig.dialogue.last_id))
+    assert rig.connection.measured is None
 
 
 def test_halves_of_two_samples_close_the_link() -> None:
-    """A packet is missing between them: pose and joints are not of one moment."""
-    talk = Talk().greet()
+    """A packet is missing between them: pose and joints are of different samples."""
+    rig = ConnectionRig().greet()
     other = encode(Packet(ID_FIRST, Com.JOINTS, pack_status(2, FIT)))
-    assert not talk.hear(pose_report(ID_FIRST) + other)
-    assert "a packet is missing" in talk.wire.last_fault
-    assert (talk.connection.errors, talk.connection.is_ready) == (1, False)
-    assert "a packet is missing" in talk.connection.trouble(0)
+    assert not rig.receive(pose_report(ID_FIRST) + other)
+    assert "a packet is missing" in rig.wire.last_fault
+    assert (rig.connection.errors, rig.connection.is_ready) == (1, False)
+    assert "a packet is missing" in rig.connection.link_fault(0)
 
 
 @pytest.mark.parametrize("ends", ["closed by us", "lost"])
-def test_what_was_known_ends_with_the_connection(ends: str) -> None:
-    """Pose, health and rates are of one connection; the next one begins with nothing."""
-    talk = Talk().greet()
-    talk.report()
+def test_measured_values_end_with_the_connection(ends: str) -> None:
+    """Pose, health and rates belong to one connection; the next one begins empty."""
+    rig = ConnectionRig().greet()
+    rig.report()
     if ends == "lost":
-        talk.hear(lost="closed by the controller")
+        rig.receive(lost="closed by the controller")
     else:
-        talk.connection.close(talk.now_ns)
-        assert talk.wire.last_fault == "closed by the gateway"
-    assert talk.connection.measured is None
-    assert not talk.connection.is_ready
-    assert talk.connection.numbers(talk.now_ns) == {}
-    unfit = talk.connection.unfit()
-    assert unfit is not None
-    assert unfit.code == "robot_motors"
+        rig.connection.close(rig.now_ns)
+        assert rig.wire.last_fault == "closed by the gateway"
+    assert rig.connection.measured is None
+    assert not rig.connection.is_ready
+    assert rig.connection.numbers(rig.now_ns) == {}
+    with_fault = rig.connection.controller_fault()
+    assert with_fault is not None
+    assert with_fault.code == "robot_motors"
 
 
-def test_numbers_are_what_was_measured_and_no_others() -> None:
-    """Rates once they were watched for a second, times once an echo came."""
-    talk = Talk().greet()
-    assert talk.connection.numbers(0) == {}
+def test_numbers_are_measured_values_only() -> None:
+    """Rates appear after one second of measurement, times after the first echo."""
+    rig = ConnectionRig().greet()
+    assert rig.connection.numbers(0) == {}
     for number in range(200):
-        talk.now_ns += 10 * MS
-        talk.report(number)
+        rig.now_ns += 10 * MS
+        rig.report(number)
         health = (20 * number, 0, 0, 50 * PERCENT, 0, 0)
-        talk.hear(encode(Packet(ID_FIRST, Com.HEALTH, 0, health)))
-    numbers = talk.connection.numbers(talk.now_ns)
+        rig.receive(encode(Packet(ID_FIRST, Com.HEALTH, 0, health)))
+    numbers = rig.connection.numbers(rig.now_ns)
     assert numbers["sender_hz"] == pytest.approx(100.0)
     assert numbers["program_loop_hz"] == pytest.approx(2000.0)
     assert numbers["monitor_speed_fraction"] == pytest.approx(0.5)
@@ -167,7 +167,7 @@ def test_numbers_are_what_was_measured_and_no_others() -> None:
 
 
 def test_after_hello_come_hold_and_limits() -> None:
-    """The controller's ring is emptied, and it knows what to keep to by itself."""
+    """The controller's ring is emptied, and its own limits are set."""
     set_up = [Com.LIMITS] * 4 + [Com.TCP]
-    talk = Talk().greet()
-    assert [packet.com for packet in packets(talk.wire.sent)] == [Com.HELLO, Com.HOLD, *set_up]
+    rig = ConnectionRig().greet()
+    assert [packet.com for packet in packets(rig.wire.sent)] == [Com.HELLO, Com.HOLD, *set_up]

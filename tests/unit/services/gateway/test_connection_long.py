@@ -1,4 +1,4 @@
-"""Connections that live long: IDs go round many times, and nothing of the gateway may notice."""
+"""Long connections: the IDs wrap many times without effect on the gateway."""
 
 import multiprocessing
 import socket
@@ -41,7 +41,7 @@ class LockStep:
         self.dialogue.feed(data, 0)
 
     def give(self, data: bytes) -> list[Packet]:
-        """Let the controller frame what the gateway sends."""
+        """Let the controller frame the gateway's packets; return them."""
         if not data:
             return []
         batch = packets(data)
@@ -56,7 +56,7 @@ class LockStep:
         return batch
 
     def step(self) -> list[Packet]:
-        """Let one period pass: reports come, then what is due goes out."""
+        """Let one period pass: reports arrive, then the due packets are sent."""
         self._step += 1
         self.now_ns += PERIOD_NS
         while self._ring and self._ring[0][1] <= self._step:
@@ -67,69 +67,69 @@ class LockStep:
         self.dialogue.feed(reports, self.now_ns)
         oldest_ns = self.dialogue.echoes.framed.oldest_ns
         assert oldest_ns is None, "a packet that was framed counts as under way"
-        assert self.dialogue.unframed == 0
+        assert self.dialogue.unacknowledged == 0
         return self.give(self.dialogue.tick(self.now_ns, permitted=True))
 
 
-def stream_setpoints(talk: LockStep, count: int) -> None:
-    """Offer a set point each period until so many packets were sent: none may be kept back."""
+def stream_setpoints(rig: LockStep, count: int) -> None:
+    """Offer a set point each period until so many packets were sent; none may be delayed."""
     missed = 0
-    while talk.sent < count:
-        talk.dialogue.offer_setpoint(at(talk.sent % 100))
-        missed = 0 if talk.step() else missed + 1
-        assert missed <= 3, f"nothing leaves any more after {talk.sent} packets"
-        assert talk.dialogue.untaken <= 1
+    while rig.sent < count:
+        rig.dialogue.offer_setpoint(at(rig.sent % 100))
+        missed = 0 if rig.step() else missed + 1
+        assert missed <= 3, f"nothing leaves any more after {rig.sent} packets"
+        assert rig.dialogue.unexecuted <= 1
 
 
-def stream_wrenches(talk: LockStep, count: int) -> None:
-    """Run force feedback: wrenches pass the ring by, so the last command taken stays the same."""
-    talk.give(talk.dialogue.start_feedback(
-        "position", GAINS, permitted=True, now_ns=talk.now_ns
+def stream_wrenches(rig: LockStep, count: int) -> None:
+    """Run force feedback: wrenches bypass the ring, so the last command taken stays the same."""
+    rig.give(rig.dialogue.start_feedback(
+        "position", GAINS, permitted=True, now_ns=rig.now_ns
     ))  # fmt: skip
-    talk.status = RUNNING
+    rig.status = RUNNING
     for _ in range(5):
-        talk.step()
-    target = talk.sent + count
-    while talk.sent < target:
-        talk.dialogue.offer_wrench((1.0, 2.0, 3.0), NONE, NONE)
-        assert talk.step(), f"no wrench leaves any more after {talk.sent} packets"
-        assert talk.dialogue.untaken == 0
+        rig.step()
+    target = rig.sent + count
+    while rig.sent < target:
+        rig.dialogue.offer_wrench((1.0, 2.0, 3.0), NONE, NONE)
+        assert rig.step(), f"no wrench leaves any more after {rig.sent} packets"
+        assert rig.dialogue.unexecuted == 0
 
 
-def change_gains(talk: LockStep) -> None:
-    """New gains count as taken when the controller says so, neither before nor never."""
+def change_gains(rig: LockStep) -> None:
+    """Send new gains: they count as taken when the controller reports it, and not before."""
     for number in (2, 3):
-        talk.dialogue.offer_gains(Gains(force_p_m_per_N=(number * 1e-6,) * 3))
-        assert [packet.com for packet in talk.step()] == [Com.GAINS]
-        assert talk.dialogue.untaken == 1
-        talk.step()
-        assert talk.dialogue.untaken == 1
+        rig.dialogue.offer_gains(Gains(force_p_m_per_N=(number * 1e-6,) * 3))
+        assert [packet.com for packet in rig.step()] == [Com.GAINS]
+        assert rig.dialogue.unexecuted == 1
+        rig.step()
+        assert rig.dialogue.unexecuted == 1
         for _ in range(3):
-            talk.step()
-        assert talk.dialogue.untaken == 0
+            rig.step()
+        assert rig.dialogue.unexecuted == 0
 
 
-def finish_a_goal(talk: LockStep) -> None:
-    """A goal is under way until it is taken, however long ago the command before it was."""
-    talk.status = NO_STATUS
-    talk.give(talk.dialogue.stop_feedback(talk.now_ns))
-    talk.step()
-    talk.give(talk.dialogue.move_by_joints(JOINTS, SPEED, talk.now_ns))
+def finish_a_goal(rig: LockStep) -> None:
+    """Run a goal: it is in flight until it is taken, whatever the age of the command before."""
+    rig.status = NO_STATUS
+    rig.give(rig.dialogue.stop_feedback(rig.now_ns))
+    rig.step()
+    rig.give(rig.dialogue.move_by_joints(JOINTS, SPEED, rig.now_ns))
     goal = Goal(id=1, kind="by", joint_rad=JOINTS)
-    track = sent(goal, talk.dialogue.last, (0.0,) * 6, talk.now_ns)
+    track = sent(goal, rig.dialogue.last, (0.0,) * 6, rig.now_ns)
     states = []
     for _ in range(5):
-        talk.step()
-        states.append(talk.dialogue.settled)
-        track = follow(track, report_of(talk), talk.now_ns)
+        rig.step()
+        states.append(rig.dialogue.settled)
+        track = follow(track, report_of(rig), rig.now_ns)
     assert states == [False, True, True, True, True]
     assert track.report.state == "done"
 
 
-def report_of(talk: LockStep) -> ControllerReport:
-    """The arm at the end of `finish_a_goal`'s motion, as the connection would hand it on."""
-    counter = talk.now_ns // PERIOD_NS
-    return ControllerReport(at(0), JOINTS, NO_STATUS, counter, talk.dialogue.taken, talk.now_ns)
+def report_of(rig: LockStep) -> ControllerReport:
+    """Return the report of the connection with the arm at the end of the motion."""
+    counter = rig.now_ns // PERIOD_NS
+    return ControllerReport(at(0), JOINTS, NO_STATUS, counter, rig.dialogue.taken, rig.now_ns)
 
 
 @pytest.fixture
@@ -139,45 +139,45 @@ def _small_ring(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_small_ring")
 @pytest.mark.parametrize("start", [0, 1, 99, 100, 101, 198, 199])
-def test_ids_go_round_many_times_and_every_stream_goes_on(start: int) -> None:
-    """Set points, wrenches, gains and a goal over a dozen rings of 200 IDs."""
-    talk = LockStep(ID_FIRST + start)
-    stream_setpoints(talk, 4 * SMALL_RING)
-    stream_wrenches(talk, 4 * SMALL_RING + start // 2)
-    change_gains(talk)
-    finish_a_goal(talk)
-    stream_setpoints(talk, talk.sent + 2 * SMALL_RING)
+def test_ids_wrap_many_times_and_every_stream_continues(start: int) -> None:
+    """Set points, wrenches, gains and a goal run over a dozen rings of 200 IDs."""
+    rig = LockStep(ID_FIRST + start)
+    stream_setpoints(rig, 4 * SMALL_RING)
+    stream_wrenches(rig, 4 * SMALL_RING + start // 2)
+    change_gains(rig)
+    finish_a_goal(rig)
+    stream_setpoints(rig, rig.sent + 2 * SMALL_RING)
 
 
 @pytest.mark.usefixtures("_small_ring")
 def test_a_goal_is_not_taken_early_after_any_number_of_heartbeats() -> None:
-    """The last command taken may lie any number of packets back, also more than a ring."""
+    """The last command taken may be more than a ring of packets old."""
     for beats in range(0, 2 * SMALL_RING + 50, 23):
-        talk = LockStep(ID_LAST)
-        talk.give(talk.dialogue.set_speed(SPEED, 0))
+        rig = LockStep(ID_LAST)
+        rig.give(rig.dialogue.set_speed(SPEED, 0))
         for _ in range(3):
-            talk.step()
+            rig.step()
         for _ in range(beats):
-            talk.now_ns += 40 * MS
-            talk.step()
-        finish_a_goal(talk)
+            rig.now_ns += 40 * MS
+            rig.step()
+        finish_a_goal(rig)
 
 
 @pytest.mark.long
 @pytest.mark.timeout(900)
-def test_a_connection_of_1200000_packets_is_as_good_as_a_new_one() -> None:
-    """More than an hour at 250 Hz in the full ring, two rings and a half."""
-    talk = LockStep(ID_LAST, late_steps=0)
-    stream_setpoints(talk, 600_000)
-    stream_wrenches(talk, 600_000)
-    assert talk.sent >= 1_200_000
-    talk.late_steps = 2
-    change_gains(talk)
-    finish_a_goal(talk)
+def test_a_connection_of_1200000_packets_equals_a_new_one() -> None:
+    """More than an hour at 250 Hz uses two and a half full rings."""
+    rig = LockStep(ID_LAST, late_steps=0)
+    stream_setpoints(rig, 600_000)
+    stream_wrenches(rig, 600_000)
+    assert rig.sent >= 1_200_000
+    rig.late_steps = 2
+    change_gains(rig)
+    finish_a_goal(rig)
 
 
 def answer_at_once(listener: socket.socket) -> None:
-    """Be a controller on a socket: frame and take whatever comes, and report it at once."""
+    """Act as a controller on a socket: frame, take and report each packet at once."""
     peer, _ = listener.accept()
     peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     rest, counter, greeted = b"", 0, False
@@ -202,13 +202,13 @@ def answer_at_once(listener: socket.socket) -> None:
 @pytest.mark.realtime
 @pytest.mark.timeout(900)
 def test_a_socket_carries_600000_packets_on_one_connection() -> None:
-    """No reconnection, and never a packet that seems to be under way for long."""
+    """No reconnection occurs, and no packet stays in flight for long."""
     listener = socket.create_server(("127.0.0.1", 0))
     process = multiprocessing.get_context("fork").Process(
         target=answer_at_once, args=(listener,), daemon=True
     )
     process.start()
-    dialogue = Dialogue(Scales(), Pacing(max_untaken=2), last_id=ID_LAST)
+    dialogue = Dialogue(Scales(), Pacing(max_unexecuted=2), last_id=ID_LAST)
     link = Link(LinkSettings("127.0.0.1", listener.getsockname()[1]))
     connection = ControllerConnection(link, dialogue, KEPT, stale_after_s=60.0)
     try:
@@ -222,14 +222,14 @@ def test_a_socket_carries_600000_packets_on_one_connection() -> None:
 
 
 def carry(connection: ControllerConnection, dialogue: Dialogue, count: int) -> int:
-    """Stream until so many packets were sent; time passes only when the controller has answered."""
+    """Stream until so many packets were sent; time advances only after an answer."""
     now_ns, first = 0, dialogue.last
     while dialogue.last - first < count:
         if connection.poll(now_ns):
             now_ns += PERIOD_NS
         if connection.is_ready:
-            if not dialogue.untaken:
+            if not dialogue.unexecuted:
                 dialogue.offer_setpoint(at(dialogue.last % 100))
             connection.send(dialogue.tick(now_ns, permitted=True), now_ns)
-            assert dialogue.untaken <= 2
+            assert dialogue.unexecuted <= 2
     return dialogue.last - first

@@ -33,14 +33,14 @@ from tests.fakes.dialogues import (
 )
 
 
-def test_hello_is_the_first_packet_and_asks_for_the_scales() -> None:
-    """A connection begins with command 9, version in Param, scales in the vector."""
+def test_hello_is_the_first_packet_and_requests_the_scales() -> None:
+    """A connection begins with command 9: version in Param, scales in the vector."""
     (packet,) = packets(Dialogue(SCALES).connected(0))
     assert packet == commands.hello(SCALES, 1).packet(next_id(NO_ID))
 
 
 def test_reports_become_events() -> None:
-    """Hello, 101, 102 and 103 in one stream, in their order."""
+    """Hello, 101, 102 and 103 of one stream become events in their order."""
     dialogue = Dialogue(SCALES)
     data = dialogue.connected(0) + pose_report(dialogue.last_id) + joint_report(dialogue.last_id)
     data += encode(Packet(ID_FIRST, Com.HEALTH, 0))
@@ -57,7 +57,7 @@ def test_reports_become_events() -> None:
     ],
 )  # fmt: skip
 def test_a_controller_that_does_not_agree_is_refused(first: Packet) -> None:
-    """Another version, arm or scale, or no hello at all: the link must be closed."""
+    """Another version, arm or scale, or a missing hello closes the link."""
     dialogue = Dialogue(SCALES)
     dialogue.connected(0)
     with pytest.raises(RemoteProtocolError):
@@ -65,8 +65,8 @@ def test_a_controller_that_does_not_agree_is_refused(first: Packet) -> None:
     assert not dialogue.ready
 
 
-def test_nothing_but_hello_and_hold_goes_out_before_the_controllers_hello() -> None:
-    """Until both have agreed on the scales no number means anything."""
+def test_only_hello_and_hold_are_sent_before_the_controllers_hello() -> None:
+    """No number has a meaning before both ends have agreed on the scales."""
     dialogue = Dialogue(SCALES)
     with pytest.raises(LocalProtocolError, match="no connection"):
         dialogue.hold(0)
@@ -79,7 +79,7 @@ def test_nothing_but_hello_and_hold_goes_out_before_the_controllers_hello() -> N
 
 
 def test_ids_are_consecutive_over_everything_and_over_reconnects() -> None:
-    """Each packet has the ID after the one before it; 999999 is followed by 500000."""
+    """Each packet has the next ID; 500000 follows 999999."""
     dialogue = Dialogue(SCALES, last_id=ID_LAST - 3)
     sent = packets(dialogue.connected(0))
     dialogue.feed(encode(sent[0]), 0)
@@ -91,7 +91,7 @@ def test_ids_are_consecutive_over_everything_and_over_reconnects() -> None:
 
 
 def test_speeds_go_before_goals_and_only_when_they_changed() -> None:
-    """Command 5, then the goal; the same speed is not repeated within a connection."""
+    """Command 5 goes before the goal; an unchanged speed is not repeated within a connection."""
     dialogue = greeted()
     slow, fast = Speed(mechanical_m_s=0.01), Speed(mechanical_m_s=0.1)
     assert coms(dialogue.move_to_pose(at(1), slow, 0)) == [(5, 0), (1, 0)]
@@ -103,7 +103,7 @@ def test_speeds_go_before_goals_and_only_when_they_changed() -> None:
 
 
 def test_a_refused_batch_leaves_nothing_behind() -> None:
-    """When the goal does not fit, neither the speeds before it nor an ID are used up."""
+    """When the goal does not fit, the speeds before it and its ID are not used."""
     dialogue = greeted()
     before = dialogue.last_id
     with pytest.raises(LocalProtocolError):
@@ -115,7 +115,7 @@ def test_a_refused_batch_leaves_nothing_behind() -> None:
 
 
 def test_the_newest_setpoint_waits_until_the_one_before_is_taken() -> None:
-    """Never more than one under way; what is superseded is never sent."""
+    """At most one set point is in flight; a superseded one is never sent."""
     dialogue = greeted()
     dialogue.offer_setpoint(at(10))
     (first,) = packets(dialogue.tick(0, permitted=True))
@@ -135,12 +135,12 @@ def test_the_newest_setpoint_waits_until_the_one_before_is_taken() -> None:
     st.lists(st.sampled_from(["offer", "tick", "take", "wait"]), max_size=60),
     st.integers(ID_FIRST, ID_LAST),
 )
-def test_setpoints_under_way_never_exceed_what_is_allowed(
-    most: int, steps: list[str], last_id: int
+def test_setpoints_in_flight_never_exceed_the_limit(
+    limit: int, steps: list[str], last_id: int
 ) -> None:
-    """Whatever happens in whatever order, also where IDs go round."""
-    dialogue = greeted(Pacing(max_untaken=most), last_id)
-    now_ns, under_way, offered = 0, [], 0
+    """The limit holds for every order of events, also where IDs wrap."""
+    dialogue = greeted(Pacing(max_unexecuted=limit), last_id)
+    now_ns, in_flight, offered = 0, [], 0
     for step in steps:
         if step == "offer":
             offered += 1
@@ -149,13 +149,13 @@ def test_setpoints_under_way_never_exceed_what_is_allowed(
             sent = [
                 p for p in packets(dialogue.tick(now_ns, permitted=True)) if p.com == Com.SET_POINT
             ]
-            under_way += sent
+            in_flight += sent
             assert all(p.vec[0] == offered * SCALES.position_per_mm for p in sent)
-        elif step == "take" and under_way:
-            dialogue.feed(pose_report(under_way.pop(0).id), now_ns)
+        elif step == "take" and in_flight:
+            dialogue.feed(pose_report(in_flight.pop(0).id), now_ns)
         else:
             now_ns += 30 * MS
-        assert dialogue.untaken == len(under_way) <= most
+        assert dialogue.unexecuted == len(in_flight) <= limit
 
 
 def test_the_rounding_of_a_stream_of_setpoints_is_carried() -> None:
@@ -170,21 +170,21 @@ def test_the_rounding_of_a_stream_of_setpoints_is_carried() -> None:
 
 
 def test_a_heartbeat_fills_40_ms_of_silence_and_only_then() -> None:
-    """Command 12 after 40 ms in which nothing else was sent, counted from whatever was sent."""
+    """Command 12 is sent 40 ms after any last packet."""
     dialogue = greeted()
     assert dialogue.tick(39 * MS, permitted=True) == b""
     assert coms(dialogue.tick(40 * MS, permitted=True)) == [(12, 0)]
     assert dialogue.tick(79 * MS, permitted=True) == b""
     dialogue.offer_setpoint(at(1))
     assert coms(dialogue.tick(79 * MS, permitted=True)) == [(13, 0)]
-    assert dialogue.tick(200 * MS, permitted=True) == b""  # those on their way are beats
+    assert dialogue.tick(200 * MS, permitted=True) == b""  # packets in flight count as beats
     dialogue.feed(joint_report(dialogue.last_id), 90 * MS)
     assert dialogue.tick(118 * MS, permitted=True) == b""
     assert coms(dialogue.tick(119 * MS, permitted=True)) == [(12, 0)]
 
 
-def test_without_permission_nothing_is_sent_and_nothing_is_kept_for_later() -> None:
-    """No set point, no wrench, no heartbeat; and what was offered does not come out afterwards."""
+def test_without_permission_nothing_is_sent_or_kept_for_later() -> None:
+    """Set points, wrenches and heartbeats are neither sent now nor after the permission returns."""
     dialogue = greeted()
     dialogue.offer_setpoint(at(1))
     for now_ms in range(0, 1000, 10):
@@ -196,21 +196,21 @@ def test_without_permission_nothing_is_sent_and_nothing_is_kept_for_later() -> N
     assert coms(dialogue.tick(1000 * MS, permitted=True)) == [(12, 0)]
 
 
-def test_hold_is_command_8_and_forgets_all_motion() -> None:
-    """After a hold nothing that was offered before comes out, and nothing is waited for."""
+def test_hold_is_command_8_and_cancels_all_motion() -> None:
+    """After a hold no earlier offer is sent, and no packet is awaited."""
     dialogue = greeted()
     dialogue.offer_setpoint(at(0.005))
     dialogue.tick(0, permitted=True)
     dialogue.offer_setpoint(at(2))
     assert coms(dialogue.hold(0)) == [(8, 0)]
-    assert dialogue.untaken == 0
+    assert dialogue.unexecuted == 0
     assert dialogue.tick(0, permitted=True) == b""
     dialogue.offer_setpoint(at(0.005))
     assert packets(dialogue.tick(0, permitted=True))[0].vec[0] == 0  # no rounding carried over
 
 
 def test_a_hold_that_voids_the_limits_sends_them_again() -> None:
-    """Nothing moves before the controller has them; once they are taken a hold is a hold alone."""
+    """Nothing moves before the controller has the limits; after that a hold is command 8 alone."""
     dialogue = greeted()
     set_up = [(10, 0), (10, 1), (10, 2), (10, 3), (11, 0)]
     assert coms(dialogue.set_up(KEPT, 0)) == [(8, 0), *set_up]
@@ -222,22 +222,22 @@ def test_a_hold_that_voids_the_limits_sends_them_again() -> None:
     assert coms(dialogue.hold(0)) == [(8, 0)]
 
 
-def test_ids_of_an_earlier_connection_take_nothing() -> None:
-    """A controller that still names an old command has taken none of the new ones."""
+def test_ids_of_an_earlier_connection_do_not_count_as_taken() -> None:
+    """A controller that still reports an old ID has taken none of the new packets."""
     dialogue = greeted(last_id=ID_FIRST + 500)
     dialogue.offer_setpoint(at(1))
     (packet,) = packets(dialogue.tick(0, permitted=True))
     for stale in (packet.id - 3, packet.id - 2, packet.id + 1):
         dialogue.feed(pose_report(stale), 0)
-        assert (dialogue.untaken, dialogue.taken) == (1, NONE_YET)
+        assert (dialogue.unexecuted, dialogue.taken) == (1, NONE_YET)
     dialogue.feed(pose_report(packet.id - 1), 0)  # the hello itself
-    assert dialogue.untaken == 1
+    assert dialogue.unexecuted == 1
     dialogue.feed(pose_report(packet.id), 0)
-    assert (dialogue.untaken, dialogue.taken) == (0, dialogue.last)
+    assert (dialogue.unexecuted, dialogue.taken) == (0, dialogue.last)
 
 
 def test_the_round_trip_is_measured_from_sending_to_framing() -> None:
-    """102 names what the receiver framed: the time between is the round trip."""
+    """102 names the last framed packet; the time from sending to it is the round trip."""
     dialogue = greeted()
     dialogue.hold(0)
     dialogue.feed(joint_report(dialogue.last_id), 3 * MS)
@@ -249,7 +249,7 @@ def test_the_round_trip_is_measured_from_sending_to_framing() -> None:
     assert dialogue.echoes.framed.last_s == pytest.approx(0.007)
 
 
-def test_a_new_connection_knows_nothing_of_the_old_one() -> None:
+def test_a_new_connection_keeps_nothing_of_the_old_one() -> None:
     """Half a packet, pending motion and running feedback end with the connection."""
     dialogue = in_feedback()
     dialogue.feed(pose_report(ID_FIRST)[:30], 0)
@@ -259,8 +259,8 @@ def test_a_new_connection_knows_nothing_of_the_old_one() -> None:
     assert isinstance(dialogue.feed(hello, 0)[0], HelloReceived)
 
 
-def test_it_is_settled_when_the_reports_know_of_the_last_hold_and_the_last_motion() -> None:
-    """A hold voids the motion before it, whose echo will never come."""
+def test_it_is_settled_when_reports_confirm_the_last_hold_and_the_last_motion() -> None:
+    """A hold voids the motion before it, which then has no echo."""
     dialogue = greeted()
     assert dialogue.settled
     dialogue.move_by_joints(JOINTS, SPEED, 0)

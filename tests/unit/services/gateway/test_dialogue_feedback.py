@@ -1,4 +1,4 @@
-"""Force feedback in the dialogue: order of the start, what is refused meanwhile, how it ends."""
+"""Force feedback in the dialogue: order of the start, refusals meanwhile, and the end."""
 
 import pytest
 
@@ -21,7 +21,7 @@ from tests.fakes.dialogues import (
 
 
 def test_gains_go_before_the_start_of_feedback() -> None:
-    """Both 6, then 7: the controller never runs on gains of somebody else."""
+    """Both packets 6 precede 7: the controller never runs on another client's gains."""
     starts = {"position": [(7, 0)], "orientation": [(7, 1)], "both": [(7, 0), (7, 1)]}
     for mode, start in starts.items():
         data = greeted().start_feedback(mode, GAINS, permitted=True, now_ns=0)  # type: ignore[arg-type]
@@ -29,7 +29,7 @@ def test_gains_go_before_the_start_of_feedback() -> None:
 
 
 def test_feedback_does_not_start_without_permission() -> None:
-    """The start is motion."""
+    """The start of feedback is a motion."""
     dialogue = greeted()
     with pytest.raises(LocalProtocolError, match="permission"):
         dialogue.start_feedback("both", GAINS, permitted=False, now_ns=0)
@@ -37,7 +37,7 @@ def test_feedback_does_not_start_without_permission() -> None:
 
 
 def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
-    """Commands 1, 2, 3 and 11, and a second start: from the request on, until it has ended."""
+    """Commands 1, 2, 3, 11 and a second start are refused from the request until the end."""
     for dialogue in (greeted(), in_feedback()):
         if not dialogue.feedback_active:
             dialogue.start_feedback("position", GAINS, permitted=True, now_ns=0)
@@ -55,8 +55,8 @@ def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
         assert dialogue.last_id == before
 
 
-def test_motion_waits_until_the_controller_says_that_feedback_has_ended() -> None:
-    """A stop that was sent is not yet a stop that has happened."""
+def test_motion_waits_until_the_controller_reports_the_end_of_feedback() -> None:
+    """A sent stop is not yet an executed stop."""
     dialogue = in_feedback()
     assert coms(dialogue.stop_feedback(0)) == [(7, 2)]
     with pytest.raises(LocalProtocolError, match="feedback"):
@@ -66,8 +66,8 @@ def test_motion_waits_until_the_controller_says_that_feedback_has_ended() -> Non
     assert dialogue.move_to_pose(at(1), SPEED, 0)
 
 
-def test_feedback_that_the_controller_ended_by_itself_is_noticed() -> None:
-    """Its watchdog or its limits may end it; then it is no longer wanted either."""
+def test_feedback_that_the_controller_ended_by_itself_is_detected() -> None:
+    """The controller's watchdog or limits may end it; then it is no longer requested either."""
     dialogue = in_feedback()
     dialogue.feed(pose_report(dialogue.last_id, Status.HELD), 0)
     assert not dialogue.feedback_active
@@ -75,8 +75,8 @@ def test_feedback_that_the_controller_ended_by_itself_is_noticed() -> None:
         dialogue.offer_wrench((0.0, 0.0, 0.0), NONE, NONE)
 
 
-def test_feedback_found_running_blocks_motion_too() -> None:
-    """A controller that says it runs is believed, whoever started it."""
+def test_feedback_that_runs_at_connection_blocks_motion_too() -> None:
+    """A controller that reports running feedback is in feedback, whatever started it."""
     dialogue = greeted()
     dialogue.feed(pose_report(dialogue.last_id, Status.ORIENTATION_FEEDBACK), 0)
     with pytest.raises(LocalProtocolError, match="feedback"):
@@ -84,7 +84,7 @@ def test_feedback_found_running_blocks_motion_too() -> None:
 
 
 def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
-    """At most two packets that the receiver has not framed; then the newest waits its turn."""
+    """At most two packets are unframed; then only the newest wrench waits."""
     dialogue = in_feedback()
     sent = []
     for force_N in range(1, 6):
@@ -96,8 +96,8 @@ def test_the_newest_wrench_goes_out_and_does_not_queue_up() -> None:
     assert (last.com, last.vec[0]) == (4, 500)
 
 
-def test_the_set_point_goes_before_the_first_wrench_that_it_is_for() -> None:
-    """Command 14 when it has changed, and not again; the wrench is the reading itself."""
+def test_a_changed_set_point_goes_before_its_first_wrench() -> None:
+    """Command 14 is sent once per change; the wrench is the reading itself."""
     dialogue = in_feedback()
     sent = []
     for setpoint_N in (0.0, 0.0, 10.0, 10.0, 0.0):
@@ -109,8 +109,8 @@ def test_the_set_point_goes_before_the_first_wrench_that_it_is_for() -> None:
     ]  # fmt: skip
 
 
-def test_a_set_point_whose_wrench_did_not_leave_is_not_forgotten() -> None:
-    """The newest wrench wins, and takes the newest set point with it."""
+def test_a_set_point_whose_wrench_was_not_sent_is_sent_with_the_next() -> None:
+    """The newest wrench is sent, together with the newest set point."""
     dialogue = in_feedback()
     for force_N in (1.0, 2.0):
         dialogue.offer_wrench((0.0, 0.0, force_N), NONE, NONE)
@@ -123,8 +123,8 @@ def test_a_set_point_whose_wrench_did_not_leave_is_not_forgotten() -> None:
     assert [(packet.com, packet.vec[2]) for packet in sent] == [(14, 600), (4, 300)]
 
 
-def test_the_point_to_turn_about_follows_one_at_a_time() -> None:
-    """Command 11 goes to a running feedback, the newest when the one before has been taken."""
+def test_the_centre_of_rotation_is_updated_one_at_a_time() -> None:
+    """Command 11 goes to running feedback, the newest when the one before has been taken."""
     dialogue = in_feedback()
     dialogue.offer_centre(at(1))
     (first,) = packets(dialogue.tick(0, permitted=True))
@@ -138,7 +138,7 @@ def test_the_point_to_turn_about_follows_one_at_a_time() -> None:
 
 
 def test_no_centre_without_feedback_or_permission() -> None:
-    """Like a wrench: for running force feedback only, and nothing unpermitted goes out."""
+    """A centre is sent to running and permitted force feedback only."""
     with pytest.raises(LocalProtocolError, match="no force feedback"):
         greeted().offer_centre(at(1))
     dialogue = in_feedback()
@@ -148,7 +148,7 @@ def test_no_centre_without_feedback_or_permission() -> None:
 
 
 def test_gains_that_change_faster_than_they_are_taken_do_not_queue_up() -> None:
-    """A slow controller would fall behind, and behind it every hold: only the newest go."""
+    """Only the newest gains are sent: queued gains would delay every hold."""
     dialogue = in_feedback()
     for share in (2.0, 3.0, 4.0):
         dialogue.offer_gains(gains_of(share))
@@ -165,8 +165,8 @@ def test_gains_that_change_faster_than_they_are_taken_do_not_queue_up() -> None:
     assert dialogue.tick(0, permitted=True) == b""
 
 
-def test_gains_are_for_force_feedback_that_runs_and_is_permitted() -> None:
-    """Without it they are refused; without permission they are forgotten."""
+def test_gains_require_force_feedback_that_runs_and_is_permitted() -> None:
+    """Without feedback they are refused; without permission they are dropped."""
     with pytest.raises(LocalProtocolError, match="no force feedback runs"):
         greeted().offer_gains(GAINS)
     dialogue = in_feedback()
@@ -175,8 +175,8 @@ def test_gains_are_for_force_feedback_that_runs_and_is_permitted() -> None:
     assert dialogue.tick(0, permitted=True) == b""
 
 
-def test_gains_do_not_wait_behind_a_centre_that_moves_on() -> None:
-    """A contact that rolls asks for a new centre at every sample; a gain that must fall goes."""
+def test_gains_do_not_wait_behind_a_moving_centre() -> None:
+    """A rolling contact changes the centre at every sample; a gain reduction is still sent."""
     dialogue = in_feedback()
     dialogue.offer_gains(gains_of(2.0))
     sent = []
@@ -188,5 +188,5 @@ def test_gains_do_not_wait_behind_a_centre_that_moves_on() -> None:
 
 
 def gains_of(share: float) -> Gains:
-    """Return the dialogue's gains, but with another proportional part."""
+    """Return the dialogue's gains with another proportional part."""
     return Gains(force_p_m_per_N=(share * GAINS.force_p_m_per_N[0],) * 3)

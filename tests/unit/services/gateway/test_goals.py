@@ -1,4 +1,4 @@
-"""What became of a goal, told from reports: done, refused, or neither yet."""
+"""The state of a goal by the reports: done, refused, or still running."""
 
 from dataclasses import replace
 
@@ -25,12 +25,12 @@ S = NS_PER_S
 
 
 def report(T: pin.SE3, status: Status = Status.MOVING, taken: int = PACKET) -> ControllerReport:
-    """One report, number 1."""
+    """Return a report with number 1."""
     return ControllerReport(T, (0.0,) * 6, status, counter=1, taken=taken, at_ns=0)
 
 
 def after(measured: ControllerReport, *, times: int = 2, period_ns: int = S // 100) -> Track:
-    """The goal after so many reports of the same content."""
+    """Return the goal after some reports with the same content."""
     track = goals.sent(GOAL, PACKET, ZERO, 0)
     for number in range(times):
         now_ns = number * period_ns
@@ -45,7 +45,7 @@ STILL = Status(0)
     ("T", "status", "state"),
     [
         (START, Status.MOVING, "running"),
-        (END, Status.MOVING, "running"),  # it may still pass by
+        (END, Status.MOVING, "running"),  # it may still move on
         (START, STILL, "running"),  # the bit may come later than the ID
         (END, STILL, "done"),
         (START, Status.TARGET_REFUSED, "refused"),
@@ -54,13 +54,13 @@ STILL = Status(0)
     ],
 )
 def test_status_and_place_decide(T: pin.SE3, status: Status, state: str) -> None:
-    """Two reports that agree are believed."""
+    """Two equal reports in a row decide."""
     assert after(report(T, status)).report.state == state
 
 
 @pytest.mark.parametrize("status", [STILL, Status.TARGET_REFUSED, Status.HELD])
-def test_one_report_alone_is_not_believed(status: Status) -> None:
-    """ID and bits of one report may be of two instants; the same report twice is one report."""
+def test_one_report_alone_does_not_decide(status: Status) -> None:
+    """ID and bits of one report may differ in time; the same report twice is one report."""
     assert after(report(END, status), times=1).report.state == "running"
     track = goals.sent(GOAL, PACKET, ZERO, 0)
     for now_ns in range(10):
@@ -68,43 +68,43 @@ def test_one_report_alone_is_not_believed(status: Status) -> None:
     assert track.report.state == "running"
 
 
-def test_a_goal_that_is_not_taken_is_neither_done_nor_for_ever() -> None:
-    """Being at the target before the packet was taken means nothing; 2 s are enough to take it."""
+def test_a_goal_that_is_not_taken_is_refused_after_a_while() -> None:
+    """Being at the target before the packet was taken does not count; the limit is 2 s."""
     for taken in (NONE_YET, PACKET - 1):
         assert after(report(END, STILL, taken)).report.state == "running"
     late = after(report(END, STILL, NONE_YET), times=3, period_ns=int(1.1 * S))
     assert (late.report.state, "not taken" in late.report.reason) == ("refused", True)
 
 
-def test_an_arm_that_stops_short_is_told_with_the_distance() -> None:
-    """At rest for half a second, 100 mm away."""
+def test_an_arm_that_stops_short_is_reported_with_the_distance() -> None:
+    """The arm has been at rest for half a second, 100 mm away."""
     track = after(report(START, STILL), times=40, period_ns=S // 20)
     assert track.report.state == "refused"
     assert "100.00 mm" in track.report.reason
 
 
 def test_an_end_is_final() -> None:
-    """What comes after done changes nothing."""
+    """Later reports do not change a finished goal."""
     done = after(report(END, STILL))
     assert goals.follow(done, replace(report(START, Status.HELD), counter=9), S) == done
 
 
-def test_relative_joints_count_from_where_they_were_when_it_was_sent() -> None:
+def test_relative_joints_start_from_the_angles_at_sending() -> None:
     """Command 3: target = joints at sending + rotation."""
     goal = Goal(id=1, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
     track = goals.sent(goal, PACKET, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0)
     assert track.joint_target_rad == pytest.approx((1.1, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
-def test_a_goal_that_comes_while_another_is_on_its_way_is_refused_and_the_arm_brakes() -> None:
-    """Whoever wants another one stops first: the controller would finish the first before it."""
+def test_a_goal_during_another_goal_is_refused_and_the_arm_brakes() -> None:
+    """A client stops before it changes the goal: the controller would finish the first one."""
     rig = a_cell().rig
     rig.connect()
     rig.arm()
     start = rig.T
-    rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
+    rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
     rig.until(lambda: rig.T.translation[2] > start.translation[2] + 0.01)
-    rig.say("goal", goal=pose_goal(2, shifted(start, z_m=-0.1)))
+    rig.send("goal", goal=pose_goal(2, shifted(start, z_m=-0.1)))
     rig.until(lambda: rig.state.goal.id == 2)
     assert rig.state.goal.state == "refused"
     assert rig.is_at_rest()

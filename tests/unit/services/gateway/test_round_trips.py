@@ -1,4 +1,4 @@
-"""Round trips and rates: what is known, when, and that memory stays bounded."""
+"""Round trips and rates: measured values, their age, and bounded memory."""
 
 from fractions import Fraction
 
@@ -11,9 +11,9 @@ from forcemesh.clock import NS_PER_S
 from services.gateway.commands import HEARTBEAT, STOP_FEEDBACK, Command
 from services.gateway.numbering import NONE_YET
 from services.gateway.round_trips import (
-    FORGET_AFTER_S,
+    DROP_AFTER_S,
+    MOST_IN_FLIGHT,
     MOST_TIMES,
-    MOST_UNDER_WAY,
     TAKEN,
     Echoes,
     Rate,
@@ -36,12 +36,12 @@ firsts = st.integers(0, 3_000_000)
 
 
 def consecutive(first: int, count: int) -> range:
-    """Numbers as they are given out."""
+    """Return the numbers of the packets in order."""
     return range(first, first + count)
 
 
 @given(delays, firsts)
-def test_percentiles_are_those_of_the_times_that_occurred(delays_ns: list[int], first: int) -> None:
+def test_percentiles_are_measured_times(delays_ns: list[int], first: int) -> None:
     """At least 50 and 99 % of the times are no longer, and fewer are shorter."""
     trips, now_ns = RoundTrips(), 0
     for id_, delay_ns in zip(consecutive(first, len(delays_ns)), delays_ns, strict=True):
@@ -57,8 +57,10 @@ def test_percentiles_are_those_of_the_times_that_occurred(delays_ns: list[int], 
 
 
 @given(firsts, st.integers(1, 40), st.data())
-def test_an_echo_is_the_echo_of_all_before_it(first: int, count: int, data: st.DataObject) -> None:
-    """What was sent later is still under way; what was echoed is not counted again."""
+def test_an_echo_confirms_all_packets_before_it(
+    first: int, count: int, data: st.DataObject
+) -> None:
+    """Later packets are still in flight; confirmed ones do not count again."""
     trips, ids = RoundTrips(), consecutive(first, count)
     for k, id_ in enumerate(ids):
         trips.sent(id_, k * MS)
@@ -73,8 +75,8 @@ def test_an_echo_is_the_echo_of_all_before_it(first: int, count: int, data: st.D
 
 
 @given(firsts)
-def test_nothing_is_known_before_an_echo(first: int) -> None:
-    """Neither before anything was sent, nor by the number of none, nor by an earlier one."""
+def test_no_time_is_known_before_an_echo(first: int) -> None:
+    """Numbers of unsent or earlier packets give no time."""
     trips, (before, id_) = RoundTrips(), consecutive(first, 2)
     assert trips.spread(0) is None
     trips.sent(id_, 0)
@@ -83,8 +85,8 @@ def test_nothing_is_known_before_an_echo(first: int) -> None:
         assert (trips.spread(MS), trips.last_s) == (None, None)
 
 
-def test_what_was_made_void_is_not_waited_for() -> None:
-    """The time until some later echo would be no round trip."""
+def test_voided_packets_are_not_awaited() -> None:
+    """The time until a later echo would be no round trip."""
     trips = RoundTrips()
     trips.sent(1, 0)
     trips.give_up()
@@ -95,32 +97,32 @@ def test_what_was_made_void_is_not_waited_for() -> None:
     assert spread.p99_s == pytest.approx(0.003)
 
 
-def test_old_times_are_forgotten() -> None:
-    """What was a minute ago says nothing of now."""
+def test_old_times_are_dropped() -> None:
+    """Times from a minute ago do not count."""
     trips = RoundTrips()
     trips.sent(1, 0)
     trips.reached(1, MS)
-    after_ns = MS + round(FORGET_AFTER_S * NS_PER_S)
+    after_ns = MS + round(DROP_AFTER_S * NS_PER_S)
     assert trips.spread(after_ns) is not None
     assert trips.spread(after_ns + 1) is None
 
 
 def test_memory_is_bounded_and_the_oldest_are_timed() -> None:
-    """A controller that echoes nothing costs no memory; its first echo shows the longest time."""
+    """A controller without echoes costs no memory; its first echo gives the longest time."""
     trips = RoundTrips()
-    for id_ in range(1, 10 * MOST_UNDER_WAY):
+    for id_ in range(1, 10 * MOST_IN_FLIGHT):
         trips.sent(id_, id_ * MS)
     trips.reached(1, NS_PER_S)
     assert trips.last_s == pytest.approx(0.999)
     for id_ in range(1, 10 * MOST_TIMES):
         trips.sent(id_, 0)
         trips.reached(id_, 0)
-    assert len(trips._under_way) + len(trips._times) <= MOST_UNDER_WAY + MOST_TIMES
+    assert len(trips._in_flight) + len(trips._times) <= MOST_IN_FLIGHT + MOST_TIMES
 
 
 @pytest.mark.parametrize("com", sorted(COMMANDS))
-def test_who_echoes_which_command(com: Com) -> None:
-    """The receiver frames all; the robot program takes what comes through the ring."""
+def test_each_command_has_its_echo(com: Com) -> None:
+    """The receiver frames all packets; the robot program takes those of the ring."""
     echoes = Echoes()
     echoes.sent(Command(com).packet(7), 7, 0)
     for trips in (echoes.framed, echoes.taken):
@@ -132,7 +134,7 @@ def test_who_echoes_which_command(com: Com) -> None:
 
 
 def test_the_stop_of_force_feedback_is_framed_only() -> None:
-    """Command 7 with Param 2 does not wait in the ring."""
+    """Command 7 with Param 2 does not enter the ring."""
     echoes = Echoes()
     echoes.sent(STOP_FEEDBACK.packet(7), 7, 0)
     echoes.taken.reached(7, MS)
@@ -140,7 +142,7 @@ def test_the_stop_of_force_feedback_is_framed_only() -> None:
 
 
 def test_a_dialogue_times_both_echoes_of_its_packets() -> None:
-    """102 names the framed, 101 the taken one; a hold makes void what was not taken."""
+    """102 names the framed, 101 the taken packet; a hold voids the untaken ones."""
     dialogue = greeted()
     dialogue.feed(joint_report(dialogue.last_id), MS)
     dialogue.move_to_pose(at(1), SPEED, 10 * MS)
@@ -156,8 +158,8 @@ def test_a_dialogue_times_both_echoes_of_its_packets() -> None:
     assert taken == [4 * MS] * 2 + [7 * MS]
 
 
-def test_wrenches_and_heartbeats_are_framed_and_a_new_connection_starts_anew() -> None:
-    """Command 4 has one echo; the next connection knows nothing of this one."""
+def test_wrenches_and_heartbeats_are_framed_only_and_a_new_connection_starts_empty() -> None:
+    """Command 4 has one echo; the next connection has no times of this one."""
     dialogue = in_feedback()
     taken = dialogue.echoes.taken.spread(0)
     dialogue.offer_wrench((1.0, 0.0, 0.0), NONE, NONE)
@@ -176,7 +178,7 @@ rates = st.floats(5.0, 1000.0)
 
 @given(rates, st.floats(1.0, 20.0))
 def test_a_steady_rate_is_found_to_one_event(rate_hz: float, duration_s: float) -> None:
-    """However long it is watched, and however fast it is, with memory for a few marks."""
+    """The count is exact for any duration and rate, with memory for a few marks."""
     rate, count = Rate(), 0
     while count / rate_hz <= duration_s:
         rate.count(1, round(count / rate_hz * NS_PER_S))
@@ -189,8 +191,8 @@ def test_a_steady_rate_is_found_to_one_event(rate_hz: float, duration_s: float) 
 
 
 @given(st.lists(st.integers(0, 50 * MS), min_size=1, max_size=15))
-def test_a_rate_is_not_known_before_a_second_was_watched(gaps_ns: list[int]) -> None:
-    """No zero, no infinity: nothing."""
+def test_a_rate_is_unknown_before_one_second_of_measurement(gaps_ns: list[int]) -> None:
+    """Before that there is no value, neither zero nor infinity."""
     rate, now_ns = Rate(), 0
     assert rate.hz(0) is None
     for gap_ns in gaps_ns:
@@ -200,7 +202,7 @@ def test_a_rate_is_not_known_before_a_second_was_watched(gaps_ns: list[int]) -> 
 
 
 def test_a_change_of_rate_shows_within_the_window() -> None:
-    """Half a minute of 100/s does not hide that it is 10/s now, and silence becomes zero."""
+    """Half a minute of 100/s does not hide the present 10/s, and silence becomes zero."""
     rate = Rate()
     times = [k * 10 * MS for k in range(3000)] + [30 * NS_PER_S + k * 100 * MS for k in range(60)]
     for at_ns in times:
@@ -210,8 +212,8 @@ def test_a_change_of_rate_shows_within_the_window() -> None:
 
 
 @given(st.integers(0, 999_999), st.lists(st.integers(0, 400), min_size=20, max_size=40))
-def test_a_counter_that_goes_round_is_followed(start: int, steps: list[int]) -> None:
-    """Only the differences count, and they are taken modulo its span."""
+def test_a_wrapping_counter_is_followed(start: int, steps: list[int]) -> None:
+    """Only the differences count, modulo the counter's span."""
     turns, value = WrappingCounterRate(1_000_000), start
     for k, step in enumerate(steps):
         value = (value + (step if k else 0)) % 1_000_000

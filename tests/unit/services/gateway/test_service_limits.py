@@ -1,4 +1,4 @@
-"""What the gateway tells the controller to keep, keeps itself, and does when that is refused."""
+"""Limits of the controller and of the gateway, and the end after a refusal."""
 
 import numpy as np
 import pinocchio as pin
@@ -11,32 +11,32 @@ from forcemesh.clock import NS_PER_S
 from services.gateway.service import controller_limits, set_point_step
 from services.gateway.setpoint_shaper import SetpointShaper
 from tests.contract.rig import gateway_cell
-from tests.fakes.gateway_world import GatewayWorld, MoodyController
+from tests.fakes.gateway_world import FaultyController, GatewayWorld
 
 CELL = gateway_cell(49152)
 PERIOD_NS = 16_000_000
 
 
-class NotingController(MoodyController):
-    """Keeps the command of every packet for the test."""
+class CommandRecorder(FaultyController):
+    """A controller that records the command of every packet."""
 
     def __init__(self) -> None:
         super().__init__()
         self.coms: list[int] = []
 
     def send(self, data: bytes, now_ns: int) -> bool:
-        """Take packets, and note them."""
+        """Take packets and record them."""
         self.coms += [int(data[at + 7 : at + 13]) for at in range(0, len(data), 63)]
         return super().send(data, now_ns)
 
 
-def streaming() -> tuple[GatewayWorld, NotingController]:
-    """A stream of set points that stands where the arm is."""
-    controller = NotingController()
+def streaming() -> tuple[GatewayWorld, CommandRecorder]:
+    """Return a stream of set points at the arm's pose."""
+    controller = CommandRecorder()
     world = GatewayWorld(controller)
     world.lease += 1
     for _ in range(20):
-        world.say(world.permitted("setpoint", pose=world.shifted(0.0, 0.0, 0.0)))
+        world.send(world.permitted("setpoint", pose=world.shifted(0.0, 0.0, 0.0)))
         world.live(10)
     assert Com.SET_POINT in controller.coms
     assert Com.MOVE_POSE not in controller.coms
@@ -44,31 +44,31 @@ def streaming() -> tuple[GatewayWorld, NotingController]:
 
 
 def test_a_set_point_that_the_controller_refuses_ends_in_hold() -> None:
-    """The arm stands at the one before; nothing goes on as if it had moved."""
+    """The arm is still at the set point before; the stream does not continue."""
     world, controller = streaming()
     world.codes.clear()
     controller.on = Status.TARGET_REFUSED
     for _ in range(5):
-        world.say(world.permitted("setpoint", pose=world.shifted(0.0, 0.0, 0.0)))
+        world.send(world.permitted("setpoint", pose=world.shifted(0.0, 0.0, 0.0)))
         world.live(10)
     assert "robot_refuses" in world.codes
     assert controller.coms[-1] == Com.HOLD
 
 
-def test_a_new_lease_begins_with_a_hold_of_the_controllers_own() -> None:
-    """It counts turns from a hold, the gateway from the lease: both from the same place."""
+def test_a_new_lease_begins_with_a_hold_of_the_controller() -> None:
+    """The controller counts turns from a hold, the gateway from the lease: both start together."""
     world, controller = streaming()
     holds = controller.coms.count(Com.HOLD)
     for _ in range(3):
         world.lease += 1
         for _ in range(5):
-            world.say(world.permitted("idle"))
+            world.send(world.permitted("idle"))
             world.live(10)
     assert controller.coms.count(Com.HOLD) == holds + 3
 
 
-def test_what_the_controller_keeps_is_a_little_wider_than_what_leaves_here() -> None:
-    """So that rounding is never refused, and this process says first what was wrong."""
+def test_limits_of_the_controller_are_slightly_wider_than_the_gateways() -> None:
+    """Rounding is never refused, and the gateway reports a violation first."""
     assert CELL.gateway is not None
     kept = controller_limits(CELL, CELL.gateway)
     step_m, step_rad = set_point_step(CELL, CELL.gateway)
@@ -86,10 +86,10 @@ def test_what_the_controller_keeps_is_a_little_wider_than_what_leaves_here() -> 
 
 
 @pytest.mark.parametrize("segment_s", [0.02, 0.05, 1.0])
-def test_the_step_is_what_the_arm_goes_in_a_segment_and_no_more_than_limits_step(
+def test_the_step_is_the_travel_of_one_segment_and_at_most_limits_step(
     segment_s: float,
 ) -> None:
-    """`gateway.segment_s` times the speed, in both kinds."""
+    """The step is `gateway.segment_s` times the speed, for translation and rotation."""
     cell = gateway_cell(49152, **{"gateway.segment_s": segment_s})
     assert cell.gateway is not None
     step_m, step_rad = set_point_step(cell, cell.gateway)
@@ -99,28 +99,28 @@ def test_the_step_is_what_the_arm_goes_in_a_segment_and_no_more_than_limits_step
 
 
 @given(
-    way_m=st.floats(-0.05, 0.05), turn_rad=st.floats(-0.5, 0.5), step_m=st.floats(1e-3, 2e-2)
+    travel_m=st.floats(-0.05, 0.05), turn_rad=st.floats(-0.5, 0.5), step_m=st.floats(1e-3, 2e-2)
 )  # fmt: skip
 def test_no_set_point_is_farther_from_the_one_before_than_a_step(
-    way_m: float, turn_rad: float, step_m: float
+    travel_m: float, turn_rad: float, step_m: float
 ) -> None:
-    """Whatever is wanted leaves in steps, and all of it leaves."""
+    """Any target is sent in steps, and completely."""
     step_rad = 4.0 * step_m
-    departures = SetpointShaper(CELL.limits, lambda _: None, step=(step_m, step_rad))
+    shaper = SetpointShaper(CELL.limits, lambda _: None, step=(step_m, step_rad))
     begin = pin.SE3.Identity()
-    wanted = pin.SE3(pin.utils.rotate("x", turn_rad), np.array([way_m, 0.0, 0.0]))
+    target = pin.SE3(pin.utils.rotate("x", turn_rad), np.array([travel_m, 0.0, 0.0]))
     now_ns, before = NS_PER_S, begin
-    assert departures.seed(begin, now_ns) is None
-    departures.leave(begin, now_ns)
+    assert shaper.seed(begin, now_ns) is None
+    shaper.release(begin, now_ns)
     for _ in range(400):
         now_ns += PERIOD_NS
-        left = departures.leave(wanted, now_ns)
-        if left is None:
+        sent = shaper.release(target, now_ns)
+        if sent is None:
             continue
-        step = before.actInv(left)
+        step = before.actInv(sent)
         assert np.linalg.norm(step.translation) < step_m * (1.0 + 1e-6) + 1e-12
         assert np.linalg.norm(pin.log3(step.rotation)) < step_rad * (1.0 + 1e-6) + 1e-7
-        before = left
-        if left is wanted:
+        before = sent
+        if sent is target:
             break
-    assert np.allclose(before.homogeneous, wanted.homogeneous, atol=1e-9)
+    assert np.allclose(before.homogeneous, target.homogeneous, atol=1e-9)

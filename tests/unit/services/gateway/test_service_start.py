@@ -1,4 +1,4 @@
-"""A gateway's start and its end: nothing begins with half of what it needs, and the arm holds."""
+"""A gateway's start and end: it starts with a whole configuration, and the arm holds at its end."""
 
 from typing import Any
 
@@ -20,12 +20,12 @@ from tests.fakes.gateway_cell import a_cell
 
 
 def gateway(cell: CellConfig) -> Gateway:
-    """Return the gateway of a cell, whose socket is not opened before its first step."""
+    """Return the gateway of a cell; its socket is opened in the first step."""
     return Gateway(Bus("robot", cell.cell, MemoryTransport(), cell, ManualClock()), cell)
 
 
-def test_without_its_section_a_gateway_says_what_is_missing() -> None:
-    """A cell whose robot is simulated has none, and this process may be started by hand."""
+def test_a_gateway_without_its_section_reports_what_is_missing() -> None:
+    """A simulated cell has no such section, and this process can be started by hand."""
     assert CELL.gateway is None
     with pytest.raises(ConfigError) as caught:
         gateway(CELL)
@@ -34,8 +34,8 @@ def test_without_its_section_a_gateway_says_what_is_missing() -> None:
 
 @pytest.mark.parametrize("name", SCALE_RANGES)
 @pytest.mark.parametrize("end", ["lowest", "highest"])
-def test_a_scale_that_cannot_carry_what_it_is_for_is_named(name: str, end: str) -> None:
-    """The ends of its range are taken, the next ones are refused when the cell file is read."""
+def test_a_scale_that_cannot_represent_the_limits_is_refused(name: str, end: str) -> None:
+    """The ends of its range are accepted; the next values are refused with the cell file."""
     low, high = SCALE_RANGES[name]
     good, bad = (low, low - 1) if end == "lowest" else (high, high + 1)
     good_cell: dict[str, Any] = {f"gateway.{name}": good}
@@ -47,14 +47,14 @@ def test_a_scale_that_cannot_carry_what_it_is_for_is_named(name: str, end: str) 
 
 
 def test_the_controller_holds_when_its_gateway_ends() -> None:
-    """In the middle of a move: the line is closed, and the arm stands short of its goal."""
+    """In the middle of a move the line is closed, and the arm stops short of its goal."""
     cell = a_cell()
     rig, both = cell.rig, cell.rig.service
     assert isinstance(both, Both)
     rig.connect()
     rig.arm()
     start = rig.T
-    rig.say("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
+    rig.send("goal", goal=pose_goal(1, shifted(start, z_m=0.1)))
     rig.until(lambda: rig.T.translation[2] > start.translation[2] + 0.01)
     both.gateway.close()
     track: list[np.ndarray] = []

@@ -1,4 +1,4 @@
-"""Why the hub refused something: causes from Zenoh's own lines, told once a second."""
+"""Causes of the hub's refusals, parsed from Zenoh's log and reported once a second."""
 
 import os
 import subprocess
@@ -13,7 +13,7 @@ from services.hub.refusals import RefusalParser, Refusals
 ROOT = Path(__file__).resolve().parents[4]
 ACL = "zenoh::net::routing::interceptor::access_control"
 ARBITER, MONITOR = "43e72ad703c02988df40ff33891b35c0", "2f1f30b60fc3a1a27ed41943e007d019"
-MOST_AT_ONCE_B, TELL_EVERY_NS = 256_000, 1_000_000_000
+MOST_AT_ONCE_B, REPORT_PERIOD_NS = 256_000, 1_000_000_000
 KNOWN = frozenset({"arbiter.demo", "monitor.demo"})
 
 
@@ -24,11 +24,11 @@ def line(text: str, *, thread: int = 8, module: str = ACL, level: str = "TRACE")
     ).encode()
 
 
-def judged(session: str, name: str, what: str, *, may: bool) -> str:
-    """Return the text of a judgement."""
-    word = "authorized" if may else "unauthorized"
+def decision(session: str, name: str, action: str, *, may: bool) -> str:
+    """Return the text of an access decision."""
+    verdict = "authorized" if may else "unauthorized"
     subject = f"Interface(lo)+CertCommonName({name})+Transport(Tls)+{session}"
-    return f"{session} on {subject} is {word} to {what}"
+    return f"{session} on {subject} is {verdict} to {action}"
 
 
 def intercepted(thread: int = 8) -> bytes:
@@ -38,52 +38,52 @@ def intercepted(thread: int = 8) -> bytes:
 
 
 def causes(*lines: bytes) -> list[tuple[str, str]]:
-    """Return what a fresh judge makes of lines."""
+    """Return the causes that a new parser finds in lines."""
     return RefusalParser(KNOWN).causes(lines)
 
 
-def test_a_forbidden_message_is_told_with_name_and_key() -> None:
-    """The line before the refusal on the same thread says who and what."""
-    text = judged(MONITOR, "monitor.demo", "Put (ingress) on demo/robot/command", may=False)
+def test_a_forbidden_message_is_reported_with_name_and_key() -> None:
+    """The line before the refusal on the same thread has the name and the action."""
+    text = decision(MONITOR, "monitor.demo", "Put (ingress) on demo/robot/command", may=False)
     assert causes(line(text), intercepted()) == [
         ("forbidden", "monitor.demo may not: Put on demo/robot/command")
     ]
 
 
-def test_what_is_only_looked_up_is_no_refusal() -> None:
-    """Zenoh judges every action on a key when it is declared: that alone refuses nothing."""
-    text = judged(MONITOR, "monitor.demo", "Put (ingress) on demo/wrench", may=False)
+def test_an_access_check_alone_is_no_refusal() -> None:
+    """Zenoh checks every action on a key at its declaration: this refuses nothing."""
+    text = decision(MONITOR, "monitor.demo", "Put (ingress) on demo/wrench", may=False)
     assert causes(line(text), line(text)) == []
 
 
-def test_threads_are_not_mixed_up() -> None:
-    """A refusal belongs to the thread that it happened on, whatever the others say between."""
-    bad = judged(MONITOR, "monitor.demo", "Put (ingress) on demo/wrench", may=False)
-    good = judged(ARBITER, "arbiter.demo", "Put (ingress) on demo/robot/command", may=True)
-    said = causes(line(bad, thread=8), line(good, thread=9), intercepted(thread=8))
-    assert said == [("forbidden", "monitor.demo may not: Put on demo/wrench")]
+def test_threads_are_parsed_separately() -> None:
+    """A refusal belongs to its thread, whatever lines of other threads come between."""
+    bad = decision(MONITOR, "monitor.demo", "Put (ingress) on demo/wrench", may=False)
+    good = decision(ARBITER, "arbiter.demo", "Put (ingress) on demo/robot/command", may=True)
+    output = causes(line(bad, thread=8), line(good, thread=9), intercepted(thread=8))
+    assert output == [("forbidden", "monitor.demo may not: Put on demo/wrench")]
 
 
-def test_a_remembered_judgement_is_told_by_name() -> None:
-    """Zenoh's later lines carry only the session: its name was told before."""
-    first = judged(MONITOR, "monitor.demo", "Query (ingress) on demo", may=False)
+def test_a_cached_decision_is_reported_by_name() -> None:
+    """Zenoh's later lines have only the session: an earlier line had its name."""
+    first = decision(MONITOR, "monitor.demo", "Query (ingress) on demo", may=False)
     cached = f"Using cached result: {MONITOR} is unauthorized to Put (ingress) on demo/wrench"
     assert causes(line(first), line(cached), intercepted()) == [
         ("forbidden", "monitor.demo may not: Put on demo/wrench")
     ]
 
 
-def test_what_was_allowed_and_still_refused_was_too_long() -> None:
-    """Behind access control only the size of a message is looked at."""
-    text = judged(ARBITER, "arbiter.demo", "Put (ingress) on demo/robot/command", may=True)
+def test_an_allowed_message_that_was_refused_was_too_long() -> None:
+    """After access control only the size of a message is checked."""
+    text = decision(ARBITER, "arbiter.demo", "Put (ingress) on demo/robot/command", may=True)
     assert causes(line(text), intercepted()) == [
         ("too_long", "arbiter.demo: a message on demo/robot/command")
     ]
 
 
-def test_what_comes_too_often_is_told_by_name() -> None:
-    """The line of the rate limit carries the beginning of the session's number."""
-    first = judged(ARBITER, "arbiter.demo", "Put (ingress) on demo/arbiter/health", may=True)
+def test_a_message_above_its_rate_is_reported_by_name() -> None:
+    """The line of the rate limit has the beginning of the session's number."""
+    first = decision(ARBITER, "arbiter.demo", "Put (ingress) on demo/arbiter/health", may=True)
     dropped = (
         "Message dropped by the downsampling interceptor: Push(demo/arbiter/health) "
         "from:south:0:client/43e72ad7:2"
@@ -93,9 +93,9 @@ def test_what_comes_too_often_is_told_by_name() -> None:
     ]
 
 
-def test_handshakes_that_fail_have_a_cause_each() -> None:
-    """No certificate, a foreign or old one, no TLS at all; a hang-up says nothing new."""
-    told = {
+def test_failed_handshakes_have_a_cause_each() -> None:
+    """No certificate, a foreign or expired one, no TLS; an end of connection is no cause."""
+    code_of = {
         "peer sent no certificates": "no_certificate",
         "invalid peer certificate: UnknownIssuer": "foreign_certificate",
         "invalid peer certificate: Expired": "expired_certificate",
@@ -103,15 +103,15 @@ def test_handshakes_that_fail_have_a_cause_each() -> None:
         "something new": "handshake",
         "tls handshake eof": "",
     }
-    for text, code in told.items():
+    for text, code in code_of.items():
         warning = line(f"{text}. Hint: increase the system open file limit.",
                        module="zenoh_link_tls::unicast", level="WARN")  # fmt: skip
         assert [cause for cause, _ in causes(warning)] == ([code] if code else [])
 
 
-def test_a_name_that_nobody_has_is_told_and_a_known_one_is_not() -> None:
-    """Whoever comes in with a certificate of this authority is looked up by name."""
-    for name, known in (("arbiter.demo", True), ("stranger.demo", False)):
+def test_an_unknown_name_is_reported_and_a_known_one_is_not() -> None:
+    """The name in a certificate of this authority must be a known one."""
+    for name, known in (("arbiter.demo", True), ("other.demo", False)):
         text = f"Accepted TLS connection on 127.0.0.1:1: 10.0.0.9:53. Common Name: {name}."
         found = causes(line(text, module="zenoh_link_tls::unicast", level="DEBUG"))
         assert found == (
@@ -121,7 +121,7 @@ def test_a_name_that_nobody_has_is_told_and_a_known_one_is_not() -> None:
 
 @given(st.lists(st.binary(max_size=80), max_size=20))
 def test_no_bytes_in_the_log_break_the_hub(lines: list[bytes]) -> None:
-    """Keys and names come from strangers: whatever they hold, nothing is raised."""
+    """Keys and names come from other hosts: no content raises an error."""
     causes(*lines, *(line("x")[:60] + data for data in lines), intercepted())
 
 
@@ -138,7 +138,7 @@ sys.stderr.write(str(dict(refusals.counts)))
 
 
 def run(lines: bytes, times: int, *, step_ns: int) -> str:
-    """Let a process refuse each of three lines so many times; return what it says."""
+    """Let a process refuse each of three lines so many times; return its output."""
     program = PROGRAM.format(times=times, step_ns=step_ns)
     done = subprocess.run(
         [sys.executable, "-c", program], input=lines, capture_output=True, cwd=ROOT, check=True
@@ -147,28 +147,28 @@ def run(lines: bytes, times: int, *, step_ns: int) -> str:
     return done.stderr.decode()
 
 
-def test_refusals_are_counted_and_told_once_a_second() -> None:
-    """A hundred of a kind are one line with their number; standard output stays silent."""
+def test_refusals_are_counted_and_reported_once_a_second() -> None:
+    """A hundred of a kind are one line with their number; standard output is empty."""
     warning = line("peer sent no certificates.", module="zenoh_link_tls", level="WARN") + b"\n"
-    said = run(warning * 3, times=100, step_ns=TELL_EVERY_NS)
-    assert said.count("no_certificate: a client without a certificate (100 times)") == 3
-    assert said.endswith("{'no_certificate': 300}")
+    output = run(warning * 3, times=100, step_ns=REPORT_PERIOD_NS)
+    assert output.count("no_certificate: a client without a certificate (100 times)") == 3
+    assert output.endswith("{'no_certificate': 300}")
 
 
-def test_of_a_flood_only_the_beginning_is_read() -> None:
-    """What one step reads is bounded, and what comes after the flood is heard at once."""
+def test_only_the_beginning_of_a_flood_is_read() -> None:
+    """One step reads a bounded amount, and lines after the flood are read at once."""
     warning = line("peer sent no certificates.", module="zenoh_link_tls", level="WARN") + b"\n"
-    most = MOST_AT_ONCE_B // len(warning)
-    said = run(warning * 3, times=3 * most, step_ns=TELL_EVERY_NS // 20)
-    counted = int(said.rpartition(":")[2].strip(" }"))
-    assert 3 * (most - 1) <= counted <= 3 * most
+    limit = MOST_AT_ONCE_B // len(warning)
+    output = run(warning * 3, times=3 * limit, step_ns=REPORT_PERIOD_NS // 20)
+    counted = int(output.rpartition(":")[2].strip(" }"))
+    assert 3 * (limit - 1) <= counted <= 3 * limit
 
 
-def test_words_of_a_stranger_are_one_plain_line() -> None:
+def test_a_foreign_name_is_one_plain_line() -> None:
     """Control characters and length of a foreign name do not reach the terminal."""
-    said: list[str] = []
-    refusals = Refusals(say=said.append)
-    name = "evil\x1b[2J\r" + "x" * 500
+    output: list[str] = []
+    refusals = Refusals(write=output.append)
+    name = "hostile\x1b[2J\r" + "x" * 500
     text = f"Accepted TLS connection on a:1: b:2. Common Name: {name}."
     before, log = os.dup(1), b""
     try:
@@ -178,7 +178,7 @@ def test_words_of_a_stranger_are_one_plain_line() -> None:
     finally:
         os.dup2(before, 1)
         os.close(before)
-    refusals.step(TELL_EVERY_NS)
-    assert len(said) == 1
-    assert said[0].rstrip("\n").isprintable()
-    assert len(said[0]) < 300
+    refusals.step(REPORT_PERIOD_NS)
+    assert len(output) == 1
+    assert output[0].rstrip("\n").isprintable()
+    assert len(output[0]) < 300

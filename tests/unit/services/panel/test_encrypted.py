@@ -1,4 +1,4 @@
-"""The panel's page beyond this machine: by TLS, with a certificate that is nobody on the bus."""
+"""The panel's page for other hosts: TLS, with a certificate without rights on the bus."""
 
 import asyncio
 import datetime as dt
@@ -41,7 +41,7 @@ WIDE = "0.0.0.0"
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
-    """A folder with the page's certificate and its authority, which the panel finds."""
+    """Return a folder with the page's certificate and its authority, which the panel finds."""
     authority = make_page_authority("demo", NOW)
     write_pair(tmp_path, PAGE_AUTHORITY, authority, owner=None)
     hosts = ["localhost", "127.0.0.1"]
@@ -52,20 +52,20 @@ def folder(tmp_path, monkeypatch) -> Path:
 
 
 def wide(port: int = 8080) -> Door:
-    """Return a door that others reach."""
+    """Return a door that other hosts reach."""
     return Door(WIDE, port, token=TOKEN)
 
 
-def test_beyond_this_machine_there_is_no_panel_without_a_certificate(tmp_path, monkeypatch):
-    """One sentence: where, what is missing, what makes it, what would do as well."""
+def test_for_other_hosts_there_is_no_panel_without_a_certificate(tmp_path, monkeypatch):
+    """The error is one sentence: the address, the missing file, the remedy and its alternative."""
     monkeypatch.setenv("FORCEMESH_PKI", str(tmp_path))
     cell = load_cell(DEMO)
     for host in ("127.0.0.1", "localhost", "::1"):
         assert context_of(cell, Door(host, 8080, token=TOKEN)) is None
-    said = (
+    message = (
         r"refused: on 0\.0\.0\.0 .*panel-page\.pem.* is missing.*pki issue panel-page.*127\.0\.0\.1"
     )
-    with pytest.raises(ForcemeshError, match=said):
+    with pytest.raises(ForcemeshError, match=message):
         context_of(cell, wide())
     (tmp_path / f"{PAGE}.pem").write_text("no certificate")
     (tmp_path / f"{PAGE}.key").write_text("no key")
@@ -74,26 +74,26 @@ def test_beyond_this_machine_there_is_no_panel_without_a_certificate(tmp_path, m
 
 
 def test_in_a_container_the_published_address_decides(tmp_path, monkeypatch):
-    """It listens on every address there; who reaches it is what compose says."""
+    """The process listens on every address there; compose decides which hosts reach it."""
     monkeypatch.setenv("FORCEMESH_PKI", str(tmp_path))
-    here = Door(WIDE, 8080, published="127.0.0.1")
-    assert context_of(load_cell(DEMO), here) is None
+    local = Door(WIDE, 8080, published="127.0.0.1")
+    assert context_of(load_cell(DEMO), local) is None
     wider = Door(WIDE, 8080, token=TOKEN, published="192.168.1.7")
     with pytest.raises(ForcemeshError, match=r"refused: on 192\.168\.1\.7 the token"):
         context_of(load_cell(DEMO), wider)
 
 
-def test_a_cookie_of_an_encrypted_page_never_leaves_in_the_clear(folder):
-    """The browser is told so twice: by its name and by a word."""
+def test_a_cookie_of_an_encrypted_page_is_never_sent_in_the_clear(folder):
+    """Its name and its attribute both require this of the browser."""
     assert wide().keep("number").startswith("__Host-forcemesh_panel_8080=number; Path=/; ")
     assert wide().keep("number").endswith("; HttpOnly; SameSite=Strict; Secure")
-    here = Door("127.0.0.1", 8080, token=TOKEN).keep("number")
-    assert "Secure" not in here
-    assert "__Host-" not in here
+    cookie = Door("127.0.0.1", 8080, token=TOKEN).keep("number")
+    assert "Secure" not in cookie
+    assert "__Host-" not in cookie
 
 
-def test_the_pages_authority_is_nobody_on_the_bus(folder):
-    """Neither authority signs for the other; the page's certificate is good for a server."""
+def test_the_pages_authority_has_no_rights_on_the_bus(folder):
+    """Neither authority signs for the other; the page's certificate is valid for a server."""
     bus = make_authority("demo", NOW).certificate
     page = read_certificate(folder / f"{PAGE}.pem")
     authority = read_certificate(folder / f"{PAGE_AUTHORITY}.pem")
@@ -102,24 +102,24 @@ def test_the_pages_authority_is_nobody_on_the_bus(folder):
         page.verify_directly_issued_by(bus)
     usage = page.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
     assert list(usage) == [ExtendedKeyUsageOID.SERVER_AUTH]
-    assert not {PAGE, PAGE_AUTHORITY} & set(NAMES)  # no role, no person, no rule of access
+    assert not {PAGE, PAGE_AUTHORITY} & set(NAMES)  # no role, no user, no access rule
 
 
-def pki(*words: str, folder: Path) -> tuple[int, str]:
-    """Run `forcemesh pki`; return exit code and what was said."""
-    given = ["pki", *words, "--cell", str(DEMO), "--folder", str(folder)]
+def pki(*arguments: str, folder: Path) -> tuple[int, str]:
+    """Run `forcemesh pki`; return exit code and output."""
+    given = ["pki", *arguments, "--cell", str(DEMO), "--folder", str(folder)]
     result = CliRunner().invoke(app, given)
     return result.exit_code, result.output
 
 
-def test_pki_makes_renews_and_judges_the_pages_certificate(tmp_path):
-    """`init` makes it, `issue panel-page` one for other names, `check` looks at it."""
+def test_pki_makes_renews_and_checks_the_pages_certificate(tmp_path):
+    """`init` makes it, `issue panel-page` makes one for other names, `check` inspects it."""
     assert pki("init", "--host", "labpc", folder=tmp_path)[0] == 0
     assert pki("check", folder=tmp_path)[0] == 0
     first = read_certificate(tmp_path / f"{PAGE}.pem")
     first.verify_directly_issued_by(read_certificate(tmp_path / f"{PAGE_AUTHORITY}.pem"))
     assert (tmp_path / f"{PAGE_AUTHORITY}.key").stat().st_mode & 0o077 == 0
-    assert pki("issue", PAGE, folder=tmp_path)[0] == 2  # is there already
+    assert pki("issue", PAGE, folder=tmp_path)[0] == 2  # it exists already
     assert pki("issue", PAGE, "--again", "--host", "10.0.0.7", folder=tmp_path)[0] == 0
     page = read_certificate(tmp_path / f"{PAGE}.pem")
     names = page.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -132,8 +132,8 @@ def test_pki_makes_renews_and_judges_the_pages_certificate(tmp_path):
     assert "panel-ca.pem here has not signed it" in pki("check", folder=tmp_path)[1]
 
 
-def test_a_folder_that_has_no_page_yet_gets_one_beside_its_bus(tmp_path):
-    """Certificates of an older forcemesh stay as they are."""
+def test_a_folder_without_a_page_certificate_gets_one(tmp_path):
+    """Certificates of an older forcemesh stay unchanged."""
     assert pki("init", folder=tmp_path)[0] == 0
     before = (tmp_path / "hub.pem").read_bytes()
     for path in tmp_path.glob("panel-*"):
@@ -146,7 +146,7 @@ def test_a_folder_that_has_no_page_yet_gets_one_beside_its_bus(tmp_path):
 
 @pytest.mark.realtime
 def test_the_page_is_served_by_tls_alone(folder):
-    """Who trusts panel-ca reaches page and websocket; in the clear, or without it, nobody does."""
+    """A client that trusts panel-ca reaches page and websocket; without TLS or trust none does."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
     door = wide(port)
@@ -155,10 +155,10 @@ def test_the_page_is_served_by_tls_alone(folder):
     gate.ready = True
     trusting = ssl.create_default_context(cafile=str(folder / f"{PAGE_AUTHORITY}.pem"))
     try:
-        asking = http.client.HTTPSConnection("localhost", port, timeout=10, context=trusting)
-        with closing(asking):
-            asking.request("GET", f"/?token={TOKEN}")
-            reply = asking.getresponse()
+        connection = http.client.HTTPSConnection("localhost", port, timeout=10, context=trusting)
+        with closing(connection):
+            connection.request("GET", f"/?token={TOKEN}")
+            reply = connection.getresponse()
         assert reply.status == 200
         cookie = reply.headers["Set-Cookie"].partition(";")[0]
         assert TOKEN not in cookie
@@ -169,24 +169,24 @@ def test_the_page_is_served_by_tls_alone(folder):
         with pytest.raises(ssl.SSLCertVerificationError):
             asyncio.run(open_and_close(url, ssl.create_default_context()))
         with pytest.raises((OSError, http.client.HTTPException)):
-            in_the_clear(port)
+            status_without_tls(port)
     finally:
         close_server(server)
 
 
-async def open_and_close(url: str, context: ssl.SSLContext, **how: Any) -> None:
+async def open_and_close(url: str, context: ssl.SSLContext, **options: Any) -> None:
     """Open a websocket by TLS, as a page does, and close it.
 
     With the client of one thread: the one of `websockets.sync` reads in a second thread while the
     first one writes, which OpenSSL forbids on one connection (cpython issue 143756). Beside other
     work, 24 of a thousand such connections lost their request.
     """
-    async with connect(url, ssl=context, proxy=None, **how):
+    async with connect(url, ssl=context, proxy=None, **options):
         pass
 
 
-def in_the_clear(port: int) -> int:
-    """Ask without TLS; return the status of the answer, should there be one."""
+def status_without_tls(port: int) -> int:
+    """Request the page without TLS; return the status of the answer, if any."""
     plain = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
     with closing(plain):
         plain.request("GET", "/")

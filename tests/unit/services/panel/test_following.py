@@ -1,4 +1,4 @@
-"""A form's fields show what the cell is set to, and keep what a person has typed."""
+"""Fields of a form: they follow the cell's settings and keep a user's input."""
 
 from types import SimpleNamespace
 
@@ -12,15 +12,15 @@ STEPS = st.lists(st.tuples(st.sampled_from(["cell", "types", "unknown"]), VALUES
 
 
 @given(STEPS)
-def test_a_field_shows_the_cells_setting_unless_a_person_has_put_another_one(steps):
-    """What is typed stays until the cell says the same; everything else follows the cell."""
+def test_a_field_follows_the_cell_unless_a_user_has_changed_it(steps):
+    """An input stays until the cell has the same value; other fields follow the cell."""
     handle = SimpleNamespace(value=15.0)
     field, typed, shown = SyncedField(handle), None, 15.0
-    for what, value in steps:
-        if what == "types":
+    for action, value in steps:
+        if action == "types":
             handle.value = typed = value
             typed = None if value == shown else value
-        elif what == "unknown":
+        elif action == "unknown":
             field.follow(None)
         else:
             field.follow(value)
@@ -30,8 +30,8 @@ def test_a_field_shows_the_cells_setting_unless_a_person_has_put_another_one(ste
         assert field.is_own is (typed is not None)
 
 
-def test_a_second_form_takes_over_what_the_first_one_has_sent():
-    """One types 7 and presses with it: the cell says 7, and so does the other's form."""
+def test_a_second_form_takes_over_the_values_of_the_first_one():
+    """One user presses with 7: the cell has 7, and so has the other form."""
     one, other = SimpleNamespace(value=15.0), SimpleNamespace(value=15.0)
     fields = (SyncedField(one), SyncedField(other))
     one.value = 7.0

@@ -1,4 +1,4 @@
-"""Foreign text in HTML of ours: escaped by one function, and by nothing else."""
+"""Foreign text in the panel's HTML: one function escapes it, and no other code does."""
 
 import ast
 import re
@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[4]
 SOURCES = production_files()
 TAG = re.compile(r"</?[a-zA-Z][a-zA-Z0-9]*[ >/]")
 NUMBER = re.compile(r"[+,0-9.]*[dfgex]$")
-# What stands in an f-string with a tag in it and is no text of others, with the reason.
+# Parts of f-strings with tags that are no foreign text, with the reason.
 OURS = {
     "cli/report/page.py": {
         "plot": "an SVG that matplotlib has made",
@@ -71,25 +71,25 @@ class Elements(HTMLParser):
         self.close()
 
     def handle_starttag(self, tag, attrs):
-        """Note a tag."""
+        """Record a tag."""
         self.tags.append(tag + "".join(f" {name}" for name, _ in attrs))
 
     def handle_data(self, data):
-        """Note a text."""
+        """Record a text."""
         self.text += data
 
 
 @given(st.text(max_size=60))
-def test_any_text_is_shown_letter_by_letter_and_is_never_an_element(text):
-    """Between tags and in an attribute; what is Html already is not escaped again."""
+def test_any_text_is_shown_literally_and_is_never_an_element(text):
+    """This holds between tags and in an attribute; existing Html is not escaped again."""
     inner = html('<b title="{}">{}</b>', text, text)
     found = Elements(html("<p>{}</p>", inner).source)
     assert (found.tags, found.text) == (["p", "b title"], text.replace("\r\n", "\n"))
     assert Elements(joined([inner, inner], text).source).text == 3 * text
 
 
-def test_a_field_that_is_none_or_a_number_is_text_too():
-    """Braces in a text are no places to fill."""
+def test_none_or_a_number_in_a_field_is_text_too():
+    """Braces in a text are no fields."""
     assert html("{}|{}|{}", None, 1.5, "{0}{}").source == "None|1.5|{0}{}"
 
 
@@ -105,14 +105,14 @@ def test_a_field_that_is_none_or_a_number_is_text_too():
     ids=["faults", "force", "record", "calibrate", "lines"],
 )
 def test_no_text_of_a_message_changes_the_elements_of_a_tab(shown):
-    """Each form has the elements that it has with harmless text, and shows the text whole."""
+    """Each form has the elements that it has with harmless text, and shows the whole text."""
     plain, worst = Elements(shown(harmless).source), Elements(shown(hostile).source)
     assert worst.tags == plain.tags
     assert len(worst.text) > len(plain.text)
 
 
-def test_the_log_of_faults_shows_codes_of_others_as_text():
-    """A code that nobody knows has no remedy and no markup."""
+def test_the_log_of_faults_shows_foreign_codes_as_text():
+    """An unknown code has no remedy and no markup."""
     trip = filled(Trip, hostile)
     shown = Elements(log_text((Happened("12:00:00", "FAULT", trip),)).source)
     assert trip.text in shown.text
@@ -121,12 +121,12 @@ def test_the_log_of_faults_shows_codes_of_others_as_text():
 
 
 def filled_status(text):
-    """Return a recorder's status that is full of text."""
+    """Return a recorder's status with this text in all fields."""
     return filled(RecorderStatus, text).model_copy(update={"recording": True})
 
 
 def progress(text):
-    """Return a calibration in which every text is foreign."""
+    """Return a calibration with this text in all fields."""
     now = Progress()
     now.update({"left": {"verdict": text("verdict"), "found": [[text("name"), text("value")]]}})
     now.update({"note": text("note")})
@@ -134,10 +134,10 @@ def progress(text):
     return now
 
 
-# --- nothing goes round it ------------------------------------------------------------------------
+# --- no other code makes HTML ---------------------------------------------------------------------
 
 
-def test_html_is_made_of_foreign_text_by_one_function_alone():
+def test_one_function_alone_makes_html_of_foreign_text():
     """No Markdown; HTML in one place; templates are literals; f-strings with tags escape."""
     wrong = [
         f"{name}:{getattr(node, 'lineno', 0)}: {why}"
@@ -150,7 +150,7 @@ def test_html_is_made_of_foreign_text_by_one_function_alone():
 
 
 def refused(node: ast.AST, name: str) -> str:
-    """Return why a piece of a program may let foreign text into a page, empty when it does not."""
+    """Return the reason why a node may let foreign text into a page, empty when it does not."""
     if isinstance(node, ast.Call):
         return refused_call(node, name)
     if isinstance(node, ast.Assign) and name != "services/panel/prose.py":
@@ -165,7 +165,7 @@ def refused(node: ast.AST, name: str) -> str:
 
 
 def refused_call(node: ast.Call, name: str) -> str:
-    """Judge a call: who may add what to a page."""
+    """Check a call: only certain functions may add to a page."""
     called = ast.unparse(node.func).rpartition(".")[2]
     if called == "add_markdown":
         return "Markdown renders raw HTML: use Prose"
@@ -187,7 +187,7 @@ def refused_call(node: ast.Call, name: str) -> str:
 
 
 def refused_text(node: ast.JoinedStr, name: str) -> str:
-    """Judge an f-string with tags: each part is escaped, a number, or known to be ours."""
+    """Check an f-string with tags: each part is escaped, a number, or listed."""
     constants = "".join(str(one.value) for one in node.values if isinstance(one, ast.Constant))
     if not TAG.search(constants):
         return ""
@@ -203,7 +203,7 @@ def refused_text(node: ast.JoinedStr, name: str) -> str:
 
 
 def has_tag(node: ast.AST) -> bool:
-    """Tell whether a literal holds a tag."""
+    """Return whether a literal has a tag."""
     return isinstance(node, ast.Constant) and bool(TAG.search(str(node.value)))
 
 
@@ -221,6 +221,6 @@ def has_tag(node: ast.AST) -> bool:
         '"<p>%s</p>" % reason',
     ],
 )
-def test_the_sweep_finds_each_way_round(source):
-    """The test above can fail."""
+def test_the_check_detects_each_bypass(source):
+    """This shows that the test above can fail."""
     assert any(refused(node, "services/panel/x.py") for node in ast.walk(ast.parse(source)))

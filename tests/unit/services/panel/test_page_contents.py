@@ -1,4 +1,4 @@
-"""What the panel makes of what it hears: plots, bar, log of faults, progress of the wizard."""
+"""The panel's view of received messages: plots, bar, log of faults, progress of the wizard."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -44,12 +44,12 @@ numbers = st.floats(-1e4, 1e4)
 
 
 def received(message, fault=""):
-    """Return a reading of a fresh message, or of one that is wrong."""
+    """Return a reading of a fresh message, or of one with a fault."""
     return Reading(message, None, 0.004, fault, silent="stale" in fault)
 
 
 def pressing(force_N, error_N, *, down=np.pi):
-    """Return what is heard while the tool, turned about x, feels a force along its axis."""
+    """Return the snapshot of a pressing tool that is turned about x."""
     R = rotation_from_vector(np.array([down, 0.0, 0.0]))
     q = (float(np.sin(down / 2)), 0.0, 0.0, float(np.cos(down / 2)))
     force, error = vec3(-force_N * R[:, 2]), vec3(-error_N * R[:, 2])
@@ -65,8 +65,8 @@ def pressing(force_N, error_N, *, down=np.pi):
 
 
 @given(st.lists(st.dictionaries(st.sampled_from(["a", "b"]), numbers), max_size=30))
-def test_a_history_is_what_was_put_in_oldest_first_and_never_grows(samples):
-    """A plot gets the newest points, in order, gaps where a number was not known, two at least."""
+def test_a_history_keeps_the_newest_samples_in_order(samples):
+    """A plot gets the newest points in order, with gaps for unknown numbers, two at least."""
     history = PlotHistory(("a", "b"), points=8)
     for count, sample in enumerate(samples):
         history.add(float(count), sample)
@@ -81,8 +81,8 @@ def test_a_history_is_what_was_put_in_oldest_first_and_never_grows(samples):
 
 
 @given(st.lists(st.lists(numbers, min_size=1, max_size=5), min_size=1, max_size=20))
-def test_an_axis_always_has_room_and_moves_seldom(windows):
-    """Nothing is ever outside; the ends are 1, 2 or 5 times a power of ten, around zero."""
+def test_an_axis_always_has_a_margin_and_changes_rarely(windows):
+    """No value is outside; the ends are 1, 2 or 5 times a power of ten, around zero."""
     span = Span(1.0)
     for window in windows:
         span.take((np.array([*window, np.nan]),))
@@ -94,8 +94,8 @@ def test_an_axis_always_has_room_and_moves_seldom(windows):
     assert not span.take((np.array(windows[-1]),))
 
 
-def test_an_axis_without_a_sign_begins_at_zero_until_something_is_below():
-    """A time is never negative, and if it is after all, that is shown."""
+def test_an_axis_without_a_sign_begins_at_zero_until_a_value_is_below():
+    """A time is never negative; a negative one would still be visible."""
     span = Span(5.0, signed=False)
     span.take((np.array([3.0, 70.0]),))
     assert (span.low, span.high) == (0.0, 100.0)
@@ -106,8 +106,8 @@ def test_an_axis_without_a_sign_begins_at_zero_until_something_is_below():
 @given(
     st.lists(st.tuples(st.floats(0.01, 1.0), st.one_of(st.just(np.nan), st.floats(-50.0, 50.0)))),
 )
-def test_a_line_leaves_the_plot_in_its_longer_gaps_and_nowhere_else(samples):
-    """What is known stays; between two known samples far apart it is outside, before both not."""
+def test_a_line_leaves_the_plot_in_its_longer_gaps_only(samples):
+    """Known samples stay; between two distant ones the line is outside the plot."""
     times_s = np.cumsum([step for step, _ in samples]) if samples else np.zeros(0)
     line = np.array([value for _, value in samples])
     shown = broken(times_s, line)
@@ -120,15 +120,15 @@ def test_a_line_leaves_the_plot_in_its_longer_gaps_and_nowhere_else(samples):
         assert (shown[place] == OUTSIDE) == is_long
 
 
-def test_gaps_alone_do_not_move_an_axis():
-    """A plot of nothing keeps its axis."""
+def test_gaps_alone_do_not_change_an_axis():
+    """A plot without values keeps its axis."""
     assert not Span(5.0).take((np.full(4, np.nan),))
     assert HISTORY_POINTS <= 800
 
 
 @given(st.floats(0.0, 40.0), st.floats(0.0, 40.0))
-def test_the_set_point_is_seen_through_the_regulators_error(force_N, setpoint_N):
-    """Force and error tell it, whatever the attitude; within the deadband it is near the force."""
+def test_the_set_point_follows_from_the_regulators_error(force_N, setpoint_N):
+    """Force and error give it in any attitude; within the deadband it is close to the force."""
     off_N = force_N - setpoint_N
     width_N = CELL.force.deadband_N
     shown_N = 0.0 if abs(off_N) <= width_N else off_N - np.sign(off_N) * width_N
@@ -141,8 +141,8 @@ def test_the_set_point_is_seen_through_the_regulators_error(force_N, setpoint_N)
         assert set(found) <= set(NAMES)
 
 
-def test_the_set_point_stays_still_once_the_force_is_there():
-    """Noise inside the deadband does not move the line that was seen before."""
+def test_the_set_point_is_constant_once_the_force_is_reached():
+    """Noise inside the deadband does not move the line."""
     readout = Readout(CELL)
     readout.numbers(pressing(10.0, -5.0 + CELL.force.deadband_N))
     for force_N in (14.9, 15.2, 14.8):
@@ -160,8 +160,8 @@ def test_a_latency_is_shown_once():
     assert "chain" in readout.numbers(Snapshot(robot=received(RobotState(accepted=later))))
 
 
-def test_what_is_not_known_is_left_out():
-    """Without messages there are no numbers; no force feedback, no set point."""
+def test_unknown_values_are_left_out():
+    """Without messages there are no numbers; without force feedback no set point."""
     assert Readout(CELL).numbers(Snapshot()) == {}
     idle = replace(pressing(3.0, 0.0), target=received(RegulatorTarget(valid=False), "invalid"))
     assert "set point" not in Readout(CELL).numbers(idle)
@@ -169,51 +169,51 @@ def test_what_is_not_known_is_left_out():
 
 def test_the_distance_is_to_the_goal_or_to_the_streamed_pose():
     """A hold has none, a goal in joints has none."""
-    there = PoseRecord(position_m=(0.001, 0.0, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
+    pose = PoseRecord(position_m=(0.001, 0.0, 0.0), orientation_xyzw=(0.0, 0.0, 0.0, 1.0))
     robot = RobotState()
-    goal = Goal(id=1, kind="pose", pose=there)
+    goal = Goal(id=1, kind="pose", pose=pose)
     for command in (
-        RobotCommand(kind="setpoint", pose=there),
+        RobotCommand(kind="setpoint", pose=pose),
         RobotCommand(kind="goal", goal=goal),
     ):
         assert distance_mm(command, robot)["distance"] == pytest.approx(1.0)
-    assert distance_mm(RobotCommand(kind="hold", pose=there), robot) == {}
+    assert distance_mm(RobotCommand(kind="hold", pose=pose), robot) == {}
     assert distance_mm(RobotCommand(kind="goal", goal=Goal(id=1, kind="by")), robot) == {}
 
 
 # --- the bar --------------------------------------------------------------------------------------
 
 
-def all_heard(status, **more):
-    """Return a snapshot in which every service is heard."""
+def all_received(status, **more):
+    """Return a snapshot in which every service has been received."""
     health = {role: received(Health(rate_hz=250.0)) for role in ("hub", "robot", "wrench")}
     return Snapshot(hub_fault="", arbiter=received(status), health=health | more)
 
 
-def test_the_bar_says_what_is_the_matter():
-    """State, who commands, why it is stopped and what clears it; no hub, no arbiter: said too."""
+def test_the_bar_shows_the_present_problem():
+    """It has state, commander, cause and remedy, also without a hub or an arbiter."""
     trip = tripped("force", "61 N")
-    said = strip(
-        CELL, all_heard(ArbiterStatus(state="HOLDING", trips=(trip,), clears="arm")), "operate"
+    shown_bar = strip(
+        CELL, all_received(ArbiterStatus(state="HOLDING", trips=(trip,), clears="arm")), "operate"
     )
-    assert (said["state"], said["why"], said["remedy"]) == ("HOLDING", "61 N", "arm")
-    assert said["mode"] == "SIMULATION"
+    assert (shown_bar["state"], shown_bar["why"], shown_bar["remedy"]) == ("HOLDING", "61 N", "arm")
+    assert shown_bar["mode"] == "SIMULATION"
     moving = ArbiterStatus(state="ACTIVE", commander="regulator", armed_for="jog")
-    assert strip(CELL, all_heard(moving), "operate")["who"] == "commander: regulator"
-    assert strip(CELL, all_heard(moving), "operate")["state"] == "ACTIVE for jog"
+    assert strip(CELL, all_received(moving), "operate")["who"] == "commander: regulator"
+    assert strip(CELL, all_received(moving), "operate")["state"] == "ACTIVE for jog"
     assert strip(CELL, Snapshot(), "operate")["state"] == "cell not reached"
     assert strip(CELL, Snapshot(hub_fault=""), "operate")["state"] == "no arbiter status"
 
 
-def test_the_bar_names_each_service_and_what_is_wrong_with_it():
-    """Rate and age of each one; a silent one and one that complains stand out."""
+def test_the_bar_shows_each_service_and_its_fault():
+    """It has rate and age of each one; a silent or faulty one is marked."""
     wrong = {
         "sensor": received(Health(rate_hz=500.0, fault="the cable is out")),
         "arbiter": received(None, "arbiter/health stale"),
     }
     rows = {
         row["name"]: row
-        for row in strip(CELL, all_heard(ArbiterStatus(), **wrong), "view")["services"]
+        for row in strip(CELL, all_received(ArbiterStatus(), **wrong), "view")["services"]
     }
     assert rows["hub"] == {"name": "hub", "text": "250 Hz · 4 ms", "fault": ""}
     assert rows["sensor"]["fault"] == "the cable is out"
@@ -222,30 +222,30 @@ def test_the_bar_names_each_service_and_what_is_wrong_with_it():
     assert "recorder" not in rows
 
 
-def test_the_bar_shows_a_recorder_once_it_was_heard():
-    """A cell without one lacks nothing; one that was there and is gone is missed."""
+def test_the_bar_shows_a_recorder_once_it_was_received():
+    """A cell without a recorder lacks nothing; one that has stopped is missing."""
     late = received(Health(rate_hz=4.0), "recorder/health stale")
     for reading, fault in ((received(Health(rate_hz=4.0)), ""), (late, "recorder/health stale")):
-        rows = strip(CELL, all_heard(ArbiterStatus(), recorder=reading), "view")["services"]
+        rows = strip(CELL, all_received(ArbiterStatus(), recorder=reading), "view")["services"]
         assert (rows[-1]["name"], rows[-1]["fault"]) == ("recorder", fault)
 
 
-def test_the_faults_say_nothing_of_a_recorder_that_was_never_there():
-    """A cell without one lacks nothing; one that fell silent is named."""
-    fine = {role: received(Health(rate_hz=250.0)) for role in ("sensor", "regulator", "arbiter")}
+def test_the_faults_do_not_name_a_recorder_that_never_ran():
+    """A cell without a recorder lacks nothing; one that fell silent is reported."""
+    healthy = {role: received(Health(rate_hz=250.0)) for role in ("sensor", "regulator", "arbiter")}
     never: dict[str, Any] = {
         "recorder": Reading(None, None, 9.0, "recorder/health missing", silent=True)
     }
     silent = {"recorder": received(Health(rate_hz=10.0), "recorder/health stale")}
     idle = ArbiterStatus(state="IDLE")
-    assert "recorder" not in now_text(all_heard(idle, **fine, **never)).source
-    shown = now_text(all_heard(idle, **fine, **silent)).source
+    assert "recorder" not in now_text(all_received(idle, **healthy, **never)).source
+    shown = now_text(all_received(idle, **healthy, **silent)).source
     assert "⚠ recorder: recorder/health stale" in shown
 
 
 @pytest.mark.parametrize("monitor", [False, True])
-def test_who_only_looks_stops_the_arm_where_the_cell_lets_a_monitor(monitor):
-    """An operator always may; a view-only page as a certificate that only reads."""
+def test_a_view_only_page_stops_the_arm_where_the_cell_lets_a_monitor(monitor):
+    """An operator always may; a view-only page may if a certificate that only reads may."""
     cell = CELL.model_copy(
         update={"bus": CELL.bus.model_copy(update={"monitor_may_hold": monitor})}
     )
@@ -253,14 +253,14 @@ def test_who_only_looks_stops_the_arm_where_the_cell_lets_a_monitor(monitor):
     assert strip(cell, Snapshot(), "view")["may_stop"] is monitor
 
 
-def test_a_cell_with_an_arm_is_called_real():
-    """Never leave a person in doubt."""
+def test_a_cell_with_an_arm_is_shown_as_real():
+    """The panel always shows whether the arm is real."""
     real = load_cell(Path(__file__).parents[4] / "cells" / "rs007l-real.yaml")
     assert strip(real, Snapshot(), "view")["mode"] == "REAL"
 
 
 @pytest.mark.parametrize(
-    ("word", "state", "said"),
+    ("word", "state", "prefix"),
     [
         ("done", "ACTIVE", "text"),
         ("refused", "HOLDING", "refused: text"),
@@ -271,30 +271,28 @@ def test_a_cell_with_an_arm_is_called_real():
         ("no answer", None, f"{UNANSWERED} from the cell (text). Use the emergency stop"),
     ],
 )
-def test_a_stop_is_called_unanswered_only_where_the_state_does_not_say_that_it_holds(
-    word, state, said
-):
-    """The state is looked at before anything is said; what is old or unknown proves nothing."""
+def test_a_stop_is_unanswered_only_where_the_state_does_not_confirm_it(word, state, prefix):
+    """The state is checked before the message; an old or unknown state confirms nothing."""
     status = None if state is None else ArbiterStatus(state=state)
     shown = Snapshot(hub_fault="", arbiter=received(status, "" if status else "missing"))
-    assert stop_text(RequestOutcome(word, "text"), shown).startswith(said)
+    assert stop_text(RequestOutcome(word, "text"), shown).startswith(prefix)
     assert bool(held_as(shown)) is (state in ("HOLDING", "FAULT"))
     stale = Snapshot(hub_fault="", arbiter=received(status, "arbiter/status stale"))
     assert held_as(stale) == ""
 
 
-# --- what happened --------------------------------------------------------------------------------
+# --- log of faults --------------------------------------------------------------------------------
 
 
 @given(st.lists(st.sets(st.sampled_from(["force", "hold", "stale"])), max_size=30))
-def test_the_log_has_each_reason_once_for_each_time_it_came(stories):
-    """A reason that stays is one line; one that goes and comes back is two; newest first."""
+def test_the_log_has_each_reason_once_for_each_occurrence(histories):
+    """A lasting reason is one line; one that ends and returns is two; newest first."""
     log, expected = FaultLog(lambda: "now"), 0
     before: set[str] = set()
-    for reasons in stories:
+    for reasons in histories:
         trips = tuple(tripped(code, code) for code in sorted(reasons))
         log.saw(ArbiterStatus(state="HOLDING", trips=trips))
-        log.saw(None)  # not heard is not gone
+        log.saw(None)  # a missing status ends no reason
         expected += len(reasons - before)
         before = reasons
     assert len(log.newest()) == min(expected, FAULTS_KEPT)
@@ -304,17 +302,17 @@ def test_the_log_has_each_reason_once_for_each_time_it_came(stories):
 # --- the wizard -----------------------------------------------------------------------------------
 
 
-def test_the_wizards_words_become_progress():
-    """Plan, question, running, what is left, the end; an error and a crash are failures."""
+def test_messages_of_the_wizard_become_progress():
+    """Plan, question, running, residuals, end; an error and a crash are failures."""
     progress = Progress()
-    for said, phase in (
+    for shown_bar, phase in (
         ({"plan": "ten poses"}, "asking"),
         ({"progress": 0.4, "text": "pose 3"}, "running"),
         ({"note": "a line"}, "running"),
         ({"left": {"fit_N": [0.1]}}, "running"),
         ({"end": 0}, "done"),
     ):
-        progress.update(said)
+        progress.update(shown_bar)
         assert progress.phase == phase
     assert (progress.plan, progress.text, list(progress.notes)) == (
         "ten poses",
@@ -327,8 +325,8 @@ def test_the_wizards_words_become_progress():
     assert progress.notes[-1] == "⚠ no hub"
 
 
-def test_what_a_calibration_has_found_stands_in_a_table():
-    """Verdict, parameters with their deviations, then what was said besides."""
+def test_the_result_of_a_calibration_is_a_table():
+    """It has the verdict, parameters with deviations, then the other messages."""
     progress = Progress()
     progress.update({"note": "⚠ a loose cable"})
     note = "<p><code>⚠ a loose cable</code></p>"
@@ -341,8 +339,8 @@ def test_what_a_calibration_has_found_stands_in_a_table():
 
 
 @pytest.mark.processes
-def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
-    """The child ends with one clear line, and another one may be started."""
+def test_the_wizard_of_a_cell_that_is_down_reports_it(tmp_path):
+    """The child process ends with one clear line, and another one may be started."""
     path = tmp_path / "cell.yaml"
     text = (Path(__file__).parents[4] / "cells" / "demo.yaml").read_text(encoding="utf-8")
     path.write_text(text.replace("7447", "7399"), encoding="utf-8")
@@ -357,8 +355,8 @@ def test_the_wizard_of_a_cell_that_is_not_up_says_so(tmp_path):
     wizard.close()
 
 
-def test_the_question_before_guiding_speaks_of_a_hand_and_the_one_before_pressing_of_the_force():
-    """What a person agrees to is what happens."""
+def test_the_questions_before_guiding_and_before_pressing_differ():
+    """A user agrees to the motion that follows."""
     guide = start_question(ForceStartRequest(law="admittance", mode="position"), 0.05)
     assert "Hand guiding" in guide.source
     assert "presses" not in guide.source

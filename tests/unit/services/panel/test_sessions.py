@@ -1,4 +1,4 @@
-"""The sessions of a panel: random, bounded, and over after a while."""
+"""The sessions of a panel: random, bounded in number, and limited in time."""
 
 import math
 
@@ -11,8 +11,8 @@ from services.panel.sessions import BYTES, MOST_SESSIONS, SESSION_IDLE_S, SESSIO
 HOUR_NS = 3600 * NS_PER_S
 
 
-def test_a_number_opens_what_it_was_given_for_and_no_other_number_opens_anything():
-    """It is long, drawn anew each time, and kept as a hash alone."""
+def test_a_number_opens_its_own_session_only():
+    """It is long, newly drawn each time, and stored as a hash only."""
     sessions = Sessions()
     numbers = [sessions.begin("operate", 0), sessions.begin("view", 0)]
     assert [sessions.rights(number, 1) for number in numbers] == ["operate", "view"]
@@ -24,8 +24,8 @@ def test_a_number_opens_what_it_was_given_for_and_no_other_number_opens_anything
 
 
 @given(st.lists(st.floats(0.0, 30 * 24.0), min_size=1, max_size=40))
-def test_a_session_lasts_while_it_is_used_and_never_longer_than_a_week(pauses_h):
-    """Each use goes on with it; a pause of half a day ends it, and so does its age."""
+def test_a_session_lasts_while_it_is_used_and_at_most_a_week(pauses_h):
+    """Each use extends it; a pause of half a day ends it, and so does its age."""
     sessions, now_ns = Sessions(), 0
     number, used_ns, open_ = sessions.begin("operate", 0), 0, True
     for pause_h in pauses_h:
@@ -36,8 +36,8 @@ def test_a_session_lasts_while_it_is_used_and_never_longer_than_a_week(pauses_h)
         used_ns = now_ns
 
 
-def test_the_number_of_sessions_is_bounded_and_the_one_used_longest_ago_goes():
-    """Who opens many pages takes nobody's place who is at work, and no memory."""
+def test_the_number_of_sessions_is_bounded_and_the_least_recently_used_one_is_dropped():
+    """A client with many pages drops no session in use and takes no more memory."""
     sessions = Sessions()
     mine, idle = sessions.begin("operate", 0), sessions.begin("operate", 0)
     for count in range(3 * MOST_SESSIONS):
@@ -47,8 +47,8 @@ def test_the_number_of_sessions_is_bounded_and_the_one_used_longest_ago_goes():
     assert sessions.rights(idle, 3 * MOST_SESSIONS) is None
 
 
-def test_sessions_that_have_ended_make_room():
-    """They are forgotten when the next one begins."""
+def test_ended_sessions_are_dropped():
+    """They are dropped when the next one begins."""
     sessions = Sessions()
     for _ in range(5):
         sessions.begin("view", 0)

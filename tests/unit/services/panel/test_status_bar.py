@@ -29,8 +29,8 @@ from tools.tree import ROOT
 
 CELL = load_cell(Path(ROOT) / "cells" / "demo.yaml")
 EVERY_COLOUR: dict[str, StateColour] = {"no state": NO_STATE, **dict(STATE_COLOURS.items())}
-# Linear RGB as seen without one kind of cones: Machado et al., IEEE TVCG 15(6), 2009.
-SEEN_BY = {
+# Linear RGB for colour vision without one kind of cones: Machado et al., IEEE TVCG 15(6), 2009.
+VISION = {
     "all cones": np.eye(3),
     "protanopia": np.array(
         [
@@ -58,8 +58,8 @@ RGB_TO_XYZ = np.array(
     [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
 )
 WHITE_XYZ = np.array([0.9505, 1.0, 1.089])
-LEAST_DISTANCE = 15.0  # CIE 1976; about 2 is just noticeable
-LEAST_CONTRAST = 4.5  # WCAG 2.1, level AA
+MIN_DISTANCE = 15.0  # CIE 1976; about 2 is just noticeable
+MIN_CONTRAST = 4.5  # WCAG 2.1, level AA
 
 
 def linear(colour):
@@ -74,19 +74,21 @@ def lab(rgb):
     return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
 
 
-@pytest.mark.parametrize("eyes", SEEN_BY)
-def test_every_two_states_have_colours_that_differ_also_for_the_colour_blind(eyes):
-    """ARMED and ACTIVE above all; the word is shown as well."""
+@pytest.mark.parametrize("vision", VISION)
+def test_every_two_states_have_colours_that_differ_also_for_the_colour_blind(vision):
+    """This matters most for ARMED and ACTIVE; the state's name is shown as well."""
     for one, other in combinations(EVERY_COLOUR, 2):
-        seen = [lab(SEEN_BY[eyes] @ linear(EVERY_COLOUR[name].background)) for name in (one, other)]
-        assert np.linalg.norm(seen[0] - seen[1]) > LEAST_DISTANCE, (one, other)
+        colours = [
+            lab(VISION[vision] @ linear(EVERY_COLOUR[name].background)) for name in (one, other)
+        ]
+        assert np.linalg.norm(colours[0] - colours[1]) > MIN_DISTANCE, (one, other)
 
 
-def test_the_word_of_each_state_is_legible_on_its_colour():
-    """Contrast by WCAG."""
+def test_the_name_of_each_state_is_legible_on_its_colour():
+    """The contrast is computed by WCAG."""
     for name, colour in EVERY_COLOUR.items():
         low, high = sorted(RGB_TO_XYZ[1] @ linear(each) for each in colour)
-        assert (high + 0.05) / (low + 0.05) > LEAST_CONTRAST, name
+        assert (high + 0.05) / (low + 0.05) > MIN_CONTRAST, name
 
 
 def test_the_page_and_the_bar_take_their_colours_from_the_table():
@@ -117,7 +119,7 @@ def turned(angle_rad):
 def test_while_pressing_the_display_has_the_force_along_the_tool_and_its_set_point(
     press_N, side_N, angle_rad
 ):
-    """A side force does not count, in any attitude; otherwise it is the size of the force."""
+    """In any attitude a side force does not count; without a press it is the norm of the force."""
     robot, R = turned(angle_rad)
     force_N = vec3(-press_N * R[:, 2] + side_N * R[:, 0])
     received = Snapshot(
@@ -152,13 +154,13 @@ def test_while_pressing_the_display_has_the_force_along_the_tool_and_its_set_poi
     ],
 )
 def test_without_a_fresh_wrench_the_display_has_no_number(wrench, hub_fault, lost):
-    """No data never looks like 0 N: there is no digit, and the reason."""
+    """Missing data is never shown as 0 N: there is no digit, but the reason."""
     shown = force_display(CELL, Snapshot(hub_fault=hub_fault, wrench=wrench))
     assert (shown["value"], shown["lost"]) == ("", lost)
 
 
 def test_a_force_without_calibration_is_marked():
-    """The number contains the weight of the tool."""
+    """The number includes the weight of the tool."""
     received = Snapshot(hub_fault="", wrench=fresh(WrenchAtTcp(calibrated=False)))
     assert force_display(CELL, received)["caption"] == "force |F|, not calibrated"
 
@@ -181,21 +183,21 @@ def test_a_force_without_calibration_is_marked():
     ],
 )
 def test_a_trip_is_shown_with_its_value_limit_and_unit(value, limit, unit, shown):
-    """In the units of the pendant; a number without a unit is left to the text."""
+    """It is in the units of the pendant; a number without a unit stays in the text."""
     assert trip_text(tripped("force", "it broke", value=value, limit=limit, unit=unit)) == shown
 
 
-def test_the_bar_shows_every_trip_with_its_limit_and_the_remedy_apart():
-    """The reason is on the page itself, not in a tooltip only."""
+def test_the_bar_shows_every_trip_with_its_limit_and_separately_its_remedy():
+    """The reason is on the page itself, not only in a tooltip."""
     trips = (
         tripped("force", "force 31.2 N is above the ceiling", value=31.2, limit=30.0, unit="N"),
         tripped("hold", "the operator asked"),
     )
     status = ArbiterStatus(state="HOLDING", trips=trips, clears="clear, then arm")
-    said = strip(CELL, Snapshot(hub_fault="", arbiter=fresh(status)), "operate")
+    shown_bar = strip(CELL, Snapshot(hub_fault="", arbiter=fresh(status)), "operate")
     first = "force 31.2 N is above the ceiling (31.2 N, limit 30 N)"
-    assert said["why"] == f"{first}; the operator asked"
-    assert said["remedy"] == "clear, then arm"
+    assert shown_bar["why"] == f"{first}; the operator asked"
+    assert shown_bar["remedy"] == "clear, then arm"
 
 
 @pytest.mark.parametrize(
@@ -211,6 +213,6 @@ def test_the_bar_shows_every_trip_with_its_limit_and_the_remedy_apart():
     ],
 )
 def test_the_bar_names_the_commander_and_the_next_one(status, who):
-    """Nothing is named while nothing is known."""
+    """Nothing is shown while nothing is known."""
     received = Snapshot(hub_fault="", arbiter=fresh(status, "" if status else "missing"))
     assert strip(CELL, received, "view")["who"] == who

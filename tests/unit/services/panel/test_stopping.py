@@ -1,4 +1,4 @@
-"""Stop motion of a panel at which nobody has looked yet: it joins the bus before it speaks."""
+"""Stop motion on a panel without a connected browser: it joins the bus before its request."""
 
 import asyncio
 import threading
@@ -19,8 +19,8 @@ from tests.chaos.common_net import free_port
 CELL = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
 
 
-class Reached(CellMonitor):
-    """A watch that reaches its hub as soon as the page's own thread joins."""
+class ReachableMonitor(CellMonitor):
+    """A monitor that reaches its hub as soon as the page's own thread joins."""
 
     def _open(self) -> None:
         held: Any = SimpleNamespace(hold=lambda reason: Reply(accepted=True, text=reason))
@@ -28,16 +28,16 @@ class Reached(CellMonitor):
         self._client = held
         self._joined.set()
 
-    def look(self) -> Snapshot:
-        """See nothing."""
+    def snapshot(self) -> Snapshot:
+        """Return an empty snapshot."""
         return Snapshot()
 
 
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A panel that runs; no browser has been there."""
+    """Return a running panel without a browser."""
     cell, stop = load_cell(CELL), threading.Event()
-    monkeypatch.setattr(page_module, "CellMonitor", Reached)
+    monkeypatch.setattr(page_module, "CellMonitor", ReachableMonitor)
     page = page_module.PanelPage(cell, CELL, Door("127.0.0.1", free_port()))
     thread = threading.Thread(target=page.run, args=[stop])
     thread.start()
@@ -47,8 +47,8 @@ def page(monkeypatch: pytest.MonkeyPatch) -> Any:
     page.close()
 
 
-def test_who_stops_before_anybody_has_looked_is_answered(page: Any) -> None:
-    """Without that the page said NO ANSWER of a cell that is well."""
+def test_a_stop_before_the_first_view_is_answered(page: Any) -> None:
+    """Once, the page showed NO ANSWER for a working cell."""
     with pytest.raises(BusError, match="no page was open"):
         page._watch.client  # noqa: B018
     answer = asyncio.run(page._stop("operate"))

@@ -1,4 +1,4 @@
-"""The frames of a recording are protobuf: Google's own package is the judge."""
+"""Frames of a recording in protobuf, compared with Google's package."""
 
 from pathlib import Path
 from typing import Any
@@ -29,19 +29,19 @@ def message_type(schema: bytes) -> Any:
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_bytes_of_any_size_are_such_a_message(size: int) -> None:
-    """Written as Google writes them, and read back by either."""
+def test_bytes_of_any_size_are_a_protobuf_message(size: int) -> None:
+    """They are encoded as Google's package encodes them, and both decoders read them."""
     packed = bytes(range(256)) * (size // 256) + b"x" * (size % 256)
     theirs = message_type(protobuf.descriptor())
     assert theirs.FromString(protobuf.wrap(packed)).packed == packed
     assert protobuf.unwrap(protobuf.wrap(packed)) == packed
-    if packed:  # what is empty they leave out
+    if packed:  # protobuf omits empty fields
         assert theirs(packed=packed).SerializeToString() == protobuf.wrap(packed)
 
 
 @given(st.binary(min_size=1, max_size=300), st.integers(1, 300))
-def test_what_is_broken_off_is_told(packed: bytes, cut: int) -> None:
-    """And so is what is longer than it says."""
+def test_a_truncated_message_is_an_error(packed: bytes, cut: int) -> None:
+    """A message longer than its stated length is an error too."""
     whole = protobuf.wrap(packed)
     for wrong in (whole[: -min(cut, len(whole))], whole + b"x"):
         with pytest.raises(ValueError, match="not a message of frames"):
@@ -50,7 +50,7 @@ def test_what_is_broken_off_is_told(packed: bytes, cut: int) -> None:
 
 @given(st.binary(max_size=40))
 def test_other_bytes_are_refused_or_read(data: bytes) -> None:
-    """Nothing but a ValueError comes of what is not ours."""
+    """Other bytes raise ValueError and no other error."""
     try:
         assert len(protobuf.unwrap(data)) < len(data)
     except ValueError:
@@ -58,7 +58,7 @@ def test_other_bytes_are_refused_or_read(data: bytes) -> None:
 
 
 def test_a_file_can_be_read_by_its_own_schema(tmp_path: Path) -> None:
-    """Every message is in the channel `frames`, for a reader that knows nothing of ours."""
+    """A reader without forcemesh finds every message in the channel `frames`."""
     sent = of_every_topic()
     found: list[bytes] = []
     with recorded(tmp_path, sent).open("rb") as stream:
@@ -70,8 +70,8 @@ def test_a_file_can_be_read_by_its_own_schema(tmp_path: Path) -> None:
     assert found == [frame.data for frame in sent]
 
 
-def test_frames_written_in_another_way_are_told(tmp_path: Path, monkeypatch: Any) -> None:
-    """One sentence with the file's name; people's view of it can still be read."""
+def test_frames_of_an_unknown_encoding_are_reported(tmp_path: Path, monkeypatch: Any) -> None:
+    """The error is one sentence with the file's name; the JSON channels can still be read."""
     monkeypatch.setattr(protobuf, "wrap", lambda packed: packed)
     path = recorded(tmp_path, of_every_topic())
     with pytest.raises(

@@ -1,4 +1,4 @@
-"""The recorder's service: what it writes when, what it refuses, what the disk may do to it."""
+"""The recorder's service: files by request and by fault, refusals, and failures of the disk."""
 
 import errno
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ Begin = Callable[..., RecorderBench]
 
 @pytest.fixture
 def begin(tmp_path: Path) -> Iterator[Begin]:
-    """Start recorders with settings of their own; all of them are ended."""
+    """Start recorders with their own settings and end all of them."""
     begun: list[RecorderBench] = []
 
     def start(folder: Path = tmp_path, **section: Any) -> RecorderBench:
@@ -35,11 +35,11 @@ def begin(tmp_path: Path) -> Iterator[Begin]:
 
 def numbers(path: Path, topic: str = "wrench") -> list[int]:
     """Return the numbers of a topic's messages in a file."""
-    return [said.fields["seq"] for said in RecordedFile(path).messages(topic)]
+    return [message.fields["seq"] for message in RecordedFile(path).messages(topic)]
 
 
 def events(path: Path) -> list[str]:
-    """Return what happened during a recording; the file is whole."""
+    """Return the events during a recording, which must be complete."""
     read = RecordedFile(path)
     assert list(read.messages())
     assert read.is_whole
@@ -47,7 +47,7 @@ def events(path: Path) -> list[str]:
 
 
 def test_it_records_from_a_start_to_a_stop(begin: Begin) -> None:
-    """Every message between the two and none outside, in one whole file; the answers name it."""
+    """One whole file has exactly the messages in between; the replies name it."""
     bench = begin()
     bench.pass_s(1.0)
     started = bench.start(label="my try / no 1")
@@ -65,8 +65,8 @@ def test_it_records_from_a_start_to_a_stop(begin: Begin) -> None:
     assert read.is_whole
 
 
-def test_a_recording_may_begin_in_the_past(begin: Begin) -> None:
-    """With what memory holds before it, without a gap between memory and now."""
+def test_a_recording_may_include_the_past(begin: Begin) -> None:
+    """It begins with the content of memory and continues without a gap."""
     bench = begin()
     bench.pass_s(5.0)
     bench.start(past=True)
@@ -75,8 +75,8 @@ def test_a_recording_may_begin_in_the_past(begin: Begin) -> None:
     assert numbers(bench.files()[0]) == list(range(1, 61))
 
 
-def test_a_fault_writes_memory_out_and_goes_on_for_a_while(begin: Begin) -> None:
-    """Nobody asked: the minutes before, the fault itself by its code, and some seconds after it."""
+def test_a_fault_writes_memory_to_a_file_and_records_for_a_while(begin: Begin) -> None:
+    """Without a request the file has the time before the fault, its code, and some seconds more."""
     bench = begin(after_fault_s=3.0)
     bench.pass_s(5.0)
     bench.trip()
@@ -95,24 +95,24 @@ def test_a_fault_writes_memory_out_and_goes_on_for_a_while(begin: Begin) -> None
 
 
 @pytest.mark.parametrize("state", ["IDLE", "BOOT"])
-def test_an_arm_that_was_not_stopped_is_no_fault(begin: Begin, state: ArbiterState) -> None:
-    """Only the change into a stop counts: neither other states nor a stop found at the start."""
+def test_an_arm_without_a_stop_is_no_fault(begin: Begin, state: ArbiterState) -> None:
+    """Only a change into a stop counts, not other states or a stop at the start."""
     bench = begin()
     bench.pass_s(0.5)
     bench.trip(state)
     assert bench.files() == []
 
 
-def test_a_stop_that_was_there_before_is_no_new_fault(begin: Begin) -> None:
-    """A recorder that is started while the arm is held writes nothing."""
+def test_a_stop_before_the_start_is_no_new_fault(begin: Begin) -> None:
+    """A recorder that starts while the arm is held writes nothing."""
     bench = begin()
-    bench.say(topics.ARBITER_STATUS, ArbiterStatus(state="FAULT"))
+    bench.send(topics.ARBITER_STATUS, ArbiterStatus(state="FAULT"))
     bench.pass_s(1.0)
     assert bench.files() == []
 
 
 def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
-    """One file, which goes on until it is stopped."""
+    """There is one file, which continues until a stop."""
     bench = begin(after_fault_s=1.0)
     bench.start()
     bench.trip()
@@ -125,8 +125,8 @@ def test_a_fault_during_a_recording_is_noted_in_it(begin: Begin) -> None:
     assert [event.code for event in read.events] == ["force"]
 
 
-def test_a_stop_right_after_another_one_has_its_file_by_its_own_code(begin: Begin) -> None:
-    """A force stop in the tail of a daily hold: both are kept apart, each with what was before."""
+def test_a_stop_soon_after_another_one_has_its_own_file(begin: Begin) -> None:
+    """A force stop in the tail of an ordinary hold: both are kept, each with the time before."""
     bench = begin(after_fault_s=10.0)
     bench.pass_s(2.0)
     bench.trip(code="hold")
@@ -141,8 +141,8 @@ def test_a_stop_right_after_another_one_has_its_file_by_its_own_code(begin: Begi
     assert numbers(causes["force"])[0] == 1  # memory, from before both
 
 
-def test_the_same_stop_again_goes_on_in_its_file(begin: Begin) -> None:
-    """Two of a kind within the seconds after the first: one file, as long after the second."""
+def test_the_same_stop_again_continues_in_its_file(begin: Begin) -> None:
+    """Two of a kind within the tail of the first are one file, with the full tail of the second."""
     bench = begin(after_fault_s=3.0)
     bench.trip()
     bench.pass_s(2.0)
@@ -154,8 +154,8 @@ def test_the_same_stop_again_goes_on_in_its_file(begin: Begin) -> None:
     assert events(path) == ["force", "force"]
 
 
-def test_what_a_fault_began_gives_way_to_a_start(begin: Begin) -> None:
-    """A person's recording is a file of its own and does not end by itself."""
+def test_a_start_replaces_a_recording_of_a_fault(begin: Begin) -> None:
+    """A requested recording is a separate file and does not end by itself."""
     bench = begin(after_fault_s=1.0)
     bench.pass_s(1.0)
     bench.trip()
@@ -166,8 +166,8 @@ def test_what_a_fault_began_gives_way_to_a_start(begin: Begin) -> None:
     assert len(bench.files()) == 2
 
 
-def test_only_so_many_faults_are_kept(begin: Begin) -> None:
-    """The oldest goes; what a person recorded stays, and what another fault began."""
+def test_the_number_of_fault_recordings_is_limited(begin: Begin) -> None:
+    """The oldest one is deleted; requested recordings stay."""
     bench = begin(after_fault_s=0.0, faults_kept=2)
     bench.start(label="STOP-of-mine")
     bench.stop()
@@ -180,7 +180,7 @@ def test_only_so_many_faults_are_kept(begin: Begin) -> None:
 
 
 def test_long_recordings_are_several_whole_files(begin: Begin) -> None:
-    """Cut by time; nothing is lost between two files, and each says what it is of."""
+    """Cut by time, nothing is lost between two files, and each has its metadata."""
     bench = begin(file_min=0.1)
     bench.start()
     bench.pass_s(20.0)
@@ -192,22 +192,22 @@ def test_long_recordings_are_several_whole_files(begin: Begin) -> None:
 
 
 def test_large_recordings_are_several_files(begin: Begin) -> None:
-    """Cut by size."""
+    """They are cut by size."""
     bench = begin(file_MB=1.0)
     bench.start()
     noise = iter(range(10**9))
     for _ in range(60):
         for _ in range(200):
             text = "".join(chr(0x4E00 + (next(noise) * 7919) % 20000) for _ in range(100))
-            bench.say(topics.WRENCH, WrenchAtTcp(reason=text))
+            bench.send(topics.WRENCH, WrenchAtTcp(reason=text))
         bench.pass_s(STEP_S)
     bench.stop()
     assert len(bench.files()) > 1
     assert all(path.stat().st_size < 2e6 for path in bench.files())
 
 
-def test_asking_twice_is_refused(begin: Begin) -> None:
-    """Start while it records, stop while it does not: refused, and nothing changes."""
+def test_a_repeated_request_is_refused(begin: Begin) -> None:
+    """A start during a recording and a stop without one are refused without effect."""
     bench = begin()
     assert bench.stop().code == "already"
     bench.start()
@@ -219,7 +219,7 @@ def test_asking_twice_is_refused(begin: Begin) -> None:
 
 
 def test_it_stops_before_the_disk_is_full(begin: Begin, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With less than the least space it ends the file, says why, and begins nothing new."""
+    """Below the minimum of free space it ends the file with a reason and begins no new one."""
     bench = begin(least_free_GB=2.0)
     free = [3_000_000_000]
     monkeypatch.setattr(tape, "free_bytes", lambda _: free[0])
@@ -246,7 +246,7 @@ def test_it_stops_before_the_disk_is_full(begin: Begin, monkeypatch: pytest.Monk
 def test_a_disk_that_fails_ends_the_recording_and_not_the_recorder(
     begin: Begin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It says so, goes on hearing, and records again when the disk is well."""
+    """It reports this, still receives, and records again when the disk works."""
     bench = begin()
     bench.start()
     with monkeypatch.context() as broken:
@@ -265,16 +265,16 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_recorder(
 
 
 def test_a_folder_that_cannot_be_made_is_a_refusal(tmp_path: Path, begin: Begin) -> None:
-    """A file stands in the way: the answer says where and why."""
-    (tmp_path / "file").write_text("in the way")
+    """A file has the folder's name: the reply has the path and the reason."""
+    (tmp_path / "file").write_text("a file")
     bench = begin(folder=tmp_path / "file" / "folder")
     reply = bench.start()
     assert reply.code == "recording"
     assert "Not a directory" in reply.text
 
 
-def test_what_was_lost_on_the_way_is_counted(begin: Begin) -> None:
-    """By the gaps in the writer's numbers; a writer that begins anew has lost nothing."""
+def test_lost_messages_are_counted(begin: Begin) -> None:
+    """Gaps in the writer's numbers count; a restarted writer has lost nothing."""
     bench = begin()
     bench.start()
     bench.pass_s(0.5)
@@ -287,13 +287,13 @@ def test_what_was_lost_on_the_way_is_counted(begin: Begin) -> None:
     assert bench.status().lost == 7
 
 
-def test_memory_keeps_within_its_time_and_its_room(begin: Begin) -> None:
-    """Old seconds go; with little room more of them do."""
+def test_memory_stays_within_its_time_and_size(begin: Begin) -> None:
+    """Old seconds are dropped, and more of them with a small size."""
     bench = begin(keep_min=0.1)
     bench.pass_s(30.0)
     assert 5.0 < bench.status().memory_s <= 7.0
     full = begin(memory_MB=1.0)
-    full.recorder._past._most_bytes = 1500
+    full.recorder._ring_buffer._most_bytes = 1500
     full.pass_s(30.0)
     assert 0 < full.status().memory_bytes <= 2000
 
@@ -308,7 +308,7 @@ def test_without_memory_a_fault_writes_nothing(begin: Begin) -> None:
 
 
 def test_the_end_of_the_process_finishes_the_file(begin: Begin) -> None:
-    """A recorder that is told to end loses nothing of what it heard."""
+    """A recorder that is terminated loses no received message."""
     bench = begin()
     bench.start()
     bench.pass_s(1.3)
@@ -318,13 +318,13 @@ def test_the_end_of_the_process_finishes_the_file(begin: Begin) -> None:
     assert read.is_whole
 
 
-def test_bytes_of_strangers_are_kept_and_harm_nothing(begin: Begin) -> None:
-    """Noise, a message of another version and of another form: all of it to the byte."""
+def test_undecodable_bytes_are_kept_and_do_no_harm(begin: Begin) -> None:
+    """Noise, another version and another form are kept exactly."""
     bench = begin()
     bench.start()
     strange = [b"", b"\xc1", b"\x80", b"\x81\xa3seq\xcf" + b"\xff" * 8, b"\xa3abc"]
     for data in strange:
-        bench.say_bytes(topics.SENSOR_WRENCH, data)
+        bench.send_bytes(topics.SENSOR_WRENCH, data)
         bench.pass_s(STEP_S)
     bench.stop()
     read = RecordedFile(bench.files()[0])

@@ -1,4 +1,4 @@
-"""How the recorder is on the bus: with room for seconds, and with one thread."""
+"""The recorder's bus settings: buffers for seconds, and one receiving thread."""
 
 import os
 from typing import Any
@@ -22,7 +22,7 @@ HUB = "tcp/127.0.0.1:7447"
 
 
 @pytest.mark.parametrize(
-    ("endpoint", "roomy"),
+    ("endpoint", "expected"),
     [
         (HUB, f"{HUB}#so_rcvbuf=4000000"),
         ("tls/hub:7447", "tls/hub:7447#so_rcvbuf=4000000"),
@@ -32,32 +32,34 @@ HUB = "tcp/127.0.0.1:7447"
         ("quic/hub:7447", "quic/hub:7447"),
     ],
 )
-def test_an_endpoint_gets_room_where_it_is_a_stream(endpoint: str, roomy: str) -> None:
-    """What a user has set stays; what has no such setting is left alone."""
-    assert with_room(endpoint) == roomy
+def test_a_stream_endpoint_gets_a_large_receive_buffer(endpoint: str, expected: str) -> None:
+    """A user's own setting stays; an endpoint without such a setting is unchanged."""
+    assert with_room(endpoint) == expected
 
 
 @pytest.mark.parametrize("role", [*ROLES, *HELPERS, CLIENT])
-def test_only_who_must_miss_nothing_has_room(role: str) -> None:
-    """A reader that keeps the newest alone would read old messages after a stall."""
+def test_only_a_complete_receiver_has_a_large_buffer(role: str) -> None:
+    """A reader of the newest message would read old messages after a stall."""
     (endpoint,) = client_settings(HUB, role, {})["connect"]["endpoints"]
     assert (endpoint != HUB) == (role in HELPERS)
 
 
-def test_the_longest_message_goes_in_one_piece() -> None:
-    """What is heard takes buffers that are small, and large enough."""
+def test_the_longest_message_fits_one_batch() -> None:
+    """Receive buffers are small, and large enough."""
     sizes = {settings["transport"]["link"]["tx"]["batch_size"] for settings in every_setting()}
     assert sizes == {BATCH_B}
-    assert BATCH_B >= MAX_BYTES + 1024  # with its key and what Zenoh adds
+    assert BATCH_B >= MAX_BYTES + 1024  # with its key and Zenoh's overhead
 
 
 def every_setting() -> list[dict[str, Any]]:
-    """Return the settings of the hub and of whoever is its client."""
+    """Return the settings of the hub and of its clients."""
     return [hub_settings(CELL, HUB), *(client_settings(HUB, role, {}) for role in (*ROLES, CLIENT))]
 
 
-def test_what_the_environment_says_of_threads_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One thread unless somebody knows better."""
+def test_the_environments_number_of_threads_takes_precedence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The default is one thread."""
     monkeypatch.delenv(RUNTIME_VARIABLE, raising=False)
     listen_with_one_thread()
     assert os.environ[RUNTIME_VARIABLE] == ONE_THREAD

@@ -1,4 +1,4 @@
-"""The adaptive law: no bump, limits, what it forgets, what it is never told to do."""
+"""The adaptive law: no step of the command, limits, forgetting, and steps that it never makes."""
 
 import math
 from dataclasses import replace
@@ -33,14 +33,14 @@ histories = st.lists(
 
 
 def run(samples, *, gains=GAINS, chosen=SETTINGS, arm=None):
-    """Step through samples; the arm is where it is told to be unless `arm` says otherwise."""
+    """Step through samples; the arm is at the commanded pose unless `arm` is given."""
     law, adaptive = start_at(START), begin(START, START, chosen)
-    seen: list[tuple[LawState, object]] = [(law, adaptive)]
+    states: list[tuple[LawState, object]] = [(law, adaptive)]
     for sample in samples:
         T = law.T_base_tcp if arm is None else arm
         law, adaptive = advance(law, adaptive, sample, T, gains=gains, plain=PLAIN, settings=chosen)
-        seen.append((law, adaptive))
-    return seen
+        states.append((law, adaptive))
+    return states
 
 
 def pushed(force_N, setpoint_N=0.0, mode="position", torque_Nm=(0.0, 0.0, 0.0)):
@@ -50,31 +50,31 @@ def pushed(force_N, setpoint_N=0.0, mode="position", torque_Nm=(0.0, 0.0, 0.0)):
 
 @settings(max_examples=60)
 @given(histories)
-def test_no_step_is_beyond_the_speed_limits_whatever_it_feels(history) -> None:
-    """Any forces, set points and modes: each command is at most one period's way from the last."""
+def test_no_step_is_beyond_the_speed_limits_for_any_force(history) -> None:
+    """For any forces, set points and modes a command moves at most one period's travel."""
     samples = [pushed(f, s, mode, t) for f, t, s, mode in history]
     states = [law for law, _ in run(samples)]
     for before, after in pairwise(states):
-        way_m = after.T_base_tcp.translation - before.T_base_tcp.translation
+        travel_m = after.T_base_tcp.translation - before.T_base_tcp.translation
         turn_rad = rotation_between(before.T_base_tcp.rotation, after.T_base_tcp.rotation)
-        assert np.linalg.norm(way_m) <= PLAIN.speed_max_m_s * DT_S * (1 + 1e-9)
+        assert np.linalg.norm(travel_m) <= PLAIN.speed_max_m_s * DT_S * (1 + 1e-9)
         assert np.linalg.norm(turn_rad) <= PLAIN.speed_max_rad_s * DT_S * (1 + 1e-6)
 
 
 @settings(max_examples=60)
 @given(histories)
-def test_it_speeds_up_and_brakes_no_faster_than_the_arm_may(history) -> None:
-    """Else the arbiter takes some of it away, and what the law foresees does not come."""
-    most_m_s = CELL.limits.accel_m_s2 * DT_S
+def test_it_accelerates_and_brakes_no_faster_than_the_arm_may(history) -> None:
+    """Otherwise the arbiter limits the command, and the prediction is wrong."""
+    limit_m_s = CELL.limits.accel_m_s2 * DT_S
     samples = [pushed(f) for f, *_ in history]  # an approach has a limit of its own
-    ways_m = [law.T_base_tcp.translation for law, _ in run(samples)]
-    speeds_m_s = np.diff([START.translation, *ways_m], axis=0) / DT_S
+    travels_m = [law.T_base_tcp.translation for law, _ in run(samples)]
+    speeds_m_s = np.diff([START.translation, *travels_m], axis=0) / DT_S
     changes_m_s = np.linalg.norm(np.diff(speeds_m_s, axis=0), axis=1)
-    assert changes_m_s.max() <= most_m_s * (1 + 1e-9)
+    assert changes_m_s.max() <= limit_m_s * (1 + 1e-9)
 
 
-def test_a_tool_that_turns_after_a_long_way_across_sees_no_surface_move() -> None:
-    """100 mm across, then 2 degrees of turn about its tip, at the set force: nothing has moved."""
+def test_a_turn_after_a_long_path_estimates_no_surface_motion() -> None:
+    """100 mm across, then 2 degrees about the tip at the set force: the surface has not moved."""
     T, adaptive = START.copy(), begin(START, START, SETTINGS, k=np.full(3, 2e4))
     for number in range(600):
         if number < 500:
@@ -93,7 +93,7 @@ errors = st.floats(0.0, 100.0)
 
 @given(errors, errors, st.floats(1e-6, 5e-3), st.floats(1e3, 2e5), st.floats(0.5, 10.0))
 def test_at_any_error_the_arm_still_comes_to_rest(one_N, other_N, Ki, k, brake_m_s2) -> None:
-    """Half the change of v^2 is at most the way times a; the speed is never above Ki e."""
+    """Half the change of v^2 is at most the travel times a; the speed is never above Ki e."""
 
     def speed_m_s(error_N):
         gain = limit_gain_for_braking(
@@ -110,36 +110,36 @@ def test_at_any_error_the_arm_still_comes_to_rest(one_N, other_N, Ki, k, brake_m
 
 @settings(max_examples=10)
 @given(st.floats(3.0, 40.0))
-def test_at_its_set_point_it_stands_still(setpoint_N) -> None:
-    """What pushes back is what is wanted: no motion, for as long as one likes."""
+def test_at_its_set_point_it_does_not_move(setpoint_N) -> None:
+    """The contact force equals the set point: no motion for any time."""
     end, _ = run([pushed(setpoint_N * UP, setpoint_N)] * 100)[-1]
     assert end.T_base_tcp.translation == pytest.approx(START.translation, abs=1e-12)
 
 
 @given(vectors)
-def test_it_gives_way_along_the_force(force_N) -> None:
-    """Whatever the prediction is, the first step follows the force."""
+def test_it_yields_along_the_force(force_N) -> None:
+    """The first step follows the force for any prediction."""
     (before, _), (after, _) = run([pushed(force_N)])
     moved_m = after.T_base_tcp.translation - before.T_base_tcp.translation
     assert moved_m @ force_N >= 0.0
 
 
-def test_it_moves_no_faster_than_the_stiffest_contact_allows_until_it_has_felt() -> None:
-    """An arm that does not move tells nothing: the gain stays that of the stiffest."""
+def test_it_uses_the_gain_of_the_stiffest_contact_before_an_estimate() -> None:
+    """An arm that does not move gives no estimate: the gain stays that of the stiffest contact."""
     _, adaptive = run([pushed(30.0 * UP)] * 50, arm=START)[-1]
     assert adaptive.stiffness.k == pytest.approx(np.full(3, SETTINGS.stiffness.stiffest))
 
 
 @pytest.mark.parametrize("report_s", [0.004, 0.02, 0.08])
 @pytest.mark.parametrize("k", [2e3, 1.5e4])
-def test_a_pose_that_is_reported_seldom_makes_nothing_seem_softer(report_s, k) -> None:
-    """Each report is older than the force until the next one: it is no new sample of anything."""
+def test_a_slowly_reported_pose_does_not_lower_the_stiffness(report_s, k) -> None:
+    """A report is older than the force until the next one and gives no new sample."""
     rates = CELL.rates.model_copy(update={"robot_hz": 1.0 / report_s})
     chosen = AdaptiveSettings.of(CELL.model_copy(update={"rates": rates}))
     every = round(report_s / DT_S)
     law, adaptive = start_at(START), begin(START, START, chosen)
     T_arm = T_report = START.copy()
-    believed = []
+    estimates = []
     for number in range(500):
         T_arm = pin.SE3(T_arm.rotation, T_arm.translation - 2e-6 * UP)  # 0.5 mm/s into it
         pressed_m = float((START.translation - T_arm.translation) @ UP)
@@ -150,12 +150,12 @@ def test_a_pose_that_is_reported_seldom_makes_nothing_seem_softer(report_s, k) -
             law, adaptive, sample, T_report, gains=GAINS, plain=PLAIN, settings=chosen
         )
         law = replace(law, T_base_tcp=T_arm)
-        believed.append(adaptive.stiffness.k[2])
-    assert min(believed) >= 0.98 * k
+        estimates.append(adaptive.stiffness.k[2])
+    assert min(estimates) >= 0.98 * k
 
 
-def test_what_was_met_is_forgotten_when_contact_is_lost() -> None:
-    """A moment without touch keeps it, three tau without do not."""
+def test_the_identified_stiffness_is_dropped_when_contact_is_lost() -> None:
+    """A short loss of contact keeps it, three tau without contact do not."""
     soft = np.full(3, 2e3)
     law, adaptive = start_at(START), begin(START, START, SETTINGS, soft)
     kept = []
@@ -169,19 +169,19 @@ def test_what_was_met_is_forgotten_when_contact_is_lost() -> None:
 
 
 @given(st.floats(0.0, 3.0))
-def test_a_persons_gains_slow_it_down_and_never_speed_it_up(share) -> None:
+def test_requested_gains_slow_it_down_and_never_speed_it_up(share) -> None:
     """Half of the rule's gain is half of the speed; twice the gain is the same speed."""
-    asked = replace(GAINS, force_i_m_per_Ns=share * GAINS.force_i_m_per_Ns)
-    full, slowed = (run([pushed(0.7 * UP)], gains=gains)[-1][0] for gains in (GAINS, asked))
-    ways_m = [law.T_base_tcp.translation - START.translation for law in (full, slowed)]
-    assert ways_m[1] == pytest.approx(min(share, 1.0) * ways_m[0], abs=1e-12)
+    requested = replace(GAINS, force_i_m_per_Ns=share * GAINS.force_i_m_per_Ns)
+    full, slowed = (run([pushed(0.7 * UP)], gains=gains)[-1][0] for gains in (GAINS, requested))
+    travels_m = [law.T_base_tcp.translation - START.translation for law in (full, slowed)]
+    assert travels_m[1] == pytest.approx(min(share, 1.0) * travels_m[0], abs=1e-12)
 
 
 @pytest.mark.parametrize(
     "without", [replace(SETTINGS, predicts=False), replace(SETTINGS, tracks=False)]
 )
 def test_each_part_can_be_switched_off(without) -> None:
-    """The law without a part is another law, and still gives way."""
+    """The law without one part differs and still yields."""
     samples = [pushed((9.0 + 0.1 * n) * UP, 10.0) for n in range(40)]
     with_it, alone = run(samples)[-1][0], run(samples, chosen=without)[-1][0]
     assert (alone.T_base_tcp.translation - START.translation) @ UP != 0.0
@@ -191,7 +191,7 @@ def test_each_part_can_be_switched_off(without) -> None:
 
 @given(vectors, st.tuples(*[st.booleans()] * 6), st.sampled_from(["base", "tool"]))
 def test_a_masked_axis_does_not_move(force_N, axes, frame) -> None:
-    """Of the task frame, whichever it is; the others do."""
+    """Masked axes of the task frame do not move; the others do."""
     R = START.rotation if frame == "tool" else np.eye(3)
     sample = replace(pushed(force_N), axes=axes, R_base_task=R)
     end, _ = run([sample])[-1]

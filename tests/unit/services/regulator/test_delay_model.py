@@ -1,4 +1,4 @@
-"""The model of the way from a command to the force: lag, delay, what it may never do."""
+"""The delay model from a command to the force: lag, delay and bounds."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from services.regulator.delay_model import DelayModelSettings, at_rest, follow
 
 DT_S = 0.004
 vectors = hnp.arrays(float, 3, elements=st.floats(-0.01, 0.01))
-ways = st.builds(
+delay_settings = st.builds(
     DelayModelSettings,
     delay_s=st.floats(0.0, 0.06),
     lag_s=st.floats(0.001, 0.03),
@@ -27,35 +27,35 @@ def run(commands, settings, dt_s=DT_S):
     return states
 
 
-@given(ways, vectors)
-def test_a_command_that_holds_is_felt_as_it_is(settings, command) -> None:
-    """Nothing moves, so nothing is on its way."""
+@given(delay_settings, vectors)
+def test_a_constant_command_passes_unchanged(settings, command) -> None:
+    """Without motion no command is in flight."""
     end = run([command] * 30, settings)[-1]
     assert end.filtered == pytest.approx(command, abs=1e-15)
     assert end.acceleration == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-@given(ways, st.lists(vectors, min_size=2, max_size=40))
-def test_what_is_felt_lies_between_what_was_commanded(settings, commands) -> None:
-    """A way without overshoot: no axis leaves the range of its commands."""
+@given(delay_settings, st.lists(vectors, min_size=2, max_size=40))
+def test_the_output_stays_within_the_commands(settings, commands) -> None:
+    """The model has no overshoot: no axis leaves the range of its commands."""
     low, high = np.min(commands, axis=0), np.max(commands, axis=0)
     for state in run(commands, settings):
         assert (state.filtered >= low - 1e-15).all()
         assert (state.filtered <= high + 1e-15).all()
 
 
-@given(ways, st.lists(vectors, min_size=2, max_size=40), vectors)
-def test_the_way_does_not_depend_on_where_it_is(settings, commands, offset) -> None:
-    """Moving every command by the same vector moves what is felt by it, and no more."""
-    here = run(commands, settings)[-1]
-    there = run([command + offset for command in commands], settings)[-1]
-    assert there.filtered - here.filtered == pytest.approx(offset, abs=1e-12)
-    assert there.acceleration == pytest.approx(here.acceleration, abs=1e-6)
+@given(delay_settings, st.lists(vectors, min_size=2, max_size=40), vectors)
+def test_the_output_does_not_depend_on_the_position(settings, commands, offset) -> None:
+    """An offset of all commands gives the same offset of the output."""
+    at_origin = run(commands, settings)[-1]
+    shifted = run([command + offset for command in commands], settings)[-1]
+    assert shifted.filtered - at_origin.filtered == pytest.approx(offset, abs=1e-12)
+    assert shifted.acceleration == pytest.approx(at_origin.acceleration, abs=1e-6)
 
 
-@given(ways)
-def test_an_even_motion_is_felt_by_the_sum_of_all_delays_later(settings) -> None:
-    """Delay, lag and filter add up; half a period more, as commands hold until the next one."""
+@given(delay_settings)
+def test_a_uniform_motion_is_delayed_by_the_sum_of_all_delays(settings) -> None:
+    """Delay, lag and filter add up, and half a period, because commands hold until the next one."""
     speed = np.array([0.0, 0.01, -0.02])
     end = run([speed * DT_S * step for step in range(150)], settings)[-1]
     late_s = settings.delay_s + settings.lag_s + settings.filter_s - 0.5 * DT_S
@@ -63,8 +63,8 @@ def test_an_even_motion_is_felt_by_the_sum_of_all_delays_later(settings) -> None
     assert ahead == pytest.approx(speed * late_s, abs=0.6 * DT_S * 0.02)
 
 
-def test_how_often_one_looks_changes_nothing() -> None:
-    """The same commands in periods of 4 ms and of 2 ms give the same way."""
+def test_the_output_does_not_depend_on_the_period() -> None:
+    """The same commands in periods of 4 ms and of 2 ms give the same output."""
     settings = DelayModelSettings(0.013, 0.011, 0.005, 0.0)
     rng = np.random.default_rng(1)
     commands = [rng.normal(size=3) for _ in range(20)]
@@ -73,7 +73,7 @@ def test_how_often_one_looks_changes_nothing() -> None:
     assert fast.filtered == pytest.approx(slow.filtered, abs=1e-12)
 
 
-def test_only_what_is_still_on_its_way_is_remembered() -> None:
+def test_only_commands_in_flight_are_kept() -> None:
     """An hour of commands takes no more memory than the delay is long."""
     settings = DelayModelSettings(0.02, 0.011, 0.005, 0.0)
     states = run([np.full(3, float(n)) for n in range(2000)], settings)

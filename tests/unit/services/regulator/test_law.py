@@ -1,4 +1,4 @@
-"""The PI law: no bump, signs, limits, approach, the point of contact."""
+"""The PI law: no step of the command, signs, limits, approach, the point of contact."""
 
 import math
 from dataclasses import astuple, replace
@@ -45,14 +45,14 @@ each_mode = pytest.mark.parametrize("mode", MODES)
 
 
 def sample(force_N: Any = (0, 0, 0), torque_Nm: Any = (0, 0, 0), **changes: Any) -> LawInput:
-    """Return one sample; mode position and no set point unless told otherwise."""
+    """Return one sample, in mode position and without set point by default."""
     fields: dict[str, Any] = {"setpoint_N": 0.0, "mode": "position", "dt_s": DT_S}
     force, torque = np.array(force_N, dtype=float), np.array(torque_Nm, dtype=float)
     return LawInput(force, torque, **(fields | changes))
 
 
 def run(samples: list[LawInput], law_gains: PiGains, settings: LawSettings) -> list[LawState]:
-    """Step through samples from the start; return every state, the first one too."""
+    """Step through samples from the start; return all states with the first one."""
     states = [start_at(START)]
     for item in samples:
         states.append(step(states[-1], item, law_gains, settings))
@@ -60,12 +60,12 @@ def run(samples: list[LawInput], law_gains: PiGains, settings: LawSettings) -> l
 
 
 def shift_m(before: LawState, after: LawState) -> np.ndarray:
-    """Return how the commanded TCP moved."""
+    """Return the translation of the commanded TCP."""
     return np.asarray(after.T_base_tcp.translation - before.T_base_tcp.translation)
 
 
 def turn_rad(before: LawState, after: LawState) -> np.ndarray:
-    """Return how the commanded orientation turned, in base axes."""
+    """Return the rotation of the commanded orientation in base axes."""
     return rotation_between(before.T_base_tcp.rotation, after.T_base_tcp.rotation)
 
 
@@ -73,8 +73,8 @@ def turn_rad(before: LawState, after: LawState) -> np.ndarray:
 
 
 @given(vectors, torques, modes, st.floats(0.0, 40.0))
-def test_the_start_is_where_the_tool_is(force_N, torque_Nm, mode, setpoint_N) -> None:
-    """No bump: the start itself does not move, and the first step has no proportional kick."""
+def test_the_start_is_the_measured_pose(force_N, torque_Nm, mode, setpoint_N) -> None:
+    """The start does not move, and the first step has no proportional kick."""
     start = start_at(START)
     assert start.T_base_tcp == START
     only_p = replace(WITH_P, force_i_m_per_Ns=np.zeros(3), torque_i_rad_per_Nms=np.zeros(3))
@@ -94,7 +94,7 @@ def test_the_start_does_not_alias_the_measured_pose() -> None:
 
 @each_mode
 def test_no_error_means_no_motion(mode) -> None:
-    """Force at the set point, no moment: the command stays exactly where it is."""
+    """With the force at the set point and no moment the command stays exactly constant."""
     pressed = sample((0, 0, 10), mode=mode, setpoint_N=10.0)
     free = sample(mode=mode)
     for still in (pressed, free):
@@ -107,7 +107,7 @@ def test_no_error_means_no_motion(mode) -> None:
 
 
 @given(vectors)
-def test_position_gives_way_along_the_force(force_N) -> None:
+def test_position_yields_along_the_force(force_N) -> None:
     """Positive force is the environment pushing the robot: the robot moves along it."""
     assume(np.linalg.norm(force_N) > 1.0)
     before, after = run([sample(force_N)], GAINS, SETTINGS)
@@ -119,8 +119,8 @@ def test_position_gives_way_along_the_force(force_N) -> None:
 
 
 @given(vectors, torques)
-def test_orientation_gives_way_along_the_moment_and_turns_about_the_tcp(force_N, torque_Nm) -> None:
-    """Task c: about base axes; the TCP does not move, whatever force there is."""
+def test_orientation_yields_along_the_moment_and_turns_about_the_tcp(force_N, torque_Nm) -> None:
+    """The rotation is about base axes; the TCP does not move for any force."""
     assume(np.linalg.norm(torque_Nm) > 0.1)
     item = sample(force_N, torque_Nm, mode="orientation", setpoint_N=10.0)
     before, after = run([item], GAINS, SETTINGS)
@@ -131,7 +131,7 @@ def test_orientation_gives_way_along_the_moment_and_turns_about_the_tcp(force_N,
     assert (after.T_base_tcp.translation == START.translation).all()
 
 
-def test_pressing_moves_along_the_tools_axis_until_it_is_pushed_back_enough() -> None:
+def test_pressing_moves_along_the_tools_axis_towards_the_set_point() -> None:
     """Set point 10 N, tool down: below it moves down, above it up."""
     for force_N, sign in ((5.0, -1.0), (15.0, 1.0)):
         before, after = run([sample((0, 0, force_N), setpoint_N=10.0)], GAINS, SETTINGS)
@@ -139,8 +139,8 @@ def test_pressing_moves_along_the_tools_axis_until_it_is_pushed_back_enough() ->
 
 
 @given(turns, st.floats(1.0, 40.0), st.floats(-5.0, 5.0))
-def test_the_set_point_presses_along_the_tool_wherever_it_points(turn, setpoint_N, more_N) -> None:
-    """Equal error, equal motion in tool axes: nothing in the law knows where down is."""
+def test_the_set_point_presses_along_the_tool_in_any_orientation(turn, setpoint_N, more_N) -> None:
+    """Equal error gives equal motion in tool axes: the law does not depend on gravity."""
     R = rotation_from_vector(turn)
     force_N = -(setpoint_N + more_N) * R[:, 2]
     assume(setpoint_N + more_N > 0.5 * setpoint_N)
@@ -155,7 +155,7 @@ def test_the_set_point_presses_along_the_tool_wherever_it_points(turn, setpoint_
 
 @given(st.lists(vectors, min_size=2, max_size=10), st.floats(0.001, 0.012))
 def test_the_law_is_the_specifications_pi(forces, dt_s) -> None:
-    """X - x0 = Kp (e - e0) + Ki sum e dt, whatever the forces were: no error builds up."""
+    """X - x0 = Kp (e - e0) + Ki sum e dt for any forces: no error builds up."""
     states = run([sample(force, dt_s=dt_s) for force in forces], WITH_P, NO_BAND)
     kp, ki = WITH_P.force_p_m_per_N, WITH_P.force_i_m_per_Ns
     expected = kp * (forces[-1] - forces[0]) + ki * np.sum(forces, axis=0) * dt_s
@@ -173,7 +173,7 @@ def test_twice_the_rate_is_the_same_motion() -> None:
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_each_axis_has_its_own_gain_in_base_axes(axis) -> None:
-    """A gain of zero is a mask: no motion along, or turn about, that axis of the base."""
+    """A gain of zero is a mask: no motion along that base axis and no rotation about it."""
     mask = np.ones(3)
     mask[axis] = 0.0
     masked = PiGains(*(array * mask for array in astuple(WITH_P)))
@@ -193,12 +193,12 @@ def test_each_axis_has_its_own_gain_in_base_axes(axis) -> None:
     modes,
     gains,
 )
-def test_no_input_and_no_gain_makes_it_faster_than_its_limits(stream, mode, wild) -> None:
-    """Speed and turning speed in every single step, both parts of the law together."""
+def test_no_input_and_no_gain_makes_it_faster_than_its_limits(stream, mode, factor) -> None:
+    """Speed and turning speed of both parts together are limited in every single step."""
     state = start_at(START)
     for force_N, torque_Nm, setpoint_N, dt_s in stream:
         item = sample(force_N, torque_Nm, setpoint_N=setpoint_N, mode=mode, dt_s=dt_s)
-        after = step(state, item, wild, SETTINGS)
+        after = step(state, item, factor, SETTINGS)
         assert np.linalg.norm(shift_m(state, after)) <= SETTINGS.speed_max_m_s * dt_s + 1e-12
         assert np.linalg.norm(turn_rad(state, after)) <= SETTINGS.speed_max_rad_s * dt_s + 1e-9
         state = after
@@ -206,7 +206,7 @@ def test_no_input_and_no_gain_makes_it_faster_than_its_limits(stream, mode, wild
 
 @given(hnp.arrays(float, 3, elements=st.floats(-5.0, 5.0)), st.floats(0.0, 2.0))
 def test_the_deadband_shortens_and_keeps_the_direction(error, width) -> None:
-    """Zero inside; outside the length less the width: no step at its edge, no axis preferred."""
+    """Zero inside; outside the length less the width: no step at its edge, no preferred axis."""
     short = soft_deadband(error, width)
     length = float(np.linalg.norm(error))
 
@@ -217,7 +217,7 @@ def test_the_deadband_shortens_and_keeps_the_direction(error, width) -> None:
 
 @given(vectors, hnp.arrays(float, 3, elements=st.floats(-1e-6, 1e-6)))
 def test_the_deadband_is_continuous(error, little) -> None:
-    """A little more error is at most that much more output."""
+    """A small change of the error is at most the same change of the output."""
     change = soft_deadband(error + little, 0.3) - soft_deadband(error, 0.3)
 
     assert np.linalg.norm(change) <= np.linalg.norm(little) * (1.0 + 1e-6) + 1e-12
@@ -228,7 +228,7 @@ def test_the_deadband_is_continuous(error, little) -> None:
 
 @given(st.floats(0.1, 40.0), modes)
 def test_it_approaches_only_with_a_set_point_and_only_in_free_space(setpoint_N, mode) -> None:
-    """Along the tool at the approach speed; never in mode orientation, never while it touches."""
+    """Along the tool at the approach speed; never in mode orientation, never in contact."""
     fast = replace(SETTINGS, approach_accel_m_s2=1e6)
     before, after = run([sample(mode=mode, setpoint_N=setpoint_N)], GAINS, fast)
     approach = SETTINGS.approach_m_s * DT_S * START.rotation[:, 2]
@@ -245,7 +245,7 @@ def test_it_approaches_only_with_a_set_point_and_only_in_free_space(setpoint_N, 
 
 
 def test_contact_has_hysteresis() -> None:
-    """It begins above the touch force and ends below half of it: no chatter in between."""
+    """It begins above the touch force and ends below half of it, without chatter in between."""
     touch = SETTINGS.touch_N
     forces = [0.9 * touch, 1.1 * touch, 0.9 * touch, 0.6 * touch, 0.4 * touch, 0.6 * touch]
     states = run([sample((0, 0, f), setpoint_N=40.0) for f in forces], GAINS, SETTINGS)
@@ -254,14 +254,14 @@ def test_contact_has_hysteresis() -> None:
     assert [state.contact for state in states[1:]] == contacts
 
 
-def test_a_soft_press_still_finds_contact() -> None:
+def test_a_soft_press_still_detects_contact() -> None:
     """With a set point below the touch force, contact begins at half the set point."""
     states = run([sample((0, 0, 0.6), setpoint_N=1.0)], GAINS, SETTINGS)
 
     assert states[-1].contact == "contact"
 
 
-def test_being_pulled_is_no_contact() -> None:
+def test_a_pull_is_no_contact() -> None:
     """Only a push against the tool's axis counts."""
     for force in ((0, 0, -30.0), (30.0, 0, 0)):
         assert run([sample(force, setpoint_N=10.0)], GAINS, SETTINGS)[-1].contact == "approach"
@@ -272,7 +272,7 @@ def test_being_pulled_is_no_contact() -> None:
 
 @given(hnp.arrays(float, 3, elements=st.floats(-0.04, 0.04)), vectors, torques)
 def test_turning_keeps_the_point_of_contact(r, force_N, free_Nm) -> None:
-    """Mode both, pressed off centre at the set force: the point that touches does not move."""
+    """In mode both, pressed off centre at the set force, the point of contact does not move."""
     assume(np.linalg.norm(force_N) > 5.0)
     lever = r - force_N * (r @ force_N) / (force_N @ force_N)  # to the force's line of action
     torque_Nm = np.cross(lever, force_N)
@@ -288,8 +288,8 @@ def test_turning_keeps_the_point_of_contact(r, force_N, free_Nm) -> None:
 @pytest.mark.parametrize(
     ("force_N", "lever_m"), [(0.95, 0.0), (1.05, 0.05), (40.0, 0.05), (1.05, 5.0)]
 )
-def test_a_lever_that_is_noise_feeds_nothing_forward(force_N: float, lever_m: float) -> None:
-    """Below the touch force none, and never more than 0.1 m: then it turns about the TCP."""
+def test_a_lever_below_the_noise_is_not_fed_forward(force_N: float, lever_m: float) -> None:
+    """There is no lever below the touch force and never more than 0.1 m: it turns about the TCP."""
     item = sample((0, 0, force_N * SETTINGS.touch_N), mode="both")
     item = replace(item, torque_Nm=np.array([lever_m * item.force_N[2], 0.0, 0.0]))
     before, after = run([item], replace(GAINS, force_i_m_per_Ns=np.zeros(3)), NO_BAND)

@@ -1,4 +1,4 @@
-"""Held axes hold, and nothing presses along an axis that nothing regulates."""
+"""Masked axes: they do not move, and a set point along one is refused."""
 
 from typing import Any
 
@@ -30,14 +30,14 @@ def test_a_set_point_along_a_held_axis_is_refused_and_nothing_moves() -> None:
     assert world.client.ask(topics.TARE, Empty()).accepted
     assert world.client.ask(topics.ARM, ArmRequest()).accepted
     before_m = world.arm.T_base_tcp.translation.copy()
-    wanted = ForceStartRequest(mode="position", setpoint_N=5.0, axes=X_ONLY, frame="base")
-    reply = world.client.ask(topics.FORCE_START, wanted)
+    request = ForceStartRequest(mode="position", setpoint_N=5.0, axes=X_ONLY, frame="base")
+    reply = world.client.ask(topics.FORCE_START, request)
     world.advance(1.0)
     assert np.linalg.norm(world.arm.T_base_tcp.translation - before_m) < 1e-4
     assert (reply.accepted, reply.code) == (False, "axes")
     assert "5 N" in reply.text
     assert "z" in reply.text
-    assert (reply.value, reply.limit) == (None, None)  # shares of an axis tell a person nothing
+    assert (reply.value, reply.limit) == (None, None)  # shares of an axis do not help a reader
 
 
 @pytest.mark.parametrize("axes", [X_ONLY, Z_HELD])
@@ -47,23 +47,23 @@ def test_a_set_point_along_a_held_axis_is_refused_and_nothing_moves() -> None:
 def test_it_is_refused_in_every_frame_mode_and_law(
     axes: Any, frame: Any, mode: Any, law: Any
 ) -> None:
-    """A set point needs the tool's axis; at set point 0 the same axes are fine."""
+    """A set point needs the tool's axis; at set point 0 the same axes are accepted."""
     bench = RegulatorBench()
     bench.pass_s(0.1)
-    wanted = ForceStartRequest(mode=mode, setpoint_N=5.0, axes=axes, frame=frame, law=law)
-    reply = bench.start(wanted)
+    request = ForceStartRequest(mode=mode, setpoint_N=5.0, axes=axes, frame=frame, law=law)
+    reply = bench.start(request)
     assert (reply.accepted, reply.code) == (False, "axes")
-    assert bench.start(wanted.model_copy(update={"setpoint_N": 0.0})).accepted
-    assert bench.start(wanted).code == "axes"  # while it runs as well
-    assert bench.start(wanted.model_copy(update={"axes": (True,) * 6})).accepted
+    assert bench.start(request.model_copy(update={"setpoint_N": 0.0})).accepted
+    assert bench.start(request).code == "axes"  # while it runs as well
+    assert bench.start(request.model_copy(update={"axes": (True,) * 6})).accepted
 
 
-def test_mode_orientation_presses_nothing_and_needs_no_axis_to_do_so() -> None:
+def test_mode_orientation_needs_no_press_axis() -> None:
     """Its set point is not used."""
     bench = RegulatorBench()
     bench.pass_s(0.1)
-    wanted = ForceStartRequest(mode="orientation", setpoint_N=5.0, axes=Z_HELD)
-    assert bench.start(wanted).accepted
+    request = ForceStartRequest(mode="orientation", setpoint_N=5.0, axes=Z_HELD)
+    assert bench.start(request).accepted
 
 
 @settings(max_examples=60, deadline=None)
@@ -75,8 +75,8 @@ def test_mode_orientation_presses_nothing_and_needs_no_axis_to_do_so() -> None:
     setpoint_N=st.floats(0.0, 40.0),
     mode=st.sampled_from(["position", "orientation", "both"]),
 )
-def test_held_axes_hold_whatever_the_law_does(axes, turn, task, force_N, setpoint_N, mode) -> None:
-    """Approach, press and release: not one step along or about a held axis of the task frame."""
+def test_masked_axes_hold_under_every_law(axes, turn, task, force_N, setpoint_N, mode) -> None:
+    """Approach, press and release make no step along or about a masked axis of the task frame."""
     T = T_START * T_FLANGE_TCP
     T.rotation = rotation_from_vector(np.array(turn)) @ T.rotation
     R_task = rotation_from_vector(np.array(task))

@@ -1,4 +1,4 @@
-"""The lag of a link: commands that leave late freeze the law, those that leave in time never do."""
+"""The lag of a link: late commands freeze the law, commands in time never do."""
 
 from typing import Any
 
@@ -17,9 +17,7 @@ from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
 
-WINDOW = int(
-    CommandHistory.of(CELL).window_s / PERIOD_S
-)  # commands that it holds beside the newest
+WINDOW = int(CommandHistory.of(CELL).window_s / PERIOD_S)  # commands kept in addition to the newest
 motions = st.lists(
     st.tuples(*[st.floats(-2e-4, 2e-4)] * 3, st.floats(-1e-3, 1e-3)), min_size=40, max_size=80
 )
@@ -27,8 +25,8 @@ motions = st.lists(
 
 @settings(max_examples=25, deadline=None)
 @given(motions, st.integers(0, 39))
-def test_what_was_commanded_within_the_window_never_lags(steps, late) -> None:
-    """Whatever the way there was: to and fro, round, or standing still."""
+def test_commands_within_the_window_never_lag(steps, late) -> None:
+    """This holds for any path: forth and back, in circles, or at rest."""
     commanded, sent, T = CommandHistory.of(CELL), [], pin.SE3.Identity()
     for x, y, z, turn in steps:
         T = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, turn])) @ T.rotation, T.translation)
@@ -40,15 +38,15 @@ def test_what_was_commanded_within_the_window_never_lags(steps, late) -> None:
     assert not commanded.lag(None)
 
 
-def test_what_stays_behind_the_window_lags_until_it_is_there() -> None:
-    """A steady motion whose first pose alone has left; once it has caught up nothing lags."""
+def test_an_unsent_command_beyond_the_window_lags_until_it_is_sent() -> None:
+    """Only the first pose of a steady motion was sent; after the rest was sent nothing lags."""
     T = pin.SE3.Identity()
     commanded = CommandHistory.of(CELL).after(T, PERIOD_S)
     for number in range(1, 3 * WINDOW):
         T = pin.SE3(T.rotation, T.translation + np.array([0.0, 0.0, 1e-4]))
         commanded = commanded.after(T, PERIOD_S)
         assert commanded.lag(pin.SE3.Identity()) == (number > WINDOW)
-        if number > WINDOW:  # whoever goes back still waits for what has not left
+        if number > WINDOW:  # a restart keeps the unsent commands
             again = commanded.restarted()
             assert again.lag(pin.SE3.Identity())
             assert not again.lag(commanded.oldest)
@@ -56,8 +54,8 @@ def test_what_stays_behind_the_window_lags_until_it_is_there() -> None:
     assert not commanded.lag(T)
 
 
-def test_the_law_stands_still_while_nothing_leaves_and_goes_on_from_there() -> None:
-    """A push of 5 N for a second while the robot says the pose of the beginning: no wind-up."""
+def test_the_law_freezes_while_nothing_is_sent_and_continues_from_there() -> None:
+    """5 N act for a second while the robot reports the first pose: no wind-up."""
     bench = RegulatorBench()
     bench.push((0.0, 0.0, 5.0))
     bench.pass_s(0.1)
@@ -74,36 +72,36 @@ def test_the_law_stands_still_while_nothing_leaves_and_goes_on_from_there() -> N
     assert np.linalg.norm(bench.T_base_tcp().translation - stood) > 2e-5
 
 
-def test_a_path_waits_behind_a_link_that_lags() -> None:
-    """The set point never goes back, what is left of the path stays, and then it goes on."""
+def test_a_path_waits_for_a_lagging_link() -> None:
+    """The set point never goes back, the rest of the path stays, and then it continues."""
     bench = RegulatorBench()
     bench.push((0.0, 0.0, 5.0))
     bench.pass_s(0.1)
     assert bench.start(ForceStartRequest(mode="position", setpoint_N=5.0)).accepted
     x, y, z = bench.T_base_tcp().translation
-    way = PathRequest(points_m=((x + 0.05, y, z),), speed_m_s=0.04)
-    assert bench.ask(topics.FORCE_PATH, way).accepted
+    path = PathRequest(points_m=((x + 0.05, y, z),), speed_m_s=0.04)
+    assert bench.ask(topics.FORCE_PATH, path).accepted
     bench.pass_s(0.1)
-    stuck = bench.said().pose
+    stuck = bench.published().pose
     bench.robot = bench.robot.model_copy(update={"sent": stuck})
-    begun_m, most_m = bench.T_base_tcp().translation[0], 0.0
+    begun_m, furthest_m = bench.T_base_tcp().translation[0], 0.0
     for _ in range(WINDOW + 3):
         bench.step()
-        most_m = max(most_m, float(bench.T_base_tcp().translation[0]))
-    stood, left_m = bench.T_base_tcp().translation, bench.said().path_left_m
-    assert stood[0] == most_m > begun_m
+        furthest_m = max(furthest_m, float(bench.T_base_tcp().translation[0]))
+    stood, left_m = bench.T_base_tcp().translation, bench.published().path_left_m
+    assert stood[0] == furthest_m > begun_m
     bench.pass_s(0.5)
     assert np.array_equal(bench.T_base_tcp().translation, stood)
-    assert bench.said().path_left_m == left_m
+    assert bench.published().path_left_m == left_m
     assert left_m is not None
-    bench.robot = bench.robot.model_copy(update={"sent": bench.said().pose})
+    bench.robot = bench.robot.model_copy(update={"sent": bench.published().pose})
     bench.pass_s(3 * PERIOD_S)
     assert bench.T_base_tcp().translation[0] > stood[0]
 
 
 @pytest.mark.parametrize("law", ["plain", "adaptive"])
-def test_a_link_that_lags_from_the_first_sample_on_moves_nothing_and_is_no_error(law: Any) -> None:
-    """The robot says a pose of an earlier session: the law has computed nothing yet, and waits."""
+def test_a_link_that_lags_from_the_first_sample_moves_nothing_and_is_no_error(law: Any) -> None:
+    """The robot reports a pose of an earlier session: the law has no output yet and waits."""
     bench = RegulatorBench()
     bench.push((0.0, 0.0, 5.0))
     bench.pass_s(0.1)
@@ -113,7 +111,7 @@ def test_a_link_that_lags_from_the_first_sample_on_moves_nothing_and_is_no_error
     assert bench.start(ForceStartRequest(mode="position", law=law)).accepted
     for _ in range(100):
         bench.step()
-        assert bench.said().valid
-        assert bench.said().error_force_N == (0.0, 0.0, 0.0)
+        assert bench.published().valid
+        assert bench.published().error_force_N == (0.0, 0.0, 0.0)
     start_m = (T_START * T_FLANGE_TCP).translation
     assert np.allclose(bench.T_base_tcp().translation, start_m, atol=1e-12)

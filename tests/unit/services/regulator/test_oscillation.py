@@ -1,4 +1,4 @@
-"""What counts as a half wave of the loop, and how many of them are an oscillation. Pure."""
+"""Half waves of the loop, and the number of them that is an oscillation. Pure."""
 
 from math import inf, nextafter
 from typing import Any
@@ -10,12 +10,12 @@ from services.regulator.oscillation import HalfWaves, OscillationSettings, follo
 from tests.fakes.bench import CELL
 
 DT_S = 0.004
-LEAST = np.array([3.0, 3.0, 3.0, 0.2, 0.2, 0.2])
-SETTINGS = OscillationSettings(LEAST, shortest_s=0.016, longest_s=0.25)
+MIN_HEIGHT = np.array([3.0, 3.0, 3.0, 0.2, 0.2, 0.2])
+SETTINGS = OscillationSettings(MIN_HEIGHT, shortest_s=0.016, longest_s=0.25)
 
 
 def test_a_half_wave_of_the_loop_is_higher_than_noise_and_about_two_delays_long() -> None:
-    """Ten deadbands of each error; half a delay at least, eight delays at most."""
+    """Ten deadbands of each error; from half a delay to eight delays."""
     settings = OscillationSettings.of(CELL)
     band_N, band_Nm = CELL.force.deadband_N, CELL.force.deadband_Nm
     assert settings.least == pytest.approx([10.0 * band_N] * 3 + [10.0 * band_Nm] * 3)
@@ -33,31 +33,31 @@ def test_ten_half_waves_in_a_row_are_an_oscillation(axis: int) -> None:
         assert HalfWaves(count=count).swings is swings
 
 
-def below(number: float) -> float:
-    """Return the number before."""
+def next_below(number: float) -> float:
+    """Return the next smaller number."""
     return nextafter(number, -inf)
 
 
 @pytest.mark.parametrize(
-    ("changes", "lives"),
+    ("changes", "counts"),
     [
         ({}, True),
         ({"age_s": 0.016}, True),
-        ({"age_s": below(0.016)}, False),
+        ({"age_s": next_below(0.016)}, False),
         ({"age_s": 0.25}, True),
         ({"age_s": nextafter(0.25, inf)}, False),
         ({"height": 3.0}, True),
-        ({"height": below(3.0)}, False),
+        ({"height": next_below(3.0)}, False),
         ({"height": 9.0, "before_last": 10.0}, True),
-        ({"height": below(9.0), "before_last": 10.0}, False),
-        ({"last": 1000.0}, True),  # the other side: a set point that is off makes them unequal
+        ({"height": next_below(9.0), "before_last": 10.0}, False),
+        ({"last": 1000.0}, True),  # the other side: a set-point error makes the sides unequal
     ],
 )
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_half_wave_lives_by_its_time_its_height_and_the_one_before_on_its_side(
-    changes: dict[str, float], lives: bool, side: float
+def test_a_half_wave_counts_by_its_time_its_height_and_the_one_before_on_its_side(
+    changes: dict[str, float], counts: bool, side: float
 ) -> None:
-    """Every edge belongs to what lives; one that dies ends the row, and the next one is its own."""
+    """Every limit itself still counts; a half wave outside ends the row, the next begins one."""
     before = {"side": side, "height": 4.0, "age_s": 0.1, "last": 3.5, "before_last": 3.25}
     fields = before | {"count": 7.0} | changes
     swing = HalfWaves(**{name: np.full(6, value) for name, value in fields.items()})
@@ -70,7 +70,7 @@ def test_a_half_wave_lives_by_its_time_its_height_and_the_one_before_on_its_side
         "age_s": 0.0,
         "last": fields["height"],
         "before_last": fields["last"],
-        "count": 8.0 if lives else 0.0,
+        "count": 8.0 if counts else 0.0,
     }
     for name, value in expected.items():
         assert getattr(after, name)[2] == value
@@ -79,7 +79,7 @@ def test_a_half_wave_lives_by_its_time_its_height_and_the_one_before_on_its_side
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_first_half_wave_has_none_before_it(side: float) -> None:
+def test_the_first_half_wave_has_no_predecessor(side: float) -> None:
     """An error that leaves its deadband for the first time ends nothing."""
     after = follow(HalfWaves(count=np.full(6, 5.0)), np.full(6, side * 4.0), DT_S, SETTINGS)
     assert (after.side == side).all()
@@ -91,8 +91,8 @@ def test_the_first_half_wave_has_none_before_it(side: float) -> None:
 
 @pytest.mark.parametrize("error", [6.0, 2.0, 0.0])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_half_wave_goes_on_through_its_deadband(error: float, side: float) -> None:
-    """It keeps its greatest height and grows older; only the other side ends it."""
+def test_a_half_wave_continues_through_its_deadband(error: float, side: float) -> None:
+    """It keeps its greatest height and its duration grows; only the other side ends it."""
     swing = HalfWaves(side=np.full(6, side), height=np.full(6, 4.0), age_s=np.full(6, 0.1))
     after = follow(swing, np.full(6, side * error), DT_S, SETTINGS)
     assert (after.side == side).all()

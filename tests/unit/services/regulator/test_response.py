@@ -1,4 +1,4 @@
-"""What the arm itself gives way: believed within bounds, whatever the delay, and kept."""
+"""The estimated compliance of the arm: bounded, for any delay, and kept."""
 
 import numpy as np
 import pytest
@@ -8,85 +8,85 @@ from hypothesis import strategies as st
 from services.regulator.response import SOFTEST_ARM_N_M, Response, ResponseSample, initial, update
 
 DT_S, TIME_S = 0.004, 0.03
-ARM_N_M = 8e5  # the servos', in series with what is touched
+ARM_N_M = 8e5  # of the servos, in series with the contact
 stiffnesses = st.floats(1e4, 2e5)
 lates = st.floats(-0.005, 0.005)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def told(way, speed, force) -> ResponseSample:
+def response_sample(travel, speed, force) -> ResponseSample:
     """Return one sample, the same along all axes."""
-    ways, speeds, forces = np.full(3, way), np.full(3, speed), np.full(3, force)
+    travels, speeds, forces = np.full(3, travel), np.full(3, speed), np.full(3, force)
     return ResponseSample(
-        ways, speeds, forces, DT_S, memory_s=0.1, noise_N=0.15, least_travel_m=1e-5
+        travels, speeds, forces, DT_S, memory_s=0.1, noise_N=0.15, least_travel_m=1e-5
     )
 
 
-def released(k, felt_k, late_s=0.0, *, noise_N=0.0, seed=0) -> Response:
-    """Give way from 30 N, first faster; the force answers with `felt_k`, later than assumed."""
+def released(k, total_k, late_s=0.0, *, noise_N=0.0, seed=0) -> Response:
+    """Yield from 30 N, first faster; the force responds with `total_k`, later than assumed."""
     rng, state = np.random.default_rng(seed), initial()
     for number in range(80):
         t = number * DT_S
-        way_m = 30.0 / felt_k * (1.0 - (1.0 + t / TIME_S) * np.exp(-t / TIME_S))
-        speed_m_s = 30.0 / felt_k * t / TIME_S**2 * np.exp(-t / TIME_S)
-        force_N = 30.0 - felt_k * (way_m - late_s * speed_m_s) + noise_N * rng.normal()
-        state = update(state, told(way_m, speed_m_s, force_N), np.full(3, k))
+        travel_m = 30.0 / total_k * (1.0 - (1.0 + t / TIME_S) * np.exp(-t / TIME_S))
+        speed_m_s = 30.0 / total_k * t / TIME_S**2 * np.exp(-t / TIME_S)
+        force_N = 30.0 - total_k * (travel_m - late_s * speed_m_s) + noise_N * rng.normal()
+        state = update(state, response_sample(travel_m, speed_m_s, force_N), np.full(3, k))
     return state
 
 
 def softest(k) -> float:
-    """Return the least share that may be believed."""
+    """Return the least permitted share."""
     return 1.0 / (1.0 + k / SOFTEST_ARM_N_M)
 
 
 @given(stiffnesses, lates)
-def test_an_arm_that_gives_way_is_found_whatever_the_delay_is(k, late_s) -> None:
-    """Never softer than it is, at most an eighth stiffer."""
+def test_a_compliant_arm_is_identified_for_any_delay(k, late_s) -> None:
+    """The estimate is never softer than the arm and at most an eighth stiffer."""
     share = ARM_N_M / (ARM_N_M + k)
-    believed = released(k, share * k, late_s).share
-    assert (believed >= 0.99 * share).all()
-    assert (believed <= 1.125 * share).all()
+    share_found = released(k, share * k, late_s).share
+    assert (share_found >= 0.99 * share).all()
+    assert (share_found <= 1.125 * share).all()
 
 
 @settings(max_examples=40)
 @given(stiffnesses, seeds)
 def test_noise_does_not_make_it_soft(k, seed) -> None:
-    """With the sensor's noise it stays above nine tenths of the truth."""
+    """With the sensor's noise the estimate stays above nine tenths of the true value."""
     share = ARM_N_M / (ARM_N_M + k)
     assert (released(k, share * k, noise_N=0.1, seed=seed).share >= 0.9 * share).all()
 
 
 @given(stiffnesses, st.floats(0.0, 2.0))
-def test_an_arm_that_does_not_follow_never_looks_soft(k, followed) -> None:
-    """The force answers by any part of what is due, or not at all: the bound holds."""
+def test_an_arm_that_does_not_follow_never_counts_as_soft(k, followed) -> None:
+    """The force responds by any part of the expected one, or not at all: the bound holds."""
     share = released(k, max(followed * k, 1.0)).share
     assert (share >= softest(k) - 1e-12).all()
     assert (share <= 1.0).all()
 
 
 @given(seeds)
-def test_without_motion_nothing_is_learnt(seed) -> None:
-    """Noise alone does not move what is believed."""
+def test_without_motion_nothing_is_estimated(seed) -> None:
+    """Noise alone does not change the estimate."""
     rng, state = np.random.default_rng(seed), initial()
     for _ in range(60):
-        state = update(state, told(0.0, 0.0, 10.0 + rng.normal()), np.full(3, 2e4))
+        state = update(state, response_sample(0.0, 0.0, 10.0 + rng.normal()), np.full(3, 2e4))
     assert (state.share == 1.0).all()
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e-2, 1e-2)] * 2, st.floats(-100, 100)), max_size=60))
-def test_it_stays_within_its_bounds_whatever_it_is_told(samples) -> None:
-    """Any ways, speeds and forces: between what the softest arm leaves and all of it."""
+def test_the_estimate_stays_within_its_bounds_for_any_sample(samples) -> None:
+    """For any travel, speed and force it is between the share of the softest arm and one."""
     state = initial()
     for sample in samples:
-        state = update(state, told(*sample), np.full(3, 5e4))
+        state = update(state, response_sample(*sample), np.full(3, 5e4))
         assert (state.share >= softest(5e4)).all()
         assert (state.share <= 1.0).all()
 
 
-def test_what_was_learnt_is_kept_while_nothing_new_is_said() -> None:
-    """A tool that stands still after a release believes what it did."""
+def test_the_estimate_is_kept_without_new_motion() -> None:
+    """A tool at rest after a release keeps its estimate."""
     state = released(2e5, 1.6e5)
     after = state
     for _ in range(100):
-        after = update(after, told(1.9e-4, 0.0, 0.0), np.full(3, 2e5))
+        after = update(after, response_sample(1.9e-4, 0.0, 0.0), np.full(3, 2e5))
     assert after.share == pytest.approx(state.share, rel=0.03)

@@ -1,4 +1,4 @@
-"""The regulator on the bus: started and stopped by request, refused with a reason, tuned."""
+"""The regulator on the bus: start and stop by request, refusals with a reason, gains."""
 
 from typing import Any
 
@@ -28,7 +28,7 @@ TWO_HOSTS = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
 
 @pytest.fixture
 def bench() -> RegulatorBench:
-    """A regulator that nobody has started."""
+    """Return a regulator that has not been started."""
     bench = RegulatorBench()
     bench.pass_s(0.1)
     return bench
@@ -37,14 +37,14 @@ def bench() -> RegulatorBench:
 # --- start and stop -------------------------------------------------------------------------------
 
 
-def test_every_wrench_wakes_it(bench: RegulatorBench) -> None:
-    """Its trigger is its main input: no period of waiting in the loop."""
+def test_every_wrench_triggers_it(bench: RegulatorBench) -> None:
+    """Its trigger is its main input: the loop does not wait for a period."""
     assert bench.service.trigger is not None
     assert bench.service.trigger.topic is topics.WRENCH
 
 
-def test_it_speaks_every_period_while_it_is_stopped(bench: RegulatorBench) -> None:
-    """Not valid and stopped, with the sample behind it: silence would look like death."""
+def test_it_publishes_every_period_while_it_is_stopped(bench: RegulatorBench) -> None:
+    """The target is not valid and stopped, with the sample it is based on; silence means death."""
     for _ in range(10):
         bench.step()
         reading = bench.out.read(bench.clock.now_ns())
@@ -54,42 +54,42 @@ def test_it_speaks_every_period_while_it_is_stopped(bench: RegulatorBench) -> No
 
 @pytest.mark.parametrize("mode", ["position", "orientation", "both"])
 @pytest.mark.parametrize("force_N", [0.0, 30.0])
-def test_it_starts_where_the_arm_is(bench: RegulatorBench, mode: Any, force_N: float) -> None:
-    """The first pose is the measured one, whatever the wrench is at that moment."""
+def test_it_starts_at_the_measured_pose(bench: RegulatorBench, mode: Any, force_N: float) -> None:
+    """The first pose is the measured one, for any wrench."""
     bench.push((force_N, 0.0, force_N), (1.0, 0.0, 0.0))
     bench.step()
     assert bench.start(ForceStartRequest(mode=mode, setpoint_N=10.0)).accepted
-    said = bench.said()
-    assert (said.valid, said.mode, said.host) == (True, mode, "pc")
-    assert said.pose is not None
-    assert pose_of(said.pose).homogeneous == pytest.approx(T_START.homogeneous, abs=1e-12)
+    target = bench.published()
+    assert (target.valid, target.mode, target.host) == (True, mode, "pc")
+    assert target.pose is not None
+    assert pose_of(target.pose).homogeneous == pytest.approx(T_START.homogeneous, abs=1e-12)
 
 
 def test_the_target_carries_the_set_point_and_the_law(bench: RegulatorBench) -> None:
-    """What was asked for, not what the ramp has come to; nothing while it is stopped."""
+    """The target has the requested set point, not the ramp; while stopped it has none."""
     bench.step()
-    assert (bench.said().setpoint_N, bench.said().law) == (None, None)
+    assert (bench.published().setpoint_N, bench.published().law) == (None, None)
     bench.push((0.0, 0.0, 5.0))
     bench.start(ForceStartRequest(mode="position", setpoint_N=15.0))
     bench.pass_s(0.05)
-    assert (bench.said().setpoint_N, bench.said().law) == (15.0, CELL.force.law)
+    assert (bench.published().setpoint_N, bench.published().law) == (15.0, CELL.force.law)
     bench.start(ForceStartRequest(mode="position", setpoint_N=25.0, law="plain"))
     bench.pass_s(0.05)
-    assert (bench.said().setpoint_N, bench.said().law) == (25.0, "plain")
+    assert (bench.published().setpoint_N, bench.published().law) == (25.0, "plain")
 
 
 def test_position_moves_the_flange_along_the_force_at_the_tuned_rate(bench: RegulatorBench) -> None:
-    """After a second at 5 N beyond the deadband: Ki 5 N 1 s upwards, no turn."""
+    """After a second at 5 N beyond the deadband: Ki 5 N 1 s upwards, no rotation."""
     bench.push((0.0, 0.0, 5.0 + CELL.force.deadband_N))
     bench.start()
     bench.pass_s(1.0)
     moved = bench.T_base_tcp().translation - (T_START * T_FLANGE_TCP).translation
     assert moved == pytest.approx([0.0, 0.0, 5.0 * KI], rel=0.01, abs=1e-9)
-    assert bench.said().error_force_N == pytest.approx((0.0, 0.0, 5.0))
+    assert bench.published().error_force_N == pytest.approx((0.0, 0.0, 5.0))
 
 
 def test_orientation_turns_the_flange_about_the_tcp(bench: RegulatorBench) -> None:
-    """The TCP stays to a nanometre while the flange swings round it."""
+    """The TCP stays to a nanometre while the flange turns about it."""
     bench.push((0.0, 0.0, 30.0), (0.3, -0.2, 0.1))
     bench.start(ForceStartRequest(mode="orientation"))
     bench.pass_s(0.3)
@@ -101,7 +101,7 @@ def test_orientation_turns_the_flange_about_the_tcp(bench: RegulatorBench) -> No
 
 
 def test_stop_ends_it_and_a_new_start_begins_at_the_arm(bench: RegulatorBench) -> None:
-    """What was proposed last time is forgotten."""
+    """The last proposal is dropped."""
     bench.push((0.0, 0.0, 20.0))
     bench.start()
     bench.pass_s(0.5)
@@ -113,40 +113,40 @@ def test_stop_ends_it_and_a_new_start_begins_at_the_arm(bench: RegulatorBench) -
     assert bench.T_base_tcp().translation == pytest.approx(start, abs=1e-12)
 
 
-def test_another_mode_or_set_point_goes_on_without_a_bump(bench: RegulatorBench) -> None:
-    """Asked for while it runs: the pose goes on from where it was, the set point on a ramp."""
+def test_another_mode_or_set_point_continues_without_a_step(bench: RegulatorBench) -> None:
+    """While it runs the pose continues from where it was, the set point on a ramp."""
     bench.push((0.0, 0.0, 5.0))
     bench.start()
     bench.pass_s(0.5)
     before = bench.T_base_tcp().translation
-    errors = [bench.said().error_force_N[2]]
+    errors = [bench.published().error_force_N[2]]
     assert bench.start(ForceStartRequest(mode="both", setpoint_N=20.0)).accepted
     assert np.linalg.norm(bench.T_base_tcp().translation - before) < 1e-4
     ramp_s = 20.0 / CELL.force.setpoint_ramp_N_s
-    errors.append(bench.said().error_force_N[2])
+    errors.append(bench.published().error_force_N[2])
     for _ in range(round(ramp_s / PERIOD_S) + 5):
         bench.step()
-        errors.append(bench.said().error_force_N[2])
+        errors.append(bench.published().error_force_N[2])
     assert max(np.abs(np.diff(errors))) <= CELL.force.setpoint_ramp_N_s * PERIOD_S + 1e-9
     assert errors[-1] == pytest.approx(5.0 - 20.0 + CELL.force.deadband_N)
 
 
 @pytest.mark.parametrize(
-    ("felt_N", "wanted_N", "begins_N"),
+    ("measured_N", "setpoint_N", "begins_N"),
     [(15.0, 25.0, 15.0), (15.0, 10.0, 10.0), (15.0, 0.0, 0.0), (0.0, 20.0, 0.0), (-3.0, 20.0, 0.0)],
     ids=["more", "less", "release", "from the air", "pulled"],
 )
-def test_the_set_point_begins_at_what_is_felt_already(
-    bench: RegulatorBench, felt_N: float, wanted_N: float, begins_N: float
+def test_the_set_point_ramp_begins_at_the_measured_force(
+    bench: RegulatorBench, measured_N: float, setpoint_N: float, begins_N: float
 ) -> None:
-    """An arm that presses does not let go first, and a release does not wait for a ramp."""
-    bench.push((0.0, 0.0, felt_N))
-    bench.start(ForceStartRequest(mode="position", setpoint_N=wanted_N))
+    """An arm that presses does not release first, and a release does not wait for a ramp."""
+    bench.push((0.0, 0.0, measured_N))
+    bench.start(ForceStartRequest(mode="position", setpoint_N=setpoint_N))
     bench.step()
     band_N, step_N = CELL.force.deadband_N, CELL.force.setpoint_ramp_N_s * PERIOD_S
-    wants_N = felt_N - min(begins_N + step_N, wanted_N)
-    error_N = np.sign(wants_N) * max(abs(wants_N) - band_N, 0.0)
-    assert bench.said().error_force_N[2] == pytest.approx(error_N, abs=step_N)
+    ramp_error_N = measured_N - min(begins_N + step_N, setpoint_N)
+    error_N = np.sign(ramp_error_N) * max(abs(ramp_error_N) - band_N, 0.0)
+    assert bench.published().error_force_N[2] == pytest.approx(error_N, abs=step_N)
 
 
 # --- refusals -------------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ def test_the_set_point_begins_at_what_is_felt_already(
 
 @pytest.mark.parametrize("state", ["BOOT", "IDLE", "HOLDING", "FAULT"])
 def test_a_start_needs_an_armed_arbiter(bench: RegulatorBench, state: Any) -> None:
-    """Refused in every other state, by its name."""
+    """A start is refused in every other state, by its name."""
     bench.arbiter = ArbiterStatus(state=state)
     bench.step()
     reply = bench.start()
@@ -163,7 +163,7 @@ def test_a_start_needs_an_armed_arbiter(bench: RegulatorBench, state: Any) -> No
 
 
 def test_a_start_is_refused_while_the_operator_commands(bench: RegulatorBench) -> None:
-    """A goal is on its way: it would be followed by a jump to where force feedback began."""
+    """A goal is in execution: it would be followed by a jump to the start of force feedback."""
     bench.arbiter = ArbiterStatus(state="ACTIVE", commander="operator", lease=3)
     bench.step()
     reply = bench.start()
@@ -171,8 +171,8 @@ def test_a_start_is_refused_while_the_operator_commands(bench: RegulatorBench) -
     assert_stopped(bench, "stopped")
 
 
-def test_a_host_that_the_cell_has_not_is_refused(bench: RegulatorBench) -> None:
-    """The refusal says what would be needed and what there is."""
+def test_an_unavailable_host_is_refused(bench: RegulatorBench) -> None:
+    """The refusal names the required and the available hosts."""
     reply = bench.start(ForceStartRequest(mode="position", host="controller"))
     assert (reply.accepted, reply.code) == (False, "host")
     assert "offers pc" in reply.text
@@ -180,16 +180,16 @@ def test_a_host_that_the_cell_has_not_is_refused(bench: RegulatorBench) -> None:
 
 def test_a_set_point_above_the_cells_is_refused_with_both_numbers(bench: RegulatorBench) -> None:
     """The limit itself is allowed."""
-    most = CELL.force.setpoint_max_N
-    reply = bench.start(ForceStartRequest(mode="position", setpoint_N=most + 0.1))
+    limit_N = CELL.force.setpoint_max_N
+    reply = bench.start(ForceStartRequest(mode="position", setpoint_N=limit_N + 0.1))
     assert (reply.accepted, reply.code) == (False, "setpoint")
-    assert (reply.value, reply.limit) == (most + 0.1, most)
-    assert bench.start(ForceStartRequest(mode="position", setpoint_N=most)).accepted
+    assert (reply.value, reply.limit) == (limit_N + 0.1, limit_N)
+    assert bench.start(ForceStartRequest(mode="position", setpoint_N=limit_N)).accepted
 
 
 @pytest.mark.parametrize("topic", [topics.WRENCH, topics.ROBOT_STATE], ids=lambda t: t.key)
 def test_a_start_needs_fresh_inputs(bench: RegulatorBench, topic: Any) -> None:
-    """Refused with the name of what is stale."""
+    """The refusal names the stale input."""
     bench.silent = {topic.key}
     bench.pass_s(0.2)
     reply = bench.start()
@@ -199,29 +199,33 @@ def test_a_start_needs_fresh_inputs(bench: RegulatorBench, topic: Any) -> None:
 
 
 @pytest.mark.parametrize("stiffer", [0.3, 1.0, 3.0])
-def test_the_controller_seeks_contact_no_faster_than_the_law_on_the_pc(stiffer: float) -> None:
-    """It goes by gain times set point: until the tool touches, the set point is less than asked."""
+def test_the_controller_approaches_no_faster_than_the_law_on_the_pc(stiffer: float) -> None:
+    """Its speed is gain times set point: until the touch the sent set point is lower."""
     bench = RegulatorBench(CELL.model_copy(update={"robot": TWO_HOSTS}))
     bench.pass_s(0.1)
     gain = stiffer * KI
     assert bench.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(gain,) * 3)).accepted
-    wanted = ForceStartRequest(mode="position", host="controller", setpoint_N=30.0)
-    assert bench.start(wanted).accepted
+    request = ForceStartRequest(mode="position", host="controller", setpoint_N=30.0)
+    assert bench.start(request).accepted
     bench.pass_s(1.0)
-    most_N = law_settings(CELL).approach_m_s / gain
-    assert sought_N(bench) == pytest.approx(min(most_N, 30.0), rel=1e-3)
+    limit_N = law_settings(CELL).approach_m_s / gain
+    assert sent_setpoint_N(bench) == pytest.approx(min(limit_N, 30.0), rel=1e-3)
     bench.push((0.0, 0.0, 5.0))
-    before_N = sought_N(bench)
+    before_N = sent_setpoint_N(bench)
     for _ in range(60):
         bench.step()
-        assert -1e-9 <= sought_N(bench) - before_N <= CELL.force.setpoint_ramp_N_s * PERIOD_S + 1e-9
-        before_N = sought_N(bench)
+        assert (
+            -1e-9
+            <= sent_setpoint_N(bench) - before_N
+            <= CELL.force.setpoint_ramp_N_s * PERIOD_S + 1e-9
+        )
+        before_N = sent_setpoint_N(bench)
     assert before_N == pytest.approx(30.0)
 
 
-def sought_N(bench: RegulatorBench) -> float:
-    """Return the set point that the controller is sent."""
-    feedback = bench.said().feedback
+def sent_setpoint_N(bench: RegulatorBench) -> float:
+    """Return the set point that is sent to the controller."""
+    feedback = bench.published().feedback
     assert feedback is not None
     return float(np.linalg.norm(feedback.setpoint_force_N))
 
@@ -230,7 +234,7 @@ def sought_N(bench: RegulatorBench) -> float:
 
 
 def test_gains_are_set_by_request_and_the_rest_keeps_its_value(bench: RegulatorBench) -> None:
-    """One kind of gain changes, on a ramp and without a bump; the reply lists all."""
+    """One kind of gain changes, on a ramp and without a step; the reply lists all."""
     bench.push((0.0, 0.0, 5.0 + CELL.force.deadband_N), (0.5, 0.0, 0.0))
     bench.start(ForceStartRequest(mode="orientation"))
     reply = bench.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(0.0, 0.0, 2.0 * KI)))

@@ -1,4 +1,4 @@
-"""Deterministic replay: what a run's regulator said, it says again, byte by byte."""
+"""Deterministic replay: the regulator publishes the same bytes again."""
 
 import json
 
@@ -18,17 +18,17 @@ NEAR = CELL.model_copy(
 
 @pytest.fixture(scope="module")
 def lines() -> list[str]:
-    """A run: find the plate, press, another mode, other gains, another law, stop."""
+    """Capture a run: approach, press, another mode, other gains, another law, stop."""
     capture = Capture(NEAR)
     capture.advance(1.6)
     capture.ask(topics.TARE, Empty())
     capture.ask(topics.ARM, ArmRequest())
-    for wanted in (
+    for request in (
         ForceStartRequest(mode="position", setpoint_N=20.0, law="adaptive"),
         ForceStartRequest(mode="both", setpoint_N=10.0, law="adaptive"),
         ForceStartRequest(mode="position", setpoint_N=5.0, law="plain"),
     ):
-        capture.ask(topics.FORCE_START, wanted)
+        capture.ask(topics.FORCE_START, request)
         capture.advance(0.8)
         capture.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(GAIN, GAIN, 0.5 * GAIN)))
         capture.advance(0.2)
@@ -38,20 +38,20 @@ def lines() -> list[str]:
 
 
 def test_a_captured_run_gives_the_same_commands_byte_by_byte(lines) -> None:
-    """Every target of the run, in the words of the file, is what the regulator says again."""
+    """The regulator publishes every target of the run again, byte by byte."""
     pairs = list(replay(lines, NEAR))
     assert len(pairs) > 700
-    assert sum(b'"contact":"contact"' in said for said, _ in pairs) > 300
-    assert [now for _, now in pairs] == [said for said, _ in pairs]
+    assert sum(b'"contact":"contact"' in recorded for recorded, _ in pairs) > 300
+    assert [replayed for _, replayed in pairs] == [recorded for recorded, _ in pairs]
 
 
 def test_another_wrench_gives_other_commands(lines) -> None:
-    """The comparison can fail: a tenth of a newton more on every wrench is noticed."""
-    spoiled = []
+    """The comparison can fail: 0.1 N more on every wrench is detected."""
+    changed = []
     for line in lines:
         fields = json.loads(line)
         if fields.get("topic") == "demo/wrench":
             x, y, z = fields["force_N"]
             fields["force_N"] = (x, y, z + 0.1)
-        spoiled.append(json.dumps(fields))
-    assert any(now != said for said, now in replay(spoiled, NEAR))
+        changed.append(json.dumps(fields))
+    assert any(replayed != recorded for recorded, replayed in replay(changed, NEAR))

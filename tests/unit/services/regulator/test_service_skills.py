@@ -1,4 +1,4 @@
-"""What the skills need of the regulator: hand guiding, a way across the tool's axis, presets."""
+"""The regulator's part of the skills: hand guiding, a path across the tool's axis, presets."""
 
 from itertools import pairwise
 
@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.motion.convert import pose_of
 from forcemesh import topics
-from forcemesh.messages import Preset, RobotState
+from forcemesh.messages import Preset
 from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest
 from services.regulator import admittance
 from services.regulator.admittance import AdmittanceSettings
@@ -18,7 +17,7 @@ from services.regulator.settings import law_settings, pi_gains
 from services.regulator.tcp_path import advance, append_points, remaining_m
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
-from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
+from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, FollowingBench
 from tuning.gain_rule import LOOP_GAINS, tune
 
 DOWN = (T_START * T_FLANGE_TCP).rotation[:, 2]
@@ -28,41 +27,11 @@ coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
 points = st.lists(st.tuples(*[coordinates] * 3).map(np.array), min_size=1, max_size=6)
 
 
-class Obedient(RegulatorBench):
-    """A regulator whose arm is at once where it is told to be."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.robot: RobotState
-        self.way_m: list[float] = []
-        self.pass_s(0.1)
-
-    def live(self, seconds: float) -> None:
-        """Let time pass and obey."""
-        for _ in range(round(seconds / PERIOD_S)):
-            self.step()
-
-    def step(self, periods: int = 1) -> None:
-        """Let periods pass and obey."""
-        for _ in range(periods):
-            super().step()
-            said = self.said()
-            if said.valid and said.pose is not None:
-                before = self.p
-                self.robot = self.robot.model_copy(update=said.pose.model_dump())
-                self.way_m.append(float(np.linalg.norm(self.p - before)))
-
-    @property
-    def p(self) -> np.ndarray:
-        """Where the TCP is."""
-        return np.array((pose_of(self.robot) * T_FLANGE_TCP).translation)
-
-
 # --- hand guiding ---------------------------------------------------------------------------------
 
 
 def guided(force_N, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the way and the last speed under a force, told at each period, base axes."""
+    """Return the travel and the last speed under a force of each period, in base axes."""
     law, memory = start_at(T_START), admittance.begin(T_START)
     before = T_START.translation
     for number in range(round(seconds / PERIOD_S)):
@@ -79,16 +48,18 @@ def guided(force_N, seconds: float) -> tuple[np.ndarray, np.ndarray]:
 
 @settings(max_examples=8)
 @given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(0.0, 1.0))
-def test_what_may_be_left_in_free_space_never_moves_a_tool_that_nobody_guides(way, share) -> None:
-    """A bias as large as the preflight lets pass: at rest nothing moves; after a push it stops."""
-    length = max(float(np.linalg.norm(way)), 1e-9)
-    bias_N = np.array(way) / length * CELL.force.idle_max_N * share * 0.999
+def test_a_residual_force_never_moves_a_tool_without_a_hand(direction, share) -> None:
+    """With the largest bias that the preflight accepts nothing moves; after a push it stops."""
+    length = max(float(np.linalg.norm(direction)), 1e-9)
+    bias_N = np.array(direction) / length * CELL.force.idle_max_N * share * 0.999
     assert np.linalg.norm(guided(lambda _: bias_N, 0.5)[0]) < 1e-12
-    pushed = guided(lambda t: bias_N + (20.0 if t < 0.2 else 0.0) * np.array(way) / length, 4.0)
-    assert np.linalg.norm(pushed[1]) < 1e-4
+    after_push = guided(
+        lambda t: bias_N + (20.0 if t < 0.2 else 0.0) * np.array(direction) / length, 4.0
+    )
+    assert np.linalg.norm(after_push[1]) < 1e-4
 
 
-def test_it_gives_way_more_to_a_hand_than_the_gain_rule_and_never_too_fast() -> None:
+def test_it_yields_more_to_a_hand_than_the_gain_rule_and_never_too_fast() -> None:
     """At 10 N several times the plain law's speed; at 100 N the cell's speed limit."""
     _, speed = guided(lambda _: (0.0, 10.0, 0.0), 1.0)
     assert speed[1] > 3.0 * tune(CELL).force_i_m_per_Ns * 10.0 or speed[1] >= 0.99 * SPEED
@@ -101,8 +72,8 @@ SPEED = CELL.force.speed_max_m_s
 
 
 @pytest.mark.parametrize("stiffness_N_m", [2e3, 2e4])
-def test_what_opposes_more_than_a_hand_damps_it_at_once(stiffness_N_m: float) -> None:
-    """Pushed with 10 N into a wall through the loop's delay: it comes to rest, it does not hop."""
+def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -> None:
+    """Pushed with 10 N into a wall through the loop's delay: it comes to rest without bouncing."""
     late = round((CELL.loop_delay_s - CELL.filter.lowpass_s) / PERIOD_S)
     law, memory = start_at(T_START), admittance.begin(T_START)
     places = [T_START.copy()] * (late + 1)
@@ -110,8 +81,8 @@ def test_what_opposes_more_than_a_hand_damps_it_at_once(stiffness_N_m: float) ->
     for number in range(800):
         deep_m = max(0.0, float(T_START.translation[2] - 0.002 - places[0].translation[2]))
         forces.append(stiffness_N_m * deep_m)
-        felt = np.array([0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0)])
-        sample = LawInput(felt, np.zeros(3), 0.0, "position", PERIOD_S)
+        force_N = np.array([0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0)])
+        sample = LawInput(force_N, np.zeros(3), 0.0, "position", PERIOD_S)
         law, memory = admittance.advance(
             law, memory, sample, places[0], gains=GAINS, plain=PLAIN, settings=SETTINGS
         )
@@ -121,50 +92,52 @@ def test_what_opposes_more_than_a_hand_damps_it_at_once(stiffness_N_m: float) ->
     assert resting.mean() == pytest.approx(10.0, abs=SETTINGS.deadband_N + 0.5)
 
 
-def test_guiding_is_asked_for_by_its_law_and_changes_over_without_a_jump() -> None:
-    """From guiding to pressing and back while pushed: no step beyond one period's limit."""
-    bench = Obedient()
+def test_guiding_is_requested_by_its_law_and_changes_without_a_step() -> None:
+    """From guiding to pressing and back while after_push: no step beyond one period's limit."""
+    bench = FollowingBench()
     guide = ForceStartRequest(mode="both", law="admittance")
-    for wanted in (guide, PRESS, guide, ForceStartRequest(mode="orientation", law="adaptive")):
+    for request in (guide, PRESS, guide, ForceStartRequest(mode="orientation", law="adaptive")):
         bench.push((3.0, -25.0, 12.0), (0.3, 0.0, -0.4))
-        assert bench.start(wanted).accepted
-        bench.live(0.3)
-    assert max(bench.way_m) <= SPEED * PERIOD_S * (1 + 1e-6)
-    assert max(bench.way_m) > 0.9 * SPEED * PERIOD_S
+        assert bench.start(request).accepted
+        bench.pass_s(0.3)
+    assert max(bench.steps_m) <= SPEED * PERIOD_S * (1 + 1e-6)
+    assert max(bench.steps_m) > 0.9 * SPEED * PERIOD_S
     refused = bench.start(ForceStartRequest(mode="position", law="admittance", setpoint_N=5.0))
     assert (refused.accepted, refused.code) == (False, "setpoint")
     refused = bench.start(ForceStartRequest(mode="position", law="admittance", host="controller"))
     assert (refused.accepted, refused.code) == (False, "host")
 
 
-def test_the_answer_to_a_start_names_what_the_request_left_to_the_cell_file() -> None:
-    """Law and host, and the preset that was asked for."""
-    bench = Obedient()
+def test_the_reply_to_a_start_names_the_defaults_of_the_cell_file() -> None:
+    """The reply has law and host, and the requested preset."""
+    bench = FollowingBench()
     law = bench.cell.force.law
     assert bench.start(PRESS).text.endswith(f"N, law {law}, on the PC")
-    wanted = PRESS.model_copy(update={"law": "adaptive", "preset": "gentle"})
-    assert bench.start(wanted).text.endswith("N, law adaptive with preset gentle, on the PC")
+    request = PRESS.model_copy(update={"law": "adaptive", "preset": "gentle"})
+    assert bench.start(request).text.endswith("N, law adaptive with preset gentle, on the PC")
 
 
-# --- a way ----------------------------------------------------------------------------------------
+# --- a path ---------------------------------------------------------------------------------------
 
 
 @settings(max_examples=20)
 @given(points, st.floats(0.005, 0.2), st.floats(0.1, 2.0))
-def test_a_route_visits_its_points_across_the_axis_at_no_more_than_its_speed(
-    way, speed_m_s, accel_m_s2
+def test_a_path_visits_its_points_across_the_axis_within_its_speed(
+    direction, speed_m_s, accel_m_s2
 ) -> None:
-    """Every point is passed within a period's way, the axis is never moved along, then it rests."""
+    """Each point is passed within a period's travel, without motion along the axis."""
     axis, p = np.array([0.0, 0.6, 0.8]), np.zeros(3)
     route = append_points(
-        None, tuple(way), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False
+        None, tuple(direction), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False
     )
-    still, seen, speeds = np.zeros(3), [p], [0.0]
-    expected_s = remaining_m(route, p, axis) / speed_m_s + len(way) * speed_m_s / accel_m_s2 + 1.0
+    rest, visited, speeds = np.zeros(3), [p], [0.0]
+    expected_s = (
+        remaining_m(route, p, axis) / speed_m_s + len(direction) * speed_m_s / accel_m_s2 + 1.0
+    )
     for _ in range(round(3.0 * expected_s / PERIOD_S)):
-        route, shift = advance(route, p, axis, dt_s=PERIOD_S, pushed_m=still, most_m=1.0)
+        route, shift = advance(route, p, axis, dt_s=PERIOD_S, pushed_m=rest, most_m=1.0)
         p = p + shift
-        seen.append(p)
+        visited.append(p)
         speeds.append(route.now_m_s)
         assert np.linalg.norm(shift) <= route.now_m_s * PERIOD_S * (1 + 1e-9)
         assert abs(float(shift @ axis)) < 1e-12
@@ -172,16 +145,16 @@ def test_a_route_visits_its_points_across_the_axis_at_no_more_than_its_speed(
     assert max(speeds) <= speed_m_s * (1 + 1e-9)
     rises = [b - a for a, b in pairwise(speeds)]
     assert max(rises) <= accel_m_s2 * PERIOD_S * (1 + 1e-9)
-    for point in way:
-        across = np.array(seen) - point
+    for point in direction:
+        across = np.array(visited) - point
         across -= np.outer(across @ axis, axis)
         assert np.linalg.norm(across, axis=1).min() < max(1e-5, speed_m_s * PERIOD_S)
 
 
 @given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.floats(0.0, 1.0))
-def test_force_and_way_together_are_no_faster_than_the_limit(way, share) -> None:
-    """Whatever the force has moved already: the way takes what is left of the period's motion."""
-    pushed_m = 2e-4 * share * np.array(way) / max(1.0, float(np.linalg.norm(way)))
+def test_force_and_path_together_are_within_the_speed_limit(direction, share) -> None:
+    """The path takes the rest of the period's motion that the force leaves."""
+    pushed_m = 2e-4 * share * np.array(direction) / max(1.0, float(np.linalg.norm(direction)))
     axis = np.array([0.0, 0.0, 1.0])
     route = append_points(
         None, (np.array([0.1, 0.0, 0.0]),), speed_m_s=0.2, accel_m_s2=100.0, in_contact=False
@@ -190,38 +163,38 @@ def test_force_and_way_together_are_no_faster_than_the_limit(way, share) -> None
     assert np.linalg.norm(pushed_m + shift) <= 2e-4 * (1 + 1e-9)
 
 
-def test_a_pressed_tool_goes_along_points_and_stops_where_contact_ends() -> None:
-    """It says how far it has to go, waits without contact, and stands when told to."""
-    bench = Obedient()
-    asked = PathRequest(points_m=((0.1, 0.1, 0.0),))
-    assert bench.ask(topics.FORCE_PATH, asked).code == "not_armed"
+def test_a_pressed_tool_follows_points_and_stops_where_contact_ends() -> None:
+    """It reports the remaining path, waits without contact, and stops on request."""
+    bench = FollowingBench()
+    request_of_path = PathRequest(points_m=((0.1, 0.1, 0.0),))
+    assert bench.ask(topics.FORCE_PATH, request_of_path).code == "not_armed"
     bench.push((0.0, 0.0, 5.0))
     bench.start(PRESS)
-    bench.live(0.1)
-    start = bench.p
+    bench.pass_s(0.1)
+    start = bench.p_tcp_m
     ahead = tuple(tuple(start + np.array([x, 0.0, 0.3])) for x in (0.01, 0.02))
     assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=ahead, speed_m_s=0.04)).accepted
-    bench.live(0.2)
-    halfway = bench.p
+    bench.pass_s(0.2)
+    halfway = bench.p_tcp_m
     assert 0.002 < halfway[0] - start[0] < 0.01
-    assert bench.said().path_left_m == pytest.approx(0.02 - (halfway - start)[0], abs=1e-4)
+    assert bench.published().path_left_m == pytest.approx(0.02 - (halfway - start)[0], abs=1e-4)
     bench.push()
-    bench.live(0.2)
-    stood = bench.p
-    bench.live(0.2)
-    assert bench.p[:2] == pytest.approx(stood[:2], abs=1e-9)
+    bench.pass_s(0.2)
+    stopped_at = bench.p_tcp_m
+    bench.pass_s(0.2)
+    assert bench.p_tcp_m[:2] == pytest.approx(stopped_at[:2], abs=1e-9)
     bench.push((0.0, 0.0, 5.0))
-    bench.live(1.0)
-    assert bench.p[:2] == pytest.approx((start + np.array([0.02, 0.0, 0.0]))[:2], abs=1e-6)
-    assert bench.said().path_left_m == 0.0
+    bench.pass_s(1.0)
+    assert bench.p_tcp_m[:2] == pytest.approx((start + np.array([0.02, 0.0, 0.0]))[:2], abs=1e-6)
+    assert bench.published().path_left_m == 0.0
     more = PathRequest(points_m=(tuple(start),), append=True)
     assert bench.ask(topics.FORCE_PATH, more).accepted
-    bench.live(0.3)
+    bench.pass_s(0.3)
     assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted
-    bench.live(0.1)
-    stood = bench.p
-    bench.live(0.3)
-    assert bench.p == pytest.approx(stood, abs=1e-9)
+    bench.pass_s(0.1)
+    stopped_at = bench.p_tcp_m
+    bench.pass_s(0.3)
+    assert bench.p_tcp_m == pytest.approx(stopped_at, abs=1e-9)
     fast = bench.ask(topics.FORCE_PATH, PathRequest(points_m=ahead, speed_m_s=0.2))
     assert (fast.code, fast.limit) == ("setpoint", SPEED)
 
@@ -236,24 +209,24 @@ def test_a_pressed_tool_goes_along_points_and_stops_where_contact_ends() -> None
         ({"mode": "orientation"}, "ok"),
     ],
 )
-def test_the_adaptive_law_goes_along_points_only_across_what_it_presses(changes, code) -> None:
-    """It foresees what its own commands do: a path beside them would pass for a push."""
-    bench = Obedient()
+def test_the_adaptive_law_follows_points_only_across_its_press_axis(changes, code) -> None:
+    """Its prediction uses its own commands: other motion would count as a push."""
+    bench = FollowingBench()
     bench.push((0.0, 0.0, 5.0))
     bench.start(PRESS.model_copy(update={"law": "adaptive"} | changes))
-    bench.live(0.1)
-    ahead = tuple(bench.p + np.array([0.01, 0.01, 0.0]))
+    bench.pass_s(0.1)
+    ahead = tuple(bench.p_tcp_m + np.array([0.01, 0.01, 0.0]))
     assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=(ahead,))).code == code
-    assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted  # to stand is always allowed
+    assert bench.ask(topics.FORCE_PATH, PathRequest()).accepted  # a stop is always allowed
 
 
 # --- presets --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("preset", LOOP_GAINS)
-def test_a_preset_is_a_loop_gain_and_never_beyond_what_inertia_allows(preset: Preset) -> None:
-    """The loop gain is the preset's, or the gain is the inertia's; single gains go before it."""
-    bench = Obedient()
+def test_a_preset_is_a_loop_gain_limited_by_inertia(preset: Preset) -> None:
+    """The loop gain is the preset's, or the gain is the inertia's; single gains take precedence."""
+    bench = FollowingBench()
     reply = bench.ask(topics.GAINS, GainsRequest(preset=preset, force_i_m_per_Ns=(0.0, 0.0, 1e-6)))
     assert reply.gains is not None
     assert reply.gains.force_i_m_per_Ns == (0.0, 0.0, 1e-6)
@@ -269,17 +242,17 @@ def test_a_preset_is_a_loop_gain_and_never_beyond_what_inertia_allows(preset: Pr
 
 @settings(max_examples=10)
 @given(st.lists(st.sampled_from(sorted(LOOP_GAINS)), min_size=2, max_size=5))
-def test_a_preset_changed_while_it_works_makes_no_step_beyond_one_periods_limit(changes) -> None:
-    """Through the bus, pushed hard: every command is within the tick, and speed does not jump."""
-    bench = Obedient()
+def test_a_preset_changed_in_operation_makes_no_step_beyond_one_periods_limit(changes) -> None:
+    """On the bus under a large force every command is within the limit; the speed has no step."""
+    bench = FollowingBench()
     bench.push((0.0, 8.0, 20.0))
     bench.start()
-    bench.live(0.2)
-    before = len(bench.way_m)
+    bench.pass_s(0.2)
+    before = len(bench.steps_m)
     for preset in changes:
         assert bench.ask(topics.GAINS, GainsRequest(preset=preset)).accepted
-        bench.live(0.08)
-    steps = np.array(bench.way_m[before - 1 :])
+        bench.pass_s(0.08)
+    steps = np.array(bench.steps_m[before - 1 :])
     assert steps.max() <= SPEED * PERIOD_S * (1 + 1e-6)
     widest = max(LOOP_GAINS.values()) - min(LOOP_GAINS.values())
     largest = steps.max() * widest / min(LOOP_GAINS.values()) * PERIOD_S / 0.1

@@ -1,4 +1,4 @@
-"""A link that stalls one way winds nothing up: no peak, no lift-off, or held in contact."""
+"""A link that stalls in one direction: no wind-up, no peak, no lift-off, or a hold in contact."""
 
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,13 @@ from tests.fakes.stalling_wire import StallingWire
 
 CELLS = Path(__file__).parents[4] / "cells"
 SETPOINT_N = 20.0
-MOST_N = 1.3 * SETPOINT_N
-LEAST_N = 1.0  # of contact: the tool has not lifted off
+MAX_N = 1.3 * SETPOINT_N
+MIN_N = 1.0  # contact force of a tool that has not lifted off
 GAP_M = 0.002
 
 
 class Stalled:
-    """A cell with gateway and emulated controller that presses over a wire that stalls."""
+    """A cell with gateway and emulated controller that presses over a stalling wire."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, host: Any, law: Any) -> None:
         """Tare, arm, press."""
@@ -34,11 +34,11 @@ class Stalled:
         self.cell.advance(1.5)
         assert self.cell.client.ask(topics.TARE, Empty()).accepted
         assert self.cell.client.ask(topics.ARM, ArmRequest()).accepted
-        wanted = ForceStartRequest(mode="position", host=host, law=law, setpoint_N=SETPOINT_N)
-        assert self.cell.client.ask(topics.FORCE_START, wanted).accepted
+        request = ForceStartRequest(mode="position", host=host, law=law, setpoint_N=SETPOINT_N)
+        assert self.cell.client.ask(topics.FORCE_START, request).accepted
 
     def force_N(self) -> float:
-        """How hard the plate truly pushes."""
+        """Return the true contact force of the plate."""
         return float(np.linalg.norm(self.cell.arm.true_wrench().force_N))
 
     def stall(self, direction: str, seconds: float) -> None:
@@ -47,7 +47,7 @@ class Stalled:
         setattr(StallingWire.newest, f"{direction}_until_ns", until_ns)
 
     def watch(self, seconds: float) -> tuple[float, float]:
-        """Return the least and the largest force of some time."""
+        """Return the least and the largest force of an interval."""
         forces = []
         for _ in range(round(seconds * 1e3)):
             self.cell.advance(0.001)
@@ -56,7 +56,7 @@ class Stalled:
 
     @property
     def held(self) -> bool:
-        """Whether the arbiter holds."""
+        """Return whether the arbiter holds."""
         status = self.status.read(self.cell.clock.now_ns()).message
         return status is not None and status.state in {"HOLDING", "FAULT"}
 
@@ -69,15 +69,15 @@ class Stalled:
 def test_a_stall_at_first_touch_makes_no_peak(
     monkeypatch, host: Any, law: Any, direction: str, stall_ms: int
 ) -> None:
-    """It begins as the tool touches: what was wanted meanwhile is not pressed into the plate."""
+    """The stall begins at the touch: motion proposed meanwhile is not pressed into the plate."""
     press = Stalled(monkeypatch, host, law)
     press.cell.advance(3.0, lambda: press.force_N() > 0.5)
     press.stall(direction, stall_ms / 1e3)
-    _, most_N = press.watch(stall_ms / 1e3 + 0.5)
-    assert most_N <= MOST_N
-    least_N, most_N = press.watch(0.5)
-    assert least_N >= LEAST_N
-    assert most_N <= MOST_N
+    _, largest_N = press.watch(stall_ms / 1e3 + 0.5)
+    assert largest_N <= MAX_N
+    smallest_N, largest_N = press.watch(0.5)
+    assert smallest_N >= MIN_N
+    assert largest_N <= MAX_N
     if not press.held:
         press.cell.advance(1.0)
         assert press.force_N() == pytest.approx(SETPOINT_N, abs=1.0)
@@ -91,13 +91,13 @@ def test_a_stall_at_first_touch_makes_no_peak(
 def test_a_stall_while_holding_neither_presses_nor_lifts(
     monkeypatch, host: Any, law: Any, direction: str, stall_ms: int
 ) -> None:
-    """The set point falls to half of it just before: the error is there for the whole stall."""
+    """The set point is halved just before: the error is present for the whole stall."""
     press = Stalled(monkeypatch, host, law)
     press.cell.advance(3.0, lambda: press.force_N() > 0.98 * SETPOINT_N)
     press.cell.advance(0.3)
-    wanted = ForceStartRequest(mode="position", host=host, law=law, setpoint_N=SETPOINT_N / 2)
-    assert press.cell.client.ask(topics.FORCE_START, wanted).accepted
+    request = ForceStartRequest(mode="position", host=host, law=law, setpoint_N=SETPOINT_N / 2)
+    assert press.cell.client.ask(topics.FORCE_START, request).accepted
     press.stall(direction, stall_ms / 1e3)
-    least_N, most_N = press.watch(stall_ms / 1e3 + 1.0)
-    assert least_N >= LEAST_N
-    assert most_N <= MOST_N
+    smallest_N, largest_N = press.watch(stall_ms / 1e3 + 1.0)
+    assert smallest_N >= MIN_N
+    assert largest_N <= MAX_N

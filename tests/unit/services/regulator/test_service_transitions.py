@@ -8,12 +8,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
-from common.motion.frames import rotation_between
 from forcemesh import topics
-from forcemesh.messages import ArbiterStatus, RobotState
+from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
 from tests.fakes.bench import CELL
-from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, RegulatorBench
+from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, FollowingBench
 
 BOTH_HOSTS = CELL.model_copy(
     update={"robot": CELL.robot.model_copy(update={"hosts": ("pc", "controller")})}
@@ -24,8 +23,8 @@ MODES, HOSTS, LAWS = (
     ("plain", "adaptive"),
 )
 STATES = tuple(product(MODES, HOSTS, LAWS))
-MOST_M = CELL.force.speed_max_m_s * PERIOD_S * (1 + 1e-6)
-MOST_RAD = CELL.force.speed_max_rad_s * PERIOD_S * (1 + 1e-6)
+MAX_STEP_M = CELL.force.speed_max_m_s * PERIOD_S * (1 + 1e-6)
+MAX_STEP_RAD = CELL.force.speed_max_rad_s * PERIOD_S * (1 + 1e-6)
 
 forces = st.tuples(*[st.floats(-30.0, 30.0)] * 2, st.floats(0.0, 40.0))
 torques = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
@@ -46,115 +45,87 @@ events = st.lists(
 )
 
 
-class Obedient(RegulatorBench):
-    """A regulator whose arm is wherever it is told to be, and that notes every step."""
+class TransitionBench(FollowingBench):
+    """An arm that follows the regulator through requests."""
 
-    def __init__(self) -> None:
-        """Begin armed."""
-        super().__init__(BOTH_HOSTS)
-        self.robot: RobotState
-        self.poses = [pose_of(self.robot) * T_FLANGE_TCP]
-        self.steps_m: list[float] = []
-        self.steps_rad: list[float] = []
-        self.pass_s(0.1)
-
-    def live(self, periods: int) -> None:
-        """Let periods pass and obey."""
-        for _ in range(periods):
-            self.step()
-            self.obey()
-
-    def obey(self) -> None:
-        """Go where the newest target says, and note how far that was."""
-        said = self.said()
-        if not said.valid or said.pose is None:
-            return
-        self.robot = self.robot.model_copy(update=said.pose.model_dump())
-        self.poses.append(pose_of(said.pose) * T_FLANGE_TCP)
-        before, after = self.poses[-2:]
-        self.steps_m.append(float(np.linalg.norm(after.translation - before.translation)))
-        turn = rotation_between(before.rotation, after.rotation)
-        self.steps_rad.append(float(np.linalg.norm(turn)))
-
-    def do(self, kind: str, what) -> None:
-        """Ask for something; a start may be refused, which is no transition."""
+    def request(self, kind: str, content) -> None:
+        """Send a request; a refused start is no transition."""
         if kind == "gains":
-            self.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(what, what, what)))
+            self.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(content,) * 3))
         elif kind == "stop":
             self.ask(topics.FORCE_STOP, Empty())
         else:
-            mode, host, law, setpoint_N, axes, frame = what
-            wanted = ForceStartRequest(
+            mode, host, law, setpoint_N, axes, frame = content
+            request = ForceStartRequest(
                 mode=mode, host=host, law=law, setpoint_N=setpoint_N, axes=axes, frame=frame
             )
-            self.start(wanted)
-        self.obey()
+            self.start(request)
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
 @given(events)
-def test_no_history_of_requests_and_forces_makes_a_command_jump(history) -> None:
+def test_no_sequence_of_requests_and_forces_makes_a_step_of_the_command(history) -> None:
     """Starts in any mode, host, law, set point and mask, stops, gains, any wrench in between."""
-    bench = Obedient()
-    for (kind, what), force_N, torque_Nm, periods in history:
+    bench = TransitionBench(BOTH_HOSTS)
+    for (kind, content), force_N, torque_Nm, periods in history:
         bench.push(force_N, torque_Nm)
-        bench.do(kind, what)
-        bench.live(periods)
-    assert all(step <= MOST_M for step in bench.steps_m)
-    assert all(step <= MOST_RAD for step in bench.steps_rad)
+        bench.request(kind, content)
+        bench.step(periods)
+    assert all(step <= MAX_STEP_M for step in bench.steps_m)
+    assert all(step <= MAX_STEP_RAD for step in bench.steps_rad)
 
 
 @pytest.mark.parametrize("first", STATES, ids="-".join)
-def test_every_pair_of_modes_hosts_and_laws_goes_over_without_a_bump(first) -> None:
-    """Swept: from each of the twelve to each of the twelve, pressed, while it moves."""
-    bench = Obedient()
+def test_every_pair_of_modes_hosts_and_laws_changes_without_a_step(first) -> None:
+    """The test sweeps all 12 x 12 pairs, pressed, during motion."""
+    bench = TransitionBench(BOTH_HOSTS)
     for second in STATES:
         for state in (first, second):
             bench.push((1.0, -1.0, 20.0), (0.2, -0.1, 0.0))
-            bench.do("start", (*state, 10.0, (True,) * 6, "base"))
-            said = bench.said()
-            assert (said.valid, said.mode, said.host) == (True, state[0], state[1])
-            bench.live(5)
+            bench.request("start", (*state, 10.0, (True,) * 6, "base"))
+            target = bench.published()
+            assert (target.valid, target.mode, target.host) == (True, state[0], state[1])
+            bench.step(5)
     assert len(bench.steps_m) > len(STATES) or first[1] == "controller"
-    assert max(bench.steps_m, default=0.0) <= MOST_M
-    assert max(bench.steps_rad, default=0.0) <= MOST_RAD
+    assert max(bench.steps_m, default=0.0) <= MAX_STEP_M
+    assert max(bench.steps_rad, default=0.0) <= MAX_STEP_RAD
 
 
-def test_what_was_met_holds_after_a_stop_and_a_start_as_long_as_it_touches_there() -> None:
-    """Started again, the law goes on with what it knew; elsewhere or after a lift anew."""
+def test_the_identified_stiffness_is_kept_over_a_restart_in_the_same_contact() -> None:
+    """After a restart the law keeps its estimate; elsewhere or after a lift it does not."""
     speeds = []
     for meanwhile in ("touches", "moved", "lifted"):
-        bench = Obedient()
+        bench = TransitionBench(BOTH_HOSTS)
         adaptive = ("start", ("position", "pc", "adaptive", 10.0, (True,) * 6, "base"))
         bench.push((0.0, 0.0, 3.0))
-        bench.do(*adaptive)
+        bench.request(*adaptive)
         p = bench.poses[0].translation.copy()
         for _ in range(100):  # a spring of 3000 N/m
             bench.push((0.0, 0.0, 3.0 - 3e3 * float((bench.poses[-1].translation - p)[2])))
-            bench.live(1)
-        bench.do("stop", None)
+            bench.step(1)
+        bench.request("stop", None)
         if meanwhile == "moved":
             x, y, z = bench.robot.position_m
             bench.robot = bench.robot.model_copy(update={"position_m": (x + 0.01, y, z)})
             bench.poses.append(pose_of(bench.robot) * T_FLANGE_TCP)
         bench.push((0.0, 0.0, 0.2 if meanwhile == "lifted" else 10.0))
-        bench.live(3)
+        bench.step(3)
         bench.push((0.0, 0.0, 4.0))
-        bench.do("start", ("position", "pc", "adaptive", 0.0, (True,) * 6, "base"))
-        bench.live(5)  # it speeds up no faster than the arm may
+        bench.request("start", ("position", "pc", "adaptive", 0.0, (True,) * 6, "base"))
+        bench.step(5)  # the acceleration is limited
         a, b = list(pairwise(bench.poses))[-1]
         speeds.append(float((b.translation - a.translation)[2]) / PERIOD_S)
     assert speeds[0] > 1.5 * speeds[1] > 0.0
     assert speeds[2] == pytest.approx(speeds[1], rel=0.05)
 
 
-def test_the_controller_is_sent_gains_for_what_is_touched() -> None:
+def test_the_controller_is_sent_gains_for_the_identified_contact() -> None:
     """Host controller: from the stiffest contact's gains up to a soft one's, not every period."""
-    bench = Obedient()
+    bench = TransitionBench(BOTH_HOSTS)
     bench.arbiter = ArbiterStatus(state="ARMED", lease=3)
     bench.push((0.0, 0.0, 30.0))
-    bench.do("start", ("position", "controller", "adaptive", 0.0, (True,) * 6, "base"))
-    bench.live(1)
+    bench.request("start", ("position", "controller", "adaptive", 0.0, (True,) * 6, "base"))
+    bench.step(1)
     sent = []
     x, y, z = bench.robot.position_m
     for number in range(80):
@@ -163,8 +134,8 @@ def test_the_controller_is_sent_gains_for_what_is_touched() -> None:
             update={"position_m": (x, y, z + (30.0 - force_N) / 4e3)}
         )
         bench.push((0.0, 0.0, force_N))
-        bench.live(1)
-        feedback = bench.said().feedback
+        bench.step(1)
+        feedback = bench.published().feedback
         assert feedback is not None
         sent.append(feedback.gains.force_i_m_per_Ns[2])
     assert sent[-1] > 2.0 * sent[0]
@@ -175,16 +146,16 @@ def test_the_controller_is_sent_gains_for_what_is_touched() -> None:
     assert bench.start(masked).code == "host"
 
 
-@pytest.mark.parametrize(("law", "goes_on"), [("adaptive", True), ("plain", False)])
-def test_a_surface_that_carries_the_tool_is_followed_by_the_adaptive_law(law, goes_on) -> None:
-    """Found from free space, pressed, then it rises: the plain law takes its work for a lie."""
-    bench = Obedient()
-    bench.do("start", ("position", "pc", law, 10.0, (True,) * 6, "base"))
+@pytest.mark.parametrize(("law", "continues"), [("adaptive", True), ("plain", False)])
+def test_a_rising_surface_is_followed_by_the_adaptive_law(law, continues) -> None:
+    """Contact from free space, then the surface rises: the plain law rejects its work."""
+    bench = TransitionBench(BOTH_HOSTS)
+    bench.request("start", ("position", "pc", law, 10.0, (True,) * 6, "base"))
     surface_m = float(bench.poses[0].translation[2]) - 0.0005
     for number in range(900):
         surface_m += 3e-3 * PERIOD_S if number > 600 else 0.0
         deep_m = max(0.0, surface_m - float(bench.poses[-1].translation[2]))
         bench.push((0.0, 0.0, 1e4 * deep_m))
-        bench.live(1)
-    assert bench.said().valid is goes_on
-    assert bench.said().code == ("" if goes_on else "sensor_sign")
+        bench.step(1)
+    assert bench.published().valid is continues
+    assert bench.published().code == ("" if continues else "sensor_sign")

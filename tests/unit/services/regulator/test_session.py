@@ -1,4 +1,4 @@
-"""What ends force feedback and that it stays ended; and what a limited command is to it."""
+"""The end of force feedback, which is latched, and the effect of a limited command."""
 
 from typing import Any
 
@@ -27,14 +27,14 @@ DEADLINE_S = CELL.stale_after_s(topics.WRENCH)
 
 @pytest.fixture
 def bench() -> RegulatorBench:
-    """A regulator that pushes back against 10 N and is obeyed."""
+    """Return a regulator that yields to 10 N and whose commands are applied."""
     bench = RegulatorBench()
     bench.push((0.0, 0.0, 10.0))
     bench.pass_s(0.1)
     assert bench.start().accepted
     bench.arbiter = ArbiterStatus(state="ACTIVE", commander="regulator", lease=3)
     bench.pass_s(0.2)
-    assert bench.said().valid
+    assert bench.published().valid
     return bench
 
 
@@ -45,26 +45,26 @@ def bench() -> RegulatorBench:
 def test_a_stale_input_makes_the_target_not_valid_with_its_name(
     bench: RegulatorBench, topic: Any
 ) -> None:
-    """The mode stays in the message: it runs and cannot go on, so the arbiter holds."""
+    """The mode stays in the message: it runs and cannot continue, so the arbiter holds."""
     bench.silent = {topic.key}
     bench.pass_s(CELL.stale_after_s(topic) - PERIOD_S)
-    assert bench.said().valid
+    assert bench.published().valid
     bench.step(3)
-    said = bench.said()
-    assert (said.valid, said.mode, said.pose) == (False, "position", None)
-    assert f"{topic.key} stale" in said.reason
-    assert bench.service.fault == said.reason
+    target = bench.published()
+    assert (target.valid, target.mode, target.pose) == (False, "position", None)
+    assert f"{topic.key} stale" in target.reason
+    assert bench.service.fault == target.reason
 
 
-def test_a_failure_is_latched_until_somebody_starts_again(bench: RegulatorBench) -> None:
-    """The input comes back, the target does not: nothing resumes by itself."""
+def test_a_failure_is_latched_until_the_next_start(bench: RegulatorBench) -> None:
+    """The input returns, the target does not: nothing resumes by itself."""
     bench.silent = {topics.WRENCH.key}
     bench.pass_s(0.2)
     bench.silent = set()
     for _ in range(100):
         bench.step()
-        assert not bench.said().valid
-        assert "wrench stale" in bench.said().reason
+        assert not bench.published().valid
+        assert "wrench stale" in bench.published().reason
     bench.arbiter = ArbiterStatus(state="ARMED", lease=3)
     bench.step()
     assert bench.start().accepted
@@ -74,23 +74,23 @@ def test_a_failure_is_latched_until_somebody_starts_again(bench: RegulatorBench)
 
 
 def test_an_invalid_wrench_is_passed_on_with_its_reason(bench: RegulatorBench) -> None:
-    """From the sensor's cable to the arbiter's trip the words stay readable."""
+    """The reason stays the same from the sensor to the arbiter's trip."""
     bench.wrench = WrenchAtTcp(valid=False, reason="the sensor says saturated")
     bench.step()
-    assert bench.said().reason == "wrench invalid: the sensor says saturated"
+    assert bench.published().reason == "wrench invalid: the sensor says saturated"
 
 
 def test_the_same_sample_is_integrated_once(bench: RegulatorBench) -> None:
     """Steps between two wrenches propose the same pose again."""
     bench.silent = {topics.WRENCH.key}
     bench.step()
-    before = bench.said().pose
+    before = bench.published().pose
     bench.step(10)
-    assert bench.said().pose == before
+    assert bench.published().pose == before
 
 
 def test_a_gap_is_not_integrated_over(bench: RegulatorBench) -> None:
-    """After samples were lost, at most three periods of motion are made up for."""
+    """After lost samples at most three periods of motion are added."""
     before = bench.T_base_tcp().translation[2]
     bench.silent = {topics.WRENCH.key}
     bench.step(15)
@@ -104,11 +104,11 @@ def test_a_gap_is_not_integrated_over(bench: RegulatorBench) -> None:
 # --- the arbiter ----------------------------------------------------------------------------------
 
 
-def test_it_goes_on_while_the_arm_settles_for_it(bench: RegulatorBench) -> None:
-    """It begins when the arm is at rest; until then its proposal is what is waited for."""
+def test_it_continues_while_the_arm_settles_for_it(bench: RegulatorBench) -> None:
+    """It begins when the arm is at rest; until then the arm settles at its proposal."""
     bench.arbiter = ArbiterStatus(state="SETTLING", next_commander="regulator", lease=3)
     bench.step(20)
-    assert bench.said().valid
+    assert bench.published().valid
 
 
 @pytest.mark.parametrize(
@@ -129,10 +129,10 @@ def test_it_goes_on_while_the_arm_settles_for_it(bench: RegulatorBench) -> None:
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_it_ends_when_it_may_not_go_on_and_never_resumes(
+def test_it_ends_without_permission_and_never_resumes(
     bench: RegulatorBench, status: ArbiterStatus, reason: str
 ) -> None:
-    """A hold, a new arming (also one whose hold it never saw), a goal: start again by request."""
+    """A hold, a new arming (also without a received hold) and a goal each require a new start."""
     bench.arbiter = status
     bench.step()
     assert_stopped(bench, reason)
@@ -142,44 +142,44 @@ def test_it_ends_when_it_may_not_go_on_and_never_resumes(
         assert_stopped(bench, reason)
     assert bench.service.fault == ""
     assert bench.start().accepted
-    assert bench.said().valid
+    assert bench.published().valid
 
 
 def test_a_silent_arbiter_ends_it(bench: RegulatorBench) -> None:
-    """Within the deadline of its status; the reason names it."""
+    """It ends within the deadline of the status; the reason names the arbiter."""
     bench.silent = {topics.ARBITER_STATUS.key}
     bench.pass_s(CELL.stale_after_s(topics.ARBITER_STATUS) + 2 * PERIOD_S)
     assert_stopped(bench, "arbiter/status stale")
 
 
-def test_with_an_endless_reason_it_still_speaks(bench: RegulatorBench) -> None:
-    """Words from other processes never end this one."""
+def test_with_a_very_long_reason_it_still_publishes(bench: RegulatorBench) -> None:
+    """A text of another process never ends this one."""
     bench.arbiter = ArbiterStatus(valid=False, reason="y" * 500)
     bench.step()
     assert_stopped(bench, "arbiter/status invalid: yyy")
 
 
-# --- what was let through -------------------------------------------------------------------------
+# --- the applied command --------------------------------------------------------------------------
 
 
-def test_it_goes_on_from_what_was_really_let_through(bench: RegulatorBench) -> None:
+def test_it_continues_from_the_applied_command(bench: RegulatorBench) -> None:
     """Back-calculation: no integral builds up behind a limit."""
-    let_through = pin.SE3(
+    applied = pin.SE3(
         rotation_from_vector(np.array([0.01, 0.0, 0.0])) @ T_START.rotation,
         T_START.translation + np.array([0.0, 0.0, 0.001]),
     )
-    bench.command = RobotCommand(kind="setpoint", pose=record_of(let_through), limited=True)
+    bench.command = RobotCommand(kind="setpoint", pose=record_of(applied), limited=True)
     one_step = (10.0 - CELL.force.deadband_N) * KI * PERIOD_S
     for _ in range(50):
         bench.step()
         T = bench.T_base_tcp()
-        gone = T.translation - (let_through * T_FLANGE_TCP).translation
-        assert gone == pytest.approx([0.0, 0.0, one_step], abs=1e-9)
-        assert pin.log3(T.rotation @ let_through.rotation.T) == pytest.approx(np.zeros(3), abs=1e-9)
+        moved = T.translation - (applied * T_FLANGE_TCP).translation
+        assert moved == pytest.approx([0.0, 0.0, one_step], abs=1e-9)
+        assert pin.log3(T.rotation @ applied.rotation.T) == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-def test_a_command_that_is_stale_pulls_nothing_back(bench: RegulatorBench) -> None:
-    """What was limited long ago says nothing about now."""
+def test_a_stale_command_does_not_change_the_pose(bench: RegulatorBench) -> None:
+    """A limitation of long ago does not count."""
     pose = record_of(T_START)
     bench.command = RobotCommand(kind="setpoint", pose=pose, limited=True)
     bench.step(2)
@@ -191,11 +191,11 @@ def test_a_command_that_is_stale_pulls_nothing_back(bench: RegulatorBench) -> No
     assert moved == pytest.approx(10 * (10.0 - CELL.force.deadband_N) * KI * PERIOD_S, rel=1e-6)
 
 
-def test_what_was_let_through_whole_does_not_pull_it_back(bench: RegulatorBench) -> None:
-    """An echo that is a period old must not eat a period's motion each time."""
+def test_an_unlimited_command_does_not_change_the_pose(bench: RegulatorBench) -> None:
+    """An echo that is a period old must not remove a period's motion each time."""
     start = bench.T_base_tcp().translation[2]
     for _ in range(100):
-        pose = bench.said().pose
+        pose = bench.published().pose
         bench.command = RobotCommand(kind="setpoint", pose=pose)
         bench.step()
     expected = (10.0 - CELL.force.deadband_N) * KI * 100 * PERIOD_S
@@ -205,7 +205,7 @@ def test_what_was_let_through_whole_does_not_pull_it_back(bench: RegulatorBench)
 # --- host controller ------------------------------------------------------------------------------
 
 
-def test_for_the_host_controller_it_says_mode_set_point_and_gains_instead_of_poses() -> None:
+def test_for_the_host_controller_it_publishes_mode_set_point_and_gains() -> None:
     """The set point points along the tool, as a force of the environment in base axes."""
     robot = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
     bench = RegulatorBench(CELL.model_copy(update={"robot": robot}))
@@ -214,20 +214,20 @@ def test_for_the_host_controller_it_says_mode_set_point_and_gains_instead_of_pos
     tilted = record_of(pin.SE3(R, T_START.translation))
     bench.robot = RobotState.model_validate(bench.robot.model_dump() | tilted.model_dump())
     bench.step()
-    wanted = ForceStartRequest(mode="both", host="controller", setpoint_N=10.0)
-    assert bench.start(wanted).accepted
+    request = ForceStartRequest(mode="both", host="controller", setpoint_N=10.0)
+    assert bench.start(request).accepted
     bench.pass_s(0.2)
-    said = bench.said()
-    assert (said.host, said.pose, said.valid) == ("controller", None, True)
-    assert said.feedback is not None
-    assert said.feedback.mode == "both"
-    assert said.feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * R[:, 2]), abs=1e-6)
-    assert said.feedback.gains.force_i_m_per_Ns == (KI, KI, KI)
+    target = bench.published()
+    assert (target.host, target.pose, target.valid) == ("controller", None, True)
+    assert target.feedback is not None
+    assert target.feedback.mode == "both"
+    assert target.feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * R[:, 2]), abs=1e-6)
+    assert target.feedback.gains.force_i_m_per_Ns == (KI, KI, KI)
     turned = rotation_from_vector(np.array([0.0, 0.4, 0.0])) @ R
     record = record_of(pin.SE3(turned, T_START.translation))
     bench.robot = RobotState.model_validate(bench.robot.model_dump() | record.model_dump())
     bench.step()
-    feedback = bench.said().feedback
+    feedback = bench.published().feedback
     assert feedback is not None
     assert feedback.setpoint_force_N == pytest.approx(vec3(-10.0 * turned[:, 2]), abs=1e-6)
     assert bench.start(POSITION).accepted
@@ -235,7 +235,7 @@ def test_for_the_host_controller_it_says_mode_set_point_and_gains_instead_of_pos
     assert bench.T_base_tcp().homogeneous == pytest.approx(start.homogeneous, abs=1e-9)
 
 
-def test_the_host_controller_is_told_where_the_contact_is_in_mode_both_only() -> None:
+def test_the_host_controller_gets_the_point_of_contact_in_mode_both_only() -> None:
     """F x M / F^2 from the TCP, in the flange's axes, which stay with the tool while it turns."""
     robot = CELL.robot.model_copy(update={"hosts": ("pc", "controller")})
     bench = RegulatorBench(CELL.model_copy(update={"robot": robot}))
@@ -243,10 +243,10 @@ def test_the_host_controller_is_told_where_the_contact_is_in_mode_both_only() ->
     bench.push((0.0, 0.0, 10.0), (0.2, 0.0, 0.0))
     bench.step()
     for mode, lever_m in (("both", (0.0, 0.02, 0.0)), ("position", (0.0, 0.0, 0.0))):
-        wanted = ForceStartRequest.model_validate({"mode": mode, "host": "controller"})
-        assert bench.start(wanted).accepted
+        request = ForceStartRequest.model_validate({"mode": mode, "host": "controller"})
+        assert bench.start(request).accepted
         bench.pass_s(0.05)
-        feedback = bench.said().feedback
+        feedback = bench.published().feedback
         assert feedback is not None
         in_base = T_START.rotation @ np.array(feedback.lever_m)
         assert in_base == pytest.approx(lever_m, abs=1e-4)

@@ -1,6 +1,7 @@
-"""A wrong sign or axis is found where a person touches the arm, within 5 mm; what is right goes on.
+"""A wrong sign or axis stops the arm within 5 mm of travel against a hand or contact.
 
-The arm brakes within 1 mm of where the regulator gives up, so 4 mm are left to that.
+The arm brakes within 1 mm after the regulator has stopped, so 4 mm are left for detection.
+Correct axes continue.
 """
 
 from itertools import permutations
@@ -19,8 +20,8 @@ from tests.fakes.long import long
 from tests.fakes.regulator_bench import PERIOD_S
 from tests.fakes.touched_plant import TouchedPlant
 
-MOST_M = 0.004
-MOST_OF_STIFF_M = 0.005  # the adaptive law on 1e4 N/m is fast, and the arm late
+MAX_TRAVEL_M = 0.004
+MAX_TRAVEL_STIFF_M = 0.005  # the adaptive law on 1e4 N/m is fast, and the arm delayed
 EYE = np.eye(3)
 FLIPPED = [np.diag(signs) for signs in ((-1, 1, 1), (1, -1, 1), (1, 1, -1), (-1, -1, -1))]
 SWAPPED = [EYE[list(order)] for order in permutations(range(3)) if list(order) != [0, 1, 2]]
@@ -28,166 +29,166 @@ WRONG = [*FLIPPED, *SWAPPED, EYE[[1, 0, 2]] @ FLIPPED[0]]
 PRESSED_N = np.array([4.0, -3.0, 15.0])
 
 
-def name(wiring: Array) -> str:
-    """Return a wiring as the channels show it."""
-    rows = (row.nonzero()[0][0] for row in wiring)
-    return "".join(f"{'+' if wiring[i].sum() > 0 else '-'}{'xyz'[j]}" for i, j in enumerate(rows))
+def name_of(axis_map: Array) -> str:
+    """Return an axis map as the channels show it."""
+    rows = (row.nonzero()[0][0] for row in axis_map)
+    return "".join(f"{'+' if axis_map[i].sum() > 0 else '-'}{'xyz'[j]}" for i, j in enumerate(rows))
 
 
 def travel(plant: TouchedPlant, seconds: float) -> float:
-    """Return how far the tool goes along wrong axes until it is given up, or the time is over.
+    """Return the tool's travel along wrong axes until the regulator stops or the time is over.
 
-    Along an axis that is right it may leave what it presses on.
+    Along a correct axis the tool may leave the contact.
     """
-    begin_m, most_m, wrong = plant.p_m, 0.0, np.diag(plant.wiring) != 1.0
+    begin_m, furthest_m, wrong = plant.p_m, 0.0, np.diag(plant.wiring) != 1.0
     for _ in range(round(seconds / PERIOD_S)):
         plant.step()
-        most_m = max(most_m, float(np.linalg.norm((plant.p_commanded_m - begin_m)[wrong])))
-        if not plant.said().valid:
+        furthest_m = max(furthest_m, float(np.linalg.norm((plant.p_commanded_m - begin_m)[wrong])))
+        if not plant.published().valid:
             break
-    return most_m
+    return furthest_m
 
 
-# --- what is wrong --------------------------------------------------------------------------------
+# --- wrong axes -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("stiffness_N_m", [2e3, long(1e4)])
 @pytest.mark.parametrize("law", ["plain", long("adaptive")])
-@pytest.mark.parametrize("wiring", WRONG, ids=name)
+@pytest.mark.parametrize("axis_map", WRONG, ids=name_of)
 def test_in_contact_at_set_point_0_it_is_stopped_within_5_mm(
-    wiring: Array, law: Any, stiffness_N_m: float
+    axis_map: Array, law: Any, stiffness_N_m: float
 ) -> None:
-    """A contact that sticks, loaded along all axes."""
-    plant = TouchedPlant(wiring)
+    """The contact has friction and is loaded along all axes."""
+    plant = TouchedPlant(axis_map)
     plant.touch(PRESSED_N, np.full(3, stiffness_N_m))
     assert plant.start(ForceStartRequest(mode="position", law=law)).accepted
     is_fast = law == "adaptive" and stiffness_N_m == 1e4
-    assert travel(plant, 4.0) <= (MOST_OF_STIFF_M if is_fast else MOST_M)
-    assert plant.said().code == "sensor_sign"
+    assert travel(plant, 4.0) <= (MAX_TRAVEL_STIFF_M if is_fast else MAX_TRAVEL_M)
+    assert plant.published().code == "sensor_sign"
 
 
-@pytest.mark.parametrize("wiring", WRONG, ids=name)
-def test_on_a_plate_without_friction_a_force_that_does_not_fall_is_stopped(wiring: Array) -> None:
-    """The press is shown beside the tool: it slides for ever, and the force is always there."""
-    plant = TouchedPlant(wiring)
+@pytest.mark.parametrize("axis_map", WRONG, ids=name_of)
+def test_on_a_plate_without_friction_a_constant_force_is_stopped(axis_map: Array) -> None:
+    """The tool slides for ever, and the force does not fall."""
+    plant = TouchedPlant(axis_map)
     plant.touch(np.array([0.0, 0.0, 15.0]), np.array([0.0, 0.0, 5e3]))
     assert plant.start(ForceStartRequest(mode="position")).accepted
-    assert travel(plant, 4.0) <= MOST_M
-    shows_z = wiring[2, 2] == 1.0
-    assert plant.said().code == ("" if shows_z else "sensor_sign")
+    assert travel(plant, 4.0) <= MAX_TRAVEL_M
+    shows_z = axis_map[2, 2] == 1.0
+    assert plant.published().code == ("" if shows_z else "sensor_sign")
 
 
-@pytest.mark.parametrize("wiring", WRONG, ids=name)
-def test_started_in_contact_with_a_set_point_it_is_stopped_within_5_mm(wiring: Array) -> None:
-    """The press along the tool may be right: then it is what lies beside it that runs away."""
-    plant = TouchedPlant(wiring)
+@pytest.mark.parametrize("axis_map", WRONG, ids=name_of)
+def test_started_in_contact_with_a_set_point_it_is_stopped_within_5_mm(axis_map: Array) -> None:
+    """The press axis may be correct: then the motion across it runs away."""
+    plant = TouchedPlant(axis_map)
     plant.touch(PRESSED_N, np.full(3, 4e3))
     assert plant.start(ForceStartRequest(mode="position", setpoint_N=15.0)).accepted
-    assert travel(plant, 4.0) <= MOST_M
-    assert plant.said().code in {"sensor_sign", "travel"}
+    assert travel(plant, 4.0) <= MAX_TRAVEL_M
+    assert plant.published().code in {"sensor_sign", "travel"}
 
 
-@pytest.mark.parametrize("wiring", WRONG, ids=name)
-@pytest.mark.parametrize("pulled", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, -1, 1)], ids=str)
-def test_under_a_hand_at_set_point_0_it_is_stopped_within_5_mm(wiring: Array, pulled: Any) -> None:
-    """A hand that takes the tool along: 20 mm in the first second, if it follows or not."""
-    plant = TouchedPlant(wiring)
+@pytest.mark.parametrize("axis_map", WRONG, ids=name_of)
+@pytest.mark.parametrize("pull", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, -1, 1)], ids=str)
+def test_under_a_hand_at_set_point_0_it_is_stopped_within_5_mm(axis_map: Array, pull: Any) -> None:
+    """A hand pulls the tool 20 mm in the first second, if it follows or not."""
+    plant = TouchedPlant(axis_map)
     assert plant.start(ForceStartRequest(mode="position")).accepted
-    begin_m, most_m = plant.p_m, 0.0
+    begin_m, furthest_m = plant.p_m, 0.0
     for number in range(round(2.0 / PERIOD_S)):
         drawn_m = min(0.02 * number * PERIOD_S, 0.02)
-        plant.p_hand_m = begin_m + drawn_m * np.array(pulled) / np.linalg.norm(pulled)
+        plant.p_hand_m = begin_m + drawn_m * np.array(pull) / np.linalg.norm(pull)
         plant.step()
-        most_m = max(most_m, float(np.linalg.norm(plant.p_commanded_m - begin_m)))
-    is_shown = np.allclose(wiring @ np.array(pulled), pulled)
-    assert most_m <= MOST_M
-    assert is_shown or plant.said().code == "sensor_sign"
+        furthest_m = max(furthest_m, float(np.linalg.norm(plant.p_commanded_m - begin_m)))
+    is_shown = np.allclose(axis_map @ np.array(pull), pull)
+    assert furthest_m <= MAX_TRAVEL_M
+    assert is_shown or plant.published().code == "sensor_sign"
 
 
 @pytest.mark.parametrize("stops", [False, True])
-def test_a_new_set_point_is_no_new_budget(stops: bool) -> None:
-    """Asked for again and again while it runs away, stopped in between or not."""
+def test_a_new_set_point_gives_no_new_budget(stops: bool) -> None:
+    """Requested again and again while it runs away, with or without a stop in between."""
     plant = TouchedPlant(FLIPPED[0])
     plant.touch(PRESSED_N, np.full(3, 2e3))
     begin_m = plant.p_m
     for number in range(200):
-        wanted = ForceStartRequest(mode="position", setpoint_N=10.0 + number % 2)
-        assert plant.start(wanted).accepted
+        request = ForceStartRequest(mode="position", setpoint_N=10.0 + number % 2)
+        assert plant.start(request).accepted
         plant.step(5)
-        if not plant.said().valid:
+        if not plant.published().valid:
             break
         if stops:
             assert plant.ask(topics.FORCE_STOP, Empty()).accepted
-    assert plant.said().code == "sensor_sign"
-    assert abs((plant.p_commanded_m - begin_m)[0]) <= MOST_M
+    assert plant.published().code == "sensor_sign"
+    assert abs((plant.p_commanded_m - begin_m)[0]) <= MAX_TRAVEL_M
 
 
-def test_work_that_was_counted_lives_on_over_changes_of_set_point() -> None:
-    """Begun free and pressing: what lies beside the tool creeps, 12 to 13 N and back."""
+def test_counted_work_is_kept_over_changes_of_set_point() -> None:
+    """Started in free space and pressing: the motion across the tool drifts at 12 to 13 N."""
     plant = TouchedPlant(np.diag([-1.0, 1.0, 1.0]))
     assert plant.start(ForceStartRequest(mode="position", setpoint_N=12.0)).accepted
     plant.k_N_m = np.array([1e3, 1e3, 2e4])
     plant.p_rest_m = plant.p_m + np.array([0.002, 0.0, -0.0005])
     begin_m = plant.p_m
     for number in range(300):
-        wanted = ForceStartRequest(mode="position", setpoint_N=12.0 + number % 2)
-        assert plant.start(wanted).accepted
+        request = ForceStartRequest(mode="position", setpoint_N=12.0 + number % 2)
+        assert plant.start(request).accepted
         plant.step(5)
-        if not plant.said().valid:
+        if not plant.published().valid:
             break
-    assert plant.said().code == "sensor_sign"
-    assert np.linalg.norm((plant.p_commanded_m - begin_m)[:2]) <= MOST_M
+    assert plant.published().code == "sensor_sign"
+    assert np.linalg.norm((plant.p_commanded_m - begin_m)[:2]) <= MAX_TRAVEL_M
 
 
-def test_hand_guiding_needs_the_proof() -> None:
-    """Refused with the remedy, also in the place of what runs; accepted once axes were checked."""
+def test_hand_guiding_requires_verified_axes() -> None:
+    """Refused with the remedy, also during another mode; accepted once axes were checked."""
     plant = TouchedPlant()
-    wanted = ForceStartRequest(mode="position", law="admittance")
-    reply = plant.start(wanted)
+    request = ForceStartRequest(mode="position", law="admittance")
+    reply = plant.start(request)
     assert (reply.accepted, reply.code) == (False, "axes_unproved")
     assert "check axes" in reply.text
     assert plant.start().accepted
-    assert plant.start(wanted).code == "axes_unproved"
+    assert plant.start(request).code == "axes_unproved"
     plant.checked = True
     plant.step()
-    assert plant.start(wanted).accepted
+    assert plant.start(request).accepted
 
 
-# --- what is right --------------------------------------------------------------------------------
+# --- correct axes ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("stiffness_N_m", [2e3, 2e4])
 @pytest.mark.parametrize("law", ["plain", "adaptive"])
 @pytest.mark.parametrize("axes_checked", [False, True])
-def test_a_release_from_60_N_goes_on_to_its_end(
+def test_a_release_from_60_N_continues_to_its_end(
     law: Any, axes_checked: Any, stiffness_N_m: float
 ) -> None:
-    """30 mm on a soft contact: the force falls all the way, which no wrong axis makes it do."""
+    """30 mm on a soft contact: the force falls throughout, which no wrong axis does."""
     plant = TouchedPlant(axes_checked=axes_checked)
     plant.touch(np.array([0.0, 0.0, 60.0]), np.full(3, stiffness_N_m))
     assert plant.start(ForceStartRequest(mode="position", law=law)).accepted
     travel(plant, 8.0 if stiffness_N_m < 1e4 else 2.0)
-    assert plant.said().valid
+    assert plant.published().valid
     assert plant.truth_N[2] < 2.0
 
 
 @pytest.mark.parametrize("law", ["plain", "adaptive", "admittance"])
-@pytest.mark.parametrize("pulled", [(1, 0, 0), (0, 0, 1), (1, -1, 1)], ids=str)
-def test_a_hand_pulls_the_tool_200_mm(law: Any, pulled: Any) -> None:
-    """Axes checked: it follows as long as the hand goes on."""
+@pytest.mark.parametrize("pull", [(1, 0, 0), (0, 0, 1), (1, -1, 1)], ids=str)
+def test_a_hand_pulls_the_tool_200_mm(law: Any, pull: Any) -> None:
+    """With checked axes the tool follows as long as the hand moves."""
     plant = TouchedPlant(axes_checked=True)
     assert plant.start(ForceStartRequest(mode="position", law=law)).accepted
-    begin_m, way = plant.p_m, np.array(pulled) / np.linalg.norm(pulled)
+    begin_m, direction = plant.p_m, np.array(pull) / np.linalg.norm(pull)
     speed_m_s = 0.5 * law_settings(CELL).speed_max_m_s
     for number in range(round(0.2 / speed_m_s / PERIOD_S)):
-        plant.p_hand_m = begin_m + speed_m_s * number * PERIOD_S * way
+        plant.p_hand_m = begin_m + speed_m_s * number * PERIOD_S * direction
         plant.step()
-        assert plant.said().valid, plant.said().reason
-    assert float((plant.p_m - begin_m) @ way) > 0.17
+        assert plant.published().valid, plant.published().reason
+    assert float((plant.p_m - begin_m) @ direction) > 0.17
 
 
-def test_a_touch_from_free_space_proves_the_axis_along_the_tool_and_no_other() -> None:
-    """After it a hand may lead the tool up as far as it likes, but not sideways."""
+def test_a_touch_from_free_space_verifies_the_tools_axis_only() -> None:
+    """After it a hand may guide the tool up without limit, but not sideways."""
     plant = TouchedPlant()
     assert plant.start(ForceStartRequest(mode="position", setpoint_N=10.0)).accepted
     plant.k_N_m = np.array([0.0, 0.0, 2e4])
@@ -195,23 +196,23 @@ def test_a_touch_from_free_space_proves_the_axis_along_the_tool_and_no_other() -
     plant.pass_s(1.5)
     assert plant.truth_N[2] == pytest.approx(10.0, abs=1.0)
     assert plant.start(ForceStartRequest(mode="position")).accepted
-    for way, is_proved in (((0.0, 0.0, 1.0), True), ((0.0, 1.0, 0.0), False)):
+    for direction, is_verified in (((0.0, 0.0, 1.0), True), ((0.0, 1.0, 0.0), False)):
         begin_m = plant.p_m
         for number in range(round(4.0 / PERIOD_S)):
-            plant.p_hand_m = begin_m + 0.01 * number * PERIOD_S * np.array(way)
+            plant.p_hand_m = begin_m + 0.01 * number * PERIOD_S * np.array(direction)
             plant.step()
-        assert plant.said().valid == is_proved
-        assert (np.linalg.norm(plant.p_m - begin_m) > 0.02) == is_proved
+        assert plant.published().valid == is_verified
+        assert (np.linalg.norm(plant.p_m - begin_m) > 0.02) == is_verified
 
 
-def test_a_tool_that_turns_to_a_torque_is_stopped_at_its_limit() -> None:
-    """Only where it may turn, and only while an axis is unproved; the trip has both numbers."""
+def test_a_tool_that_turns_by_a_torque_is_stopped_at_its_limit() -> None:
+    """Only with free rotation and an unverified axis; the trip has both numbers."""
     free_N, unproved = np.zeros(3), np.array([True, True, False])
     at, beyond = YieldTravel(turn_rad=LIMIT_RAD), YieldTravel(turn_rad=LIMIT_RAD + 1e-9)
-    assert trip_of(at, free_N, unproved, turns=True) is None
-    assert trip_of(beyond, free_N, unproved, turns=False) is None
-    assert trip_of(beyond, free_N, np.zeros(3, dtype=bool), turns=True) is None
-    trip = trip_of(beyond, free_N, unproved, turns=True)
+    assert trip_of(at, free_N, unproved, rotates=True) is None
+    assert trip_of(beyond, free_N, unproved, rotates=False) is None
+    assert trip_of(beyond, free_N, np.zeros(3, dtype=bool), rotates=True) is None
+    trip = trip_of(beyond, free_N, unproved, rotates=True)
     assert trip is not None
     assert (trip.code, trip.value, trip.limit) == ("sensor_sign", LIMIT_RAD + 1e-9, LIMIT_RAD)
     assert "forcemesh check axes" in trip.text

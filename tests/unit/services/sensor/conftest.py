@@ -9,14 +9,14 @@ from tests.fakes.rdt_sensor import FakeSensor, Rig
 
 @pytest.fixture
 def sensor() -> Iterator[FakeSensor]:
-    """A sensor that nobody has asked yet."""
+    """Yield a sensor without a client."""
     with FakeSensor() as fake:
         yield fake
 
 
 @pytest.fixture
 def rig(sensor: FakeSensor) -> Iterator[Rig]:
-    """A driver that has asked the sensor for its stream."""
+    """Yield a driver that has requested the sensor's stream."""
     with Rig(sensor) as rig:
         rig.start()
         yield rig

@@ -1,7 +1,7 @@
-"""The Bota adapter: on a source of the test's own, and on the maker's dummy sensor."""
+"""The Bota adapter, on a fake source and on the manufacturer's dummy sensor."""
 
-import builtins
 import json
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,8 +31,8 @@ DUMMY = {
 }
 
 
-class Source:
-    """The maker's driver, as the test wants it."""
+class FakeBotaSource:
+    """A stand-in for the manufacturer's driver; the test sets its frame and its fault."""
 
     def __init__(self) -> None:
         self.fault = ""
@@ -55,7 +55,7 @@ class Source:
         return self.frame
 
     def get_expected_timestep_us(self) -> int:
-        """A thousand readings a second."""
+        """Return the period of 1000 readings a second."""
         return STEP_US
 
     def deactivate(self) -> bool:
@@ -70,25 +70,25 @@ def section(device: str = "a file") -> SensorSection:
     return load_cell(REAL_CELL, {"sensor.driver": "bota", "sensor.device": device}).sensor
 
 
-class Bench:
+class BotaBench:
     """A driver, its source and a clock."""
 
     def __init__(self) -> None:
-        self.source = Source()
+        self.source = FakeBotaSource()
         self.driver = BotaDriver(section(), self.source)
         self.now_ns = 0
 
-    def read(self, stamp_us: int, **how: Any) -> list[SensorSample]:
-        """Let a reading come."""
+    def read(self, stamp_us: int, **reading: Any) -> list[SensorSample]:
+        """Supply one reading and return the samples of the driver."""
         self.now_ns += STEP_US * 1000
-        self.source.frame = self.source.at(stamp_us, **how)
+        self.source.frame = self.source.at(stamp_us, **reading)
         return list(self.driver.read(self.now_ns))
 
 
 @given(st.integers(0, WRAP_US - 1), st.lists(st.integers(1, 50), min_size=1, max_size=40))
 def test_every_reading_is_a_sample_or_counted_as_lost(start_us: int, steps: list[int]) -> None:
-    """Also where the stamps wrap: the last counter is the number of periods that passed."""
-    bench, stamp_us = Bench(), start_us
+    """The last counter is the number of elapsed periods, also where the stamps wrap."""
+    bench, stamp_us = BotaBench(), start_us
     samples = bench.read(stamp_us)
     for step in steps:
         stamp_us += step * STEP_US
@@ -101,7 +101,7 @@ def test_every_reading_is_a_sample_or_counted_as_lost(start_us: int, steps: list
 
 
 @pytest.mark.parametrize(
-    ("how", "status", "code"),
+    ("reading", "status", "code"),
     [
         ({}, "ok", ""),
         ({"invalid": 1}, "fault", "sensor_fault"),
@@ -109,15 +109,17 @@ def test_every_reading_is_a_sample_or_counted_as_lost(start_us: int, steps: list
         ({"force_N": 190.0}, "saturated", "sensor_saturated"),
     ],
 )
-def test_what_the_sensor_says_of_a_reading_is_told(how: dict, status: str, code: str) -> None:
-    """Its own bits, and 95 % of the range of the cell file."""
-    (sample,) = Bench().read(STEP_US, **how)
+def test_status_bits_and_range_set_the_status_of_a_sample(
+    reading: dict, status: str, code: str
+) -> None:
+    """The status follows the sensor's own bits and 95 % of the range of the cell file."""
+    (sample,) = BotaBench().read(STEP_US, **reading)
     assert (sample.status, sample.code) == (status, code)
 
 
 def test_stamps_that_go_back_are_a_restart() -> None:
-    """Told for a while, then the sensor is believed again."""
-    bench = Bench()
+    """The restart is reported for 249 samples; then the samples are valid again."""
+    bench = BotaBench()
     bench.read(10_000_000)
     codes = [bench.read(100 + place * STEP_US)[0].code for place in range(300)]
     assert codes[:249] == ["sensor_restarted"] * 249
@@ -125,47 +127,40 @@ def test_stamps_that_go_back_are_a_restart() -> None:
 
 
 def test_many_lost_readings_are_a_fault() -> None:
-    """Every second one, while the package keeps only the newest."""
-    bench = Bench()
+    """Every second reading is lost because the package keeps only the newest."""
+    bench = BotaBench()
     codes = [bench.read(2 * place * STEP_US)[0].code for place in range(1, 80)]
     assert (codes[0], codes[-1]) == ("", "sensor_lossy")
 
 
-def test_silence_is_told_from_a_line_that_broke() -> None:
-    """A stamp that stays is a stalled sensor; an error of the package is passed on."""
-    bench = Bench()
-    assert bench.driver.complaint().code == "sensor_silent"
+def test_silence_stall_and_a_broken_line_have_different_reports() -> None:
+    """A constant stamp is a stalled sensor; an error of the package is passed on."""
+    bench = BotaBench()
+    assert bench.driver.silence_fault().code == "sensor_silent"
     bench.read(STEP_US)
     bench.read(STEP_US)
-    assert bench.driver.complaint().code == "sensor_stalled"
+    assert bench.driver.silence_fault().code == "sensor_stalled"
     bench.source.fault = "no carrier"
     assert bench.read(STEP_US) == []
-    assert bench.driver.complaint() == ("sensor_silent", "Bota sensor of a file: no carrier")
+    assert bench.driver.silence_fault() == ("sensor_silent", "Bota sensor of a file: no carrier")
 
 
-def test_a_missing_package_is_told_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the word that installs it."""
-    real = builtins.__import__
-
-    def without(name: str, *rest: Any) -> Any:
-        if name == "bota_driver":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+def test_a_missing_bota_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error names the command that installs the package."""
+    monkeypatch.setitem(sys.modules, "bota_driver", None)
     with pytest.raises(ConfigError, match="pip install bota-driver"):
         bota_driver(section(), stale_after_s=0.02)
 
 
 @pytest.mark.realtime
 def test_the_makers_dummy_sensor_is_read(tmp_path: Path) -> None:
-    """Through the real package: readings come, each once, with stamps that go on."""
+    """The real package delivers each reading once, with increasing stamps."""
     path = tmp_path / "dummy.json"
     path.write_text(json.dumps(DUMMY), encoding="utf-8")
     driver = bota_driver(section(str(path)), stale_after_s=1.0)
     samples: list[SensorSample] = []
-    give_up_s = time.monotonic() + 20.0
-    while len(samples) < 4 and time.monotonic() < give_up_s:
+    deadline_s = time.monotonic() + 20.0
+    while len(samples) < 4 and time.monotonic() < deadline_s:
         samples += driver.read(time.monotonic_ns())
     driver.close()
     assert {sample.status for sample in samples} == {"ok"}
@@ -174,7 +169,7 @@ def test_the_makers_dummy_sensor_is_read(tmp_path: Path) -> None:
     assert "10 Hz" in driver.info().calibration
 
 
-def test_a_configuration_that_is_not_there_is_told() -> None:
-    """In the maker's words, behind the field of the cell file."""
+def test_a_missing_configuration_file_is_reported() -> None:
+    """The error has the field of the cell file and the text of the manufacturer's driver."""
     with pytest.raises(ConfigError, match=r"sensor\.device: .*no-such-file"):
         bota_driver(section("no-such-file.json"), stale_after_s=0.02)

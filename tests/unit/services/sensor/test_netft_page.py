@@ -1,4 +1,4 @@
-"""The sensor's page: every unit of the manual, pages that are none, and how it is fetched."""
+"""The sensor's web page: the units of the manual, invalid pages, and how the page is fetched."""
 
 import time
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from services.sensor.rdt_status import NAMES, status_text
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About, page
 from tests.fakes.rdt_sensor import REAL_CELL
 
-# As an Axia80 answers, cut down to what is read of it.
+# The answer of an Axia80, reduced to the fields that the parser reads.
 REAL = """<?xml version="1.0"?><netft><runstat>0x00000000</runstat><cfgcalsn>FT27462</cfgcalsn>
 <scfgfu>N</scfgfu><scfgtu>Nm</scfgtu><cfgcpf>1000000</cfgcpf><cfgcpt>1000000</cfgcpt>
 <cfgmr>330;330;990;30;30;30</cfgmr><prodname>Axia80</prodname></netft>"""
@@ -27,13 +27,13 @@ counts = st.floats(1.0, 1e9)
 
 
 def test_a_page_of_the_maker_is_understood() -> None:
-    """Counts, serial, and the range of the strongest axis."""
+    """The parser reads counts, serial number and the range of the strongest axis."""
     assert parse(REAL) == SettingsPage(1e6, 1e6, "N", "Nm", "Axia80", "FT27462", 990.0, 30.0)
 
 
 @given(st.sampled_from(sorted(FORCE_UNITS)), st.sampled_from(sorted(TORQUE_UNITS)), counts, counts)
 def test_units_are_converted_whatever_they_are(force: str, torque: str, f: float, t: float) -> None:
-    """What the simulated sensor writes from its own table is read with ours."""
+    """The parser reads each unit that the simulated sensor writes from its own table."""
     about = About(counts_per_force=f, counts_per_torque=t, force_unit=force, torque_unit=torque)
     read = parse(page(about))
     assert read.counts_per_N == pytest.approx(about.counts_per_N, rel=1e-6)
@@ -47,13 +47,13 @@ def test_units_are_converted_whatever_they_are(force: str, torque: str, f: float
     [(1, 0.112985), (2, 1.355818), (3, 1.0), (4, 1e-3), (5, 0.0980665), (6, 1e3)],
 )
 def test_a_page_with_the_codes_of_units_alone_is_understood(code: int, in_Nm: float) -> None:
-    """Older firmware has the number and not the word."""
+    """Older firmware sends the unit's number instead of its name."""
     text = REAL.replace("<scfgtu>Nm</scfgtu>", f"<cfgtu>{code}</cfgtu>")
     assert parse(text).counts_per_Nm == pytest.approx(1e6 / in_Nm, rel=1e-5)
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ("", "cfgfu is 'missing'"),
         ("<html>a router's page</html>", "cfgfu is 'missing'"),
@@ -63,20 +63,20 @@ def test_a_page_with_the_codes_of_units_alone_is_understood(code: int, in_Nm: fl
         (REAL.replace("<cfgcpt>1000000", "<cfgcpt>many"), "cfgcpt"),
     ],
 )
-def test_what_is_no_page_is_told(wrong: str, said: str) -> None:
-    """A scale is never guessed."""
-    with pytest.raises(DataError, match=said):
+def test_an_invalid_page_is_reported(wrong: str, message: str) -> None:
+    """The scale is never guessed."""
+    with pytest.raises(DataError, match=message):
         parse(wrong)
 
 
 @given(st.text(max_size=300))
 def test_no_text_breaks_the_reader(text: str) -> None:
-    """Whatever a web server answers: a page, or one clear error."""
+    """An arbitrary text raises DataError and no other error."""
     with pytest.raises(DataError):
         parse(text)
 
 
-def test_whose_counts_hold_is_the_word_of_the_cell_file() -> None:
+def test_the_cell_file_selects_the_source_of_the_counts() -> None:
     """`page` takes the page's, `cell` the cell file's; the range is always the cell file's."""
     sensor = load_cell(REAL_CELL, {"sensor.calibration": "page", "sensor.counts_per_N": 5.0}).sensor
     assert scale_of(sensor).counts_per_N == 5.0
@@ -88,7 +88,7 @@ def test_whose_counts_hold_is_the_word_of_the_cell_file() -> None:
 
 @pytest.mark.parametrize("bit", sorted(NAMES))
 def test_a_status_names_its_bits(bit: int) -> None:
-    """The word itself, for the manual, and what it means."""
+    """The text has the status word in hexadecimal and the meaning of each bit."""
     text = status_text(0x8000_0000 | 1 << bit)
     assert f"0x{0x8000_0000 | 1 << bit:08X}" in text
     assert NAMES[bit] in text
@@ -100,7 +100,7 @@ def test_a_status_names_its_bits(bit: int) -> None:
 
 @pytest.fixture
 def web() -> Iterator[tuple[int, dict[str, tuple[int, str]]]]:
-    """A web server that says what the test wants: its port, and its answers by path."""
+    """Yield the port of a web server and its answers by path, which the test sets."""
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
@@ -110,7 +110,7 @@ def web() -> Iterator[tuple[int, dict[str, tuple[int, str]]]]:
             self.wfile.write(text.encode())
 
         def log_message(self, *_: object) -> None:
-            """Say nothing."""
+            """Log nothing."""
 
     answers: dict[str, tuple[int, str]] = {}
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
@@ -123,17 +123,17 @@ def web() -> Iterator[tuple[int, dict[str, tuple[int, str]]]]:
 
 
 @pytest.mark.realtime
-def test_the_page_is_asked_for_until_it_comes_and_again_when_forgotten(web) -> None:
-    """What goes wrong is told meanwhile, with the address that was tried."""
+def test_the_page_is_fetched_until_it_arrives_and_again_after_forget(web) -> None:
+    """Meanwhile the fault names the error and the address."""
     port, answers = web
     fetch = PageFetch("127.0.0.1", port)
     now_ns = 1
 
-    def until(what) -> None:
+    def until(condition) -> None:
         nonlocal now_ns
-        give_up_s = time.monotonic() + 20.0
-        while not what():
-            assert time.monotonic() < give_up_s, fetch.fault
+        deadline_s = time.monotonic() + 20.0
+        while not condition():
+            assert time.monotonic() < deadline_s, fetch.fault
             time.sleep(0.01)
             now_ns += round(FETCH_AGAIN_S * 0.5e9)
 
@@ -143,21 +143,21 @@ def test_the_page_is_asked_for_until_it_comes_and_again_when_forgotten(web) -> N
     until(lambda: fetch.poll(now_ns) or "cfgfu" in fetch.fault)
     answers[PATH] = (200, REAL)
     until(lambda: fetch.poll(now_ns) == parse(REAL))
-    fetch.forget()
+    fetch.clear()
     answers[PATH] = (200, REAL.replace("FT27462", "FT00002"))
     until(lambda: (read := fetch.poll(now_ns)) is not None and read.serial == "FT00002")
 
 
 @pytest.mark.realtime
-def test_an_address_that_answers_nothing_is_told() -> None:
-    """In the network's words."""
+def test_an_address_that_refuses_the_connection_is_reported() -> None:
+    """The fault has the text of the network error."""
     with ThreadingHTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as closed:
         port = closed.server_address[1]
     fetch = PageFetch("127.0.0.1", port)
-    give_up_s = time.monotonic() + 20.0
+    deadline_s = time.monotonic() + 20.0
     while "refused" not in fetch.fault:
         assert fetch.poll(time.monotonic_ns()) is None
-        assert time.monotonic() < give_up_s, fetch.fault
+        assert time.monotonic() < deadline_s, fetch.fault
         time.sleep(0.01)
 
 
@@ -166,15 +166,15 @@ def test_an_address_that_answers_nothing_is_told() -> None:
     ["1.2.3", "330;330;990;30;30;1.2.3", ".", "1e", "1e999;1;1;1;1;1", "-;;;", "330,330", "e;.;1"],
 )
 def test_a_rating_that_is_no_number_is_not_known(rating: str) -> None:
-    """The rest of the page is read; a range that cannot be compared is left out."""
+    """The rest of the page is read; an unreadable range is None."""
     read = parse(REAL.replace("330;330;990;30;30;30", rating))
     assert (read.force_range_N, read.torque_range_Nm) == (None, None)
     assert read.counts_per_N == 1e6
 
 
 @given(st.text(alphabet="0123456789.eE+-;² nmlbf", max_size=40), st.sampled_from(range(5)))
-def test_whatever_stands_in_a_field_the_page_is_read_or_refused(value: str, at: int) -> None:
-    """No other error than DataError leaves the parser: the thread that fetches it lives on."""
+def test_any_text_in_a_field_is_read_or_raises_data_error(value: str, at: int) -> None:
+    """Another error would end the thread that fetches the page."""
     old = ("330;330;990;30;30;30", "<cfgcpf>1000000", "<cfgcpt>1000000", ">N<", ">Nm<")[at]
     tag = old[: old.find(">") + 1] if old.startswith("<") else ""
     new = {3: f"></scfgfu><cfgfu>{value}</cfgfu><x><", 4: f"></scfgtu><cfgtu>{value}</cfgtu><x><"}

@@ -1,4 +1,4 @@
-"""RDT without a socket: bytes, counts, sequences, and which samples go on the bus."""
+"""RDT without a socket: bytes, counts, sequence numbers, and the samples that are published."""
 
 import math
 import random
@@ -41,7 +41,7 @@ int32 = st.integers(-(2**31), 2**31 - 1)
 def record(
     number: int, *, ft: int | None = None, counts: tuple[int, ...] | None = None
 ) -> RdtRecord:
-    """Return the record at a place of the stream; its noise differs from place to place."""
+    """Return the record at a place of the stream; its noise differs between places."""
     noise = counts or (number % 97, -(number % 89), 7, 1, -2, 3)
     ft_sequence = 14 * number if ft is None else ft
     return RdtRecord(number % SEQUENCES, ft_sequence % SEQUENCES, 0, noise)
@@ -50,7 +50,7 @@ def record(
 def follow_all(
     records: list[RdtRecord], stream: RdtStream | None = None
 ) -> tuple[RdtStream, list[Kind]]:
-    """Take records in one period after the other."""
+    """Take the records, one in each period."""
     stream = stream or RdtStream()
     kinds: list[Kind] = []
     for place, item in enumerate(records):
@@ -79,7 +79,7 @@ def test_record_is_the_bytes_of_the_manual() -> None:
 def test_every_record_is_read_back_as_it_was_sent(
     rdt: int, ft: int, status: int, counts: tuple[int, ...]
 ) -> None:
-    """No value of any field is special to the parser."""
+    """The parser treats no value of any field as special."""
     assert parse(RECORD.pack(rdt, ft, status, *counts)) == RdtRecord(rdt, ft, status, counts)
 
 
@@ -89,7 +89,7 @@ def test_datagram_of_another_size_is_no_record(data: bytes) -> None:
     assert parse(data) is None
 
 
-# --- what a record says ---------------------------------------------------------------------------
+# --- content of a record --------------------------------------------------------------------------
 
 
 @given(st.tuples(*[st.integers(-1_899_999, 1_899_999)] * 3), st.tuples(*[int32] * 3))
@@ -108,7 +108,7 @@ def test_counts_become_newtons_and_newton_metres(
 @pytest.mark.parametrize("axis", range(6))
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sign: int) -> None:
-    """The boundary itself is saturated, one count below is not; the reason names axis and range."""
+    """95 % of the range is saturated, one count below is not; the reason names axis and range."""
     limit = 1_900_000 if axis < 3 else 760_000
     at, below = [0] * 6, [0] * 6
     at[axis], below[axis] = sign * limit, sign * (limit - 1)
@@ -122,7 +122,7 @@ def test_one_axis_at_95_percent_of_its_range_saturates_the_sample(axis: int, sig
 
 @given(uint32)
 def test_every_status_but_two_is_a_fault_without_numbers(status: int) -> None:
-    """Healthy and the user's own threshold pass; an unknown bit is never taken for harmless."""
+    """Healthy and the user's threshold pass; an unknown bit is a fault."""
     sample = sample_of(RdtRecord(1, 1, status, (10_000,) * 6), SCALE)
     if status in {0, *MONITOR_CONDITIONS}:
         assert sample.status == "ok"
@@ -134,7 +134,7 @@ def test_every_status_but_two_is_a_fault_without_numbers(status: int) -> None:
 
 @pytest.mark.parametrize("status", [0x8000_0000, 0x0001_0001, 0x8001_0001, 0x8003_0000, 1])
 def test_status_next_to_the_harmless_one_is_a_fault(status: int) -> None:
-    """The harmless status is one word, not a mask: its single bits are not harmless."""
+    """The harmless status is one whole word; its single bits are faults."""
     assert sample_of(RdtRecord(1, 1, status, (0,) * 6), SCALE).status == "fault"
 
 
@@ -143,7 +143,7 @@ def test_status_next_to_the_harmless_one_is_a_fault(status: int) -> None:
 
 @given(uint32, st.integers(1, 200))
 def test_whole_stream_is_all_samples(start: int, length: int) -> None:
-    """Nothing is counted against a stream that is in order, also when its numbers wrap."""
+    """A stream in order has no losses or restarts, also when its numbers wrap."""
     stream, kinds = follow_all([record(start + place) for place in range(length)])
     assert set(kinds) == {"sample"}
     assert stream.number == length
@@ -152,7 +152,7 @@ def test_whole_stream_is_all_samples(start: int, length: int) -> None:
 
 @given(uint32, st.lists(st.integers(1, JUMP - 1), min_size=1, max_size=20))
 def test_gaps_are_counted_record_by_record(start: int, steps: list[int]) -> None:
-    """Lost is exactly what was left out, and the number of the newest sample counts it too."""
+    """The number of lost records is exact, and the number of the newest sample includes it."""
     places = [sum(steps[:end]) for end in range(len(steps) + 1)]
     stream, kinds = follow_all([record(start + place) for place in places])
     assert set(kinds) == {"sample"}
@@ -161,8 +161,8 @@ def test_gaps_are_counted_record_by_record(start: int, steps: list[int]) -> None
 
 
 @given(uint32, st.integers(0, 2**32))
-def test_any_disorder_within_the_window_is_told_apart(start: int, seed: int) -> None:
-    """Of a shuffled stream with copies and losses every record is accounted for exactly once."""
+def test_disorder_within_the_window_is_classified_exactly(start: int, seed: int) -> None:
+    """Each record of a shuffled stream with copies and losses is counted exactly once."""
     rng = random.Random(seed)
     length = 60
     came = [place for place in range(1, length) if rng.random() > 0.2]
@@ -182,7 +182,7 @@ def test_any_disorder_within_the_window_is_told_apart(start: int, seed: int) -> 
 
 
 def test_only_the_newest_record_is_a_sample() -> None:
-    """What comes after a newer record is counted, and its old numbers are news to nobody."""
+    """A record that arrives after a newer one is counted and gives no sample."""
     stream, kinds = follow_all([record(place) for place in (10, 13, 11, 11, 13, 12, 14)])
     expected = ["sample", "sample", "reordered", "duplicate", "duplicate", "reordered", "sample"]
     assert kinds == expected
@@ -191,27 +191,27 @@ def test_only_the_newest_record_is_a_sample() -> None:
 
 @pytest.mark.parametrize("back", [LATE_WINDOW, LATE_WINDOW + 1, 5_000, 2**31])
 def test_far_step_back_is_a_restart(back: int) -> None:
-    """A sensor that was switched off and on is followed from its first record on."""
+    """After a restart the sensor's first record is taken."""
     stream, kinds = follow_all([record(100_000 + back), record(100_000, ft=1), record(100_001)])
     assert kinds == ["sample"] * 3
     assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
 
 
 def test_step_back_with_a_later_sample_is_a_restart() -> None:
-    """A stream that began anew near its old numbers shows by its samples: no copy is newer."""
+    """A stream that restarts near its old numbers has later samples, which no copy has."""
     stream, kinds = follow_all([record(5), record(1, ft=1_000), record(2, ft=1_014)])
     assert kinds == ["sample"] * 3
     assert stream.tally.restarts == 1
 
 
 def test_far_jump_ahead_is_a_restart_and_no_loss() -> None:
-    """Nobody loses more than a second of records and hears nothing of it."""
+    """A jump of more than a second of records is a restart and not a loss."""
     stream, _ = follow_all([record(1), record(1 + JUMP)])
     assert (stream.tally.restarts, stream.tally.lost) == (1, 0)
 
 
-def test_stream_that_was_asked_for_may_begin_anywhere() -> None:
-    """A new stream begins at 1 again; that is neither loss nor restart nor copy."""
+def test_requested_stream_may_begin_anywhere() -> None:
+    """A new stream begins at 1 again; that is no loss, no restart and no copy."""
     stream, _ = follow_all([record(place) for place in range(5, 10)])
     stream, kinds = follow_all([record(1), record(2)], begin_anew(stream))
     assert kinds == ["sample", "sample"]
@@ -219,8 +219,8 @@ def test_stream_that_was_asked_for_may_begin_anywhere() -> None:
     assert stream.tally == replace(RdtStream().tally, records=7)
 
 
-def test_repeated_sample_is_no_news() -> None:
-    """Records that go on while ft_sequence stands are counted, and give no sample."""
+def test_repeated_sample_gives_no_sample() -> None:
+    """Records with a constant ft_sequence are counted and give no sample."""
     stream, kinds = follow_all([record(1, ft=5), *(record(n, ft=5) for n in (2, 3)), record(4)])
     assert kinds == ["sample", "repeated", "repeated", "sample"]
     assert stream.tally.repeated == 2
@@ -228,7 +228,7 @@ def test_repeated_sample_is_no_news() -> None:
 
 @pytest.mark.parametrize(("count", "period_ns"), [(FROZEN_RECORDS, 10_000_000), (200, 1_000_000)])
 def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
-    """Six equal counts for long enough and often enough; one other count ends it."""
+    """Six equal counts for the minimum time and number are frozen; one other count ends it."""
     stream, reasons = RdtStream(), []
     for number in range(count):
         stream, _ = follow(stream, record(number, counts=(5,) * 6), number * period_ns)
@@ -240,19 +240,19 @@ def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
 
 
 def test_stalled_sensor_is_not_called_frozen() -> None:
-    """Repeats of one sample are no still samples: stalled and frozen have different causes."""
+    """Repeats of one sample are a stall, which has another cause than frozen readings."""
     repeats = [record(number, ft=5, counts=(5,) * 6) for number in range(100)]
     stream, _ = follow_all([*repeats, record(100, ft=6, counts=(5,) * 6)])
     assert frozen_reason(stream, 101 * PERIOD_NS) == ""
 
 
-# --- thinning -------------------------------------------------------------------------------------
+# --- decimation -----------------------------------------------------------------------------------
 
 
-def kept_hz(rate_hz: float, wanted_hz: float, *, lose: float = 0.0) -> tuple[float, int]:
-    """Return how many samples a second are kept, and every which, once the rate is known."""
+def kept_hz(rate_hz: float, target_hz: float, *, lose: float = 0.0) -> tuple[float, int]:
+    """Return the kept samples per second and the divisor, once the rate is known."""
     rng = random.Random(1)
-    state, kept = Decimation(wanted_hz), 0
+    state, kept = Decimation(target_hz), 0
     for number in range(int(3 * rate_hz)):
         if rng.random() < lose:
             continue
@@ -262,26 +262,26 @@ def kept_hz(rate_hz: float, wanted_hz: float, *, lose: float = 0.0) -> tuple[flo
 
 
 @given(st.floats(50.0, 1000.0), st.floats(0.1, 2.0))
-def test_up_to_twice_the_wanted_rate_every_sample_is_kept(wanted: float, ratio: float) -> None:
-    """The filter behind gets every sample that it can use."""
-    rate_hz = max(20.0, wanted * ratio)
-    if rate_hz <= 2.0 * wanted:
-        kept, every = kept_hz(rate_hz, wanted)
+def test_up_to_twice_the_target_rate_every_sample_is_kept(target: float, ratio: float) -> None:
+    """The filter gets every sample that it can use."""
+    rate_hz = max(20.0, target * ratio)
+    if rate_hz <= 2.0 * target:
+        kept, every = kept_hz(rate_hz, target)
         assert every == 1
         assert kept == pytest.approx(rate_hz, abs=2.0)
 
 
 @pytest.mark.parametrize("rate_hz", [1250.0, 2000.0, 3500.0, 7000.0])
 @pytest.mark.parametrize("lose", [0.0, 0.1])
-def test_faster_sensor_is_thinned_to_about_the_wanted_rate(rate_hz: float, lose: float) -> None:
-    """The nearest whole share is kept; lost samples cost little, the next one takes their place."""
+def test_faster_sensor_is_decimated_to_about_the_target_rate(rate_hz: float, lose: float) -> None:
+    """The nearest whole divisor is used; the next sample replaces a lost one."""
     kept, every = kept_hz(rate_hz, 500.0, lose=lose)
     assert every == round(rate_hz / 500.0)
     assert rate_hz / every * (1.0 - 0.6 * lose) <= kept <= rate_hz / every + 1.0
 
 
-def test_pause_is_not_taken_for_a_slow_sensor() -> None:
-    """After a gap the old choice holds until the rate has been measured anew."""
+def test_pause_is_not_counted_as_a_low_rate() -> None:
+    """After a gap the old divisor holds until the rate has been measured again."""
     state = Decimation(500.0)
     for number in range(7000):
         state, _ = decimate(state, number, number * NS_PER_S // 7000)

@@ -1,9 +1,9 @@
 """The Robotiq FT 300: bytes and frames, and the driver over a pseudo-terminal."""
 
-import builtins
 import os
 import pty
 import random
+import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -33,13 +33,13 @@ readings = st.tuples(st.tuples(force, force, force), st.tuples(torque, torque, t
 
 
 def test_the_request_is_the_one_of_the_manual() -> None:
-    """Slave 9, write multiple registers, 410, 0x0200, and the CRC that the manual prints."""
+    """The request is slave 9, write multiple registers, 410, 0x0200, and the CRC of the manual."""
     assert start() == bytes.fromhex("09 10 01 9A 00 01 02 02 00 CD CA")
 
 
 @given(readings)
 def test_a_frame_is_read_as_it_was_sent(reading: Any) -> None:
-    """In hundredths of a newton and thousandths of a newton metre, sign kept."""
+    """Values are in hundredths of a newton and thousandths of a newton metre; the sign is kept."""
     (read,) = Framer().feed(frame(*reading))
     assert read.force_N == pytest.approx(reading[0])
     assert read.torque_Nm == pytest.approx(reading[1])
@@ -61,7 +61,7 @@ def test_frames_are_found_however_the_bytes_are_cut(sent: list[Any], seed: int) 
 
 @given(readings, st.binary(max_size=60))
 def test_no_byte_is_forgotten(reading: Any, rubbish: bytes) -> None:
-    """Of what came every byte is a frame's, is counted as skipped, or still waits."""
+    """Every received byte belongs to a frame, is counted as skipped, or is still pending."""
     framer = Framer()
     found = framer.feed(rubbish + frame(*reading) + HEAD)
     taken = sum(FRAME_BYTES + read.skipped for read in found)
@@ -70,8 +70,8 @@ def test_no_byte_is_forgotten(reading: Any, rubbish: bytes) -> None:
 
 
 @given(readings, st.integers(2, 15), st.integers(1, 255))
-def test_a_spoiled_frame_is_no_reading(reading: Any, place: int, flip: int) -> None:
-    """One wrong byte anywhere behind the head: the CRC does not fit, the next frame is found."""
+def test_a_corrupted_frame_is_no_reading(reading: Any, place: int, flip: int) -> None:
+    """One wrong byte anywhere after the head: the CRC differs, and the next frame is found."""
     data = bytearray(frame(*reading))
     data[place] ^= flip
     good = frame((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
@@ -91,19 +91,19 @@ class Line:
         self.waiting, self.written, self.broken = b"", b"", False
 
     def read(self, _size: int) -> bytes:
-        """Return what waits."""
+        """Return the pending bytes."""
         if self.broken:
             raise OSError(5, "Input/output error")
         data, self.waiting = self.waiting, b""
         return data
 
     def write(self, data: bytes) -> int:
-        """Keep what was sent."""
+        """Keep the sent bytes."""
         self.written += data
         return len(data)
 
     def close(self) -> None:
-        """Nothing to let go."""
+        """Release nothing."""
 
 
 def section(**changes: Any) -> SensorSection:
@@ -111,7 +111,7 @@ def section(**changes: Any) -> SensorSection:
     return load_cell(REAL_CELL, {f"sensor.{name}": value for name, value in changes.items()}).sensor
 
 
-class Bench:
+class RobotiqBench:
     """A driver, its line and a clock."""
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ class Bench:
         self.read()
 
     def read(self, data: bytes = b"", after_ns: int = PERIOD_NS) -> list[SensorSample]:
-        """Let bytes arrive; return what the driver makes of them."""
+        """Deliver bytes; return the samples of the driver."""
         self.now_ns += after_ns
         self.line.waiting += data
         return list(self.driver.read(self.now_ns))
@@ -131,9 +131,9 @@ class Bench:
 GOOD = frame((1.0, -2.0, 30.0), (0.1, -0.2, 0.3))
 
 
-def test_the_stream_is_asked_for_and_its_frames_are_samples() -> None:
-    """Once, while frames come; each is a sample in SI with a number of its own."""
-    bench = Bench()
+def test_the_stream_is_requested_and_its_frames_are_samples() -> None:
+    """One request while frames arrive; each frame is a sample in SI with its own number."""
+    bench = RobotiqBench()
     assert bench.line.written == start()
     samples = [sample for _ in range(150) for sample in bench.read(GOOD)]
     assert bench.line.written == start()
@@ -145,8 +145,8 @@ def test_the_stream_is_asked_for_and_its_frames_are_samples() -> None:
 
 
 def test_lost_frames_are_counted_and_many_are_a_fault() -> None:
-    """What makes no frame was one: its number is left out, and a tenth of them is too many."""
-    bench = Bench()
+    """Bytes that form no frame count as one lost frame; 10 % of lost frames are a fault."""
+    bench = RobotiqBench()
     bench.read(GOOD)
     (sample,) = bench.read(GOOD[:10] + GOOD)
     assert (sample.counter, sample.status) == (3, "ok")
@@ -157,20 +157,20 @@ def test_lost_frames_are_counted_and_many_are_a_fault() -> None:
 
 
 def test_saturation_is_that_of_the_smaller_range() -> None:
-    """The cell file's 200 N go before the sensor's own 300 N."""
-    (sample,) = Bench().read(frame((190.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    """The 200 N of the cell file take precedence over the sensor's own 300 N."""
+    (sample,) = RobotiqBench().read(frame((190.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     assert (sample.status, sample.code) == ("saturated", "sensor_saturated")
 
 
-def test_silence_strangers_and_a_broken_line_are_told_apart() -> None:
-    """Each with its code; the line is opened anew until it is back."""
-    bench = Bench()
-    assert bench.driver.complaint().code == "sensor_silent"
+def test_silence_foreign_data_and_a_broken_line_have_different_codes() -> None:
+    """Each case has its own code; the line is reopened until it works."""
+    bench = RobotiqBench()
+    assert bench.driver.silence_fault().code == "sensor_silent"
     bench.read(b"$GPGGA,123519,4807.038,N" * 10)
-    assert bench.driver.complaint().code == "sensor_stranger"
+    assert bench.driver.silence_fault().code == "sensor_stranger"
     bench.line.broken = True
     bench.read()
-    assert "Input/output error" in bench.driver.complaint().text
+    assert "Input/output error" in bench.driver.silence_fault().text
     bench.line = Line()
     bench.read(after_ns=2 * NS_PER_S)
     assert bench.line.written == start()
@@ -178,25 +178,18 @@ def test_silence_strangers_and_a_broken_line_are_told_apart() -> None:
 
 
 def test_readings_that_waited_too_long_are_dropped() -> None:
-    """Nobody knows their age after this process was held up."""
-    bench = Bench()
+    """After a stall of this process the age of pending readings is unknown."""
+    bench = RobotiqBench()
     bench.read(GOOD)
     assert bench.read(GOOD * 5, after_ns=NS_PER_S // 10) == []
     assert bench.driver.counters()["late"] == 5
-    assert bench.driver.complaint().code == "overrun"
+    assert bench.driver.silence_fault().code == "overrun"
     assert len(bench.read(GOOD)) == 1
 
 
-def test_a_missing_package_is_told_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With the word that installs it."""
-    real = builtins.__import__
-
-    def without(name: str, *rest: Any) -> Any:
-        if name == "serial":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+def test_a_missing_pyserial_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error names the command that installs the package."""
+    monkeypatch.setitem(sys.modules, "serial", None)
     with pytest.raises(ConfigError, match="pip install pyserial"):
         robotiq_driver(section(), stale_after_s=STALE_S)
 
@@ -206,16 +199,16 @@ def test_a_missing_package_is_told_in_a_sentence(monkeypatch: pytest.MonkeyPatch
 
 @pytest.fixture
 def terminal() -> Iterator[tuple[int, str]]:
-    """The sensor's end of a pseudo-terminal, and the name of ours."""
-    ours, theirs = pty.openpty()
-    yield ours, os.ttyname(theirs)
-    os.close(ours)
-    os.close(theirs)
+    """Yield the sensor's end of a pseudo-terminal and the name of the driver's end."""
+    sensor_fd, driver_fd = pty.openpty()
+    yield sensor_fd, os.ttyname(driver_fd)
+    os.close(sensor_fd)
+    os.close(driver_fd)
 
 
 @pytest.mark.realtime
 def test_pyserial_carries_request_and_stream(terminal: tuple[int, str]) -> None:
-    """Nothing on the way changes a byte, also 0x0D, 0x11 and 0xFF."""
+    """The line changes no byte, also not 0x0D, 0x11 and 0xFF."""
     sensor_end, name = terminal
     driver = robotiq_driver(section(device=name), stale_after_s=10.0)
     driver.read(time.monotonic_ns())
@@ -223,18 +216,18 @@ def test_pyserial_carries_request_and_stream(terminal: tuple[int, str]) -> None:
     sent = frame((0.13, -0.01, 2.56), (0.017, -0.001, 3.34))
     os.write(sensor_end, sent * 3)
     samples: list[SensorSample] = []
-    give_up_s = time.monotonic() + 10.0
-    while len(samples) < 3 and time.monotonic() < give_up_s:
+    deadline_s = time.monotonic() + 10.0
+    while len(samples) < 3 and time.monotonic() < deadline_s:
         samples += driver.read(time.monotonic_ns())
     assert [sample.force_N for sample in samples] == [pytest.approx((0.13, -0.01, 2.56))] * 3
     driver.close()
     assert os.read(sensor_end, 100) == b"\xff" * 50
 
 
-def test_a_line_that_does_not_exist_is_told_and_tried_again() -> None:
-    """The cable may come later."""
+def test_a_missing_line_is_reported_and_opened_again() -> None:
+    """The cable may be plugged in later."""
     driver = robotiq_driver(section(device="/dev/no-such-line"), stale_after_s=STALE_S)
     driver.read(NS_PER_S)
-    assert "No such file" in driver.complaint().text
+    assert "No such file" in driver.silence_fault().text
     driver.read(3 * NS_PER_S)
     assert driver.counters()["requests"] == 2

@@ -1,4 +1,4 @@
-"""What the sensor driver makes of records, read from a real UDP socket."""
+"""The sensor driver's messages for records that arrive on a real UDP socket."""
 
 import socket
 from itertools import pairwise
@@ -16,20 +16,20 @@ pytestmark = pytest.mark.realtime
 
 
 def test_every_record_becomes_one_message_in_SI(rig: Rig) -> None:
-    """A good stream is passed on one to one, converted, stamped when it was read."""
+    """Each record of a good stream is converted and published once, stamped when it was read."""
     messages = rig.stream(0.1)
     assert [message.counter for message in messages] == list(range(1, 51))
     assert all(message.valid and message.status == "ok" for message in messages)
     assert messages[6].force_N == pytest.approx((7e-6, -7e-6, 3.0))
     assert messages[6].torque_Nm == pytest.approx((-0.5, 7e-6, 0.0))
-    stamps = rig.said.stamps[-50:]
+    stamps = rig.published.stamps[-50:]
     gaps = {after - before for before, after in pairwise(stamps)}
     assert all(abs(gap - PERIOD_S * NS_PER_S) <= 600_000 for gap in gaps)
     assert rig.driver.fault == ""
 
 
 def test_records_that_wait_together_are_all_published_and_the_newest_last(rig: Rig) -> None:
-    """After a short hold-up nothing is skipped, and whoever keeps the newest has the newest."""
+    """After a short stall no record is skipped, and a reader of the newest gets the newest."""
     messages = rig.send(*(rig.sensor.record(force_N=force) for force in (1.0, 2.0, 3.0)))
     assert [message.force_N[2] for message in messages] == [1.0, 2.0, 3.0]
 
@@ -42,8 +42,8 @@ def test_sensor_up_to_twice_as_fast_is_passed_on_whole(sensor: FakeSensor) -> No
         assert rig.counters["keep_every"] == 1
 
 
-def test_faster_sensor_is_thinned(sensor: FakeSensor) -> None:
-    """500 Hz to a cell of 100 Hz: every fifth sample, once the rate has been measured."""
+def test_faster_sensor_is_decimated(sensor: FakeSensor) -> None:
+    """500 Hz to a cell of 100 Hz: every fifth sample is published, once the rate is known."""
     with Rig(sensor, **{"rates.sensor_hz": 100.0}) as rig:
         rig.start()
         rig.stream(0.5)
@@ -53,17 +53,17 @@ def test_faster_sensor_is_thinned(sensor: FakeSensor) -> None:
         assert rig.counters["sensor_hz"] == 500
 
 
-def test_thinning_goes_on_after_a_silence(sensor: FakeSensor) -> None:
-    """A silence is not taken for a slow sensor, whose every sample would be published."""
+def test_decimation_continues_after_a_silence(sensor: FakeSensor) -> None:
+    """A silence does not lower the measured rate, which would publish every sample."""
     with Rig(sensor, **{"rates.sensor_hz": 100.0}) as rig:
         rig.start()
         rig.stream(0.5)
         rig.advance(0.3)
-        sensor.hear()
+        sensor.receive()
         assert len(rig.stream(0.2)) == pytest.approx(20, abs=1)
 
 
-def test_bad_sample_that_was_left_out_is_not_forgotten(sensor: FakeSensor) -> None:
+def test_a_bad_sample_between_two_published_ones_is_reported(sensor: FakeSensor) -> None:
     """One saturated sample between two kept ones makes the next message not valid."""
     with Rig(sensor, **{"rates.sensor_hz": 100.0}) as rig:
         rig.start()
@@ -76,7 +76,7 @@ def test_bad_sample_that_was_left_out_is_not_forgotten(sensor: FakeSensor) -> No
 
 
 def test_lost_records_are_counted_and_show_in_the_counter(rig: Rig) -> None:
-    """A gap is no fault by itself; who reads the topic can see it."""
+    """A gap alone is no fault; readers of the topic find it in the counter."""
     rig.stream(0.02)
     for _ in range(4):
         rig.sensor.record()
@@ -86,7 +86,7 @@ def test_lost_records_are_counted_and_show_in_the_counter(rig: Rig) -> None:
     assert rig.counters["lost"] == 4
 
 
-def test_copies_and_stragglers_are_counted_and_not_published(rig: Rig) -> None:
+def test_copies_and_late_records_are_counted_and_not_published(rig: Rig) -> None:
     """An old reading never follows a newer one."""
     first, second, third = (rig.sensor.record(force_N=force) for force in (1.0, 2.0, 3.0))
     messages = rig.send(first, third, second, third, first, second)
@@ -95,11 +95,11 @@ def test_copies_and_stragglers_are_counted_and_not_published(rig: Rig) -> None:
     assert rig.counters["lost"] == 0
 
 
-def test_datagrams_of_another_address_are_not_let_in(rig: Rig) -> None:
-    """Only the sensor of the cell file is the sensor."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+def test_datagrams_of_another_address_are_dropped(rig: Rig) -> None:
+    """The driver accepts datagrams of the cell file's address only."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other_sender:
         assert rig.sensor.client is not None
-        stranger.sendto(rig.sensor.record(), rig.sensor.client)
+        other_sender.sendto(rig.sensor.record(), rig.sensor.client)
     rig.advance(PERIOD_S)
     assert rig.counters["records"] == 0
 
@@ -108,7 +108,7 @@ def test_datagrams_of_another_address_are_not_let_in(rig: Rig) -> None:
 
 
 def test_serious_status_is_published_at_once_and_without_numbers(rig: Rig) -> None:
-    """What the sensor itself does not trust is not passed on; the next good sample is."""
+    """Numbers with a serious status are not published; the next good sample is."""
     assert_no_numbers(rig.stream(0.02, status=0x8000_0008), "status 0x80000008")
     assert "0x80000008" in rig.driver.fault
     assert all(message.valid for message in rig.stream(0.02))
@@ -116,7 +116,7 @@ def test_serious_status_is_published_at_once_and_without_numbers(rig: Rig) -> No
 
 
 def test_threshold_of_the_user_is_counted_and_no_fault(rig: Rig) -> None:
-    """The monitor condition says something about the process, nothing about the reading."""
+    """The user's threshold concerns the process and not the reading."""
     for count, status in enumerate(MONITOR_CONDITIONS, start=1):
         assert all(message.valid for message in rig.stream(0.02, status=status))
         assert rig.counters["monitor_conditions"] == 10 * count
@@ -124,7 +124,7 @@ def test_threshold_of_the_user_is_counted_and_no_fault(rig: Rig) -> None:
 
 @pytest.mark.parametrize("force_N", [190.0, -190.0, 2000.0])
 def test_saturated_sample_is_not_valid_and_names_the_axis(rig: Rig, force_N: float) -> None:
-    """One axis at 95 % of its range takes the whole sample with it."""
+    """One axis at 95 % of its range makes the whole sample invalid."""
     for message in rig.stream(0.02, force_N=force_N):
         assert not message.valid
         assert message.status == "saturated"
@@ -134,7 +134,7 @@ def test_saturated_sample_is_not_valid_and_names_the_axis(rig: Rig, force_N: flo
 
 
 def test_frozen_reading_is_found(rig: Rig) -> None:
-    """Samples that are counted and never change by a single count are not valid after 0.1 s."""
+    """Samples with new numbers and constant counts are not valid after 0.1 s."""
     messages = rig.stream(0.3, frozen=True)
     assert [message.valid for message in messages[:50]] == [True] * 50
     assert_no_numbers(messages[51:], "frozen")

@@ -1,4 +1,4 @@
-"""The sensor driver as a process, the cell that it is for, and the cells that it refuses."""
+"""The sensor driver as a process, with its own cell and with cells that it refuses."""
 
 import os
 import signal
@@ -6,7 +6,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,7 +23,7 @@ pytestmark = pytest.mark.realtime
 
 
 def test_template_cell_is_conservative_and_complete() -> None:
-    """The template loads without a mistake and keeps below what the demo cell allows."""
+    """The template loads without a mistake, and its limits are below those of the demo cell."""
     real, demo = load_cell(REAL_CELL), load_cell(ROOT / "cells" / "demo.yaml")
     assert (real.roles.robot, real.roles.sensor) == ("gateway", "driver")
     assert set(real.robot.hosts) == {"pc", "controller"}
@@ -41,7 +40,7 @@ def test_template_cell_is_conservative_and_complete() -> None:
 def test_process_refuses_a_role_that_the_cell_gives_to_another(
     role: str, implementation: str, other: str
 ) -> None:
-    """Two processes never play one role; the error names the field and both ways out."""
+    """Two processes never have one role; the error names the field and both remedies."""
     cells = {"sim": ROOT / "cells" / "demo.yaml", "gateway": REAL_CELL}
     wrong = load_cell(cells[other])
     with pytest.raises(
@@ -53,7 +52,7 @@ def test_process_refuses_a_role_that_the_cell_gives_to_another(
 
 
 @pytest.mark.parametrize(
-    ("module", "cell", "said"),
+    ("module", "cell", "message"),
     [
         (
             "services.sensor",
@@ -64,28 +63,21 @@ def test_process_refuses_a_role_that_the_cell_gives_to_another(
     ],
 )
 def test_process_of_another_cell_ends_with_one_clear_error(
-    module: str, cell: str, said: str
+    module: str, cell: str, message: str
 ) -> None:
-    """Exit code 2 and the reason, before the bus is even looked for."""
+    """The process ends with exit code 2 and the reason, before it opens the bus."""
     command = [sys.executable, "-m", module, "--cell", f"cells/{cell}"]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert ended.returncode == 2
-    assert said in ended.stderr
+    assert message in ended.stderr
     assert "Traceback" not in ended.stderr
-
-
-@pytest.fixture
-def sensor() -> Iterator[FakeSensor]:
-    """A sensor that nobody has asked yet."""
-    with FakeSensor() as fake:
-        yield fake
 
 
 @pytest.mark.processes
 def test_process_publishes_what_the_sensor_sends_and_stops_it_at_the_end(
     sensor: FakeSensor, tmp_path: Path
 ) -> None:
-    """As a user runs it: process, hub, UDP; SIGTERM stops the stream and exits with 0."""
+    """A process with hub and UDP publishes; SIGTERM stops the stream and it exits with 0."""
     text = REAL_CELL.read_text(encoding="utf-8")
     text = text.replace("address: 192.168.1.1", "address: 127.0.0.1")
     text = text.replace("port: 49152 # RDT", f"port: {sensor.port} # RDT")
@@ -104,14 +96,14 @@ def test_process_publishes_what_the_sensor_sends_and_stops_it_at_the_end(
             try:
                 reader = hub.playing(topics.CLIENT).reader(topics.SENSOR_WRENCH)
                 sensor.socket.settimeout(30.0)
-                assert sensor.hear() == request(RdtCommand.START)
-                give_up = time.monotonic() + PATIENCE_S
+                assert sensor.receive() == request(RdtCommand.START)
+                deadline_s = time.monotonic() + PATIENCE_S
                 while (message := reader.read(time.monotonic_ns()).fresh) is None:
-                    assert time.monotonic() < give_up
+                    assert time.monotonic() < deadline_s
                     sensor.send(sensor.record(force_N=12.5))
                     time.sleep(PERIOD_S)
                 process.send_signal(signal.SIGTERM)
-                while (data := sensor.hear()) == request(RdtCommand.START):
+                while (data := sensor.receive()) == request(RdtCommand.START):
                     pass
                 assert data == request(RdtCommand.STOP)
                 assert process.wait(PATIENCE_S) == 0

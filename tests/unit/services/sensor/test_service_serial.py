@@ -1,4 +1,4 @@
-"""Each sample says which sensor it is of, so that a calibration of another one is found out."""
+"""The serial number in each sample, which shows a calibration of another sensor."""
 
 from collections.abc import Sequence
 
@@ -12,14 +12,14 @@ from tests.fakes.bench import Bench
 STEP_S = 0.002
 
 
-class Plugged:
-    """A driver of whichever sensor is plugged in, if any."""
+class PluggedDriver:
+    """A driver of the sensor that is plugged in, if any."""
 
     where = "a sensor"
 
     def __init__(self) -> None:
         self.serial: str | None = "FT1"
-        self.tells = True
+        self.has_info = True
         self._counter = 0
 
     def read(self, now_ns: int) -> Sequence[SensorSample]:
@@ -31,13 +31,13 @@ class Plugged:
             SensorSample((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), counter=self._counter, stamp_ns=now_ns)
         ]
 
-    def complaint(self) -> SensorFault:
-        """Nothing is known."""
+    def silence_fault(self) -> SensorFault:
+        """Return no fault."""
         return NO_FAULT
 
     def info(self) -> Info | None:
-        """Return what the sensor says of itself."""
-        if self.serial is None or not self.tells:
+        """Return the sensor's own description."""
+        if self.serial is None or not self.has_info:
             return None
         return Info("fake", 100.0, 10.0, "its own", self.serial)
 
@@ -46,11 +46,11 @@ class Plugged:
         return {}
 
     def close(self) -> None:
-        """Nothing to let go."""
+        """Release nothing."""
 
 
-def bench_of(driver: Plugged) -> Bench:
-    """Return the service with a driver."""
+def bench_of(driver: PluggedDriver) -> Bench:
+    """Return a bench of the service with this driver."""
 
     def make(bus: Bus, cell: CellConfig) -> SensorDriver:
         return SensorDriver(bus, cell, driver)
@@ -58,20 +58,20 @@ def bench_of(driver: Plugged) -> Bench:
     return Bench("sensor", make, step_s=STEP_S)
 
 
-def test_a_number_that_is_known_later_than_the_first_sample_is_told_from_then_on() -> None:
-    """The page of a Net F/T is fetched while its records come already."""
-    driver = Plugged()
-    driver.tells = False
+def test_a_serial_number_read_after_the_first_sample_is_published_from_then_on() -> None:
+    """The page of a Net F/T is fetched while its records already arrive."""
+    driver = PluggedDriver()
+    driver.has_info = False
     bench = bench_of(driver)
     assert bench.after_step(topics.SENSOR_WRENCH).serial == ""
     bench.step(5)
-    driver.tells = True
+    driver.has_info = True
     assert bench.after_step(topics.SENSOR_WRENCH).serial == "FT1"
 
 
 def test_another_sensor_on_the_same_cable_has_another_number() -> None:
-    """Unplugged, another one plugged in: from its first sample on."""
-    driver = Plugged()
+    """After a change of sensors the first sample has the new serial number."""
+    driver = PluggedDriver()
     bench = bench_of(driver)
     assert bench.after_step(topics.SENSOR_WRENCH).serial == "FT1"
     driver.serial = None

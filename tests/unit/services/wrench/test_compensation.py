@@ -1,4 +1,4 @@
-"""Tasks a and b: what the sensor reads becomes what the environment does; filter and tare."""
+"""From the sensor's reading to the force of the environment: compensation, filter, tare."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ payloads = st.builds(Payload, st.floats(0.0, 7.0), triples, biases, biases)
 
 
 def reading_of(payload, R, p, force_N, torque_Nm):
-    """Return what an ideal sensor shows, from a free body diagram in base axes.
+    """Return the reading of an ideal sensor, from a free body diagram in base axes.
 
     The weight acts at the centre of mass, the environment at the TCP; both about the sensor.
     """
@@ -50,7 +50,7 @@ def reading_of(payload, R, p, force_N, torque_Nm):
 
 @given(vectors, vectors, turns, levers, vectors, turns)
 def test_power_is_the_same_at_the_sensor_and_at_the_tcp(f, t, turn, p, v_sensor, w) -> None:
-    """F.v + M.w does not depend on axes or point: whatever the tool's rigid motion is."""
+    """F.v + M.w does not depend on axes or point, for any rigid motion of the tool."""
     R = rotation_from_vector(turn)
     at_tcp_in_base = compensate(
         Wrench(f, t), R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=NOTHING
@@ -63,8 +63,8 @@ def test_power_is_the_same_at_the_sensor_and_at_the_tcp(f, t, turn, p, v_sensor,
 
 
 @given(vectors, vectors, turns, levers, turns)
-def test_power_is_the_same_with_a_sensor_that_is_mounted_askew(f, t, turn, p, mounting) -> None:
-    """The mounting correction turns axes only; the TCP stays where the cell file says."""
+def test_power_is_the_same_with_a_rotated_sensor(f, t, turn, p, mounting) -> None:
+    """The mounting correction turns axes only; the TCP stays where the cell file has it."""
     payload = replace(NOTHING, mounting_rotation_rad=tuple(mounting.tolist()))
     R = rotation_from_vector(turn)
     R_true = R @ rotation_from_vector(mounting)
@@ -80,7 +80,7 @@ def test_power_is_the_same_with_a_sensor_that_is_mounted_askew(f, t, turn, p, mo
 @given(payloads, turns, levers)
 @example(OFF_CENTRE, np.array([math.pi, 0.0, 0.0]), np.array([0.0, 0.0, 0.14]))
 def test_an_off_centre_mass_weighs_nothing_in_any_orientation(payload, turn, p) -> None:
-    """Free of contact the environment does nothing: tool up, down, sideways, anything."""
+    """Without contact the result is zero in every orientation of the tool."""
     R = rotation_from_vector(turn)
     reading = reading_of(payload, R, p, np.zeros(3), np.zeros(3))
     found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
@@ -90,8 +90,8 @@ def test_an_off_centre_mass_weighs_nothing_in_any_orientation(payload, turn, p) 
 
 
 @given(payloads, turns, levers, vectors, vectors)
-def test_what_the_environment_does_is_what_is_left(payload, turn, p, force_N, torque_Nm) -> None:
-    """Base axes, about the TCP, the sign that was put in: positive pushes the robot."""
+def test_the_force_of_the_environment_remains(payload, turn, p, force_N, torque_Nm) -> None:
+    """It is in base axes, about the TCP, with its own sign: positive pushes the robot."""
     R = rotation_from_vector(turn)
     reading = reading_of(payload, R, p, force_N, torque_Nm)
     found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
@@ -104,10 +104,10 @@ gains = st.tuples(*[st.floats(0.9, 1.1)] * 3)
 
 
 @given(payloads, turns, levers, vectors, vectors, gains, gains)
-def test_an_axis_that_reads_too_much_is_divided_back(
+def test_the_gain_of_an_axis_is_removed(
     payload, turn, p, force_N, torque_Nm, force_gain, torque_gain
 ) -> None:
-    """Each axis of load, without bias, is multiplied by its gain: the wrench is the same."""
+    """The load of each axis, without bias, has a gain: the wrench is the same."""
     R = rotation_from_vector(turn)
     true = reading_of(payload, R, p, force_N, torque_Nm)
     b_F, b_M = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)
@@ -123,7 +123,7 @@ def test_an_axis_that_reads_too_much_is_divided_back(
 
 MUTANTS = {
     "transposed orientation": lambda R, p, load: (R.T, p, load),
-    "lever the other way": lambda R, p, load: (R, -p, load),
+    "inverted lever": lambda R, p, load: (R, -p, load),
     "no lever": lambda R, p, load: (R, 0.0 * p, load),
     "mirrored centre of mass": lambda R, p, load: (
         R, p, replace(load, com_m=tuple(-x for x in load.com_m))
@@ -132,7 +132,7 @@ MUTANTS = {
     "gravity upwards": lambda R, p, load: (
         R, p, replace(load, gravity_direction_in_base=(0.0, 0.0, 1.0))
     ),
-    "bias the other way": lambda R, p, load: (
+    "inverted bias": lambda R, p, load: (
         R, p, replace(load, bias_force_N=tuple(-x for x in load.bias_force_N))
     ),
     "no bias of the torque": lambda R, p, load: (
@@ -142,8 +142,8 @@ MUTANTS = {
 
 
 @pytest.mark.parametrize("mutant", MUTANTS.values(), ids=MUTANTS)
-def test_each_mistake_that_people_make_would_show(mutant) -> None:
-    """The checks above can fail: every classic error leaves newtons or newton metres behind."""
+def test_each_common_mistake_is_detected(mutant) -> None:
+    """The checks above can fail: every typical error leaves newtons or newton metres."""
     R = rotation_from_vector(np.array([2.0, 0.7, -0.4]))
     p, force_N, torque_Nm = np.array([0.02, 0.0, 0.14]), np.array([3.0, 5.0, 30.0]), np.ones(3)
     reading = reading_of(OFF_CENTRE, R, p, force_N, torque_Nm)
@@ -160,7 +160,7 @@ def test_each_mistake_that_people_make_would_show(mutant) -> None:
 
 
 def test_the_lever_is_that_of_the_cell_file() -> None:
-    """From the sensor's origin to the TCP, in sensor axes that are turned by 30 degrees."""
+    """It is from the sensor's origin to the TCP, in sensor axes that are turned by 30 degrees."""
     mounting = Mounting(CELL.sensor.T_flange_sensor.pose, CELL.tool.T_flange_tcp.pose)
     assert mounting.p_sensor_tcp_in_sensor == pytest.approx([0.0, 0.0, 0.14])
 
@@ -189,29 +189,29 @@ lowpasses = st.sampled_from([0.0, 0.001, 0.005, 1.0])
 
 @given(samples, medians, lowpasses)
 def test_constant_in_is_constant_out_from_the_first_sample(sample, median, lowpass_s) -> None:
-    """No transient at the start: the first sample is the first output."""
+    """The first sample is the first output, without a transient."""
     for output in run(Filter(median, lowpass_s), [sample] * 8):
         assert output == pytest.approx(sample, abs=1e-12)
 
 
 @given(samples, samples, st.sampled_from([3, 5]), lowpasses, st.integers(2, 9))
 def test_a_single_spike_leaves_no_trace(sample, spike, median, lowpass_s, at) -> None:
-    """One wild sample among equal ones, from the third on, is as if it had not been."""
+    """One spike among equal samples, from the third on, does not change the output."""
     stream = [sample] * 12
     stream[at] = spike
     for output in run(Filter(median, lowpass_s), stream):
         assert output == pytest.approx(sample, abs=1e-12)
 
 
-def test_a_median_of_five_takes_out_two_spikes_at_once() -> None:
-    """The middle of the window, not just beside its edge: on either side."""
+def test_a_median_of_five_removes_two_spikes_at_once() -> None:
+    """The spikes may be on either side of the window's middle."""
     for spikes in (([100.0] * 6, [90.0] * 6), ([-100.0] * 6, [-90.0] * 6)):
         stream = [np.zeros(6)] * 5 + [np.array(spike) for spike in spikes] + [np.zeros(6)] * 5
         assert not np.any(run(Filter(5, 0.0), stream))
 
 
-def test_without_a_median_a_spike_shows() -> None:
-    """The test above can fail."""
+def test_without_a_median_a_spike_is_visible() -> None:
+    """This shows that the test above can fail."""
     stream = [np.zeros(6)] * 5 + [np.full(6, 100.0)] + [np.zeros(6)] * 5
 
     assert max(abs(output).max() for output in run(Filter(1, 0.005), stream)) > 10.0
@@ -219,7 +219,7 @@ def test_without_a_median_a_spike_shows() -> None:
 
 @given(st.lists(samples, min_size=1, max_size=12), medians, lowpasses, st.floats(0.0, 0.1))
 def test_the_output_never_leaves_the_range_of_the_input(stream, median, lowpass_s, dt_s) -> None:
-    """Channel by channel: no overshoot, no mixing of channels."""
+    """Channel by channel there is no overshoot and no mixing."""
     outputs = np.array(run(Filter(median, lowpass_s), stream, dt_s))
 
     assert (outputs >= np.min(stream, axis=0) - 1e-9).all()
@@ -227,8 +227,8 @@ def test_the_output_never_leaves_the_range_of_the_input(stream, median, lowpass_
 
 
 @given(st.sampled_from([0.0005, 0.002, 0.004]))
-def test_a_step_is_answered_in_seconds_not_in_samples(dt_s) -> None:
-    """1 - exp(-t/T) at every rate: a faster sensor is not filtered harder."""
+def test_the_step_response_is_in_seconds_and_not_in_samples(dt_s) -> None:
+    """1 - exp(-t/T) at every rate: a faster sensor is not filtered more."""
     steps = round(0.02 / dt_s)
     outputs = run(Filter(1, 0.01), [np.zeros(6)] + [np.ones(6)] * steps, dt_s)
 
@@ -239,8 +239,8 @@ def test_a_step_is_answered_in_seconds_not_in_samples(dt_s) -> None:
 
 
 @given(turns, vectors.filter(lambda v: np.linalg.norm(v) < OF_WEIGHT_N), turns, levers)
-def test_tare_makes_the_present_reading_zero_here_and_everywhere(turn, drift, other, drift_Nm):
-    """The bias is in sensor axes: what was drift here is gone in every other orientation."""
+def test_tare_zeroes_the_reading_in_every_orientation(turn, drift, other, drift_Nm):
+    """The bias is in sensor axes: a drift removed here is removed in every other orientation."""
     R = rotation_from_vector(turn)
     drifted = replace(
         OFF_CENTRE,
@@ -267,8 +267,8 @@ def test_tare_makes_the_present_reading_zero_here_and_everywhere(turn, drift, ot
     )
 
 
-def test_tare_knows_the_gain() -> None:
-    """The shift of a bias is in what the sensor reads, not in newtons of load."""
+def test_tare_considers_the_gain() -> None:
+    """A bias shift is in units of the reading, not in newtons of load."""
     payload = replace(OFF_CENTRE, force_gain=(1.1, 0.9, 1.0))
     reading = np.concatenate([v + 0.5 for v in predict(payload, np.eye(3))])
     tared, reply = tare(payload, [reading], np.eye(3), LIMITS)
@@ -278,7 +278,7 @@ def test_tare_knows_the_gain() -> None:
 
 @given(turns, vectors, st.floats(0.0, 3.0))
 def test_tare_is_refused_exactly_above_its_limits(turn, push, torque_Nm) -> None:
-    """Force, torque, share of the weight: refused with number and limit, the payload unchanged."""
+    """Force, torque, share of the weight: refused with value and limit, the payload unchanged."""
     R = rotation_from_vector(turn)
     force_N = float(np.linalg.norm(push))
     assume(min(abs(force_N - LIMITS.force_N), abs(force_N - OF_WEIGHT_N)) > 1e-6)
@@ -301,8 +301,8 @@ def test_tare_is_refused_exactly_above_its_limits(turn, push, torque_Nm) -> None
         assert reply.value == pytest.approx(value)
 
 
-def test_tare_takes_the_limit_itself() -> None:
-    """Exactly at it is drift, one bit above it is contact."""
+def test_tare_accepts_the_limit_itself() -> None:
+    """Exactly at the limit is drift, one bit above it is contact."""
     for place, limit in ((0, LIMITS.force_N), (3, LIMITS.torque_Nm)):
         for value, accepted in ((limit, True), (math.nextafter(limit, math.inf), False)):
             reading = np.zeros(6)

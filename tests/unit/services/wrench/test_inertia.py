@@ -1,4 +1,4 @@
-"""A tool that is swung about pushes on the sensor: taken away where the cell file says so."""
+"""Inertia of the tool, subtracted from the reading where the cell file requires it."""
 
 from dataclasses import replace
 
@@ -30,73 +30,75 @@ vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 
 
 def reading(p_m: np.ndarray, seq: int, *, at_s: float | None = None) -> Reading[RobotState]:
-    """Return what the robot says of a flange that does not turn."""
+    """Return the reading of a flange that does not rotate."""
     stamp_ns = seq * PERIOD_NS if at_s is None else round(at_s * 1e9)
     header = Header(seq=seq, epoch=1, boot="b", stamp_ns=stamp_ns)
     message = RobotState(**record_of(pin.SE3(np.eye(3), p_m)).model_dump())
     return Reading(message, header, 0.0, "")
 
 
-def after(poses: list[Reading[RobotState]]) -> AccelerationEstimator:
-    """Return what was seen of a motion."""
+def estimate_of(poses: list[Reading[RobotState]]) -> AccelerationEstimator:
+    """Return the acceleration estimate of a motion."""
     acceleration = AccelerationEstimator(CELL, MOUNTING)
     for each in poses:
-        acceleration.see(each, PAYLOAD)
+        acceleration.update(each, PAYLOAD)
     return acceleration
 
 
 @given(vectors, vectors, st.floats(0.5, 2.0))
-def test_an_even_acceleration_is_found_whatever_the_robots_real_rate(
+def test_a_constant_acceleration_is_estimated_at_any_rate_of_the_robot(
     v: np.ndarray, a: np.ndarray, slower: float
 ) -> None:
-    """The period is measured: a controller does not keep the rate of the cell file."""
+    """The period is measured, because a controller does not keep the rate of the cell file."""
     period_s = slower * PERIOD_NS / 1e9
     times = np.arange(30) * period_s
     path = [v * t + a * t * t / 2 for t in times]
-    found = after([reading(p, k, at_s=times[k]) for k, p in enumerate(path)]).now()
+    found = estimate_of([reading(p, k, at_s=times[k]) for k, p in enumerate(path)]).now()
     assert found == pytest.approx(a, abs=1e-3)
 
 
-def test_a_gap_another_writer_and_silence_begin_anew() -> None:
+def test_a_gap_another_writer_and_silence_restart_the_estimate() -> None:
     """Half of an old motion and half of a new one would be a jump."""
     path = [np.array([0.5 * (0.004 * k) ** 2 * 2.0, 0.0, 0.0]) for k in range(40)]
     known = [reading(p, k) for k, p in enumerate(path)]
-    assert after(known).now()[0] == pytest.approx(2.0, abs=1e-3)
-    assert after([*known[:20], *known[:3]]).now() == pytest.approx(0.0)
-    assert after([*known[:20], *known[30:32]]).now() == pytest.approx(0.0)
+    assert estimate_of(known).now()[0] == pytest.approx(2.0, abs=1e-3)
+    assert estimate_of([*known[:20], *known[:3]]).now() == pytest.approx(0.0)
+    assert estimate_of([*known[:20], *known[30:32]]).now() == pytest.approx(0.0)
     assert known[20].header is not None
     other = Reading(known[20].message, known[20].header.model_copy(update={"epoch": 2}), 0.0, "")
-    assert after([*known[:20], other]).now() == pytest.approx(0.0)
+    assert estimate_of([*known[:20], other]).now() == pytest.approx(0.0)
     silent: Reading[RobotState] = Reading(None, None, 1.0, "silent", silent=True)
-    assert after([*known[:20], silent, *known[20:22]]).now() == pytest.approx(0.0)
-    assert after([*known[:20], known[19], known[19]]).now()[0] == pytest.approx(2.0, abs=1e-3)
+    assert estimate_of([*known[:20], silent, *known[20:22]]).now() == pytest.approx(0.0)
+    assert estimate_of([*known[:20], known[19], known[19]]).now()[0] == pytest.approx(2.0, abs=1e-3)
 
 
-def test_poses_without_a_clock_show_nothing() -> None:
-    """Stamps that stand still are no period."""
-    assert after([reading(np.zeros(3), k, at_s=1.0) for k in range(20)]).now() == pytest.approx(0.0)
+def test_poses_with_constant_stamps_give_no_acceleration() -> None:
+    """Constant stamps have no period."""
+    assert estimate_of(
+        [reading(np.zeros(3), k, at_s=1.0) for k in range(20)]
+    ).now() == pytest.approx(0.0)
 
 
 @given(vectors, st.floats(-3.0, 3.0))
-def test_what_the_acceleration_adds_is_taken_away(a: np.ndarray, angle: float) -> None:
-    """Force and torque of m (g - a), seen by a perfect sensor, leave nothing."""
+def test_the_effect_of_acceleration_is_removed(a: np.ndarray, angle: float) -> None:
+    """Force and torque of m (g - a) of a perfect sensor leave zero."""
     R = pin.utils.rotate("x", angle)
     force, torque = predict(PAYLOAD, R)
     carried_N = -PAYLOAD.mass_kg * R.T @ a
     sensed = Wrench(force + carried_N, torque + np.cross(PAYLOAD.com_m, carried_N))
-    left = compensate(
+    residual = compensate(
         sensed,
         R_base_sensor=R,
         p_sensor_tcp_in_sensor=np.array([0.0, 0.0, 0.14]),
         payload=replace(PAYLOAD),
         a_com_m_s2=a,
     )
-    assert left.force_N == pytest.approx(0.0, abs=1e-9)
-    assert left.torque_Nm == pytest.approx(0.0, abs=1e-9)
+    assert residual.force_N == pytest.approx(0.0, abs=1e-9)
+    assert residual.torque_Nm == pytest.approx(0.0, abs=1e-9)
 
 
-def carried(*, inertial: bool) -> float:
-    """Return the rms force [N] that is left while the simulated arm swings its tool about."""
+def residual_rms_N(*, inertial: bool) -> float:
+    """Return the rms residual force [N] while the simulated arm swings its tool."""
     changes = {
         "filter.inertial": inertial,
         "sim.gap_m": 0.1,
@@ -109,22 +111,22 @@ def carried(*, inertial: bool) -> float:
     turn = tuple(np.radians([30.0, -3.0, 0.0, 20.0, -10.0, 60.0]).tolist())
     swing = MoveRequest(kind="by", joint_rad=turn, speed_m_s=0.5)
     assert lab.ask(topics.MOVE, swing).accepted
-    left = []
+    forces_N = []
     for _ in range(400):
         lab.cell.advance(0.004)
-        left.append(np.linalg.norm(lab.now(lab.wrench).force_N))
+        forces_N.append(np.linalg.norm(lab.now(lab.wrench).force_N))
     assert lab.status.trips == ()
-    return float(np.sqrt(np.mean(np.square(left))))
+    return float(np.sqrt(np.mean(np.square(forces_N))))
 
 
-def test_a_tool_that_is_swung_about_weighs_no_more_than_at_rest() -> None:
-    """The whole cell, sensor noise included: less than a fifth is left of what motion adds."""
-    without, with_it = carried(inertial=False), carried(inertial=True)
+def test_a_swung_tool_weighs_no_more_than_at_rest() -> None:
+    """In the whole cell, with sensor noise, less than a fifth of the motion's effect remains."""
+    without, with_it = residual_rms_N(inertial=False), residual_rms_N(inertial=True)
     assert without > 0.5
     assert with_it < 0.2 * without
 
 
-def test_a_slow_robot_is_told_to_be_too_slow() -> None:
-    """Its poses do not show accelerations."""
+def test_a_slow_robot_is_reported_as_too_slow() -> None:
+    """Its poses do not resolve accelerations."""
     with pytest.raises(ConfigError, match=r"rates\.robot_hz must be at least 100"):
         load_cell(DEMO, {"filter.inertial": True, "rates.robot_hz": 40})

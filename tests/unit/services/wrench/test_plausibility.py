@@ -1,4 +1,4 @@
-"""Faults of the sensor: each becomes "not valid" with its own code, in time, and never zero force.
+"""Faults of the sensor: each makes the wrench not valid with its own code, in time, never zero.
 
 H25 not finite, H26 silent and frozen, H27 saturated, H33 wrench and pose apart in time.
 """
@@ -34,7 +34,7 @@ from services.wrench.plausibility import (
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
-from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench
+from tests.fakes.wrench_bench import REPORT_S, SENSOR_S, WrenchBench
 
 BOUNDS = ReadingLimits.of(CELL)
 REST = np.array([1.0, -2.0, 12.0, 0.1, 0.2, 0.3])
@@ -52,21 +52,21 @@ def noise(rng: np.random.Generator) -> np.ndarray:
 
 
 def codes(readings: list[np.ndarray], bounds: ReadingLimits = BOUNDS) -> list[str]:
-    """Return what is said of each reading of a stream."""
-    history, said = ReadingHistory(), []
+    """Return the code of each reading of a stream."""
+    history, found = ReadingHistory(), []
     for reading in readings:
-        history, complaint = check_reading(history, reading, SENSOR_S, bounds)
-        assert history.counts or complaint != NO_FAULT or history.spikes
-        said.append(complaint.code)
-    return said
+        history, fault = check_reading(history, reading, SENSOR_S, bounds)
+        assert history.counts or fault != NO_FAULT or history.spikes
+        found.append(fault.code)
+    return found
 
 
 # --- pure -----------------------------------------------------------------------------------------
 
 
 @given(st.integers(0, 5), st.sampled_from([np.nan, np.inf, -np.inf]))
-def test_a_number_that_is_not_finite_is_told_with_its_axis(axis: int, value: float) -> None:
-    """H25: the very sample, also the first one ever."""
+def test_a_number_that_is_not_finite_is_reported_with_its_axis(axis: int, value: float) -> None:
+    """H25: the first such sample is reported, also the first one of all."""
     bad = REST.copy()
     bad[axis] = value
     assert codes([bad]) == ["not_finite"]
@@ -74,8 +74,8 @@ def test_a_number_that_is_not_finite_is_told_with_its_axis(axis: int, value: flo
 
 
 @given(st.integers(0, 5), st.sampled_from([-1.0, 1.0]), st.floats(0.0, 1e300))
-def test_from_95_percent_of_the_range_on_a_reading_does_not_count(axis, sign, beyond) -> None:
-    """H27: any axis alone, either sign; just below it counts."""
+def test_a_reading_at_95_percent_of_the_range_does_not_count(axis, sign, beyond) -> None:
+    """H27: any axis alone, either sign; just below the limit it counts."""
     for share, code in ((0.95 + beyond, "sensor_saturated"), (0.949, "")):
         reading = REST.copy()
         reading[axis] = sign * share * BOUNDS.range[axis]
@@ -83,15 +83,15 @@ def test_from_95_percent_of_the_range_on_a_reading_does_not_count(axis, sign, be
 
 
 @given(hnp.arrays(float, 6, elements=st.floats(-5.0, 5.0)), st.integers(2, 40))
-def test_a_reading_that_stands_still_is_frozen_in_time(reading, lively) -> None:
-    """H26: within 100 ms of the last change, and any change of one number thaws it."""
+def test_a_constant_reading_is_frozen_in_time(reading, lively) -> None:
+    """H26: within 100 ms of the last change; a change of one number ends it."""
     rng = np.random.default_rng(lively)
     alive = [reading + noise(rng) for _ in range(lively)]
     frozen_for = round(FREEZE_AT_MOST_S / SENSOR_S)
-    said = codes([*alive, *([alive[-1]] * frozen_for)])
-    assert set(said[:lively]) == {""}
-    assert said[-1] == "sensor_frozen"
-    assert said.index("sensor_frozen") > lively + 0.5 * CELL.sensor.frozen_s / SENSOR_S
+    found = codes([*alive, *([alive[-1]] * frozen_for)])
+    assert set(found[:lively]) == {""}
+    assert found[-1] == "sensor_frozen"
+    assert found.index("sensor_frozen") > lively + 0.5 * CELL.sensor.frozen_s / SENSOR_S
     assert codes([*alive, *([alive[-1]] * frozen_for), alive[-1] + 1e-9])[-1] == ""
 
 
@@ -111,8 +111,8 @@ def test_a_quantised_sensor_at_rest_is_not_frozen() -> None:
     ) == {""}
 
 
-def test_a_sensor_without_noise_says_so_in_the_cell_file() -> None:
-    """With 0 nothing is taken for frozen; a noiseless simulated sensor must say it."""
+def test_a_sensor_without_noise_is_configured_in_the_cell_file() -> None:
+    """With 0 nothing counts as frozen; a noiseless simulated sensor requires it."""
     ideal = CELL.sensor.model_copy(update={"frozen_s": 0.0})
     bounds = ReadingLimits.of(CELL.model_copy(update={"sensor": ideal}))
     assert set(codes([REST] * 1000, bounds)) == {""}
@@ -125,45 +125,45 @@ def test_a_sensor_without_noise_says_so_in_the_cell_file() -> None:
 
 
 @given(hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0)), st.booleans())
-def test_a_step_that_no_contact_can_make_is_a_fault_within_two_samples(way, torque) -> None:
-    """In any direction; a smaller one is an impact and counts."""
-    length = float(np.linalg.norm(way))
+def test_a_step_larger_than_any_contact_is_a_fault_within_two_samples(direction, torque) -> None:
+    """This holds in any direction; a smaller step is an impact and counts."""
+    length = float(np.linalg.norm(direction))
     if length < 0.1:
         return
-    unit = np.concatenate((np.zeros(3), way) if torque else (way, np.zeros(3))) / length
+    unit = np.concatenate((np.zeros(3), direction) if torque else (direction, np.zeros(3))) / length
     limit = LARGEST[int(torque)]
     wide = ReadingLimits((1e6,) * 6, BOUNDS.step, BOUNDS.step_per_s, BOUNDS.frozen_s)
-    for share, said in ((1.5, ["", "", "sensor_jump"]), (0.9, ["", "", ""])):
+    for share, found in ((1.5, ["", "", "sensor_jump"]), (0.9, ["", "", ""])):
         step = share * limit * unit
-        assert codes([REST, REST + step, REST + step + 1e-3], wide) == said
+        assert codes([REST, REST + step, REST + step + 1e-3], wide) == found
 
 
-def test_a_lone_spark_is_left_out_and_counted_and_a_second_one_soon_after_is_a_fault() -> None:
-    """The sample before it and after it count; the spark reaches no filter."""
+def test_a_single_spike_is_dropped_and_counted_and_a_second_one_is_a_fault() -> None:
+    """The samples before and after it count; the spike reaches no filter."""
     spark = REST + np.array([2.0 * LARGEST[0], 0, 0, 0, 0, 0])
     history = ReadingHistory()
     for number in range(3 * WILD_APART):
         wild = number % (WILD_APART + 2) == 5
         reading = spark if wild else REST + 0.01 * number
-        history, complaint = check_reading(history, reading, SENSOR_S, BOUNDS)
-        assert complaint == NO_FAULT
+        history, fault = check_reading(history, reading, SENSOR_S, BOUNDS)
+        assert fault == NO_FAULT
         assert history.counts is not wild
     assert history.spikes == 3
     assert codes([REST, spark, REST + 0.01, REST, spark])[-1] == "sensor_jump"
 
 
 @given(st.lists(hnp.arrays(float, 6, elements=st.floats(allow_nan=True)), max_size=20))
-def test_every_reading_counts_or_is_told_or_is_one_spark(readings) -> None:
-    """Whatever a driver gives: nothing raises, and no two readings in a row vanish unsaid."""
-    history, unsaid = ReadingHistory(), 0
+def test_every_reading_counts_is_reported_or_is_one_spike(readings) -> None:
+    """For any readings nothing raises, and no two in a row are dropped without a report."""
+    history, unreported = ReadingHistory(), 0
     for reading in readings:
-        history, complaint = check_reading(history, reading, SENSOR_S, BOUNDS)
-        unsaid = 0 if history.counts or complaint != NO_FAULT else unsaid + 1
-        assert unsaid <= 1
-        assert complaint == NO_FAULT or complaint.code in FAULTS
+        history, fault = check_reading(history, reading, SENSOR_S, BOUNDS)
+        unreported = 0 if history.counts or fault != NO_FAULT else unreported + 1
+        assert unreported <= 1
+        assert fault == NO_FAULT or fault.code in FAULTS
 
 
-# --- the last digit -------------------------------------------------------------------------------
+# --- exact limits ---------------------------------------------------------------------------------
 
 PERIOD_S = 2.0**-6  # sums of it are exact
 EXACT = ReadingLimits(
@@ -174,20 +174,20 @@ EXACT = ReadingLimits(
 )
 
 
-def last(*readings: np.ndarray, period_s: float = PERIOD_S) -> str:
-    """Return what is said of the last of these readings."""
-    history, complaint = ReadingHistory(), NO_FAULT
+def last_code(*readings: np.ndarray, period_s: float = PERIOD_S) -> str:
+    """Return the code of the last of these readings."""
+    history, fault = ReadingHistory(), NO_FAULT
     for reading in readings:
-        history, complaint = check_reading(history, reading, period_s, EXACT)
-    return complaint.code
+        history, fault = check_reading(history, reading, period_s, EXACT)
+    return fault.code
 
 
-def axis(number: int, value: float) -> np.ndarray:
-    """Return a reading that is nothing on all other axes."""
+def axis_reading(number: int, value: float) -> np.ndarray:
+    """Return a reading that is zero on all other axes."""
     return value * np.eye(6)[number]
 
 
-def test_what_the_demo_s_sensor_can_read_follows_from_its_cell() -> None:
+def test_the_reading_limits_of_the_demo_follow_from_its_cell() -> None:
     """1.2 kg at 0.25 m/s stop within 2 ms on 20 N/mm, 0.1 m beyond a TCP 0.14 m away; 2 % more."""
     assert BOUNDS.range == (500.0, 500.0, 500.0, 20.0, 20.0, 20.0)
     assert BOUNDS.step == pytest.approx([10.0 + 150.0, 0.4 + 0.24 * 150.0])
@@ -200,10 +200,10 @@ def test_what_the_demo_s_sensor_can_read_follows_from_its_cell() -> None:
 def test_95_percent_of_the_range_is_saturated_and_the_number_before_it_is_not(
     number: int, sign: float
 ) -> None:
-    """Force and torque have ranges of their own."""
+    """Force and torque have separate ranges."""
     full = 100.0 if number < 3 else 10.0
-    assert last(axis(number, sign * 0.95 * full)) == "sensor_saturated"
-    assert last(axis(number, sign * np.nextafter(0.95 * full, 0.0))) == ""
+    assert last_code(axis_reading(number, sign * 0.95 * full)) == "sensor_saturated"
+    assert last_code(axis_reading(number, sign * np.nextafter(0.95 * full, 0.0))) == ""
 
 
 @pytest.mark.parametrize(
@@ -218,10 +218,10 @@ def test_95_percent_of_the_range_is_saturated_and_the_number_before_it_is_not(
 def test_a_sensor_is_frozen_after_its_time_and_three_repeats(
     period_s: float, repeats: int, code: str
 ) -> None:
-    """Whichever comes last; from the first reading on as after any other."""
-    one, other = axis(0, 1.0), axis(0, 2.0)
-    assert last(*[one] * (1 + repeats), period_s=period_s) == code
-    assert last(*[other] * 3, *[one] * (1 + repeats), period_s=period_s) == code
+    """The later of both counts, from the first reading on as after any other."""
+    one, other = axis_reading(0, 1.0), axis_reading(0, 2.0)
+    assert last_code(*[one] * (1 + repeats), period_s=period_s) == code
+    assert last_code(*[other] * 3, *[one] * (1 + repeats), period_s=period_s) == code
 
 
 @pytest.mark.parametrize(("number", "step", "per_s"), [(1, 16.0, 64.0), (4, 2.0, 8.0)])
@@ -229,43 +229,51 @@ def test_a_sensor_is_frozen_after_its_time_and_three_repeats(
 def test_the_largest_step_grows_with_the_time_since_the_last_reading_that_counted(
     number: int, step: float, per_s: float, lost: int
 ) -> None:
-    """That step is an impact, the next number a jump: told where a second one proves it."""
+    """The largest step itself is an impact; the next number is a jump if a second one follows."""
     largest = step + per_s * (1 + lost) * PERIOD_S
-    first, wild = axis(number, -0.5 * step), [axis(number, 4.5 * step)] * lost
+    first, wild = axis_reading(number, -0.5 * step), [axis_reading(number, 4.5 * step)] * lost
     for change, counts in ((largest, True), (np.nextafter(largest, np.inf), False)):
         history = ReadingHistory()
-        for reading in (first, *wild, first + axis(number, change)):
+        for reading in (first, *wild, first + axis_reading(number, change)):
             history, _ = check_reading(history, reading, PERIOD_S, EXACT)
         assert history.counts is counts
         assert history.spikes == max(lost, not counts)
 
 
 def test_the_largest_steps_of_force_and_torque_at_once_count() -> None:
-    """Neither adds to the other; in each all three axes do."""
+    """Force and torque have separate limits; each uses the norm of its three axes."""
     force_N, torque_Nm = 16.0 + 64.0 * PERIOD_S, 2.0 + 8.0 * PERIOD_S
-    both = axis(0, force_N) + axis(3, torque_Nm)
+    both = axis_reading(0, force_N) + axis_reading(3, torque_Nm)
     assert check_reading(
         check_reading(ReadingHistory(), np.zeros(6), PERIOD_S, EXACT)[0], both, PERIOD_S, EXACT
     )[0].counts
-    for beside in (axis(1, 0.1 * force_N), axis(2, 0.1 * force_N), axis(4, 0.3), axis(5, 0.3)):
+    for addition in (
+        axis_reading(1, 0.1 * force_N),
+        axis_reading(2, 0.1 * force_N),
+        axis_reading(4, 0.3),
+        axis_reading(5, 0.3),
+    ):
         before = check_reading(ReadingHistory(), np.zeros(6), PERIOD_S, EXACT)[0]
-        assert not check_reading(before, both + beside, PERIOD_S, EXACT)[0].counts
+        assert not check_reading(before, both + addition, PERIOD_S, EXACT)[0].counts
 
 
 @pytest.mark.parametrize(("calm", "code"), [(9, "sensor_jump"), (10, "")])
 @pytest.mark.parametrize("wild_before", [1, 2])
-def test_ten_calm_readings_make_the_next_wild_one_a_spark_again(
+def test_ten_calm_readings_make_the_next_outlier_a_spike_again(
     calm: int, code: str, wild_before: int
 ) -> None:
-    """After a spark as after a jump; one fewer, and the sensor is at fault."""
-    wild = axis(2, 90.0)
-    before = [axis(2, 0.0), *[wild + axis(2, float(each)) for each in range(wild_before)]]
-    after = [axis(2, 0.01 * each) for each in range(calm)]
-    assert last(*before, *after, wild) == code
+    """This holds after a spike and after a jump; after one calm reading less it is a fault."""
+    wild = axis_reading(2, 90.0)
+    before = [
+        axis_reading(2, 0.0),
+        *[wild + axis_reading(2, float(each)) for each in range(wild_before)],
+    ]
+    after = [axis_reading(2, 0.01 * each) for each in range(calm)]
+    assert last_code(*before, *after, wild) == code
 
 
 def test_before_the_first_reading_nothing_counts() -> None:
-    """Nor has anything been left out."""
+    """Neither is a spike counted."""
     assert not ReadingHistory().counts
     assert ReadingHistory().spikes == 0
 
@@ -275,14 +283,14 @@ def test_before_the_first_reading_nothing_counts() -> None:
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
 @pytest.mark.parametrize("field", ["force_N", "torque_Nm"])
-def test_raw_numbers_that_are_not_finite_are_told_at_once(field: str, value: float) -> None:
-    """H25: a driver that is not ours writes them into the bytes; told with the first sample."""
+def test_raw_numbers_that_are_not_finite_are_reported_at_once(field: str, value: float) -> None:
+    """H25: another driver sends them in its bytes; the first sample is reported."""
     bench = WrenchBench()
     bench.settle()
     bench.sensor = {field: (0.5, 12345.0, 0.5)}
     put = bench.transport.publish
 
-    def bent(key: str, _qos: Any) -> Callable[[bytes], None]:
+    def intercept(key: str, _qos: Any) -> Callable[[bytes], None]:
         send = put(key, _qos)
 
         def change(data: bytes) -> None:
@@ -293,14 +301,14 @@ def test_raw_numbers_that_are_not_finite_are_told_at_once(field: str, value: flo
 
         return change
 
-    bench.transport.publish = bent  # type: ignore[method-assign]
+    bench.transport.publish = intercept  # type: ignore[method-assign]
     bench.replace_writer(topics.SENSOR_WRENCH)
     bench.step()
-    assert (bench.said().valid, bench.said().code) == (False, "not_finite")
+    assert (bench.published().valid, bench.published().code) == (False, "not_finite")
 
 
-def test_a_pose_too_old_for_its_wrench_is_told_as_misaligned() -> None:
-    """H33: poses come as often as ever, but 60 ms late; silence of the robot is named otherwise."""
+def test_a_pose_too_old_for_its_wrench_is_reported_as_misaligned() -> None:
+    """H33: poses arrive at their rate, but 60 ms late; silence of the robot has another code."""
     bench = WrenchBench()
     bench.settle()
     waiting: list[tuple[int, bytes]] = []
@@ -321,15 +329,15 @@ def test_a_pose_too_old_for_its_wrench_is_told_as_misaligned() -> None:
     bench.replace_writer(topics.ROBOT_STATE)
     bench.transport.publish = put  # type: ignore[method-assign]
     bench.pass_s(0.07)
-    said = bench.said()
-    assert (said.valid, said.code) == (False, "misaligned")
-    assert "60 ms apart, the limit is 50 ms" in said.reason
+    found = bench.published()
+    assert (found.valid, found.code) == (False, "misaligned")
+    assert "60 ms apart, the limit is 50 ms" in found.reason
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 200)), min_size=1, max_size=30))
 @settings(max_examples=50)
-def test_only_what_comes_late_is_misaligned(stream: list[tuple[bool, int]]) -> None:
-    """Whoever is silent is never called late: the gap is that of the last one that came."""
+def test_only_a_late_input_is_misaligned(stream: list[tuple[bool, int]]) -> None:
+    """A silent input is never late: the gap is that of the last message."""
     pairing, stamps, seqs = Pairing(), [0, 0], [1, 1]
     for is_robot, late_ms in stream:
         stamps[is_robot] = max(stamps) - late_ms * 1_000_000
@@ -349,8 +357,8 @@ def header(seq: int, stamp_ns: int) -> Any:
 # --- in the cell ----------------------------------------------------------------------------------
 
 
-def bent(**changes: Any) -> Disturb:
-    """Return a sensor that adds to its force, or says another status."""
+def disturbed(**changes: Any) -> Disturb:
+    """Return a sensor disturbance that adds force or sets a status."""
     added_N = np.array(changes.get("added_N", (0.0, 0.0, 0.0)))
 
     def disturb(sample: FtSample) -> FtSample:
@@ -361,11 +369,11 @@ def bent(**changes: Any) -> Disturb:
 
 
 FAULTY: dict[str, tuple[Callable[[], Disturb], str, float]] = {
-    "saturated bit": (lambda: bent(status="saturated"), "sensor_saturated", 0.010),
-    "near its range": (lambda: bent(added_N=(480.0, 0.0, 0.0)), "sensor_saturated", 0.010),
-    "own fault": (lambda: bent(status="fault"), "sensor_fault", 0.010),
-    "not finite": (lambda: bent(added_N=(np.nan, 0.0, 0.0)), "not_finite", 0.010),
-    "jump": (lambda: bent(added_N=(0.0, 250.0, 0.0)), "sensor_jump", 0.012),
+    "saturated bit": (lambda: disturbed(status="saturated"), "sensor_saturated", 0.010),
+    "near its range": (lambda: disturbed(added_N=(480.0, 0.0, 0.0)), "sensor_saturated", 0.010),
+    "own fault": (lambda: disturbed(status="fault"), "sensor_fault", 0.010),
+    "not finite": (lambda: disturbed(added_N=(np.nan, 0.0, 0.0)), "not_finite", 0.010),
+    "jump": (lambda: disturbed(added_N=(0.0, 250.0, 0.0)), "sensor_jump", 0.012),
     "frozen": (frozen, "sensor_frozen", FREEZE_AT_MOST_S),
     "silent": (
         lambda: lambda _: None,
@@ -376,8 +384,8 @@ FAULTY: dict[str, tuple[Callable[[], Disturb], str, float]] = {
 
 
 @pytest.mark.parametrize("name", FAULTY)
-def test_every_fault_of_the_sensor_holds_the_pressing_arm_and_is_named(name: str) -> None:
-    """H25 to H27 while pressing: in time, by its code, no harder than before, and for good."""
+def test_every_fault_of_the_sensor_holds_the_pressing_arm_with_its_code(name: str) -> None:
+    """H25 to H27 while pressing: in time, by its code, without more force, and permanently."""
     make, code, in_time_s = FAULTY[name]
     lab = Lab()
     lab.press()
@@ -398,22 +406,22 @@ def test_every_fault_of_the_sensor_holds_the_pressing_arm_and_is_named(name: str
     lab.assert_still(0.3)
 
 
-def test_a_sample_that_is_wrong_once_is_heard_by_everybody() -> None:
-    """A fault of one sample is told for as long as the topic may be silent: nobody misses it."""
+def test_a_single_wrong_sample_reaches_every_reader() -> None:
+    """The fault of one sample is published for as long as the topic's deadline lasts."""
     bench = WrenchBench()
     bench.settle()
     bench.sensor = {"status": "fault"}
     bench.step()
     bench.sensor = {}
-    for _ in range(round(TOLD_S / SENSOR_S) - 1):
+    for _ in range(round(REPORT_S / SENSOR_S) - 1):
         bench.step()
-        assert (bench.said().valid, bench.said().code) == (False, "sensor_fault")
+        assert (bench.published().valid, bench.published().code) == (False, "sensor_fault")
     bench.step(3)
-    assert bench.said().valid
+    assert bench.published().valid
 
 
-def test_collisions_at_the_speed_limit_are_no_faults_of_the_sensor() -> None:
-    """A move into the plate at 0.25 m/s ends by the force ceiling, or in the plate: no jump."""
+def test_collisions_at_the_speed_limit_are_no_sensor_faults() -> None:
+    """A move into the plate at 0.25 m/s ends by the force ceiling or in the plate."""
     lab = Lab()
     lab.lift()
     lab.cell.advance(3.0)
@@ -424,13 +432,13 @@ def test_collisions_at_the_speed_limit_are_no_faults_of_the_sensor() -> None:
 
 
 def test_a_silent_sensor_has_its_own_code() -> None:
-    """Missing and stale are silence, whatever the reader calls them."""
+    """Missing and stale inputs are silence under any code of the reader."""
     silent: Reading[SensorWrench] = Reading(None, None, 9.0, "stale", silent=True, code="stale")
     assert sensor_fault(silent).code == "sensor_silent"
 
 
-def test_the_cell_starts_and_arms_with_the_watch_on() -> None:
-    """No false fault at rest, from the first sample on."""
+def test_the_cell_starts_and_arms_with_the_checks_on() -> None:
+    """At rest there is no false fault, from the first sample on."""
     cell = VirtualCell(CELL)
     wrench = cell.client.reader(topics.WRENCH)
     cell.advance(0.02)

@@ -1,4 +1,4 @@
-"""The wrench service on the bus: what it publishes, and when it says "not valid"."""
+"""The wrench service on the bus: its messages, and the conditions for "not valid"."""
 
 import numpy as np
 import pytest
@@ -7,15 +7,9 @@ from common.motion.frames import rotation_from_vector
 from forcemesh import topics
 from forcemesh.messages import RobotState
 from tests.fakes.bench import CELL
-from tests.fakes.wrench_bench import DOWN, SENSOR_S, TOLD_S, WrenchBench
+from tests.fakes.wrench_bench import DOWN, REPORT_S, SENSOR_S, WrenchBench
 
-TOLD_STEPS = round(TOLD_S / SENSOR_S)
-
-
-@pytest.fixture
-def bench() -> WrenchBench:
-    """A service that has heard nothing yet."""
-    return WrenchBench()
+FAULT_HOLD_STEPS = round(REPORT_S / SENSOR_S)
 
 
 # --- what is published ----------------------------------------------------------------------------
@@ -25,7 +19,7 @@ def bench() -> WrenchBench:
     "turn", [(0, 0, 0), (0.5, 0, 0), (0, -1.2, 0.3), (1.0, 1.0, 2.0), (3, 0, 0)]
 )
 def test_the_wrench_is_the_environments_at_the_tcp_in_base(bench: WrenchBench, turn) -> None:
-    """In any orientation: free it is zero, pushed it is the push, the raw reading beside it."""
+    """In any orientation it is zero without contact and else the push, with the raw reading."""
     bench.R_base_flange = rotation_from_vector(np.array(turn, dtype=float)) @ DOWN
     free = bench.settle()
     assert free.valid
@@ -51,40 +45,40 @@ def test_it_publishes_at_the_control_rate_with_the_sample_behind_it(bench: Wrenc
         origin = reading.origin
         assert origin is not None
         assert 0 <= bench.clock.now_ns() - origin.stamp_ns <= 2 * SENSOR_S * 1e9
-    told = bench.out.counters.received + bench.out.counters.superseded - first
-    assert told == pytest.approx(CELL.rates.control_hz * 500 * SENSOR_S, abs=2)
+    published = bench.out.counters.received + bench.out.counters.superseded - first
+    assert published == pytest.approx(CELL.rates.control_hz * 500 * SENSOR_S, abs=2)
 
 
 # --- not valid ------------------------------------------------------------------------------------
 
 
-def test_before_the_first_sample_it_says_what_is_missing(bench: WrenchBench) -> None:
-    """An idle service and a dead one must not look alike."""
+def test_before_the_first_sample_it_reports_the_missing_input(bench: WrenchBench) -> None:
+    """An idle service must differ from a dead one."""
     bench.silent = {"sensor", "robot"}
     bench.step()
-    assert (bench.said().valid, bench.said().reason) == (False, "sensor/wrench missing")
+    assert (bench.published().valid, bench.published().reason) == (False, "sensor/wrench missing")
 
 
 @pytest.mark.parametrize(
     ("name", "topic"), [("sensor", topics.SENSOR_WRENCH), ("robot", topics.ROBOT_STATE)]
 )
-def test_a_stale_input_is_told_by_name_and_at_the_usual_rate(
+def test_a_stale_input_is_reported_by_name_and_at_the_usual_rate(
     bench: WrenchBench, name, topic
 ) -> None:
     """Valid up to the deadline, then not valid with age and limit, every period (H26)."""
     bench.settle()
     bench.silent = {name}
     bench.pass_s(CELL.stale_after_s(topic) - 2 * SENSOR_S)
-    assert bench.said().valid
+    assert bench.published().valid
     bench.step(4)
     first = bench.out.counters.received + bench.out.counters.superseded
     bench.pass_s(1.0)
-    message = bench.said()
+    message = bench.published()
     assert not message.valid
     assert message.reason.startswith(f"{topic.key} stale: ")
     assert bench.service.fault.startswith(f"{topic.key} stale: ")
-    told = bench.out.counters.received + bench.out.counters.superseded - first
-    assert told == pytest.approx(CELL.rates.control_hz, rel=0.4)
+    published = bench.out.counters.received + bench.out.counters.superseded - first
+    assert published == pytest.approx(CELL.rates.control_hz, rel=0.4)
 
     bench.silent = set()
     assert bench.settle().valid
@@ -104,66 +98,64 @@ def test_a_stale_input_is_told_by_name_and_at_the_usual_rate(
         ({"torque_Nm": (0.0, -20.1, 0.0)}, "sensor_saturated", "My reads -20.1 N m"),
     ],
 )
-def test_a_sample_that_is_no_measurement_makes_no_wrench(
-    bench: WrenchBench, changes, code, reason
-) -> None:
-    """Not valid with the reason, and once it is over no trace of it is left in the filter."""
+def test_an_invalid_sample_makes_no_wrench(bench: WrenchBench, changes, code, reason) -> None:
+    """The wrench is not valid, with the reason, and later the filter has no trace of the sample."""
     bench.settle()
     bench.sensor = {"force_N": (100.0, 100.0, 100.0), **changes}
     bench.step(4)
-    assert (bench.said().valid, bench.said().code) == (False, code)
-    assert reason in bench.said().reason
-    assert bench.said().force_N == (0.0, 0.0, 0.0)
+    assert (bench.published().valid, bench.published().code) == (False, code)
+    assert reason in bench.published().reason
+    assert bench.published().force_N == (0.0, 0.0, 0.0)
 
     bench.sensor = {}
-    for _ in range(TOLD_STEPS + 2):
+    for _ in range(FAULT_HOLD_STEPS + 2):
         bench.step()
-        if bench.said().valid:
-            assert bench.said().force_N == pytest.approx((0, 0, 0), abs=1e-9)
-    assert bench.said().valid
+        if bench.published().valid:
+            assert bench.published().force_N == pytest.approx((0, 0, 0), abs=1e-9)
+    assert bench.published().valid
 
 
 def test_a_robot_without_an_orientation_makes_no_wrench(bench: WrenchBench) -> None:
-    """A quaternion of zeros is said with its name; the service goes on."""
+    """The reason names the topic of a zero quaternion; the service continues."""
     bench.settle()
     bench.silent = {"robot"}
     bench.put(topics.ROBOT_STATE, RobotState(orientation_xyzw=(0.0, 0.0, 0.0, 0.0)))
     bench.step(2)
-    assert not bench.said().valid
-    assert "robot/state" in bench.said().reason
+    assert not bench.published().valid
+    assert "robot/state" in bench.published().reason
 
 
-def test_after_a_gap_the_filter_starts_anew(bench: WrenchBench) -> None:
-    """The first wrench after silence is of the present, not a mean with the past."""
+def test_after_a_gap_the_filter_restarts(bench: WrenchBench) -> None:
+    """The first wrench after silence has only new samples."""
     bench.force_N = np.array([0.0, 0.0, 40.0])
     bench.settle()
     bench.silent = {"sensor"}
     bench.pass_s(0.3)
     bench.silent, bench.force_N = set(), np.zeros(3)
-    for _ in range(TOLD_STEPS + 2):
+    for _ in range(FAULT_HOLD_STEPS + 2):
         bench.step()
-        if bench.said().valid:
-            assert bench.said().force_N == pytest.approx((0, 0, 0), abs=1e-9)
-    assert bench.said().valid
+        if bench.published().valid:
+            assert bench.published().force_N == pytest.approx((0, 0, 0), abs=1e-9)
+    assert bench.published().valid
 
 
-def test_a_sample_counts_once_however_often_the_service_steps(bench: WrenchBench) -> None:
-    """Between two samples the output stands still: time is the sensor's, not the loop's."""
+def test_a_sample_counts_once_for_any_number_of_steps(bench: WrenchBench) -> None:
+    """Between two samples the output is constant: time is the sensor's, not the loop's."""
     bench.settle()
     bench.force_N = np.array([0.0, 0.0, 40.0])
     bench.step(4)
     bench.silent = {"sensor"}
     bench.step(3)
-    before = bench.said().force_N[2]
+    before = bench.published().force_N[2]
     assert 1.0 < before < 39.0
     bench.step(10)
-    assert bench.said().force_N[2] == before
+    assert bench.published().force_N[2] == before
 
 
-def test_a_spike_that_stands_while_the_loop_steps_on_is_still_one_sample(
+def test_a_spike_during_several_steps_is_still_one_sample(
     bench: WrenchBench,
 ) -> None:
-    """The median counts samples: a wild one that is read five times is one of three."""
+    """The median counts samples: a spike that is read five times is one of three."""
     bench.settle()
     bench.sensor = {"force_N": (400.0, 400.0, 400.0)}
     bench.step()
@@ -172,10 +164,10 @@ def test_a_spike_that_stands_while_the_loop_steps_on_is_still_one_sample(
     bench.silent, bench.sensor = set(), {}
     for _ in range(6):
         bench.step()
-        assert bench.said().force_N == pytest.approx((0, 0, 0), abs=1e-9)
+        assert bench.published().force_N == pytest.approx((0, 0, 0), abs=1e-9)
 
 
-def test_every_sample_wakes_the_service(bench: WrenchBench) -> None:
+def test_every_sample_triggers_the_service(bench: WrenchBench) -> None:
     """Its trigger is the sensor: the filter runs at the sensor's rate."""
     assert bench.service.trigger is not None
     assert bench.service.trigger.topic is topics.SENSOR_WRENCH

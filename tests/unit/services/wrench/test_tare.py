@@ -1,4 +1,4 @@
-"""Tare by request: when it is accepted, and everything that it is refused for."""
+"""Tare by request: conditions and refusals."""
 
 from dataclasses import replace
 
@@ -12,19 +12,13 @@ from forcemesh.messages import RobotStatus
 from forcemesh.requests import Empty
 from services.wrench.tare import TareLimits, tare
 from tests.fakes.bench import CELL
-from tests.fakes.wrench_bench import SENSOR_S, TOLD_S, WrenchBench
+from tests.fakes.wrench_bench import REPORT_S, SENSOR_S, WrenchBench
 
 PAYLOAD_KG = 1.0
 
 
-@pytest.fixture
-def bench() -> WrenchBench:
-    """A service that has heard nothing yet."""
-    return WrenchBench()
-
-
-def test_tare_at_rest_makes_the_reading_zero_and_says_so(bench: WrenchBench) -> None:
-    """A drift of the sensor is taken out here and in another orientation; nothing else changes."""
+def test_tare_at_rest_makes_the_reading_zero_and_reports_it(bench: WrenchBench) -> None:
+    """A drift is removed in this and in another orientation; nothing else changes."""
     drifted = np.array(bench.sample().force_N) + np.array([2.0, -1.0, 0.5])
     bench.sensor = {"force_N": tuple(drifted.tolist())}
     assert np.linalg.norm(bench.settle().force_N) == pytest.approx(np.sqrt(5.25))
@@ -33,22 +27,22 @@ def test_tare_at_rest_makes_the_reading_zero_and_says_so(bench: WrenchBench) -> 
     assert reply.accepted
     assert reply.value == pytest.approx(np.sqrt(5.25))
     assert bench.settle().force_N == pytest.approx((0, 0, 0), abs=1e-9)
-    assert bench.said().calibration == "cell file, tared"
+    assert bench.published().calibration == "cell file, tared"
 
 
 def test_tare_is_refused_in_contact(bench: WrenchBench) -> None:
-    """More than the cell allows is not drift; the number and the limit are told (H29)."""
+    """More than the cell allows is not drift; the reply has the value and the limit (H29)."""
     bench.force_N = np.array([0.0, 0.0, CELL.force.tare_max_N + 0.1])
     bench.settle()
     bench.pass_s(0.3)
     reply = bench.ask(topics.TARE, Empty())
     assert (reply.accepted, reply.code, reply.limit) == (False, "contact", CELL.force.tare_max_N)
     assert bench.settle().force_N[2] == pytest.approx(CELL.force.tare_max_N + 0.1)
-    assert bench.said().calibration == "cell file"
+    assert bench.published().calibration == "cell file"
 
 
 def test_tare_is_refused_in_motion(bench: WrenchBench) -> None:
-    """By the controller's bit, by the way that the flange has gone, and by the angle."""
+    """Motion is the controller's bit, a travel of the flange, or an angle."""
     bench.pass_s(0.4)
     bench.status = RobotStatus(moving=True)
     bench.step()
@@ -71,7 +65,7 @@ def test_tare_is_refused_in_motion(bench: WrenchBench) -> None:
 
 
 def test_tare_needs_inputs_and_a_full_window(bench: WrenchBench) -> None:
-    """Refused with what is missing; samples from before a gap do not count."""
+    """The refusal names the missing input; samples from before a gap do not count."""
     bench.pass_s(0.1)
     reply = bench.ask(topics.TARE, Empty())
     assert (reply.accepted, reply.code) == (False, "wait")
@@ -82,12 +76,12 @@ def test_tare_needs_inputs_and_a_full_window(bench: WrenchBench) -> None:
     assert (reply.accepted, reply.code) == (False, "sensor_silent")
     assert "sensor/wrench stale" in reply.text
     bench.silent = set()
-    bench.pass_s(TOLD_S + 2 * SENSOR_S)
+    bench.pass_s(REPORT_S + 2 * SENSOR_S)
     assert bench.ask(topics.TARE, Empty()).code == "wait"
 
 
 def test_tare_needs_poses_for_all_its_samples(bench: WrenchBench) -> None:
-    """A robot that was not heard for part of the window: wait, no guess and no crash."""
+    """While the window lacks poses of the robot the reply is `wait`."""
     bench.silent = {"robot"}
     bench.pass_s(0.3)
     bench.silent = set()
@@ -98,9 +92,9 @@ def test_tare_needs_poses_for_all_its_samples(bench: WrenchBench) -> None:
 
 
 @pytest.mark.parametrize("share", [1 - 1 / 4.448, 1 - 1 / 9.807, 1.0, 2.0**0.5, 2.0])
-def test_a_tare_must_not_swallow_the_weight_of_the_tool(share: float) -> None:
+def test_a_tare_must_not_remove_the_weight_of_the_tool(share: float) -> None:
     """H30, H31: pounds, kgf, a dead axis, a swapped axis, a wrong sign; less of it is drift."""
-    light = PAYLOAD_KG * 0.4  # so that the cell's own limit does not speak first
+    light = PAYLOAD_KG * 0.4  # so that the cell's own limit is not reached first
     payload = Payload(light, (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     limits = TareLimits(1000.0, 1000.0)
     weight_N = light * GRAVITY_M_S2
@@ -113,13 +107,13 @@ def test_a_tare_must_not_swallow_the_weight_of_the_tool(share: float) -> None:
 
 
 def tool_of(weight_N: float) -> Payload:
-    """Return a tool of this weight below the sensor's origin, whose bias is nothing."""
+    """Return a tool of this weight below the sensor's origin, without bias."""
     none = (0.0, 0.0, 0.0)
     return Payload(weight_N / GRAVITY_M_S2, (0.0, 0.0, 0.05), none, none)
 
 
 def reading(weight_N: float, *, force_N: float = 0.0, torque_Nm: float = 0.0) -> np.ndarray:
-    """Return what a sensor reads of a weight and of something that pulls it aside."""
+    """Return the reading of a weight and of a lateral pull."""
     return np.array([force_N, 0.0, -weight_N, torque_Nm, 0.0, 0.0])
 
 
@@ -127,7 +121,7 @@ def reading(weight_N: float, *, force_N: float = 0.0, torque_Nm: float = 0.0) ->
     ("force_N", "torque_Nm", "code"),
     [(3.0, 0.25, "ok"), (3.0 + 1e-9, 0.0, "contact"), (0.0, 0.25 + 1e-9, "contact")],
 )
-def test_a_change_as_large_as_the_limit_is_no_contact_yet(
+def test_a_change_as_large_as_the_limit_is_accepted(
     force_N: float, torque_Nm: float, code: str
 ) -> None:
     """The limit itself is allowed, for force and for torque."""
@@ -140,10 +134,10 @@ def test_a_change_as_large_as_the_limit_is_no_contact_yet(
     ("weight_N", "share", "code"),
     [(1.9, 0.7, "ok"), (2.1, 0.7, "payload"), (2.0, 0.7, "payload"), (2.0, 0.6, "ok")],
 )
-def test_from_two_newtons_on_a_tool_must_not_lose_more_than_three_fifths(
+def test_above_two_newtons_a_tare_may_remove_three_fifths_of_the_weight(
     weight_N: float, share: float, code: str
 ) -> None:
-    """Both figures as the documentation says them; the refusal tells the limit."""
+    """Both figures are those of the documentation; the refusal has the limit."""
     tool = tool_of(weight_N)
     weight_N = tool.mass_kg * GRAVITY_M_S2
     sample = reading(weight_N, force_N=share * weight_N)
@@ -153,8 +147,8 @@ def test_from_two_newtons_on_a_tool_must_not_lose_more_than_three_fifths(
         assert reply.limit == pytest.approx(0.6 * weight_N)
 
 
-def test_after_a_tare_nothing_is_left_of_what_was_read() -> None:
-    """Also where each axis reads its load by a gain of its own, and had a bias before."""
+def test_after_a_tare_the_reading_is_zero() -> None:
+    """This holds also with a gain on each axis and with a bias before."""
     tool = replace(
         tool_of(1.0),
         bias_force_N=(0.3, -0.2, 0.1),
@@ -165,5 +159,5 @@ def test_after_a_tare_nothing_is_left_of_what_was_read() -> None:
     sample = np.array([0.8, 0.4, -1.3, 0.05, -0.02, 0.04])
     tared, reply = tare(tool, [sample], np.eye(3), TareLimits(5.0, 1.0))
     assert reply.accepted
-    left_N, left_Nm = residual(tared, np.eye(3), force_N=sample[:3], torque_Nm=sample[3:])
-    assert np.abs([left_N, left_Nm]).max() <= 1e-12
+    residual_N, residual_Nm = residual(tared, np.eye(3), force_N=sample[:3], torque_Nm=sample[3:])
+    assert np.abs([residual_N, residual_Nm]).max() <= 1e-12

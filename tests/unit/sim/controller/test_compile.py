@@ -5,5 +5,5 @@ from sim.controller.keywords import KNOWN
 
 
 def test_every_instruction_that_is_executed_is_a_word_of_the_language() -> None:
-    """Nothing in the table is unreachable because the parser does not know it."""
+    """The parser knows every instruction of the table."""
     assert set(INSTRUCTIONS) <= set(KNOWN)

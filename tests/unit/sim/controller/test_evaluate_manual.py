@@ -42,7 +42,7 @@ MANUAL = [
 
 @pytest.mark.parametrize(("text", "expected"), MANUAL)
 def test_the_examples_of_the_manual_come_out(text: str, expected: float | str) -> None:
-    """What the manual prints is what the emulator computes."""
+    """The emulator computes the values that the manual prints."""
     assert AsLanguage()(text) == expected
 
 
@@ -80,7 +80,7 @@ def test_maxindex_is_minus_1_for_a_single_variable_and_minus_2_for_no_variable()
     assert bench('MAXINDEX("a")') == 12.0
     assert bench('MININDEX("a")') == 3.0
     assert bench('MAXINDEX("s")') == -1.0
-    assert bench('MAXINDEX("nobody")') == -2.0
+    assert bench('MAXINDEX("missing")') == -2.0
 
 
 def test_a_condition_is_stored_as_minus_1_so_it_never_equals_1() -> None:
@@ -98,5 +98,5 @@ def test_not_binds_tighter_than_a_comparison() -> None:
 
 
 def test_a_field_can_be_padded_by_hand_without_any_option() -> None:
-    """The shipped program's way: the last five characters of 100000 + n."""
+    """The shipped program's method: the last five characters of 100000 + n."""
     assert AsLanguage()("$RIGHT($ENCODE(/I6,100000+123),5)") == "00123"

@@ -76,7 +76,7 @@ def test_if_and_else_exclude_each_other_also_nested(a: bool, b: bool) -> None:
 
 
 def test_parameters_are_passed_by_reference_and_locals_are_the_calls_own() -> None:
-    """What the subroutine stores into a parameter is the caller's; its locals are new each time."""
+    """A value stored into a parameter is the caller's; the locals are new at each call."""
     sub = ".PROGRAM add(.a, .sum)\n.b = .a\n.sum = .sum + .b\n.END\n"
     bench = AsBench(program("t = 1", ".b = 7", "CALL add(5, t)", "CALL add(.b, t)", "u = .b") + sub)
     bench.run()
@@ -134,7 +134,7 @@ def test_stop_begins_the_next_cycle_and_halt_ends_all() -> None:
 
 
 def test_pause_holds_the_program_and_continue_goes_on_behind_it() -> None:
-    """What comes behind PAUSE runs only after CONTINUE."""
+    """Steps behind PAUSE run only after CONTINUE."""
     bench = AsBench(program("x = 1", "PAUSE", "x = 2")).start()
     bench.advance(0.5)
     assert (bench.value("x"), bench.task.state) == (1, "held")
@@ -153,7 +153,7 @@ def test_every_step_costs_the_processor_the_same_time(step_ms: float) -> None:
 
 
 def test_tasks_share_the_processor_evenly_and_waiting_costs_nothing() -> None:
-    """Three counting programs get a third each, beside two that wait."""
+    """Three counting programs get a third each, next to two that wait."""
     count = "\n".join("{0} = 0,WHILE TRUE DO,{0} = {0}+1,END".replace(",", "\n").format("n{}")
                       for _ in range(1))  # fmt: skip
     subs = "".join(f".PROGRAM c{k}()\n{count.format(*[k] * 3)}\n.END\n" for k in (1, 2))
@@ -168,7 +168,7 @@ def test_tasks_share_the_processor_evenly_and_waiting_costs_nothing() -> None:
 
 def test_a_program_that_the_file_does_not_hold_is_e0105() -> None:
     """CALL of an unknown program stops at that step."""
-    bench = AsBench(program("x = 1", "CALL nobody"))
+    bench = AsBench(program("x = 1", "CALL missing"))
     assert bench.fail().code == "E0105"
     assert bench.stopped_at == ("main", 2)
 

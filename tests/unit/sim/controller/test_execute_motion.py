@@ -1,4 +1,4 @@
-"""How the emulated arm moves: straight, one motion ahead, blending, at the program's speed."""
+"""Motion of the emulated arm: straight, one motion ahead, blending, at the program's speed."""
 
 import math
 
@@ -10,7 +10,7 @@ from tests.fakes.as_trace import SQUARE, Trace
 
 
 def test_a_whole_linear_move_at_tool_down_keeps_tool_down() -> None:
-    """A = 180 all the way, though O and T are not defined; aside, and a turn about z."""
+    """A = 180 throughout, though O and T are not defined; aside, and a turn about z."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 60,0,0)", "LMOVE p+RZ(20)", "BREAK",
                             "TWAIT 0.2"))  # fmt: skip
     tilts = []
@@ -33,14 +33,14 @@ def test_a_move_through_the_pole_goes_straight_and_turns_evenly() -> None:
     trace, last = Trace(bench), None
     steps: list[float] = []
 
-    def look() -> None:
+    def record_status() -> None:
         nonlocal last
         q = bench.robot.queue.q_command
         if last is not None:
             steps.append(float(np.abs(q - last).max()))
         last = q
 
-    bench.machine.after_tick.append(look)
+    bench.machine.after_tick.append(record_status)
     bench.run()
     assert np.ptp(trace.mm, axis=0).max() < 1e-4
     assert max(steps) < math.radians(0.05)
@@ -51,16 +51,16 @@ def test_a_linear_motion_is_straight_and_has_the_programs_speed() -> None:
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 80,0,0)", "BREAK"))
     trace = Trace(bench)
     bench.run()
-    way = trace.mm - trace.mm[0]
-    assert np.abs(way[:, 1:]).max() < 1e-3
-    assert way[-1, 0] == pytest.approx(80.0, abs=1e-3)
+    travel = trace.mm - trace.mm[0]
+    assert np.abs(travel[:, 1:]).max() < 1e-3
+    assert travel[-1, 0] == pytest.approx(80.0, abs=1e-3)
     assert trace.speed_mm_s.max() == pytest.approx(100.0, rel=0.01)
     assert np.diff(trace.speed_mm_s).max() < 2.0 + 1e-6  # 2 m/s^2 is 2 mm/s each ms
 
 
 @pytest.mark.parametrize("percent", [10, 50, 100])
 def test_the_monitor_speed_multiplies_every_program_speed(percent: int) -> None:
-    """Linear and joint motions alike; also MC SPEED while a motion is under way."""
+    """Linear and joint motions alike; also MC SPEED during a motion."""
     for move in ("LMOVE SHIFT(p BY 30,0,0)", "DRIVE 1,10,20"):
         bench = AsBench(program("HERE p", "SPEED 60 MM/S", move, "BREAK"))
         bench.pendant.monitor_speed(percent)
@@ -107,9 +107,9 @@ def test_cp_on_cuts_the_corner_within_accuracy_and_does_not_stop() -> None:
     misses = []
     for accuracy_mm in (1.0, 5.0, 20.0):
         _, trace = corner("CP ON", accuracy_mm)
-        way = trace.mm - trace.mm[0]
-        miss = np.linalg.norm(way - [40.0, 0.0, 0.0], axis=1).min()
-        middle = slice(np.argmax(way[:, 0] > 20), np.argmax(way[:, 1] > 20))
+        travel = trace.mm - trace.mm[0]
+        miss = np.linalg.norm(travel - [40.0, 0.0, 0.0], axis=1).min()
+        middle = slice(np.argmax(travel[:, 0] > 20), np.argmax(travel[:, 1] > 20))
         assert 0.0 < miss <= accuracy_mm
         assert trace.speed_mm_s[middle].min() > 10.0
         misses.append(miss)
@@ -167,7 +167,7 @@ def test_delay_and_stable_keep_the_arm_standing_between_motions() -> None:
 
 
 def test_mvwait_waits_until_so_much_is_left() -> None:
-    """MVWAIT 20 of a 50 mm way."""
+    """MVWAIT 20 of a 50 mm motion."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "MVWAIT 20",
                             "a = DX(HERE)-DX(p)", "BREAK")).run()  # fmt: skip
     assert 26.0 < bench.value("a") < 31.0

@@ -9,7 +9,7 @@ from tests.fakes.as_bench import FAST, AsBench, program
 FOREVER = ("WHILE TRUE DO", "TWAIT 0.01", "END")
 
 
-def test_pc_programs_run_their_cycles_and_task_tells_their_state() -> None:
+def test_pc_programs_run_their_cycles_and_task_returns_their_state() -> None:
     """Three cycles are three; TASK is 1 while it runs and 0 afterwards."""
     other = program("n = n+1", "TWAIT 0.1", name="other")
     bench = AsBench(program("n = 0", "PCEXECUTE 3: other,3", "a = TASK(1003)", "b = TASK(1)",
@@ -42,7 +42,7 @@ def test_a_pc_program_number_in_use_is_p1019_and_a_sixth_is_e0106() -> None:
 
 
 def test_one_subroutine_in_two_tasks_is_p1014() -> None:
-    """The second task to enter it stops; the first goes on."""
+    """The second task to enter it stops; the first continues."""
     helper = program(*FOREVER, name="helper")
     other = program("CALL helper", name="other")
     bench = AsBench(program("PCEXECUTE 1: other", "TWAIT 0.1", "CALL helper") + other + helper)
@@ -69,7 +69,7 @@ def test_motion_instructions_stop_a_pc_program_with_e1095() -> None:
 
 
 def test_an_error_of_a_pc_program_stops_that_program_only() -> None:
-    """The robot program goes on; the error says program and step, and ERROR its number."""
+    """The robot program continues; the error names program and step, and ERROR has its number."""
     other = program("TWAIT 0.1", "x = 1/0", name="other")
     bench = AsBench(program("PCEXECUTE 4: other", "TWAIT 0.3", "e = ERROR", "t = TASK(1004)")
                     + other).start()  # fmt: skip
@@ -153,7 +153,7 @@ def test_execute_is_refused_while_a_program_runs_and_in_error() -> None:
 
 
 def test_after_ereset_continue_repeats_the_step_that_failed() -> None:
-    """What was wrong has been put right meanwhile: the program goes on."""
+    """The mistake has been put right meanwhile: the program continues."""
     bench = AsBench(program("a = 1", "b = 1/c", "d = 1"))
     bench.machine.memory.write("c", 0.0)
     assert bench.fail().code == "E0108"
@@ -188,7 +188,7 @@ def test_an_error_while_a_step_waits_belongs_to_that_step() -> None:
 
 
 def test_one_calls_its_handler_and_returne_goes_on_behind_the_error() -> None:
-    """The handler sees the error's number; RETURNE skips the step that failed."""
+    """The handler reads the error's number; RETURNE skips the step that failed."""
     handler = program("e = ERROR", "n = n+1", "RETURNE", name="handler")
     bench = AsBench(program("n = 0", "ONE handler", "x = 1/0", "y = 2") + handler).start()
     bench.advance(0.2)
@@ -215,7 +215,7 @@ def test_an_error_in_the_handler_stops_the_program() -> None:
     assert AsBench(program("RETURNE")).fail().code == "P0111"
 
 
-def test_what_is_not_emulated_says_its_name_program_and_step() -> None:
+def test_an_instruction_without_emulation_gives_its_name_program_and_step() -> None:
     """E0111 when the step is reached, not before."""
     bench = AsBench(program("x = 1", "XMOVE HERE TILL 1001"))
     error = bench.fail()
@@ -225,19 +225,19 @@ def test_what_is_not_emulated_says_its_name_program_and_step() -> None:
 
 
 def test_a_stall_stops_all_programs_and_not_the_arm() -> None:
-    """A planning stall of 1 s: no step is made, the motion goes on."""
+    """A planning stall of 1 s: no step is made, the motion continues."""
     source = program(
         "PCEXECUTE 1: other", "SPEED 20 MM/S ALWAYS", "HERE p", "LMOVE SHIFT(p BY 0,0,50)"
     ) + program("WHILE TRUE DO", "n = TIMER(0)", "TWAIT 0.01", "END", name="other")
     behaviour = Behaviour(step_s=2e-5, planning_stall_s=1.0, stall_at_motions=(1,))
     bench = AsBench(source, behaviour).start()
     bench.advance(0.1)
-    seen, z = bench.value("n"), bench.machine.here().z
+    counted, z = bench.value("n"), bench.machine.here().z
     bench.advance(0.8)
-    assert bench.value("n") == seen
+    assert bench.value("n") == counted
     assert bench.machine.here().z - z == pytest.approx(16.0, abs=0.5)
     bench.advance(0.2)
-    assert bench.value("n") > seen
+    assert bench.value("n") > counted
 
 
 def test_the_same_program_gives_the_same_run() -> None:

@@ -14,7 +14,7 @@ def test_twait_lasts_as_long_as_asked_to_the_millisecond() -> None:
     assert bench.value("t") == pytest.approx(0.25, abs=0.0015)
 
 
-def test_timers_run_from_what_they_are_set_to() -> None:
+def test_timers_run_from_their_set_value() -> None:
     """TIMER 2 = 5 reads 5 and a bit; TIMER(0) is the time since power-on; TIMER(3) = 0 too."""
     bench = AsBench(program("TIMER 2 = 5", "TIMER(3) = 0", "TWAIT 1", "a = TIMER(2)",
                             "b = TIMER(0)", "c = TIMER(3)")).run()  # fmt: skip
@@ -41,7 +41,7 @@ def test_wait_goes_on_when_another_program_makes_the_condition_true() -> None:
     assert bench.value("t") == pytest.approx(0.3, abs=0.003)
 
 
-def test_signals_are_shared_by_programs_and_swait_sees_them() -> None:
+def test_signals_are_shared_by_programs_and_swait_reads_them() -> None:
     """SWAIT waits for all of its signals; a negative number waits for OFF."""
     other = program("TWAIT 0.1", "SIGNAL 2001", "TWAIT 0.1", "SIGNAL -2002", name="other")
     bench = AsBench(program("SIGNAL 2002, 17", "TIMER 1 = 0", "PCEXECUTE other",
@@ -86,16 +86,16 @@ def test_switches_are_set_by_programs_and_status_switches_are_not() -> None:
         ("ACCEL 0", "E0106"), ("DECEL 100.5", "E0106"), ("ACCURACY -1", "E0106"),
         ("SPEED 10, 20 DEG/S", "E0111"), ("TCP_LISTEN r, 80", "E0106"),
         ("TCP_LISTEN 5, 49152", "P0118"), ("DRIVE 7, 1", "E0106"), ("LOCK 200", "E0106"),
-        ("PCEXECUTE 1: nobody", "E0105"), ("ONE nobody", "E0105"),
+        ("PCEXECUTE 1: missing", "E0105"), ("ONE missing", "E0105"),
         ("$s = $SPACE(200) + $SPACE(56)", "E0110"),
     ],
 )  # fmt: skip
 def test_impossible_values_stop_the_program_with_their_code(line: str, code: str) -> None:
-    """The code names what is wrong."""
+    """The code names the mistake."""
     assert AsBench(program(line)).fail().code == code
 
 
-def test_print_goes_to_whoever_listens_and_s_keeps_the_line_open() -> None:
+def test_print_goes_to_every_listener_and_s_keeps_the_line_open() -> None:
     """Lines come whole."""
     bench = AsBench(program('TYPE /S, "a"', 'PRINT 2: "b"', 'TYPE "c"')).run()
     assert bench.printed == ["ab", "c"]

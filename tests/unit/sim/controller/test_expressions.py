@@ -30,7 +30,7 @@ def tokens(depth: int) -> st.SearchStrategy[list[str]]:
 def _joined(parts: tuple[list[str], list[tuple[str, tuple[list[str], list[str]]]]]) -> list[str]:
     words = list(parts[0])
     for operator, (signs, operand) in parts[1]:
-        # Behind ^ a sign has no place in the table; parentheses say what is meant.
+        # Behind ^ a sign has no place in the table; parentheses give the meaning.
         if operator == "^" and signs:
             words += ["^", "(", *signs, *operand, ")"]
         else:
@@ -144,7 +144,7 @@ def test_every_error_has_its_code(text: str, code: str) -> None:
     assert AsLanguage("@big = 2000000000").code(text) == code
 
 
-def test_an_error_says_its_code_and_what_was_wrong() -> None:
+def test_an_error_has_its_code_and_the_mistake() -> None:
     """One sentence for the person who reads it, one number for the ERROR function."""
     with pytest.raises(Exception, match=r"\(E0102\) Variable is not defined: speed_x") as caught:
         AsLanguage()("speed_x")

@@ -58,7 +58,7 @@ def test_the_formats_of_an_option_work_when_it_is_there(text: str, expected: str
 @pytest.mark.parametrize(
     ("text", "code"), [("$ENCODE(/Q3,1)", "P0108"), ("$ENCODE(NULL)", "P0118")]
 )
-def test_what_cannot_be_written_is_refused(text: str, code: str) -> None:
+def test_a_value_that_cannot_be_written_is_refused(text: str, code: str) -> None:
     """An unknown format, and a pose, which must be decomposed first."""
     assert AsLanguage().code(text) == code
 
@@ -76,7 +76,7 @@ def test_a_six_character_field_reads_back_as_the_number_that_was_written(number:
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))
 def test_the_default_format_keeps_eight_digits(number: float) -> None:
-    """What $ENCODE writes, VAL reads back to the last bit but one."""
+    """VAL reads the text of $ENCODE back to the last bit but one."""
     bench = AsLanguage()
     bench.memory.write("n", number)
     bench.memory.write("$t", str(bench("$ENCODE(n)")))

@@ -21,7 +21,7 @@ RULES = [
     ("SWITCH(CP)", -1.0), ("SWITCH(POWER)", 0.0), ("NOT SWITCH(POWER) AND SWITCH(cp)", -1.0),
     ("TASK(1)", 1.0), ("TASK(1001)", 0.0), ("TIMER(3)", 1.5), ("ERROR", -34024.0),
     ("MSPEED", 10.0), ("IQARM(2)", float(np.float32(0.2))), ("TRQNM(4)", 0.5),
-    ("EXISTPGM(main)", -1.0), ("EXISTPGM(nobody)", 0.0),
+    ("EXISTPGM(main)", -1.0), ("EXISTPGM(missing)", 0.0),
 ]  # fmt: skip
 
 
@@ -52,7 +52,7 @@ def test_round_and_int_agree_with_arithmetic(value: float) -> None:
 
 
 @given(st.floats(-720, 720, width=32))
-def test_sine_and_cosine_lie_on_the_circle(degrees: float) -> None:
+def test_sine_and_cosine_are_on_the_circle(degrees: float) -> None:
     """To single precision."""
     bench = AsLanguage()
     bench.memory.write("d", degrees)
@@ -71,7 +71,7 @@ def test_sine_and_cosine_lie_on_the_circle(degrees: float) -> None:
         ("MAXINDEX(m,1)", 4.0), ("MAXINDEX(m,2)", 7.0), ("MININDEX(m,2)", 5.0),
     ],
 )  # fmt: skip
-def test_what_exists_is_told_without_an_error(text: str, expected: float) -> None:
+def test_existence_is_returned_without_an_error(text: str, expected: float) -> None:
     """By variable, by a string with its name, for elements, globals and locals."""
     bench = AsLanguage("x = 1", "POINT p = NULL", "POINT #j = #PPOINT(1)", '$s = "t"', "@n = 1",
                        "a[1] = 0", '$name = "x"', ".l = 1", "m[1,7] = 1", "m[4,5] = 1")  # fmt: skip

@@ -62,7 +62,7 @@ def test_composition_is_that_of_matrices(a: Transformation, b: Transformation) -
 
 
 @given(places, mm, mm, mm)
-def test_shift_moves_along_the_base_axes_and_keeps_the_orientation(
+def test_shift_moves_on_the_base_axes_and_keeps_the_orientation(
     p: Transformation, dx: float, dy: float, dz: float
 ) -> None:
     """SHIFT adds to X, Y and Z and leaves O, A and T alone."""
@@ -118,7 +118,7 @@ def test_frame_points_x_from_the_first_point_to_the_second() -> None:
     ],
 )  # fmt: skip
 def test_each_pose_function_gives_the_documented_value(text: str, expected: object) -> None:
-    """Millimetres and degrees; what is left out is zero."""
+    """Millimetres and degrees; omitted values are zero."""
     assert AsLanguage()(text) == expected
 
 
@@ -127,6 +127,6 @@ def test_each_pose_function_gives_the_documented_value(text: str, expected: obje
     [("DEXT(HERE,7)", "E0106"), ("SHIFT(#HERE BY 1)", "P0116"), ("DX(1)", "P0116"),
      ("TRANS(1,2,3,4,5,6,7)", "P0101"), ("HERE+1", "P0114"), ("FRAME(HERE,HERE,HERE)", "P0116")],
 )  # fmt: skip
-def test_pose_functions_refuse_what_is_no_pose(text: str, code: str) -> None:
+def test_pose_functions_refuse_other_values(text: str, code: str) -> None:
     """Joint values are no transformation, numbers are neither."""
     assert AsLanguage().code(text) == code

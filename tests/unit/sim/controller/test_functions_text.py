@@ -77,7 +77,7 @@ def test_each_string_function_keeps_its_rule(text: str, expected: float | str) -
         ('VAL("1E39")', "E0106"),
     ],
 )
-def test_string_functions_refuse_what_they_cannot_do(text: str, code: str) -> None:
+def test_string_functions_refuse_invalid_arguments(text: str, code: str) -> None:
     """With the code of the manual."""
     assert AsLanguage().code(text) == code
 
@@ -94,7 +94,9 @@ def test_left_middle_and_right_put_a_string_together_again(s: str, i: int, j: in
 
 
 @given(TEXT, TEXT.filter(bool), st.integers(1, 14))
-def test_instr_finds_what_python_finds_without_regard_to_case(s: str, w: str, start: int) -> None:
+def test_instr_finds_the_place_that_python_finds_without_regard_to_case(
+    s: str, w: str, start: int
+) -> None:
     """The place counts from 1, 0 is nowhere."""
     bench = AsLanguage()
     bench.memory.write("$s", s.upper())
@@ -105,7 +107,7 @@ def test_instr_finds_what_python_finds_without_regard_to_case(s: str, w: str, st
 
 @given(st.lists(TEXT.map(lambda s: s.replace(",", "")), min_size=1, max_size=6))
 def test_decode_loses_no_character(fields: list[str]) -> None:
-    """What it takes and what it leaves are the string; empty fields vanish with the separators."""
+    """The taken and the left part are the string; empty fields vanish with the separators."""
     bench = AsLanguage()
     line = ",".join(fields)
     bench.memory.write("$v", line)
@@ -113,8 +115,8 @@ def test_decode_loses_no_character(fields: list[str]) -> None:
     while bench("LEN($v)"):
         before = bench("$v")
         field = bench('$DECODE($v,",",0)')
-        gone = bench('$DECODE($v,",",1)')
-        assert f"{field}{gone}{bench('$v')}" == before
+        separator = bench('$DECODE($v,",",1)')
+        assert f"{field}{separator}{bench('$v')}" == before
         taken.append(field)
     assert [field for field in taken if field] == [field for field in fields if field]
 
@@ -127,7 +129,7 @@ def test_decode_without_a_separator_returns_everything() -> None:
 
 
 def test_decode_takes_only_separators_at_the_front_in_mode_1() -> None:
-    """Nothing to take: nothing changes. The separator ignores case."""
+    """Without a match nothing changes. The separator ignores case."""
     bench = AsLanguage('$v = "ab;;c"', '$w = "XxxA"')
     assert bench('$DECODE($v,";",1)') == ""
     assert bench('$DECODE($v,";")') == "ab"

@@ -1,4 +1,4 @@
-"""docs/as-emulator.md lists what the code knows, no more and no less."""
+"""docs/as-emulator.md lists the names of the code, no more and no less."""
 
 import re
 from pathlib import Path
@@ -31,11 +31,11 @@ def listed(title: str) -> set[str]:
     ],
 )
 def test_the_page_lists_every_name_once(title: str, known: set[str]) -> None:
-    """What is executed, what is computed, what is parsed only."""
+    """Executed, computed and merely parsed names."""
     assert listed(title) == known
 
 
-def test_the_example_of_the_page_is_what_the_check_prints() -> None:
+def test_the_example_of_the_page_is_the_output_of_the_check() -> None:
     """Two findings of the example, word for word."""
     body = ["x = 1"] * 8 + ["y = NOT x == 2", "x = 1", "XMOVE HERE TILL 1001"]
     text = "\n".join([".SYSDATA", ".END", "", ".PROGRAM main", *body, ".END"])

@@ -1,4 +1,4 @@
-"""`--check`: what cannot be executed, and the traps of facts section 5."""
+"""`--check`: lines that cannot be executed, and the traps of facts section 5."""
 
 from pathlib import Path
 
@@ -57,7 +57,7 @@ SNIPPETS = [
     (["x = 1", "x[1] = 2"], ["scalar-and-array"]),
     (["x = 1", "POINT x = NULL"], ["two-types"]),
     (["speed = 1"], ["reserved"]),
-    (["CALL nobody"], ["no-program"]),
+    (["CALL missing"], ["no-program"]),
     (["CALL p(1)"], ["P0137"]),
 ]
 
@@ -90,7 +90,7 @@ def test_traps_between_programs_are_found(lines: list[str], more: str, expected:
 
 
 def test_data_sections_define_variables() -> None:
-    """What a section holds is no undefined name."""
+    """A name in a section is no undefined name."""
     assert rules("y = x+a[3]", more=".REALS\nx = 1\na[3] = 1\n.END") == []
 
 
@@ -114,7 +114,7 @@ def test_findings_name_file_line_program_and_step() -> None:
         (CLEAN + ".SYSDATA\nA 1\n.END", [], 0, ":5: skipped: section .SYSDATA"),
     ],
 )
-def test_the_exit_code_says_whether_the_file_parses(
+def test_the_exit_code_reports_whether_the_file_parses(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, options: list[str], code: int,
     words: str,
 ) -> None:  # fmt: skip

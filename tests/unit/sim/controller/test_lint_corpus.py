@@ -1,4 +1,4 @@
-"""The AS corpus: each file does what its comments say, and together they leave nothing out."""
+"""The AS corpus: each file does what its comments specify, and together they leave nothing out."""
 
 import re
 from itertools import chain
@@ -27,7 +27,7 @@ each_file = pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 
 
 @each_file
-def test_a_program_ends_as_its_comments_say(path: Path) -> None:
+def test_a_program_ends_as_its_comments_specify(path: Path) -> None:
     """Mistakes, refusals, errors, printed lines and the globals at the end."""
     outcome = run(path)
     assert outcome.mistakes == directives(path, "mistake")
@@ -45,7 +45,7 @@ def test_a_program_ends_as_its_comments_say(path: Path) -> None:
 
 
 @each_file
-def test_a_program_claims_something_and_begins_with_what_it_is(path: Path) -> None:
+def test_a_program_has_an_expectation_and_begins_with_its_description(path: Path) -> None:
     """A sentence in the first line, at least one expectation, plain ASCII, at most 100 columns."""
     text = path.read_bytes()
     assert text.isascii()
@@ -98,7 +98,7 @@ def test_every_other_statement_is_executed() -> None:
 
 
 def test_every_function_is_computed() -> None:
-    """Also those that look a variable up or change it."""
+    """Also those that search for a variable or change it."""
     names = {node.name for node in found(syntax.FunctionCall)}  # type: ignore[attr-defined]
     assert set(ALL_NAMES) - names == set()
 
@@ -122,18 +122,20 @@ def test_every_format_and_data_section_is_used() -> None:
 
 
 def test_every_error_is_raised_and_every_text_is_read() -> None:
-    """What the emulator's source can raise is raised here; other codes show their text."""
+    """Each error of the emulator's source is raised here; other codes show their text."""
     source = "".join(
         path.read_text("utf-8") for path in EMULATOR.glob("*.py") if path.name != "errors.py"
     )
     raised = set(re.findall(r'"([PE]\d{4})"', source))
     words = ("stops", "refused", "mistake")
-    said = {text.split()[0] for path in FILES for word in words for text in directives(path, word)}
-    assert raised - said == set()
+    documented = {
+        text.split()[0] for path in FILES for word in words for text in directives(path, word)
+    }
+    assert raised - documented == set()
     results = {expected(line)[1] for path in FILES for line in directives(path, "after")}
     assert TCP_RESULTS - results == set()
     read = set(re.findall(r'\$ERRORS\("(\w+)"\)', "".join(step.text for step in executed())))
-    assert set(TEXTS) - said - read - {code_of(number) for number in TCP_RESULTS} == set()
+    assert set(TEXTS) - documented - read - {code_of(number) for number in TCP_RESULTS} == set()
 
 
 def test_the_corpus_holds_no_trap_that_the_check_knows_but_those_it_shows() -> None:

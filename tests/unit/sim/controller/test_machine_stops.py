@@ -1,4 +1,4 @@
-"""How the emulated arm stops: BRAKE, HOLD, ABORT, emergency stop, the end of a program."""
+"""Stops of the emulated arm: BRAKE, HOLD, ABORT, emergency stop, the end of a program."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_brake_drops_the_motion_ahead_and_the_pessimistic_controller_starts_it()
 
 
 def test_brake_in_the_robot_program_waits_for_the_stop() -> None:
-    """The next step sees an arm that stands, short of the target."""
+    """The next step starts with the arm at rest, short of the target."""
     bench = AsBench(
         program(
             *SQUARE,
@@ -59,7 +59,7 @@ def test_brake_in_the_robot_program_waits_for_the_stop() -> None:
 
 
 def test_hold_decelerates_and_run_finishes_the_motion() -> None:
-    """HOLD keeps the rest of the way; nothing moves until RUN."""
+    """HOLD keeps the rest of the motion; nothing moves until RUN."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "BREAK", "x = 1"))
     trace = Trace(bench)
     bench.start().advance(0.25)
@@ -74,7 +74,7 @@ def test_hold_decelerates_and_run_finishes_the_motion() -> None:
 
 
 def test_a_motion_that_is_braked_while_held_is_not_resumed_by_run() -> None:
-    """What a watchdog relies on: BRAKE during HOLD drops the rest of the way."""
+    """A watchdog relies on it: BRAKE during HOLD drops the rest of the motion."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "BREAK", "TWAIT 100")
                     + program("BRAKE", name="brake"))  # fmt: skip
     trace = Trace(bench)
@@ -89,7 +89,7 @@ def test_a_motion_that_is_braked_while_held_is_not_resumed_by_run() -> None:
 
 
 def test_abort_finishes_the_motion_and_ends_the_program() -> None:
-    """TASK is 3 while the motion of an ended program goes on."""
+    """TASK is 3 while the motion of an ended program continues."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "LMOVE p", "x = 1"))
     trace = Trace(bench)
     bench.start().advance(0.2)
@@ -102,7 +102,7 @@ def test_abort_finishes_the_motion_and_ends_the_program() -> None:
 
 
 def test_an_emergency_stop_brakes_and_nothing_moves_until_power_and_run() -> None:
-    """Power on alone moves nothing either; after RUN the program goes on with its next motion."""
+    """Power on alone moves nothing either; after RUN the program continues with its next motion."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 100,0,0)", "BREAK", "LMOVE p", "BREAK"))
     trace = Trace(bench)
     bench.start().advance(0.5)

@@ -70,7 +70,7 @@ def test_a_name_keeps_its_type(first: str, second: str, code: str) -> None:
 
 
 def test_a_scalar_and_an_array_cannot_be_read_as_each_other() -> None:
-    """P0132 and P0133 instead of a value nobody stored."""
+    """P0132 and P0133 instead of a value that was never stored."""
     bench = AsLanguage("x = 1", "a[1] = 1")
     assert bench.code("x[1]") == "P0132"
     assert bench.code("a") == "P0133"
@@ -102,7 +102,7 @@ def test_integers_stay_whole_and_exact() -> None:
 
 
 def test_parameters_are_passed_by_reference() -> None:
-    """What the callee stores is the caller's: a global, a local, an element, a new variable."""
+    """The callee stores for the caller: a global, a local, an element, a new variable."""
     bench = AsLanguage("g = 1", ".l = 2", "a[3] = 3")
     callee = call(bench, "q(.a,.b,.c,.d)", "g,.l,a[3],fresh")
     callee.run(".a = 10", ".b = 20", ".c = 30", ".d = 40")
@@ -110,7 +110,7 @@ def test_parameters_are_passed_by_reference() -> None:
 
 
 def test_an_expression_is_passed_as_a_value() -> None:
-    """The callee may store into it; nobody sees it."""
+    """The callee may store into it; no other program reads it."""
     bench = AsLanguage("g = 1")
     callee = call(bench, "q(.a,.$s)", 'g+0,"x"').run(".a = 5")
     assert callee(".$s") == "x"
@@ -158,11 +158,11 @@ def test_the_memory_starts_with_the_data_sections() -> None:
     assert memory.read("@n") == 4
     assert memory.read("p") == Transformation(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
     assert memory.read("#j") == Joints((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-    assert memory.read("nobody") is None
+    assert memory.read("missing") is None
 
 
 def test_a_test_can_read_and_write_variables_by_their_spelling() -> None:
-    """The way around the language, for whoever drives the emulator."""
+    """The access past the language, for the program that drives the emulator."""
     memory = Memory()
     memory.write("a[1,2]", 5.0)
     memory.write("$s", "t")

@@ -1,4 +1,4 @@
-"""Statements of AS: what one line becomes (facts 1.2, 1.5, 1.9)."""
+"""Statements of AS: the statement of each line (facts 1.2, 1.5, 1.9)."""
 
 import pytest
 
@@ -155,14 +155,12 @@ def test_keywords_may_be_shortened(short: str, full: str) -> None:
         ("error == 0", Binary("==", FunctionCall("ERROR"), Number(0.0))),
     ],
 )  # fmt: skip
-def test_what_a_word_means_depends_on_where_it_stands(
-    text: str, expected: syntax.Expression
-) -> None:
-    """Formats, binary numbers, functions and keywords are not told apart by spelling alone."""
+def test_the_meaning_of_a_word_depends_on_its_place(text: str, expected: syntax.Expression) -> None:
+    """Formats, binary numbers, functions and keywords are not distinguished by spelling alone."""
     assert expression(text) == expected
 
 
-def test_a_line_of_an_instruction_nobody_knows_is_kept_unread() -> None:
+def test_a_line_of_an_unknown_instruction_is_kept_unread() -> None:
     """Teach steps of real backups: no list of arguments, and no reason to refuse the file."""
     line = "  JOINT SPEED9 ACCU1 TIMER0 (OFF,0,0,O) OX= WX= #[36.46,37.6] ;"
     found = statement(line)

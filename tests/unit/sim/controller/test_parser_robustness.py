@@ -1,4 +1,4 @@
-"""Nothing a file can hold makes the parser or the check fail in any other way than by a message."""
+"""No content of a file makes the parser or the check fail, except with a message."""
 
 from collections.abc import Callable
 from functools import partial
@@ -39,7 +39,7 @@ def refusal(read: Callable[[], object]) -> Exception | None:
 @example("\nA")
 @given(st.one_of(LINES, NOISE))
 def test_a_line_is_parsed_or_explained(line: str) -> None:
-    """LineError with a code and a sentence is the only way out."""
+    """LineError with a code and a sentence is the only failure."""
     error = refusal(lambda: parse_line(line))
     assert error is None or (isinstance(error, LineError) and error.code in TEXTS and error.text)
 
@@ -70,8 +70,8 @@ def test_every_data_section_is_read_or_explained(section: str, line: str) -> Non
 
 @settings(max_examples=300)
 @given(LINES)
-def test_what_parses_as_an_expression_has_a_value_or_an_error_of_as(words: str) -> None:
-    """No Python exception reaches whoever runs a program."""
+def test_a_parsed_expression_has_a_value_or_an_error_of_as(words: str) -> None:
+    """No Python exception reaches the user who runs a program."""
     bench = AsLanguage("x = 1", ".y = 2", '$s = "a"', '.$t = "1"', "@n = 3", "a[1] = 4")
     try:
         value = bench(words)

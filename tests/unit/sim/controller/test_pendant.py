@@ -20,7 +20,7 @@ from sim.controller.service import ControllerSensor
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 TCP_CELL = load_cell(Path(__file__).resolve().parents[4] / "cells" / "demo-tcp.yaml")
-HELD_S, NAMED_S = 0.2, 1.0  # what holds it may be heard of first, its cause a report later
+HELD_S, NAMED_S = 0.2, 1.0  # the hold may be reported first, its cause a report later
 SANK_RAD = (0.0, -0.004, 0.0, 0.0, 0.0, 0.0)  # of the joints while nothing but the brakes holds
 UP_M = 0.01
 FOUND_S, SETTLED_S = 6.0, 0.7
@@ -38,7 +38,7 @@ def machine_of(lab: Lab) -> Machine:
 
 
 def reset(pendant: Pendant) -> None:
-    """What a person does at the controller before the program may go on."""
+    """Reset the controller as a person does before the program may continue."""
     pendant.release_emergency_stop()
     pendant.motor_power(on=True)
     pendant.error_reset()
@@ -50,8 +50,8 @@ def press(lab: Lab, host: Host) -> None:
     lab.approach()
     lab.seconds_until(lambda: lab.force_N > 0.9 * PRESS_N, FOUND_S)
     if host == "controller":
-        wanted = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
-        assert lab.ask(topics.FORCE_START, wanted).accepted
+        request = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
+        assert lab.ask(topics.FORCE_START, request).accepted
     lab.cell.advance(SETTLED_S)
     assert lab.force_N == pytest.approx(PRESS_N, abs=1.0)
 
@@ -73,7 +73,7 @@ def test_power_that_goes_while_it_presses_is_not_made_up_for_when_it_comes_back(
     press(lab, host)
     machine = machine_of(lab)
     CUTS[cut](machine.pendant)
-    lab.seconds_until(lambda: not lab.status.goes_on, HELD_S)
+    lab.seconds_until(lambda: not lab.status.operational, HELD_S)
     lab.seconds_until(lambda: lab.state.hold_code == "robot_motors", NAMED_S)
     lab.cell.advance(BRAKE_S)
     lab.assert_still(0.5)
@@ -83,7 +83,7 @@ def test_power_that_goes_while_it_presses_is_not_made_up_for_when_it_comes_back(
     lab.cell.advance(1.0)
     reset(machine.pendant)
     lab.assert_still(1.0)
-    assert not lab.status.goes_on
+    assert not lab.status.operational
 
     client = ConfiguredCell(lab.cell.cell, commander="operator", bus=lab.cell.client)
     lab.cell.advance(1.2)

@@ -1,4 +1,4 @@
-"""Where the emulated arm goes: kinematics, frames, relative motions, reach."""
+"""Goals of the emulated arm: kinematics, frames, relative motions, reach."""
 
 import math
 
@@ -78,7 +78,7 @@ def test_at_a_pole_of_a_only_the_sum_or_the_difference_counts(q, xyz, angle) -> 
         (("TOOL TRANS(0,0,100)", "LMOVE HERE+RX(10)"), (0, None, None)),
     ],
 )  # fmt: skip
-def test_every_motion_instruction_goes_where_it_says(lines, moved) -> None:
+def test_every_motion_instruction_goes_to_its_target(lines, moved) -> None:
     """Displacement of the flange in the robot's base, with the tool down."""
     bench = AsBench(program("HERE p", "SPEED 50 MM/S ALWAYS", *lines, "BREAK", "TWAIT 0.1"))
     start = bench.robot.kinematics.flange_pose(bench.robot.q).translation
@@ -138,7 +138,7 @@ def test_here_is_relative_to_a_frame_when_asked() -> None:
     ],
 )
 def test_targets_that_cannot_be_reached_stop_before_anything_moves(line: str, code: str) -> None:
-    """E6007: too far, or a joint beyond its limit, at the end or on the way."""
+    """E6007: too far, or a joint beyond its limit, at the end or on the path."""
     bench = AsBench(program(line))
     trace = Trace(bench)
     assert bench.fail().code == code
@@ -147,7 +147,7 @@ def test_targets_that_cannot_be_reached_stop_before_anything_moves(line: str, co
 
 
 def test_reasons_of_the_kinematics_have_the_manuals_codes() -> None:
-    """Out of range, a singular pose in the way, another posture needed."""
+    """Out of range, a singular pose on the path, another posture needed."""
     reasons = (
         "joint 3 would be at 160 deg, its limits are -157 .. 157 deg",
         "out of reach: far",
@@ -159,7 +159,7 @@ def test_reasons_of_the_kinematics_have_the_manuals_codes() -> None:
 
 
 def test_a_motion_ahead_that_cannot_be_reached_fails_at_its_own_step() -> None:
-    """The motion under way is braked; the message names the step of the bad one."""
+    """The present motion is braked; the message names the step of the bad one."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 50,0,0)", "LMOVE SHIFT(p BY 0,2000,0)"))
     assert bench.fail().code == "E6007"
     assert bench.stopped_at == ("main", 4)

@@ -1,4 +1,4 @@
-"""Whole files: programs, data sections, what is skipped, what is refused (facts 1.1)."""
+"""Whole files: programs, data sections, skipped lines, refusals (facts 1.1)."""
 
 from pathlib import Path
 
@@ -118,7 +118,7 @@ def test_the_last_of_two_programs_of_one_name_counts_and_is_remarked() -> None:
         (".INTEGER\n@n =\n.END", "P0100", 2),
     ],
 )
-def test_what_is_wrong_with_a_file_is_said_with_code_and_line(
+def test_a_mistake_of_a_file_is_reported_with_code_and_line(
     text: str, code: str, line: int
 ) -> None:
     """Never a Python exception, never silence."""
@@ -152,7 +152,7 @@ LINES = [
 
 @pytest.mark.parametrize(("line", "code", "column", "words"), LINES)
 def test_a_wrong_line_is_explained(line: str, code: str, column: int, words: str) -> None:
-    """Code, column, what was found, what would be right."""
+    """Code, column, the text that was found, the right form."""
     with pytest.raises(AsSyntaxError) as caught:
         parse(f".PROGRAM p\n{line}\n.END", "f.as")
     mistake = caught.value.mistakes[0]

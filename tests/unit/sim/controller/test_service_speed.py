@@ -1,4 +1,4 @@
-"""The emulator keeps up with real time: what a step costs, and when the time begins to count."""
+"""The emulator keeps up with real time: the cost of a step, and the start of the time."""
 
 import sys
 from collections.abc import Iterator
@@ -21,13 +21,13 @@ MOST_CALLS = 50  # of functions, for one step
 
 
 class Count:
-    """How many functions were called, Python's own and C's."""
+    """Counter of function calls, Python's own and C's."""
 
     def __init__(self) -> None:
         self.calls = 0
 
-    def see(self, _frame: FrameType, event: str, _argument: object) -> None:
-        """Be told by the interpreter."""
+    def count(self, _frame: FrameType, event: str, _argument: object) -> None:
+        """Count a call that the interpreter reports."""
         self.calls += event in {"call", "c_call"}
 
 
@@ -35,7 +35,7 @@ class Count:
 def counting() -> Iterator[Count]:
     """Count calls; unlike time, they are the same on every machine."""
     count, before = Count(), sys.getprofile()
-    sys.setprofile(count.see)
+    sys.setprofile(count.count)
     try:
         yield count
     finally:

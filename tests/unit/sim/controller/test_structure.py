@@ -1,4 +1,4 @@
-"""Flat steps: where IF, WHILE, FOR, DO, CASE and GOTO go on, and what is not closed."""
+"""Flat steps: the targets of IF, WHILE, FOR, DO, CASE and GOTO, and open structures."""
 
 from itertools import chain
 
@@ -46,7 +46,7 @@ def test_case_knows_its_branches_and_where_everything_else_goes() -> None:
 
 
 def test_case_without_any_goes_to_its_end() -> None:
-    """Nothing runs."""
+    """No branch runs."""
     case = statements("CASE x OF", "VALUE 1:", "END")[0]
     assert isinstance(case, syntax.CaseStatement)
     assert case.default_at == 2
@@ -87,7 +87,7 @@ def test_steps_are_counted_as_the_controller_lists_them() -> None:
 def test_structures_that_do_not_close_are_named_with_their_line(
     lines: list[str], code: str, line: int
 ) -> None:
-    """The message says which structure is open."""
+    """The message names the open structure."""
     with pytest.raises(AsSyntaxError) as caught:
         program(*lines)
     first = caught.value.mistakes[0]
@@ -110,7 +110,7 @@ BLOCKS = st.recursive(
 
 @given(BLOCKS)
 def test_every_nesting_is_resolved(lines: list[str]) -> None:
-    """No target is left open, all lie in the program, every END knows its beginning."""
+    """No target is left open, all are in the program, every END knows its beginning."""
     found = statements(*lines)
     for at, item in enumerate(found):
         for name in ("false_at", "after_at", "end_at", "do_at", "default_at", "start_at"):
@@ -120,7 +120,7 @@ def test_every_nesting_is_resolved(lines: list[str]) -> None:
             assert item.start_at < at
 
 
-def test_every_mistake_of_a_file_is_told_at_once() -> None:
+def test_every_mistake_of_a_file_is_reported_at_once() -> None:
     """Not only the first one."""
     with pytest.raises(AsSyntaxError) as caught:
         parse(".PROGRAM a\nx = \ny = 1\nx = (\n.END\n.PROGRAM b\nEND\n.END", "two.as")

@@ -23,7 +23,7 @@ from sim.controller.tcp import (
 )
 
 PORT = 49152
-PATIENCE = 2_000_000  # looks, each of which costs far more than a microsecond
+PATIENCE = 2_000_000  # polls, each of which costs far more than a microsecond
 
 
 class Peer(Protocol):
@@ -33,7 +33,7 @@ class Peer(Protocol):
         """Send bytes."""
 
     def receive(self) -> bytes | None:
-        """Return what has come."""
+        """Return the bytes that have arrived."""
 
     def close(self) -> None:
         """End the connection."""
@@ -54,7 +54,7 @@ class SocketPeer:
         return self._socket.send(data)
 
     def receive(self) -> bytes | None:
-        """Return what has come."""
+        """Return the bytes that have arrived."""
         with suppress(BlockingIOError):
             return self._socket.recv(65536)
         return None
@@ -80,7 +80,7 @@ class MemoryPeer:
         return self._stream.send(data)
 
     def receive(self) -> bytes | None:
-        """Return what has come."""
+        """Return the bytes that have arrived."""
         return self._stream.receive(65536)
 
     def close(self) -> None:
@@ -92,8 +92,8 @@ class MemoryPeer:
         self._stream.reset()
 
 
-class World:
-    """A controller's TCP unit and somebody who can call it."""
+class TcpBench:
+    """A controller's TCP unit and a client that can call it."""
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
@@ -125,13 +125,13 @@ class World:
         return outcome.code, peer
 
     def received(self, number: int, longest: int = 255, now_ns: int = 0) -> TcpResult:
-        """TCP_RECV, looked at until it is over."""
+        """TCP_RECV, polled until it is over."""
         operation = self.tcp.receive(number, timeout_s=1.0, longest=longest, now_ns=0)
         return until(operation, now_ns)
 
 
 def until(operation: Callable[[int], TcpResult | None], now_ns: int = 0) -> TcpResult:
-    """Look at an operation at one instant until it is over."""
+    """Poll an operation at one instant until it is over."""
     for _ in range(PATIENCE):
         outcome = operation(now_ns)
         if outcome is not None:
@@ -140,30 +140,30 @@ def until(operation: Callable[[int], TcpResult | None], now_ns: int = 0) -> TcpR
 
 
 @pytest.fixture(params=["sockets", "memory"])
-def world(request: pytest.FixtureRequest) -> Iterator[World]:
+def world(request: pytest.FixtureRequest) -> Iterator[TcpBench]:
     """Return a world that is cleaned up."""
-    world = World(request.param)
+    world = TcpBench(request.param)
     yield world
     world.end()
 
 
-def test_a_port_can_be_listened_on_once_until_it_is_freed(world: World) -> None:
+def test_a_port_can_be_listened_on_once_until_it_is_freed(world: TcpBench) -> None:
     """The second TCP_LISTEN fails, after TCP_END_LISTEN it works, and ending twice fails."""
     assert [world.tcp.listen(PORT), world.tcp.listen(PORT)] == [OK, CANNOT_CREATE]
     assert [world.tcp.end_listen(PORT), world.tcp.end_listen(PORT)] == [OK, NOT_LISTENING]
     assert world.tcp.listen(PORT) == OK
 
 
-def test_accept_times_out_with_34024_and_not_before(world: World) -> None:
-    """Nobody calls: nothing up to the time-out, -34024 from then on."""
+def test_accept_times_out_with_34024_and_not_before(world: TcpBench) -> None:
+    """No client calls: no result up to the time-out, -34024 from then on."""
     world.tcp.listen(PORT)
     operation = world.tcp.accept(PORT, timeout_s=2.0, now_ns=0)
     assert operation(2 * NS_PER_S - 1) is None
     assert operation(2 * NS_PER_S) == TcpResult(TIMED_OUT)
 
 
-def test_accept_on_a_port_that_does_not_listen_is_34056(world: World) -> None:
-    """Also when the port is freed while somebody waits in it."""
+def test_accept_on_a_port_that_does_not_listen_is_34056(world: TcpBench) -> None:
+    """Also when the port is freed while a program waits in it."""
     assert world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)(0) == TcpResult(NOT_LISTENING)
     world.tcp.listen(PORT)
     operation = world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)
@@ -172,7 +172,7 @@ def test_accept_on_a_port_that_does_not_listen_is_34056(world: World) -> None:
     assert operation(0) == TcpResult(NOT_LISTENING)
 
 
-def test_bytes_come_as_elements_of_the_length_asked_for(world: World) -> None:
+def test_bytes_come_as_elements_of_the_length_asked_for(world: TcpBench) -> None:
     """300 bytes are 255 + 45 by default, and 100 + 100 + 100 when asked for."""
     number, peer = world.accepted()
     peer.send(b"x" * 300)
@@ -181,8 +181,8 @@ def test_bytes_come_as_elements_of_the_length_asked_for(world: World) -> None:
     assert [len(e) for e in world.received(number, 100).elements] == [100, 100, 100]
 
 
-def test_one_call_takes_4096_bytes_at_most_and_the_next_one_the_rest(world: World) -> None:
-    """Nothing is lost at the limit of a call, whatever pieces the bytes come in."""
+def test_one_call_takes_4096_bytes_at_most_and_the_next_one_the_rest(world: TcpBench) -> None:
+    """No byte is lost at the limit of a call, whatever the division of the bytes is."""
     number, peer = world.accepted()
     data = bytes(range(256)) * 20
     peer.send(data)
@@ -194,8 +194,8 @@ def test_one_call_takes_4096_bytes_at_most_and_the_next_one_the_rest(world: Worl
     assert "".join(got).encode("latin-1") == data
 
 
-def test_silence_is_34024_and_a_closed_peer_is_code_0_without_elements(world: World) -> None:
-    """The two are told apart, as AS programs do."""
+def test_silence_is_34024_and_a_closed_peer_is_code_0_without_elements(world: TcpBench) -> None:
+    """The two are distinguished, as AS programs do."""
     number, peer = world.accepted()
     assert world.received(number, now_ns=NS_PER_S) == TcpResult(TIMED_OUT)
     peer.send(b"last")
@@ -204,7 +204,7 @@ def test_silence_is_34024_and_a_closed_peer_is_code_0_without_elements(world: Wo
     assert world.received(number) == TcpResult(OK)
 
 
-def test_a_reset_is_34025_for_receiving_and_sending(world: World) -> None:
+def test_a_reset_is_34025_for_receiving_and_sending(world: TcpBench) -> None:
     """The peer cut the connection: -34025."""
     number, peer = world.accepted()
     peer.reset()
@@ -214,7 +214,7 @@ def test_a_reset_is_34025_for_receiving_and_sending(world: World) -> None:
     assert ABORTED in sent
 
 
-def test_sent_elements_arrive_back_to_back(world: World) -> None:
+def test_sent_elements_arrive_back_to_back(world: TcpBench) -> None:
     """No separators between elements, control characters included."""
     number, peer = world.accepted()
     outcome = until(world.tcp.send(number, ["ab", "", "\r\n\x00\xff"], timeout_s=1.0, now_ns=0))
@@ -227,7 +227,7 @@ def test_sent_elements_arrive_back_to_back(world: World) -> None:
     assert got == b"ab\r\n\x00\xff"
 
 
-def test_more_than_4096_bytes_in_one_call_are_34022_and_nothing_is_sent(world: World) -> None:
+def test_more_than_4096_bytes_in_one_call_are_34022_and_nothing_is_sent(world: TcpBench) -> None:
     """17 elements of 255 characters are too many, 16 are not."""
     number, peer = world.accepted()
     element = "z" * 255
@@ -237,7 +237,7 @@ def test_more_than_4096_bytes_in_one_call_are_34022_and_nothing_is_sent(world: W
 
 
 @pytest.mark.parametrize("patient", [False, True])
-def test_a_peer_that_reads_nothing_stops_the_sender(world: World, patient: bool) -> None:
+def test_a_peer_that_reads_nothing_stops_the_sender(world: TcpBench, patient: bool) -> None:
     """Full buffers: -34024 at the time-out; the pessimistic controller waits on."""
     number, _ = world.accepted()
     world.tcp._endless_send = patient
@@ -251,7 +251,7 @@ def test_a_peer_that_reads_nothing_stops_the_sender(world: World, patient: bool)
     assert operation(NS_PER_S) == expected
 
 
-def test_a_socket_number_is_gone_after_close(world: World) -> None:
+def test_a_socket_number_is_gone_after_close(world: TcpBench) -> None:
     """Closing twice, sending and receiving: -34057."""
     number, _ = world.accepted()
     assert [world.tcp.close(number), world.tcp.close(number)] == [OK, BAD_SOCKET]
@@ -259,7 +259,7 @@ def test_a_socket_number_is_gone_after_close(world: World) -> None:
     assert until(world.tcp.send(number, ["a"], timeout_s=1.0, now_ns=0)).code == BAD_SOCKET
 
 
-def test_connecting_reaches_a_listener_and_says_34023_without_one() -> None:
+def test_connecting_reaches_a_listener_and_returns_34023_without_one() -> None:
     """TCP_CONNECT on the real network: the other end is a server of this host."""
     server = socket.create_server(("127.0.0.1", 0))
     tcp = TcpUnit(SocketNetwork())
@@ -271,7 +271,7 @@ def test_connecting_reaches_a_listener_and_says_34023_without_one() -> None:
     assert until(tcp.connect(LOOPBACK, port, timeout_s=5.0, now_ns=0)).code == CANNOT_REACH
 
 
-def test_two_clients_of_one_listener_have_a_socket_each(world: World) -> None:
+def test_two_clients_of_one_listener_have_a_socket_each(world: TcpBench) -> None:
     """Bytes of one never come out of the other."""
     first, a = world.accepted()
     b = world.call()

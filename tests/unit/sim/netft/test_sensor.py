@@ -17,7 +17,7 @@ int32 = st.integers(-(2**31), 2**31 - 1)
 
 def ask(sensor: NetftSensor, command: int, count: int = 0, client: str = "me") -> None:
     """Send a request."""
-    sensor.hear(struct.pack(">HHI", 0x1234, command, count), client)
+    sensor.receive(struct.pack(">HHI", 0x1234, command, count), client)
 
 
 def numbers(sensor: NetftSensor, samples: int) -> list[int]:
@@ -27,7 +27,7 @@ def numbers(sensor: NetftSensor, samples: int) -> list[int]:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1), st.tuples(*[int32] * 6))
-def test_what_the_sensor_writes_our_driver_reads(rdt: int, ft: int, counts: tuple) -> None:
+def test_the_driver_reads_the_records_of_the_sensor(rdt: int, ft: int, counts: tuple) -> None:
     """Two authors of one format: bit for bit the same."""
     read = parse(record(rdt, ft, 0x80010000, counts))
     assert read is not None
@@ -36,10 +36,10 @@ def test_what_the_sensor_writes_our_driver_reads(rdt: int, ft: int, counts: tupl
 
 
 @given(st.binary(max_size=20))
-def test_what_is_no_request_changes_nothing(data: bytes) -> None:
-    """The real one is deaf to it, too."""
+def test_other_bytes_than_a_request_change_nothing(data: bytes) -> None:
+    """The real one ignores it, too."""
     sensor = NetftSensor()
-    sensor.hear(data, "me")
+    sensor.receive(data, "me")
     known = command_of(data)
     assert sensor.client is None or (known is not None and known[0] == 2)
 
@@ -55,7 +55,7 @@ def test_a_number_of_records_is_that_number(count: int, samples: int) -> None:
 
 
 def test_only_the_owner_of_the_stream_stops_it() -> None:
-    """The one who asked last owns it; the one before hears no more."""
+    """The last requester owns it; the one before receives no more."""
     sensor = NetftSensor()
     ask(sensor, 0x0002, client="first")
     ask(sensor, 0x0002, client="second")
@@ -67,7 +67,7 @@ def test_only_the_owner_of_the_stream_stops_it() -> None:
 
 @given(st.tuples(*[st.floats(-100.0, 100.0)] * 6))
 def test_a_bias_makes_the_present_reading_zero_until_power_is_lost(bias: tuple) -> None:
-    """For everybody, twice as well as once."""
+    """For every client, twice as well as once."""
     sensor = NetftSensor(About())
     ask(sensor, 0x0002)
     for _ in range(2):

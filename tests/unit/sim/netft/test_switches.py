@@ -54,25 +54,25 @@ def test_a_fault_of_the_sensor_stops_the_arm_with_its_own_code(name: str) -> Non
     rig = running()
     rig.switch(**switches)
     assert rig.first_code() == code
-    message = next(said for said in reversed(rig.said) if said.code == code)
+    message = next(each for each in reversed(rig.published) if each.code == code)
     bench = WrenchBench()
     bench.settle()
     bench.sensor = message.model_dump()
     bench.step(2)
-    wrench = bench.said()
+    wrench = bench.published()
     assert (wrench.valid, wrench.code) == (False, code)
     cell = Cellmates().arm()
     cell.change("wrench", valid=False, code=wrench.code, reason=wrench.reason)
     cell.step(2)
     assert cell.codes()[0] == code
-    assert cell.said().permission is None
-    assert cell.told().state == "FAULT"
-    assert message.reason[:40] in cell.told().trips[0].text
+    assert cell.published().permission is None
+    assert cell.last_status().state == "FAULT"
+    assert message.reason[:40] in cell.last_status().trips[0].text
 
 
 @pytest.mark.parametrize("name", CODES)
-def test_a_sensor_that_is_well_again_is_believed_again(name: str) -> None:
-    """Nothing latches in the driver: holding until a person acts is the arbiter's task."""
+def test_a_sensor_that_is_well_again_is_valid_again(name: str) -> None:
+    """No fault latches in the driver: holding until a person acts is the arbiter's task."""
     switches, _ = CODES[name]
     rig = running()
     rig.switch(**switches)
@@ -83,46 +83,46 @@ def test_a_sensor_that_is_well_again_is_believed_again(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["steal", EVENT])
-def test_a_moment_is_told_long_enough_to_be_heard(name: str) -> None:
-    """Who keeps only the newest message still meets one that is not valid."""
+def test_a_short_fault_is_reported_long_enough_to_be_received(name: str) -> None:
+    """A reader of only the newest message still gets one that is not valid."""
     rig = running()
     rig.switch(**CODES[name][0])
-    while rig.run(0.001)[-1:] == [] or rig.said[-1].valid:
+    while rig.run(0.001)[-1:] == [] or rig.published[-1].valid:
         pass
     rig.sensor.switches = FaultSwitches()
-    told = [message.code for message in rig.run(FAULT_HOLD_S - 0.01)]
-    assert set(told) == {CODES[name][1]}
+    codes = [message.code for message in rig.run(FAULT_HOLD_S - 0.01)]
+    assert set(codes) == {CODES[name][1]}
 
 
 def test_the_second_owner_is_known_before_the_topic_is_stale() -> None:
-    """The stream is asked for at half of the deadline, so silence is not what is told first."""
+    """The stream is asked for at half of the deadline, so silence is not reported first."""
     rig = running()
-    rig.sensor.hear(bytes.fromhex("1234 0002 00000000"), "somebody else")
+    rig.sensor.receive(bytes.fromhex("1234 0002 00000000"), "another client")
     messages = rig.run(STALE_S - 0.002)
     assert [message.code for message in messages if not message.valid][:1] == ["sensor_stolen"]
     assert rig.counters["thefts"] == 1
 
 
 def test_a_cable_that_was_out_is_no_theft() -> None:
-    """Silence and no answer to several requests: told as silence, then the stream goes on."""
+    """Silence and no answer to several requests: reported as silence, then the stream continues."""
     rig = running()
     client, rig.sensor.client = rig.sensor.client, None
-    hear, rig.sensor.hear = rig.sensor.hear, lambda *_: None  # type: ignore[method-assign]
+    receive, rig.sensor.receive = rig.sensor.receive, lambda *_: None  # type: ignore[method-assign]
     codes = {message.code for message in rig.run(1.0) if not message.valid}
     assert codes == {"sensor_silent"}
-    rig.sensor.hear, rig.sensor.client = hear, client  # type: ignore[method-assign]
+    rig.sensor.receive, rig.sensor.client = receive, client  # type: ignore[method-assign]
     rig.run(0.6)
     assert all(message.valid for message in rig.run(0.2))
     assert (rig.counters["thefts"], rig.counters["sensor_restarts"]) == (0, 0)
 
 
-def test_a_network_that_coughs_for_a_moment_is_no_theft() -> None:
-    """Records and request were lost, then the same stream goes on: lost records are counted."""
+def test_a_short_loss_of_the_network_is_no_second_owner() -> None:
+    """Records and request were lost, then the same stream continues: lost records are counted."""
     rig = running()
-    hear, rig.sensor.hear = rig.sensor.hear, lambda *_: None  # type: ignore[method-assign]
-    rig.on_the_way = lambda _: []
+    receive, rig.sensor.receive = rig.sensor.receive, lambda *_: None  # type: ignore[method-assign]
+    rig.in_transit = lambda _: []
     rig.run(0.015)
-    rig.on_the_way, rig.sensor.hear = lambda data: [data], hear  # type: ignore[method-assign]
+    rig.in_transit, rig.sensor.receive = lambda data: [data], receive  # type: ignore[method-assign]
     assert all(message.valid for message in rig.run(0.1))
     assert rig.counters["requests"] > 1
     assert (rig.counters["thefts"], rig.counters["lost"]) == (0, 15)
@@ -153,15 +153,15 @@ def test_no_record_is_lost_in_silence(
     tally, sent = rig.counters, rig.sensor._rdt_sequence
     samples = tally["records"] - tally["duplicates"] - tally["reordered"] - tally["repeated"]
     assert samples + tally["reordered"] + tally["lost"] == sent
-    fresh = [message for message in rig.said if message.counter]
+    fresh = [message for message in rig.published if message.counter]
     assert len(fresh) + tally["thinned"] == samples
     assert fresh[-1].counter == sent
 
 
-def test_numbers_are_what_the_sensor_measured() -> None:
+def test_numbers_are_those_that_the_sensor_measured() -> None:
     """Through counts and back, to the resolution of the counts."""
     rig = running()
-    message = rig.said[-1]
+    message = rig.published[-1]
     assert (*message.force_N, *message.torque_Nm) == pytest.approx(TRUTH, abs=5e-3)
 
 
@@ -173,18 +173,18 @@ TRAP = About(counts_per_torque=1000.0, torque_unit="N-mm", force_range_N=200, to
 def test_units_of_the_page_are_converted() -> None:
     """Counts per N-mm, taken for counts per N m, would make torque a thousand times as large."""
     rig = running(about=TRAP, cell={"sensor.calibration": "page", "sensor.counts_per_Nm": 1.0})
-    assert rig.said[-1].torque_Nm == pytest.approx(TRUTH[3:], abs=5e-3)
+    assert rig.published[-1].torque_Nm == pytest.approx(TRUTH[3:], abs=5e-3)
 
 
 @pytest.mark.parametrize(
-    ("counts", "said"),
+    ("counts", "message"),
     [({"sensor.counts_per_Nm": 1000.0}, "N-mm"), ({"sensor.counts_per_N": 2e6}, "counts_per_N is")],
 )
-def test_a_cell_file_that_disagrees_with_the_page_is_told(counts: dict, said: str) -> None:
+def test_a_cell_file_that_disagrees_with_the_page_is_reported(counts: dict, message: str) -> None:
     """Both are asked for, and they cannot both be right: the sentence has the two numbers."""
     rig = NetftRig(about=TRAP, cell={"sensor.calibration": "both", **counts})
     assert rig.run(0.1)[-1].code == "sensor_calibration"
-    assert said in rig.said[-1].reason
+    assert message in rig.published[-1].reason
 
 
 def test_a_cell_file_that_agrees_with_the_page_is_silent() -> None:
@@ -192,11 +192,11 @@ def test_a_cell_file_that_agrees_with_the_page_is_silent() -> None:
     running(about=TRAP, cell={"sensor.calibration": "both"})
 
 
-def test_a_range_that_the_sensor_does_not_have_is_told() -> None:
-    """Saturation would be looked for where the sensor has long ended."""
+def test_a_range_that_the_sensor_does_not_have_is_reported() -> None:
+    """Saturation would be searched for far beyond the end of the sensor's range."""
     rig = NetftRig(about=TRAP, cell={"sensor.calibration": "page", "sensor.force_range_N": 500.0})
     assert rig.run(0.1)[-1].code == "sensor_calibration"
-    assert "force_range_N is 500" in rig.said[-1].reason
+    assert "force_range_N is 500" in rig.published[-1].reason
 
 
 def test_a_page_that_cannot_be_read_leaves_no_numbers() -> None:

@@ -119,18 +119,18 @@ def test_bandwidth_is_the_documented_one(axis):
 
 @pytest.mark.parametrize("delay_ms", [0, 1, 10, 30])
 def test_delay_is_exact_to_the_millisecond(delay_ms):
-    """Nothing moves before the delay has passed; in the step after it the servo is driven."""
+    """Before the delay has passed the arm rests; in the step after it the servo is driven."""
     arm = SimArm(SimSettings(delay_s=delay_ms * 1e-3, smoothing_s=0.001), seed=0)
     start = arm.q
     arm.command_joints(flange_moved(arm, (0.0, 0.0, 0.001), arm.T_base_flange))
     run(arm, delay_ms * 1e-3)
     assert arm.q == pytest.approx(start, abs=1e-12)
-    assert arm.moving is (delay_ms > 0)  # the command is under way
+    assert arm.moving is (delay_ms > 0)  # the command is in flight
     arm.step()
     assert abs(arm.q - start).max() > 1e-7
 
 
-def test_the_hanging_tool_pulls_the_sensor_along_gravity():
+def test_the_hanging_tool_pulls_the_sensor_with_gravity():
     """Free of contact the load is m g at the centre of mass, in sensor axes, at any attitude."""
     settings = SimSettings(sensor=QUIET)
     weight = settings.tool_mass_kg * GRAVITY_M_S2
@@ -181,7 +181,7 @@ def test_a_push_at_the_tool_adds_its_own_force_to_the_reading():
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 5.0, 15.0, 20.0])
-def test_the_disc_touches_where_the_truth_says(tilt_deg):
+def test_the_disc_touches_at_the_true_distance(tilt_deg):
     """Contact begins within 2 um of zero lift-off, also on a tilted plate: 0.2 N at 1e5 N/m."""
     arm = SimArm(SimSettings(tilt_deg=tilt_deg, stiffness_N_m=1e5), seed=0)
     assert arm.lift_off_m == pytest.approx(0.005 * math.cos(math.radians(tilt_deg)), abs=1e-9)
@@ -204,7 +204,7 @@ def test_a_tilted_plate_turns_the_tool():
     assert abs(torque[1]) < 0.2 * torque[0]
 
 
-def test_the_plate_gives_way_in_tilt_with_its_own_stiffness():
+def test_the_plate_yields_in_tilt_with_its_own_stiffness():
     """Moment about the plate over its angle is the tilt stiffness, springs at the corners."""
     settings = SimSettings(tilt_deg=10.0, stiffness_N_m=2e4)
     arm = pressed(SimArm(settings, seed=0), 0.001)
@@ -213,8 +213,8 @@ def test_the_plate_gives_way_in_tilt_with_its_own_stiffness():
     truth, point = arm.true_wrench(), arm.plate.point_m
     lever = arm.data.site("tcp").xpos - point
     on_plate = -(truth.torque_Nm + np.cross(lever, truth.force_N))
-    rise_along_y = arm.plate.springs.slope[1]  # the plate turns about its x
-    assert rise_along_y == pytest.approx(on_plate[0] / k_tilt, rel=0.05)
+    rise_per_y = arm.plate.springs.slope[1]  # the plate turns about its x
+    assert rise_per_y == pytest.approx(on_plate[0] / k_tilt, rel=0.05)
 
 
 def test_divergence_is_an_error_and_leaves_no_log_behind(tmp_path, monkeypatch):

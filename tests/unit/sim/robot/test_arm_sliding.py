@@ -1,4 +1,4 @@
-"""The simulated arm on its plate: what slides does not chatter, whatever the length of a tick.
+"""The simulated arm on its plate: a sliding tool does not chatter, whatever the length of a tick.
 
 The tool is led on a circle about the plate's middle, so that nothing but contact, friction and the
 arm's own motion can change the force.
@@ -23,7 +23,7 @@ LEAD_IN_TICKS, TICKS = 600, 1400
 
 @dataclass(frozen=True, slots=True)
 class Slide:
-    """What the plate did to the tool: a row for each millisecond on the circle."""
+    """Forces of the plate on the tool: a row for each millisecond on the circle."""
 
     normal_N: np.ndarray
     sideways_N: np.ndarray
@@ -48,10 +48,10 @@ def slide(stiffness_N_m: float, *, steps: int = 1, bob_m: float = 0.0) -> Slide:
         angle = max(0, tick - 400) * TICK_S * SPEED_M_S / CIRCLE_M
         down_m = share * (arm.settings.gap_m + PRESS_N / stiffness_N_m)
         down_m += bob_m * math.sin(math.tau * 10.0 * tick * TICK_S)
-        way = np.array([CIRCLE_M * math.sin(angle), CIRCLE_M * math.cos(angle), -down_m])
-        way[1] -= CIRCLE_M * (1.0 - share)  # out to the circle while it comes down
+        travel = np.array([CIRCLE_M * math.sin(angle), CIRCLE_M * math.cos(angle), -down_m])
+        travel[1] -= CIRCLE_M * (1.0 - share)  # out to the circle while it comes down
         found = arm.kinematics.solve(
-            pin.SE3(start.rotation, start.translation + way), q, jump_rad=1.0
+            pin.SE3(start.rotation, start.translation + travel), q, jump_rad=1.0
         )
         assert found.q is not None, found.reason
         q = found.q
@@ -100,10 +100,10 @@ def test_an_arm_that_approaches_slides_turns_and_lets_go_gets_no_energy(seed):
     arm = SimArm(SimSettings(stiffness_N_m=stiffness, tilt_deg=rng.uniform(0.0, 10.0)), seed=0)
     start, q, work_J, taken_J = arm.T_base_flange, arm.q, 0.0, 0.0
     for leg in range(12):
-        way = rng.uniform([-0.02, -0.02, -0.006 - 30.0 / stiffness], [0.02, 0.02, -0.003])
-        way = np.zeros(3) if leg == 11 else way
+        travel = rng.uniform([-0.02, -0.02, -0.006 - 30.0 / stiffness], [0.02, 0.02, -0.003])
+        travel = np.zeros(3) if leg == 11 else travel
         turn = pin.exp3(rng.uniform(-0.05, 0.05, 3) * (leg < 11))
-        goal = pin.SE3(turn @ start.rotation, start.translation + way)
+        goal = pin.SE3(turn @ start.rotation, start.translation + travel)
         found = arm.kinematics.solve(goal, q, jump_rad=1.0)
         assert found.q is not None, found.reason
         for tick in range(150):

@@ -1,4 +1,4 @@
-"""The truth about contact: how far the disc is from the plate at rest, and who looks at it."""
+"""The true contact: distance of the disc from the plate at rest, and its readers."""
 
 import math
 
@@ -50,7 +50,7 @@ def test_the_plate_is_put_the_gap_below_the_rim(centre, lean, tilt, radius, gap)
 
 
 def fall(settings: SimSettings, depth_m: float, ticks: int) -> np.ndarray:
-    """Lead the tool down to the plate and return what it feels, a row for each tick."""
+    """Lead the tool down to the plate and return its wrench, a row for each tick."""
     arm = SimArm(settings, seed=0)
     start, q, rows = arm.T_base_flange, arm.q, []
     for tick in range(ticks):
@@ -68,8 +68,8 @@ def fall(settings: SimSettings, depth_m: float, ticks: int) -> np.ndarray:
 def test_a_plate_that_is_far_away_is_left_out_and_nothing_changes(monkeypatch):
     """To the last bit, at twice the highest speed of a cell: from free space into the plate."""
     settings = SimSettings(gap_m=0.1)
-    ways = fall(settings, 0.13, 60), fall(settings, 0.12, 200)
-    assert all(way[:, 8].max() > 20.0 for way in ways)
+    falls = fall(settings, 0.13, 60), fall(settings, 0.12, 200)
+    assert all(rows[:, 8].max() > 20.0 for rows in falls)
     monkeypatch.setattr(PlateContact, "_is_far", lambda _: False)
-    for way, (depth_m, ticks) in zip(ways, ((0.13, 60), (0.12, 200)), strict=True):
-        assert np.array_equal(way, fall(settings, depth_m, ticks))
+    for rows, (depth_m, ticks) in zip(falls, ((0.13, 60), (0.12, 200)), strict=True):
+        assert np.array_equal(rows, fall(settings, depth_m, ticks))

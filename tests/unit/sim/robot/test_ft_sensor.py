@@ -35,7 +35,7 @@ def test_noise_has_the_spread_that_was_set():
     assert abs(others).max() < 0.06
 
 
-def test_readings_lie_on_the_quantisation_grid():
+def test_readings_are_on_the_quantisation_grid():
     """Every reading is a whole number of steps."""
     settings = SensorSettings(force_step_N=0.25, torque_step_Nm=0.01)
     steps = many(settings, 50) / np.array([0.25] * 3 + [0.01] * 3)
@@ -51,7 +51,7 @@ def test_one_seed_is_one_stream_and_another_seed_another():
 
 @pytest.mark.parametrize("axis", range(6))
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_beyond_the_range_a_sample_says_saturated(axis, sign):
+def test_beyond_the_range_a_sample_is_saturated(axis, sign):
     """Any axis at its end clips and is reported; just inside it is an ordinary reading."""
     settings = SensorSettings(
         **CLEAN,

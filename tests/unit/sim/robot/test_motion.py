@@ -58,7 +58,7 @@ def joint_speed_share(q: np.ndarray) -> float:
 @given(moves, turns, speeds)
 @settings(max_examples=25, deadline=None)
 def test_a_pose_goal_arrives_on_a_straight_line(move, turn, speed):
-    """It ends at the goal; on the way it leaves neither the line nor the one axis of turning."""
+    """It ends at the goal; until then it leaves neither the line nor the axis of turning."""
     motion, goal = MotionGenerator(ARM, HOME), moved(move, turn)
     refused = motion.start_pose(goal, speed)
     assume("its limits are" not in refused)  # the far corner of these turns is beyond joint 5
@@ -84,13 +84,13 @@ def test_a_goal_keeps_speed_acceleration_and_deceleration(move, speed):
     change = np.diff(v) / DT_S
     assert v.max() <= speed.speed_m_s * (1 + 1e-6)
     assert change.max() <= ACCEL_M_S2 * speed.accel_fraction * (1 + 1e-3) + 1e-4
-    # The last two ticks share what is left of the way: less than two ticks of deceleration.
+    # The last two ticks share the rest of the travel: less than two ticks of deceleration.
     assert v[-3:].max() <= 2.0 * ACCEL_M_S2 * speed.decel_fraction * DT_S + 1e-6
     assert -change[:-2].min(initial=0.0) <= ACCEL_M_S2 * speed.decel_fraction * (1 + 1e-3) + 1e-4
 
 
 def test_a_long_goal_takes_the_time_of_its_trapezoid():
-    """Duration = way / v + v / 2a + v / 2d: full speed is reached and held."""
+    """Duration = travel / v + v / 2a + v / 2d: full speed is reached and held."""
     motion = MotionGenerator(ARM, HOME)
     speed = MotionSpeed(speed_m_s=0.2, accel_fraction=0.5, decel_fraction=0.25)
     assert motion.start_pose(moved(np.array([0.0, 0.0, 0.24])), speed) == ""
@@ -100,27 +100,27 @@ def test_a_long_goal_takes_the_time_of_its_trapezoid():
 
 @given(joint_moves, speeds)
 @settings(max_examples=25, deadline=None)
-def test_a_joint_goal_moves_all_joints_together(way, speed):
-    """Every joint has gone the same share of its way at any time, and all arrive."""
+def test_a_joint_goal_moves_all_joints_together(travel, speed):
+    """Every joint has gone the same share of its travel at any time, and all arrive."""
     motion = MotionGenerator(ARM, HOME)
-    assert motion.start_joints(HOME + way, speed) == ""
+    assert motion.start_joints(HOME + travel, speed) == ""
     q = finish(motion)
     assert motion.state == "done"
-    assert q[-1] == pytest.approx(HOME + way, abs=1e-12)
-    largest = int(np.argmax(abs(way)))
-    share = (q - HOME)[:, largest] / way[largest] if way[largest] else np.zeros(len(q))
-    assert q - HOME == pytest.approx(np.outer(share, way), abs=1e-9)
+    assert q[-1] == pytest.approx(HOME + travel, abs=1e-12)
+    largest = int(np.argmax(abs(travel)))
+    share = (q - HOME)[:, largest] / travel[largest] if travel[largest] else np.zeros(len(q))
+    assert q - HOME == pytest.approx(np.outer(share, travel), abs=1e-9)
     assert flange_speeds_m_s(q).max() <= speed.speed_m_s * 1.01
     assert joint_speed_share(q) <= 1.0 + 1e-6
 
 
 def test_a_relative_goal_counts_from_the_command_at_its_start():
     """Twice the same relative goal goes twice as far, without creeping."""
-    motion, way = MotionGenerator(ARM, HOME), np.radians([5.0, 0, -3.0, 0, 2.0, 10.0])
+    motion, travel = MotionGenerator(ARM, HOME), np.radians([5.0, 0, -3.0, 0, 2.0, 10.0])
     for times in (1, 2):
-        assert motion.start_by(way, MotionSpeed(speed_m_s=0.25)) == ""
+        assert motion.start_by(travel, MotionSpeed(speed_m_s=0.25)) == ""
         finish(motion)
-        assert motion.q_command == pytest.approx(HOME + times * way, abs=1e-12)
+        assert motion.q_command == pytest.approx(HOME + times * travel, abs=1e-12)
 
 
 def test_a_goal_too_fast_for_the_joints_slows_down_and_arrives():
@@ -157,7 +157,7 @@ def test_brake_stands_still_within_125_ms_and_on_the_path(speed_m_s):
     assert np.array_equal(motion.tick(DT_S), q[-1])
 
 
-def test_a_new_goal_is_refused_while_one_is_on_its_way():
+def test_a_new_goal_is_refused_during_a_motion():
     """Goals do not replace each other silently; after a brake the next one is taken."""
     motion = MotionGenerator(ARM, HOME)
     assert motion.start_by(np.full(6, 0.1), MotionSpeed()) == ""
@@ -184,7 +184,7 @@ def test_a_new_goal_is_refused_while_one_is_on_its_way():
     ],
 )
 def test_a_pose_goal_that_cannot_be_reached_is_refused_before_it_starts(move, words):
-    """Nothing moves, and the reason says where on the way it would have ended."""
+    """The arm stays, and the reason names the place where it would have ended."""
     motion = MotionGenerator(ARM, HOME)
     assert words in motion.start_pose(moved(np.array(move)), MotionSpeed())
     assert motion.state == "idle"
@@ -202,7 +202,7 @@ def test_a_joint_goal_beyond_the_limits_is_refused(goal_deg, words):
     assert motion.state == "idle"
 
 
-def test_a_goal_without_a_way_is_done_at_once():
+def test_a_goal_without_travel_is_done_at_once():
     """The pose where the arm already stands is reached in one tick."""
     motion = MotionGenerator(ARM, HOME)
     assert motion.start_pose(T_HOME, MotionSpeed()) == ""
@@ -232,7 +232,7 @@ def test_a_far_streamed_pose_is_approached_no_faster_than_the_joints_can():
 
 
 def test_a_streamed_pose_out_of_reach_is_refused_and_the_last_one_holds():
-    """A refusal changes nothing: the stream goes on where it was."""
+    """A refusal changes nothing: the stream continues from its pose."""
     motion = MotionGenerator(ARM, HOME)
     near = moved(np.array([0.0, 0.0, 0.0002]))
     assert motion.setpoint(near) == ""
@@ -262,7 +262,7 @@ def test_braking_a_stream_never_goes_beyond_its_last_pose():
 
 
 def test_reseed_forgets_everything():
-    """After a reseed the command stands where it was told, with no goal left."""
+    """After a reseed the command is the given pose, with no goal left."""
     motion = MotionGenerator(ARM, HOME)
     assert motion.start_by(np.full(6, 0.1), MotionSpeed()) == ""
     motion.tick(DT_S)

@@ -1,4 +1,4 @@
-"""The law of the sprung plate: what it gives it has taken, it pushes, it sticks and it slips."""
+"""The law of the sprung plate: stored energy, push, sticking and slipping."""
 
 import math
 from typing import Any
@@ -28,8 +28,8 @@ def plate(**changes: Any) -> SprungPlate:
     return SprungPlate(**(values | changes))
 
 
-class Hand:
-    """Moves a disc over a plate as it is told and counts the work that the plate does on it."""
+class DiscMover:
+    """Moves a disc over a plate on command and counts the work of the plate on it."""
 
     def __init__(self, springs: SprungPlate, *, tilt_rad: float = 0.0, gap_m: float = 0.0) -> None:
         """Hold the disc over the plate's middle, turned about x."""
@@ -59,8 +59,8 @@ class Hand:
     def sink(self, depth_m: float) -> None:
         """Go down until the disc's lowest point is so far below the plate at rest, and wait."""
         tilt = math.hypot(*self.T.rotation[:2, 2])
-        way_m = self.T.translation[2] - RADIUS_M * tilt + depth_m
-        self.move((0, 0, -way_m / 0.1), steps=100)
+        travel_m = self.T.translation[2] - RADIUS_M * tilt + depth_m
+        self.move((0, 0, -travel_m / 0.1), steps=100)
         self.move((0, 0, 0), steps=50)
 
 
@@ -93,7 +93,7 @@ def test_the_plate_never_gives_more_work_than_it_took(
         friction=friction,
         relaxation_s=relaxation_s,
     )
-    hand = Hand(springs, tilt_rad=tilt_rad, gap_m=0.0005)
+    hand = DiscMover(springs, tilt_rad=tilt_rad, gap_m=0.0005)
     hand.move((0.0, 0.0, -0.05), steps=30, dt_s=dt_s)
     for velocity, turn, steps in path:
         for _ in range(steps):
@@ -107,7 +107,7 @@ def test_the_plate_never_gives_more_work_than_it_took(
 
 def test_a_spring_gives_back_what_it_took_but_for_its_damper():
     """Pressed and released slowly and without friction, next to nothing is lost."""
-    hand = Hand(plate(friction=0.0), tilt_rad=0.1)
+    hand = DiscMover(plate(friction=0.0), tilt_rad=0.1)
     hand.sink(0.001)
     stored_J = hand.springs.energy_J
     assert hand.taken_J == pytest.approx(stored_J, rel=0.1)
@@ -119,10 +119,10 @@ def test_a_spring_gives_back_what_it_took_but_for_its_damper():
 @given(st.floats(0.0, 0.2), st.floats(0.0, 0.04), st.floats(2e-4, 1e-3))
 @settings(max_examples=15, deadline=None)
 def test_the_push_at_rest_is_the_slope_of_the_energy(tilt_rad, off_m, depth_m):
-    """Moved by a hair in any direction, the energy changes by the push times the way."""
+    """Moved by a hair in any direction, the energy changes by the push times the travel."""
 
     def rested(move, turn) -> tuple[ContactWrench, float]:
-        hand = Hand(plate(friction=0.0), tilt_rad=tilt_rad)
+        hand = DiscMover(plate(friction=0.0), tilt_rad=tilt_rad)
         hand.move((off_m / 0.1, 0.3 * off_m / 0.1, 0.1), steps=100)
         hand.sink(depth_m)
         hand.move(1e3 * np.array(move), 1e3 * np.array(turn))
@@ -144,19 +144,21 @@ def test_the_push_at_rest_is_the_slope_of_the_energy(tilt_rad, off_m, depth_m):
 
 @settings(max_examples=15, deadline=None)
 @given(st.floats(1e3, 2e5), st.floats(1e-4, 2e-3))
-def test_a_flat_disc_feels_the_stiffness_and_an_edge_half_of_it(stiffness, depth_m):
+def test_a_flat_disc_has_the_full_stiffness_and_an_edge_half_of_it(stiffness, depth_m):
     """With springs at the disc's own radius, an edge tilts the plate as far as it sinks it."""
     k_tilt = stiffness * RADIUS_M**2
     for tilt_rad, share in ((0.0, 1.0), (0.35, 1.0 / (1.0 + math.cos(0.35) ** 2))):
-        hand = Hand(plate(stiffness_N_m=stiffness, tilt_stiffness_Nm_rad=k_tilt), tilt_rad=tilt_rad)
+        hand = DiscMover(
+            plate(stiffness_N_m=stiffness, tilt_stiffness_Nm_rad=k_tilt), tilt_rad=tilt_rad
+        )
         hand.sink(depth_m)
         if tilt_rad == 0.0 or hand.push.normal_N < 0.2 * k_tilt / RADIUS_M:
             assert hand.push.normal_N == pytest.approx(share * stiffness * depth_m, rel=0.01)
 
 
-def test_a_disc_that_is_pressed_hard_enough_lies_flat_and_its_push_stays_within_the_rim():
+def test_a_disc_that_is_pressed_hard_enough_is_flat_and_its_push_stays_within_the_rim():
     """The centre of pressure moves from the edge to the middle, and never leaves the disc."""
-    hand = Hand(plate(friction=0.0), tilt_rad=0.02)
+    hand = DiscMover(plate(friction=0.0), tilt_rad=0.02)
     levers = []
     for _ in range(40):
         hand.move((0.0, 0.0, -0.1))
@@ -171,24 +173,24 @@ def test_a_disc_that_is_pressed_hard_enough_lies_flat_and_its_push_stays_within_
 def test_static_friction_holds_below_the_cone(share):
     """A push within the cone moves the disc as far as the spring gives, and stays for ever."""
     springs = plate()
-    hand = Hand(springs)
+    hand = DiscMover(springs)
     hand.sink(0.0005)
     limit_N = 0.3 * hand.push.normal_N
-    way_m = share * limit_N / springs.stiffness_N_m
-    hand.move((way_m / 0.02, 0, 0), steps=20)
+    travel_m = share * limit_N / springs.stiffness_N_m
+    hand.move((travel_m / 0.02, 0, 0), steps=20)
     hand.move((0, 0, 0), steps=50)
     held_N = hand.push.force_N[0]
     assert held_N == pytest.approx(-share * limit_N, rel=1e-3)
     hand.move((0, 0, 0), steps=1000)
     assert hand.push.force_N[0] == pytest.approx(held_N, rel=1e-9)
-    hand.move((-way_m / 0.02, 0, 0), steps=20)
+    hand.move((-travel_m / 0.02, 0, 0), steps=20)
     hand.move((0, 0, 0), steps=50)
     assert hand.push.force_N[0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_beyond_the_cone_it_slips_with_the_limit_and_the_twist_shares_it():
-    """Coulomb's force against the way; who also turns feels less of it."""
-    hand = Hand(plate())
+    """Coulomb's force against the travel; a disc that also turns gets less of it."""
+    hand = DiscMover(plate())
     hand.sink(0.0005)
     hand.move((0.02, 0, 0), steps=500)
     limit_N = 0.3 * hand.push.normal_N
@@ -201,9 +203,9 @@ def test_beyond_the_cone_it_slips_with_the_limit_and_the_twist_shares_it():
 
 
 @pytest.mark.parametrize("tilt_rad", [0.0, 0.3])
-def test_only_a_disc_that_lies_flat_holds_a_twist(tilt_rad):
+def test_only_a_disc_that_is_flat_holds_a_twist(tilt_rad):
     """On its edge it turns freely about the point where it touches: there is no lever."""
-    hand = Hand(plate(), tilt_rad=tilt_rad)
+    hand = DiscMover(plate(), tilt_rad=tilt_rad)
     hand.sink(0.0005)
     hand.move((0, 0, 0), (0, 0, 0.2), steps=20)
     assert (hand.springs.twist_rad > 0.001) is (tilt_rad == 0.0)
@@ -211,9 +213,9 @@ def test_only_a_disc_that_lies_flat_holds_a_twist(tilt_rad):
 
 
 @pytest.mark.parametrize("start", [(HALF_SIDE_M + 0.001, 0.0, 0.001), (0.2, -0.01, -0.02)])
-def test_beside_and_below_the_plate_there_is_nothing_to_touch(start):
-    """Nor does what comes from the side below it get a blow."""
-    hand = Hand(plate())
+def test_outside_and_below_the_plate_there_is_nothing_to_touch(start):
+    """Nor does a tool that comes from the side below it get a blow."""
+    hand = DiscMover(plate())
     hand.T.translation[:] = start
     hand.move((0.0, 0.0, -0.1), steps=50)
     hand.move((-0.2, 0.0, 0.0), steps=1000)
@@ -222,7 +224,7 @@ def test_beside_and_below_the_plate_there_is_nothing_to_touch(start):
 
 def test_a_plate_left_alone_goes_back_with_its_time_constant():
     """After one relaxation time 1/e of the travel is left."""
-    hand = Hand(plate(relaxation_s=0.01))
+    hand = DiscMover(plate(relaxation_s=0.01))
     hand.sink(0.001)
     travel_m = hand.springs.travel_m
     hand.move((0, 0, 10.0))

@@ -49,7 +49,7 @@ def test_a_picture_shows_sensor_plate_and_force(tmp_path):
 
 
 def test_the_png_holds_the_pixels_that_were_given(tmp_path):
-    """A foreign reader decodes what the encoder wrote."""
+    """A foreign reader decodes the output of the encoder."""
     rgb = np.random.default_rng(0).integers(0, 256, (7, 5, 3), dtype=np.uint8)
     path = tmp_path / "noise.png"
     path.write_bytes(png(rgb))

@@ -1,4 +1,4 @@
-"""The trace of the simulated arm: every tick, at once, and nothing where nobody asked for it."""
+"""The trace of the simulated arm: every tick, at once, and none where none was requested."""
 
 import numpy as np
 
@@ -31,14 +31,14 @@ def test_every_tick_is_in_the_file_at_once(tmp_path, monkeypatch):
 
 
 def test_nothing_is_written_unless_asked(tmp_path, monkeypatch):
-    """A cell of a user's leaves no trace; a trace that is not there reads as empty."""
+    """A user's cell leaves no trace; a missing trace reads as empty."""
     monkeypatch.delenv(VARIABLE, raising=False)
     assert trace_from_environment(SimArm(SimSettings(), seed=0), ManualClock()) is None
     assert len(read_trace(tmp_path / "none")) == 0
 
 
-def test_what_a_killed_process_left_half_written_shifts_nothing(tmp_path, monkeypatch):
-    """The next process of the arm goes on at a whole record."""
+def test_a_half_written_record_of_a_killed_process_shifts_nothing(tmp_path, monkeypatch):
+    """The next process of the arm continues at a whole record."""
     path = tmp_path / "trace"
     path.write_bytes(b"x" * (2 * RECORD.itemsize + 7))
     monkeypatch.setenv(VARIABLE, str(path))

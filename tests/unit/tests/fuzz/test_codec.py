@@ -1,4 +1,4 @@
-"""A hundred thousand bad packets: none is believed. `make fuzz-codec` tries ten million."""
+"""A hundred thousand bad packets: none is accepted. `make fuzz-codec` tries ten million."""
 
 import random
 
@@ -8,7 +8,7 @@ from controller.packet import PACKET_CHARS
 from tests.fuzz import codec
 
 
-def test_no_bad_packet_is_believed() -> None:
+def test_no_bad_packet_is_accepted() -> None:
     """Half, merged, cut, shifted, an odd character: by neither end; all kinds were tried.
 
     What is shifted or cut, by characters or by whole frames, is no packet already by its form.
@@ -17,11 +17,11 @@ def test_no_bad_packet_is_believed() -> None:
     assert tally.misread == []
     assert min(tally.kinds[name] for name in codec.SPOILS) > 10_000
     assert set(tally.well_formed) == codec.LATE
-    assert tally.seen_late > 1000  # what no checksum could see ended with the next packet
+    assert tally.detected_late > 1000  # errors that no checksum detects ended with the next packet
 
 
 @pytest.mark.parametrize("shift", [7, 14, 21])
-def test_the_judge_sees_a_misread(shift: int) -> None:
+def test_the_judge_detects_a_misread(shift: int) -> None:
     """A stream that was never sent and is well formed counts, or the test above proves nothing."""
     rng, tally = random.Random(2), codec.MisreadCounts()
     moves = b"000001 000000 "

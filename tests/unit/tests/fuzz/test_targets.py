@@ -14,13 +14,13 @@ from tests.fuzz.targets import SEEDS, TARGETS, seeds
 @pytest.mark.parametrize(
     ("target", "seed"), [(target, seed) for target in TARGETS for seed in seeds(target)]
 )
-def test_a_seed_keeps_what_its_target_claims(target: str, seed: Path) -> None:
+def test_a_seed_has_the_property_of_its_target(target: str, seed: Path) -> None:
     """The claim is the first paragraph of the target's module."""
     importlib.import_module(f"tests.fuzz.{target}").check(seed.read_bytes())
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_a_target_says_what_it_needs_and_has_seeds_that_fit(target: str) -> None:
+def test_a_target_lists_its_needs_and_has_seeds_that_fit(target: str) -> None:
     """The fuzzer cuts longer seeds off, which would make something else of them."""
     module = importlib.import_module(f"tests.fuzz.{target}")
     assert all(len(seed.read_bytes()) <= module.MAX_BYTES for seed in seeds(target))
@@ -35,7 +35,7 @@ def test_the_written_seeds_are_those_of_the_table() -> None:
 
 
 @pytest.mark.parametrize("name", CONVERSATIONS)
-def test_the_reference_takes_what_stands_before_the_first_wrong_character(name: str) -> None:
+def test_the_reference_takes_the_packets_before_the_first_wrong_character(name: str) -> None:
     """Whatever one character is spoiled, packets before it count, and none from it on."""
     stream = conversation(CONVERSATIONS[name])
     whole = frame(stream)
@@ -47,7 +47,7 @@ def test_the_reference_takes_what_stands_before_the_first_wrong_character(name: 
 
 
 def test_mutations_are_streams_that_mostly_go_deep() -> None:
-    """The fuzzer's changes keep enough valid packets to reach what lies behind the framing."""
+    """The fuzzer's changes keep enough valid packets to reach the code behind the framing."""
     data = receiver_seeds()["feedback"]
     valid = [
         len(frame(streams.mutate(data, 2000, seed, lambda given, _: given)[1:]).packets)

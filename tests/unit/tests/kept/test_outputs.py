@@ -1,7 +1,7 @@
-"""What wrench, regulator, arbiter, gateway and program said in kept runs, they still say.
+"""Outputs of wrench, regulator, arbiter, gateway and program in kept runs are the same today.
 
 A change that is to change nothing is held to this; one that is meant to change something stores the
-runs that it changes anew (`python -m tests.kept RUN ...`) and says why in its commit.
+runs that it changes anew (`python -m tests.kept RUN ...`) and gives the reason in its commit.
 """
 
 import dataclasses
@@ -21,17 +21,17 @@ LONG = [
 @pytest.mark.parametrize("name", LONG)
 def test_a_kept_run_is_as_it_was(name: str) -> None:
     """Every number to 1e-9, every state, code and packet at its millisecond."""
-    assert differences(read(name), kept_of(RUNS[name].played())) == []
+    assert differences(read(name), kept_of(RUNS[name].run_cell())) == []
 
 
 def test_every_run_is_kept_and_nothing_else() -> None:
-    """A file without its run would be held by nobody."""
+    """A file without its run would be checked by no test."""
     stored = {path.stem for path in FOLDER.glob("*.npz")}
     assert stored == {path.stem for path in FOLDER.glob("*.json")} == RUNS.keys()
 
 
 def test_a_gain_that_is_a_millionth_part_off_is_found(monkeypatch) -> None:
-    """Far below what any test of the law itself could see."""
+    """Far below the resolution of any test of the law itself."""
     well = law.step
 
     def nearly(state, sample, gains, settings):
@@ -39,12 +39,12 @@ def test_a_gain_that_is_a_millionth_part_off_is_found(monkeypatch) -> None:
         return well(state, sample, dataclasses.replace(gains, force_i_m_per_Ns=more), settings)
 
     monkeypatch.setattr("services.regulator.control.step", nearly)
-    found = differences(read("plain-sim-both"), kept_of(RUNS["plain-sim-both"].played()))
+    found = differences(read("plain-sim-both"), kept_of(RUNS["plain-sim-both"].run_cell()))
     assert any(line.startswith("regulator pose: from window") for line in found)
 
 
 @pytest.mark.parametrize("place", [0, 17, 39, 40, 99])
-def test_one_number_of_one_message_is_seen(place: int) -> None:
+def test_one_number_of_one_message_is_detected(place: int) -> None:
     """By its sum, wherever it stands; two that make up for one another by their places."""
     rows = [[float(k), 1.0] for k in range(100)]
     kept = Kept({"wrench": windows(rows)}, ["0 begins"])
@@ -54,7 +54,7 @@ def test_one_number_of_one_message_is_seen(place: int) -> None:
     assert differences(kept, Kept({"wrench": windows(rows)}, ["0 begins"]))
 
 
-def test_what_is_missing_new_or_not_finite_is_a_difference() -> None:
+def test_a_missing_new_or_not_finite_number_is_a_difference() -> None:
     """Streams and events alike."""
     kept = Kept({"wrench": windows([[1.0]] * 3)}, ["0 begins", "4 ends"])
     assert differences(kept, kept) == []

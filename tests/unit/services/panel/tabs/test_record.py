@@ -1,4 +1,4 @@
-"""The panel's tab about recordings says what the recorder says."""
+"""The panel's tab of recordings, which shows the recorder's status."""
 
 import pytest
 
@@ -10,7 +10,7 @@ FILE = "/somewhere/demo-20261122T080000Z-01.mcap"
 
 
 @pytest.mark.parametrize(
-    ("status", "said"),
+    ("status", "shown"),
     [
         (None, "no data from the recorder"),
         (RecorderStatus(memory_s=61.0), "not recording"),
@@ -24,13 +24,13 @@ FILE = "/somewhere/demo-20261122T080000Z-01.mcap"
         (RecorderStatus(valid=False, reason="0.5 GB are free"), "⚠ 0.5 GB are free"),
     ],
 )
-def test_what_the_recorder_says_is_shown(status: RecorderStatus | None, said: str) -> None:
-    """Silence, rest, a recording of either cause, what was lost, and a fault."""
-    assert said in words(status).source
+def test_the_recorders_status_is_shown(status: RecorderStatus | None, shown: str) -> None:
+    """Silence, rest, a recording of either cause, losses, and a fault."""
+    assert shown in words(status).source
 
 
 def test_the_tab_is_one_of_the_panels() -> None:
-    """It stands there once, before the faults."""
+    """It is there once, before the faults."""
     labels = [tab.label for tab in all_tabs()]
     assert labels.count("Record") == 1
     assert labels.index("Record") < labels.index("Faults")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from forcemesh.messages import Trip
 
 BACK_OFF_QUESTION = "the arm moves up to 20 mm at 5 mm/s, away from the contact: continue?"
-BLIND_QUESTION = (
+WITHOUT_FORCE_QUESTION = (
     "no force gives a direction: the tool moves 5 mm back along its own axis. "
     "Check the tool: is this path free?"
 )
@@ -71,7 +71,7 @@ def back_off(
             if error.code != "no_direction" or yes:
                 raise
             typer.echo(str(error), err=True)
-            confirmed(BLIND_QUESTION, yes=False)
+            confirmed(WITHOUT_FORCE_QUESTION, yes=False)
             end = _back_off_trip(client, without_force=True)
         is_loaded = client.load_N() is not None
     if end.code != "back_off":
@@ -132,7 +132,7 @@ def speed(
             mechanical_m_s=None if mechanical is None else mechanical / 1e3,
         )
     if as_json:
-        print(now.model_dump_json())
+        print(now.as_json())
         return
     real_mm_s = 1e3 * now.mechanical_m_s * now.modular_fraction
     typer.echo(

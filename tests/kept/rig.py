@@ -1,4 +1,4 @@
-"""A virtual cell that a run of `tests/kept` plays on: a client's hands, and faults on the way."""
+"""A virtual cell of a kept run, with a client and injected faults."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -26,7 +26,7 @@ from forcemesh.requests import (
 )
 from launch import virtual_cell as virtual
 from launch.virtual_cell import VirtualCell
-from services.gateway.link import News
+from services.gateway.link import LinkEvents
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
 from sim.controller.service import ControllerSensor
@@ -34,7 +34,7 @@ from sim.robot.ft_sensor import FtSample
 from tests.fakes.stalling_wire import StallingWire
 
 CELLS = Path(__file__).parents[2] / "cells"
-ORDER = ("sensor", "robot", "hub", "wrench", "regulator", "arbiter")  # of the roles' start
+ORDER = ("sensor", "robot", "hub", "wrench", "regulator", "arbiter")  # start order of the roles
 ROOM = 100_000  # messages of one topic: more than any run has
 KEPT_TOPICS = (
     topics.WRENCH,
@@ -46,19 +46,19 @@ KEPT_TOPICS = (
 
 
 class KeptWire(StallingWire):
-    """A wire in memory that keeps what went over it, and on which one direction can stall."""
+    """A wire in memory that records its packets, and on which one direction can stall."""
 
-    made: ClassVar[list["KeptWire"]] = []  # by the cell that is being made
+    instances: ClassVar[list["KeptWire"]] = []  # by the cell that is being made
 
-    def __init__(self, network: MemoryNetwork, port: int, make_news: type[News]) -> None:
-        """Nothing has gone over it yet."""
-        super().__init__(network, port, make_news)
+    def __init__(self, network: MemoryNetwork, port: int, make_events: type[LinkEvents]) -> None:
+        """Start without packets."""
+        super().__init__(network, port, make_events)
         self._readers = {"gateway": PacketReader(), "program": PacketReader()}
-        self.packets: list[tuple[int, str, Packet]] = []  # when, whose
-        KeptWire.made.append(self)
+        self.packets: list[tuple[int, str, Packet]] = []  # time, source
+        KeptWire.instances.append(self)
 
     def send(self, data: bytes, now_ns: int) -> bool:
-        """Keep what the gateway says."""
+        """Record and send the gateway's data."""
         self._keep("gateway", data, now_ns)
         return super().send(data, now_ns)
 
@@ -67,11 +67,11 @@ class KeptWire(StallingWire):
         self._keep("program", data, now_ns)
         return data
 
-    def _keep(self, who: str, data: bytes, now_ns: int) -> None:
-        self.packets += [(now_ns, who, packet) for packet in self._readers[who].feed(data)]
+    def _keep(self, source: str, data: bytes, now_ns: int) -> None:
+        self.packets += [(now_ns, source, packet) for packet in self._readers[source].feed(data)]
 
 
-class Player:
+class KeptRig:
     """One cell, from its start to the end of a run."""
 
     def __init__(self, file: str, **changes: Any) -> None:
@@ -79,7 +79,7 @@ class Player:
         cell = load_cell(CELLS / file, changes)
         with patch.object(virtual, "LockStepLink", KeptWire):
             self.cell = VirtualCell(cell)
-        self.wire = KeptWire.made.pop() if KeptWire.made else None
+        self.wire = KeptWire.instances.pop() if KeptWire.instances else None
         self.taps: dict[str, Source] = {
             topic.key: self.cell.client.tap(topic, ROOM) for topic in KEPT_TOPICS
         }
@@ -88,65 +88,67 @@ class Player:
 
     @property
     def packets(self) -> list[tuple[int, str, Packet]]:
-        """What went over the wire, if there is one: when [ns], whose, what."""
+        """Packets on the wire, if there is one: time [ns], source, packet."""
         return [] if self.wire is None else self.wire.packets
 
     # --- time -------------------------------------------------------------------------------------
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance by a time."""
         self.cell.advance(seconds)
 
     def until_force_N(self, least_N: float, seconds: float = 3.0) -> None:
-        """Let time pass until the plate pushes so hard."""
+        """Advance until the contact force reaches a value."""
         self.cell.advance(seconds, lambda: self.pushed_N() >= least_N)
 
     def pushed_N(self) -> float:
-        """How hard the plate truly pushes."""
+        """Return the true contact force."""
         return float(np.linalg.norm(self.cell.arm.true_wrench().force_N))
 
-    # --- a client's hands -------------------------------------------------------------------------
+    # --- client -----------------------------------------------------------------------------------
 
-    def ask(self, request: topics.Request[Any], message: Any) -> None:
-        """Ask, and keep whether it was granted."""
+    def send_request(self, request: topics.Request[Any], message: Any) -> None:
+        """Send a request, and record the reply."""
         reply = self.cell.client.ask(request, message)
         self.replies.append((self.cell.clock.now_ns(), request.key, reply.accepted, reply.code))
 
     def arm(self, purpose: Any = "all") -> None:
-        """Acknowledge whatever was, and arm."""
-        self.ask(topics.CLEAR, Empty())
-        self.ask(topics.ARM, ArmRequest(purpose=purpose))
+        """Clear latched faults and arm."""
+        self.send_request(topics.CLEAR, Empty())
+        self.send_request(topics.ARM, ArmRequest(purpose=purpose))
 
     def begin(self) -> None:
-        """Wait out the preflight, tare, arm."""
+        """Advance past the preflight, tare, arm."""
         self.wait(1.3 if self.wire is None else 1.7)
-        self.ask(topics.TARE, Empty())
+        self.send_request(topics.TARE, Empty())
         self.arm()
 
     def force(self, mode: Any = "position", setpoint_N: float = 20.0, **more: Any) -> None:
         """Start force feedback."""
-        wanted = ForceStartRequest(mode=mode, setpoint_N=setpoint_N, **more)
-        self.ask(topics.FORCE_START, wanted)
+        start = ForceStartRequest(mode=mode, setpoint_N=setpoint_N, **more)
+        self.send_request(topics.FORCE_START, start)
 
-    def prove_axes(self) -> None:
-        """Take note that `forcemesh check axes` found axes and signs right."""
+    def confirm_axes(self) -> None:
+        """Confirm axes and signs, as `forcemesh check axes` does."""
         wrench = self.cell.client.reader(topics.WRENCH)
         self.wait(0.05)
-        said = wrench.read(self.cell.clock.now_ns()).message
-        assert said is not None
-        self.ask(topics.AXES, AxesRequest(calibration=said.calibration))
+        newest = wrench.read(self.cell.clock.now_ns()).message
+        assert newest is not None
+        self.send_request(topics.AXES, AxesRequest(calibration=newest.calibration))
 
     def hold(self) -> None:
-        """Hold, and look at the end for a moment."""
-        self.ask(topics.HOLD, HoldRequest())
+        """Hold, and record the result for 0.2 s."""
+        self.send_request(topics.HOLD, HoldRequest())
         self.wait(0.2)
 
-    def move(self, **wish: Any) -> None:
-        """Ask for a move."""
-        self.ask(topics.MOVE, MoveRequest(**wish))
+    def move(self, **request: Any) -> None:
+        """Request a move."""
+        self.send_request(topics.MOVE, MoveRequest(**request))
 
-    def beside(self, *shift_m: float, turn_rad: tuple[float, ...] = (0.0, 0.0, 0.0)) -> PoseRecord:
-        """Return a flange pose beside where the arm is, base axes."""
+    def shifted_pose(
+        self, *shift_m: float, turn_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
+    ) -> PoseRecord:
+        """Return a flange pose shifted from the present one, base axes."""
         state = self._robot.read(self.cell.clock.now_ns()).message
         assert isinstance(state, RobotState)
         T = pose_of(state)
@@ -157,20 +159,20 @@ class Player:
     # --- faults -----------------------------------------------------------------------------------
 
     def disturb(self, change: Callable[[FtSample], FtSample | None] | None) -> None:
-        """Let the sensor say something else from now on; None: what it feels."""
+        """Change the sensor's samples from now on; None: no change."""
         self.cell.arm.ft_sensor.disturb = change or (lambda sample: sample)
 
     def freeze(self, role: str, seconds: float) -> None:
-        """Let a process stand still, then go on."""
+        """Stop a process for a time, then continue it."""
         runner = self.cell.runners.pop(role)
         self.wait(seconds)
-        # Back into its place: roles are stepped in the order of their start.
+        # At its place again: roles are stepped in the order of their start.
         runners = self.cell.runners | {role: runner}
         self.cell.runners.clear()
         self.cell.runners.update({name: runners[name] for name in ORDER if name in runners})
 
     def stall(self, direction: str, seconds: float) -> None:
-        """Let one direction of the wire stall from now on."""
+        """Stall one direction of the wire from now on."""
         assert self.wire is not None
         until_ns = self.cell.clock.now_ns() + round(seconds * NS_PER_S)
         setattr(self.wire, f"{direction}_until_ns", until_ns)
@@ -183,13 +185,13 @@ class Player:
         return service.machine
 
     def push(self, *force_N: float) -> None:
-        """Let a hand push the tool, base axes."""
+        """Apply a force of a hand to the tool, base axes."""
         body = self.cell.arm.model.body("tool").id
         self.cell.arm.data.xfrc_applied[body, :3] = force_N
 
 
 def shifted(*by: float) -> Callable[[FtSample], FtSample]:
-    """Return what adds six numbers to each reading."""
+    """Return a function that adds six numbers to each reading."""
     add = np.array(by)
 
     def change(sample: FtSample) -> FtSample:

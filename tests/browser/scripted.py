@@ -1,4 +1,4 @@
-"""A page of this process in front of a cell that is only spoken of: its snapshots are made up."""
+"""A page of this process in front of a scripted cell, whose snapshots the test makes."""
 
 import threading
 from collections.abc import Iterator
@@ -20,13 +20,13 @@ from tests.chaos.common_net import free_port
 CELL = ROOT / "cells" / "demo.yaml"
 
 
-def said(reading: Reading[Any]) -> SimpleNamespace:
+def feed_of(reading: Reading[Any]) -> SimpleNamespace:
     """Return a feed whose newest message is this one."""
     return SimpleNamespace(reading=lambda: reading)
 
 
-class SpokenWatch:
-    """A watch that sees one snapshot for ever; `client` answers what a test lets it answer."""
+class ScriptedWatch:
+    """A watch with one constant snapshot; `client` answers as a test defines."""
 
     def __init__(self, received: Snapshot) -> None:
         """Take the snapshot."""
@@ -35,26 +35,26 @@ class SpokenWatch:
         self.client: Any = SimpleNamespace(feed=self.feed)
 
     def join(self) -> None:
-        """Be there anyway."""
+        """Do nothing."""
 
     def wait(self, _within_s: float) -> None:
-        """Be there anyway."""
+        """Do nothing."""
 
     def leave(self) -> None:
-        """Be there anyway."""
+        """Do nothing."""
 
-    def look(self) -> Snapshot:
-        """Return the snapshot as one of this moment."""
+    def snapshot(self) -> Snapshot:
+        """Return the snapshot with the present time."""
         return replace(self.received, now_ns=self.clock.now_ns())
 
     def feed(self, topic: Any) -> SimpleNamespace:
-        """Return a feed of which nothing is known."""
-        return said(Reading(None, None, float("inf"), f"{topic.key} missing", silent=True))
+        """Return a feed without messages."""
+        return feed_of(Reading(None, None, float("inf"), f"{topic.key} missing", silent=True))
 
 
 @contextmanager
-def served(monkeypatch, watch: SpokenWatch, progress: Progress | None = None) -> Iterator[str]:
-    """Serve a panel that sees what this watch sees; yield its address."""
+def served(monkeypatch, watch: ScriptedWatch, progress: Progress | None = None) -> Iterator[str]:
+    """Serve a panel of this watch; yield its address."""
     monkeypatch.setattr(page_module, "CellMonitor", lambda _cell: watch)
     port, stop = free_port(), threading.Event()
     page = page_module.PanelPage(load_cell(CELL), CELL, Door("127.0.0.1", port))

@@ -1,4 +1,4 @@
-"""The rooms of the project, for everything that goes through its files."""
+"""Folders of the project, for everything that reads its files."""
 
 from pathlib import Path
 

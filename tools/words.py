@@ -1,10 +1,11 @@
-"""Lint of words: production code says what the glossary says, one name for one thing.
+"""Lint of words: code says what the glossary says; one name for one thing.
 
     python -m tools.words
 
-- No listed word in a docstring, comment, message or help text, nor in a public name of a module.
-- No two public classes of one name.
-- No two constants of one name with two numbers as values.
+- No listed word in a docstring, comment, message or help text, nor in any name: of a module, class,
+  function, parameter, attribute or local variable.
+- In production code: no two public classes of one name.
+- In production code: no two constants of one name with two numbers as values.
 
 Exit code 1 where something is found. What is right as it stands is in ALLOWED, with a reason.
 """
@@ -15,18 +16,25 @@ import re
 import sys
 import tokenize
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools.tree import ROOT, production_files
+from tools.tree import FOLDERS, PRODUCTION, ROOT
 
 # A process, a client or data does not do these; docs/glossary.md has the field's words.
 WORDS = (
     "somebody nobody anybody everybody whoever mend mends mended heard hears told tells believe "
     "believes believed wish wishes wished stranger strangers mourn mourns deaf grudge"
 )
+# These are right in a sentence ("the arm turns", "100 N are wanted"), but name nothing exactly.
+IN_NAMES = (
+    "said say says hear unheard tell asking spoken wanted want wants look looked looks complaint "
+    "complain desk claim seen way ways felt feels unfit trouble unrest news"
+)
 PATTERN = re.compile(rf"\b({'|'.join(WORDS.split())})\b", re.IGNORECASE)
+NAME_WORDS = frozenset(f"{WORDS} {IN_NAMES}".split())
+THE_LIST = ("tools/words.py", "tests/unit/tools/test_words.py")
 ALLOWED = {
     (
         "common/security/access_control.py",
@@ -34,6 +42,8 @@ ALLOWED = {
     ): "an ID in Zenoh's log",
     ("forcemesh/zenoh_session.py", "nobody"): "the payload of the self-test, seen in traces only",
     ("services/sensor/rdt_driver.py", "stranger"): "part of the code sensor_stranger",
+    ("services/panel/scene.py", "look"): "an attribute of viser's camera",
+    ("sim/robot/render.py", "look"): "the point that a camera looks at, as viser calls it",
 }
 
 
@@ -59,6 +69,22 @@ def texts(source: str) -> Iterator[tuple[int, str]]:
             yield token.start[0], token.string
 
 
+def names(source: str) -> Iterator[tuple[int, str]]:
+    """Yield line and name of everything that a file defines."""
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
+                yield node.lineno, node.name
+            case ast.arg():
+                yield node.lineno, node.arg
+            case ast.Name(ctx=ast.Store()):
+                yield node.lineno, node.id
+            case ast.Attribute(ctx=ast.Store()):
+                yield node.lineno, node.attr
+            case ast.alias(asname=str()):
+                yield node.lineno, str(node.asname)
+
+
 def public_names(source: str) -> Iterator[tuple[int, str, ast.stmt]]:
     """Yield line, name and statement of what a module defines at its top level for others."""
     for node in ast.parse(source).body:
@@ -79,12 +105,12 @@ def words_in(path: str, source: str) -> Iterator[Finding]:
         for word in {match.lower() for match in PATTERN.findall(text)}:
             if (path, word) not in ALLOWED:
                 yield Finding(path, line, f"{word!r} in a text: see docs/glossary.md")
-    for line, name, _ in public_names(source):
+    for line, name in names(source):
         parts = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_")
         yield from (
             Finding(path, line, f"{word!r} in the name {name}: see docs/glossary.md")
             for word in parts
-            if PATTERN.fullmatch(word) and (path, word) not in ALLOWED
+            if word in NAME_WORDS and (path, word) not in ALLOWED
         )
 
 
@@ -118,23 +144,27 @@ def doubles(sources: dict[str, str]) -> Iterator[Finding]:
                     yield Finding(path, line, f"{name} has another value in {other}")
 
 
-def findings(sources: dict[str, str]) -> list[Finding]:
-    """Return everything that is found in these files: path, text."""
-    found = [each for path, source in sources.items() for each in words_in(path, source)]
+def findings(sources: dict[str, str], others: dict[str, str] | None = None) -> list[Finding]:
+    """Return what is found in production code, and the words that are found in other files."""
+    every = sources | (others or {})
+    found = [each for path, source in every.items() for each in words_in(path, source)]
     return sorted(found + list(doubles(sources)))
 
 
-def read(root: Path = ROOT) -> dict[str, str]:
-    """Return every file of production code."""
+def read(folders: Iterable[str], root: Path = ROOT) -> dict[str, str]:
+    """Return the source of every file by its path, except those that list the words."""
+    files = [path for folder in folders for path in (root / folder).rglob("*.py")]
+    sources = {path.relative_to(root).as_posix(): path for path in sorted(files)}
     return {
-        path.relative_to(root).as_posix(): path.read_text(encoding="utf-8")
-        for path in production_files()
+        path: file.read_text(encoding="utf-8")
+        for path, file in sources.items()
+        if path not in THE_LIST
     }
 
 
 def main() -> int:
     """Print what is found and return the exit code."""
-    found = findings(read())
+    found = findings(read(PRODUCTION), read([*set(FOLDERS) - set(PRODUCTION), "examples"]))
     for each in found:
         print(each)
     return 1 if found else 0

@@ -26,6 +26,17 @@ def test_a_file_that_a_readme_names_exists(path: Path) -> None:
         assert here, f"{path.relative_to(ROOT)} names {name}, which does not exist"
 
 
+@pytest.mark.parametrize(
+    "main", sorted((ROOT / "services").glob("*/__main__.py")), ids=lambda main: main.parent.name
+)
+def test_the_readme_of_a_service_lists_its_files(main: Path) -> None:
+    """As README.md says; `__init__` is empty, and `__main__` is the same in each."""
+    home = main.parent
+    text = (home / "README.md").read_text(encoding="utf-8")
+    names = {path.stem for path in home.glob("*.py")} - {"__init__", "__main__"}
+    assert [name for name in sorted(names) if not re.search(rf"`{name}(\.py)?`", text)] == []
+
+
 def test_the_page_of_the_bus_has_the_schema_version_of_the_code() -> None:
     """A reader in another language compares with it."""
     page = (ROOT / "docs" / "bus.md").read_text(encoding="utf-8")

@@ -95,6 +95,21 @@ def test_each_joint_ends_exactly_at_its_limits(joint: int) -> None:
             assert f"joint {joint + 1} " in trip.text
 
 
+@pytest.mark.parametrize("joint", range(6))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_tolerance_widens_the_range_of_each_joint_on_both_sides(joint: int, sign: float) -> None:
+    """Less than the tolerance beyond the range is accepted, more is refused at the wider limit."""
+    edge = (LIMITS.joint_min_rad if sign < 0.0 else LIMITS.joint_max_rad)[joint]
+    for beyond_rad, is_refused in ((0.009, False), (0.011, True)):
+        q = np.zeros(6)
+        q[joint] = edge + sign * beyond_rad
+        trip = check_joints(LIMITS, q, slack_rad=0.01)
+        assert (trip is not None) == is_refused
+        if trip is not None:
+            assert trip.limit == pytest.approx(edge + sign * 0.01)
+        assert check_joints(LIMITS, q) is not None
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_set_point_may_be_one_step_away_and_no_more(axis: int) -> None:
     """Swept: distance from where the arm is."""

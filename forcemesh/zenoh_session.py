@@ -96,7 +96,7 @@ def _refuse_hub_without_acl(
         if time.monotonic() >= give_up:
             return
         time.sleep(0.01)
-    publisher.put(b"nobody may say this")
+    publisher.put(b"self-test of access control")
     give_up = time.monotonic() + SELF_TEST_WAIT_S
     while time.monotonic() < give_up:
         if subscriber.try_recv() is not None:
@@ -186,7 +186,8 @@ class ReceiverThread:
 
     def take(self) -> bytes | None:
         """Return the next payload once."""
-        self.arrived.clear()  # first: an arrival meanwhile wakes once too often, never too seldom
+        # First: a concurrent arrival causes a spurious wake-up, never a lost one.
+        self.arrived.clear()
         try:
             return self._newest.popleft().payload.to_bytes()
         except IndexError:

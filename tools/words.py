@@ -40,7 +40,6 @@ ALLOWED = {
         "common/security/access_control.py",
         "anybody",
     ): "an ID in Zenoh's log",
-    ("forcemesh/zenoh_session.py", "nobody"): "the payload of the self-test, seen in traces only",
     ("services/sensor/rdt_driver.py", "stranger"): "part of the code sensor_stranger",
     ("services/panel/scene.py", "look"): "an attribute of viser's camera",
     ("sim/robot/render.py", "look"): "the point that a camera looks at, as viser calls it",

@@ -221,13 +221,10 @@ class Product:
             health={"regulator": self._reading("health")},
             watched=WATCHED.get(self.disturbance, Watched()),
         )
-        return (
-            replace(
-                received, watched=replace(received.watched, motion_at_rest_violation=NOT_AT_REST)
-            )
-            if self.moving
-            else received
-        )
+        if not self.moving:
+            return received
+        watched = replace(received.watched, motion_at_rest_violation=NOT_AT_REST)
+        return replace(received, watched=watched)
 
     # --- one period -------------------------------------------------------------------------------
 

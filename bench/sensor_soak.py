@@ -19,7 +19,7 @@ from rich.table import Table
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
-from common.runtime.service import prepare_realtime
+from common.runtime.realtime import prepare_realtime
 from forcemesh import topics
 from forcemesh.bus import Reader
 from forcemesh.errors import BusError

@@ -25,7 +25,7 @@ import zenoh
 from rich.console import Console
 from rich.table import Table
 
-from common.bus.hub_settings import hub_settings
+from common.bus.cell_bus import hub_settings
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.topics import TOPICS

@@ -14,8 +14,9 @@ from common.bus.memory_bus import MemoryTransport
 from common.runtime.service import Runner, Service, reporter_of
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
-from forcemesh.codec import Header, decode_recorded, readdressed
+from forcemesh.codec import Header
 from forcemesh.messages import Message
+from forcemesh.recorded_messages import decode_recorded, readdressed
 from forcemesh.topics import TOPICS, Topic
 
 if TYPE_CHECKING:
@@ -26,20 +27,6 @@ REPLAY_TICK_NS = 1_000_000
 SETTLES_NS = NS_PER_S  # filters start empty
 SERVICE_QUEUE = 1_000_000
 Published = list[tuple[Header, Message]]
-
-
-class RecordedClock(ManualClock):
-    """Clock of the machine that made the recording."""
-
-    def __init__(self, boot: str, start_ns: int) -> None:
-        """Start at the start of the recording."""
-        super().__init__(start_ns)
-        self._recorded_boot = boot
-
-    @property
-    def boot(self) -> str:
-        """Identity of the clock, to which the stamps in the messages refer."""
-        return self._recorded_boot
 
 
 def replay_to_service(read: "RecordedFile", cell: "CellConfig", role: str) -> None:
@@ -85,7 +72,7 @@ def service_output(
     begin_ns = next(
         (each.at_ns for each in messages if each.topic in own_topics), messages[0].at_ns
     )
-    clock = RecordedClock(about["clock"], begin_ns - offset_ns)
+    clock = ManualClock(begin_ns - offset_ns, boot=about["clock"])
     transport = MemoryTransport()
     bus = Bus(role, cell.cell, transport, cell, clock)
     taps = {

@@ -1,6 +1,7 @@
 """Clocks: time as monotonic integer nanoseconds, with a virtual clock for tests."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
@@ -26,12 +27,7 @@ class MonotonicClock:
 
     def __init__(self) -> None:
         """Read the host's boot id once."""
-        self._boot = _host_boot_id()
-
-    @property
-    def boot(self) -> str:
-        """Boot id of this host and time namespace."""
-        return self._boot
+        self.boot = _host_boot_id()
 
     def now_ns(self) -> int:
         """Return CLOCK_MONOTONIC [ns]."""
@@ -45,14 +41,10 @@ class MonotonicClock:
 class ManualClock:
     """Virtual clock: advances only on request."""
 
-    def __init__(self, start_ns: int = NS_PER_S) -> None:
+    def __init__(self, start_ns: int = NS_PER_S, boot: str = "virtual") -> None:
         """Start at a non-zero time, so that an uninitialised stamp is visible."""
         self._now_ns = start_ns
-
-    @property
-    def boot(self) -> str:
-        """Common identity of all virtual clocks of a run."""
-        return "virtual"
+        self.boot = boot
 
     def now_ns(self) -> int:
         """Return the virtual time [ns]."""
@@ -65,6 +57,18 @@ class ManualClock:
     def advance_ns(self, duration_ns: int) -> None:
         """Advance the time."""
         self._now_ns += duration_ns
+
+
+def wait_until(
+    clock: Clock, condition: Callable[[], object], *, within_s: float, poll_s: float
+) -> bool:
+    """Return whether a condition holds within a time [s]; it is evaluated at least once."""
+    give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
+    while not condition():
+        if clock.now_ns() >= give_up_ns:
+            return False
+        clock.sleep_s(poll_s)
+    return True
 
 
 def _host_boot_id() -> str:

@@ -12,10 +12,8 @@ from pydantic import ValidationError
 
 from forcemesh.errors import MessageError, MisroutedError, first_mistake
 from forcemesh.messages import Message, Record
-from forcemesh.old_versions import upgraded
 
-SCHEMA_VERSION = 3  # forcemesh/old_versions.py has the history
-RECORDED_VERSIONS = (1, 2, SCHEMA_VERSION)  # readable in recordings
+SCHEMA_VERSION = 3  # forcemesh/recorded_messages.py has the history
 MAX_BYTES = 4096
 MAX_ITEMS = 64
 
@@ -64,38 +62,10 @@ def decode(data: bytes, message_type: type[M], address: str | None = None) -> tu
     header and a message of this type.
     """
     fields = unpack(data)
-    header = _of_this_version(fields, Header)
-    if address is not None:
-        _refuse_other(header, (address,), address)
-    return header, _validate(fields, message_type)
-
-
-def decode_recorded(data: bytes, message_type: type[M], key: str) -> tuple[Header, M]:
-    """Return header and message of a recording of this or an older schema version.
-
-    Raise MisroutedError when they carry another key, of any cell, and MessageError as `decode`.
-    """
-    fields = unpack(data)
-    header = _of_this_version(fields, Header, RECORDED_VERSIONS)
-    written_for = header.topic if header.v == 1 else header.topic.partition("/")[2]
-    if written_for != key:
-        raise MisroutedError(f"addressed to {header.topic[:80]!r}, but recorded as {key}")
-    return header, _validate(_of_today(fields, key), message_type)
-
-
-def readdressed(data: bytes, address: str) -> bytes:
-    """Return a recorded message with a new address and the fields of the present schema version.
-
-    Bytes that need no change or are no message are unchanged.
-    """
-    try:
-        fields = unpack(data)
-    except MessageError:
-        return data
-    now = {"v": SCHEMA_VERSION, "topic": address}
-    if fields.get("v") not in RECORDED_VERSIONS or fields | now == fields:
-        return data
-    return pack(_of_today(fields, address.partition("/")[2]) | now)
+    header = read_head(fields, Header)
+    if address is not None and header.topic != address:
+        raise misrouted(header, address)
+    return header, validate(fields, message_type)
 
 
 def encode_record(record: Record, address: str = "") -> bytes:
@@ -110,10 +80,10 @@ def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:
     record. A third-party client may omit the address of a request.
     """
     fields = unpack(data)
-    version = _of_this_version(fields, Version)
-    if address:
-        _refuse_other(version, ("", address), address)
-    return _validate(fields, record_type)
+    version = read_head(fields, Version)
+    if address and version.topic not in ("", address):
+        raise misrouted(version, address)
+    return validate(fields, record_type)
 
 
 def pack(fields: dict[str, Any]) -> bytes:
@@ -147,26 +117,18 @@ def unpack(data: bytes) -> dict[str, Any]:
     return fields
 
 
-def _of_today(fields: dict[str, Any], key: str) -> dict[str, Any]:
-    return fields if fields.get("v") == SCHEMA_VERSION else upgraded(fields, key)
-
-
-def _of_this_version(
+def read_head(
     fields: dict[str, object], head_type: type[V], versions: tuple[int, ...] = (SCHEMA_VERSION,)
 ) -> V:
     """Return the header; report another version first, because its header may differ."""
     version = fields.get("v", SCHEMA_VERSION)
     if type(version) is int and version not in versions:
         raise MessageError(f"schema version {version}, this program uses {SCHEMA_VERSION}")
-    return _validate(fields, head_type)
+    return validate(fields, head_type)
 
 
-def _refuse_other(head: Version, allowed: tuple[str, ...], here: str) -> None:
-    if head.topic not in allowed:
-        raise MisroutedError(f"addressed to {head.topic[:80]!r}, but received on {here}")
-
-
-def _validate(fields: dict[str, object], record_type: type[R]) -> R:
+def validate(fields: dict[str, object], record_type: type[R]) -> R:
+    """Return the record of these fields. Raise MessageError with the first mistake."""
     try:
         return record_type.model_validate(fields)
     except ValidationError as error:
@@ -174,3 +136,8 @@ def _validate(fields: dict[str, object], record_type: type[R]) -> R:
         code = "not_finite" if first.kind == "finite_number" else "undecodable"
         text = f"{record_type.__name__}.{first.where}: {first.what}"
         raise MessageError(text, code) from error
+
+
+def misrouted(head: Version, here: str) -> MisroutedError:
+    """Return the error of a payload that carries another address than the one of its arrival."""
+    return MisroutedError(f"addressed to {head.topic[:80]!r}, but received on {here}")

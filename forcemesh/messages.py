@@ -64,7 +64,7 @@ class Message(Record):
     """Base of every topic's message.
 
     A new field has a default, so that older recordings open. A renamed or restructured field raises
-    SCHEMA_VERSION of forcemesh/codec.py and gets a rule in forcemesh/old_versions.py.
+    SCHEMA_VERSION of forcemesh/codec.py and gets a rule in forcemesh/recorded_messages.py.
     """
 
     valid: bool = True

@@ -125,8 +125,13 @@ class Reader(Generic[M]):
             fault = f"{self.topic.key} missing"
             return Reading(None, None, float("inf"), fault, silent=True, code="missing")
         header, message = self._last
-        age_s = self._age_s(header, now_ns)
+        since_ns = self._received_ns
+        if header.boot == self._clock.boot:
+            # After a freeze the newest message waiting in the channel has just arrived and is old.
+            since_ns = min(since_ns, header.stamp_ns)
+        age_s = (now_ns - since_ns) / NS_PER_S
         code, fault = self._judge(message, age_s)
+        conflict_ns = self._conflict_ns
         return Reading(
             message,
             header,
@@ -134,7 +139,7 @@ class Reader(Generic[M]):
             fault[:LONGEST_FAULT],
             silent=code == "stale",
             code=code,
-            conflict=self._in_conflict(now_ns),
+            conflict=conflict_ns is not None and now_ns - conflict_ns < CONFLICT_S * NS_PER_S,
         )
 
     def _judge(self, message: M, age_s: float) -> tuple[str, str]:
@@ -155,15 +160,19 @@ class Reader(Generic[M]):
         return "", ""
 
     def _accept(self, header: Header, message: M) -> bool:
+        """Store a message; drop repeated ones, and those of a publisher that was replaced."""
         now_ns = self._clock.now_ns()
-        if header.epoch in self._retired_epochs:
+        if header.epoch in self._retired_epochs:  # the replaced publisher is still alive
             self.counters.retired += 1
             self._conflict_ns = now_ns
             return False
         if self._last is not None:
             last = self._last[0]
             if header.epoch != last.epoch:
-                self._retire(last.epoch, now_ns)
+                self._retired_epochs.append(last.epoch)
+                if now_ns - self._received_ns < RESTART_S * NS_PER_S:
+                    self.counters.overlaps += 1
+                    self._conflict_ns = now_ns
             elif header.seq <= last.seq:
                 self.counters.repeated += 1
                 self._suspect()
@@ -177,25 +186,5 @@ class Reader(Generic[M]):
         self._received_ns = now_ns
         return True
 
-    def _retire(self, epoch: int, now_ns: int) -> None:
-        """Reject all later messages of a replaced publisher; it may still be alive."""
-        self._retired_epochs.append(epoch)
-        if now_ns - self._received_ns < RESTART_S * NS_PER_S:
-            self.counters.overlaps += 1
-            self._conflict_ns = now_ns
-
-    def _in_conflict(self, now_ns: int) -> bool:
-        return self._conflict_ns is not None and now_ns - self._conflict_ns < CONFLICT_S * NS_PER_S
-
     def _suspect(self) -> None:
         self._suspicion = min(self._suspicion + 1, 2 * BAD_MESSAGES)
-
-    def _age_s(self, header: Header, now_ns: int) -> float:
-        """Return the age since arrival, and on the same clock since publication.
-
-        The latter matters after a freeze: the newest message waiting in the channel is old.
-        """
-        since_ns = self._received_ns
-        if header.boot == self._clock.boot:
-            since_ns = min(since_ns, header.stamp_ns)
-        return (now_ns - since_ns) / NS_PER_S

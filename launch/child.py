@@ -3,7 +3,7 @@
 With PR_SET_PDEATHSIG Linux kills a process when the thread that started it ends; the setting
 survives exec. A function between fork and exec would do the same, but is not safe with threads.
 Other systems have no such setting: there a supervisor that is killed leaves orphans.
-The process gets normal priority, also from a real-time parent: see common/runtime/priority.py.
+The process gets normal priority, also from a real-time parent: see common/runtime/realtime.py.
 """
 
 import ctypes

@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from cli.doctor.checks import ReportLine, finding, passed, skipped
-from common.runtime.priority import PRIORITY
+from common.runtime.realtime import PRIORITY
 from forcemesh.version import __version__
 from forcemesh.zenoh_settings import endpoint_of
 

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
-from forcemesh.codec import Header, decode_recorded
+from forcemesh.codec import Header
 from forcemesh.errors import DataError, MessageError
 from forcemesh.faults import FAULTS
 from forcemesh.messages import ArbiterStatus, Message, Trip, WrenchAtTcp
+from forcemesh.recorded_messages import decode_recorded
 from forcemesh.topics import TOPICS
 from services.panel.readout import Readout
 from services.panel.watch import Snapshot

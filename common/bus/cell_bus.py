@@ -2,13 +2,32 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from common.bus.hub_settings import hub_settings
 from common.config.cell import CellConfig
+from common.security.access_control import access_control, rate_limits
 from forcemesh.bus import Bus
 from forcemesh.clock import Clock, MonotonicClock
+from forcemesh.identity import refuse_in_the_clear
 from forcemesh.zenoh_session import open_router, open_session
-from forcemesh.zenoh_settings import endpoint_of
+from forcemesh.zenoh_settings import endpoint_of, security_of, session_settings
+
+# What no honest client needs more of: the longest message of the table has less than 4 kB.
+LONGEST_MESSAGE_B = 16_384
+LONGEST_TRANSPORT_MESSAGE_B = 65_536  # before the hub even knows what it is
+MOST_CLIENTS = 64
+
+SHORT = {
+    "id": "no long messages",
+    "flows": ["ingress"],
+    "messages": ["put", "delete", "query", "reply"],
+    "key_exprs": ["**"],
+    "size_limit": LONGEST_MESSAGE_B,
+}
+HUB_TRANSPORT = {
+    "unicast": {"max_sessions": MOST_CLIENTS},
+    "link": {"rx": {"max_message_size": LONGEST_TRANSPORT_MESSAGE_B}},
+}
 
 
 @contextmanager
@@ -35,3 +54,27 @@ def open_hub(cell: CellConfig, role: str = "hub", *, clock: Clock | None = None)
     endpoint = endpoint_of(cell)
     with open_router(hub_settings(cell, endpoint, role), endpoint) as transport:
         yield Bus(role, cell.cell, transport, cell, clock or MonotonicClock())
+
+
+def hub_settings(cell: CellConfig, endpoint: str, role: str = "hub") -> dict[str, Any]:
+    """Return what makes a Zenoh router the hub of a cell; `zenohd` takes the same.
+
+    Raises:
+        BusError: As `open_hub`.
+    """
+    security = security_of(cell, role, endpoint)
+    part: dict[str, Any] = {
+        "mode": "router",
+        "listen": {"endpoints": [endpoint]},
+        "low_pass_filter": [SHORT],
+    }
+    if security:
+        part |= {"access_control": access_control(cell), "downsampling": rate_limits(cell)}
+    if cell.bus.upstream is not None:
+        refuse_in_the_clear(cell, cell.bus.upstream.endpoint)
+        part["connect"] = {
+            "endpoints": [cell.bus.upstream.endpoint],
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+        }
+    return session_settings(part, role, security, HUB_TRANSPORT)

@@ -5,7 +5,6 @@ that it always publishes. Each step reads a snapshot, computes and publishes.
 """
 
 import argparse
-import gc
 import os
 import signal
 import sys
@@ -21,12 +20,12 @@ from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import cell_hash, load_cell
 from common.runtime.heartbeat import heartbeat_of_this_process
-from common.runtime.memory_lock import is_memory_locked, lock_memory
 from common.runtime.overruns import Overruns, allowed_gap_s
-from common.runtime.priority import (
+from common.runtime.realtime import (
     give_up_realtime_priority,
     has_realtime_priority,
-    take_realtime_priority,
+    is_memory_locked,
+    prepare_realtime,
 )
 from forcemesh.bus import Bus, Publisher, Reader
 from forcemesh.clock import NS_PER_S, Clock
@@ -307,18 +306,6 @@ def main(
 def _granted() -> dict[str, int]:
     """Return the real-time rights of this process."""
     return {"realtime": int(has_realtime_priority()), "memory_locked": int(is_memory_locked())}
-
-
-def prepare_realtime() -> None:
-    """Prepare for real time after start-up: collect garbage, lock memory, set the priority.
-
-    Objects from start-up stay in memory; a garbage collection over all of them takes tens of
-    milliseconds.
-    """
-    gc.collect()
-    gc.freeze()
-    lock_memory()
-    take_realtime_priority()
 
 
 def refuse_other_implementation(cell: CellConfig, role: str, implementation: str) -> None:

@@ -15,7 +15,7 @@ from forcemesh.client.feed import Feed
 from forcemesh.client.force import Force
 from forcemesh.client.moves import Moves
 from forcemesh.client.session import ClientSession
-from forcemesh.clock import NS_PER_S, MonotonicClock
+from forcemesh.clock import MonotonicClock, wait_until
 from forcemesh.connection import Reachable, connection, read_connection
 from forcemesh.errors import NotReachedError
 from forcemesh.messages import (
@@ -250,10 +250,7 @@ class Cell:
 
         Loaded means more than `force.touch_N`, in a wrench with a valid calibration.
         """
-        clock = self.session.clock
-        give_up_ns = clock.now_ns() + round(WRENCH_WITHIN_S * NS_PER_S)
-        while (wrench := self.wrench.reading().fresh) is None and clock.now_ns() < give_up_ns:
-            clock.sleep_s(POLL_S)
+        wrench = self.wrench.wait(WRENCH_WITHIN_S).fresh
         if wrench is None or not wrench.calibrated:
             return None
         force_N = hypot(*wrench.force_N)
@@ -270,18 +267,15 @@ class Cell:
         return self.session.ask(request, message, **options)
 
     def _shows(
-        self, speed: Callable[[ArbiterStatus], bool], within_s: float = SHOWN_WITHIN_S
+        self, condition: Callable[[ArbiterStatus], bool], within_s: float = SHOWN_WITHIN_S
     ) -> bool:
         """Wait until arbiter/status fulfils a condition; return whether it did."""
-        clock = self.session.clock
-        give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
-        while True:
+
+        def fulfils() -> bool:
             status = self.status.reading().fresh
-            if status is not None and speed(status):
-                return True
-            if clock.now_ns() >= give_up_ns:
-                return False
-            clock.sleep_s(POLL_S)
+            return status is not None and condition(status)
+
+        return wait_until(self.session.clock, fulfils, within_s=within_s, poll_s=POLL_S)
 
 
 def _is_ready(status: ArbiterStatus) -> bool:

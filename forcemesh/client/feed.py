@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 
 from forcemesh.bus import Bus, Reader, Reading
 from forcemesh.client.ask import remedy_of
-from forcemesh.clock import NS_PER_S, Clock
+from forcemesh.clock import NS_PER_S, Clock, wait_until
 from forcemesh.codec import Header
 from forcemesh.errors import LostError, NotValidError
 from forcemesh.messages import Message
@@ -83,13 +83,24 @@ class Feed(Generic[M]):
             LostError: No message within `within_s`.
             NotValidError: The publisher sends `valid=False`.
         """
-        clock = self._bus.clock
-        give_up_ns = clock.now_ns() + round(within_s * NS_PER_S)
-        while (reading := self.reading()).fresh is None:
-            if clock.now_ns() >= give_up_ns:
-                raise self._error(reading)
-            clock.sleep_s(FEED_POLL_S)
-        return reading.fresh
+        reading = self.wait(within_s)
+        if reading.fresh is not None:
+            return reading.fresh
+        if reading.silent:
+            raise self._lost(reading.fault)
+        raise NotValidError(reading.code, reading.fault, remedy_of(reading.code))
+
+    def wait(self, within_s: float) -> Reading[M]:
+        """Return the first reading with a valid message, or the last one after `within_s`."""
+        reading = self.reading()
+
+        def is_fresh() -> bool:
+            nonlocal reading
+            reading = self.reading()
+            return reading.fresh is not None
+
+        wait_until(self._bus.clock, is_fresh, within_s=within_s, poll_s=FEED_POLL_S)
+        return reading
 
     def reading(self) -> Reading[M]:
         """Return the present reading, valid or not, with its age; never waits, never raises."""
@@ -140,11 +151,6 @@ class Feed(Generic[M]):
         """Yield each received message, without end."""
         for reading in self.stream():
             yield reading.message
-
-    def _error(self, reading: Reading[M]) -> LostError | NotValidError:
-        if reading.silent:
-            return self._lost(reading.fault)
-        return NotValidError(reading.code, reading.fault, remedy_of(reading.code))
 
 
 def _wait(reader: Reader[Any], clock: Clock) -> None:

@@ -4,7 +4,7 @@ from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.cell_info import CellInfo
 from forcemesh.client.feed import Feed
-from forcemesh.clock import NS_PER_S
+from forcemesh.clock import wait_until
 from forcemesh.errors import LostError
 from forcemesh.messages import Health, SensorWrench
 
@@ -30,10 +30,14 @@ class RoleHealth:
 
     def silent(self) -> tuple[str, ...]:
         """Return the roles without messages; waits about a second for the first messages."""
-        clock = self._bus.clock
-        give_up_ns = clock.now_ns() + round(self._longest_wait_s * NS_PER_S)
-        while missing := tuple(role for role in topics.ROLES if self.health(role).silent):
-            if clock.now_ns() >= give_up_ns:
-                break
-            clock.sleep_s(HEALTH_POLL_S)
-        return missing
+
+        def silent() -> tuple[str, ...]:
+            return tuple(role for role in topics.ROLES if self.health(role).silent)
+
+        wait_until(
+            self._bus.clock,
+            lambda: not silent(),
+            within_s=self._longest_wait_s,
+            poll_s=HEALTH_POLL_S,
+        )
+        return silent()

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from forcemesh.bus import Transport
 from forcemesh.clock import NS_PER_S, Clock
-from forcemesh.codec import readdressed
+from forcemesh.recorded_messages import readdressed
 from forcemesh.topics import TOPICS
 from services.recorder.reading import RecordedBytes
 

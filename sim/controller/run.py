@@ -13,12 +13,11 @@ from pathlib import Path
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from common.runtime.priority import give_up_realtime_priority
+from common.runtime.realtime import give_up_realtime_priority, prepare_realtime
 from common.runtime.service import (
     HealthReporter,
     Runner,
     exit_on_error,
-    prepare_realtime,
     refuse_other_implementation,
     reporter_of,
     stop_on_signals,

@@ -7,7 +7,8 @@ import time
 
 import numpy as np
 
-from common.runtime.service import exit_on_error, prepare_realtime, stop_on_signals
+from common.runtime.realtime import prepare_realtime
+from common.runtime.service import exit_on_error, stop_on_signals
 from forcemesh.clock import NS_PER_S
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About
 from sim.netft.sensor import NetftSensor

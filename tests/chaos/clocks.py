@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from common.config.cell import CellConfig
-from common.runtime.priority import take_realtime_priority
+from common.runtime.realtime import take_realtime_priority
 from forcemesh.errors import ForcemeshError
 from launch.processes import processes_of
 from launch.started_process import ProcessSpec

@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from common.runtime.priority import take_realtime_priority
+from common.runtime.realtime import take_realtime_priority
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError

@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from common.config.cell import CellConfig
-from common.runtime.priority import take_realtime_priority
+from common.runtime.realtime import take_realtime_priority
 from forcemesh.errors import ForcemeshError
 from launch.processes import EMULATOR, processes_of
 from launch.started_process import ProcessSpec

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from common.config.cell import CellConfig
-from common.runtime.priority import take_realtime_priority
+from common.runtime.realtime import take_realtime_priority
 from forcemesh import topics
 from forcemesh.bus import Reader
 from forcemesh.clock import NS_PER_S

@@ -15,8 +15,7 @@ import zenoh
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from common.bus.cell_bus import open_bus, open_hub
-from common.bus.hub_settings import hub_settings
+from common.bus.cell_bus import hub_settings, open_bus, open_hub
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from common.security.pki import copy_certificate, make_certificate, read_authority, write_pair

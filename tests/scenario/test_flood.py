@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from common.bus.cell_bus import open_hub
-from common.bus.hub_settings import LONGEST_MESSAGE_B
+from common.bus.cell_bus import LONGEST_MESSAGE_B, open_hub
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh import topics

@@ -1,6 +1,5 @@
 """The process around a service: its start, its triggers, its end, its reports."""
 
-import gc
 import signal
 import threading
 from collections.abc import Iterator
@@ -129,20 +128,6 @@ def test_a_service_that_has_a_goodbye_sends_it_before_the_bus_is_left(line: Serv
 
     process.main("wrench", lambda *_: Leaving(line.clock), connect=connect, realtime=False)
     assert line.opened_by == ["goodbye", "left"]
-
-
-def test_the_loop_is_spared_in_its_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """First the memory of start-up, then the lock, and priority last: it would starve others."""
-    order: list[str] = []
-    for owner, name in (
-        (gc, "collect"),
-        (gc, "freeze"),
-        (process, "lock_memory"),
-        (process, "take_realtime_priority"),
-    ):
-        monkeypatch.setattr(owner, name, lambda name=name: order.append(name))
-    process.prepare_realtime()
-    assert order == ["collect", "freeze", "lock_memory", "take_realtime_priority"]
 
 
 @pytest.mark.parametrize("realtime", [True, False])

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from common.bus.hub_settings import hub_settings
+from common.bus.cell_bus import hub_settings
 from forcemesh.codec import MAX_BYTES
 from forcemesh.topics import CLIENT, HELPERS, ROLES
 from forcemesh.zenoh_settings import (

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime import memory_lock
+from common.runtime import realtime
 from common.runtime.service import reporter_of
 from forcemesh import topics
 from tests.fakes.bench import CELL
@@ -17,11 +17,11 @@ import resource, sys
 from pathlib import Path
 if sys.argv[1] == "limited":
     resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
-from common.runtime import memory_lock
+from common.runtime import realtime
 from forcemesh import topics
 if sys.argv[1] == "limited":
-    memory_lock._may_lock_without_limit = lambda: False
-print(memory_lock.lock_memory(), memory_lock.is_memory_locked())
+    realtime._may_lock_without_limit = lambda: False
+print(realtime.lock_memory(), realtime.is_memory_locked())
 block = bytearray(50_000_000)  # a limit that is too small would end the process here
 locked = [line for line in Path("/proc/self/status").read_text().splitlines() if "VmLck" in line]
 print(int(locked[0].split()[1]) > 0)
@@ -50,7 +50,7 @@ def test_health_reports_whether_memory_is_locked(
     locked: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Next to the report of real-time priority."""
-    monkeypatch.setattr(memory_lock, "_locked", locked)
+    monkeypatch.setattr(realtime, "_locked", locked)
     cell = Cellmates()
     reader = cell.client.reader(topics.ARBITER_HEALTH)
     reporter_of(cell._bus("arbiter"), CELL).stepped(cell.clock.now_ns(), 0.0, cell.service)

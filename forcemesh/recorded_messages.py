@@ -1,4 +1,4 @@
-"""Upgrade of recorded messages of older schema versions to the fields of the present one.
+"""Codec of recorded messages: older schema versions are upgraded to the fields of the present one.
 
 Version 1: an address is the key alone. Version 2: it names the cell too. Version 3: `robot/state`
 has a status for any robot, its hold as a whole `Trip` and one angle per joint; `ownership` was
@@ -6,22 +6,57 @@ has a status for any robot, its hold as a whole `Trip` and one angle per joint; 
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
+from forcemesh.codec import SCHEMA_VERSION, Header, pack, read_head, unpack, validate
+from forcemesh.errors import MessageError, MisroutedError
 from forcemesh.faults import FAULTS, tripped
-from forcemesh.messages import CONTROLLER_BITS
+from forcemesh.messages import CONTROLLER_BITS, Message
 
+M = TypeVar("M", bound=Message)
 Fields = dict[str, Any]
+
+READABLE_VERSIONS = (1, 2, SCHEMA_VERSION)
 
 NEEDED = ("motor_power", "repeat_mode", "teach_lock_off", "program_running")
 FORBIDDEN = ("watchdog_latched", "error")
 MODES = {(True, False): "position", (False, True): "orientation", (True, True): "both"}
 
 
-def upgraded(fields: Fields, key: str) -> Fields:
-    """Return the fields of a message of version 1 or 2 as version 3 has them."""
+def decode_recorded(data: bytes, message_type: type[M], key: str) -> tuple[Header, M]:
+    """Return header and message of a recording of this or an older schema version.
+
+    Raise MisroutedError when they carry another key, of any cell, and MessageError as `decode`.
+    """
+    fields = unpack(data)
+    header = read_head(fields, Header, READABLE_VERSIONS)
+    written_for = header.topic if header.v == 1 else header.topic.partition("/")[2]
+    if written_for != key:
+        raise MisroutedError(f"addressed to {header.topic[:80]!r}, but recorded as {key}")
+    return header, validate(_upgraded(fields, key), message_type)
+
+
+def readdressed(data: bytes, address: str) -> bytes:
+    """Return a recorded message with a new address and the fields of the present schema version.
+
+    Bytes that need no change or are no message are unchanged.
+    """
+    try:
+        fields = unpack(data)
+    except MessageError:
+        return data
+    now = {"v": SCHEMA_VERSION, "topic": address}
+    if fields.get("v") not in READABLE_VERSIONS or fields | now == fields:
+        return data
+    return pack(_upgraded(fields, address.partition("/")[2]) | now)
+
+
+def _upgraded(fields: Fields, key: str) -> Fields:
+    """Return the fields as the present schema version has them."""
     upgrade = UPGRADES.get(key)
-    return fields if upgrade is None else fields | upgrade(fields)
+    if upgrade is None or fields.get("v") == SCHEMA_VERSION:
+        return fields
+    return fields | upgrade(fields)
 
 
 def _robot_state(fields: Fields) -> Fields:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from common.bus.memory_bus import MemoryTransport
-from common.runtime import service
+from common.runtime import realtime, service
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from tests.fakes.bench import CELL
@@ -18,7 +18,7 @@ from tests.fakes.bench import CELL
 PRINTS_ITS_POLICIES = """
 import os, threading
 from pathlib import Path
-from common.runtime.priority import give_up_realtime_priority, take_realtime_priority
+from common.runtime.realtime import give_up_realtime_priority, take_realtime_priority
 
 waits = threading.Event()
 threading.Thread(target=waits.wait, daemon=True).start()
@@ -74,10 +74,8 @@ def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatc
         return Worker()
 
     monkeypatch.setattr(gc, "freeze", lambda: order.append("freeze"))
-    for name in ("take", "give_up"):
-        monkeypatch.setattr(
-            service, f"{name}_realtime_priority", lambda name=name: order.append(name)
-        )
+    monkeypatch.setattr(realtime, "take_realtime_priority", lambda: order.append("take"))
+    monkeypatch.setattr(service, "give_up_realtime_priority", lambda: order.append("give_up"))
     monkeypatch.setattr(service, "cell_from_arguments", lambda _: CELL)
     with pytest.raises(KeyboardInterrupt):
         service.main("regulator", make, connect=connect)
@@ -90,3 +88,17 @@ def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatc
         "give_up",
         "leaves the bus",
     ]
+
+
+def test_the_loop_is_spared_in_its_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """First the memory of start-up, then the lock, and priority last: it would starve others."""
+    order: list[str] = []
+    for owner, name in (
+        (gc, "collect"),
+        (gc, "freeze"),
+        (realtime, "lock_memory"),
+        (realtime, "take_realtime_priority"),
+    ):
+        monkeypatch.setattr(owner, name, lambda name=name: order.append(name))
+    realtime.prepare_realtime()
+    assert order == ["collect", "freeze", "lock_memory", "take_realtime_priority"]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.bus.hub_settings import hub_settings
+from common.bus.cell_bus import hub_settings
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.errors import BusError, ConfigError

@@ -16,8 +16,9 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from common.config.load import load_cell
 from forcemesh.clock import ManualClock
-from forcemesh.codec import SCHEMA_VERSION, decode, decode_recorded, pack, readdressed, unpack
+from forcemesh.codec import SCHEMA_VERSION, decode, pack, unpack
 from forcemesh.errors import MessageError, MisroutedError
+from forcemesh.recorded_messages import decode_recorded, readdressed
 from forcemesh.topics import TOPICS
 from launch.virtual_cell import VirtualCell
 from services.recorder.frames import Frame

@@ -1,0 +1,98 @@
+"""Real time for the processes of a control loop: SCHED_FIFO priority and locked memory (mlockall).
+
+A page fault to swap costs a control loop milliseconds.
+"""
+
+import ctypes
+import gc
+import os
+import resource
+from contextlib import suppress
+from pathlib import Path
+
+PRIORITY = 20  # above ordinary processes, below kernel threads and sound servers
+MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4  # <sys/mman.h>
+CAP_IPC_LOCK = 14  # <linux/capability.h>
+
+_locked = False
+
+
+def prepare_realtime() -> None:
+    """Prepare for real time after start-up: collect garbage, lock memory, set the priority.
+
+    Objects from start-up stay in memory; a garbage collection over all of them takes tens of
+    milliseconds.
+    """
+    gc.collect()
+    gc.freeze()
+    lock_memory()
+    take_realtime_priority()
+
+
+def take_realtime_priority(priority: int = PRIORITY) -> bool:
+    """Set real-time priority for all threads of this process; return whether it was permitted.
+
+    Call it after start-up: starting takes tenths of a second of CPU time, which at this priority
+    would be taken from loops that already run. Threads started later inherit the priority. Without
+    the right (CAP_SYS_NICE or an rtprio limit) the process keeps its priority; its health reports
+    that.
+    """
+    try:
+        for thread in Path("/proc/self/task").iterdir():
+            _set(int(thread.name), os.SCHED_FIFO, priority)
+    except (AttributeError, OSError):
+        return False
+    return True
+
+
+def give_up_realtime_priority() -> None:
+    """Return to ordinary priority before shutdown, for the same reason."""
+    with suppress(AttributeError, OSError):
+        for thread in Path("/proc/self/task").iterdir():
+            _set(int(thread.name), os.SCHED_OTHER, 0)
+
+
+def has_realtime_priority() -> bool:
+    """Return whether this process has real-time priority."""
+    try:
+        return os.sched_getscheduler(0) == os.SCHED_FIFO
+    except (AttributeError, OSError):
+        return False
+
+
+def lock_memory() -> bool:
+    """Lock this process's pages, future ones at first use; return whether it was allowed.
+
+    Only without a limit (`ulimit -l unlimited`, or CAP_IPC_LOCK): with a limit the kernel would
+    refuse memory later, at run time.
+    """
+    global _locked  # noqa: PLW0603 - a property of the process
+    if not _may_lock_without_limit():
+        return False
+    try:
+        libc = ctypes.CDLL(None, use_errno=True)
+        _locked = bool(libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0)
+    except (OSError, AttributeError):  # not Linux
+        return False
+    return _locked
+
+
+def is_memory_locked() -> bool:
+    """Return whether `lock_memory` succeeded in this process."""
+    return _locked
+
+
+def _set(thread: int, policy: int, priority: int) -> None:
+    with suppress(ProcessLookupError):  # it may have ended meanwhile
+        os.sched_setscheduler(thread, policy, os.sched_param(priority))
+
+
+def _may_lock_without_limit() -> bool:
+    if os.name != "posix" or not Path("/proc/self/status").exists():
+        return False
+    if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        return True
+    for line in Path("/proc/self/status").read_text("ascii").splitlines():
+        if line.startswith("CapEff:"):
+            return bool(int(line.split()[1], 16) >> CAP_IPC_LOCK & 1)
+    return False

@@ -165,7 +165,7 @@ compose-test: setup ## build the image, bring the containers up, break and attac
 lock: ## write both locks anew from pyproject.toml (needs uv): ARGS=--upgrade takes newer versions
 	@test -n "$(UV)" || { echo "make lock needs uv: $(BIN)/python -m pip install uv" >&2; exit 1; }
 	@$(UV) $(LOCK) $(ARGS) --all-extras -o requirements.lock
-	@$(UV) $(LOCK) --no-annotate --extra build --extra robotiq --extra bota -c requirements.lock -o requirements-run.lock
+	@$(UV) $(LOCK) --no-annotate --extra build --extra cli --extra robotiq --extra bota -c requirements.lock -o requirements-run.lock
 
 clean: ## remove .venv, caches and what runs have written
 	@rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .run out

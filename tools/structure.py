@@ -113,22 +113,22 @@ def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
     """Return the groups of nodes that reach each other."""
     reached = {node: _reached(graph, node) for node in graph}
     groups = {
-        tuple(sorted(other for other in seen if node in reached[other]))
-        for node, seen in reached.items()
-        if node in seen
+        tuple(sorted(other for other in others if node in reached[other]))
+        for node, others in reached.items()
+        if node in others
     }
     return [list(group) for group in sorted(groups)]
 
 
 def _reached(graph: dict[str, set[str]], start: str) -> set[str]:
-    seen: set[str] = set()
+    found: set[str] = set()
     ahead = list(graph[start])
     while ahead:
         node = ahead.pop()
-        if node not in seen:
-            seen.add(node)
+        if node not in found:
+            found.add(node)
             ahead.extend(graph[node])
-    return seen
+    return found
 
 
 @dataclass(frozen=True)

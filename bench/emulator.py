@@ -24,10 +24,10 @@ from controller.packet_table import (
     next_id,
 )
 from forcemesh.clock import NS_PER_S
+from sim.as_language.parser import load, parse
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
-from sim.controller.parser import load, parse
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 

@@ -26,7 +26,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.codec import decode
 from forcemesh.messages import Host, RobotCommand, RobotState, Speed
 from forcemesh.requests import Empty, ForceStartRequest, MoveRequest
-from forcemesh.topics import Qos
+from forcemesh.topics import ROLES, Qos
 from launch.virtual_cell import VirtualCell
 
 CELLS = Path(__file__).resolve().parent.parent / "cells"
@@ -43,7 +43,6 @@ FaultKind = Literal["kill", "freeze", "cut"]
 Motion = Literal["approach", "press", "retreat", "move"]
 ROBOTS: tuple[Robot, ...] = get_args(Robot)
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
-ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
 LINKS = (
     topics.ROBOT_STATE.key,
     topics.SENSOR_WRENCH.key,

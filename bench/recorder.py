@@ -86,7 +86,7 @@ class RecorderRig:
         self.recorder = ChildProcess(process, self._file, write_stderr_line)
         self._exits.callback(self.recorder.finish, 3.0)
         give_up_s = time.monotonic() + WITHIN_S
-        health = self.client.feed(topics.RECORDER_HEALTH)
+        health = self.client.feed(topics.HEALTH["recorder"])
         while getattr(health.reading().fresh, "pid", None) != self.recorder.pid:
             if time.monotonic() > give_up_s:
                 raise TimeoutError("no health message from the recorder")

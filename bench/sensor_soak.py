@@ -133,7 +133,7 @@ def soak(minutes: float) -> SoakCounts:
             Supervisor(cell, path, processes=processes_of(cell)),
             open_bus(cell, topics.CLIENT, patience_s=10.0) as bus,
         ):
-            run = Soak(bus.reader(topics.SENSOR_WRENCH), bus.reader(topics.SENSOR_HEALTH))
+            run = Soak(bus.reader(topics.SENSOR_WRENCH), bus.reader(topics.HEALTH["sensor"]))
             run.wait_until_good()
             prepare_realtime()
             run.live(WARM_UP_S)

@@ -1,14 +1,14 @@
 """Present force, pose, calibration and tare of a cell, as data and as lines for people."""
 
 from collections.abc import Sequence
-from operator import mul
 from typing import TypedDict
 
 from common.config.cell import CellConfig
 from common.config.info import cell_info
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
-from forcemesh.client.rotations import rotate, times, to_oat_deg
+from forcemesh.client.force import press_force_N
+from forcemesh.client.rotations import to_oat_deg
 from forcemesh.messages import (
     Health,
     Joints,
@@ -64,7 +64,7 @@ class ArmView:
     def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Subscribe."""
         self._clock = bus.clock
-        self._q_flange_tcp = cell_info(cell).T_flange_tcp.orientation_xyzw
+        self._T_flange_tcp = cell_info(cell).T_flange_tcp
         self._wrench = bus.reader(topics.WRENCH)
         self._robot = bus.reader(topics.ROBOT_STATE)
         self._target = bus.reader(topics.REGULATOR_TARGET)
@@ -91,8 +91,7 @@ class ArmView:
     ) -> ForceReading:
         measured, press_N = wrench.fresh, None
         if measured is not None and robot is not None:
-            q_base_tcp = times(robot.orientation_xyzw, self._q_flange_tcp)
-            press_N = -sum(map(mul, measured.force_N, rotate(q_base_tcp, (0.0, 0.0, 1.0))))
+            press_N = press_force_N(robot, measured, self._T_flange_tcp)
         return ForceReading(
             press_N=press_N,
             force_N=None if measured is None else measured.force_N,

@@ -20,8 +20,6 @@ from cli.context import (
 if TYPE_CHECKING:
     from cli.status import CellStatus
 
-COLOURS = {"IDLE": "cyan", "ARMED": "yellow", "ACTIVE": "green", "HOLDING": "yellow"}
-
 
 def status(
     as_json: JsonOption = False,
@@ -96,15 +94,17 @@ def _print_status(found: "CellStatus") -> None:
     from cli.tables import print_table, table_console
     from forcemesh.messages import Trip
     from forcemesh.trip_text import trip_text
+    from services.panel.state_colours import NO_STATE, STATE_COLOURS
 
     state = found["state"]
+    colour = STATE_COLOURS.get(state, NO_STATE)
     console = table_console()
     last_state_text = (
         f" (was {found['last_state']})" if state == "DOWN" and found["last_state"] else ""
     )
     console.print(
         f"cell [bold]{found['cell']}[/bold]: "
-        f"[bold {COLOURS.get(state, 'red')}]{state}[/]{last_state_text}, "
+        f"[bold {colour.text} on {colour.background}]{state}[/]{last_state_text}, "
         f"commander {found['commander']}",
         soft_wrap=True,
     )

@@ -3,12 +3,10 @@
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from forcemesh.errors import ConfigError
 from forcemesh.patterns import CELL_NAME, ENDPOINT
-from forcemesh.validation_texts import what_is_wrong
+from forcemesh.yaml_file import read_yaml, validated
 
 
 class ConfigSection(BaseModel):
@@ -68,26 +66,9 @@ def read_connection(path: Path | str) -> Connection:
     Raises:
         ConfigError: The file cannot be read, or one of the two sections holds a mistake.
     """
-    source = str(path)
-    try:
-        tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(source, [f"cannot be read: {error.strerror or error}"]) from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
-    return connection(tree, source)
+    return connection(read_yaml(Path(path), str(path)), str(path))
 
 
 def connection(tree: Any, source: str) -> Connection:
     """Validate name and hub of a cell. Raise ConfigError, which lists every mistake."""
-    if not isinstance(tree, dict):
-        raise ConfigError(source, ["the file must hold a map of sections"])
-    try:
-        return Connection.model_validate(tree)
-    except ValidationError as error:
-        raise ConfigError(source, [_explain(item) for item in error.errors()]) from None
-
-
-def _explain(item: Any) -> str:
-    path = ".".join(str(part) for part in item["loc"])
-    return f"{path}: {what_is_wrong(item)}"
+    return validated(Connection, tree, source)

@@ -1,6 +1,7 @@
-"""Topics and requests of the bus: type, rate, deadline, writer and readers of each key.
+"""Roles of a cell, topics and requests of its bus: writer, readers, type, rate, deadline of each key.
 
-Topics and requests outside these tables do not exist. Every key is prefixed with `<cell>/`.
+Roles, topics and requests outside these tables do not exist. Process table, certificates, access
+control, status and fault injection follow from the roles; docker-compose.yml is compared with them. Every key is prefixed with `<cell>/`.
 Rates are names; the cell file gives their values in hertz. An input is stale after three of its
 periods, but not before the deadline of its class in the cell file.
 tests/unit/forcemesh/test_topics.py checks the rules; tools/bus_page.py writes docs/bus.md from this file.
@@ -19,12 +20,19 @@ Rate = Literal["robot", "sensor", "control", "status", "health"]
 Deadline = Literal["command", "sensor", "status", "health"]
 Qos = Literal["stream", "report"]  # stream: real-time priority; both drop when congested
 
-ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
-HELPERS = ("recorder",)  # optional: no control loop depends on them
 INFO = "info"  # query to the hub; the reply holds the facts of the cell that a client needs
 SELF_TEST = "self-test"  # readable by every role, writable by none: proves that the ACL is active
 DESCRIBE = "describe"  # query to the hub; the reply holds all tables and their JSON Schema
 CLIENT = "client"  # any observer: command line, panel, notebook, any Zenoh program
+
+
+@dataclass(frozen=True, slots=True)
+class Role:
+    """One row of the role table: a process that publishes on the bus, its health at least."""
+
+    name: str
+    modules: dict[str, str | None]  # by implementation in the cell file; None: the cell starts none
+    is_helper: bool = False  # optional: no control loop depends on it
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +62,20 @@ class Request(Generic[Q]):
     )
 
 
+# fmt: off
+ROLE_TABLE = (
+    Role("hub",       {"": "services.hub"}),
+    Role("robot",     {"sim": "sim.robot", "gateway": "services.gateway", "external": None}),
+    Role("sensor",    {"sim": "sim.robot", "driver": "services.sensor", "external": None}),
+    Role("wrench",    {"": "services.wrench"}),
+    Role("regulator", {"": "services.regulator"}),
+    Role("arbiter",   {"": "services.arbiter"}),
+    Role("recorder",  {"": "services.recorder"}, is_helper=True),
+)
+# fmt: on
+ROLES = tuple(row.name for row in ROLE_TABLE if not row.is_helper)
+HELPERS = tuple(row.name for row in ROLE_TABLE if row.is_helper)
+
 UNREADABLE_HOLD = q.HoldRequest(reason="hold requested by a message that cannot be decoded")
 
 # fmt: off
@@ -64,15 +86,7 @@ REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "comm
 ROBOT_COMMAND    = Topic("robot/command",    m.RobotCommand,    "control", "command", "arbiter",   ("robot", "regulator", CLIENT),                     "stream", "goal, setpoint, feedback or hold, with the permission under which the robot acts")
 ARBITER_STATUS   = Topic("arbiter/status",   m.ArbiterStatus,   "status",  "status",  "arbiter",   ("regulator", CLIENT),                              "report", "state, commander, every tripped limit with its value, what clears it")
 
-HUB_HEALTH       = Topic("hub/health",       m.Health,          "health",  "health",  "hub",       ("arbiter", CLIENT),                                "report", "loop rate, lateness, counters, version, config hash, last fault")
-ROBOT_HEALTH     = Topic("robot/health",     m.Health,          "health",  "health",  "robot",     ("arbiter", CLIENT),                                "report", "the same for the robot's process")
-SENSOR_HEALTH    = Topic("sensor/health",    m.Health,          "health",  "health",  "sensor",    ("arbiter", CLIENT),                                "report", "the same for the sensor's process")
-WRENCH_HEALTH    = Topic("wrench/health",    m.Health,          "health",  "health",  "wrench",    ("arbiter", CLIENT),                                "report", "the same for the wrench service")
-REGULATOR_HEALTH = Topic("regulator/health", m.Health,          "health",  "health",  "regulator", ("arbiter", CLIENT),                                "report", "the same for the regulator")
-ARBITER_HEALTH   = Topic("arbiter/health",   m.Health,          "health",  "health",  "arbiter",   (CLIENT,),                                          "report", "the same for the arbiter")
-
 RECORDER_STATUS  = Topic("recorder/status",  m.RecorderStatus,  "health",  "health",  "recorder",  (CLIENT,),                                          "report", "state and file of the recording, lost messages, time span of the ring buffer")
-RECORDER_HEALTH  = Topic("recorder/health",  m.Health,          "health",  "health",  "recorder",  (CLIENT,),                                          "report", "the same for the recorder")
 
 ARM         = Request("request/arm",         q.ArmRequest,         "arbiter",   "enable motion, after the preflight")
 HOLD        = Request("request/hold",        q.HoldRequest,        "arbiter",   "stop motion and hold; accepted from any client at any time, even when it cannot be decoded", UNREADABLE_HOLD)
@@ -96,18 +110,20 @@ RECORD_START = Request(
 )
 RECORD_STOP = Request("request/record/stop", q.Empty, "recorder", "end the recording")
 
-HEALTH = {
-    "hub": HUB_HEALTH,
-    "robot": ROBOT_HEALTH,
-    "sensor": SENSOR_HEALTH,
-    "wrench": WRENCH_HEALTH,
-    "regulator": REGULATOR_HEALTH,
-    "arbiter": ARBITER_HEALTH,
-}
-HELPER_HEALTH = {"recorder": RECORDER_HEALTH}
-EVERY_HEALTH = HEALTH | HELPER_HEALTH
+
+def _health_of(role: Role) -> Topic[m.Health]:
+    # The arbiter watches every role; nothing that moves the arm waits for a helper.
+    watched = not role.is_helper and role.name != "arbiter"
+    readers = ("arbiter", CLIENT) if watched else (CLIENT,)
+    summary = "loop rate, lateness, counters, version, config hash, last fault of this role"
+    return Topic(
+        f"{role.name}/health", m.Health, "health", "health", role.name, readers, "report", summary
+    )
+
+
+HEALTH = {row.name: _health_of(row) for row in ROLE_TABLE}
 TOPICS: tuple[Topic[m.Message], ...] = tuple(
-    value for value in list(globals().values()) if isinstance(value, Topic)
+    value for value in (*globals().values(), *HEALTH.values()) if isinstance(value, Topic)
 )
 REQUESTS: tuple[Request[m.Record], ...] = tuple(
     value for value in list(globals().values()) if isinstance(value, Request)

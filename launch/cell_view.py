@@ -20,7 +20,7 @@ class CellView:
     def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Subscribe. An external sensor publishes no health; its readings show that it is alive."""
         self._clock = bus.clock
-        self.longest_wait_s = cell.stale_after_s(topics.HUB_HEALTH)
+        self.longest_wait_s = cell.stale_after_s(topics.HEALTH["hub"])
         self.helper_wait_s = HELPER_PERIODS / cell.rates.health_hz
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
         self._roles = RoleHealth(bus, cell_info(cell))

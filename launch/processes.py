@@ -31,17 +31,6 @@ from launch.started_process import (
     write_stderr_line,
 )
 
-# Role: {implementation in the cell file: module}. None: an external process publishes it.
-# fmt: off
-MODULES: dict[str, dict[str, str | None]] = {
-    "hub":       {"": "services.hub"},
-    "arbiter":   {"": "services.arbiter"},
-    "regulator": {"": "services.regulator"},
-    "wrench":    {"": "services.wrench"},
-    "robot":     {"sim": "sim.robot", "gateway": "services.gateway"},
-    "sensor":    {"sim": "sim.robot", "driver": "services.sensor", "external": None},
-}
-# fmt: on
 # The sensor `sim` with a gateway is on the arm of the emulated controller, which executes the
 # program that users load into theirs.
 EMULATOR = "sim.controller"
@@ -61,20 +50,16 @@ HELD = ("HOLDING", "FAULT", "BOOT")  # states of the arbiter after a hold
 
 def processes_of(cell: CellConfig) -> tuple[ProcessSpec, ...]:
     """Return the processes of a cell in start order; one may implement several roles."""
-    implementations = {"robot": cell.roles.robot, "sensor": cell.roles.sensor}
     roles_of: dict[str, tuple[str, ...]] = {}
-    for role, choices in MODULES.items():
-        module = choices[implementations.get(role, "")]
-        if role == "sensor" and cell.roles.sensor == "sim" and cell.roles.robot == "gateway":
+    for row in topics.ROLE_TABLE:
+        module = row.modules[getattr(cell.roles, row.name, "")]
+        if row.name == "sensor" and cell.roles.sensor == "sim" and cell.roles.robot == "gateway":
             module = EMULATOR
-        if module is not None:
-            roles_of[module] = (*roles_of.get(module, ()), role)
-    if cell.sim is not None and cell.sim.netft:
-        # It implements no role of the bus: gateway and driver reach it over TCP and UDP.
-        roles_of = {
-            "services.hub": roles_of.pop("services.hub"),
-            EMULATOR: ("controller",),
-        } | roles_of
+        if module is not None and not row.is_helper:
+            roles_of[module] = (*roles_of.get(module, ()), row.name)
+        if row.name == "hub" and cell.sim is not None and cell.sim.netft:
+            # It implements no role of the bus: gateway and driver reach it over TCP and UDP.
+            roles_of[EMULATOR] = ("controller",)
     return tuple(
         ProcessSpec(module, roles, arguments=ARGUMENTS.get(module, ()))
         for module, roles in roles_of.items()

@@ -11,19 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from forcemesh.topics import ROLES
 from launch.run_file import ROOT
 
 LAUNCHER = Path(__file__).with_name("child.py")
 DRAIN_S = 0.05
-COLOURS = {
-    "hub": 37,
-    "arbiter": 35,
-    "regulator": 33,
-    "wrench": 36,
-    "robot": 34,
-    "sensor": 32,
-    "up": 1,
-}
+COLOURS = {"up": 1} | {role: 32 + number for number, role in enumerate(ROLES)}
 
 WriteLine = Callable[[str, str], None]  # name, one line
 

@@ -16,8 +16,8 @@ from services.gateway.service import Gateway
 from services.hub.service import Hub
 from services.regulator.service import Regulator
 from services.wrench.service import WrenchService
+from sim.as_language.parser import load
 from sim.controller.network import MemoryNetwork
-from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
 from sim.controller.wire import LockStepLink
 from sim.robot.arm import SimArm

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from sim.controller.errors import AsSyntaxError
-from sim.controller.parser import parse
+from sim.as_language.errors import AsSyntaxError
+from sim.as_language.parser import parse
 from tests.fakes import controller_talk
 
 TESTS = Path(__file__).resolve().parent / "unit"

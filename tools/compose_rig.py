@@ -18,7 +18,7 @@ from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import MAY_MOVE, ArbiterStatus, RobotState
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
-from forcemesh.topics import HEALTH, TOPICS
+from forcemesh.topics import HEALTH, ROLES, TOPICS
 from tests.chaos.witness import Witness
 
 T = TypeVar("T")
@@ -247,7 +247,7 @@ class Operator:
 
     def all_well(self) -> bool:
         """Return whether every role's health is fresh and reports no fault."""
-        healths = [self._read(topic.key) for topic in HEALTH.values()]
+        healths = [self._read(HEALTH[role].key) for role in ROLES]
         return all(health is not None and not health.fault for health in healths)
 
     def _distance(self, joints: Any) -> float:

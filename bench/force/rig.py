@@ -19,9 +19,8 @@ from common.motion.frames import Array
 from common.motion.limits import Limits
 from common.motion.rate_limiter import CommandedMotion, at_rest, limit_motion
 from common.motion.setpoint_monitor import SPEED_MARGIN
-from services.wrench.compensation import Wrench, compensate
+from services.wrench.compensation import Filter, Wrench, compensate, feed
 from services.wrench.plausibility import ReadingHistory, ReadingLimits, check_reading
-from services.wrench.smoothing import Filter, feed
 from sim.robot.arm import SimArm
 from sim.robot.motion import MotionGenerator
 from sim.robot.service import sim_settings

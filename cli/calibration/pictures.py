@@ -1,6 +1,5 @@
-"""Figures of a calibration report, as SVG text: residuals, compensation, attitudes."""
+"""Figures of a calibration report: residuals, compensation, attitudes."""
 
-from io import StringIO
 from itertools import pairwise
 from typing import Any
 
@@ -24,7 +23,6 @@ STYLE: Any = {
     "axes.spines.right": False,
     "axes.grid": True,
     "grid.alpha": 0.3,
-    "svg.hashsalt": "forcemesh",  # reproducible output
 }
 
 
@@ -78,14 +76,6 @@ def attitudes(found: Findings) -> Figure:
             half.scatter(*shown.T, c=colour, marker=marker, s=48, label=label, zorder=3)
     halves[1].legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=9, frameon=False)
     return figure
-
-
-def svg_of(figure: Figure) -> str:
-    """Return a figure as self-contained SVG text, its letters as outlines."""
-    out = StringIO()
-    with rc_context(STYLE):
-        figure.savefig(out, format="svg", metadata={"Date": None})
-    return out.getvalue()
 
 
 def _panels(height: float, rows: int = 1) -> tuple[Figure, Any]:

@@ -102,7 +102,7 @@ class Scenario:
         self._wrench = client.reader(topics.WRENCH)
         self._target = client.reader(topics.REGULATOR_TARGET)
         self._command = client.reader(topics.ROBOT_COMMAND)
-        self._robot_health = client.reader(topics.ROBOT_HEALTH)
+        self._robot_health = client.reader(topics.HEALTH["robot"])
         self._start_ns = self._clock.now_ns()
         self.trace = Trace()
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from forcemesh import topics
 from forcemesh.bus import Reading
+from forcemesh.client.ask import remedy_of
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
 from forcemesh.errors import DataError, MessageError
-from forcemesh.faults import FAULTS
 from forcemesh.messages import ArbiterStatus, Message, Trip, WrenchAtTcp
 from forcemesh.recorded_messages import decode_recorded
 from forcemesh.topics import TOPICS
@@ -45,8 +45,7 @@ class StopEvent:
     @property
     def remedy(self) -> str:
         """Remedy from the table of faults, empty for a code of another version."""
-        row = FAULTS.get(self.trip.code)
-        return "" if row is None else row.remedy
+        return remedy_of(self.trip.code)
 
 
 @dataclass(slots=True)

@@ -1,129 +1,181 @@
-"""Page of a report: one self-contained HTML file."""
+"""Page of a report: one self-contained HTML file with plots and the arm's motion in 3D."""
 
+from contextlib import redirect_stdout
 from datetime import UTC, datetime
-from html import escape
+from io import StringIO
+from statistics import median_high
 from typing import TYPE_CHECKING
 
+from cli.pages import picture, table
+from services.panel.markup import Html, filled_page, html, joined
 from services.panel.state_colours import NO_STATE, STATE_COLOURS
 
 if TYPE_CHECKING:
-    from cli.report.data import ReportContent
+    from cli.report.data import ReportContent, StopEvent
+    from common.config.cell import CellConfig
     from services.recorder.reading import RecordedFile
 
-STYLE = """
-:root { color-scheme: light dark; }
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 960px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; margin-bottom: 0; } h2 { font-size: 1.1rem; margin-top: 2rem; }
-.sub { color: #868e96; margin-top: .2rem; overflow-wrap: anywhere; }
-.cards { display: flex; flex-wrap: wrap; gap: .75rem; margin: 1.2rem 0; }
-.card { border: 1px solid #868e9655; border-radius: 8px; padding: .5rem .9rem; min-width: 8rem; }
-.card b { display: block; font-size: 1.25rem; } .card span { color: #868e96; font-size: .8rem; }
-table { border-collapse: collapse; width: 100%; font-size: .88rem; }
-th, td { text-align: left; padding: .25rem .6rem .25rem 0; border-bottom: 1px solid #868e9633; }
-td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; }
-svg { width: 100%; height: auto; } .plot { margin: .3rem 0; }
-.bar { display: flex; height: 1.4rem; border-radius: 6px; overflow: hidden; }
-.bar span { font-size: .7rem; color: #fff; overflow: hidden; padding: .15rem 0; }
-.bar span { text-align: center; }
-.stop { border-left: 4px solid #e03131; padding: .3rem .8rem; margin: .6rem 0; }
-iframe { width: 100%; height: 540px; border: 0; border-radius: 8px; }
-.scroll { overflow-x: auto; }
-"""
+# Title, and the lines with their colours.
+PLOTS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
+    ("Press force [N]", (("press", "#e03131"), ("set point", "#868e96"))),
+    (
+        "Force of the environment on the tool [N]",
+        (("Fx", "#e8590c"), ("Fy", "#2f9e44"), ("Fz", "#1971c2")),
+    ),
+    ("Torque about the TCP [N m]", (("Mx", "#e8590c"), ("My", "#2f9e44"), ("Mz", "#1971c2"))),
+    ("Tracking error [mm]", (("distance", "#7048e8"),)),
+    ("Latency from sensor sample to robot [ms]", (("chain", "#0c8599"),)),
+)
+LABELS = {"press": "measured"}
+GREY = "#868e96"
+FASTEST_HZ = 20.0  # of the 3D replay
+MOST_FRAMES = 4000
+SPAN = '<span title="{}" style="flex:{} 0 0;{}">{}</span>'
+REPLAY = (
+    '<h2>Replay</h2><p class="sub">Drag to rotate, scroll to zoom; the bar below plays and '
+    'scrubs.</p><iframe title="3D replay" srcdoc="{}"></iframe>'
+)
 
 
-def page_of(read: "RecordedFile", content: "ReportContent", plots: list[str], scene: str) -> str:
+def page_of(read: "RecordedFile", content: "ReportContent", scene: Html) -> Html:
     """Return the whole page."""
     about = read.about
-    begin_text = datetime.fromtimestamp(content.begin_ns / 1e9, UTC).strftime(
-        "%Y-%m-%d %H:%M:%S UTC"
-    )
-    title = f"Cell {about['cell']}, {begin_text}"
-    broken = "" if read.is_whole else " · truncated: its recorder was killed"
+    begin = datetime.fromtimestamp(content.begin_ns / 1e9, UTC)
     cause = "requested" if about["cause"] == "asked" else f"triggered by {about['cause']}"
-    sub = (
-        f"{read.path.name} · {cause} · forcemesh {about['version']} · "
-        f"configuration {about['config_hash']}{broken}"
+    broken = "" if read.is_whole else " · truncated: its recorder was killed"
+    return filled_page(
+        "cli.report",
+        "report.html",
+        title=f"Cell {about['cell']}, {begin:%Y-%m-%d %H:%M:%S UTC}",
+        origin=f"{read.path.name} · {cause} · forcemesh {about['version']} · "
+        f"configuration {about['config_hash']}{broken}",
+        cards=_cards(content),
+        states=_states(content),
+        stops=_stops(content),
+        plots=_plots(content),
+        scene=scene,
+        topics=_topics(content),
     )
-    parts = [
-        f"<h1>{escape(title)}</h1><p class=sub>{escape(sub)}</p>",
-        _cards(content),
-        _states(content),
-        _stops(content),
-        "<h2>Over time</h2>",
-        *(f"<div class=plot>{plot}</div>" for plot in plots),
-        _scene(scene),
-        _topics(content),
-    ]
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{STYLE}</style>'
-    view = '<meta name="viewport" content="width=device-width, initial-scale=1">'
-    body = "\n".join(part for part in parts if part)
-    return f'<!doctype html><html lang="en"><head>{head}{view}</head><body>{body}</body></html>\n'
 
 
-def _cards(content: "ReportContent") -> str:
-    lost = sum(row.lost for row in content.statistics.values())
-    messages = sum(row.count for row in content.statistics.values())
-    chain = sorted(value for value in content.series.get("chain", []) if value == value)  # noqa: PLR0124 - not NaN
+def _cards(content: "ReportContent") -> Html:
+    rows = content.statistics.values()
+    chain = [value for value in content.series.get("chain", []) if value == value]  # noqa: PLR0124 - not NaN
     cards = [
         (f"{content.duration_s:.1f} s", "recorded"),
         (f"{content.force_max_N:.1f} N", "largest force"),
         (f"{content.torque_max_Nm:.2f} N m", "largest torque"),
-        (f"{len(content.stops)}", "stops"),
-        (f"{messages}", f"messages, {lost} lost"),
+        (len(content.stops), "stops"),
+        (sum(row.count for row in rows), f"messages, {sum(row.lost for row in rows)} lost"),
     ]
     if chain:
-        cards.append((f"{chain[len(chain) // 2]:.1f} ms", "sensor to robot, median"))
+        cards.append((f"{median_high(chain):.1f} ms", "sensor to robot, median"))
     if content.unreadable:
-        cards.append((f"{content.unreadable}", "messages that cannot be decoded"))
-    inside = "".join(f"<div class=card><b>{b}</b><span>{s}</span></div>" for b, s in cards)
-    return f"<div class=cards>{inside}</div>"
+        cards.append((content.unreadable, "messages that cannot be decoded"))
+    return joined(html('<div class="card"><b>{}</b><span>{}</span></div>', *card) for card in cards)
 
 
-def _states(content: "ReportContent") -> str:
+def _states(content: "ReportContent") -> Html:
+    if not content.states:
+        return html("")
     ends = [*(at_s for at_s, _ in content.states[1:]), content.duration_s]
-    spans = "".join(
-        f'<span title="{escape(state)} {at_s:.2f} s to {end_s:.2f} s" style="flex:'
-        f'{max(end_s - at_s, 0.0):.3f} 0 0;{_colours(state)}">'
-        f"{escape(state)}</span>"
-        for (at_s, state), end_s in zip(content.states, ends, strict=True)
-    )
-    return f"<h2>Arbiter states</h2><div class=bar>{spans}</div>" if spans else ""
+    spans = []
+    for (at_s, state), end_s in zip(content.states, ends, strict=True):
+        # A recording may have a state of another version.
+        colour = {str(name): each for name, each in STATE_COLOURS.items()}.get(state, NO_STATE)
+        style = f"background:{colour.background};color:{colour.text}"
+        share, period = max(end_s - at_s, 0.0), f"{state} {at_s:.2f} s to {end_s:.2f} s"
+        spans.append(html(SPAN, period, f"{share:.3f}", style, state))
+    return html('<h2>Arbiter states</h2><div class="bar">{}</div>', joined(spans))
 
 
-def _colours(state: str) -> str:
-    """Return the colours of a state as CSS; a recording may have a state of another version."""
-    known = {str(name): colour for name, colour in STATE_COLOURS.items()}
-    background, text = known.get(state, NO_STATE)
-    return f"background:{background};color:{text}"
-
-
-def _stops(content: "ReportContent") -> str:
+def _stops(content: "ReportContent") -> Html:
     if not content.stops:
-        return "<p class=sub>The arm was not stopped.</p>"
-    return "<h2>Stops</h2>" + "".join(
-        f"<div class=stop><b>{stop.at_s:.2f} s · {escape(stop.state)} · "
-        f"{escape(stop.trip.code)} ({stop.trip.rule})</b><br>{escape(stop.trip.text)}"
-        f"{'<br>Remedy: ' + escape(stop.remedy) if stop.remedy else ''}</div>"
-        for stop in content.stops
-    )
+        return html('<p class="sub">The arm was not stopped.</p>')
+    return html("<h2>Stops</h2>{}", joined(map(_stop, content.stops)))
 
 
-def _scene(scene: str) -> str:
-    if not scene:
-        return ""
-    return (
-        "<h2>Replay</h2><p class=sub>Drag to rotate, scroll to zoom; the bar below plays and "
-        f'scrubs.</p><iframe title="3D replay" srcdoc="{escape(scene)}"></iframe>'
-    )
+def _stop(stop: "StopEvent") -> Html:
+    trip = stop.trip
+    title = f"{stop.at_s:.2f} s · {stop.state} · {trip.code} ({trip.rule})"
+    remedy = html("<br>Remedy: {}", stop.remedy) if stop.remedy else ""
+    return html('<div class="stop"><b>{}</b><br>{}{}</div>', title, trip.text, remedy)
 
 
-def _topics(content: "ReportContent") -> str:
-    rows = "".join(
-        f"<tr><td>{escape(key)}</td><td class=n>{row.count}</td>"
-        f"<td class=n>{row.rate_hz:.1f}</td>"
-        f"<td class=n>{1e3 * row.longest_gap_s:.0f}</td><td class=n>{row.lost}</td></tr>"
+def _topics(content: "ReportContent") -> Html:
+    rows = (
+        (key, row.count, f"{row.rate_hz:.1f}", f"{1e3 * row.longest_gap_s:.0f}", row.lost)
         for key, row in sorted(content.statistics.items())
     )
-    head = "<th>topic</th><th class=n>messages</th><th class=n>rate [1/s]</th>"
-    head += "<th class=n>longest gap [ms]</th><th class=n>lost</th>"
-    return f"<h2>Topics</h2><div class=scroll><table><tr>{head}</tr>{rows}</table></div>"
+    return table(("topic", "messages", "rate [1/s]", "longest gap [ms]", "lost"), rows)
+
+
+def _plots(content: "ReportContent") -> Html:
+    """Return one plot for each title with data."""
+    drawn = []
+    for title, lines in PLOTS:
+        available = [(name, colour) for name, colour in lines if name in content.series]
+        if available:
+            drawn.append(_plot(content, title, available))
+    return joined(drawn)
+
+
+def _plot(content: "ReportContent", title: str, lines: list[tuple[str, str]]) -> Html:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 2.3), layout="constrained")
+    figure.patch.set_alpha(0.0)
+    axes = figure.subplots()
+    axes.patch.set_alpha(0.0)
+    for name, colour in lines:
+        label = LABELS.get(name, name)
+        axes.plot(content.times_s, content.series[name], color=colour, linewidth=1.0, label=label)
+    for stop in content.stops:
+        axes.axvline(stop.at_s, color="#e03131", linewidth=1.0, linestyle=":")
+    axes.set_xlim(0.0, max(content.duration_s, 1e-3))
+    axes.set_title(title, loc="left", fontsize=10, color=GREY)
+    axes.set_xlabel("time [s]", fontsize=8, color=GREY)
+    axes.tick_params(colors=GREY, labelsize=8)
+    axes.grid(visible=True, color=GREY, alpha=0.2, linewidth=0.5)
+    axes.spines[:].set_visible(False)
+    if len(lines) > 1:
+        axes.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=len(lines),
+            fontsize=8,
+            frameon=False,
+            labelcolor=GREY,
+            borderaxespad=0.0,
+        )
+    return picture(title, figure)
+
+
+def scene_of(read: "RecordedFile", cell: "CellConfig", content: "ReportContent") -> Html:
+    """Return the panel's view of the arm's motion, played by the page itself, without a server."""
+    import socket
+
+    import viser
+
+    from cli.report.data import sampled_snapshots
+    from services.panel.scene import Scene
+
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    with redirect_stdout(StringIO()):  # it prints a greeting in any case
+        server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+    try:
+        scene = Scene(server, cell)
+        serializer = server.get_scene_serializer()
+        rate_hz = min(FASTEST_HZ, MOST_FRAMES / max(content.duration_s, 1.0))
+        last_s = 0.0
+        for at_s, snapshot in sampled_snapshots(read, content.begin_ns, rate_hz):
+            serializer.insert_sleep(max(at_s - last_s, 0.0))
+            last_s = at_s
+            scene.draw(snapshot)
+        serializer.insert_sleep(max(content.duration_s - last_s, 0.0))
+        page: str = serializer.as_html()
+    finally:
+        with redirect_stdout(StringIO()):
+            server.stop()
+    return html(REPLAY, page)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from cli.context import USAGE, exit_with_error, one_line_errors, waiting
+from cli.context import one_line_errors, waiting
 from cli.replay import RecordingArgument, recorded_cell
 
 
@@ -22,9 +22,10 @@ def report(
 ) -> None:
     """Write a page with summary, plots, stops and their remedies, and the arm's motion in 3D."""
     with one_line_errors():
+        from cli.pages import write_page
         from cli.report.data import report_content
-        from cli.report.page import page_of
-        from cli.report.plots import plots_of
+        from cli.report.page import page_of, scene_of
+        from services.panel.markup import html
         from services.recorder.reading import RecordedFile
 
         read = RecordedFile(file)
@@ -32,15 +33,7 @@ def report(
         path = out or file.with_suffix(".html")
         with waiting(f"reading {file}"):
             content = report_content(read, cell)
-            plots = plots_of(content)
-        scene = ""
-        if not no_3d:
-            from cli.report.scene import scene_html
-
-            with waiting("drawing the arm's motion"):
-                scene = scene_html(read, cell, content)
-        try:
-            path.write_text(page_of(read, content, plots, scene), encoding="utf-8")
-        except OSError as error:
-            exit_with_error(f"{path}: cannot be written: {error.strerror}", USAGE)
+        with waiting("drawing"):
+            scene = html("") if no_3d else scene_of(read, cell, content)
+            write_page(page_of(read, content, scene), path)
     typer.echo(f"{path}: {content.duration_s:.1f} s, {len(content.stops)} stops")

@@ -15,7 +15,7 @@ from forcemesh.published_ports import HUB_PUBLISHED, PANEL_PUBLISHED, is_loopbac
 IMPLEMENTATIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "sim": {"robot": ("sim",), "sensor": ("sim",)},
     "emulated": {"robot": ("gateway",), "sensor": ("driver",)},
-    "real": {"robot": ("gateway",), "sensor": ("driver", "external")},
+    "real": {"robot": ("gateway", "external"), "sensor": ("driver", "external")},
 }
 # The simulation is the default: a requested profile replaces it.
 REPLACED_BY: dict[str, tuple[str, ...]] = {"sim": ("emulated", "real")}

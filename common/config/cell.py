@@ -41,7 +41,7 @@ Place = tuple[Far, Far, Far]
 class RolesSection(ConfigSection):
     """Implementation of the roles robot and sensor: simulated or real."""
 
-    robot: Literal["sim", "gateway"]
+    robot: Literal["sim", "gateway", "external"]
     sensor: Literal["sim", "driver", "external"]
 
 
@@ -313,6 +313,11 @@ class CellConfig(ConfigSection):
             raise ValueError("roles.robot is gateway, so a section `gateway` is needed")
         if "sim" in (self.roles.robot, self.roles.sensor) and self.sim is None:
             raise ValueError("a role is sim, so a section `sim` is needed")
+        if self.roles.robot == "external" and self.roles.sensor == "sim":
+            raise ValueError(
+                "roles.sensor is sim, so roles.robot must be sim or gateway: the simulated sensor "
+                "is on a simulated arm"
+            )
         if self.sim is not None and self.sim.netft and self.roles.sensor != "driver":
             raise ValueError(
                 "sim.netft: the simulated sensor serves RDT, so roles.sensor must be driver"

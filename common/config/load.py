@@ -1,20 +1,16 @@
-"""Loader of cell files: reports all mistakes at once, each with its path and a suggestion."""
+"""Loader of cell files, with the files that they name and the keys of older versions."""
 
-import difflib
 import hashlib
 import sys
-from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import yaml
-from pydantic import BaseModel, ValidationError
-from yaml.constructor import SafeConstructor
 
 from common.config.cell import CellConfig
 from forcemesh.errors import ConfigError
-from forcemesh.validation_texts import what_is_wrong
+from forcemesh.yaml_file import read_yaml, validated
 
 TUNED = (  # fields permitted in the file that a cell file names as `tuning`
     "robot.delay_s",
@@ -43,7 +39,7 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     """
     path = _followed(Path(path))
     source = str(path)
-    tree = _read_tree(path, source)
+    tree = read_yaml(path, source)
     _take_tuning(tree, path, source)
     for dotted, value in (overrides or {}).items():
         _set(tree, dotted, value, source)
@@ -59,7 +55,7 @@ def calibration_file(path: Path) -> Path | None:
         ConfigError: The cell file cannot be read.
     """
     path = _followed(path)
-    return _calibration_file(_read_tree(path, str(path)), path)
+    return _calibration_file(read_yaml(path, str(path)), path)
 
 
 def _followed(path: Path) -> Path:
@@ -77,7 +73,7 @@ def _take_tuning(tree: Any, path: Path, source: str) -> None:
     if not isinstance(named, str):
         return
     file = path.parent / tree.pop("tuning")
-    measured = _read_tree(file, str(file))
+    measured = read_yaml(file, str(file))
     sections = measured.values() if isinstance(measured, dict) else [None]
     if not all(isinstance(section, dict) for section in sections):
         raise ConfigError(str(file), ["it must hold sections of `forcemesh tune` values"])
@@ -92,14 +88,10 @@ def _take_tuning(tree: Any, path: Path, source: str) -> None:
 
 def cell_from_tree(tree: object, source: str) -> CellConfig:
     """Validate an already parsed cell file. Raise ConfigError as `load_cell` does."""
-    if not isinstance(tree, dict):
-        raise ConfigError(source, ["the file must hold a map of sections"])
-    for old, new in RENAMED.items():
-        _take_renamed(tree, old, new, source)
-    try:
-        return CellConfig.model_validate(tree)
-    except ValidationError as error:
-        raise ConfigError(source, [_explain(item) for item in error.errors()]) from None
+    if isinstance(tree, dict):
+        for old, new in RENAMED.items():
+            _take_renamed(tree, old, new, source)
+    return validated(CellConfig, tree, source)
 
 
 def _take_renamed(tree: dict[str, Any], old: str, new: str, source: str) -> None:
@@ -140,56 +132,10 @@ def dump_cell(cell: CellConfig) -> str:
 def _read_calibration(path: Path) -> Any:
     source = str(path.resolve())
     try:
-        return _read_tree(path, source)
+        return read_yaml(path, source)
     except ConfigError as error:
         remedy = "move the file away, start the cell and calibrate"
         raise ConfigError(source, [f"{what}; {remedy}" for what in error.mistakes]) from error
-
-
-def _read_tree(path: Path, source: str) -> Any:
-    try:
-        text = path.read_text(encoding="utf-8")
-        node, twice = _parsed(text)
-        if twice:
-            raise ConfigError(source, list(twice))
-        return None if node is None else SafeConstructor().construct_document(node)
-    except RecursionError:
-        raise ConfigError(source, ["not a cell file: lists or sections too deep"]) from None
-    except FileNotFoundError:
-        nearby = sorted(str(other) for other in path.parent.glob("[!.]*.yaml"))
-        there = f"; there are {', '.join(nearby)}" if nearby else ""
-        raise ConfigError(source, [f"no such file{there}"]) from None
-    except OSError as error:
-        raise ConfigError(source, [f"cannot be read: {error.strerror or error}"]) from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(source, [f"cannot be read: {error}"]) from None
-    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError) as error:
-        raise ConfigError(source, [f"not YAML: {' '.join(str(error).split())}"]) from None
-
-
-@lru_cache(maxsize=16)
-def _parsed(text: str) -> tuple[yaml.Node | None, tuple[str, ...]]:
-    """Return the YAML tree of a text, and its duplicate names.
-
-    The C parser is faster, but a file of nothing but brackets crashes the process.
-    """
-    node = yaml.compose(text, Loader=yaml.SafeLoader)
-    return node, tuple(_duplicates(node))
-
-
-def _duplicates(
-    node: yaml.Node | None, path: str = "", inside: tuple[yaml.Node, ...] = ()
-) -> Iterator[str]:
-    """Yield the duplicate names of each section; YAML itself takes the last one."""
-    if not isinstance(node, yaml.MappingNode) or any(node is other for other in inside):
-        return
-    lines: dict[str, int] = {}
-    for key, value in node.value:
-        name, line = f"{path}{key.value}", key.start_mark.line + 1
-        if name in lines:
-            yield f"{name}: defined twice, in lines {lines[name]} and {line}"
-        lines.setdefault(name, line)
-        yield from _duplicates(value, f"{name}.", (*inside, node))
 
 
 def _set(tree: Any, dotted: str, value: object, source: str) -> None:
@@ -203,26 +149,3 @@ def _set(tree: Any, dotted: str, value: object, source: str) -> None:
             mistake = f"{dotted}: {'.'.join(keys[:depth])} is not a section"
             raise ConfigError(source, [mistake])
     tree[keys[-1]] = value
-
-
-def _explain(item: Any) -> str:
-    path = ".".join(str(part) for part in item["loc"])
-    if item["type"] == "extra_forbidden":
-        names = _names_at(item["loc"][:-1])
-        near = difflib.get_close_matches(str(item["loc"][-1]), names, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]}?" if near else f"valid names: {', '.join(sorted(names))}"
-        return f"{path}: unknown name; {hint}"
-    what = what_is_wrong(item)
-    return f"{path}: {what}" if path else what
-
-
-def _names_at(location: tuple[int | str, ...]) -> list[str]:
-    """Return the field names of the section at a location."""
-    section: type[BaseModel] = CellConfig
-    for part in location:
-        if isinstance(part, int):  # index in a list of sections
-            continue
-        annotation = section.model_fields[part].annotation
-        choices = (annotation, *get_args(annotation))
-        section = next(c for c in choices if isinstance(c, type) and issubclass(c, BaseModel))
-    return list(section.model_fields)

@@ -32,7 +32,7 @@ from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import ConfigError, ForcemeshError
 from forcemesh.faults import clipped, tripped
 from forcemesh.messages import Health, Trip
-from forcemesh.topics import EVERY_HEALTH
+from forcemesh.topics import HEALTH
 from forcemesh.version import __version__
 
 LONGEST_PAUSE_S = 0.05  # longer waits would delay the stop of the process
@@ -261,7 +261,7 @@ class Runner:
 
 def reporter_of(bus: Bus, cell: CellConfig) -> HealthReporter:
     """Return the health publisher of the bus's role."""
-    topic = EVERY_HEALTH[bus.role]
+    topic = HEALTH[bus.role]
     return HealthReporter(bus, cell, bus.publisher(topic))
 
 

@@ -14,6 +14,7 @@ from forcemesh.messages import (
     Gains,
     Host,
     Mode,
+    PoseRecord,
     Preset,
     RobotState,
     StartLaw,
@@ -48,8 +49,6 @@ class Force:
         """Start without force feedback."""
         self._session = session
         self._last_request: ForceStartRequest | None = None  # last start request of this client
-        tool = session.info.T_flange_tcp
-        self._axis_in_flange = turning.rotate(tool.orientation_xyzw, (0.0, 0.0, 1.0))
 
     @raise_data_errors()
     def start(
@@ -207,7 +206,8 @@ class Force:
     def pressed_N(self) -> float:
         """Return the present pressing force along the tool's axis [N]."""
         robot = self._session.feed(topics.ROBOT_STATE)()
-        return self._press_force(robot, self._session.feed(topics.WRENCH)())
+        wrench = self._session.feed(topics.WRENCH)()
+        return press_force_N(robot, wrench, self._session.info.T_flange_tcp)
 
     def _is_in_contact(self, force_N: float) -> bool:
         """Return whether the tool is in contact; a small force is also measured in free space."""
@@ -224,7 +224,9 @@ class Force:
         if ended and target is not None and since_ns > STARTED_WITHIN_S * NS_PER_S:
             raise NotReachedError(f"pressing ended: {target.reason or 'force feedback stopped'}")
 
-    def _press_force(self, robot: RobotState, wrench: WrenchAtTcp) -> float:
-        q_base_flange = turning.unit(robot.orientation_xyzw)
-        axis = turning.rotate(q_base_flange, self._axis_in_flange)
-        return -sum(f * a for f, a in zip(wrench.force_N, axis, strict=True))
+
+def press_force_N(robot: RobotState, wrench: WrenchAtTcp, T_flange_tcp: PoseRecord) -> float:
+    """Return the force along the tool's z axis [N], positive: the tool presses."""
+    axis_in_flange = turning.rotate(T_flange_tcp.orientation_xyzw, (0.0, 0.0, 1.0))
+    axis = turning.rotate(turning.unit(robot.orientation_xyzw), axis_in_flange)
+    return -sum(f * a for f, a in zip(wrench.force_N, axis, strict=True))

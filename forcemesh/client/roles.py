@@ -17,9 +17,9 @@ class RoleHealth:
     def __init__(self, bus: Bus, info: CellInfo) -> None:
         """Prepare the feeds; an external sensor has no health topic, so its readings are used."""
         self._bus = bus
-        self._longest_wait_s = info.stale_after_s(topics.HUB_HEALTH)
+        self._longest_wait_s = info.stale_after_s(topics.HEALTH["hub"])
         self.feeds: dict[str, Feed[Health] | Feed[SensorWrench]] = {
-            name: Feed(bus, topic, LostError) for name, topic in topics.EVERY_HEALTH.items()
+            name: Feed(bus, topic, LostError) for name, topic in topics.HEALTH.items()
         }
         if info.roles["sensor"] == "external":
             self.feeds["sensor"] = Feed(bus, topics.SENSOR_WRENCH, LostError)

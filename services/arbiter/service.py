@@ -28,10 +28,8 @@ class ArbiterService:
         self._wrench = bus.reader(topics.WRENCH)
         self._target = bus.reader(topics.REGULATOR_TARGET)
         without_health = {"arbiter", "sensor"} if cell.roles.sensor == "external" else {"arbiter"}
-        watched = {
-            role: topic for role, topic in topics.HEALTH.items() if role not in without_health
-        }
-        self._health = {role: bus.reader(topic) for role, topic in watched.items()}
+        watched = [role for role in topics.ROLES if role not in without_health]
+        self._health = {role: bus.reader(topics.HEALTH[role]) for role in watched}
         self._command = bus.publisher(topics.ROBOT_COMMAND)
         self._status = bus.publisher(topics.ARBITER_STATUS)
         self._status_period_ns = round(NS_PER_S / cell.rates.status_hz)

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from forcemesh.faults import FAULTS
+from forcemesh.client.ask import remedy_of
 from forcemesh.messages import ArbiterStatus, Trip
 
 FAULTS_KEPT = 50
@@ -21,8 +21,7 @@ class Happened:
     @property
     def remedy(self) -> str:
         """Remedy of the fault code, empty when it has none."""
-        row = FAULTS.get(self.trip.code)
-        return "" if row is None else row.remedy
+        return remedy_of(self.trip.code)
 
 
 class FaultLog:

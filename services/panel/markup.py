@@ -2,12 +2,14 @@
 
 A reason, a name, a hash from the bus is written by any process that may publish, and a browser
 would execute markup in it: an element, a frame, a script. A page therefore consists of `Html` only,
-and only `html` makes `Html`: it escapes everything that is not yet `Html`.
+and only this module makes `Html`: it escapes everything that is not yet `Html`.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
+from string import Template
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,22 @@ def html(template: str, *parts: object) -> Html:
 def joined(parts: Iterable[Html], between: str = "") -> Html:
     """Return the parts joined by an escaped separator."""
     return Html(escape(between).join(part.source for part in parts))
+
+
+def filled_page(package: str, name: str, **parts: object) -> Html:
+    """Return a page of a package's `templates` with its `$names` filled as `html` does."""
+    sources = {part: _source(value) for part, value in parts.items()}
+    return Html(Template(template(package, name)).substitute(sources))
+
+
+def template(package: str, name: str) -> str:
+    """Return the text of a file in a package's `templates`."""
+    return files(package).joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def paragraphs(*lines: Html | str) -> Html:
+    """Return each line as a paragraph; plain strings are escaped."""
+    return joined(html("<p>{}</p>", line) for line in lines)
 
 
 def _source(part: object) -> str:

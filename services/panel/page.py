@@ -3,6 +3,7 @@
 import asyncio
 import threading
 import time
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,17 +17,16 @@ from services.panel.access import Door
 from services.panel.encrypted import context_of
 from services.panel.faultlog import FaultLog
 from services.panel.history import PlotHistory
+from services.panel.markup import html, paragraphs
 from services.panel.plots import PLOT_PERIOD_S as PLOTS_S
 from services.panel.plots import Plots
-from services.panel.prose import Prose, paragraphs
 from services.panel.readout import NAMES, Readout
 from services.panel.scene import Scene
 from services.panel.server import RIGHTS, Gate, close_server, open_server
 from services.panel.sessions import Rights
-from services.panel.status_bar import may_stop, strip
-from services.panel.stopping import UNANSWERED, stop_text
-from services.panel.tabs import Refresh, all_tabs, settings
-from services.panel.viewer import RequestOutcome, Viewer, ask
+from services.panel.status_bar import UNANSWERED, may_stop, stop_text, strip
+from services.panel.tabs import Refresh, all_tabs
+from services.panel.viewer import Prose, RequestOutcome, Viewer, ask, put
 from services.panel.watch import CellMonitor, Snapshot
 from services.panel.wizard import WizardProcess
 
@@ -36,6 +36,11 @@ IDLE_PERIOD_S = 0.25  # poll period while no page is open
 OLD_S = 0.5  # age above which a snapshot is renewed before it is shown
 LEFT_S = 3.0  # covers the gap while a page is reloaded
 JOINED_WITHIN_S = 2.0  # for Stop motion: without an open page the panel is off the bus
+DARK_KEY = "forcemesh dark"
+ANSWERS_WITHIN_S = 20.0
+DRAWN_SLOWLY = html(  # bar.html shows it where the browser has no graphics card
+    '<p class="fm-software">The 3D view is drawn without a graphics card; it may lag.</p>'
+)
 STOPPED_BY = "Stop motion was pressed in the panel"
 
 
@@ -52,7 +57,7 @@ class PanelPage:
         self._watch = CellMonitor(cell)
         self._readout, self._history = Readout(cell), PlotHistory(NAMES)
         self._log = FaultLog(lambda: datetime.now().astimezone().strftime("%H:%M:%S"))
-        self._forms: dict[int, tuple[Viewer, list[Refresh]]] = {}
+        self._forms: dict[int, list[Refresh]] = {}
         self._snapshot = Snapshot()
         self._updated_ns = 0
         gate = Gate(door, f"forcemesh {cell.cell}")
@@ -137,20 +142,40 @@ class PanelPage:
         gui = client.gui
         if rights == "view":
             Prose(gui, paragraphs("View only: this session has no operator rights."))
-            with gui.add_tab_group().add_tab(settings.TAB.label, settings.TAB.icon):
-                settings.add_settings(client)
-            return
-        viewer = Viewer(client, self._watch, self._cell, self._wizard, self._log)
-        viewer.keep_answers_in(Prose(gui, paragraphs("Replies to requests appear here.")))
-        refreshes = []
-        tabs = gui.add_tab_group()
-        for tab in all_tabs():
-            with tabs.add_tab(tab.label, tab.icon):
-                if (refresh := tab.build(viewer)) is not None:
-                    refreshes.append(refresh)
-        self._forms[client.client_id] = (viewer, refreshes)
+            tabs = gui.add_tab_group()
+        else:
+            viewer = Viewer(client, self._watch, self._cell, self._wizard, self._log)
+            viewer.answer = Prose(gui, paragraphs("Replies to requests appear here."))
+            tabs, refreshes = gui.add_tab_group(), []
+            for tab in all_tabs():
+                with tabs.add_tab(tab.label, tab.icon):
+                    refreshes.append(tab.build(viewer))
+            self._forms[client.client_id] = refreshes
+        with tabs.add_tab("Settings", viser.Icon.SETTINGS):
+            add_settings(client)
 
     def _refresh_forms(self, snapshot: Snapshot) -> None:
-        for _, refreshes in list(self._forms.values()):
+        for refreshes in list(self._forms.values()):
             for refresh in refreshes:
                 refresh(snapshot)
+
+
+def add_settings(client: viser.ClientHandle) -> None:
+    """Add the dark mode switch, whose setting the browser stores, and the note on drawing."""
+    dark = client.gui.add_checkbox("Dark mode", initial_value=False)
+    Prose(client.gui, DRAWN_SLOWLY)
+
+    def show(*, persist: bool) -> None:
+        client.gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=dark.value)
+        if persist:
+            client.local_storage.set_item(DARK_KEY, "yes" if dark.value else "no")
+
+    dark.on_update(lambda _event: show(persist=True))
+
+    def recall() -> None:
+        with suppress(TimeoutError):  # a busy browser keeps the light theme
+            if client.local_storage.get_item(DARK_KEY, timeout=ANSWERS_WITHIN_S) == "yes":
+                put(dark, value=True)
+                show(persist=False)
+
+    threading.Thread(target=recall, daemon=True).start()

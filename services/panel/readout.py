@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.config.cell import CellConfig
+from common.config.info import cell_info
 from common.motion.contact_point import contact_point_m
 from common.motion.convert import pose_of
-from common.motion.frames import Array, R_from_quaternion
-from forcemesh.messages import RobotCommand, RobotState, WrenchAtTcp
+from common.motion.frames import Array
+from forcemesh.client.force import press_force_N
+from forcemesh.messages import RegulatorTarget, RobotCommand, RobotState, WrenchAtTcp
 from services.panel.watch import Snapshot
 
 FORCES = ("press", "set point", "Fx", "Fy", "Fz")
@@ -28,11 +30,6 @@ class Tool:
     torque_Nm: Array | None  # shape (3,)
 
     @property
-    def press_N(self) -> float | None:
-        """Press force of the tool along its z axis."""
-        return None if self.force_N is None else -float(self.force_N @ self.R_base_tcp[:, 2])
-
-    @property
     def contact_m(self) -> Array:
         """Point at which the force acts, in base [m]; the TCP if it is unknown. Shape (3,)."""
         if self.force_N is None or self.torque_Nm is None:
@@ -46,6 +43,7 @@ class Readout:
     def __init__(self, cell: CellConfig) -> None:
         """Read the frames and the deadband from the cell file."""
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
+        self._tool = cell_info(cell).T_flange_tcp
         self._deadband_N = cell.force.deadband_N
         self._setpoint_N: float | None = None
         self._taken: tuple[int, int] | None = None
@@ -71,12 +69,13 @@ class Readout:
             found |= distance_mm(snapshot.command.fresh, robot)
             found |= self._latency_ms(robot)
         if robot is not None and wrench is not None:
-            tool = self.tool(robot, wrench)
-            found["press"] = tool.press_N or 0.0
-            self._setpoint_N = self._setpoint(snapshot, tool)
+            target = snapshot.target.fresh
+            found["press"] = press_force_N(robot, wrench, self._tool)
+            axis = self.tool(robot, wrench).R_base_tcp[:, 2]
+            self._setpoint_N = self._setpoint(target, found["press"], axis)
             if self._setpoint_N is not None:
                 found["set point"] = self._setpoint_N
-            if snapshot.target.fresh is not None and snapshot.target.fresh.mode != "position":
+            if target is not None and target.mode != "position":
                 found["target"] = 0.0  # torques are always controlled to zero
         return found
 
@@ -89,23 +88,23 @@ class Readout:
         self._taken = number
         return latency_ms(robot)
 
-    def _setpoint(self, snapshot: Snapshot, tool: Tool) -> float | None:
+    def _setpoint(
+        self, target: RegulatorTarget | None, press_N: float, axis: Array
+    ) -> float | None:
         """Return the force set point along the tool axis, derived from the regulator's error.
 
         The error is reduced by the deadband and zero inside it; there the last value is kept.
         """
-        target = snapshot.target.fresh
-        if target is None or target.mode in (None, "orientation") or tool.force_N is None:
+        if target is None or target.mode in (None, "orientation"):
             return None
         error_N = np.array(target.error_force_N)
         length_N = float(np.linalg.norm(error_N))
-        press_N = tool.press_N or 0.0
         if length_N < 1e-9:
             last_N = self._setpoint_N
             near = last_N is not None and abs(last_N - press_N) < 3.0 * self._deadband_N
             return last_N if near else press_N
         whole_N = error_N * (length_N + self._deadband_N) / length_N
-        return press_N + float(whole_N @ tool.R_base_tcp[:, 2])
+        return press_N + float(whole_N @ axis)
 
 
 def distance_mm(command: RobotCommand | None, robot: RobotState) -> dict[str, float]:
@@ -127,8 +126,3 @@ def latency_ms(robot: RobotState) -> dict[str, float]:
     if taken is None or taken.sensor_stamp_ns is None:
         return {}
     return {"chain": (taken.at_ns - taken.sensor_stamp_ns) / 1e6}
-
-
-def flange_axes(robot: RobotState) -> Array:
-    """Return the flange's axes in base as columns. Shape (3, 3)."""
-    return np.asarray(R_from_quaternion(robot.orientation_xyzw))

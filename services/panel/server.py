@@ -14,12 +14,12 @@ import io
 import json
 import logging
 import os
+import re
 import secrets
 import socket
 import ssl
 from collections.abc import Awaitable, Callable, Iterator
 from http import HTTPStatus
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +32,7 @@ from websockets.http11 import Request, Response
 from forcemesh.clock import Clock, MonotonicClock
 from forcemesh.errors import ForcemeshError
 from services.panel.access import ASKED_BY_US, Door, cookie_in, token_in
-from services.panel.markup import html
-from services.panel.policy import NONCE, policy, with_nonce_unpacked, with_nonces
+from services.panel.markup import html, template
 from services.panel.sessions import Rights, Sessions
 from services.panel.state_colours import NO_STATE
 
@@ -46,6 +45,16 @@ RIGHTS: contextvars.ContextVar[Rights] = contextvars.ContextVar("rights", defaul
 ENTERED = '<!doctype html><meta http-equiv="refresh" content="0; url=/"><title>forcemesh</title>'
 BACKLOG = 32
 SELF_TEST_S = 5.0
+NONCE = "nonce-of-this-answer"  # placeholder, replaced when the page is sent
+# viser's front end unpacks its code, its workers and its styles from the page, and evaluates some.
+POLICY = (
+    "default-src 'self' data: blob:; script-src 'nonce-{nonce}' 'unsafe-eval' blob:; "
+    "style-src 'self' 'unsafe-inline'; connect-src 'self' {sockets}data: blob:; "
+    "worker-src 'self' blob: data:; frame-src 'none'; object-src 'none'; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+)
+UNPACKS = 'e.type="module";'  # viser's script passes its code to a script that it creates
+NETLOC = re.compile(r"[A-Za-z0-9.\-]+(:[0-9]+)?|\[[0-9a-fA-F:]+\](:[0-9]+)?")
 
 
 class PanelServer(viser.ViserServer):
@@ -105,7 +114,11 @@ class Gate:
         return self._sessions.rights(number, self._clock.now_ns())
 
     def _closed(self) -> Response:
-        return answer(HTTPStatus.UNAUTHORIZED, with_nonces(resource("token.html")), "text/html")
+        return answer(
+            HTTPStatus.UNAUTHORIZED,
+            with_nonces(template("services.panel", "token.html")),
+            "text/html",
+        )
 
     def _enter(self, shown: str) -> Response:
         """Start a session for a valid token and remove the token from the address.
@@ -233,10 +246,40 @@ def page(title: str) -> str:
     )
     head, _, tail = with_nonce_unpacked(text).rpartition("</body>")
     colours = f"background: {NO_STATE.background}; color: {NO_STATE.text};"
-    text = with_nonces(f"{head}{resource('bar.html')}</body>{tail}")
+    bar = template("services.panel", "bar.html")
+    text = with_nonces(f"{head}{bar}</body>{tail}")
     return text.replace("/* colours without a state */", colours)
 
 
-def resource(name: str) -> str:
-    """Return the text of a file of this package."""
-    return files("services.panel").joinpath(name).read_text(encoding="utf-8")
+# --- Content-Security-Policy: its own scripts and this panel's address only -----------------------
+# Second barrier behind `services.panel.markup`: if foreign text became an element, it could run,
+# frame and send nothing. Every own script carries a nonce drawn for each reply; an injected script
+# has none.
+
+
+def policy(nonce: str, asked: str) -> str:
+    """Return the header of a page with this nonce, requested under a `Host`.
+
+    For some browsers 'self' does not include the websocket of the same address.
+    """
+    sockets = f"ws://{asked} wss://{asked} " if NETLOC.fullmatch(asked) else ""
+    return POLICY.format(nonce=nonce, sockets=sockets)
+
+
+def with_nonces(text: str) -> str:
+    """Return the page with the nonce in all of its scripts."""
+    return text.replace("<script", f'<script nonce="{NONCE}"')
+
+
+def with_nonce_unpacked(text: str) -> str:
+    """Return viser's page, changed so that its script passes the nonce to the unpacked code.
+
+    Raises:
+        ForcemeshError: This version of viser unpacks its page differently.
+    """
+    if text.count(UNPACKS) != 1:
+        raise ForcemeshError(
+            "refused: this version of viser loads its page in a form that the panel's "
+            "Content-Security-Policy does not support; use a version that pyproject.toml names"
+        )
+    return text.replace(UNPACKS, f'{UNPACKS}e.nonce="{NONCE}";')

@@ -1,12 +1,10 @@
-"""Colours of the arbiter's states, for the panel and for reports. Pure.
+"""Colours of the arbiter's states, for the panel, for reports and for the terminal. Pure.
 
 The state's word is always shown in its colour. Every two colours differ in lightness or along the
 axis blue to yellow, so that they are distinguishable with any colour blindness; a test computes it.
 """
 
 from typing import NamedTuple
-
-from forcemesh.messages import ArbiterState
 
 
 class StateColour(NamedTuple):
@@ -16,7 +14,7 @@ class StateColour(NamedTuple):
     text: str
 
 
-STATE_COLOURS: dict[ArbiterState, StateColour] = {
+STATE_COLOURS: dict[str, StateColour] = {
     "BOOT": StateColour("#868e96", "#000000"),
     "IDLE": StateColour("#f1f3f5", "#212529"),
     "ARMED": StateColour("#ffd43b", "#000000"),  # may move
@@ -26,4 +24,6 @@ STATE_COLOURS: dict[ArbiterState, StateColour] = {
     "HOLDING": StateColour("#ffa8a8", "#000000"),
     "FAULT": StateColour("#b01030", "#ffffff"),
 }
-NO_STATE = StateColour("#000000", "#ffffff")  # the cell or its arbiter is not received
+NO_STATE = StateColour(
+    "#000000", "#ffffff"
+)  # the cell or its arbiter is not received, or its state is unknown

@@ -1,15 +1,18 @@
-"""Contents of the status bar: state and its cause, force, commander, each service. Pure."""
+"""Contents of the status bar: state and cause, force, commander, services; reply to a stop."""
 
+from math import hypot
 from typing import Any
 
 from common.config.cell import CellConfig
+from common.config.info import cell_info
 from forcemesh import topics
 from forcemesh.bus import Reading
+from forcemesh.client.force import press_force_N
 from forcemesh.messages import ArbiterStatus
 from forcemesh.trip_text import trip_text
-from services.panel.force_display import force_display
 from services.panel.sessions import Rights
 from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
+from services.panel.viewer import RequestOutcome
 from services.panel.watch import Snapshot, age_text
 
 STREAMS = {  # role: topic whose age is shown; its health topic is published at a low rate
@@ -19,11 +22,8 @@ STREAMS = {  # role: topic whose age is shown; its health topic is published at 
     "regulator": "target",
     "arbiter": "command",
 }
-
-
-def mode_of(cell: CellConfig) -> str:
-    """Return whether the cell is simulated or real."""
-    return "SIMULATION" if cell.sim is not None else "REAL"
+ALONE = {"jog": " for jog", "back_off": " to back off"}
+UNANSWERED = "NO ANSWER"
 
 
 def may_stop(cell: CellConfig, rights: Rights) -> bool:
@@ -37,7 +37,7 @@ def strip(cell: CellConfig, snapshot: Snapshot, rights: Rights) -> dict[str, Any
     why, remedy = cause_of(snapshot)
     return {
         "cell": cell.cell,
-        "mode": mode_of(cell),
+        "mode": "SIMULATION" if cell.sim is not None else "REAL",
         "rights": rights,
         "may_stop": may_stop(cell, rights),
         "state": state,
@@ -49,9 +49,6 @@ def strip(cell: CellConfig, snapshot: Snapshot, rights: Rights) -> dict[str, Any
         "who": who(snapshot.arbiter.fresh),
         "services": [] if snapshot.hub_fault else services(snapshot),
     }
-
-
-ALONE = {"jog": " for jog", "back_off": " to back off"}
 
 
 def state_of(snapshot: Snapshot) -> tuple[str, StateColour]:
@@ -124,3 +121,51 @@ def fault_of(reading: Reading[Any] | None) -> str:
     if reading is None:
         return "no message"
     return reading.fault or str(getattr(reading.message, "fault", ""))
+
+
+def force_display(cell: CellConfig, snapshot: Snapshot) -> dict[str, str]:
+    """Return caption and value of the force [N] and its set point [N].
+
+    While force feedback presses, the force is the one along the tool's z axis, else |F|. Without a
+    fresh wrench the value is empty, and `lost` gives the reason: no data must not look like 0 N.
+    """
+    wrench, robot, target = snapshot.wrench.fresh, snapshot.robot.fresh, snapshot.target.fresh
+    if snapshot.hub_fault or wrench is None:
+        return {"caption": "force", "value": "", "setpoint": "", "lost": lost(snapshot)}
+    note = "" if wrench.calibrated else ", not calibrated"
+    caption, force_N, setpoint = "force |F|", hypot(*wrench.force_N), ""
+    presses = target is not None and target.mode in {"position", "both"}
+    if robot is not None and target is not None and presses and target.law != "admittance":
+        caption = "normal force"
+        force_N = press_force_N(robot, wrench, cell_info(cell).T_flange_tcp)
+        setpoint = "" if target.setpoint_N is None else f"{target.setpoint_N:.1f}"
+    return {
+        "caption": f"{caption}{note}",
+        "value": f"{force_N:z.1f}",
+        "setpoint": setpoint,
+        "lost": "",
+    }
+
+
+def lost(snapshot: Snapshot) -> str:
+    """Return in a few words why there is no force."""
+    reading: Reading[Any] = snapshot.wrench
+    if snapshot.hub_fault or reading.message is None:
+        return "no data"
+    return f"no data for {age_text(reading)}" if reading.silent else "not valid"
+
+
+def stop_text(answer: RequestOutcome, snapshot: Snapshot) -> str:
+    """Return the reply to Stop motion, from the reply and the state received after it.
+
+    A reply can be lost or late although the request was executed: the page must not show HOLDING
+    and NO ANSWER at the same time.
+    """
+    if answer.word == "done":
+        return answer.text
+    if answer.word == "no answer" and (state := held_as(snapshot)):
+        return f"the arm is held (state {state}); the reply was lost"
+    if answer.word == "no answer":
+        why = f"({answer.text}). Use the emergency stop or the pendant."
+        return f"{UNANSWERED} from the cell {why}"
+    return f"{answer.word}: {answer.text}"

@@ -16,7 +16,6 @@ from forcemesh.client import Cell, RefusedError
 from forcemesh.errors import BusError, ForcemeshError
 from services.panel.faultlog import FaultLog
 from services.panel.markup import Html, html
-from services.panel.prose import Prose
 from services.panel.watch import CellMonitor
 from services.panel.wizard import WizardProcess
 
@@ -41,6 +40,29 @@ class RequestOutcome:
     text: str
 
 
+class Prose:
+    """Text element of a form, escaped `Html`; sent to the browser only when it has changed.
+
+    viser's Markdown is not used: it renders raw HTML, scripts included, creates links and reads
+    pictures from this machine's disk; text from the bus must not do that.
+    """
+
+    def __init__(self, gui: viser.GuiApi, shown: Html) -> None:
+        """Append the element to the form."""
+        self._shown = shown
+        self._handle = gui.add_html(_framed(shown).source)
+
+    def show(self, shown: Html) -> None:
+        """Replace the shown text."""
+        if shown != self._shown:
+            self._shown = shown
+            self._handle.content = _framed(shown).source
+
+
+def _framed(shown: Html) -> Html:
+    return html('<div class="fm-prose">{}</div>', shown)
+
+
 def ask(watch: CellMonitor, action: Action) -> RequestOutcome:
     """Execute an action as a client of the cell; return its result as text."""
     try:
@@ -62,8 +84,8 @@ class Viewer:
     cell: CellFile
     wizard: WizardProcess
     log: FaultLog
+    answer: Prose | None = None  # permanent line for replies
     _confirming: Any = None
-    _answer: Prose | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     @property
@@ -78,18 +100,14 @@ class Viewer:
     def show(self, what: str, answer: RequestOutcome) -> None:
         """Show a reply to this client: as a notification and in the permanent line."""
         text = answer.text or answer.word
-        if self._answer is not None:
-            self._answer.show(html("<p>{} <b>{}</b>: {}</p>", MARKS[answer.word], what, text))
+        if self.answer is not None:
+            self.answer.show(html("<p>{} <b>{}</b>: {}</p>", MARKS[answer.word], what, text))
         self.client.add_notification(
             title=f"{what}: {answer.word}",
             body=text,
             auto_close_seconds=SHOWN_S,
             color=COLOURS[answer.word],
         )
-
-    def keep_answers_in(self, line: Prose) -> None:
-        """Set the permanent line for replies."""
-        self._answer = line
 
     def confirm(
         self,
@@ -159,6 +177,8 @@ class Viewer:
         return True
 
 
-def put(handle: Any, value: object) -> None:
-    """Set the value of a form field."""
-    handle.value = value
+def put(handle: Any, **properties: object) -> None:
+    """Set the properties of an element that differ: each one set is sent to the browser."""
+    for name, value in properties.items():
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)

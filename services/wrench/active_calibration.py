@@ -1,7 +1,7 @@
 """Active calibration and its validity for this cell, tool and sensor. Pure."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import degrees
 from typing import Any
 
@@ -27,19 +27,10 @@ class ActiveCalibration:
 
     payload: Payload
     origin: str  # revision of a calibration, or OF_THE_CELL_FILE
+    name: str  # in each wrench message: the origin, and whether it was tared
     sensor: str = ""  # serial number of the sensor it was made with, empty if unknown
     objection: str = ""  # why it is not valid in this cell
-    tared: bool = False
     axes_checked: bool = False  # axes and signs were verified while it was active
-
-    @property
-    def name(self) -> str:
-        """Return the name that each wrench message carries."""
-        return f"{self.origin}, tared" if self.tared else self.origin
-
-    def with_bias_of(self, payload: Payload) -> "ActiveCalibration":
-        """Return a copy with the payload of a tare."""
-        return replace(self, payload=payload, tared=True)
 
     def fault(self, sensor: str) -> str:
         """Return why force feedback must not use it with the sensor of this serial number."""
@@ -63,13 +54,15 @@ def initial_calibration(cell: CellConfig) -> ActiveCalibration:
             "run `forcemesh calibrate`"
         )
     objection = objection or _too_heavy(section.mass_kg, cell)
-    return ActiveCalibration(section.payload, OF_THE_CELL_FILE, objection=objection)
+    name = OF_THE_CELL_FILE
+    return ActiveCalibration(section.payload, name, name, objection=objection)
 
 
 def active_calibration(found: CalibrationSection, cell: CellConfig) -> ActiveCalibration:
     """Return a stored calibration with its validity in this cell."""
+    name = found.revision
     return ActiveCalibration(
-        found.payload.payload, found.revision, found.sensor, _objection(found, cell)
+        found.payload.payload, name, name, found.sensor, _objection(found, cell)
     )
 
 

@@ -8,15 +8,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.config.payload import Payload, residual
-from common.motion.convert import pose_of
 from common.motion.frames import Array, rotation_between
 from forcemesh.errors import DataError
 from forcemesh.faults import refusal
-from forcemesh.messages import RobotState
-from forcemesh.requests import Reply
+from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply
 from services.wrench.active_calibration import (
     ActiveCalibration,
     active_calibration,
@@ -35,121 +34,102 @@ REST_TURN_RAD = 2e-3  # the same for its orientation: an error of 2 g per kilogr
 class RequestContext(NamedTuple):
     """Inputs at the time of a request."""
 
+    now_ns: int
     fault: WrenchFault  # of the inputs
-    robot: RobotState | None
+    T_base_flange: pin.SE3 | None  # None only with a fault
+    moving: bool  # the robot reports motion
     feedback_runs: bool
 
 
 class CalibrationManager:
     """Active calibration, changed on request or refused with a reason."""
 
-    def __init__(self, cell: CellConfig, mounting: Mounting) -> None:
+    def __init__(self, cell: CellConfig, mounting: Mounting, now_ns: int) -> None:
         """Start with the calibration of the cell, or with the payload of its file."""
         self.in_use: ActiveCalibration = initial_calibration(cell)
+        self.zero_since_ns = now_ns  # after a restart the age of the zero is unknown
         self._cell = cell
         self._mounting = mounting
         self._limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
+        # The last readings, sensor axes, shape (6,), with the pose of the flange; cleared by a gap.
         window = round(WINDOW_S * cell.rates.sensor_hz)
-        self._recent: deque[tuple[Array, RobotState]] = deque(maxlen=window)
+        self.recent: deque[tuple[Array, pin.SE3]] = deque(maxlen=window)
 
-    def add(self, reading: Array, robot: RobotState) -> None:
-        """Store a reading in sensor axes, shape (6,), with the state of the robot."""
-        self._recent.append((reading, robot))
-
-    def clear(self) -> None:
-        """Clear the window after a gap or a fault."""
-        self._recent.clear()
-
-    def tare(self, context: RequestContext) -> Reply:
+    def tare(self, context: RequestContext, _: Empty) -> Reply:
         """Take the present reading as zero."""
-        robot = context.robot
-        refused = self._refusal(context)
-        if refused is not None or robot is None:
-            return refused or refusal("invalid", "no pose")
-        readings = [reading for reading, _ in self._recent]
-        R = self._R_base_sensor(robot)
+        if (refused := self._refusal(context)) is not None:
+            return refused
+        readings = [reading for reading, _ in self.recent]
+        R = self._R_base_sensor(context)
         payload, reply = tare(self.in_use.payload, readings, R, self._limits)
         if reply.accepted:
-            self.in_use = self.in_use.with_bias_of(payload)
+            name = f"{self.in_use.origin}, tared"
+            self.in_use = replace(self.in_use, payload=payload, name=name)
+            self.zero_since_ns = context.now_ns
         return reply
 
-    def calibrate(self, context: RequestContext, text: str) -> Reply:
-        """Activate another calibration if it explains the present reading.
-
-        Args:
-            moment: Inputs at the time of the request.
-            text: The calibration as JSON.
-        """
+    def calibrate(self, context: RequestContext, request: CalibrationRequest) -> Reply:
+        """Activate another calibration if it explains the present reading."""
         try:
-            found = parse_calibration(text)
+            found = parse_calibration(request.calibration_json)
         except DataError as error:
             return refusal("malformed", f"not a calibration: {error}"[:400])
         new = active_calibration(found, self._cell)
         if new.objection:
             return refusal("payload", new.objection)
-        robot = context.robot
-        refused = self._refusal(context)
-        if refused is not None or robot is None:
-            return refused or refusal("invalid", "no pose")
-        force_N, torque_Nm = self._residual(new.payload, robot)
-        if (refused := self._too_much(found.revision, force_N, torque_Nm)) is not None:
+        if (refused := self._refusal(context)) is not None:
             return refused
-        self.in_use = new
+        force_N, torque_Nm = self._residual(new.payload, self._R_base_sensor(context))
+        most_N, most_Nm = self._cell.force.idle_max_N, self._cell.force.idle_max_Nm
+        if force_N > most_N or torque_Nm > most_Nm:
+            text = (
+                f"calibration {found.revision} leaves {force_N:.1f} N and {torque_Nm:.2f} N m "
+                "about the TCP of the present reading: the tool is in contact, or another tool is "
+                "mounted"
+            )
+            value, limit = (force_N, most_N) if force_N > most_N else (torque_Nm, most_Nm)
+            return refusal("contact", text, value=value, limit=limit)
+        self.in_use, self.zero_since_ns = new, context.now_ns  # its bias is new too
         text = f"calibration {found.revision} is in use: residual {force_N:.2f} N and "
         return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
 
-    def _residual(self, payload: Payload, robot: RobotState) -> tuple[float, float]:
-        """Return the residual force [N] and torque about the TCP [N m] of the present reading."""
-        mean = np.mean([reading for reading, _ in self._recent], axis=0)
-        residual_N, residual_Nm = residual(
-            payload, self._R_base_sensor(robot), force_N=mean[:3], torque_Nm=mean[3:]
-        )
-        about_tcp_Nm = residual_Nm - np.cross(self._mounting.p_sensor_tcp_in_sensor, residual_N)
-        return float(np.linalg.norm(residual_N)), float(np.linalg.norm(about_tcp_Nm))
-
-    def _too_much(self, revision: str, force_N: float, torque_Nm: float) -> Reply | None:
-        """Refuse a payload whose residual exceeds the preflight limits for free space."""
-        most_N, most_Nm = self._cell.force.idle_max_N, self._cell.force.idle_max_Nm
-        if force_N <= most_N and torque_Nm <= most_Nm:
-            return None
-        text = (
-            f"calibration {revision} leaves {force_N:.1f} N and {torque_Nm:.2f} N m about the TCP "
-            "of the present reading: the tool is in contact, or another tool is mounted"
-        )
-        value, limit = (force_N, most_N) if force_N > most_N else (torque_Nm, most_Nm)
-        return refusal("contact", text, value=value, limit=limit)
-
-    def axes_checked(self, calibration: str) -> Reply:
+    def axes_checked(self, _: RequestContext, request: AxesRequest) -> Reply:
         """Record that axes and signs were verified with a calibration."""
-        if calibration != self.in_use.name:
+        if request.calibration != self.in_use.name:
             text = (
-                f"axes were checked with calibration {calibration!r}, but {self.in_use.name!r} is "
-                "in use: check them again"
+                f"axes were checked with calibration {request.calibration!r}, but "
+                f"{self.in_use.name!r} is in use: check them again"
             )
             return refusal("payload", text)
         self.in_use = replace(self.in_use, axes_checked=True)
         text = f"axes and signs are verified for calibration {self.in_use.name}"
         return Reply(accepted=True, text=text)
 
+    def _residual(self, payload: Payload, R_base_sensor: Array) -> tuple[float, float]:
+        """Return the residual force [N] and torque about the TCP [N m] of the present reading."""
+        mean = np.mean([reading for reading, _ in self.recent], axis=0)
+        residual_N, residual_Nm = residual(
+            payload, R_base_sensor, force_N=mean[:3], torque_Nm=mean[3:]
+        )
+        about_tcp_Nm = residual_Nm - np.cross(self._mounting.p_sensor_tcp_in_sensor, residual_N)
+        return float(np.linalg.norm(residual_N)), float(np.linalg.norm(about_tcp_Nm))
+
     def _refusal(self, context: RequestContext) -> Reply | None:
-        if context.fault != NO_FAULT or context.robot is None:
+        """Refuse with invalid inputs, with force feedback, and unless the flange is at rest."""
+        if context.fault != NO_FAULT:
             return refusal(context.fault.code, context.fault.text)
         if context.feedback_runs:
             return refusal("busy", "force feedback is running: stop it first")
-        if len(self._recent) < (self._recent.maxlen or 1):
+        if len(self.recent) < (self.recent.maxlen or 1):
             return refusal("wait", "not enough samples yet: repeat the request")
-        return self._motion(context.robot)
-
-    def _motion(self, robot: RobotState) -> Reply | None:
-        """Refuse when the flange moved or turned during the window."""
-        poses = [pose_of(state) for _, state in self._recent]
+        poses = [T for _, T in self.recent]
         moved_m = float(np.max(np.ptp([T.translation for T in poses], axis=0)))
         rotations = [rotation_between(poses[-1].rotation, T.rotation) for T in poses]
         turned_rad = max(float(np.linalg.norm(rotation)) for rotation in rotations)
         value, limit = moved_m, REST_POSITION_M
         if moved_m <= limit and turned_rad > REST_TURN_RAD:
             value, limit = turned_rad, REST_TURN_RAD
-        if value <= limit and not robot.status.moving:
+        if value <= limit and not context.moving:
             return None
         text = (
             f"the arm moved {moved_m * 1e3:.2f} mm and turned {np.degrees(turned_rad):.2f} degrees "
@@ -157,5 +137,5 @@ class CalibrationManager:
         )
         return refusal("moving", text, value=value, limit=limit)
 
-    def _R_base_sensor(self, robot: RobotState) -> Array:
-        return np.asarray((pose_of(robot) * self._mounting.T_flange_sensor).rotation)
+    def _R_base_sensor(self, context: RequestContext) -> Array:
+        return np.asarray((context.T_base_flange * self._mounting.T_flange_sensor).rotation)

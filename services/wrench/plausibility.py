@@ -68,17 +68,13 @@ class ReadingHistory(NamedTuple):
     """State of the check: the readings before this one."""
 
     raw: Array | None = None  # the last reading
+    counts: bool = False  # whether it was accepted
     taken: Array | None = None  # the last accepted reading
     taken_s: float = 0.0  # its age
     still_s: float = 0.0  # time for which the reading has been identical
     repeats: int = 0  # number of repetitions
     tame: int = WILD_APART  # readings since the last outlier
     spikes: int = 0  # single outliers that were rejected
-
-    @property
-    def counts(self) -> bool:
-        """Return whether the last reading was accepted."""
-        return self.taken is not None and self.taken is self.raw
 
 
 def check_reading(
@@ -94,52 +90,46 @@ def check_reading(
         dt_s: Time since the reading before.
         bounds: Limits of plausible readings.
     """
-    same = before.raw is not None and reading.tolist() == before.raw.tolist()
+    values = reading.tolist()
+    same = before.raw is not None and values == before.raw.tolist()
     after = before._replace(
         raw=reading,
+        counts=False,
         still_s=before.still_s + dt_s if same else 0.0,
         repeats=before.repeats + 1 if same else 0,
         taken_s=before.taken_s + dt_s,
     )
-    fault = _beyond_range(reading, bounds) or _frozen(after, bounds)
-    if fault is not None:
-        return after._replace(taken=None), fault
-    jump = _jump(after, reading, bounds)
-    if jump is None:
+    # A number that is not finite is not below its limit either.
+    ranges = zip(values, bounds.range, strict=True)
+    if not all(abs(value) < SATURATED_FROM * full for value, full in ranges):
+        return after._replace(taken=None), _range_fault(values, bounds)
+    if 0.0 < bounds.frozen_s <= after.still_s and after.repeats >= FEWEST_REPEATS:
+        text = f"the sensor is frozen: the same six numbers for {after.still_s * 1e3:.0f} ms"
+        return after._replace(taken=None), WrenchFault("sensor_frozen", text)
+    change = (reading - (reading if after.taken is None else after.taken)).tolist()
+    force_N, torque_Nm = hypot(*change[:3]), hypot(*change[3:])
+    most_N, most_Nm = (
+        step + per_s * after.taken_s
+        for step, per_s in zip(bounds.step, bounds.step_per_s, strict=True)
+    )
+    if force_N <= most_N and torque_Nm <= most_Nm:
         tame = min(after.tame + 1, WILD_APART)
-        return after._replace(taken=reading, taken_s=0.0, tame=tame), NO_FAULT
+        return after._replace(counts=True, taken=reading, taken_s=0.0, tame=tame), NO_FAULT
     if after.tame >= WILD_APART:
         return after._replace(tame=0, spikes=after.spikes + 1), NO_FAULT
-    return after._replace(taken=None, tame=0), jump
+    size, most, unit = (force_N, most_N, "N") if force_N > most_N else (torque_Nm, most_Nm, "N m")
+    text = f"the reading jumped by {size:.4g} {unit}, the limit for contact is {most:.4g} {unit}"
+    return after._replace(taken=None, tame=0), WrenchFault("sensor_jump", text)
 
 
-def _beyond_range(reading: Array, bounds: ReadingLimits) -> WrenchFault | None:
-    for (axis, unit), value, full in zip(AXES, reading.tolist(), bounds.range, strict=True):
-        if not isfinite(value):
-            return WrenchFault("not_finite", f"{axis} of the sensor is not finite")
-        if abs(value) >= SATURATED_FROM * full:
-            text = f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range"
-            return WrenchFault("sensor_saturated", f"{text} of {full:g} {unit} or beyond")
-    return None
-
-
-def _frozen(now: ReadingHistory, bounds: ReadingLimits) -> WrenchFault | None:
-    if bounds.frozen_s == 0.0 or now.still_s < bounds.frozen_s or now.repeats < FEWEST_REPEATS:
-        return None
-    text = f"the sensor is frozen: the same six numbers for {now.still_s * 1e3:.0f} ms"
-    return WrenchFault("sensor_frozen", text)
-
-
-def _jump(now: ReadingHistory, reading: Array, bounds: ReadingLimits) -> WrenchFault | None:
-    if now.taken is None:
-        return None
-    change = (reading - now.taken).tolist()
-    sizes = hypot(*change[:3]), hypot(*change[3:])
-    for size, step, per_s, unit in zip(
-        sizes, bounds.step, bounds.step_per_s, ("N", "N m"), strict=True
-    ):
-        limit = step + per_s * now.taken_s
-        if size > limit:
-            text = f"the reading jumped by {size:.4g} {unit}, the limit for contact is"
-            return WrenchFault("sensor_jump", f"{text} {limit:.4g} {unit}")
-    return None
+def _range_fault(values: list[float], bounds: ReadingLimits) -> WrenchFault:
+    """Return the fault of the first axis that is not finite or beyond its range."""
+    axis, unit, value, full = next(
+        (axis, unit, value, full)
+        for (axis, unit), value, full in zip(AXES, values, bounds.range, strict=True)
+        if not abs(value) < SATURATED_FROM * full
+    )
+    if not isfinite(value):
+        return WrenchFault("not_finite", f"{axis} of the sensor is not finite")
+    text = f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range"
+    return WrenchFault("sensor_saturated", f"{text} of {full:g} {unit} or beyond")

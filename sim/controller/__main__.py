@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from forcemesh.errors import ForcemeshError
-from sim.controller.lint import check_file
+from sim.as_language.lint import check_file
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -4,6 +4,10 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from sim.as_language import syntax as s
+from sim.as_language.errors import AsError
+from sim.as_language.expressions import Expressions
+from sim.as_language.syntax import Instruction, Program, ProgramStep, SourceFile
 from sim.controller import execute_flow as flow
 from sim.controller import execute_motion as motion
 from sim.controller import execute_output as output
@@ -12,12 +16,8 @@ from sim.controller import execute_settings as settings
 from sim.controller import execute_tasks as tasks
 from sim.controller import execute_tcp as tcp
 from sim.controller import execute_waits as waits
-from sim.controller import syntax as s
 from sim.controller.compiled import Compiled, Op
-from sim.controller.errors import AsError
 from sim.controller.evaluate import ArgumentCompiler
-from sim.controller.expressions import Expressions
-from sim.controller.syntax import Instruction, Program, ProgramStep, SourceFile
 
 if TYPE_CHECKING:
     from sim.controller.task import Task

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sim.controller.syntax import Program, ProgramStep
+from sim.as_language.syntax import Program, ProgramStep
 
 if TYPE_CHECKING:
     from sim.controller.task import Task

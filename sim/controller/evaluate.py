@@ -7,13 +7,13 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array
-from sim.controller.errors import AsError
-from sim.controller.expressions import Expressions
-from sim.controller.machine_api import EvaluationContext
-from sim.controller.memory import Locals, bind, following
-from sim.controller.syntax import Expression, Instruction, Program, Variable
-from sim.controller.values import NUMBER, Joints, Transformation, Value, se3_of
-from sim.controller.variables import Store
+from sim.as_language.errors import AsError
+from sim.as_language.expressions import Expressions
+from sim.as_language.machine_api import EvaluationContext
+from sim.as_language.memory import Locals, bind, following
+from sim.as_language.syntax import Expression, Instruction, Program, Variable
+from sim.as_language.values import NUMBER, Joints, Transformation, Value, se3_of
+from sim.as_language.variables import Store
 
 Real = Callable[[EvaluationContext], float]
 StoreAt = Callable[[EvaluationContext, int, Value], None]

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-from sim.controller import syntax as s
+from sim.as_language import syntax as s
+from sim.as_language.errors import AsError
+from sim.as_language.values import single
 from sim.controller.compiled import Op
-from sim.controller.errors import AsError
 from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.task import Task
-from sim.controller.values import single
 
 
 def jump_to(at: int) -> Op:

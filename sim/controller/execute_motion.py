@@ -8,12 +8,12 @@ import pinocchio as pin
 
 from common.motion.frames import Array
 from common.motion.kinematics import JOINTS
+from sim.as_language.errors import AsError
+from sim.as_language.syntax import Instruction
 from sim.controller.compiled import Op
-from sim.controller.errors import AsError
 from sim.controller.evaluate import ArgumentCompiler, Target
 from sim.controller.motion_requests import MotionRequest, ProgramSpeed
 from sim.controller.speeds import checked, percent, speed_of
-from sim.controller.syntax import Instruction
 from sim.controller.task import Task
 
 Kind = Literal["linear", "joint"]

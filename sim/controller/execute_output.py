@@ -1,8 +1,8 @@
 """PRINT and TYPE: output of one line."""
 
+from sim.as_language.syntax import Print
 from sim.controller.compiled import Op
 from sim.controller.evaluate import ArgumentCompiler
-from sim.controller.syntax import Print
 from sim.controller.task import Task
 
 

@@ -1,11 +1,11 @@
 """Assignments: `x = 1`, POINT, HERE and DECOMPOSE."""
 
-from sim.controller import syntax as s
+from sim.as_language import syntax as s
+from sim.as_language.errors import AsError
+from sim.as_language.values import Joints, Pose, Transformation, compose, inverse
 from sim.controller.compiled import Op
-from sim.controller.errors import AsError
 from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.task import Task
-from sim.controller.values import Joints, Pose, Transformation, compose, inverse
 
 # POINT/X and similar: components of the transformation that are copied.
 _PARTS = {

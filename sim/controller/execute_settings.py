@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
+from sim.as_language.errors import AsError
+from sim.as_language.syntax import Instruction
 from sim.controller.compiled import Op
-from sim.controller.errors import AsError
 from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.execute_motion import refuse_outside_robot_program
 from sim.controller.speeds import checked, percent, speed_of
-from sim.controller.syntax import Instruction
 from sim.controller.task import Task
 
 _LONGEST_ACCURACY_MM = 5000.0

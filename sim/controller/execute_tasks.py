@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from sim.controller import syntax as s
+from sim.as_language import syntax as s
+from sim.as_language.errors import AsError
+from sim.as_language.syntax import Instruction, Word
 from sim.controller.compiled import Op
-from sim.controller.errors import AsError
 from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.speeds import checked, percent
-from sim.controller.syntax import Instruction, Word
 from sim.controller.task import FOREVER, PC_PROGRAMS, StackFrame, Task
 
 if TYPE_CHECKING:

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 
+from sim.as_language.syntax import Instruction
 from sim.controller.compiled import Op
 from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.network import Octets
 from sim.controller.speeds import checked
-from sim.controller.syntax import Instruction
 from sim.controller.task import Task
 from sim.controller.tcp import (
     DEFAULT_TIMEOUT_S,

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from forcemesh.clock import NS_PER_S
+from sim.as_language.errors import AsError
+from sim.as_language.syntax import Instruction, Word
 from sim.controller.compiled import Op
-from sim.controller.errors import AsError
 from sim.controller.evaluate import ArgumentCompiler
 from sim.controller.speeds import checked
-from sim.controller.syntax import Instruction, Word
 from sim.controller.task import Task
 from sim.controller.timers import TIMERS
 

@@ -6,8 +6,15 @@ import numpy as np
 
 from common.motion.frames import Array
 from forcemesh.clock import NS_PER_S
+from sim.as_language.errors import AsError
+from sim.as_language.values import (
+    Joints,
+    Transformation,
+    joints,
+    se3_of,
+    transformation_of,
+)
 from sim.controller.behaviour import Behaviour
-from sim.controller.errors import AsError
 from sim.controller.motion_queue import Ticket
 from sim.controller.motion_requests import MotionParameters, MotionRequest, ProgramSpeed
 from sim.controller.motion_settings import MotionSettings
@@ -19,13 +26,6 @@ from sim.controller.switches import SystemSwitches
 from sim.controller.task import PC_PROGRAMS, ROBOT, ProgramStop, Task
 from sim.controller.tcp import TcpUnit
 from sim.controller.timers import Timers
-from sim.controller.values import (
-    Joints,
-    Transformation,
-    joints,
-    se3_of,
-    transformation_of,
-)
 from sim.robot.arm import SimArm
 from sim.robot.scene import home_rad
 

@@ -5,17 +5,17 @@ import random
 import numpy as np
 
 from common.motion.kinematics import JOINTS
+from sim.as_language.errors import AsError
+from sim.as_language.memory import Memory
+from sim.as_language.syntax import SourceFile
+from sim.as_language.values import Joints, Pose, Transformation, joints, se3_of, transformation_of
 from sim.controller.compile import compile_file
-from sim.controller.errors import AsError
-from sim.controller.memory import Memory
 from sim.controller.pendant import Pendant
 from sim.controller.planner import reach_error
 from sim.controller.program_control import ProgramControl
 from sim.controller.speeds import checked
-from sim.controller.syntax import SourceFile
 from sim.controller.task import PC_PROGRAMS, ROBOT
 from sim.controller.timers import TIMERS
-from sim.controller.values import Joints, Pose, Transformation, joints, se3_of, transformation_of
 
 OUT_OF_REACH = 32768
 _TASK_STATES = {"idle": 0, "running": 1, "held": 2, "stopped": 2, "ending": 3}

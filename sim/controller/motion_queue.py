@@ -11,7 +11,7 @@ import numpy as np
 
 from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
-from sim.controller.errors import AsError
+from sim.as_language.errors import AsError
 from sim.controller.motion_requests import MotionRequest
 from sim.controller.planner import joint_target, plan
 from sim.controller.segment import Segment

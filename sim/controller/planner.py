@@ -8,7 +8,7 @@ import pinocchio as pin
 from common.motion.frames import Array
 from common.motion.kinematics import JOINTS, MAX_SPEED_RAD_S, ArmKinematics, IkResult
 from common.motion.paths import JointPath
-from sim.controller.errors import AsError
+from sim.as_language.errors import AsError
 from sim.controller.motion_requests import (
     BRAKE_FACTOR,
     JOINT_ACCEL_TIME_S,

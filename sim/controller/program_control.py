@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 
 from forcemesh.clock import NS_PER_S
+from sim.as_language.errors import AsError
+from sim.as_language.memory import Locals
 from sim.controller.compiled import Compiled
-from sim.controller.errors import AsError
 from sim.controller.hardware import ControllerHardware
-from sim.controller.memory import Locals
 from sim.controller.task import FOREVER, PC_PROGRAMS, ProgramStop, StackFrame, Task
 
 

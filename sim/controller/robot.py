@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from common.motion.frames import Array
 from common.motion.kinematics import IkResult
-from sim.controller.errors import AsError
+from sim.as_language.errors import AsError
 from sim.controller.motion_queue import MotionQueue, Ticket
 from sim.controller.motion_requests import MotionRequest
 from sim.controller.planner import inverse

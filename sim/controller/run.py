@@ -24,13 +24,13 @@ from common.runtime.service import (
 )
 from forcemesh.clock import Clock, MonotonicClock
 from forcemesh.errors import ConfigError
+from sim.as_language.errors import AsError
+from sim.as_language.parser import load
+from sim.as_language.syntax import SourceFile
 from sim.controller.behaviour import Behaviour, behaviour_in, pessimistic
-from sim.controller.errors import AsError
 from sim.controller.machine import Machine
 from sim.controller.network import SocketNetwork
-from sim.controller.parser import load
 from sim.controller.service import ControllerNetft, ControllerSensor, EmulatedController
-from sim.controller.syntax import SourceFile
 from sim.netft.feed import server_of
 from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S, SimSettings

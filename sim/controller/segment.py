@@ -13,7 +13,7 @@ import numpy as np
 from common.motion.frames import Array
 from common.motion.kinematics import MAX_SPEED_RAD_S
 from common.motion.paths import MotionPath
-from sim.controller.errors import AsError
+from sim.as_language.errors import AsError
 
 _SHRINKS = 8
 _SHORTEST = 1e-9

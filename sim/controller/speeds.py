@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from sim.controller.errors import AsError
+from sim.as_language.errors import AsError
+from sim.as_language.values import single
 from sim.controller.motion_requests import ProgramSpeed
-from sim.controller.values import single
 
 LEAST_PERCENT, MOST_PERCENT = 0.01, 100.0
 SECONDS = (0.1, 3601.0)

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from sim.as_language.errors import AsError
+from sim.as_language.memory import Locals, Namespace
 from sim.controller.compiled import Compiled
-from sim.controller.errors import AsError
-from sim.controller.memory import Locals, Namespace
 
 if TYPE_CHECKING:
     from sim.controller.machine import Machine

@@ -2,12 +2,14 @@
 
 import re
 from types import SimpleNamespace
+from typing import get_args
 
 import pytest
 
 from forcemesh.bus import Reading
 from forcemesh.faults import tripped
 from forcemesh.messages import (
+    ArbiterState,
     ArbiterStatus,
     Gains,
     Health,
@@ -16,7 +18,6 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from forcemesh.topics import HELPERS, ROLES
-from services.panel.state_colours import STATE_COLOURS
 from services.panel.watch import Snapshot
 from tests.browser.rig import wait_until
 from tests.browser.scripted import ScriptedWatch, served
@@ -134,11 +135,11 @@ def test_each_state_has_its_colour_and_its_word(monkeypatch, cockpit):
     with served(monkeypatch, watch) as address:
         page = cockpit().open(address)
         colours = {}
-        for state in STATE_COLOURS:
+        for state in get_args(ArbiterState):
             watch.received = snapshot(ArbiterStatus(state=state))
             page.until_state(state)
             colours[state] = page.page.evaluate(colour)
-    assert len(set(colours.values())) == len(STATE_COLOURS), colours
+    assert len(set(colours.values())) == len(get_args(ArbiterState)), colours
 
 
 def test_a_trip_is_shown_with_its_value_limit_and_remedy(monkeypatch, cockpit):

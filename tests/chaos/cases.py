@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from forcemesh.topics import ROLES
+
 CellName = Literal["sim", "tcp"]
 Kind = Literal[
     "kill", "freeze-0.1", "freeze-1", "freeze-5", "terminate", "restart",
@@ -17,7 +19,6 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 PHASES: tuple[Phase, ...] = get_args(Phase)
 FREEZES = ("freeze", "two-frozen", "killed-in-freeze")
 TWO: tuple[Kind, ...] = ("two-killed", "two-frozen-1", "killed-in-freeze-1")
-ROLES = ("hub", "robot", "sensor", "wrench", "regulator", "arbiter")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from common.config.cell import CellConfig
 from common.runtime.realtime import take_realtime_priority
+from forcemesh import topics
 from forcemesh.errors import ForcemeshError
 from launch.processes import processes_of
 from launch.started_process import ProcessSpec
@@ -33,7 +34,7 @@ PRESS_N = 10.0
 SETTLE_S, WATCH_S = 2.0, 2.0
 JUMPS_S = (-3600, 3600)
 AHEAD_S = 100_000  # offset of one process's clock to the others
-ROLES = ("robot", "wrench", "regulator", "arbiter")
+ROLES = [role for role in topics.ROLES if role not in ("hub", "sensor")]
 JUMPED_M_S = 0.02  # above the speed of a pressing flange
 LIBRARY = "libforcemesh-wall-clock.so"
 SOURCE = Path(__file__).with_name("clocks_wall.c")

@@ -75,7 +75,7 @@ class CellUnderTest:
         self._arbiter = client.reader(topics.ARBITER_STATUS)
         self._robot = client.reader(topics.ROBOT_STATE)
         self._wrench = client.reader(topics.WRENCH)
-        self._health = {role: client.reader(topic) for role, topic in topics.HEALTH.items()}
+        self._health = {role: client.reader(topics.HEALTH[role]) for role in topics.ROLES}
 
     # --- observation ------------------------------------------------------------------------------
 

@@ -46,7 +46,7 @@ HEALTH_WINDOW_S = 1.5  # window of a service's longest gap, plus the time until 
 # ten times as much as a message.
 LEAST_SHARE = {"messages": 0.95, "mixed": 0.1, "questions": 0.1}
 HEAD = ("what", "loop", "longest gap ms", "overdue", "longest put ms", "witness ms", "")
-CONTROL = ("robot", "sensor", "wrench", "regulator", "arbiter")
+CONTROL = [role for role in topics.ROLES if role != "hub"]
 
 
 @dataclass(frozen=True, slots=True)

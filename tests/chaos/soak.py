@@ -52,7 +52,7 @@ STREAMS: tuple[Topic[Any], ...] = (
     topics.ROBOT_COMMAND,
 )
 PAGE_B = 4096
-ROLES = ("hub", "robot", "wrench", "regulator", "arbiter")  # the robot also implements the sensor
+ROLES = [role for role in topics.ROLES if role != "sensor"]  # which the simulated robot implements
 HEAD = ("process", "memory MB", "growth kB/10 min", "files", "loop", "late p99.9 ms", "")
 
 

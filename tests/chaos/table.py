@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from itertools import groupby
 
-from tests.chaos.cases import KINDS, ROLES, Case
+from forcemesh.topics import ROLES
+from tests.chaos.cases import KINDS, Case
 from tests.chaos.outcome import Outcome, OutcomeLimits, violations
 
 HEAD = (

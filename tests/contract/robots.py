@@ -17,10 +17,10 @@ from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.messages import Gains, Host
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
+from sim.as_language.parser import load
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
-from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
 from sim.controller.wire import LockStepLink
 from sim.robot.service import SimRobot

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from controller.packet import FRAME_STRIDE, PACKET_CHARS, Packet, encode
 from controller.packet_table import TABLE, Com, next_id
+from sim.as_language.parser import load
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
-from sim.controller.parser import load
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 from tests.contract.robots import PROGRAM

@@ -15,8 +15,8 @@ from common.runtime.service import Runner
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.topics import SENSOR_WRENCH
+from sim.as_language.parser import parse
 from sim.controller.network import MemoryNetwork
-from sim.controller.parser import parse
 from sim.controller.service import ControllerSensor
 from tests.fakes.as_bench import program
 

@@ -25,7 +25,7 @@ class Listener:
     def __init__(self, rig: Rig) -> None:
         reporter = reporter_of(rig._robot, rig.cell)
         rig._runner = Runner(rig.service, [reporter], rig.clock)
-        self._rig, self._reader = rig, rig._bus(topics.CLIENT).reader(topics.ROBOT_HEALTH)
+        self._rig, self._reader = rig, rig._bus(topics.CLIENT).reader(topics.HEALTH["robot"])
 
     @property
     def health(self) -> Health:

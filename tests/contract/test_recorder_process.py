@@ -68,7 +68,7 @@ def publish_for(publisher: Publisher[WrenchAtTcp], duration_s: float) -> None:
 
 def recorder_health(client: Bus) -> Reader[Health]:
     """Return the reader of the recorder's health once a message is received."""
-    health = client.reader(topics.RECORDER_HEALTH)
+    health = client.reader(topics.HEALTH["recorder"])
     wait_until(lambda: health.read(client.clock.now_ns()).fresh, PATIENCE_S)
     return health
 

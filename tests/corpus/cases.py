@@ -14,12 +14,12 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
+from sim.as_language.errors import AsError, AsSyntaxError
+from sim.as_language.syntax import ProgramStep
+from sim.as_language.values import Joints, Transformation, Value
 from sim.controller.compiled import Compiled, Op
-from sim.controller.errors import AsError, AsSyntaxError
 from sim.controller.pendant import Pendant
-from sim.controller.syntax import ProgramStep
 from sim.controller.task import Task
-from sim.controller.values import Joints, Transformation, Value
 from tests.fakes.as_bench import AsBench
 
 FOLDER = Path(__file__).parent / "as"

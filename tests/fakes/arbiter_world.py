@@ -12,6 +12,7 @@ from common.config.cell import CellConfig
 from common.config.load import cell_hash, load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import Oat, R_from_oat, rotation_from_vector
+from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.codec import Header
 from forcemesh.faults import FAULTS, tripped
@@ -33,7 +34,7 @@ from services.arbiter.inputs import Inputs
 from services.arbiter.watch import InputMonitors
 
 CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo.yaml")
-ROLES = ("hub", "robot", "sensor", "wrench", "regulator")
+ROLES = [role for role in topics.ROLES if role != "arbiter"]
 PERIOD_NS = 4_000_000
 LONG_PERIOD_NS = 20_000_000
 DEADLINE_S = 0.04

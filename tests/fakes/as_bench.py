@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import Any
 
 from forcemesh.clock import NS_PER_S
+from sim.as_language.errors import AsError
+from sim.as_language.parser import parse
 from sim.controller.behaviour import Behaviour
-from sim.controller.errors import AsError
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
-from sim.controller.parser import parse
 from sim.controller.robot import Robot
 from sim.controller.task import Task
 from sim.robot.arm import SimArm

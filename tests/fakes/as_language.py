@@ -5,14 +5,14 @@ from typing import cast
 
 import pytest
 
-from sim.controller import syntax
-from sim.controller.errors import AsError
-from sim.controller.expressions import ControllerOptions, Expressions
-from sim.controller.lines import parse_line
-from sim.controller.machine_api import MachineInterface
-from sim.controller.memory import Locals, Memory
-from sim.controller.parser import parse
-from sim.controller.values import Joints, Transformation, Value, joints
+from sim.as_language import syntax
+from sim.as_language.errors import AsError
+from sim.as_language.expressions import ControllerOptions, Expressions
+from sim.as_language.lines import parse_line
+from sim.as_language.machine_api import MachineInterface
+from sim.as_language.memory import Locals, Memory
+from sim.as_language.parser import parse
+from sim.as_language.values import Joints, Transformation, Value, joints
 
 HERE = Transformation(1.0, 2.0, 3.0, 10.0, 20.0, 30.0)
 HERE_JOINTS = Joints((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))

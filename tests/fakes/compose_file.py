@@ -6,6 +6,8 @@ from typing import Any
 
 import yaml
 
+from forcemesh.topics import HELPERS, ROLE_TABLE
+
 ROOT = Path(__file__).resolve().parents[2]
 COMPOSE_FILE = ROOT / "docker-compose.yml"
 COMPOSE: dict[str, Any] = yaml.safe_load(COMPOSE_FILE.read_text(encoding="utf-8"))
@@ -15,26 +17,20 @@ CELL = "/in-use/cell.yaml"
 # Role of a profile's own container, where CELL does not name another.
 CELL_OF = {"sim": "demo.yaml", "emulated": "emulated.yaml", "real": ""}
 
-# Bus roles of a container whose name is another one.
-ROLE_OF: dict[str, set[str]] = {
-    "robot-sim": {"robot", "sensor"},
-    "gateway": {"robot"},
-    "controller-sim": set(),  # substitutes hardware
-    "panel": set(),  # a client, like an operator
-    "recorder": set(),  # a helper that no cell needs
-    **{f"{word}-cell": set() for word in CELL_OF},  # they state which cell file is in use
-}
 STATE_CELL = [f"{word}-cell" for word in CELL_OF]
 RUN = [name for name in SERVICES if name not in STATE_CELL]
-ON_THE_BUS = [name for name in SERVICES if ROLE_OF.get(name, {name})]
 PROFILES = tuple(CELL_OF)
 # In no profile; it only waits while another container is used.
 STANDS_BACK = {"sim-cell", "robot-sim"}
 
 
 def roles_of(name: str) -> set[str]:
-    """Return the bus roles of a container."""
-    return ROLE_OF.get(name, {name})
+    """Return the roles that a container plays by the table; the panel is a client."""
+    module = SERVICES[name]["command"][2]
+    return {row.name for row in ROLE_TABLE if module in row.modules.values()}
+
+
+ON_THE_BUS = [name for name in SERVICES if roles_of(name) - set(HELPERS)]
 
 
 def profile(word: str) -> set[str]:

@@ -22,13 +22,13 @@ from forcemesh.clock import ManualClock, MonotonicClock
 from forcemesh.messages import Feedback, Gains, RobotState, WrenchAtTcp
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
+from sim.as_language.parser import load
 from sim.controller.behaviour import Behaviour
 from sim.controller.compiled import Compiled, Op
 from sim.controller.machine import Machine
 from sim.controller.motion_queue import Ticket
 from sim.controller.motion_requests import MotionRequest
 from sim.controller.network import Network, SocketNetwork
-from sim.controller.parser import load
 from sim.controller.service import ControllerSensor
 from sim.controller.wire import LockStepLink
 from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted

@@ -90,7 +90,7 @@ def snapshot(text: Any) -> Snapshot:
         arbiter=reading(status),
         health={
             role: reading(of[topic.key], text(f"fault.{role}"))
-            for role, topic in topics.EVERY_HEALTH.items()
+            for role, topic in topics.HEALTH.items()
         },
     )
 

@@ -4,13 +4,13 @@ A file that parses is also executed briefly: only an AS error may stop a program
 """
 
 from forcemesh.errors import DataError
+from sim.as_language.errors import TEXTS, AsError, AsSyntaxError
+from sim.as_language.lint import check_text
+from sim.as_language.parser import parse
+from sim.as_language.syntax import SourceFile
 from sim.controller.behaviour import Behaviour
-from sim.controller.errors import TEXTS, AsError, AsSyntaxError
-from sim.controller.lint import check_text
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
-from sim.controller.parser import parse
-from sim.controller.syntax import SourceFile
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 

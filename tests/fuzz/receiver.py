@@ -11,10 +11,10 @@ import numpy as np
 
 from controller.packet import PACKET_CHARS, Packet, PacketReader, encode
 from controller.packet_table import ID_FIRST, REPORTS, TABLE, Com, next_id
+from sim.as_language.parser import load
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork, MemoryStream
-from sim.controller.parser import load
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 from tests.fuzz import streams

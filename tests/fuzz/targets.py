@@ -6,8 +6,8 @@ SEEDS = Path(__file__).parent / "seeds"
 AS_CORPUS = SEEDS.parents[1] / "tests" / "corpus" / "as"  # replayed by a separate test
 # Name of the target: the packages whose branches guide the fuzzer.
 TARGETS = {
-    "as_text": ("sim.controller",),
-    "receiver": ("sim.controller",),
+    "as_text": ("sim.as_language", "sim.controller"),
+    "receiver": ("sim.as_language", "sim.controller"),
     "gateway": ("controller.packet", "controller.packet_table", "services.gateway"),
     "messages": ("forcemesh.codec", "forcemesh.messages"),
     "cells": ("common.config.load", "common.config.cell", "common.motion.limits", "yaml"),

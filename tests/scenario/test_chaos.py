@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.chaos.cases import KINDS, PHASES, ROLES, TWO, Case, matrix, named
+from forcemesh.topics import ROLES
+from tests.chaos.cases import KINDS, PHASES, TWO, Case, matrix, named
 from tests.chaos.ground_truth import FlangePath
 from tests.chaos.journal import Journal
 from tests.chaos.outcome import Outcome, OutcomeLimits, violations

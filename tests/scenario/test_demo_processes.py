@@ -75,7 +75,7 @@ class Watcher:
         self.clock = bus.clock
         self.arbiter = bus.reader(topics.ARBITER_STATUS)
         self.robot = bus.reader(topics.ROBOT_STATE)
-        self.health = {role: bus.reader(topic) for role, topic in topics.HEALTH.items()}
+        self.health = {role: bus.reader(topics.HEALTH[role]) for role in topics.ROLES}
 
     def until(self, what) -> None:
         """Wait until a condition is true; fail after the time-out."""

@@ -1,6 +1,6 @@
 """Tabs of the panel: each module with a `TAB` in this folder is one.
 
-`build` fills the tab for one client and may return a refresh function, called four times a second.
+`build` fills the tab for one client and returns its refresh function, called four times a second.
 """
 
 import pkgutil
@@ -22,7 +22,7 @@ class Tab(NamedTuple):
     order: int
     label: str
     icon: viser.IconName
-    build: Callable[[Viewer], Refresh | None]
+    build: Callable[[Viewer], Refresh]
 
 
 def all_tabs() -> list[Tab]:

@@ -6,10 +6,9 @@ import numpy as np
 import viser
 from viser import uplot
 
-from services.panel.markup import Html, html, joined
-from services.panel.prose import Prose, paragraphs
+from services.panel.markup import Html, html, joined, paragraphs
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import RequestOutcome, Viewer, put
+from services.panel.viewer import Prose, RequestOutcome, Viewer, put
 from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
 
@@ -38,7 +37,7 @@ def build(viewer: Viewer) -> Refresh:
     stop = gui.add_button("Stop calibration", icon=viser.Icon.PLAYER_STOP, visible=False)
     bar = gui.add_progress_bar(0.0, visible=False)
     plot = _ResidualPlot(gui)
-    notes = Prose(gui)
+    notes = Prose(gui, html(""))
     asked = False  # whether this page requested the calibration and shows the confirmation
 
     @start.on_click
@@ -66,7 +65,7 @@ def build(viewer: Viewer) -> Refresh:
             if handle.visible != visible:
                 handle.visible = visible
         if runs_now(now):
-            put(bar, 100.0 * now.share)
+            put(bar, value=100.0 * now.share)
         state.show(paragraphs(f"running: {now.text}" if runs_now(now) else WORDS[now.phase]))
         notes.show(notes_of(now))
         plot.show(now)

@@ -6,11 +6,10 @@ from forcemesh.faults import FAULTS
 from forcemesh.messages import ArbiterStatus
 from forcemesh.trip_text import trip_text
 from services.panel.faultlog import Happened
-from services.panel.markup import Html, html, joined
-from services.panel.prose import Prose, paragraphs
+from services.panel.markup import Html, html, joined, paragraphs
 from services.panel.status_bar import services
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import Viewer
+from services.panel.viewer import Prose, Viewer
 from services.panel.watch import Snapshot
 
 SHOWN = 12

@@ -2,6 +2,7 @@
 
 import threading
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, get_args
 
 import viser
@@ -11,11 +12,9 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import Gains, Mode, Preset, StartLaw, Vec3
 from forcemesh.requests import ForceStartRequest, GainsRequest
-from services.panel.following import SyncedField
-from services.panel.markup import Html, html
-from services.panel.prose import Prose, paragraphs
+from services.panel.markup import Html, html, paragraphs
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import Viewer, put
+from services.panel.viewer import Prose, Viewer, put
 from services.panel.watch import Snapshot
 
 READ_S = 5.0  # between two requests for the regulator's gains, which no topic carries
@@ -63,6 +62,35 @@ def build(viewer: Viewer) -> Refresh:
             arm.visible = not is_armed
 
     return refresh
+
+
+@dataclass(slots=True)
+class SyncedField:
+    """Form field that follows a setting of the cell until the user edits it.
+
+    A value that differs from the one shown last is edited, until it is sent or restored.
+    """
+
+    handle: Any
+    shown: Any = None
+
+    def __post_init__(self) -> None:
+        """Start with the value that the form shows."""
+        self.shown = self.handle.value
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the user has edited it."""
+        return bool(self.handle.value != self.shown)
+
+    def follow(self, setting: object) -> None:
+        """Show the cell's setting unless the field is edited; None is unknown."""
+        if setting is None:
+            return
+        if not self.is_own and self.handle.value != setting:
+            put(self.handle, value=setting)
+        if self.handle.value == setting:
+            self.shown = self.handle.value
 
 
 class _PressForm:
@@ -206,7 +234,7 @@ class _GainsForm:
 
     def _show(self, gains: Gains) -> None:
         for field, shown in in_rows(gains).items():
-            put(self._rows[field], shown)
+            put(self._rows[field], value=shown)
             self._followed[field].follow(shown)
         self._are_read = True
 

@@ -10,14 +10,13 @@ import viser
 
 from common.motion.convert import joints, pose_of, record_of
 from common.motion.frames import Oat, R_from_oat, oat_from_R, pose
-from forcemesh.client import Cell
+from forcemesh.client import Cell, RefusedError
+from forcemesh.errors import NotReachedError
 from forcemesh.messages import RobotState, Vec3
 from forcemesh.requests import MoveRequest
-from services.panel.backing_off import BackOffButton
-from services.panel.markup import Html, html
-from services.panel.prose import Prose, paragraphs
+from services.panel.markup import Html, html, paragraphs
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import RequestOutcome, Viewer, ask, put
+from services.panel.viewer import Prose, RequestOutcome, Viewer, ask, put
 from services.panel.watch import Snapshot
 
 STEPS_MM = ("1", "5", "10", "50")
@@ -27,6 +26,12 @@ ARROWS = ("−x", "+x", "−y", "+y", "−z", "+z")
 JOG_TEXT = html(
     "<p>Until one minute after the last jog, <b>each click moves the arm at once</b>, without a "
     "question. Confirm that the area is clear and a hand is at the emergency stop.</p>"
+)
+BACK_OFF = "Back off"
+BACK_OFF_TEXT = html(
+    "<p>Frees an arm above a force limit or outside the workspace: <b>it moves up to 20 mm at "
+    "5 mm/s</b>, along the measured force or straight back into the workspace, then holds. "
+    "Confirm that the area is clear.</p>"
 )
 ARM_TEXT = paragraphs(
     "Arms for moves only, also without calibration and in contact. Force feedback stays off."
@@ -61,6 +66,57 @@ def build(viewer: Viewer) -> Refresh:
         jog.refresh()
 
     return refresh
+
+
+class BackOffButton:
+    """Back-off button: one confirmation, a second one when no force direction is available.
+
+    Backing off takes seconds, so it runs in a separate thread: no click blocks.
+    """
+
+    def __init__(self, viewer: Viewer) -> None:
+        """Add the button to the form."""
+        self._viewer = viewer
+        button = viewer.gui.add_button(BACK_OFF, icon=viser.Icon.ARROW_BACK_UP, color="orange")
+        button.on_click(
+            lambda _event: viewer.confirm(BACK_OFF, BACK_OFF_TEXT, "Back off now", self._begin)
+        )
+
+    def _begin(self, *, without_force: bool = False) -> None:
+        threading.Thread(
+            target=self._start, kwargs={"without_force": without_force}, daemon=True
+        ).start()
+
+    def _start(self, *, without_force: bool) -> None:
+        refused: list[RefusedError] = []
+
+        def back_off(cell: Cell) -> str:
+            try:
+                end = cell.back_off(without_force=without_force)
+            except RefusedError as error:
+                refused.append(error)
+                raise
+            if end.code != "back_off":
+                raise NotReachedError(f"not free yet: {end.text}")
+            return end.text
+
+        self._viewer.do(BACK_OFF, back_off)
+        if refused and refused[0].code == "no_direction" and not without_force:
+            self._ask_again(refused[0].text)
+
+    def _ask_again(self, why: str) -> None:
+        question = html(
+            "<p>{}</p><p>Without a measured force <b>the tool moves 5 mm back along its own "
+            "axis</b>, at 5 mm/s, then the arm holds. Confirm that this path is free and that "
+            "the area is clear.</p>",
+            why,
+        )
+        self._viewer.confirm(
+            f"{BACK_OFF} without force",
+            question,
+            "Move 5 mm back",
+            lambda: self._begin(without_force=True),
+        )
 
 
 class Mover:
@@ -180,7 +236,7 @@ class _Joints:
         state = self._mover.state()
         if state is not None and len(state.joint_rad) == len(self._angles):
             for handle, angle in zip(self._angles, state.joint_rad, strict=True):
-                put(handle, round(math.degrees(angle), 2))
+                put(handle, value=round(math.degrees(angle), 2))
 
     def _start(self) -> None:
         angles = [float(handle.value) for handle in self._angles]
@@ -211,9 +267,9 @@ class _JointTargets:
         if state is not None:
             T = pose_of(state)
             x, y, z = (round(1e3 * float(part), 2) for part in T.translation)
-            put(self._place, (x, y, z))
+            put(self._place, value=(x, y, z))
             o, a, t = (round(math.degrees(angle), 3) for angle in oat_from_R(T.rotation))
-            put(self._oat, (o, a, t))
+            put(self._oat, value=(o, a, t))
 
     def _start(self) -> None:
         place, angles = self._place.value, self._oat.value

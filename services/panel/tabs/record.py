@@ -6,10 +6,9 @@ from forcemesh import topics
 from forcemesh.errors import BusError
 from forcemesh.messages import RecorderStatus
 from forcemesh.requests import Empty, RecordRequest
-from services.panel.markup import Html, html
-from services.panel.prose import Prose, paragraphs
+from services.panel.markup import Html, html, paragraphs
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import Viewer
+from services.panel.viewer import Prose, Viewer
 from services.panel.watch import Snapshot
 
 RECORDER_REPLY_S = 15.0  # the recorder writes pending data before it replies

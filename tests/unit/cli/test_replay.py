@@ -204,11 +204,11 @@ def test_the_report_is_one_page_with_plots_stops_and_remedies(
     text = page.read_text(encoding="utf-8")
     assert code == 0
     assert "1 stops" in out
-    assert text.count("<svg") == 5
+    assert text.count("data:image/svg+xml;base64,") == 5
     assert "HOLDING · hold (501)" in text
     assert "&lt;enough&gt;" in text
     assert "Remedy: arm again when the path is clear" in text
-    assert "src=" not in text
+    assert text.count("src=") == 5
     assert "@import" not in text
     assert 'href="http' not in text
 

@@ -49,8 +49,8 @@ def test_the_suffix_of_a_name_is_its_unit(name: str, number: float, words: str) 
 
 def test_a_cell_on_the_virtual_clock_carries_them_on_its_bus() -> None:
     """A reader receives the map of the writer."""
-    bench = Bench("robot", lambda bus, cell: HealthOnly(bus.publisher(topics.ROBOT_HEALTH)))
-    assert bench.after_step(topics.ROBOT_HEALTH).numbers == NUMBERS
+    bench = Bench("robot", lambda bus, cell: HealthOnly(bus.publisher(topics.HEALTH["robot"])))
+    assert bench.after_step(topics.HEALTH["robot"]).numbers == NUMBERS
 
 
 class HealthOnly:
@@ -75,7 +75,7 @@ def test_status_shows_them_for_people_and_for_programs(cell: CellConfig, tmp_pat
     path = tmp_path / "file.yaml"
     path.write_text(dump_cell(cell))
     with Supervisor(cell, path, processes=[HUB]), open_bus(cell, "robot") as bus:
-        publisher = bus.publisher(topics.ROBOT_HEALTH)
+        publisher = bus.publisher(topics.HEALTH["robot"])
         report = json.loads(output_of(publisher, ["status", "--json", "--cell", str(path)]))
         text = output_of(publisher, ["status", "--cell", str(path)])
     rows = {row["name"]: row["numbers"] for row in report["services"]}

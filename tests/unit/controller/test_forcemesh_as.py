@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from controller.packet_table import COMMANDS, GAIN_I, GAIN_P, TABLE, Com, Row
-from sim.controller.lint import check_text
+from sim.as_language.lint import check_text
 from tests.fakes.controller_talk import codes_of
 
 ROOT = Path(__file__).resolve().parents[3]

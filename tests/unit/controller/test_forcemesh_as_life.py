@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 from controller.packet_table import ID_FIRST, Com, Status
+from sim.as_language.errors import AsError
 from sim.controller.behaviour import Behaviour
-from sim.controller.errors import AsError
 from sim.controller.machine import Machine
 from tests.fakes.controller_talk import LIMITS, PORT, Talk, moving, still
 

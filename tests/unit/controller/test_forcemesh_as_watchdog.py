@@ -7,8 +7,8 @@ import pytest
 
 from controller.packet import VecInt
 from controller.packet_table import ID_FIRST, Com, Status
+from sim.as_language.errors import AsError
 from sim.controller.behaviour import Behaviour
-from sim.controller.errors import AsError
 from tests.fakes.controller_talk import LIMITS, Talk, push
 
 WATCHDOG_S = LIMITS[5] * 1e-3

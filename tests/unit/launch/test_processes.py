@@ -9,17 +9,18 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
-from common.config.cell import CellConfig
+from common.config.cell import CellConfig, RolesSection
 from common.config.load import load_cell
 from forcemesh.bus import Reading
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import ArbiterStatus
-from forcemesh.topics import ROLES
+from forcemesh.topics import ROLE_TABLE, Role
 from launch import processes
-from launch.processes import MODULES, Supervisor, processes_of
+from launch.processes import Supervisor, processes_of
 from launch.run_file import FOLDER_VARIABLE, is_alive, read_run
 from launch.started_process import ProcessSpec, exit_cause
 from tests.fakes.bench import DEMO
@@ -67,6 +68,7 @@ def pids_of(cell: CellConfig) -> list[int]:
         ({}, "sim.robot", "sim.robot"),
         (GATEWAY, "services.gateway", "services.sensor"),
         ({**GATEWAY, "roles.sensor": "external"}, "services.gateway", None),
+        ({"roles.robot": "external", "roles.sensor": "external"}, None, None),
     ],
 )
 def test_every_role_is_run_by_the_process_that_the_cell_names(overrides, robot, sensor) -> None:
@@ -74,16 +76,22 @@ def test_every_role_is_run_by_the_process_that_the_cell_names(overrides, robot, 
     processes = processes_of(load_cell(DEMO, overrides))
     modules = {role: process.module for process in processes for role in process.roles}
     fixed = {role: f"services.{role}" for role in ("hub", "arbiter", "regulator", "wrench")}
-    expected = fixed | {"robot": robot} | ({"sensor": sensor} if sensor else {})
-    assert modules == expected
+    started = {role: module for role, module in (("robot", robot), ("sensor", sensor)) if module}
+    assert modules == fixed | started
     assert processes[0].module == "services.hub"
 
 
 def test_the_table_has_every_role_and_only_runnable_modules() -> None:
     """A role without a row, or a row without a program, would fail only at start."""
-    assert set(MODULES) == set(ROLES)
-    modules = {module for choices in MODULES.values() for module in choices.values() if module}
+    modules = {module for row in ROLE_TABLE for module in row.modules.values() if module}
     assert [m for m in modules if importlib.util.find_spec(f"{m}.__main__") is None] == []
+
+
+@pytest.mark.parametrize("row", ROLE_TABLE, ids=lambda row: row.name)
+def test_the_cell_file_offers_the_implementations_of_the_table(row: Role) -> None:
+    """A role with several implementations is a field of the section `roles`, with these words."""
+    field = RolesSection.model_fields.get(row.name)
+    assert tuple(row.modules) == (("",) if field is None else get_args(field.annotation))
 
 
 def test_processes_run_under_the_supervisor_and_none_is_left_after_it(cell: CellConfig) -> None:
@@ -238,6 +246,7 @@ def test_processes_end_with_a_killed_supervisor(cell: CellConfig) -> None:
     program = f"""
 import sys, time
 from pathlib import Path
+from typing import get_args
 from launch.processes import Supervisor
 from launch.started_process import ProcessSpec
 from common.config.load import load_cell

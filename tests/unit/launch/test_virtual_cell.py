@@ -17,7 +17,7 @@ MISSING_TOPIC: dict[str, topics.Topic[Any]] = {
     "robot": topics.ROBOT_STATE,
     "wrench": topics.WRENCH,
     "regulator": topics.REGULATOR_TARGET,
-    "hub": topics.HUB_HEALTH,
+    "hub": topics.HEALTH["hub"],
 }
 ROLES = [*MISSING_TOPIC, "arbiter"]
 MOTIONS = {"approach": Lab.approach, "press": Lab.press, "goal": Lab.lift}

@@ -103,7 +103,7 @@ def found() -> Findings:
 @pytest.fixture(scope="module")
 def html(found) -> str:
     """The page of that calibration."""
-    return page(found)
+    return page(found).source
 
 
 def test_the_page_is_well_formed_and_self_contained(html):
@@ -136,8 +136,8 @@ def test_the_page_has_every_item_of_the_report(found, html):
         section.made_at.isoformat(sep=" "),
         "PASS: at 3 fresh poses",
         "the wizard moved the arm",
-        "centre of mass",
-        "bias of torque",
+        "centre of mass (mm)",
+        "bias torque (N m)",
         "left out 40 readings: in contact, or touched",
         "pose 2 was refused",
         "used",
@@ -151,7 +151,7 @@ def test_the_page_has_every_item_of_the_report(found, html):
 )
 def test_the_title_of_the_page_is_the_verdict(fresh, push_N, word):
     """The tab of a browser shows the verdict."""
-    html = page(findings(fresh, push_N))
+    html = page(findings(fresh, push_N)).source
     assert f"<title>Calibration of demo: {word}</title>" in html
     assert len(re.findall('class="verdict"', html)) == 1
 

@@ -150,7 +150,7 @@ def publishing_robot(cell: CellConfig) -> Iterator[None]:
 
     def publish() -> None:
         with open_bus(cell, "robot") as bus:
-            health = bus.publisher(topics.ROBOT_HEALTH)
+            health = bus.publisher(topics.HEALTH["robot"])
             state = bus.publisher(topics.ROBOT_STATE)
             while not stop.wait(0.02):
                 health.put(Health(config_hash=cell_hash(cell), numbers={"sender_hz": 40.0}))

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from common.bus.profile_fit import IMPLEMENTATIONS, Choice, problem_with
-from forcemesh.topics import ROLES
+from forcemesh.topics import HELPERS, ROLES
 from tests.fakes.compose_file import (
     CELL_OF,
     COMPOSE,
@@ -37,13 +37,13 @@ process = pytest.mark.parametrize("name", RUN)
 def test_one_word_swaps_the_implementations_of_robot_and_sensor() -> None:
     """The profiles differ in implementation of robot and sensor, and in emulated hardware."""
     same = set(ROLES) - {"robot", "sensor"}
-    same |= {"panel", "recorder"}
+    same |= {"panel", *HELPERS}
     assert profile("sim") == same | {"sim-cell", "robot-sim"}
     assert profile("real") == same | {"real-cell", "gateway", "sensor"}
     assert profile("emulated") == same | {"emulated-cell", "gateway", "sensor", "controller-sim"}
 
 
-@pytest.mark.parametrize("name", sorted({*ROLES, "panel", "recorder"} - {"robot", "sensor"}))
+@pytest.mark.parametrize("name", sorted({*ROLES, *HELPERS, "panel"} - {"robot", "sensor"}))
 def test_the_word_changes_no_other_container(name: str) -> None:
     """A container that is neither robot nor sensor has no profile and reads none."""
     assert "profiles" not in SERVICES[name]

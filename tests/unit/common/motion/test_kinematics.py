@@ -11,7 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from common.motion.frames import GRAVITY_M_S2, Array, Oat, R_from_oat, oat_from_R, rotation_between
 from common.motion.kinematics import MODEL_PATH, ArmKinematics
-from sim.controller.values import Joints, Transformation, se3_of
+from sim.as_language.values import Joints, Transformation, se3_of
 from sim.robot.engine import mujoco
 from tests.fakes.as_bench import AsBench, program
 

@@ -78,7 +78,7 @@ def test_health_reports_overruns_and_the_longest_gap() -> None:
     clock, transport = ManualClock(), MemoryTransport()
     bus = Bus("regulator", CELL.cell, transport, CELL, clock)
     client = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock)
-    health = client.reader(topics.REGULATOR_HEALTH)
+    health = client.reader(topics.HEALTH["regulator"])
     sleeper = SlowService(clock)
     runner = Runner(sleeper, [reporter_of(bus, CELL)], clock)
 

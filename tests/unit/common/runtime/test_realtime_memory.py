@@ -52,7 +52,7 @@ def test_health_reports_whether_memory_is_locked(
     """Next to the report of real-time priority."""
     monkeypatch.setattr(realtime, "_locked", locked)
     cell = Cellmates()
-    reader = cell.client.reader(topics.ARBITER_HEALTH)
+    reader = cell.client.reader(topics.HEALTH["arbiter"])
     reporter_of(cell._bus("arbiter"), CELL).stepped(cell.clock.now_ns(), 0.0, cell.service)
     message = reader.read(cell.clock.now_ns()).message
     assert message is not None

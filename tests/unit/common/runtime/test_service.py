@@ -146,7 +146,7 @@ def test_a_process_of_two_roles_gives_the_health_of_both(line: ServiceBus) -> No
     """The first role's bus is opened; the second one plays on it."""
     readers = [
         line.bus(topics.CLIENT).reader(topic)
-        for topic in (topics.ROBOT_HEALTH, topics.SENSOR_HEALTH)
+        for topic in (topics.HEALTH["robot"], topics.HEALTH["sensor"])
     ]
     roles, worker = ("robot", "sensor"), LastStep(line.clock)
     process.main(
@@ -351,7 +351,7 @@ class MeasuringWorker(Worker):
 def healths(worker: Worker, transport: MemoryTransport, clock: ManualClock) -> list[Health]:
     """Let a service work for a second; return all health that it gave."""
     bus = Bus("wrench", CELL.cell, transport, CELL, clock)
-    reader = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.WRENCH_HEALTH)
+    reader = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.HEALTH["wrench"])
     runner, reports = Runner(worker, [reporter_of(bus, CELL)], clock), []
     for _ in range(10):
         runner.step(clock.now_ns())

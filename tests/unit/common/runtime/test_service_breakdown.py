@@ -51,7 +51,7 @@ def test_an_unforeseen_error_is_reported_at_once_and_the_process_continues(
     cell, failing = Cellmates(), FailingService()
     log: list[str] = []
     bus = cell._bus("wrench")
-    reader = cell.client.reader(topics.WRENCH_HEALTH)
+    reader = cell.client.reader(topics.HEALTH["wrench"])
     contain = Containment("wrench", log.append)
     runner = Runner(failing, [reporter_of(bus, CELL)], cell.clock, contain=contain)
 

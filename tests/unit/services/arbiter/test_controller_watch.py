@@ -82,7 +82,7 @@ def test_a_controller_that_becomes_late_while_pressing_holds(share: float, conti
 def test_the_pendant_s_speed_turned_down_while_an_emulated_arm_presses_holds() -> None:
     """Gateway and shipped program: within a second the arm holds with the reason."""
     lab = Lab(load_cell(DEMO_TCP))
-    numbers = lab.cell.client.reader(topics.ROBOT_HEALTH)
+    numbers = lab.cell.client.reader(topics.HEALTH["robot"])
     lab.approach()
     lab.cell.advance(2.5)
     assert lab.force_N > 10.0
@@ -97,7 +97,7 @@ def test_the_pendant_s_speed_turned_down_while_an_emulated_arm_presses_holds() -
 def test_a_tare_resets_its_age() -> None:
     """The age counts from the start of the process or the last tare, on the process's clock."""
     lab = Lab()
-    numbers = lab.cell.client.reader(topics.WRENCH_HEALTH)
+    numbers = lab.cell.client.reader(topics.HEALTH["wrench"])
     lab.cell.advance(2.0)
     since_s = 3600.0 * lab.now(numbers).numbers["tare_age_h"]
     assert 1.5 < since_s < 2.4

@@ -20,8 +20,14 @@ from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.errors import ConfigError, ForcemeshError
 from forcemesh.published_ports import is_loopback
 from services.panel.access import Door, door_of
-from services.panel.policy import with_nonce_unpacked
-from services.panel.server import Gate, PanelServer, close_server, listen, open_server
+from services.panel.server import (
+    Gate,
+    PanelServer,
+    close_server,
+    listen,
+    open_server,
+    with_nonce_unpacked,
+)
 from services.panel.sessions import SESSION_IDLE_S
 
 TOKEN, VIEW = "0123456789abcdef", "fedcba9876543210"

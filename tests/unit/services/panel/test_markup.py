@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from forcemesh.messages import RecorderStatus, Trip
 from services.panel.faultlog import Happened
-from services.panel.markup import html, joined
-from services.panel.prose import paragraphs
+from services.panel.markup import filled_page, html, joined, paragraphs
 from services.panel.tabs.calibrate import notes_of
 from services.panel.tabs.faults import log_text, now_text
 from services.panel.tabs.force import now_text as force_text
@@ -27,34 +26,11 @@ TAG = re.compile(r"</?[a-zA-Z][a-zA-Z0-9]*[ >/]")
 NUMBER = re.compile(r"[+,0-9.]*[dfgex]$")
 # Parts of f-strings with tags that are no foreign text, with the reason.
 OURS = {
-    "cli/report/page.py": {
-        "plot": "an SVG that matplotlib has made",
-        "STYLE": "of this file",
-        "head": "made of escaped parts",
-        "view": "of this file",
-        "body": "made of escaped parts",
-        "inside": "made of escaped parts",
-        "spans": "made of escaped parts",
-        "rows": "made of escaped parts",
-        "b": "a number with its unit",
-        "s": "a word of this file",
-        "_colours(state)": "colours of a table",
-        "stop.trip.rule": "an integer, by its type",
-        "row.count": "an integer",
-        "row.lost": "an integer",
-    },
-    "cli/calibration/page.py": {
-        "STYLE": "of this file",
-        "verdict.result": "one of three words",
-        "colour": "of this file",
-        "cells": "made of escaped parts",
-        "data": "base64",
-    },
-    "services/panel/policy.py": {"NONCE": "of this file"},
     "services/panel/server.py": {
         "head": "viser's page",
         "tail": "viser's page",
-        "resource('bar.html')": "a file of ours",
+        "bar": "a file of ours",
+        "NONCE": "of this file",
     },
     "sim/netft/protocol.py": {"name": "of this file", "lines": "made of escaped parts"},
 }
@@ -86,6 +62,17 @@ def test_any_text_is_shown_literally_and_is_never_an_element(text):
     found = Elements(html("<p>{}</p>", inner).source)
     assert (found.tags, found.text) == (["p", "b title"], text.replace("\r\n", "\n"))
     assert Elements(joined([inner, inner], text).source).text == 3 * text
+
+
+def test_foreign_text_in_a_page_of_the_templates_is_text():
+    """A name is filled as a field of `html`; a missing or unknown one is an error."""
+    names = ("origin", "cards", "states", "stops", "plots", "scene", "topics")
+    parts = dict.fromkeys(names, html("")) | {"title": "<b>$title</b>"}
+    found = Elements(filled_page("cli.report", "report.html", **parts).source)
+    assert "b" not in found.tags
+    assert found.text.count("<b>$title</b>") == 1 + 1
+    with pytest.raises(KeyError):
+        filled_page("cli.report", "report.html", title="")
 
 
 def test_none_or_a_number_in_a_field_is_text_too():
@@ -153,7 +140,7 @@ def refused(node: ast.AST, name: str) -> str:
     """Return the reason why a node may let foreign text into a page, empty when it does not."""
     if isinstance(node, ast.Call):
         return refused_call(node, name)
-    if isinstance(node, ast.Assign) and name != "services/panel/prose.py":
+    if isinstance(node, ast.Assign) and name != "services/panel/viewer.py":
         targets = [one for one in node.targets if isinstance(one, ast.Attribute)]
         if any(one.attr == "content" for one in targets):
             return "only Prose sets what a form shows"
@@ -169,7 +156,7 @@ def refused_call(node: ast.Call, name: str) -> str:
     called = ast.unparse(node.func).rpartition(".")[2]
     if called == "add_markdown":
         return "Markdown renders raw HTML: use Prose"
-    if called == "add_html" and name != "services/panel/prose.py":
+    if called == "add_html" and name != "services/panel/viewer.py":
         return "only Prose adds HTML"
     if called == "Html" and name != "services/panel/markup.py":
         return "only services.panel.markup makes Html"

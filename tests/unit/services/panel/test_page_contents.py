@@ -30,8 +30,7 @@ from services.panel.faultlog import FAULTS_KEPT, FaultLog
 from services.panel.history import HISTORY_POINTS, PlotHistory, Span
 from services.panel.plots import BRIDGED_S, OUTSIDE, broken
 from services.panel.readout import NAMES, Readout, distance_mm
-from services.panel.status_bar import held_as, strip
-from services.panel.stopping import UNANSWERED, stop_text
+from services.panel.status_bar import UNANSWERED, held_as, stop_text, strip
 from services.panel.tabs.calibrate import notes_of
 from services.panel.tabs.faults import now_text
 from services.panel.tabs.force import start_question

@@ -2,6 +2,7 @@
 
 from itertools import combinations
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -14,16 +15,16 @@ from common.motion.frames import rotation_from_vector
 from forcemesh.bus import Reading
 from forcemesh.faults import tripped
 from forcemesh.messages import (
+    ArbiterState,
     ArbiterStatus,
     RegulatorTarget,
     RobotState,
     WrenchAtTcp,
 )
 from forcemesh.trip_text import trip_text
-from services.panel.force_display import force_display
 from services.panel.server import page
 from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
-from services.panel.status_bar import strip
+from services.panel.status_bar import force_display, strip
 from services.panel.watch import Snapshot
 from tools.tree import ROOT
 
@@ -94,9 +95,10 @@ def test_the_name_of_each_state_is_legible_on_its_colour():
 def test_the_page_and_the_bar_take_their_colours_from_the_table():
     """A state has its colours, an unknown one those of the page."""
     assert f"background: {NO_STATE.background}; color: {NO_STATE.text};" in page("a title")
-    for state, colour in STATE_COLOURS.items():
+    assert list(STATE_COLOURS) == list(get_args(ArbiterState))
+    for state in get_args(ArbiterState):
         received = Snapshot(hub_fault="", arbiter=fresh(ArbiterStatus(state=state)))
-        assert strip(CELL, received, "view")["colour"] == colour._asdict()
+        assert strip(CELL, received, "view")["colour"] == STATE_COLOURS[state]._asdict()
     assert strip(CELL, Snapshot(), "view")["colour"] == NO_STATE._asdict()
 
 

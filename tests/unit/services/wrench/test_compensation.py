@@ -11,8 +11,7 @@ from hypothesis.extra import numpy as hnp
 
 from common.config.payload import Payload, predict
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
-from services.wrench.compensation import Mounting, Wrench, compensate
-from services.wrench.smoothing import Filter, feed
+from services.wrench.compensation import Filter, Mounting, Wrench, compensate, feed
 from services.wrench.tare import WEIGHT_SHARE, TareLimits, tare
 from tests.fakes.bench import CELL
 

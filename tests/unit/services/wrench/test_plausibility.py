@@ -23,7 +23,6 @@ from forcemesh.faults import FAULTS
 from forcemesh.messages import RobotState, SensorWrench
 from forcemesh.requests import ArmRequest, MoveRequest
 from launch.virtual_cell import VirtualCell
-from services.wrench.inputs import Pairing, pair, sensor_fault
 from services.wrench.plausibility import (
     NO_FAULT,
     WILD_APART,
@@ -31,6 +30,7 @@ from services.wrench.plausibility import (
     ReadingLimits,
     check_reading,
 )
+from services.wrench.service import Pairing, pair, sensor_fault
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab

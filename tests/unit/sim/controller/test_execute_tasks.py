@@ -2,8 +2,8 @@
 
 import pytest
 
+from sim.as_language.errors import AsError
 from sim.controller.behaviour import Behaviour
-from sim.controller.errors import AsError
 from tests.fakes.as_bench import FAST, AsBench, program
 
 FOREVER = ("WHILE TRUE DO", "TWAIT 0.01", "END")

@@ -1,0 +1,223 @@
+"""Compiler from expressions to closures: each takes an `EvaluationContext` and returns a value.
+
+    expressions = Expressions()
+    read = expressions.real(expression)       # once, when the program is loaded
+    value = read(context)                     # each time the step is executed; raises AsError
+
+`value`, `real`, `text`, `pose`, `place`, `truth` select the result type; `store`, `refer` and
+`locate` are for variables that are written, passed by reference and filled; `layout` is for PRINT.
+Memory and machine come from the context, so machines share compiled programs. Compilation never
+raises: an error in an expression is raised when it is executed.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import cast
+
+from sim.as_language import formats, functions_number, syntax, variables
+from sim.as_language.errors import AsError
+from sim.as_language.function_calls import compile_function
+from sim.as_language.machine_api import EvaluationContext
+from sim.as_language.memory import Array, VariableCell, index_of, plain
+from sim.as_language.operations import compile_binary, compile_unary, compile_with_constant
+from sim.as_language.syntax import Expression, Variable
+from sim.as_language.values import Joints, Pose, Transformation, joints
+from sim.as_language.variables import Indices, Locate, NamesOf, Read, Refer, Store
+
+_locals_of: NamesOf = attrgetter("locals")
+_globals_of: NamesOf = attrgetter("globals")
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerOptions:
+    """Options of a controller. `optional_formats`: /J /K /L."""
+
+    optional_formats: bool = False
+
+
+class Expressions:
+    """Expression compiler."""
+
+    def __init__(self, options: ControllerOptions | None = None) -> None:
+        """Bind to the installed options of a controller."""
+        self.options = options or ControllerOptions()
+
+    # --- values -----------------------------------------------------------------------------------
+
+    def value(self, expression: Expression, *, location: bool = False) -> Read:
+        """Compile to a value of any type; `location`: an undefined name is E0103, not E0102."""
+        match expression:
+            case syntax.Number(value) | syntax.Text(value):
+                return lambda _: value
+            case syntax.Variable():
+                return self._variable(expression, location=location)
+            case syntax.Reference(variable):
+                return self._variable(variable, location=location)
+            case syntax.Binary():
+                return self._binary(expression, location=location)
+            case syntax.Unary(sign, operand):
+                return compile_unary(sign, self.value(operand, location=location and sign == "-"))
+            case syntax.FunctionCall():
+                return compile_function(self, expression)
+            case syntax.JointLiteral(values):
+                readers = [self.real(item) for item in values]
+                return lambda context: joints(*(read(context) for read in readers))
+            case syntax.Word(name):
+                return lambda _: name
+            case syntax.Format(code):
+                return refuse("P0114", f"/{code} is a format, not a value")
+
+    def real(self, expression: Expression) -> Callable[[EvaluationContext], float]:
+        """Compile to a number (P0118)."""
+        if isinstance(expression, syntax.Number):
+            constant = expression.value
+            return lambda _: constant
+        read = self.value(expression)
+        if gives_number(expression):
+            return cast("Callable[[EvaluationContext], float]", read)
+
+        def run(context: EvaluationContext) -> float:
+            value = read(context)
+            if value.__class__ is float or isinstance(value, float | int):
+                return value
+            raise AsError("P0118", f"expected a number, found {plain(value)}")
+
+        return run
+
+    def truth(self, expression: Expression) -> Callable[[EvaluationContext], float]:
+        """Compile to a condition: every number but 0 is true, for AS as for Python."""
+        return self.real(expression)
+
+    def text(self, expression: Expression) -> Callable[[EvaluationContext], str]:
+        """Compile to a string (P0118)."""
+        read = self.value(expression)
+
+        def run(context: EvaluationContext) -> str:
+            value = read(context)
+            if isinstance(value, str):
+                return value
+            raise AsError("P0118", f"expected a string, found {plain(value)}")
+
+        return run
+
+    def pose(self, expression: Expression) -> Callable[[EvaluationContext], Pose]:
+        """Compile to a transformation or joint values (E0103, P0118)."""
+        read = self.value(expression, location=True)
+
+        def run(context: EvaluationContext) -> Pose:
+            value = read(context)
+            if isinstance(value, Transformation | Joints):
+                return value
+            raise AsError("P0118", f"expected a location, found {plain(value)}")
+
+        return run
+
+    def place(self, expression: Expression) -> Callable[[EvaluationContext], Transformation]:
+        """Compile to a transformation; the machine converts joint values."""
+        read = self.pose(expression)
+
+        def run(context: EvaluationContext) -> Transformation:
+            value = read(context)
+            if isinstance(value, Joints):
+                return context.machine.transformation_of(value)
+            return value
+
+        return run
+
+    # --- variables --------------------------------------------------------------------------------
+
+    def store(self, variable: Variable) -> Store:
+        """Compile to a writer of a variable or element (P0150, P0132, P0133)."""
+        return variables.store(variable, _names_of(variable), self.indices(variable))
+
+    def refer(
+        self, expression: Expression | None
+    ) -> Callable[[EvaluationContext], VariableCell | Array | None]:
+        """Compile an argument of CALL: a variable by reference, or a new cell with a value."""
+        if expression is None:
+            return lambda _: None
+        if isinstance(expression, syntax.Reference):
+            expression = expression.variable
+        if isinstance(expression, Variable):
+            return self.refer_variable(expression)
+        read = self.value(expression)
+        return lambda context: VariableCell(read(context))
+
+    def refer_variable(self, variable: Variable) -> Refer:
+        """Compile to the cell or array of a variable."""
+        return variables.refer(variable, _names_of(variable), self.indices(variable))
+
+    def locate(self, variable: Variable) -> Locate:
+        """Compile to the array and the first index for storing consecutive elements."""
+        return variables.locate(variable, _names_of(variable), self.indices(variable))
+
+    def indices(self, variable: Variable) -> Indices | None:
+        """Compile the indices in brackets; None without brackets."""
+        if not variable.indices:
+            return None
+        numbers = [index.value for index in variable.indices if isinstance(index, syntax.Number)]
+        if len(numbers) == len(variable.indices):
+            with suppress(AsError):  # out of range: raised when it is executed
+                constant = index_of(numbers)
+                return lambda _: constant
+        return variables.indices_of([self.value(index) for index in variable.indices])
+
+    # --- text of PRINT and $ENCODE ----------------------------------------------------------------
+
+    def layout(
+        self, items: Sequence[Expression | None]
+    ) -> Callable[[EvaluationContext], tuple[str, bool]]:
+        """Compile items to their text, and whether a line feed follows."""
+        parts = [
+            item if isinstance(item, syntax.Format) else self.value(item)
+            for item in items
+            if item is not None
+        ]
+        return formats.layout(parts, optional=self.options.optional_formats)
+
+    def _binary(self, expression: syntax.Binary, *, location: bool) -> Read:
+        sign, right = expression.operator, expression.right
+        same = location and sign in "+-"
+        first = self.value(expression.left, location=same)
+        if isinstance(right, syntax.Number):
+            return compile_with_constant(sign, first, right.value)
+        return compile_binary(sign, first, self.value(right, location=same))
+
+    def _variable(self, variable: Variable, *, location: bool) -> Read:
+        if variable.whole:
+            return refuse("P0133", f"{variable.spelling}[] is a whole array")
+        indices = self.indices(variable)
+        names_of = _names_of(variable)
+        if indices is None:
+            return variables.read_scalar(variable, names_of, location=location)
+        return variables.read_element(variable, names_of, indices, location=location)
+
+
+def gives_number(expression: Expression) -> bool:
+    """Return whether an expression can only yield a number, so no type check is needed."""
+    match expression:
+        case syntax.Number():
+            return True
+        case syntax.Binary(sign, left, right):
+            return sign not in "+-" or gives_number(left) or gives_number(right)
+        case syntax.Unary(sign, operand):
+            return sign != "-" or gives_number(operand)
+        case syntax.FunctionCall(name):
+            return name in functions_number.FUNCTIONS
+        case _:
+            return False
+
+
+def _names_of(variable: Variable) -> NamesOf:
+    return _locals_of if variable.local else _globals_of
+
+
+def refuse(code: str, detail: str) -> Read:
+    """Return a reader that raises when it is executed."""
+
+    def run(_: EvaluationContext) -> float:
+        raise AsError(code, detail)
+
+    return run

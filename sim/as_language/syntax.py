@@ -1,0 +1,432 @@
+"""Syntax tree of an AS source file. Values only, no execution.
+
+    SourceFile                 one .as or .pg file
+      Program                  name, parameters, labels and a FLAT tuple of steps
+        Step                   number (from 1), label, source line and text, one Statement
+      DataValue                one line of .REALS, .STRINGS, .INTEGER, .TRANS or .JOINTS
+
+Statements are flat, not nested. IF, WHILE, FOR, DO and CASE are resolved into **indices into
+`Program.steps`** when the file is loaded, so GOTO may enter and leave a structure, and an error
+names program and step as the controller does. Every field named `after_...` or `..._at` is such an
+index (0-based; `len(steps)` means: end of the program). An `Unresolved` target is -1. Comment
+lines are steps (`Comment`), as in the controller's own listing; blank lines are not.
+
+Control flow per statement, where it differs from continuing with the next step:
+
+    If(condition, false_at)    false: jump to false_at (after its ELSE, or to its END)
+    Else(end_at)               reached from above: jump to end_at
+    While(condition, after_at) false: jump to after_at
+    For(...)                   see `For`
+    Until(condition, do_at)    false: jump to do_at
+    Case(selector, branches, default_at)   first branch with an equal value, else default_at
+    Value, Any                 reached from above: jump to end_at
+    End(of, start_at)          of "WHILE"/"FOR": jump to start_at; of "IF"/"CASE": no effect
+    Goto(label, target, condition)         target -1: E0101
+
+Names are stored in lower case and cut to 15 characters, keywords and functions in upper case and
+in full. A variable's `kind` is "" (real or transformation), "$", "#" or "@".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+UNRESOLVED = -1
+SIGNIFICANT_CHARACTERS = 15
+
+# --- expressions ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A real: 8.5E3, ^B101, ^HC1, 'A, TRUE, OFF. Already rounded to single precision."""
+
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A string literal, without its quotes. One character is one byte (Latin-1)."""
+
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A variable or one array element: `x`, `.x`, `$s[1]`, `.#j`, `@n[1,2]`.
+
+    `whole` is True for `a[]`, the array itself (an argument of CALL or a parameter).
+    """
+
+    kind: str
+    name: str
+    local: bool = False
+    indices: tuple[Expression, ...] = ()
+    whole: bool = False
+
+    @property
+    def spelling(self) -> str:
+        """Return the name as AS writes it, without indices: `.$s`."""
+        return f"{'.' if self.local else ''}{self.kind}{self.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class Unary:
+    """An operator before its operand: "-", "NOT" or "COM"."""
+
+    operator: str
+    operand: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """An operator between its operands.
+
+    ^ * / MOD + - < <= == <> >= > BAND BOR BXOR AND OR XOR; `=<`, `=>` and `!=` are stored as
+    `<=`, `>=` and `<>`. "+" and "-" of transformations compose them.
+    """
+
+    operator: str
+    left: Expression
+    right: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionCall:
+    """A function with its arguments, `None` if one is omitted: TRANS(1,,3), PI, $LEFT($s,1).
+
+    SHIFT(p BY x,y,z) holds (p, x, y, z). SWITCH(CP) and the EXIST functions hold `Word`s.
+    """
+
+    name: str
+    arguments: tuple[Expression | None, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class JointLiteral:
+    """Joint values written out: #[j1,...,j6]."""
+
+    values: tuple[Expression, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format of PRINT, TYPE or $ENCODE: /F5.2 is ("F", 5, 2), /S is ("S", None, None)."""
+
+    code: str
+    width: int | None = None
+    decimals: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A bare name that is not a variable: a program, a switch, a keyword. Lower case."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """`&p` or `.&p[,]`: an argument of CALL marked as a transformation."""
+
+    variable: Variable
+
+
+Expression = (
+    Number
+    | Text
+    | Variable
+    | Unary
+    | Binary
+    | FunctionCall
+    | JointLiteral
+    | Format
+    | Word
+    | Reference
+)
+
+
+# --- statements -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Comment:
+    """A comment line: a step without effect."""
+
+
+@dataclass(frozen=True, slots=True)
+class Assign:
+    """`x = 1`, `$s = "a"`, `@n[2] = 3`. Not `TIMER(1)=0`: an Instruction."""
+
+    target: Variable
+    value: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class PointStatement:
+    """`POINT p = expr`, `POINT #j = trans, #configuration`, `POINT/X p = q`.
+
+    `part` is "" or one of X Y Z OAT O A T (also EXT and similar: not executed).
+    """
+
+    target: Variable
+    value: Expression
+    part: str = ""
+    configuration: Expression | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Here:
+    """`HERE p`, `HERE #p`, `HERE a+b` (defines the rightmost, relative to the rest)."""
+
+    target: Variable
+    relative_to: Expression | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Decompose:
+    """`DECOMPOSE arr[k] = pose`: six reals from element k on."""
+
+    target: Variable
+    value: Expression
+
+
+@dataclass(frozen=True, slots=True)
+class If:
+    """`IF condition THEN`."""
+
+    condition: Expression
+    false_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class Else:
+    """`ELSE`: jumps to its END when reached from above."""
+
+    end_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class While:
+    """`WHILE condition DO`; `after_at` is the step after its END."""
+
+    condition: Expression
+    after_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class Do:
+    """`DO`: no effect; jump target of its UNTIL."""
+
+
+@dataclass(frozen=True, slots=True)
+class Until:
+    """`UNTIL condition`: false jumps to `do_at`."""
+
+    condition: Expression
+    do_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class For:
+    """`FOR v = start TO stop STEP step`.
+
+    Start is assigned, stop and step are evaluated once; the test precedes the body, END adds the
+    step and tests again. Beyond stop: jump to `after_at` (v keeps its value).
+    """
+
+    variable: Variable
+    start: Expression
+    stop: Expression
+    step: Expression
+    after_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class Branch:
+    """One VALUE or SVALUE of a CASE: its values and the step after it."""
+
+    values: tuple[Expression, ...]
+    body_at: int
+
+
+@dataclass(frozen=True, slots=True)
+class CaseStatement:
+    """`CASE x OF` or (`text` True) `SCASE $x OF`; `default_at` is after ANY, or at the END."""
+
+    selector: Expression
+    text: bool = False
+    branches: tuple[Branch, ...] = ()
+    default_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """`VALUE 1,2:` or `SVALUE "a":`: jumps to the END when reached from above."""
+
+    values: tuple[Expression, ...]
+    end_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class Any:
+    """`ANY :`, the default branch."""
+
+    end_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """`END` of an IF, WHILE, FOR or CASE; `start_at` is the step that opened it."""
+
+    of: str = ""
+    start_at: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class Goto:
+    """`GOTO label`, `GOTO label IF condition`, `IF condition GOTO label`."""
+
+    label: str
+    condition: Expression | None = None
+    target: int = UNRESOLVED
+
+
+@dataclass(frozen=True, slots=True)
+class CallStatement:
+    """`CALL prog(a, &b, 1+2)`. A Variable or Reference is passed by reference."""
+
+    program: str
+    arguments: tuple[Expression | None, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Scall:
+    """`SCALL $name, result`: the name is in a string; result gets the error code."""
+
+    program: Expression
+    result: Variable | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Return:
+    """`RETURN`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Print:
+    """`PRINT 2: items` or `TYPE items`; items are expressions and `Format`s."""
+
+    name: str
+    items: tuple[Expression | None, ...] = ()
+    device: Expression | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """Any other instruction: full upper-case name, arguments in order, words in order.
+
+    SPEED 30 MM/S ALWAYS   ("SPEED", (30,), ("MM/S", "ALWAYS"))
+    PCEXECUTE 2: p,-1      ("PCEXECUTE", (2, Word p, -1)); without a number: 1 (Number)
+    PCABORT 2:, PCEND 2:   ("PCABORT", (2,))
+    MC EXECUTE p,-1        ("MC EXECUTE", (Word p, -1))
+    TIMER 1 = 0, TIMER(1)=0  ("TIMER", (1, 0))
+    CP ON                  ("SWITCH", (Word cp,), ("ON",)); RTC_SW 1: ON has (Word, 1)
+    XMOVE/ERR p TILL s     ("XMOVE", (p, s), ("/ERR", "TILL"))
+    ON s CALL p, 10        ("ON", (s, Word p, 10), ("CALL",)); with GOTO the label is a Word
+    ONE p, IGNORE s        ("ONE", (Word p,)), ("IGNORE", (s,))
+    BREAK, LEFTY, STOP     (name, ())
+
+    `unknown` is True if the first word is not a known AS instruction; if the rest is not an
+    argument list either, it is stored as raw text in the only argument, a Text.
+    """
+
+    name: str
+    arguments: tuple[Expression | None, ...] = ()
+    modifiers: tuple[str, ...] = ()
+    unknown: bool = False
+
+
+Statement = (
+    Comment | Assign | PointStatement | Here | Decompose | If | Else | While | Do | Until | For |
+    CaseStatement | Value | Any | End | Goto | CallStatement | Scall | Return | Print | Instruction
+)  # fmt: skip
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """Position in a file: file and line (from 1)."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}"
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramStep:
+    """One step of a program; `number` counts from 1, as in the controller's messages."""
+
+    number: int
+    statement: Statement
+    where: Position
+    text: str = ""
+    label: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A program; `labels` maps a label ("10", "accept") to the index of its step."""
+
+    name: str
+    parameters: tuple[Variable, ...]
+    steps: tuple[ProgramStep, ...]
+    where: Position
+    labels: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class DataValue:
+    """One line of a data section; `variable` may hold Number indices.
+
+    `value` is one real, one string, or the numbers of a pose (.TRANS, .JOINTS; at least six).
+    """
+
+    variable: Variable
+    value: float | str | tuple[float, ...]
+    where: Position
+
+
+@dataclass(frozen=True, slots=True)
+class SkippedSection:
+    """A skipped section: its name (".ROBOTDATA1") and position."""
+
+    name: str
+    where: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """A construct that the parser accepted with a warning."""
+
+    where: Position
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceFile:
+    """A whole file: programs by name in file order, data, skipped sections.
+
+    The parser returns the same object for the same text; compiled programs are cached by it.
+    """
+
+    name: str
+    programs: Mapping[str, Program]
+    data: tuple[DataValue, ...] = ()
+    skipped: tuple[SkippedSection, ...] = ()
+    remarks: tuple[Remark, ...] = ()

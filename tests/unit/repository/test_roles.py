@@ -1,0 +1,39 @@
+"""Every other list of roles agrees with the table of roles, or names the one that it lacks."""
+
+import pytest
+
+from forcemesh.topics import HELPERS, ROLE_TABLE, ROLES, Role
+from tests.fakes.compose_file import ROOT, SERVICES, roles_of
+from tools import hostile
+
+each_row = pytest.mark.parametrize("row", ROLE_TABLE, ids=lambda row: row.name)
+
+
+@each_row
+def test_each_implementation_has_a_container(row: Role) -> None:
+    """docker-compose.yml starts every module of the table under a name of its own."""
+    started = {SERVICES[name]["command"][2] for name in SERVICES if row.name in roles_of(name)}
+    assert started == {module for module in row.modules.values() if module}
+
+
+@each_row
+@pytest.mark.parametrize(
+    ("page", "words"),
+    [
+        ("docs/bus.md", "| `{name}/health` | {name} |"),  # written by tools/bus_page.py
+        ("docs/install.md", "`{name}`"),  # the table of certificates
+    ],
+)
+def test_each_page_has_the_role(row: Role, page: str, words: str) -> None:
+    """A user finds the role where keys and rights are listed."""
+    assert words.format(name=row.name) in (ROOT / page).read_text(encoding="utf-8")
+
+
+def test_the_hostile_client_knows_every_role() -> None:
+    """It imports nothing of forcemesh, so it has a list of its own."""
+    assert hostile.ROLES == ROLES
+
+
+def test_a_role_is_needed_or_a_helper() -> None:
+    """Both lists follow from the table, in its order."""
+    assert sorted((*ROLES, *HELPERS)) == sorted(row.name for row in ROLE_TABLE)

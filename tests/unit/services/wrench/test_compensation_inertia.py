@@ -1,0 +1,130 @@
+"""Inertia of the tool, subtracted from the reading where the cell file requires it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config.load import load_cell
+from common.config.payload import Payload, predict
+from forcemesh import topics
+from forcemesh.errors import ConfigError
+from forcemesh.requests import MoveRequest
+from services.wrench.compensation import (
+    AccelerationEstimator,
+    Mounting,
+    ReportedPose,
+    Wrench,
+    compensate,
+)
+from tests.fakes.bench import CELL
+from tests.fakes.lab import Lab
+from tests.unit.common.config.test_load import DEMO
+
+PAYLOAD = Payload(1.2, (0.01, 0.02, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+MOUNTING = Mounting(CELL.sensor.T_flange_sensor.pose, CELL.tool.T_flange_tcp.pose)
+PERIOD_NS = round(1e9 / CELL.rates.robot_hz)
+vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
+
+
+def reading(p_m: np.ndarray, seq: int, *, at_s: float | None = None) -> ReportedPose:
+    """Return the report of a flange that does not rotate."""
+    stamp_ns = seq * PERIOD_NS if at_s is None else round(at_s * 1e9)
+    return ReportedPose(1, seq, stamp_ns, pin.SE3(np.eye(3), p_m))
+
+
+def estimate_of(poses: Sequence[ReportedPose | None]) -> AccelerationEstimator:
+    """Return the acceleration estimate of a motion."""
+    acceleration = AccelerationEstimator(CELL, MOUNTING)
+    for each in poses:
+        acceleration.update(each, PAYLOAD)
+    return acceleration
+
+
+@given(vectors, vectors, st.floats(0.5, 2.0))
+def test_a_constant_acceleration_is_estimated_at_any_rate_of_the_robot(
+    v: np.ndarray, a: np.ndarray, slower: float
+) -> None:
+    """The period is measured, because a controller does not keep the rate of the cell file."""
+    period_s = slower * PERIOD_NS / 1e9
+    times = np.arange(30) * period_s
+    path = [v * t + a * t * t / 2 for t in times]
+    found = estimate_of([reading(p, k, at_s=times[k]) for k, p in enumerate(path)]).now()
+    assert found == pytest.approx(a, abs=1e-3)
+
+
+def test_a_gap_another_writer_and_silence_restart_the_estimate() -> None:
+    """Half of an old motion and half of a new one would be a jump."""
+    path = [np.array([0.5 * (0.004 * k) ** 2 * 2.0, 0.0, 0.0]) for k in range(40)]
+    known = [reading(p, k) for k, p in enumerate(path)]
+    assert estimate_of(known).now()[0] == pytest.approx(2.0, abs=1e-3)
+    assert estimate_of([*known[:20], *known[:3]]).now() == pytest.approx(0.0)
+    assert estimate_of([*known[:20], *known[30:32]]).now() == pytest.approx(0.0)
+    other = known[20]._replace(epoch=2)
+    assert estimate_of([*known[:20], other]).now() == pytest.approx(0.0)
+    assert estimate_of([*known[:20], None, *known[20:22]]).now() == pytest.approx(0.0)
+    assert estimate_of([*known[:20], known[19], known[19]]).now()[0] == pytest.approx(2.0, abs=1e-3)
+
+
+def test_poses_with_constant_stamps_give_no_acceleration() -> None:
+    """Constant stamps have no period."""
+    assert estimate_of(
+        [reading(np.zeros(3), k, at_s=1.0) for k in range(20)]
+    ).now() == pytest.approx(0.0)
+
+
+@given(vectors, st.floats(-3.0, 3.0))
+def test_the_effect_of_acceleration_is_removed(a: np.ndarray, angle: float) -> None:
+    """Force and torque of m (g - a) of a perfect sensor leave zero."""
+    R = pin.utils.rotate("x", angle)
+    force, torque = predict(PAYLOAD, R)
+    carried_N = -PAYLOAD.mass_kg * R.T @ a
+    sensed = Wrench(force + carried_N, torque + np.cross(PAYLOAD.com_m, carried_N))
+    residual = compensate(
+        sensed,
+        R_base_sensor=R,
+        p_sensor_tcp_in_sensor=np.array([0.0, 0.0, 0.14]),
+        payload=replace(PAYLOAD),
+        a_com_m_s2=a,
+    )
+    assert residual.force_N == pytest.approx(0.0, abs=1e-9)
+    assert residual.torque_Nm == pytest.approx(0.0, abs=1e-9)
+
+
+def residual_rms_N(*, inertial: bool) -> float:
+    """Return the rms residual force [N] while the simulated arm swings its tool."""
+    changes = {
+        "filter.inertial": inertial,
+        "sim.gap_m": 0.1,
+        "limits.speed_m_s": 1.0,
+        "sim.bias_force_N": [0.0, 0.0, 0.0],
+        "payload.bias_force_N": [0.0, 0.0, 0.0],
+        "payload.com_m": [0.012, -0.008, 0.055],
+    }
+    lab = Lab(load_cell(DEMO, changes))
+    turn = tuple(np.radians([30.0, -3.0, 0.0, 20.0, -10.0, 60.0]).tolist())
+    swing = MoveRequest(kind="by", joint_rad=turn, speed_m_s=0.5)
+    assert lab.ask(topics.MOVE, swing).accepted
+    forces_N = []
+    for _ in range(400):
+        lab.cell.advance(0.004)
+        forces_N.append(np.linalg.norm(lab.now(lab.wrench).force_N))
+    assert lab.status.trips == ()
+    return float(np.sqrt(np.mean(np.square(forces_N))))
+
+
+def test_a_swung_tool_weighs_no_more_than_at_rest() -> None:
+    """In the whole cell, with sensor noise, less than a fifth of the motion's effect remains."""
+    without, with_it = residual_rms_N(inertial=False), residual_rms_N(inertial=True)
+    assert without > 0.5
+    assert with_it < 0.2 * without
+
+
+def test_a_slow_robot_is_reported_as_too_slow() -> None:
+    """Its poses do not resolve accelerations."""
+    with pytest.raises(ConfigError, match=r"rates\.robot_hz must be at least 100"):
+        load_cell(DEMO, {"filter.inertial": True, "rates.robot_hz": 40})

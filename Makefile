@@ -71,8 +71,9 @@ format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)
 	@$(BIN)/ruff check --fix $(CODE)
 
-readme: setup ## write the pages that are generated from the code: docs/bus.md and others
+readme: setup ## write what is generated from the code: docs/bus.md and other pages, secrets of docker-compose.yml
 	@$(BIN)/python -m tools.bus_page
+	@$(BIN)/python -m tools.compose_secrets
 	@$(BIN)/python -m tools.faults_page
 	@$(BIN)/python -m tools.arbitration_page
 	@$(BIN)/python -m tools.schema_page

@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = ROOT / "controller" / "forcemesh.as"
 CELL = ROOT / "cells" / "demo-tcp.yaml"
 PORT = 49152
-FREE = SimSettings(gap_m=0.1)  # room below the tool
+FREE = SimSettings(gap_m=0.1, delay_s=0.0)  # room below the tool
 BUSY = Behaviour(step_s=5e-6)  # 200 steps between two ticks of the arm
 BUSY_S, SHIPPED_S = 0.25, 5.0  # virtual
 REPEATS = 5

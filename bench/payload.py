@@ -23,8 +23,9 @@ from bench.payload_worlds import (
     recording,
     truth,
 )
-from common.config.payload import Payload, residual
+from common.config.payload import Payload
 from common.motion.frames import Array, rotation_from_vector
+from common.motion.weight import residual
 from forcemesh.errors import DataError
 from identification.estimates import payload_of
 from identification.identify import identify_payload, identify_recording

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.config.payload import DOWN, BiasDrift, Payload, predict
+from common.config.payload import DOWN, BiasDrift, Payload
 from common.motion.frames import Array, R_from_quaternion, rotation_from_vector
+from common.motion.weight import bias_since_end, predict
 from identification.estimates import vector
 from identification.recording import Samples
 from identification.static_poses import carries_a_fit, sort_into_poses
@@ -16,7 +17,12 @@ DURATION_S = 600.0
 GAIN_ERROR = 0.03
 DRIFT_N, DRIFT_NM = 1.0, 0.05  # over the recording, standard deviation of one axis
 
-LEVEL = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
+LEVEL = Payload(
+    mass_kg=1.5,
+    com_m=(0.02, -0.012, 0.085),
+    bias_force_N=(1.0, -2.0, 3.0),
+    bias_torque_Nm=(0.1, 0.2, -0.3),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +61,9 @@ def truth(world: CellErrors, rng: np.random.Generator) -> Payload:
         mounting_rotation_rad=vector(np.radians(world.mounting_deg) * axis / np.linalg.norm(axis)),
         force_gain=vector(gains[0]),
         torque_gain=vector(gains[1]),
-        drift=BiasDrift(0.0, DURATION_S, vector(drifts[0]), vector(drifts[1])),
+        drift=BiasDrift(
+            start_s=0.0, end_s=DURATION_S, force_N=vector(drifts[0]), torque_Nm=vector(drifts[1])
+        ),
     )
 
 
@@ -68,7 +76,7 @@ def read(payload: Payload, R: Array, time_s: Array, rng: np.random.Generator | N
     """Return the mean reading of each dwell, noisy when there is a generator."""
     force, torque = predict(payload, R)
     if payload.drift is not None:
-        d_F, d_M = payload.drift.since_end(time_s)
+        d_F, d_M = bias_since_end(payload.drift, time_s)
         force, torque = force + d_F, torque + d_M
     if rng is not None:
         few = np.sqrt(SAMPLES_PER_DWELL)

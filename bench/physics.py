@@ -15,7 +15,7 @@ PRESS_N = 20.0
 
 def arm_at(tilt_deg: float, push_N: float) -> SimArm:
     """Return an arm at rest that presses with about this force on a tilted plate; 0: free."""
-    arm = SimArm(SimSettings(tilt_deg=tilt_deg), seed=0)
+    arm = SimArm(SimSettings(tilt_deg=tilt_deg, delay_s=0.0), seed=0)
     settings, T = arm.settings, arm.T_base_flange
     if push_N > 0.0:
         T.translation[2] -= settings.gap_m + push_N / settings.stiffness_N_m

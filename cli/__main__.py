@@ -1,11 +1,19 @@
-"""Command line `forcemesh`: thin verbs that import their dependencies at run time."""
+"""Command line `forcemesh`: thin verbs that import their dependencies at run time.
+
+A verb that fails ends with one sentence and an exit code. Typer prints usage errors in a box with
+its validator's text; here they read like cell file errors.
+"""
 
 import os
 import sys
+from collections.abc import Sequence
+from functools import partial
 from types import TracebackType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+from typer.exceptions import TyperException
 
 from cli import (
     config_verbs,
@@ -20,11 +28,10 @@ from cli import (
 )
 from cli.calibration.verb import calibrate
 from cli.check_axes.verb import check
-from cli.context import EXIT_CODES
+from cli.context import EXIT_CODES, INTERRUPTED, OK, exit_code_of
 from cli.demo.verb import demo
 from cli.doctor.verb import doctor
 from cli.export import export
-from cli.group import OneSentence
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.record import record
@@ -32,7 +39,63 @@ from cli.replay import replay
 from cli.report.verb import report
 from cli.skills import verbs as skills
 from cli.tune.verb import tune
-from cli.verbs_bench import bench
+from forcemesh.errors import ForcemeshError, first_mistake
+
+
+class OneSentence(TyperGroup):
+    """Root of the command line; prints at most one sentence for an error."""
+
+    def main(  # noqa: PLR0917 -- the signature is the base class's
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        windows_expand_args: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run a verb; end the process with its exit code, after at most one sentence."""
+        run = partial(
+            super().main, args, prog_name, complete_var, False, windows_expand_args, **extra
+        )
+        if not standalone_mode:
+            return run()
+        try:
+            code = run()
+        except TyperException as error:
+            _print_error(_usage(error))
+            sys.exit(error.exit_code)
+        except typer.Abort:
+            _print_error("interrupted: nothing was executed")
+            sys.exit(INTERRUPTED)
+        except ForcemeshError as error:
+            _print_error(str(error))
+            sys.exit(exit_code_of(error))
+        except OSError as error:
+            if error.filename is None:
+                raise
+            _print_error(f"{error.filename}: cannot be used: {error.strerror}")
+            sys.exit(exit_code_of(error))
+        sys.exit(code if isinstance(code, int) else OK)
+
+
+def _usage(error: TyperException) -> str:
+    """Return the text of a usage error, in the style of the other errors, with a help command."""
+    from pydantic import ValidationError
+
+    if isinstance(error.__cause__, ValidationError):
+        error.message = first_mistake(error.__cause__).text
+    context = getattr(error, "ctx", None)
+    text = error.format_message().rstrip(".")
+    if context is None or "Usage:" in text:
+        return text
+    end = "" if text.endswith("?") else ";"
+    return f"{text}{end} see `{context.command_path} --help`"
+
+
+def _print_error(text: str) -> None:
+    typer.echo(text, err=True)
+
 
 app = typer.Typer(
     cls=OneSentence,
@@ -74,7 +137,7 @@ app.command(rich_help_panel=FORCE)(calibrate)
 app.command(rich_help_panel=FORCE)(tune)
 app.add_typer(check, name="check", rich_help_panel=FORCE)
 app.add_typer(payload.app, name="payload", rich_help_panel=FORCE)
-app.add_typer(bench, name="bench", rich_help_panel=RUN)
+app.add_typer(verbs_run.bench, name="bench", rich_help_panel=RUN)
 
 
 def _print_version(requested: bool) -> None:

@@ -148,14 +148,14 @@ def one_line_errors() -> Iterator[None]:
 
 def sentence_of(error: "ForcemeshError") -> str:
     """Return the text of an error, with the remedy where it is always the same."""
-    from forcemesh.errors import BusError, LostError, RefusedError
+    from forcemesh.errors import LostError, NoHubError, RefusedError
 
     if isinstance(error, RefusedError):
         return f"refused ({error.code}): {error}"
     if isinstance(error, LostError):
         step = NEXT_STEP if error.is_all else PART_STEP if error.roles else NO_REPLY_STEP
         return f"{error}: {step}"
-    if isinstance(error, BusError) and str(error).endswith("is the cell up?"):
+    if isinstance(error, NoHubError):
         return f"{error} {NEXT_STEP}"
     return str(error)
 

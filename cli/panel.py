@@ -1,15 +1,10 @@
-"""Verb `panel`, and the panel that `up` and `demo` start as a sidecar of a cell."""
+"""Verb `panel`: the panel of a cell in the browser; `up` and `demo` start it as a sidecar."""
 
-from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from cli.context import CellOption, client_of, find_cell_file, one_line_errors
-from launch.sidecar import sidecar
-
-if TYPE_CHECKING:
-    from launch.processes import Supervisor
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_PANEL"
 
@@ -46,10 +41,3 @@ def panel(
         from services.panel.__main__ import main
 
         main(arguments)
-
-
-def panel_sidecar(
-    supervisor: "Supervisor", *, enabled: bool = True
-) -> AbstractContextManager[None]:
-    """Serve the panel of a running cell while the context is open."""
-    return sidecar("services.panel", "panel", supervisor, enabled=enabled)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import os
 import secrets
 import socket
@@ -18,10 +19,9 @@ from cli.context import (
     find_cell_file,
     one_line_errors,
 )
+from forcemesh.identity import AUTHORITY, HUB, NAMES, PAGE, PAGE_AUTHORITY, folder_of
 
 if TYPE_CHECKING:
-    import datetime as dt
-
     from common.config.cell import CellConfig
     from common.security.pki import Pair
 
@@ -72,7 +72,6 @@ def init(
 ) -> None:
     """Create the authority and a certificate for every role and person of a cell."""
     from common.security.pki import make_authority, read_authority, write_pair
-    from forcemesh.identity import AUTHORITY, NAMES
     from services.panel.access import TOKEN_VARIABLE
 
     with one_line_errors():
@@ -91,9 +90,10 @@ def init(
         else:
             pair = read_authority(authority.expanduser())
             _copy_authority(authority.expanduser(), pki_folder)
-        for name in NAMES:
-            _issue_certificate(pair, name, loaded, pki_folder, hosts=host or [], days=days)
-        _issue_page(loaded, pki_folder, hosts=host or [], days=days, again=again)
+        of_page = _page_authority(loaded, pki_folder, again=again)
+        for name in (*NAMES, PAGE):
+            signer = of_page if name == PAGE else pair
+            _issue_certificate(signer, name, loaded, pki_folder, hosts=host or [], days=days)
         typer.echo(f"{pki_folder}: an authority and {len(NAMES)} certificates, {days} days")
         lines = [f"FORCEMESH_PKI={pki_folder}", f"FORCEMESH_USER={_user_ids()}"]
         if env is not None:
@@ -124,7 +124,6 @@ def issue(
 ) -> None:
     """Issue one certificate: before the old one expires, or for another machine."""
     from common.security.pki import read_authority
-    from forcemesh.identity import HUB, NAMES, PAGE
 
     with one_line_errors():
         loaded, pki_folder = _cell_and_folder(cell, folder)
@@ -139,13 +138,10 @@ def issue(
         target = pki_folder if to is None else to.expanduser()
         if (target / f"{name}.pem").exists() and not again:
             exit_with_error(f"{target / name}.pem exists already: --again replaces it", USAGE)
-        if name == PAGE:
-            _issue_page(loaded, pki_folder, hosts=host or [], days=days, target=target)
-        else:
-            _issue_certificate(
-                read_authority(pki_folder), name, loaded, target, hosts=host or [], days=days
-            )
-        if to is not None and name != PAGE:
+        of_page = name == PAGE
+        signer = _page_authority(loaded, pki_folder) if of_page else read_authority(pki_folder)
+        _issue_certificate(signer, name, loaded, target, hosts=host or [], days=days)
+        if to is not None and not of_page:
             _copy_authority(pki_folder, target)
         typer.echo(f"{target}/{name}.pem, {name}.key: {days} days")
 
@@ -169,7 +165,6 @@ def check(folder: FolderOption = None, cell: CellOption = None) -> None:
 
 def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[CellConfig, Path]:
     from common.config.load import load_cell
-    from forcemesh.identity import folder_of
 
     loaded = load_cell(find_cell_file(cell))
     return loaded, folder_of(loaded) if folder is None else folder.expanduser().resolve()
@@ -179,43 +174,26 @@ def _issue_certificate(
     authority: Pair, name: str, cell: CellConfig, folder: Path, *, hosts: list[str], days: int
 ) -> None:
     from common.security.pki import make_certificate, write_pair
-    from forcemesh.identity import HUB
 
-    names = dict.fromkeys([HUB, "localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
+    own = [] if name == PAGE else [HUB]
+    names = dict.fromkeys([*own, "localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
     pair = make_certificate(authority, name, cell.cell, hosts=[*names], days=days, now=_now())
     write_pair(folder, name, pair, owner=_owner())
 
 
-def _issue_page(
-    cell: CellConfig,
-    folder: Path,
-    *,
-    hosts: list[str],
-    days: int,
-    target: Path | None = None,
-    again: bool = False,
-) -> None:
-    """Create the certificate of the panel's page, and its authority if there is none."""
-    from common.security.pki import (
-        make_page_authority,
-        make_page_certificate,
-        read_authority,
-        write_pair,
-    )
-    from forcemesh.identity import PAGE, PAGE_AUTHORITY
+def _page_authority(cell: CellConfig, folder: Path, *, again: bool = False) -> Pair:
+    """Return the authority of the panel's page; create it if there is none."""
+    from common.security.pki import make_authority, read_authority, write_pair
 
     if again or not (folder / f"{PAGE_AUTHORITY}.pem").exists():
-        write_pair(folder, PAGE_AUTHORITY, make_page_authority(cell.cell, _now()), owner=None)
-    authority = read_authority(folder, PAGE_AUTHORITY)
-    names = dict.fromkeys(["localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
-    pair = make_page_certificate(authority, cell.cell, hosts=[*names], days=days, now=_now())
-    write_pair(target or folder, PAGE, pair, owner=_owner())
+        pair = make_authority(cell.cell, _now(), of_page=True)
+        write_pair(folder, PAGE_AUTHORITY, pair, owner=None)
+    return read_authority(folder, PAGE_AUTHORITY)
 
 
 def _copy_authority(source: Path, target: Path) -> None:
     """Copy the authority's certificate, never its key, to another folder."""
     from common.security.pki import copy_certificate
-    from forcemesh.identity import AUTHORITY
 
     copy_certificate(source, target, AUTHORITY, owner=_owner())
 
@@ -258,6 +236,4 @@ def _write_env(path: Path, lines: list[str]) -> None:
 
 
 def _now() -> dt.datetime:
-    import datetime as dt
-
     return dt.datetime.now(dt.UTC)

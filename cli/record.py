@@ -1,16 +1,13 @@
-"""Verbs `record ...`, and the recorder that `up` and `demo` start as a sidecar of a cell."""
+"""Verbs `record ...`: requests to the recorder, which `up` and `demo` start as a sidecar."""
 
-from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cli.context import NOT_WELL, OK, CellOption, JsonOption, cell_of, print_reply
-from launch.sidecar import sidecar
 
 if TYPE_CHECKING:
     from forcemesh.messages import RecorderStatus
-    from launch.processes import Supervisor
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_RECORDER"
 RECORDER_REPLY_S = 15.0  # it first writes its buffer, on a busy machine
@@ -23,13 +20,6 @@ NoRecorder = Annotated[
     bool,
     typer.Option("--no-recorder", envvar=WITHOUT_VARIABLE, help="Do not start the recorder."),
 ]
-
-
-def recorder_sidecar(
-    supervisor: "Supervisor", *, enabled: bool = True
-) -> AbstractContextManager[None]:
-    """Run the recorder of a cell, with a ring buffer of the last minutes, during the context."""
-    return sidecar("services.recorder", "recorder", supervisor, enabled=enabled)
 
 
 @record.command("start")

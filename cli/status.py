@@ -11,9 +11,9 @@ from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.errors import BusError, SetupError
 from forcemesh.identity import folder_of, is_encrypted
-from forcemesh.messages import Health
+from forcemesh.messages import ArbiterStatus, Health
 from launch.cell_view import CellView
-from launch.run_file import Run
+from launch.run_file import ProcessRecord, Run
 
 FOR_PROGRAMS = ("put_max_s", "tare_age_h")  # in --json alone: shown elsewhere, or for a long test
 # Of numbers whose names do not say it; of the others the name itself is the text.
@@ -149,26 +149,24 @@ def _cell_status(
 ) -> CellStatus:
     listed = {only, *helpers_of(view, run)}
     helpers = [name for name in topics.HELPERS if name in listed]
-    arbiter = None if view is None else view.arbiter().fresh
+    fresh = None if view is None else view.arbiter().fresh
+    arbiter = fresh or ArbiterStatus()
     services = [_service(name, run, view, waited_s) for name in (*topics.ROLES, *helpers)]
     _name_certificates(cell, [row for row in services if not row["alive"]])
     return CellStatus(
         cell=cell.cell,
-        state=DOWN if arbiter is None else arbiter.state,
-        commander="none" if arbiter is None else arbiter.commander,
-        trips=[] if arbiter is None else [trip.as_dict() for trip in arbiter.trips],
-        not_ready=[] if arbiter is None else list(arbiter.not_ready),
-        clears="" if arbiter is None else arbiter.clears,
+        state=DOWN if fresh is None else fresh.state,
+        commander=arbiter.commander,
+        trips=[trip.as_dict() for trip in arbiter.trips],
+        not_ready=list(arbiter.not_ready),
+        clears=arbiter.clears,
         last_state=run.last_state if run else "",
-        arm=no_readings() if view is None or arm is None else arm.readings(_wrench_health(view)),
+        arm=no_readings()
+        if view is None or arm is None
+        else arm.readings(view.fresh_health("wrench")),
         restarts=restarts_of(run),
         services=services,
     )
-
-
-def _wrench_health(view: CellView) -> Health | None:
-    message = view.health("wrench").fresh
-    return message if isinstance(message, Health) else None
 
 
 def _name_certificates(cell: CellConfig, silent: list[ServiceStatus]) -> None:
@@ -220,13 +218,15 @@ def _helpers(view: CellView | None) -> tuple[str, ...]:
 
 def _service(role: str, run: Run | None, view: CellView | None, waited_s: float) -> ServiceStatus:
     entry = run.entry(role) if run else None
+    ended = "" if run is None or entry is None else _exit_cause(run, entry)
+    process = "" if entry is None else f"process {entry.pid} runs, but "
     row = ServiceStatus(
         name=role,
         pid=entry.pid if entry else None,
         alive=False,
         rate_hz=None,
         age_s=None,
-        fault=_exit_cause(role, run) or f"{_process_text(role, run)}no hub responds",
+        fault=ended or f"{process}no hub responds",
         numbers={},
     )
     if view is None:
@@ -243,8 +243,7 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
         row["fault"] = message.fault if isinstance(message, Health) else ""
     else:
         silent_s = waited_s if message is None else reading.age_s
-        silent = f"{_process_text(role, run)}no health for {silent_s:.1f} s"
-        row["fault"] = _exit_cause(role, run) or silent
+        row["fault"] = ended or f"{process}no health for {silent_s:.1f} s"
     return row
 
 
@@ -253,15 +252,12 @@ def _has_died(role: str, run: Run | None) -> bool:
 
     Deaths in an ended run do not apply to a cell that is up now.
     """
-    entry = run.entry(role) if run else None
-    return run is not None and run.live and entry is not None and entry.ended is not None
+    entry = run.entry(role) if run is not None and run.live else None
+    return entry is not None and entry.ended is not None
 
 
-def _exit_cause(role: str, run: Run | None) -> str:
-    """Return how a role's process ended, from the run file and the kernel; empty if unknown."""
-    entry = run.entry(role) if run else None
-    if run is None or entry is None:
-        return ""
+def _exit_cause(run: Run, entry: ProcessRecord) -> str:
+    """Return how a process ended, from the run file and the kernel; empty if unknown."""
     if entry.ended is not None:
         return entry.ended.how
     if entry.alive:
@@ -273,8 +269,3 @@ def _exit_cause(role: str, run: Run | None) -> str:
     return (
         f"process {entry.pid} does not exist any more" if run.live else "ended with its supervisor"
     )
-
-
-def _process_text(role: str, run: Run | None) -> str:
-    entry = run.entry(role) if run else None
-    return f"process {entry.pid} runs, but " if entry else ""

@@ -19,6 +19,7 @@ from cli.context import (
 
 if TYPE_CHECKING:
     from cli.status import CellStatus
+    from common.config.cell import CellConfig
 
 
 def status(
@@ -72,14 +73,13 @@ def topics(
         print(json.dumps(describe(), indent=2))
         return
     with one_line_errors():
-        from cli.bus_table import bus_table, print_bus_table
         from common.config.load import load_cell
 
         loaded = load_cell(find_cell_file(cell))
     if as_json:
-        print(json.dumps(bus_table(loaded)))
+        print(json.dumps(_bus_table(loaded)))
     else:
-        print_bus_table(loaded)
+        _print_bus_table(loaded)
 
 
 def _print(row: Any, as_json: bool, line: str) -> None:
@@ -133,3 +133,62 @@ def _print_status(found: "CellStatus") -> None:
         if shown:
             text = ", ".join(describe_number(*item) for item in shown)
             console.print(f"  {row['name']}: {text}", markup=False, soft_wrap=True)
+
+
+def _bus_table(cell: "CellConfig") -> dict[str, Any]:
+    """Return topics and requests with the rates of a cell, as a dict for JSON."""
+    from forcemesh.topics import REQUESTS, TOPICS
+
+    return {
+        "cell": cell.cell,
+        "topics": [
+            {
+                "topic": topic.key,
+                "key": f"{cell.cell}/{topic.key}",
+                "message": topic.message.__name__,
+                "writer": topic.writer,
+                "readers": list(topic.readers),
+                "rate_hz": cell.rate_hz(topic),
+                "stale_after_s": cell.stale_after_s(topic),
+                "qos": topic.qos,
+                "summary": topic.summary,
+            }
+            for topic in TOPICS
+        ],
+        "requests": [
+            {
+                "request": request.key,
+                "key": f"{cell.cell}/{request.key}",
+                "message": request.message.__name__,
+                "server": request.server,
+                "summary": request.summary,
+            }
+            for request in REQUESTS
+        ],
+    }
+
+
+def _print_bus_table(cell: "CellConfig") -> None:
+    """Print the table on the terminal."""
+    from rich.table import Table
+
+    from cli.tables import print_table, table_console
+
+    table = _bus_table(cell)
+    topics = Table("topic", "writer", "readers", "rate", "stale after", "summary", title="topics")
+    for row in table["topics"]:
+        topics.add_row(
+            row["topic"],
+            row["writer"],
+            ", ".join(row["readers"]),
+            f"{row['rate_hz']:g} Hz",
+            f"{1e3 * row['stale_after_s']:.0f} ms",
+            row["summary"],
+        )
+    requests = Table("request", "server", "summary", title="requests")
+    for row in table["requests"]:
+        requests.add_row(row["request"], row["server"], row["summary"])
+    console = table_console()
+    console.print(f"every key has the prefix [bold]{cell.cell}/[/bold]")
+    print_table(console, topics)
+    print_table(console, requests)

@@ -1,7 +1,11 @@
-"""Verb `up`: runs the processes of a cell."""
+"""Verbs that run processes: `up` those of a cell, `bench` the benchmarks of the project."""
 
+import os
 import signal
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,13 +21,17 @@ from cli.context import (
     exit_with_error,
     one_line_errors,
 )
-from cli.panel import NoPanel, panel_sidecar
-from cli.record import NoRecorder, recorder_sidecar
+from cli.panel import NoPanel
+from cli.record import NoRecorder
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
     from launch.processes import Supervisor
 
+bench = typer.Typer(no_args_is_help=True, help="Benchmarks of the project; need its checkout.")
+
+ROOT = Path(__file__).resolve().parent.parent
+PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
 SUPERVISOR_POLL_S = 0.05
 SLOW_S = 15.0
 
@@ -60,6 +68,7 @@ def up(
     with one_line_errors():
         from common.config.load import load_cell
         from launch.processes import Supervisor
+        from launch.sidecar import SIDECARS, sidecars
 
         path = cell or default_cell_file()
         loaded = load_cell(path)
@@ -75,8 +84,9 @@ def up(
     with ExitStack() as afterwards:  # sidecars end last: the arm is stopped first
 
         def start_helpers() -> None:
-            afterwards.enter_context(recorder_sidecar(supervisor, enabled=not no_recorder))
-            afterwards.enter_context(panel_sidecar(supervisor, enabled=not no_panel))
+            off = {"recorder": no_recorder, "panel": no_panel}
+            names = [name for name in SIDECARS if not off.get(name)]
+            afterwards.enter_context(sidecars(supervisor, names))
 
         try:
             _supervise(supervisor, loaded, path, stop=stop, when_ready=start_helpers)
@@ -101,8 +111,6 @@ def _supervise(
 
     The sidecar processes start when the cell is ready, so that they do not delay it.
     """
-    import time
-
     started_s, is_slow_reported, ready = time.monotonic(), False, False
     while not stop.wait(SUPERVISOR_POLL_S) and not supervisor.died:
         supervisor.restart_exited()
@@ -116,3 +124,37 @@ def _supervise(
         elif not ready and not is_slow_reported and elapsed_s > SLOW_S:
             is_slow_reported = True
             typer.echo(f"after {elapsed_s:.0f} s still waiting: {'; '.join(lines)}", err=True)
+
+
+@bench.command("force", context_settings=PASSED_ON)
+def force(
+    context: typer.Context,
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="A few cases: about a minute.")] = False,
+    short: Annotated[
+        bool, typer.Option("--short", help="Fewer cases: a third of the time.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    write: Annotated[bool, typer.Option("--write", help="Write docs/force.md.")] = False,
+) -> None:
+    """Benchmark how the laws release, hold, approach and track a force, against other laws.
+
+    Simulates its own cell in virtual time. Other options are passed to `python -m bench.force`.
+    """
+    flags = {"--quick": quick, "--short": short, "--json": as_json, "--write": write}
+    chosen = [name for name, is_chosen in flags.items() if is_chosen]
+    raise typer.Exit(_run("bench.force", [*chosen, *context.args]))
+
+
+def _run(module: str, arguments: list[str]) -> int:
+    """Run one of the project's benchmarks; return its exit code."""
+    if not (ROOT / module.replace(".", "/")).is_dir():
+        text = f"{module} not found: the benchmarks need a checkout of the project"
+        exit_with_error(f"{text}, `git clone` it and `make setup`", USAGE)
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    command = [sys.executable, "-m", module, *arguments]
+    try:
+        return subprocess.run(command, env=environment, check=False).returncode
+    except KeyboardInterrupt:
+        return 130

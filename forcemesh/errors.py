@@ -80,6 +80,10 @@ class BusError(ForcemeshError):
     """The bus cannot be used, or is used against the topic table."""
 
 
+class NoHubError(BusError):
+    """No hub answers: the cell is not up."""
+
+
 class SetupError(BusError):
     """The set-up of this PC is wrong: a certificate is missing, or the bus is open to others."""
 

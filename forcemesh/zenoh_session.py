@@ -18,7 +18,7 @@ import zenoh
 
 from forcemesh.clock import NS_PER_S
 from forcemesh.connection import Reachable
-from forcemesh.errors import BusError
+from forcemesh.errors import BusError, NoHubError
 from forcemesh.identity import HUB, common_name
 from forcemesh.topics import CLIENT, SELF_TEST, Qos
 from forcemesh.zenoh_settings import (
@@ -133,7 +133,7 @@ def _connect(
             return zenoh.open(zenoh.Config.from_json5(config))
         except zenoh.ZError as error:
             if time.monotonic() >= give_up:
-                raise BusError(f"no hub at {endpoint}{refusing}: is the cell up?") from error
+                raise NoHubError(f"no hub at {endpoint}{refusing}: is the cell up?") from error
             time.sleep(0.1)
 
 

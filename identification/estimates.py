@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from common.config.payload import BiasDrift, Payload, Vector
+from common.config.payload import BiasDrift, Payload
 from common.motion.frames import Array, vector_from_rotation
+from forcemesh.messages import Vec3
 from identification.least_squares import Solution
 from identification.payload_model import PRIOR_STD
 
@@ -19,15 +20,15 @@ class Deviations:
     """Standard deviation of each parameter, named as in Payload; None: not fitted."""
 
     mass_kg: float
-    com_m: Vector
-    bias_force_N: Vector
-    bias_torque_Nm: Vector
+    com_m: Vec3
+    bias_force_N: Vec3
+    bias_torque_Nm: Vec3
     gravity_tilt_rad: float | None = None
-    mounting_rotation_rad: Vector | None = None
-    force_gain: Vector | None = None
-    torque_gain: Vector | None = None
-    drift_force_N: Vector | None = None
-    drift_torque_Nm: Vector | None = None
+    mounting_rotation_rad: Vec3 | None = None
+    force_gain: Vec3 | None = None
+    torque_gain: Vec3 | None = None
+    drift_force_N: Vec3 | None = None
+    drift_torque_Nm: Vec3 | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +51,22 @@ class Parameter:
 
 
 def payload_of(solution: Solution, time_s: Array | None) -> Payload:
-    """Return the payload, with the bias at the end of the recording."""
+    """Return the payload, with the bias at the end of the recording; its bounds are not checked."""
     state = solution.state
     m, h = float(state.linear[0]), state.linear[1:4]
     d_F, d_M = np.tensordot(END, state.drift, axes=1)
     drift = None
     if solution.model.drift and time_s is not None:
         (line_F, line_M), (bend_F, bend_M) = state.drift
-        vectors = [vector(v) for v in (line_F, line_M, bend_F, bend_M)]
-        drift = BiasDrift(float(time_s.min()), float(time_s.max()), *vectors)
-    return Payload(
+        drift = BiasDrift.model_construct(
+            start_s=float(time_s.min()),
+            end_s=float(time_s.max()),
+            force_N=vector(line_F),
+            torque_Nm=vector(line_M),
+            force_bend_N=vector(bend_F),
+            torque_bend_Nm=vector(bend_M),
+        )
+    return Payload.model_construct(
         mass_kg=m,
         com_m=vector(h / max(m, 1e-12)),
         bias_force_N=vector(state.linear[4:7] + d_F),
@@ -148,7 +155,7 @@ def _places(solution: Solution) -> dict[str, slice]:
     return {**linear, **solution.model.places}
 
 
-def vector(v: Array) -> Vector:
+def vector(v: Array) -> Vec3:
     """Return three numbers as a tuple."""
     x, y, z = (float(entry) for entry in v)
     return x, y, z

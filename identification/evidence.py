@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import ValidationError
 
-from common.config.calibration import CalibrationSection, PayloadSection
+from common.config.calibration import CalibrationSection
 from common.config.cell import CellConfig
 from common.config.payload import Payload
 from forcemesh.errors import first_mistake
@@ -91,7 +91,7 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
         sensor=evidence.serial,
         fit=fit_residual.summary,
         verified=None if verify_residual is None else verify_residual.summary,
-        payload=_payload_section(fit.payload),
+        payload=_checked_payload(fit.payload),
     )
     return Findings(
         section=section,
@@ -104,9 +104,9 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
     )
 
 
-def _payload_section(payload: Payload) -> PayloadSection:
+def _checked_payload(payload: Payload) -> Payload:
     """Return a fitted payload for a file. Raises CalibrationError when a value is invalid."""
     try:
-        return PayloadSection.of(payload)
+        return Payload.model_validate(payload.model_dump())
     except ValidationError as error:
         raise CalibrationError(f"no calibration is made: {first_mistake(error).text}") from None

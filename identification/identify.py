@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from common.config.payload import Payload, residual
+from common.config.payload import Payload
 from common.motion.frames import Array
+from common.motion.weight import residual
 from forcemesh.errors import DataError
 from identification.estimates import (
     IDENTIFIED_SHARE,

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from common.config.payload import Payload, residual
+from common.config.payload import Payload
 from common.motion.frames import Array
+from common.motion.weight import drift_covers, residual
 from identification.identify import Identification
 from identification.model_selection import Candidate
 from identification.recording import WrenchAxes, WrenchRecording
@@ -24,7 +25,7 @@ def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification
         "wrench_axes": axes,
         "model": chosen.model.name,
         **_payload_report(fit),
-        "drift": None if payload.drift is None else asdict(payload.drift),
+        "drift": None if payload.drift is None else payload.drift.model_dump(),
         "parameters": [
             {**asdict(p), "usual": _finite_or_none(p.usual), "identified": p.determined}
             for p in fit.parameters
@@ -81,7 +82,7 @@ def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload)
     The drift of the fit applies only near the times of its recording; `drift` reports whether.
     """
     drift, time_s = payload.drift, recording.time_s
-    used = drift is not None and drift.covers(time_s)
+    used = drift is not None and drift_covers(drift, time_s)
     samples = recording.samples(axes)
     sizes = []
     for times in (time_s if used else None, None):

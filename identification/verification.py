@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.config.calibration import Residuals
-from common.config.payload import Payload, residual
+from common.config.payload import Payload
 from common.motion.frames import Array
+from common.motion.weight import residual
 from forcemesh.errors import DataError
 from identification.dwells import Dwell, means_of
 from identification.recording import Samples

@@ -31,9 +31,15 @@ class CellView:
         """Return the newest health of a role, evaluated now."""
         return self._roles.health(role)
 
+    def fresh_health(self, role: str) -> Health | None:
+        """Return the health of a role while it is fresh; of an external sensor there is none."""
+        message = self.health(role).fresh
+        return message if isinstance(message, Health) else None
+
     def pid(self, role: str) -> int | None:
         """Return the pid of the process that implements a role, while its health is fresh."""
-        return getattr(self.health(role).fresh, "pid", None)
+        health = self.fresh_health(role)
+        return None if health is None else health.pid
 
     def arbiter(self) -> Reading[ArbiterStatus]:
         """Return the arbiter's newest status, evaluated now."""

@@ -21,8 +21,7 @@ from forcemesh.requests import HoldRequest
 from forcemesh.zenoh_settings import endpoint_of
 from launch.cell_view import HEALTH_POLL_S, CellView
 from launch.restart import RESTART_PAUSE_S, Restarter, RestartPolicy
-from launch.run_file import read_run, writable_folder, write_atomically
-from launch.run_log import RunLog
+from launch.run_file import RunLog, read_run, writable_folder, write_atomically
 from launch.started_process import (
     ChildProcess,
     ProcessExit,
@@ -44,7 +43,6 @@ HOLD_WITHIN_S = 1.0
 STOP_WITHIN_S = 3.0
 LINGER_S = 5.0  # of a cell that was never ready
 HUB_LAST_S = 0.5  # of those, reserved for the hub, which ends last
-NOT_STARTED = "cell {cell} was not started"
 HELD = ("HOLDING", "FAULT", "BOOT")  # states of the arbiter after a hold
 
 
@@ -83,13 +81,14 @@ class Supervisor:
     ) -> None:
         """Prepare. Without a cell file the cell is written next to the run file."""
         self.died: list[ProcessExit] = []
+        self.cell_file = (cell_file or writable_folder() / f"{cell.cell}.yaml").resolve()
+        self.log = RunLog(cell, self.cell_file)
         self._cell = cell
-        self._cell_file = cell_file
+        self._is_file_generated = cell_file is None
         self._processes = processes_of(cell) if processes is None else tuple(processes)
         self._stop = stop or threading.Event()
         self._write_line = write_line
         self._running: list[ChildProcess] = []
-        self._log: RunLog | None = None
         self._stopping = threading.Event()
         self._watcher = threading.Thread(target=self._watch, daemon=True)
         self._exits = ExitStack()
@@ -111,12 +110,9 @@ class Supervisor:
                 f"cell {self._cell.cell} is already up (pid {before.supervisor_pid}, "
                 f"since {before.started_at}): stop that one first"
             )
-        path = self._cell_file
-        if path is None:
-            path = self._cell_file = writable_folder() / f"{self._cell.cell}.yaml"
-            write_atomically(path, dump_cell(self._cell))
+        if self._is_file_generated:
+            write_atomically(self.cell_file, dump_cell(self._cell))
         self._stop_on_sigterm()
-        self._log = RunLog(self._cell, path.resolve())
         try:
             self._start_all()
         except BaseException:
@@ -148,25 +144,7 @@ class Supervisor:
         _end_all(hubs, give_up_s)
         if self._watcher.is_alive():
             self._watcher.join()
-        if self._log is not None:
-            self._log.close(keep=bool(self.died))
-
-    @property
-    def cell_file(self) -> Path:
-        """Return the file that the processes have read; a generated one, if none was named.
-
-        Raises ForcemeshError before the start.
-        """
-        if self._cell_file is None:
-            raise ForcemeshError(NOT_STARTED.format(cell=self._cell.cell))
-        return self._cell_file
-
-    @property
-    def log(self) -> RunLog:
-        """Return the writer of the run file. Raises ForcemeshError before the start."""
-        if self._log is None:
-            raise ForcemeshError(NOT_STARTED.format(cell=self._cell.cell))
-        return self._log
+        self.log.close(keep=bool(self.died))
 
     # --- while it is up ---------------------------------------------------------------------------
 
@@ -236,25 +214,24 @@ class Supervisor:
         self._watcher.start()
         for process in self._processes:
             self._raise_death()
-            running = self.begin(process)
+            pid = self.begin(process)
             if "hub" in process.roles:
-                self._connect(running.pid)
+                self._connect(pid)
 
-    def begin(self, process: ProcessSpec) -> ChildProcess:
-        """Start a process."""
-        running = ChildProcess(process, self.cell_file.resolve(), self._write_line)
+    def begin(self, process: ProcessSpec) -> int:
+        """Start a process; return its pid."""
+        running = ChildProcess(process, self.cell_file, self._write_line)
         self.log.add_process(process, running.pid)
-        self._running.append(running)
-        return running
+        self._running = [*self._running, running]
+        return running.pid
 
-    def _start_again(self, process: ProcessSpec, died: ProcessExit) -> int:
+    def _start_again(self, died: ProcessExit) -> int:
         """Restart a process that died; return its pid."""
-        old = next(running for running in self._running if running.pid == died.pid)
-        old.finish(0.0)
-        new = ChildProcess(process, self.cell_file.resolve(), self._write_line)
-        self.log.add_process(process, new.pid)
-        self._running = [new if running is old else running for running in self._running]
-        return new.pid
+        for running in self._running:
+            if running.pid == died.pid:
+                running.finish(0.0)
+        self._running = [running for running in self._running if running.pid != died.pid]
+        return self.begin(died.process)
 
     def _connect(self, hub_pid: int) -> None:
         """Wait until the own hub responds; with another hub at the endpoint two cells would mix."""
@@ -290,13 +267,12 @@ class Supervisor:
         """Detect deaths; runs in its own thread until the cell is stopped."""
         reported_pids: set[int] = set()
         while not self._stopping.wait(WATCH_S):
-            for running in list(self._running):
+            for running in self._running:
                 died = None if running.pid in reported_pids else running.ended()
                 if died is None or self._stopping.is_set():
                     continue
                 reported_pids.add(running.pid)
-                if self._log is not None:
-                    self._log.add_exit(died)
+                self.log.add_exit(died)
                 self._write_line("up", f"died: {died}")
                 if self._restarter is None:
                     self.died.append(died)
@@ -306,13 +282,12 @@ class Supervisor:
     def _last_state(self) -> str:
         """Return the arbiter's state as last received."""
         if self._view is not None and (status := self._view.arbiter().message) is not None:
-            if self._log is not None:
-                self._log.set_state(status.state)
+            self.log.set_state(status.state)
             return status.state
         return ""
 
     def _has_exited(self, *roles: str) -> bool:
-        ended = [each.process for each in list(self._running) if each.ended() is not None]
+        ended = [each.process for each in self._running if each.ended() is not None]
         return any(role in process.roles for process in ended for role in roles)
 
     def _raise_death(self) -> None:

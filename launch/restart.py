@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from launch.started_process import ProcessExit, ProcessSpec, WriteLine
+from launch.started_process import ProcessExit, WriteLine
 
 DEATH_LIMIT, DEATH_WINDOW_S = 5, 60.0  # deaths of one process until it is given up
 RESTART_PAUSE_S = 0.2  # shortest back-off before the first restart; doubled for each later one
@@ -48,7 +48,7 @@ class Restarter:
     The watching thread reports deaths with `add`.
     """
 
-    start: Callable[[ProcessSpec, ProcessExit], int]  # returns the pid
+    start: Callable[[ProcessExit], int]  # in place of one that died; returns the pid
     hold: Callable[[str], str]
     write_line: WriteLine
     policy: RestartPolicy = field(default_factory=RestartPolicy)
@@ -75,7 +75,7 @@ class Restarter:
         due = [died for due_s, died in self._waiting if due_s <= now_s]
         self._waiting = [(due_s, died) for due_s, died in self._waiting if due_s > now_s]
         for died in due:
-            pid = self.start(died.process, died)
+            pid = self.start(died)
             times = self.policy.deaths(died.process.name)
             self.write_line(
                 "up",

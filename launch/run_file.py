@@ -1,4 +1,4 @@
-"""Run file: record of the processes that a supervisor has started, and of their exits.
+"""Run file: record of the processes that a supervisor has started, kept current while it runs.
 
 `.run/<cell>.json` in the project's folder, or in a private folder of the temporary directory if
 that is not writable. It is removed when a cell ends normally, and kept after a death.
@@ -6,17 +6,21 @@ that is not writable. It is removed when a cell ends normally, and kept after a 
 
 import os
 import tempfile
+import threading
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pydantic import BaseModel, ValidationError
 
+from launch.started_process import ROOT, ProcessExit, ProcessSpec
+
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
 
-ROOT = Path(__file__).resolve().parent.parent
 FOLDER_VARIABLE = "FORCEMESH_RUN_FOLDER"
+MOST_DEATHS = 10  # of one process, kept in a run file
 NOT_KEPT = {"calibration", "panel"}  # one changes while a cell is up, the other holds tokens
 
 
@@ -68,6 +72,65 @@ class Run(BaseModel):
         return next((entry for entry in self.processes if role in entry.roles), None)
 
 
+class RunLog:
+    """Writer of the run file; writes every change at once, thread-safe."""
+
+    def __init__(self, cell: "CellConfig", cell_file: Path) -> None:
+        """Begin a run; nothing is written before the first process."""
+        self._run = new_run(cell, cell_file)
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def add_process(self, process: ProcessSpec, pid: int, *, is_helper: bool = False) -> None:
+        """Add a process; a restarted one replaces the one that died."""
+        old = next((e for e in self._run.processes if e.roles == process.roles and e.ended), None)
+        before = () if old is None or old.ended is None else (*old.deaths, old.ended)
+        entry = ProcessRecord(
+            roles=process.roles,
+            module=process.module,
+            pid=pid,
+            started_ticks=start_ticks(pid),
+            is_helper=is_helper,
+            deaths=before[-MOST_DEATHS:],
+        )
+        with self._lock:
+            rest = [each for each in self._run.processes if each is not old]
+            self._put(processes=[*rest, entry])
+
+    def add_exit(self, died: ProcessExit) -> None:
+        """Record how a process ended."""
+        end = ExitRecord(code=died.code, how=died.cause, at=now())
+        with self._lock:
+            self._put(
+                processes=[
+                    entry.model_copy(update={"ended": end}) if entry.pid == died.pid else entry
+                    for entry in self._run.processes
+                ]
+            )
+
+    def set_state(self, state: str) -> None:
+        """Record a change of the arbiter's state."""
+        with self._lock:
+            if state != self._run.last_state:
+                self._put(last_state=state)
+
+    def close(self, *, keep: bool) -> None:
+        """End the run: remove its file, or keep it as a record of deaths."""
+        with self._lock:
+            if keep:
+                self._put(ended_at=now())
+            else:
+                remove_run(self._run)
+            self._closed = True
+
+    def _put(self, **update: object) -> None:
+        if self._closed:  # a sidecar may end after the cell
+            return
+        self._run = self._run.model_copy(update=update)
+        with suppress(OSError):  # a full disk is no reason to leave a cell without supervision
+            write_run(self._run)
+
+
 def new_run(cell: "CellConfig", cell_file: Path) -> Run:
     """Return the run that this process is about to supervise."""
     pid = os.getpid()
@@ -81,12 +144,10 @@ def new_run(cell: "CellConfig", cell_file: Path) -> Run:
     )
 
 
-def write_run(run: Run, folder: Path | None = None) -> Path:
+def write_run(run: Run) -> None:
     """Write a run file atomically."""
-    folder = folder or writable_folder()
-    path = folder / f"{run.cell}.json"
+    path = writable_folder() / f"{run.cell}.json"
     write_atomically(path, run.model_dump_json(indent=1) + "\n")
-    return path
 
 
 def write_atomically(path: Path, text: str) -> None:

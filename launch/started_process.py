@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from forcemesh.topics import ROLES
-from launch.run_file import ROOT
 
+ROOT = Path(__file__).resolve().parent.parent
 LAUNCHER = Path(__file__).with_name("child.py")
 DRAIN_S = 0.05
 COLOURS = {"up": 1} | {role: 32 + number for number, role in enumerate(ROLES)}

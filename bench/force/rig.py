@@ -23,8 +23,7 @@ from services.wrench.compensation import Filter, Wrench, compensate, feed
 from services.wrench.plausibility import ReadingHistory, ReadingLimits, check_reading
 from sim.robot.arm import SimArm
 from sim.robot.motion import MotionGenerator
-from sim.robot.service import sim_settings
-from sim.robot.settings import TICK_S
+from sim.robot.settings import TICK_S, SimSettings
 
 CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 CHAIN_TICKS = 1  # from the sensor's sample to the arm's command
@@ -111,7 +110,7 @@ class ForceRig:
         if cell.sim is None:
             raise ValueError("the benchmark needs a simulated cell")
         self.cell = cell
-        self.arm = SimArm(sim_settings(cell, cell.sim), seed=cell.sim.seed)
+        self.arm = SimArm(SimSettings.of(cell), seed=cell.sim.seed)
         self._limits = Limits.of(cell)
         self._motion = MotionGenerator(
             self.arm.kinematics, self.arm.q, stream_m_s=SPEED_MARGIN * cell.limits.speed_m_s
@@ -122,7 +121,10 @@ class ForceRig:
         self._p_sensor_tcp = np.asarray(p.translation)
         sim = cell.sim
         self.payload = Payload(
-            sim.tool_mass_kg, sim.tool_com_m, sim.bias_force_N, sim.bias_torque_Nm
+            mass_kg=sim.tool_mass_kg,
+            com_m=sim.tool_com_m,
+            bias_force_N=sim.bias_force_N,
+            bias_torque_Nm=sim.bias_torque_Nm,
         )
         self._filter = Filter(cell.filter.median, cell.filter.lowpass_s)
         self._bounds, self._history = ReadingLimits.of(cell), ReadingHistory()

@@ -99,7 +99,8 @@ def set_point_step(world: SceneSettings, make: Make) -> Measures:
 def payload_error(world: SceneSettings, make: Make) -> Measures:
     """The tool is 100 g heavier than configured: true force on the plate."""
     rig = ForceRig(world.cell())
-    rig.payload = replace(rig.payload, mass_kg=rig.payload.mass_kg - 0.1)
+    lighter_kg = rig.payload.mass_kg - 0.1
+    rig.payload = rig.payload.model_copy(update={"mass_kg": lighter_kg})
     rig.press(3.0)
     pilot = make(rig)
     pilot.setpoint_N = HOLD_N

@@ -9,8 +9,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from common.config.payload import residual
 from common.motion.frames import Array
+from common.motion.weight import residual
 from identification.evidence import Findings
 
 FIT, VERIFY, LIMIT = "#4878a8", "#e08a3c", "#b03030"

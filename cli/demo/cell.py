@@ -12,7 +12,6 @@ from common.config.load import load_cell
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Law
 from sim.robot.scene import plate_at_rest
-from sim.robot.service import sim_settings
 from sim.robot.settings import SimSettings
 
 DEFAULT_TILT_DEG = {"position": 0.0, "orientation": 5.0, "both": 5.0}
@@ -88,7 +87,7 @@ def plate_of(cell: CellConfig) -> SimSettings:
     if cell.sim is None:
         text = "the demo needs a cell with a section `sim`: it arms and presses without asking"
         raise ConfigError(cell.cell, [text])
-    return sim_settings(cell, cell.sim)
+    return SimSettings.of(cell)
 
 
 def check_plan(cell: CellConfig, plan: ScenarioPlan) -> None:

@@ -8,7 +8,7 @@ import pinocchio as pin
 from cli.demo.scenario import ScenarioPlan, ScenarioSample, Trace
 from common.motion.contact_point import contact_point_m
 from common.motion.frames import Array
-from sim.robot.contact import lift_off_m
+from sim.robot.plate import lift_off_m
 
 FINAL_WINDOW_S = 0.5
 # Averages over 8 ms against the sensor's noise, without the first 15 ms, in which the inertia of

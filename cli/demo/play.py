@@ -47,20 +47,16 @@ def play_real(
             `linger_s` before that, so that `forcemesh status` can be used.
         BusError: There was no reply, and no process died.
     """
-    from cli.panel import panel_sidecar
-    from cli.record import recorder_sidecar
     from common.bus.cell_bus import open_bus
     from forcemesh.topics import CLIENT
     from launch.processes import Supervisor
+    from launch.sidecar import sidecars
 
+    names = [name for name, is_on in (("recorder", recorder), ("panel", panel)) if is_on]
     with Supervisor(cell) as processes:
         processes.wait_ready()
         try:
-            with (
-                recorder_sidecar(processes, enabled=recorder),
-                panel_sidecar(processes, enabled=panel),
-                open_bus(cell, CLIENT) as client,
-            ):
+            with sidecars(processes, names), open_bus(cell, CLIENT) as client:
                 check = _death_check(processes)
                 return Scenario(client, plan, check=check, progress=progress).run()
         except ForcemeshError as error:  # also a request without reply: its server may have died

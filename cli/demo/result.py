@@ -84,11 +84,10 @@ def picture(cell: CellConfig, sample: ScenarioSample, path: Path) -> None:
     """Write a picture of the scene at one sample. Raises RenderUnavailable without EGL."""
     from common.motion.kinematics import ArmKinematics
     from sim.robot.render import render_png
-    from sim.robot.scene import home_rad
 
     settings = plate_of(cell)
     T_base_flange = pin.SE3(sample.T_base_flange)
-    solution = ArmKinematics().solve(T_base_flange, home_rad(settings), jump_rad=np.pi)
-    q = home_rad(settings) if solution.q is None else solution.q
+    solution = ArmKinematics().solve(T_base_flange, settings.home_rad, jump_rad=np.pi)
+    q = settings.home_rad if solution.q is None else solution.q
     contact_m = surface_of(cell).contact_m(sample)
     render_png(settings, path, q=q, force_N=sample.force_N, contact_m=contact_m)

@@ -23,6 +23,7 @@ REMEDIES = {
     "calibration.old": "`forcemesh calibrate --verify-only` checks whether it is still valid",
     "sensor.silent": "check power, cable and sensor.address (`ping`); this PC needs an address in the sensor's network",
     "sensor.status": "see the sensor's manual for this status; unload the sensor, switch it off and on",
+    "sensor.driver": "install the driver's package into this environment, or correct sensor.driver",
     "sensor.robotiq": "install it: pip install 'forcemesh[robotiq]'",
     "sensor.bota": "install it: pip install 'forcemesh[bota]'",
     "sensor.device": "check the plug; `ls /dev/serial/by-id` shows the name for sensor.device; the user must be in the group dialout",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cli.doctor.checks import ReportLine, finding, passed, skipped
+from services.sensor.driver_registry import unknown_driver
 from services.sensor.rdt import RdtCommand, RdtRecord, parse, request
 from services.sensor.rdt_status import is_good, status_text
 
@@ -39,9 +40,12 @@ def sensor_line(cell: "CellConfig", *, is_up: bool) -> ReportLine:
         return check_stream_of(
             endpoint, listen(sensor.address, sensor.port, SENSOR_LISTEN_S), SENSOR_LISTEN_S
         )
-    return check_device(
-        sensor, exists=Path(sensor.device).exists(), has_package=bool(find_spec(_package(sensor)))
-    )
+    if mistake := unknown_driver(cell):
+        return finding("sensor", "FAIL", mistake, "sensor.driver")
+    if sensor.driver not in PACKAGES:
+        return passed("sensor", f"{sensor.driver}: installed; the sensor was not opened")
+    has_package = bool(find_spec(PACKAGES[sensor.driver]))
+    return check_device(sensor, exists=Path(sensor.device).exists(), has_package=has_package)
 
 
 def check_stream_of(endpoint: str, found: ReceivedStream, listened_s: float) -> ReportLine:
@@ -59,7 +63,7 @@ def check_stream_of(endpoint: str, found: ReceivedStream, listened_s: float) -> 
 def check_device(sensor: "SensorSection", *, exists: bool, has_package: bool) -> ReportLine:
     """Check whether a sensor on a serial line can be opened."""
     if not has_package:
-        found = f"driver {sensor.driver} needs the package {_package(sensor)}"
+        found = f"driver {sensor.driver} needs the package {PACKAGES[sensor.driver]}"
         return finding("sensor", "FAIL", found, f"sensor.{sensor.driver}")
     if not exists:
         return finding("sensor", "FAIL", f"{sensor.device} does not exist", "sensor.device")
@@ -85,7 +89,3 @@ def listen(address: str, port: int, for_s: float) -> ReceivedStream:
             return ReceivedStream(records, newest, error.strerror or str(error))
         line.send(request(RdtCommand.STOP))
     return ReceivedStream(records, newest)
-
-
-def _package(sensor: "SensorSection") -> str:
-    return PACKAGES.get(sensor.driver, "socket")

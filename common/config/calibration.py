@@ -5,89 +5,18 @@ a file written by hand. SI units; payload in sensor axes, from the sensor's orig
 """
 
 import hashlib
-from dataclasses import asdict
-from math import hypot
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Literal
 
 import yaml
 from pydantic import AwareDatetime, Field, model_validator
 
-from common.config.cell_terms import AxisGain, FrameSection, NotNegative
+from common.config.cell_terms import FrameSection, NotNegative
+from common.config.payload import Payload
 from forcemesh.connection import ConfigSection
 from forcemesh.errors import DataError
-from forcemesh.messages import Vec3
-from forcemesh.units import mounting_objection
 
-if TYPE_CHECKING:
-    from common.config.payload import Payload
-
-Gains = tuple[AxisGain, AxisGain, AxisGain]
 REVISION_CHARS = 8
-UNIT_TOLERANCE = 1e-3  # of the length of a unit vector
-
-
-ComPart = Annotated[float, Field(ge=-1.0, le=1.0)]  # [m] from the sensor's origin
-ForcePart = Annotated[float, Field(ge=-1000.0, le=1000.0)]  # [N] of a bias
-TorquePart = Annotated[float, Field(ge=-100.0, le=100.0)]  # [N m] of a bias
-BiasForce = tuple[ForcePart, ForcePart, ForcePart]
-BiasTorque = tuple[TorquePart, TorquePart, TorquePart]
-
-
-class DriftSection(ConfigSection):
-    """Bias drift during the recording of a fit: stored with the payload, not used at run time."""
-
-    start_s: float
-    end_s: float
-    force_N: BiasForce
-    torque_Nm: BiasTorque
-    force_bend_N: BiasForce = (0.0, 0.0, 0.0)
-    torque_bend_Nm: BiasTorque = (0.0, 0.0, 0.0)
-
-
-class PayloadSection(ConfigSection):
-    """Payload on the sensor and sensor bias, as written by `forcemesh payload fit --out`."""
-
-    mass_kg: float = Field(ge=0.0, le=50.0)
-    com_m: tuple[ComPart, ComPart, ComPart]
-    bias_force_N: BiasForce = (0.0, 0.0, 0.0)
-    bias_torque_Nm: BiasTorque = (0.0, 0.0, 0.0)
-    gravity_direction_in_base: Vec3 = (0.0, 0.0, -1.0)
-    mounting_rotation_rad: Vec3 = (0.0, 0.0, 0.0)
-    force_gain: Gains = (1.0, 1.0, 1.0)  # reading of each axis per unit of load
-    torque_gain: Gains = (1.0, 1.0, 1.0)
-    drift: DriftSection | None = None
-    accept_uncalibrated: bool = False  # arm for force feedback although mass and centre are zero
-
-    @model_validator(mode="after")
-    def _gravity_is_a_direction(self) -> "PayloadSection":
-        length = hypot(*self.gravity_direction_in_base)
-        if abs(length - 1.0) > UNIT_TOLERANCE:
-            raise ValueError(f"gravity_direction_in_base must have length 1, it has {length:g}")
-        return self
-
-    @model_validator(mode="after")
-    def _rotation_is_a_correction(self) -> "PayloadSection":
-        if objection := mounting_objection(self.mounting_rotation_rad):
-            raise ValueError(objection)
-        return self
-
-    @classmethod
-    def of(cls, payload: "Payload") -> "PayloadSection":
-        """Return the file section of a payload."""
-        return cls(**asdict(payload))
-
-    @property
-    def payload(self) -> "Payload":
-        """The run-time payload: the bias at the end of the recording, without its drift."""
-        from common.config.payload import Payload  # noqa: PLC0415 - its imports take half a second
-
-        return Payload(**self.model_dump(exclude={"accept_uncalibrated", "drift"}))
-
-    @property
-    def weighs(self) -> bool:
-        """Whether mass or centre of mass is set."""
-        return self.mass_kg > 0.0 or any(self.com_m)
 
 
 class Residuals(ConfigSection):
@@ -113,7 +42,7 @@ class CalibrationSection(ConfigSection):
     sensor: str = ""  # serial number, if the sensor reports one
     fit: Residuals
     verified: Residuals | None = None  # at poses not used in the fit
-    payload: PayloadSection
+    payload: Payload
 
     @model_validator(mode="after")
     def _revision_belongs_to_it(self) -> "CalibrationSection":

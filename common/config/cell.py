@@ -7,11 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from common.config.calibration import CalibrationSection, PayloadSection
+from common.config.calibration import CalibrationSection
 from common.config.cell_panel import PanelSection
 from common.config.cell_recorder import RecorderSection
 from common.config.cell_sim import SimSection
 from common.config.cell_terms import Angle, Fraction, FrameSection, Positive
+from common.config.payload import Payload
 from forcemesh.connection import BusSection, ConfigSection
 from forcemesh.messages import Host, Law, Vec3
 from forcemesh.patterns import CELL_NAME
@@ -114,7 +115,7 @@ class SensorSection(ConfigSection):
     force_range_N: float = Field(500.0, gt=0.0, le=10_000.0)
     torque_range_Nm: float = Field(20.0, gt=0.0, le=1000.0)
     frozen_s: float = Field(0.08, ge=0.0, le=0.1)  # longest constant reading; 0: no noise
-    driver: Literal["rdt", "robotiq", "bota"] = "rdt"  # rdt: ATI Net F/T, ATI Axia, OnRobot
+    driver: str = Field("rdt", min_length=1, max_length=100)  # services/sensor/driver_registry.py
     address: str = "192.168.1.1"
     port: int = Field(49152, ge=1, le=65535)
     counts_per_N: Positive = 1_000_000.0
@@ -297,7 +298,7 @@ class CellConfig(ConfigSection):
     robot: RobotSection
     sensor: SensorSection
     tool: ToolSection
-    payload: PayloadSection  # used until a calibration exists
+    payload: Payload  # used until a calibration exists
     # In the file: the name of a calibration file next to it, written by `forcemesh calibrate`.
     calibration: CalibrationSection | None = None
     filter: FilterSection = FilterSection()

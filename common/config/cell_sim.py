@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from common.config.calibration import BiasForce, ComPart
+from common.config.payload import BiasForce, ComPart
 from forcemesh.connection import ConfigSection
 
 SimTorque = Annotated[float, Field(ge=-20.0, le=20.0)]  # [N m] of the simulated sensor's bias

@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from forcemesh.errors import DataError
-from forcemesh.identity import AUTHORITY, HUB, common_name
+from forcemesh.identity import AUTHORITY, HUB, PAGE, common_name
 
 AUTHORITY_DAYS = 3650
 CLOCK_SKEW = dt.timedelta(hours=1)  # between this machine and the others
@@ -34,16 +34,17 @@ class Pair:
     key: ec.EllipticCurvePrivateKey
 
 
-def make_authority(cell: str, now: dt.datetime) -> Pair:
-    """Return a new authority, which only signs certificates."""
-    return _authority(f"forcemesh authority of {cell}", now)
+def make_authority(cell: str, now: dt.datetime, *, of_page: bool = False) -> Pair:
+    """Return a new authority, which only signs certificates.
 
-
-def _authority(common: str, now: dt.datetime) -> Pair:
+    That of the panel's page is trusted by browsers but not on the bus: browsers store authorities
+    for long and in many places, and what signs for the bus can impersonate the hub.
+    """
     key = ec.generate_private_key(ec.SECP256R1())
-    name = _name(common)
+    name = _name(f"forcemesh {'panel ' if of_page else ''}authority of {cell}")
+    basic = x509.BasicConstraints(ca=True, path_length=0)
     builder = _builder(name, name, key, now, days=AUTHORITY_DAYS)
-    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    builder = builder.add_extension(basic, critical=True)
     builder = builder.add_extension(_usage(signs=True), critical=True)
     return Pair(builder.sign(key, hashes.SHA256()), key)
 
@@ -51,22 +52,23 @@ def _authority(common: str, now: dt.datetime) -> Pair:
 def make_certificate(
     authority: Pair, name: str, cell: str, *, hosts: Sequence[str], days: int, now: dt.datetime
 ) -> Pair:
-    """Return a certificate for a name of a cell.
+    """Return a certificate for a name of a cell, or for the panel's page.
 
     Args:
         authority: The signing authority.
         name: A name of forcemesh/identity.py. The hub's certificate is valid for both ends of a
-            link, for a hub can connect to another hub; all others are valid for clients only.
+            link, for a hub can connect to another hub; that of the page is valid for servers only,
+            all others for clients only.
         cell: The cell of the name.
-        hosts: Host names and addresses of the hub; unused for other names.
+        hosts: Host names and addresses of hub or page; unused for other names.
         days: Validity [days].
         now: Present time.
     """
     key = ec.generate_private_key(ec.SECP256R1())
-    subject = _name(common_name(name, cell))
-    builder = _builder(subject, authority.certificate.subject, key, now, days=days)
-    ends = [ExtendedKeyUsageOID.CLIENT_AUTH]
-    if name == HUB:
+    common = f"forcemesh panel page of {cell}" if name == PAGE else common_name(name, cell)
+    builder = _builder(_name(common), authority.certificate.subject, key, now, days=days)
+    ends = [] if name == PAGE else [ExtendedKeyUsageOID.CLIENT_AUTH]
+    if name in (HUB, PAGE):
         ends.append(ExtendedKeyUsageOID.SERVER_AUTH)
         names = x509.SubjectAlternativeName([_host(host) for host in hosts])
         builder = builder.add_extension(names, critical=False)
@@ -74,32 +76,6 @@ def make_certificate(
     builder = builder.add_extension(basic, critical=True)
     builder = builder.add_extension(_usage(signs=False), critical=True)
     builder = builder.add_extension(x509.ExtendedKeyUsage(ends), critical=False)
-    return Pair(builder.sign(authority.key, hashes.SHA256()), key)
-
-
-def make_page_authority(cell: str, now: dt.datetime) -> Pair:
-    """Return the authority of the panel's page, trusted by browsers but not on the bus.
-
-    Browsers store authorities for long and in many places; if it were the bus's authority, a
-    certificate that it signs could impersonate the hub.
-    """
-    return _authority(f"forcemesh panel authority of {cell}", now)
-
-
-def make_page_certificate(
-    authority: Pair, cell: str, *, hosts: Sequence[str], days: int, now: dt.datetime
-) -> Pair:
-    """Return the certificate of the panel's page for its hosts."""
-    key = ec.generate_private_key(ec.SECP256R1())
-    subject = _name(f"forcemesh panel page of {cell}")
-    builder = _builder(subject, authority.certificate.subject, key, now, days=days)
-    for extension, critical in (
-        (x509.BasicConstraints(ca=False, path_length=None), True),
-        (_usage(signs=False), True),
-        (x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), False),
-        (x509.SubjectAlternativeName([_host(host) for host in hosts]), False),
-    ):
-        builder = builder.add_extension(extension, critical=critical)
     return Pair(builder.sign(authority.key, hashes.SHA256()), key)
 
 
@@ -115,30 +91,21 @@ def write_pair(folder: Path, name: str, pair: Pair, *, owner: tuple[int, int] | 
     Raises:
         DataError: They cannot be written.
     """
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        key = pair.key.private_bytes(
-            serialization.Encoding.PEM,
-            serialization.PrivateFormat.PKCS8,
-            serialization.NoEncryption(),
-        )
-        _write(folder / f"{name}.key", key, owner)
-        shown = pair.certificate.public_bytes(serialization.Encoding.PEM)
-        _write(folder / f"{name}.pem", shown, owner)
-    except OSError as error:
-        raise DataError(f"{folder}: cannot write {name}: {error.strerror}") from error
+    key = pair.key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    _write(folder / f"{name}.key", key, owner)
+    _write(folder / f"{name}.pem", pair.certificate.public_bytes(serialization.Encoding.PEM), owner)
 
 
 def copy_certificate(
     source: Path, target: Path, name: str, *, owner: tuple[int, int] | None
 ) -> None:
     """Copy a certificate, without its key, to another folder. Raise DataError on failure."""
-    data = read_certificate(source / f"{name}.pem").public_bytes(serialization.Encoding.PEM)
-    try:
-        target.mkdir(mode=0o700, parents=True, exist_ok=True)
-        _write(target / f"{name}.pem", data, owner)
-    except OSError as error:
-        raise DataError(f"{target}: cannot write {name}.pem: {error.strerror}") from error
+    certificate = read_certificate(source / f"{name}.pem")
+    _write(target / f"{name}.pem", certificate.public_bytes(serialization.Encoding.PEM), owner)
 
 
 def read_authority(folder: Path, name: str = AUTHORITY) -> Pair:
@@ -180,15 +147,19 @@ def read_certificate(path: Path) -> x509.Certificate:
 
 
 def _write(path: Path, data: bytes, owner: tuple[int, int] | None) -> None:
-    whole = path.with_name(f".{path.name}.{os.getpid()}")
-    handle = os.open(whole, os.O_WRONLY | os.O_CREAT | os.O_EXCL, ONLY_OWNER_READS)
-    with os.fdopen(handle, "wb") as file:
-        if owner is not None:
-            os.fchown(file.fileno(), *owner)
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    whole.replace(path)
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        handle = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, ONLY_OWNER_READS)
+        with os.fdopen(handle, "wb") as file:
+            if owner is not None:
+                os.fchown(file.fileno(), *owner)
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(path)
+    except OSError as error:
+        raise DataError(f"{path.parent}: cannot write {path.name}: {error.strerror}") from error
 
 
 def _name(text: str) -> x509.Name:

@@ -52,30 +52,34 @@ def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[CertificateF
         found.append(
             CertificateFinding("wrong", "all", "no certificate of any name", "forcemesh pki init")
         )
-    found += _of_page(folder, now)
+    if (folder / f"{PAGE}.pem").exists():  # of the panel, if it has one; only browsers receive it
+        found += _of_name(folder, PAGE, cell, None, now=now)
     wrong = {finding.name for finding in found if finding.verdict == "wrong"}
     return [each for each in found if each.verdict != "good" or each.name not in wrong]
 
 
 def _of_name(
-    folder: Path, name: str, cell: str, authority: x509.Certificate, *, now: dt.datetime
+    folder: Path, name: str, cell: str, authority: x509.Certificate | None, *, now: dt.datetime
 ) -> Iterator[CertificateFinding]:
+    """Check one certificate; that of the panel's page has an authority of its own."""
     remedy = REMEDY.format(name=name)
+    signer = PAGE_AUTHORITY if authority is None else AUTHORITY
     try:
         certificate = read_certificate(folder / f"{name}.pem")
+        authority = authority or read_certificate(folder / f"{signer}.pem")
     except DataError as error:
         yield CertificateFinding("wrong", name, str(error), remedy)
         return
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     name_text = str(names[0].value) if names else "nothing"
-    if name_text != common_name(name, cell):
+    if name != PAGE and name_text != common_name(name, cell):
         text = f"it is for {name_text}, not for {common_name(name, cell)}"
         yield CertificateFinding("wrong", name, text, remedy)
     try:
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError):
-        yield CertificateFinding("wrong", name, f"{AUTHORITY}.pem here has not signed it", remedy)
-    if can_be_the_hub(certificate) != (name == HUB):
+        yield CertificateFinding("wrong", name, f"{signer}.pem here has not signed it", remedy)
+    if name != PAGE and can_be_the_hub(certificate) != (name == HUB):
         yield CertificateFinding("wrong", name, _wrong_end(name, certificate), remedy)
     yield from _of_file(folder, name, certificate, now, must_have_key=True)
 
@@ -88,24 +92,6 @@ def _wrong_end(name: str, certificate: x509.Certificate) -> str:
         f"it is of an older forcemesh and can stand in for the hub until {ends:%Y-%m-%d}; a new "
         "one cannot; if others may have this one, `forcemesh pki init --again` revokes it"
     )
-
-
-def _of_page(folder: Path, now: dt.datetime) -> Iterator[CertificateFinding]:
-    """Check the certificate of the panel's page, if there is one; only browsers receive it."""
-    if not (folder / f"{PAGE}.pem").exists():
-        return
-    try:
-        certificate = read_certificate(folder / f"{PAGE}.pem")
-        authority = read_certificate(folder / f"{PAGE_AUTHORITY}.pem")
-    except DataError as error:
-        yield CertificateFinding("wrong", PAGE, str(error), REMEDY.format(name=PAGE))
-        return
-    try:
-        certificate.verify_directly_issued_by(authority)
-    except (InvalidSignature, ValueError, TypeError):
-        text = f"{PAGE_AUTHORITY}.pem here has not signed it"
-        yield CertificateFinding("wrong", PAGE, text, REMEDY.format(name=PAGE))
-    yield from _of_file(folder, PAGE, certificate, now, must_have_key=True)
 
 
 def _of_file(

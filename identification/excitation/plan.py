@@ -107,7 +107,7 @@ def make_plan(
     q = _candidates(inner, hub, options.turn_rad)
     T_flange_sensor = cell.sensor.T_flange_sensor.pose
     R = np.array([(arm.flange_pose(row) * T_flange_sensor).rotation for row in q]).reshape(-1, 3, 3)
-    payload = cell.payload.payload if cell.payload.mass_kg > 0.05 else USUAL_PAYLOAD
+    payload = cell.payload if cell.payload.mass_kg > 0.05 else USUAL_PAYLOAD
     fit = best_attitudes(R, payload, options.poses)
     if len(fit) < LEAST_PLANNED_POSES:
         raise CalibrationError(

@@ -18,7 +18,12 @@ from identification.static_poses import angle
 FULL = Model(tilt=True, mounting=True, gain=True)
 NOISE_N, NOISE_NM = 0.02, 0.001  # of the mean of a dwell, attitude errors included
 APART_RAD = np.radians(20.0)  # nearer attitudes add little information
-USUAL_PAYLOAD = Payload(1.0, (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+USUAL_PAYLOAD = Payload(
+    mass_kg=1.0,
+    com_m=(0.0, 0.0, 0.05),
+    bias_force_N=(0.0, 0.0, 0.0),
+    bias_torque_Nm=(0.0, 0.0, 0.0),
+)
 
 
 def best_attitudes(

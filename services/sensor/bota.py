@@ -5,21 +5,19 @@ package keeps the newest reading only: one that was not fetched in time shows as
 sensor's own stamps, and is counted as lost.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, Protocol
 
 from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
-from services.sensor.driver import Info, SensorFault, SensorSample, fault_sample, saturation
+from services.sensor.driver import Info, LossWindow, SensorFault, SensorSample, fault_sample, judged
 
 WRAP_US = 1 << 32  # of the sensor's stamps
 GAP_PERIODS = 1.5
-BAD_SHARE = 0.1
-WINDOW = 100
 FAULT_HOLD_S = 0.25  # time for which a restart is reported
 
 
@@ -49,7 +47,7 @@ class BotaDriver:
         self._counts = dict.fromkeys(("records", "lost", "sensor_restarts"), 0)
         self._number = 0
         self._last_us: int | None = None
-        self._window: deque[int] = deque(maxlen=WINDOW)  # losses before each of the last readings
+        self._losses = LossWindow()
         self._fault_until_ns = 0
         self._fault = ""
 
@@ -98,7 +96,7 @@ class BotaDriver:
         self._fault = ""
         lost = self._lost_before(stamp_us, now_ns)
         self._last_us = stamp_us
-        self._window.append(lost)
+        self._losses.add(lost)
         self._counts["records"] += 1
         self._counts["lost"] += lost
         self._number += 1 + lost
@@ -118,31 +116,21 @@ class BotaDriver:
         return round(passed_us / self._step_us) - 1
 
     def _sample(self, frame: Any, now_ns: int) -> SensorSample:
-        where = (self._number, now_ns)
-        force_N, torque_Nm = _vec3(frame.force), _vec3(frame.torque)
-        for code, reason in self._faults(frame.status, now_ns):
-            return fault_sample(code, reason, counter=where[0], stamp_ns=where[1])
+        """Return the sample of a reading, or its first fault."""
+        fault = self._losses.fault()
+        if frame.status.invalid:
+            text = f"the sensor reports status 0x{frame.status.val:X}: invalid"
+            fault = SensorFault("sensor_fault", text)
+        elif now_ns < self._fault_until_ns:
+            fault = SensorFault("sensor_restarted", "the sensor's stamps restarted")
+        if fault.code:
+            return fault_sample(*fault, counter=self._number, stamp_ns=now_ns)
         ranges = (self._sensor.force_range_N, self._sensor.torque_range_Nm)
-        reason = saturation(force_N, torque_Nm, *ranges)
-        if frame.status.overrange and not reason:
-            reason = "the sensor reports that it is beyond its range"
-        if reason:
-            return SensorSample(force_N, torque_Nm, "saturated", reason, "sensor_saturated", *where)
-        return SensorSample(force_N, torque_Nm, counter=where[0], stamp_ns=where[1])
-
-    def _faults(self, status: Any, now_ns: int) -> list[SensorFault]:
-        """Return the faults that make a reading invalid."""
-        faults = []
-        if status.invalid:
-            text = f"the sensor reports status 0x{status.val:X}: invalid"
-            faults.append(SensorFault("sensor_fault", text))
-        if now_ns < self._fault_until_ns:
-            faults.append(SensorFault("sensor_restarted", "the sensor's stamps restarted"))
-        lost, frames = sum(self._window), len(self._window)
-        if frames >= WINDOW // 2 and lost > BAD_SHARE * (lost + frames):
-            text = f"{lost} of the last {lost + frames} readings were lost"
-            faults.append(SensorFault("sensor_lossy", text))
-        return faults
+        sample = judged(_vec3(frame.force), _vec3(frame.torque), *ranges)
+        if frame.status.overrange and sample.status == "ok":
+            text = "the sensor reports that it is beyond its range"
+            sample = replace(sample, status="saturated", reason=text, code="sensor_saturated")
+        return replace(sample, counter=self._number, stamp_ns=now_ns)
 
 
 def _vec3(numbers: Sequence[float]) -> Vec3:

@@ -3,6 +3,7 @@
 It also holds the checks that are common to every make.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol
@@ -10,6 +11,8 @@ from typing import Literal, NamedTuple, Protocol
 from forcemesh.messages import ZERO3, Vec3
 
 SATURATED_FROM = 0.95  # of the range, on any axis
+BAD_SHARE = 0.1  # of the readings of the window
+WINDOW = 100
 AXES = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Tx", "N m"), ("Ty", "N m"), ("Tz", "N m"))
 
 
@@ -80,13 +83,36 @@ def fault_sample(code: str, reason: str, *, counter: int = 0, stamp_ns: int = 0)
     return SensorSample(ZERO3, ZERO3, "fault", reason, code, counter, stamp_ns)
 
 
-def saturation(force_N: Vec3, torque_Nm: Vec3, force_range_N: float, torque_range_Nm: float) -> str:
-    """Return which axis is at or beyond 95 % of its range, or an empty text."""
+def judged(
+    force_N: Vec3, torque_Nm: Vec3, force_range_N: float, torque_range_Nm: float
+) -> SensorSample:
+    """Return the sample of a reading: saturated when an axis is at 95 % of its range or beyond."""
     ranges = (force_range_N,) * 3 + (torque_range_Nm,) * 3
     for (axis, unit), value, full in zip(AXES, force_N + torque_Nm, ranges, strict=True):
         if abs(value) >= SATURATED_FROM * full:
-            return (
+            text = (
                 f"{axis} reads {value:.4g} {unit}, "
                 f"{SATURATED_FROM:.0%} or more of its range of {full:g} {unit}"
             )
-    return ""
+            return SensorSample(force_N, torque_Nm, "saturated", text, "sensor_saturated")
+    return SensorSample(force_N, torque_Nm)
+
+
+class LossWindow:
+    """Losses before each of the last readings of a sensor whose losses are not numbered."""
+
+    def __init__(self) -> None:
+        """Start without readings."""
+        self._lost: deque[int] = deque(maxlen=WINDOW)
+
+    def add(self, lost: int) -> None:
+        """Store the number of readings that were lost before another one."""
+        self._lost.append(lost)
+
+    def fault(self) -> SensorFault:
+        """Return the fault of too many losses."""
+        lost, read = sum(self._lost), len(self._lost)
+        if read < WINDOW // 2 or lost <= BAD_SHARE * (lost + read):
+            return NO_FAULT
+        text = f"{lost} of the last {lost + read} readings were lost"
+        return SensorFault("sensor_lossy", text)

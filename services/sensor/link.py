@@ -1,18 +1,26 @@
-"""UDP connection to the sensor, non-blocking and without exceptions: the driver's only socket.
+"""Connections to an ATI sensor, without blocking or exceptions: its stream and its settings page.
 
-`poll` requests the stream, receives all waiting datagrams, and repeats the request during silence.
-The socket is connected: only datagrams from the sensor's own address and port are received.
+The stream comes over UDP. `poll` requests it, receives all waiting datagrams, and repeats the
+request during silence. The socket is connected: only datagrams from the sensor's own address and
+port are received. The page is read over HTTP in a thread, so that it does not delay the stream.
 """
 
+import http.client
 import socket
+import threading
 from contextlib import suppress
 from dataclasses import dataclass
 
 from forcemesh.clock import NS_PER_S
+from forcemesh.errors import DataError
+from services.sensor.netft_page import PATH, SettingsPage, parse
 
 DATAGRAM_BYTES = 2048
 BUFFER_BYTES = 1 << 20  # as far as the system grants it: a delayed process loses nothing here
 RECEIVES_PER_POLL = 1000  # a flood cannot block the loop
+PAGE_TIMEOUT_S = 2.0
+FETCH_AGAIN_S = 1.0
+MOST_PAGE_BYTES = 200_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,3 +137,48 @@ class UdpLink:
         if isinstance(error, ConnectionRefusedError):
             text = "connection refused: switch on the sensor's RDT interface"
         self.fault, self._fault_is_new = f"{self.where}: {text}", True
+
+
+class PageFetch:
+    """HTTP client that repeats its request every second until the page is received."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Store the address; the first `poll` sends the request."""
+        self.fault = "not read yet"
+        self._where = (host, port)
+        self._page: SettingsPage | None = None
+        self._next_ns = 0
+        self._thread: threading.Thread | None = None
+
+    def poll(self, now_ns: int) -> SettingsPage | None:
+        """Return the page, None until it is received."""
+        busy = self._thread is not None and self._thread.is_alive()
+        if self._page is None and not busy and now_ns >= self._next_ns:
+            self._next_ns = now_ns + round(FETCH_AGAIN_S * NS_PER_S)
+            self._thread = threading.Thread(target=self._fetch, daemon=True)
+            self._thread.start()
+        return self._page
+
+    def clear(self) -> None:
+        """Drop the page and fetch it again: the sensor may have been replaced."""
+        self._page, self.fault = None, "not read yet"
+
+    def _fetch(self) -> None:
+        host, port = self._where
+        connection = http.client.HTTPConnection(host, port, timeout=PAGE_TIMEOUT_S)
+        try:
+            connection.request("GET", PATH)
+            answer = connection.getresponse()
+            text = answer.read(MOST_PAGE_BYTES).decode("utf-8", errors="replace")
+            if answer.status == http.client.OK:
+                self._page = parse(text)
+            else:
+                self._failed(f"HTTP {answer.status} {answer.reason}")
+        except (OSError, http.client.HTTPException, DataError) as error:
+            self._failed(str(error))
+        finally:
+            connection.close()
+
+    def _failed(self, why: str) -> None:
+        host, port = self._where
+        self.fault = f"http://{host}:{port}{PATH}: {why}"

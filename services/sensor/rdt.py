@@ -1,4 +1,6 @@
-"""RDT protocol (Raw Data Transfer) of ATI Net F/T, ATI Axia and OnRobot: codec and sequences. Pure.
+"""RDT protocol (Raw Data Transfer) of ATI Net F/T, ATI Axia and OnRobot. Pure.
+
+Codec, sequences of the stream, its loss rates, and the cause of an interruption.
 
 A request is 8 bytes, a record 36, both big endian. Every record has two sequence numbers: its
 place in the stream (rdt_sequence: gaps are lost datagrams) and the number of the sensor's sample
@@ -11,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Literal
 
-from services.sensor.driver import SensorSample, fault_sample, saturation
+from services.sensor.driver import NO_FAULT, SensorFault, SensorSample, fault_sample, judged
 from services.sensor.rdt_status import ERROR_BIT, SATURATION_BITS, is_good, status_text
 
 REQUEST = struct.Struct(">HHI")  # header, command, number of records (0: endless)
@@ -23,6 +25,12 @@ JUMP = 10_000  # a larger gap is not loss: over a second at the fastest rate
 SEQUENCES = 1 << 32
 FROZEN_AFTER_NS = 100_000_000  # noise of a live sensor never repeats six counts this long
 FROZEN_RECORDS = 20
+QUALITY_WINDOW = 250  # places of the stream; the last one to two windows are evaluated
+BAD_SHARE = 0.1  # of the records: above it, the network path is unreliable
+LEAST_RECORDS = 100  # fewer give no reliable rate
+MOST_FT_HZ = 10_000  # no sensor samples faster
+FT_MARGIN = 5_000
+AWAY_RECORDS = 3  # fewest records that another client must have received
 
 
 class RdtCommand(IntEnum):
@@ -82,10 +90,7 @@ def sample_of(record: RdtRecord, scale: Scale) -> SensorSample:
     fx, fy, fz, tx, ty, tz = record.counts
     force_N = (fx / scale.counts_per_N, fy / scale.counts_per_N, fz / scale.counts_per_N)
     torque_Nm = (tx / scale.counts_per_Nm, ty / scale.counts_per_Nm, tz / scale.counts_per_Nm)
-    reason = saturation(force_N, torque_Nm, scale.force_range_N, scale.torque_range_Nm)
-    if reason:
-        return SensorSample(force_N, torque_Nm, "saturated", reason, "sensor_saturated")
-    return SensorSample(force_N, torque_Nm)
+    return judged(force_N, torque_Nm, scale.force_range_N, scale.torque_range_Nm)
 
 
 # --- sequence of the stream -----------------------------------------------------------------------
@@ -182,3 +187,74 @@ def _continued(
 def signed(difference: int) -> int:
     """Return a difference of two sequence numbers, which wrap at 32 bits."""
     return (difference + SEQUENCES // 2) % SEQUENCES - SEQUENCES // 2
+
+
+# --- quality of the stream ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """Tallies of one to two windows ago, and of at most one window ago."""
+
+    older: Tally = Tally()
+    older_place: int = 0
+    newer: Tally = Tally()
+    newer_place: int = 0
+
+    def moved_on(self, tally: Tally, place: int) -> "Quality":
+        """Return the window after the records up to a place of the stream."""
+        if place - self.newer_place < QUALITY_WINDOW:
+            return self
+        return Quality(self.newer, self.newer_place, tally, place)
+
+    def rate_fault(self, tally: Tally, place: int) -> SensorFault:
+        """Return the fault of the records in the window."""
+        places = place - self.older_place
+        if places < LEAST_RECORDS:
+            return NO_FAULT
+        shares = (
+            ("sensor_lossy", "were lost", tally.lost - self.older.lost),
+            ("sensor_disorder", "arrived out of order", tally.reordered - self.older.reordered),
+            ("sensor_copies", "arrived twice", tally.duplicates - self.older.duplicates),
+        )
+        for code, what, count in shares:
+            if count > BAD_SHARE * places:
+                return SensorFault(code, f"{count} of the last {places} records {what}")
+        return NO_FAULT
+
+
+def continues(last: RdtRecord, record: RdtRecord, ft_step: int) -> bool:
+    """Return whether a record is of the same stream: both sequences changed together."""
+    places = signed(record.rdt_sequence - last.rdt_sequence)
+    samples = signed(record.ft_sequence - last.ft_sequence)
+    off = abs(samples - places * ft_step)
+    return abs(places) < JUMP and off <= ft_step + abs(places) * ft_step // 2
+
+
+def meaning_of_break(
+    last: RdtRecord, first: RdtRecord, *, silent_s: float, ft_step: int, at_once: bool
+) -> SensorFault:
+    """Return the cause of the interruption between two streams.
+
+    Args:
+        last: Newest record before the interruption.
+        first: First record after it.
+        silent_s: Time between the two.
+        ft_step: Increment of ft_sequence per record before.
+        at_once: Whether the stream was requested, and the first request was answered.
+    """
+    gap = signed(first.ft_sequence - last.ft_sequence)
+    if gap < 0 or gap > silent_s * MOST_FT_HZ + FT_MARGIN:
+        return SensorFault(
+            "sensor_restarted",
+            f"the sensor restarted: ft_sequence went from {last.ft_sequence} "
+            f"to {first.ft_sequence}",
+        )
+    if at_once and gap > AWAY_RECORDS * max(ft_step, 1):
+        # It kept measuring and can be reached, but it had stopped sending here.
+        return SensorFault(
+            "sensor_stolen",
+            f"the sensor sent nothing for {silent_s * 1e3:.0f} ms, kept measuring and answered "
+            "the next request at once: another client took its stream",
+        )
+    return NO_FAULT

@@ -2,27 +2,27 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Protocol
 
 from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from services.sensor.driver import NO_FAULT, Info, SensorFault, SensorSample, fault_sample
-from services.sensor.link import ReceivedDatagrams, UdpLink, UdpLinkSettings
+from services.sensor.link import PageFetch, UdpLink, UdpLinkSettings
 from services.sensor.netft_page import disagreement, info_of, scale_of
-from services.sensor.page_fetch import PageFetch, PageSource
 from services.sensor.rdt import (
+    Quality,
     RdtCommand,
     RdtRecord,
     RdtStream,
     begin_anew,
+    continues,
     follow,
     frozen_reason,
+    meaning_of_break,
     parse,
     request,
     sample_of,
     signed,
 )
-from services.sensor.rdt_quality import Quality, continues, meaning_of_break
 from services.sensor.rdt_status import MONITOR_CONDITIONS
 
 # Every sample is a fault for this long after a restart or a theft of the stream: a reader that
@@ -37,31 +37,14 @@ NO_MORE = SensorFault("sensor_silent", "nothing received any more")
 BEING_READ = SensorFault("sensor_calibration", "the sensor's page is being read")
 
 
-class DatagramLink(Protocol):
-    """Interface of the link that the driver uses."""
-
-    requests: int
-    fault: str
-
-    @property
-    def where(self) -> str:
-        """Return the name of the peer for messages."""
-
-    def poll(self, now_ns: int) -> ReceivedDatagrams:
-        """Return the received datagrams without waiting."""
-
-    def close(self) -> None:
-        """Stop the stream and close the socket."""
-
-
 class RdtDriver:
     """Driver that classifies records by sequence: lost, duplicate, late, stalled or restarted."""
 
     def __init__(
         self,
         sensor: SensorSection,
-        wire: DatagramLink,
-        page: PageSource | None,
+        wire: UdpLink,
+        page: PageFetch | None,
         *,
         stale_after_s: float,
     ) -> None:

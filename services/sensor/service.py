@@ -1,20 +1,62 @@
 """Sensor service: samples of a sensor driver in, `sensor/wrench` out."""
 
 import sys
+from dataclasses import dataclass, replace
 
 from common.config.cell import CellConfig
 from forcemesh import topics
-from forcemesh.bus import Bus
+from forcemesh.bus import LONGEST_FAULT, Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import SensorWrench
-from services.sensor.decimation import Decimation, decimate, pause
 from services.sensor.driver import SensorInterface, SensorSample, fault_sample
 from services.sensor.driver_registry import driver_of
 
 LONGEST_STEP_S = 0.001  # longest time that a record waits in the socket
 STEPS_PER_SAMPLE = 2  # with fewer, two samples arrive at once and the first is superseded
 SEVERITY = {"ok": 0, "saturated": 1, "fault": 2}
-LONGEST_REASON = 400
+RATE_WINDOW_NS = 250_000_000  # window in which the sensor's rate is measured
+DECIMATION_MARGIN = 2.05  # times the cell's rate: twice, plus tolerance of clocks and measurement
+
+
+@dataclass(frozen=True, slots=True)
+class Decimation:
+    """Selection of the samples to publish when the sensor is faster than needed."""
+
+    output_hz: float
+    rate_hz: float = 0.0  # 0 until measured
+    keep_every: int = 1
+    kept: int = 0  # number of the last sample kept
+    since: tuple[int, int] | None = None  # number and time [ns] at the start of the measurement
+
+
+def decimate(state: Decimation, number: int, now_ns: int) -> tuple[Decimation, bool]:
+    """Return the state after a sample, and whether to keep it.
+
+    Up to twice the wanted rate every sample is kept, above it every n-th, counted by the sensor's
+    sequence numbers: bursts on the network do not change the selection, and the next sample
+    replaces a lost one.
+    """
+    state = _measure(state, number, now_ns)
+    if number - state.kept < state.keep_every:
+        return state, False
+    return replace(state, kept=number), True
+
+
+def pause(state: Decimation) -> Decimation:
+    """Restart the measurement after a gap; keep the ratio until it is done."""
+    return replace(state, since=None)
+
+
+def _measure(state: Decimation, number: int, now_ns: int) -> Decimation:
+    if state.since is None:
+        return replace(state, since=(number, now_ns))
+    elapsed_ns = now_ns - state.since[1]
+    if elapsed_ns < RATE_WINDOW_NS:
+        return state
+    rate_hz = 1e9 * (number - state.since[0]) / elapsed_ns
+    ratio = rate_hz / state.output_hz
+    keep_every = 1 if ratio <= DECIMATION_MARGIN else round(ratio)
+    return replace(state, rate_hz=rate_hz, keep_every=keep_every, since=(number, now_ns))
 
 
 class SensorDriver:
@@ -26,7 +68,7 @@ class SensorDriver:
         self.trigger = None
         self.fault = "no sample yet"
         stale_after_s = cell.stale_after_s(topics.SENSOR_WRENCH)
-        self._driver = driver or driver_of(cell.sensor, stale_after_s=stale_after_s)
+        self._driver = driver or driver_of(cell, stale_after_s=stale_after_s)
         self._decimation = Decimation(cell.rates.sensor_hz)
         self._worst: SensorSample | None = None  # sample since the last one published
         self._stale_after_ns = round(stale_after_s * NS_PER_S)
@@ -83,7 +125,7 @@ class SensorDriver:
             self._thinned += 1
 
     def _put(self, sample: SensorSample) -> None:
-        self.fault = sample.reason[:LONGEST_REASON]
+        self.fault = sample.reason[:LONGEST_FAULT]
         self._published += 1
         self._out.put(
             SensorWrench(

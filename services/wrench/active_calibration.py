@@ -55,15 +55,13 @@ def initial_calibration(cell: CellConfig) -> ActiveCalibration:
         )
     objection = objection or _too_heavy(section.mass_kg, cell)
     name = OF_THE_CELL_FILE
-    return ActiveCalibration(section.payload, name, name, objection=objection)
+    return ActiveCalibration(section, name, name, objection=objection)
 
 
 def active_calibration(found: CalibrationSection, cell: CellConfig) -> ActiveCalibration:
     """Return a stored calibration with its validity in this cell."""
     name = found.revision
-    return ActiveCalibration(
-        found.payload.payload, name, name, found.sensor, _objection(found, cell)
-    )
+    return ActiveCalibration(found.payload, name, name, found.sensor, _objection(found, cell))
 
 
 def parse_calibration(text: str) -> CalibrationSection:
@@ -77,7 +75,6 @@ def parse_calibration(text: str) -> CalibrationSection:
     for where, number in _numbers(content, ""):
         if abs(number) > LARGEST:
             raise DataError(f"{where}: {number:g} is outside +-{LARGEST:g}")
-    _ = found.payload.payload  # raises DataError if the payload is not physical
     return found
 
 
@@ -107,7 +104,7 @@ def _objection(found: CalibrationSection, cell: CellConfig) -> str:
         apart = _apart(then, now)
         if apart:
             return f"{what} differs by {apart} from that of {name}: run `forcemesh calibrate`"
-    return _unverified(found, cell) or _too_heavy(found.payload.payload.mass_kg, cell)
+    return _unverified(found, cell) or _too_heavy(found.payload.mass_kg, cell)
 
 
 def _unverified(found: CalibrationSection, cell: CellConfig) -> str:

@@ -11,8 +11,9 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.config.payload import Payload, residual
+from common.config.payload import Payload
 from common.motion.frames import Array, rotation_between
+from common.motion.weight import residual
 from forcemesh.errors import DataError
 from forcemesh.faults import refusal
 from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply

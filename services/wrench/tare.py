@@ -1,13 +1,14 @@
 """Tare: bias that makes the present reading zero, refused when it cannot be zero. Pure."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from common.config.payload import Payload, residual
+from common.config.payload import Payload
 from common.motion.convert import vec3
 from common.motion.frames import GRAVITY_M_S2, Array
+from common.motion.weight import residual
 from forcemesh.faults import refusal
 from forcemesh.requests import Reply
 
@@ -51,11 +52,11 @@ def tare(
             "a sign, an axis or a unit of the sensor, or the payload, is wrong"
         )
         return payload, refusal("payload", text, value=change_N, limit=WEIGHT_SHARE * weight_N)
-    tared = replace(
-        payload,
-        bias_force_N=vec3(np.array(payload.bias_force_N) + shift_N * payload.force_gain),
-        bias_torque_Nm=vec3(np.array(payload.bias_torque_Nm) + shift_Nm * payload.torque_gain),
-    )
+    bias = {
+        "bias_force_N": vec3(np.array(payload.bias_force_N) + shift_N * payload.force_gain),
+        "bias_torque_Nm": vec3(np.array(payload.bias_torque_Nm) + shift_Nm * payload.torque_gain),
+    }
+    tared = payload.model_copy(update=bias)
     text = (
         f"tared: force and torque are zero now; the bias changed by {change_N:.2f} N "
         f"and {change_Nm:.3f} N m"

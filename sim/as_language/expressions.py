@@ -4,10 +4,10 @@
     read = expressions.real(expression)       # once, when the program is loaded
     value = read(context)                     # each time the step is executed; raises AsError
 
-`value`, `real`, `text`, `pose`, `place`, `truth` select the result type; `store`, `refer` and
-`locate` are for variables that are written, passed by reference and filled; `layout` is for PRINT.
-Memory and machine come from the context, so machines share compiled programs. Compilation never
-raises: an error in an expression is raised when it is executed.
+`value`, `real`, `text`, `pose` and `place` select the result type; `store`, `refer` and `store_row`
+are for variables that are written, passed by reference and filled; `layout` is for PRINT. Memory
+and machine come from the context, so machines share compiled programs. Compilation never raises: an
+error in an expression is raised when it is executed.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,11 +20,11 @@ from sim.as_language import formats, functions_number, syntax, variables
 from sim.as_language.errors import AsError
 from sim.as_language.function_calls import compile_function
 from sim.as_language.machine_api import EvaluationContext
-from sim.as_language.memory import Array, VariableCell, index_of, plain
+from sim.as_language.memory import Array, Locals, VariableCell, bind, following, index_of, plain
 from sim.as_language.operations import compile_binary, compile_unary, compile_with_constant
-from sim.as_language.syntax import Expression, Variable
-from sim.as_language.values import Joints, Pose, Transformation, joints
-from sim.as_language.variables import Indices, Locate, NamesOf, Read, Refer, Store
+from sim.as_language.syntax import Expression, Program, Variable
+from sim.as_language.values import Joints, Pose, Transformation, Value, joints
+from sim.as_language.variables import Indices, NamesOf, Read, Refer, Store
 
 _locals_of: NamesOf = attrgetter("locals")
 _globals_of: NamesOf = attrgetter("globals")
@@ -86,10 +86,6 @@ class Expressions:
 
         return run
 
-    def truth(self, expression: Expression) -> Callable[[EvaluationContext], float]:
-        """Compile to a condition: every number but 0 is true, for AS as for Python."""
-        return self.real(expression)
-
     def text(self, expression: Expression) -> Callable[[EvaluationContext], str]:
         """Compile to a string (P0118)."""
         read = self.value(expression)
@@ -149,9 +145,52 @@ class Expressions:
         """Compile to the cell or array of a variable."""
         return variables.refer(variable, _names_of(variable), self.indices(variable))
 
-    def locate(self, variable: Variable) -> Locate:
-        """Compile to the array and the first index for storing consecutive elements."""
-        return variables.locate(variable, _names_of(variable), self.indices(variable))
+    def bind(
+        self, arguments: Sequence[Expression | None]
+    ) -> Callable[[EvaluationContext, Program], Locals]:
+        """Compile the arguments of CALL to the locals of a program that receives them."""
+        given = [self.refer(argument) for argument in arguments]
+        return lambda context, program: bind(
+            program.parameters, [read(context) for read in given], program.name
+        )
+
+    def store_row(self, variable: Variable) -> Callable[[EvaluationContext, Sequence[Value]], None]:
+        """Compile to a writer of a sequence of values into consecutive elements."""
+        locate = variables.locate(variable, _names_of(variable), self.indices(variable))
+
+        def run(context: EvaluationContext, values: Sequence[Value]) -> None:
+            array, index = locate(context)
+            for count, value in enumerate(values):
+                array.cell(following(index, count)).value = value
+
+        return run
+
+    def read_row(self, variable: Variable) -> Callable[[EvaluationContext, int], list[Value]]:
+        """Compile to a reader of consecutive elements (E0102, E0104); a scalar is a row of one."""
+        code = "E0104" if variable.kind == "$" else "E0102"
+        if not variable.indices:
+            read_scalar = self.value(variable)
+
+            def only(context: EvaluationContext, count: int) -> list[Value]:
+                value = read_scalar(context)
+                if count > 1:
+                    raise AsError(code, f"{variable.spelling} is one value, not 2")
+                return [value]
+
+            return only
+        locate = variables.locate(variable, _names_of(variable), self.indices(variable))
+
+        def run(context: EvaluationContext, count: int) -> list[Value]:
+            array, index = locate(context)
+            values = []
+            for at in (following(index, k) for k in range(count)):
+                value = array.cell(at).value
+                if value is None:
+                    raise AsError(code, f"{variable.spelling}[{at}]")
+                values.append(value)
+            return values
+
+        return run
 
     def indices(self, variable: Variable) -> Indices | None:
         """Compile the indices in brackets; None without brackets."""

@@ -1,37 +1,54 @@
-"""Emulated controller: loads programs, implements the machine interface, advances time."""
+"""Emulated controller: hardware, tasks, memory and pendant, on one clock."""
 
-import random
+from collections.abc import Callable
 
-import numpy as np
-
-from common.motion.kinematics import JOINTS
 from sim.as_language.errors import AsError
 from sim.as_language.memory import Memory
 from sim.as_language.syntax import SourceFile
-from sim.as_language.values import Joints, Pose, Transformation, joints, se3_of, transformation_of
+from sim.controller.behaviour import Behaviour
 from sim.controller.compile import compile_file
-from sim.controller.pendant import Pendant
-from sim.controller.planner import reach_error
-from sim.controller.program_control import ProgramControl
-from sim.controller.speeds import checked
-from sim.controller.task import PC_PROGRAMS, ROBOT
-from sim.controller.timers import TIMERS
+from sim.controller.hardware import Hardware
+from sim.controller.machine_view import MachineView
+from sim.controller.network import Network
+from sim.controller.scheduler import Scheduler
+from sim.controller.tasks import TaskControl
+from sim.robot.arm import SimArm
 
-OUT_OF_REACH = 32768
-_TASK_STATES = {"idle": 0, "running": 1, "held": 2, "stopped": 2, "ending": 3}
+FACTORY_MONITOR_SPEED_PERCENT = 10.0
 
 
-class Machine(ProgramControl):
-    """Complete emulated controller; implements `machine_api.Machine`. Arguments as for `Parts`."""
+class Machine:
+    """Complete emulated controller."""
 
-    def __init__(self, *args: object, **kwargs: object) -> None:
-        """Power on."""
-        super().__init__(*args, **kwargs)  # type: ignore[arg-type]
+    def __init__(
+        self,
+        arm: SimArm,
+        network: Network,
+        *,
+        behaviour: Behaviour | None = None,
+        now_ns: int = 0,
+        print_line: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Power on: no program, switches at factory settings."""
+        self.hardware = Hardware(
+            arm, network, behaviour=behaviour or Behaviour(), now_ns=now_ns, print_line=print_line
+        )
         self.memory = Memory()
-        self.pendant = Pendant(self)
-        self._random = random.Random(1)  # noqa: S311 - a controller's RANDOM, the same every time
+        self.control = TaskControl(self.hardware, self.memory.globals)
+        self.pendant = Pendant(self.control)
+        self.pendant.monitor_speed(FACTORY_MONITOR_SPEED_PERCENT)
+        self.robot, self.tcp = self.hardware.robot, self.hardware.tcp
+        self.tasks, self.robot_task = self.control.tasks, self.control.robot_task
+        self.stops = self.control.stops
+        self.after_tick: list[Callable[[], None]] = []  # sensor feed, probe of a test
+        self.scheduler = Scheduler(self.tasks, self.hardware, self._tick)
         for task in self.tasks:
-            task.machine, task.globals = self, self.memory.globals
+            task.machine = MachineView(task)
+
+    @property
+    def now_ns(self) -> int:
+        """The controller's time [ns]."""
+        return self.hardware.now_ns
 
     def load(self, source: SourceFile) -> None:
         """LOAD: add the programs and data of a file; a program of the same name is replaced.
@@ -42,124 +59,71 @@ class Machine(ProgramControl):
             for frame in task.frames:
                 if frame.program.name in source.programs:
                     raise AsError("P1014", f"{frame.program.name} is running")
-        self.programs = {**self.programs, **compile_file(source)}
+        self.control.programs = {**self.control.programs, **compile_file(source)}
         self.memory.fill(source.data)
 
     def advance(self, until_ns: int) -> None:
         """Advance time in lock step up to `until_ns`."""
         self.scheduler.advance(until_ns)
 
-    # --- machine_api: the arm ---------------------------------------------------------------------
+    def _tick(self) -> None:
+        try:
+            self.robot.tick()
+        except AsError as error:
+            self.control.failed(self.robot_task, error)
+        if self.robot_task.state == "ending" and not self.robot.moving:
+            self.robot_task.set_state("idle")
+        for observer in self.after_tick:
+            observer()
+        self.hardware.signals.tick(self.hardware.now_ns)
 
-    def destination(self) -> Transformation:
-        """DEST."""
-        return transformation_of(self.robot.destination())
 
-    def destination_joints(self) -> Joints:
-        """#DEST."""
-        return joints(*np.degrees(self.robot.q_destination()))
+class Pendant:
+    """Teach pendant and operation panel: buttons and switches, with immediate effect."""
 
-    def home_joints(self, number: int) -> Joints:
-        """#HOME. Raises AsError E0106."""
-        return joints(*np.degrees(self.home_rad(checked(number, 1, 2, "HOME"))))
+    def __init__(self, control: TaskControl) -> None:
+        """Connect to a controller."""
+        self._control, self._hardware = control, control.hardware
+        # ABORT; ERESET; HOLD/RUN to HOLD; HOLD/RUN to RUN and cycle start (P1000 to P1013).
+        self.abort, self.error_reset = control.abort, control.reset_error
+        self.hold, self.run = control.hold, control.resume
 
-    def base(self) -> Transformation:
-        """BASE. Raises AsError in a PC program."""
-        self._refuse_pc("BASE")
-        return transformation_of(self.robot.T_base_shift)
+    def motor_power(self, *, on: bool) -> None:
+        """Switch the motors; off holds the program. Inhibited by a pressed emergency stop."""
+        if not on:
+            self.hold()
+        if not (on and self._hardware.emergency):
+            self._hardware.robot.power(on=on)
 
-    def tool(self) -> Transformation:
-        """TOOL. Raises AsError in a PC program."""
-        self._refuse_pc("TOOL")
-        return transformation_of(self.robot.T_flange_tcp)
+    def repeat(self) -> None:
+        """Turn the switch to REPEAT; a held program stays held."""
+        self._hardware.repeat_mode = True
 
-    def transformation_of(self, values: Joints) -> Transformation:
-        """Return the TOOL's pose in BASE for joint values."""
-        return self.transformation_at(np.radians(values.values))
+    def teach(self) -> None:
+        """Turn the switch to TEACH: the robot program is held."""
+        self.hold()
+        self._hardware.repeat_mode = False
 
-    def joints_of(self, place: Transformation, configuration: Joints | None = None) -> Joints:
-        """Return joint values for a pose. Raises AsError E6007, E6008, E6016."""
-        near = self.robot.q_destination()
-        if configuration is not None:
-            near = np.radians(configuration.values)
-        result = self.robot.joints_of(se3_of(place), near)
-        if result.q is None:
-            raise reach_error(result.reason)
-        return joints(*np.degrees(result.q))
+    def teach_lock(self, *, on: bool) -> None:
+        """Turn the teach lock; on in REPEAT mode holds the robot program."""
+        if on:
+            self.hold()
+        self._hardware.teach_lock = on
 
-    def in_range(self, place: Pose, configuration: Joints | None = None) -> int:
-        """INRANGE: one bit per joint outside its limits, 32768 out of reach."""
-        if isinstance(place, Transformation):
-            try:
-                place = self.joints_of(place, configuration)
-            except AsError:
-                return OUT_OF_REACH
-        q, arm = np.radians(place.values), self.robot.kinematics
-        beyond = (q < arm.lower_rad) | (q > arm.upper_rad)
-        return sum(1 << k for k in range(JOINTS) if beyond[k])
+    def emergency_stop(self) -> None:
+        """Press the emergency stop: brake the arm, switch the motors off, hold the program."""
+        self._hardware.emergency = True
+        self.motor_power(on=False)
 
-    def monitor_speed_percent(self) -> float:
-        """MSPEED."""
-        return 100.0 * self.robot.queue.monitor_fraction
+    def release_emergency_stop(self) -> None:
+        """Release the emergency stop; this starts no motion."""
+        self._hardware.emergency = False
 
-    def motor_torque_Nm(self, joint: int) -> float:
-        """TRQNM: torque of the simulated servo. Raises AsError E0106."""
-        number = int(checked(joint, 1, JOINTS, "the joint"))
-        return float(self.robot.arm.data.actuator_force[number - 1])
+    def execute(self, name: str, *, cycles: int = 1) -> None:
+        """Select a program and start it. Raises AsError P1000 to P1014."""
+        self._control.held = self._hardware.robot.queue.held = False
+        self._control.execute(name, cycles=cycles)
 
-    def motor_current_A(self, joint: int) -> float:
-        """IQARM: torque over a torque constant of 1 Nm/A; the real constants are not public."""
-        return self.motor_torque_Nm(joint)
-
-    # --- machine_api: signals, switches, tasks, time ----------------------------------------------
-
-    def signal(self, number: int) -> bool:
-        """SIG of one signal. Raises AsError E0106."""
-        return self.signals.holds(self.signal_number(number))
-
-    def switch(self, name: str) -> bool:
-        """SWITCH. Raises AsError P0116."""
-        if not self.switches.exists(name):
-            raise AsError("P0116", f"there is no switch {name.upper()}")
-        return self.switches.read(name)
-
-    def task_state(self, number: int) -> int:
-        """TASK. Raises AsError E0106."""
-        if number == ROBOT:
-            return _TASK_STATES[self.robot_task.state]
-        if number not in PC_PROGRAMS:
-            raise AsError("E0106", f"TASK({number}): 1 is the robot program, 1001 to 1005 are PC")
-        return _TASK_STATES[self.tasks[number - PC_PROGRAMS.start + 1].state]
-
-    def error_number(self) -> int:
-        """ERROR: of the step that a ONE program handles, otherwise the one pending ERESET."""
-        for frame in reversed(self.scheduler.current.frames):
-            if frame.handles is not None:
-                return frame.handles.number
-        return 0 if self.error is None else self.error.error.number
-
-    def timer_s(self, number: int) -> float:
-        """TIMER. Raises AsError E0106."""
-        timer = int(checked(number, 0, TIMERS[-1], "the number of TIMER"))
-        return self.timers.read_s(timer, self.now_ns)
-
-    def random(self) -> float:
-        """RANDOM: the same sequence in every run."""
-        return self._random.random()
-
-    def date(self) -> str:
-        """$DATE: a fixed date, for repeatable runs."""
-        return "26/01/01"
-
-    def time(self) -> str:
-        """$TIME: since power-on."""
-        seconds = int(self.timers.read_s(0, self.now_ns))
-        return f"{seconds // 3600 % 24:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
-
-    def has_program(self, name: str) -> bool:
-        """EXISTPGM."""
-        return name in self.programs
-
-    def _refuse_pc(self, name: str) -> None:
-        if not self.scheduler.current.is_robot:
-            raise AsError("E1095", f"{name} is not allowed in PC programs")
+    def monitor_speed(self, percent: float) -> None:
+        """Set the monitor speed [%]: scales every program speed, also of the active motion."""
+        self._hardware.robot.queue.monitor_fraction = percent / 100.0

@@ -1,11 +1,14 @@
-"""Motion requests of a program: one motion with speed, accuracy and ramps. Values only."""
+"""Motion requests of a program: target, speed, accuracy and ramps, with their ranges and units."""
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import pinocchio as pin
 
 from common.motion.frames import Array
+from sim.as_language.errors import AsError
+from sim.as_language.values import single
 
 # 100 % of SPEED for a linear motion. Assumption: the manuals specify it per arm.
 LINEAR_MAX_M_S = 2.0
@@ -13,6 +16,14 @@ LINEAR_MAX_M_S = 2.0
 LINEAR_ACCEL_M_S2 = 2.0
 JOINT_ACCEL_TIME_S = 0.3
 BRAKE_FACTOR = 1.25  # deceleration of BRAKE and HOLD relative to 100 %: 2.5 m/s^2
+
+LEAST_PERCENT, MOST_PERCENT = 0.01, 100.0
+SECONDS = (0.1, 3601.0)
+# To metres per second.
+UNITS_M_S = {
+    "MM/S": 1e-3, "MM/MIN": 1e-3 / 60.0, "CM/S": 1e-2, "CM/MIN": 1e-2 / 60.0,
+    "M/S": 1.0, "M/MIN": 1.0 / 60.0,
+}  # fmt: skip
 
 SpeedUnit = Literal["%", "M/S", "S"]
 
@@ -59,3 +70,58 @@ class MotionRequest:
     T_base_tcp: pin.SE3 | None = None
     q: Array | None = None
     pause_s: float = 0.0
+
+
+class MotionSettings:
+    """SPEED, ACCURACY, ACCEL and DECEL: for all motions, or for the next one only."""
+
+    def __init__(self) -> None:
+        """Start with the defaults of a program: 100 %, 1 mm."""
+        self._always: dict[str, Any] = {}
+        self._next: dict[str, Any] = {}
+
+    def reset(self) -> None:
+        """Restore the defaults at the start of a program."""
+        self._always, self._next = {}, {}
+
+    def change(self, field: str, value: Any, *, always: bool) -> None:
+        """Set one field of `MotionParameters`, permanently or for the next motion only."""
+        self._next.pop(field, None)
+        (self._always if always else self._next)[field] = value
+
+    def take(self, T_flange_tcp: pin.SE3, speed: ProgramSpeed | None = None) -> MotionParameters:
+        """Return the parameters of the motion to be queued, optionally with its own speed."""
+        manner = MotionParameters(**{**self._always, **self._next})
+        self._next = {}
+        return replace(manner, T_flange_tcp=T_flange_tcp, speed=speed or manner.speed)
+
+
+def checked(value: float, least: float, most: float, name: str) -> float:
+    """Return a value if it is within its range. Raises AsError E0106.
+
+    The range tolerates single-precision rounding: a program's 0.01 is slightly less than 0.01.
+    """
+    if not least <= value <= most and not single(least) <= value <= single(most):
+        raise AsError("E0106", f"{name} is {value:g}, must be within {least:g} .. {most:g}")
+    return value
+
+
+def percent(value: float, name: str) -> float:
+    """Return a percentage. Raises AsError E0106."""
+    return checked(value, LEAST_PERCENT, MOST_PERCENT, name)
+
+
+def speed_of(value: float, modifiers: Sequence[str]) -> ProgramSpeed:
+    """Return the speed of a value with its unit; without a unit it is a percentage.
+
+    Raises AsError E0106 outside its range, E0111 for a unit that is not emulated.
+    """
+    unit = next((word for word in modifiers if word in UNITS_M_S), "")
+    if unit:
+        speed_m_s = value * UNITS_M_S[unit]
+        return ProgramSpeed(checked(speed_m_s, 1e-5, 20.0, "SPEED in m/s"), "M/S")
+    if "S" in modifiers:
+        return ProgramSpeed(checked(value, *SECONDS, "SPEED in seconds"), "S")
+    if "DEG/S" in modifiers or "DEG/MIN" in modifiers:
+        raise AsError("E0111", "a rotational SPEED is an option of the controller")
+    return ProgramSpeed(percent(value, "SPEED"))

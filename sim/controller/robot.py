@@ -59,13 +59,9 @@ class Robot:
         T_base_tcp = self.kinematics.flange_pose(q) * self.T_flange_tcp
         return self.T_base_shift.actInv(T_base_tcp)
 
-    def in_robot_base(self, T_shift_tcp: pin.SE3) -> pin.SE3:
-        """Return a program's pose in the robot's own base frame."""
-        return self.T_base_shift * T_shift_tcp
-
     def joints_of(self, T_shift_tcp: pin.SE3, q_near: Array) -> IkResult:
         """Return the joint angles for a program's pose, near `q_near`."""
-        T_base_flange = self.in_robot_base(T_shift_tcp) * self.T_flange_tcp.inverse()
+        T_base_flange = self.T_base_shift * T_shift_tcp * self.T_flange_tcp.inverse()
         return inverse(self.kinematics, T_base_flange, q_near)
 
     # --- motion -----------------------------------------------------------------------------------

@@ -91,7 +91,7 @@ def run_alone(
     clock: Clock = MonotonicClock()
     network = SocketNetwork(arguments.address, arguments.port)
     machine = Machine(
-        SimArm(SimSettings(), seed=0),
+        SimArm(SimSettings(delay_s=0.0), seed=0),
         network,
         behaviour=behaviour,
         now_ns=clock.now_ns(),
@@ -119,7 +119,7 @@ def run_in_cell(
         service, reporters, clock = _with_its_sensor(cell, network, behaviour, exits)
         exits.callback(give_up_realtime_priority)
         exits.callback(service.close)
-        service.machine.print_line = print_line
+        service.machine.hardware.print_line = print_line
         start(service.machine, source, arguments)
         watch = ChangeLogger(service.machine, network)
         service.machine.after_tick.append(watch.ticked)
@@ -190,7 +190,7 @@ class ChangeLogger:
         self.alive = True
 
     def ticked(self) -> None:
-        """Check every TICKS_BETWEEN_LOOKS ticks: each tick would cost 25 % of the arm's time."""
+        """Check every TICKS_BETWEEN_CHECKS ticks: each tick would cost 25 % of the arm's time."""
         self._ticks += 1
         if self._ticks % TICKS_BETWEEN_CHECKS == 0:
             self.follow()
@@ -199,8 +199,9 @@ class ChangeLogger:
         """Log the changes since the last check."""
         machine = self._machine
         for task in machine.tasks:
-            name = "robot program" if task.is_robot else f"PC program {task.number - 1000}"
-            self._note(name, f"{task.state} ({task.main})" if task.main else "")
+            self._note(
+                task.name.removeprefix("the "), f"{task.state} ({task.main})" if task.main else ""
+            )
         for port in machine.tcp.listening:
             self._note(f"port {port}", f"listening on {self._network.bound.get(port, port)}")
         self._note("sockets", ", ".join(str(n) for n in machine.tcp.sockets))

@@ -8,8 +8,8 @@ next tick. The caller controls time: `advance` runs up to a given time and stops
 from collections.abc import Callable, Sequence
 
 from forcemesh.clock import NS_PER_S
-from sim.controller.behaviour import Behaviour
-from sim.controller.task import Task
+from sim.controller.hardware import Hardware
+from sim.controller.tasks import Task
 from sim.robot.settings import TICK_S
 
 TICK_NS = round(TICK_S * NS_PER_S)
@@ -19,20 +19,13 @@ MOST_TICKS_BEHIND = 50  # a process delayed for longer drops time instead of cat
 class Scheduler:
     """Allocates processor time to tasks and calls the robot tick."""
 
-    def __init__(
-        self,
-        tasks: Sequence[Task],
-        tick: Callable[[], None],
-        behaviour: Behaviour,
-        *,
-        now_ns: int,
-    ) -> None:
-        """Start at `now_ns`; `tick` is called every millisecond after it."""
+    def __init__(self, tasks: Sequence[Task], hardware: Hardware, tick: Callable[[], None]) -> None:
+        """Start at the time of the hardware; `tick` is called every millisecond after it."""
         self._tasks = tasks
+        self._hardware = hardware
         self._tick = tick
-        self._step_ns = behaviour.step_ns
-        self._next_tick_ns = now_ns + TICK_NS
-        self._stalled_until_ns = 0
+        self._step_ns = hardware.behaviour.step_ns
+        self._next_tick_ns = hardware.now_ns + TICK_NS
         # For each first task: all tasks in order, each with the index of its successor.
         count = len(tasks)
         self._orders = tuple(
@@ -40,28 +33,22 @@ class Scheduler:
             for first in range(count)
         )
         self._next_order = 0
-        self.current = tasks[0]  # the task whose step is being executed
-        self.now_ns = now_ns
         self.steps = 0
         self.ns_lost = 0
         self._offset_ns = 0  # real clock minus controller time
 
-    def stall(self, duration_s: float) -> None:
-        """Suspend all tasks for a duration: the processor plans a motion."""
-        self._stalled_until_ns = self.now_ns + round(duration_s * NS_PER_S)
-
     def skip_to(self, clock_ns: int) -> None:
         """Set the real clock equal to controller time: time before, as for loading, is not lost."""
-        self._offset_ns = clock_ns - self.now_ns
+        self._offset_ns = clock_ns - self._hardware.now_ns
 
     def advance(self, until_ns: int) -> None:
         """Advance to `until_ns` in lock step."""
-        while self.now_ns < until_ns:
+        while self._hardware.now_ns < until_ns:
             self._round(until_ns)
 
     def catch_up(self, clock_ns: int) -> None:
         """Advance to a time of the real clock; long delays are dropped."""
-        behind_ns = clock_ns - self._offset_ns - self.now_ns
+        behind_ns = clock_ns - self._offset_ns - self._hardware.now_ns
         lost_ns = max(0, behind_ns - MOST_TICKS_BEHIND * TICK_NS)
         self.ns_lost += lost_ns
         self._offset_ns += lost_ns
@@ -69,29 +56,29 @@ class Scheduler:
 
     def _round(self, until_ns: int) -> None:
         """Execute one step of every ready task; without any, advance to the next tick."""
-        idle, step_ns = True, self._step_ns
-        if self.now_ns >= self._stalled_until_ns:
+        hardware, step_ns, idle = self._hardware, self._step_ns, True
+        if hardware.now_ns >= hardware.stalled_until_ns:
             for task, next_order in self._orders[self._next_order]:
                 if not task.ready:
                     continue
-                idle, self.current = False, task
+                idle = False
                 task.step()
                 self.steps += 1
-                self.now_ns += step_ns
-                while self.now_ns >= self._next_tick_ns:
-                    self._pass_tick()
-                if self.now_ns >= until_ns:
+                hardware.now_ns += step_ns
+                if hardware.now_ns >= self._next_tick_ns:
+                    self._pass_ticks()
+                if hardware.now_ns >= until_ns:
                     self._next_order = next_order
                     return
         if idle:
-            self.now_ns = min(self._next_tick_ns, until_ns)
-            while self.now_ns >= self._next_tick_ns:
-                self._pass_tick()
+            hardware.now_ns = min(self._next_tick_ns, until_ns)
+            self._pass_ticks()
 
-    def _pass_tick(self) -> None:
-        self._next_tick_ns += TICK_NS
-        self._tick()
-        for task in self._tasks:
-            if task.waiting:
-                self.current = task
-                task.check_wait(self.now_ns)
+    def _pass_ticks(self) -> None:
+        hardware = self._hardware
+        while hardware.now_ns >= self._next_tick_ns:
+            self._next_tick_ns += TICK_NS
+            self._tick()
+            for task in self._tasks:
+                if task.waiting:
+                    task.check_wait(hardware.now_ns)

@@ -14,9 +14,8 @@ from sim.controller.network import Network
 from sim.netft.feed import RdtFeed
 from sim.netft.server import NetftServer
 from sim.robot.arm import SimArm
-from sim.robot.sensor_feed import SensorFeed
-from sim.robot.service import sim_settings
-from sim.robot.settings import TICK_S
+from sim.robot.service import SensorFeed
+from sim.robot.settings import TICK_S, SimSettings
 from sim.robot.trace import trace_from_environment
 
 
@@ -39,7 +38,7 @@ class EmulatedController:
             raise SimulationError("the cell file has no section `sim`: no simulated arm")
         self.period_s = TICK_S
         self.trigger = None
-        self.arm = SimArm(sim_settings(cell, cell.sim), seed=cell.sim.seed)
+        self.arm = SimArm(SimSettings.of(cell), seed=cell.sim.seed)
         self.machine = Machine(
             self.arm,
             network,
@@ -53,7 +52,8 @@ class EmulatedController:
     @property
     def fault(self) -> str:
         """Error that stopped a program, empty without one."""
-        return "" if self.machine.error is None else str(self.machine.error)
+        error = self.machine.control.error
+        return "" if error is None else str(error)
 
     def begin(self, now_ns: int) -> None:
         """Start real time, after files are loaded and programs are started."""

@@ -8,7 +8,6 @@ sockets belong to the controller, not to a program: they survive an abort.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from forcemesh.clock import NS_PER_S
 from sim.controller.network import ByteStream, Listener, Network, Octets
 
 OK = 0
@@ -98,9 +97,8 @@ class TcpUnit:
 
     # --- with time-out ----------------------------------------------------------------------------
 
-    def accept(self, port: int, *, timeout_s: float, now_ns: int) -> Operation:
+    def accept(self, port: int, end_ns: int) -> Operation:
         """Wait for a connection: the code is the socket's number, or negative."""
-        end_ns = _end_ns(now_ns, timeout_s)
 
         def poll(now_ns: int) -> TcpResult | None:
             listener = self._listeners.get(port)
@@ -116,9 +114,8 @@ class TcpUnit:
 
         return poll
 
-    def connect(self, peer: Octets, port: int, *, timeout_s: float, now_ns: int) -> Operation:
+    def connect(self, peer: Octets, port: int, end_ns: int) -> Operation:
         """Connect to a server: the code is the socket's number, or negative."""
-        end_ns = _end_ns(now_ns, timeout_s)
         try:
             stream = self._network.connect(peer, port)
         except OSError:
@@ -138,14 +135,11 @@ class TcpUnit:
 
         return poll
 
-    def send(
-        self, number: int, elements: Sequence[str], *, timeout_s: float, now_ns: int
-    ) -> Operation:
+    def send(self, number: int, elements: Sequence[str], end_ns: int) -> Operation:
         """Send strings without separators; at most 4096 bytes."""
         rest = "".join(elements).encode("latin-1")
         if len(rest) > BYTES_PER_CALL:
             return lambda _: TcpResult(TOO_LONG)
-        end_ns = _end_ns(now_ns, timeout_s)
 
         def poll(now_ns: int) -> TcpResult | None:
             nonlocal rest
@@ -163,12 +157,11 @@ class TcpUnit:
 
         return poll
 
-    def receive(self, number: int, *, timeout_s: float, longest: int, now_ns: int) -> Operation:
+    def receive(self, number: int, end_ns: int, *, longest: int) -> Operation:
         """Wait for bytes, cut into elements of at most `longest` characters.
 
         After the peer has closed, the code is 0 and there is no element.
         """
-        end_ns = _end_ns(now_ns, timeout_s)
 
         def poll(now_ns: int) -> TcpResult | None:
             stream = self._streams.get(number)
@@ -190,7 +183,3 @@ class TcpUnit:
         number, self._next = self._next, self._next + 1
         self._streams[number] = stream
         return number
-
-
-def _end_ns(now_ns: int, timeout_s: float) -> int:
-    return now_ns + round(timeout_s * NS_PER_S)

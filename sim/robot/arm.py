@@ -5,6 +5,7 @@ smoothing window + servo lag. The gain rule of force control needs that sum and 
 both are computed here from the settings.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,14 +14,13 @@ import pinocchio as pin
 from common.motion.frames import Array, is_finite
 from common.motion.kinematics import JOINTS, ArmKinematics
 from forcemesh.errors import SimulationError
-from sim.robot.contact import lift_off_m
 from sim.robot.engine import mujoco
 from sim.robot.ft_sensor import FtSample, FtSensor
-from sim.robot.plate_contact import PlateContact
-from sim.robot.scene import build_model, home_rad
-from sim.robot.set_points import SetPointLine
+from sim.robot.plate import Disc, SprungPlate, lift_off_m
+from sim.robot.scene import build_model, plate_at_rest
 from sim.robot.settings import TICK_S, SimSettings
 
+FAR_M = 0.02  # from the plate: no contact within a step
 STILL_RAD_S = 0.002  # below this joint speed, with no active command, the arm is at rest
 # -3 dB of a critically damped servo: sqrt(sqrt(2) - 1) times its natural frequency 2 / lag.
 _SERVO_BANDWIDTH = 2.0 * (2.0**0.5 - 1.0) ** 0.5
@@ -48,6 +48,106 @@ def bandwidth_rad_s(settings: SimSettings) -> float:
     return 0.5 * (low + high)
 
 
+class SetPointLine:
+    """Dead time and smoothing of joint commands in a ring buffer, exact to the tick.
+
+    A command pushed now reaches the servos `delay_ticks` later; the average over
+    `smoothing_ticks` then spreads a step over that many ticks.
+    """
+
+    def __init__(self, start: Array, *, delay_ticks: int, smoothing_ticks: int) -> None:
+        """Fill the line with a constant command. Shape (6,)."""
+        self._newest = np.array(start, dtype=float)
+        self._ring = np.tile(self._newest, (delay_ticks + smoothing_ticks, 1))
+        self._head = 0
+        self._same = len(self._ring)  # how many of the newest entries are equal
+        last = np.arange(len(self._ring))[:, None] - 1 - delay_ticks  # by where the head is
+        self._averaged = (last - np.arange(smoothing_ticks)) % len(self._ring)
+
+    @property
+    def settled(self) -> bool:
+        """Whether all commands in the line are equal."""
+        return self._same >= len(self._ring)
+
+    def push(self, command: Array) -> Array:
+        """Take this tick's command, return this tick's servo set point. Shape (6,).
+
+        The caller must not modify a command in place: an identical object is not compared again.
+        """
+        is_same = command is self._newest or command.tolist() == self._newest.tolist()
+        self._same = self._same + 1 if is_same else 1
+        self._newest = command
+        if self._same > len(self._ring):  # the ring is already full of this command
+            return command
+        self._ring[self._head] = command
+        self._head = (self._head + 1) % len(self._ring)
+        if self.settled:
+            return command
+        rows = self._ring.take(self._averaged[self._head], axis=0)
+        return np.asarray(np.add.reduce(rows, axis=0) / len(rows))
+
+
+class PlateContact:
+    """Plate under the disc: its pose, its springs, and the contact wrench of each step.
+
+    It acts between `mj_step1` and `mj_step2`, when MuJoCo has computed the state but not used the
+    forces yet. The wrench acts on the massless body `disc`, whose origin is the TCP, so the
+    force/torque sensor measures it like any other load on the tool.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, settings: SimSettings) -> None:
+        """Place the undeflected plate; `point_m` and `springs` may be changed at any time."""
+        rest = plate_at_rest(settings)
+        self.point_m, self.normal = rest.point_m.copy(), rest.normal
+        self.springs = SprungPlate.of(settings)
+        self._model, self._data, self._R_base_plate = model, data, rest.R_base_plate
+        self._radius_m = settings.disc_radius_m
+        self._tcp = model.site("tcp").id
+        # Views of the state: MuJoCo never reallocates it.
+        self._p_tcp_m, self._z_tcp = data.site_xpos[self._tcp], data.site_xmat[self._tcp][2::3]
+        self._pushed = data.xfrc_applied[model.body("disc").id].reshape(2, 3)
+        self._moves = np.zeros((4, 3))  # disc in base; the next two lines name its rows
+        self._from_plate, self._back = self._moves[:2]
+        self._twist = self._moves[2:].reshape(6)  # MuJoCo's order: rotation, translation
+
+    def act(self) -> None:
+        """Apply the contact wrench to the disc for the model's next time step."""
+        if self.springs.rests and self._is_far():
+            self._pushed[:] = 0.0
+            return
+        dt_s = self._model.opt.timestep
+        push = self.springs.step(self._disc_after(dt_s), dt_s)
+        both = np.array((push.force_N, push.torque_Nm))
+        self._pushed[:] = both.dot(self._R_base_plate.T)  # twice as fast as `@`
+
+    def _is_far(self) -> bool:
+        """Return whether the disc cannot reach the plate within the step at its current speed."""
+        from_plate = self._p_tcp_m - self.point_m
+        return float(from_plate.dot(self.normal)) > self._radius_m + FAR_M
+
+    def _disc_after(self, dt_s: float) -> Disc:
+        """Return the disc extrapolated by its velocity to the end of the step."""
+        np.subtract(self._p_tcp_m, self.point_m, out=self._from_plate)
+        np.negative(self._z_tcp, out=self._back)
+        site = mujoco.mjtObj.mjOBJ_SITE
+        mujoco.mj_objectVelocity(self._model, self._data, site, self._tcp, self._twist, 0)
+        rows = self._moves.dot(self._R_base_plate).tolist()
+        (x, y, z), (bx, by, bz), (wx, wy, wz), (vx, vy, vz) = rows
+        bx, by, bz = (
+            bx + dt_s * (wy * bz - wz * by),
+            by + dt_s * (wz * bx - wx * bz),
+            bz + dt_s * (wx * by - wy * bx),
+        )
+        size = math.hypot(bx, by, bz)
+        return Disc(
+            centre_m=(x + dt_s * vx, y + dt_s * vy, z + dt_s * vz),
+            back=(bx / size, by / size, bz / size),
+            velocity_m_s=(vx, vy, vz),
+            turn_rad_s=(wx, wy, wz),
+            radius_m=self._radius_m,
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class TrueWrench:
     """Ground-truth wrench of the environment on the tool: base axes, about the TCP, noise-free."""
@@ -66,9 +166,9 @@ class SimArm:
         self.model = build_model(settings)
         self.data = mujoco.MjData(self.model)
         self.plate = PlateContact(self.model, self.data, settings)
-        self.ft_sensor = FtSensor(settings.sensor, seed=seed)
+        self.ft_sensor = FtSensor(settings, seed=seed)
         self.ticks = 0
-        home = home_rad(settings)
+        home = settings.home_rad
         violation = self.kinematics.limit_violation(home)
         if violation:
             raise SimulationError(f"simulated cell: home_deg is out of reach: {violation}")
@@ -80,7 +180,7 @@ class SimArm:
         self._line = SetPointLine(
             home, delay_ticks=settings.delay_ticks, smoothing_ticks=settings.smoothing_ticks
         )
-        self._T_flange_tcp = settings.T_flange_sensor * settings.T_sensor_tcp
+        self._T_flange_tcp = settings.T_flange_tcp
         self._warnings = self.data.warning.number  # how many of each kind so far
         self._tool, self._disc = self.model.body("tool").id, self.model.body("disc").id
         self._tcp = self.model.site("tcp").id

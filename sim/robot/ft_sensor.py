@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from common.motion.frames import Array
-from sim.robot.settings import SensorSettings
+from sim.robot.settings import SimSettings
 
 _DRAWN_AT_ONCE = 100  # noise samples per draw: single draws cost seven times as much
 
@@ -37,18 +37,18 @@ class FtSensor:
     in transit; None: the sample is lost).
     """
 
-    def __init__(self, settings: SensorSettings, *, seed: int) -> None:
+    def __init__(self, settings: SimSettings, *, seed: int) -> None:
         """Seed the noise generator."""
         self._counter = 0
         self.wiring = np.eye(6)
         self.disturb: Callable[[FtSample], FtSample | None] = lambda sample: sample
         s = settings
-        noise = np.array([s.force_noise_N] * 3 + [s.torque_noise_Nm] * 3)
+        noise = np.array([s.noise_force_N] * 3 + [s.noise_torque_Nm] * 3)
         self._noise = _normal(noise, np.random.default_rng(seed))
-        self._bias = np.array([*s.force_bias_N, *s.torque_bias_Nm])
+        self._bias = np.array([*s.bias_force_N, *s.bias_torque_Nm])
         self._range = np.array([s.force_range_N] * 3 + [s.torque_range_Nm] * 3)
         self._ranges = self._range.tolist()
-        step = np.array([s.force_step_N] * 3 + [s.torque_step_Nm] * 3)
+        step = np.array([s.quantum_force_N] * 3 + [s.quantum_torque_Nm] * 3)
         self._rough = np.flatnonzero(step > 0.0)
         self._step = step[self._rough]
 

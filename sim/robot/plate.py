@@ -7,7 +7,7 @@ in the plate's undeflected frame, the gap at the nearest point of the rim is
 
     gap(u, s) = c_z - u - s . c_xy - r |b_xy + b_z s|  >= 0
 
-(sim.robot.contact has the same distance for a rigid plane). The normal force N >= 0 is the Lagrange
+(`lift_off_m` is the same distance for a rigid plane). The normal force N >= 0 is the Lagrange
 multiplier of this constraint; the centre of pressure is a point of the disc.
 
 Within its plane the plate deflects under the contact by z and twists by psi. Friction holds the
@@ -26,7 +26,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sim.robot.settings import SimSettings
+import numpy as np
+import pinocchio as pin
+
+from common.motion.frames import Array
+from sim.robot.settings import FRICTION, SimSettings
 
 HALF_SIDE_M = 0.08  # half the side of the plate: no contact beyond it
 DEEPEST_TOUCH_M = 0.002  # a first penetration deeper than this means: the disc is below the plate
@@ -85,7 +89,7 @@ class SprungPlate:
             stiffness_N_m=settings.stiffness_N_m,
             tilt_stiffness_Nm_rad=settings.plate_tilt_stiffness_Nm_rad,
             relaxation_s=settings.plate_relaxation_s,
-            friction=settings.friction,
+            friction=FRICTION,
         )
 
     @property
@@ -232,3 +236,43 @@ def _sum(a: Vector3, b: Vector3) -> Vector3:
 
 def _cross(a: Vector3, b: Vector3) -> Vector3:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def lift_off_m(
+    T_base_tcp: pin.SE3, *, plate_point_m: Array, plate_normal: Array, disc_radius_m: float
+) -> float:
+    """Return the signed distance [m] from a plane to the lowest point of a disc's rim.
+
+    d = n . (p_tcp - p) - r |n x z|; positive: no contact, negative: penetration.
+
+    Args:
+        T_base_tcp: Centre of the disc, z along the disc's axis.
+        plate_point_m: Any point of the plane at rest, in base [m]. Shape (3,).
+        plate_normal: Unit normal of the plane in base, towards the disc. Shape (3,).
+        disc_radius_m: Radius of the disc [m].
+    """
+    centre_m = float(plate_normal @ (T_base_tcp.translation - plate_point_m))
+    cos_tilt = float(plate_normal @ T_base_tcp.rotation[:, 2])
+    return centre_m - disc_radius_m * math.sqrt(max(0.0, 1.0 - cos_tilt * cos_tilt))
+
+
+def plate_point_under(
+    T_base_tcp: pin.SE3, *, plate_normal: Array, disc_radius_m: float, gap_m: float
+) -> Array:
+    """Return the point of a plane vertically below the TCP that leaves a gap of `gap_m`.
+
+    The gap is measured vertically from the rim point nearest to the plane. With n_z of the
+    normal, gap * n_z = lift_off, which is solved for the height of the point.
+
+    Args:
+        T_base_tcp: Centre of the disc, z along the disc's axis.
+        plate_normal: Unit normal of the plane in base, upwards. Shape (3,).
+        disc_radius_m: Radius of the disc [m].
+        gap_m: Vertical distance at the nearest point of the rim [m].
+    """
+    here = T_base_tcp.translation
+    rim_m = lift_off_m(
+        T_base_tcp, plate_point_m=here, plate_normal=plate_normal, disc_radius_m=disc_radius_m
+    )
+    down_m = gap_m - rim_m / float(plate_normal[2])
+    return np.array([here[0], here[1], here[2] - down_m])

@@ -18,7 +18,7 @@ import numpy as np
 from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
 from forcemesh.errors import ForcemeshError
-from sim.robot.contact import lift_off_m
+from sim.robot.plate import lift_off_m
 from sim.robot.scene import build_spec, plate_at_rest
 from sim.robot.settings import SimSettings
 
@@ -102,7 +102,7 @@ def _described(settings: SimSettings, pushed_m: float) -> str:
 def _tcp_and_plate(settings: SimSettings, q: Array) -> tuple[list[float], float]:
     """Return the TCP position [m], and the plate's deflection along its normal [m]."""
     T_base_flange = ArmKinematics().flange_pose(np.asarray(q, dtype=float))
-    T_base_tcp = T_base_flange * settings.T_flange_sensor * settings.T_sensor_tcp
+    T_base_tcp = T_base_flange * settings.T_flange_tcp
     plate = plate_at_rest(settings)
     lift_m = lift_off_m(
         T_base_tcp,

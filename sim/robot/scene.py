@@ -13,11 +13,10 @@ import pinocchio as pin
 
 from common.motion.frames import GRAVITY_M_S2, Array
 from common.motion.kinematics import JOINTS, MODEL_PATH, ArmKinematics
-from sim.robot.contact import plate_point_under
 from sim.robot.decor import add_decor, draw_plate, draw_sensor, draw_tool
 from sim.robot.engine import mujoco
-from sim.robot.plate import HALF_SIDE_M
-from sim.robot.settings import TICK_S, SimSettings
+from sim.robot.plate import HALF_SIDE_M, plate_point_under
+from sim.robot.settings import HOUSING_MASS_KG, TICK_S, SimSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,15 +32,9 @@ class Plate:
         return self.R_base_plate[:, 2]
 
 
-def home_rad(settings: SimSettings) -> Array:
-    """Return the home joint angles [rad]. Shape (6,)."""
-    return np.asarray(np.radians(settings.home_deg))
-
-
 def plate_at_rest(settings: SimSettings) -> Plate:
     """Return the undeflected plate: below the TCP at home, tilted about base x."""
-    T_flange_tcp = settings.T_flange_sensor * settings.T_sensor_tcp
-    T_base_tcp = ArmKinematics().flange_pose(home_rad(settings)) * T_flange_tcp
+    T_base_tcp = ArmKinematics().flange_pose(settings.home_rad) * settings.T_flange_tcp
     R_base_plate = pin.utils.rotate("x", math.radians(settings.tilt_deg))
     point = plate_point_under(
         T_base_tcp,
@@ -87,14 +80,14 @@ def _add_tool(spec: mujoco.MjSpec, settings: SimSettings) -> None:
     flange = spec.body("link6")
     T_fs, T_st = settings.T_flange_sensor, settings.T_sensor_tcp
     housing = flange.add_body(name="sensor_housing", gravcomp=1.0)
-    _set_inertia(housing, settings.housing_mass_kg, T_fs.translation / 2, (0.036, 0.036, 0.03))
+    _set_inertia(housing, HOUSING_MASS_KG, T_fs.translation / 2, (0.036, 0.036, 0.03))
     draw_sensor(housing, T_fs)
     tool = flange.add_body(
         name="tool", pos=T_fs.translation, quat=_quaternion(T_fs.rotation), gravcomp=1.0
     )
     length = float(np.linalg.norm(T_st.translation))
     extent = (settings.disc_radius_m, settings.disc_radius_m, length / 2)
-    _set_inertia(tool, settings.tool_mass_kg, settings.p_sensor_com_m, extent)
+    _set_inertia(tool, settings.tool_mass_kg, settings.tool_com_m, extent)
     draw_tool(tool, T_st, settings.disc_radius_m)
     tool.add_site(name="sensor", size=[0.004, 0.004, 0.004], rgba=[0, 0, 0, 0])
     tool.add_site(

@@ -2,27 +2,25 @@
 
 from functools import cache
 
-import pinocchio as pin
-
 from common.config.cell import CellConfig
-from common.config.cell_sim import SimSection
-from common.motion.convert import joints, record_of
+from common.motion.convert import joints, record_of, vec3
+from common.motion.frames import is_finite
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
 from common.motion.setpoint_monitor import SPEED_MARGIN
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
-from forcemesh.errors import SimulationError
-from forcemesh.messages import LinkHealth, RobotState, RobotStatus, Trip
+from forcemesh.messages import LinkHealth, RobotState, RobotStatus, SensorWrench, Trip
 from sim.robot.arm import SimArm
 from sim.robot.driver import SimDriver
+from sim.robot.ft_sensor import FtSample
 from sim.robot.motion import MotionGenerator
-from sim.robot.sensor_feed import SensorFeed
-from sim.robot.settings import TICK_S, SensorSettings, SimSettings
+from sim.robot.settings import TICK_S, SimSettings
 from sim.robot.trace import trace_from_environment
 
 MOST_TICKS_PER_STEP = 50  # a process delayed for longer drops simulated time instead
 TICK_NS = round(TICK_S * NS_PER_S)
+SENSOR_CODES = {"ok": "", "saturated": "sensor_saturated", "fault": "sensor_fault"}
 _LINK = LinkHealth(connected=True, round_trip_s=0.0)
 
 
@@ -31,12 +29,11 @@ class SimRobot:
 
     def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Build the arm of this cell and claim the robot and sensor topics as publisher."""
-        if cell.sim is None:
-            raise SimulationError("the cell file has no section `sim`")
         self.period_s = TICK_S
         self.trigger = None
         self.fault = ""
-        self.arm = SimArm(sim_settings(cell, cell.sim), seed=cell.sim.seed)
+        settings = SimSettings.of(cell)
+        self.arm = SimArm(settings, seed=settings.seed)
         stream_m_s = SPEED_MARGIN * cell.limits.speed_m_s
         self._motion = MotionGenerator(self.arm.kinematics, self.arm.q, stream_m_s=stream_m_s)
         self._gate = CommandGate()
@@ -143,30 +140,39 @@ def _status(*, moving: bool, held: bool) -> RobotStatus:
     return RobotStatus(ready=True, moving=moving, held=held)
 
 
-def sim_settings(cell: CellConfig, sim: SimSection) -> SimSettings:
-    """Return the settings of the simulated cell from a cell file."""
-    T_flange_sensor = cell.sensor.T_flange_sensor.pose
-    T_sensor_tcp: pin.SE3 = T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose
-    return SimSettings(
-        delay_s=sim.delay_s,
-        smoothing_s=sim.smoothing_s,
-        T_flange_sensor=T_flange_sensor,
-        T_sensor_tcp=T_sensor_tcp,
-        tool_mass_kg=sim.tool_mass_kg,
-        p_sensor_com_m=sim.tool_com_m,
-        disc_radius_m=sim.disc_radius_m,
-        stiffness_N_m=sim.stiffness_N_m,
-        tilt_stiffness_Nm_rad=sim.tilt_stiffness_Nm_rad,
-        tilt_deg=sim.tilt_deg,
-        gap_m=sim.gap_m,
-        sensor=SensorSettings(
-            force_noise_N=sim.noise_force_N,
-            torque_noise_Nm=sim.noise_torque_Nm,
-            force_bias_N=sim.bias_force_N,
-            torque_bias_Nm=sim.bias_torque_Nm,
-            force_step_N=sim.quantum_force_N,
-            torque_step_Nm=sim.quantum_torque_Nm,
-            force_range_N=cell.sensor.force_range_N,
-            torque_range_Nm=cell.sensor.torque_range_Nm,
-        ),
+class SensorFeed:
+    """Publishes a sample every fixed number of ticks of the arm."""
+
+    def __init__(self, sensor_bus: Bus, cell: CellConfig, arm: SimArm) -> None:
+        """Claim the sensor topic as publisher."""
+        self._arm = arm
+        self._ticks = max(1, round(1.0 / cell.rates.sensor_hz / TICK_S))
+        self._wrench = sensor_bus.publisher(topics.SENSOR_WRENCH)
+
+    def ticked(self) -> None:
+        """Handle one tick of the arm: publish a sample if due."""
+        if self._arm.ticks % self._ticks:
+            return
+        sample = self._arm.ft_sensor.disturb(self._arm.sample_ft())
+        if sample is not None:
+            self._wrench.put(message_of(sample, self._arm.ticks // self._ticks))
+
+
+def message_of(sample: FtSample, counter: int) -> SensorWrench:
+    """Return a sample as a driver's message; one with non-finite numbers is invalid and empty."""
+    force_N, torque_Nm = vec3(sample.force_N), vec3(sample.torque_Nm)
+    if not is_finite(force_N + torque_Nm):
+        reason = "the sensor reading is not finite"
+        return SensorWrench(
+            valid=False, reason=reason, code="not_finite", status="fault", counter=counter
+        )
+    is_ok = sample.status == "ok"
+    return SensorWrench(
+        valid=is_ok,
+        reason="" if is_ok else f"the sensor reports {sample.status}",
+        code=SENSOR_CODES[sample.status],
+        force_N=force_N,
+        torque_Nm=torque_Nm,
+        status=sample.status,
+        counter=counter,
     )

@@ -9,9 +9,8 @@ from pathlib import Path
 from common.config.cell import CellConfig
 from common.config.load import dump_cell, load_cell
 from launch.processes import processes_of
-from launch.run_file import FOLDER_VARIABLE, ROOT
-from launch.run_log import RunLog
-from launch.started_process import ChildProcess, ProcessExit
+from launch.run_file import FOLDER_VARIABLE, RunLog
+from launch.started_process import ROOT, ChildProcess, ProcessExit
 from sim.robot.trace import VARIABLE as TRACE_VARIABLE
 from sim.robot.trace import Records, read_trace
 from tests.chaos.cases import CellName

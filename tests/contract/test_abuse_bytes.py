@@ -78,7 +78,9 @@ class PacketReceiver:
     def __init__(self) -> None:
         self.accepted: list[Accepted] = []
         self._network = MemoryNetwork()
-        self._machine = Machine(SimArm(SimSettings(), seed=0), self._network, behaviour=QUICK)
+        self._machine = Machine(
+            SimArm(SimSettings(delay_s=0.0), seed=0), self._network, behaviour=QUICK
+        )
         self._machine.load(load(PROGRAM))
         watch_program(self._machine, self.accepted, [])
         self._machine.pendant.execute("fm.main")

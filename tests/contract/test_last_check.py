@@ -12,7 +12,7 @@ from controller.packet_table import Status
 from forcemesh.clock import ManualClock
 from services.gateway.scales import Scales
 from services.gateway.service import Gateway
-from sim.controller.pendant import Pendant
+from sim.controller.machine import Pendant
 from sim.robot.service import SimRobot
 from tests.contract.rig import Rig, goal, pose_goal, shifted
 from tests.contract.robots import sim_rig

@@ -17,9 +17,8 @@ from pathlib import Path
 from sim.as_language.errors import AsError, AsSyntaxError
 from sim.as_language.syntax import ProgramStep
 from sim.as_language.values import Joints, Transformation, Value
-from sim.controller.compiled import Compiled, Op
-from sim.controller.pendant import Pendant
-from sim.controller.task import Task
+from sim.controller.machine import Pendant
+from sim.controller.tasks import Compiled, Op, Task
 from tests.fakes.as_bench import AsBench
 
 FOLDER = Path(__file__).parent / "as"
@@ -115,7 +114,9 @@ def _record(bench: AsBench, executed: list[ProgramStep]) -> None:
         return replace(compiled, ops=tuple(ops))
 
     machine = bench.machine
-    machine.programs = {name: recorded(program) for name, program in machine.programs.items()}
+    machine.control.programs = {
+        name: recorded(program) for name, program in machine.control.programs.items()
+    }
 
 
 def _at_the_pendant(pendant: Pendant, act: str) -> None:

@@ -10,11 +10,11 @@ from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
 from sim.controller.robot import Robot
-from sim.controller.task import Task
+from sim.controller.tasks import Task
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 
-FREE = SimSettings(gap_m=0.1)  # room below the tool
+FREE = SimSettings(gap_m=0.1, delay_s=0.0)  # room below the tool
 FAST = Behaviour(step_s=2e-5)
 
 

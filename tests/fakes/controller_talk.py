@@ -49,7 +49,7 @@ SET_UP = ((Bank.MOTION, MOTION), (Bank.LOWER_CORNER, LOWER), (Bank.UPPER_CORNER,
 BEAT_S = 0.04
 TICK_NS = 1_000_000
 CHUNK = 65_536
-FREE = SimSettings(gap_m=0.1)  # room below the tool
+FREE = SimSettings(gap_m=0.1, delay_s=0.0)  # room below the tool
 
 
 @cache

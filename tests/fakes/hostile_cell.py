@@ -24,12 +24,12 @@ from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from sim.as_language.parser import load
 from sim.controller.behaviour import Behaviour
-from sim.controller.compiled import Compiled, Op
 from sim.controller.machine import Machine
 from sim.controller.motion_queue import Ticket
 from sim.controller.motion_requests import MotionRequest
 from sim.controller.network import Network, SocketNetwork
 from sim.controller.service import ControllerSensor
+from sim.controller.tasks import Compiled, Op
 from sim.controller.wire import LockStepLink
 from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted
 from tests.contract.robots import PROGRAM, Both, advance_service
@@ -278,14 +278,14 @@ def watch_program(machine: Machine, accepted: list[Accepted], taken: list[Accept
         ("fm.hello", "fm.link=1", accepted),
         ("fm.take", "fm.taken=.id", taken),
     ):
-        compiled = machine.programs[program]
+        compiled = machine.control.programs[program]
         ops = list(compiled.ops)
         hits = [n for n, step in enumerate(compiled.steps) if step.text.strip().startswith(begins)]
         assert hits, f"{program} has no step {begins}"
         for n in hits:
             ops[n] = _noted(ops[n], machine, into)
-        machine.programs = {
-            **machine.programs, program: Compiled(compiled.program, tuple(ops))
+        machine.control.programs = {
+            **machine.control.programs, program: Compiled(compiled.program, tuple(ops))
         }  # fmt: skip
 
 

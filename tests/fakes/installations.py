@@ -15,8 +15,13 @@ from identification.recording import COLUMNS, Samples
 from identification.static_poses import carries_a_fit, sort_into_poses
 
 EYE = np.eye(3)
-PAYLOAD = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))
-TRUTH = replace(PAYLOAD, com_m=(0.012, -0.008, 0.06))  # as in cells/demo.yaml
+PAYLOAD = Payload(
+    mass_kg=1.0,
+    com_m=(0.012, -0.008, 0.055),
+    bias_force_N=(1.5, -2.0, 3.0),
+    bias_torque_Nm=(0.05, -0.04, 0.03),
+)
+TRUTH = PAYLOAD.model_copy(update={"com_m": (0.012, -0.008, 0.06)})  # as in cells/demo.yaml
 OAT_DEG = (30.0, 0.0, 0.0)
 ERRORS = CellErrors(tilt_deg=1.5, mounting_deg=2.0, gain=1.0, drift=1.0)
 
@@ -55,12 +60,13 @@ def readings(
     rng = np.random.default_rng(seed)
     if world is not None:
         errors = truth(world, rng)
-        payload = replace(
-            errors,
-            mass_kg=payload.mass_kg,
-            com_m=payload.com_m,
-            bias_force_N=payload.bias_force_N,
-            bias_torque_Nm=payload.bias_torque_Nm,
+        payload = errors.model_copy(
+            update={
+                "mass_kg": payload.mass_kg,
+                "com_m": payload.com_m,
+                "bias_force_N": payload.bias_force_N,
+                "bias_torque_Nm": payload.bias_torque_Nm,
+            }
         )
     while True:
         time_s = np.linspace(0.0, 300.0, poses)

@@ -13,7 +13,7 @@ from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import decode
 from forcemesh.messages import SensorWrench
 from forcemesh.topics import Qos
-from services.sensor.link import UdpLink, UdpLinkSettings
+from services.sensor.link import PageFetch, UdpLink, UdpLinkSettings
 from services.sensor.netft_page import SettingsPage, parse
 from services.sensor.rdt import RdtCommand, request
 from services.sensor.rdt_driver import RdtDriver
@@ -71,13 +71,14 @@ class LoopLink(UdpLink):
             self._socket.inbox.append(data)
 
 
-class LoopPage:
+class LoopPage(PageFetch):
     """The sensor's page, there at once or never."""
 
     def __init__(self, about: About, fault: str = "") -> None:
+        super().__init__("simulated", 80)
         self.fault, self.about, self.fetches = fault, about, 0
 
-    def poll(self, _now_ns: int) -> SettingsPage | None:
+    def poll(self, now_ns: int) -> SettingsPage | None:
         """Return the page, unless it cannot be read."""
         return None if self.fault else parse(page(self.about))
 

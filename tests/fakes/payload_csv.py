@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from common.config.payload import predict
 from common.motion.frames import quaternion_from_R, rotation_from_vector
+from common.motion.weight import bias_since_end, predict
 from identification.recording import COLUMNS
 from tests.fakes.weights import TRUTH
 
@@ -23,7 +23,7 @@ def write_recording(
         torque = torque + 0.0005 * rng.normal(size=3)
         time_s = start_s + 10.0 * i
         if payload.drift is not None:
-            change = payload.drift.since_end(np.array([time_s]))
+            change = bias_since_end(payload.drift, np.array([time_s]))
             force, torque = force + change[0][0], torque + change[1][0]
         turn = R if axes == "base" else EYE
         measured = [*(turn @ wired @ force), *(turn @ wired @ torque)]

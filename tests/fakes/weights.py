@@ -4,11 +4,17 @@ import numpy as np
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from common.config.payload import Payload, predict, residual
+from common.config.payload import Payload
 from common.motion.frames import R_from_quaternion, rotation_from_vector
+from common.motion.weight import predict, residual
 from identification.recording import Samples, WrenchRecording
 
-TRUTH = Payload(1.5, (0.02, -0.012, 0.085), (1.0, -2.0, 3.0), (0.1, 0.2, -0.3))
+TRUTH = Payload(
+    mass_kg=1.5,
+    com_m=(0.02, -0.012, 0.085),
+    bias_force_N=(1.0, -2.0, 3.0),
+    bias_torque_Nm=(0.1, 0.2, -0.3),
+)
 FORCE_NOISE_N, TORQUE_NOISE_NM = 0.007, 0.00035
 QUICK = settings(
     max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -56,12 +62,12 @@ def tilted(angle_deg, rng, payload=TRUTH):
     lean = np.radians(angle_deg) * np.array([np.cos(heading), np.sin(heading), 0.0])
     down = rotation_from_vector(lean) @ np.array([0.0, 0.0, -1.0])
     return Payload(
-        payload.mass_kg,
-        payload.com_m,
-        payload.bias_force_N,
-        payload.bias_torque_Nm,
-        tuple(down),
-        payload.mounting_rotation_rad,
+        mass_kg=payload.mass_kg,
+        com_m=payload.com_m,
+        bias_force_N=payload.bias_force_N,
+        bias_torque_Nm=payload.bias_torque_Nm,
+        gravity_direction_in_base=tuple(down),
+        mounting_rotation_rad=payload.mounting_rotation_rad,
     )
 
 
@@ -69,13 +75,7 @@ def mounted(angle_deg, rng):
     """Return the payload on a sensor that is rotated about a random axis."""
     axis = rng.normal(size=3)
     turn = np.radians(angle_deg) * axis / np.linalg.norm(axis)
-    return Payload(
-        TRUTH.mass_kg,
-        TRUTH.com_m,
-        TRUTH.bias_force_N,
-        TRUTH.bias_torque_Nm,
-        mounting_rotation_rad=tuple(turn),
-    )
+    return TRUTH.model_copy(update={"mounting_rotation_rad": tuple(turn.tolist())})  # of any size
 
 
 def worst_error(found, truth, rng):

@@ -38,7 +38,9 @@ def check(data: bytes) -> None:
 def _execute(source: SourceFile) -> None:
     """Run the first programs of a file, one after the other, each on a new controller."""
     machine = Machine(
-        SimArm(SimSettings(gap_m=0.1), seed=0), MemoryNetwork(), behaviour=Behaviour(step_s=2e-5)
+        SimArm(SimSettings(gap_m=0.1, delay_s=0.0), seed=0),
+        MemoryNetwork(),
+        behaviour=Behaviour(step_s=2e-5),
     )
     try:
         machine.load(source)

@@ -37,7 +37,7 @@ class Controller:
     def __init__(self) -> None:
         """Power on, start, and wait until the program listens."""
         self.network = MemoryNetwork()
-        arm = SimArm(SimSettings(gap_m=0.1), seed=0)
+        arm = SimArm(SimSettings(gap_m=0.1, delay_s=0.0), seed=0)
         self.machine = Machine(arm, self.network, behaviour=Behaviour(step_s=2e-5))
         self.machine.load(load(PROGRAM))
         self.machine.pendant.monitor_speed(1.0)

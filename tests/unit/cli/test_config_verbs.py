@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cli.config_verbs import TEMPLATES
+from cli.config_verbs import FOLDER, TEMPLATES
 from cli.context import OK, USAGE
 from common.config.load import load_cell
 from tests.fakes import verb_calls
@@ -64,3 +64,13 @@ def test_check_lists_mistakes_for_programs_too(tmp_path: Path) -> None:
     assert done.exit_code == USAGE
     assert any("did you mean roles?" in line for line in json.loads(done.stdout)["mistakes"])
     assert json.loads(run("check", DEMO, "--json").stdout)["mistakes"] == []
+
+
+def test_check_lists_the_installed_drivers_for_an_unknown_one(tmp_path: Path) -> None:
+    """The model of the cell file takes any name: drivers of other packages are possible."""
+    path = tmp_path / "cell.yaml"
+    path.write_text((FOLDER / "rs007l-real.yaml").read_text().replace("driver: rdt", "driver: ftx"))
+    done = run("check", path, "--json")
+    assert done.exit_code == USAGE
+    (mistake,) = json.loads(done.stdout)["mistakes"]
+    assert "sensor.driver: 'ftx' is not installed here, installed: bota, rdt, robotiq" in mistake

@@ -19,6 +19,7 @@ from forcemesh.errors import (
     DataError,
     ForcemeshError,
     LostError,
+    NoHubError,
     RefusedError,
 )
 from forcemesh.requests import ForceStartRequest
@@ -27,7 +28,7 @@ ROWS: tuple[tuple[Exception, int, str], ...] = (
     (ConfigError("cell.yaml", ["wrong"]), USAGE, "cell.yaml: wrong"),
     (DataError("a.mcap: no recording"), USAGE, "a.mcap: no recording"),
     (RefusedError("not_armed", "arm first"), REFUSED, "refused (not_armed): arm first"),
-    (BusError("no hub: is the cell up?"), NO_ANSWER, f"no hub: is the cell up? {NEXT_STEP}\n"),
+    (NoHubError("no hub: is the cell up?"), NO_ANSWER, f"no hub: is the cell up? {NEXT_STEP}\n"),
     (BusError("cannot listen on tcp/a:1"), NO_ANSWER, "cannot listen on tcp/a:1\n"),
     (LostError("no answer", ("arbiter",)), NO_ANSWER, f"no answer: {PART_STEP}\n"),
     (LostError("no silent role"), NO_ANSWER, f"no silent role: {NO_REPLY_STEP}\n"),

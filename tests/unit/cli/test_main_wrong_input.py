@@ -19,10 +19,10 @@ from cli.context import CELL_VARIABLE, EXITS, NO_ANSWER, NOT_WELL, USAGE
 from cli.exits import TABLE, exit_code_of
 from common.config.load import load_cell
 from forcemesh.errors import (
-    BusError,
     ConfigError,
     DataError,
     ForcemeshError,
+    NoHubError,
     RefusedError,
     SetupError,
 )
@@ -104,7 +104,7 @@ ERRORS: tuple[Exception, ...] = (
     DataError("a.csv: wrong"),
     SetupError("no certificate for operator"),
     RefusedError("not_armed", "arm first"),
-    BusError("no hub at tcp/127.0.0.1:9: is the cell up?"),
+    NoHubError("no hub at tcp/127.0.0.1:9: is the cell up?"),
     ForcemeshError("off by 3 mm"),
     PermissionError(errno.EACCES, "Permission denied", "/closed/cell.yaml"),
 )

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -88,8 +87,10 @@ def test_a_fitted_payload_explains_another_recording(tmp_path):
 
 def test_check_follows_the_drift_through_the_time_of_each_row(tmp_path):
     """Rows of the fit's period are explained with the drift; later ones with its end value."""
-    drift = BiasDrift(0.0, 90.0, (3.0, -2.0, 1.0), (0.1, -0.05, 0.05))
-    drifting, out = replace(TRUTH, drift=drift), tmp_path / "payload.yaml"
+    drift = BiasDrift(
+        start_s=0.0, end_s=90.0, force_N=(3.0, -2.0, 1.0), torque_Nm=(0.1, -0.05, 0.05)
+    )
+    drifting, out = TRUTH.model_copy(update={"drift": drift}), tmp_path / "payload.yaml"
     fit = run("fit", write_recording(tmp_path / "a.csv", payload=drifting), "--out", out, "--json")
     assert json.loads(fit.stdout)["model"] == "drift"
     same = write_recording(tmp_path / "b.csv", payload=drifting, seed=1, start_s=5.0)
@@ -128,7 +129,12 @@ def test_check_shows_that_the_payload_has_changed(tmp_path):
     """Half a kilogram more appears as its weight, and the table gives the line."""
     out = tmp_path / "payload.yaml"
     run("fit", write_recording(tmp_path / "a.csv"), "--out", out)
-    heavy = Payload(2.0, TRUTH.com_m, TRUTH.bias_force_N, TRUTH.bias_torque_Nm)
+    heavy = Payload(
+        mass_kg=2.0,
+        com_m=TRUTH.com_m,
+        bias_force_N=TRUTH.bias_force_N,
+        bias_torque_Nm=TRUTH.bias_torque_Nm,
+    )
     other = write_recording(tmp_path / "b.csv", payload=heavy)
     report = json.loads(
         run("check", other, "--payload", out, "--wrench-axes", "sensor", "--json").stdout

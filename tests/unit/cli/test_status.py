@@ -12,7 +12,6 @@ import pytest
 
 from cli.arm_readings import no_readings
 from cli.doctor.bus import observe_cell
-from cli.record import recorder_sidecar
 from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
@@ -24,6 +23,7 @@ from forcemesh.messages import ArbiterStatus, Health, SensorWrench
 from launch.cell_view import CellView
 from launch.processes import Supervisor
 from launch.run_file import read_run
+from launch.sidecar import sidecars
 from launch.started_process import ProcessSpec
 from tools.tree import ROOT
 
@@ -106,7 +106,7 @@ def test_a_helper_that_was_started_stays_in_the_list(
 ) -> None:
     """A frozen one, or one that exceeded its restarts, is reported as not alive."""
     monkeypatch.setattr("launch.restart.DEATH_LIMIT", 1)
-    with Supervisor(cell, processes=[HUB]) as supervisor, recorder_sidecar(supervisor):
+    with Supervisor(cell, processes=[HUB]) as supervisor, sidecars(supervisor, ["recorder"]):
         run = read_run(cell.cell)
         assert run is not None
         entry = run.entry("recorder")
@@ -124,7 +124,7 @@ def test_a_helper_that_was_started_stays_in_the_list(
 
 def test_a_helper_that_died_is_restarted_and_named(cell: CellConfig) -> None:
     """The run file states how the first recorder ended."""
-    with Supervisor(cell, processes=[HUB]) as supervisor, recorder_sidecar(supervisor):
+    with Supervisor(cell, processes=[HUB]) as supervisor, sidecars(supervisor, ["recorder"]):
         run = read_run(cell.cell)
         first = None if run is None else run.entry("recorder")
         assert first is not None

@@ -129,7 +129,7 @@ def port_that_is_taken(talk: Talk) -> None:
 
 def receiver_aborted(talk: Talk) -> None:
     """PCABORT 2: at the terminal."""
-    moving(talk).machine.stop_pc(1002)
+    moving(talk).machine.control.stop_pc(1002)
     talk.live(0.7, beat=True)
 
 
@@ -237,7 +237,7 @@ def test_a_fault_that_closed_the_connection_is_reported_to_the_next_one(code: in
     talk = Talk(text=with_peer(*LOOPBACK))
     FAULTS[code](talk)
     talk.wait(lambda: talk.closed, 2.0, beat=False)
-    if talk.machine.held:
+    if talk.machine.control.held:
         talk.pendant.run()
     talk.hello(limits=None)
     assert talk.fault == code

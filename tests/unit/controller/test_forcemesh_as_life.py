@@ -18,14 +18,14 @@ PC_PROGRAMS = {"fm.send": 1, "fm.recv": 2, "fm.watch": 3}
 def users_frames(machine: Machine) -> None:
     """A user's TOOL, BASE and CP before `fm.main` starts."""
     machine.robot.T_flange_tcp, machine.robot.T_base_shift = TOOL, BASE
-    machine.switches.write("cp", on=False)
+    machine.hardware.switches["cp"] = False
 
 
 def are_the_users(machine: Machine) -> bool:
     """Return whether TOOL, BASE and CP are the user's, to a float's precision."""
     frames = ((machine.robot.T_flange_tcp, TOOL), (machine.robot.T_base_shift, BASE))
     same = all(np.allclose(is_.homogeneous, was.homogeneous, atol=1e-6) for is_, was in frames)
-    return same and not machine.switches.read("cp")
+    return same and not machine.hardware.switches["cp"]
 
 
 # --- a PC program ends ----------------------------------------------------------------------------
@@ -39,7 +39,7 @@ def test_a_pc_program_that_an_error_ends_is_started_again(
     talk = moving(Talk(behaviour))
     task = talk.machine.tasks[PC_PROGRAMS[program]]
     assert task.main == program
-    talk.machine.failed(task, AsError("E0102"))
+    talk.machine.control.failed(task, AsError("E0102"))
     assert task.state == "idle"
     talk.wait(lambda: task.state == "running" and talk.value("fm.fault") == 12, 0.8)
     if program != "fm.send":  # the other two go on watching and listening
@@ -63,7 +63,7 @@ def test_quit_ends_all_and_puts_tool_base_and_cp_back(behaviour: Behaviour) -> N
     talk = moving(Talk(behaviour, prepare=users_frames), 20.0)
     for T in (talk.robot.T_flange_tcp, talk.robot.T_base_shift):
         assert np.allclose(T.homogeneous, np.eye(4))
-    assert talk.machine.switches.read("cp")
+    assert talk.machine.hardware.switches["cp"]
     talk.machine.memory.write("fm.quit", 1)
     talk.wait(lambda: talk.machine.robot_task.state == "idle")
     assert are_the_users(talk.machine)
@@ -126,7 +126,7 @@ def test_packets_of_a_freeze_are_read_before_silence_is_judged(
     talk = moving(Talk(behaviour))
     goal = 60.0 - 5.0
     z = talk.height_mm()
-    talk.machine.scheduler.stall(frozen_s)
+    talk.machine.hardware.stall(frozen_s)
     talk.live(frozen_s + 2.0, beat=True)
     assert not talk.closed
     assert not talk.status & Status.WATCHDOG_LATCHED
@@ -136,7 +136,7 @@ def test_packets_of_a_freeze_are_read_before_silence_is_judged(
 def test_silence_during_a_freeze_is_a_silence_all_the_same(behaviour: Behaviour) -> None:
     """An unread packet counts as new; then the limit, and the arm is braked."""
     talk = moving(Talk(behaviour), 150.0)
-    talk.machine.scheduler.stall(1.0)
+    talk.machine.hardware.stall(1.0)
     talk.live(1.0)
     z = talk.height_mm()
     talk.wait(lambda: talk.value("fm.fault") == 1, LIMITS[5] * 1e-3 + 0.05, beat=False)
@@ -147,7 +147,7 @@ def test_silence_during_a_freeze_is_a_silence_all_the_same(behaviour: Behaviour)
 def test_a_hold_that_came_in_a_freeze_voids_the_motions_before_it(behaviour: Behaviour) -> None:
     """Ten motions and the hold are read in one burst; none of the ten is made."""
     talk = moving(Talk(behaviour), 150.0)
-    talk.machine.scheduler.stall(1.0)
+    talk.machine.hardware.stall(1.0)
     for k in range(10):
         talk.send(Com.MOVE_POSE, 0, talk.shifted_vec(z=150.0 + k))
         talk.live(0.05)
@@ -167,7 +167,7 @@ def test_force_feedback_makes_no_leap_after_a_freeze(behaviour: Behaviour) -> No
         talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
         talk.live(0.02)
     z = talk.height_mm()
-    talk.machine.scheduler.stall(0.15)
+    talk.machine.hardware.stall(0.15)
     for _ in range(10):
         talk.send(Com.WRENCH, 0, (0, 0, 1000, 0, 0, 0))
         talk.live(0.02)

@@ -263,7 +263,7 @@ def test_nothing_goes_on_after_the_pendant_stopped_it_also_not_by_run(
 def test_an_error_stop_is_latched_and_needs_ereset_and_execute(behaviour: Behaviour) -> None:
     """103 reports AS's own code; hello is answered; no packet moves the arm before EXECUTE."""
     talk = moving(behaviour)
-    talk.machine.failed(talk.machine.robot_task, AsError("E6007"))
+    talk.machine.control.failed(talk.machine.robot_task, AsError("E6007"))
     assert standing_s(talk, 3.0, beat=True) < BRAKE_S
     assert talk.value("fm.fault") == 3
     talk.hello(limits=None)

@@ -22,7 +22,11 @@ DEMO = next(path for path in CELLS if path.stem == "demo")
 # A residual is a result, judged by force.idle_max_*; a drift's clock may begin anywhere.
 RESULTS = ("fit", "verified", "start_s", "end_s")
 PAYLOAD = Payload(
-    1.2, (0.01, -0.02, 0.06), (1.4, -2.1, 3.1), (0.3, -0.4, 0.2), mounting_rotation_rad=(0.1, 0, 0)
+    mass_kg=1.2,
+    com_m=(0.01, -0.02, 0.06),
+    bias_force_N=(1.4, -2.1, 3.1),
+    bias_torque_Nm=(0.3, -0.4, 0.2),
+    mounting_rotation_rad=(0.1, 0, 0),
 )
 
 
@@ -136,7 +140,7 @@ def test_each_field_of_a_payload_file_times_a_thousand_is_refused(tmp_path: Path
     tree = yaml.safe_load(path.read_text(encoding="utf-8"))
     for field in physical(tree):
         path.write_text(yaml.safe_dump(scaled(tree, field, 1000.0)), encoding="utf-8")
-        with pytest.raises(DataError, match=rf"p\.yaml: key {field[0]}.*is that in"):
+        with pytest.raises(DataError, match=rf"p\.yaml: {field[0]}.*is that in"):
             load(path)
 
 

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.payload import Payload, predict
+from common.config.payload import Payload
 from common.motion.frames import GRAVITY_M_S2
+from common.motion.weight import predict
 from forcemesh.errors import DataError
 from identification.identify import identify_payload
 from identification.recording import Samples
@@ -26,7 +27,12 @@ from tests.fakes.weights import (
 
 def test_a_load_at_rest_gives_its_weight_and_its_moment_about_the_sensor():
     """Sensor upright: F = (0, 0, -m g) and M = c x F; upside down both change sign."""
-    payload = Payload(2.0, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    payload = Payload(
+        mass_kg=2.0,
+        com_m=(0.1, 0.0, 0.0),
+        bias_force_N=(0.0, 0.0, 0.0),
+        bias_torque_Nm=(0.0, 0.0, 0.0),
+    )
     weight = 2.0 * GRAVITY_M_S2
     force, torque = predict(payload, np.eye(3))
     np.testing.assert_allclose(force, [0.0, 0.0, -weight], atol=1e-12)
@@ -41,7 +47,7 @@ def test_the_weight_of_an_off_centre_mass_does_the_work_of_lifting_it(seed):
     """Power: F.v + M.w of the load equals m g times the speed of its centre, for any twist."""
     rng = np.random.default_rng(seed)
     com, v, w = rng.normal(size=(3, 3))
-    payload = Payload(1.5, tuple(com), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    payload = Payload.model_construct(mass_kg=1.5, com_m=tuple(com))  # at any distance
     R = attitudes(rng, 1)[0]
     force, torque = predict(payload, R)
     velocity_of_com_in_base = R @ (v + np.cross(w, com))
@@ -60,7 +66,7 @@ def test_the_weight_of_an_off_centre_mass_does_the_work_of_lifting_it(seed):
 )
 def test_noise_free_truth_is_recovered_exactly(seed, poses, mass, com, bias):
     """Any payload and bias come back from enough random attitudes, and nothing is added to them."""
-    truth = Payload(mass, com, bias[:3], bias[3:])
+    truth = Payload(mass_kg=mass, com_m=com, bias_force_N=bias[:3], bias_torque_Nm=bias[3:])
     found = identify_payload(readings(truth, attitudes(np.random.default_rng(seed), poses)))
     assert found.chosen.model.name == "plain"
     assert found.payload.mass_kg == pytest.approx(mass, abs=1e-6)

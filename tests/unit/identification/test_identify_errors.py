@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from bench.payload import compared, trial
 from bench.payload_peers import kth, lsm
 from bench.payload_worlds import WORLDS, CellErrors, read, recording, truth
-from common.config.payload import BiasDrift, residual
+from common.config.payload import BiasDrift
 from common.motion.frames import R_from_quaternion
+from common.motion.weight import bias_since_end, residual
 from identification.identify import identify_payload
 from identification.least_squares import solve
 from identification.next_pose import next_pose
@@ -103,8 +104,16 @@ def test_the_published_methods_agree_where_they_must(seed):
 def test_a_curved_drift_is_identified():
     """A warm-up drift is distinguished from a linear one, and explains the earlier readings."""
     rng = np.random.default_rng(5)
-    curved = BiasDrift(0.0, 600.0, (3.0, -2.0, 1.0), (0.1, 0.05, -0.1), (1.0, -0.6, 0.5))
-    train, others = recording(replace(truth(CellErrors(), rng), drift=curved), 12, 40, rng)
+    curved = BiasDrift(
+        start_s=0.0,
+        end_s=600.0,
+        force_N=(3.0, -2.0, 1.0),
+        torque_Nm=(0.1, 0.05, -0.1),
+        force_bend_N=(1.0, -0.6, 0.5),
+    )
+    train, others = recording(
+        truth(CellErrors(), rng).model_copy(update={"drift": curved}), 12, 40, rng
+    )
     found = identify_payload(train)
     assert found.chosen.model.name == "curved drift"
     force, _ = residual(
@@ -132,8 +141,14 @@ def test_the_bias_is_the_one_at_the_end_of_the_recording():
 @given(st.floats(0.0, 600.0))
 def test_after_the_recording_a_drift_continues_for_half_its_duration_then_stays_constant(ahead_s):
     """Zero at the end, then linear, at most half of the drift again."""
-    drift = BiasDrift(0.0, 600.0, (3.0, 0.0, 0.0), (0.0, 0.3, 0.0), (1.0, 0.0, 0.0))
-    force, torque = drift.since_end(np.array([600.0, 600.0 + ahead_s]))
+    drift = BiasDrift(
+        start_s=0.0,
+        end_s=600.0,
+        force_N=(3.0, 0.0, 0.0),
+        torque_Nm=(0.0, 0.3, 0.0),
+        force_bend_N=(1.0, 0.0, 0.0),
+    )
+    force, torque = bias_since_end(drift, np.array([600.0, 600.0 + ahead_s]))
     assert force[0] == pytest.approx(np.zeros(3))
     assert force[1, 0] == pytest.approx(3.0 * min(ahead_s / 600.0, 0.5))
     assert torque[1, 1] == pytest.approx(0.3 * min(ahead_s / 600.0, 0.5))

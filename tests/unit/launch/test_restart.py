@@ -75,9 +75,9 @@ class World:
             start=self.start, hold=self.hold, write_line=lambda _, text: self.write(text)
         )
 
-    def start(self, process: ProcessSpec, died: ProcessExit) -> int:
+    def start(self, died: ProcessExit) -> int:
         """Start a process in place of an exited one."""
-        self.log.append(f"start {process.name} for {died.pid}")
+        self.log.append(f"start {died.process.name} for {died.pid}")
         return died.pid + 1
 
     def hold(self, reason: str) -> str:

@@ -14,17 +14,18 @@ import pytest
 from bench.sensor_faults import wirings as all_wirings
 from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
-from common.config.payload import Payload, predict
+from common.config.payload import Payload
 from common.motion.convert import record_of
 from common.motion.frames import Array
+from common.motion.weight import predict
 from forcemesh import topics
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Mode
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, MoveRequest
 from launch.virtual_cell import VirtualCell
 from services.wrench.tare import TareLimits, tare
-from sim.robot import service as robot_service
 from sim.robot.ft_sensor import FtSample
+from sim.robot.settings import SimSettings
 from tests.fakes.bench import CELL
 
 MOST_N, MOST_M = 10.0, 0.002
@@ -243,10 +244,10 @@ def test_correct_torques_align_the_disc_with_the_plate() -> None:
 def test_the_tare_accepts_only_wirings_and_units_that_show_the_weight(unit: float) -> None:
     """Tool down: 8 of 48 in newtons, none in kgf, pounds, kN or mN."""
     payload = Payload(
-        CELL.payload.mass_kg,
-        CELL.payload.com_m,
-        CELL.payload.bias_force_N,
-        CELL.payload.bias_torque_Nm,
+        mass_kg=CELL.payload.mass_kg,
+        com_m=CELL.payload.com_m,
+        bias_force_N=CELL.payload.bias_force_N,
+        bias_torque_Nm=CELL.payload.bias_torque_Nm,
     )
     R = np.diag([1.0, -1.0, -1.0])
     weight_N, moment_Nm = (v - b for v, b in zip(predict(payload, R), biases(), strict=True))
@@ -313,9 +314,8 @@ def test_a_plausible_payload_in_wrong_units_is_refused_before_any_motion(changes
 def test_a_lever_in_wrong_units_is_refused_or_harmless(lever, monkeypatch) -> None:
     """A tool of 1.6 m is refused, a sensor at 2 m is harmless; both are plausible lengths."""
     true = cell_with()
-    assert true.sim is not None
-    settings = robot_service.sim_settings(true, true.sim)
-    monkeypatch.setattr(robot_service, "sim_settings", lambda *_: settings)
+    settings = SimSettings.of(true)
+    monkeypatch.setattr(SimSettings, "of", lambda _: settings)
     too_long = {"position_m": (0.0, 0.0, 1.6 if lever.startswith("tool") else 2.0)}
     bench = Bench(cell_with(**{lever: too_long}))
     if lever.startswith("tool"):

@@ -34,7 +34,7 @@ def skeleton(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for module in [
         *fixed,
         *others,
-        "sim.robot.contact",
+        "sim.robot.plate",
         "sim.controller.x",
         "sim.as_language.x",
         "identification.x",
@@ -76,11 +76,11 @@ def test_empty_modules_break_no_contract(skeleton: Path) -> None:
     ("module", "imported", "contract"),
     [
         ("forcemesh/zenoh_session.py", "services.one.law", "Imports point one way"),
-        ("services/two/x.py", "sim.robot.contact", "Imports point one way"),
+        ("services/two/x.py", "sim.robot.plate", "Imports point one way"),
         ("forcemesh/codec.py", "common.motion.frames", "Imports point one way"),
         ("identification/x.py", "services.one.law", "Imports point one way"),
         ("launch/x.py", "cli.x", "Imports point one way"),
-        ("sim/robot/contact.py", "services.two.x", "Imports point one way"),
+        ("sim/robot/plate.py", "services.two.x", "Imports point one way"),
         ("sim/as_language/x.py", "sim.controller.x", "The language AS knows no robot"),
         ("services/two/x.py", "services.one.law", "Services meet on the bus only"),
         ("services/two/x.py", "zenoh", "Only one file knows Zenoh"),

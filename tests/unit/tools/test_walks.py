@@ -23,7 +23,12 @@ def test_a_walk_goes_from_service_to_service_as_the_data_does(capsys) -> None:
     main(["--list"])
     output = capsys.readouterr().out
     sample = output.partition("sample over TCP:")[0]
-    stations = ["sensor_feed.py", "services/wrench/", "services/regulator/", "services/arbiter/"]
+    stations = [
+        "sim/robot/ft_sensor.py",
+        "services/wrench/",
+        "services/regulator/",
+        "services/arbiter/",
+    ]
     places = [sample.index(station) for station in stations]
     assert places == sorted(places)
     assert "services/regulator/adaptive.py: advance" in sample

@@ -19,8 +19,9 @@ from cli.calibration import send
 from cli.calibration.finish import Job, store_result
 from cli.calibration.output_files import OutputFiles, back_up, output_files
 from cli.calibration.page import page, save_page
-from common.config.payload import Payload, predict
+from common.config.payload import Payload
 from common.motion.frames import R_from_quaternion
+from common.motion.weight import predict
 from forcemesh.clock import ManualClock
 from forcemesh.errors import BusError, DataError
 from forcemesh.requests import Reply
@@ -35,7 +36,12 @@ from identification.verification import (
 from tests.fakes.calibration import demo_cell
 
 CELL = demo_cell(**{"tool.name": "gripper <2> & cable"})
-TRUTH = Payload(1.2, (0.01, -0.02, 0.06), (1.0, -2.0, 3.0), (0.1, 0.0, -0.1))
+TRUTH = Payload(
+    mass_kg=1.2,
+    com_m=(0.01, -0.02, 0.06),
+    bias_force_N=(1.0, -2.0, 3.0),
+    bias_torque_Nm=(0.1, 0.0, -0.1),
+)
 
 
 def dwell(purpose: Purpose, seed: int, push_N: float = 0.0) -> Dwell:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -234,7 +233,12 @@ def test_for_a_cell_without_a_calibration_file_the_line_to_add_is_printed(
 @pytest.mark.parametrize(("mass_kg", "code", "word"), [(1.5, 0, "PASS"), (1.7, 1, "FAIL")])
 def test_another_recording_verifies_a_calibration(tmp_path, quiet_cell, mass_kg, code, word):
     """One with the same tool passes; one with 200 g more fails and nothing is written."""
-    other = Payload(mass_kg, TRUTH.com_m, TRUTH.bias_force_N, TRUTH.bias_torque_Nm)
+    other = Payload(
+        mass_kg=mass_kg,
+        com_m=TRUTH.com_m,
+        bias_force_N=TRUTH.bias_force_N,
+        bias_torque_Nm=TRUTH.bias_torque_Nm,
+    )
     recording = write_recording(tmp_path / "a.csv", poses=12, seed=1)
     fresh = write_recording(tmp_path / "b.csv", poses=12, seed=2, payload=other)
     words = ("--from", recording, "--verify-with", fresh, "--cell", quiet_cell)
@@ -252,7 +256,7 @@ def test_another_recording_verifies_a_calibration(tmp_path, quiet_cell, mass_kg,
 
 def test_a_rotated_sensor_is_not_calibrated(tmp_path, quiet_cell):
     """A large mounting rotation belongs in the cell file, even with --force."""
-    turned = replace(TRUTH, mounting_rotation_rad=(0.0, 0.0, np.pi))
+    turned = TRUTH.model_copy(update={"mounting_rotation_rad": (0.0, 0.0, np.pi)})
     recording = write_recording(tmp_path / "a.csv", poses=12, seed=1, payload=turned)
     result = run("--force", "--from", recording, "--cell", quiet_cell)
     assert result.exit_code == 1

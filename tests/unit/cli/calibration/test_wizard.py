@@ -10,8 +10,9 @@ from cli.calibration.by_arm import drive
 from cli.calibration.wizard import CalibrationWizard, WizardTiming
 from cli.context import INTERRUPTED
 from common.config.load import load_cell
-from common.config.payload import Payload, predict
+from common.config.payload import Payload
 from common.motion.frames import R_from_quaternion
+from common.motion.weight import predict
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest
@@ -23,7 +24,12 @@ from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
 
-TRUTH = Payload(1.0, (0.012, -0.008, 0.055), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))  # of the sim
+TRUTH = Payload(
+    mass_kg=1.0,
+    com_m=(0.012, -0.008, 0.055),
+    bias_force_N=(1.5, -2.0, 3.0),
+    bias_torque_Nm=(0.05, -0.04, 0.03),
+)  # of the sim
 FEW = {"poses": 6, "verify_poses": 1}
 
 
@@ -65,7 +71,7 @@ def test_a_complete_run_identifies_the_payload_and_returns_to_its_start(tmp_path
 
     evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
     found = findings_of(lab.cell, evidence, VerificationBounds())
-    force_N, torque_Nm = mean_residual(found.section.payload.payload)
+    force_N, torque_Nm = mean_residual(found.section.payload)
     assert force_N <= 0.02
     assert torque_Nm <= 0.001
     assert found.verdict.passed

@@ -20,9 +20,11 @@ from cli.doctor.machine import (
     machine_lines,
 )
 from cli.doctor.sensor import ReceivedStream, check_device, check_stream_of, listen, sensor_line
-from common.config.calibration import CalibrationSection, PayloadSection, Residuals
+from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell import CellConfig
 from common.config.load import load_cell
+from common.config.payload import Payload
+from services.sensor import driver_registry
 from services.sensor.rdt import RECORD, REQUEST, RdtCommand, RdtRecord
 from tests.fakes.bench import CELL, DEMO
 
@@ -52,7 +54,7 @@ def calibrated(cell: CellConfig, days: int, **changes: Any) -> CellConfig:
         "T_flange_sensor": cell.sensor.T_flange_sensor,
         "fit": residuals,
         "verified": residuals,
-        "payload": PayloadSection(mass_kg=0.5, com_m=(0.0, 0.0, 0.05)),
+        "payload": Payload(mass_kg=0.5, com_m=(0.0, 0.0, 0.05)),
     }
     return cell.model_copy(update={"calibration": CalibrationSection(**(found | changes))})
 
@@ -153,6 +155,19 @@ def test_a_sensor_on_a_serial_device_is_checked_by_package_and_device() -> None:
         assert judged(check_device(sensor, exists=False, has_package=True)) == ("FAIL", True)
         missing = check_device(sensor, exists=True, has_package=False)
         assert f"forcemesh[{driver}]" in missing.remedy
+
+
+def test_a_driver_of_another_package_is_reported_and_an_unknown_one_is_a_failure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The sensor of a driver that is not ours is not opened; the text lists what is installed."""
+    cell = load_cell(CELLS / "rs007l-real.yaml", {"sensor.driver": "ftx"})
+    line = sensor_line(cell, is_up=False)
+    assert judged(line) == ("FAIL", True)
+    assert "'ftx' is not installed here, installed: bota, rdt, robotiq" in line.found
+    monkeypatch.setitem(driver_registry.OURS, "ftx", "somewhere:make")
+    line = sensor_line(cell, is_up=False)
+    assert (line.result, line.found) == ("PASS", "ftx: installed; the sensor was not opened")
 
 
 @pytest.fixture

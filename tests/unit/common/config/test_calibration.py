@@ -9,9 +9,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config.calibration import CalibrationSection, PayloadSection, Residuals
+from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell_terms import FrameSection
 from common.config.load import calibration_file, cell_hash, dump_cell, load_cell
+from common.config.payload import Payload
 from forcemesh.errors import ConfigError, DataError
 
 DEMO = Path(__file__).parents[4] / "cells" / "demo.yaml"
@@ -30,7 +31,7 @@ def calibration(**changes: Any) -> CalibrationSection:
         "T_flange_sensor": FrameSection(position_m=(0.0, 0.0, 0.02), oat_deg=(30.0, 0.0, 0.0)),
         "fit": NOTHING_LEFT,
         "verified": NOTHING_LEFT,
-        "payload": PayloadSection(mass_kg=1.5, com_m=(0.01, 0.02, 0.03)),
+        "payload": Payload(mass_kg=1.5, com_m=(0.01, 0.02, 0.03)),
     }
     return CalibrationSection(**(fields | changes))
 
@@ -87,7 +88,7 @@ def test_every_calibration_is_read_as_it_was_written(
 ) -> None:
     """All digits, all texts, and so the same revision."""
     found = calibration(
-        payload=PayloadSection(mass_kg=made["mass_kg"], com_m=made["com"]),
+        payload=Payload(mass_kg=made["mass_kg"], com_m=made["com"]),
         tool=made["text"],
         verified=made["verified"],
     )
@@ -103,7 +104,7 @@ def test_the_revision_distinguishes_calibrations() -> None:
         {"method": "manual"},
         {"sensor": "FT1"},
         {"verified": None},
-        {"payload": PayloadSection(mass_kg=1.5, com_m=(0.01, 0.02, 0.0300001))},
+        {"payload": Payload(mass_kg=1.5, com_m=(0.01, 0.02, 0.0300001))},
     )
     revisions = {calibration(**changes).revision for changes in others}
     assert len(revisions | {calibration().revision}) == len(others) + 1
@@ -153,11 +154,8 @@ def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
         calibration().save(tmp_path / "file" / "demo.yaml")
 
 
-def test_a_process_computes_with_the_payload_section() -> None:
-    """The drift of its recording belongs to that recording alone."""
+def test_a_payload_weighs_with_a_mass_or_a_centre() -> None:
+    """One of zeros is what a cell file has before it is calibrated."""
     section = load_cell(DEMO).payload
-    assert section.payload.mass_kg == section.mass_kg
-    assert section.payload.drift is None
-    assert PayloadSection.of(section.payload) == section
     assert section.weighs
-    assert not PayloadSection(mass_kg=0.0, com_m=(0.0, 0.0, 0.0)).weighs
+    assert not Payload(mass_kg=0.0, com_m=(0.0, 0.0, 0.0)).weighs

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from cli.calibration import by_arm
 from cli.calibration.wizard import WizardTiming
 from common.config.load import load_cell
-from common.config.payload import Payload, predict, residual
+from common.config.payload import Payload
 from common.motion.convert import joints, record_of
 from common.motion.frames import GRAVITY_M_S2, R_from_quaternion, skew
 from common.motion.kinematics import ArmKinematics
+from common.motion.weight import predict, residual
 from forcemesh.messages import RobotState
 from identification.errors import CalibrationError
 from identification.excitation.plan import (
@@ -173,10 +174,10 @@ def test_ten_planned_poses_identify_the_payload_also_with_tilt_and_mounting(plan
     """0.02 N and 1 mN m over 200 random attitudes, means of 250 readings with a sensor's noise."""
     wrong = np.radians(wrong_deg)
     truth = Payload(
-        1.0,
-        (0.012, -0.008, 0.055),
-        (1.5, -2.0, 3.0),
-        (0.05, -0.04, 0.03),
+        mass_kg=1.0,
+        com_m=(0.012, -0.008, 0.055),
+        bias_force_N=(1.5, -2.0, 3.0),
+        bias_torque_Nm=(0.05, -0.04, 0.03),
         gravity_direction_in_base=(0.0, np.sin(wrong), -np.cos(wrong)),
         mounting_rotation_rad=(0.6 * wrong, 0.0, -0.8 * wrong),
     )

@@ -24,10 +24,10 @@ def payloads(draw) -> Payload:
     number = st.floats(-1.0, 1.0)
     off = st.floats(0.01, 0.03) | st.floats(-0.03, -0.01)
     return Payload(
-        draw(st.floats(0.5, 6.0)),
-        (draw(off), draw(off), draw(st.floats(0.04, 0.1))),
-        tuple(20.0 * draw(number) for _ in range(3)),
-        tuple(draw(number) for _ in range(3)),
+        mass_kg=draw(st.floats(0.5, 6.0)),
+        com_m=(draw(off), draw(off), draw(st.floats(0.04, 0.1))),
+        bias_force_N=tuple(20.0 * draw(number) for _ in range(3)),
+        bias_torque_Nm=tuple(draw(number) for _ in range(3)),
     )
 
 
@@ -78,7 +78,12 @@ def test_all_47_wrong_installations_are_identified_and_their_remedies_fix_them(
     seed=st.integers(0, 10**6),
 )
 @example(  # four poses: two torque wirings, each with its own centre of mass, fit equally well
-    payload=Payload(1.0, (0.012, -0.03, 0.0625), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    payload=Payload(
+        mass_kg=1.0,
+        com_m=(0.012, -0.03, 0.0625),
+        bias_force_N=(0.0, 0.0, 0.0),
+        bias_torque_Nm=(0.0, 0.0, 0.0),
+    ),
     oat_deg=(0.0, 5.0, 0.0),
     wiring=3,
     channels="torques",
@@ -188,7 +193,7 @@ def test_a_tool_that_differs_from_the_cell_file_is_not_a_reversed_torque() -> No
 
 def test_a_tool_on_the_sensor_axis_leaves_the_sign_of_mz_unidentified() -> None:
     """Its moment about z never changes: reported as unidentified, without a finding."""
-    payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.055))
+    payload = PAYLOAD.model_copy(update={"com_m": (0.0, 0.0, 0.055)})
     found = judge_installation(readings(payload), belief(payload))
     assert found.verdict == "right"
     assert any("the sign of Mz" in line for line in found.unidentified)
@@ -196,7 +201,7 @@ def test_a_tool_on_the_sensor_axis_leaves_the_sign_of_mz_unidentified() -> None:
 
 def test_a_lever_of_a_millimetre_leaves_the_sign_of_mz_unidentified() -> None:
     """Errors of gain and mounting are of that size, so the sign of Mz is not identified."""
-    payload = replace(PAYLOAD, com_m=(0.001, 0.0, 0.055))
+    payload = PAYLOAD.model_copy(update={"com_m": (0.001, 0.0, 0.055)})
     found = judge_installation(readings(payload), belief(payload))
     assert found.verdict == "right"
     assert any("the sign of Mz" in line for line in found.unidentified)
@@ -213,7 +218,7 @@ def test_a_lever_in_the_axes_of_a_rotated_sensor_is_no_second_finding() -> None:
 
 def test_a_tool_without_a_lever_leaves_the_torques_unidentified() -> None:
     """The forces are still judged."""
-    payload = replace(PAYLOAD, com_m=(0.0, 0.0, 0.0))
+    payload = PAYLOAD.model_copy(update={"com_m": (0.0, 0.0, 0.0)})
     found = judge_installation(readings(payload), replace(belief(payload), com_m=None))
     assert found.verdict == "right"
     assert any(line.startswith("the torques, for the tool's moment") for line in found.unidentified)
@@ -265,7 +270,7 @@ def test_model_errors_are_not_reported_as_a_wrong_installation() -> None:
 @pytest.mark.parametrize("mass_kg", [0.15, 0.3, 1.0])
 def test_a_light_tool_on_a_drifting_sensor_is_still_judged_correctly(mass_kg) -> None:
     """2 N of drift with a tool of 1.5 N: ten poses in order of time separate the two."""
-    payload = replace(PAYLOAD, mass_kg=mass_kg)
+    payload = PAYLOAD.model_copy(update={"mass_kg": mass_kg})
     for seed in range(40):
         right = readings(payload, world=CellErrors(drift=2.0), seed=seed, poses=10)
         found = judge_installation(right, belief(payload))

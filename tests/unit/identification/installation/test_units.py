@@ -190,7 +190,7 @@ def test_exchanged_forces_and_torques_are_reported() -> None:
 
 def test_an_arm_on_a_wall_is_reported_with_the_direction_of_gravity() -> None:
     """Correct axes, another direction of gravity: the remedy gives the value to write."""
-    payload = replace(PAYLOAD, gravity_direction_in_base=(1.0, 0.0, 0.0))
+    payload = PAYLOAD.model_copy(update={"gravity_direction_in_base": (1.0, 0.0, 0.0)})
     finding = only(readings(payload, poses=8))
     assert finding.code == "gravity"
     assert finding.remedy.endswith("[1.000, 0.000, 0.000]") or "[1.000, " in finding.remedy
@@ -260,7 +260,12 @@ def test_a_cell_file_gives_the_expected_installation() -> None:
 
 def test_without_a_known_tool_the_axes_are_still_identified() -> None:
     """The readings alone identify a rotated sensor and its angle."""
-    payload = Payload(2.0, (0.01, 0.02, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    payload = Payload(
+        mass_kg=2.0,
+        com_m=(0.01, 0.02, 0.05),
+        bias_force_N=(0.0, 0.0, 0.0),
+        bias_torque_Nm=(0.0, 0.0, 0.0),
+    )
     turn = oat_matrix((90.0, 0.0, 0.0)).T
     finding = only(readings(payload, force=turn, torque=turn), ExpectedInstallation())
     assert finding.code == "mounting"

@@ -21,8 +21,7 @@ from cli.__main__ import app
 from common.config.load import load_cell
 from common.security.pki import (
     make_authority,
-    make_page_authority,
-    make_page_certificate,
+    make_certificate,
     read_certificate,
     write_pair,
 )
@@ -42,10 +41,10 @@ WIDE = "0.0.0.0"
 @pytest.fixture
 def folder(tmp_path, monkeypatch) -> Path:
     """Return a folder with the page's certificate and its authority, which the panel finds."""
-    authority = make_page_authority("demo", NOW)
+    authority = make_authority("demo", NOW, of_page=True)
     write_pair(tmp_path, PAGE_AUTHORITY, authority, owner=None)
     hosts = ["localhost", "127.0.0.1"]
-    pair = make_page_certificate(authority, "demo", hosts=hosts, days=9, now=NOW)
+    pair = make_certificate(authority, PAGE, "demo", hosts=hosts, days=9, now=NOW)
     write_pair(tmp_path, PAGE, pair, owner=None)
     monkeypatch.setenv("FORCEMESH_PKI", str(tmp_path))
     return tmp_path
@@ -127,7 +126,7 @@ def test_pki_makes_renews_and_checks_the_pages_certificate(tmp_path):
     page.verify_directly_issued_by(read_certificate(tmp_path / f"{PAGE_AUTHORITY}.pem"))
     late = check_folder(tmp_path, "demo", dt.datetime.now(dt.UTC) + dt.timedelta(days=400))
     assert [each.verdict for each in late if each.name == PAGE] == ["wrong"]
-    other = make_page_authority("demo", NOW)
+    other = make_authority("demo", NOW, of_page=True)
     write_pair(tmp_path, PAGE_AUTHORITY, other, owner=None)
     assert "panel-ca.pem here has not signed it" in pki("check", folder=tmp_path)[1]
 

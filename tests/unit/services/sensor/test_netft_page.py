@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from forcemesh.errors import DataError
+from services.sensor.link import FETCH_AGAIN_S, PageFetch
 from services.sensor.netft_page import PATH, SettingsPage, disagreement, info_of, parse, scale_of
-from services.sensor.page_fetch import FETCH_AGAIN_S, PageFetch
 from services.sensor.rdt_status import NAMES, status_text
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About, page
 from tests.fakes.rdt_sensor import REAL_CELL

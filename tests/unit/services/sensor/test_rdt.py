@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.clock import NS_PER_S
-from services.sensor.decimation import Decimation, decimate, pause
 from services.sensor.rdt import (
     FROZEN_AFTER_NS,
     FROZEN_RECORDS,
@@ -30,6 +29,7 @@ from services.sensor.rdt import (
     sample_of,
 )
 from services.sensor.rdt_status import MONITOR_CONDITIONS
+from services.sensor.service import Decimation, decimate, pause
 
 SCALE = Scale(counts_per_N=10_000, counts_per_Nm=100_000, force_range_N=200, torque_range_Nm=8)
 PERIOD_NS = 2_000_000

@@ -17,8 +17,15 @@ from common.config.load import load_cell
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
 from services.sensor.driver import SensorSample
-from services.sensor.robotiq import FRAME_BYTES, HEAD, Framer, frame, start
-from services.sensor.robotiq_driver import RobotiqDriver, robotiq_driver
+from services.sensor.robotiq import (
+    FRAME_BYTES,
+    HEAD,
+    Framer,
+    RobotiqDriver,
+    frame,
+    robotiq_driver,
+    start,
+)
 from tests.fakes.rdt_sensor import REAL_CELL
 
 STALE_S = 0.03

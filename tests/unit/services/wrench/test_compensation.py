@@ -1,7 +1,6 @@
 """From the sensor's reading to the force of the environment: compensation, filter, tare."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,14 +8,22 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from common.config.payload import Payload, predict
+from common.config.payload import Payload
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
+from common.motion.weight import predict
 from services.wrench.compensation import Filter, Mounting, Wrench, compensate, feed
 from services.wrench.tare import WEIGHT_SHARE, TareLimits, tare
 from tests.fakes.bench import CELL
 
-NOTHING = Payload(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-OFF_CENTRE = Payload(1.3, (0.012, -0.03, 0.06), (1.5, -2.0, 3.0), (0.05, -0.04, 0.03))
+NOTHING = Payload(
+    mass_kg=0.0, com_m=(0.0, 0.0, 0.0), bias_force_N=(0.0, 0.0, 0.0), bias_torque_Nm=(0.0, 0.0, 0.0)
+)
+OFF_CENTRE = Payload(
+    mass_kg=1.3,
+    com_m=(0.012, -0.03, 0.06),
+    bias_force_N=(1.5, -2.0, 3.0),
+    bias_torque_Nm=(0.05, -0.04, 0.03),
+)
 LIMITS = TareLimits(force_N=10.0, torque_Nm=1.0)
 OF_WEIGHT_N = WEIGHT_SHARE * OFF_CENTRE.mass_kg * GRAVITY_M_S2
 
@@ -26,7 +33,13 @@ turns = hnp.arrays(float, 3, elements=st.floats(-1.8, 1.8))
 samples = hnp.arrays(float, 6, elements=st.floats(-100.0, 100.0))
 triples = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
 biases = st.tuples(*[st.floats(-20.0, 20.0)] * 3)
-payloads = st.builds(Payload, st.floats(0.0, 7.0), triples, biases, biases)
+payloads = st.builds(
+    Payload,
+    mass_kg=st.floats(0.0, 7.0),
+    com_m=triples,
+    bias_force_N=biases,
+    bias_torque_Nm=biases,
+)
 
 
 def reading_of(payload, R, p, force_N, torque_Nm):
@@ -64,7 +77,7 @@ def test_power_is_the_same_at_the_sensor_and_at_the_tcp(f, t, turn, p, v_sensor,
 @given(vectors, vectors, turns, levers, turns)
 def test_power_is_the_same_with_a_rotated_sensor(f, t, turn, p, mounting) -> None:
     """The mounting correction turns axes only; the TCP stays where the cell file has it."""
-    payload = replace(NOTHING, mounting_rotation_rad=tuple(mounting.tolist()))
+    payload = NOTHING.model_copy(update={"mounting_rotation_rad": tuple(mounting.tolist())})
     R = rotation_from_vector(turn)
     R_true = R @ rotation_from_vector(mounting)
     found = compensate(Wrench(f, t), R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
@@ -113,7 +126,7 @@ def test_the_gain_of_an_axis_is_removed(
     reading = Wrench(
         (true.force_N - b_F) * force_gain + b_F, (true.torque_Nm - b_M) * torque_gain + b_M
     )
-    known = replace(payload, force_gain=force_gain, torque_gain=torque_gain)
+    known = payload.model_copy(update={"force_gain": force_gain, "torque_gain": torque_gain})
     found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=known)
 
     assert found.force_N == pytest.approx(force_N, abs=1e-8)
@@ -125,17 +138,17 @@ MUTANTS = {
     "inverted lever": lambda R, p, load: (R, -p, load),
     "no lever": lambda R, p, load: (R, 0.0 * p, load),
     "mirrored centre of mass": lambda R, p, load: (
-        R, p, replace(load, com_m=tuple(-x for x in load.com_m))
+        R, p, load.model_copy(update={"com_m": tuple(-x for x in load.com_m)})
     ),
-    "centred mass": lambda R, p, load: (R, p, replace(load, com_m=(0.0, 0.0, 0.0))),
+    "centred mass": lambda R, p, load: (R, p, load.model_copy(update={"com_m": (0.0, 0.0, 0.0)})),
     "gravity upwards": lambda R, p, load: (
-        R, p, replace(load, gravity_direction_in_base=(0.0, 0.0, 1.0))
+        R, p, load.model_copy(update={"gravity_direction_in_base": (0.0, 0.0, 1.0)})
     ),
     "inverted bias": lambda R, p, load: (
-        R, p, replace(load, bias_force_N=tuple(-x for x in load.bias_force_N))
+        R, p, load.model_copy(update={"bias_force_N": tuple(-x for x in load.bias_force_N)})
     ),
     "no bias of the torque": lambda R, p, load: (
-        R, p, replace(load, bias_torque_Nm=(0.0, 0.0, 0.0))
+        R, p, load.model_copy(update={"bias_torque_Nm": (0.0, 0.0, 0.0)})
     ),
 }  # fmt: skip
 
@@ -241,10 +254,11 @@ def test_the_step_response_is_in_seconds_and_not_in_samples(dt_s) -> None:
 def test_tare_zeroes_the_reading_in_every_orientation(turn, drift, other, drift_Nm):
     """The bias is in sensor axes: a drift removed here is removed in every other orientation."""
     R = rotation_from_vector(turn)
-    drifted = replace(
-        OFF_CENTRE,
-        bias_force_N=tuple((np.array(OFF_CENTRE.bias_force_N) + drift).tolist()),
-        bias_torque_Nm=tuple((np.array(OFF_CENTRE.bias_torque_Nm) + drift_Nm).tolist()),
+    drifted = OFF_CENTRE.model_copy(
+        update={
+            "bias_force_N": tuple((np.array(OFF_CENTRE.bias_force_N) + drift).tolist()),
+            "bias_torque_Nm": tuple((np.array(OFF_CENTRE.bias_torque_Nm) + drift_Nm).tolist()),
+        }
     )
     still = reading_of(drifted, R, np.zeros(3), np.zeros(3), np.zeros(3))
     reading = np.concatenate([still.force_N, still.torque_Nm])
@@ -261,14 +275,14 @@ def test_tare_zeroes_the_reading_in_every_orientation(turn, drift, other, drift_
     )
     assert found.force_N == pytest.approx(np.zeros(3), abs=1e-9)
     assert found.torque_Nm == pytest.approx(np.zeros(3), abs=1e-9)
-    assert tared == replace(
-        OFF_CENTRE, bias_force_N=tared.bias_force_N, bias_torque_Nm=tared.bias_torque_Nm
+    assert tared == OFF_CENTRE.model_copy(
+        update={"bias_force_N": tared.bias_force_N, "bias_torque_Nm": tared.bias_torque_Nm}
     )
 
 
 def test_tare_considers_the_gain() -> None:
     """A bias shift is in units of the reading, not in newtons of load."""
-    payload = replace(OFF_CENTRE, force_gain=(1.1, 0.9, 1.0))
+    payload = OFF_CENTRE.model_copy(update={"force_gain": (1.1, 0.9, 1.0)})
     reading = np.concatenate([v + 0.5 for v in predict(payload, np.eye(3))])
     tared, reply = tare(payload, [reading], np.eye(3), LIMITS)
     assert reply.accepted

@@ -1,7 +1,6 @@
 """Inertia of the tool, subtracted from the reading where the cell file requires it."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -10,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.load import load_cell
-from common.config.payload import Payload, predict
+from common.config.payload import Payload
+from common.motion.weight import predict
 from forcemesh import topics
 from forcemesh.errors import ConfigError
 from forcemesh.requests import MoveRequest
@@ -25,7 +25,12 @@ from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
 from tests.unit.common.config.test_load import DEMO
 
-PAYLOAD = Payload(1.2, (0.01, 0.02, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+PAYLOAD = Payload(
+    mass_kg=1.2,
+    com_m=(0.01, 0.02, 0.05),
+    bias_force_N=(0.0, 0.0, 0.0),
+    bias_torque_Nm=(0.0, 0.0, 0.0),
+)
 MOUNTING = Mounting(CELL.sensor.T_flange_sensor.pose, CELL.tool.T_flange_tcp.pose)
 PERIOD_NS = round(1e9 / CELL.rates.robot_hz)
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
@@ -88,7 +93,7 @@ def test_the_effect_of_acceleration_is_removed(a: np.ndarray, angle: float) -> N
         sensed,
         R_base_sensor=R,
         p_sensor_tcp_in_sensor=np.array([0.0, 0.0, 0.14]),
-        payload=replace(PAYLOAD),
+        payload=PAYLOAD.model_copy(),
         a_com_m_s2=a,
     )
     assert residual.force_N == pytest.approx(0.0, abs=1e-9)

@@ -1,12 +1,11 @@
 """Tare by request: conditions and refusals."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from common.config.payload import Payload, residual
+from common.config.payload import Payload
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
+from common.motion.weight import residual
 from forcemesh import topics
 from forcemesh.messages import RobotStatus
 from forcemesh.requests import Empty
@@ -95,7 +94,12 @@ def test_tare_needs_poses_for_all_its_samples(bench: WrenchBench) -> None:
 def test_a_tare_must_not_remove_the_weight_of_the_tool(share: float) -> None:
     """H30, H31: pounds, kgf, a dead axis, a swapped axis, a wrong sign; less of it is drift."""
     light = PAYLOAD_KG * 0.4  # so that the cell's own limit is not reached first
-    payload = Payload(light, (0.0, 0.0, 0.05), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    payload = Payload(
+        mass_kg=light,
+        com_m=(0.0, 0.0, 0.05),
+        bias_force_N=(0.0, 0.0, 0.0),
+        bias_torque_Nm=(0.0, 0.0, 0.0),
+    )
     limits = TareLimits(1000.0, 1000.0)
     weight_N = light * GRAVITY_M_S2
     off_N = np.array([0.0, 0.0, -weight_N * (1.0 - share), 0.0, 0.0, 0.0])
@@ -109,7 +113,12 @@ def test_a_tare_must_not_remove_the_weight_of_the_tool(share: float) -> None:
 def tool_of(weight_N: float) -> Payload:
     """Return a tool of this weight below the sensor's origin, without bias."""
     none = (0.0, 0.0, 0.0)
-    return Payload(weight_N / GRAVITY_M_S2, (0.0, 0.0, 0.05), none, none)
+    return Payload(
+        mass_kg=weight_N / GRAVITY_M_S2,
+        com_m=(0.0, 0.0, 0.05),
+        bias_force_N=none,
+        bias_torque_Nm=none,
+    )
 
 
 def reading(weight_N: float, *, force_N: float = 0.0, torque_Nm: float = 0.0) -> np.ndarray:
@@ -149,12 +158,13 @@ def test_above_two_newtons_a_tare_may_remove_three_fifths_of_the_weight(
 
 def test_after_a_tare_the_reading_is_zero() -> None:
     """This holds also with a gain on each axis and with a bias before."""
-    tool = replace(
-        tool_of(1.0),
-        bias_force_N=(0.3, -0.2, 0.1),
-        bias_torque_Nm=(0.02, 0.01, -0.03),
-        force_gain=(1.1, 0.9, 1.05),
-        torque_gain=(0.95, 1.1, 0.9),
+    tool = tool_of(1.0).model_copy(
+        update={
+            "bias_force_N": (0.3, -0.2, 0.1),
+            "bias_torque_Nm": (0.02, 0.01, -0.03),
+            "force_gain": (1.1, 0.9, 1.05),
+            "torque_gain": (0.95, 1.1, 0.9),
+        }
     )
     sample = np.array([0.8, 0.4, -1.3, 0.05, -0.02, 0.04])
     tared, reply = tare(tool, [sample], np.eye(3), TareLimits(5.0, 1.0))

@@ -13,7 +13,7 @@ def braked(source: str, at_s: float, **kwargs) -> tuple[AsBench, Trace]:
     brake = program(f"TWAIT {at_s}", "BRAKE", name="brake")
     bench = AsBench(source + brake, **kwargs)
     trace = Trace(bench)
-    bench.machine.start_pc(1001, "brake")
+    bench.machine.control.start_pc(1001, "brake")
     bench.run()
     return bench, trace
 
@@ -35,9 +35,9 @@ def test_brake_drops_the_motion_ahead_and_the_pessimistic_controller_starts_it()
                      "BREAK")  # fmt: skip
     kind, _ = braked(source, 0.5)
     hard, _ = braked(source, 0.5, behaviour=pessimistic(2e-5))
-    start = AsBench(source).machine.here()
-    assert kind.machine.here().y == pytest.approx(start.y, abs=0.1)
-    assert hard.machine.here().y == pytest.approx(start.y + 50.0, abs=0.1)
+    start = AsBench(source).task.machine.here()
+    assert kind.task.machine.here().y == pytest.approx(start.y, abs=0.1)
+    assert hard.task.machine.here().y == pytest.approx(start.y + 50.0, abs=0.1)
     assert kind.value("n") == 1
 
 
@@ -81,7 +81,7 @@ def test_a_motion_that_is_braked_while_held_is_not_resumed_by_run() -> None:
     bench.start().advance(0.25)
     bench.pendant.hold()
     bench.advance(0.5)
-    bench.machine.start_pc(1001, "brake")
+    bench.machine.control.start_pc(1001, "brake")
     bench.advance(0.1)
     bench.pendant.run()
     bench.advance(1.0)
@@ -94,9 +94,9 @@ def test_abort_finishes_the_motion_and_ends_the_program() -> None:
     trace = Trace(bench)
     bench.start().advance(0.2)
     bench.pendant.abort()
-    assert bench.machine.task_state(1) == 3
+    assert bench.task.machine.task_state(1) == 3
     bench.advance(1.0)
-    assert bench.machine.task_state(1) == 0
+    assert bench.task.machine.task_state(1) == 0
     assert (trace.mm[-1] - trace.mm[0])[0] == pytest.approx(50.0, abs=1e-3)
     assert bench.value("x") is None
 
@@ -124,9 +124,9 @@ def test_the_end_of_the_program_is_not_the_end_of_its_motion() -> None:
     """The arm arrives after the last step."""
     bench = AsBench(program(*SQUARE, "LMOVE SHIFT(p BY 30,0,0)")).start()
     bench.advance(0.05)
-    assert bench.machine.task_state(1) == 3
+    assert bench.task.machine.task_state(1) == 3
     bench.advance(1.0)
-    assert bench.machine.task_state(1) == 0
+    assert bench.task.machine.task_state(1) == 0
 
 
 def test_motors_off_refuse_a_motion() -> None:

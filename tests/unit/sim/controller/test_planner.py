@@ -33,7 +33,7 @@ def joints(values) -> str:
 
 def here(bench: AsBench) -> np.ndarray:
     """HERE."""
-    return np.array(bench.machine.here().numbers())
+    return np.array(bench.task.machine.here().numbers())
 
 
 @pytest.mark.parametrize(("q", "xyz", "oat"), ACCEPTANCE)
@@ -49,7 +49,7 @@ def test_here_after_jmove_is_the_vendors_forward_kinematics(q, xyz, oat) -> None
 def test_at_a_pole_of_a_only_the_sum_or_the_difference_counts(q, xyz, angle) -> None:
     """A = 0: O+T, A = 180: O-T (facts 3.3); destination, so without the servos' rest."""
     bench = AsBench(program(f"JMOVE {joints(q)}", "BREAK", "d = DEXT(DEST,1)")).run()
-    pose = bench.machine.destination()
+    pose = bench.task.machine.destination()
     a, kind, expected = angle
     assert (pose.x, pose.y, pose.z) == pytest.approx(xyz, abs=2e-3)
     assert pose.a == pytest.approx(a, abs=1e-3)

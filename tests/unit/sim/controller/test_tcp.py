@@ -119,14 +119,14 @@ class TcpBench:
         """A socket of the controller and its peer."""
         self.tcp.listen(PORT)
         peer = self.call()
-        outcome = until(self.tcp.accept(PORT, timeout_s=1.0, now_ns=0))
+        outcome = until(self.tcp.accept(PORT, end_ns=NS_PER_S))
         assert outcome.code > 0
         assert outcome.peer == LOOPBACK
         return outcome.code, peer
 
     def received(self, number: int, longest: int = 255, now_ns: int = 0) -> TcpResult:
         """TCP_RECV, polled until it is over."""
-        operation = self.tcp.receive(number, timeout_s=1.0, longest=longest, now_ns=0)
+        operation = self.tcp.receive(number, end_ns=NS_PER_S, longest=longest)
         return until(operation, now_ns)
 
 
@@ -157,16 +157,16 @@ def test_a_port_can_be_listened_on_once_until_it_is_freed(world: TcpBench) -> No
 def test_accept_times_out_with_34024_and_not_before(world: TcpBench) -> None:
     """No client calls: no result up to the time-out, -34024 from then on."""
     world.tcp.listen(PORT)
-    operation = world.tcp.accept(PORT, timeout_s=2.0, now_ns=0)
+    operation = world.tcp.accept(PORT, end_ns=2 * NS_PER_S)
     assert operation(2 * NS_PER_S - 1) is None
     assert operation(2 * NS_PER_S) == TcpResult(TIMED_OUT)
 
 
 def test_accept_on_a_port_that_does_not_listen_is_34056(world: TcpBench) -> None:
     """Also when the port is freed while a program waits in it."""
-    assert world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)(0) == TcpResult(NOT_LISTENING)
+    assert world.tcp.accept(PORT, end_ns=NS_PER_S)(0) == TcpResult(NOT_LISTENING)
     world.tcp.listen(PORT)
-    operation = world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)
+    operation = world.tcp.accept(PORT, end_ns=NS_PER_S)
     assert operation(0) is None
     world.tcp.end_listen(PORT)
     assert operation(0) == TcpResult(NOT_LISTENING)
@@ -210,14 +210,14 @@ def test_a_reset_is_34025_for_receiving_and_sending(world: TcpBench) -> None:
     peer.reset()
     codes = {world.received(number).code for _ in range(2)}
     assert ABORTED in codes
-    sent = [until(world.tcp.send(number, ["a"], timeout_s=1.0, now_ns=0)).code for _ in range(3)]
+    sent = [until(world.tcp.send(number, ["a"], end_ns=NS_PER_S)).code for _ in range(3)]
     assert ABORTED in sent
 
 
 def test_sent_elements_arrive_back_to_back(world: TcpBench) -> None:
     """No separators between elements, control characters included."""
     number, peer = world.accepted()
-    outcome = until(world.tcp.send(number, ["ab", "", "\r\n\x00\xff"], timeout_s=1.0, now_ns=0))
+    outcome = until(world.tcp.send(number, ["ab", "", "\r\n\x00\xff"], end_ns=NS_PER_S))
     assert outcome == TcpResult(OK)
     got = b""
     for _ in range(PATIENCE):
@@ -231,9 +231,9 @@ def test_more_than_4096_bytes_in_one_call_are_34022_and_nothing_is_sent(world: T
     """17 elements of 255 characters are too many, 16 are not."""
     number, peer = world.accepted()
     element = "z" * 255
-    assert until(world.tcp.send(number, [element] * 17, timeout_s=1.0, now_ns=0)).code == TOO_LONG
+    assert until(world.tcp.send(number, [element] * 17, end_ns=NS_PER_S)).code == TOO_LONG
     assert peer.receive() is None
-    assert until(world.tcp.send(number, [element] * 16, timeout_s=1.0, now_ns=0)).code == OK
+    assert until(world.tcp.send(number, [element] * 16, end_ns=NS_PER_S)).code == OK
 
 
 @pytest.mark.parametrize("patient", [False, True])
@@ -242,7 +242,7 @@ def test_a_peer_that_reads_nothing_stops_the_sender(world: TcpBench, patient: bo
     number, _ = world.accepted()
     world.tcp._endless_send = patient
     for _ in range(100_000):
-        operation = world.tcp.send(number, ["q" * 255] * 16, timeout_s=1.0, now_ns=0)
+        operation = world.tcp.send(number, ["q" * 255] * 16, end_ns=NS_PER_S)
         if operation(0) is None:
             break
     else:
@@ -256,7 +256,7 @@ def test_a_socket_number_is_gone_after_close(world: TcpBench) -> None:
     number, _ = world.accepted()
     assert [world.tcp.close(number), world.tcp.close(number)] == [OK, BAD_SOCKET]
     assert world.received(number).code == BAD_SOCKET
-    assert until(world.tcp.send(number, ["a"], timeout_s=1.0, now_ns=0)).code == BAD_SOCKET
+    assert until(world.tcp.send(number, ["a"], end_ns=NS_PER_S)).code == BAD_SOCKET
 
 
 def test_connecting_reaches_a_listener_and_returns_34023_without_one() -> None:
@@ -264,18 +264,18 @@ def test_connecting_reaches_a_listener_and_returns_34023_without_one() -> None:
     server = socket.create_server(("127.0.0.1", 0))
     tcp = TcpUnit(SocketNetwork())
     port = server.getsockname()[1]
-    outcome = until(tcp.connect(LOOPBACK, port, timeout_s=5.0, now_ns=0))
+    outcome = until(tcp.connect(LOOPBACK, port, end_ns=5 * NS_PER_S))
     assert outcome.code > 0
     tcp.close_all()
     server.close()
-    assert until(tcp.connect(LOOPBACK, port, timeout_s=5.0, now_ns=0)).code == CANNOT_REACH
+    assert until(tcp.connect(LOOPBACK, port, end_ns=5 * NS_PER_S)).code == CANNOT_REACH
 
 
 def test_two_clients_of_one_listener_have_a_socket_each(world: TcpBench) -> None:
     """Bytes of one never come out of the other."""
     first, a = world.accepted()
     b = world.call()
-    second = until(world.tcp.accept(PORT, timeout_s=1.0, now_ns=0)).code
+    second = until(world.tcp.accept(PORT, end_ns=NS_PER_S)).code
     assert first != second
     b.send(b"bb")
     a.send(b"aa")

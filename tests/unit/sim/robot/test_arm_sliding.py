@@ -40,7 +40,7 @@ def slide(stiffness_N_m: float, *, steps: int = 1, bob_m: float = 0.0) -> Slide:
 
     `bob_m` lets the tool go up and down at 10 Hz, so that stick, slip and lift all take part.
     """
-    arm = SimArm(SimSettings(stiffness_N_m=stiffness_N_m), seed=0)
+    arm = SimArm(SimSettings(delay_s=0.0, stiffness_N_m=stiffness_N_m), seed=0)
     arm.model.opt.timestep = TICK_S / steps
     start, q, rows = arm.T_base_flange, arm.q, []
     for tick in range(TICKS):
@@ -97,7 +97,9 @@ def test_an_arm_that_approaches_slides_turns_and_lets_go_gets_no_energy(seed):
     """
     rng = np.random.default_rng(seed)
     stiffness = float(10.0 ** rng.uniform(3.0, 5.3))
-    arm = SimArm(SimSettings(stiffness_N_m=stiffness, tilt_deg=rng.uniform(0.0, 10.0)), seed=0)
+    arm = SimArm(
+        SimSettings(delay_s=0.0, stiffness_N_m=stiffness, tilt_deg=rng.uniform(0.0, 10.0)), seed=0
+    )
     start, q, work_J, taken_J = arm.T_base_flange, arm.q, 0.0, 0.0
     for leg in range(12):
         travel = rng.uniform([-0.02, -0.02, -0.006 - 30.0 / stiffness], [0.02, 0.02, -0.003])

@@ -4,14 +4,19 @@ import numpy as np
 import pytest
 
 from sim.robot.ft_sensor import FtSensor
-from sim.robot.settings import SensorSettings
+from sim.robot.settings import SimSettings
 
 FORCE = np.array([10.0, -20.0, 30.0])
 TORQUE = np.array([0.5, -0.25, 1.0])
-CLEAN = {"force_noise_N": 0.0, "torque_noise_Nm": 0.0, "force_step_N": 0.0, "torque_step_Nm": 0.0}
+CLEAN = {
+    "noise_force_N": 0.0,
+    "noise_torque_Nm": 0.0,
+    "quantum_force_N": 0.0,
+    "quantum_torque_Nm": 0.0,
+}
 
 
-def many(settings: SensorSettings, count: int, seed: int = 0) -> np.ndarray:
+def many(settings: SimSettings, count: int, seed: int = 0) -> np.ndarray:
     """Return readings of the one load, force then torque. Shape (count, 6)."""
     sensor = FtSensor(settings, seed=seed)
     samples = [sensor.sample(force_N=FORCE, torque_Nm=TORQUE) for _ in range(count)]
@@ -20,13 +25,13 @@ def many(settings: SensorSettings, count: int, seed: int = 0) -> np.ndarray:
 
 def test_a_clean_sensor_adds_nothing_but_its_bias():
     """Without noise and steps the reading is the load plus the bias."""
-    settings = SensorSettings(**CLEAN, force_bias_N=(1.0, 2.0, 3.0), torque_bias_Nm=(0.1, 0.2, 0.3))
+    settings = SimSettings(**CLEAN, bias_force_N=(1.0, 2.0, 3.0), bias_torque_Nm=(0.1, 0.2, 0.3))
     assert many(settings, 1)[0] == pytest.approx([11.0, -18.0, 33.0, 0.6, -0.05, 1.3])
 
 
 def test_noise_has_the_spread_that_was_set():
     """Mean is the biased load, standard deviation the setting, axes independent."""
-    settings = SensorSettings(force_bias_N=(0, 0, 0), torque_bias_Nm=(0, 0, 0))
+    settings = SimSettings(bias_force_N=(0, 0, 0), bias_torque_Nm=(0, 0, 0))
     readings = many(settings, 5000)
     assert readings.mean(axis=0)[:3] == pytest.approx(FORCE, abs=0.006)
     assert readings.std(axis=0)[:3] == pytest.approx([0.1] * 3, rel=0.05)
@@ -37,14 +42,14 @@ def test_noise_has_the_spread_that_was_set():
 
 def test_readings_are_on_the_quantisation_grid():
     """Every reading is a whole number of steps."""
-    settings = SensorSettings(force_step_N=0.25, torque_step_Nm=0.01)
+    settings = SimSettings(quantum_force_N=0.25, quantum_torque_Nm=0.01)
     steps = many(settings, 50) / np.array([0.25] * 3 + [0.01] * 3)
     assert steps == pytest.approx(np.round(steps), abs=1e-9)
 
 
 def test_one_seed_is_one_stream_and_another_seed_another():
     """Runs repeat bit for bit."""
-    settings = SensorSettings()
+    settings = SimSettings()
     assert np.array_equal(many(settings, 20, seed=7), many(settings, 20, seed=7))
     assert not np.array_equal(many(settings, 20, seed=7), many(settings, 20, seed=8))
 
@@ -53,10 +58,10 @@ def test_one_seed_is_one_stream_and_another_seed_another():
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_beyond_the_range_a_sample_is_saturated(axis, sign):
     """Any axis at its end clips and is reported; just inside it is an ordinary reading."""
-    settings = SensorSettings(
+    settings = SimSettings(
         **CLEAN,
-        force_bias_N=(0, 0, 0),
-        torque_bias_Nm=(0, 0, 0),
+        bias_force_N=(0, 0, 0),
+        bias_torque_Nm=(0, 0, 0),
         force_range_N=100.0,
         torque_range_Nm=5.0,
     )
@@ -71,6 +76,6 @@ def test_beyond_the_range_a_sample_is_saturated(axis, sign):
 
 def test_samples_are_counted_from_one():
     """The counter shows a lost sample."""
-    sensor = FtSensor(SensorSettings(), seed=0)
+    sensor = FtSensor(SimSettings(), seed=0)
     counts = [sensor.sample(force_N=FORCE, torque_Nm=TORQUE).counter for _ in range(3)]
     assert counts == [1, 2, 3]

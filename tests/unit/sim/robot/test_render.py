@@ -11,7 +11,6 @@ import pytest
 from sim.robot import render
 from sim.robot.render import RenderUnavailable, View, render_png
 from sim.robot.render_job import png
-from sim.robot.scene import home_rad
 from sim.robot.settings import SimSettings
 
 SETTINGS = SimSettings(tilt_deg=10.0)
@@ -22,7 +21,7 @@ def pixels(tmp_path, force_N) -> np.ndarray:
     """Return a small picture of the cell at home, 0..1. Shape (240, 320, 3)."""
     path = tmp_path / "cell.png"
     try:
-        render_png(SETTINGS, path, q=home_rad(SETTINGS), force_N=force_N, view=SMALL)
+        render_png(SETTINGS, path, q=SETTINGS.home_rad, force_N=force_N, view=SMALL)
     except RenderUnavailable as error:
         pytest.skip(str(error))
     return matplotlib.image.imread(path)[:, :, :3]
@@ -63,7 +62,7 @@ def test_without_graphics_there_is_one_clear_error(tmp_path, monkeypatch, variab
     monkeypatch.setenv(variable, "/nonexistent")
     path = tmp_path / "cell.png"
     with pytest.raises(RenderUnavailable, match=r"no picture: .*libegl1"):
-        render_png(SETTINGS, path, q=home_rad(SETTINGS), view=SMALL)
+        render_png(SETTINGS, path, q=SETTINGS.home_rad, view=SMALL)
     assert not path.exists()
 
 
@@ -72,10 +71,10 @@ def test_a_drawing_process_that_hangs_or_cannot_start_is_the_same_error(tmp_path
     path = tmp_path / "cell.png"
     monkeypatch.setattr(render, "_TIMEOUT_S", 0.01)
     with pytest.raises(RenderUnavailable, match="timed out"):
-        render_png(SETTINGS, path, q=home_rad(SETTINGS), view=SMALL)
+        render_png(SETTINGS, path, q=SETTINGS.home_rad, view=SMALL)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
     with pytest.raises(RenderUnavailable, match="No such file"):
-        render_png(SETTINGS, path, q=home_rad(SETTINGS), view=SMALL)
+        render_png(SETTINGS, path, q=SETTINGS.home_rad, view=SMALL)
 
 
 def test_physics_runs_where_the_graphics_library_is_broken():

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sim.robot.arm import SimArm
-from sim.robot.contact import lift_off_m, plate_point_under
-from sim.robot.plate_contact import PlateContact
+from sim.robot.arm import PlateContact, SimArm
+from sim.robot.plate import lift_off_m, plate_point_under
 from sim.robot.settings import SimSettings
 
 vectors = hnp.arrays(float, 3, elements=st.floats(-1.0, 1.0))
@@ -67,7 +66,7 @@ def fall(settings: SimSettings, depth_m: float, ticks: int) -> np.ndarray:
 
 def test_a_plate_that_is_far_away_is_left_out_and_nothing_changes(monkeypatch):
     """To the last bit, at twice the highest speed of a cell: from free space into the plate."""
-    settings = SimSettings(gap_m=0.1)
+    settings = SimSettings(gap_m=0.1, delay_s=0.0)
     falls = fall(settings, 0.13, 60), fall(settings, 0.12, 200)
     assert all(rows[:, 8].max() > 20.0 for rows in falls)
     monkeypatch.setattr(PlateContact, "_is_far", lambda _: False)

@@ -14,8 +14,7 @@ from common.motion.convert import vec3
 from forcemesh import topics
 from forcemesh.messages import Host
 from forcemesh.requests import ForceStartRequest
-from sim.controller.machine import Machine
-from sim.controller.pendant import Pendant
+from sim.controller.machine import Machine, Pendant
 from sim.controller.service import ControllerSensor
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 

@@ -90,7 +90,7 @@ def test_mc_starts_holds_continues_and_aborts_the_robot_program() -> None:
                    "d = TASK(1)", "MC SPEED 35", "e = MSPEED", name="boss")  # fmt: skip
     bench = AsBench(count + boss)
     bench.machine.memory.write("n", 0.0)
-    bench.machine.start_pc(1001, "boss")
+    bench.machine.control.start_pc(1001, "boss")
     bench.advance(2.0)
     assert bench.codes == []
     a, b, c = (bench.value(name) for name in "abc")
@@ -110,11 +110,11 @@ def test_the_autonomous_start_of_the_manual_works() -> None:
     boss = program("WAIT SWITCH(POWER)", "MC EXECUTE main", name="boss")
     bench = AsBench(main + boss)
     bench.pendant.motor_power(on=False)
-    bench.machine.start_pc(1001, "boss")
+    bench.machine.control.start_pc(1001, "boss")
     bench.advance(0.5)
     assert bench.value("x") is None
     bench.pendant.motor_power(on=True)
-    bench.machine.held = bench.robot.queue.held = False
+    bench.machine.control.held = bench.robot.queue.held = False
     bench.advance(0.5)
     assert bench.value("x") == 1
 
@@ -195,7 +195,7 @@ def test_one_calls_its_handler_and_returne_goes_on_behind_the_error() -> None:
     assert bench.task.state == "idle"
     assert (bench.value("n"), bench.value("y"), bench.value("x")) == (1, 2, None)
     assert bench.value("e") == -30108
-    assert bench.machine.error is None
+    assert bench.machine.control.error is None
 
 
 def test_one_with_return_repeats_the_step() -> None:
@@ -232,10 +232,10 @@ def test_a_stall_stops_all_programs_and_not_the_arm() -> None:
     behaviour = Behaviour(step_s=2e-5, planning_stall_s=1.0, stall_at_motions=(1,))
     bench = AsBench(source, behaviour).start()
     bench.advance(0.1)
-    counted, z = bench.value("n"), bench.machine.here().z
+    counted, z = bench.value("n"), bench.task.machine.here().z
     bench.advance(0.8)
     assert bench.value("n") == counted
-    assert bench.machine.here().z - z == pytest.approx(16.0, abs=0.5)
+    assert bench.task.machine.here().z - z == pytest.approx(16.0, abs=0.5)
     bench.advance(0.2)
     assert bench.value("n") > counted
 

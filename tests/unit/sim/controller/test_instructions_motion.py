@@ -17,10 +17,10 @@ def test_a_whole_linear_move_at_tool_down_keeps_tool_down() -> None:
     bench.machine.after_tick.append(
         lambda: tilts.append(bench.robot.pose_of(bench.robot.queue.q_command).rotation[2, 2])
     )
-    start = bench.machine.here()
+    start = bench.task.machine.here()
     bench.run()
     assert max(tilts) < -1.0 + 1e-9
-    end = bench.machine.here()
+    end = bench.task.machine.here()
     assert (end.x, end.y) == pytest.approx((start.x, start.y), abs=0.05)
     turned = (end.o - end.t) - (start.o - start.t)
     assert math.remainder(turned + 20.0, 360.0) == pytest.approx(0.0, abs=0.02)

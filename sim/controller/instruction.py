@@ -1,0 +1,136 @@
+"""Instructions as functions: arguments of AS are read, then passed to a function of the task.
+
+The parameters of the function after its task are the arguments of the instruction; their defaults
+apply to omitted ones. `types` has one letter for each:
+
+    r  a number                     R  a reader of a number, for a condition
+    n  a number, None if omitted    P  a reader of a transformation, read when it is needed
+    p  a location                   v  a writer of a variable
+    w  the name of a program        a  a writer of consecutive elements
+    m  the words after an argument  e  a reader of consecutive elements
+                                    *  any number of arguments of the last type
+"""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from sim.as_language.errors import AsError
+from sim.as_language.expressions import Expressions
+from sim.as_language.syntax import Instruction, Variable, Word
+from sim.controller.tasks import Op, Task, Wait
+
+Act = Callable[..., Wait | None]
+"""Executes an instruction; returns the condition for which the task waits before the next step."""
+Read = Callable[[Task], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """Function of an instruction, the types of its arguments, and the tasks that may execute it."""
+
+    act: Act
+    types: str = ""
+    only: Literal["robot", "pc", ""] = ""
+
+
+def compile_instruction(
+    action: Action, statement: Instruction, at: int, expressions: Expressions
+) -> Op:
+    """Return the operation of an instruction. Raises AsError P0100, P0118 for its arguments."""
+    act, only = action.act, action.only
+    readers = _readers(action, statement, expressions)
+
+    def run(task: Task) -> int:
+        if only:
+            refuse_elsewhere(task, only)
+        wait = act(task, *[read(task) for read in readers])
+        if wait is not None:
+            task.wait(wait)
+        return at + 1
+
+    return run
+
+
+def refuse_elsewhere(task: Task, only: str) -> None:
+    """Raise AsError E1095 or P0111 in a task that may not execute an instruction."""
+    if only == "pc":
+        if task.is_robot:
+            raise AsError("P0111", "MC is only allowed in PC programs")
+    elif not task.is_robot:
+        raise AsError("E1095")
+    elif any(frame.handles is not None for frame in task.frames):
+        raise AsError("P0111", "no motion in a program that ONE calls")
+
+
+def until(wait: Wait, now_ns: int = 0) -> Wait | None:
+    """Return a condition to wait for; a condition already true costs no wait."""
+    return None if wait(now_ns) else wait
+
+
+def at_rest(task: Task, action: Callable[[Task], None] = lambda _: None) -> Wait | None:
+    """Act as soon as the arm is at rest and no motion is active."""
+    robot = task.hardware.robot
+
+    def acts(_: int) -> bool:
+        if robot.moving:
+            return False
+        action(task)
+        return True
+
+    return until(acts)
+
+
+def _readers(action: Action, statement: Instruction, expressions: Expressions) -> list[Read]:
+    letters, rest = action.types.removesuffix("*"), len(statement.arguments)
+    if letters != action.types:
+        letters += letters[-1] * (rest - len(letters.replace("m", "")))
+        letters = letters[: rest + letters.count("m")]
+    defaults = [p.default for p in inspect.signature(action.act).parameters.values()][1:]
+    readers: list[Read] = []
+    index = 0
+    for number, letter in enumerate(letters):
+        if letter == "m":
+            readers.append(_always(statement.modifiers))
+            continue
+        given = statement.arguments[index] if index < len(statement.arguments) else None
+        default = defaults[number] if number < len(defaults) else inspect.Parameter.empty
+        index += 1
+        if given is None and (letter == "n" or default is not inspect.Parameter.empty):
+            readers.append(_always(None if letter == "n" else default))
+        else:
+            readers.append(_reader(letter, statement, index, expressions))
+    return readers
+
+
+def _reader(letter: str, statement: Instruction, number: int, expressions: Expressions) -> Read:
+    """Return the reader of argument `number`, counted from 1."""
+    name = statement.name
+    given = statement.arguments[number - 1] if number <= len(statement.arguments) else None
+    if letter == "w":
+        if not isinstance(given, Word):
+            raise AsError("P0100", f"{name} needs the name of a program")
+        return _always(given.name)
+    if letter in "vae":
+        if not isinstance(given, Variable):
+            raise AsError("P0118", f"argument {number} of {name} must be a variable")
+        make: dict[str, Callable[[Variable], Any]] = {
+            "v": expressions.store, "a": expressions.store_row, "e": expressions.read_row,
+        }  # fmt: skip
+        return _always(make[letter](given))
+    if given is None:
+        missing = (
+            "a motion needs a location" if letter == "p" else f"{name} needs argument {number}"
+        )
+        raise AsError("P0100", missing)
+    if letter == "p":
+        return expressions.pose(given)
+    if letter == "P":
+        return _always(expressions.place(given))
+    read = expressions.real(given)
+    return _always(read) if letter == "R" else read
+
+
+def _always(value: Any) -> Read:
+    return lambda _: value

@@ -78,6 +78,7 @@ readme: setup ## write what is generated from the code: docs/bus.md and other pa
 	@$(BIN)/python -m tools.arbitration_page
 	@$(BIN)/python -m tools.schema_page
 	@$(BIN)/python -m tools.cli_page
+	@$(BIN)/python -m tools.packet_page
 
 bench: setup ## measure the figures of docs/demo.md
 	@$(BIN)/python -m bench $(ARGS)

@@ -23,6 +23,7 @@ class VectorFormat:
 POSE = VectorFormat(("X", "Y", "Z", "O", "A", "T"), "mm and degrees")
 MOST_DEG = 5000.0  # a request accepts 100 rad
 JOINTS = VectorFormat(("J1", "J2", "J3", "J4", "J5", "J6"), "degrees")
+SEVEN_JOINTS = VectorFormat((*JOINTS.names, "J7"), "degrees")
 
 
 def parse_vector(text: str, names: VectorFormat) -> tuple[float, ...]:

@@ -16,7 +16,15 @@ from cli.context import (
     one_line_errors,
     waiting,
 )
-from cli.numbers import JOINTS, NEGATIVE_NUMBERS, POSE, check_angle, parse_number, parse_vector
+from cli.numbers import (
+    JOINTS,
+    NEGATIVE_NUMBERS,
+    POSE,
+    SEVEN_JOINTS,
+    check_angle,
+    parse_number,
+    parse_vector,
+)
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
@@ -28,7 +36,7 @@ move = typer.Typer(
     no_args_is_help=True, help="Move the flange or the joints and wait for the end of the move."
 )
 
-JOG_AXES = ("x", "y", "z", "rx", "ry", "rz", "j1", "j2", "j3", "j4", "j5", "j6")
+JOG_AXES = ("x", "y", "z", "rx", "ry", "rz", "j1", "j2", "j3", "j4", "j5", "j6", "j7")
 
 SpeedOption = Annotated[
     float | None,
@@ -113,7 +121,7 @@ def _joint_request(
 
 def jog(
     axis: Annotated[
-        str, typer.Argument(metavar="AXIS", help="x, y, z, rx, ry, rz, or a joint: j1 to j6.")
+        str, typer.Argument(metavar="AXIS", help="x, y, z, rx, ry, rz, or a joint: j1 to j7.")
     ],
     distance: Annotated[
         str, typer.Argument(metavar="BY", help="Distance [mm] or angle [degrees].")
@@ -141,10 +149,11 @@ def jog(
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
         if axis.startswith("j"):
-            angles = [math.radians(amount) if f"j{i}" == axis else 0.0 for i in range(1, 7)]
-            request = MoveRequest(
-                kind="by", joint_rad=_joint_angles(angles), speed_m_s=_speed_m_s(speed)
-            )
+            joints, jogged = client.config.robot.joints, int(axis[1:])
+            if jogged > joints:
+                exit_with_error(f"{axis}: the arm has {joints} joints", USAGE)
+            turns = (math.radians(amount) if i == jogged else 0.0 for i in range(1, joints + 1))
+            request = MoveRequest(kind="by", joint_rad=tuple(turns), speed_m_s=_speed_m_s(speed))
         else:
             rotation, shift = ZERO3, ZERO3
             if axis.startswith("r"):
@@ -161,16 +170,12 @@ def _axis_vector(axis: str, value: float) -> "Vec3":
     return (x, y, z)
 
 
-def _joint_angles(angles: list[float]) -> "Joints":
-    a, b, c, d, e, f = angles
-    return (a, b, c, d, e, f)
-
-
 def _joint_rad(text: str) -> "Joints":
-    angles_deg = parse_vector(text, JOINTS)
-    for name, angle_deg in zip(JOINTS.names, angles_deg, strict=True):
+    joints = SEVEN_JOINTS if text.count(",") == len(JOINTS.names) else JOINTS
+    angles_deg = parse_vector(text, joints)
+    for name, angle_deg in zip(joints.names, angles_deg, strict=True):
         check_angle(angle_deg, name)
-    return _joint_angles([math.radians(angle) for angle in angles_deg])
+    return tuple(map(math.radians, angles_deg))
 
 
 def _speed_m_s(speed_mm_s: float | None) -> float | None:

@@ -15,7 +15,7 @@ by whole frames puts a space into a number.
 import re
 from dataclasses import dataclass
 
-from controller.packet_table import ID_FIRST, ID_LAST
+from controller.packet_table import ID_FIRST, ID_LAST, Six
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 
 FRAMES = 9
@@ -27,7 +27,7 @@ VALUE_MAX = ID_FIRST - 1
 
 FRAME_NAMES = ("ID", "Com", "Param", "Vec1", "Vec2", "Vec3", "Vec4", "Vec5", "Vec6")
 
-VecInt = tuple[int, int, int, int, int, int]
+VecInt = Six
 ZERO_VEC: VecInt = (0, 0, 0, 0, 0, 0)
 
 # ASCII digits only: int() alone would take "1_0000", " 12345", "+12345" and full-width digits.

@@ -1,12 +1,20 @@
 """Packet table: meaning of the nine numbers of a packet: commands, status bits, IDs, scales.
 
-controller/README.md holds the same table for the other end; tests compare the two.
+A command is declared here once: controller/README.md has this table for the other end
+(`make readme`), and encoder and decoder of the gateway follow it.
 """
 
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
+from math import pi
+from typing import NamedTuple
 
+from pydantic import Field
+
+from forcemesh.connection import ConfigSection
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
+from forcemesh.messages import Mode
+
+Six = tuple[int, int, int, int, int, int]
 
 PROTOCOL_VERSION = 2
 ARMS = 1000  # numbers of an arm: Param of hello is version * 1000 + number
@@ -99,56 +107,149 @@ class Status(IntFlag):
 FEEDBACK_BITS = Status.POSITION_FEEDBACK | Status.ORIENTATION_FEEDBACK
 
 
-Names = tuple[str, str, str, str, str, str]
+class Scales(ConfigSection):
+    """Packet units per millimetre, degree, newton, newton metre, millimetre per second.
+
+    Requested by hello. The upper bounds leave room for 180 degrees of O, A, T and 360 of a joint on
+    the negative side (-99999), 1 m, 100 N, 10 N m and 250 mm/s; the positive side (499999) is five
+    times as large. The lower bounds keep the resolution of one unit useful.
+    """
+
+    position_per_mm: int = Field(50, ge=10, le=99)
+    oat_per_deg: int = Field(500, ge=100, le=555)
+    joint_per_deg: int = Field(250, ge=50, le=277)
+    force_per_N: int = Field(100, ge=1, le=999)
+    torque_per_Nm: int = Field(1000, ge=10, le=9999)
+    speed_per_mm_s: int = Field(10, ge=1, le=1000)
+
+    @property
+    def vec(self) -> Six:
+        """The scales in the order of hello."""
+        return (
+            self.position_per_mm,
+            self.oat_per_deg,
+            self.joint_per_deg,
+            self.force_per_N,
+            self.torque_per_Nm,
+            self.speed_per_mm_s,
+        )
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One row of the packet table: range of Param and content of the vector, with the scale."""
+class Quantity(NamedTuple):
+    """Unit of a number in a packet."""
+
+    unit: str
+    per_si: float  # units per SI unit
+    si: float  # one unit in SI
+    scale: str | int = 1  # packet units per unit: a name in `Scales`, or fixed
+
+
+class PacketValue(NamedTuple):
+    """One of the six numbers of a vector."""
+
+    name: str
+    quantity: Quantity
+
+    @property
+    def label(self) -> str:
+        """Name with its unit."""
+        unit = self.quantity.unit
+        return f"{self.name} [{unit}]" if unit else self.name
+
+
+PacketValues = tuple[PacketValue, ...]
+
+
+class Row(NamedTuple):
+    """One row of the packet table."""
 
     com: Com
     params: range
-    vec: Names
+    vectors: tuple[PacketValues, ...]  # one for all Params, or one for each; the rest of six is 0
     meaning: str
-    banks: tuple[Names, ...] = ()  # vectors of the other Params, where they differ
+    ring: range = range(0)  # Params that the robot program executes and 101 echoes
+
+    def numbers(self, param: int) -> PacketValues:
+        """Return the vector of a Param."""
+        return self.vectors[param if len(self.vectors) > 1 else 0]
 
 
-_NONE = ("0",) * 6
-_POSE = ("X position", "Y position", "Z position", "O angle", "A angle", "T angle")
-_JOINTS = ("JT1 joint", "JT2 joint", "JT3 joint", "JT4 joint", "JT5 joint", "JT6 joint")
-_WRENCH = ("Fx force", "Fy force", "Fz force", "Mx torque", "My torque", "Mz torque")
-_SPEEDS = ("accel percent", "decel percent", "modular percent", "mechanical speed", "0", "0")
-_GAINS = ("x gain", "y gain", "z gain", "mx gain", "my gain", "mz gain")
-_SCALES = ("position", "angle", "joint", "force", "torque", "speed")
-_LIMITS = ("step position", "step angle", "speed", "travel position", "force", "watchdog ms")
-_MOTION = (
-    "turn angle", "torque", "set-point step position", "set-point step angle", "highest speed", "0",
+def _values(*groups: tuple[Quantity, str]) -> PacketValues:
+    """Return the values named in groups of one quantity each."""
+    return tuple(
+        PacketValue(name, quantity) for quantity, names in groups for name in names.split(", ")
+    )
+
+
+_DEG_PER_RAD, _RAD_PER_DEG = 180.0 / pi, pi / 180.0
+_PLAIN = Quantity("", 1.0, 1.0)
+_MS = Quantity("ms", 1e3, 1e-3)
+_MM = Quantity("mm", 1e3, 1e-3, "position_per_mm")
+_MM_S = Quantity("mm/s", 1e3, 1e-3, "speed_per_mm_s")
+_DEG = Quantity("deg", _DEG_PER_RAD, _RAD_PER_DEG, "oat_per_deg")
+_JOINT = Quantity("deg", _DEG_PER_RAD, _RAD_PER_DEG, "joint_per_deg")
+_N = Quantity("N", 1.0, 1.0, "force_per_N")
+_NM = Quantity("N m", 1.0, 1.0, "torque_per_Nm")
+_PERCENT = Quantity("%", 1e2, 1e-2, PERCENT)
+_P_FORCE = Quantity("mm/N", 1e3, 1e-3, GAIN_P)
+_I_FORCE = Quantity("mm/(N s)", 1e3, 1e-3, GAIN_I)
+_P_TORQUE = Quantity("deg/(N m)", _DEG_PER_RAD, _RAD_PER_DEG, GAIN_P)
+_I_TORQUE = Quantity("deg/(N m s)", _DEG_PER_RAD, _RAD_PER_DEG, GAIN_I)
+
+_POSE = (_values((_MM, "X, Y, Z"), (_DEG, "O, A, T")),)
+_JOINTS = (_values((_JOINT, "JT1, JT2, JT3, JT4, JT5, JT6")),)
+_WRENCH = (_values((_N, "Fx, Fy, Fz"), (_NM, "Mx, My, Mz")),)
+_SPEEDS = (_values((_PERCENT, "acceleration, deceleration, modular speed"), (_MM_S, "speed")),)
+_GAINS = (
+    _values(
+        (_P_FORCE, "P gain x, P gain y, P gain z"), (_P_TORQUE, "P gain mx, P gain my, P gain mz")
+    ),
+    _values(
+        (_I_FORCE, "I gain x, I gain y, I gain z"), (_I_TORQUE, "I gain mx, I gain my, I gain mz")
+    ),
+)
+_SCALES = (_values((_PLAIN, ", ".join(Scales.model_fields))),)
+_LIMITS = (
+    _values(
+        (_MM, "step"), (_DEG, "step"), (_MM_S, "speed"), (_MM, "travel"), (_N, "force ceiling"),
+        (_MS, "watchdog"),
+    ),
+    _values(
+        (_DEG, "turn limit"), (_NM, "torque ceiling"), (_MM, "set-point step"),
+        (_DEG, "set-point step"), (_MM_S, "highest speed"),
+    ),
+    _values((_MM, "lower X, lower Y, lower Z")),
+    _values((_MM, "upper X, upper Y, upper Z")),
 )  # fmt: skip
-_LOWER = ("lower X position", "lower Y position", "lower Z position", "0", "0", "0")
-_UPPER = ("upper X position", "upper Y position", "upper Z position", "0", "0", "0")
 _HEALTH = (
-    "loops", "wrench age ms", "queue length", "monitor speed percent", "held ID - 500000",
-    "any peer",
+    _values(
+        (_PLAIN, "loops"), (_MS, "wrench age"), (_PLAIN, "queue length"),
+        (_PERCENT, "monitor speed"), (_PLAIN, f"held ID - {ID_FIRST}, any peer"),
+    ),
 )  # fmt: skip
+_NONE: tuple[PacketValues, ...] = ((),)
 _COUNT = range(ID_FIRST)
 _CODE = range(-99_999, ID_FIRST)  # AS error codes are negative
 
 # fmt: off
 TABLE = {row.com: row for row in (
-    Row(Com.MOVE_POSE,      range(1), _POSE,   "a) move to a pose"),
-    Row(Com.MOVE_JOINTS,    range(1), _JOINTS, "b) move to joint angles"),
-    Row(Com.MOVE_BY_JOINTS, range(1), _JOINTS, "c) move by joint angles"),
+    Row(Com.MOVE_POSE,      range(1), _POSE,   "a) move to a pose", range(1)),
+    Row(Com.MOVE_JOINTS,    range(1), _JOINTS, "b) move to joint angles", range(1)),
+    Row(Com.MOVE_BY_JOINTS, range(1), _JOINTS, "c) move by joint angles", range(1)),
     Row(Com.WRENCH,         range(1), _WRENCH, "d) wrench as it is read, base axes, at TCP"),
-    Row(Com.SPEEDS,         range(1), _SPEEDS, "e) speeds and accelerations"),
-    Row(Com.GAINS,          range(2), _GAINS,  "f) gains: 0 proportional, 1 integral"),
-    Row(Com.FEEDBACK,       range(3), _NONE,   "g) feedback: 0 position, 1 orientation, 2 stop"),
+    Row(Com.SPEEDS,         range(1), _SPEEDS, "e) speeds and accelerations", range(1)),
+    Row(Com.GAINS,          range(2), _GAINS,
+        "f) gains: 0 proportional, 1 integral", range(2)),
+    Row(Com.FEEDBACK,       range(3), _NONE,   "g) feedback: 0 position, 1 orientation, 2 stop",
+        range(2)),
     Row(Com.HOLD,           range(1), _NONE,   "hold now"),
     Row(Com.HELLO,          _COUNT,   _SCALES, "first packet, both ways; version * 1000 + arm"),
     Row(Com.LIMITS,         range(4), _LIMITS, "limits that the controller enforces itself",
-        (_MOTION, _LOWER, _UPPER)),
-    Row(Com.TCP,            range(2), _POSE,   "flange frame: 0 TCP, 1 centre of rotation"),
+        range(4)),
+    Row(Com.TCP,            range(2), _POSE,   "flange frame: 0 TCP, 1 centre of rotation",
+        range(2)),
     Row(Com.HEARTBEAT,      range(1), _NONE,   "keep-alive, when nothing else is sent"),
-    Row(Com.SET_POINT,      range(1), _POSE,   "one pose of a stream"),
+    Row(Com.SET_POINT,      range(1), _POSE,   "one pose of a stream", range(1)),
     Row(Com.FORCE_SET_POINT, range(1), _WRENCH, "set point of the wrench, base axes"),
     Row(Com.POSE,           _COUNT,   _POSE,   "flange pose; ID = last command accepted"),
     Row(Com.JOINTS,         _COUNT,   _JOINTS, "joint angles; ID = last command framed"),
@@ -158,6 +259,11 @@ TABLE = {row.com: row for row in (
 
 REPORTS = frozenset({Com.HELLO, Com.POSE, Com.JOINTS, Com.HEALTH})
 COMMANDS = frozenset(set(Com) - {Com.POSE, Com.JOINTS, Com.HEALTH})
+MODES: dict[Mode, Status] = {
+    "position": Status.POSITION_FEEDBACK,
+    "orientation": Status.ORIENTATION_FEEDBACK,
+    "both": FEEDBACK_BITS,
+}
 
 
 def next_id(id_: int) -> int:

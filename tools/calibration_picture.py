@@ -40,7 +40,7 @@ def calibrated(cell: CellConfig) -> Findings:
     """Run the wizard in a virtual cell and return its findings."""
     world = VirtualCell(cell)
     world.advance(1.5)
-    plan = make_plan(cell, ArmKinematics(), world.arm.q, PlanOptions())
+    plan = make_plan(cell, ArmKinematics(cell.robot.model), world.arm.q, PlanOptions())
     wizard = CalibrationWizard(world.client, cell, plan, timing=WizardTiming(0.1), output=Silence())
     wizard.run()
     return findings_of(

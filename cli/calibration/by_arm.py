@@ -17,10 +17,12 @@ from cli.calibration.progress_output import ProgressOutput
 from cli.calibration.screen import screen
 from cli.calibration.wizard import BOTH, CalibrationWizard, WizardTiming, expected_s
 from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of
-from cli.doctor.pose import Frames, check_pose, model_of
+from cli.doctor.pose import Frames, check_pose
+from common.config.arm import UNKNOWN_ARM
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.kinematics import ArmKinematics
+from controller.packet_table import Scales
 from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import RobotState
@@ -28,8 +30,6 @@ from identification.errors import CalibrationError, InContactError, NotBegunErro
 from identification.evidence import Evidence, evidence_of
 from identification.excitation.plan import CalibrationPlan, PlanOptions, make_plan, spread_deg
 from identification.verification import active_residual, judge_residual
-from services.gateway.scales import Scales
-from services.gateway.service import scales_of
 
 MANUAL_REMEDY = "calibrate with --manual, which needs no arm model"
 
@@ -129,15 +129,15 @@ def calibration_plan(cell: CellConfig, bus: Bus, options: ArmOptions) -> Calibra
 
 def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
     """Return the arm model. Raises CalibrationError when the arm does not agree with it."""
-    arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
-    if arm is None:
-        text = "the joint limits of the cell file are not those of the RS007L, the only known arm"
+    if cell.robot.model == UNKNOWN_ARM:
+        text = f"robot.model is {UNKNOWN_ARM}, an arm without a model"
         raise CalibrationError(f"{text}: {MANUAL_REMEDY}")
+    arm = ArmKinematics(cell.robot.model)
     section = cell.gateway if cell.roles.robot == "gateway" else None
     line = check_pose(
         pose_of(state),
         np.array(state.joint_rad),
-        scales=Scales() if section is None else scales_of(section),
+        scales=section or Scales(),
         frames=Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose),
         arm=arm,
     )

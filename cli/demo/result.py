@@ -87,7 +87,7 @@ def picture(cell: CellConfig, sample: ScenarioSample, path: Path) -> None:
 
     settings = plate_of(cell)
     T_base_flange = pin.SE3(sample.T_base_flange)
-    solution = ArmKinematics().solve(T_base_flange, settings.home_rad, jump_rad=np.pi)
+    solution = ArmKinematics(settings.arm).solve(T_base_flange, settings.home_rad, jump_rad=np.pi)
     q = settings.home_rad if solution.q is None else solution.q
     contact_m = surface_of(cell).contact_m(sample)
     render_png(settings, path, q=q, force_N=sample.force_N, contact_m=contact_m)

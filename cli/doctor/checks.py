@@ -1,16 +1,15 @@
 """Checks of `forcemesh doctor` as pure functions from findings to report lines."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES, CheckResult
-from controller.packet_table import PROTOCOL_VERSION, Status
+from controller.packet_table import PROTOCOL_VERSION, Scales, Status
 from forcemesh.version import __version__
 
 if TYPE_CHECKING:
     from controller.packet import VecInt
-    from services.gateway.round_trips import Spread
-    from services.gateway.scales import Scales
+    from services.gateway.packet_window import Spread
 
 SLOW_BELOW = 0.9  # of the rate in the cell file
 
@@ -100,10 +99,9 @@ def check_peer(*, any_peer: bool | None) -> ReportLine:
     return passed("peer", "connections from one address only")
 
 
-def check_scales(asked: "Scales", answered: "VecInt") -> ReportLine:
+def check_scales(asked: Scales, answered: "VecInt") -> ReportLine:
     """Compare the scales that the program has set with those of the cell file."""
-    names = [field.name for field in fields(asked)]
-    triples = list(zip(names, asked.vec, answered, strict=True))
+    triples = list(zip(Scales.model_fields, asked.vec, answered, strict=True))
     wrong = [f"{name} requested {a}, set {b}" for name, a, b in triples if a != b]
     if wrong:
         return finding("scales", "FAIL", "; ".join(wrong), "scales")

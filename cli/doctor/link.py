@@ -14,14 +14,12 @@ from dataclasses import dataclass, field
 
 from cli.doctor.checks import HelloOutcome, Opened
 from controller.packet import PACKET_CHARS, Packet, PacketReader
-from controller.packet_table import ID_COUNT, ID_FIRST
+from controller.packet_table import ID_COUNT, ID_FIRST, Scales
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RemoteProtocolError
-from services.gateway.commands import Pacing
 from services.gateway.dialogue import Dialogue
-from services.gateway.reports import HealthReport, JointReport, PoseReport
-from services.gateway.round_trips import Rate, RoundTrips, Spread, WrappingCounterRate
-from services.gateway.scales import Scales
+from services.gateway.packet_window import Rate, RoundTrips, Spread, WrappingCounterRate
+from services.gateway.packets import HealthReport, JointReport, Pacing, PoseReport
 
 PROBE_EVERY_S = 0.1
 RECEIVE_BYTES = 16_384
@@ -177,8 +175,10 @@ class _ControllerExchange:
                 self._probe()
                 self._receive_for(PROBE_EVERY_S)
             self._probe()
-            self._receive_for(self.patience.confirm_s, lambda: self.dialogue.unacknowledged == 0)
-            self.reports.held = self.dialogue.unacknowledged == 0
+            self._receive_for(
+                self.patience.confirm_s, lambda: self.dialogue.window.unacknowledged == 0
+            )
+            self.reports.held = self.dialogue.window.unacknowledged == 0
         except (OSError, RemoteProtocolError) as error:
             self.reports.broken = str(error)
         now_ns = time.monotonic_ns()
@@ -192,7 +192,7 @@ class _ControllerExchange:
     def _probe(self) -> None:
         now_ns = time.monotonic_ns()
         heartbeat = self.dialogue.tick(now_ns, permitted=True)
-        self.trips.sent(self.dialogue.last, now_ns)
+        self.trips.sent(self.dialogue.window.last, now_ns)
         self.sock.sendall(heartbeat + self.dialogue.hold(now_ns))
 
     def _receive_for(self, duration_s: float, until: Callable[[], bool] = lambda: False) -> None:
@@ -222,7 +222,7 @@ class _ControllerExchange:
 
     def _add_sample(self, pose: PoseReport, joints: JointReport, now_ns: int) -> None:
         self.reports.pose, self.reports.joints = pose, joints
-        self.trips.reached(self.dialogue.framed, now_ns)
+        self.trips.reached(self.dialogue.window.framed, now_ns)
         self.samples.count(1, now_ns)
         if self.sample_ns is not None:
             gap_s = (now_ns - self.sample_ns) / NS_PER_S

@@ -17,8 +17,8 @@ import pinocchio as pin
 
 from cli.doctor.checks import ReportLine, finding, passed
 from common.motion.frames import Array, oat_from_R
-from common.motion.kinematics import JOINTS, ArmKinematics
-from services.gateway.scales import Scales
+from common.motion.kinematics import ArmKinematics
+from controller.packet_table import Scales
 
 SLACK = 2.0  # times the rounding: the controller's trigonometry is single precision
 SMALL_M, SMALL_RAD = 1e-3, radians(0.1)  # below: geometry of this arm, not a frame error
@@ -43,7 +43,7 @@ def rounding(q: Array, scales: Scales, arm: ArmKinematics) -> Tolerance:
     joint_rad = radians(0.5 / scales.joint_per_deg)
     lever_m = np.linalg.norm(arm.jacobian(q)[:3], axis=0)
     position_m = float(lever_m.sum()) * joint_rad + 3**0.5 * 0.5e-3 / scales.position_per_mm
-    rotation_rad = JOINTS * joint_rad + 3.0 * radians(0.5 / scales.oat_per_deg)
+    rotation_rad = arm.joints * joint_rad + 3.0 * radians(0.5 / scales.oat_per_deg)
     return Tolerance(SLACK * position_m, SLACK * rotation_rad)
 
 
@@ -99,19 +99,19 @@ def _explanations(
     for factor in (0.1, 0.5, 2.0, 10.0, 1000.0, 0.001):
         T_scaled = pin.SE3(T_model.rotation, factor * T_model.translation)
         yield f"positions are scaled by {factor:g}", "pose.scale", T_scaled
-    for joint in range(JOINTS):
+    for joint in range(arm.joints):
         flipped = q.copy()
         flipped[joint] = -flipped[joint]
         text = f"joint {joint + 1} has the opposite sign in the model"
         yield text, "pose.model", arm.flange_pose(flipped)
-    for joint in range(JOINTS):
+    for joint in range(arm.joints):
         for offset_deg in (90, -90, 180):
             turned = q.copy()
             turned[joint] += radians(offset_deg)
             text = f"the zero of joint {joint + 1} is {offset_deg:+d} deg off the model's"
             if joint == 0:
                 text += f" (or BASE is rotated by {offset_deg:+d} deg)"
-            if joint == JOINTS - 1:
+            if joint == arm.joints - 1:
                 text += f" (or TOOL is rotated by {offset_deg:+d} deg)"
             yield text, "pose.model", arm.flange_pose(turned)
 
@@ -143,14 +143,3 @@ def _pendant(T: pin.SE3) -> str:
     """Return a frame as the pendant shows it: X, Y, Z [mm], O, A, T [deg]."""
     numbers = [*(1e3 * T.translation), *(degrees(angle) for angle in oat_from_R(T.rotation))]
     return "(" + ", ".join(f"{round(number, 1) + 0.0:.1f}" for number in numbers) + ")"
-
-
-def model_of(
-    joint_min_deg: tuple[float, ...], joint_max_deg: tuple[float, ...]
-) -> ArmKinematics | None:
-    """Return the RS007L's model if these are its joint limits [deg], else None."""
-    arm = ArmKinematics()
-    same = np.allclose(np.degrees(arm.lower_rad), joint_min_deg, atol=0.5) and np.allclose(
-        np.degrees(arm.upper_rad), joint_max_deg, atol=0.5
-    )
-    return arm if same else None

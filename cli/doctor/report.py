@@ -26,12 +26,14 @@ from cli.doctor.checks import (
     passed,
     skipped,
 )
-from cli.doctor.pose import Frames, check_pose, model_of
+from cli.doctor.pose import Frames, check_pose
+from common.config.arm import UNKNOWN_ARM
 from common.motion.convert import pose_of
+from common.motion.kinematics import ArmKinematics
 from controller.packet_table import Status, greeted
 from forcemesh import topics
 from forcemesh.messages import CONTROLLER_BITS, KawasakiStatus
-from services.gateway.round_trips import Spread
+from services.gateway.packet_window import Spread
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -39,8 +41,8 @@ if TYPE_CHECKING:
     from cli.doctor.bus import ObservedCell
     from cli.doctor.link import ReceivedReports, Visit
     from common.config.cell import CellConfig, GatewaySection
+    from controller.packet_table import Scales
     from forcemesh.messages import Health, Joints, RobotState, RobotStatus
-    from services.gateway.scales import Scales
 
 DECIMATED_BELOW = 0.6
 CONNECTION_CHECKS = ("address", "hello", "protocol", "arm", "scales")
@@ -205,11 +207,10 @@ def _state_pose(cell: "CellConfig", scales: "Scales", state: "RobotState | None"
 def _pose_line(
     cell: "CellConfig", scales: "Scales", *, T_base_flange: "pin.SE3", q: "Joints", status: Status
 ) -> ReportLine:
-    arm = model_of(cell.robot.joint_min_deg, cell.robot.joint_max_deg)
-    if arm is None:
-        reason = "the cell's joint limits are not those of the RS007L, the only arm with a model"
-        return skipped("pose", reason)
+    if cell.robot.model == UNKNOWN_ARM:
+        return skipped("pose", f"robot.model is {UNKNOWN_ARM}: there is no model to compare with")
     if status & Status.MOVING:
         return finding("pose", "WARN", "not compared: the arm moves", "pose.moving")
     frames = Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose)
+    arm = ArmKinematics(cell.robot.model)
     return check_pose(T_base_flange, np.array(q), scales=scales, frames=frames, arm=arm)

@@ -123,11 +123,10 @@ def _check_robot(
     """Check the bus when the cell is up, else the link; the lines report which and why."""
     from cli.doctor.checks import finding, skipped
     from cli.doctor.report import bus_lines, link_lines, unused_lines
-    from services.gateway.scales import Scales
-    from services.gateway.service import scales_of
+    from controller.packet_table import Scales
 
     section = cell.gateway if cell.roles.robot == "gateway" else None
-    scales = Scales() if section is None else scales_of(section)
+    scales = section or Scales()
     if found is not None and (has_run or found.robot is not None or section is None):
         return bus_lines(cell, scales, found)
     if has_run:

@@ -7,34 +7,31 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from common.config.arm import UNKNOWN_ARM, RobotSection, arm_names
 from common.config.calibration import CalibrationSection
-from common.config.cell_panel import PanelSection
-from common.config.cell_recorder import RecorderSection
+from common.config.cell_helpers import PanelSection, RecorderSection
 from common.config.cell_sim import SimSection
-from common.config.cell_terms import Angle, Fraction, FrameSection, Positive
+from common.config.cell_terms import Fraction, FrameSection, Positive
 from common.config.payload import Payload
+from controller.packet_table import Scales
 from forcemesh.connection import BusSection, ConfigSection
-from forcemesh.messages import Host, Law, Vec3
+from forcemesh.messages import Law, Vec3
 from forcemesh.patterns import CELL_NAME
 from forcemesh.topics import Topic
 from forcemesh.units import (
     COUNTS_MOST,
     LONGEST_SENSOR_LEVER_M,
-    SLOWEST_DEG_S,
-    joints_in_radians,
     question,
 )
 
 SHORTEST_DEADLINE_PERIODS = 3.0
 SLOWEST_INERTIAL_HZ = 100.0
+PACKET_JOINTS = 6  # in a packet of the controller
 SETPOINT_SHARE = 0.7  # of the ceiling: leaves room for overshoot and for a hold after it
 USUAL_FORCE_N = 50.0  # above these two a risk assessment must be named
 USUAL_SPEED_M_S = 0.25
 FARTHEST_WORKSPACE_M = 10.0  # beyond the reach of any arm, also on a rail
 
-Angles = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
-JointSpeed = Annotated[float, Field(gt=0.0, le=3000.0)]  # [degrees/s]
-JointSpeeds = tuple[JointSpeed, JointSpeed, JointSpeed, JointSpeed, JointSpeed, JointSpeed]
 Far = Annotated[float, Field(ge=-FARTHEST_WORKSPACE_M, le=FARTHEST_WORKSPACE_M)]  # [m] in base
 Place = tuple[Far, Far, Far]
 
@@ -66,46 +63,6 @@ class Deadlines(ConfigSection):
     sensor_s: float = Field(0.020, ge=0.020, le=1.0)
     status_s: float = Field(0.5, ge=0.1, le=5.0)
     health_s: float = Field(1.0, ge=0.3, le=10.0)
-
-
-class RobotSection(ConfigSection):
-    """Robot parameters of the regulator, for any implementation of the robot."""
-
-    hosts: tuple[Host, ...] = ("pc",)  # hosts that can run force feedback
-    delay_s: float = Field(0.0, ge=0.0, le=0.5)  # dead time from command to first motion
-    lag_s: float = Field(0.012, gt=0.0, le=0.5)  # lag (area method) of servo and smoothing
-    bandwidth_rad_s: float = Field(150.0, gt=0.0, le=5000.0)  # -3 dB of the same
-    joint_min_deg: Angles
-    joint_max_deg: Angles
-    joint_speed_max_deg_s: JointSpeeds
-
-    @model_validator(mode="after")
-    def _joints_are_in_degrees(self) -> "RobotSection":
-        if joints_in_radians(self.joint_min_deg, self.joint_max_deg):
-            raise ValueError(
-                f"joint_min_deg {self.joint_min_deg} to joint_max_deg {self.joint_max_deg}: too "
-                "small for an arm; is that in radians?"
-            )
-        if max(self.joint_speed_max_deg_s) <= SLOWEST_DEG_S:
-            raise ValueError(
-                f"joint_speed_max_deg_s {self.joint_speed_max_deg_s}: the fastest joint of an arm "
-                f"is faster than {SLOWEST_DEG_S:g} degrees/s; is that in radians a second?"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _joint_ranges_are_not_empty(self) -> "RobotSection":
-        ranges = enumerate(zip(self.joint_min_deg, self.joint_max_deg, strict=True), start=1)
-        empty = [
-            f"joint {joint} has {low} and {high} degrees"
-            for joint, (low, high) in ranges
-            if not low < high
-        ]
-        if empty:
-            raise ValueError(
-                f"joint_min_deg must be below joint_max_deg for each joint: {', '.join(empty)}"
-            )
-        return self
 
 
 class SensorSection(ConfigSection):
@@ -265,17 +222,11 @@ class LimitsSection(ConfigSection):
         return self
 
 
-class GatewaySection(ConfigSection):
+class GatewaySection(Scales):
     """Address of the controller, and the scales requested from it (design section 3)."""
 
     host: str = "192.168.0.2"
     port: int = Field(49152, ge=8192, le=65535)
-    position_per_mm: int = Field(50, ge=10, le=99)
-    oat_per_deg: int = Field(500, ge=100, le=555)
-    joint_per_deg: int = Field(250, ge=50, le=277)
-    force_per_N: int = Field(100, ge=1, le=999)
-    torque_per_Nm: int = Field(1000, ge=10, le=9999)
-    speed_per_mm_s: int = Field(10, ge=1, le=1000)
     arm: int = Field(1, ge=0, le=999)  # its number, fm.num in fm.config: detects swapped cables
     # Longest time between two set points that the controller accepts; within it none moves farther
     # than limits.speed_m_s allows; the controller refuses one that does.
@@ -318,6 +269,16 @@ class CellConfig(ConfigSection):
             raise ValueError(
                 "roles.sensor is sim, so roles.robot must be sim or gateway: the simulated sensor "
                 "is on a simulated arm"
+            )
+        if self.roles.robot == "gateway" and self.robot.joints != PACKET_JOINTS:
+            raise ValueError(
+                f"roles.robot is gateway: the controller's packet has {PACKET_JOINTS} joints, "
+                f"{self.robot.model} has {self.robot.joints}; roles.robot must be sim or external"
+            )
+        if self.sim is not None and self.robot.model == UNKNOWN_ARM:
+            raise ValueError(
+                f"the section `sim` needs an arm with a model, robot.model is {UNKNOWN_ARM}, "
+                f"valid: {', '.join(arm_names())}"
             )
         if self.sim is not None and self.sim.netft and self.roles.sensor != "driver":
             raise ValueError(

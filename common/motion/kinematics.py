@@ -3,17 +3,12 @@
 import math
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
+from common.config.arm import model_file, read_arm
 from common.motion.frames import Array, is_finite_pose
-
-MODEL_PATH = Path(__file__).resolve().parents[2] / "arms" / "rs007l" / "rs007l.xml"
-JOINTS = 6
-MAX_SPEED_RAD_S = np.radians([370.0, 310.0, 410.0, 550.0, 550.0, 1000.0])  # vendor's datasheet
-MAX_SPEED_RAD_S.setflags(write=False)
 
 _TOLERANCE = 1e-10  # of log6, m and rad together
 _MAX_ITERATIONS = 40
@@ -32,32 +27,34 @@ class IkResult:
 
 
 @cache
-def _model() -> pin.Model:
-    """Return the arm's geometry, read once and shared: it is read-only."""
-    return pin.buildModelFromMJCF(str(MODEL_PATH))
+def _model(name: str) -> pin.Model:
+    """Return an arm's geometry, read once and shared: it is read-only."""
+    return pin.buildModelFromMJCF(str(model_file(name)))
 
 
 class ArmKinematics:
-    """Kinematics of the RS007L, read from the same model file as the physics."""
+    """Kinematics of an arm of six or seven joints, read from the same model file as the physics."""
 
-    def __init__(self) -> None:
-        """Read limits, frames and reach from the model. Raises only if the file is damaged."""
-        self.model = _model()
+    def __init__(self, name: str) -> None:
+        """Read an arm of the folder arms/. Raise ConfigError if its data sheet is damaged."""
+        self.model = _model(name)
+        self.joints: int = self.model.nq
         self.lower_rad: Array = np.array(self.model.lowerPositionLimit)
         self.upper_rad: Array = np.array(self.model.upperPositionLimit)
+        self.max_speed_rad_s: Array = np.radians(read_arm(name).joint_speed_max_deg_s)
+        self.max_speed_rad_s.setflags(write=False)
         self._limits = (self.lower_rad.tolist(), self.upper_rad.tolist())
-        arm = self.model.jointPlacements
-        self.reach_m = float(sum(np.linalg.norm(arm[joint].translation) for joint in (3, 4, 5)))
         self._data = self.model.createData()
         self._flange = self.model.getFrameId("flange")
+        self.levers_m, self._p_flange_wrist, self.reach_m = self._measure()
 
     def flange_pose(self, q: Array) -> pin.SE3:
-        """Return T_base_flange at joint angles q [rad]. Shape (6,)."""
+        """Return T_base_flange at joint angles q [rad]. Shape (n,)."""
         pin.forwardKinematics(self.model, self._data, q)
         return pin.SE3(pin.updateFramePlacement(self.model, self._data, self._flange))
 
     def jacobian(self, q: Array) -> Array:
-        """Return the flange's Jacobian at q, in flange axes: rows m/s then rad/s. Shape (6, 6)."""
+        """Return the flange's Jacobian at q, in flange axes: rows m/s then rad/s. Shape (6, n)."""
         pin.computeJointJacobians(self.model, self._data, q)
         pin.updateFramePlacement(self.model, self._data, self._flange)
         return np.asarray(pin.getFrameJacobian(self.model, self._data, self._flange, _LOCAL))
@@ -69,7 +66,7 @@ class ArmKinematics:
 
         Args:
             T_base_flange: Target pose.
-            q_start: Where the search starts [rad]. Shape (6,).
+            q_start: Where the search starts [rad]. Shape (n,).
             jump_rad: Largest permitted change of any joint from its start [rad].
         """
         if not is_finite_pose(T_base_flange):
@@ -89,6 +86,23 @@ class ArmKinematics:
                 )
         return ""
 
+    def _measure(self) -> tuple[Array, Array, float]:
+        """Return the joints' levers, the wrist, and its largest distance from joint 1 [m].
+
+        A lever, one of shape (n,), is the largest distance of the flange from a joint's axis. The
+        wrist, in the flange frame, shape (3,), is the point of the last axis nearest to the joint
+        before: it does not move with the last joint, so a flange pose determines it.
+        """
+        axes = self.jacobian(pin.neutral(self.model))[3:].T  # in flange axes, as all of the below
+        flange = self._data.oMf[self._flange]
+        origins = [flange.actInv(joint.translation) for joint in self._data.oMi.tolist()[1:]]
+        links = np.diff([*origins, np.zeros(3)], axis=0)
+        lengths = np.linalg.norm(links, axis=1)
+        levers = np.linalg.norm(np.cross(axes, links), axis=1)
+        levers += lengths.sum() - lengths.cumsum()
+        wrist = origins[-1] - axes[-1] * axes[-1].dot(links[-2])
+        return levers, wrist, float(lengths[:-2].sum() + np.linalg.norm(wrist - origins[-2]))
+
     def _newton(self, goal: pin.SE3, q_start: Array) -> tuple[Array, float]:
         q = np.array(q_start, dtype=float)
         model, data, flange = self.model, self._data, self._flange
@@ -103,7 +117,7 @@ class ArmKinematics:
             J = pin.getFrameJacobian(model, data, flange, _LOCAL)
             damping = _LEAST_DAMPING + _DAMPING * size
             A = J.dot(J.T)
-            diagonal = A.ravel()[:: JOINTS + 1]  # a view
+            diagonal = A.ravel()[::7]  # a view: A has shape (6, 6)
             diagonal += damping * damping
             step = J.T.dot(np.linalg.solve(A, error))
             longest = max(map(abs, step.tolist()))
@@ -111,7 +125,7 @@ class ArmKinematics:
         return q, size
 
     def _failure(self, goal: pin.SE3, q: Array, error: float) -> str:
-        wrist_m = goal.act(-self.model.jointPlacements[6].translation)
+        wrist_m = goal.act(self._p_flange_wrist) - self.model.jointPlacements[1].translation
         far_m = float(np.linalg.norm(wrist_m))
         if far_m > self.reach_m:
             return (

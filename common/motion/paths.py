@@ -19,6 +19,7 @@ _JUMP_RAD = 0.6  # largest joint change between two samples, thus also between t
 class MotionPath(Protocol):
     """Path: joint angles as a function of the path parameter."""
 
+    kinematics: ArmKinematics
     extent_m: float  # largest speed on the path when s runs from 0 to 1 in 1 s [m/s]
 
     def at(self, share: float, q_near: Array) -> IkResult:
@@ -30,7 +31,7 @@ class JointPath:
 
     def __init__(self, kinematics: ArmKinematics, q_from: Array, q_to: Array) -> None:
         self._from, self._travel = q_from.copy(), q_to - q_from
-        self._kinematics = kinematics
+        self.kinematics = kinematics
         fastest_m = max(
             float(np.linalg.norm((kinematics.jacobian(self._q(s)) @ self._travel)[:3]))
             for s in np.linspace(0.0, 1.0, 21)
@@ -49,7 +50,7 @@ class LinearPath:
     """Linear path of the flange with uniform rotation about one fixed axis (log3)."""
 
     def __init__(self, kinematics: ArmKinematics, q_from: Array, T_goal: pin.SE3) -> None:
-        self._kinematics = kinematics
+        self.kinematics = kinematics
         start = kinematics.flange_pose(q_from)
         self._R_from, self._from_m = np.array(start.rotation), np.array(start.translation)
         self._travel = T_goal.translation - self._from_m
@@ -66,7 +67,7 @@ class LinearPath:
 
     def at(self, share: float, q_near: Array) -> IkResult:
         """Return the joint angles at path parameter `share`, on the branch of q_near."""
-        return self._kinematics.solve(self.pose(share), q_near, jump_rad=_JUMP_RAD)
+        return self.kinematics.solve(self.pose(share), q_near, jump_rad=_JUMP_RAD)
 
     def obstacle(self, q_from: Array) -> str:
         """Check the whole path; return why it cannot be followed, or an empty string."""

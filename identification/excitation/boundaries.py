@@ -81,9 +81,7 @@ class Boundaries:
     def _farthest_m(self, change_rad: Array) -> float:
         """Return an upper bound [m] of the travel of any point for joint changes [rad]."""
         tool_m = float(np.linalg.norm(self.points_in_flange_m, axis=1).max())
-        hand_m = float(np.linalg.norm(self.arm.model.jointPlacements[6].translation)) + tool_m
-        lever_m = np.array([self.arm.reach_m + hand_m] * 3 + [hand_m] * 2 + [tool_m])
-        return float(np.abs(change_rad) @ lever_m)
+        return float(np.abs(change_rad) @ (self.arm.levers_m + tool_m))
 
     def _point_violation(self, points: Array, margin_m: float) -> str:
         limits, places = self.limits, points.tolist()

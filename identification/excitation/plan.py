@@ -33,7 +33,7 @@ LIFTS_M = (0.1, 0.08, 0.06, 0.04, 0.02, 0.0)
 CANDIDATES = 6000
 MOST_CANDIDATES = 400  # feasible ones; more would add little information
 ARM_TURN_RAD = np.radians([25.0, 35.0, 35.0])  # of joints 1 to 3, at most
-FOLDED_RAD = np.radians(105.0)  # beyond this, joint 5 folds the tool back along the forearm
+FOLDED_RAD = np.radians(105.0)  # beyond this, the last joint but one folds the tool back
 LEAST_SINGULAR_VALUE = 0.05  # of the Jacobian (m, rad): away from singular poses
 ADVICE = (
     "start with the tool pointing down and more free space around it (in the middle of the box, "
@@ -53,9 +53,9 @@ class PlanOptions:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPlan:
-    """Joint goals [rad], each of shape (6,), in the order of the visit.
+    """Joint goals [rad], each of shape (n,), in the order of the visit.
 
-    `q` has shape (n, 6): all reachable poses; `fit` and `verify` are indices into it.
+    `q` has one row for each reachable pose; `fit` and `verify` are indices into it.
     """
 
     route: JointRoute
@@ -92,7 +92,7 @@ class CalibrationPlan:
 def make_plan(
     cell: CellConfig, arm: ArmKinematics, q_start: Array, options: PlanOptions
 ) -> CalibrationPlan:
-    """Plan a calibration from joint angles q_start [rad], shape (6,).
+    """Plan a calibration from joint angles q_start [rad].
 
     Raises CalibrationError, with the remedy, when there is no good plan.
     """
@@ -168,22 +168,23 @@ def _hub(boundaries: Boundaries, q_start: Array) -> tuple[Array, float]:
 
 
 def _candidates(boundaries: Boundaries, hub: Array, turn_rad: float) -> Array:
-    """Return joint angles with a free path from the hub and back. Shape (n, 6)."""
+    """Return joint angles with a free path from the hub and back. One row for each."""
     rng = np.random.default_rng(0)  # reproducible plan
-    largest_rad = np.array([*ARM_TURN_RAD, *[turn_rad] * 3])
-    offsets = rng.uniform(-1.0, 1.0, (CANDIDATES, 6)) * largest_rad
-    offsets[::4, :3] = 0.0  # a quarter of the candidates turn the wrist only
-    folded_rad = max(float(FOLDED_RAD), abs(float(hub[4])))
+    elbow_rad = ARM_TURN_RAD[2:].repeat(boundaries.arm.joints - 6)  # of a seventh joint
+    largest_rad = np.array([*ARM_TURN_RAD, *elbow_rad, *[turn_rad] * 3])
+    offsets = rng.uniform(-1.0, 1.0, (CANDIDATES, len(largest_rad))) * largest_rad
+    offsets[::4, :-3] = 0.0  # a quarter of the candidates turn the wrist only
+    folded_rad = max(float(FOLDED_RAD), abs(float(hub[-2])))
     feasible = (
         q
         for q in hub + offsets
-        if abs(q[4]) <= folded_rad
+        if abs(q[-2]) <= folded_rad
         and not boundaries.violation(q)
         and _is_regular(boundaries.arm, q)
         and not boundaries.path_violation(hub, q)
     )
     found = list(islice(feasible, MOST_CANDIDATES))
-    return np.array(found).reshape(-1, 6)
+    return np.array(found).reshape(-1, len(hub))
 
 
 def _is_regular(arm: ArmKinematics, q: Array) -> bool:

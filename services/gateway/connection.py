@@ -7,12 +7,17 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RemoteProtocolError
 from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import Trip
-from services.gateway.commands import ControllerLimits
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import REPORTS_TO_CONFIRM, ControllerReport
 from services.gateway.link import LinkEvents
-from services.gateway.reports import Event, HealthReport, HelloReceived, PoseReport
-from services.gateway.round_trips import LEAST_STREAMED, Rate, WrappingCounterRate
+from services.gateway.packet_window import LEAST_STREAMED, Rate, WrappingCounterRate
+from services.gateway.packets import (
+    ControllerLimits,
+    Event,
+    HealthReport,
+    HelloReceived,
+    PoseReport,
+)
 
 SET_UP_WITHIN_NS = NS_PER_S  # time for the controller to execute its limits
 LOOPS_SPAN = 500_000  # modulus of the loop counter of 103
@@ -147,12 +152,12 @@ class ControllerConnection:
         """Return the measurements of this connection: times [s], rates [1/s]; none unknown."""
         found: dict[str, float | None] = {}
         if self.is_ready:
-            echoes = self.dialogue.echoes
-            for name, trips in (("framed", echoes.framed), ("taken", echoes.taken)):
+            window = self.dialogue.window
+            for name, trips in (("framed", window.receipts), ("taken", window.executions)):
                 spread = trips.spread(now_ns)
                 found[f"{name}_round_trip_p50_s"] = None if spread is None else spread.p50_s
                 found[f"{name}_round_trip_p99_s"] = None if spread is None else spread.p99_s
-            streamed = echoes.streamed.spread(now_ns, LEAST_STREAMED)
+            streamed = window.streamed.spread(now_ns, LEAST_STREAMED)
             found["streamed_round_trip_p50_s"] = None if streamed is None else streamed.p50_s
             found["program_loop_hz"] = self._loops.hz(now_ns)
             found["sender_hz"] = self._samples.hz(now_ns)
@@ -163,7 +168,7 @@ class ControllerConnection:
 
     def _watch(self, now_ns: int) -> None:
         """Close a link on which a hold would arrive later than the controller's watchdog."""
-        sent_ns = self.dialogue.echoes.framed.oldest_ns
+        sent_ns = self.dialogue.window.receipts.oldest_ns
         if not self.is_ready or sent_ns is None:
             return
         age_s = (now_ns - sent_ns) / NS_PER_S
@@ -176,7 +181,7 @@ class ControllerConnection:
 
     def _set_up_again(self, health: HealthReport, now_ns: int) -> None:
         """Send the limits again if they are neither executed nor queued: a hold voided them."""
-        is_void = health.queue_length == 0 and self.dialogue.unacknowledged == 0
+        is_void = health.queue_length == 0 and self.dialogue.window.unacknowledged == 0
         self._voided = self._voided + 1 if is_void and not self.dialogue.is_set_up else 0
         if self._voided >= REPORTS_TO_CONFIRM:
             self._voided = 0
@@ -210,7 +215,7 @@ class ControllerConnection:
                 joint_rad=event.joint_rad,
                 status=event.status,
                 counter=event.counter,
-                taken=self.dialogue.taken,
+                taken=self.dialogue.window.taken,
                 at_ns=now_ns,
             )
             return True

@@ -13,7 +13,7 @@ import pinocchio as pin
 from common.motion.convert import pose_of
 from common.motion.last_check import LastCheck
 from common.motion.tracking import TrackingMonitor
-from controller.packet_table import FEEDBACK_BITS, Status
+from controller.packet_table import FEEDBACK_BITS, Com, Status
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RefusedError
@@ -175,7 +175,7 @@ class Driver:
         else:
             self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
             self._shaper.moved_otherwise()
-            self._track = goals.sent(goal, self._dialogue.last, measured.joint_rad, now_ns)
+            self._track = goals.sent(goal, self._dialogue.window.last, measured.joint_rad, now_ns)
             self._expect(self._track, measured)
 
     def _is_start_known(self, goal: Goal, measured: ControllerReport) -> bool:
@@ -188,9 +188,8 @@ class Driver:
             return self._dialogue.move_to_pose(pose_of(goal.pose), speed, now_ns)
         if goal.joint_rad is None:  # pragma: no cover - the guard has refused it before
             raise RefusedError("malformed", f"a goal of kind {goal.kind} without its numbers")
-        if goal.kind == "by":
-            return self._dialogue.move_by_joints(goal.joint_rad, speed, now_ns)
-        return self._dialogue.move_to_joints(goal.joint_rad, speed, now_ns)
+        com = Com.MOVE_BY_JOINTS if goal.kind == "by" else Com.MOVE_JOINTS
+        return self._dialogue.move_joints(com, goal.joint_rad, speed, now_ns)
 
     def _stream(self, command: RobotCommand, measured: ControllerReport, now_ns: int) -> None:
         """Offer a set point; the first of a stream is the measured pose, to avoid a jump."""
@@ -206,7 +205,7 @@ class Driver:
             self._send(self._dialogue.set_speed(self._stream_speed, now_ns), now_ns)
             self._dialogue.offer_setpoint(measured.T_base_flange)
             self._send(self._dialogue.tick(now_ns, permitted=True), now_ns)
-            self._streaming, self._stream_from = True, self._dialogue.last
+            self._streaming, self._stream_from = True, self._dialogue.window.last
         T_target = pose_of(command.pose)
         _refuse(self._guard.setpoint(T_target, measured.T_base_flange, now_ns))
         self._dialogue.offer_setpoint(T_target)

@@ -9,7 +9,7 @@ from common.motion.convert import pose_of
 from common.motion.frames import rotation_between
 from controller.packet_table import Status
 from forcemesh.messages import Goal, GoalReport, GoalState, Joints
-from services.gateway.numbering import NONE_YET
+from services.gateway.packet_window import NONE_YET
 
 NO_GOAL = GoalReport()
 REACHED_M = 5e-4

@@ -10,7 +10,7 @@ from common.motion.convert import record_of, vec3
 from common.motion.last_check import MEASURED_SLACK_M, LastCheck
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
 from common.motion.tracking import TrackingMonitor
-from controller.packet_table import ID_COUNT, ID_FIRST, Status
+from controller.packet_table import FEEDBACK_BITS, ID_COUNT, ID_FIRST, MODES, Status
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
@@ -20,18 +20,16 @@ from forcemesh.messages import (
     CONTROLLER_BITS,
     KawasakiStatus,
     LinkHealth,
-    Mode,
     RobotState,
     RobotStatus,
     Trip,
 )
-from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.connection import ByteLink, ControllerConnection
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
 from services.gateway.goals import ControllerReport
 from services.gateway.link import Link, LinkSettings
-from services.gateway.scales import Scales
+from services.gateway.packets import ControllerLimits, Pacing
 from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
 
 STEP_S = 0.002  # longest time that a report of the controller waits in the socket
@@ -40,13 +38,6 @@ CONTROLLER_ROTATION_MARGIN_RAD = radians(0.5)
 STEP_MARGIN = 1.1
 CONTROLLER_SPEED_MARGIN = 1.01
 WORKSPACE_MARGIN_M = MEASURED_SLACK_M + 1e-3
-# Mode of the force feedback in the controller, by its bits for position and for orientation.
-FEEDBACK: dict[tuple[bool, bool], Mode | None] = {
-    (False, False): None,
-    (True, False): "position",
-    (False, True): "orientation",
-    (True, True): "both",
-}
 EARLY = 0.75  # least share of a period between two published reports
 
 
@@ -72,7 +63,7 @@ class Gateway:
         )
         # A restarted process must not attribute echoes of its predecessor's IDs to itself.
         last_id = ID_FIRST + bus.epoch % ID_COUNT
-        self._dialogue = Dialogue(scales_of(section), pacing, arm=section.arm, last_id=last_id)
+        self._dialogue = Dialogue(section, pacing, arm=section.arm, last_id=last_id)
         self._connection = ControllerConnection(
             wire or Link(LinkSettings(section.host, section.port)),
             self._dialogue,
@@ -115,8 +106,8 @@ class Gateway:
             "reconnects": self._connection.reconnects,
             "protocol_errors": self._connection.errors,
             "refusals": self._refusals,
-            "unexecuted": self._dialogue.unexecuted,
-            "unacknowledged": self._dialogue.unacknowledged,
+            "unexecuted": self._dialogue.window.unexecuted,
+            "unacknowledged": self._dialogue.window.unacknowledged,
         }
 
     def numbers(self, now_ns: int) -> dict[str, float]:
@@ -226,7 +217,7 @@ class Gateway:
     def _link_health(self) -> LinkHealth:
         return LinkHealth(
             connected=self._connection.is_ready,
-            round_trip_s=self._dialogue.echoes.framed.last_s,
+            round_trip_s=self._dialogue.window.receipts.last_s,
             reconnects=self._connection.reconnects,
             errors=self._connection.errors,
         )
@@ -239,23 +230,9 @@ def robot_status(status: Status, error_code: int, faults: tuple[Trip, ...]) -> R
         ready=not faults,
         moving=bool(status & Status.MOVING),
         held=bool(status & Status.HELD),
-        feedback=FEEDBACK[
-            bool(status & Status.POSITION_FEEDBACK), bool(status & Status.ORIENTATION_FEEDBACK)
-        ],
+        feedback=next((m for m, bits in MODES.items() if status & FEEDBACK_BITS == bits), None),
         faults=faults,
         kawasaki=KawasakiStatus(**own, error_code=error_code),
-    )
-
-
-def scales_of(section: GatewaySection) -> Scales:
-    """Return the scales of a cell file, whose bounds its schema has checked."""
-    return Scales(
-        position_per_mm=section.position_per_mm,
-        oat_per_deg=section.oat_per_deg,
-        joint_per_deg=section.joint_per_deg,
-        force_per_N=section.force_per_N,
-        torque_per_Nm=section.torque_per_Nm,
-        speed_per_mm_s=section.speed_per_mm_s,
     )
 
 

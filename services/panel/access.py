@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
-from common.config.cell_panel import SAME_TOKEN, PanelSection, guessable
+from common.config.cell_helpers import SAME_TOKEN, PanelSection, guessable
 from forcemesh.errors import ForcemeshError
 from forcemesh.published_ports import PANEL_PUBLISHED, is_loopback
 from services.panel.sessions import SESSION_LASTS_S, Rights

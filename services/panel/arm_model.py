@@ -1,14 +1,14 @@
-"""Kinematic model of the drawn arm: RS007L with this cell's sensor, tool and simulated plate.
+"""Kinematic model of the drawn arm with this cell's sensor, tool and simulated plate.
 
 Forward kinematics only: joint angles in, poses of bodies out; no physics is stepped.
 """
 
 import math
 import os
-from pathlib import Path
 
 import numpy as np
 
+from common.config.arm import model_file, read_arm
 from common.config.cell import CellConfig
 from common.motion.frames import Array, quaternion_from_R
 
@@ -23,24 +23,13 @@ if _ASKED is None:
 else:
     os.environ["MUJOCO_GL"] = _ASKED
 
-MODEL = Path(__file__).resolve().parents[2] / "arms" / "rs007l" / "rs007l.xml"
-JOINTS = 6
-HOME_DEG = (0.0, 0.0, -90.0, 0.0, -90.0, 0.0)  # start of the simulated arm, above its plate
 FLOOR_Z_M = -0.36
 PLATE_HALF_M = (0.08, 0.08, 0.008)
 SENSOR_RADIUS_M = 0.040
-LIMIT_SLACK_RAD = math.radians(0.5)
 
 BLUE, STEEL, DARK = [0.10, 0.36, 0.80, 1.0], [0.72, 0.74, 0.77, 1.0], [0.17, 0.18, 0.20, 1.0]
 ORANGE, GREEN = [0.93, 0.55, 0.13, 1.0], [0.20, 0.58, 0.34, 1.0]
 CYLINDER, BOX = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX
-
-
-def is_known(cell: CellConfig) -> bool:
-    """Return whether the cell's joint limits are those of the RS007L model."""
-    joints = mujoco.MjModel.from_xml_path(str(MODEL)).jnt_range[:JOINTS]
-    limits = np.radians([cell.robot.joint_min_deg, cell.robot.joint_max_deg]).T
-    return bool(np.allclose(limits, joints, atol=LIMIT_SLACK_RAD))
 
 
 class ArmModel:
@@ -48,25 +37,25 @@ class ArmModel:
 
     def __init__(self, cell: CellConfig) -> None:
         """Build the model."""
-        spec = mujoco.MjSpec.from_file(str(MODEL))
+        spec = mujoco.MjSpec.from_file(str(model_file(cell.robot.model)))
         _add_tool(spec, cell)
         if cell.sim is not None:
             _add_plate(spec, cell, _tcp_at_home(cell))
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        self.move(np.radians(HOME_DEG))
+        self.move(np.radians(read_arm(cell.robot.model).home_deg))
 
     def move(self, joint_rad: Array) -> None:
-        """Set the joint angles [rad]. Shape (6,)."""
-        self.data.qpos[:JOINTS] = joint_rad
+        """Set the joint angles [rad]. Shape (n,)."""
+        self.data.qpos[: len(joint_rad)] = joint_rad
         mujoco.mj_kinematics(self.model, self.data)
 
 
 def _tcp_at_home(cell: CellConfig) -> Array:
     """Return the TCP position of the simulated arm at home, in base [m]. Shape (3,)."""
-    model = mujoco.MjModel.from_xml_path(str(MODEL))
+    model = mujoco.MjModel.from_xml_path(str(model_file(cell.robot.model)))
     data = mujoco.MjData(model)
-    data.qpos[:JOINTS] = np.radians(HOME_DEG)
+    data.qpos[:] = np.radians(read_arm(cell.robot.model).home_deg)
     mujoco.mj_kinematics(model, data)
     flange = data.site("flange")
     p_flange_tcp = np.array(cell.tool.T_flange_tcp.pose.translation)
@@ -77,7 +66,7 @@ def _add_tool(spec: mujoco.MjSpec, cell: CellConfig) -> None:
     """Attach sensor and tool to the flange, by the cell file's frames."""
     T_flange_sensor = cell.sensor.T_flange_sensor.pose
     T_sensor_tcp = T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose
-    flange = spec.body("link6")
+    flange = spec.site("flange").parent
     height = max(0.012, float(T_flange_sensor.translation[2]))
     _show(flange, CYLINDER, [SENSOR_RADIUS_M, height / 2, 0], pos=[0, 0, height / 2], rgba=BLUE)
     tool = flange.add_body(name="tool", pos=T_flange_sensor.translation)

@@ -9,10 +9,11 @@ import numpy as np
 import viser
 from mjviser import ViserMujocoScene
 
+from common.config.arm import UNKNOWN_ARM
 from common.config.cell import CellConfig
 from common.motion.frames import Array, quaternion_from_R
 from forcemesh.messages import RobotState
-from services.panel.arm_model import FLOOR_Z_M, JOINTS, ArmModel, is_known
+from services.panel.arm_model import FLOOR_Z_M, ArmModel
 from services.panel.readout import Readout, Tool
 from services.panel.watch import Snapshot
 
@@ -36,7 +37,7 @@ class Scene:
         """Build the scene."""
         self._server = server
         self._readout = Readout(cell)
-        self._arm = ArmModel(cell) if is_known(cell) else None
+        self._arm = None if cell.robot.model == UNKNOWN_ARM else ArmModel(cell)
         self._mujoco: ViserMujocoScene | None = None
         self._q: Array | None = None
         _set_the_stage(server)
@@ -85,7 +86,8 @@ class Scene:
     def _place(self, robot: RobotState, tool: Tool) -> None:
         self._tcp.position = tool.p_tcp_m
         self._tcp.wxyz = _wxyz(tool.R_base_tcp)
-        fits = len(robot.joint_rad) == JOINTS  # another arm is not drawn in a wrong pose
+        # Another arm is not drawn in a wrong pose.
+        fits = self._arm is not None and len(robot.joint_rad) == self._arm.model.nq
         if self._arm is not None and self._mujoco is not None and fits:
             self._arm.move(np.array(robot.joint_rad))
             self._mujoco.update_from_mjdata(self._arm.data)

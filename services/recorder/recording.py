@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from common.config.cell import CellConfig
-from common.config.cell_panel import PanelSection
+from common.config.cell_helpers import PanelSection
 from common.config.load import cell_hash, dump_cell
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header

@@ -18,12 +18,19 @@ from typing import cast
 
 from sim.as_language import formats, functions_number, syntax, variables
 from sim.as_language.errors import AsError
-from sim.as_language.function_calls import compile_function
+from sim.as_language.functions_text import decode
 from sim.as_language.machine_api import EvaluationContext
 from sim.as_language.memory import Array, Locals, VariableCell, bind, following, index_of, plain
-from sim.as_language.operations import compile_binary, compile_unary, compile_with_constant
-from sim.as_language.syntax import Expression, Program, Variable
-from sim.as_language.values import Joints, Pose, Transformation, Value, joints
+from sim.as_language.operators import BINARY, UNARY
+from sim.as_language.special_functions import (
+    EXISTS,
+    EXTREMES,
+    FUNCTIONS,
+    exists,
+    extreme_index,
+)
+from sim.as_language.syntax import Expression, FunctionCall, Program, Variable
+from sim.as_language.values import Joints, Pose, Transformation, Value, joints, text
 from sim.as_language.variables import Indices, NamesOf, Read, Refer, Store
 
 _locals_of: NamesOf = attrgetter("locals")
@@ -58,9 +65,11 @@ class Expressions:
             case syntax.Binary():
                 return self._binary(expression, location=location)
             case syntax.Unary(sign, operand):
-                return compile_unary(sign, self.value(operand, location=location and sign == "-"))
+                apply = UNARY[sign]
+                read = self.value(operand, location=location and sign == "-")
+                return lambda context: apply(read(context))
             case syntax.FunctionCall():
-                return compile_function(self, expression)
+                return self._function(expression)
             case syntax.JointLiteral(values):
                 readers = [self.real(item) for item in values]
                 return lambda context: joints(*(read(context) for read in readers))
@@ -217,12 +226,15 @@ class Expressions:
         return formats.layout(parts, optional=self.options.optional_formats)
 
     def _binary(self, expression: syntax.Binary, *, location: bool) -> Read:
+        """Compile an operator; both operands are always evaluated, left first."""
         sign, right = expression.operator, expression.right
-        same = location and sign in "+-"
+        apply, same = BINARY[sign], location and sign in "+-"
         first = self.value(expression.left, location=same)
         if isinstance(right, syntax.Number):
-            return compile_with_constant(sign, first, right.value)
-        return compile_binary(sign, first, self.value(right, location=same))
+            constant = right.value
+            return lambda context: apply(first(context), constant)
+        second = self.value(right, location=same)
+        return lambda context: apply(first(context), second(context))
 
     def _variable(self, variable: Variable, *, location: bool) -> Read:
         if variable.whole:
@@ -232,6 +244,95 @@ class Expressions:
         if indices is None:
             return variables.read_scalar(variable, names_of, location=location)
         return variables.read_element(variable, names_of, indices, location=location)
+
+    # --- functions --------------------------------------------------------------------------------
+
+    def _function(self, call: FunctionCall) -> Read:
+        """Compile a call; an unknown function or a wrong number of arguments raises when run."""
+        if call.name == "$ENCODE":
+            layout = self.layout(call.arguments)
+            return lambda context: text(layout(context)[0])
+        if call.name == "$DECODE":
+            return self._decode(call)
+        if call.name in EXISTS or call.name in EXTREMES:
+            return self._lookup(call)
+        function = FUNCTIONS.get(call.name)
+        if function is None:
+            return refuse("P0115", f"{call.name} is not emulated")
+        try:
+            function.check_count(call.name, len(call.arguments))
+        except AsError as error:
+            return refuse(error.code, error.detail)
+        location = "p" in function.types or "t" in function.types
+        return function.call(
+            call.name,
+            [
+                (lambda _: None) if item is None else self.value(item, location=location)
+                for item in call.arguments
+            ],
+        )
+
+    def _decode(self, call: FunctionCall) -> Read:
+        """Compile $DECODE: it removes the returned text from its variable."""
+        target, separator, mode = (_argument(call, k) for k in range(3))
+        if (
+            not isinstance(target, Variable)
+            or target.kind != "$"
+            or separator is None
+            or len(call.arguments) > 3
+        ):
+            return refuse("P0116", "$DECODE takes a string variable, a separator and a mode")
+        read, store = self.text(target), self.store(target)
+        mark, mode_of = self.text(separator), self.real(mode or syntax.Number(0.0))
+
+        def run(context: EvaluationContext) -> Value:
+            characters = read(context)
+            taken, left = decode(characters, mark(context), mode_of(context))
+            store(context, left)
+            return taken
+
+        return run
+
+    def _lookup(self, call: FunctionCall) -> Read:
+        """Compile EXISTxxx and MAXINDEX: of a variable, or of a string with its name."""
+        name = call.name
+        item, dimension = _argument(call, 0), _argument(call, 1)
+        if item is None:
+            return refuse("P0116", f"{name} takes a variable or a string with its name")
+        spelling = self._spelling(name, item)
+        dimension_of = self.real(dimension or syntax.Number(1.0))
+
+        def run(context: EvaluationContext) -> Value:
+            spelled = spelling(context)
+            local = name.startswith("EXISTLOCAL") or spelled.startswith(".")
+            names = context.locals if local else context.globals
+            if name in EXISTS:
+                return exists(name, spelled, names)
+            return extreme_index(name, spelled, int(dimension_of(context)), names)
+
+        return run
+
+    def _spelling(self, name: str, item: Expression) -> Callable[[EvaluationContext], str]:
+        """Compile the name to look up: that of the variable, or the content of a string."""
+        if not isinstance(item, Variable) or (
+            item.kind == "$" and not name.endswith("CHAR") and name not in EXTREMES
+        ):
+            return self.text(item)
+        indices = self.indices(item)
+        base = item.spelling
+        if indices is None:
+            return lambda _: base
+
+        def spell(context: EvaluationContext) -> str:
+            index = indices(context)
+            numbers = index if isinstance(index, tuple) else (index,)
+            return f"{base}[{','.join(map(str, numbers))}]"
+
+        return spell
+
+
+def _argument(call: FunctionCall, index: int) -> Expression | None:
+    return call.arguments[index] if index < len(call.arguments) else None
 
 
 def gives_number(expression: Expression) -> bool:

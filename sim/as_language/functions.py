@@ -1,18 +1,23 @@
-"""Signatures of AS functions: number and types of arguments, and the computation.
+"""Functions of AS: types of the arguments, and the computation.
 
-Types are letters, one per argument: r number, s string, t transformation, j joint values, p either
-of the two, w word, x number or string; in parentheses: optional.
+The parameters of the Python function are the arguments of the AS function; their defaults apply to
+omitted ones. Types are letters, one per argument: r number, s string, t transformation, j joint
+values, p either of the two, w word, x number or string; r* any number of numbers. A leading m: the
+machine is passed first.
 """
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from sim.as_language.errors import AsError
-from sim.as_language.machine_api import MachineInterface
-from sim.as_language.values import NUMBER, Joints, Transformation, Value
+from sim.as_language.machine_api import EvaluationContext
+from sim.as_language.values import Joints, Transformation, Value
+from sim.as_language.variables import Read
 
 Argument = Value | None
-Compute = Callable[[MachineInterface, Sequence[Argument]], Value]
+ReadArgument = Callable[[EvaluationContext], Argument]
 
 TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "r": ((float, int), "a number"),
@@ -23,66 +28,80 @@ TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "w": ((str,), "a name"),
     "x": ((float, int, str), "a number or a string"),
 }
+MOST = 25  # arguments of a function that takes any number of them
 
 
 @dataclass(frozen=True, slots=True)
 class FunctionSignature:
-    """One function: argument types, number of required arguments, computation."""
+    """One function: argument types, defaults of the optional ones, computation."""
 
-    name: str
+    compute: Callable[..., Value]
     types: str
+    of_machine: bool
     required: int
     most: int
-    compute: Compute
+    defaults: tuple[Any, ...]
 
-    def check(self, arguments: Sequence[Argument]) -> None:
-        """Reject arguments of the wrong number (P0101, P0116) or type (P0116)."""
-        self.check_count(len(arguments))
+    def check_count(self, name: str, count: int) -> None:
+        """Reject a wrong number of arguments (P0101, P0116)."""
+        if count > self.most:
+            raise AsError("P0101", f"{name} takes at most {self.most}, found {count}")
+        if count < self.required:
+            raise AsError("P0116", f"{name} takes at least {self.required}, found {count}")
+
+    def checked(self, name: str, arguments: Sequence[Argument]) -> list[Any]:
+        """Return the arguments with defaults, numbers as floats. Raises AsError P0116."""
+        result: list[Any] = []
         for number, argument in enumerate(arguments):
             kinds, plain = TYPES[self.types[min(number, len(self.types) - 1)]]
             if argument is None:
                 if number < self.required:
-                    raise AsError("P0116", f"{self.name} needs argument {number + 1}, {plain}")
+                    raise AsError("P0116", f"{name} needs argument {number + 1}, {plain}")
+                result.append(self.defaults[number] if number < len(self.defaults) else 0.0)
             elif not isinstance(argument, kinds):
-                raise AsError("P0116", f"argument {number + 1} of {self.name} must be {plain}")
+                raise AsError("P0116", f"argument {number + 1} of {name} must be {plain}")
+            else:
+                result.append(float(argument) if isinstance(argument, int) else argument)
+        return result
 
-    def check_count(self, count: int) -> None:
-        """Reject a wrong number of arguments."""
-        if count > self.most:
-            raise AsError("P0101", f"{self.name} takes at most {self.most}, found {count}")
-        if count < self.required:
-            raise AsError("P0116", f"{self.name} takes at least {self.required}, found {count}")
+    def call(self, name: str, readers: Sequence[ReadArgument]) -> Read:
+        """Compile a call. Types that passed the check once always pass."""
+        passed: set[tuple[type, ...]] = set()
+        compute, of_machine = self.compute, self.of_machine
 
+        def run(context: EvaluationContext) -> Value:
+            arguments: Sequence[Any] = [read(context) for read in readers]
+            types = tuple(map(type, arguments))
+            if types not in passed:
+                arguments = self.checked(name, arguments)
+                if types == tuple(map(type, arguments)):
+                    passed.add(types)
+            return compute(context.machine, *arguments) if of_machine else compute(*arguments)
 
-def function(
-    name: str, types: str, compute: Compute, *, most: int | None = None
-) -> FunctionSignature:
-    """Return a function with a type signature: "sr(r)" is a string, a number, an optional number.
+        if len(readers) != 1 or of_machine:
+            return run
+        (only,) = readers
+        passed_one: set[type] = set()
 
-    `most` allows more arguments of the last type.
-    """
-    letters = types.replace("(", "").replace(")", "")
-    required = types.index("(") if "(" in types else len(types)
-    return FunctionSignature(
-        name, letters, required, len(letters) if most is None else most, compute
-    )
+        def run_one(context: EvaluationContext) -> Value:
+            """Do the same for one argument, in less time."""
+            argument = only(context)
+            if argument.__class__ in passed_one:
+                return compute(argument)
+            (checked,) = self.checked(name, (argument,))
+            if checked is argument:
+                passed_one.add(argument.__class__)
+            return compute(checked)
 
-
-def table(*functions: FunctionSignature) -> dict[str, FunctionSignature]:
-    """Return functions by name."""
-    return {item.name: item for item in functions}
-
-
-def number(value: Argument, default: float = 0.0) -> float:
-    """Return a checked number, or its default if omitted."""
-    return float(value) if isinstance(value, NUMBER) else default
-
-
-def whole(value: Argument, default: int = 0) -> int:
-    """Return a number truncated to an integer."""
-    return int(value) if isinstance(value, NUMBER) else default
+        return run_one
 
 
-def string(value: Argument) -> str:
-    """Return a checked string; "" if omitted."""
-    return value if isinstance(value, str) else ""
+def function(types: str, compute: Callable[..., Value], most: int = MOST) -> FunctionSignature:
+    """Return a function; `most` limits the arguments of one that takes any number of them."""
+    of_machine = types.startswith("m")
+    parameters = list(inspect.signature(compute).parameters.values())[of_machine:]
+    defaults = tuple(p.default for p in parameters if p.kind is not p.VAR_POSITIONAL)
+    required = sum(default is inspect.Parameter.empty for default in defaults)
+    letters = types.removeprefix("m").removesuffix("*")
+    count = most if types.endswith("*") else len(letters)
+    return FunctionSignature(compute, letters, of_machine, required, count, defaults)

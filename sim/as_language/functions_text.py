@@ -1,11 +1,9 @@
 """String functions of AS (reference manual, chapter 9). Choices: docs/as-emulator.md."""
 
 import re
-from collections.abc import Sequence
 
 from sim.as_language.errors import AsError, code_of, error_text
-from sim.as_language.functions import Argument, function, string, table, whole
-from sim.as_language.machine_api import MachineInterface
+from sim.as_language.functions import function
 from sim.as_language.values import single, text
 
 DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([Ee][+-]?\d+)?", re.ASCII)
@@ -13,22 +11,17 @@ DIGITS = {1: re.compile(r"[01]+"), 2: re.compile(r"[0-9A-Fa-f]+")}
 BASES = {1: 2, 2: 16}
 
 
-def left(characters: str, count: int) -> str:
-    """Return the first characters; all of them if there are fewer."""
-    return characters[: max(count, 0)]
+def right(characters: str, count: float) -> str:
+    """$RIGHT($s,n): the last characters; all of them if there are fewer."""
+    return characters[-int(count) :] if int(count) > 0 else ""
 
 
-def right(characters: str, count: int) -> str:
-    """Return the last characters; all of them if there are fewer."""
-    return characters[-count:] if count > 0 else ""
-
-
-def middle(characters: str, start: int, count: int | None) -> str:
-    """Return `count` characters from the 1-based start; "" if it lies outside of the string."""
-    if start < 1:
+def middle(characters: str, start: float = 1.0, count: float | None = None) -> str:
+    """$MID($s,start,n): from the 1-based start; "" if it lies outside of the string."""
+    first = int(start) - 1
+    if first < 0:
         return ""
-    end = None if count is None else start - 1 + max(count, 0)
-    return characters[start - 1 : end]
+    return characters[first:] if count is None else characters[first : first + max(int(count), 0)]
 
 
 def position(start: int, characters: str, text: str) -> int:
@@ -41,17 +34,17 @@ def position(start: int, characters: str, text: str) -> int:
     return characters.lower().find(text.lower(), start - 1) + 1
 
 
-def value_of(characters: str, code: int) -> float:
-    """Parse the number at the start of a string: 0 decimal, 1 binary, 2 hexadecimal; 0 if none."""
-    rest = characters.lstrip(" ")
+def value_of(characters: str, code: float = 0.0) -> float:
+    """VAL($s,code): the number at the start: 0 decimal, 1 binary, 2 hexadecimal; 0 if none."""
+    rest, base = characters.lstrip(" "), int(code)
     prefix = rest[:2].upper()
     if prefix in {"^B", "^H"}:
-        code, rest = (1 if prefix == "^B" else 2), rest[2:]
-    if code in BASES:
-        found = DIGITS[code].match(rest)
-        return single(float(int(found[0], BASES[code]))) if found else 0.0
-    if code != 0:
-        raise AsError("P0116", f"VAL: the code is 0, 1 or 2, not {code}")
+        base, rest = (1 if prefix == "^B" else 2), rest[2:]
+    if base in BASES:
+        found = DIGITS[base].match(rest)
+        return single(float(int(found[0], BASES[base]))) if found else 0.0
+    if base != 0:
+        raise AsError("P0116", f"VAL: the code is 0, 1 or 2, not {base}")
     found = DECIMAL.match(rest)
     return single(float(found[0])) if found else 0.0
 
@@ -73,58 +66,46 @@ def decode(characters: str, separator: str, mode: float) -> tuple[str, str]:
     return characters[:end], characters[end:]
 
 
-def _asc(_: MachineInterface, a: Sequence[Argument]) -> float:
-    characters, place = string(a[0]), max(whole(a[1], 1) if len(a) > 1 else 1, 1)
-    return float(ord(characters[place - 1])) if place <= len(characters) else -1.0
+def code_at(characters: str, place: float = 1.0) -> float:
+    """ASC($s,n): the code of a character, -1 behind the end."""
+    at = max(int(place), 1)
+    return float(ord(characters[at - 1])) if at <= len(characters) else -1.0
 
 
-def _chr(_: MachineInterface, a: Sequence[Argument]) -> str:
-    code = whole(a[0])
-    if not 0 <= code <= 255:
-        raise AsError("E0106", f"$CHR({code}): codes are 0 to 255")
-    return chr(code)
+def character(code: float) -> str:
+    """$CHR(n)."""
+    if not 0 <= int(code) <= 255:
+        raise AsError("E0106", f"$CHR({int(code)}): codes are 0 to 255")
+    return chr(int(code))
 
 
-def _mid(_: MachineInterface, a: Sequence[Argument]) -> str:
-    count = None if len(a) < 3 or a[2] is None else whole(a[2])
-    return middle(string(a[0]), whole(a[1], 1) if len(a) > 1 else 1, count)
-
-
-def _instr(_: MachineInterface, a: Sequence[Argument]) -> float:
-    if isinstance(a[0], str):
-        if len(a) > 2:
-            raise AsError("P0116", "INSTR takes (start,string,wanted) or (string,wanted)")
-        return float(position(1, a[0], string(a[1])))
-    if len(a) < 3:
+def instr(first: float | str, second: str, third: str | None = None) -> float:
+    """INSTR(start,string,wanted) and INSTR(string,wanted)."""
+    if isinstance(first, str) == (third is not None):
         raise AsError("P0116", "INSTR takes (start,string,wanted) or (string,wanted)")
-    return float(position(whole(a[0], 1), string(a[1]), string(a[2])))
+    if isinstance(first, str):
+        return float(position(1, first, second))
+    return float(position(int(first), second, third or ""))
 
 
-def _val(_: MachineInterface, a: Sequence[Argument]) -> float:
-    return value_of(string(a[0]), whole(a[1]) if len(a) > 1 else 0)
-
-
-def _error(_: MachineInterface, a: Sequence[Argument]) -> str:
-    code = code_of(whole(a[0]))
+def error_of(number: float) -> str:
+    """$ERROR(n): code and text of an error number."""
+    code = code_of(int(number))
     return f"({code}){error_text(code)}" if code else ""
 
 
-def _errors(_: MachineInterface, a: Sequence[Argument]) -> str:
-    return error_text(string(a[0]).strip().upper())
-
-
-FUNCTIONS = table(
-    function("LEN", "s", lambda _, a: float(len(string(a[0])))),
-    function("ASC", "s(r)", _asc),
-    function("$CHR", "r", _chr),
-    function("$SPACE", "r", lambda _, a: text(" " * min(max(whole(a[0]), 0), 256))),
-    function("$LEFT", "sr", lambda _, a: left(string(a[0]), whole(a[1]))),
-    function("$RIGHT", "sr", lambda _, a: right(string(a[0]), whole(a[1]))),
-    function("$MID", "s(rr)", _mid),
-    function("INSTR", "xs(s)", _instr),
-    function("VAL", "s(r)", _val),
-    function("$ERROR", "r", _error),
-    function("$ERRORS", "s", _errors),
-    function("$DATE", "(r)", lambda machine, _: machine.date()),
-    function("$TIME", "(r)", lambda machine, _: machine.time()),
-)
+FUNCTIONS = {
+    "LEN": function("s", lambda characters: float(len(characters))),
+    "ASC": function("sr", code_at),
+    "$CHR": function("r", character),
+    "$SPACE": function("r", lambda count: text(" " * min(max(int(count), 0), 256))),
+    "$LEFT": function("sr", lambda characters, count: characters[: max(int(count), 0)]),
+    "$RIGHT": function("sr", right),
+    "$MID": function("srr", middle),
+    "INSTR": function("xss", instr),
+    "VAL": function("sr", value_of),
+    "$ERROR": function("r", error_of),
+    "$ERRORS": function("s", lambda code: error_text(code.strip().upper())),
+    "$DATE": function("mr", lambda machine, _=0.0: machine.date()),
+    "$TIME": function("mr", lambda machine, _=0.0: machine.time()),
+}

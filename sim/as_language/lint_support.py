@@ -31,7 +31,7 @@ def _node(program: Program, step: ProgramStep, node: object) -> Iterator[LintFin
             yield at(program, step, "function", text, kind="not executed")
         case syntax.FunctionCall(name=name, arguments=arguments) if name in FUNCTIONS:
             try:
-                FUNCTIONS[name].check_count(len(arguments))
+                FUNCTIONS[name].check_count(name, len(arguments))
             except AsError as error:
                 yield at(program, step, error.code, error.detail)
         case syntax.PointStatement(part=part) if part not in POINT_PARTS:

@@ -6,7 +6,7 @@ from sim.as_language import syntax
 from sim.as_language.findings import LintFinding, at
 from sim.as_language.formats import OPTIONAL
 from sim.as_language.functions_text import DECIMAL
-from sim.as_language.operations import FAST_RELATIONS
+from sim.as_language.operators import LOGIC, RELATIONS
 from sim.as_language.syntax import (
     Binary,
     Expression,
@@ -18,8 +18,6 @@ from sim.as_language.syntax import (
 )
 from sim.as_language.walk import nodes, steps_with_nodes
 
-RELATIONS = frozenset(FAST_RELATIONS)
-LOGICAL = frozenset({"AND", "OR", "XOR"})
 TRUTHS = frozenset({"SIG", "SWITCH"})
 ONE = Number(1.0)
 # Argument index of time-out (1 to 60 s) and port (8192 to 65535) of each TCP instruction.
@@ -100,7 +98,7 @@ def _is_truth(value: Expression) -> bool:
         case Number(-1.0) | syntax.Unary("NOT"):
             return True
         case Binary(operator):
-            return operator in RELATIONS or operator in LOGICAL
+            return operator in RELATIONS or operator in LOGIC
         case FunctionCall(name):
             return name in TRUTHS
         case _:

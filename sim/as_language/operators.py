@@ -8,7 +8,9 @@ from typing import Any
 from sim.as_language.errors import AsError
 from sim.as_language.memory import plain
 from sim.as_language.values import (
+    FALSE,
     NUMBER,
+    TRUE,
     Transformation,
     Value,
     compose,
@@ -20,6 +22,7 @@ from sim.as_language.values import (
 
 WORD = 0xFFFFFFFF
 SIGN = 0x80000000
+COMPARABLE = frozenset({float, int, str})
 LEAST_INTEGER, LARGEST_INTEGER = -(2**31), 2**31 - 1
 
 BinaryOperation = Callable[[Value, Value], Value]
@@ -27,6 +30,8 @@ BinaryOperation = Callable[[Value, Value], Value]
 
 def add(left: Value, right: Value) -> Value:
     """Add numbers, concatenate strings, compose transformations."""
+    if left.__class__ is float and right.__class__ is float:
+        return single(left + right)
     if isinstance(left, NUMBER) and isinstance(right, NUMBER):
         return _result(left + right)
     if isinstance(left, str) and isinstance(right, str):
@@ -38,6 +43,8 @@ def add(left: Value, right: Value) -> Value:
 
 def subtract(left: Value, right: Value) -> Value:
     """Subtract numbers; compose a transformation with the inverse of another."""
+    if left.__class__ is float and right.__class__ is float:
+        return single(left - right)
     if isinstance(left, NUMBER) and isinstance(right, NUMBER):
         return _result(left - right)
     if isinstance(left, Transformation) and isinstance(right, Transformation):
@@ -47,6 +54,8 @@ def subtract(left: Value, right: Value) -> Value:
 
 def multiply(left: Value, right: Value) -> Value:
     """Multiply numbers."""
+    if left.__class__ is float and right.__class__ is float:
+        return single(left * right)
     a, b = _numbers("*", left, right)
     return _result(a * b)
 
@@ -105,9 +114,11 @@ def complement(value: Value) -> Value:
 
 def _relation(sign: str, compare: Callable[[Any, Any], bool]) -> BinaryOperation:
     def relate(left: Value, right: Value) -> Value:
-        numbers = isinstance(left, NUMBER) and isinstance(right, NUMBER)
-        if numbers or (isinstance(left, str) and isinstance(right, str)):
-            return truth(compare(left, right))
+        kind = left.__class__
+        if (kind is right.__class__ and kind in COMPARABLE) or (
+            isinstance(left, NUMBER) and isinstance(right, NUMBER)
+        ):
+            return TRUE if compare(left, right) else FALSE
         raise _clash(sign, left, right)
 
     return relate
@@ -127,14 +138,21 @@ def _bitwise(sign: str, join: Callable[[int, int], int]) -> BinaryOperation:
     return operate
 
 
+_RELATIONS = {
+    "<": operator.lt, "<=": operator.le, "==": operator.eq, "<>": operator.ne,
+    ">=": operator.ge, ">": operator.gt,
+}  # fmt: skip
+RELATIONS: dict[str, BinaryOperation] = {
+    sign: _relation(sign, compare) for sign, compare in _RELATIONS.items()
+}
+LOGIC: dict[str, BinaryOperation] = {
+    "AND": _logical("AND", operator.and_), "OR": _logical("OR", operator.or_),
+    "XOR": _logical("XOR", operator.xor),
+}  # fmt: skip
 BINARY: dict[str, BinaryOperation] = {
     "^": power, "*": multiply, "/": divide, "MOD": modulo, "+": add, "-": subtract,
-    "<": _relation("<", operator.lt), "<=": _relation("<=", operator.le),
-    "==": _relation("==", operator.eq), "<>": _relation("<>", operator.ne),
-    ">=": _relation(">=", operator.ge), ">": _relation(">", operator.gt),
     "BAND": _bitwise("BAND", operator.and_), "BOR": _bitwise("BOR", operator.or_),
-    "BXOR": _bitwise("BXOR", operator.xor), "AND": _logical("AND", operator.and_),
-    "OR": _logical("OR", operator.or_), "XOR": _logical("XOR", operator.xor),
+    "BXOR": _bitwise("BXOR", operator.xor), **RELATIONS, **LOGIC,
 }  # fmt: skip
 UNARY: dict[str, Callable[[Value], Value]] = {
     "-": negate, "NOT": logical_not, "COM": complement,

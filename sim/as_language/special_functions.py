@@ -15,18 +15,13 @@ FUNCTIONS: Mapping[str, FunctionSignature] = {
 
 NOT_AN_ARRAY, UNDEFINED_NAME = -1.0, -2.0
 
-# EXISTxxx: prefix of the names, and type of the values.
-EXISTS: Mapping[str, tuple[str, tuple[type, ...]]] = {
-    "EXISTREAL": ("", (float,)),
-    "EXISTTRANS": ("", (Transformation,)),
-    "EXISTJOINT": ("#", (Joints,)),
-    "EXISTCHAR": ("$", (str,)),
-    "EXISTINTEGER": ("@", (int,)),
-    "EXISTLOCALREAL": ("", (float,)),
-    "EXISTLOCALTRANS": ("", (Transformation,)),
-    "EXISTLOCALJOINT": ("#", (Joints,)),
-    "EXISTLOCALCHAR": ("$", (str,)),
-    "EXISTLOCALINTEGER": ("@", (int,)),
+# EXISTxxx and EXISTLOCALxxx: prefix of the names, and type of the values.
+_KINDS = {
+    "REAL": ("", float), "TRANS": ("", Transformation), "JOINT": ("#", Joints),
+    "CHAR": ("$", str), "INTEGER": ("@", int),
+}  # fmt: skip
+EXISTS: Mapping[str, tuple[str, type]] = {
+    f"EXIST{scope}{name}": kind for scope in ("", "LOCAL") for name, kind in _KINDS.items()
 }
 EXTREMES = {"MAXINDEX": max, "MININDEX": min}
 MODIFYING = frozenset({"$DECODE", "$ENCODE"})
@@ -35,7 +30,7 @@ ALL_NAMES = frozenset({*FUNCTIONS, *EXISTS, *EXTREMES, *MODIFYING})
 
 def exists(name: str, spelling: str, names: Namespace) -> float:
     """Return TRUE if a variable of the function's type is defined under a spelling."""
-    prefix, kinds = EXISTS[name]
+    prefix, kind = EXISTS[name]
     base, _, rest = spelling.lower().lstrip(".").partition("[")
     entry = names.get(prefix + base.lstrip("$#@"))
     value: Value | None = None
@@ -47,7 +42,7 @@ def exists(name: str, spelling: str, names: Namespace) -> float:
         numbers = [float(number) for number in rest.rstrip("] ").split(",")]
         cell = entry.cells.get(index_of(numbers))
         value = None if cell is None else cell.value
-    return truth(value.__class__ in kinds)
+    return truth(value.__class__ is kind)
 
 
 def extreme_index(name: str, spelling: str, dimension: int, names: Namespace) -> float:

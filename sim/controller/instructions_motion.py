@@ -8,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array
-from common.motion.kinematics import JOINTS
 from sim.as_language.errors import AsError
 from sim.as_language.values import Joints, Pose, Transformation, se3_of
 from sim.controller.instruction import Action, at_rest, until
@@ -56,8 +55,8 @@ def home(task: Task, number: float = 1.0) -> Wait | None:
 
 def drive(task: Task, joint: float, angle_deg: float, speed: float = 100.0) -> Wait | None:
     """DRIVE jt,deg[,speed]: one joint, relative; the speed is a % of monitor speed."""
-    number = int(checked(joint, 1, JOINTS, "the joint of DRIVE"))
     q = task.hardware.robot.q_destination().copy()
+    number = int(checked(joint, 1, len(q), "the joint of DRIVE"))
     q[number - 1] += np.radians(angle_deg)
     return _queue(task, "joint", q=q, speed=ProgramSpeed(percent(speed, "the speed of DRIVE")))
 

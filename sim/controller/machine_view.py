@@ -3,7 +3,6 @@
 import numpy as np
 
 from common.motion.frames import Array
-from common.motion.kinematics import JOINTS
 from sim.as_language.errors import AsError
 from sim.as_language.values import (
     Joints,
@@ -86,7 +85,7 @@ class MachineView:
                 return OUT_OF_REACH
         q, arm = np.radians(place.values), self._robot.kinematics
         beyond = (q < arm.lower_rad) | (q > arm.upper_rad)
-        return sum(1 << k for k in range(JOINTS) if beyond[k])
+        return sum(1 << k for k in range(arm.joints) if beyond[k])
 
     def monitor_speed_percent(self) -> float:
         """MSPEED."""
@@ -94,7 +93,7 @@ class MachineView:
 
     def motor_torque_Nm(self, joint: int) -> float:
         """TRQNM: torque of the simulated servo. Raises AsError E0106."""
-        number = int(checked(joint, 1, JOINTS, "the joint"))
+        number = int(checked(joint, 1, self._robot.kinematics.joints, "the joint"))
         return float(self._robot.arm.data.actuator_force[number - 1])
 
     def motor_current_A(self, joint: int) -> float:

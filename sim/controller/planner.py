@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array, rotation_between, rotation_from_vector
-from common.motion.kinematics import MAX_SPEED_RAD_S, ArmKinematics, IkResult
+from common.motion.kinematics import ArmKinematics, IkResult
 from common.motion.paths import TURN_RADIUS_M, JointPath
 from sim.as_language.errors import AsError
 from sim.controller.motion_requests import (
@@ -126,7 +126,7 @@ def _linear(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> 
 def _joint(
     kinematics: ArmKinematics, motion: MotionRequest, *, q_from: Array, q_to: Array
 ) -> Segment:
-    full_speed_s = float((np.abs(q_to - q_from) / MAX_SPEED_RAD_S).max())
+    full_speed_s = float((np.abs(q_to - q_from) / kinematics.max_speed_rad_s).max())
     path, manner = JointPath(kinematics, q_from, q_to), motion.manner
     if full_speed_s < _LEAST_EXTENT:
         return Segment(path, _ZERO_LENGTH, q_from=q_from, q_to=q_from)
@@ -151,7 +151,7 @@ class TcpLine:
         self, kinematics: ArmKinematics, *, T_flange_tcp: pin.SE3, T_from: pin.SE3, T_to: pin.SE3
     ) -> None:
         """Set the TCP's pose at both ends, in the robot's base frame."""
-        self._kinematics = kinematics
+        self.kinematics = kinematics
         self._T_tcp_flange = T_flange_tcp.inverse()
         self._from, self._to = T_from, T_to
         self._travel_m = T_to.translation - T_from.translation
@@ -171,7 +171,7 @@ class TcpLine:
     def at(self, share: float, q_near: np.ndarray) -> IkResult:
         """Return the joint angles at path parameter `share`, on the branch of q_near."""
         T_base_flange = self.tcp(share) * self._T_tcp_flange
-        return self._kinematics.solve(T_base_flange, q_near, jump_rad=JUMP_RAD)
+        return self.kinematics.solve(T_base_flange, q_near, jump_rad=JUMP_RAD)
 
     def walk(self, q_from: np.ndarray) -> IkResult:
         """Check the whole path; return the joints at its end, or why it cannot be followed."""

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.motion.frames import Array
-from common.motion.kinematics import MAX_SPEED_RAD_S
 from common.motion.paths import MotionPath
 from sim.as_language.errors import AsError
 
@@ -84,7 +83,8 @@ class Segment:
             if result.q is None:
                 reason, step = result.reason, 0.25 * step
                 continue
-            excess = float((np.abs(result.q - self.q) / MAX_SPEED_RAD_S).max()) / dt_s
+            fastest = self.path.kinematics.max_speed_rad_s
+            excess = float((np.abs(result.q - self.q) / fastest).max()) / dt_s
             if excess <= 1.0 + 1e-9:
                 return share, result.q
             reason = "joint speed limit exceeded"

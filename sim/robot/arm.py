@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array, is_finite
-from common.motion.kinematics import JOINTS, ArmKinematics
+from common.motion.kinematics import ArmKinematics
 from forcemesh.errors import SimulationError
 from sim.robot.engine import mujoco
 from sim.robot.ft_sensor import FtSample, FtSensor
@@ -157,12 +157,12 @@ class TrueWrench:
 
 
 class SimArm:
-    """RS007L in its cell. Pure and deterministic: the state changes only in `step`."""
+    """An arm in its cell. Pure and deterministic: the state changes only in `step`."""
 
     def __init__(self, settings: SimSettings, *, seed: int) -> None:
         """Build the cell with the arm at rest at home. Raises SimulationError on bad settings."""
         self.settings = settings
-        self.kinematics = ArmKinematics()
+        self.kinematics = ArmKinematics(settings.arm)
         self.model = build_model(settings)
         self.data = mujoco.MjData(self.model)
         self.plate = PlateContact(self.model, self.data, settings)
@@ -174,8 +174,8 @@ class SimArm:
             raise SimulationError(f"simulated cell: home_deg is out of reach: {violation}")
         self._command = self._taken = home
         # Views of the state: MuJoCo never reallocates it.
-        self._q: Array = self.data.qpos[:JOINTS]
-        self._speed_rad_s: Array = self.data.qvel[:JOINTS]
+        self._q: Array = self.data.qpos[: self.kinematics.joints]
+        self._speed_rad_s: Array = self.data.qvel[: self.kinematics.joints]
         self._ctrl, self._on_tool = self.data.ctrl, self.data.sensordata[:6]
         self._line = SetPointLine(
             home, delay_ticks=settings.delay_ticks, smoothing_ticks=settings.smoothing_ticks
@@ -194,12 +194,12 @@ class SimArm:
 
     @property
     def q(self) -> Array:
-        """Measured joint angles [rad]. Shape (6,)."""
+        """Measured joint angles [rad]. Shape (n,)."""
         return self._q.copy()
 
     @property
     def q_command(self) -> Array:
-        """Last commanded joint angles [rad]. Shape (6,)."""
+        """Last commanded joint angles [rad]. Shape (n,)."""
         return self._command.copy()
 
     @property
@@ -228,7 +228,7 @@ class SimArm:
         )
 
     def command_joints(self, q: Array) -> None:
-        """Set the commanded joint angles [rad], shape (6,); they hold until the next command.
+        """Set the commanded joint angles [rad], shape (n,); they hold until the next command.
 
         A read-only array that is the same object as the last command is not checked again.
 
@@ -237,8 +237,8 @@ class SimArm:
         if q is self._taken and not q.flags.writeable:
             return
         command = np.array(q, dtype=float)
-        if command.shape != (JOINTS,) or not is_finite(command.tolist()):
-            raise SimulationError(f"joint command must be six finite angles, got {q}")
+        if command.shape != self._q.shape or not is_finite(command.tolist()):
+            raise SimulationError(f"joint command must be {len(self._q)} finite angles, got {q}")
         violation = self.kinematics.limit_violation(command)
         if violation:
             raise SimulationError(f"joint command rejected: {violation}")

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array, rotation_between
-from common.motion.kinematics import MAX_SPEED_RAD_S, ArmKinematics
+from common.motion.kinematics import ArmKinematics
 from common.motion.paths import TURN_RADIUS_M, JointPath, LinearPath, MotionPath
 
 MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
@@ -26,7 +26,6 @@ MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
 ACCEL_M_S2 = 2.0  # at 100 percent
 BRAKE_M_S2 = 2.5  # from 250 mm/s to standstill in 100 ms
 STREAM_JUMP_RAD = 0.35  # largest joint change of one streamed pose
-_JOINT_SPEEDS_RAD_S = tuple(MAX_SPEED_RAD_S.tolist())
 _SHRINKS = 8  # attempts to find a step that keeps the joint speed limits
 _BUSY = "a goal is active: brake first"
 
@@ -50,8 +49,9 @@ class MotionGenerator:
     def __init__(
         self, kinematics: ArmKinematics, q_start: Array, *, stream_m_s: float = math.inf
     ) -> None:
-        """Start at rest at q_start [rad], shape (6,); `speed` is for streamed poses."""
+        """Start at rest at q_start [rad], shape (n,); `speed` is for streamed poses."""
         self._kinematics = kinematics
+        self._joint_speeds_rad_s = kinematics.max_speed_rad_s.tolist()
         self._path: MotionPath | None = None
         self._speed = MotionSpeed()
         self._share, self._share_speed = 0.0, 0.0  # s and ds/dt of the path
@@ -68,7 +68,7 @@ class MotionGenerator:
         return self.state in ("running", "braking")
 
     def reseed(self, q: Array) -> None:
-        """Discard every motion and hold q [rad]. Shape (6,)."""
+        """Discard every motion and hold q [rad]. Shape (n,)."""
         self.q_command = np.array(q, dtype=float)
         self._path, self.state, self.reason = None, "idle", ""
 
@@ -82,7 +82,7 @@ class MotionGenerator:
         return path.obstacle(self.q_command) or self._start(path, speed)
 
     def start_joints(self, q_goal: Array, speed: MotionSpeed) -> str:
-        """Start a synchronised motion to joint angles [rad]. Shape (6,)."""
+        """Start a synchronised motion to joint angles [rad]. Shape (n,)."""
         if self.busy:
             return _BUSY
         goal = np.array(q_goal, dtype=float)
@@ -92,7 +92,7 @@ class MotionGenerator:
         return violation or self._start(JointPath(self._kinematics, self.q_command, goal), speed)
 
     def start_by(self, q_relative: Array, speed: MotionSpeed) -> str:
-        """Start a motion by joint angles [rad] relative to the current command. Shape (6,)."""
+        """Start a motion by joint angles [rad] relative to the current command. Shape (n,)."""
         return self.start_joints(self.q_command + np.asarray(q_relative, dtype=float), speed)
 
     def setpoint(self, T_base_flange: pin.SE3) -> str:
@@ -116,7 +116,7 @@ class MotionGenerator:
     def tick(self, dt_s: float) -> Array:
         """Advance by one tick and return the joint command [rad], read-only; the same one at rest.
 
-        Shape (6,).
+        Shape (n,).
         """
         if self.busy:
             self._follow(dt_s)
@@ -142,7 +142,7 @@ class MotionGenerator:
     def _brake_stream(self) -> None:
         """End a stream: stop if its pose is reached, otherwise ramp down."""
         travel = self._q_stream - self.q_command
-        needed_s = max(_time_at_full_speed_s(travel), self._stream_s)
+        needed_s = max(self._time_at_full_speed_s(travel), self._stream_s)
         self.state = "idle"
         if needed_s > 1e-9:
             path = JointPath(self._kinematics, self.q_command, self._q_stream)
@@ -153,7 +153,7 @@ class MotionGenerator:
     def _stream_on(self, dt_s: float) -> None:
         if self.q_command.tolist() != self._q_stream.tolist():
             travel = self._q_stream - self.q_command
-            ticks_needed = max(_time_at_full_speed_s(travel), self._stream_s) / dt_s
+            ticks_needed = max(self._time_at_full_speed_s(travel), self._stream_s) / dt_s
             self.q_command = self.q_command + travel / max(1.0, ticks_needed)
         self._stream_s = max(0.0, self._stream_s - dt_s)
 
@@ -196,7 +196,7 @@ class MotionGenerator:
                 self.reason = f"after {100 * share:.0f} % of the path: {result.reason}"
                 step *= 0.25
                 continue
-            excess = _time_at_full_speed_s(result.q - self.q_command) / dt_s
+            excess = self._time_at_full_speed_s(result.q - self.q_command) / dt_s
             if excess <= 1.0 + 1e-9:
                 self.reason = ""
                 return share, result.q
@@ -204,7 +204,7 @@ class MotionGenerator:
             step /= 1.05 * excess
         return self._share, None
 
-
-def _time_at_full_speed_s(travel_rad: Array) -> float:
-    """Return the duration of a joint motion at the joint speed limits [s]."""
-    return float(max(map(truediv, map(abs, travel_rad.tolist()), _JOINT_SPEEDS_RAD_S)))
+    def _time_at_full_speed_s(self, travel_rad: Array) -> float:
+        """Return the duration of a joint motion at the joint speed limits [s]."""
+        travels = map(abs, travel_rad.tolist())
+        return float(max(map(truediv, travels, self._joint_speeds_rad_s)))

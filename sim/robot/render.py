@@ -101,7 +101,7 @@ def _described(settings: SimSettings, pushed_m: float) -> str:
 
 def _tcp_and_plate(settings: SimSettings, q: Array) -> tuple[list[float], float]:
     """Return the TCP position [m], and the plate's deflection along its normal [m]."""
-    T_base_flange = ArmKinematics().flange_pose(np.asarray(q, dtype=float))
+    T_base_flange = ArmKinematics(settings.arm).flange_pose(np.asarray(q, dtype=float))
     T_base_tcp = T_base_flange * settings.T_flange_tcp
     plate = plate_at_rest(settings)
     lift_m = lift_off_m(

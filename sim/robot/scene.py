@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from common.config.arm import model_file
 from common.motion.frames import GRAVITY_M_S2, Array
-from common.motion.kinematics import JOINTS, MODEL_PATH, ArmKinematics
+from common.motion.kinematics import ArmKinematics
 from sim.robot.decor import add_decor, draw_plate, draw_sensor, draw_tool
 from sim.robot.engine import mujoco
 from sim.robot.plate import HALF_SIDE_M, plate_point_under
@@ -34,7 +35,7 @@ class Plate:
 
 def plate_at_rest(settings: SimSettings) -> Plate:
     """Return the undeflected plate: below the TCP at home, tilted about base x."""
-    T_base_tcp = ArmKinematics().flange_pose(settings.home_rad) * settings.T_flange_tcp
+    T_base_tcp = ArmKinematics(settings.arm).flange_pose(settings.home_rad) * settings.T_flange_tcp
     R_base_plate = pin.utils.rotate("x", math.radians(settings.tilt_deg))
     point = plate_point_under(
         T_base_tcp,
@@ -47,7 +48,7 @@ def plate_at_rest(settings: SimSettings) -> Plate:
 
 def build_spec(settings: SimSettings, *, pushed_m: float = 0.0) -> mujoco.MjSpec:
     """Return the editable model of the whole cell, the plate drawn deflected by `pushed_m`."""
-    spec = mujoco.MjSpec.from_file(str(MODEL_PATH))
+    spec = mujoco.MjSpec.from_file(str(model_file(settings.arm)))
     spec.modelname = "forcemesh cell"
     spec.option.timestep = TICK_S
     spec.option.gravity = (0.0, 0.0, -GRAVITY_M_S2)
@@ -68,7 +69,7 @@ def build_model(settings: SimSettings) -> mujoco.MjModel:
     """
     model = build_spec(settings).compile()
     lag = settings.servo_lag_s
-    for joint in range(JOINTS):
+    for joint in range(model.nu):
         kp = 4.0 * model.dof_M0[joint] / lag**2
         model.actuator_gainprm[joint, 0] = kp
         model.actuator_biasprm[joint, 1:3] = (-kp, -kp * lag)
@@ -77,7 +78,7 @@ def build_model(settings: SimSettings) -> mujoco.MjModel:
 
 def _add_tool(spec: mujoco.MjSpec, settings: SimSettings) -> None:
     """Add the sensor housing and the tool as separate bodies, with the sensor between them."""
-    flange = spec.body("link6")
+    flange = spec.site("flange").parent
     T_fs, T_st = settings.T_flange_sensor, settings.T_sensor_tcp
     housing = flange.add_body(name="sensor_housing", gravcomp=1.0)
     _set_inertia(housing, HOUSING_MASS_KG, T_fs.translation / 2, (0.036, 0.036, 0.03))

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
+from common.config.arm import USUAL_ARM, JointAngles, read_arm
 from common.config.cell import CellConfig
 from common.config.cell_sim import SimSection
 from common.motion.frames import Array
@@ -18,8 +19,6 @@ DAMPED_MASS_KG = 0.3
 FRICTION = 0.3  # of the disc on the plate
 HOUSING_MASS_KG = 0.3  # sensor part on the flange side: not measured by the sensor
 
-Angles = tuple[float, float, float, float, float, float]
-
 
 def _mount(z_m: float, turn_deg: float) -> pin.SE3:
     return pin.SE3(pin.utils.rotate("z", math.radians(turn_deg)), np.array([0.0, 0.0, z_m]))
@@ -30,7 +29,8 @@ class SimSettings(SimSection):
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
 
-    home_deg: Angles = (0.0, 0.0, -90.0, 0.0, -90.0, 0.0)  # exactly tool down, A = 180
+    arm: str = USUAL_ARM  # its folder in arms/
+    home_deg: JointAngles = read_arm(USUAL_ARM).home_deg
     servo_lag_s: float = Field(0.0072, ge=0.004, le=0.1)  # kv / kp; 0.024 for a slow robot
     T_flange_sensor: pin.SE3 = Field(default_factory=lambda: _mount(0.040, 30.0))
     T_sensor_tcp: pin.SE3 = Field(default_factory=lambda: _mount(0.120, 0.0))
@@ -45,6 +45,8 @@ class SimSettings(SimSection):
         sensor, T_flange_sensor = cell.sensor, cell.sensor.T_flange_sensor.pose
         return cls(
             **cell.sim.model_dump(),
+            arm=cell.robot.model,
+            home_deg=read_arm(cell.robot.model).home_deg,
             T_flange_sensor=T_flange_sensor,
             T_sensor_tcp=T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose,
             force_range_N=sensor.force_range_N,
@@ -63,7 +65,7 @@ class SimSettings(SimSection):
 
     @property
     def home_rad(self) -> Array:
-        """Home joint angles [rad]. Shape (6,)."""
+        """Home joint angles [rad]. Shape (n,)."""
         return np.asarray(np.radians(self.home_deg))
 
     @property

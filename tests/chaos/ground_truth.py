@@ -64,7 +64,7 @@ def paths(records: Records) -> list[FlangePath]:
 
     Speeds use the arm's own ticks: catching up after a delay does not increase them.
     """
-    kinematics = ArmKinematics()
+    kinematics = ArmKinematics("rs007l")
     return [_path(each, kinematics) for each in _processes(records)]
 
 

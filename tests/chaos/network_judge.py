@@ -65,7 +65,7 @@ class GroundTruthTrace:
     def __init__(self, path: Path) -> None:
         """Read from a growing file."""
         self._path = path
-        self._kinematics = ArmKinematics()
+        self._kinematics = ArmKinematics("rs007l")
 
     def mark(self) -> int:
         """Return the current number of records, as a start for later reads."""

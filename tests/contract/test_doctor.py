@@ -10,8 +10,7 @@ import pytest
 
 from cli.doctor.link import Visit, VisitTimeouts, visit_controller
 from controller.packet import Packet, encode
-from controller.packet_table import ID_FIRST, Com, Status, greeting
-from services.gateway.scales import Scales
+from controller.packet_table import ID_FIRST, Com, Scales, Status, greeting
 from tests.chaos.common_net import free_port
 from tests.fakes.controller import FakeController
 

@@ -8,9 +8,8 @@ import pytest
 
 from common.motion.convert import record_of
 from controller.packet import PACKET_CHARS
-from controller.packet_table import Status
+from controller.packet_table import Scales, Status
 from forcemesh.clock import ManualClock
-from services.gateway.scales import Scales
 from services.gateway.service import Gateway
 from sim.controller.machine import Pendant
 from sim.robot.service import SimRobot

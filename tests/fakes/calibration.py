@@ -30,7 +30,7 @@ def demo_cell(**overrides: Any) -> CellConfig:
 @cache
 def planned(cell: CellConfig, q_start: tuple[float, ...], options: PlanOptions) -> CalibrationPlan:
     """Return a plan, computed once for all tests with the same initial joint angles [rad]."""
-    return make_plan(cell, ArmKinematics(), np.array(q_start), options)
+    return make_plan(cell, ArmKinematics(cell.robot.model), np.array(q_start), options)
 
 
 class Notes:

@@ -4,12 +4,12 @@ import numpy as np
 import pinocchio as pin
 
 from controller.packet import Packet, PacketReader, encode
-from controller.packet_table import ID_LAST, Com, Status, pack_status
+from controller.packet_table import ID_LAST, Com, Scales, Status, pack_status
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Gains, Speed
-from services.gateway.commands import ControllerLimits, Pacing
 from services.gateway.dialogue import Dialogue
-from services.gateway.scales import Scales
+from services.gateway.packet_window import id_of
+from services.gateway.packets import ControllerLimits, Pacing
 
 MS = NS_PER_S // 1000
 SCALES = Scales()
@@ -34,6 +34,17 @@ def packets(data: bytes) -> list[Packet]:
 def coms(data: bytes) -> list[tuple[int, int]]:
     """Return (Com, Param) of the packets that a dialogue has to send."""
     return [(packet.com, packet.param) for packet in packets(data)]
+
+
+def last_id(dialogue: Dialogue) -> int:
+    """Return the ID of the last packet handed out for sending."""
+    return id_of(dialogue.window.last)
+
+
+def scale_ends(name: str) -> tuple[int, int]:
+    """Return the lowest and the highest value of a scale."""
+    lowest, highest = Scales.model_fields[name].metadata
+    return lowest.ge, highest.le
 
 
 def at(x_mm: float) -> pin.SE3:
@@ -64,6 +75,6 @@ def in_feedback() -> Dialogue:
     """Return a dialogue whose controller runs position feedback."""
     dialogue = greeted()
     dialogue.start_feedback("position", GAINS, permitted=True, now_ns=0)
-    dialogue.feed(pose_report(dialogue.last_id, Status.POSITION_FEEDBACK), 0)
-    dialogue.feed(joint_report(dialogue.last_id), 0)
+    dialogue.feed(pose_report(last_id(dialogue), Status.POSITION_FEEDBACK), 0)
+    dialogue.feed(joint_report(last_id(dialogue)), 0)
     return dialogue

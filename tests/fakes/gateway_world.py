@@ -19,6 +19,7 @@ from forcemesh.messages import Permission, RobotCommand, Speed, WrenchAtTcp
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from tests.contract.rig import DEADLINE_S, gateway_cell
+from tests.fakes.dialogues import last_id
 from tests.fuzz.permissive_arbiter import MOTIONS, PermissiveController, pose_of_vec
 
 PAUSE_NS = 100_000_000
@@ -129,7 +130,7 @@ class GatewayWorld:
         self.controller = controller or FaultyController()
         bus = self._bus("robot")
         self.gateway = Gateway(bus, self.cell, self.controller)
-        self.judge = PacketJudge(self.gateway._dialogue.last_id)
+        self.judge = PacketJudge(last_id(self.gateway._dialogue))
         self.lease, self.turn, self.seq, self.epoch = 0, 0, 0, 1
         self.kind = "hold"  # of the last command
         self.wrench: WrenchAtTcp | None = WrenchAtTcp()

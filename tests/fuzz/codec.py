@@ -22,12 +22,12 @@ from controller.packet_table import (
     ID_LAST,
     STATUS_SPAN,
     Com,
+    Scales,
     greeting,
     next_id,
 )
 from forcemesh.errors import RemoteProtocolError
-from services.gateway.reports import parse_report
-from services.gateway.scales import Scales
+from services.gateway.packets import parse_report
 from tests.fuzz.framer import frame, numbers
 
 POOL = 3000  # trios of packets to corrupt

@@ -95,7 +95,7 @@ def _take(chars: bytes, framed: Framed) -> None:
     row = TABLE[Com(com)]
     if param not in row.params or b"-" in chars[7:21]:
         return
-    if set(row.vec) == {"0"} and chars[21:] != ZERO_VEC:
+    if not row.numbers(param) and chars[21:] != ZERO_VEC:
         return
     framed.last_id, framed.closed = found[0], False
     framed.packets.append((com, param, found[3:], chars))

@@ -7,11 +7,10 @@ from collections.abc import Iterable
 from itertools import takewhile
 
 from controller.packet import PACKET_CHARS, Packet, PacketReader, encode
-from controller.packet_table import ID_FIRST
+from controller.packet_table import ID_FIRST, Scales
 from forcemesh.errors import RemoteProtocolError
 from services.gateway.dialogue import Dialogue
-from services.gateway.reports import Event
-from services.gateway.scales import Scales
+from services.gateway.packets import Event
 from tests.fuzz import streams
 from tests.fuzz.framer import numbers
 

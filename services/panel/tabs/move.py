@@ -162,7 +162,8 @@ class _Jog:
         self._step = gui.add_dropdown("Step [mm or deg]", STEPS_MM, initial_value="5")
         self._shift = gui.add_button_group("Translation", ARROWS, visible=False)
         self._turn = gui.add_button_group("Rotation", ARROWS, visible=False)
-        self._joint = gui.add_dropdown("Joint", tuple(f"J{n}" for n in range(1, 7)))
+        names = tuple(f"J{n + 1}" for n in range(viewer.cell.robot.joints))
+        self._joint = gui.add_dropdown("Joint", names)
         self._by = gui.add_button_group("Joint step", ("−", "+"), visible=False)
         self._unlock.on_click(
             lambda _event: viewer.confirm("Unlock jogging", JOG_TEXT, "Unlock", self._open)
@@ -211,21 +212,22 @@ class _Jog:
             return
         self._open()
         step_deg = float(self._step.value) * (-1.0 if self._by.value == "−" else 1.0)
-        by = np.zeros(6)
+        by = np.zeros(self._viewer.cell.robot.joints)
         by[int(self._joint.value[1:]) - 1] = math.radians(step_deg)
         request = MoveRequest(kind="by", joint_rad=joints(by))
         self._mover.begin(f"{self._joint.value} by {step_deg:+g} degrees", lambda _cell: request)
 
 
 class _Joints:
-    """Joint move to six angles."""
+    """Joint move to one angle for each joint."""
 
     def __init__(self, viewer: Viewer, mover: Mover) -> None:
         gui, self._viewer, self._mover = viewer.gui, viewer, mover
-        low, high = viewer.cell.robot.joint_min_deg, viewer.cell.robot.joint_max_deg
+        robot = viewer.cell.robot
+        ranges = enumerate(zip(robot.joint_min_deg, robot.joint_max_deg, strict=True), start=1)
         self._angles = [
-            gui.add_number(f"J{n + 1} [deg]", 0.0, min=low[n], max=high[n], step=0.1)
-            for n in range(6)
+            gui.add_number(f"J{n} [deg]", 0.0, min=low, max=high, step=0.1)
+            for n, (low, high) in ranges
         ]
         take = gui.add_button("Copy current angles", color="gray")
         button = gui.add_button("Move the joints", icon=viser.Icon.PLAYER_PLAY, color="orange")

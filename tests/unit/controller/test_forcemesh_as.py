@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.packet_table import COMMANDS, GAIN_I, GAIN_P, TABLE, Com, Row
+from controller.packet_table import COMMANDS, GAIN_I, GAIN_P, TABLE, Com
 from sim.as_language.lint import check_text
 from tests.fakes.controller_talk import codes_of
 
@@ -275,30 +275,8 @@ def test_gains_are_scaled_alike_at_both_ends() -> None:
         assert scale == per_unit
 
 
-def test_readme_holds_the_packet_table() -> None:
-    """The other end reads README.md; both are written from one table."""
-    rows = [
-        f"| {int(row.com)} | {row.com.name} | {params} | {', '.join(vec)} |"
-        for row in TABLE.values()
-        for params, vec in _vectors(row)
-    ]
-    section = README.split("## The packet")[1].split("##")[0]
-    assert [line for line in section.splitlines() if re.match(r"\| \d", line)] == rows
-
-
 def test_readme_explains_every_fault() -> None:
     """A number in 103 needs its explanation in the README."""
     codes = codes_of(TEXT)
     section = README.split("## Faults")[1]
     assert set(map(int, re.findall(r"^\| (\d+) \|", section, re.MULTILINE))) == codes
-
-
-def _vectors(row: Row) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the vector of a command, and the Params that it is for."""
-    if not row.banks:
-        return [(_span(row.params), row.vec)]
-    return [(str(param), vec) for param, vec in enumerate((row.vec, *row.banks))]
-
-
-def _span(params: range) -> str:
-    return f"{params[0]}" if len(params) == 1 else f"{params[0]} to {params[-1]}"

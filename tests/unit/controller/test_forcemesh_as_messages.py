@@ -267,7 +267,7 @@ def is_due(data: bytes, id_: int) -> bool:
         row = TABLE[known(packet.com, packet.param)]
     except RemoteProtocolError:
         return False
-    fixed = len(data) if row.vec == ("0",) * 6 else HEAD
+    fixed = len(data) if not row.numbers(packet.param) else HEAD
     expected = encode(Packet(id_, packet.com, packet.param))
     return row.com in COMMANDS - {Com.HELLO} and data[:fixed] == expected[:fixed]
 

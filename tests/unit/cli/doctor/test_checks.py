@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from cli.doctor import checks
 from cli.doctor.checks import ObservedRole, ReportLine
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES
-from controller.packet_table import STATUS_SPAN, Status
-from services.gateway.round_trips import Spread
-from services.gateway.scales import Scales
+from controller.packet_table import STATUS_SPAN, Scales, Status
+from services.gateway.packet_window import Spread
 from tests.fakes.robot_program import READY as RUNNING
 from tools.tree import ROOT
 

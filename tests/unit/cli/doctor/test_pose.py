@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.doctor.checks import ReportLine
-from cli.doctor.pose import Frames, check_pose, model_of
+from cli.doctor.pose import Frames, check_pose
 from cli.doctor.remedies import REMEDIES
 from common.motion.frames import Oat, R_from_oat, oat_from_R
 from common.motion.kinematics import ArmKinematics
-from services.gateway.scales import Scales
+from controller.packet_table import Scales
 
 FRAMES = Frames(
     pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.16])),
@@ -27,7 +27,7 @@ Q = np.radians([20.0, 35.0, -80.0, 15.0, -70.0, 40.0])  # an arbitrary posture
 @cache
 def arm() -> ArmKinematics:
     """Return the model of the arm."""
-    return ArmKinematics()
+    return ArmKinematics("rs007l")
 
 
 def judge(T: pin.SE3, q: np.ndarray = Q, scales: Scales | None = None) -> ReportLine:
@@ -113,11 +113,3 @@ def test_a_small_difference_is_a_warning() -> None:
     """Half a millimetre does not come from a frame setting."""
     line = judge(moved(z=0.5) * FLANGE)
     assert (line.result, line.remedy) == ("WARN", REMEDIES["pose.small"])
-
-
-def test_an_arm_with_other_limits_has_no_model() -> None:
-    """The joint limits of the cell file identify the arm of the model."""
-    low, high = (tuple(np.degrees(limit)) for limit in (arm().lower_rad, arm().upper_rad))
-    assert model_of(low, high) is not None
-    assert model_of(low, (*high[:5], 270.0)) is None
-    assert model_of((-160.0, *low[1:]), high) is None

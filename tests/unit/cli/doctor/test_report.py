@@ -24,9 +24,10 @@ from controller.packet import Packet
 from controller.packet_table import ID_FIRST, Com, Status, greeting
 from forcemesh import topics
 from forcemesh.messages import Health, KawasakiStatus, LinkHealth, RobotState, RobotStatus
-from services.gateway.reports import HealthReport, JointReport, PoseReport
-from services.gateway.round_trips import Spread
-from services.gateway.service import robot_status, scales_of
+from services.gateway.packet_window import Spread
+from services.gateway.packets import HealthReport, JointReport, PoseReport
+from services.gateway.service import robot_status
+from tests.fakes.arms import unknown_arm
 from tests.fakes.bench import DEMO
 from tests.fakes.robot_program import READY as RUNNING
 
@@ -34,10 +35,10 @@ CELLS = DEMO.parent
 TCP = load_cell(CELLS / "demo-tcp.yaml")
 SIM = load_cell(CELLS / "demo.yaml")
 assert TCP.gateway is not None
-SECTION, SCALES = TCP.gateway, scales_of(TCP.gateway)
+SECTION, SCALES = TCP.gateway, TCP.gateway
 READY = RUNNING | Status.HELD
 Q = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
-T = ArmKinematics().flange_pose(np.array(Q))
+T = ArmKinematics("rs007l").flange_pose(np.array(Q))
 STATUS_CHECKS = {
     "motor power", "mode", "teach lock", "robot program", "motion", "position feedback",
     "orientation feedback", "watchdog", "last target", "error lamp", "held",
@@ -173,7 +174,7 @@ def test_a_pose_is_not_compared_while_the_arm_moves() -> None:
 
 def test_an_arm_without_a_model_has_no_pose_check() -> None:
     """The check is skipped, not failed."""
-    other = load_cell(CELLS / "demo-tcp.yaml", {"robot.joint_max_deg": [90] * 6})
+    other = unknown_arm()
     assert words(link_lines(other, SECTION, SCALES, a_visit(good_reports())))["pose"] == "SKIP"
 
 

@@ -100,8 +100,8 @@ def test_all_mistakes_are_reported_at_once_each_with_its_path() -> None:
         "sim.delay_s: must be a number, found 'soon'",
         "payload.mass_kg: missing",
         "limits.sped_m_s: unknown name; did you mean speed_m_s?",
-        "roles.robot: must be 'sim' or 'gateway', found 'simulated'",
-        "robot.joint_min_deg.3: missing",
+        "roles.robot: must be 'sim', 'gateway' or 'external', found 'simulated'",
+        "robot.joint_min_deg: must hold at least 6 values, found [1, 2, 3]",
         "tool.T_flange_tcp.position_m.2: must be a finite number, found nan",
     }
     for start in starts:

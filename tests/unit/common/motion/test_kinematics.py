@@ -9,13 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from common.config.arm import model_file
 from common.motion.frames import GRAVITY_M_S2, Array, Oat, R_from_oat, oat_from_R, rotation_between
-from common.motion.kinematics import MODEL_PATH, ArmKinematics
+from common.motion.kinematics import ArmKinematics
 from sim.as_language.values import Joints, Transformation, se3_of
 from sim.robot.engine import mujoco
 from tests.fakes.as_bench import AsBench, program
 
-ARM = ArmKinematics()
+ARM = ArmKinematics("rs007l")
+MODEL = model_file("rs007l")
 HOME = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
 
 # Joints [deg], flange [mm], O A T [deg]; derived from the vendor's description of the RS007L.
@@ -45,7 +47,7 @@ def by_pinocchio(joints_deg: Array) -> pin.SE3:
 
 def by_mujoco(joints_deg: Array) -> pin.SE3:
     """The simulated arm, by its physics engine."""
-    model = mujoco.MjModel.from_xml_path(str(MODEL_PATH))
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
     data = mujoco.MjData(model)
     data.qpos[:] = np.radians(joints_deg)
     mujoco.mj_kinematics(model, data)
@@ -112,7 +114,7 @@ def test_home_is_exactly_tool_down():
 @settings(max_examples=40, deadline=None)
 def test_pinocchio_and_mujoco_read_the_same_robot(q):
     """Pose, mass matrix and gravity torque agree, so one file describes the robot for both."""
-    model = mujoco.MjModel.from_xml_path(str(MODEL_PATH))
+    model = mujoco.MjModel.from_xml_path(str(MODEL))
     data = mujoco.MjData(model)
     data.qpos[:] = q
     mujoco.mj_forward(model, data)

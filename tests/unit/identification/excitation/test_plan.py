@@ -27,10 +27,11 @@ from identification.excitation.pose_choice import USUAL_PAYLOAD, best_attitudes,
 from identification.identify import identify_payload
 from identification.recording import Samples
 from identification.static_poses import angle
+from tests.fakes.arms import unknown_arm
 from tests.fakes.bench import DEMO
 from tests.fakes.calibration import HOME_RAD
 
-ARM = ArmKinematics()
+ARM = ArmKinematics("rs007l")
 SPREAD_RAD = np.radians([40.0, 15.0, 15.0, 20.0, 20.0, 60.0])  # of start poses, about the demo's
 WALL = {"point_m": [0.0, 0.62, 0.0], "normal": [0.0, -2.0, 0.0]}
 SMALL = {
@@ -302,12 +303,10 @@ def test_a_pose_that_contradicts_the_model_is_refused_with_cause_and_remedy():
         by_arm._model(cell, state)
 
 
-def test_another_arm_is_refused():
-    """The joint limits of the cell file differ from those of the known arm."""
-    cell = load_cell(
-        DEMO, {"calibration": None, "robot.joint_max_deg": [160, 135, 157, 200, 125, 360]}
-    )
-    with pytest.raises(CalibrationError, match=r"not those of the RS007L.*--manual"):
+def test_an_arm_without_a_model_is_refused():
+    """No pose can be planned for it."""
+    cell = unknown_arm()
+    with pytest.raises(CalibrationError, match=r"robot\.model is unknown.*--manual"):
         by_arm._model(cell, state_with(ARM.flange_pose(HOME_RAD)))
 
 

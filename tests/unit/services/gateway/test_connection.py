@@ -7,7 +7,7 @@ from controller.packet_table import ID_FIRST, PERCENT, Com, Status, pack_status
 from services.gateway.connection import ControllerConnection
 from services.gateway.dialogue import Dialogue
 from services.gateway.link import LinkEvents
-from tests.fakes.dialogues import KEPT, MS, SCALES, joint_report, packets, pose_report
+from tests.fakes.dialogues import KEPT, MS, SCALES, joint_report, last_id, packets, pose_report
 
 STALE_S = 0.1
 FIT = Status.MOTOR_POWER | Status.REPEAT_MODE | Status.TEACH_LOCK_OFF | Status.PROGRAM_RUNNING
@@ -65,7 +65,7 @@ class ConnectionRig:
 
     def report(self, counter: int = 1, status: Status = FIT) -> bool:
         """Report a sample in which all sent packets are framed and taken."""
-        param, id_ = pack_status(counter, status), self.dialogue.last_id
+        param, id_ = pack_status(counter, status), last_id(self.dialogue)
         pose = encode(Packet(id_, Com.POSE, param, (0, 20_000, 15_000, 0, 0, 0)))
         return self.receive(pose + encode(Packet(id_, Com.JOINTS, param)))
 
@@ -93,7 +93,7 @@ def test_it_cannot_be_commanded_before_the_program_has_its_limits() -> None:
         (1001, "", "robot_program"),
     ):
         rig.now_ns = at_ms * MS
-        framed = Packet(rig.dialogue.last_id, Com.JOINTS, hello.param)
+        framed = Packet(last_id(rig.dialogue), Com.JOINTS, hello.param)
         rig.receive(encode(hello) + encode(framed))
         assert rig.connection.link_fault(rig.now_ns) == link_fault
         with_fault = rig.connection.controller_fault()
@@ -109,7 +109,7 @@ def test_limits_that_a_hold_of_the_controller_has_voided_are_sent_again() -> Non
     rig = ConnectionRig().greet()
     before = len(packets(rig.wire.sent))
     for _ in range(3):
-        rig.receive(joint_report(rig.dialogue.last_id) + encode(Packet(ID_FIRST, Com.HEALTH, 0)))
+        rig.receive(joint_report(last_id(rig.dialogue)) + encode(Packet(ID_FIRST, Com.HEALTH, 0)))
     sent = [packet.com for packet in packets(rig.wire.sent)[before:]]
     assert sent == [Com.HOLD, *[Com.LIMITS] * 4, Com.TCP]
 
@@ -117,7 +117,7 @@ def test_limits_that_a_hold_of_the_controller_has_voided_are_sent_again() -> Non
 def test_half_a_sample_is_none() -> None:
     """102 without the 101 before it gives no pose."""
     rig = ConnectionRig().greet()
-    assert not rig.receive(joint_report(rig.dialogue.last_id))
+    assert not rig.receive(joint_report(last_id(rig.dialogue)))
     assert rig.connection.measured is None
 
 

@@ -8,15 +8,13 @@ import pytest
 
 from controller import packet_table
 from controller.packet import PACKET_CHARS, Packet, encode
-from controller.packet_table import ID_FIRST, ID_LAST, Com, Status, pack_status
+from controller.packet_table import ID_FIRST, ID_LAST, TABLE, Com, Scales, Status, pack_status
 from forcemesh.messages import Gains, Goal
-from services.gateway.commands import Pacing
 from services.gateway.connection import ControllerConnection
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import ControllerReport, follow, sent
 from services.gateway.link import Link, LinkSettings
-from services.gateway.round_trips import TAKEN
-from services.gateway.scales import Scales
+from services.gateway.packets import Pacing
 from tests.fakes.dialogues import GAINS, JOINTS, KEPT, MS, NONE, SCALES, SPEED, at, packets
 
 PERIOD_NS = 4 * MS
@@ -50,7 +48,7 @@ class LockStep:
             self.framed_id = packet.id
             if packet.com == Com.HOLD:
                 self._ring.clear()
-            elif packet.com in TAKEN:
+            elif packet.param in TABLE[Com(packet.com)].ring:
                 self._ring.append((packet.id, self._step + self.late_steps))
         self.sent += len(batch)
         return batch
@@ -65,9 +63,9 @@ class LockStep:
         reports = encode(Packet(self.taken_id, Com.POSE, param))
         reports += encode(Packet(self.framed_id, Com.JOINTS, param))
         self.dialogue.feed(reports, self.now_ns)
-        oldest_ns = self.dialogue.echoes.framed.oldest_ns
+        oldest_ns = self.dialogue.window.receipts.oldest_ns
         assert oldest_ns is None, "a packet that was framed counts as under way"
-        assert self.dialogue.unacknowledged == 0
+        assert self.dialogue.window.unacknowledged == 0
         return self.give(self.dialogue.tick(self.now_ns, permitted=True))
 
 
@@ -78,7 +76,7 @@ def stream_setpoints(rig: LockStep, count: int) -> None:
         rig.dialogue.offer_setpoint(at(rig.sent % 100))
         missed = 0 if rig.step() else missed + 1
         assert missed <= 3, f"nothing leaves any more after {rig.sent} packets"
-        assert rig.dialogue.unexecuted <= 1
+        assert rig.dialogue.window.unexecuted <= 1
 
 
 def stream_wrenches(rig: LockStep, count: int) -> None:
@@ -93,7 +91,7 @@ def stream_wrenches(rig: LockStep, count: int) -> None:
     while rig.sent < target:
         rig.dialogue.offer_wrench((1.0, 2.0, 3.0), NONE, NONE)
         assert rig.step(), f"no wrench leaves any more after {rig.sent} packets"
-        assert rig.dialogue.unexecuted == 0
+        assert rig.dialogue.window.unexecuted == 0
 
 
 def change_gains(rig: LockStep) -> None:
@@ -101,12 +99,12 @@ def change_gains(rig: LockStep) -> None:
     for number in (2, 3):
         rig.dialogue.offer_gains(Gains(force_p_m_per_N=(number * 1e-6,) * 3))
         assert [packet.com for packet in rig.step()] == [Com.GAINS]
-        assert rig.dialogue.unexecuted == 1
+        assert rig.dialogue.window.unexecuted == 1
         rig.step()
-        assert rig.dialogue.unexecuted == 1
+        assert rig.dialogue.window.unexecuted == 1
         for _ in range(3):
             rig.step()
-        assert rig.dialogue.unexecuted == 0
+        assert rig.dialogue.window.unexecuted == 0
 
 
 def finish_a_goal(rig: LockStep) -> None:
@@ -114,9 +112,9 @@ def finish_a_goal(rig: LockStep) -> None:
     rig.status = NO_STATUS
     rig.give(rig.dialogue.stop_feedback(rig.now_ns))
     rig.step()
-    rig.give(rig.dialogue.move_by_joints(JOINTS, SPEED, rig.now_ns))
+    rig.give(rig.dialogue.move_joints(Com.MOVE_BY_JOINTS, JOINTS, SPEED, rig.now_ns))
     goal = Goal(id=1, kind="by", joint_rad=JOINTS)
-    track = sent(goal, rig.dialogue.last, (0.0,) * 6, rig.now_ns)
+    track = sent(goal, rig.dialogue.window.last, (0.0,) * 6, rig.now_ns)
     states = []
     for _ in range(5):
         rig.step()
@@ -129,7 +127,9 @@ def finish_a_goal(rig: LockStep) -> None:
 def report_of(rig: LockStep) -> ControllerReport:
     """Return the report of the connection with the arm at the end of the motion."""
     counter = rig.now_ns // PERIOD_NS
-    return ControllerReport(at(0), JOINTS, NO_STATUS, counter, rig.dialogue.taken, rig.now_ns)
+    return ControllerReport(
+        at(0), JOINTS, NO_STATUS, counter, rig.dialogue.window.taken, rig.now_ns
+    )
 
 
 @pytest.fixture
@@ -223,13 +223,13 @@ def test_a_socket_carries_600000_packets_on_one_connection() -> None:
 
 def carry(connection: ControllerConnection, dialogue: Dialogue, count: int) -> int:
     """Stream until so many packets were sent; time advances only after an answer."""
-    now_ns, first = 0, dialogue.last
-    while dialogue.last - first < count:
+    now_ns, first = 0, dialogue.window.last
+    while dialogue.window.last - first < count:
         if connection.poll(now_ns):
             now_ns += PERIOD_NS
         if connection.is_ready:
-            if not dialogue.unexecuted:
-                dialogue.offer_setpoint(at(dialogue.last % 100))
+            if not dialogue.window.unexecuted:
+                dialogue.offer_setpoint(at(dialogue.window.last % 100))
             connection.send(dialogue.tick(now_ns, permitted=True), now_ns)
-            assert dialogue.unexecuted <= 2
-    return dialogue.last - first
+            assert dialogue.window.unexecuted <= 2
+    return dialogue.window.last - first

@@ -11,11 +11,16 @@ from controller.packet_table import ID_FIRST, ID_LAST, NO_ID, Com, next_id
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 from forcemesh.messages import Speed
-from services.gateway import commands
-from services.gateway.commands import Pacing
 from services.gateway.dialogue import Dialogue
-from services.gateway.numbering import NONE_YET
-from services.gateway.reports import HealthReport, HelloReceived, JointReport, PoseReport
+from services.gateway.packet_window import NONE_YET
+from services.gateway.packets import (
+    HealthReport,
+    HelloReceived,
+    JointReport,
+    Pacing,
+    PoseReport,
+    hello,
+)
 from tests.fakes.dialogues import (
     JOINTS,
     KEPT,
@@ -28,6 +33,7 @@ from tests.fakes.dialogues import (
     greeted,
     in_feedback,
     joint_report,
+    last_id,
     packets,
     pose_report,
 )
@@ -36,13 +42,13 @@ from tests.fakes.dialogues import (
 def test_hello_is_the_first_packet_and_requests_the_scales() -> None:
     """A connection begins with command 9: version in Param, scales in the vector."""
     (packet,) = packets(Dialogue(SCALES).connected(0))
-    assert packet == commands.hello(SCALES, 1).packet(next_id(NO_ID))
+    assert packet == hello(SCALES, 1).packet(next_id(NO_ID))
 
 
 def test_reports_become_events() -> None:
     """Hello, 101, 102 and 103 of one stream become events in their order."""
     dialogue = Dialogue(SCALES)
-    data = dialogue.connected(0) + pose_report(dialogue.last_id) + joint_report(dialogue.last_id)
+    data = dialogue.connected(0) + pose_report(last_id(dialogue)) + joint_report(last_id(dialogue))
     data += encode(Packet(ID_FIRST, Com.HEALTH, 0))
     kinds = [type(event) for event in dialogue.feed(data, 0)]
     assert kinds == [HelloReceived, PoseReport, JointReport, HealthReport]
@@ -74,7 +80,7 @@ def test_only_hello_and_hold_are_sent_before_the_controllers_hello() -> None:
     dialogue.offer_setpoint(at(1))
     assert dialogue.tick(NS_PER_S, permitted=True) == b""
     with pytest.raises(LocalProtocolError, match="hello"):
-        dialogue.move_to_joints(JOINTS, SPEED, 0)
+        dialogue.move_joints(Com.MOVE_JOINTS, JOINTS, SPEED, 0)
     assert coms(dialogue.hold(0)) == [(8, 0)]
 
 
@@ -95,8 +101,8 @@ def test_speeds_go_before_goals_and_only_when_they_changed() -> None:
     dialogue = greeted()
     slow, fast = Speed(mechanical_m_s=0.01), Speed(mechanical_m_s=0.1)
     assert coms(dialogue.move_to_pose(at(1), slow, 0)) == [(5, 0), (1, 0)]
-    assert coms(dialogue.move_to_joints(JOINTS, slow, 0)) == [(2, 0)]
-    assert coms(dialogue.move_by_joints(JOINTS, fast, 0)) == [(5, 0), (3, 0)]
+    assert coms(dialogue.move_joints(Com.MOVE_JOINTS, JOINTS, slow, 0)) == [(2, 0)]
+    assert coms(dialogue.move_joints(Com.MOVE_BY_JOINTS, JOINTS, fast, 0)) == [(5, 0), (3, 0)]
     assert coms(dialogue.set_speed(fast, 0)) == []
     dialogue.feed(dialogue.connected(0), 0)
     assert coms(dialogue.set_speed(fast, 0)) == [(5, 0)]
@@ -105,12 +111,12 @@ def test_speeds_go_before_goals_and_only_when_they_changed() -> None:
 def test_a_refused_batch_leaves_nothing_behind() -> None:
     """When the goal does not fit, the speeds before it and its ID are not used."""
     dialogue = greeted()
-    before = dialogue.last_id
+    before = last_id(dialogue)
     with pytest.raises(LocalProtocolError):
         dialogue.move_to_pose(at(-5000), SPEED, 0)
     with pytest.raises(LocalProtocolError):
-        dialogue.move_to_joints((nan, 0.0, 0.0, 0.0, 0.0, 0.0), SPEED, 0)
-    assert dialogue.last_id == before
+        dialogue.move_joints(Com.MOVE_JOINTS, (nan, 0.0, 0.0, 0.0, 0.0, 0.0), SPEED, 0)
+    assert last_id(dialogue) == before
     assert coms(dialogue.move_to_pose(at(1), SPEED, 0)) == [(5, 0), (1, 0)]
 
 
@@ -155,7 +161,7 @@ def test_setpoints_in_flight_never_exceed_the_limit(
             dialogue.feed(pose_report(in_flight.pop(0).id), now_ns)
         else:
             now_ns += 30 * MS
-        assert dialogue.unexecuted == len(in_flight) <= limit
+        assert dialogue.window.unexecuted == len(in_flight) <= limit
 
 
 def test_the_rounding_of_a_stream_of_setpoints_is_carried() -> None:
@@ -178,7 +184,7 @@ def test_a_heartbeat_fills_40_ms_of_silence_and_only_then() -> None:
     dialogue.offer_setpoint(at(1))
     assert coms(dialogue.tick(79 * MS, permitted=True)) == [(13, 0)]
     assert dialogue.tick(200 * MS, permitted=True) == b""  # packets in flight count as beats
-    dialogue.feed(joint_report(dialogue.last_id), 90 * MS)
+    dialogue.feed(joint_report(last_id(dialogue)), 90 * MS)
     assert dialogue.tick(118 * MS, permitted=True) == b""
     assert coms(dialogue.tick(119 * MS, permitted=True)) == [(12, 0)]
 
@@ -203,7 +209,7 @@ def test_hold_is_command_8_and_cancels_all_motion() -> None:
     dialogue.tick(0, permitted=True)
     dialogue.offer_setpoint(at(2))
     assert coms(dialogue.hold(0)) == [(8, 0)]
-    assert dialogue.unexecuted == 0
+    assert dialogue.window.unexecuted == 0
     assert dialogue.tick(0, permitted=True) == b""
     dialogue.offer_setpoint(at(0.005))
     assert packets(dialogue.tick(0, permitted=True))[0].vec[0] == 0  # no rounding carried over
@@ -214,10 +220,10 @@ def test_a_hold_that_voids_the_limits_sends_them_again() -> None:
     dialogue = greeted()
     set_up = [(10, 0), (10, 1), (10, 2), (10, 3), (11, 0)]
     assert coms(dialogue.set_up(KEPT, 0)) == [(8, 0), *set_up]
-    dialogue.feed(pose_report(dialogue.last_id - 1), 0)
+    dialogue.feed(pose_report(last_id(dialogue) - 1), 0)
     assert not dialogue.is_set_up
     assert coms(dialogue.hold(0)) == [(8, 0), *set_up]
-    dialogue.feed(pose_report(dialogue.last_id), 0)
+    dialogue.feed(pose_report(last_id(dialogue)), 0)
     assert dialogue.is_set_up
     assert coms(dialogue.hold(0)) == [(8, 0)]
 
@@ -229,24 +235,24 @@ def test_ids_of_an_earlier_connection_do_not_count_as_taken() -> None:
     (packet,) = packets(dialogue.tick(0, permitted=True))
     for stale in (packet.id - 3, packet.id - 2, packet.id + 1):
         dialogue.feed(pose_report(stale), 0)
-        assert (dialogue.unexecuted, dialogue.taken) == (1, NONE_YET)
+        assert (dialogue.window.unexecuted, dialogue.window.taken) == (1, NONE_YET)
     dialogue.feed(pose_report(packet.id - 1), 0)  # the hello itself
-    assert dialogue.unexecuted == 1
+    assert dialogue.window.unexecuted == 1
     dialogue.feed(pose_report(packet.id), 0)
-    assert (dialogue.unexecuted, dialogue.taken) == (0, dialogue.last)
+    assert (dialogue.window.unexecuted, dialogue.window.taken) == (0, dialogue.window.last)
 
 
 def test_the_round_trip_is_measured_from_sending_to_framing() -> None:
     """102 names the last framed packet; the time from sending to it is the round trip."""
     dialogue = greeted()
     dialogue.hold(0)
-    dialogue.feed(joint_report(dialogue.last_id), 3 * MS)
-    assert dialogue.echoes.framed.last_s == pytest.approx(0.003)
+    dialogue.feed(joint_report(last_id(dialogue)), 3 * MS)
+    assert dialogue.window.receipts.last_s == pytest.approx(0.003)
     dialogue.hold(10 * MS)
-    dialogue.feed(joint_report(dialogue.last_id - 1), 12 * MS)
-    assert dialogue.echoes.framed.last_s == pytest.approx(0.003)
-    dialogue.feed(joint_report(dialogue.last_id), 17 * MS)
-    assert dialogue.echoes.framed.last_s == pytest.approx(0.007)
+    dialogue.feed(joint_report(last_id(dialogue) - 1), 12 * MS)
+    assert dialogue.window.receipts.last_s == pytest.approx(0.003)
+    dialogue.feed(joint_report(last_id(dialogue)), 17 * MS)
+    assert dialogue.window.receipts.last_s == pytest.approx(0.007)
 
 
 def test_a_new_connection_keeps_nothing_of_the_old_one() -> None:
@@ -263,12 +269,12 @@ def test_it_is_settled_when_reports_confirm_the_last_hold_and_the_last_motion() 
     """A hold voids the motion before it, which then has no echo."""
     dialogue = greeted()
     assert dialogue.settled
-    dialogue.move_by_joints(JOINTS, SPEED, 0)
+    dialogue.move_joints(Com.MOVE_BY_JOINTS, JOINTS, SPEED, 0)
     assert not dialogue.settled
-    dialogue.feed(pose_report(dialogue.last_id), 1 * MS)
+    dialogue.feed(pose_report(last_id(dialogue)), 1 * MS)
     assert dialogue.settled
-    dialogue.move_by_joints(JOINTS, SPEED, 2 * MS)
+    dialogue.move_joints(Com.MOVE_BY_JOINTS, JOINTS, SPEED, 2 * MS)
     dialogue.hold(3 * MS)
     assert not dialogue.settled
-    dialogue.feed(joint_report(dialogue.last_id), 4 * MS)
+    dialogue.feed(joint_report(last_id(dialogue)), 4 * MS)
     assert dialogue.settled

@@ -2,7 +2,7 @@
 
 import pytest
 
-from controller.packet_table import Status
+from controller.packet_table import Com, Status
 from forcemesh.errors import LocalProtocolError
 from forcemesh.messages import Gains
 from tests.fakes.dialogues import (
@@ -15,6 +15,7 @@ from tests.fakes.dialogues import (
     greeted,
     in_feedback,
     joint_report,
+    last_id,
     packets,
     pose_report,
 )
@@ -41,18 +42,18 @@ def test_motion_and_tool_are_refused_while_feedback_runs() -> None:
     for dialogue in (greeted(), in_feedback()):
         if not dialogue.feedback_active:
             dialogue.start_feedback("position", GAINS, permitted=True, now_ns=0)
-        before = dialogue.last_id
+        before = last_id(dialogue)
         for refused in (
             lambda d: d.move_to_pose(at(1), SPEED, 0),
-            lambda d: d.move_to_joints(JOINTS, SPEED, 0),
-            lambda d: d.move_by_joints(JOINTS, SPEED, 0),
+            lambda d: d.move_joints(Com.MOVE_JOINTS, JOINTS, SPEED, 0),
+            lambda d: d.move_joints(Com.MOVE_BY_JOINTS, JOINTS, SPEED, 0),
             lambda d: d.offer_setpoint(at(1)),
             lambda d: d.set_centre(at(1), 0),
             lambda d: d.start_feedback("both", GAINS, permitted=True, now_ns=0),
         ):
             with pytest.raises(LocalProtocolError, match="feedback"):
                 refused(dialogue)
-        assert dialogue.last_id == before
+        assert last_id(dialogue) == before
 
 
 def test_motion_waits_until_the_controller_reports_the_end_of_feedback() -> None:
@@ -61,7 +62,7 @@ def test_motion_waits_until_the_controller_reports_the_end_of_feedback() -> None
     assert coms(dialogue.stop_feedback(0)) == [(7, 2)]
     with pytest.raises(LocalProtocolError, match="feedback"):
         dialogue.move_to_pose(at(1), SPEED, 0)
-    dialogue.feed(pose_report(dialogue.last_id), 0)
+    dialogue.feed(pose_report(last_id(dialogue)), 0)
     assert not dialogue.feedback_active
     assert dialogue.move_to_pose(at(1), SPEED, 0)
 
@@ -69,7 +70,7 @@ def test_motion_waits_until_the_controller_reports_the_end_of_feedback() -> None
 def test_feedback_that_the_controller_ended_by_itself_is_detected() -> None:
     """The controller's watchdog or limits may end it; then it is no longer requested either."""
     dialogue = in_feedback()
-    dialogue.feed(pose_report(dialogue.last_id, Status.HELD), 0)
+    dialogue.feed(pose_report(last_id(dialogue), Status.HELD), 0)
     assert not dialogue.feedback_active
     with pytest.raises(LocalProtocolError, match="no force feedback runs"):
         dialogue.offer_wrench((0.0, 0.0, 0.0), NONE, NONE)
@@ -78,7 +79,7 @@ def test_feedback_that_the_controller_ended_by_itself_is_detected() -> None:
 def test_feedback_that_runs_at_connection_blocks_motion_too() -> None:
     """A controller that reports running feedback is in feedback, whatever started it."""
     dialogue = greeted()
-    dialogue.feed(pose_report(dialogue.last_id, Status.ORIENTATION_FEEDBACK), 0)
+    dialogue.feed(pose_report(last_id(dialogue), Status.ORIENTATION_FEEDBACK), 0)
     with pytest.raises(LocalProtocolError, match="feedback"):
         dialogue.offer_setpoint(at(1))
 
@@ -103,7 +104,7 @@ def test_a_changed_set_point_goes_before_its_first_wrench() -> None:
     for setpoint_N in (0.0, 0.0, 10.0, 10.0, 0.0):
         dialogue.offer_wrench((0.0, 0.0, 12.0), NONE, (0.0, 0.0, setpoint_N))
         sent += packets(dialogue.tick(0, permitted=True))
-        dialogue.feed(joint_report(dialogue.last_id), 0)
+        dialogue.feed(joint_report(last_id(dialogue)), 0)
     assert [(packet.com, packet.vec[2]) for packet in sent] == [
         (4, 1200), (4, 1200), (14, 1000), (4, 1200), (4, 1200), (14, 0), (4, 1200),
     ]  # fmt: skip
@@ -118,7 +119,7 @@ def test_a_set_point_whose_wrench_was_not_sent_is_sent_with_the_next() -> None:
     for setpoint_N in (5.0, 6.0):
         dialogue.offer_wrench((0.0, 0.0, 3.0), NONE, (0.0, 0.0, setpoint_N))
         assert dialogue.tick(0, permitted=True) == b""
-    dialogue.feed(joint_report(dialogue.last_id), 0)
+    dialogue.feed(joint_report(last_id(dialogue)), 0)
     sent = packets(dialogue.tick(0, permitted=True))
     assert [(packet.com, packet.vec[2]) for packet in sent] == [(14, 600), (4, 300)]
 

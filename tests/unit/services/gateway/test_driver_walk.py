@@ -288,7 +288,7 @@ def lose_packets(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _numbered(dialogue: Dialogue) -> bytes:
-    dialogue.last += 1
+    dialogue.window.last += 1
     return b""
 
 

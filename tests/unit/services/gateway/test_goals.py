@@ -12,7 +12,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Goal
 from services.gateway import goals
 from services.gateway.goals import ControllerReport, Track
-from services.gateway.numbering import NONE_YET
+from services.gateway.packet_window import NONE_YET
 from tests.contract.rig import pose_goal, shifted
 from tests.fakes.gateway_cell import a_cell
 

@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from controller.packet_table import Com, Status
+from controller.packet_table import Com, Scales, Status
 from forcemesh.errors import RemoteProtocolError
 from services.gateway.dialogue import Dialogue
 from services.gateway.link import Link, LinkSettings
-from services.gateway.reports import Event, HealthReport, HelloReceived, JointReport, PoseReport
-from services.gateway.scales import Scales
+from services.gateway.packets import Event, HealthReport, HelloReceived, JointReport, PoseReport
 from tests.fakes.controller import FakeController
 from tests.fakes.dialogues import KEPT
 

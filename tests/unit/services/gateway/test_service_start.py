@@ -7,15 +7,16 @@ import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
+from controller.packet_table import Scales
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.errors import ConfigError
-from services.gateway.scales import SCALE_RANGES
 from services.gateway.service import Gateway
 from tests.contract.rig import gateway_cell, pose_goal, shifted
 from tests.contract.robots import Both
 from tests.fakes.bench import CELL
 from tests.fakes.controller import PORT
+from tests.fakes.dialogues import scale_ends
 from tests.fakes.gateway_cell import a_cell
 
 
@@ -32,11 +33,11 @@ def test_a_gateway_without_its_section_reports_what_is_missing() -> None:
     assert caught.value.mistakes == ["gateway: the section is missing"]
 
 
-@pytest.mark.parametrize("name", SCALE_RANGES)
+@pytest.mark.parametrize("name", Scales.model_fields)
 @pytest.mark.parametrize("end", ["lowest", "highest"])
 def test_a_scale_that_cannot_represent_the_limits_is_refused(name: str, end: str) -> None:
     """The ends of its range are accepted; the next values are refused with the cell file."""
-    low, high = SCALE_RANGES[name]
+    low, high = scale_ends(name)
     good, bad = (low, low - 1) if end == "lowest" else (high, high + 1)
     good_cell: dict[str, Any] = {f"gateway.{name}": good}
     assert gateway(gateway_cell(PORT, **good_cell)).verdict.command is None

@@ -14,7 +14,7 @@ from websockets.http11 import Request
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from common.config.cell_panel import PanelSection
+from common.config.cell_helpers import PanelSection
 from common.config.load import load_cell
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.errors import ConfigError, ForcemeshError

@@ -250,8 +250,8 @@ def test_the_whole_arm_is_deterministic_by_seed():
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ([0.0, 0.0, math.nan, 0.0, 0.0, 0.0], "six finite angles"),
-        ([0.0, 0.0, 0.0], "six finite angles"),
+        ([0.0, 0.0, math.nan, 0.0, 0.0, 0.0], "6 finite angles"),
+        ([0.0, 0.0, 0.0], "6 finite angles"),
         ([0.0, 3.0, 0.0, 0.0, 0.0, 0.0], "joint 2"),
     ],
 )

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.motion.frames import rotation_between
-from common.motion.kinematics import MAX_SPEED_RAD_S, ArmKinematics
+from common.motion.kinematics import ArmKinematics
 from sim.robot.motion import ACCEL_M_S2, MotionGenerator, MotionSpeed
 
-ARM = ArmKinematics()
+ARM = ArmKinematics("rs007l")
 HOME = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
 T_HOME = ARM.flange_pose(HOME)
 DT_S = 0.001
@@ -52,7 +52,7 @@ def flange_speeds_m_s(q: np.ndarray) -> np.ndarray:
 
 def joint_speed_share(q: np.ndarray) -> float:
     """Return the greatest joint speed as a share of that joint's limit."""
-    return float((abs(np.diff(q, axis=0)) / DT_S / MAX_SPEED_RAD_S).max())
+    return float((abs(np.diff(q, axis=0)) / DT_S / ARM.max_speed_rad_s).max())
 
 
 @given(moves, turns, speeds)

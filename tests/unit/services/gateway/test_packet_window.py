@@ -6,16 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controller.packet_table import COMMANDS, Com
+from controller.packet_table import COMMANDS, NO_ID, Com, FeedbackSwitch
 from forcemesh.clock import NS_PER_S
-from services.gateway.commands import HEARTBEAT, STOP_FEEDBACK, Command
-from services.gateway.numbering import NONE_YET
-from services.gateway.round_trips import (
+from services.gateway.packet_window import (
     DROP_AFTER_S,
     MOST_IN_FLIGHT,
     MOST_TIMES,
-    TAKEN,
-    Echoes,
+    NONE_YET,
+    PacketWindow,
     Rate,
     RoundTrips,
     WrappingCounterRate,
@@ -28,6 +26,7 @@ from tests.fakes.dialogues import (
     greeted,
     in_feedback,
     joint_report,
+    last_id,
     pose_report,
 )
 
@@ -123,54 +122,52 @@ def test_memory_is_bounded_and_the_oldest_are_timed() -> None:
 @pytest.mark.parametrize("com", sorted(COMMANDS))
 def test_each_command_has_its_echo(com: Com) -> None:
     """The receiver frames all packets; the robot program takes those of the ring."""
-    echoes = Echoes()
-    echoes.sent(Command(com).packet(7), 7, 0)
-    for trips in (echoes.framed, echoes.taken):
-        trips.reached(7, MS)
-    assert echoes.framed.last_s == pytest.approx(0.001)
+    window = PacketWindow(NO_ID)
+    window.sent(com, 0, 0, streamed=False)
+    for trips in (window.receipts, window.executions):
+        trips.reached(window.last, MS)
+    assert window.receipts.last_s == pytest.approx(0.001)
     at_once = {Com.WRENCH, Com.FORCE_SET_POINT, Com.HOLD, Com.HELLO, Com.HEARTBEAT}
-    assert (echoes.taken.last_s is None) == (com in at_once)
-    assert (com in TAKEN) == (com not in at_once)
+    assert (window.executions.last_s is None) == (com in at_once)
 
 
 def test_the_stop_of_force_feedback_is_framed_only() -> None:
     """Command 7 with Param 2 does not enter the ring."""
-    echoes = Echoes()
-    echoes.sent(STOP_FEEDBACK.packet(7), 7, 0)
-    echoes.taken.reached(7, MS)
-    assert echoes.taken.last_s is None
+    window = PacketWindow(NO_ID)
+    window.sent(Com.FEEDBACK, FeedbackSwitch.STOP, 0, streamed=False)
+    window.executions.reached(window.last, MS)
+    assert window.executions.last_s is None
 
 
 def test_a_dialogue_times_both_echoes_of_its_packets() -> None:
     """102 names the framed, 101 the taken packet; a hold voids the untaken ones."""
     dialogue = greeted()
-    dialogue.feed(joint_report(dialogue.last_id), MS)
+    dialogue.feed(joint_report(last_id(dialogue)), MS)
     dialogue.move_to_pose(at(1), SPEED, 10 * MS)
-    dialogue.feed(joint_report(dialogue.last_id) + pose_report(dialogue.last_id), 14 * MS)
-    assert dialogue.echoes.framed.last_s == pytest.approx(0.004)
-    assert dialogue.echoes.taken.last_s == pytest.approx(0.004)
+    dialogue.feed(joint_report(last_id(dialogue)) + pose_report(last_id(dialogue)), 14 * MS)
+    assert dialogue.window.receipts.last_s == pytest.approx(0.004)
+    assert dialogue.window.executions.last_s == pytest.approx(0.004)
     dialogue.move_to_pose(at(2), SPEED, 20 * MS)
     dialogue.hold(21 * MS)
     dialogue.move_to_pose(at(3), SPEED, 30 * MS)
-    dialogue.feed(pose_report(dialogue.last_id), 37 * MS)
-    assert dialogue.echoes.taken.last_s == pytest.approx(0.007)
-    taken = [took for _, took in dialogue.echoes.taken._times]
+    dialogue.feed(pose_report(last_id(dialogue)), 37 * MS)
+    assert dialogue.window.executions.last_s == pytest.approx(0.007)
+    taken = [took for _, took in dialogue.window.executions._times]
     assert taken == [4 * MS] * 2 + [7 * MS]
 
 
 def test_wrenches_and_heartbeats_are_framed_only_and_a_new_connection_starts_empty() -> None:
     """Command 4 has one echo; the next connection has no times of this one."""
     dialogue = in_feedback()
-    taken = dialogue.echoes.taken.spread(0)
+    taken = dialogue.window.executions.spread(0)
     dialogue.offer_wrench((1.0, 0.0, 0.0), NONE, NONE)
     data = dialogue.tick(5 * MS, permitted=True)
     assert data[7:14] == b"000004 "
-    dialogue.feed(joint_report(dialogue.last_id) + pose_report(dialogue.last_id), 7 * MS)
-    assert dialogue.echoes.framed.last_s == pytest.approx(0.002)
-    assert dialogue.echoes.taken.spread(7 * MS) == taken
+    dialogue.feed(joint_report(last_id(dialogue)) + pose_report(last_id(dialogue)), 7 * MS)
+    assert dialogue.window.receipts.last_s == pytest.approx(0.002)
+    assert dialogue.window.executions.spread(7 * MS) == taken
     dialogue.connected(8 * MS)
-    assert dialogue.echoes.framed.spread(8 * MS) is None
-    assert HEARTBEAT.com not in TAKEN
+    assert dialogue.window.receipts.spread(8 * MS) is None
 
 
 rates = st.floats(5.0, 1000.0)

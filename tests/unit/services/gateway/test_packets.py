@@ -7,15 +7,16 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from common.motion.frames import Oat, R_from_oat, rotation_between
 from controller.packet import Packet, PacketReader, encode
-from controller.packet_table import ID_FIRST, CentreParam, Com, Status, pack_status
+from controller.packet_table import ID_FIRST, CentreParam, Com, Scales, Status, pack_status
 from forcemesh.errors import LocalProtocolError, RemoteProtocolError
 from forcemesh.messages import Gains, Joints, Speed
-from services.gateway import commands, reports
-from services.gateway.commands import Command, ControllerLimits, PoseCarry
-from services.gateway.scales import SCALE_RANGES, Scales, scales_from_hello
+from services.gateway import packets
+from services.gateway.packets import Command, ControllerLimits, PoseCarry
+from tests.fakes.dialogues import scale_ends
 
 SCALES = Scales()
 UNIT_MM = 1 / SCALES.position_per_mm
@@ -39,8 +40,8 @@ def over_the_wire(command: Command) -> Packet:
 def pose_of(packet: Packet) -> pin.SE3:
     """Return a command's pose as the parser of reports reads it."""
     echoed = Packet(ID_FIRST, Com.POSE, pack_status(0, Status(0)), packet.vec)
-    report = reports.parse_report(echoed, SCALES)
-    assert isinstance(report, reports.PoseReport)
+    report = packets.parse_report(echoed, SCALES)
+    assert isinstance(report, packets.PoseReport)
     return report.T_base_flange
 
 
@@ -52,7 +53,7 @@ def angle_between_deg(T: pin.SE3, U: pin.SE3) -> float:
 @given(poses)
 def test_a_pose_arrives_within_half_a_unit(T: pin.SE3) -> None:
     """The errors are at most 0.01 mm per axis and the sum of three half angle units."""
-    command, _ = commands.move_to_pose(T, SCALES, PoseCarry())
+    command, _ = packets.pose(Com.MOVE_POSE, T, SCALES, PoseCarry())
     got = pose_of(over_the_wire(command))
     assert np.abs(got.translation - T.translation).max() * 1e3 <= UNIT_MM / 2 + 1e-9
     assert angle_between_deg(got, T) <= 1.5 * UNIT_DEG + 1e-6
@@ -63,7 +64,7 @@ def test_the_mean_of_a_stream_is_exact(p: tuple[float, float, float], repeats: i
     """The rounding error is carried: the sums of sent and target differ by half a unit at most."""
     T, carry, sent_mm = pin.SE3(np.eye(3), np.array(p)), PoseCarry(), np.zeros(3)
     for _ in range(repeats):
-        command, carry = commands.move_to_pose(T, SCALES, carry)
+        command, carry = packets.pose(Com.MOVE_POSE, T, SCALES, carry)
         sent_mm += pose_of(over_the_wire(command)).translation * 1e3
     assert np.abs(sent_mm - repeats * np.array(p) * 1e3).max() <= UNIT_MM / 2 + 1e-6
 
@@ -73,7 +74,7 @@ def test_the_mean_comes_within_a_tenth_of_a_micrometre() -> None:
     carry, target_mm, sent_mm = PoseCarry(), [], []
     for step in range(500):
         p_mm = np.array([100.003, -250.0077, 333.3333]) + step * 1.3e-3
-        command, carry = commands.move_to_pose(pin.SE3(np.eye(3), p_mm * 1e-3), SCALES, carry)
+        command, carry = packets.pose(Com.MOVE_POSE, pin.SE3(np.eye(3), p_mm * 1e-3), SCALES, carry)
         target_mm.append(p_mm)
         sent_mm.append(np.array(over_the_wire(command).vec[:3]) / SCALES.position_per_mm)
     assert np.abs(np.mean(sent_mm, axis=0) - np.mean(target_mm, axis=0)).max() < 1e-4
@@ -81,12 +82,12 @@ def test_the_mean_comes_within_a_tenth_of_a_micrometre() -> None:
 
 def test_a_refused_pose_leaves_the_carry_alone() -> None:
     """The carry is passed in and returned: after a refusal the caller still has the old one."""
-    _, carry = commands.move_to_pose(
-        pin.SE3(np.eye(3), np.full(3, 1.234567e-3)), SCALES, PoseCarry()
+    _, carry = packets.pose(
+        Com.MOVE_POSE, pin.SE3(np.eye(3), np.full(3, 1.234567e-3)), SCALES, PoseCarry()
     )
     with pytest.raises(LocalProtocolError):
-        commands.move_to_pose(pin.SE3(np.eye(3), np.array([0, 0, 99.0])), SCALES, carry)
-    assert carry.error_mm != (0.0, 0.0, 0.0)
+        packets.pose(Com.MOVE_POSE, pin.SE3(np.eye(3), np.array([0, 0, 99.0])), SCALES, carry)
+    assert carry.error_m != (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("a_deg", [0.0, 180.0])
@@ -96,7 +97,7 @@ def test_the_poles_of_oat_arrive_exactly(a_deg: float, o_deg: float, t_deg: floa
     """An orientation straight up or down is sent exactly."""
     R = R_from_oat(Oat(radians(o_deg), radians(a_deg), radians(t_deg)))
     T = pin.SE3(R, np.array([0.4, 0.1, 0.2]))
-    command, _ = commands.move_to_pose(T, SCALES, PoseCarry())
+    command, _ = packets.pose(Com.MOVE_POSE, T, SCALES, PoseCarry())
     assert command.vec[4] == round(a_deg * SCALES.oat_per_deg)
     assert angle_between_deg(pose_of(over_the_wire(command)), T) <= 1.5 * UNIT_DEG
 
@@ -108,7 +109,7 @@ def test_a_stream_that_comes_to_a_pole_keeps_its_o(a_deg: float) -> None:
     carry, sent_o = PoseCarry(), []
     for a in (toward, a_deg, a_deg, toward):
         R = R_from_oat(Oat(radians(70.0), radians(a), radians(-20.0)))
-        command, carry = commands.move_to_pose(pin.SE3(R, np.zeros(3)), SCALES, carry)
+        command, carry = packets.pose(Com.MOVE_POSE, pin.SE3(R, np.zeros(3)), SCALES, carry)
         sent_o.append(command.vec[3])
     assert sent_o == [70 * SCALES.oat_per_deg] * 4
 
@@ -116,10 +117,10 @@ def test_a_stream_that_comes_to_a_pole_keeps_its_o(a_deg: float) -> None:
 @given(st.tuples(*[st.floats(-2 * pi, 2 * pi)] * 6))
 def test_joint_angles_arrive_within_half_a_unit(q: Joints) -> None:
     """Command 2 and the report of joints have the same unit and sign, for two full turns."""
-    packet = over_the_wire(commands.move_to_joints(q, SCALES))
+    packet = over_the_wire(packets.joints(Com.MOVE_JOINTS, q, SCALES))
     echoed = Packet(ID_FIRST + 5, Com.JOINTS, pack_status(3, Status.MOVING), packet.vec)
-    report = reports.parse_report(echoed, SCALES)
-    assert isinstance(report, reports.JointReport)
+    report = packets.parse_report(echoed, SCALES)
+    assert isinstance(report, packets.JointReport)
     assert np.degrees(np.abs(np.array(report.joint_rad) - q)).max() <= 0.5 / 250 + 1e-9
     assert (report.framed_id, report.counter) == (ID_FIRST + 5, 3)
     assert report.status == Status.MOVING
@@ -145,38 +146,38 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
         set_point_rad=radians(6.0), fastest_m_s=0.25, lower_m=(-0.4, 0.2, -0.2),
         upper_m=(0.4, 0.8, 12.0), T_flange_tcp=T,
     )  # fmt: skip
-    banks = commands.set_up(kept, SCALES)
+    banks = packets.set_up(kept, SCALES)
     expected = [
-        (commands.move_to_pose(T, SCALES, PoseCarry())[0],
+        (packets.pose(Com.MOVE_POSE, T, SCALES, PoseCarry())[0],
             (1, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
-        (commands.move_to_joints(turn, SCALES), (2, 0, (250, -500, 0, 0, 0, 22500))),
-        (commands.move_by_joints(turn, SCALES), (3, 0, (250, -500, 0, 0, 0, 22500))),
-        (commands.wrench((1.0, -2.0, 30.0), (0.1, -0.2, 0.3), SCALES),
+        (packets.joints(Com.MOVE_JOINTS, turn, SCALES), (2, 0, (250, -500, 0, 0, 0, 22500))),
+        (packets.joints(Com.MOVE_BY_JOINTS, turn, SCALES), (3, 0, (250, -500, 0, 0, 0, 22500))),
+        (packets.wrench((1.0, -2.0, 30.0), (0.1, -0.2, 0.3), SCALES),
             (4, 0, (100, -200, 3000, 100, -200, 300))),
-        (commands.speeds(speed, SCALES), (5, 0, (5000, 10000, 1000, 2500, 0, 0))),
-        (commands.gains(gains)[0], (6, 0, (1000, 0, 500, 250000, 0, 0))),
-        (commands.gains(gains)[1], (6, 1, (500, 0, 0, 0, 0, 50))),
-        (commands.start_feedback("position")[0], (7, 0, (0,) * 6)),
-        (commands.start_feedback("orientation")[0], (7, 1, (0,) * 6)),
-        (commands.STOP_FEEDBACK, (7, 2, (0,) * 6)),
-        (commands.HOLD, (8, 0, (0,) * 6)),
-        (commands.hello(SCALES, 7), (9, 2007, (50, 500, 250, 100, 1000, 10))),
+        (packets.speeds(speed, SCALES), (5, 0, (5000, 10000, 1000, 2500, 0, 0))),
+        (packets.gains(gains, SCALES)[0], (6, 0, (1000, 0, 500, 250000, 0, 0))),
+        (packets.gains(gains, SCALES)[1], (6, 1, (500, 0, 0, 0, 0, 50))),
+        (packets.start_feedback("position")[0], (7, 0, (0,) * 6)),
+        (packets.start_feedback("orientation")[0], (7, 1, (0,) * 6)),
+        (packets.STOP_FEEDBACK, (7, 2, (0,) * 6)),
+        (packets.HOLD, (8, 0, (0,) * 6)),
+        (packets.hello(SCALES, 7), (9, 2007, (50, 500, 250, 100, 1000, 10))),
         (banks[0], (10, 0, (100, 500, 500, 5000, 6000, 250))),
         (banks[1], (10, 1, (75_250, 10_000, 1000, 3000, 2500, 0))),
         (banks[2], (10, 2, (-20_000, 10_000, -10_000, 0, 0, 0))),
         (banks[3], (10, 3, (20_000, 40_000, 499_999, 0, 0, 0))),
         (banks[4], (11, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
-        (commands.tcp(T, SCALES, CentreParam.CENTRE),
+        (packets.tcp(T, SCALES, CentreParam.CENTRE),
             (11, 1, (5000, -10000, 15000, 5000, 45000, -10000))),
-        (commands.set_point(T, SCALES, PoseCarry())[0],
+        (packets.pose(Com.SET_POINT, T, SCALES, PoseCarry())[0],
             (13, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
-        (commands.force_set_point((0.0, -5.0, 30.0), SCALES), (14, 0, (0, -500, 3000, 0, 0, 0))),
-        (commands.HEARTBEAT, (12, 0, (0,) * 6)),
+        (packets.force_set_point((0.0, -5.0, 30.0), SCALES), (14, 0, (0, -500, 3000, 0, 0, 0))),
+        (packets.HEARTBEAT, (12, 0, (0,) * 6)),
     ]  # fmt: skip
     for command, numbers in expected:
         packet = over_the_wire(command)
         assert (packet.com, packet.param, packet.vec) == numbers
-    assert [command.param for command in commands.start_feedback("both")] == [0, 1]
+    assert [command.param for command in packets.start_feedback("both")] == [0, 1]
     assert len(banks) == 5
     assert {command.com for command, _ in expected} == set(range(1, 15))
 
@@ -187,74 +188,74 @@ def test_a_number_that_is_not_finite_is_never_sent(bad: float, index: int) -> No
     """NaN and infinity in any element of any vector raise an error."""
     a, b, c, d, e, f = (bad if i == index else 0.1 for i in range(6))
     with pytest.raises(LocalProtocolError):
-        commands.move_to_joints((a, b, c, d, e, f), SCALES)
+        packets.joints(Com.MOVE_JOINTS, (a, b, c, d, e, f), SCALES)
     with pytest.raises(LocalProtocolError):
-        commands.wrench((a, b, c), (d, e, f), SCALES)
+        packets.wrench((a, b, c), (d, e, f), SCALES)
     T = pin.SE3(np.eye(3), np.array([bad, 0, 0]))
     with pytest.raises(LocalProtocolError):
-        commands.move_to_pose(T, SCALES, PoseCarry())
+        packets.pose(Com.MOVE_POSE, T, SCALES, PoseCarry())
     with pytest.raises(LocalProtocolError):
-        commands.tcp(T, SCALES, CentreParam.TCP)
+        packets.tcp(T, SCALES, CentreParam.TCP)
     with pytest.raises(LocalProtocolError):
-        commands.move_to_pose(T, SCALES, PoseCarry((bad, 0.0, 0.0)))
+        packets.pose(Com.MOVE_POSE, T, SCALES, PoseCarry((bad, 0.0, 0.0)))
 
 
 def test_a_value_out_of_range_is_refused_with_quantity_and_range() -> None:
     """-2.1 m, a joint at 500 degrees, 1500 N with the wrong sign, 200 N m: never clipped."""
     with pytest.raises(LocalProtocolError, match=r"Z \[mm\] is -2100, the packet holds -1999.98"):
-        commands.move_to_pose(pin.SE3(np.eye(3), np.array([0, 0, -2.1])), SCALES, PoseCarry())
+        packets.pose(Com.MOVE_POSE, pin.SE3(np.eye(3), np.array([0, 0, -2.1])), SCALES, PoseCarry())
     with pytest.raises(LocalProtocolError, match="JT4"):
-        commands.move_to_joints((0, 0, 0, -radians(500), 0, 0), SCALES)
+        packets.joints(Com.MOVE_JOINTS, (0, 0, 0, -radians(500), 0, 0), SCALES)
     with pytest.raises(LocalProtocolError, match="Fy"):
-        commands.wrench((0, -1500.0, 0), (0, 0, 0), SCALES)
+        packets.wrench((0, -1500.0, 0), (0, 0, 0), SCALES)
     with pytest.raises(LocalProtocolError, match="Mz"):
-        commands.wrench((0, 0, 0), (0, 0, -200.0), SCALES)
+        packets.wrench((0, 0, 0), (0, 0, -200.0), SCALES)
 
 
 def test_a_gain_is_neither_clipped_nor_lost() -> None:
     """A gain that is too large is refused; one that is too small would be sent as zero."""
     with pytest.raises(LocalProtocolError, match="P gain x"):
-        commands.gains(Gains(force_p_m_per_N=(1.1e-3, 0, 0)))
+        packets.gains(Gains(force_p_m_per_N=(1.1e-3, 0, 0)), SCALES)
     with pytest.raises(LocalProtocolError, match="I gain mz is 1e-09, too small"):
-        commands.gains(Gains(torque_i_rad_per_Nms=(0.0, 0.0, 1e-9)))
+        packets.gains(Gains(torque_i_rad_per_Nms=(0.0, 0.0, 1e-9)), SCALES)
 
 
-@pytest.mark.parametrize("name", SCALE_RANGES)
+@pytest.mark.parametrize("name", Scales.model_fields)
 def test_scales_are_range_checked_at_both_ends(name: str) -> None:
-    """Both bounds of every scale bind, here and in the controller's hello."""
-    low, high = SCALE_RANGES[name]
+    """Both bounds of every scale bind, and a hello with another value is refused."""
+    low, high = scale_ends(name)
     for value in (low, high):
         requested = Scales(**{name: value})
-        assert scales_from_hello(requested.vec) == requested
-    for value in (low - 1, high + 1):
-        with pytest.raises(LocalProtocolError, match=name):
-            Scales(**{name: value})
-        a, b, c, d, e, f = (value if n == name else getattr(SCALES, n) for n in SCALE_RANGES)
+        hello = packets.hello(requested, 1).packet(ID_FIRST)
+        assert packets.parse_hello(hello, requested, 1) == packets.HelloReceived()
         with pytest.raises(RemoteProtocolError, match=name):
-            scales_from_hello((a, b, c, d, e, f))
+            packets.parse_hello(hello, SCALES, 1)
+    for value in (low - 1, high + 1):
+        with pytest.raises(ValidationError, match=name):
+            Scales(**{name: value})
 
 
 def test_the_controllers_hello_must_agree() -> None:
     """Another version, arm or scale is refused; the error names both values and the remedy."""
-    good = commands.hello(SCALES, 7).packet(ID_FIRST)
-    assert reports.parse_hello(good, SCALES, 7) == reports.HelloReceived(SCALES)
+    good = packets.hello(SCALES, 7).packet(ID_FIRST)
+    assert packets.parse_hello(good, SCALES, 7) == packets.HelloReceived()
     for param, message in (
         (1, "protocol 1, this gateway 2: load controller/forcemesh.as"),
         (3007, "protocol 3, this gateway 2: load"),
         (2008, r"arm 8, the cell file's gateway\.arm is 7: are cables .* swapped"),
     ):
         with pytest.raises(RemoteProtocolError, match=message):
-            reports.parse_hello(Packet(ID_FIRST, 9, param, good.vec), SCALES, 7)
+            packets.parse_hello(Packet(ID_FIRST, 9, param, good.vec), SCALES, 7)
     with pytest.raises(RemoteProtocolError, match="position_per_mm asked 50, has 60"):
-        reports.parse_hello(Packet(ID_FIRST, 9, 2007, (60, *good.vec[1:])), SCALES, 7)
+        packets.parse_hello(Packet(ID_FIRST, 9, 2007, (60, *good.vec[1:])), SCALES, 7)
     with pytest.raises(RemoteProtocolError, match="must be hello"):
-        reports.parse_hello(Packet(ID_FIRST, 101, 0, good.vec), SCALES, 7)
+        packets.parse_hello(Packet(ID_FIRST, 101, 0, good.vec), SCALES, 7)
 
 
 def test_health_arrives_in_si() -> None:
     """103: error code, loops, wrench age, queue, monitor speed, held ID, any peer."""
     packet = Packet(ID_FIRST, Com.HEALTH, -34024, (123, 45, 2, 3000, 77, 1))
-    assert reports.parse_report(packet, SCALES) == reports.HealthReport(
+    assert packets.parse_report(packet, SCALES) == packets.HealthReport(
         error_code=-34024,
         loop_count=123,
         wrench_age_s=0.045,
@@ -275,4 +276,4 @@ def test_health_arrives_in_si() -> None:
 def test_a_packet_that_no_controller_sends_is_refused(packet: Packet) -> None:
     """Commands of the PC, a second hello, unknown numbers and impossible status are refused."""
     with pytest.raises(RemoteProtocolError):
-        reports.parse_report(packet, SCALES)
+        packets.parse_report(packet, SCALES)

@@ -1,4 +1,9 @@
-"""Round-trip times and event rates over sliding windows, with bounded memory.
+"""Packets in flight to the controller: the account of numbers, echoes and times. Pure.
+
+IDs wrap around after 500 000 packets, numbers do not. Serial number arithmetic (RFC 1982) compares
+two IDs correctly within half the range only, which is 17 minutes at 250 Hz. The gateway therefore
+counts its packets, sends the number modulo 500 000 as the ID, and converts the ID of a report back
+to the newest packet number that it can denote.
 
 A time is known once a packet's ID has been echoed, a rate once its window is long enough. Until
 then the value is None, never a zero that looks like a measurement.
@@ -8,15 +13,11 @@ from collections import deque
 from dataclasses import dataclass
 from math import ceil
 
-from controller.packet import Packet
-from controller.packet_table import Com, FeedbackSwitch
+from controller import packet_table
+from controller.packet_table import ID_FIRST, TABLE, Com, ids_since
 
 NS_PER_S = 1_000_000_000
-# Commands executed by the robot program and echoed by 101; the receiver executes all others.
-TAKEN = frozenset({
-    Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SPEEDS, Com.GAINS, Com.FEEDBACK,
-    Com.LIMITS, Com.TCP, Com.SET_POINT,
-})  # fmt: skip
+NONE_YET = -1  # less than the number of any packet
 MOST_TIMES = 512
 MOST_IN_FLIGHT = 512
 DROP_AFTER_S = 60.0
@@ -24,6 +25,11 @@ RATE_WINDOW_S = 4.0
 LEAST_STREAMED = 20  # set points before their median is published
 RATE_LEAST_S = 1.0
 RATE_MARKS = 32  # per window: its length is exact to 1 / MARKS
+
+
+def id_of(number: int) -> int:
+    """Return the ID of a packet number."""
+    return ID_FIRST + number % packet_table.ID_COUNT
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,11 @@ class RoundTrips:
         """Time of the oldest packet without an echo, None without such a packet."""
         return self._in_flight[0][1] if self._in_flight else None
 
+    @property
+    def in_flight(self) -> int:
+        """Number of packets without an echo."""
+        return len(self._in_flight)
+
     def give_up(self) -> None:
         """Drop the packets in flight: they were voided and will not be echoed."""
         self._in_flight.clear()
@@ -77,36 +88,70 @@ class RoundTrips:
         return Spread(p50 / NS_PER_S, p99 / NS_PER_S)
 
 
-def is_taken(packet: Packet) -> bool:
-    """Return whether the robot program executes this packet, and 101 echoes it."""
-    is_stop = packet.com == Com.FEEDBACK and packet.param == FeedbackSwitch.STOP
-    return packet.com in TAKEN and not is_stop
+class PacketWindow:
+    """Packets of a connection: sent, acknowledged by the receiver, executed by the robot program.
 
+    `last`, `framed` and `taken` are packet numbers; they continue across connections.
+    """
 
-class Echoes:
-    """Round trips of all packets to the receiver, and of ring commands to the robot program."""
+    def __init__(self, last_id: int) -> None:
+        """Continue after an ID; NO_ID is permitted."""
+        self.last = (last_id - ID_FIRST) % packet_table.ID_COUNT  # handed out for sending
+        self.begin()
 
-    def __init__(self) -> None:
-        """Start with nothing sent."""
-        self.framed, self.taken = RoundTrips(), RoundTrips()
+    def begin(self) -> None:
+        """Begin a connection, whose first packet is hello."""
+        self._hello = self._last_for_ring = self.last + 1
+        self.framed = self.taken = NONE_YET
+        self.receipts, self.executions = RoundTrips(), RoundTrips()
         # Streams only: an idle robot program polls its ring just twice a second.
         self.streamed = RoundTrips()
 
-    def sent(self, packet: Packet, number: int, now_ns: int) -> None:
-        """Register a packet sent."""
-        self.framed.sent(number, now_ns)
-        if is_taken(packet):
-            self.taken.sent(number, now_ns)
+    @property
+    def unexecuted(self) -> int:
+        """Number of streamed commands not yet executed by the robot program."""
+        return self.streamed.in_flight
+
+    @property
+    def unacknowledged(self) -> int:
+        """Number of packets not yet acknowledged by the controller's receiver."""
+        return self.last - max(self._hello, self.framed)
+
+    def sent(self, com: Com, param: int, now_ns: int, *, streamed: bool) -> None:
+        """Register the packet after `last`."""
+        self.last += 1
+        self.receipts.sent(self.last, now_ns)
+        if param in TABLE[com].ring:
+            self._last_for_ring = self.last
+            self.executions.sent(self.last, now_ns)
+        if streamed:
+            self.streamed.sent(self.last, now_ns)
+
+    def framed_up_to(self, id_: int, now_ns: int) -> None:
+        """Register the ID that 102 echoes: the last packet acknowledged by the receiver."""
+        self.framed = self._echoed(id_, self.last, self.framed)
+        self.receipts.reached(self.framed, now_ns)
 
     def taken_up_to(self, id_: int, now_ns: int) -> None:
-        """Register the last packet executed by the robot program."""
-        self.taken.reached(id_, now_ns)
-        self.streamed.reached(id_, now_ns)
+        """Register the ID that 101 echoes: the last packet executed by the robot program."""
+        self.taken = self._echoed(id_, self._last_for_ring, self.taken)
+        self.executions.reached(self.taken, now_ns)
+        self.streamed.reached(self.taken, now_ns)
 
-    def give_up_taken(self) -> None:
-        """Drop the packets in flight to the robot program: they were voided."""
-        self.taken.give_up()
+    def void(self) -> None:
+        """Drop the packets in flight to the robot program: no echo of them will arrive."""
+        self.executions.give_up()
         self.streamed.give_up()
+
+    def _echoed(self, id_: int, newest: int, known: int) -> int:
+        """Return the number of an echoed ID, which can be that of packets up to `newest`.
+
+        The ID of an earlier connection is ignored. If the last echo is more than one wraparound
+        back, the ID may denote a packet in flight, with a probability of one in 500 000; that
+        packet then counts as arrived some milliseconds early.
+        """
+        number = newest - ids_since(id_, id_of(newest))
+        return number if number >= max(self._hello, known) else known
 
 
 class Rate:

@@ -1,0 +1,335 @@
+"""Conversion of SI to packets and back: commands to the controller, and its reports. Pure.
+
+A command is a packet without its ID, which the dialogue assigns when it sends. The packet table
+gives units and scales; O, A, T are used only here.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+import pinocchio as pin
+
+from common.motion.frames import Oat, R_from_oat, is_finite_pose, oat_from_R
+from controller.packet import VALUE_MAX, VALUE_MIN, ZERO_VEC, Packet, VecInt
+from controller.packet_table import (
+    ID_FIRST,
+    PROTOCOL_VERSION,
+    REPORTS,
+    TABLE,
+    Bank,
+    CentreParam,
+    Com,
+    FeedbackSwitch,
+    GainKind,
+    Scales,
+    Status,
+    greeted,
+    greeting,
+    known,
+    unpack_status,
+)
+from forcemesh.errors import LocalProtocolError, RemoteProtocolError
+from forcemesh.messages import Gains, Joints, Mode, Speed, Vec3
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A packet without its ID."""
+
+    com: Com
+    param: int = 0
+    vec: VecInt = ZERO_VEC
+
+    def packet(self, id_: int) -> Packet:
+        """Return the packet under an ID."""
+        return Packet(id_, int(self.com), self.param, self.vec)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseCarry:
+    """State between two poses of a stream: rounding error, and O, A, T for the singularities."""
+
+    error_m: Vec3 = (0.0, 0.0, 0.0)  # target minus sent
+    oat: Oat | None = None
+
+
+def unchanged(T_target: pin.SE3, now_ns: int) -> pin.SE3:  # noqa: ARG001 - as `Pacing.release`
+    """Return a set point unchanged."""
+    return T_target
+
+
+@dataclass(frozen=True, slots=True)
+class Pacing:
+    """Flow control: number of packets in flight to the controller, and the heartbeat interval."""
+
+    max_unexecuted: int = 1  # unexecuted in the ring, before the next set point, centre or gains
+    max_unacknowledged: int = 2  # unacknowledged by the receiver, before another wrench
+    heartbeat_after_s: float = 0.040
+    # Pose to send for the newest set point [at ns]: itself, one towards it, or None for not yet.
+    release: Callable[[pin.SE3, int], pin.SE3 | None] = unchanged
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerLimits:
+    """Limits that the controller enforces itself (commands 10 and 11)."""
+
+    # of force feedback: an iteration, its speed, its travel; and the watchdog time
+    step_m: float
+    step_rad: float
+    speed_m_s: float
+    travel_m: float
+    force_N: float
+    watchdog_s: float
+    # of every motion
+    turn_rad: float  # since the first one after a hold
+    torque_Nm: float
+    set_point_m: float  # from one set point of a stream to the next
+    set_point_rad: float
+    fastest_m_s: float
+    lower_m: Vec3  # the box of the TCP, base axes
+    upper_m: Vec3
+    T_flange_tcp: pin.SE3
+
+
+HOLD = Command(Com.HOLD)
+HEARTBEAT = Command(Com.HEARTBEAT)
+STOP_FEEDBACK = Command(Com.FEEDBACK, int(FeedbackSwitch.STOP))
+SWITCHES = {
+    "position": (FeedbackSwitch.POSITION,),
+    "orientation": (FeedbackSwitch.ORIENTATION,),
+    "both": (FeedbackSwitch.POSITION, FeedbackSwitch.ORIENTATION),
+}
+
+
+def encoded(com: Com, values: Iterable[float], scales: Scales, param: int = 0) -> Command:
+    """Return a command from its values in SI, in the order of the packet table.
+
+    Raises LocalProtocolError, naming the quantity, for a value that is not finite or does not fit.
+    """
+    vec = [0] * 6
+    for place, (value, number) in enumerate(zip(values, TABLE[com].numbers(param), strict=True)):
+        unit = number.quantity
+        scale = getattr(scales, unit.scale) if isinstance(unit.scale, str) else unit.scale
+        amount = value * unit.per_si
+        if not isfinite(amount):
+            raise LocalProtocolError(f"{number.label} is {amount}, it cannot be sent")
+        vec[place] = round(amount * scale)
+        if not VALUE_MIN <= vec[place] <= VALUE_MAX:
+            low, high = VALUE_MIN / scale, VALUE_MAX / scale
+            raise LocalProtocolError(
+                f"{number.label} is {amount:.6g}, the packet holds {low:.6g} to {high:.6g}"
+            )
+    a, b, c, d, e, f = vec
+    return Command(com, param, (a, b, c, d, e, f))
+
+
+def decoded(packet: Packet, scales: Scales) -> list[float]:
+    """Return the values of a packet in SI, in the order of the packet table."""
+    numbers = TABLE[Com(packet.com)].numbers(0)
+    return [
+        units
+        / (getattr(scales, unit.scale) if isinstance(unit.scale, str) else unit.scale)
+        * unit.si
+        for units, (_, unit) in zip(packet.vec, numbers, strict=True)
+    ]
+
+
+# --- commands -------------------------------------------------------------------------------------
+
+
+def pose(
+    com: Com, T_base_flange: pin.SE3, scales: Scales, carry: PoseCarry
+) -> tuple[Command, PoseCarry]:
+    """Return command 1, a goal, or 13, one pose of a stream, and the state for the next pose.
+
+    One unit is 0.02 mm, which is 2 N at 1e5 N/m. The rounding error of this position is therefore
+    added to the next one (first-order noise shaping): the mean is exact.
+
+    Raises LocalProtocolError for a pose that is not finite or does not fit.
+    """
+    _refuse_unless_finite(T_base_flange)
+    oat = oat_from_R(T_base_flange.rotation, carry.oat)
+    target_m = T_base_flange.translation + np.array(carry.error_m)
+    command = encoded(com, (*target_m.tolist(), *oat), scales)
+    x, y, z = (target_m - np.array(command.vec[:3]) / scales.position_per_mm * 1e-3).tolist()
+    return command, PoseCarry((x, y, z), oat)
+
+
+def tcp(T_flange_tcp: pin.SE3, scales: Scales, point: CentreParam) -> Command:
+    """Return command 11: the TCP, or only the centre of rotation of force feedback."""
+    _refuse_unless_finite(T_flange_tcp)
+    oat = oat_from_R(T_flange_tcp.rotation)
+    return encoded(Com.TCP, (*T_flange_tcp.translation.tolist(), *oat), scales, int(point))
+
+
+def joints(com: Com, angles_rad: Joints, scales: Scales) -> Command:
+    """Return command 2 for joint angles, 3 for joint rotations [rad]."""
+    return encoded(com, angles_rad, scales)
+
+
+def wrench(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> Command:
+    """Return command 4: the measured wrench, base axes, about the TCP."""
+    return encoded(Com.WRENCH, (*force_N, *torque_Nm), scales)
+
+
+def force_set_point(force_N: Vec3, scales: Scales) -> Command:
+    """Return command 14: the set point of force feedback in the controller."""
+    return encoded(Com.FORCE_SET_POINT, (*force_N, 0.0, 0.0, 0.0), scales)
+
+
+def speeds(speed: Speed, scales: Scales) -> Command:
+    """Return command 5."""
+    shares = (speed.accel_fraction, speed.decel_fraction, speed.modular_fraction)
+    return encoded(Com.SPEEDS, (*shares, speed.mechanical_m_s), scales)
+
+
+def gains(gains_si: Gains, scales: Scales) -> tuple[Command, Command]:
+    """Return the two commands 6: proportional, then integral.
+
+    Raises LocalProtocolError also for a gain that would be rounded to zero.
+    """
+    proportional = (*gains_si.force_p_m_per_N, *gains_si.torque_p_rad_per_Nm)
+    integral = (*gains_si.force_i_m_per_Ns, *gains_si.torque_i_rad_per_Nms)
+    return (
+        _gains(GainKind.PROPORTIONAL, proportional, scales),
+        _gains(GainKind.INTEGRAL, integral, scales),
+    )
+
+
+def _gains(kind: GainKind, values: tuple[float, ...], scales: Scales) -> Command:
+    command = encoded(Com.GAINS, values, scales, int(kind))
+    numbers = TABLE[Com.GAINS].numbers(kind)
+    for number, value, sent in zip(numbers, values, command.vec, strict=True):
+        if value != 0.0 and sent == 0:
+            text = f"{number.name} is {value:.3g}, too small: it would be sent as 0"
+            raise LocalProtocolError(text)
+    return command
+
+
+def start_feedback(mode: Mode) -> tuple[Command, ...]:
+    """Return the commands 7 that start force feedback in a mode; both is one after the other."""
+    return tuple(Command(Com.FEEDBACK, int(switch)) for switch in SWITCHES[mode])
+
+
+def hello(scales: Scales, arm: int) -> Command:
+    """Return command 9, which requests the scales and names the arm's number."""
+    return Command(Com.HELLO, greeting(arm), scales.vec)
+
+
+def set_up(kept: ControllerLimits, scales: Scales) -> tuple[Command, ...]:
+    """Return the commands required before the controller moves: 10 and 11."""
+    feedback = (
+        kept.step_m, kept.step_rad, kept.speed_m_s, kept.travel_m, kept.force_N, kept.watchdog_s
+    )  # fmt: skip
+    motion = (
+        kept.turn_rad, kept.torque_Nm, kept.set_point_m, kept.set_point_rad, kept.fastest_m_s
+    )  # fmt: skip
+    lowest_m, highest_m = (
+        value / scales.position_per_mm * 1e-3 for value in (VALUE_MIN, VALUE_MAX)
+    )  # of the poses that a packet can hold: no corner need be farther out
+    banks = {
+        Bank.FEEDBACK: feedback,
+        Bank.MOTION: motion,
+        Bank.LOWER_CORNER: np.clip(kept.lower_m, lowest_m, highest_m).tolist(),
+        Bank.UPPER_CORNER: np.clip(kept.upper_m, lowest_m, highest_m).tolist(),
+    }
+    return (
+        *(encoded(Com.LIMITS, values, scales, int(bank)) for bank, values in banks.items()),
+        tcp(kept.T_flange_tcp, scales, CentreParam.TCP),
+    )
+
+
+def _refuse_unless_finite(T: pin.SE3) -> None:
+    if not is_finite_pose(T):
+        raise LocalProtocolError("the pose contains a number that is not finite: it is not sent")
+
+
+# --- reports --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class HelloReceived:
+    """The controller's hello: same protocol version, with the requested scales."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseReport:
+    """101: flange in base, ID of the last command executed by the robot program."""
+
+    T_base_flange: pin.SE3
+    taken_id: int
+    counter: int
+    status: Status
+
+
+@dataclass(frozen=True, slots=True)
+class JointReport:
+    """102: joint angles, ID of the last command framed by the receiver."""
+
+    joint_rad: Joints
+    framed_id: int
+    counter: int
+    status: Status
+
+
+@dataclass(frozen=True, slots=True)
+class HealthReport:
+    """103: health of the controller's program."""
+
+    error_code: int
+    loop_count: int
+    wrench_age_s: float
+    queue_length: int
+    monitor_speed_fraction: float
+    held_id: int  # of the last hold; hello is one
+    any_peer: bool  # fm.peer names no address: any client may connect
+
+
+Event = HelloReceived | PoseReport | JointReport | HealthReport
+
+
+def parse_hello(packet: Packet, asked: Scales, arm: int) -> HelloReceived:
+    """Return the controller's hello.
+
+    Raises RemoteProtocolError when the first packet is another one, or when version, number of the
+    arm or scales differ from the requested ones; the text contains both and the remedy.
+    """
+    if packet.com != Com.HELLO:
+        raise RemoteProtocolError(
+            f"the controller's first packet is command {packet.com}, it must be hello "
+            f"({int(Com.HELLO)}): is the program that ships with this version loaded?"
+        )
+    version, number = greeted(packet.param)
+    if version != PROTOCOL_VERSION:
+        raise RemoteProtocolError(
+            f"the controller's program speaks protocol {version}, this gateway {PROTOCOL_VERSION}: "
+            "load controller/forcemesh.as of this version, then EXECUTE fm.main"
+        )
+    if number != arm:
+        raise RemoteProtocolError(
+            f"this is arm {number}, the cell file's gateway.arm is {arm}: are cables or addresses "
+            "of two arms swapped? If not, make fm.num in fm.config and gateway.arm the same"
+        )
+    scales = zip(Scales.model_fields, asked.vec, packet.vec, strict=True)
+    if wrong := [f"{name} asked {a}, has {b}" for name, a, b in scales if a != b]:
+        raise RemoteProtocolError(f"the controller did not set our scales: {'; '.join(wrong)}")
+    return HelloReceived()
+
+
+def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | HealthReport:
+    """Return a report in SI. Raise RemoteProtocolError for any other packet."""
+    com = known(packet.com, packet.param)
+    if com not in REPORTS:
+        raise RemoteProtocolError(f"the controller sent a gateway command, {packet.com}")
+    if com == Com.HELLO:
+        raise RemoteProtocolError("the controller sent hello twice")
+    a, b, c, d, e, f = decoded(packet, scales)
+    if com == Com.HEALTH:
+        return HealthReport(packet.param, int(a), b, int(c), d, ID_FIRST + int(e), f != 0)
+    counter, status = unpack_status(packet.param)
+    if com == Com.POSE:
+        T_base_flange = pin.SE3(R_from_oat(Oat(d, e, f)), np.array([a, b, c]))
+        return PoseReport(T_base_flange, packet.id, counter, status)
+    return JointReport((a, b, c, d, e, f), packet.id, counter, status)

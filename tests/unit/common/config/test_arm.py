@@ -1,0 +1,147 @@
+"""Folders of arms: each data sheet agrees with its model, and mistakes in it are named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from common.config import arm as arms
+from common.config.arm import UNKNOWN_ARM, USUAL_ARM, arm_names, model_file, read_arm
+from common.config.cell import CellConfig
+from common.config.load import dump_cell, load_cell
+from common.motion.kinematics import ArmKinematics
+from forcemesh.errors import ConfigError
+from sim.robot.engine import mujoco
+from tests.fakes.arms import CELLS, unknown_arm
+
+DEMO = CELLS / "demo.yaml"
+
+
+def changed(changes: dict[str, object]) -> CellConfig:
+    """The demo with other values."""
+    return load_cell(DEMO, changes)
+
+
+def mistake(changes: dict[str, object]) -> str:
+    """The one mistake in the demo with other values."""
+    with pytest.raises(ConfigError) as caught:
+        changed(changes)
+    (line,) = caught.value.mistakes
+    return line
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_data_sheet_and_model_of_an_arm_are_of_one_arm(name: str) -> None:
+    """Count and range of the joints agree, the joints are named, and home points down."""
+    arm, kinematics = read_arm(name), ArmKinematics(name)
+    assert list(kinematics.model.names)[1:] == [f"joint{n + 1}" for n in range(arm.joints)]
+    assert np.degrees(kinematics.lower_rad) == pytest.approx(arm.joint_min_deg, abs=1e-9)
+    assert np.degrees(kinematics.upper_rad) == pytest.approx(arm.joint_max_deg, abs=1e-9)
+    down = kinematics.flange_pose(np.radians(arm.home_deg)).rotation[:, 2]
+    assert down == pytest.approx([0.0, 0.0, -1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_physics_and_kinematics_read_one_model(name: str) -> None:
+    """The flange is at the same pose, one servo drives each joint, and the flange ends its body."""
+    kinematics = ArmKinematics(name)
+    model = mujoco.MjModel.from_xml_path(str(model_file(name)))
+    data = mujoco.MjData(model)
+    q = np.random.default_rng(1).uniform(kinematics.lower_rad, kinematics.upper_rad)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    T, site = kinematics.flange_pose(q), data.site("flange")
+    assert T.translation == pytest.approx(site.xpos, abs=1e-12)
+    assert T.rotation.ravel() == pytest.approx(site.xmat, abs=1e-12)
+    assert model.nu == kinematics.joints
+    assert model.site("flange").pos == pytest.approx(np.zeros(3))
+    assert model.site("flange").quat == pytest.approx([1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_the_levers_of_an_arm_bound_the_travel_of_its_flange(name: str) -> None:
+    """And its reach bounds the distance of the wrist, which a flange pose determines."""
+    arm = ArmKinematics(name)
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        q = rng.uniform(arm.lower_rad, arm.upper_rad)
+        J = arm.jacobian(q)
+        assert (np.linalg.norm(J[:3], axis=0) <= arm.levers_m + 1e-9).all()
+        T, turned = arm.flange_pose(q), q + np.eye(arm.joints)[-1]
+        wrist = T.act(arm._p_flange_wrist)
+        assert arm.flange_pose(turned).act(arm._p_flange_wrist) == pytest.approx(wrist, abs=1e-9)
+        from_joint_1 = wrist - arm.model.jointPlacements[1].translation
+        assert np.linalg.norm(from_joint_1) <= arm.reach_m + 1e-9
+
+
+def test_a_cell_file_without_limits_has_those_of_its_arm() -> None:
+    """A file without an arm is of the usual one; limits in the file may be narrower."""
+    usual, robot = read_arm(USUAL_ARM), changed({}).robot
+    assert (robot.model, robot.joint_min_deg) == (USUAL_ARM, usual.joint_min_deg)
+    narrow = [-90.0, *usual.joint_min_deg[1:]]
+    assert changed({"robot.joint_min_deg": narrow}).robot.joint_min_deg == tuple(narrow)
+    tree = yaml.safe_load(dump_cell(changed({})))
+    assert tree["robot"]["joint_max_deg"] == list(usual.joint_max_deg)
+
+
+def test_limits_beyond_those_of_the_arm_are_refused() -> None:
+    """They are of another arm, which the file has to name."""
+    too_wide = [180.0, 135.5, 157.0, 200.0, 125.0, 360.0]
+    assert mistake({"robot.joint_max_deg": too_wide}) == (
+        "robot: joint 2 has 135.5 degrees, its range is -135 to 135 with the arm rs007l; name the "
+        "right arm in robot.model (unknown: an arm without a folder in arms/)"
+    )
+    too_low = [-181.0, -135.0, -157.0, -200.0, -125.0, -360.0]
+    assert "joint 1 has -181 degrees" in mistake({"robot.joint_min_deg": too_low})
+    seven = {name: [value] * 7 for name, value in (("min", -90.0), ("max", 90.0))}
+    changes = {f"robot.joint_{end}_deg": values for end, values in seven.items()}
+    line = mistake({**changes, "robot.joint_speed_max_deg_s": [90.0] * 7})
+    assert line.startswith("robot: there are 7 joints, not 6 with the arm rs007l; name the right")
+
+
+def test_lists_of_different_lengths_are_refused() -> None:
+    """Each of the three has one value for each joint."""
+    line = mistake({"robot.joint_max_deg": [90.0] * 7})
+    assert line.endswith("must have one value for each joint, they have 6, 7 and 6")
+
+
+def test_an_arm_without_a_folder_is_named_with_the_valid_ones() -> None:
+    """Also one whose name is no text."""
+    for name in ("rs0007l", 7):
+        line = mistake({"robot.model": name})
+        assert line.startswith(f"robot: model: there is no folder arms/{name}, valid: ")
+        assert line.endswith("rs007l, unknown")
+
+
+def test_an_unknown_arm_is_not_simulated() -> None:
+    """Its cell file gives the joint limits; there is no model for a simulation."""
+    assert unknown_arm().robot.joint_max_deg == (170.0,) * 6
+    sheet = read_arm(USUAL_ARM).model_dump(include=set(arms.JointLimits.model_fields))
+    limits = {f"robot.{name}": values for name, values in sheet.items()}
+    line = mistake({"robot.model": UNKNOWN_ARM, **limits})
+    assert line.startswith("the section `sim` needs an arm with a model, robot.model is unknown")
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"home_deg": [0, 0, -90, 0, -90]}, "home_deg: must hold at least 6 values"),
+        ({"home_deg": [0, 0, -90, 0, -90, 0, 0]}, "home_deg: there are 7 joints, not 6"),
+        ({"home_deg": [0, 0, -90, 0, -126, 0]}, "home_deg: joint 5 has -126 degrees"),
+        ({"licence": ""}, "licence: must have at least 1 characters"),
+        ({"dof": 6}, "dof: unknown name"),
+    ],
+)
+def test_a_mistake_in_a_data_sheet_is_named_with_its_file(
+    changes: dict[str, object], text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a cell file."""
+    sheet = read_arm(USUAL_ARM).model_dump(mode="json") | changes
+    monkeypatch.setattr(arms, "ARMS", tmp_path)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "arm.yaml").write_text(yaml.safe_dump(sheet))
+    with pytest.raises(ConfigError, match=r"arm\.yaml") as caught:
+        read_arm("mine")
+    read_arm.cache_clear()
+    assert text in str(caught.value)

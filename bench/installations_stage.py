@@ -11,6 +11,7 @@ from bench.faults import CutTransport, FaultCell, cell_for
 from bench.sensor_faults import STIFF_N_M
 from cli.calibration.drive import Drive
 from cli.calibration.gather import Gatherer
+from common.bus.configured_cell import ConfiguredCell
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
@@ -159,7 +160,7 @@ class Stage(FaultCell):
 
     def turn_wrist(self) -> None:
         """Jog the wrist by hand, then rest. Raises ForcemeshError with the cause of a stop."""
-        drive = Drive(self.world.client, SPEED_M_S)
+        drive = Drive(ConfiguredCell(self.world.cell, bus=self.world.client), SPEED_M_S)
         drive.arm()
         q = drive.joints() + np.radians(TURN_DEG)
         request = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=SPEED_M_S)
@@ -192,8 +193,8 @@ def plan_of() -> CalibrationPlan:
 def gather(mistake: InstallationError) -> Samples:
     """Move through the poses of the check; return the readings with this error."""
     stage, plan = Stage(mistake), plan_of()
-    bus, route = stage.world.client, plan.route
-    drive, gatherer = Drive(bus, SPEED_M_S), Gatherer(bus, stage.world.cell)
+    cell, route = ConfiguredCell(stage.world.cell, bus=stage.world.client), plan.route
+    drive, gatherer = Drive(cell, SPEED_M_S), Gatherer(cell)
     gatherer.until_received()
     drive.arm()
     at, dwells = route.q_start, list[Dwell]()

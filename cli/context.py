@@ -1,4 +1,7 @@
-"""Common parts of the verbs: cell file, bus connection, errors as one line and an exit code."""
+"""Common parts of the verbs: cell file, bus connection, errors as one line and an exit code.
+
+One table of exceptions gives the exit codes of all verbs.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -7,15 +10,16 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
 
 import typer
 
-from cli.exits import (
-    EXITS,
-    INTERRUPTED,
-    NO_ANSWER,
-    NOT_WELL,
-    OK,
-    REFUSED,
-    USAGE,
-    exit_code_of,
+from forcemesh.errors import (
+    BusError,
+    ConfigError,
+    DataError,
+    ForcemeshError,
+    LostError,
+    NoHubError,
+    RefusedError,
+    SetupError,
+    first_mistake,
 )
 
 if TYPE_CHECKING:
@@ -24,24 +28,31 @@ if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
     from common.config.cell import CellConfig as CellFile
     from forcemesh.bus import Bus
-    from forcemesh.errors import ForcemeshError
     from forcemesh.messages import Record
     from forcemesh.requests import Reply
     from forcemesh.topics import Request
 
 Q = TypeVar("Q", bound="Record")
 
-__all__ = (
-    "EXITS",
-    "INTERRUPTED",
-    "NOT_WELL",
-    "NO_ANSWER",
-    "OK",
-    "REFUSED",
-    "USAGE",
-    "exit_code_of",
+OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER, INTERRUPTED = 0, 1, 2, 3, 4, 130
+EXITS = {
+    OK: "success",
+    NOT_WELL: "failure: a process died, a role is silent, a move did not reach its target",
+    USAGE: "wrong usage, or an invalid file or certificate",
+    REFUSED: "refused, with the reason",
+    NO_ANSWER: "no reply: the cell is not up, or an expected message did not arrive",
+    INTERRUPTED: "interrupted; a hold was requested for a moving arm",
+}
+TABLE: tuple[tuple[type[BaseException], int], ...] = (  # the first row that fits counts
+    (ConfigError, USAGE),
+    (DataError, USAGE),
+    (SetupError, USAGE),
+    (RefusedError, REFUSED),
+    (BusError, NO_ANSWER),
+    (ForcemeshError, NOT_WELL),
+    (OSError, USAGE),
+    (KeyboardInterrupt, INTERRUPTED),
 )
-
 EXIT_CODES = f"Exit codes: {'; '.join(f'{code} {meaning}' for code, meaning in EXITS.items())}."
 CELL_VARIABLE = "FORCEMESH_CELL"
 DEFAULT_CELL = Path("cells/demo.yaml")
@@ -67,6 +78,11 @@ CellOption = Annotated[
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on standard output.")]
+
+
+def exit_code_of(error: BaseException) -> int:
+    """Return the exit code of a verb that ends with an exception."""
+    return next((code for kind, code in TABLE if isinstance(error, kind)), NOT_WELL)
 
 
 def default_cell_file() -> Path:
@@ -113,7 +129,6 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
 
     from common.config.cell import CellConfig
     from common.config.load import load_cell
-    from forcemesh.errors import ConfigError
     from launch.run_file import read_runs
 
     path = find_cell_file(named, ended=ended)
@@ -136,8 +151,6 @@ def one_line_errors() -> Iterator[None]:
     """Convert every error that forcemesh raises on purpose to one line and an exit code."""
     from pydantic import ValidationError
 
-    from forcemesh.errors import ForcemeshError, first_mistake
-
     try:
         yield
     except ValidationError as error:  # of a request, before it was sent
@@ -146,10 +159,8 @@ def one_line_errors() -> Iterator[None]:
         exit_with_error(sentence_of(error), exit_code_of(error))
 
 
-def sentence_of(error: "ForcemeshError") -> str:
+def sentence_of(error: ForcemeshError) -> str:
     """Return the text of an error, with the remedy where it is always the same."""
-    from forcemesh.errors import LostError, NoHubError, RefusedError
-
     if isinstance(error, RefusedError):
         return f"refused ({error.code}): {error}"
     if isinstance(error, LostError):

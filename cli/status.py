@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from typing import TypedDict
 
 from cli.arm_readings import ArmReadings, ArmView, no_readings
-from cli.exits import NO_ANSWER, NOT_WELL, OK
+from cli.context import NO_ANSWER, NOT_WELL, OK
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from forcemesh import topics

@@ -29,7 +29,7 @@ from cli.numbers import (
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
     from forcemesh.client import Move
-    from forcemesh.messages import Asker, Joints, RobotState, Vec3
+    from forcemesh.messages import Asker, RobotState, Vec3
     from forcemesh.requests import MoveRequest
 
 move = typer.Typer(
@@ -89,9 +89,8 @@ def move_joints(
     cell: CellOption = None,
 ) -> None:
     """Move the joints to angles [degrees]."""
-    _request_move(
-        _joint_request("joints", joints, speed, commander), cell, wait=not no_wait, yes=yes
-    )
+    request = _joint_request("joints", joints, speed, commander)
+    _request_move(request, cell, wait=not no_wait, yes=yes)
 
 
 @move.command("by", context_settings=NEGATIVE_NUMBERS)
@@ -105,15 +104,20 @@ def move_by(
     cell: CellOption = None,
 ) -> None:
     """Move the joints by angles [degrees] relative to their present position."""
-    _request_move(_joint_request("by", joints, speed, commander), cell, wait=not no_wait, yes=yes)
+    request = _joint_request("by", joints, speed, commander)
+    _request_move(request, cell, wait=not no_wait, yes=yes)
 
 
 def _joint_request(
     kind: Literal["joints", "by"], joints: str, speed: float | None, commander: "Asker"
 ) -> "MoveRequest":
-    joint_rad = _joint_rad(joints)
+    named = SEVEN_JOINTS if joints.count(",") == len(JOINTS.names) else JOINTS
+    angles_deg = parse_vector(joints, named)
+    for name, angle_deg in zip(named.names, angles_deg, strict=True):
+        check_angle(angle_deg, name)
     from forcemesh.requests import MoveRequest
 
+    joint_rad = tuple(math.radians(angle) for angle in angles_deg)
     return MoveRequest(
         kind=kind, joint_rad=joint_rad, speed_m_s=_speed_m_s(speed), commander=commander
     )
@@ -168,14 +172,6 @@ def jog(
 def _axis_vector(axis: str, value: float) -> "Vec3":
     x, y, z = (value if name == axis else 0.0 for name in "xyz")
     return (x, y, z)
-
-
-def _joint_rad(text: str) -> "Joints":
-    joints = SEVEN_JOINTS if text.count(",") == len(JOINTS.names) else JOINTS
-    angles_deg = parse_vector(text, joints)
-    for name, angle_deg in zip(joints.names, angles_deg, strict=True):
-        check_angle(angle_deg, name)
-    return tuple(map(math.radians, angles_deg))
 
 
 def _speed_m_s(speed_mm_s: float | None) -> float | None:

@@ -7,10 +7,6 @@ class CalibrationError(ForcemeshError):
     """The calibration cannot continue; the recorded readings are kept."""
 
 
-class StoppedError(CalibrationError):
-    """The arbiter has stopped the arm; the text is the arbiter's reason."""
-
-
 class NotBegunError(CalibrationError, RefusedError):
     """Refused before any motion: another commander moves the arm, or the tool is loaded."""
 

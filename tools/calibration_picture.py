@@ -12,6 +12,7 @@ from matplotlib.image import imread, imsave
 
 from cli.calibration.pictures import attitudes, before_after, residual_bars
 from cli.calibration.wizard import CalibrationWizard, WizardTiming
+from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.frames import Array
@@ -41,7 +42,8 @@ def calibrated(cell: CellConfig) -> Findings:
     world = VirtualCell(cell)
     world.advance(1.5)
     plan = make_plan(cell, ArmKinematics(cell.robot.model), world.arm.q, PlanOptions())
-    wizard = CalibrationWizard(world.client, cell, plan, timing=WizardTiming(0.1), output=Silence())
+    client = ConfiguredCell(cell, bus=world.client)
+    wizard = CalibrationWizard(client, plan, timing=WizardTiming(0.1), output=Silence())
     wizard.run()
     return findings_of(
         cell, evidence_of("arm", wizard.dwells, source=Path("demo.csv")), VerificationBounds()

@@ -1,32 +1,28 @@
 """Automatic calibration: check the arm model, plan, confirm, move; or verification only."""
 
-import signal
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from types import FrameType
 
 import numpy as np
 import typer
 
-from cli.calibration.contact import refuse_loaded_tool
-from cli.calibration.drive import Drive
-from cli.calibration.finish import Job, conclude, save_readings
-from cli.calibration.installed import refuse_wrong_axes
-from cli.calibration.progress_output import ProgressOutput
-from cli.calibration.screen import screen
+from cli.calibration.drive import Drive, refuse_loaded_tool
+from cli.calibration.finish import Job, conclude, refuse_wrong_axes, save_readings
 from cli.calibration.wizard import BOTH, CalibrationWizard, WizardTiming, expected_s
 from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of
 from cli.doctor.pose import Frames, check_pose
+from cli.terminal import ProgressOutput, ignore_sigint, interrupt_on_signals, screen
+from common.bus.configured_cell import ConfiguredCell
 from common.config.arm import UNKNOWN_ARM
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.kinematics import ArmKinematics
 from controller.packet_table import Scales
-from forcemesh.bus import Bus
-from forcemesh.errors import ForcemeshError
+from forcemesh.errors import ArmStoppedError, ForcemeshError
 from forcemesh.messages import RobotState
-from identification.errors import CalibrationError, InContactError, NotBegunError, StoppedError
+from identification.dwells import Purpose
+from identification.errors import CalibrationError, InContactError, NotBegunError
 from identification.evidence import Evidence, evidence_of
 from identification.excitation.plan import CalibrationPlan, PlanOptions, make_plan, spread_deg
 from identification.verification import active_residual, judge_residual
@@ -44,15 +40,15 @@ class ArmOptions:
     free: bool = False  # the tool is in free space, whatever force is measured
 
 
-def calibrate(job: Job, options: ArmOptions, bus: Bus) -> int:
+def calibrate(job: Job, options: ArmOptions, cell: ConfiguredCell) -> int:
     """Plan, confirm, move, fit, verify, write, put into use, return. Returns the exit code."""
     if not options.free:
-        refuse_loaded_tool(bus, job.cell)
-    plan = calibration_plan(job.cell, bus, options)
+        refuse_loaded_tool(cell)
+    plan = calibration_plan(cell, options)
     ask_for_confirmation(motion_description(job.cell, plan, options.timing), yes=options.yes)
     with screen() as output:
-        wizard, ended = measure(job.cell, bus, plan, options.timing, output=output)
-    return finish(job, wizard, ended, lambda: conclude(job, evidence(job, wizard), bus))
+        wizard, ended = drive(cell, plan, options.timing, output=output, returns=False)
+    return finish(job, wizard, ended, lambda: conclude(job, evidence(job, wizard), cell))
 
 
 def evidence(job: Job, wizard: CalibrationWizard) -> Evidence:
@@ -88,7 +84,7 @@ def finish(
     failure: ForcemeshError | None = None
     code = NOT_WELL
     try:
-        with _stop_signals_as_ctrl_c():
+        with interrupt_on_signals():
             code = conclusion()
     except KeyboardInterrupt:
         with open_output() as output:
@@ -103,14 +99,14 @@ def finish(
     return code if ended is None else ended
 
 
-def verify(job: Job, options: ArmOptions, bus: Bus) -> int:
+def verify(job: Job, options: ArmOptions, cell: ConfiguredCell) -> int:
     """Visit fresh poses and judge the running cell's residuals. Returns the exit code."""
-    plan = calibration_plan(job.cell, bus, options)
+    plan = calibration_plan(cell, options)
     ask_for_confirmation(
-        motion_description(job.cell, plan, options.timing, fitting=False), yes=options.yes
+        motion_description(job.cell, plan, options.timing, ("verify",)), yes=options.yes
     )
     with screen() as output:
-        wizard, ended = drive(job.cell, bus, plan, options.timing, output=output, fitting=False)
+        wizard, ended = drive(cell, plan, options.timing, output=output, purposes=("verify",))
     if ended is not None:
         return ended
     verdict = judge_residual(active_residual(wizard.dwells), job.bounds)
@@ -119,12 +115,12 @@ def verify(job: Job, options: ArmOptions, bus: Bus) -> int:
     return OK if verdict.passed else NOT_WELL
 
 
-def calibration_plan(cell: CellConfig, bus: Bus, options: ArmOptions) -> CalibrationPlan:
+def calibration_plan(cell: ConfiguredCell, options: ArmOptions) -> CalibrationPlan:
     """Return the plan from the present pose. Raises CalibrationError with the remedy."""
-    arm = Drive(bus, options.timing.speed_m_s)
+    arm = Drive(cell, options.timing.speed_m_s)
     arm.refuse_unless_free()
-    state = arm.at_rest()
-    return make_plan(cell, _model(cell, state), np.array(state.joint_rad), options.plan_options)
+    state, config = arm.at_rest(), cell.config
+    return make_plan(config, _model(config, state), np.array(state.joint_rad), options.plan_options)
 
 
 def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
@@ -148,7 +144,10 @@ def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
 
 
 def motion_description(
-    cell: CellConfig, plan: CalibrationPlan, timing: WizardTiming, *, fitting: bool = True
+    cell: CellConfig,
+    plan: CalibrationPlan,
+    timing: WizardTiming,
+    purposes: tuple[Purpose, ...] = BOTH,
 ) -> str:
     """Return the description of the motion, for confirmation."""
     low, high = (
@@ -160,9 +159,10 @@ def motion_description(
     )
     floor_mm = 1e3 * plan.route.near_start.floor_m
     walls = f" and {len(cell.limits.planes)} plane(s)" if cell.limits.planes else ""
-    count = f"{len(plan.fit)} poses and {len(plan.verify)} to verify" if fitting else ""
-    count = count or f"{len(plan.verify)} poses"
-    seconds = expected_s(plan, timing, BOTH if fitting else ("verify",))
+    count = f"{len(plan.verify)} poses"
+    if purposes == BOTH:
+        count = f"{len(plan.fit)} poses and {len(plan.verify)} to verify"
+    seconds = expected_s(plan, timing, purposes)
     lines = [*plan.warnings]
     lines.append(
         f"{count}, about {seconds:.0f} s at {1e3 * timing.speed_m_s:.0f} mm/s; gravity varies by "
@@ -188,41 +188,29 @@ def ask_for_confirmation(explanation: str, *, yes: bool) -> None:
         raise CalibrationError("nothing was moved")
 
 
-def measure(
-    cell: CellConfig,
-    bus: Bus,
-    plan: CalibrationPlan,
-    timing: WizardTiming,
-    *,
-    output: ProgressOutput,
-) -> tuple[CalibrationWizard, int | None]:
-    """Visit every pose and stay at the last; return the exit code too when it ended early."""
-    wizard = CalibrationWizard(bus, cell, plan, timing=timing, output=output)
-    return wizard, _run_guarded(wizard, wizard.measure)
-
-
 def drive(
-    cell: CellConfig,
-    bus: Bus,
+    cell: ConfiguredCell,
     plan: CalibrationPlan,
     timing: WizardTiming,
     *,
     output: ProgressOutput,
-    fitting: bool = True,
+    purposes: tuple[Purpose, ...] = BOTH,
+    returns: bool = True,
 ) -> tuple[CalibrationWizard, int | None]:
-    """Visit every pose and return; return the exit code too when it ended early."""
-    wizard = CalibrationWizard(bus, cell, plan, timing=timing, output=output)
-    return wizard, _run_guarded(wizard, lambda: wizard.run(BOTH if fitting else ("verify",)))
+    """Visit every pose, and return if so requested; return the exit code too if it ended early."""
+    wizard = CalibrationWizard(cell, plan, timing=timing, output=output)
+    action = wizard.run if returns else wizard.measure
+    return wizard, _run_guarded(wizard, lambda: action(purposes))
 
 
 def _run_guarded(wizard: CalibrationWizard, action: Callable[[], None]) -> int | None:
     """Execute an action; Ctrl-C and every error end in a hold, the readings are kept."""
     try:
-        with _stop_signals_as_ctrl_c():
+        with interrupt_on_signals():
             action()
     except KeyboardInterrupt:
         return _report_interruption(wizard, wizard.output)
-    except (StoppedError, InContactError, NotBegunError) as error:
+    except (ArmStoppedError, InContactError, NotBegunError) as error:
         wizard.output.note(str(error))
         return exit_code_of(error)
     except ForcemeshError as error:
@@ -232,37 +220,6 @@ def _run_guarded(wizard: CalibrationWizard, action: Callable[[], None]) -> int |
 
 
 def _report_interruption(wizard: CalibrationWizard, output: ProgressOutput) -> int:
-    with _ignore_sigint():
+    with ignore_sigint():
         output.note(f"interrupted: {wizard.abandon('the calibration was interrupted')}")
     return INTERRUPTED
-
-
-@contextmanager
-def _stop_signals_as_ctrl_c() -> Iterator[None]:
-    """Treat SIGTERM and SIGHUP as Ctrl-C, so that they stop the arm too."""
-
-    def interrupt(_signal: int, _frame: FrameType | None) -> None:
-        """Raise KeyboardInterrupt."""
-        raise KeyboardInterrupt
-
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {number: signal.signal(number, interrupt) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextmanager
-def _ignore_sigint() -> Iterator[None]:
-    """Ignore a second Ctrl-C while the hold of the first one is requested."""
-
-    def ignore(_signal: int, _frame: FrameType | None) -> None:
-        """Ignore the signal."""
-
-    before = signal.signal(signal.SIGINT, ignore)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -5,15 +5,12 @@ from typing import Protocol
 
 import numpy as np
 
-from cli.calibration.finish import Job, conclude, save_readings
+from cli.calibration.finish import Job, conclude, refuse_wrong_axes, save_readings
 from cli.calibration.gather import READINGS_POLL_S, Gatherer, ReadingLostError
-from cli.calibration.installed import refuse_wrong_axes
-from cli.calibration.progress_output import ProgressOutput
-from cli.calibration.screen import screen
 from cli.context import INTERRUPTED, NOT_WELL
-from common.config.cell import CellConfig
+from cli.terminal import ProgressOutput, screen
+from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import Array
-from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError, ForcemeshError
 from identification.dwells import Dwell, Purpose, dwells_of_purpose, samples_of
@@ -53,8 +50,7 @@ class PoseRecorder:
 
     def __init__(
         self,
-        bus: Bus,
-        cell: CellConfig,
+        cell: ConfiguredCell,
         options: HandOptions,
         *,
         keys: Keys,
@@ -62,9 +58,9 @@ class PoseRecorder:
     ) -> None:
         """Subscribe."""
         self.dwells: list[Dwell] = []
-        self._clock, self._options = bus.clock, options
+        self._clock, self._options = cell.session.clock, options
         self._keys, self._output = keys, output
-        self._gatherer = Gatherer(bus, cell)
+        self._gatherer = Gatherer(cell)
         self._requested = False  # a pose was requested; it is recorded once everything is at rest
         self._still_since_ns: int | None = None
 
@@ -221,10 +217,10 @@ def record_poses(recorder: PoseRecorder, output: ProgressOutput) -> int | None:
     return None
 
 
-def calibrate(job: Job, options: HandOptions, bus: Bus, keys: Keys) -> int:
+def calibrate(job: Job, options: HandOptions, cell: ConfiguredCell, keys: Keys) -> int:
     """Record poses, save the readings, fit, verify, write, send. Returns the exit code."""
     with screen(with_time=False) as output:
-        recorder = PoseRecorder(bus, job.cell, options, keys=keys, output=output)
+        recorder = PoseRecorder(cell, options, keys=keys, output=output)
         ended = record_poses(recorder, output)
     save_readings(job, recorder.dwells)
     if ended is not None:
@@ -233,4 +229,4 @@ def calibrate(job: Job, options: HandOptions, bus: Bus, keys: Keys) -> int:
     evidence = evidence_of(
         "manual", recorder.dwells, source=job.files.readings, serial=recorder.serial
     )
-    return conclude(job, evidence, bus)
+    return conclude(job, evidence, cell)

@@ -1,9 +1,8 @@
-"""Conclusion of every calibration: verdict, files, use by the cell, report and exit code."""
+"""Conclusion of every calibration: installation check, verdict, files, use by the cell, report."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,15 +10,21 @@ from cli.calibration.output_files import OutputFiles, back_up
 from cli.calibration.page import save_page
 from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED
 from cli.payload_tables import print_fit
+from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
-from forcemesh.errors import BusError
-from identification.dwells import Dwell, save_dwells
+from forcemesh.errors import BusError, RefusedError
+from identification.dwells import Dwell, dwells_of_purpose, recording_of, save_dwells
+from identification.errors import CalibrationError
 from identification.evidence import Evidence, Findings, findings_of
+from identification.identify import identify_recording
+from identification.installation.check import judge_recording
+from identification.installation.terms import ExpectedInstallation
+from identification.recording import WrenchAxes, WrenchRecording, read_recording
+from identification.static_poses import sort_into_poses
 from identification.verification import VerificationBounds
 from services.wrench.active_calibration import active_calibration
 
-if TYPE_CHECKING:
-    from forcemesh.bus import Bus
+SEND_PATIENCE_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,23 +38,85 @@ class Job:
     use: bool = False  # put a passed result into use
 
 
-def conclude(job: Job, evidence: Evidence, bus: "Bus | None") -> int:
+def calibrate_from_recording(
+    job: Job, recording: Path, verification: Path | None, axes: WrenchAxes | None
+) -> int:
+    """Fit a recording, verify by another one if given, write, send if the cell is up.
+
+    Raises DataError when a recording cannot be used.
+    """
+    data = read_recording(recording)
+    refuse_wrong_installation(job.cell, data, axes, force=job.force)
+    chosen_axes, fit, reason = identify_recording(data, axes)
+    if reason:
+        typer.echo(reason, err=True)
+    verify = None
+    if verification is not None:
+        verify = sort_into_poses(read_recording(verification).samples(chosen_axes)).means
+    evidence = Evidence("recording", data, chosen_axes, fit, verify)
+    try:
+        with ConfiguredCell(job.cell, patience_s=SEND_PATIENCE_S) as cell:
+            return conclude(job, evidence, cell)
+    except BusError:
+        return conclude(job, evidence, None)
+
+
+def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:
+    """Raise CalibrationError when the dwells of the fit contradict the installation."""
+    recording = recording_of(dwells_of_purpose(dwells, "fit"), job.files.readings)
+    refuse_wrong_installation(job.cell, recording, "sensor", force=job.force)
+
+
+def refuse_wrong_installation(
+    cell: CellConfig, recording: WrenchRecording, axes: WrenchAxes | None, *, force: bool = False
+) -> None:
+    """Raise CalibrationError when axes, signs or units are not those of the cell file.
+
+    A fit could hide wrong axes, as some of them are explained by a payload; the force loop would
+    then have positive feedback. With force, only a warning is printed.
+
+    Args:
+        cell: Expected installation.
+        recording: Static readings in many attitudes.
+        axes: Axes in which the wrench was recorded; None: detect them.
+        force: Continue in spite of a finding.
+    """
+    expected = ExpectedInstallation.of(cell)
+    found = judge_recording(recording, axes, expected)[1]
+    if expected.mass_kg is None and "mass_kg" in found.evidence:
+        typer.echo(
+            f"the measured tool mass is {found.evidence['mass_kg']:.3g} kg, the cell file has "
+            "none: check it. A wrong unit of force (kgf, pounds) is detectable only here",
+            err=True,
+        )
+    if found.rejection_reason is None:
+        return
+    if force:
+        typer.echo(f"warning: {found.rejection_reason}", err=True)
+        return
+    raise CalibrationError(
+        f"{found.rejection_reason}; no calibration is made (`forcemesh check axes` shows more, "
+        "--force makes one nevertheless)"
+    )
+
+
+def conclude(job: Job, evidence: Evidence, cell: ConfiguredCell | None) -> int:
     """Print the result and its verdict, write it, put it into use if requested and passed.
 
     Args:
         job: Cell, files and options.
         evidence: Readings and their fit.
-        bus: Bus of the running cell; None when it is not up.
+        cell: The running cell; None when it is not up.
     """
     found = findings_of(job.cell, evidence, job.bounds)
     for warning in found.report["warnings"]:
         typer.echo(f"warning: {warning}", err=True)
     print_fit(found.report)
     typer.echo(found.verdict.text)
-    return store_result(job, found, bus)
+    return store_result(job, found, cell)
 
 
-def store_result(job: Job, found: Findings, bus: "Bus | None") -> int:
+def store_result(job: Job, found: Findings, cell: ConfiguredCell | None) -> int:
     """Write the result; put it into use if requested and passed. Return the exit code.
 
     The last line reports whether the cell uses it; requested and not used is never exit code 0.
@@ -67,7 +134,7 @@ def store_result(job: Job, found: Findings, bus: "Bus | None") -> int:
         _write(job.files.unused, found)
         typer.echo(_not_used_text(job.files, objection))
         return NOT_WELL
-    return _put_into_use(job, found, bus)
+    return _put_into_use(job, found, cell)
 
 
 def _store_failed_result(job: Job, found: Findings) -> int:
@@ -84,17 +151,20 @@ def _store_failed_result(job: Job, found: Findings) -> int:
     return NOT_WELL
 
 
-def _put_into_use(job: Job, found: Findings, bus: "Bus | None") -> int:
+def _put_into_use(job: Job, found: Findings, cell: ConfiguredCell | None) -> int:
     """Send the result to the running cell; when accepted, write it for the next start too."""
-    from cli.calibration.send import send_calibration
-
     files, revision = job.files, found.section.revision
-    if bus is None:
+    if cell is None:
         _write(files.calibration, found)
         typer.echo(files.advice or "the cell is not up: it takes the file when it is started")
         return OK
     try:
-        reply = send_calibration(bus, found.section)
+        reply = cell.calibrate(found.section.model_dump_json())
+    except RefusedError as error:
+        _write(files.unused, found)
+        reason = f"the running cell refused it ({error.code}): {error.text}"
+        typer.echo(_not_used_text(files, f"{reason}; it keeps its previous calibration"))
+        return REFUSED
     except BusError as error:
         _write(files.unused, found)
         typer.echo(
@@ -102,11 +172,6 @@ def _put_into_use(job: Job, found: Findings, bus: "Bus | None") -> int:
             f"status` shows it; the file is {files.unused}"
         )
         return NO_ANSWER
-    if not reply.accepted:
-        _write(files.unused, found)
-        reason = f"the running cell refused it ({reply.code}): {reply.text}"
-        typer.echo(_not_used_text(files, f"{reason}; it keeps its previous calibration"))
-        return REFUSED
     _write(files.calibration, found)
     if files.advice:
         typer.echo(f"{files.advice} after its next start as well")

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import CellConfig
+from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import pose_of
 from common.motion.frames import Array
 from forcemesh import topics
-from forcemesh.bus import Bus
-from forcemesh.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S, wait_until
 from forcemesh.errors import ForcemeshError
 from identification.dwells import Dwell, Purpose
 from identification.errors import CalibrationError
@@ -43,15 +42,13 @@ class _ResidualSum:
 class Gatherer:
     """Subscriber to sensor, robot state and wrench, with a rest detector."""
 
-    def __init__(self, bus: Bus, cell: CellConfig) -> None:
+    def __init__(self, cell: ConfiguredCell) -> None:
         """Subscribe."""
-        self._clock = bus.clock
-        self._started_ns = bus.clock.now_ns()
-        self._sensor = bus.reader(topics.SENSOR_WRENCH)
-        self._robot = bus.reader(topics.ROBOT_STATE)
-        self._wrench = bus.reader(topics.WRENCH)
-        self._T_flange_sensor: pin.SE3 = cell.sensor.T_flange_sensor.pose
-        self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
+        self._cell, self._clock = cell, cell.session.clock
+        self._started_ns = self._clock.now_ns()
+        self._wrench = cell.session.bus.reader(topics.WRENCH)
+        self._T_flange_sensor: pin.SE3 = cell.config.sensor.T_flange_sensor.pose
+        self._T_flange_tcp: pin.SE3 = cell.config.tool.T_flange_tcp.pose
         self._last_sample = (0, 0)  # epoch and number of the last sample
         self.stillness = StillnessDetector()
         self.serial = ""  # of the sensor
@@ -62,8 +59,7 @@ class Gatherer:
 
         Raises ReadingLostError while sensor or robot data is missing or invalid.
         """
-        now_ns = self._clock.now_ns()
-        sensor, robot = self._sensor.read(now_ns), self._robot.read(now_ns)
+        sensor, robot = self._cell.sensor.reading(), self._cell.state.reading()
         for fault in (sensor.fault, robot.fault):
             if fault:
                 self.stillness.clear()
@@ -87,16 +83,20 @@ class Gatherer:
 
     def until_received(self) -> None:
         """Wait for the first valid sample. Raises CalibrationError when none is received."""
-        give_up_ns = self._clock.now_ns() + round(READINGS_WITHIN_S * NS_PER_S)
         reason = ""
-        while self._clock.now_ns() < give_up_ns:
-            self._clock.sleep_s(READINGS_POLL_S)
+
+        def is_received() -> bool:
+            nonlocal reason
             try:
-                if self.take() is not None:
-                    return
+                return self.take() is not None
             except ReadingLostError as error:
                 reason = str(error)
-        raise CalibrationError(f"no reading within {READINGS_WITHIN_S:g} s: {reason}")
+                return False
+
+        if not wait_until(
+            self._clock, is_received, within_s=READINGS_WITHIN_S, poll_s=READINGS_POLL_S
+        ):
+            raise CalibrationError(f"no reading within {READINGS_WITHIN_S:g} s: {reason}")
 
     def dwell(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
         """Wait for rest, then read for dwell_s; repeat once when a reading is lost.

@@ -11,7 +11,6 @@ import contextlib
 import json
 import sys
 import time
-from collections.abc import Iterator
 from math import radians
 from pathlib import Path
 from typing import IO, Annotated, Any
@@ -20,17 +19,15 @@ import numpy as np
 import typer
 
 from cli.calibration import by_arm
-from cli.calibration.contact import refuse_loaded_tool
+from cli.calibration.drive import refuse_loaded_tool
 from cli.calibration.finish import Job, store_result
 from cli.calibration.output_files import output_files
 from cli.calibration.wizard import WizardTiming
 from cli.context import CONNECT_PATIENCE_S, NOT_WELL, USAGE
 from cli.payload_tables import found_parameters
-from common.bus.cell_bus import open_bus
+from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from forcemesh.bus import Bus
 from forcemesh.errors import ForcemeshError
-from forcemesh.topics import CLIENT
 from identification.evidence import Evidence, findings_of
 from identification.excitation.plan import PlanOptions
 from identification.verification import VerificationBounds
@@ -87,7 +84,7 @@ def main(
 ) -> None:
     """Identify payload and sensor bias, verify them, write the cell's calibration."""
     output = JsonLineOutput(sys.stdout)
-    with _as_notes(output):
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
         try:
             code = _run(output, cell, (poses, verify_poses), speed / 1e3)
         except ForcemeshError as error:
@@ -102,24 +99,24 @@ def _run(output: JsonLineOutput, path: Path, counts: tuple[int, int], speed_m_s:
     job = Job(cell, output_files(cell, path, None), VerificationBounds(), use=True)
     timing = WizardTiming(min(speed_m_s, cell.limits.speed_m_s), DWELL_S)
     options = by_arm.ArmOptions(PlanOptions(*counts, radians(TURN_DEG)), timing, yes=True)
-    with open_bus(cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
-        refuse_loaded_tool(bus, cell)
-        plan = by_arm.calibration_plan(cell, bus, options)
+    with ConfiguredCell(cell, patience_s=CONNECT_PATIENCE_S) as client:
+        refuse_loaded_tool(client)
+        plan = by_arm.calibration_plan(client, options)
         output.write_object(plan=by_arm.motion_description(cell, plan, timing))
         if sys.stdin.readline().strip() != "go":
             output.note("nothing was moved")
             return NOT_WELL
-        wizard, ended = by_arm.measure(cell, bus, plan, timing, output=output)
+        wizard, ended = by_arm.drive(client, plan, timing, output=output, returns=False)
         return by_arm.finish(
             job,
             wizard,
             ended,
-            lambda: _conclude(output, job, by_arm.evidence(job, wizard), bus),
+            lambda: _conclude(output, job, by_arm.evidence(job, wizard), client),
             open_output=lambda: contextlib.nullcontext(output),
         )
 
 
-def _conclude(output: JsonLineOutput, job: Job, evidence: Evidence, bus: Bus) -> int:
+def _conclude(output: JsonLineOutput, job: Job, evidence: Evidence, client: ConfiguredCell) -> int:
     """Show the result and the residual at each pose, then conclude as the command does."""
     found = findings_of(job.cell, evidence, job.bounds)
     verification = found.verify_residual
@@ -134,18 +131,11 @@ def _conclude(output: JsonLineOutput, job: Job, evidence: Evidence, bus: Bus) ->
     )
     for warning in found.report["warnings"]:
         output.note(f"⚠ {warning}")
-    return store_result(job, found, bus)
+    return store_result(job, found, client)
 
 
 def _rounded(lengths: np.ndarray[Any, Any]) -> list[float]:
     return [round(float(length), 4) for length in lengths]
-
-
-@contextlib.contextmanager
-def _as_notes(output: JsonLineOutput) -> Iterator[None]:
-    """Convert everything that the wizard's functions print to notes."""
-    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
-        yield
 
 
 if __name__ == "__main__":

@@ -227,33 +227,27 @@ def _options(
 
 def _by_arm(job: "Job", options: "by_arm.ArmOptions", *, verify_only: bool) -> int:
     from cli.calibration import by_arm
-    from common.bus.cell_bus import open_bus
-    from forcemesh.topics import CLIENT
+    from common.bus.configured_cell import ConfiguredCell
 
-    with open_bus(job.cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
-        return (
-            by_arm.verify(job, options, bus) if verify_only else by_arm.calibrate(job, options, bus)
-        )
+    run = by_arm.verify if verify_only else by_arm.calibrate
+    with ConfiguredCell(job.cell, patience_s=CONNECT_PATIENCE_S) as client:
+        return run(job, options, client)
 
 
 def _by_hand(job: "Job", method: _Method, poses: tuple[int, int, float]) -> int:
     from cli.calibration import by_hand
-    from cli.calibration.screen import Keyboard
-    from common.bus.cell_bus import open_bus
-    from forcemesh.topics import CLIENT
+    from cli.terminal import Keyboard
+    from common.bus.configured_cell import ConfiguredCell
 
     count, verify_count, dwell_s = poses
     options = by_hand.HandOptions(count, verify_count, dwell_s, method.auto_capture)
-    with open_bus(job.cell, CLIENT, patience_s=CONNECT_PATIENCE_S) as bus:
-        return by_hand.calibrate(job, options, bus, Keyboard())
+    with ConfiguredCell(job.cell, patience_s=CONNECT_PATIENCE_S) as client:
+        return by_hand.calibrate(job, options, client, Keyboard())
 
 
 def _by_file(job: "Job", recording: Path, method: _Method) -> int:
-    from cli.calibration import by_file
+    from cli.calibration.finish import calibrate_from_recording
     from cli.payload import named_axes
-    from forcemesh.errors import DataError
 
-    try:
-        return by_file.calibrate(job, recording, method.verify_with, named_axes(method.axes))
-    except DataError as error:  # usage error, as for any invalid file
-        exit_with_error(str(error), USAGE)
+    axes = named_axes(method.axes)
+    return calibrate_from_recording(job, recording, method.verify_with, axes)

@@ -9,17 +9,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from cli.calibration.contact import refuse_relieved
-from cli.calibration.drive import Drive
+from cli.calibration.drive import Drive, refuse_relieved
 from cli.calibration.gather import Gatherer
-from cli.calibration.progress_output import ProgressOutput
-from common.config.cell import CellConfig
+from cli.terminal import ProgressOutput
+from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import Array
-from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RefusedError
 from identification.dwells import Dwell, Purpose
-from identification.errors import InContactError, PoseRefusedError, StoppedError
+from identification.errors import InContactError, PoseRefusedError
 from identification.excitation.plan import CalibrationPlan
 from identification.excitation.stillness import STILLNESS_WINDOW_S
 
@@ -41,8 +39,7 @@ class CalibrationWizard:
 
     def __init__(
         self,
-        bus: Bus,
-        cell: CellConfig,
+        cell: ConfiguredCell,
         plan: CalibrationPlan,
         *,
         timing: WizardTiming,
@@ -51,10 +48,10 @@ class CalibrationWizard:
         """Subscribe; nothing moves before `run`."""
         self.plan = plan
         self.dwells: list[Dwell] = []
-        self._timing, self._cell, self._clock = timing, cell, bus.clock
+        self._timing, self._cell, self._clock = timing, cell, cell.session.clock
         self.output = output  # may be replaced for the return
-        self._drive = Drive(bus, timing.speed_m_s)
-        self._gatherer = Gatherer(bus, cell)
+        self._drive = Drive(cell, timing.speed_m_s)
+        self._gatherer = Gatherer(cell)
         self._q: Array = plan.route.q_start
         self._done_s, self._total_s = 0.0, expected_s(plan, timing)
         self._stage = ""
@@ -104,7 +101,7 @@ class CalibrationWizard:
         self._begun = True  # also when interrupted before the reply
         try:
             self.output.note(self._drive.arm())
-        except (RefusedError, StoppedError):
+        except RefusedError:
             self._begun = False
             raise
 
@@ -118,7 +115,7 @@ class CalibrationWizard:
         self._move_through(goals)
         after_N = self._force_N()
         try:
-            refuse_relieved(before_N, after_N, self.plan.route.lift_m, self._cell)
+            refuse_relieved(before_N, after_N, self.plan.route.lift_m, self._cell.config)
         except InContactError:
             self._drive.release()
             raise
@@ -145,10 +142,7 @@ class CalibrationWizard:
                 self._return_to_last_pose()
                 continue
             visited.append(remaining[0])
-            self.dwells.append(self._dwell(purpose))
-
-    def _dwell(self, purpose: Purpose) -> Dwell:
-        return self._read(purpose, self._timing.dwell_s)
+            self.dwells.append(self._read(purpose, self._timing.dwell_s))
 
     def _read(self, purpose: Purpose, duration_s: float) -> Dwell:
         began_ns = self._clock.now_ns()

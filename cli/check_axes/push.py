@@ -7,11 +7,9 @@ not be armed: a person's hands are on the tool.
 import numpy as np
 
 from cli.calibration.gather import Gatherer, ReadingLostError
-from cli.calibration.progress_output import ProgressOutput
-from common.config.cell import CellConfig
+from cli.terminal import ProgressOutput
+from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import Array
-from forcemesh import topics
-from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from identification.dwells import Dwell
 from identification.errors import CalibrationError
@@ -50,12 +48,12 @@ class PushTest:
     """Guided push test of one cell."""
 
     def __init__(
-        self, bus: Bus, cell: CellConfig, output: ProgressOutput, *, within_s: float = PUSH_WITHIN_S
+        self, cell: ConfiguredCell, output: ProgressOutput, *, within_s: float = PUSH_WITHIN_S
     ) -> None:
         """Subscribe; no request is sent. Each push must come within `within_s`."""
-        self._clock, self._output, self._within_s = bus.clock, output, within_s
-        self._gatherer = Gatherer(bus, cell)
-        self._arbiter = bus.reader(topics.ARBITER_STATUS)
+        self._cell, self._clock = cell, cell.session.clock
+        self._output, self._within_s = output, within_s
+        self._gatherer = Gatherer(cell)
 
     def run(self, expected: ExpectedInstallation) -> Installation:
         """Prompt for each push, evaluate them all. Raises CalibrationError with a remedy."""
@@ -142,7 +140,7 @@ class PushTest:
         self._output.progress(min(size, FULL[request.action]), FULL[request.action], text)
 
     def _refuse_armed(self) -> None:
-        status = self._arbiter.read(self._clock.now_ns()).fresh
+        status = self._cell.status.reading().fresh
         if status is not None and status.may_move:
             raise CalibrationError(
                 f"the arm is {status.state}, but this test needs a person's hands on the tool: "

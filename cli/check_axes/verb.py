@@ -1,5 +1,6 @@
 """Verb `check axes`: comparison of the sensor installation with the cell file."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,7 @@ from cli.context import (
     CellOption,
     JsonOption,
     answers_yes,
-    client_of,
+    cell_of,
     exit_with_error,
     find_cell_file,
     one_line_errors,
@@ -20,12 +21,19 @@ from cli.context import (
 from cli.payload import Axes, AxesOption
 
 if TYPE_CHECKING:
+    from common.bus.configured_cell import ConfiguredCell
     from common.config.cell import CellConfig
     from identification.installation.terms import ExpectedInstallation, Installation
 
 check = typer.Typer(no_args_is_help=True, help="Check the installation of a cell.")
 
 POSES, SPEED_MM_S, DWELL_S = 6, 100.0, 0.3
+REPORT_WITHIN_S = 2.0
+HEADLINES = {
+    "right": "right: axes, signs and units are those of the cell file",
+    "wrong": "wrong:",
+    "cannot tell": "cannot tell:",
+}
 
 FromFile = Annotated[
     Path | None,
@@ -66,8 +74,6 @@ def axes(
         exit_with_error("--push and --from cannot be combined: choose one", USAGE)
     if wrench_axes is not AxesOption.AUTO and from_file is None:
         exit_with_error("--wrench-axes requires --from: otherwise the sensor itself is read", USAGE)
-    from cli.check_axes.result import print_installation
-
     with one_line_errors():
         path = find_cell_file(cell)
         found, source = (
@@ -95,31 +101,26 @@ def _by_file(
 ) -> "tuple[Installation, str]":
     from cli.payload import named_axes
     from common.config.load import load_cell
-    from forcemesh.errors import DataError
     from identification.installation.check import judge_recording
     from identification.recording import read_recording
 
     expected = _expected_installation(load_cell(path), mass_kg)
-    try:
-        data = read_recording(recording)
-    except DataError as error:  # code 1 means that the installation is wrong
-        exit_with_error(str(error), USAGE)
+    data = read_recording(recording)
     chosen_axes, found = judge_recording(data, named_axes(option), expected)
     return found, f"{recording} in {chosen_axes} axes, against {path}"
 
 
 def _by_hand(path: Path) -> "tuple[Installation, str]":
-    from cli.calibration.screen import screen
     from cli.check_axes.push import PushTest
-    from cli.check_axes.result import report_axes_to_cell
+    from cli.terminal import screen
     from identification.installation.terms import ExpectedInstallation
 
-    with client_of(path) as (cell, bus), screen(with_time=False) as output:
+    with cell_of(path) as cell, screen(with_time=False) as output:
         try:
-            found = PushTest(bus, cell, output).run(ExpectedInstallation.of(cell))
+            found = PushTest(cell, output).run(ExpectedInstallation.of(cell.config))
         except KeyboardInterrupt:
             exit_with_error("interrupted: no result", NOT_WELL)
-        report_axes_to_cell(bus, found)
+        _report_axes(cell, found)
     return found, f"pushes by hand, against {path}"
 
 
@@ -127,25 +128,75 @@ def _by_arm(
     path: Path, mass_kg: float | None, speed_mm_s: float, *, yes: bool
 ) -> "tuple[Installation, str]":
     from cli.calibration import by_arm
-    from cli.calibration.screen import screen
     from cli.calibration.wizard import WizardTiming
-    from cli.check_axes.result import report_axes_to_cell
+    from cli.terminal import screen
     from identification.dwells import samples_of
     from identification.excitation.plan import PlanOptions
     from identification.installation.check import judge_installation
 
-    with client_of(path) as (cell, bus):
-        limit_mm_s = 1e3 * cell.limits.speed_m_s
+    with cell_of(path) as cell:
+        limit_mm_s = 1e3 * cell.config.limits.speed_m_s
         timing = WizardTiming(min(speed_mm_s, limit_mm_s) / 1e3, DWELL_S)
         options = by_arm.ArmOptions(PlanOptions(poses=POSES, verify_poses=0), timing, yes)
-        plan = by_arm.calibration_plan(cell, bus, options)
-        typer.echo(by_arm.motion_description(cell, plan, timing), err=True)
+        plan = by_arm.calibration_plan(cell, options)
+        typer.echo(by_arm.motion_description(cell.config, plan, timing), err=True)
         if not yes and not answers_yes("is the workspace free, and may the arm move?"):
             exit_with_error("nothing was moved", NOT_WELL)
         with screen() as output:
-            wizard, ended = by_arm.drive(cell, bus, plan, timing, output=output)
+            wizard, ended = by_arm.drive(cell, plan, timing, output=output)
         if ended is not None:
             raise typer.Exit(ended)
-        found = judge_installation(samples_of(wizard.dwells), _expected_installation(cell, mass_kg))
-        report_axes_to_cell(bus, found)
+        expected = _expected_installation(cell.config, mass_kg)
+        found = judge_installation(samples_of(wizard.dwells), expected)
+        _report_axes(cell, found)
         return found, f"{len(wizard.dwells)} poses of the arm, against {path}"
+
+
+def _report_axes(cell: "ConfiguredCell", found: "Installation") -> None:
+    """Report to the cell that its axes are right, which permits hand guiding."""
+    from forcemesh import topics
+    from forcemesh.errors import RefusedError
+    from forcemesh.requests import AxesRequest
+
+    if found.verdict != "right":
+        return
+    wrench = cell.wrench.wait(REPORT_WITHIN_S).fresh
+    if wrench is None:
+        text = "warning: no wrench is published: the cell did not receive the result"
+    else:
+        try:
+            text = cell.ask(topics.AXES, AxesRequest(calibration=wrench.calibration)).text
+        except RefusedError as error:
+            text = f"warning: {error.text}"
+    typer.echo(text, err=True)
+
+
+def print_installation(found: "Installation", source: str, *, as_json: bool) -> None:
+    """Print verdict, findings with remedies, what was not observed, and the measured numbers."""
+    if as_json:
+        typer.echo(json.dumps(as_tree(found, source), allow_nan=False))
+        return
+    typer.echo(f"{source}\n{HEADLINES[found.verdict]}")
+    for finding in found.findings:
+        typer.echo(f"  - {finding.text}\n    -> {finding.remedy}")
+    for line in found.unidentified:
+        typer.echo(f"  not observed: {line}")
+    numbers = ", ".join(f"{name} {value:.4g}" for name, value in found.evidence.items())
+    if numbers:
+        typer.echo(f"  ({numbers})")
+
+
+def as_tree(found: "Installation", source: str) -> dict[str, object]:
+    """Return the result as a dict for JSON."""
+    wiring = None if found.force_wiring is None else found.force_wiring.tolist()
+    return {
+        "verdict": found.verdict,
+        "source": source,
+        "findings": [
+            {"code": each.code, "kind": each.kind, "text": each.text, "remedy": each.remedy}
+            for each in found.findings
+        ],
+        "not_shown": list(found.unidentified),
+        "force_channels_show": wiring,
+        "evidence": found.evidence,
+    }

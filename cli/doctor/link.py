@@ -75,10 +75,13 @@ def visit_controller(
     """Connect, greet, watch for some seconds, disconnect. Raises nothing for errors of the peer."""
     found, patience = Visit(), patience or PATIENCE
     started_s = time.monotonic()
-    sock = _open_socket((host, port), found, patience)
-    found.opened_s = time.monotonic() - started_s
-    if sock is None:
+    try:
+        sock = _open_socket((host, port), patience.connect_s)
+    except OSError as error:
+        found.opened, found.opened_detail = _failure_outcome(error)
         return found
+    finally:
+        found.opened_s = time.monotonic() - started_s
     with sock:
         dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=_random_id())
         exchange = _ControllerExchange(sock, dialogue, patience)
@@ -93,25 +96,13 @@ def _random_id() -> int:
     return ID_FIRST + secrets.randbelow(ID_COUNT)
 
 
-def _open_socket(
-    endpoint: tuple[str, int], found: Visit, patience: VisitTimeouts
-) -> socket.socket | None:
-    """Open the connection, or record why it failed."""
-    try:
-        address = socket.getaddrinfo(*endpoint, socket.AF_INET, socket.SOCK_STREAM)[0][4]
-    except OSError as error:
-        found.opened, found.opened_detail = "unresolved", error.strerror or str(error)
-        return None
-    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    sock.settimeout(patience.connect_s)
-    try:
-        sock.connect(address)
-        if sock.getsockname() == sock.getpeername():  # TCP self-connect: there is no listener
-            raise ConnectionRefusedError
-    except OSError as error:
+def _open_socket(endpoint: tuple[str, int], timeout_s: float) -> socket.socket:
+    """Open the connection, over IPv4 as the controller does. Raise OSError."""
+    address = socket.getaddrinfo(*endpoint, socket.AF_INET, socket.SOCK_STREAM)[0][4]
+    sock = socket.create_connection((str(address[0]), int(address[1])), timeout_s)
+    if sock.getsockname() == sock.getpeername():  # TCP self-connect: there is no listener
         sock.close()
-        found.opened, found.opened_detail = _failure_outcome(error)
-        return None
+        raise ConnectionRefusedError
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return sock
 
@@ -121,7 +112,8 @@ def _failure_outcome(error: OSError) -> tuple[Opened, str]:
         return "refused", ""
     if isinstance(error, TimeoutError):
         return "silent", ""
-    return "unreachable", error.strerror or str(error)
+    outcome: Opened = "unresolved" if isinstance(error, socket.gaierror) else "unreachable"
+    return outcome, error.strerror or str(error)
 
 
 @dataclass(slots=True)

@@ -1,6 +1,7 @@
 """Verb `doctor`: checks of everything between this PC and the arm, with remedies."""
 
 import json
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -148,9 +149,6 @@ def _as_object(
     return {
         "cell": None if cell is None else cell.cell,
         "cell_file": str(path),
-        "lines": [
-            {"check": row.check, "result": row.result, "found": row.found, "remedy": row.remedy}
-            for row in lines
-        ],
+        "lines": [asdict(row) for row in lines],
         "exit_code": code,
     }

@@ -1,22 +1,20 @@
 """Contact monitor: measured force and pose during force feedback, and the end of a skill."""
 
-import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from types import FrameType
 
 import numpy as np
 import pinocchio as pin
 
+from cli.terminal import ignore_sigint
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import pose_of
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.client.ask import stopped_error
-from forcemesh.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S, wait_until
 from forcemesh.errors import ArmStoppedError, ForcemeshError, LostError, NotReachedError
-from forcemesh.messages import RegulatorTarget
 
 CONTACT_POLL_S = 0.001
 CONTACT_SILENCE_S = 1.0
@@ -65,15 +63,14 @@ class ContactMonitor:
             NotReachedError: Force feedback was stopped by another client.
             LostError, NotValidError: A publisher is silent, or its message is not valid.
         """
-        give_up_s = self.t_s + CONTACT_SILENCE_S
-        while not self._wrench.poll():
-            if self.t_s > give_up_s:
-                self._raise_when_stopped()  # a silent publisher has stopped the arm before
-                raise LostError(
-                    f"no message on {topics.WRENCH.key} for {CONTACT_SILENCE_S:g} s", ("wrench",)
-                )
-            self._clock.sleep_s(CONTACT_POLL_S)
-        self._raise_when_stopped()
+        is_received = wait_until(
+            self._clock, self._wrench.poll, within_s=CONTACT_SILENCE_S, poll_s=CONTACT_POLL_S
+        )
+        self._raise_when_stopped()  # a silent publisher has stopped the arm before
+        if not is_received:
+            raise LostError(
+                f"no message on {topics.WRENCH.key} for {CONTACT_SILENCE_S:g} s", ("wrench",)
+            )
         target = self._cell.target.reading().message
         if target is not None and target.mode is None and self.t_s > STARTED_WITHIN_S:
             raise NotReachedError(f"force feedback ended: {target.reason}")
@@ -167,46 +164,6 @@ def stop_force_at_end(cell: ConfiguredCell) -> Iterator[None]:
             cell.hold("a skill was interrupted")
         raise
     cell.force.stop()
-
-
-@contextmanager
-def interrupt_on_signals() -> Iterator[None]:
-    """Handle SIGHUP (closed terminal) and SIGTERM like Ctrl-C: they stop the arm."""
-
-    def interrupt(_signal: int, _frame: FrameType | None) -> None:
-        """Raise KeyboardInterrupt as Ctrl-C does."""
-        raise KeyboardInterrupt
-
-    with _signals(interrupt, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)):
-        yield
-
-
-@contextmanager
-def ignore_sigint() -> Iterator[None]:
-    """Ignore further Ctrl-C while the hold that the first one requested is sent."""
-
-    def ignore(_signal: int, _frame: FrameType | None) -> None:
-        """Ignore it."""
-
-    with _signals(ignore, (signal.SIGINT,)):
-        yield
-
-
-@contextmanager
-def _signals(
-    handler: Callable[[int, FrameType | None], None], numbers: tuple[signal.Signals, ...]
-) -> Iterator[None]:
-    before = {number: signal.signal(number, handler) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, former in before.items():
-            signal.signal(number, former)
-
-
-def is_running(target: RegulatorTarget | None) -> bool:
-    """Return whether force feedback runs."""
-    return target is not None and target.mode is not None
 
 
 def no_progress(_done: float, _total: float, _text: str) -> None:

@@ -17,11 +17,11 @@ from cli.skills.contact_monitor import (
 )
 from cli.skills.pressing import BAND_N, STEADY_S, ForceSettings
 from common.bus.configured_cell import ConfiguredCell
+from common.motion.convert import vec3
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from forcemesh import topics
 from forcemesh.errors import DataError
-from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
 
 CHUNK = 50  # points in one request
@@ -169,8 +169,8 @@ def _follow_points(
 def _send(
     cell: ConfiguredCell, points: list[Array], parameters: PathParameters, *, append: bool
 ) -> None:
-    points_m: list[Vec3] = [(float(p[0]), float(p[1]), float(p[2])) for p in points]
-    request = PathRequest(points_m=tuple(points_m), append=append, speed_m_s=parameters.speed_m_s)
+    points_m = tuple(vec3(point) for point in points)
+    request = PathRequest(points_m=points_m, append=append, speed_m_s=parameters.speed_m_s)
     cell.ask(topics.FORCE_PATH, request)
 
 

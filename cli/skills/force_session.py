@@ -25,7 +25,7 @@ LOADED = "the tool is already loaded with {:.1f} N: `forcemesh retract` leaves a
 @contextmanager
 def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportProgress]]":
     """Connect and show a progress bar; Ctrl-C, a closed terminal and SIGTERM hold the arm."""
-    from cli.skills.contact_monitor import ignore_sigint, interrupt_on_signals
+    from cli.terminal import ignore_sigint, interrupt_on_signals
     from forcemesh.errors import ForcemeshError
 
     with cell_of(named) as cell:
@@ -50,8 +50,8 @@ def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportP
 @contextmanager
 def progress_bar() -> "Iterator[ReportProgress]":
     """Show the progress on a terminal; nothing otherwise."""
-    from cli.calibration.screen import screen
     from cli.skills.contact_monitor import no_progress
+    from cli.terminal import screen
 
     shown = screen(with_time=False) if sys.stderr.isatty() else nullcontext()
     with shown as on_screen:

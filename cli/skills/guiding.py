@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -14,11 +13,11 @@ from cli.skills.contact_monitor import (
     no_progress,
     stop_force_at_end,
 )
-from cli.skills.path_file import thinned, write_poses
+from cli.skills.path_file import thinned
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import record_of
 from forcemesh.messages import Mode
-from forcemesh.requests import ForceStartRequest, MoveRequest
+from forcemesh.requests import ForceStartRequest
 
 RECORD_S = 0.02
 
@@ -36,10 +35,6 @@ class GuidedPath:
         """Length of the flange path."""
         places = np.array([T.translation for T in self.poses]).reshape(-1, 3)
         return 1e3 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-
-    def save(self, path: Path) -> None:
-        """Write the poses. Raises DataError when the file cannot be written."""
-        write_poses(path, self.times_s, self.poses)
 
 
 def guide(
@@ -96,9 +91,6 @@ def play_back(
     poses = thinned(recorded, tolerance_m)
     for number, T in enumerate(poses):
         progress(float(number), float(len(poses)), f"pose {number + 1} of {len(poses)}")
-        record = record_of(T)
-        request = MoveRequest(
-            kind="pose", pose=record, speed_m_s=speed_m_s, commander=cell.session.commander
-        )
-        cell.move.begin(request).wait()
+        pose = record_of(T)
+        cell.move.to(pose.position_m, pose.orientation_xyzw, speed_m_s=speed_m_s)
     return len(poses)

@@ -157,7 +157,7 @@ def follow(
         parameters = following.PathParameters(force, speed / 1e3, from_here, flat)
         done = following.follow(
             client,
-            _file_content(path_file.read_points, path),
+            path_file.read_points(path),
             parameters,
             settings=pressing.ForceSettings(law, preset),
             within_s=timeout,
@@ -199,16 +199,13 @@ def guide(
     Start with the tool free of contact. This is not a safety function: only the person who guides
     may be within reach, with a hand at the emergency stop.
     """
-    if playback is not None and record is not None:
+    if playback and record:
         exit_with_error("--record and --playback cannot be combined: choose one", USAGE)
     if playback is None and speed is not None:
         exit_with_error("--speed requires --playback: a hand sets the speed otherwise", USAGE)
-    if overwrite and record is None:
-        exit_with_error("--overwrite requires --record", USAGE)
-    if record is not None:
-        _check_record(record, overwrite=overwrite)
+    _check_record(record, overwrite=overwrite)
     with force_session(cell) as (client, progress):
-        from cli.skills import guiding
+        from cli.skills import guiding, path_file
 
         if playback is not None:
             _play_back(client, playback, progress, speed_mm_s=speed, tolerance_mm=tolerance)
@@ -225,7 +222,7 @@ def guide(
             )
         finally:
             if record is not None and guided.poses:
-                guided.save(record)
+                path_file.write_poses(record, guided.times_s, guided.poses)
                 typer.echo(f"{len(guided.poses)} poses written to {record}", err=True)
     typer.echo(f"guided along {guided.length_mm:.0f} mm, peak force {guided.peak_N:.1f} N")
 
@@ -240,7 +237,7 @@ def _play_back(
 ) -> None:
     from cli.skills import guiding, path_file
 
-    poses = _file_content(path_file.read_poses, path)
+    poses = path_file.read_poses(path)
     count = guiding.play_back(
         client,
         poses,
@@ -251,8 +248,12 @@ def _play_back(
     typer.echo(f"playback finished: {count} poses of {len(poses)} recorded")
 
 
-def _check_record(path: Path, *, overwrite: bool) -> None:
+def _check_record(path: Path | None, *, overwrite: bool) -> None:
     """End the verb before guiding if the record file cannot be written."""
+    if path is None:
+        if overwrite:
+            exit_with_error("--overwrite requires --record", USAGE)
+        return
     if path.exists() and not overwrite:
         exit_with_error(f"--record {path}: file exists: choose another name, or --overwrite", USAGE)
     try:
@@ -265,19 +266,9 @@ def _check_record(path: Path, *, overwrite: bool) -> None:
 
 def _enter_pressed() -> Callable[[], bool]:
     """Return a function that reports a press of Enter; without a terminal never."""
-    from cli.calibration.screen import Keyboard
+    from cli.terminal import Keyboard
 
     if not sys.stdin.isatty():
         return lambda: False
     keyboard = Keyboard()
     return lambda: keyboard.poll() is not None
-
-
-def _file_content(read: Callable[[Path], Any], path: Path) -> Any:
-    """Return the content of a file; an invalid file is a usage error."""
-    from forcemesh.errors import DataError
-
-    try:
-        return read(path)
-    except DataError as error:
-        exit_with_error(str(error), USAGE)

@@ -23,7 +23,7 @@ from cli.skills.contact_monitor import (
     stop_force_at_end,
 )
 from common.bus.configured_cell import ConfiguredCell
-from common.motion.convert import pose_of, record_of
+from common.motion.convert import pose_of, record_of, vec3
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Reader
@@ -31,8 +31,7 @@ from forcemesh.client.ask import stopped_error
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError, NotReachedError, RefusedError
 from forcemesh.faults import FAULTS
-from forcemesh.messages import Vec3
-from forcemesh.requests import ForceStartRequest, MoveRequest, PathRequest
+from forcemesh.requests import ForceStartRequest, PathRequest
 from tuning import contact_response, servo
 from tuning.contact_response import ContactResponse, loop_delay
 from tuning.contact_spring import Spring, fit_spring
@@ -203,13 +202,8 @@ class TuningMeasurement:
     def return_to_start(self) -> None:
         """Return to the start. Raises as a move does."""
         speed_m_s = min(BACK_M_S, self._cell.config.limits.speed_m_s)
-        request = MoveRequest(
-            kind="pose",
-            pose=record_of(self._start),
-            speed_m_s=speed_m_s,
-            commander=self._cell.session.commander,
-        )
-        self._cell.move.begin(request).wait()
+        start = record_of(self._start)
+        self._cell.move.to(start.position_m, start.orientation_xyzw, speed_m_s=speed_m_s)
 
     def _lap(self, p_tcp_m: Array, axes: tuple[Array, Array]) -> tuple[PathRequest, int]:
         """Return the path of one round, and its number of laps."""
@@ -219,7 +213,7 @@ class TuningMeasurement:
         laps = min(MOST_LAPS, max(1, ceil(LEAST_REPORTS_HZ / config.rates.robot_hz)))
         points = (reach[0], p_tcp_m, reach[1], p_tcp_m) * laps
         request = PathRequest(
-            points_m=tuple(_vec3(point) for point in points),
+            points_m=tuple(vec3(point) for point in points),
             speed_m_s=min(STEP_M_S, config.force.speed_max_m_s),
             accel_m_s2=min(STEP_ACCEL_M_S2, STEP_ACCEL_SHARE * config.limits.accel_m_s2),
             in_contact=False,
@@ -343,17 +337,16 @@ def measure(
     measuring = TuningMeasurement(cell, trial, progress)
     measuring.check()
     measuring.steps()
-    if not with_press:
-        return measuring.readings
-    try:
-        with stop_force_at_end(cell):
-            measuring.press()
-            if with_controller:
-                measuring.controller(gain)
-    except (DataError, NotReachedError):
+    if with_press:
+        try:
+            with stop_force_at_end(cell):
+                measuring.press()
+                if with_controller:
+                    measuring.controller(gain)
+        except (DataError, NotReachedError):
+            measuring.return_to_start()
+            raise
         measuring.return_to_start()
-        raise
-    measuring.return_to_start()
     return measuring.readings
 
 
@@ -368,8 +361,3 @@ def _no_repetition_text(rounds: list[Round]) -> str:
         f"{1e3 * servo.REPEATS_S:g} ms: reduce the load of this machine (`forcemesh doctor` checks "
         "it and the link), then tune again"
     )
-
-
-def _vec3(point: Array) -> Vec3:
-    x, y, z = (float(part) for part in point)
-    return (x, y, z)

@@ -10,7 +10,6 @@ from cli.context import NOT_WELL, OK, USAGE, CellOption, JsonOption, exit_with_e
 from cli.skills.force_session import force_session
 
 if TYPE_CHECKING:
-    from cli.tune.measure import Readings
     from common.bus.configured_cell import ConfiguredCell
     from forcemesh.messages import Gains
     from tuning.advice import Advice, MeasuredCell
@@ -57,8 +56,9 @@ def tune(
     presses gently until the results repeat, then returns. Ctrl-C holds the arm.
     """
     with force_session(cell) as (client, progress):
+        from cli.tune import output
         from cli.tune.measure import TuningTrial, measure
-        from tuning.advice import MeasuredCell, refusal_reason
+        from tuning.advice import MeasuredCell, as_dict, cell_file_sections, refusal_reason
 
         hosts = client.config.robot.hosts
         _refuse_wrong_options(client, force, for_host, apply=apply)
@@ -71,19 +71,26 @@ def tune(
             with_controller="controller" in hosts and not no_controller and not no_press,
             progress=progress,
         )
+        config = client.config
         measured = MeasuredCell(readings.arm, readings.spring, readings.controller)
         advices = _advices(client, measured, gains)
-        _print_result(client, measured, advices, readings, as_json=as_json, out=out)
-        if refusal := refusal_reason(client.config, measured, advices):
+        sections = cell_file_sections(config, measured, advices)
+        if as_json:
+            typer.echo(json.dumps(as_dict(config, measured, advices, sections)))
+        else:
+            typer.echo("\n".join(output.report_lines(config, measured, advices, sections)))
+        if out is not None:
+            title = f"{config.cell}: tau {1e3 * advices[0].tau_s:.1f} ms"
+            output.save_figure(out, readings, advices, title)
+            typer.echo(f"picture: {out}", err=True)
+        if refusal := refusal_reason(config, measured, advices):
             exit_with_error(f"nothing is recommended, written or set: {refusal}", NOT_WELL)
         if write is not None:
-            _write(client, measured, advices, write)
+            output.save_sections(write, sections)
+            advice = f"set `tuning: {write}`, relative to its folder, in the cell file to use it"
+            typer.echo(f"written to {write}; {advice}", err=True)
         if apply:
-            _apply(
-                client,
-                next((advice for advice in advices if advice.host == for_host), None),
-                for_host,
-            )
+            _apply(client, advices, for_host)
         first = advices[0].force_now.margins
     raise typer.Exit(OK if first.stable else NOT_WELL)
 
@@ -127,52 +134,11 @@ def _advices(client: "ConfiguredCell", measured: "MeasuredCell", gains: "Gains")
     ]
 
 
-def _print_result(
-    client: "ConfiguredCell",
-    measured: "MeasuredCell",
-    advices: "list[Advice]",
-    readings: "Readings",
-    *,
-    as_json: bool,
-    out: Path | None,
-) -> None:
-    from cli.tune import texts
-    from tuning import advice
-
-    sections = advice.cell_file_sections(client.config, measured, advices)
-    if as_json:
-        typer.echo(json.dumps(advice.as_dict(client.config, measured, advices, sections)))
-    else:
-        for line in texts.report_lines(client.config, measured, advices, sections):
-            typer.echo(line)
-    if out is not None:
-        from cli.tune import picture
-
-        title = f"{client.config.cell}: tau {1e3 * advices[0].tau_s:.1f} ms"
-        picture.save(out, readings, advices, title)
-        typer.echo(f"picture: {out}", err=True)
-
-
-def _write(
-    client: "ConfiguredCell", measured: "MeasuredCell", advices: "list[Advice]", path: Path
-) -> None:
-    from cli.tune import texts
-    from tuning import advice
-
-    texts.save(path, advice.cell_file_sections(client.config, measured, advices))
-    typer.echo(f"written to {path}; {texts.usage_advice(path)}", err=True)
-
-
-def _apply(client: "ConfiguredCell", advice: "Advice | None", host: str) -> None:
-    from forcemesh.requests import GainsRequest
-
-    if advice is None:
+def _apply(client: "ConfiguredCell", advices: "list[Advice]", host: str) -> None:
+    gains = next((advice.gains for advice in advices if advice.host == host), None)
+    if gains is None:
         exit_with_error(f"--for {host}: its loop was not measured, so no gains are set", USAGE)
-    gains = advice.gains
-    client.force.ask_gains(
-        GainsRequest(
-            force_i_m_per_Ns=gains.force_i_m_per_Ns,
-            torque_i_rad_per_Nms=gains.torque_i_rad_per_Nms,
-        )
+    client.force.gains(
+        force_i_m_per_Ns=gains.force_i_m_per_Ns, torque_i_rad_per_Nms=gains.torque_i_rad_per_Nms
     )
-    typer.echo(f"gains for loop host {advice.host} set until the regulator ends", err=True)
+    typer.echo(f"gains for loop host {host} set until the regulator ends", err=True)

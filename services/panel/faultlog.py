@@ -1,10 +1,9 @@
-"""Fault log: each new trip of the arbiter with its remedy. Pure."""
+"""Fault log: each new trip of the arbiter. Pure."""
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from forcemesh.client.ask import remedy_of
 from forcemesh.messages import ArbiterStatus, Trip
 
 FAULTS_KEPT = 50
@@ -17,11 +16,6 @@ class Happened:
     at: str  # wall clock, as text
     state: str
     trip: Trip
-
-    @property
-    def remedy(self) -> str:
-        """Remedy of the fault code, empty when it has none."""
-        return remedy_of(self.trip.code)
 
 
 class FaultLog:

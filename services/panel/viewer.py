@@ -109,6 +109,12 @@ class Viewer:
             color=COLOURS[answer.word],
         )
 
+    def button(self, label: str, action: Callable[[], None], **style: Any) -> viser.GuiButtonHandle:
+        """Add a button that executes an action; `style` as in viser."""
+        handle = self.gui.add_button(label, **style)
+        handle.on_click(lambda _event: action())
+        return handle
+
     def confirm(
         self,
         what: str,
@@ -116,7 +122,7 @@ class Viewer:
         label: str,
         action: Callable[[], None],
         *,
-        if_not: Callable[[], None] | None = None,
+        if_not: Callable[[], None] = lambda: None,
     ) -> None:
         """Ask this client to confirm a motion; execute the action on confirmation.
 
@@ -130,30 +136,19 @@ class Viewer:
             if_not: Executed on cancel or expiry.
         """
         self.dismiss()
+
+        def end(chosen: Callable[[], None]) -> None:
+            timer.cancel()
+            if self._close(modal):  # a second click must not execute it twice
+                chosen()
+
+        timer = threading.Timer(CONFIRM_WITHIN_S, end, [if_not])
+        timer.daemon = True
         modal = self.gui.add_modal(what)
         with modal:
             Prose(self.gui, text)
-            yes = self.gui.add_button(label, color="orange", icon=viser.Icon.PLAYER_PLAY)
-            no = self.gui.add_button("Cancel", color="gray")
-
-        def refuse() -> None:
-            if self._close(modal) and if_not is not None:
-                if_not()
-
-        timer = threading.Timer(CONFIRM_WITHIN_S, refuse)
-        timer.daemon = True
-
-        @yes.on_click
-        def _(_event: object) -> None:
-            timer.cancel()
-            if self._close(modal):  # a second click must not execute it twice
-                action()
-
-        @no.on_click
-        def _(_event: object) -> None:
-            timer.cancel()
-            refuse()
-
+            self.button(label, lambda: end(action), color="orange", icon=viser.Icon.PLAYER_PLAY)
+            self.button("Cancel", lambda: end(if_not), color="gray")
         with self._lock:
             self._confirming = modal
         timer.start()
@@ -175,6 +170,11 @@ class Viewer:
             self._confirming = None
         modal.close()
         return True
+
+
+def in_background(action: Callable[[], None]) -> None:
+    """Execute an action in a thread of its own, so that no click blocks."""
+    threading.Thread(target=action, daemon=True).start()
 
 
 def put(handle: Any, **properties: object) -> None:

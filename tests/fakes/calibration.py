@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cli.calibration.wizard import CalibrationWizard, WizardTiming
+from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.motion.kinematics import ArmKinematics
@@ -72,6 +73,7 @@ class CalibrationLab:
         self.world = VirtualCell(self.cell)
         self.world.advance(1.2)
         self.notes = Notes()
+        self.client = ConfiguredCell(self.cell, bus=self.world.client)
 
     @property
     def bus(self):
@@ -87,6 +89,4 @@ class CalibrationLab:
         self, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
     ) -> CalibrationWizard:
         """Return a wizard at its first stage."""
-        return CalibrationWizard(
-            self.bus, self.cell, plan or self.plan(), timing=pace, output=self.notes
-        )
+        return CalibrationWizard(self.client, plan or self.plan(), timing=pace, output=self.notes)

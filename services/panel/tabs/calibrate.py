@@ -1,7 +1,5 @@
 """Calibrate tab: plan, one confirmation, progress, residuals at each pose."""
 
-from typing import Any
-
 import numpy as np
 import viser
 from viser import uplot
@@ -33,15 +31,9 @@ def build(viewer: Viewer) -> Refresh:
     speed = gui.add_slider(
         "Speed [mm/s]", min=10.0, max=most_mm_s, step=10.0, initial_value=min(100.0, most_mm_s)
     )
-    start = gui.add_button("Calibrate", icon=viser.Icon.WAND, color="orange")
-    stop = gui.add_button("Stop calibration", icon=viser.Icon.PLAYER_STOP, visible=False)
-    bar = gui.add_progress_bar(0.0, visible=False)
-    plot = _ResidualPlot(gui)
-    notes = Prose(gui, html(""))
     asked = False  # whether this page requested the calibration and shows the confirmation
 
-    @start.on_click
-    def _(_event: object) -> None:
+    def plan() -> None:
         nonlocal asked
         refused = wizard.plan(
             poses=int(poses.value), verify_poses=int(fresh.value), speed_mm_s=float(speed.value)
@@ -50,23 +42,26 @@ def build(viewer: Viewer) -> Refresh:
         if refused:
             viewer.show("Calibrate", RequestOutcome("refused", refused))
 
-    stop.on_click(lambda _event: wizard.cancel())
+    start = viewer.button("Calibrate", plan, icon=viser.Icon.WAND, color="orange")
+    stop = viewer.button(
+        "Stop calibration", wizard.cancel, icon=viser.Icon.PLAYER_STOP, visible=False
+    )
+    bar = gui.add_progress_bar(0.0, visible=False)
+    plot = _ResidualPlot(gui)
+    notes = Prose(gui, html(""))
 
     def refresh(_snapshot: Snapshot) -> None:
         nonlocal asked
         now = wizard.progress
         if asked and now.phase == "asking":
             asked = False
-            viewer.confirm(
-                "Calibrate", _question(now), "Move now", wizard.start, if_not=wizard.cancel
-            )
-        runs = now.phase in {"planning", "asking", "running"}
-        for handle, visible in ((start, not runs), (stop, runs), (bar, runs_now(now))):
-            if handle.visible != visible:
-                handle.visible = visible
-        if runs_now(now):
-            put(bar, value=100.0 * now.share)
-        state.show(paragraphs(f"running: {now.text}" if runs_now(now) else WORDS[now.phase]))
+            question = paragraphs(*(line for line in now.plan.split("\n") if line))
+            viewer.confirm("Calibrate", question, "Move now", wizard.start, if_not=wizard.cancel)
+        is_begun, is_moving = now.phase in {"planning", "asking", "running"}, now.phase == "running"
+        put(start, visible=not is_begun)
+        put(stop, visible=is_begun)
+        put(bar, visible=is_moving, value=100.0 * now.share)
+        state.show(paragraphs(f"running: {now.text}" if is_moving else WORDS[now.phase]))
         notes.show(notes_of(now))
         plot.show(now)
 
@@ -87,27 +82,24 @@ class _ResidualPlot:
         if now is self._shown or not now.left:
             return
         self._shown = now
-        fit, fresh = list(now.left["fit_N"]), list(now.left["fresh_N"])
-        limit = float(now.left["limit_N"])
-        count = len(fit) + len(fresh)
-        x = np.arange(1, count + 1, dtype=float)
-        lines = (
-            np.array(fit + [-1.0] * len(fresh)),  # below the axis range: not visible
-            np.array([-1.0] * len(fit) + fresh),
-            np.full(count, limit),
-        )
         if self._handle is not None:
             self._handle.remove()
-        top = 1.1 * max([limit, *fit, *fresh])
         self._place.visible = True
         with self._place:
-            self._handle = self._add(x, lines, top)
+            self._handle = self._add(now.left["fit_N"], now.left["fresh_N"], now.left["limit_N"])
 
-    def _add(self, x: Any, lines: tuple[Any, ...], top: float) -> viser.GuiUplotHandle:
+    def _add(
+        self, fit_N: list[float], fresh_N: list[float], limit_N: float
+    ) -> viser.GuiUplotHandle:
         dots = uplot.Series_Points(show=True, size=8)
-        count = len(x)
+        count = len(fit_N) + len(fresh_N)
         return self._gui.add_uplot(
-            (x, *lines),
+            (
+                np.arange(1, count + 1, dtype=float),
+                np.array(fit_N + [-1.0] * len(fresh_N)),  # below the axis range: not visible
+                np.array([-1.0] * len(fit_N) + fresh_N),
+                np.full(count, limit_N),
+            ),
             (
                 uplot.Series(label="pose"),
                 uplot.Series(label="fitted", stroke="#1c7ed6", width=0, points=dots),
@@ -117,21 +109,12 @@ class _ResidualPlot:
             title="Residual force at each pose [N]",
             scales={
                 "x": uplot.Scale(time=False, auto=False, range=(0.5, count + 0.5)),
-                "y": uplot.Scale(auto=False, range=(0.0, top)),
+                "y": uplot.Scale(auto=False, range=(0.0, 1.1 * max([limit_N, *fit_N, *fresh_N]))),
             },
             axes=(uplot.Axis(stroke="#8b95a1"), uplot.Axis(stroke="#8b95a1", size=46)),
             legend=uplot.Legend(show=True, live=False),
             height=REPORT_HEIGHT,
         )
-
-
-def runs_now(now: Progress) -> bool:
-    """Return whether the arm is visiting the poses."""
-    return now.phase == "running"
-
-
-def _question(now: Progress) -> Html:
-    return paragraphs(*(line for line in now.plan.split("\n") if line))
 
 
 def notes_of(now: Progress) -> Html:

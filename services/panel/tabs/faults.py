@@ -2,14 +2,14 @@
 
 import viser
 
-from forcemesh.faults import FAULTS
-from forcemesh.messages import ArbiterStatus
+from forcemesh.client.ask import remedy_of
+from forcemesh.messages import ArbiterStatus, Trip
 from forcemesh.trip_text import trip_text
 from services.panel.faultlog import Happened
 from services.panel.markup import Html, html, joined, paragraphs
 from services.panel.status_bar import services
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import Prose, Viewer
+from services.panel.viewer import Prose, Viewer, put
 from services.panel.watch import Snapshot
 
 SHOWN = 12
@@ -20,17 +20,20 @@ def build(viewer: Viewer) -> Refresh:
     """Fill the tab."""
     gui = viewer.gui
     now = Prose(gui, paragraphs("…"))
-    clear = gui.add_button("Clear", icon=viser.Icon.CHECK, hint="Acknowledges; does not arm.")
-    clear.on_click(lambda _event: viewer.do("Clear", lambda cell: cell.clear().text))
+    clear = viewer.button(
+        "Clear",
+        lambda: viewer.do("Clear", lambda cell: cell.clear().text),
+        icon=viser.Icon.CHECK,
+        hint="Acknowledges; does not arm.",
+    )
     with gui.add_folder("History"):
         before = Prose(gui, NOTHING)
 
     def refresh(snapshot: Snapshot) -> None:
         now.show(now_text(snapshot))
         before.show(log_text(viewer.log.newest()))
-        stopped = snapshot.arbiter.fresh is not None and bool(snapshot.arbiter.fresh.trips)
-        if clear.disabled == stopped:
-            clear.disabled = not stopped
+        status = snapshot.arbiter.fresh
+        put(clear, disabled=status is None or not status.trips)
 
     return refresh
 
@@ -49,21 +52,15 @@ def now_text(snapshot: Snapshot) -> Html:
 
 def _reasons(status: ArbiterStatus) -> list[Html | str]:
     lines: list[Html | str] = [
-        html(
-            "✖ <code>{}</code> ({}) {}{}", trip.code, trip.rule, trip_text(trip), _remedy(trip.code)
-        )
+        html("✖ <code>{}</code> ({}) {}{}", trip.code, trip.rule, trip_text(trip), _remedy(trip))
         for trip in status.trips
     ]
     lines += [f"not ready: {text}" for text in status.not_ready]
     return lines or ["no fault"]
 
 
-def _remedy(code: str) -> Html:
-    row = FAULTS.get(code)
-    return _todo("" if row is None else row.remedy)
-
-
-def _todo(remedy: str) -> Html:
+def _remedy(trip: Trip) -> Html:
+    remedy = remedy_of(trip.code)
     return html("<br><i>{}</i>", remedy) if remedy else html("")
 
 
@@ -73,7 +70,7 @@ def log_text(happened: tuple[Happened, ...]) -> Html:
         return NOTHING
     row = "<p>{} <b>{}</b> <code>{}</code> {}{}</p>"
     return joined(
-        html(row, one.at, one.state, one.trip.code, trip_text(one.trip), _todo(one.remedy))
+        html(row, one.at, one.state, one.trip.code, trip_text(one.trip), _remedy(one.trip))
         for one in happened[:SHOWN]
     )
 

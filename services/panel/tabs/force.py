@@ -1,6 +1,5 @@
 """Force tab: arm, tare, press with a set point, gains."""
 
-import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, get_args
@@ -14,7 +13,7 @@ from forcemesh.messages import Gains, Mode, Preset, StartLaw, Vec3
 from forcemesh.requests import ForceStartRequest, GainsRequest
 from services.panel.markup import Html, html, paragraphs
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import Prose, Viewer, put
+from services.panel.viewer import Prose, Viewer, in_background, put
 from services.panel.watch import Snapshot
 
 READ_S = 5.0  # between two requests for the regulator's gains, which no topic carries
@@ -34,19 +33,18 @@ def build(viewer: Viewer) -> Refresh:
     """Fill the tab."""
     gui = viewer.gui
     now = Prose(gui, paragraphs("…"))
-    arm = gui.add_button("Arm", icon=viser.Icon.POWER, color="orange")
-    tare = gui.add_button(
-        "Tare", icon=viser.Icon.SCALE, hint="Sets the present reading to zero; needs free space."
+    arm = viewer.button(
+        "Arm",
+        lambda: viewer.confirm_and_do("Arm", ARM_TEXT, "Arm now", lambda cell: cell.arm().text),
+        icon=viser.Icon.POWER,
+        color="orange",
     )
-
-    @arm.on_click
-    def _(_event: object) -> None:
-        viewer.confirm_and_do("Arm", ARM_TEXT, "Arm now", lambda cell: cell.arm().text)
-
-    @tare.on_click
-    def _(_event: object) -> None:
-        viewer.do("Tare", lambda cell: cell.tare().text)
-
+    viewer.button(
+        "Tare",
+        lambda: viewer.do("Tare", lambda cell: cell.tare().text),
+        icon=viser.Icon.SCALE,
+        hint="Sets the present reading to zero; needs free space.",
+    )
     with gui.add_folder("Press"):
         form = _PressForm(viewer)
     with gui.add_folder("Gains", expand_by_default=False):
@@ -57,9 +55,7 @@ def build(viewer: Viewer) -> Refresh:
         form.refresh(snapshot)
         gains.refresh(snapshot)
         status = snapshot.arbiter.fresh
-        is_armed = status is not None and status.operational
-        if arm.visible == is_armed:
-            arm.visible = not is_armed
+        put(arm, visible=status is None or not status.operational)
 
     return refresh
 
@@ -107,12 +103,21 @@ class _PressForm:
         self._law = gui.add_dropdown(
             "Control law", get_args(StartLaw), initial_value=config.force.law
         )
-        self._start = gui.add_button("Start pressing", icon=viser.Icon.PLAYER_PLAY, color="orange")
-        self._change = gui.add_button(
-            "Change set point", icon=viser.Icon.ADJUSTMENTS, visible=False
+        self._start = viewer.button(
+            "Start pressing", self._on_start, icon=viser.Icon.PLAYER_PLAY, color="orange"
         )
-        self._stop = gui.add_button(
-            "Stop force feedback", icon=viser.Icon.PLAYER_STOP, color="gray", visible=False
+        self._change = viewer.button(
+            "Change set point",
+            lambda: viewer.do("Set point", self._begin),
+            icon=viser.Icon.ADJUSTMENTS,
+            visible=False,
+        )
+        self._stop = viewer.button(
+            "Stop force feedback",
+            lambda: viewer.do("Force feedback", lambda cell: cell.force.stop().text),
+            icon=viser.Icon.PLAYER_STOP,
+            color="gray",
+            visible=False,
         )
         self._followed = {
             "setpoint_N": SyncedField(self._setpoint),
@@ -120,11 +125,6 @@ class _PressForm:
             "host": SyncedField(self._host),
             "law": SyncedField(self._law),
         }
-        self._start.on_click(self._on_start)
-        self._change.on_click(lambda _event: viewer.do("Set point", self._begin))
-        self._stop.on_click(
-            lambda _event: viewer.do("Force feedback", lambda cell: cell.force.stop().text)
-        )
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Show the settings of the running press and the buttons that apply."""
@@ -132,9 +132,9 @@ class _PressForm:
         for name, field in self._followed.items():
             field.follow(getattr(target, name, None))
         runs = snapshot.target.message is not None and snapshot.target.message.mode is not None
-        for handle, visible in ((self._start, not runs), (self._change, runs), (self._stop, runs)):
-            if handle.visible != visible:
-                handle.visible = visible
+        put(self._start, visible=not runs)
+        put(self._change, visible=runs)
+        put(self._stop, visible=runs)
 
     def _request(self) -> ForceStartRequest:
         law = self._law.value
@@ -148,7 +148,7 @@ class _PressForm:
     def _begin(self, cell: Cell) -> str:
         return cell.force.begin(self._request()).text
 
-    def _on_start(self, _event: object) -> None:
+    def _on_start(self) -> None:
         request = self._request()
         text = start_question(request, self._viewer.cell.force.search_m)
         label = "Guide now" if request.law == "admittance" else "Press now"
@@ -186,8 +186,18 @@ class _GainsForm:
             field: gui.add_vector3(label, (0.0, 0.0, 0.0), min=(0.0, 0.0, 0.0), step=0.001)
             for field, label, _ in GAIN_ROWS
         }
-        read = gui.add_button("Read", icon=viser.Icon.REFRESH, color="gray")
-        apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint="Gains of base x, y, z.")
+        viewer.button(
+            "Read",
+            lambda: viewer.do("Gains", self._read),
+            icon=viser.Icon.REFRESH,
+            color="gray",
+        )
+        viewer.button(
+            "Apply",
+            lambda: viewer.do("Gains", self._apply),
+            icon=viser.Icon.CHECK,
+            hint="Gains of base x, y, z.",
+        )
         self._followed = {field: SyncedField(handle) for field, handle in self._rows.items()}
         self._are_read, self._read_at_ns = False, 0
         preset.on_click(
@@ -195,15 +205,13 @@ class _GainsForm:
                 f"Gains {preset.value}", lambda cell: self._set(cell, {"preset": preset.value})
             )
         )
-        read.on_click(lambda _event: viewer.do("Gains", self._read))
-        apply.on_click(lambda _event: viewer.do("Gains", self._apply))
 
     def refresh(self, snapshot: Snapshot) -> None:
         """Request the regulator's gains every READ_S and show them."""
         if snapshot.target.silent or snapshot.now_ns - self._read_at_ns < READ_S * NS_PER_S:
             return
         self._read_at_ns = snapshot.now_ns
-        threading.Thread(target=self._follow, daemon=True).start()
+        in_background(self._follow)
 
     def _follow(self) -> None:
         with suppress(ForcemeshError):

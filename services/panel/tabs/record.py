@@ -3,12 +3,13 @@
 import viser
 
 from forcemesh import topics
+from forcemesh.client import Cell
 from forcemesh.errors import BusError
 from forcemesh.messages import RecorderStatus
 from forcemesh.requests import Empty, RecordRequest
 from services.panel.markup import Html, html, paragraphs
 from services.panel.tabs import Refresh, Tab
-from services.panel.viewer import Prose, Viewer
+from services.panel.viewer import Prose, Viewer, put
 from services.panel.watch import Snapshot
 
 RECORDER_REPLY_S = 15.0  # the recorder writes pending data before it replies
@@ -21,34 +22,31 @@ def build(viewer: Viewer) -> Refresh:
     now = Prose(gui, paragraphs("…"))
     label = gui.add_text("Label", "", hint="Part of the file name.")
     past = gui.add_checkbox("Include ring buffer", initial_value=False)
-    start = gui.add_button("Start recording", icon=viser.Icon.PLAYER_RECORD)
-    stop = gui.add_button("Stop recording", icon=viser.Icon.PLAYER_STOP, disabled=True)
 
-    def begin(_event: object) -> None:
+    def begin(cell: Cell) -> str:
         request = RecordRequest(label=label.value[:100], past=past.value)
-        viewer.do(
-            "Record",
-            lambda cell: cell.ask(topics.RECORD_START, request, answer_s=RECORDER_REPLY_S).text,
-        )
+        return cell.ask(topics.RECORD_START, request, answer_s=RECORDER_REPLY_S).text
 
-    def end(_event: object) -> None:
-        viewer.do(
-            "Stop recording",
-            lambda cell: cell.ask(topics.RECORD_STOP, Empty(), answer_s=RECORDER_REPLY_S).text,
-        )
+    def end(cell: Cell) -> str:
+        return cell.ask(topics.RECORD_STOP, Empty(), answer_s=RECORDER_REPLY_S).text
 
-    start.on_click(begin)
-    stop.on_click(end)
+    start = viewer.button(
+        "Start recording", lambda: viewer.do("Record", begin), icon=viser.Icon.PLAYER_RECORD
+    )
+    stop = viewer.button(
+        "Stop recording",
+        lambda: viewer.do("Stop recording", end),
+        icon=viser.Icon.PLAYER_STOP,
+        disabled=True,
+    )
 
     def refresh(_snapshot: Snapshot) -> None:
         status = recorder_status(viewer)
         now.show(words(status))
-        asked = status is not None and status.recording and status.cause == "asked"
-        if start.disabled != (asked or status is None):
-            start.disabled = asked or status is None
         records = status is not None and status.recording
-        if stop.disabled == records:
-            stop.disabled = not records
+        asked = status is not None and records and status.cause == "asked"
+        put(start, disabled=asked or status is None)
+        put(stop, disabled=not records)
 
     return refresh
 

@@ -15,8 +15,7 @@ import typer.main
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.context import CELL_VARIABLE, EXITS, NO_ANSWER, NOT_WELL, USAGE
-from cli.exits import TABLE, exit_code_of
+from cli.context import CELL_VARIABLE, EXITS, NO_ANSWER, NOT_WELL, TABLE, USAGE, exit_code_of
 from common.config.load import load_cell
 from forcemesh.errors import (
     ConfigError,

@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.tune import texts as words
+from cli.tune import output as words
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.errors import ConfigError, DataError
@@ -82,7 +82,7 @@ def test_the_lines_give_a_cell_the_gains_that_are_recommended(
     """A cell that loads the written file has the same gains or slightly lower ones, and can arm."""
     one = advised(found)
     folder = tmp_path_factory.mktemp("cell")
-    words.save(folder / "tuning.yaml", advice.cell_file_sections(CELL, found, [one]))
+    words.save_sections(folder / "tuning.yaml", advice.cell_file_sections(CELL, found, [one]))
     text = DEMO.read_text().replace("force: {}", "force: {}\ntuning: tuning.yaml")
     (folder / "cell.yaml").write_text(text)
     cell = load_cell(folder / "cell.yaml")
@@ -245,11 +245,11 @@ def test_a_tuning_file_holds_only_measured_values(tmp_path: Path, text, reason) 
 def test_a_previous_file_is_kept_as_a_copy(tmp_path: Path) -> None:
     """As with `calibrate`; a folder that cannot be written is reported."""
     path = tmp_path / "sub" / "tuning.yaml"
-    words.save(path, {"robot": {"delay_s": 0.01}})
-    words.save(path, {"robot": {"delay_s": 0.02}})
+    words.save_sections(path, {"robot": {"delay_s": 0.01}})
+    words.save_sections(path, {"robot": {"delay_s": 0.02}})
     assert yaml.safe_load(path.read_text()) == {"robot": {"delay_s": 0.02}}
     kept = path.with_name("tuning.before.yaml").read_text()
     assert yaml.safe_load(kept) == {"robot": {"delay_s": 0.01}}
     assert path.read_text().startswith("# Measured by `forcemesh tune`")
     with pytest.raises(DataError, match="cannot be written"):
-        words.save(tmp_path, {})
+        words.save_sections(tmp_path, {})

@@ -8,8 +8,8 @@ import pytest
 from cli.calibration.by_hand import HandOptions, PoseRecorder, calibrate, record_poses
 from cli.calibration.finish import Job
 from cli.calibration.output_files import OutputFiles
-from cli.calibration.screen import Keyboard
 from cli.context import INTERRUPTED
+from cli.terminal import Keyboard
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
 from common.motion.convert import joints
@@ -86,7 +86,7 @@ def recorder_of(
 ) -> PoseRecorder:
     """Return a pose recorder with a scripted person."""
     hand_options = HandOptions(**{"poses": 6, "verify_poses": 0, "dwell_s": 0.2, **options})  # type: ignore[arg-type]
-    return PoseRecorder(lab.bus, lab.cell, hand_options, keys=Person(lab, verbs), output=lab.notes)
+    return PoseRecorder(lab.client, hand_options, keys=Person(lab, verbs), output=lab.notes)
 
 
 def test_poses_taken_by_hand_give_a_calibration(lab, tmp_path, capsys):
@@ -95,7 +95,7 @@ def test_poses_taken_by_hand_give_a_calibration(lab, tmp_path, capsys):
     job = Job(lab.cell, OutputFiles(tmp_path / "demo.yaml"), VerificationBounds(), use=True)
     options = HandOptions(poses=6, verify_poses=1, dwell_s=0.3)
 
-    assert calibrate(job, options, lab.bus, Person(lab, verbs)) == 0
+    assert calibrate(job, options, lab.client, Person(lab, verbs)) == 0
     cell = load_cell(lab_file(tmp_path), {"calibration": "demo.yaml"})
     found = cell.calibration
     assert isinstance(found, CalibrationSection)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cli.calibration.gather import STILL_WITHIN_S, Gatherer
+from common.bus.configured_cell import ConfiguredCell
 from common.bus.memory_bus import MemoryTransport
 from common.motion.frames import rotation_from_vector
 from forcemesh import topics
@@ -67,6 +68,12 @@ class PublishingClock(ManualClock):
         self._made["sensor/wrench"].put(message)
 
 
+def client_of(clock: PublishingClock) -> ConfiguredCell:
+    """Return a client of that cell."""
+    bus = Bus(topics.CLIENT, CELL.cell, clock.transport, CELL, clock)
+    return ConfiguredCell(CELL, bus=bus)
+
+
 @pytest.fixture
 def clock() -> PublishingClock:
     """A clock on which sensor and robot publish."""
@@ -76,7 +83,7 @@ def clock() -> PublishingClock:
 @pytest.fixture
 def gatherer(clock) -> Gatherer:
     """A client of that cell that has received messages."""
-    found = Gatherer(Bus(topics.CLIENT, CELL.cell, clock.transport, CELL, clock), CELL)
+    found = Gatherer(client_of(clock))
     found.until_received()
     return found
 
@@ -161,7 +168,7 @@ def test_an_arm_that_moves_while_reading_is_read_again(clock, gatherer):
 def test_a_silent_sensor_is_named(clock):
     """The error gives the sensor's reason."""
     clock.fault = lambda t_s: "no power"
-    gatherer = Gatherer(Bus(topics.CLIENT, CELL.cell, clock.transport, CELL, clock), CELL)
+    gatherer = Gatherer(client_of(clock))
     with pytest.raises(CalibrationError, match=r"no reading within 2 s: .*no power"):
         gatherer.until_received()
 

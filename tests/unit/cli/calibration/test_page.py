@@ -15,15 +15,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cli.calibration import send
 from cli.calibration.finish import Job, store_result
 from cli.calibration.output_files import OutputFiles, back_up, output_files
 from cli.calibration.page import page, save_page
 from common.config.payload import Payload
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import predict
-from forcemesh.clock import ManualClock
-from forcemesh.errors import BusError, DataError
+from forcemesh.errors import BusError, DataError, ForcemeshError, RefusedError
 from forcemesh.requests import Reply
 from identification.dwells import Dwell, Purpose
 from identification.evidence import Findings, evidence_of, findings_of
@@ -221,56 +219,38 @@ def test_out_overrides_the_cell_file_with_advice(tmp_path):
     assert f"set `calibration: ../b.yaml` in {cell_file}" in other.advice
 
 
-# --- sending --------------------------------------------------------------------------------------
-
-
-class Service:
-    """A bus whose wrench service gives a sequence of replies."""
-
-    def __init__(self, *replies: Reply | BusError) -> None:
-        self.clock = ManualClock()
-        self.replies = list(replies)
-        self.sent: list[str] = []
-
-    def ask(self, _request: Any, message: Any) -> Reply:
-        """Return the next reply; the last one is repeated."""
-        self.sent.append(message.calibration_json)
-        reply = self.replies.pop(0) if len(self.replies) > 1 else self.replies[0]
-        if isinstance(reply, BusError):
-            raise reply
-        return reply
-
-
-def test_sending_waits_for_an_arm_that_has_just_moved(found):
-    """A temporary refusal is repeated; another one is returned at once."""
-    yes, wait = Reply(accepted=True), Reply(accepted=False, code="moving")
-    patient: Any = Service(wait, wait, yes)
-    assert send.send_calibration(patient, found.section).accepted
-    assert len(patient.sent) == 3
-    assert found.section.revision in patient.sent[0]
-    refusing: Any = Service(Reply(accepted=False, code="payload"))
-    assert not send.send_calibration(refusing, found.section).accepted
-    assert len(refusing.sent) == 1
-    never: Any = Service(wait)
-    assert send.send_calibration(never, found.section).code == "moving"
-    assert len(never.sent) < 100
-
-
 # --- use of the result ----------------------------------------------------------------------------
 
 
-def stored(folder: Path, found: Findings, bus: Any = None, **job: Any) -> tuple[int, str, set[str]]:
+class RunningCell:
+    """A cell that gives one reply to a calibration."""
+
+    def __init__(self, reply: Reply | ForcemeshError) -> None:
+        self.reply = reply
+        self.sent: list[str] = []
+
+    def calibrate(self, calibration_json: str) -> Reply:
+        """Keep the calibration and reply."""
+        self.sent.append(calibration_json)
+        if isinstance(self.reply, ForcemeshError):
+            raise self.reply
+        return self.reply
+
+
+def stored(
+    folder: Path, found: Findings, cell: Any = None, **job: Any
+) -> tuple[int, str, set[str]]:
     """Store findings; return exit code, the last sentence, and the calibrations in the folder."""
     places = OutputFiles(folder / "demo.yaml")
     with redirect_stdout(StringIO()) as printed, patch("cli.calibration.finish.save_page"):
-        code = store_result(Job(CELL, places, VerificationBounds(), **job), found, bus)
+        code = store_result(Job(CELL, places, VerificationBounds(), **job), found, cell)
     names = {path.name for path in folder.glob("*.yaml")}
     return code, printed.getvalue().splitlines()[-1], names
 
 
 def test_a_calibration_that_is_only_written_does_not_change_the_cell(found, tmp_path):
     """Neither the running cell nor its next start uses the file, and the output states it."""
-    service: Any = Service(Reply(accepted=True))
+    service: Any = RunningCell(Reply(accepted=True))
     code, last, names = stored(tmp_path, found, service)
     assert (code, service.sent, names) == (0, [], {"demo.unused.yaml"})
     assert last.startswith("the cell does not use it: only --use puts it into use")
@@ -279,7 +259,7 @@ def test_a_calibration_that_is_only_written_does_not_change_the_cell(found, tmp_
 def test_a_passed_calibration_is_used_and_the_last_sentence_reports_it(found, tmp_path):
     """The running cell uses it, or its next start."""
     text = f"calibration {found.section.revision} is in use"
-    service: Any = Service(Reply(accepted=True, text=text))
+    service: Any = RunningCell(Reply(accepted=True, text=text))
     assert stored(tmp_path, found, service, use=True) == (0, text, {"demo.yaml"})
     code, last, _ = stored(tmp_path, found, use=True)
     assert (code, last) == (0, "the cell is not up: it takes the file when it is started")
@@ -288,13 +268,13 @@ def test_a_passed_calibration_is_used_and_the_last_sentence_reports_it(found, tm
 @pytest.mark.parametrize(
     ("reply", "code", "sentence"),
     [
-        (Reply(accepted=False, code="contact", text="24.8 N"), 3, "refused it (contact): 24.8 N"),
+        (RefusedError("contact", "24.8 N"), 3, "refused it (contact): 24.8 N"),
         (BusError("request/calibration: no answer"), 4, "is not known: `forcemesh status`"),
     ],
 )
 def test_a_calibration_that_the_cell_refuses_ends_non_zero(found, tmp_path, reply, code, sentence):
     """PASS does not suffice, and the next start does not load a refused calibration."""
-    service: Any = Service(reply)
+    service: Any = RunningCell(reply)
     ended, last, names = stored(tmp_path, found, service, use=True)
     assert (ended, names) == (code, {"demo.unused.yaml"})
     assert sentence in last
@@ -306,7 +286,7 @@ def test_a_calibration_that_the_cell_refuses_ends_non_zero(found, tmp_path, repl
 )
 def test_a_failed_calibration_is_never_used(tmp_path, fresh, push_N, sentence):
     """It is neither sent nor loaded at the next start, even with --force."""
-    service: Any = Service(Reply(accepted=True))
+    service: Any = RunningCell(Reply(accepted=True))
     code, last, names = stored(tmp_path, findings(fresh, push_N), service, use=True)
     assert (code, service.sent) == (1, [])
     assert sentence in last

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
-from cli.calibration.send import send_calibration as send_to_cell
 from cli.calibration.verb import ResultDestination
+from common.bus.configured_cell import ConfiguredCell
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
 from common.config.payload import Payload
@@ -45,10 +45,10 @@ def lab(tmp_path, monkeypatch) -> CalibrationLab:
     found = CalibrationLab(load_cell(cell_file(tmp_path)))
 
     @contextmanager
-    def open_bus(_cell: Any, _role: str, *, patience_s: float) -> Iterator[Any]:
-        yield found.bus
+    def connected(_cell: Any, *, patience_s: float) -> Iterator[ConfiguredCell]:
+        yield found.client
 
-    monkeypatch.setattr("common.bus.cell_bus.open_bus", open_bus)
+    monkeypatch.setattr("common.bus.configured_cell.ConfiguredCell", connected)
     return found
 
 
@@ -62,11 +62,11 @@ def test_the_running_cell_and_its_next_start_use_the_calibration(lab, tmp_path, 
     """
     sent_at = []
 
-    def send(bus: Any, section: Any) -> Reply:
+    def send(calibration_json: str) -> Reply:
         sent_at.append(np.abs(lab.world.arm.q - HOME_RAD).max())
-        return send_to_cell(bus, section)
+        return ConfiguredCell.calibrate(lab.client, calibration_json)
 
-    monkeypatch.setattr("cli.calibration.send.send_calibration", send)
+    monkeypatch.setattr(lab.client, "calibrate", send)
     made = tmp_path / "made"
     made.mkdir()
     (made / "demo.yaml").write_text("the previous file")

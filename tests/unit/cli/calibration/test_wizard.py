@@ -46,7 +46,7 @@ def driven(
     lab: CalibrationLab, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
 ) -> tuple[CalibrationWizard, int | None]:
     """Run the wizard to its end; return it with its exit code."""
-    return drive(lab.cell, lab.bus, plan or lab.plan(**FEW), pace, output=lab.notes)
+    return drive(lab.client, plan or lab.plan(**FEW), pace, output=lab.notes)
 
 
 def mean_residual(payload: Payload, count: int = 200) -> tuple[float, float]:
@@ -65,7 +65,7 @@ def test_a_complete_run_identifies_the_payload_and_returns_to_its_start(tmp_path
     lab = CalibrationLab()
     plan = lab.plan(poses=10, verify_poses=2)
     wizard = CalibrationWizard(
-        lab.bus, lab.cell, plan, timing=WizardTiming(speed_m_s=0.8, dwell_s=0.5), output=lab.notes
+        lab.client, plan, timing=WizardTiming(speed_m_s=0.8, dwell_s=0.5), output=lab.notes
     )
     wizard.run()
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cli.check_axes.push import PushTest
+from common.bus.configured_cell import ConfiguredCell
 from forcemesh import topics
 from forcemesh.requests import ArmRequest
 from identification.errors import CalibrationError
@@ -73,9 +74,14 @@ class Person:
         )
 
 
+def client_of(cell: VirtualCell) -> ConfiguredCell:
+    """Return a client of the cell."""
+    return ConfiguredCell(CELL, bus=cell.client)
+
+
 def pushed(cell, person):
     """Return the result of the whole test."""
-    return PushTest(cell.client, CELL, person, within_s=3.0).run(ExpectedInstallation.of(CELL))
+    return PushTest(client_of(cell), person, within_s=3.0).run(ExpectedInstallation.of(CELL))
 
 
 @pytest.fixture
@@ -142,7 +148,7 @@ def test_the_test_waits_until_the_hands_leave_the_tool(cell) -> None:
 
 def test_the_push_test_is_refused_for_an_armed_arm(cell) -> None:
     """It is refused at once, with the command that ends the arming."""
-    test = PushTest(cell.client, CELL, Person(cell))
+    test = PushTest(client_of(cell), Person(cell))
     assert cell.client.ask(topics.ARM, ArmRequest(purpose="jog")).accepted
     cell.advance(0.1)
     with pytest.raises(CalibrationError, match="forcemesh hold"):

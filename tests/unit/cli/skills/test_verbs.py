@@ -7,7 +7,7 @@ import pytest
 
 from cli.skills import following, force_session, guiding, pressing
 from cli.skills.contact_monitor import no_progress
-from cli.skills.path_file import read_poses
+from cli.skills.path_file import read_poses, write_poses
 from cli.skills.pressing import ForceSettings
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
@@ -181,7 +181,7 @@ def test_a_hand_guided_path_is_recorded_and_played_back(cell: SkillCell, tmp_pat
     cell.world.advance(0.5)
     assert np.linalg.norm(cell.p_tcp() - start - led) < 2e-3  # without a push it stays
     end = pose_of(client.state()).translation
-    guided.save(tmp_path / "path.csv")
+    write_poses(tmp_path / "path.csv", guided.times_s, guided.poses)
     client.jog(shift_m=(0.0, 0.01, 0.0))
     poses = read_poses(tmp_path / "path.csv")
     played_count = guiding.play_back(client, poses, tolerance_m=0.001, speed_m_s=0.1)

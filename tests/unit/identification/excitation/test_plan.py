@@ -319,5 +319,5 @@ def test_the_motion_description_gives_the_box_and_its_limitations(plan):
     assert "10 poses and 4 to verify" in description
     assert "other obstacles are unknown" in description
     assert "4 poses, about" in by_arm.motion_description(
-        cell_with(), plan, WizardTiming(0.1), fitting=False
+        cell_with(), plan, WizardTiming(0.1), purposes=("verify",)
     )

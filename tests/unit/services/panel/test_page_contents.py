@@ -1,6 +1,7 @@
 """The panel's view of received messages: plots, bar, log of faults, progress of the wizard."""
 
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from services.panel.plots import BRIDGED_S, OUTSIDE, broken
 from services.panel.readout import NAMES, Readout, distance_mm
 from services.panel.status_bar import UNANSWERED, held_as, stop_text, strip
 from services.panel.tabs.calibrate import notes_of
-from services.panel.tabs.faults import now_text
+from services.panel.tabs.faults import SHOWN, log_text, now_text
 from services.panel.tabs.force import start_question
 from services.panel.viewer import RequestOutcome
 from services.panel.watch import Snapshot
@@ -295,7 +296,8 @@ def test_the_log_has_each_reason_once_for_each_occurrence(histories):
         expected += len(reasons - before)
         before = reasons
     assert len(log.newest()) == min(expected, FAULTS_KEPT)
-    assert all(one.remedy == FAULTS[one.trip.code].remedy for one in log.newest())
+    shown = log_text(log.newest()).source
+    assert all(escape(FAULTS[one.trip.code].remedy) in shown for one in log.newest()[:SHOWN])
 
 
 # --- the wizard -----------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from services.sensor.service import SensorDriver
 from tests.fakes.bench import Bench
 from tests.fakes.rdt_sensor import REAL_CELL
 
-TINY = '''
+TINY = """
 from services.sensor.driver import Info, SensorFault, SensorSample
 
 
@@ -43,7 +43,7 @@ class TinyDriver:
 
 def make(sensor, *, stale_after_s):
     return TinyDriver(sensor)
-'''
+"""
 ENTRY_POINTS = """[forcemesh.sensor_drivers]
 tiny = tiny_sensor:make
 absent = no_such_module:make

@@ -10,7 +10,7 @@ import pytest
 from forcemesh.errors import RefusedError
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
-from services.panel.tabs.move import BackOffButton
+from services.panel.tabs.move import add_back_off
 from services.panel.viewer import Viewer, ask
 
 DONE_WITHIN_S = 10.0
@@ -22,15 +22,14 @@ class ConfirmingViewer:
 
     def __init__(self, *ends: Trip | RefusedError) -> None:
         """Let the cell answer with these, one after the other."""
-        self.gui = SimpleNamespace(add_button=lambda *_, **__: self)
         self.questions: list[str] = []
         self.answers: list[tuple[str, str]] = []
         self.without_force: list[bool] = []
         self._ends = list(ends)
         self._over = threading.Event()
-        BackOffButton(cast(Viewer, self))
+        add_back_off(cast(Viewer, self))
 
-    def on_click(self, click: Callable[[object], None]) -> None:
+    def button(self, _label: str, click: Callable[[], None], **_style: Any) -> None:
         """Keep the button's action."""
         self._click = click
 
@@ -56,7 +55,7 @@ class ConfirmingViewer:
 
     def click(self) -> None:
         """Click, and wait for all answers."""
-        self._click(None)
+        self._click()
         assert self._over.wait(DONE_WITHIN_S)
 
 

@@ -1,15 +1,28 @@
-"""Terminal output of a calibration: progress bar, remaining time, present step; key input."""
+"""Terminal of a verb that moves the arm: progress bar, typed lines, interruption."""
 
 import select
+import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from types import FrameType
+from typing import Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 SCREEN_REFRESH_S = 0.1
+
+
+class ProgressOutput(Protocol):
+    """Receiver of progress messages: a terminal, or a list in a test."""
+
+    def note(self, text: str) -> None:
+        """Show one permanent line."""
+
+    def progress(self, done_s: float, total_s: float, text: str) -> None:
+        """Show the progress in seconds of the plan and the present step; called often."""
 
 
 class Screen:
@@ -53,3 +66,34 @@ class Keyboard:
             return None
         line = sys.stdin.readline()
         return line.strip().lower() if line else "q"
+
+
+def interrupt_on_signals() -> AbstractContextManager[None]:
+    """Handle SIGHUP (closed terminal) and SIGTERM like Ctrl-C: they stop the arm."""
+
+    def interrupt(_signal: int, _frame: FrameType | None) -> None:
+        """Raise KeyboardInterrupt as Ctrl-C does."""
+        raise KeyboardInterrupt
+
+    return _signals(interrupt, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def ignore_sigint() -> AbstractContextManager[None]:
+    """Ignore further Ctrl-C while the hold that the first one requested is sent."""
+
+    def ignore(_signal: int, _frame: FrameType | None) -> None:
+        """Ignore it."""
+
+    return _signals(ignore, signal.SIGINT)
+
+
+@contextmanager
+def _signals(
+    handler: Callable[[int, FrameType | None], None], *numbers: signal.Signals
+) -> Iterator[None]:
+    before = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, former in before.items():
+            signal.signal(number, former)

@@ -5,8 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.calibration.finish import Job
-from cli.calibration.installed import refuse_wrong_axes
+from cli.calibration.finish import Job, refuse_wrong_axes
 from cli.calibration.output_files import OutputFiles
 from identification.dwells import Dwell
 from identification.errors import CalibrationError

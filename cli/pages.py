@@ -17,7 +17,7 @@ def write_page(page: Html, path: Path) -> None:
     """Write a page. Raises DataError when it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(page.source, encoding="utf-8")
+        path.write_text(str(page), encoding="utf-8")
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error.strerror}") from error
 

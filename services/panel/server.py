@@ -242,7 +242,7 @@ def page(title: str) -> str:
     """Return viser's page with the panel's title and the status bar at its end."""
     client = Path(viser.__file__).parent / "client" / "build" / "index.html"
     text = client.read_text(encoding="utf-8").replace(
-        "<title>Viser</title>", html("<title>{}</title>", title).source
+        "<title>Viser</title>", html("<title>{}</title>", title)
     )
     head, _, tail = with_nonce_unpacked(text).rpartition("</body>")
     colours = f"background: {NO_STATE.background}; color: {NO_STATE.text};"

@@ -50,13 +50,13 @@ class Prose:
     def __init__(self, gui: viser.GuiApi, shown: Html) -> None:
         """Append the element to the form."""
         self._shown = shown
-        self._handle = gui.add_html(_framed(shown).source)
+        self._handle = gui.add_html(str(_framed(shown)))
 
     def show(self, shown: Html) -> None:
         """Replace the shown text."""
         if shown != self._shown:
             self._shown = shown
-            self._handle.content = _framed(shown).source
+            self._handle.content = str(_framed(shown))
 
 
 def _framed(shown: Html) -> Html:

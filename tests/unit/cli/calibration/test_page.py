@@ -107,7 +107,7 @@ def found() -> Findings:
 @pytest.fixture(scope="module")
 def html(found) -> str:
     """The page of that calibration."""
-    return page(found).source
+    return str(page(found))
 
 
 def test_the_page_is_well_formed_and_self_contained(html):
@@ -155,7 +155,7 @@ def test_the_page_has_every_item_of_the_report(found, html):
 )
 def test_the_title_of_the_page_is_the_verdict(fresh, push_N, word):
     """The tab of a browser shows the verdict."""
-    html = page(findings(fresh, push_N)).source
+    html = str(page(findings(fresh, push_N)))
     assert f"<title>Calibration of demo: {word}</title>" in html
     assert len(re.findall('class="verdict"', html)) == 1
 

@@ -26,7 +26,7 @@ from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
 from launch.started_process import ChildProcess, ProcessSpec, write_stderr_line
 from services.recorder.reading import RecordedFile
-from services.recorder.sequence_gaps import SequenceGaps
+from services.recorder.stamps import SequenceGaps
 from tests.chaos.common_net import free_port
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -1,7 +1,7 @@
 """Present force, pose, calibration and tare of a cell, as data and as lines for people."""
 
 from collections.abc import Sequence
-from typing import TypedDict
+from typing import Any, TypedDict
 
 from common.config.cell import CellConfig
 from common.config.info import cell_info
@@ -80,39 +80,38 @@ class ArmView:
         """Return the present readings. `health` is that of the wrench service."""
         now_ns = self._clock.now_ns()
         robot, wrench = self._robot.read(now_ns), self._wrench.read(now_ns)
+        measured, press_N = wrench.fresh, None
+        if measured is not None and robot.fresh is not None:
+            press_N = press_force_N(robot.fresh, measured, self._T_flange_tcp)
+        target = self._target.read(now_ns).fresh
         return ArmReadings(
-            force=self._force(wrench, robot.fresh, self._target.read(now_ns).fresh),
+            force=_force(wrench, target, press_N),
             pose=_pose(robot),
             calibration=_calibration(wrench, health),
-        )
-
-    def _force(
-        self, wrench: Reading[WrenchAtTcp], robot: RobotState | None, target: RegulatorTarget | None
-    ) -> ForceReading:
-        measured, press_N = wrench.fresh, None
-        if measured is not None and robot is not None:
-            press_N = press_force_N(robot, measured, self._T_flange_tcp)
-        return ForceReading(
-            press_N=press_N,
-            force_N=None if measured is None else measured.force_N,
-            torque_Nm=None if measured is None else measured.torque_Nm,
-            setpoint_N=None if target is None else target.setpoint_N,
-            contact="" if target is None else target.contact,
-            fault=wrench.fault,
         )
 
 
 def no_readings() -> ArmReadings:
     """Return the readings of a cell whose hub does not respond."""
-    fault = "no hub responds"
+    nothing: Reading[Any] = Reading(None, None, 0.0, "no hub responds", silent=True)
     return ArmReadings(
-        force=ForceReading(
-            press_N=None, force_N=None, torque_Nm=None, setpoint_N=None, contact="", fault=fault
-        ),
-        pose=PoseReading(position_m=None, orientation_xyzw=None, joint_rad=None, fault=fault),
-        calibration=CalibrationReading(
-            name="", calibrated=False, axes_checked=False, bias_age_h=None, fault=fault
-        ),
+        force=_force(nothing, None, None),
+        pose=_pose(nothing),
+        calibration=_calibration(nothing, None),
+    )
+
+
+def _force(
+    reading: Reading[WrenchAtTcp], target: RegulatorTarget | None, press_N: float | None
+) -> ForceReading:
+    wrench = reading.fresh
+    return ForceReading(
+        press_N=press_N,
+        force_N=None if wrench is None else wrench.force_N,
+        torque_Nm=None if wrench is None else wrench.torque_Nm,
+        setpoint_N=None if target is None else target.setpoint_N,
+        contact="" if target is None else target.contact,
+        fault=reading.fault,
     )
 
 

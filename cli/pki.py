@@ -19,7 +19,6 @@ from cli.context import (
     find_cell_file,
     one_line_errors,
 )
-from forcemesh.identity import AUTHORITY, HUB, NAMES, PAGE, PAGE_AUTHORITY, folder_of
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
@@ -72,6 +71,7 @@ def init(
 ) -> None:
     """Create the authority and a certificate for every role and person of a cell."""
     from common.security.pki import make_authority, read_authority, write_pair
+    from forcemesh.identity import AUTHORITY, NAMES, PAGE
     from services.panel.access import TOKEN_VARIABLE
 
     with one_line_errors():
@@ -124,6 +124,7 @@ def issue(
 ) -> None:
     """Issue one certificate: before the old one expires, or for another machine."""
     from common.security.pki import read_authority
+    from forcemesh.identity import HUB, NAMES, PAGE
 
     with one_line_errors():
         loaded, pki_folder = _cell_and_folder(cell, folder)
@@ -165,6 +166,7 @@ def check(folder: FolderOption = None, cell: CellOption = None) -> None:
 
 def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[CellConfig, Path]:
     from common.config.load import load_cell
+    from forcemesh.identity import folder_of
 
     loaded = load_cell(find_cell_file(cell))
     return loaded, folder_of(loaded) if folder is None else folder.expanduser().resolve()
@@ -174,6 +176,7 @@ def _issue_certificate(
     authority: Pair, name: str, cell: CellConfig, folder: Path, *, hosts: list[str], days: int
 ) -> None:
     from common.security.pki import make_certificate, write_pair
+    from forcemesh.identity import HUB, PAGE
 
     own = [] if name == PAGE else [HUB]
     names = dict.fromkeys([*own, "localhost", "127.0.0.1", "::1", socket.gethostname(), *hosts])
@@ -184,6 +187,7 @@ def _issue_certificate(
 def _page_authority(cell: CellConfig, folder: Path, *, again: bool = False) -> Pair:
     """Return the authority of the panel's page; create it if there is none."""
     from common.security.pki import make_authority, read_authority, write_pair
+    from forcemesh.identity import PAGE_AUTHORITY
 
     if again or not (folder / f"{PAGE_AUTHORITY}.pem").exists():
         pair = make_authority(cell.cell, _now(), of_page=True)
@@ -194,6 +198,7 @@ def _page_authority(cell: CellConfig, folder: Path, *, again: bool = False) -> P
 def _copy_authority(source: Path, target: Path) -> None:
     """Copy the authority's certificate, never its key, to another folder."""
     from common.security.pki import copy_certificate
+    from forcemesh.identity import AUTHORITY
 
     copy_certificate(source, target, AUTHORITY, owner=_owner())
 

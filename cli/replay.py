@@ -115,8 +115,6 @@ def _bus_of(
     cell: "CellConfig", *, port: int | None, onto: Path | None, topics: frozenset[str]
 ) -> "Iterator[Bus]":
     """Open an own hub, or connect to another one if no cell is running there."""
-    import typer
-
     from common.bus.cell_bus import open_bus, open_hub
     from common.config.load import dump_cell, load_cell
     from forcemesh.topics import CLIENT
@@ -173,7 +171,7 @@ def _play_recording(
     from rich.console import Console
     from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
-    from services.recorder.playback import chosen, play
+    from services.recorder.reading import chosen, play
 
     bus.clock.sleep_s(wait_s)
     columns = (TextColumn("{task.description}"), TimeElapsedColumn())

@@ -12,7 +12,7 @@ from cli.recording_tables import TIME
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import LostError
 from services.recorder.layout import layout_of
-from services.recorder.sequence_gaps import SequenceGaps
+from services.recorder.stamps import SequenceGaps
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell

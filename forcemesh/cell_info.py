@@ -17,7 +17,7 @@ class CellInfo(Record):
 
     cell: str
     config_hash: str  # of the cell file; every process of a cell reports the same
-    roles: dict[str, str]  # the process that plays each role: `robot` is `sim` or `gateway`
+    roles: dict[str, str]  # the process that plays each role: `robot`: `sim`, `gateway`, `external`
     rates_hz: dict[str, float]  # by topic
     deadlines_s: dict[str, float]  # by topic: the age from which on it is stale
     T_flange_tcp: PoseRecord  # tool centre point in the flange frame

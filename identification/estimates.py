@@ -13,6 +13,24 @@ from identification.payload_model import PRIOR_STD
 
 IDENTIFIED_SHARE = 0.7  # share of the prior deviation: above it the variance is not even halved
 END = (0.5, 2.0 / 3.0)  # basis functions of the drift at the end of the recording
+GROUPS = {  # of unknowns, by the name of the parameter
+    "mass_kg": "mass",
+    "com_m": "com",
+    "bias_force_N": "bias_F",
+    "bias_torque_Nm": "bias_M",
+    "gravity_tilt_rad": "tilt",
+    "mounting_rotation_rad": "mounting",
+    "force_gain": "gain_F",
+    "torque_gain": "gain_M",
+    "drift_force_N": "drift1_F",
+    "drift_torque_Nm": "drift1_M",
+}
+LINEAR_PLACES = {
+    "mass": slice(0, 1),
+    "com": slice(1, 4),
+    "bias_F": slice(4, 7),
+    "bias_M": slice(7, 10),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,14 +112,8 @@ def deviations(solution: Solution) -> Deviations:
     end = np.sqrt(np.diag(to_end @ covariance @ to_end.T))
     found: dict[str, Any] = {
         name: vector(std[places[group]])
-        for name, group in (
-            ("mounting_rotation_rad", "mounting"),
-            ("force_gain", "gain_F"),
-            ("torque_gain", "gain_M"),
-            ("drift_force_N", "drift1_F"),
-            ("drift_torque_Nm", "drift1_M"),
-        )
-        if group in places
+        for name, group in GROUPS.items()
+        if group in places and group != "tilt"
     }
     if "tilt" in places:
         found["gravity_tilt_rad"] = float(np.hypot(*std[places["tilt"]]))
@@ -116,26 +128,19 @@ def deviations(solution: Solution) -> Deviations:
 
 def parameters(payload: Payload, std: Deviations, solution: Solution) -> tuple[Parameter, ...]:
     """Return every fitted parameter with its uncertainty, vectors as x, y and z."""
-    places = _places(solution)
-    tilt_rad = np.arccos(min(1.0, abs(payload.gravity_direction_in_base[2])))
+    places = LINEAR_PLACES | dict(solution.model.places)
     drift = payload.drift
-    values: dict[str, tuple[Any, str]] = {
-        "mass_kg": (payload.mass_kg, "mass"),
-        "com_m": (payload.com_m, "com"),
-        "bias_force_N": (payload.bias_force_N, "bias_F"),
-        "bias_torque_Nm": (payload.bias_torque_Nm, "bias_M"),
-        "gravity_tilt_rad": (float(tilt_rad), "tilt"),
-        "mounting_rotation_rad": (payload.mounting_rotation_rad, "mounting"),
-        "force_gain": (payload.force_gain, "gain_F"),
-        "torque_gain": (payload.torque_gain, "gain_M"),
-        "drift_force_N": (drift.force_N if drift else None, "drift1_F"),
-        "drift_torque_Nm": (drift.torque_Nm if drift else None, "drift1_M"),
+    special: dict[str, Any] = {
+        "gravity_tilt_rad": float(np.arccos(min(1.0, abs(payload.gravity_direction_in_base[2])))),
+        "drift_force_N": drift.force_N if drift else None,
+        "drift_torque_Nm": drift.torque_Nm if drift else None,
     }
     found = []
-    for name, (value, group) in values.items():
+    for name, group in GROUPS.items():
         deviation = getattr(std, name)
         if deviation is None:
             continue
+        value = special[name] if name in special else getattr(payload, name)
         amplified, usual = solution.amplified[places[group]], PRIOR_STD.get(group, np.inf)
         if isinstance(value, float):
             found.append(Parameter(name, value, deviation, float(amplified.max()), usual))
@@ -143,16 +148,6 @@ def parameters(payload: Payload, std: Deviations, solution: Solution) -> tuple[P
             rows = zip("xyz", value, deviation, amplified, strict=True)
             found += [Parameter(f"{name}.{a}", v, s, float(k), usual) for a, v, s, k in rows]
     return tuple(found)
-
-
-def _places(solution: Solution) -> dict[str, slice]:
-    linear = {
-        "mass": slice(0, 1),
-        "com": slice(1, 4),
-        "bias_F": slice(4, 7),
-        "bias_M": slice(7, 10),
-    }
-    return {**linear, **solution.model.places}
 
 
 def vector(v: Array) -> Vec3:

@@ -35,7 +35,7 @@ def next_pose(solution: Solution) -> NextPose:
     C - C J^T (S + J C J^T)^-1 J C. A parameter that no pose improves is skipped.
     """
     model = solution.model
-    sizes = _sizes(solution)
+    sizes = reference_sizes(model, float(solution.state.linear[0]))
     variance = np.diag(solution.covariance)
     R = _attitudes()
     no_wrench = np.zeros((ATTITUDES, 3))
@@ -70,12 +70,11 @@ def _attitudes() -> Array:
     return np.array([R_from_quaternion(row) for row in q])
 
 
-def _sizes(solution: Solution) -> Array:
-    """Return the reference deviation of each unknown."""
+def reference_sizes(model: Model, mass_kg: float) -> Array:
+    """Return the reference deviation of each unknown with a payload of this mass."""
     mass, com, bias_F, bias_M = LINEAR_SIZES
-    model, moment = solution.model, com * float(solution.state.linear[0])
     sizes = np.empty(model.size)
-    sizes[:LINEAR] = [mass, *[moment] * 3, *[bias_F] * 3, *[bias_M] * 3]
+    sizes[:LINEAR] = [mass, *[com * mass_kg] * 3, *[bias_F] * 3, *[bias_M] * 3]
     for name, place in model.places.items():
         sizes[place] = PRIOR_STD[name]
     return sizes

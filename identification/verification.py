@@ -10,7 +10,7 @@ from common.config.payload import Payload
 from common.motion.frames import Array
 from common.motion.weight import residual
 from forcemesh.errors import DataError
-from identification.dwells import Dwell, means_of
+from identification.dwells import Dwell
 from identification.recording import Samples
 
 
@@ -47,11 +47,6 @@ def residual_of(payload: Payload, means: Samples) -> Residual:
         payload, means.R_base_sensor, force_N=means.force_N, torque_Nm=means.torque_Nm
     )
     return Residual(np.linalg.norm(force, axis=1), np.linalg.norm(torque, axis=1))
-
-
-def residual_of_dwells(payload: Payload, dwells: Sequence[Dwell]) -> Residual:
-    """Return the residuals of a payload for the mean of each dwell."""
-    return residual_of(payload, means_of(dwells))
 
 
 def active_residual(dwells: Sequence[Dwell]) -> Residual:

@@ -52,8 +52,8 @@ class ProcessExit:
 
     def __str__(self) -> str:
         roles = " and ".join(self.process.roles)
-        arguments = f", last output: {self.last_output}" if self.last_output else ""
-        return f"{roles} ({self.process.module}, pid {self.pid}): {self.cause}{arguments}"
+        output = f", last output: {self.last_output}" if self.last_output else ""
+        return f"{roles} ({self.process.module}, pid {self.pid}): {self.cause}{output}"
 
 
 class ChildProcess:
@@ -91,8 +91,8 @@ class ChildProcess:
         if code is None:
             return None
         self._pump.join(DRAIN_S)
-        arguments = self._lines[-1] if self._lines and code > 0 else ""
-        return ProcessExit(self.process, self.pid, code, arguments)
+        last_output = self._lines[-1] if self._lines and code > 0 else ""
+        return ProcessExit(self.process, self.pid, code, last_output)
 
     def terminate(self) -> None:
         """Send SIGTERM to the process and its children."""

@@ -1,9 +1,8 @@
 """Run of the demo's scenario on a cell: in real processes, or in one on a virtual clock."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn
@@ -12,9 +11,6 @@ from rich.progress import Progress as Bar
 from cli.demo.scenario import Progress, Scenario, ScenarioError, ScenarioPlan, Trace
 from common.config.cell import CellConfig
 from forcemesh.errors import ForcemeshError
-
-if TYPE_CHECKING:
-    from launch.processes import Supervisor
 
 REFRESH_S = 0.05
 
@@ -54,10 +50,14 @@ def play_real(
 
     names = [name for name, is_on in (("recorder", recorder), ("panel", panel)) if is_on]
     with Supervisor(cell) as processes:
+
+        def check() -> None:
+            if processes.died:
+                raise ScenarioError("a process of the cell died")
+
         processes.wait_ready()
         try:
             with sidecars(processes, names), open_bus(cell, CLIENT) as client:
-                check = _death_check(processes)
                 return Scenario(client, plan, check=check, progress=progress).run()
         except ForcemeshError as error:  # also a request without reply: its server may have died
             processes.hold_after_death(linger_s)
@@ -65,14 +65,6 @@ def play_real(
                 raise
             deaths = "; ".join(str(died) for died in processes.died)
             raise ScenarioError(f"{deaths}: {error}") from error
-
-
-def _death_check(processes: "Supervisor") -> Callable[[], None]:
-    def check() -> None:
-        if processes.died:
-            raise ScenarioError("a process of the cell died")
-
-    return check
 
 
 @contextmanager

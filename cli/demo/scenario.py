@@ -5,7 +5,7 @@ and in lock step on a virtual clock.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -161,7 +161,7 @@ class Scenario:
             mode=plan.mode, host=plan.host, setpoint_N=plan.setpoint_N
         )
         offset_s = (self._clock.now_ns() - self._start_ns) / NS_PER_S
-        trace.press = [_shifted_sample(sample, -offset_s) for sample in trace.press]
+        trace.press = [replace(each, t_s=each.t_s - offset_s) for each in trace.press]
         self._start_ns = self._clock.now_ns()
         trace.started = self._ask(topics.FORCE_START, start_request).text
         inside_since_s: float | None = None
@@ -229,12 +229,6 @@ class Scenario:
             ages = self.trace.stages.setdefault(stage, {})
             ages[header.sensor_seq or 0] = header.stamp_ns - header.sensor_stamp_ns
         return True
-
-
-def _shifted_sample(sample: ScenarioSample, offset_s: float) -> ScenarioSample:
-    return ScenarioSample(
-        sample.t_s + offset_s, sample.force_N, sample.torque_Nm, sample.T_base_flange
-    )
 
 
 def _stop_reason(status: object, fault: str) -> str:

@@ -131,20 +131,19 @@ def report(
     screen: "Console", cell: "CellConfig", plan: "ScenarioPlan", *, trace: "Trace", out: Path
 ) -> "Result":
     """Print the table, write plot and picture, and report a missing picture."""
-    from cli.demo import result as demo_report
+    from cli.demo import output
     from cli.demo.cell import surface_of
     from cli.demo.measures import measure
-    from cli.demo.plots import plot
     from sim.robot.render import RenderUnavailable
     from tuning.gain_rule import tune
 
     surface = surface_of(cell)
     result = measure(trace, plan, surface, tune(cell).tau_s)
-    screen.print(demo_report.table(result, plan, trace.started))
-    plot(trace, plan, surface, out / "demo.png")
+    screen.print(output.table(result, plan, trace.started))
+    output.plot(trace, plan, surface, out / "demo.png")
     screen.print(f"plot: {out / 'demo.png'}", highlight=False, soft_wrap=True)
     try:
-        demo_report.picture(cell, demo_report.pictured(trace, plan), out / "demo-scene.png")
+        output.picture(cell, output.pictured(trace, plan), out / "demo-scene.png")
         screen.print(f"picture: {out / 'demo-scene.png'}", highlight=False, soft_wrap=True)
     except RenderUnavailable as error:
         screen.print(f"[yellow]no picture:[/yellow] {error}", highlight=False, soft_wrap=True)

@@ -1,18 +1,18 @@
 """Bus checks of a running cell: health, robot state and topic rates."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cli.doctor.checks import ObservedRole
 from cli.status import helpers_of
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
-from common.config.load import cell_hash
 from forcemesh import topics
+from forcemesh.bus import Reading
 from forcemesh.client.feed import Feed
 from forcemesh.errors import BusError, LostError
-from forcemesh.messages import Health, RobotState
+from forcemesh.messages import Health, RobotState, SensorWrench
 from launch.cell_view import CellView
 from launch.run_file import read_run
 
@@ -31,7 +31,7 @@ STREAMS: tuple[topics.Topic[Any], ...] = (  # besides robot/state
 class ObservedCell:
     """State of a cell as received from its bus."""
 
-    roles: list[ObservedRole]
+    roles: Mapping[str, Reading[Health] | Reading[SensorWrench]]  # health, or an external sensor
     robot: Health | None  # the robot's process, while its health is fresh
     state: RobotState | None  # the newest, valid or not
     stream_hz: dict[str, float | None] = field(default_factory=dict)
@@ -58,27 +58,8 @@ def _observed_cell(
 ) -> ObservedCell:
     roles = (*topics.ROLES, *helpers_of(view, read_run(cell.cell)))
     return ObservedCell(
-        roles=[_role(cell, view, role) for role in roles],
+        roles={role: view.health(role) for role in roles},
         robot=view.fresh_health("robot"),
         state=robot.reading().message,
         stream_hz={feed.topic.key: feed.rate_hz for feed in feeds},
-    )
-
-
-def _role(cell: CellConfig, view: CellView, role: str) -> ObservedRole:
-    reading = view.health(role)
-    message = reading.message
-    if message is None:
-        return ObservedRole(role, None, is_fresh=False)
-    is_fresh = not reading.silent
-    if not isinstance(message, Health):
-        return ObservedRole(role, reading.age_s, is_fresh=is_fresh)
-    return ObservedRole(
-        role,
-        reading.age_s,
-        is_fresh=is_fresh,
-        rate_hz=message.rate_hz,
-        fault=message.fault,
-        same_config=message.config_hash == cell_hash(cell),
-        version=message.version,
     )

@@ -5,10 +5,13 @@ from typing import TYPE_CHECKING, Literal
 
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES, CheckResult
 from controller.packet_table import PROTOCOL_VERSION, Scales, Status
+from forcemesh.messages import Health
 from forcemesh.version import __version__
 
 if TYPE_CHECKING:
     from controller.packet import VecInt
+    from forcemesh.bus import Reading
+    from forcemesh.messages import SensorWrench
     from services.gateway.packet_window import Spread
 
 SLOW_BELOW = 0.9  # of the rate in the cell file
@@ -198,35 +201,27 @@ def check_goodbye(held: bool) -> ReportLine:
 # --- the cell's processes -------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class ObservedRole:
-    """Health of a role as received."""
-
-    role: str
-    age_s: float | None  # None: never received
-    is_fresh: bool
-    rate_hz: float | None = None  # None: an external sensor
-    fault: str = ""
-    same_config: bool = True
-    version: str = ""  # empty: not reported
-
-
-def check_role(observed: ObservedRole) -> ReportLine:
-    """Check one role by its health."""
-    check = f"process {observed.role}"
-    if observed.age_s is None:
+def check_role(
+    role: str, reading: "Reading[Health] | Reading[SensorWrench]", config_hash: str
+) -> ReportLine:
+    """Check one role by its health; an external sensor is checked by its readings."""
+    check, message = f"process {role}", reading.message
+    if message is None:
         return finding(check, "FAIL", "no health received", "role.silent")
-    found = f"health {1e3 * observed.age_s:.0f} ms old"
-    if observed.rate_hz is not None:
-        found += f", {observed.rate_hz:.0f} steps/s"
-    if not observed.is_fresh:
+    health = message if isinstance(message, Health) else None
+    found = f"health {1e3 * reading.age_s:.0f} ms old"
+    if health is not None:
+        found += f", {health.rate_hz:.0f} steps/s"
+    if reading.silent:
         return finding(check, "FAIL", found, "role.silent")
-    if observed.fault:
-        return finding(check, "FAIL", observed.fault, "role.fault")
-    if observed.version and observed.version != __version__:
-        found += f", version {observed.version}, this is {__version__}"
+    if health is None:
+        return passed(check, found)
+    if health.fault:
+        return finding(check, "FAIL", health.fault, "role.fault")
+    if health.version and health.version != __version__:
+        found += f", version {health.version}, this is {__version__}"
         return finding(check, "FAIL", found, "role.version")
-    if not observed.same_config:
+    if health.config_hash != config_hash:
         return finding(check, "WARN", found + ", another cell file", "role.config")
     return passed(check, found)
 

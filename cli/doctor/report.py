@@ -28,6 +28,7 @@ from cli.doctor.checks import (
 )
 from cli.doctor.pose import Frames, check_pose
 from common.config.arm import UNKNOWN_ARM
+from common.config.load import cell_hash
 from common.motion.convert import pose_of
 from common.motion.kinematics import ArmKinematics
 from controller.packet_table import Status, greeted
@@ -113,7 +114,8 @@ def _controller_lines(
 
 def bus_lines(cell: "CellConfig", scales: "Scales", found: "ObservedCell") -> list[ReportLine]:
     """Return the lines of a cell that is up, from the reports of its gateway on the bus."""
-    lines = [check_role(observed) for observed in found.roles]
+    config_hash = cell_hash(cell)
+    lines = [check_role(role, health, config_hash) for role, health in found.roles.items()]
     lines += [
         check_stream(row.key, hz, cell.rate_hz(row), slow_below=_slow_share(cell, row.key))
         for row in topics.TOPICS

@@ -6,12 +6,12 @@ a file written by hand. SI units; payload in sensor axes, from the sensor's orig
 
 import hashlib
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import yaml
 from pydantic import AwareDatetime, Field, model_validator
 
-from common.config.cell_terms import FrameSection, NotNegative
+from common.config.cell_terms import FrameSection
 from common.config.payload import Payload
 from forcemesh.connection import ConfigSection
 from forcemesh.errors import DataError
@@ -19,14 +19,17 @@ from forcemesh.errors import DataError
 REVISION_CHARS = 8
 
 
+Size = Annotated[float, Field(ge=0.0, le=1e6)]  # the arithmetic is tested up to here
+
+
 class Residuals(ConfigSection):
     """Residuals of a payload over its poses, in free space."""
 
-    poses: int = Field(ge=1)
-    force_mean_N: NotNegative
-    force_max_N: NotNegative
-    torque_mean_Nm: NotNegative
-    torque_max_Nm: NotNegative
+    poses: int = Field(ge=1, le=1_000_000)
+    force_mean_N: Size
+    force_max_N: Size
+    torque_mean_Nm: Size
+    torque_max_Nm: Size
 
 
 class CalibrationSection(ConfigSection):

@@ -212,13 +212,13 @@ class LimitsSection(ConfigSection):
     @model_validator(mode="after")
     def _box_is_not_empty(self) -> "LimitsSection":
         for axis, low, high in zip("xyz", self.workspace_min_m, self.workspace_max_m, strict=True):
-            if not low < high:
-                raise ValueError(f"workspace is empty along {axis}: {low} m is not below {high} m")
             if max(abs(low), abs(high)) > FARTHEST_WORKSPACE_M:
                 raise ValueError(
                     f"workspace from {low} to {high} m along {axis}: no arm reaches farther than "
                     f"{FARTHEST_WORKSPACE_M:g} m; is that in millimetres?"
                 )
+            if not low < high:
+                raise ValueError(f"workspace is empty along {axis}: {low} m is not below {high} m")
         return self
 
 

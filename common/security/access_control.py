@@ -5,7 +5,6 @@ Everything not allowed here is denied. Pure: a cell in, settings of Zenoh out.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from common.config.cell import CellConfig
@@ -29,25 +28,10 @@ QUESTIONS_HZ = 100.0  # of one kind from one client; `hold` is never limited
 DESCRIPTIONS_HZ = 5.0  # they are long
 ANY_CLIENT = "anybody"  # with a certificate of this authority; named, so that Zenoh logs denials
 INGRESS, EGRESS = "ingress", "egress"
+EVERY_TOPIC = [topic.key for topic in TOPICS]
 
 
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """Allow rule of one name: messages in one direction, seen from the hub, on keys."""
-
-    flow: str
-    messages: tuple[str, ...]
-    keys: tuple[str, ...]
-
-    def for_zenoh(self, name: str) -> dict[str, Any]:
-        """Return the rule in Zenoh's configuration format."""
-        return {
-            "id": name,
-            "permission": "allow",
-            "flows": [self.flow],
-            "messages": list(self.messages),
-            "key_exprs": list(self.keys),
-        }
+Rule = dict[str, Any]  # in Zenoh's configuration format, without its name
 
 
 def access_control(cell: CellConfig) -> dict[str, Any]:
@@ -58,9 +42,9 @@ def access_control(cell: CellConfig) -> dict[str, Any]:
     for name, allowed in _all_rules(cell):
         ids: list[str] = []
         for rule in allowed:
-            if rule.keys:  # Zenoh refuses an empty list
+            if rule["key_exprs"]:  # Zenoh refuses an empty list
                 ids.append(f"{name} {len(ids)}")
-                rules.append(rule.for_zenoh(ids[-1]))
+                rules.append({"id": ids[-1], **rule})
         if name != ANY_CLIENT:
             subjects.append({"id": name, "cert_common_names": [name]})
         policies.append({"subjects": [name], "rules": ids})
@@ -109,14 +93,14 @@ def roles_of_process(cell: CellConfig, role: str) -> tuple[str, ...]:
 
 
 def _all_rules(cell: CellConfig) -> Iterator[tuple[str, list[Rule]]]:
-    yield ANY_CLIENT, [Rule(INGRESS, ("declare_subscriber",), _keys(cell.cell, [SELF_TEST]))]
+    yield ANY_CLIENT, [_allow(INGRESS, ("declare_subscriber",), _keys(cell.cell, [SELF_TEST]))]
     # The hub itself needs no rights; its healthcheck is a client with the hub's certificate.
     yield common_name("hub", cell.cell), _subscribe_rules(_keys(cell.cell, [HEALTH["hub"].key]))
     for role in ROLES:
         if role != "hub":
             yield common_name(role, cell.cell), _role(cell, role)
-    for helper in HELPERS:
-        yield common_name(helper, cell.cell), _helper(cell, helper)
+    for helper in HELPERS:  # reads every topic, as a client does
+        yield common_name(helper, cell.cell), _process(cell, (helper,), EVERY_TOPIC)
     may_hold = [HOLD.key] if cell.bus.monitor_may_hold else []
     for name in (OPERATOR, PANEL):
         yield common_name(name, cell.cell), _person(cell, [request.key for request in REQUESTS])
@@ -134,26 +118,21 @@ def _role(cell: CellConfig, role: str) -> list[Rule]:
     return _process(cell, played, read_keys)
 
 
-def _helper(cell: CellConfig, helper: str) -> list[Rule]:
-    """Return the rights of a helper: read every topic as a client, publish and serve its own."""
-    return _process(cell, (helper,), [topic.key for topic in TOPICS])
-
-
 def _process(cell: CellConfig, played: tuple[str, ...], read_keys: Sequence[str]) -> list[Rule]:
     written_keys = [topic.key for topic in TOPICS if topic.writer in played]
     served = [request.key for request in REQUESTS if request.server in played]
     return [
-        Rule(INGRESS, ("put",), _keys(cell.cell, written_keys)),
+        _allow(INGRESS, ("put",), _keys(cell.cell, written_keys)),
         # A publisher must learn of subscribers, or it sends nothing.
-        Rule(EGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
+        _allow(EGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
         *_subscribe_rules(_keys(cell.cell, [*read_keys, SELF_TEST])),
-        Rule(INGRESS, ("declare_queryable", "reply"), _keys(cell.cell, served)),
-        Rule(EGRESS, ("query",), _keys(cell.cell, served)),
+        _allow(INGRESS, ("declare_queryable", "reply"), _keys(cell.cell, served)),
+        _allow(EGRESS, ("query",), _keys(cell.cell, served)),
     ]
 
 
-def _subscribe_rules(keys: tuple[str, ...]) -> list[Rule]:
-    return [Rule(INGRESS, ("declare_subscriber",), keys), Rule(EGRESS, ("put",), keys)]
+def _subscribe_rules(keys: Sequence[str]) -> list[Rule]:
+    return [_allow(INGRESS, ("declare_subscriber",), keys), _allow(EGRESS, ("put",), keys)]
 
 
 def _person(cell: CellConfig, asked: Sequence[str]) -> list[Rule]:
@@ -163,30 +142,40 @@ def _person(cell: CellConfig, asked: Sequence[str]) -> list[Rule]:
     """
     asked = [*asked, DESCRIBE, INFO]
     cells = (cell.cell, *cell.bus.below)
-    keys = tuple(key for name in cells for key in _keys(name, [topic.key for topic in TOPICS]))
+    keys = [key for name in cells for key in _keys(name, EVERY_TOPIC)]
     return [
-        Rule(INGRESS, ("declare_subscriber",), tuple(f"{name}/**" for name in cells)),
-        Rule(EGRESS, ("put",), keys),
-        Rule(INGRESS, ("query",), _keys(cell.cell, asked)),
-        Rule(EGRESS, ("reply", "declare_queryable"), _keys(cell.cell, asked)),
+        _allow(INGRESS, ("declare_subscriber",), [f"{name}/**" for name in cells]),
+        _allow(EGRESS, ("put",), keys),
+        _allow(INGRESS, ("query",), _keys(cell.cell, asked)),
+        _allow(EGRESS, ("reply", "declare_queryable"), _keys(cell.cell, asked)),
     ]
 
 
 def _publish_from_below(other: str) -> list[Rule]:
     """Return the rights of the hub of a cell below: publish its own topics here, read nothing."""
     return [
-        Rule(INGRESS, ("put",), _keys(other, [topic.key for topic in TOPICS])),
-        Rule(EGRESS, ("declare_subscriber",), (f"{other}/**",)),
+        _allow(INGRESS, ("put",), _keys(other, EVERY_TOPIC)),
+        _allow(EGRESS, ("declare_subscriber",), (f"{other}/**",)),
     ]
 
 
 def _subscribe_from_above(cell: str) -> list[Rule]:
     """Return the rights of the hub above: read this cell's topics, publish nothing."""
     return [
-        Rule(INGRESS, ("declare_subscriber",), (f"{cell}/**",)),
-        Rule(EGRESS, ("put",), _keys(cell, [topic.key for topic in TOPICS])),
+        _allow(INGRESS, ("declare_subscriber",), (f"{cell}/**",)),
+        _allow(EGRESS, ("put",), _keys(cell, EVERY_TOPIC)),
     ]
 
 
-def _keys(cell: str, keys: Sequence[str]) -> tuple[str, ...]:
-    return tuple(f"{cell}/{key}" for key in keys)
+def _allow(flow: str, messages: Sequence[str], keys: Sequence[str]) -> Rule:
+    """Return the rule that allows messages in one direction, seen from the hub, on keys."""
+    return {
+        "permission": "allow",
+        "flows": [flow],
+        "messages": list(messages),
+        "key_exprs": list(keys),
+    }
+
+
+def _keys(cell: str, keys: Sequence[str]) -> list[str]:
+    return [f"{cell}/{key}" for key in keys]

@@ -37,7 +37,7 @@ def check_folder(folder: Path, cell: str, now: dt.datetime) -> list[CertificateF
         authority = read_certificate(folder / f"{AUTHORITY}.pem")
     except DataError as error:
         return [CertificateFinding("wrong", AUTHORITY, str(error), "forcemesh pki init")]
-    found = list(_of_file(folder, AUTHORITY, authority, now, must_have_key=False))
+    found = list(_of_file(folder, AUTHORITY, authority, now))
     there = [name for name in NAMES if (folder / f"{name}.pem").exists()]
     for name in there:
         found += _of_name(folder, name, cell, authority, now=now)
@@ -81,7 +81,7 @@ def _of_name(
         yield CertificateFinding("wrong", name, f"{signer}.pem here has not signed it", remedy)
     if name != PAGE and can_be_the_hub(certificate) != (name == HUB):
         yield CertificateFinding("wrong", name, _wrong_end(name, certificate), remedy)
-    yield from _of_file(folder, name, certificate, now, must_have_key=True)
+    yield from _of_file(folder, name, certificate, now)
 
 
 def _wrong_end(name: str, certificate: x509.Certificate) -> str:
@@ -95,11 +95,12 @@ def _wrong_end(name: str, certificate: x509.Certificate) -> str:
 
 
 def _of_file(
-    folder: Path, name: str, certificate: x509.Certificate, now: dt.datetime, *, must_have_key: bool
+    folder: Path, name: str, certificate: x509.Certificate, now: dt.datetime
 ) -> Iterator[CertificateFinding]:
-    remedy = REMEDY.format(name=name) if must_have_key else "forcemesh pki init --again"
+    is_authority = name == AUTHORITY
+    remedy = "forcemesh pki init --again" if is_authority else REMEDY.format(name=name)
     key = folder / f"{name}.key"
-    if key.exists() or must_have_key:
+    if key.exists() or not is_authority:
         yield from _of_key(key, name, certificate, remedy)
     ends = certificate.not_valid_after_utc
     remaining = f"{(ends - now).days} days left, until {ends:%Y-%m-%d}"

@@ -6,7 +6,7 @@ reproducible: the same start gives the same plan.
 """
 
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, pairwise
 from math import degrees
 
 import numpy as np
@@ -16,6 +16,7 @@ from common.config.cell import CellConfig
 from common.config.payload import Payload
 from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
+from common.motion.paths import JointPath
 from identification.errors import CalibrationError
 from identification.excitation.boundaries import Boundaries
 from identification.excitation.pose_choice import (
@@ -24,11 +25,12 @@ from identification.excitation.pose_choice import (
     conditioning,
     fresh_attitudes,
 )
-from identification.excitation.route import JointRoute, shortest_order
 from identification.identify import POOR_CONDITIONING
 from identification.static_poses import WORST_CONDITIONING
 
 LEAST_PLANNED_POSES = 6
+AT_REACHED_RAD = np.radians(0.3)
+ROUNDS = 20  # of shortening the order of the visit
 LIFTS_M = (0.1, 0.08, 0.06, 0.04, 0.02, 0.0)
 CANDIDATES = 6000
 MOST_CANDIDATES = 400  # feasible ones; more would add little information
@@ -40,6 +42,48 @@ ADVICE = (
     "half a metre in front of the arm, joint 5 bent), increase limits.workspace_* or --turn, or "
     "use --manual"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class JointRoute:
+    """Allowed regions, start and hub of the paths.
+
+    `boundaries` applies between the poses, `near_start` between the start and the hub.
+    """
+
+    boundaries: Boundaries
+    near_start: Boundaries
+    q_start: Array
+    hub: Array
+
+    @property
+    def lift_m(self) -> float:
+        """Height of the hub above the start [m]; the tool does not rotate between them."""
+        arm = self.boundaries.arm
+        hub, start = arm.flange_pose(self.hub), arm.flange_pose(self.q_start)
+        return float(hub.translation[2] - start.translation[2])
+
+    def goals(self, q_from: Array, q_to: Array) -> list[Array]:
+        """Return the joint goals [rad] to a pose; the last one is the pose itself."""
+        if not self.boundaries.path_violation(q_from, q_to):
+            return [q_to]
+        return [self.hub, q_to]
+
+    def goals_to_hub(self, q_from: Array) -> list[Array]:
+        """Return the joint goals from the start to the hub."""
+        return [] if _are_same(q_from, self.hub) else [self.hub]
+
+    def goals_to_start(self, q_from: Array) -> list[Array]:
+        """Return the joint goals back to the start."""
+        if _are_same(q_from, self.q_start):
+            return []
+        return [*self.goals_to_hub(q_from), self.q_start]
+
+    def length_m(self, q_from: Array, q_to: Array) -> float:
+        """Return the travel of the fastest point of the arm between two poses [m]."""
+        stops = [q_from, *self.goals(q_from, q_to)]
+        pairs = pairwise(stops)
+        return sum(JointPath(self.boundaries.arm, a, b).extent_m for a, b in pairs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,3 +240,52 @@ def spread_deg(plan: CalibrationPlan) -> float:
     """Return the largest angle between gravity directions in sensor axes, of the fit [degrees]."""
     down = -plan.R_base_sensor[list(plan.fit), 2, :]
     return degrees(float(np.arccos(np.clip((down @ down.T).min(), -1.0, 1.0))))
+
+
+# --- order of the visit ---------------------------------------------------------------------------
+
+
+def shortest_order(route: JointRoute, q: Array, places: list[int], q_from: Array) -> list[int]:
+    """Return the poses in an order of short travel: nearest neighbour, then 2-opt.
+
+    Args:
+        route: Paths between the poses.
+        q: Joint angles [rad]. Shape (n, 6).
+        places: Indices of the poses to visit.
+        q_from: Start of the visit [rad]. Shape (6,).
+    """
+    stops = [q_from, *(q[place] for place in places)]
+    n = len(stops)
+    distance_m = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i):
+            distance_m[i, j] = distance_m[j, i] = route.length_m(stops[i], stops[j])
+    order, remaining = [0], list(range(1, n))
+    while remaining:
+        nearest = min(remaining, key=lambda k: (distance_m[order[-1], k], k))
+        order.append(nearest)
+        remaining.remove(nearest)
+    for _ in range(ROUNDS):
+        shorter = _with_reversed_section(order, distance_m)
+        if shorter == order:
+            break
+        order = shorter
+    return [places[k - 1] for k in order[1:]]
+
+
+def _with_reversed_section(order: list[int], distance_m: Array) -> list[int]:
+    """Return the order with one section reversed where that is shorter, else unchanged (2-opt)."""
+    for i in range(1, len(order) - 1):
+        for j in range(i + 1, len(order)):
+            turned = order[:i] + order[i : j + 1][::-1] + order[j + 1 :]
+            if _length(turned, distance_m) < _length(order, distance_m) - 1e-9:
+                return turned
+    return order
+
+
+def _length(order: list[int], distance_m: Array) -> float:
+    return float(distance_m[order[:-1], order[1:]].sum())
+
+
+def _are_same(q: Array, q_other: Array) -> bool:
+    return bool(np.abs(q - q_other).max() <= AT_REACHED_RAD)

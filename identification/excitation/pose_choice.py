@@ -10,8 +10,8 @@ import numpy as np
 from common.config.payload import Payload
 from common.motion.frames import Array
 from identification.least_squares import plain_conditioning
-from identification.next_pose import LINEAR_SIZES
-from identification.payload_model import LINEAR, PRIOR_STD, Model, jacobian, start_state
+from identification.next_pose import reference_sizes
+from identification.payload_model import LINEAR, Model, jacobian, start_state
 from identification.recording import Samples
 from identification.static_poses import angle
 
@@ -88,9 +88,6 @@ def _scaled_jacobians(R_base_sensor: Array, payload: Payload) -> Array:
 
 def _prior(payload: Payload) -> Array:
     """Return the prior information, from the usual sizes of the parameters."""
-    mass, com, bias_F, bias_M = (100.0 * size for size in LINEAR_SIZES)
-    sizes = np.empty(FULL.size)
-    sizes[:LINEAR] = [mass, *[com * payload.mass_kg] * 3, *[bias_F] * 3, *[bias_M] * 3]
-    for name, place in FULL.places.items():
-        sizes[place] = PRIOR_STD[name]
+    sizes = reference_sizes(FULL, payload.mass_kg)
+    sizes[:LINEAR] *= 100.0
     return np.diag(1.0 / sizes**2)

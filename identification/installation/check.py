@@ -88,11 +88,6 @@ def judge_recording(
     return best, found[best]
 
 
-def rejection_reason(samples: Samples, expected: ExpectedInstallation) -> str | None:
-    """Return why a calibration from these readings must not be written, None when it may be."""
-    return judge_installation(samples, expected).rejection_reason
-
-
 def _undetermined_finding(
     poses: Poses, force: ForceFit, expected: ExpectedInstallation
 ) -> InstallationFinding | None:

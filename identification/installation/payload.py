@@ -1,22 +1,65 @@
-"""Comparison of measured weight and lever with those of the cell file. Pure."""
+"""Comparison of measured weight and lever with those of the cell file, and wrong units. Pure."""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from common.motion.frames import GRAVITY_M_S2, Array
-from identification.installation.terms import ExpectedInstallation, InstallationFinding
-from identification.installation.units import (
-    FORCE_UNITS,
-    LEVER_MOST_M,
-    TORQUE_UNITS,
+from identification.installation.terms import (
+    ExpectedInstallation,
+    InstallationFinding,
     in_millimetres,
-    unit_of,
-    units_of_lever,
 )
 
 MASS_SHARE = 0.1  # a sensor's gain may be off by 3 %, a cable may hang on the tool
 COM_M = 0.01
 SURE_TIMES = 2.0  # times the residual
 LEVER_KNOWN_M = 0.01
+SAME_FACTOR = 1.12  # tolerance: the known payload is not exact
+LEVER_MOST_M = 0.5  # a centre of mass is closer to the sensor
+LEVER_USUAL_M = (0.005, 0.3)
+
+FORCE_UNITS = {
+    1.0 / 9.80665: "kilograms-force are taken for newtons",
+    1.0 / 4.4482216: "pounds-force are taken for newtons",
+    1e-3: "kilonewtons are taken for newtons",
+    1e3: "millinewtons are taken for newtons",
+    9.80665: "newtons are multiplied by 9.81 as if they were kilograms-force",
+    4.4482216: "newtons are multiplied by 4.45 as if they were pounds-force",
+}
+TORQUE_UNITS = {
+    1e3: "newton millimetres are taken for newton metres",
+    1e2: "newton centimetres are taken for newton metres",
+    8.8507458: "inch-pounds are taken for newton metres",
+    10.197162: "kilogram-force centimetres are taken for newton metres",
+    0.10197162: "kilogram-force metres are taken for newton metres",
+    1e-3: "kilonewton metres, or metres for millimetres, are taken for newton metres",
+}
+
+
+class WrongUnit(NamedTuple):
+    """Wrong unit: its description, and the factor to divide the readings by."""
+
+    text: str
+    factor: float
+
+
+def unit_of(times: float, units: dict[float, str]) -> WrongUnit | None:
+    """Return the wrong unit that explains a ratio of measured to expected value, if one does."""
+    if times <= 0.0:
+        return None
+    factor = min(units, key=lambda u: abs(np.log(times / u)))
+    if abs(np.log(times / factor)) > np.log(SAME_FACTOR):
+        return None
+    return WrongUnit(units[factor], factor)
+
+
+def units_of_lever(lever_m: float) -> list[WrongUnit]:
+    """Return the wrong units of torque that would explain an implausible lever."""
+    least_m, most_m = LEVER_USUAL_M
+    return [
+        WrongUnit(text, f) for f, text in TORQUE_UNITS.items() if least_m <= lever_m / f <= most_m
+    ]
 
 
 def length_findings(expected: ExpectedInstallation) -> list[InstallationFinding]:

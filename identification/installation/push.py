@@ -10,10 +10,15 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from common.motion.frames import Array
-from identification.installation.axes import EYE, same, turned_finding
+from identification.installation.axes import (
+    EYE,
+    driver_remedy,
+    same,
+    turned_finding,
+    wrong_channels,
+)
 from identification.installation.axis_fit import SIGNED
 from identification.installation.terms import ExpectedInstallation, InstallationFinding
-from identification.installation.texts import driver_remedy, wrong_channels
 
 PushAction = Literal["push", "twist"]
 LEAST = {"push": 3.0, "twist": 0.15}  # N, N m

@@ -19,7 +19,7 @@ TICKS_APART = 16  # least distance of two ticks [px]: this plot height fits thre
 PLOT_MARGIN = 1.4  # keeps the last tick label inside the plot
 
 # The same hue means the same axis in every plot, and in the scene: x red, y green, z blue.
-RED, GREEN, BLUE, ORANGE, GREY = "#e8590c", "#2f9e44", "#1c7ed6", "#f08c00", "#868e96"
+ORANGE, GREY = "#f08c00", "#868e96"
 COLOURS = {
     "press": "#1971c2",
     "set point": ORANGE,

@@ -1,8 +1,12 @@
-"""Reader of recordings, complete or truncated by a killed recorder."""
+"""Reader of recordings, complete or truncated by a killed recorder, and their playback on a bus.
+
+Played bytes are the same except for the address, if the cell has another name now or the recording
+is of an older schema version.
+"""
 
 import heapq
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,16 +21,19 @@ from pydantic_core import from_json
 
 from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
-from forcemesh.clock import NS_PER_S
+from forcemesh.bus import Transport
+from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import ConfigError, DataError
-from services.recorder.frames import Frame, frames_of
+from forcemesh.recorded_messages import readdressed
+from forcemesh.topics import TOPICS
+from services.recorder.frames import Frame, frames_of, unwrap
 from services.recorder.mcap_writer import MESSAGE, MESSAGE_HEAD_B
-from services.recorder.protobuf import unwrap
 from services.recorder.recording import CELL_FILE, EVENT, FRAMES_TOPIC, METADATA
 
 BROKEN_OFF = (McapError, struct.error, zstandard.ZstdError, ValueError, OverflowError)
 DISORDER_NS = 3 * NS_PER_S  # largest offset of a message in a file from its order in time
 MOST_CHUNK_B = 1 << 30
+QOS = {topic.key: topic.qos for topic in TOPICS}
 
 
 class Event(NamedTuple):
@@ -162,3 +169,43 @@ class RecordedFile:
             self.events.append(Event(int(record.metadata["at_ns"]), record.metadata["what"]))
         elif isinstance(record, records.Attachment) and record.name == CELL_FILE:
             self._cell_file = record.data
+
+
+def chosen(messages: Iterable[RecordedBytes], only: frozenset[str]) -> Iterator[RecordedBytes]:
+    """Yield the messages of the named topics, of all if none is named."""
+    return (each for each in messages if not only or each.topic in only)
+
+
+def play(
+    messages: Iterable[RecordedBytes],
+    transport: Transport,
+    cell: str,
+    *,
+    clock: Clock,
+    speed: float = 1.0,
+    shown: Callable[[int, float], None] = lambda _count, _at_s: None,
+) -> int:
+    """Publish messages on the bus of a cell at their times; return how many.
+
+    Args:
+        messages: The messages in the order of time.
+        transport: Transport to publish on.
+        cell: Name of the cell, prefix of the keys.
+        clock: Clock of the playback.
+        speed: Factor on the original speed; infinite: as fast as possible.
+        shown: Called after each message with their number and the recorded time [s].
+    """
+    puts: dict[str, Callable[[bytes], None]] = {}
+    began_ns, first_ns, count = clock.now_ns(), 0, 0
+    for count, each in enumerate(messages, start=1):
+        first_ns = first_ns or each.at_ns
+        due_ns = began_ns + round((each.at_ns - first_ns) / speed)
+        if (early_ns := due_ns - clock.now_ns()) > 0:
+            clock.sleep_s(early_ns / NS_PER_S)
+        if each.topic not in puts:
+            puts[each.topic] = transport.publish(
+                f"{cell}/{each.topic}", QOS.get(each.topic, "report")
+            )
+        puts[each.topic](readdressed(each.data, f"{cell}/{each.topic}"))
+        shown(count, (each.at_ns - first_ns) / NS_PER_S)
+    return count

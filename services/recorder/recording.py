@@ -12,13 +12,11 @@ from forcemesh.codec import Header
 from forcemesh.errors import MessageError
 from forcemesh.topics import TOPICS
 from forcemesh.version import __version__
-from services.recorder import protobuf
 from services.recorder.folder import new_file
-from services.recorder.frames import HEAD, Frame
+from services.recorder.frames import ENCODING, HEAD, NAME, Frame, descriptor, wrap
 from services.recorder.layout import Layout, layout_of, schema_of
 from services.recorder.mcap_writer import McapWriter
-from services.recorder.sequence_gaps import SequenceGaps
-from services.recorder.wall_clock import WallClock
+from services.recorder.stamps import SequenceGaps, WallClock
 
 FRAMES_TOPIC = "frames"
 METADATA = "forcemesh"
@@ -29,7 +27,7 @@ FLUSH_NS = NS_PER_S // 2  # half of the data that a kill may lose
 CHUNK_B = 8_000_000  # limit of a chunk, reached when the pre-trigger memory is written
 SEQUENCE = 2**32
 
-FRAMES_SCHEMA = (protobuf.NAME, protobuf.ENCODING, protobuf.descriptor())
+FRAMES_SCHEMA = (NAME, ENCODING, descriptor())
 SCHEMAS = [
     (topic.message.__name__, "jsonschema", json.dumps(schema_of(topic)).encode())
     for topic in TOPICS
@@ -57,9 +55,7 @@ class RecordingFile:
             writer.add_channel(topic.key, "json", schema)
             for topic, schema in zip(TOPICS, SCHEMAS, strict=True)
         ]
-        self._frames_channel = writer.add_channel(
-            FRAMES_TOPIC, protobuf.ENCODING, FRAMES_SCHEMA, **PLACES
-        )
+        self._frames_channel = writer.add_channel(FRAMES_TOPIC, ENCODING, FRAMES_SCHEMA, **PLACES)
         writer.flush()
 
     @property
@@ -88,7 +84,7 @@ class RecordingFile:
     def flush(self) -> None:
         """Write all data so far to the file."""
         if self._frames:
-            frames = protobuf.wrap(b"".join(self._frames))
+            frames = wrap(b"".join(self._frames))
             self._writer.add(self._frames_channel, self._last_ns, frames, 0)
             self._frames = []
         self._writer.flush()

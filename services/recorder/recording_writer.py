@@ -11,7 +11,7 @@ from services.recorder.folder import STOP, file_name, folder_of, forget_oldest, 
 from services.recorder.frames import Frame
 from services.recorder.recording import Recording
 from services.recorder.ring_buffer import Block
-from services.recorder.wall_clock import WallClock
+from services.recorder.stamps import WallClock
 
 SPACE_CHECK_NS = NS_PER_S  # period of the check of free space
 GB = 1_000_000_000

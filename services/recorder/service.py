@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from common.bus.receive_batching import ReceiveBatching
 from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -52,7 +51,6 @@ class Recorder:
         self._starts = bus.inbox(topics.RECORD_START)
         self._stops = bus.inbox(topics.RECORD_STOP)
         self._status_publisher = bus.publisher(topics.RECORDER_STATUS)
-        self._batching = ReceiveBatching()
         self._status_ns = round(NS_PER_S / cell.rates.health_hz)
         self._next_status_ns = 0
 
@@ -65,7 +63,6 @@ class Recorder:
         """Receive, store, write, and reply to requests."""
         self._writer.check_space()
         frames = self._receive(now_ns)
-        self._batching.step(len(frames))
         self._ring_buffer.add(frames, now_ns)
         self._writer.add(frames)
         for frame in frames:

@@ -55,13 +55,6 @@ class RobotiqFrame:
     skipped: int = 0
 
 
-def frame(force_N: Vec3, torque_Nm: Vec3) -> bytes:
-    """Return the bytes of a frame as the sensor sends it."""
-    numbers = [round(100.0 * f) for f in force_N] + [round(1000.0 * t) for t in torque_Nm]
-    data = HEAD + struct.pack("<6h", *numbers)
-    return data + crc16(data)
-
-
 class Framer:
     """Framer of a byte stream; bytes outside frames are skipped one by one and counted."""
 

@@ -1,7 +1,7 @@
 """Text formatting of $ENCODE, PRINT and TYPE (reference manual 5-111, 5-112, 9-70).
 
-A format applies to the items after it. /J /K /L are options of the controller and rejected unless
-`optional` is set. Choices where the manual is ambiguous are listed in docs/as-emulator.md.
+A format applies to the items after it. /J /K /L are options of the controller and rejected. Choices
+where the manual is ambiguous are listed in docs/as-emulator.md.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,13 +15,12 @@ from sim.as_language.variables import Read
 
 DEFAULT = Format("D")
 OPTIONAL = frozenset("JKL")
-NUMERIC = frozenset("DEFGHIJKL")
 SIGNIFICANT = 8
 SPACES = {"X": " ", "C": "\n"}
 
 
 def layout(
-    items: Sequence[Read | Format], *, optional: bool
+    items: Sequence[Read | Format],
 ) -> Callable[[EvaluationContext], tuple[str, bool]]:
     """Compile items to their text, and whether a line feed follows (not after /S)."""
     current = DEFAULT
@@ -29,10 +28,10 @@ def layout(
     for item in items:
         if not isinstance(item, Format):
             parts.append(_written(item, current))
-        elif item.code in OPTIONAL and not optional:
+        elif item.code in OPTIONAL:
             text = f"/{item.code} is an option of the controller that is not installed"
-            parts.append(_refused(f"{text}; pad by hand, or enable the emulator's option"))
-        elif item.code in NUMERIC:
+            parts.append(_refused(f"{text}; pad by hand"))
+        elif item.code in WRITERS:
             current = item
         elif item.code != "S":
             parts.append(_space(item))
@@ -72,58 +71,15 @@ def _written(read: Read, style: Format) -> Callable[[EvaluationContext], str]:
     return run
 
 
-def _default(_: Format, value: float) -> str:
-    return f" {_short(value)}"
-
-
-def _compact(_: Format, value: float) -> str:
-    return _short(value)
-
-
-def _short(value: float) -> str:
-    return f"{value + 0.0:.{SIGNIFICANT}g}".upper()
-
-
-def _scientific(style: Format, value: float) -> str:
-    return f"{value:{style.width or 15}.{_decimals(style)}E}"
-
-
-def _fixed(style: Format, value: float) -> str:
-    return f"{value:{style.width or 15}.{_decimals(style)}f}"
-
-
-def _general(style: Format, value: float) -> str:
-    return f"{value:#{style.width or 15}.{_decimals(style) or 1}G}"
-
-
 def _decimals(style: Format) -> int:
     return SIGNIFICANT if style.decimals is None else min(style.decimals, 99)
 
 
-def _integer(style: Format, value: float) -> str:
-    return str(int(rounded(value))).rjust(style.width or 0)
-
-
-def _zero_filled(style: Format, value: float) -> str:
-    return str(int(rounded(value))).zfill(style.width or 0)
-
-
-def _hexadecimal(fill: str) -> Callable[[Format, float], str]:
-    def write(style: Format, value: float) -> str:
-        whole = int(rounded(value)) & 0xFFFFFFFF
-        return f"{whole:X}".rjust(style.width or 0, fill)
-
-    return write
-
-
 WRITERS: dict[str, Callable[[Format, float], str]] = {
-    "D": _default,
-    "E": _scientific,
-    "F": _fixed,
-    "G": _general,
-    "H": _hexadecimal(" "),
-    "I": _integer,
-    "J": _hexadecimal("0"),
-    "K": _zero_filled,
-    "L": _compact,
+    "D": lambda _, value: f" {value + 0.0:.{SIGNIFICANT}g}".upper(),
+    "E": lambda style, value: f"{value:{style.width or 15}.{_decimals(style)}E}",
+    "F": lambda style, value: f"{value:{style.width or 15}.{_decimals(style)}f}",
+    "G": lambda style, value: f"{value:#{style.width or 15}.{_decimals(style) or 1}G}",
+    "H": lambda style, value: f"{int(rounded(value)) & 0xFFFFFFFF:X}".rjust(style.width or 0),
+    "I": lambda style, value: str(int(rounded(value))).rjust(style.width or 0),
 }

@@ -1,6 +1,7 @@
 """Numeric functions of AS (reference manual, chapter 9). Angles in degrees."""
 
 import math
+from collections.abc import Callable
 
 from sim.as_language.errors import AsError
 from sim.as_language.functions import function
@@ -43,18 +44,16 @@ def are_on(machine: MachineInterface, signal: float, *others: float) -> float:
     return truth(result)
 
 
-def bits(machine: MachineInterface, start: float, count: float = 1.0) -> float:
-    """BITS(s,n): the number that 1 to 16 signals show."""
-    if not 1 <= int(count) <= 16:
-        raise AsError("E0106", f"BITS: 1 to 16 signals, not {int(count)}")
-    return float(sum(machine.signal(int(start) + k) << k for k in range(int(count))))
+def bits(name: str, most: int) -> Callable[[MachineInterface, float, float], float]:
+    """Return BITS(s,n) or BITS32(s,n): the number that up to `most` signals show."""
 
+    def compute(machine: MachineInterface, start: float, count: float = 1.0) -> float:
+        if not 1 <= int(count) <= most:
+            raise AsError("E0106", f"{name}: 1 to {most} signals, not {int(count)}")
+        shown = (machine.signal(int(start) + k) << k for k in range(int(count)))
+        return single(float(sum(shown)))
 
-def bits32(machine: MachineInterface, start: float, count: float = 1.0) -> float:
-    """BITS32(s,n): the number that 1 to 32 signals show."""
-    if not 1 <= int(count) <= 32:
-        raise AsError("E0106", f"BITS32: 1 to 32 signals, not {int(count)}")
-    return single(float(sum(machine.signal(int(start) + k) << k for k in range(int(count)))))
+    return compute
 
 
 def _joint(value: float) -> int:
@@ -77,8 +76,8 @@ FUNCTIONS = {
     "MINVAL": function("r*", lambda first, *others: min((first, *others))),
     "RANDOM": function("m", lambda machine: single(machine.random())),
     "SIG": function("mr*", are_on),
-    "BITS": function("mrr", bits),
-    "BITS32": function("mrr", bits32),
+    "BITS": function("mrr", bits("BITS", 16)),
+    "BITS32": function("mrr", bits("BITS32", 32)),
     "SWITCH": function("mw", lambda machine, name: truth(machine.switch(name))),
     "EXISTPGM": function("mw", lambda machine, name: truth(machine.has_program(name.lower()))),
     "TASK": function("mr", lambda machine, number: float(machine.task_state(int(number)))),

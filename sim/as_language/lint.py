@@ -2,20 +2,19 @@
 
 import re
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from forcemesh.errors import DataError
 from sim.as_language.errors import SyntaxMistake
 from sim.as_language.findings import LintFinding
-from sim.as_language.lint_lines import line_traps
-from sim.as_language.lint_names import name_traps
-from sim.as_language.lint_support import not_executed
+from sim.as_language.lint_names import line_traps, name_traps
+from sim.as_language.lint_steps import step_traps
 from sim.as_language.lint_tasks import task_traps
-from sim.as_language.lint_traps import traps
 from sim.as_language.parser import examine
 from sim.as_language.syntax import SourceFile
+
+VERDICTS = ("", "; strict: findings are errors", "; it does not parse")  # by exit code
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +38,8 @@ def check_text(text: str, name: str = "text") -> LintReport:
     lines = re.split(r"\r\n|\n|\r", text)
     found = [
         *(LintFinding(remark.where, "remark", remark.text) for remark in source.remarks),
-        *not_executed(source),
         *line_traps(source, lines),
-        *traps(source),
+        *step_traps(source),
         *name_traps(source),
         *task_traps(source),
     ]
@@ -65,7 +63,8 @@ def _print(report: LintReport, *, strict: bool) -> None:
     source = report.source
     for section in source.skipped:
         sys.stdout.write(f"{section.where}: skipped: section {section.name}\n")
-    sys.stdout.write(f"{source.name}: {_summary(report)}{_verdict(report, strict=strict)}\n")
+    verdict = VERDICTS[report.exit_code(strict=strict)]
+    sys.stdout.write(f"{source.name}: {_summary(report)}{verdict}\n")
 
 
 def _summary(report: LintReport) -> str:
@@ -78,11 +77,6 @@ def _summary(report: LintReport) -> str:
         "not executed": unsupported, "warnings": len(report.findings) - unsupported,
     }  # fmt: skip
     return ", ".join(f"{count} {what}" for what, count in counts.items())
-
-
-def _verdict(report: LintReport, *, strict: bool) -> str:
-    verdicts: Sequence[str] = ("", "; strict: findings are errors", "; it does not parse")
-    return verdicts[report.exit_code(strict=strict)]
 
 
 def _in_order_of_file(finding: LintFinding) -> tuple[int, str, str]:

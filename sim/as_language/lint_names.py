@@ -1,15 +1,26 @@
-"""Lint rules on variables: never defined, two kinds under one name, reserved words."""
+"""Lint rules on lines and names: characters, length, variables that are never defined."""
 
-from collections.abc import Iterator
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 from sim.as_language import keywords, syntax
-from sim.as_language.findings import LintFinding, at
+from sim.as_language.findings import LintFinding, at, nodes, steps
 from sim.as_language.memory import key_of
 from sim.as_language.special_functions import ALL_NAMES
-from sim.as_language.syntax import Program, ProgramStep, SourceFile, Variable
-from sim.as_language.walk import nodes
+from sim.as_language.syntax import (
+    SIGNIFICANT_CHARACTERS,
+    Position,
+    Program,
+    ProgramStep,
+    SourceFile,
+    Variable,
+)
 
+LONGEST_LINE = 100
+NAME = re.compile(r"\.?[$#@&]?[A-Za-z][A-Za-z0-9_.]*", re.ASCII)
+NO_CODE = re.compile(r'"[^"]*"|\'.|;.*')
 RESERVED = keywords.KNOWN | keywords.OPERATORS | keywords.STATEMENTS.keys() | ALL_NAMES
 # Instructions that write into their arguments.
 WRITERS = frozenset(
@@ -103,3 +114,52 @@ def _judge(names: dict[str, Uses], dot: str) -> Iterator[LintFinding]:
             yield at(program, step, "two-types", text)
         if not dot and key.upper() in RESERVED:
             yield at(program, step, "reserved", f"{name} is a reserved word of AS (P0117)")
+
+
+# --- lines ----------------------------------------------------------------------------------------
+
+
+def line_traps(source: SourceFile, lines: Sequence[str]) -> Iterator[LintFinding]:
+    """Yield warnings about the lines of the programs of a file."""
+    spellings: dict[str, dict[str, Position]] = defaultdict(dict)
+    for _, step in steps(source):
+        line = lines[step.where.line - 1]
+        code = NO_CODE.sub(" ", line)
+        yield from _characters(step.where, line, code)
+        for name in _long_names(code):
+            spellings[name[: _significant(name)]].setdefault(name, step.where)
+    for names in spellings.values():
+        yield from _names(names)
+
+
+def _characters(where: Position, line: str, code: str) -> Iterator[LintFinding]:
+    if len(line) > LONGEST_LINE:
+        text = f"{len(line)} columns; {LONGEST_LINE} are safe on every controller"
+        yield LintFinding(where, "long-line", text)
+    if not line.isascii():
+        text = "a character that is not ASCII: on LOAD it may swallow the end of the line"
+        yield LintFinding(where, "non-ascii", text)
+    if "!=" in code:
+        yield LintFinding(where, "not-equal", "!= is not in the manual; write <>")
+
+
+def _long_names(code: str) -> Iterator[str]:
+    for match in NAME.finditer(code):
+        name = match[0].lower()
+        if len(name) > _significant(name) and name.upper() not in keywords.KNOWN | ALL_NAMES:
+            yield name
+
+
+def _significant(name: str) -> int:
+    """Return the number of significant characters, including a leading dot and sigil."""
+    return SIGNIFICANT_CHARACTERS + len(name) - len(name.lstrip(".$#@&"))
+
+
+def _names(names: dict[str, Position]) -> Iterator[LintFinding]:
+    for name, where in names.items():
+        short = name[: _significant(name)]
+        yield LintFinding(where, "long-name", f"{name} is {short}: 15 characters are significant")
+    first, *others = names
+    for other in others:
+        text = f"{other} and {first} are the same variable: their first 15 characters are equal"
+        yield LintFinding(names[other], "same-name", text)

@@ -199,24 +199,12 @@ def bind(
         if isinstance(entry, Array) != parameter.whole:
             what = "an array" if parameter.whole else "a single value"
             raise AsError("P0138", f"argument {number} of {program} must be {what}")
-        if (
-            isinstance(entry, VariableCell)
-            and entry.value is not None
-            and not fits(parameter, entry.value)
-        ):
-            text = f"argument {number} of {program} is {plain(entry.value)}"
+        value = entry.value
+        if value is not None and not isinstance(value, HOLDS[parameter.kind]):
+            text = f"argument {number} of {program} is {plain(value)}"
             raise AsError("P0138", f"{text}, the parameter {parameter.spelling} is not")
         names[key_of(parameter)] = entry
     return names
-
-
-def fits(parameter: Variable, value: Value) -> bool:
-    """Return whether a value has the type of a parameter."""
-    try:
-        check_type(parameter, None, value)
-    except AsError:
-        return False
-    return True
 
 
 def _initial(item: DataValue) -> Value:

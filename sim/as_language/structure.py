@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from sim.as_language import syntax
 from sim.as_language.errors import SyntaxMistake
-from sim.as_language.syntax import Position, ProgramStep, Statement
+from sim.as_language.syntax import ProgramStep, Statement
 
 OPENS = {
     syntax.If: "IF", syntax.While: "WHILE", syntax.For: "FOR", syntax.CaseStatement: "CASE",
@@ -78,7 +78,7 @@ class Linker:
 
     def _until(self, at: int, statement: syntax.Until) -> None:
         if self.stack and self.stack[-1].kind == "DO":
-            self.statements[at] = replace(statement, do_at=self.stack.pop().at)
+            self.statements[at] = replace(statement, false_at=self.stack.pop().at)
         else:
             self._add_error(at, "P0143", f"UNTIL closes DO{self._instead()}")
 
@@ -89,23 +89,20 @@ class Linker:
         opened = self.stack.pop()
         self.statements[at] = syntax.End(opened.kind, opened.at)
         for inner in opened.inner:
-            self._lead_to_end(inner, at)
+            branch = self.statements[inner]
+            if isinstance(branch, syntax.Else | syntax.Value | syntax.Any):
+                self.statements[inner] = replace(branch, end_at=at)
         head = self.statements[opened.at]
         match head:
             case syntax.If():
                 false_at = opened.inner[0] + 1 if opened.inner else at
                 self.statements[opened.at] = replace(head, false_at=false_at)
             case syntax.While() | syntax.For():
-                self.statements[opened.at] = replace(head, after_at=at + 1)
+                self.statements[opened.at] = replace(head, false_at=at + 1)
             case syntax.CaseStatement():
                 self.statements[opened.at] = self._case(head, opened.inner, at)
             case _:
                 pass
-
-    def _lead_to_end(self, inner: int, end: int) -> None:
-        statement = self.statements[inner]
-        if isinstance(statement, syntax.Else | syntax.Value | syntax.Any):
-            self.statements[inner] = replace(statement, end_at=end)
 
     def _case(self, head: syntax.CaseStatement, inner: list[int], end: int) -> syntax.CaseStatement:
         branches = []
@@ -128,7 +125,4 @@ class Linker:
         )
 
     def _add_error(self, at: int, code: str, text: str) -> None:
-        self.mistakes.append(SyntaxMistake(self._where(at), code, text))
-
-    def _where(self, at: int) -> Position:
-        return self.steps[at].where
+        self.mistakes.append(SyntaxMistake(self.steps[at].where, code, text))

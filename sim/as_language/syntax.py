@@ -7,7 +7,7 @@
 
 Statements are flat, not nested. IF, WHILE, FOR, DO and CASE are resolved into **indices into
 `Program.steps`** when the file is loaded, so GOTO may enter and leave a structure, and an error
-names program and step as the controller does. Every field named `after_...` or `..._at` is such an
+names program and step as the controller does. Every field named `..._at` is such an
 index (0-based; `len(steps)` means: end of the program). An `Unresolved` target is -1. Comment
 lines are steps (`Comment`), as in the controller's own listing; blank lines are not.
 
@@ -15,9 +15,9 @@ Control flow per statement, where it differs from continuing with the next step:
 
     If(condition, false_at)    false: jump to false_at (after its ELSE, or to its END)
     Else(end_at)               reached from above: jump to end_at
-    While(condition, after_at) false: jump to after_at
+    While(condition, false_at) false: jump to false_at, after its END
     For(...)                   see `For`
-    Until(condition, do_at)    false: jump to do_at
+    Until(condition, false_at) false: jump to false_at, its DO
     Case(selector, branches, default_at)   first branch with an equal value, else default_at
     Value, Any                 reached from above: jump to end_at
     End(of, start_at)          of "WHILE"/"FOR": jump to start_at; of "IF"/"CASE": no effect
@@ -209,10 +209,10 @@ class Else:
 
 @dataclass(frozen=True, slots=True)
 class While:
-    """`WHILE condition DO`; `after_at` is the step after its END."""
+    """`WHILE condition DO`; `false_at` is the step after its END."""
 
     condition: Expression
-    after_at: int = UNRESOLVED
+    false_at: int = UNRESOLVED
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,10 +222,10 @@ class Do:
 
 @dataclass(frozen=True, slots=True)
 class Until:
-    """`UNTIL condition`: false jumps to `do_at`."""
+    """`UNTIL condition`: false jumps to its DO at `false_at`."""
 
     condition: Expression
-    do_at: int = UNRESOLVED
+    false_at: int = UNRESOLVED
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,14 +233,14 @@ class For:
     """`FOR v = start TO stop STEP step`.
 
     Start is assigned, stop and step are evaluated once; the test precedes the body, END adds the
-    step and tests again. Beyond stop: jump to `after_at` (v keeps its value).
+    step and tests again. Beyond stop: jump to `false_at` (v keeps its value).
     """
 
     variable: Variable
     start: Expression
     stop: Expression
     step: Expression
-    after_at: int = UNRESOLVED
+    false_at: int = UNRESOLVED
 
 
 @dataclass(frozen=True, slots=True)

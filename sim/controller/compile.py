@@ -5,16 +5,15 @@ from functools import lru_cache
 
 from sim.as_language import syntax as s
 from sim.as_language.errors import AsError
-from sim.as_language.expressions import Expressions
 from sim.as_language.syntax import Instruction, Program, ProgramStep, SourceFile
 from sim.controller import instructions_motion, instructions_tasks, instructions_tcp, statements
 from sim.controller.instruction import Action, compile_instruction
 from sim.controller.tasks import Compiled, Op, Task
 
 _STATEMENTS: dict[type, Callable[..., Op]] = {
-    s.If: statements.compile_if,
-    s.While: statements.compile_while,
-    s.Until: statements.compile_until,
+    s.If: statements.compile_test,
+    s.While: statements.compile_test,
+    s.Until: statements.compile_test,
     s.For: statements.compile_for,
     s.End: statements.compile_end,
     s.CaseStatement: statements.compile_case,
@@ -38,11 +37,10 @@ INSTRUCTIONS: Mapping[str, Action] = {
 @lru_cache(maxsize=8)
 def compile_file(source: SourceFile) -> Mapping[str, Compiled]:
     """Return the compiled programs of a file; all machines share them."""
-    expressions = Expressions()
-    return {name: _compile_program(p, expressions) for name, p in source.programs.items()}
+    return {name: _compile_program(p) for name, p in source.programs.items()}
 
 
-def _compile_program(program: Program, expressions: Expressions) -> Compiled:
+def _compile_program(program: Program) -> Compiled:
     """Return a program that can be executed.
 
     A step that cannot be compiled does not reject the file: it fails when it is reached, as on the
@@ -51,24 +49,24 @@ def _compile_program(program: Program, expressions: Expressions) -> Compiled:
     """
     ops: list[Op] = []
     for at, step in enumerate(program.steps):
-        ops.append(_when_reached(step, at, expressions, ops))
+        ops.append(_when_reached(step, at, ops))
     return Compiled(program, ops)
 
 
-def _when_reached(step: ProgramStep, at: int, expressions: Expressions, ops: list[Op]) -> Op:
+def _when_reached(step: ProgramStep, at: int, ops: list[Op]) -> Op:
     """Return an operation that compiles itself at the first call and then replaces itself."""
     op: Op | None = None
 
     def run(task: Task) -> int:
         nonlocal op
         if op is None:
-            op = ops[at] = _compile(step, at, expressions)
+            op = ops[at] = _compile(step, at)
         return op(task)
 
     return run
 
 
-def _compile(step: ProgramStep, at: int, expressions: Expressions) -> Op:
+def _compile(step: ProgramStep, at: int) -> Op:
     statement = step.statement
     try:
         if isinstance(statement, s.Comment | s.Do):
@@ -76,10 +74,10 @@ def _compile(step: ProgramStep, at: int, expressions: Expressions) -> Op:
         if isinstance(statement, s.Else | s.Value | s.Any):
             return statements.jump_to(statement.end_at)
         if not isinstance(statement, Instruction):
-            return _STATEMENTS[type(statement)](statement, at, expressions)
+            return _STATEMENTS[type(statement)](statement, at)
         action = INSTRUCTIONS.get(statement.name)
         if action is not None:
-            return compile_instruction(action, statement, at, expressions)
+            return compile_instruction(action, statement, at)
         known = "unknown" if statement.unknown else "not emulated"
         return statements.failing(AsError("E0111", f"{statement.name} is {known}"))
     except AsError as error:

@@ -16,8 +16,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from sim.as_language import expressions
 from sim.as_language.errors import AsError
-from sim.as_language.expressions import Expressions
 from sim.as_language.syntax import Instruction, Variable, Word
 from sim.controller.tasks import Op, Task, Wait
 
@@ -35,12 +35,10 @@ class Action:
     only: Literal["robot", "pc", ""] = ""
 
 
-def compile_instruction(
-    action: Action, statement: Instruction, at: int, expressions: Expressions
-) -> Op:
+def compile_instruction(action: Action, statement: Instruction, at: int) -> Op:
     """Return the operation of an instruction. Raises AsError P0100, P0118 for its arguments."""
     act, only = action.act, action.only
-    readers = _readers(action, statement, expressions)
+    readers = _readers(action, statement)
 
     def run(task: Task) -> int:
         if only:
@@ -82,7 +80,7 @@ def at_rest(task: Task, action: Callable[[Task], None] = lambda _: None) -> Wait
     return until(acts)
 
 
-def _readers(action: Action, statement: Instruction, expressions: Expressions) -> list[Read]:
+def _readers(action: Action, statement: Instruction) -> list[Read]:
     letters, rest = action.types.removesuffix("*"), len(statement.arguments)
     if letters != action.types:
         letters += letters[-1] * (rest - len(letters.replace("m", "")))
@@ -100,11 +98,11 @@ def _readers(action: Action, statement: Instruction, expressions: Expressions) -
         if given is None and (letter == "n" or default is not inspect.Parameter.empty):
             readers.append(_always(None if letter == "n" else default))
         else:
-            readers.append(_reader(letter, statement, index, expressions))
+            readers.append(_reader(letter, statement, index))
     return readers
 
 
-def _reader(letter: str, statement: Instruction, number: int, expressions: Expressions) -> Read:
+def _reader(letter: str, statement: Instruction, number: int) -> Read:
     """Return the reader of argument `number`, counted from 1."""
     name = statement.name
     given = statement.arguments[number - 1] if number <= len(statement.arguments) else None
@@ -125,10 +123,10 @@ def _reader(letter: str, statement: Instruction, number: int, expressions: Expre
         )
         raise AsError("P0100", missing)
     if letter == "p":
-        return expressions.pose(given)
+        return expressions.pose_of(given)
     if letter == "P":
-        return _always(expressions.place(given))
-    read = expressions.real(given)
+        return _always(expressions.place_of(given))
+    read = expressions.number_of(given)
     return _always(read) if letter == "R" else read
 
 

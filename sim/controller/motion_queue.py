@@ -46,7 +46,6 @@ class MotionQueue:
         self.q_end: Array = self.q_command  # end of the last queued motion
         self._base: Array = self.q_command  # base of the displacements of the active segments
         self.last: MotionRequest | None = None
-        self.started = 0
 
     # --- interface for the program ----------------------------------------------------------------
 
@@ -59,11 +58,6 @@ class MotionQueue:
     def is_moving(self) -> bool:
         """Whether the command is changing, or a pause is active."""
         return bool(self._active) or self._pausing is not None
-
-    @property
-    def has_room(self) -> bool:
-        """Whether a motion can be queued now."""
-        return self.ahead is None
 
     def offer(self, motion: MotionRequest, *, arrived: bool) -> Ticket:
         """Queue a motion; it starts at once if no motion is active.
@@ -184,7 +178,6 @@ class MotionQueue:
             self._active.append((segment, ticket))
             self.q_end = segment.q_to
         ticket.state, self.ahead, self.last = "under way", None, motion
-        self.started += 1
 
     def _may_start(self, ticket: Ticket, *, arrived: bool) -> bool:
         if self._pausing is not None:

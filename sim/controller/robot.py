@@ -84,8 +84,9 @@ class Robot:
         """Whether command and arm are at rest; at the latest 0.5 s after the command."""
         if self.queue.is_moving:
             return False
-        still = not self.arm.moving or self._off_rad() < _STANDING_RAD
-        return still or self.arm.ticks - self._commanded_at > _SETTLED_TICKS
+        arm = self.arm
+        still = not arm.moving or np.abs(arm.q - self.queue.q_command).max() < _STANDING_RAD
+        return bool(still) or arm.ticks - self._commanded_at > _SETTLED_TICKS
 
     def move(self, motion: MotionRequest) -> Ticket:
         """Queue a motion. Raises AsError: P1000, E6007, E6008, E6016."""
@@ -116,9 +117,6 @@ class Robot:
             command.setflags(write=False)
             self.arm.command_joints(command)
             self.arm.step()
-
-    def _off_rad(self) -> float:
-        return float(np.abs(self.arm.q - self.queue.q_command).max())
 
     def _is_near(self) -> bool:
         if self.at_rest:

@@ -114,7 +114,8 @@ def run_in_cell(
 ) -> int:
     """Run as the controller of a cell, with the sensor on its arm; end on a signal."""
     cell = load_cell(arguments.cell)
-    network = SocketNetwork(arguments.address, arguments.port or gateway_port(cell))
+    port = arguments.port or (None if cell.gateway is None else cell.gateway.port)
+    network = SocketNetwork(arguments.address, port)
     with ExitStack() as exits:
         service, reporters, clock = _with_its_sensor(cell, network, behaviour, exits)
         exits.callback(give_up_realtime_priority)
@@ -147,11 +148,6 @@ def _with_its_sensor(
     bus = exits.enter_context(open_bus(cell, "sensor"))
     service = ControllerSensor(bus, cell, network, behaviour=behaviour)
     return service, [reporter_of(bus, cell)], bus.clock
-
-
-def gateway_port(cell: CellConfig) -> int | None:
-    """Return the port at which the cell's gateway expects the controller."""
-    return None if cell.gateway is None else cell.gateway.port
 
 
 def start(machine: Machine, source: SourceFile, arguments: argparse.Namespace) -> None:

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
+from sim.as_language import expressions
 from sim.as_language import syntax as s
 from sim.as_language.errors import AsError
-from sim.as_language.expressions import Expressions
 from sim.as_language.values import Joints, Transformation, Value, compose, inverse, single
 from sim.controller.tasks import Op, Task
 
@@ -31,39 +31,29 @@ def failing(error: AsError) -> Op:
     return run
 
 
-def compile_if(statement: s.If, at: int, expressions: Expressions) -> Op:
-    """Compile `IF condition THEN`."""
-    return _unless(expressions.real(statement.condition), at + 1, statement.false_at)
+def compile_test(statement: s.If | s.While | s.Until, at: int) -> Op:
+    """Compile `IF condition THEN`, `WHILE condition DO` and `UNTIL condition`."""
+    return _unless(expressions.number_of(statement.condition), at + 1, statement.false_at)
 
 
-def compile_while(statement: s.While, at: int, expressions: Expressions) -> Op:
-    """Compile `WHILE condition DO`."""
-    return _unless(expressions.real(statement.condition), at + 1, statement.after_at)
-
-
-def compile_until(statement: s.Until, at: int, expressions: Expressions) -> Op:
-    """Compile `UNTIL condition`."""
-    return _unless(expressions.real(statement.condition), at + 1, statement.do_at)
-
-
-def compile_goto(statement: s.Goto, at: int, expressions: Expressions) -> Op:
+def compile_goto(statement: s.Goto, at: int) -> Op:
     """Compile GOTO; a missing label fails when it is executed (E0101)."""
     jump = jump_to(statement.target)
     if statement.target == s.UNRESOLVED:
         jump = failing(AsError("E0101", f"GOTO {statement.label}"))
     elif statement.condition is not None:
-        return _unless(expressions.real(statement.condition), statement.target, at + 1)
+        return _unless(expressions.number_of(statement.condition), statement.target, at + 1)
     if statement.condition is None:
         return jump
-    condition = expressions.real(statement.condition)
+    condition = expressions.number_of(statement.condition)
     return lambda task: jump(task) if condition(task) else at + 1
 
 
-def compile_for(statement: s.For, at: int, expressions: Expressions) -> Op:
+def compile_for(statement: s.For, at: int) -> Op:
     """Compile FOR: stores the action of its END in the frame's `loops`."""
-    assign, read = expressions.store(statement.variable), expressions.real(statement.variable)
-    start, stop = expressions.real(statement.start), expressions.real(statement.stop)
-    step, after = expressions.real(statement.step), statement.after_at
+    assign, read = expressions.store(statement.variable), expressions.number_of(statement.variable)
+    start, stop = expressions.number_of(statement.start), expressions.number_of(statement.stop)
+    step, after = expressions.number_of(statement.step), statement.false_at
 
     def run(task: Task) -> int:
         assign(task, start(task))
@@ -83,7 +73,7 @@ def compile_for(statement: s.For, at: int, expressions: Expressions) -> Op:
     return run
 
 
-def compile_end(statement: s.End, at: int, _: Expressions) -> Op:
+def compile_end(statement: s.End, at: int) -> Op:
     """Compile END: jump to the top of a loop, otherwise to the next step."""
     start = statement.start_at
     if statement.of == "WHILE":
@@ -100,9 +90,9 @@ def compile_end(statement: s.End, at: int, _: Expressions) -> Op:
     return run
 
 
-def compile_case(statement: s.CaseStatement, _: int, expressions: Expressions) -> Op:
+def compile_case(statement: s.CaseStatement, _: int) -> Op:
     """Compile CASE and SCASE: the first branch that holds an equal value."""
-    of = expressions.text if statement.text else expressions.real
+    of = expressions.text_of if statement.text else expressions.number_of
     selector = of(statement.selector)
     branches = [
         (tuple(of(value) for value in branch.values), branch.body_at)
@@ -128,9 +118,9 @@ def _unless(condition: Callable[[Task], float], then: int, otherwise: int) -> Op
 # --- CALL, RETURN, PRINT --------------------------------------------------------------------------
 
 
-def compile_call(statement: s.CallStatement, at: int, expressions: Expressions) -> Op:
+def compile_call(statement: s.CallStatement, at: int) -> Op:
     """Compile CALL prog(arguments)."""
-    bind = expressions.bind(statement.arguments)
+    bind = expressions.bind_arguments(statement.arguments)
     name = statement.program
 
     def run(task: Task) -> int:
@@ -141,9 +131,9 @@ def compile_call(statement: s.CallStatement, at: int, expressions: Expressions) 
     return run
 
 
-def compile_scall(statement: s.Scall, at: int, expressions: Expressions) -> Op:
+def compile_scall(statement: s.Scall, at: int) -> Op:
     """Compile SCALL $name[,result]: with a result, an error code is stored instead of raised."""
-    name, bind = expressions.text(statement.program), expressions.bind(())
+    name, bind = expressions.text_of(statement.program), expressions.bind_arguments(())
     store = expressions.store(statement.result) if statement.result else None
 
     def run(task: Task) -> int:
@@ -166,7 +156,7 @@ def compile_scall(statement: s.Scall, at: int, expressions: Expressions) -> Op:
     return run
 
 
-def compile_return(_: s.Return, at: int, __: Expressions) -> Op:
+def compile_return(_: s.Return, at: int) -> Op:
     """Compile RETURN: return to the caller; in the main program it ends the cycle."""
 
     def run(task: Task) -> int:
@@ -176,7 +166,7 @@ def compile_return(_: s.Return, at: int, __: Expressions) -> Op:
     return run
 
 
-def compile_print(statement: s.Print, at: int, expressions: Expressions) -> Op:
+def compile_print(statement: s.Print, at: int) -> Op:
     """Compile PRINT [device:] items and TYPE items; all devices share one output."""
     layout = expressions.layout(statement.items)
 
@@ -191,40 +181,40 @@ def compile_print(statement: s.Print, at: int, expressions: Expressions) -> Op:
 # --- assignments ----------------------------------------------------------------------------------
 
 
-def compile_assign(statement: s.Assign, at: int, expressions: Expressions) -> Op:
+def compile_assign(statement: s.Assign, at: int) -> Op:
     """Compile `x = 1`, `$s = "a"`, `@n = 3`."""
-    of = expressions.text if statement.target.kind == "$" else expressions.real
-    return _stored(statement.target, of(statement.value), at, expressions)
+    of = expressions.text_of if statement.target.kind == "$" else expressions.number_of
+    return _stored(statement.target, of(statement.value), at)
 
 
-def compile_point(statement: s.PointStatement, at: int, expressions: Expressions) -> Op:
+def compile_point(statement: s.PointStatement, at: int) -> Op:
     """Compile POINT p = pose, POINT #j = pose[,#near], POINT/X p = pose."""
     target = statement.target
     if target.kind == "#":
-        read = _joints(statement, expressions)
+        read = _joints(statement)
     elif statement.part:
-        read = _part(statement, expressions)
+        read = _part(statement)
     else:
-        read = expressions.place(statement.value)
-    return _stored(target, read, at, expressions)
+        read = expressions.place_of(statement.value)
+    return _stored(target, read, at)
 
 
-def compile_here(statement: s.Here, at: int, expressions: Expressions) -> Op:
+def compile_here(statement: s.Here, at: int) -> Op:
     """Compile HERE p, HERE #j and HERE a+p: current pose from the encoders."""
     if statement.target.kind == "#":
-        return _stored(statement.target, lambda task: task.machine.here_joints(), at, expressions)
-    relative = expressions.place(statement.relative_to) if statement.relative_to else None
+        return _stored(statement.target, lambda task: task.machine.here_joints(), at)
+    relative = expressions.place_of(statement.relative_to) if statement.relative_to else None
 
     def here(task: Task) -> Transformation:
         place = task.machine.here()
         return compose(inverse(relative(task)), place) if relative else place
 
-    return _stored(statement.target, here, at, expressions)
+    return _stored(statement.target, here, at)
 
 
-def compile_decompose(statement: s.Decompose, at: int, expressions: Expressions) -> Op:
+def compile_decompose(statement: s.Decompose, at: int) -> Op:
     """Compile DECOMPOSE x[k] = pose: six reals from element k on."""
-    store, value = expressions.store_row(statement.target), expressions.pose(statement.value)
+    store, value = expressions.store_row(statement.target), expressions.pose_of(statement.value)
 
     def run(task: Task) -> int:
         store(task, value(task).numbers())
@@ -233,9 +223,7 @@ def compile_decompose(statement: s.Decompose, at: int, expressions: Expressions)
     return run
 
 
-def _stored(
-    target: s.Variable, value: Callable[[Task], Value], at: int, expressions: Expressions
-) -> Op:
+def _stored(target: s.Variable, value: Callable[[Task], Value], at: int) -> Op:
     store = expressions.store(target)
 
     def run(task: Task) -> int:
@@ -245,10 +233,10 @@ def _stored(
     return run
 
 
-def _joints(statement: s.PointStatement, expressions: Expressions) -> Callable[[Task], Value]:
+def _joints(statement: s.PointStatement) -> Callable[[Task], Value]:
     """Return joint values of a pose, near the configuration or else the current destination."""
-    value = expressions.pose(statement.value)
-    near = expressions.pose(statement.configuration) if statement.configuration else None
+    value = expressions.pose_of(statement.value)
+    near = expressions.pose_of(statement.configuration) if statement.configuration else None
 
     def read(task: Task) -> Joints:
         pose = value(task)
@@ -262,9 +250,9 @@ def _joints(statement: s.PointStatement, expressions: Expressions) -> Callable[[
     return read
 
 
-def _part(statement: s.PointStatement, expressions: Expressions) -> Callable[[Task], Value]:
+def _part(statement: s.PointStatement) -> Callable[[Task], Value]:
     """Return the target with components of a pose; an undefined target starts from zero."""
-    value, old = expressions.place(statement.value), expressions.place(statement.target)
+    value, old = expressions.place_of(statement.value), expressions.place_of(statement.target)
     names = _PARTS.get(statement.part)
 
     def read(task: Task) -> Transformation:

@@ -4,6 +4,7 @@ import argparse
 import sys
 import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -70,27 +71,21 @@ def main() -> None:
         )
         still = np.concatenate((given.force, given.torque))
         noise = np.array([given.noise_N] * 3 + [given.noise_Nm] * 3)
+        rng = np.random.default_rng(given.seed)
+
+        def sample() -> list[float]:
+            reading: list[float] = (still + noise * rng.standard_normal(6)).tolist()
+            return reading
+
         prepare_realtime()
-        run(server, ConstantWrench(still, noise, given.seed), given.rate_hz, stop)
+        run(server, sample, given.rate_hz, stop)
         server.close()
         print_line(f"{server.sent} records sent, {server.unsendable} unsendable")
 
 
-class ConstantWrench:
-    """Constant wrench with white noise."""
-
-    def __init__(self, wrench: np.ndarray, noise: np.ndarray, seed: int) -> None:
-        """Store wrench and noise standard deviation [N, N m]. Shapes (6,)."""
-        self._wrench, self._noise = wrench, noise
-        self._rng = np.random.default_rng(seed)
-
-    def sample(self) -> list[float]:
-        """Return the next sample."""
-        reading: list[float] = (self._wrench + self._noise * self._rng.standard_normal(6)).tolist()
-        return reading
-
-
-def run(server: NetftServer, source: ConstantWrench, rate_hz: float, stop: threading.Event) -> None:
+def run(
+    server: NetftServer, sample: Callable[[], list[float]], rate_hz: float, stop: threading.Event
+) -> None:
     """Sample at a rate until a stop signal; a delay is made up for, up to MOST_BEHIND records."""
     period_ns = round(NS_PER_S / rate_hz)
     due_ns = time.monotonic_ns()
@@ -99,7 +94,7 @@ def run(server: NetftServer, source: ConstantWrench, rate_hz: float, stop: threa
         now_ns = time.monotonic_ns()
         due_ns = max(due_ns, now_ns - MOST_BEHIND * period_ns)
         while due_ns <= now_ns:
-            server.measured(source.sample())
+            server.measured(sample())
             due_ns += period_ns
         time.sleep(max(0, due_ns - time.monotonic_ns()) / NS_PER_S)
 

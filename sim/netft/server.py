@@ -6,7 +6,6 @@ curl http://127.0.0.1:8081/faults -d 'loss=0.2&stall=on'  sets some
 curl http://127.0.0.1:8081/faults -d restart=on
 """
 
-import json
 import socket
 import threading
 from collections.abc import Sequence
@@ -17,11 +16,12 @@ from urllib.parse import parse_qsl
 from forcemesh.errors import SimulationError
 from sim.netft.protocol import page
 from sim.netft.sensor import NetftSensor
-from sim.netft.switches import EVENT, TRUE
+from sim.netft.switches import EVENT
 
 PAGE, FAULTS = "/netftapi2.xml", "/faults"
 MOST_REQUESTS = 100  # per poll: a flood cannot block the loop
 LONGEST_BODY = 2000
+TRUE = ("on", "1", "true", "yes")
 
 
 class NetftServer:
@@ -105,7 +105,7 @@ class _Handler(BaseHTTPRequestHandler):
         if self.path == PAGE:
             self._answer(HTTPStatus.OK, page(sensor.about, sensor.switches.status), "text/xml")
         elif self.path == FAULTS:
-            self._answer(HTTPStatus.OK, json.dumps(sensor.switches.words()), "application/json")
+            self._answer(HTTPStatus.OK, sensor.switches.model_dump_json(), "application/json")
         else:
             self._answer(HTTPStatus.NOT_FOUND, f"not found; use {PAGE} or {FAULTS}", "text/plain")
 

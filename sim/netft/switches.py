@@ -1,58 +1,44 @@
 """Fault-injection switches of the simulated sensor, set at run time by HTTP. Pure."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from typing import Annotated
 
-TRUE, FALSE = ("on", "1", "true", "yes"), ("off", "0", "false", "no")
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from forcemesh.errors import first_mistake
+
 EVENT = "restart"  # an event, not a state
+Share = Annotated[float, Field(ge=0.0, le=1.0)]  # of the records
+Word = Annotated[int, BeforeValidator(lambda word: int(str(word), 0)), Field(ge=0, lt=2**32)]
 
 
-@dataclass(frozen=True, slots=True)
-class FaultSwitches:
-    """Fault switches, all off by default. Shares are of records, 0 to 1."""
+class FaultSwitches(BaseModel):
+    """Fault switches, all off by default."""
 
-    loss: float = 0.0
-    duplicate: float = 0.0
-    reorder: float = 0.0
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    loss: Share = 0.0
+    duplicate: Share = 0.0
+    reorder: Share = 0.0
     stall: bool = False  # sample and sequence number stay constant
     freeze: bool = False  # the reading stays constant, the sequence number increases
     saturate: bool = False
     mute: bool = False  # nothing is sent
     garbage: bool = False  # malformed records are sent
     steal: bool = False  # a second client requests the stream repeatedly
-    status: int = 0
+    status: Word = 0
 
     def changed(self, words: Mapping[str, str]) -> "FaultSwitches":
         """Return a copy with some switches set by name.
 
         Raises:
-            ValueError: A name or a value is invalid; the text lists the valid ones.
+            ValueError: A name or a value is invalid; the text lists the valid names.
         """
-        names = {field.name: type(getattr(self, field.name)) for field in fields(self)}
-        values: dict[str, float | bool | int] = {}
-        for name, word in words.items():
-            if name not in names:
-                raise ValueError(f"no switch {name!r}: use one of {', '.join(names)}, {EVENT}")
-            values[name] = _value(name, names[name], word.strip().lower())
-        return replace(self, **values)  # type: ignore[arg-type]
-
-    def words(self) -> dict[str, float | bool | int]:
-        """Return every switch by name."""
-        return asdict(self)
-
-
-def _value(name: str, kind: type, word: str) -> float | bool | int:
-    if kind is bool:
-        if word not in (*TRUE, *FALSE):
-            raise ValueError(f"{name}={word}: on or off")
-        return word in TRUE
-    try:
-        if kind is int:
-            number = int(word, 0)
-            if 0 <= number < 2**32:
-                return number
-        elif 0.0 <= float(word) <= 1.0:
-            return float(word)
-    except ValueError:
-        pass
-    raise ValueError(f"{name}={word}: {'32 bits' if kind is int else 'a share, 0 to 1'}")
+        if unknown := [name for name in words if name not in FaultSwitches.model_fields]:
+            names = ", ".join((*FaultSwitches.model_fields, EVENT))
+            raise ValueError(f"no switch {unknown[0]!r}: use one of {names}")
+        try:
+            changes = {name: word.strip() for name, word in words.items()}
+            return FaultSwitches.model_validate(self.model_dump() | changes)
+        except ValidationError as error:
+            raise ValueError(first_mistake(error).text) from None

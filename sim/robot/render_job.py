@@ -5,15 +5,13 @@ Started by `sim.robot.render`, which also selects the graphics library.
 """
 
 import json
-import struct
 import sys
-import zlib
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from matplotlib.image import imsave
 
 ARROW_M_PER_N = 0.006
 ARROW_LONGEST_M = 0.25
@@ -28,7 +26,7 @@ Pixels = npt.NDArray[np.uint8]
 def main() -> int:
     """Render one job; return the exit code."""
     job = json.load(sys.stdin)
-    Path(job["path"]).write_bytes(png(draw(job)))
+    imsave(job["path"], draw(job))
     return 0
 
 
@@ -58,23 +56,6 @@ def _laid_over(picture: Pixels, arrow: Pixels) -> Pixels:
     is_arrow = arrow.any(axis=2, keepdims=True)
     mixed = (1.0 - HIDDEN_SHARE) * picture + HIDDEN_SHARE * arrow
     return np.where(is_arrow, mixed, picture).astype(np.uint8)
-
-
-def png(rgb: Pixels) -> bytes:
-    """Encode 8-bit RGB, shape (height, width, 3), as PNG (RFC 2083)."""
-    height, width, _ = rgb.shape
-    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each row: filter type 0, pixels
-    rows[:, 1:] = rgb.reshape(height, 3 * width)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    chunks = (
-        (b"IHDR", header),
-        (b"IDAT", zlib.compress(rows.tobytes(), 9)),
-        (b"IEND", b""),
-    )
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-        for kind, body in chunks
-    )
 
 
 def _camera(view: dict[str, Any]) -> mujoco.MjvCamera:

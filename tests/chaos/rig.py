@@ -48,7 +48,6 @@ class Rig:
         self.cell = cell
         self.running: dict[str, ChildProcess] = {}
         self.witness: Witness  # valid inside the block
-        self.arguments: list[str] = []  # last output lines of the processes
         self._folder = folder
         self._file = folder / "cell.yaml"
         self._processes = {process.name: process for process in processes_of(cell)}
@@ -88,7 +87,7 @@ class Rig:
         for name in names:
             if name in self.running:
                 self.running.pop(name).finish(0.0)
-            self.running[name] = ChildProcess(self._processes[name], self._file, self._log_line)
+            self.running[name] = ChildProcess(self._processes[name], self._file, _discard)
         self._log_anew()
 
     def end(self, *names: str) -> None:
@@ -115,9 +114,6 @@ class Rig:
         for running in self.running.values():
             self._log.add_process(running.process, running.pid)
 
-    def _log_line(self, name: str, line: str) -> None:
-        self.arguments = [*self.arguments[-19:], f"{name}: {line}"]
-
     def _end_all(self) -> None:
         give_up_s = time.monotonic() + END_WITHIN_S
         for running in reversed(self.running.values()):
@@ -126,6 +122,10 @@ class Rig:
             running.finish(give_up_s - time.monotonic())
         if self._log is not None:
             self._log.close(keep=False)
+
+
+def _discard(_name: str, _line: str) -> None:
+    """Drop a line of output: the run file and the trace have what is judged."""
 
 
 @contextmanager

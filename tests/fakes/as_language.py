@@ -5,9 +5,8 @@ from typing import cast
 
 import pytest
 
-from sim.as_language import syntax
+from sim.as_language import expressions, syntax
 from sim.as_language.errors import AsError
-from sim.as_language.expressions import ControllerOptions, Expressions
 from sim.as_language.lines import parse_line
 from sim.as_language.machine_api import MachineInterface
 from sim.as_language.memory import Locals, Memory
@@ -49,14 +48,13 @@ def standing_machine(signals: set[int], errors: list[int]) -> MachineInterface:
 class AsLanguage:
     """Memory, locals of one call and a machine, for expressions and assignments."""
 
-    def __init__(self, *assignments: str, optional_formats: bool = False) -> None:
+    def __init__(self, *assignments: str) -> None:
         self.memory = Memory()
         self.locals = Locals()
         self.signals: set[int] = set()
         self.errors = [0]
         self.globals = self.memory.globals
         self.machine = standing_machine(self.signals, self.errors)
-        self.expressions = Expressions(ControllerOptions(optional_formats=optional_formats))
         self.run(*assignments)
 
     def run(self, *assignments: str) -> "AsLanguage":
@@ -64,13 +62,13 @@ class AsLanguage:
         for line in assignments:
             statement = parse_line(line).statement
             assert isinstance(statement, syntax.Assign | syntax.PointStatement)
-            value = self.expressions.value(statement.value)(self)
-            self.expressions.store(statement.target)(self, value)
+            value = expressions.value_of(statement.value)(self)
+            expressions.store(statement.target)(self, value)
         return self
 
     def __call__(self, text: str) -> Value:
         """Evaluate an expression."""
-        return self.expressions.value(expression(text))(self)
+        return expressions.value_of(expression(text))(self)
 
     def outcome(self, text: str) -> Value:
         """Return the value of an expression, or the code of the error it raises."""

@@ -18,7 +18,7 @@ from bench.installations_stage import (
 from forcemesh import topics
 from forcemesh.requests import ArmRequest, Empty
 from identification.installation.axis_fit import SIGNED
-from identification.installation.check import judge_installation, rejection_reason
+from identification.installation.check import judge_installation
 from identification.installation.terms import ExpectedInstallation
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "installations.md"
@@ -63,7 +63,8 @@ def test_poses_gathered_by_the_arm_identify_a_wrong_wiring() -> None:
         str(f) for f in judge_installation(readings_with(mistake), expected).findings
     ]
     assert played.findings[0].code == "mounting"
-    assert rejection_reason(readings_with(InstallationError("none", ALL)), expected) is None
+    right = judge_installation(readings_with(InstallationError("none", ALL)), expected)
+    assert right.rejection_reason is None
 
 
 def test_a_mistake_that_the_cell_file_refuses_starts_nothing() -> None:

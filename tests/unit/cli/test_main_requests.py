@@ -280,6 +280,18 @@ def test_a_jog_is_a_move_relative_to_the_present_pose(
     assert request.joint_rad == (None if joint_rad is None else pytest.approx(joint_rad))
 
 
+def test_a_seventh_joint_is_jogged_only_where_the_arm_has_one(services: StandIn) -> None:
+    """A move names its joints itself: the arbiter compares their number with the arm's."""
+    done = run("jog", "j7", "5")
+    assert (done.exit_code, services.requests) == (USAGE, [])
+    assert "j7: the arm has 6 joints" in done.stderr
+    services.goal = GoalReport(id=7, state="done")
+    assert run("move", "by", "0,0,0,0,0,0,90").exit_code == OK
+    request = services.requests[-1]
+    assert isinstance(request, MoveRequest)
+    assert request.joint_rad == pytest.approx((0.0,) * 6 + (1.5707963268,))
+
+
 def test_a_jog_far_out_of_range_is_refused_with_a_rounded_number(services: StandIn) -> None:
     """The error gives one rounded number and the limit; nothing is requested."""
     done = run("jog", "z", "1e9")

@@ -48,6 +48,12 @@ def test_a_verb_that_only_reads_loads_no_heavy_library(words: list[str]) -> None
     assert done.stderr.splitlines()[-1] == "loaded:"
 
 
+def test_the_command_line_loads_no_models_of_messages() -> None:
+    """Every verb would pay for what the module of one verb imports: pydantic doubles the start."""
+    program = "import sys, cli.__main__; sys.exit('pydantic' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=False).returncode == 0
+
+
 def test_help_explains_the_exit_codes() -> None:
     """Scripts depend on them, so the help lists them."""
     text = " ".join(run("--help").output.split())

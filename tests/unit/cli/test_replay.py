@@ -20,8 +20,7 @@ from forcemesh.clock import ManualClock
 from forcemesh.codec import decode
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, RecordRequest
 from launch.virtual_cell import VirtualCell
-from services.recorder.playback import chosen, play
-from services.recorder.reading import RecordedBytes, RecordedFile
+from services.recorder.reading import RecordedBytes, RecordedFile, chosen, play
 from services.recorder.service import Recorder
 from tests.fakes.bench import DEMO
 

@@ -118,8 +118,7 @@ def test_a_helper_that_was_started_stays_in_the_list(
         assert (row["name"], row["alive"]) == ("recorder", False)
         found = observe_cell(cell, 0.1)
         assert found is not None
-        assert found.roles[-1].role == "recorder"
-        assert not found.roles[-1].is_fresh
+        assert found.roles["recorder"].silent
 
 
 def test_a_helper_that_died_is_restarted_and_named(cell: CellConfig) -> None:

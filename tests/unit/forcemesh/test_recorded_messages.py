@@ -22,10 +22,9 @@ from forcemesh.recorded_messages import decode_recorded, readdressed
 from forcemesh.topics import TOPICS
 from launch.virtual_cell import VirtualCell
 from services.recorder.frames import Frame
-from services.recorder.playback import play
-from services.recorder.reading import RecordedFile
+from services.recorder.reading import RecordedFile, play
 from services.recorder.recording import Recording
-from services.recorder.wall_clock import WallClock
+from services.recorder.stamps import WallClock
 from tests.fakes.recorder_bench import WALL_NS, cell_with, place
 
 CORPUS = Path(__file__).resolve().parents[2] / "corpus"

@@ -2,6 +2,7 @@
 
 import pytest
 
+from common.bus.profile_fit import IMPLEMENTATIONS
 from forcemesh.topics import HELPERS, ROLE_TABLE, ROLES, Role
 from tests.fakes.compose_file import ROOT, SERVICES, roles_of
 from tools import hostile
@@ -37,3 +38,11 @@ def test_the_hostile_client_knows_every_role() -> None:
 def test_a_role_is_needed_or_a_helper() -> None:
     """Both lists follow from the table, in its order."""
     assert sorted((*ROLES, *HELPERS)) == sorted(row.name for row in ROLE_TABLE)
+
+
+@pytest.mark.parametrize("role", ["robot", "sensor"])
+def test_each_implementation_fits_a_profile_of_containers(role: str) -> None:
+    """A cell file with any implementation can run in containers, and no profile names another."""
+    (row,) = (row for row in ROLE_TABLE if row.name == role)
+    named = {word for plays in IMPLEMENTATIONS.values() for word in plays[role]}
+    assert named == set(row.modules)

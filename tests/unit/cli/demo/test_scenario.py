@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
+from cli.demo import output as demo_report
 from cli.demo import play as demo_play
-from cli.demo import result as demo_report
 from cli.demo.cell import DemoOverrides, check_plan, demo_cell, surface_of
 from cli.demo.measures import measure
 from cli.demo.scenario import ScenarioPlan

@@ -7,9 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cli.doctor import checks
-from cli.doctor.checks import ObservedRole, ReportLine
+from cli.doctor.checks import ReportLine
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES
 from controller.packet_table import STATUS_SPAN, Scales, Status
+from forcemesh.bus import Reading
+from forcemesh.messages import Health, SensorWrench
 from services.gateway.packet_window import Spread
 from tests.fakes.robot_program import READY as RUNNING
 from tools.tree import ROOT
@@ -17,10 +19,13 @@ from tools.tree import ROOT
 READY = RUNNING | Status.HELD
 SCALES = Scales()
 RATE = {"robot_hz": 40.0, "stale_after_s": 0.1}
-FRESH = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0)
-SILENT = ObservedRole("wrench", 3.0, is_fresh=False, rate_hz=250.0)
-FAULTY = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0, fault="sensor/wrench stale")
-OTHER_FILE = ObservedRole("wrench", 0.1, is_fresh=True, rate_hz=250.0, same_config=False)
+WELL = Health(rate_hz=250.0, config_hash="this")
+FRESH = Reading(WELL, None, 0.1, "")
+SILENT = Reading(WELL, None, 3.0, "wrench/health stale", silent=True)
+FAULTY = Reading(WELL.replaced(fault="sensor/wrench stale"), None, 0.1, "")
+OTHER_FILE = Reading(WELL.replaced(config_hash="other"), None, 0.1, "")
+MISSING: Reading[Health] = Reading(None, None, 0.0, "wrench/health missing", silent=True)
+EXTERNAL = Reading(SensorWrench(), None, 0.1, "")
 
 EMULATED = checks.check_address("h:1", "refused", "", 0.001, is_emulated=True)
 
@@ -69,12 +74,12 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_round_trip(None, 0.25), "FAIL", "round trip.none"),
     (checks.check_goodbye(held=True), "PASS", ""),
     (checks.check_goodbye(held=False), "WARN", "goodbye"),
-    (checks.check_role(FRESH), "PASS", ""),
-    (checks.check_role(ObservedRole("sensor", 0.1, is_fresh=True)), "PASS", ""),
-    (checks.check_role(SILENT), "FAIL", "role.silent"),
-    (checks.check_role(ObservedRole("wrench", None, is_fresh=False)), "FAIL", "role.silent"),
-    (checks.check_role(FAULTY), "FAIL", "role.fault"),
-    (checks.check_role(OTHER_FILE), "WARN", "role.config"),
+    (checks.check_role("wrench", FRESH, "this"), "PASS", ""),
+    (checks.check_role("sensor", EXTERNAL, "this"), "PASS", ""),
+    (checks.check_role("wrench", SILENT, "this"), "FAIL", "role.silent"),
+    (checks.check_role("wrench", MISSING, "this"), "FAIL", "role.silent"),
+    (checks.check_role("wrench", FAULTY, "this"), "FAIL", "role.fault"),
+    (checks.check_role("wrench", OTHER_FILE, "this"), "WARN", "role.config"),
     (checks.check_stream("wrench", 250.0, 250.0), "PASS", ""),
     (checks.check_stream("wrench", 200.0, 250.0), "WARN", "stream.slow"),
     (checks.check_stream("wrench", 200.0, 250.0, slow_below=0.6), "PASS", ""),

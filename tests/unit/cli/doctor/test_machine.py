@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cli.doctor.checks import ObservedRole, ReportLine, check_role
+from cli.doctor.checks import ReportLine, check_role
 from cli.doctor.machine import (
     SleepTimes,
     check_calibration,
@@ -24,6 +24,8 @@ from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.config.payload import Payload
+from forcemesh.bus import Reading
+from forcemesh.messages import Health
 from services.sensor import driver_registry
 from services.sensor.rdt import RECORD, REQUEST, RdtCommand, RdtRecord
 from tests.fakes.bench import CELL, DEMO
@@ -127,7 +129,7 @@ def test_a_calibration_is_judged_by_tool_and_age() -> None:
 
 def test_a_process_of_another_version_is_a_failure() -> None:
     """The arbiter refuses to arm in this case; the line gives the remedy."""
-    line = check_role(ObservedRole("wrench", 0.1, is_fresh=True, version="0.0.1"))
+    line = check_role("wrench", Reading(Health(version="0.0.1"), None, 0.1, ""), "")
     assert judged(line) == ("FAIL", True)
     assert "version 0.0.1" in line.found
 

@@ -6,7 +6,7 @@ import pytest
 from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
 from cli.doctor import verb as doctor
 from cli.doctor.bus import ObservedCell
-from cli.doctor.checks import ObservedRole, ReportLine, finding
+from cli.doctor.checks import ReportLine, finding
 from cli.doctor.link import ReceivedReports, Visit
 from cli.doctor.remedies import REMEDIES
 from cli.doctor.report import (
@@ -18,11 +18,12 @@ from cli.doctor.report import (
     unused_lines,
 )
 from common.config.cell import CellConfig
-from common.config.load import load_cell
+from common.config.load import cell_hash, load_cell
 from common.motion.kinematics import ArmKinematics
 from controller.packet import Packet
 from controller.packet_table import ID_FIRST, Com, Status, greeting
 from forcemesh import topics
+from forcemesh.bus import Reading
 from forcemesh.messages import Health, KawasakiStatus, LinkHealth, RobotState, RobotStatus
 from services.gateway.packet_window import Spread
 from services.gateway.packets import HealthReport, JointReport, PoseReport
@@ -103,7 +104,8 @@ def observed(cell: CellConfig, state: RobotState | None, numbers: dict[str, floa
     """Return the observation of a healthy bus."""
     streams = ("robot/state", "sensor/wrench", "wrench", "regulator/target", "robot/command")
     rates = {row.key: cell.rate_hz(row) for row in topics.TOPICS}
-    roles = [ObservedRole(role, 0.1, is_fresh=True, rate_hz=250.0) for role in topics.ROLES]
+    well = Reading(Health(rate_hz=250.0, config_hash=cell_hash(cell)), None, 0.1, "")
+    roles = dict.fromkeys(topics.ROLES, well)
     return ObservedCell(roles, Health(numbers=numbers), state, {key: rates[key] for key in streams})
 
 

@@ -134,7 +134,9 @@ def test_a_running_cell_is_observed_on_its_bus(cell_file: Callable[..., Path]) -
         assert found.stream_hz["wrench"] is None
         assert found.stream_hz["robot/state"] == pytest.approx(50.0, rel=0.5)
         fresh = {
-            observed.role for observed in found.roles if observed.is_fresh and observed.same_config
+            role
+            for role, reading in found.roles.items()
+            if not reading.silent and getattr(reading.message, "config_hash", "") == cell_hash(cell)
         }
         assert fresh == {"robot"}
         code, words = run(path)

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from bench.payload_worlds import CellErrors
 from common.config.payload import Payload
-from identification.installation.axes import EYE
+from identification.installation.axes import EYE, oat_text
 from identification.installation.axis_fit import SIGNED, TURNS
-from identification.installation.check import judge_installation, rejection_reason
-from identification.installation.texts import oat_text
+from identification.installation.check import judge_installation
 from tests.fakes.installations import ERRORS, PAYLOAD, apply_remedy, belief, oat_matrix, readings
 
 CHANNELS = ("all six", "forces", "torques")
@@ -188,7 +187,7 @@ def test_a_tool_that_differs_from_the_cell_file_is_not_a_reversed_torque() -> No
     before = replace(belief(), com_m=np.array([-0.02, 0.03, -0.04]))
     found = judge_installation(readings(), before)
     assert [finding.kind for finding in found.findings] == ["payload"]
-    assert rejection_reason(readings(), before) is None
+    assert judge_installation(readings(), before).rejection_reason is None
 
 
 def test_a_tool_on_the_sensor_axis_leaves_the_sign_of_mz_unidentified() -> None:
@@ -241,7 +240,7 @@ def test_similar_poses_give_no_verdict(spread_deg) -> None:
     noise = 0.01 * rng.normal(size=(12, 3))
     found = replace(recorded, R_base_sensor=alike, force_N=weight + noise)
     assert judge_installation(found, belief()).verdict == "cannot tell"
-    assert "turn the wrist" in (rejection_reason(found, belief()) or "")
+    assert "turn the wrist" in (judge_installation(found, belief()).rejection_reason or "")
 
 
 @pytest.mark.parametrize("oat_deg", [(0.0, 0.0, 0.0), (20.0, 35.0, 50.0)])
@@ -264,7 +263,7 @@ def test_model_errors_are_not_reported_as_a_wrong_installation() -> None:
     """Usual errors of gain, tilt, mounting and drift, in many cells: no rejection."""
     for seed in range(60):
         recorded = readings(world=CellErrors(1.5, 2.0, 1.0, 1.0), seed=seed, poses=6)
-        assert rejection_reason(recorded, belief()) is None, seed
+        assert judge_installation(recorded, belief()).rejection_reason is None, seed
 
 
 @pytest.mark.parametrize("mass_kg", [0.15, 0.3, 1.0])

@@ -21,7 +21,7 @@ from services.recorder.frames import Frame, frames_of, pack_frames
 from services.recorder.layout import layout_of, schema_of
 from services.recorder.reading import RecordedFile
 from services.recorder.recording import Recording
-from services.recorder.wall_clock import WallClock
+from services.recorder.stamps import WallClock
 from tests.fakes.recorder_bench import WALL_NS, cell_with, place
 from tests.fakes.records import full, records
 

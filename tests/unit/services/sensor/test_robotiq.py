@@ -3,6 +3,7 @@
 import os
 import pty
 import random
+import struct
 import sys
 import time
 from collections.abc import Iterator
@@ -16,13 +17,14 @@ from common.config.cell import SensorSection
 from common.config.load import load_cell
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
+from forcemesh.messages import Vec3
 from services.sensor.driver import SensorSample
 from services.sensor.robotiq import (
     FRAME_BYTES,
     HEAD,
     Framer,
     RobotiqDriver,
-    frame,
+    crc16,
     robotiq_driver,
     start,
 )
@@ -34,6 +36,13 @@ PERIOD_NS = 10_000_000
 force = st.floats(-300.0, 300.0).map(lambda value: round(value, 2))
 torque = st.floats(-30.0, 30.0).map(lambda value: round(value, 3))
 readings = st.tuples(st.tuples(force, force, force), st.tuples(torque, torque, torque))
+
+
+def frame(force_N: Vec3, torque_Nm: Vec3) -> bytes:
+    """Return the bytes of a frame as the sensor sends it."""
+    numbers = [round(100.0 * f) for f in force_N] + [round(1000.0 * t) for t in torque_Nm]
+    data = HEAD + struct.pack("<6h", *numbers)
+    return data + crc16(data)
 
 
 # --- bytes ----------------------------------------------------------------------------------------

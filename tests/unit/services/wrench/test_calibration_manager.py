@@ -13,7 +13,7 @@ from common.runtime.service import HasNumbers
 from forcemesh import topics
 from forcemesh.messages import RegulatorTarget, RobotStatus
 from forcemesh.requests import AxesRequest, CalibrationRequest, Empty, Reply
-from services.wrench.active_calibration import LARGEST, initial_calibration
+from services.wrench.active_calibration import initial_calibration
 from tests.fakes.wrench_bench import BIAS_N, BIAS_NM, IDEAL, WrenchBench
 from tests.unit.common.config.test_calibration import NOTHING_LEFT, calibration
 
@@ -265,8 +265,8 @@ def test_axes_are_verified_for_the_calibration_in_use_only(bench: WrenchBench) -
 
 def test_a_number_beyond_any_calibration_is_refused_with_its_field(bench: WrenchBench) -> None:
     """It is finite but beyond the range of the tested arithmetic; the limit itself passes."""
-    reply = send_calibration(bench, demo_calibration(fit=residuals(LARGEST * (1.0 + 1e-9))))
+    beyond, largest = (residuals(1e6 * factor) for factor in (1.0 + 1e-9, 1.0))
+    reply = send_calibration(bench, demo_calibration(fit=beyond))
     assert not reply.accepted
-    assert "fit.force_max_N" in reply.text
-    assert "outside +-1e+06" in reply.text
-    assert send_calibration(bench, demo_calibration(fit=residuals(LARGEST))).code != reply.code
+    assert "fit.force_max_N: must be at most 1e+06 N" in reply.text
+    assert send_calibration(bench, demo_calibration(fit=largest)).code != reply.code

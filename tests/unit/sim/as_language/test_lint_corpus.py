@@ -9,12 +9,12 @@ import pytest
 
 from sim.as_language import keywords, syntax
 from sim.as_language.errors import TEXTS, code_of
-from sim.as_language.formats import OPTIONAL, WRITERS
+from sim.as_language.findings import nodes
+from sim.as_language.formats import WRITERS
 from sim.as_language.lint import check_text
 from sim.as_language.operators import BINARY, UNARY
 from sim.as_language.parser import KINDS
 from sim.as_language.special_functions import ALL_NAMES
-from sim.as_language.walk import nodes
 from tests.corpus.cases import FILES, directives, expected, numbers, run
 
 SPACES = {"C", "S", "X"}  # formats that write no number
@@ -111,7 +111,7 @@ def test_every_operator_is_computed() -> None:
 def test_every_format_and_data_section_is_used() -> None:
     """Formats that are an option of the controller excepted."""
     formats = {node.code for node in found(syntax.Format)}  # type: ignore[attr-defined]
-    assert {*WRITERS, *SPACES} - OPTIONAL - formats == set()
+    assert {*WRITERS, *SPACES} - formats == set()
     text = "".join(path.read_text("ascii") for path in FILES)
     assert {section for section in KINDS if f"\n{section}\n" not in text} == set()
 

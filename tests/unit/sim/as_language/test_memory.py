@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sim.as_language import syntax
+from sim.as_language import expressions, syntax
 from sim.as_language.errors import AsError
 from sim.as_language.memory import Array, Memory, VariableCell, bind, following
 from sim.as_language.parser import parse
@@ -17,9 +17,9 @@ def call(bench: AsLanguage, header: str, arguments: str) -> AsLanguage:
     called = parse(f".PROGRAM {header}\n.END").programs["q"]
     step = statement(f"CALL q({arguments})")
     assert isinstance(step, syntax.CallStatement)
-    given_ = [bench.expressions.refer(argument)(bench) for argument in step.arguments]
+    given_ = [expressions.refer(argument)(bench) for argument in step.arguments]
     callee = AsLanguage()
-    callee.memory, callee.expressions = bench.memory, bench.expressions
+    callee.memory = bench.memory
     callee.locals = bind(called.parameters, given_, "q")
     return callee
 
@@ -185,6 +185,6 @@ def test_a_program_that_is_only_parsed_leaves_the_memory_alone() -> None:
     bench = AsLanguage()
     for step in program("x = y+1", "a[1] = 2").steps:
         assert isinstance(step.statement, syntax.Assign)
-        bench.expressions.value(step.statement.value)
-        bench.expressions.store(step.statement.target)
+        expressions.value_of(step.statement.value)
+        expressions.store(step.statement.target)
     assert bench.memory.globals == {}

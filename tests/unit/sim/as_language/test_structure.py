@@ -29,7 +29,7 @@ def test_if_goes_behind_its_else_and_else_to_its_end() -> None:
 def test_loops_leave_behind_their_end_and_end_goes_back() -> None:
     """WHILE, FOR and DO, one in the other."""
     found = statements("WHILE x DO", "FOR i = 1 TO 3", "DO", "UNTIL x", "END", "END")
-    assert [getattr(item, "after_at", None) for item in found[:2]] == [6, 5]
+    assert [getattr(item, "false_at", None) for item in found[:2]] == [6, 5]
     assert found[3] == syntax.Until(syntax.Variable("", "x"), 2)
     assert found[4] == syntax.End("FOR", 1)
     assert found[5] == syntax.End("WHILE", 0)
@@ -113,7 +113,7 @@ def test_every_nesting_is_resolved(lines: list[str]) -> None:
     """No target is left open, all are in the program, every END knows its beginning."""
     found = statements(*lines)
     for at, item in enumerate(found):
-        for name in ("false_at", "after_at", "end_at", "do_at", "default_at", "start_at"):
+        for name in ("false_at", "end_at", "default_at", "start_at"):
             target = getattr(item, name, None)
             assert target is None or 0 <= target <= len(found)
         if isinstance(item, syntax.End):

@@ -10,7 +10,6 @@ import pytest
 
 from sim.robot import render
 from sim.robot.render import RenderUnavailable, View, render_png
-from sim.robot.render_job import png
 from sim.robot.settings import SimSettings
 
 SETTINGS = SimSettings(tilt_deg=10.0)
@@ -45,14 +44,6 @@ def test_a_picture_shows_sensor_plate_and_force(tmp_path):
     )
     assert green.mean() > 0.002
     assert without.std() > 0.05
-
-
-def test_the_png_holds_the_pixels_that_were_given(tmp_path):
-    """A foreign reader decodes the output of the encoder."""
-    rgb = np.random.default_rng(0).integers(0, 256, (7, 5, 3), dtype=np.uint8)
-    path = tmp_path / "noise.png"
-    path.write_bytes(png(rgb))
-    assert np.array_equal(np.round(matplotlib.image.imread(path) * 255).astype(np.uint8), rgb)
 
 
 @pytest.mark.parametrize("variable", ["MUJOCO_GL", "__EGL_VENDOR_LIBRARY_FILENAMES"])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from common.config.payload import Payload
 from common.motion.frames import Oat, R_from_oat, R_from_quaternion, oat_from_R, quaternion_from_R
 from identification.installation.axis_fit import SIGNED
-from identification.installation.check import judge_installation, rejection_reason
+from identification.installation.check import judge_installation
 from identification.installation.terms import ExpectedInstallation
 from identification.recording import Samples
 from tests.fakes.bench import CELL
@@ -98,7 +98,7 @@ def test_a_wrong_payload_is_reported_with_both_numbers(mass_kg, seed) -> None:
         assert finding.code == "mass"
         assert f"the cell file says {mass_kg:.3g} kg" in finding.text
         assert "write payload.mass_kg: 1.00" in finding.remedy or "0.99" in finding.remedy
-    assert rejection_reason(recorded, replace(belief(), mass_kg=mass_kg)) is None
+    assert judge_installation(recorded, replace(belief(), mass_kg=mass_kg)).rejection_reason is None
 
 
 @settings(max_examples=80, deadline=None)
@@ -117,7 +117,7 @@ def test_a_wrong_centre_of_mass_is_reported_with_its_position(shift_mm, directio
     (finding,) = found.findings
     assert finding.code == "com"
     assert "the centre of mass is at (12, -8, 55) mm" in finding.text
-    assert rejection_reason(RECORDED, expected) is None
+    assert judge_installation(RECORDED, expected).rejection_reason is None
 
 
 @pytest.mark.parametrize("key", ["p_flange_sensor_m", "p_flange_tcp_m", "com_m"])
@@ -165,7 +165,7 @@ def test_attitudes_in_a_wrong_unit_or_order_are_reported(change, words) -> None:
     finding = only(with_attitudes(change))
     assert finding.code == "attitude"
     assert words in finding.text
-    assert rejection_reason(with_attitudes(change), belief()) == str(finding)
+    assert judge_installation(with_attitudes(change), belief()).rejection_reason == str(finding)
 
 
 def turned(samples: Samples) -> Samples:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from forcemesh.errors import DataError
-from services.recorder import protobuf
+from services.recorder import frames
 from services.recorder.frames import frames_of
 from services.recorder.reading import RecordedFile
 from services.recorder.recording import FRAMES_TOPIC
@@ -25,34 +25,34 @@ def message_type(schema: bytes) -> Any:
     assert described.SerializeToString(deterministic=True) == schema
     pool = descriptor_pool.DescriptorPool()
     pool.Add(described.file[0])
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(protobuf.NAME))
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(frames.NAME))
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_bytes_of_any_size_are_a_protobuf_message(size: int) -> None:
     """They are encoded as Google's package encodes them, and both decoders read them."""
     packed = bytes(range(256)) * (size // 256) + b"x" * (size % 256)
-    theirs = message_type(protobuf.descriptor())
-    assert theirs.FromString(protobuf.wrap(packed)).packed == packed
-    assert protobuf.unwrap(protobuf.wrap(packed)) == packed
+    theirs = message_type(frames.descriptor())
+    assert theirs.FromString(frames.wrap(packed)).packed == packed
+    assert frames.unwrap(frames.wrap(packed)) == packed
     if packed:  # protobuf omits empty fields
-        assert theirs(packed=packed).SerializeToString() == protobuf.wrap(packed)
+        assert theirs(packed=packed).SerializeToString() == frames.wrap(packed)
 
 
 @given(st.binary(min_size=1, max_size=300), st.integers(1, 300))
 def test_a_truncated_message_is_an_error(packed: bytes, cut: int) -> None:
     """A message longer than its stated length is an error too."""
-    whole = protobuf.wrap(packed)
+    whole = frames.wrap(packed)
     for wrong in (whole[: -min(cut, len(whole))], whole + b"x"):
         with pytest.raises(ValueError, match="not a message of frames"):
-            protobuf.unwrap(wrong)
+            frames.unwrap(wrong)
 
 
 @given(st.binary(max_size=40))
 def test_other_bytes_are_refused_or_read(data: bytes) -> None:
     """Other bytes raise ValueError and no other error."""
     try:
-        assert len(protobuf.unwrap(data)) < len(data)
+        assert len(frames.unwrap(data)) < len(data)
     except ValueError:
         return
 
@@ -72,7 +72,7 @@ def test_a_file_can_be_read_by_its_own_schema(tmp_path: Path) -> None:
 
 def test_frames_of_an_unknown_encoding_are_reported(tmp_path: Path, monkeypatch: Any) -> None:
     """The error is one sentence with the file's name; the JSON channels can still be read."""
-    monkeypatch.setattr(protobuf, "wrap", lambda packed: packed)
+    monkeypatch.setattr("services.recorder.recording.wrap", lambda packed: packed)
     path = recorded(tmp_path, of_every_topic())
     with pytest.raises(
         DataError, match=r"file-01\.mcap: not a message of frames: written by another"

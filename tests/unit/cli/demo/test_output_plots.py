@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 
 from cli.demo.cell import DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Surface
-from cli.demo.plots import _draw_plane, plot
-from cli.demo.result import pictured
+from cli.demo.output import _draw_plane, pictured, plot
 from cli.demo.scenario import ScenarioPlan, ScenarioSample, Trace
 from tests.fakes.bench import DEMO
 

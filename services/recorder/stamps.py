@@ -1,4 +1,4 @@
-"""Wall clock time of monotonic stamps, of this machine and of others. Pure.
+"""Sequence numbers and stamps of received headers: lost messages, and wall clock times. Pure.
 
 Within one recording each clock has one constant offset: order and intervals of the messages of one
 machine are preserved, also when its wall clock is set meanwhile.
@@ -43,3 +43,21 @@ class WallClock:
                 self.offsets_ns[boot] = offset_ns
         written_ns = stamp_ns + offset_ns
         return written_ns if abs(written_ns - came_ns) < LONGEST_TRANSIT_NS else came_ns
+
+
+class SequenceGaps:
+    """Sequence gaps of every topic, across restarts of the publishers."""
+
+    def __init__(self) -> None:
+        """Start without messages."""
+        self.lost = 0
+        self._last: dict[int, tuple[int, int]] = {}  # topic: publisher's epoch, sequence number
+
+    def saw(self, topic: int, epoch: int, seq: int) -> None:
+        """Count the messages missing before this one."""
+        last = self._last.get(topic)
+        if last is not None and last[0] == epoch:
+            if seq <= last[1]:
+                return  # late or repeated
+            self.lost += seq - last[1] - 1
+        self._last[topic] = (epoch, seq)

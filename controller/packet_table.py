@@ -143,6 +143,10 @@ class Quantity(NamedTuple):
     si: float  # one unit in SI
     scale: str | int = 1  # packet units per unit: a name in `Scales`, or fixed
 
+    def per_unit(self, scales: Scales) -> int:
+        """Return packet units per unit."""
+        return int(getattr(scales, self.scale)) if isinstance(self.scale, str) else self.scale
+
 
 class PacketValue(NamedTuple):
     """One of the six numbers of a vector."""

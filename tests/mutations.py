@@ -60,7 +60,7 @@ JUDGES = {
     "controller.packet_table": (
         "unit/controller/test_packet",
         "unit/controller/test_forcemesh_as",
-        "unit/services/gateway/test_commands",
+        "unit/services/gateway/test_packets",
         "unit/services/gateway/test_service_limits",
     ),
     "forcemesh.reader": (

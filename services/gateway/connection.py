@@ -22,14 +22,15 @@ from services.gateway.packets import (
 SET_UP_WITHIN_NS = NS_PER_S  # time for the controller to execute its limits
 LOOPS_SPAN = 500_000  # modulus of the loop counter of 103
 
-# Status bits that must be set, status bits that must be clear, and their faults.
-NEEDED = {
-    Status.MOTOR_POWER: "robot_motors",
-    Status.REPEAT_MODE: "robot_teach",
-    Status.TEACH_LOCK_OFF: "robot_lock",
-    Status.PROGRAM_RUNNING: "robot_program",
+# Faults of status bits: whether the bit is set when the arm may move.
+FAULT_BITS = {
+    Status.MOTOR_POWER: (True, "robot_motors"),
+    Status.REPEAT_MODE: (True, "robot_teach"),
+    Status.TEACH_LOCK_OFF: (True, "robot_lock"),
+    Status.PROGRAM_RUNNING: (True, "robot_program"),
+    Status.WATCHDOG_LATCHED: (False, "robot_latched"),
+    Status.ERROR: (False, "robot_error"),
 }
-FORBIDDEN = {Status.WATCHDOG_LATCHED: "robot_latched", Status.ERROR: "robot_error"}
 
 
 class ByteLink(Protocol):
@@ -122,31 +123,27 @@ class ControllerConnection:
             limit_ms = self._stale_after_s * 1e3
             return f"the controller's pose is {age_s * 1e3:.0f} ms old, limit {limit_ms:.0f} ms"
         is_starting_up = now_ns - self._greeted_ns < SET_UP_WITHIN_NS
-        if is_starting_up and not self.dialogue.is_set_up and not self._controller_fault_codes():
+        if is_starting_up and not self.dialogue.is_set_up and not self.faults():
             return "the controller is receiving its limits"
         return ""
 
     def controller_fault(self) -> Trip | None:
         """Return the status bits that prevent motion."""
-        codes = self._controller_fault_codes()
-        if not codes and not self.dialogue.is_set_up:
+        if faults := self.faults():
+            return tripped(faults[0].code, "; ".join(fault.text for fault in faults))
+        if not self.dialogue.is_set_up:
             return tripped("robot_program", "the controller's program does not execute its limits")
-        if not codes:
-            return None
-        return tripped(codes[0], "; ".join(FAULTS[code].cause for code in codes))
+        return None
 
     def faults(self) -> tuple[Trip, ...]:
         """Return what keeps the controller from following commands, each as a fault."""
         error = 0 if self.health is None else self.health.error_code
+        status = Status(0) if self.measured is None else self.measured.status
         return tuple(
             tripped(code, FAULTS[code].cause, value=error if code == "robot_error" else None)
-            for code in self._controller_fault_codes()
+            for bit, (good, code) in FAULT_BITS.items()
+            if bool(status & bit) != good
         )
-
-    def _controller_fault_codes(self) -> list[str]:
-        status = Status(0) if self.measured is None else self.measured.status
-        codes = [code for bit, code in NEEDED.items() if not status & bit]
-        return codes + [code for bit, code in FORBIDDEN.items() if status & bit]
 
     def numbers(self, now_ns: int) -> dict[str, float]:
         """Return the measurements of this connection: times [s], rates [1/s]; none unknown."""

@@ -11,7 +11,7 @@ watchdog then stops the motion.
 
 import pinocchio as pin
 
-from controller.packet import Packet, PacketReader, encode
+from controller.packet import PacketReader, encode
 from controller.packet_table import (
     FEEDBACK_BITS,
     MODES,
@@ -103,25 +103,25 @@ class Dialogue:
         Raises RemoteProtocolError for anything malformed, unknown, or of another version or
         scale: the caller then closes the link and holds.
         """
-        return [self._take(packet, now_ns) for packet in self._reader.feed(data)]
-
-    def _take(self, packet: Packet, now_ns: int) -> Event:
-        if not self.ready:
-            hello = parse_hello(packet, self.scales, self._arm)
-            self.ready = True
-            self.window.receipts.give_up()  # the wait for the controller's hello is no round trip
-            return hello
-        event = parse_report(packet, self.scales)
-        if isinstance(event, PoseReport):
-            self.window.taken_up_to(event.taken_id, now_ns)
-            self.status = event.status
-            if self._requested_bits and self._requested_bits in event.status:
-                self._was_running = True
-            elif self._was_running:  # the controller has ended it by itself
-                self._requested_bits, self._was_running = _NO_BITS, False
-        elif isinstance(event, JointReport):
-            self.window.framed_up_to(event.framed_id, now_ns)
-        return event
+        events: list[Event] = []
+        for packet in self._reader.feed(data):
+            if not self.ready:
+                events.append(parse_hello(packet, self.scales, self._arm))
+                self.ready = True
+                self.window.receipts.give_up()  # the wait for this hello is no round trip
+                continue
+            event = parse_report(packet, self.scales)
+            events.append(event)
+            if isinstance(event, PoseReport):
+                self.window.taken_up_to(event.taken_id, now_ns)
+                self.status = event.status
+                if self._requested_bits and self._requested_bits in event.status:
+                    self._was_running = True
+                elif self._was_running:  # the controller has ended it by itself
+                    self._requested_bits, self._was_running = _NO_BITS, False
+            elif isinstance(event, JointReport):
+                self.window.framed_up_to(event.framed_id, now_ns)
+        return events
 
     # --- views ------------------------------------------------------------------------------------
 

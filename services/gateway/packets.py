@@ -111,7 +111,7 @@ def encoded(com: Com, values: Iterable[float], scales: Scales, param: int = 0) -
     vec = [0] * 6
     for place, (value, number) in enumerate(zip(values, TABLE[com].numbers(param), strict=True)):
         unit = number.quantity
-        scale = getattr(scales, unit.scale) if isinstance(unit.scale, str) else unit.scale
+        scale = unit.per_unit(scales)
         amount = value * unit.per_si
         if not isfinite(amount):
             raise LocalProtocolError(f"{number.label} is {amount}, it cannot be sent")
@@ -129,9 +129,7 @@ def decoded(packet: Packet, scales: Scales) -> list[float]:
     """Return the values of a packet in SI, in the order of the packet table."""
     numbers = TABLE[Com(packet.com)].numbers(0)
     return [
-        units
-        / (getattr(scales, unit.scale) if isinstance(unit.scale, str) else unit.scale)
-        * unit.si
+        units / unit.per_unit(scales) * unit.si
         for units, (_, unit) in zip(packet.vec, numbers, strict=True)
     ]
 

@@ -77,21 +77,16 @@ class SetpointShaper:
         self._accel = (limits.accel_m_s2, radians(limits.accel_deg_s2))
         self._place = place
         self._sent: deque[Sent] = deque()  # in the last window
-        self._last: pin.SE3 | None = None  # None: the arm was moved otherwise
+        self.last: pin.SE3 | None = None  # pose sent last; None: the arm was moved otherwise
         self._flows = False  # a stream is active
         self._catch_up = catch_up or CatchUp()
         self._last_ns: int | None = None  # time of the last set point sent of a running stream
         self._sent_count = 0  # set points sent of this stream
         self._backlog_m = 0.0  # travel that waited behind a stalled link and is not sent yet
 
-    @property
-    def last(self) -> pin.SE3 | None:
-        """Pose sent last."""
-        return self._last
-
     def moved_otherwise(self) -> None:
         """Register motion without set points: the next one begins a stream."""
-        self._last = None
+        self.last = None
 
     def seed(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Check the first set point of a stream, which can only be sent unchanged."""
@@ -112,13 +107,13 @@ class SetpointShaper:
             return None
         share = min(share, self._share_behind(T_target, now_ns), self._share_of_step(T_target))
         T = T_target
-        if share < 1.0 and self._last is not None:
-            T = _between(self._last, T_target, share)
+        if share < 1.0 and self.last is not None:
+            T = _between(self.last, T_target, share)
             if self._place(T) is not None:
                 return None
-        self._sent.append(Sent(now_ns, *_steps(self._last, T)))
+        self._sent.append(Sent(now_ns, *_steps(self.last, T)))
         self._sent_count += 1
-        self._last, self._last_ns = T, now_ns if self._sent_count >= RUNS_FROM else None
+        self.last, self._last_ns = T, now_ns if self._sent_count >= RUNS_FROM else None
         return T
 
     def _share_behind(self, T: pin.SE3, now_ns: int) -> float:
@@ -129,7 +124,7 @@ class SetpointShaper:
         if self._last_ns is None:
             return 1.0
         since_s = (now_ns - self._last_ns) / NS_PER_S
-        travel_m = _steps(self._last, T)[0]
+        travel_m = _steps(self.last, T)[0]
         most_m = self._catch_up.speed_m_s * min(since_s, LATE_SETPOINT_S)
         if since_s > self._catch_up.late_s:
             self._backlog_m = travel_m
@@ -141,7 +136,7 @@ class SetpointShaper:
 
     def _share_of_step(self, T: pin.SE3) -> float:
         """Return the share of the travel that is one step."""
-        steps = zip(_steps(self._last, T), self._step, strict=True)
+        steps = zip(_steps(self.last, T), self._step, strict=True)
         return min(most / max(travel, NOTHING) for travel, most in steps)
 
     def share(self, T: pin.SE3, now_ns: int) -> float:
@@ -151,7 +146,7 @@ class SetpointShaper:
         used = (self._used("travel_m", now_ns), self._used("turn_rad", now_ns))
         share = 1.0
         for step, (window, more), speed, accel in zip(
-            _steps(self._last, T), used, self._speed, self._accel, strict=True
+            _steps(self.last, T), used, self._speed, self._accel, strict=True
         ):
             room = min(
                 SPEED_MARGIN * speed * (WINDOW_S + LATE_SETPOINT_S) - window,

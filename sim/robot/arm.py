@@ -1,8 +1,7 @@
 """Simulated arm: joint commands in, one millisecond of physics per step, measurements out.
 
 Lag of the robot behind its commands, measured at home (see the unit tests): dead time + half the
-smoothing window + servo lag. The gain rule of force control needs that sum and the bandwidth;
-both are computed here from the settings.
+smoothing window + servo lag.
 """
 
 import math
@@ -22,30 +21,6 @@ from sim.robot.settings import TICK_S, SimSettings
 
 FAR_M = 0.02  # from the plate: no contact within a step
 STILL_RAD_S = 0.002  # below this joint speed, with no active command, the arm is at rest
-# -3 dB of a critically damped servo: sqrt(sqrt(2) - 1) times its natural frequency 2 / lag.
-_SERVO_BANDWIDTH = 2.0 * (2.0**0.5 - 1.0) ** 0.5
-
-
-def motion_lag_s(settings: SimSettings) -> float:
-    """Return the area lag from command to flange without the dead time [s].
-
-    The integral of 1 - y/y_end after a step: half the smoothing window plus kv/kp of the servo.
-    """
-    return (settings.smoothing_ticks - 1) / 2 * TICK_S + settings.servo_lag_s
-
-
-def bandwidth_rad_s(settings: SimSettings) -> float:
-    """Return the -3 dB frequency of the flange's motion, smoothing included [rad/s].
-
-    |H| = |sin(w T/2) / (w T/2)| / (1 + (w lag/2)^2) = 1/sqrt(2), solved by bisection.
-    """
-    window_s, lag_s = settings.smoothing_ticks * TICK_S, settings.servo_lag_s
-    low, high = 0.0, _SERVO_BANDWIDTH / lag_s  # the servo alone bounds it
-    for _ in range(60):
-        w = 0.5 * (low + high)
-        gain = np.sinc(w * window_s / 2 / np.pi) / (1.0 + (w * lag_s / 2) ** 2)
-        low, high = (w, high) if gain > 0.5**0.5 else (low, w)
-    return 0.5 * (low + high)
 
 
 class SetPointLine:
@@ -61,13 +36,9 @@ class SetPointLine:
         self._ring = np.tile(self._newest, (delay_ticks + smoothing_ticks, 1))
         self._head = 0
         self._same = len(self._ring)  # how many of the newest entries are equal
+        self.settled = True  # all of them
         last = np.arange(len(self._ring))[:, None] - 1 - delay_ticks  # by where the head is
         self._averaged = (last - np.arange(smoothing_ticks)) % len(self._ring)
-
-    @property
-    def settled(self) -> bool:
-        """Whether all commands in the line are equal."""
-        return self._same >= len(self._ring)
 
     def push(self, command: Array) -> Array:
         """Take this tick's command, return this tick's servo set point. Shape (6,).
@@ -76,6 +47,7 @@ class SetPointLine:
         """
         is_same = command is self._newest or command.tolist() == self._newest.tolist()
         self._same = self._same + 1 if is_same else 1
+        self.settled = self._same >= len(self._ring)
         self._newest = command
         if self._same > len(self._ring):  # the ring is already full of this command
             return command
@@ -249,7 +221,15 @@ class SimArm:
         self._ctrl[:] = self._line.push(self._command)
         self.advance()
         self.ticks += 1
-        self._check()
+        if not any(self._warnings.tolist()):
+            return
+        kinds = mujoco.mjtWarning
+        for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC):
+            if self.data.warning[kind].number:
+                raise SimulationError(
+                    f"the simulation diverged at {self.time_s:.3f} s ({kind.name[7:]}):"
+                    " reduce contact stiffness, time step or command acceleration"
+                )
 
     def advance(self) -> None:
         """Advance by one time step of the model, without new set points."""
@@ -268,14 +248,3 @@ class SimArm:
         plate, pushed = data.xfrc_applied[self._disc], data.xfrc_applied[self._tool]
         torque = plate[3:] + pushed[3:] + np.cross(data.xipos[self._tool] - tcp, pushed[:3])
         return TrueWrench(force_N=plate[:3] + pushed[:3], torque_Nm=torque)
-
-    def _check(self) -> None:
-        if not any(self._warnings.tolist()):
-            return
-        kinds = mujoco.mjtWarning
-        for kind in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC):
-            if self.data.warning[kind].number:
-                raise SimulationError(
-                    f"the simulation diverged at {self.time_s:.3f} s ({kind.name[7:]}):"
-                    " reduce contact stiffness, time step or command acceleration"
-                )

@@ -71,8 +71,7 @@ class SimDriver:
             self._lease = lease
             purpose = "all" if command.permission is None else command.permission.purpose
             self._guard.start(self._arm.T_base_flange, now_ns, purpose)
-        trip = self._guard.wrench(wrench, in_move=command.kind == "goal")
-        if trip is not None:
+        if (trip := self._guard.wrench(wrench, in_move=command.kind == "goal")) is not None:
             return trip
         self._seeded = False
         if command.kind == "feedback":
@@ -97,17 +96,14 @@ class SimDriver:
             return tripped("malformed", "a set point without a pose")
         T_measured = self._arm.T_base_flange
         if not self._streaming:
-            trip = self._guard.seed(T_measured, now_ns)
-            if trip is not None:
+            if (trip := self._guard.seed(T_measured, now_ns)) is not None:
                 return trip
             self._tracking.stream(T_measured, now_ns)
             self._streaming, self._sent = True, None
         T_target = pose_of(command.pose)
-        trip = self._guard.setpoint(T_target, T_measured, now_ns)
-        if trip is not None:
+        if (trip := self._guard.setpoint(T_target, T_measured, now_ns)) is not None:
             return trip
-        reason = self._motion.setpoint(T_target)
-        if reason:
+        if reason := self._motion.setpoint(T_target):
             return tripped("robot_refuses", reason)
         self._tracking.stream(T_target, now_ns)
         self._sent = T_target

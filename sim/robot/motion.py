@@ -91,10 +91,6 @@ class MotionGenerator:
         violation = self._kinematics.limit_violation(goal)
         return violation or self._start(JointPath(self._kinematics, self.q_command, goal), speed)
 
-    def start_by(self, q_relative: Array, speed: MotionSpeed) -> str:
-        """Start a motion by joint angles [rad] relative to the current command. Shape (n,)."""
-        return self.start_joints(self.q_command + np.asarray(q_relative, dtype=float), speed)
-
     def setpoint(self, T_base_flange: pin.SE3) -> str:
         """Follow a streamed pose from the next tick on; it replaces an older one."""
         if self.busy:

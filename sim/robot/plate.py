@@ -98,13 +98,6 @@ class SprungPlate:
         away = (self.travel_m, self.twist_rad, *self.slope, *self.shear_m)
         return not self.touched and not any(away)
 
-    @property
-    def energy_J(self) -> float:
-        """Elastic energy of the springs [J]."""
-        lengths2 = self.travel_m**2 + self.shear_m[0] ** 2 + self.shear_m[1] ** 2
-        angles2 = self.slope[0] ** 2 + self.slope[1] ** 2 + self.twist_rad**2
-        return 0.5 * (self.stiffness_N_m * lengths2 + self.tilt_stiffness_Nm_rad * angles2)
-
     def step(self, disc: Disc, dt_s: float) -> ContactWrench:
         """Advance by `dt_s` [s] to the given disc state; return the wrench on the disc."""
         if self.rests and disc.lift_m >= 0.0:
@@ -127,7 +120,8 @@ class SprungPlate:
 
     def _rub(self, disc: Disc, arm: Vector3, normal_N: float, rule: "_Midpoint") -> Vector3:
         """Apply stick or slip friction; return its force [N, N] and torque [Nm] on the disc."""
-        vx, vy, _ = _sum(disc.velocity_m_s, _cross(disc.turn_rad_s, arm))
+        (vx, vy, _), (wx, wy, _) = disc.velocity_m_s, _cross(disc.turn_rad_s, arm)
+        vx, vy = vx + wx, vy + wy
         (zx, zy), psi = self.shear_m, self.twist_rad
         fx = -rule.k * (zx + rule.dt_s * vx - rule.kept * zx)
         fy = -rule.k * (zy + rule.dt_s * vy - rule.kept * zy)
@@ -228,10 +222,6 @@ class _Squeeze(NamedTuple):
         if abs(bz) < 0.1:
             return 0.0
         return self.rule.k * (self.free_m - z - (bx * x + by * y) / bz)
-
-
-def _sum(a: Vector3, b: Vector3) -> Vector3:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def _cross(a: Vector3, b: Vector3) -> Vector3:

@@ -79,15 +79,10 @@ class SimRobot:
         if self._trace is not None:
             self._trace.ticked()
         if self.arm.ticks % self._state_ticks == 0:
-            self._watch(self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS)
+            if self._verdict.command is not None:
+                at_ns = self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS
+                self._refuse(self._driver.watch(at_ns))
             self._put_state()
-
-    def _watch(self, at_ns: int) -> None:
-        """Check the arm state before each report."""
-        if self._verdict.command is not None:
-            trip = self._driver.watch(at_ns)
-            if trip is not None:
-                self._refuse(trip)
 
     # --- command execution ----------------------------------------------------------------------
 
@@ -103,12 +98,14 @@ class SimRobot:
                 is_new=verdict.is_new,
                 now_ns=now_ns,
             )
-            if trip is not None:
-                self._refuse(trip)
+            self._refuse(trip)
         if self._verdict.command is None:
             self._driver.hold(self._verdict.hold_reason)
 
-    def _refuse(self, trip: Trip) -> None:
+    def _refuse(self, trip: Trip | None) -> None:
+        """End the lease when there is a trip."""
+        if trip is None:
+            return
         limit = "" if trip.limit is None else f" (limit {trip.limit:.6g})"
         self._refusals += 1
         self._verdict = self._gate.revoke(trip.replaced(text=trip.text + limit))

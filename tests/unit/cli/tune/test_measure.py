@@ -13,9 +13,9 @@ from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh.errors import DataError, NotReachedError, RefusedError
 from launch.virtual_cell import VirtualCell
-from sim.robot.arm import motion_lag_s
 from tests.fakes.bench import DEMO
 from tests.fakes.long import long
+from tests.fakes.sim_truth import motion_lag_s
 from tests.fakes.verbs import call_verb
 from tuning.contact_spring import Spring
 from tuning.gain_rule import tune

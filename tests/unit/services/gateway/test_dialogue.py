@@ -2,6 +2,7 @@
 
 from math import nan
 
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -133,6 +134,22 @@ def test_the_newest_setpoint_waits_until_the_one_before_is_taken() -> None:
     dialogue.feed(pose_report(first.id), 0)
     (second,) = packets(dialogue.tick(0, permitted=True))
     assert second.vec[0] == 13 * SCALES.position_per_mm
+    assert dialogue.tick(0, permitted=True) == b""
+
+
+def test_a_setpoint_that_is_released_in_parts_is_sent_to_its_end() -> None:
+    """Each part carries the rounding of the one before; nothing is left after the last."""
+    steps = [None, at(5.004), "all"]
+
+    def release(T: pin.SE3, _: int) -> pin.SE3 | None:
+        step = steps.pop(0)
+        return T if step == "all" else step
+
+    dialogue = greeted(Pacing(max_unexecuted=3, release=release))
+    dialogue.offer_setpoint(at(10.008))
+    assert dialogue.tick(0, permitted=True) == b""
+    parts = [packets(dialogue.tick(0, permitted=True))[0].vec[0] for _ in range(2)]
+    assert parts == [250, 501]  # 5.00 and 10.02 mm: 10.008 and the 0.004 mm carried
     assert dialogue.tick(0, permitted=True) == b""
 
 

@@ -11,8 +11,9 @@ from pydantic import ValidationError
 
 from common.motion.frames import GRAVITY_M_S2
 from forcemesh.errors import SimulationError
-from sim.robot.arm import SimArm, bandwidth_rad_s, motion_lag_s
+from sim.robot.arm import SimArm
 from sim.robot.settings import PLATE_CORNER_M, TICK_S, SimSettings
+from tests.fakes.sim_truth import bandwidth_rad_s, motion_lag_s
 
 QUIET: dict[str, Any] = {
     "noise_force_N": 0.0,

@@ -118,7 +118,7 @@ def test_a_relative_goal_counts_from_the_command_at_its_start():
     """Twice the same relative goal goes twice as far, without creeping."""
     motion, travel = MotionGenerator(ARM, HOME), np.radians([5.0, 0, -3.0, 0, 2.0, 10.0])
     for times in (1, 2):
-        assert motion.start_by(travel, MotionSpeed(speed_m_s=0.25)) == ""
+        assert motion.start_joints(motion.q_command + travel, MotionSpeed(speed_m_s=0.25)) == ""
         finish(motion)
         assert motion.q_command == pytest.approx(HOME + times * travel, abs=1e-12)
 
@@ -160,7 +160,7 @@ def test_brake_stands_still_within_125_ms_and_on_the_path(speed_m_s):
 def test_a_new_goal_is_refused_during_a_motion():
     """Goals do not replace each other silently; after a brake the next one is taken."""
     motion = MotionGenerator(ARM, HOME)
-    assert motion.start_by(np.full(6, 0.1), MotionSpeed()) == ""
+    assert motion.start_joints(HOME + 0.1, MotionSpeed()) == ""
     motion.tick(DT_S)
     before = motion.q_command
     for answer in (
@@ -264,7 +264,7 @@ def test_braking_a_stream_never_goes_beyond_its_last_pose():
 def test_reseed_forgets_everything():
     """After a reseed the command is the given pose, with no goal left."""
     motion = MotionGenerator(ARM, HOME)
-    assert motion.start_by(np.full(6, 0.1), MotionSpeed()) == ""
+    assert motion.start_joints(HOME + 0.1, MotionSpeed()) == ""
     motion.tick(DT_S)
     elsewhere = HOME + 0.01
     motion.reseed(elsewhere)

@@ -22,7 +22,7 @@ endif
 # The tests of the modules that `make coverage` measures, without those that only repeat their ways.
 COVERED_BY = $(addprefix tests/unit/,services/arbiter services/gateway services/regulator \
   services/wrench common/motion common/runtime common/config controller/test_packet.py \
-  tuning/test_adaptive_map.py tuning/test_gain_rule.py) $(wildcard tests/unit/forcemesh/test_*.py)
+  tuning/test_measured_range.py tuning/test_gain_rule.py) $(wildcard tests/unit/forcemesh/test_*.py)
 NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_a_rule or dead_end or every_fault_of_the_sensor \
   or judge_finds or judge_detects or no_command_gets_past or wall_that_vanishes or four_times_stiffer \
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open

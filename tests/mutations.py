@@ -75,12 +75,9 @@ JUDGES = {
     "services.regulator.guards": (
         "unit/services/regulator/test_guards_exact",
         "unit/services/regulator/test_guards",
+        "unit/services/regulator/test_guards_oscillation",
         "unit/common/motion/test_last_check_corners",
         "unit/services/regulator/test_service",
-    ),
-    "services.regulator.oscillation": (
-        "unit/services/regulator/test_oscillation",
-        "unit/services/regulator/test_guards",
     ),
     "tuning.gain_rule": (
         "unit/tuning/test_gain_rule",

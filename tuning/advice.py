@@ -6,12 +6,11 @@ from typing import Any
 
 from common.config.cell import CellConfig
 from forcemesh.messages import Gains, Host
-from tuning import plain_map
-from tuning.adaptive_map import loop_hz, restriction
 from tuning.contact_response import ContactResponse
 from tuning.contact_spring import Spring
-from tuning.gain_rule import INERTIA_MARGIN, LOOP_GAIN
+from tuning.gain_rule import INERTIA_MARGIN, equal_gains, rule_gain
 from tuning.margins import Forecast, Loop, Margins, forecast, margins
+from tuning.measured_range import loop_hz, range_violation, restriction
 from tuning.servo import Servo
 
 LEAST_PHASE_DEG, LEAST_GAIN = 50.0, 2.0
@@ -55,10 +54,7 @@ class Advice:
     @property
     def gains(self) -> Gains:
         """The recommended gains, the same for all axes."""
-        force, torque = self.force.gain, self.torque.gain
-        return Gains(
-            force_i_m_per_Ns=(force, force, force), torque_i_rad_per_Nms=(torque, torque, torque)
-        )
+        return equal_gains(self.force.gain, self.torque.gain)
 
 
 def advise(
@@ -95,7 +91,7 @@ def advise(
 def refusal_reason(cell: CellConfig, measured: MeasuredCell, advices: list[Advice]) -> str:
     """Return why nothing is recommended; empty when the law covers the measured values."""
     k = cell.contact.stiffness_N_m if measured.spring is None else measured.spring.k_N_m
-    found = (plain_map.range_violation(loop_hz(cell), advice.tau_s, k) for advice in advices)
+    found = (range_violation(loop_hz(cell), advice.tau_s, k) for advice in advices)
     return next((text for text in found if text), "")
 
 
@@ -196,9 +192,8 @@ def _bandwidth(cell: CellConfig, advices: list[Advice]) -> float:
 
 def _rule_gain(loop: Loop, bandwidth_rad_s: float) -> float:
     """Return the gain of the gain rule, without regard to margins."""
-    return min(
-        LOOP_GAIN / (loop.stiffness * loop.tau_s),
-        INERTIA_MARGIN / (loop.inertia * bandwidth_rad_s),
+    return rule_gain(
+        loop.stiffness, loop.inertia, tau_s=loop.tau_s, bandwidth_rad_s=bandwidth_rad_s
     )
 
 

@@ -28,12 +28,29 @@ class Tuning:
 
     @property
     def gains(self) -> Gains:
-        """Gains of all axes; no proportional action, which would only compensate a known lag."""
-        force, torque = self.force_i_m_per_Ns, self.torque_i_rad_per_Nms
-        return Gains(
-            force_i_m_per_Ns=(force, force, force),
-            torque_i_rad_per_Nms=(torque, torque, torque),
-        )
+        """Gains of all axes."""
+        return equal_gains(self.force_i_m_per_Ns, self.torque_i_rad_per_Nms)
+
+
+def equal_gains(force: float, torque: float) -> Gains:
+    """Return the same integral gains for all axes [m/(N s)], [rad/(N m s)].
+
+    There is no proportional action, which would only compensate a known lag.
+    """
+    return Gains(force_i_m_per_Ns=(force,) * 3, torque_i_rad_per_Nms=(torque,) * 3)
+
+
+def rule_gain(
+    stiffness: float,
+    inertia: float,
+    *,
+    tau_s: float,
+    bandwidth_rad_s: float,
+    loop_gain: float = LOOP_GAIN,
+) -> float:
+    """Return the gain of the rule for one stiffness and inertia, of force or of torque."""
+    margin = INERTIA_MARGIN * min(1.0, loop_gain / LOOP_GAIN)
+    return min(loop_gain / (stiffness * tau_s), margin / (inertia * bandwidth_rad_s))
 
 
 def tune(cell: CellConfig, preset: Preset = "normal") -> Tuning:
@@ -42,17 +59,18 @@ def tune(cell: CellConfig, preset: Preset = "normal") -> Tuning:
     `gentle` never overshoots and takes three times as long. `stiff` reduces the error on a moving
     surface by a quarter and overshoots by 5 to 10 %, as far as the inertia cap permits.
     """
-    tau_s, loop_gain = loop_delay_s(cell), LOOP_GAINS[preset]
-    inertia = INERTIA_MARGIN * min(1.0, loop_gain / LOOP_GAIN)
-    bandwidth = cell.robot.bandwidth_rad_s
-    contact = cell.contact
-    force = min(
-        loop_gain / (contact.stiffness_N_m * tau_s),
-        inertia / (contact.inertia_kg * bandwidth),
-    )
-    torque = min(
-        loop_gain / (contact.tilt_stiffness_Nm_rad * tau_s),
-        inertia / (contact.inertia_kg_m2 * bandwidth),
+    contact, tau_s = cell.contact, cell.loop_delay_s
+    force, torque = (
+        rule_gain(
+            *of_contact,
+            tau_s=tau_s,
+            bandwidth_rad_s=cell.robot.bandwidth_rad_s,
+            loop_gain=LOOP_GAINS[preset],
+        )
+        for of_contact in (
+            (contact.stiffness_N_m, contact.inertia_kg),
+            (contact.tilt_stiffness_Nm_rad, contact.inertia_kg_m2),
+        )
     )
     return Tuning(tau_s, force, torque)
 
@@ -62,7 +80,7 @@ def instability(cell: CellConfig, gains: Gains) -> str:
 
     This is a warning, not a refusal: the actual contact may be softer.
     """
-    tau_s, bandwidth, contact = loop_delay_s(cell), cell.robot.bandwidth_rad_s, cell.contact
+    tau_s, bandwidth, contact = cell.loop_delay_s, cell.robot.bandwidth_rad_s, cell.contact
     stiffness, tilt = contact.stiffness_N_m, contact.tilt_stiffness_Nm_rad
     ends = {
         "force_p_m_per_N": 1.0 / stiffness,
@@ -79,8 +97,3 @@ def instability(cell: CellConfig, gains: Gains) -> str:
         return ""
     conditions = f"contact.stiffness_N_m {stiffness:g} and a delay of {1e3 * tau_s:.0f} ms"
     return f"unstable at {conditions}: {', '.join(violations)}"
-
-
-def loop_delay_s(cell: CellConfig) -> float:
-    """Return the loop delay tau from a change of force to the arm's response [s]."""
-    return cell.loop_delay_s

@@ -13,7 +13,7 @@ import numpy as np
 
 from bench.force import settle
 from bench.force.peers import Admittance, Fdcc
-from bench.force.pilots import PlainLawRunner
+from bench.force.pilots import LawRunner
 from bench.force.rig import ForceRig, SceneSettings
 from common.motion.frames import Array
 
@@ -51,9 +51,8 @@ def score_s(job: tuple[Candidate, SceneSettings]) -> float:
     gain, time_s = candidate.gain_m_per_Ns, candidate.time_s
     pilot: settle.Presser
     if candidate.law == "plain PI":
-        pilot = PlainLawRunner(
-            cell, rig.T_base_tcp, gain, gain_p_m_per_N=0.2 * gain * time_s / TIMES_S[-1]
-        )
+        gain_p = 0.2 * gain * time_s / TIMES_S[-1]
+        pilot = LawRunner("plain", cell, rig.T_base_tcp, gain_m_per_Ns=gain, gain_p_m_per_N=gain_p)
     elif candidate.law == "admittance":
         pilot = Admittance(rig.T_base_tcp, gain, time_s, longest_m_s=longest_m_s)
     else:

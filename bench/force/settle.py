@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from bench.force.measures import IGNORED_S, means, settling_s
-from bench.force.pilots import AdaptiveLawRunner, PlainLawRunner
+from bench.force.pilots import LawRunner
 from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace
 from common.config.cell import CellConfig
 
@@ -82,7 +82,7 @@ def ours(world: SceneSettings) -> tuple[Release, Release]:
     cell = world.cell()
     rig = ForceRig(cell)
     rig.press(PRESS_N)
-    pilot = AdaptiveLawRunner(cell, rig.T_base_tcp, rig.arm.T_base_tcp)
+    pilot = LawRunner("adaptive", cell, rig.T_base_tcp, rig.arm.T_base_tcp)
     longest_s = max(1.0, 8.0 / (5e-3 * world.stiffness_N_m))
     first = release(rig, pilot, world, longest_s)
     for setpoint_N in (0.5 * PRESS_N, PRESS_N):
@@ -92,7 +92,7 @@ def ours(world: SceneSettings) -> tuple[Release, Release]:
             if abs(rig.push_N() - setpoint_N) < 0.5 * BAND_N:
                 break
         rig.run(pilot, 0.3 + 2.0 / (5e-3 * world.stiffness_N_m))
-    stiffness_ratio = float(pilot.memory.k[2]) / world.stiffness_N_m
+    stiffness_ratio = float(pilot.state.k[2]) / world.stiffness_N_m
     identified = release(rig, pilot, world, longest_s)
     return first, Release(
         identified.settling_s, identified.overshoot_pct, identified.tau_s, stiffness_ratio
@@ -104,4 +104,5 @@ def plain(world: SceneSettings, gain_m_per_Ns: float, longest_s: float = 20.0) -
     cell: CellConfig = world.cell()
     rig = ForceRig(cell)
     rig.press(PRESS_N)
-    return release(rig, PlainLawRunner(cell, rig.T_base_tcp, gain_m_per_Ns), world, longest_s)
+    pilot = LawRunner("plain", cell, rig.T_base_tcp, gain_m_per_Ns=gain_m_per_Ns)
+    return release(rig, pilot, world, longest_s)

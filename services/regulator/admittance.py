@@ -25,12 +25,11 @@ from services.regulator import delay_model
 from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 from services.regulator.law import (
     LawInput,
+    LawMotion,
     LawSettings,
-    LawState,
-    PiGains,
     limit_norm,
+    next_motion,
     soft_deadband,
-    step,
 )
 from tuning.gain_rule import LOOP_GAIN
 
@@ -49,26 +48,27 @@ RELAX_M, RELAX_S = 0.001, 0.5  # decay of k per travel and time while the force 
 class AdmittanceSettings:
     """Constants of hand guiding for one cell."""
 
+    plain: LawSettings  # of the PI law, with the deadband at rest
     tau_s: float
     mass_kg: float
-    deadband_N: float
-    deadband_Nm: float
-    speed_max_m_s: float
-    delay_model: DelayModelSettings  # delay model from the measured pose to the filtered force
+    delay_model: DelayModelSettings  # from the measured pose to the filtered force
     stiffest_N_m: float
 
     @classmethod
     def of(cls, cell: CellConfig) -> "AdmittanceSettings":
         """Return the constants of a cell."""
-        model, tau_s = DelayModelSettings.of(cell), cell.loop_delay_s
+        force, contact = cell.force, cell.contact
+        plain = replace(
+            LawSettings.of(cell),
+            deadband_N=max(force.idle_max_N, force.deadband_N),
+            deadband_Nm=max(TORQUE_DEADBAND * force.idle_max_Nm, force.deadband_Nm),
+        )
         return cls(
-            tau_s=tau_s,
-            mass_kg=MASSES * cell.contact.inertia_kg,
-            deadband_N=max(cell.force.idle_max_N, cell.force.deadband_N),
-            deadband_Nm=max(TORQUE_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm),
-            speed_max_m_s=cell.force.speed_max_m_s,
-            delay_model=DelayModelSettings(model.median_s, 0.0, model.filter_s, model.median_s),
-            stiffest_N_m=max(STIFFER_THAN_CONTACT * cell.contact.stiffness_N_m, HAND_N_M),
+            plain,
+            cell.loop_delay_s,
+            MASSES * contact.inertia_kg,
+            DelayModelSettings.of(cell).of_wrench,
+            stiffest_N_m=max(STIFFER_THAN_CONTACT * contact.stiffness_N_m, HAND_N_M),
         )
 
 
@@ -84,7 +84,9 @@ class AdmittanceState:
     recent_N: Array
 
 
-def begin(T_measured: pin.SE3) -> AdmittanceState:
+def begin(
+    _T_command: pin.SE3, T_measured: pin.SE3, _k: Array | None, _settings: AdmittanceSettings
+) -> AdmittanceState:
     """Return the state of a tool at rest in free space."""
     zero = np.zeros(3)
     return AdmittanceState(
@@ -92,71 +94,49 @@ def begin(T_measured: pin.SE3) -> AdmittanceState:
     )
 
 
-def advance(
-    law: LawState,
-    guide: AdmittanceState,
-    sample: LawInput,
-    T_measured: pin.SE3,
-    *,
-    gains: PiGains,
-    plain: LawSettings,
-    settings: AdmittanceSettings,
-) -> tuple[LawState, AdmittanceState]:
-    """Return the next states of the PI law and of hand guiding.
-
-    Args:
-        law: State of the PI law; its pose is the last command after the arbiter's limits.
-        guide: State of hand guiding.
-        sample: Wrench of this period; its set point is 0.
-        T_measured: Pose of the TCP, in base.
-        gains: Of the PI law; the torque gains turn the tool.
-        plain: Settings of the PI law.
-        settings: Settings of hand guiding.
-    """
-    R = law.T_base_tcp.rotation
-    guide = _update_stiffness(guide, R, sample, T_measured=T_measured, settings=settings)
-    damping_Ns_m = guide.k_N_m * settings.tau_s / LOOP_GAIN
-    slow_N = NARROWS * length(damping_Ns_m * guide.speed_m_s)
-    width_N = max(settings.deadband_N - slow_N, NARROWEST * settings.deadband_N)
+def step(
+    state: AdmittanceState, sample: LawInput, settings: AdmittanceSettings
+) -> tuple[AdmittanceState, LawMotion]:
+    """Return the next state and motion; the PI law's torque gains turn the tool."""
+    R, plain = sample.motion.T_base_tcp.rotation, settings.plain
+    state = _update_stiffness(state, sample, settings)
+    damping_Ns_m = state.k_N_m * settings.tau_s / LOOP_GAIN
+    slow_N = NARROWS * length(damping_Ns_m * state.speed_m_s)
+    width_N = max(plain.deadband_N - slow_N, NARROWEST * plain.deadband_N)
     push_N = soft_deadband(R.T @ sample.force_N, width_N)
     share = sample.dt_s / settings.mass_kg
-    speed_m_s = (guide.speed_m_s + share * push_N) / (1.0 + share * damping_Ns_m)
-    speed_m_s = limit_norm(speed_m_s, settings.speed_max_m_s)
-    with_speed = replace(sample, drift_m_s=R @ speed_m_s)
+    speed_m_s = (state.speed_m_s + share * push_N) / (1.0 + share * damping_Ns_m)
+    speed_m_s = limit_norm(speed_m_s, plain.speed_max_m_s)
     zero = np.zeros(3)
-    tuned = replace(gains, force_p_m_per_N=zero, force_i_m_per_Ns=zero)
-    wide = replace(plain, deadband_N=settings.deadband_N, deadband_Nm=settings.deadband_Nm)
-    return step(law, with_speed, tuned, wide), replace(guide, speed_m_s=speed_m_s)
+    gains = replace(sample.gains, force_p_m_per_N=zero, force_i_m_per_Ns=zero)
+    guided = replace(sample, drift_m_s=R @ speed_m_s, gains=gains)
+    return replace(state, speed_m_s=speed_m_s), next_motion(guided, plain)
 
 
 def _update_stiffness(
-    guide: AdmittanceState,
-    R: Array,
-    sample: LawInput,
-    *,
-    T_measured: pin.SE3,
-    settings: AdmittanceSettings,
+    state: AdmittanceState, sample: LawInput, settings: AdmittanceSettings
 ) -> AdmittanceState:
     """Return the state with the stiffness estimate updated by this sample."""
-    moved_m = guide.measured.command + T_measured.translation - guide.T_measured.translation
-    measured = delay_model.follow(guide.measured, moved_m, sample.dt_s, settings.delay_model)
+    R, dt_s = sample.motion.T_base_tcp.rotation, sample.dt_s
+    moved_m = state.measured.command + sample.T_measured.translation - state.T_measured.translation
+    measured = delay_model.follow(state.measured, moved_m, dt_s, settings.delay_model)
     now_m, now_N = R.T @ measured.filtered, R.T @ sample.force_N
-    d_m, d_N = now_m - guide.recent_m, now_N - guide.recent_N
+    d_m, d_N = now_m - state.recent_m, now_N - state.recent_N
     is_informative = (d_m * d_N < 0.0) & (np.abs(d_m) > LEAST_M) & (np.abs(d_N) > LEAST_N)
     slope_N_m = STIFFER_THAN_CONTACT * np.abs(d_N) / np.maximum(np.abs(d_m), LEAST_M)
-    travel_m, dt_s = np.abs(guide.speed_m_s) * sample.dt_s, sample.dt_s
-    yields = now_N * guide.speed_m_s > 0.0
+    travel_m = np.abs(state.speed_m_s) * dt_s
+    yields = now_N * state.speed_m_s > 0.0
     decay = np.where(yields, np.exp(-travel_m / RELAX_M - dt_s / RELAX_S), 1.0)
-    k_N_m = HAND_N_M + decay * (guide.k_N_m - HAND_N_M)
+    k_N_m = HAND_N_M + decay * (state.k_N_m - HAND_N_M)
     k_N_m = np.where(
         is_informative, np.maximum(k_N_m, np.minimum(slope_N_m, settings.stiffest_N_m)), k_N_m
     )
     share = 1.0 - exp(-dt_s / RECENT_S)
     return replace(
-        guide,
-        T_measured=T_measured,
+        state,
+        T_measured=sample.T_measured,
         measured=measured,
         k_N_m=k_N_m,
-        recent_m=guide.recent_m + share * d_m,
-        recent_N=guide.recent_N + share * d_N,
+        recent_m=state.recent_m + share * d_m,
+        recent_N=state.recent_N + share * d_N,
     )

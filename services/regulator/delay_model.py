@@ -5,15 +5,21 @@
 Dead time covers controller, processes and the median filter; two first-order lags model the servo,
 a third the low-pass of the wrench filter. The half period between two commands needs no term: a
 command holds until the next one (zero-order hold). `adaptive.py` predicts the force with it.
+
+`ContactTravel` passes the travel of the contact point through the model. A rotation about the TCP
+moves that point too. Travel is accumulated along the tool axes of each period, so that a later
+rotation does not turn travel across the tool axis into travel along it.
 """
 
 from dataclasses import dataclass
 from math import ceil, exp
 
 import numpy as np
+import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array
+from common.motion.frames import Array, cross, rotation_between
+from services.regulator.law import LawMotion
 
 INSTANT_S = 1e-5  # a shorter lag counts as zero
 SUBSTEP_S = 0.001  # three lags in series are accurate enough in steps of a millisecond
@@ -35,12 +41,18 @@ class DelayModelSettings:
         delay_s = cell.robot.delay_s + cell.force.chain_s + median_s
         return cls(delay_s, cell.robot.lag_s, cell.filter.lowpass_s, median_s)
 
+    @property
+    def of_wrench(self) -> "DelayModelSettings":
+        """The part of the wrench filter alone: from the measured pose to the filtered force."""
+        return DelayModelSettings(self.median_s, 0.0, self.filter_s, self.median_s)
+
 
 @dataclass(frozen=True, slots=True)
 class LoopDelayModel:
     """State of the delay model: commands in flight and its lags. Each of shape (3,), one unit."""
 
-    sent: tuple[tuple[float, Array], ...]  # command and its time [s], oldest first
+    sent: tuple[tuple[float, Array], ...]  # commands in flight and their times [s], oldest first
+    command: Array  # the newest one
     now_s: float
     first: Array  # after half the lag
     arm: Array  # after the whole lag: modelled position of the arm
@@ -48,17 +60,14 @@ class LoopDelayModel:
     speed: Array  # of `filtered`, per second
     acceleration: Array  # of `filtered`, per second squared
 
-    @property
-    def command(self) -> Array:
-        """The newest command."""
-        return self.sent[-1][1]
-
 
 def at_rest(command: Array) -> LoopDelayModel:
     """Return the steady state of a constant command. Shape (3,)."""
     position = np.array(command, dtype=float)
     zero = np.zeros_like(position)
-    return LoopDelayModel(((0.0, position),), 0.0, position, position, position, zero, zero)
+    return LoopDelayModel(
+        ((0.0, position),), position, 0.0, position, position, position, zero, zero
+    )
 
 
 def follow(
@@ -67,11 +76,14 @@ def follow(
     """Return the state after `command` was constant for the last `dt_s` [s]. Shape (3,)."""
     sent = model.sent
     if not np.array_equal(command, model.command):
-        sent = (*sent, (model.now_s, np.array(command, dtype=float)))
+        command = np.array(command, dtype=float)
+        sent = (*sent, (model.now_s, command))
     steps = max(1, ceil(dt_s / SUBSTEP_S - 1e-9))
     step_s = dt_s / steps
     half_s, filter_s = 0.5 * settings.lag_s, settings.filter_s
-    lagging, filtering = _share(step_s, half_s), _share(step_s, filter_s)
+    lagging, filtering = (
+        1.0 if lag_s <= INSTANT_S else 1.0 - exp(-step_s / lag_s) for lag_s in (half_s, filter_s)
+    )
     first, arm, filtered = model.first, model.arm, model.filtered
     at = 0
     for number in range(steps):
@@ -85,8 +97,33 @@ def follow(
     if min(filter_s, half_s) > INSTANT_S:
         speed = (arm - filtered) / filter_s
         acceleration = ((first - arm) / half_s - speed) / filter_s
-    return LoopDelayModel(sent[at:], model.now_s + dt_s, first, arm, filtered, speed, acceleration)
+    return LoopDelayModel(
+        sent[at:], command, model.now_s + dt_s, first, arm, filtered, speed, acceleration
+    )
 
 
-def _share(dt_s: float, lag_s: float) -> float:
-    return 1.0 if lag_s <= INSTANT_S else 1.0 - exp(-dt_s / lag_s)
+@dataclass(frozen=True, slots=True)
+class ContactTravel:
+    """Travel of the contact point so far, commanded or measured."""
+
+    T_base_tcp: pin.SE3  # at its end
+    delay_model: LoopDelayModel  # base axes
+    filtered_travel_m: Array  # travel that the filtered force belongs to, tool axes. Shape (3,)
+
+    @classmethod
+    def at_rest(cls, T_base_tcp: pin.SE3) -> "ContactTravel":
+        """Return the travel of a tool at rest."""
+        return cls(T_base_tcp.copy(), at_rest(np.zeros(3)), np.zeros(3))
+
+    def to(
+        self, T_base_tcp: pin.SE3, motion: LawMotion, dt_s: float, settings: DelayModelSettings
+    ) -> "ContactTravel":
+        """Return the travel up to a pose that was constant for the last `dt_s`."""
+        before, shift_m = self.delay_model, T_base_tcp.translation - self.T_base_tcp.translation
+        end_m = before.command + shift_m
+        if motion.lever_m is not None:
+            turn_rad = rotation_between(self.T_base_tcp.rotation, T_base_tcp.rotation)
+            end_m = end_m + cross(turn_rad, motion.lever_m)
+        model = follow(before, end_m, dt_s, settings)
+        travel_m = motion.T_base_tcp.rotation.T @ (model.filtered - before.filtered)
+        return ContactTravel(T_base_tcp, model, self.filtered_travel_m + travel_m)

@@ -7,12 +7,16 @@ A wrong sign, axis or unit of the sensor turns the loop into positive feedback. 
 - the force while the tool turns: it must stay near its set point, because a wrong torque turns the
   tool's edge into the contact and the force then grows by itself;
 - travel without contact, travel along unverified axes, and oscillation.
+
+Oscillation: consecutive half waves of the control error that do not decay. Half waves are separated
+by zero crossings. A loop whose gain is too high for its contact oscillates with a period of about
+four loop delays. Half waves that are much shorter or longer are not caused by the loop and are not
+counted.
 """
 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from common.config.cell import CellConfig
@@ -20,19 +24,86 @@ from common.motion.frames import Array, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 from services.regulator import unverified_axes
-from services.regulator.law import Contact
-from services.regulator.oscillation import HalfWaves, OscillationSettings, follow
-from services.regulator.unverified_axes import ToolMotion, YieldSettings, YieldTravel
+from services.regulator.law import Contact, LawInput, LawMotion, masked
+from services.regulator.unverified_axes import Flags, ToolMotion, YieldSettings, YieldTravel
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # smaller steps are pose noise
 SWUNG_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much
 MAIN_PART = 0.7  # share of the first force along the tool axis: within 45 degrees of it
 RISE_PART = 0.5  # of the set point, plus touch_N: no correct rotation raises the force as much
+HALF_WAVES = 10  # five periods
+HALF_WAVE_KEPT = 0.9  # a half wave smaller than this share of the last one of its sign decays
+DEADBANDS = 10.0  # smaller half waves, in deadbands, are noise or harmless
+SHORTEST_HALF_TAU, LONGEST_HALF_TAU = 0.5, 8.0
 
-
-Flags = npt.NDArray[np.bool_]
 STILL = ToolMotion(np.zeros(3), np.zeros(3))
 NONE_LIMITED: Flags = np.zeros(3, dtype=bool)
+
+
+@dataclass(frozen=True, slots=True)
+class OscillationSettings:
+    """Least height and range of durations of a half wave."""
+
+    least: Array  # height in N, N, N, N m, N m, N m. Shape (6,)
+    shortest_s: float
+    longest_s: float
+
+    @classmethod
+    def of(cls, cell: CellConfig) -> "OscillationSettings":
+        """Return the settings of a cell."""
+        deadbands = np.repeat([cell.force.deadband_N, cell.force.deadband_Nm], 3)
+        tau_s = cell.loop_delay_s
+        return cls(DEADBANDS * deadbands, SHORTEST_HALF_TAU * tau_s, LONGEST_HALF_TAU * tau_s)
+
+
+def _zeros() -> Array:
+    return np.zeros(6)
+
+
+@dataclass(frozen=True, slots=True)
+class HalfWaves:
+    """Half waves of six errors, each detected separately. All of shape (6,)."""
+
+    side: Array = field(default_factory=_zeros)  # sign of the error, 0 before the first half wave
+    height: Array = field(default_factory=_zeros)  # of the present half wave so far
+    age_s: Array = field(default_factory=_zeros)
+    last: Array = field(default_factory=_zeros)  # height of the previous half wave
+    before_last: Array = field(default_factory=_zeros)  # of the one before it, with this sign
+    count: Array = field(default_factory=_zeros)  # consecutive half waves that did not decay
+
+    @property
+    def swings(self) -> bool:
+        """Whether one of the errors has oscillated for five periods."""
+        return bool(max(self.count.tolist()) >= HALF_WAVES)
+
+    def after(self, error: Array, dt_s: float, settings: OscillationSettings) -> "HalfWaves":
+        """Return the half waves after one more sample.
+
+        Args:
+            error: Errors of force [N] and torque [N m] beyond their deadbands. Shape (6,).
+            dt_s: Time since the last sample.
+            settings: Limits of a half wave.
+        """
+        size, side = np.abs(error), np.sign(error)
+        crossed = (side != 0.0) & (side != self.side)
+        height, age_s = np.maximum(self.height, size), self.age_s + dt_s
+        if not any(crossed.tolist()):
+            return replace(self, height=height, age_s=age_s)
+        ended = crossed & (self.side != 0.0)
+        in_time = (self.age_s >= settings.shortest_s) & (self.age_s <= settings.longest_s)
+        persists = (
+            in_time
+            & (self.height >= settings.least)
+            & (self.height >= HALF_WAVE_KEPT * self.before_last)
+        )
+        return HalfWaves(
+            side=np.where(crossed, side, self.side),
+            height=np.where(crossed, size, height),
+            age_s=np.where(crossed, 0.0, age_s),
+            last=np.where(ended, self.height, self.last),
+            before_last=np.where(ended, self.last, self.before_last),
+            count=np.where(ended, np.where(persists, self.count + 1.0, 0.0), self.count),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +121,13 @@ class GuardSettings:
     def of(cls, cell: CellConfig) -> "GuardSettings":
         """Return the limits of a cell."""
         force = cell.force
-        swing = OscillationSettings.of(cell)
-        yielding = YieldSettings.of(cell)
         return cls(
-            force.touch_N, force.search_m, force.lost_m, force.environment_work_J, swing, yielding
+            force.touch_N,
+            force.search_m,
+            force.lost_m,
+            force.environment_work_J,
+            OscillationSettings.of(cell),
+            YieldSettings.of(cell),
         )
 
 
@@ -75,6 +149,35 @@ class GuardSample:
         default_factory=lambda: NONE_LIMITED
     )  # unverified axes of the tool. Shape (3,)
     setpoint_N: float = 0.0
+
+    @classmethod
+    def of(
+        cls, sample: LawInput, law: LawMotion, motion: ToolMotion, limited: Flags
+    ) -> "GuardSample":
+        """Return the monitors' view of one sample; mode orientation has no approach.
+
+        The errors are those along the free axes, the only ones that the loop controls.
+        """
+        moves, rotates = sample.mode != "orientation", sample.mode != "position"
+        error = np.zeros(6)
+        if moves and law.error_force_N is not None:
+            error[:3] = masked(law.error_force_N, sample, 0)
+        if rotates and law.error_torque_Nm is not None:
+            error[3:] = masked(law.error_torque_Nm, sample, 3)
+        return cls(
+            force_N=sample.force_N,
+            torque_Nm=sample.torque_Nm,
+            T_base_tcp=sample.T_measured,
+            contact=law.contact if moves else "free",
+            error=error,
+            rotates=rotates,
+            dt_s=sample.dt_s,
+            follows=law.follows,
+            presses=moves and sample.setpoint_N > 0.0,
+            motion=motion,
+            limited=limited,
+            setpoint_N=sample.setpoint_N,
+        )
 
     @property
     def pushed_back_N(self) -> float:
@@ -136,7 +239,7 @@ def watch(
         touched=touched,
         found=before.found or sample.pushed_back_N <= sample.setpoint_N,
         p_search_m=p_search_m,
-        swing=follow(before.swing, sample.error, sample.dt_s, settings.swing),
+        swing=before.swing.after(sample.error, sample.dt_s, settings.swing),
         yielding=unverified_axes.update(
             before.yielding,
             sample.motion,

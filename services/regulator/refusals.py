@@ -12,6 +12,7 @@ from forcemesh.bus import Reading
 from forcemesh.faults import refusal, refused
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
+from services.regulator.laws import LAWS
 from services.regulator.session import ForceSession, active_commander
 from services.regulator.tcp_path import MOST_PATH_POINTS, component_across
 
@@ -32,10 +33,11 @@ def refused_start(
         return refusal("host", text)
     if request.host == "controller" and not all(request.axes):
         return refusal("host", "axes: host controller cannot lock single axes, host pc can")
-    if request.host == "controller" and request.law == "admittance":
-        return refusal("host", "law admittance: host controller has no hand guiding, host pc has")
-    if request.law == "admittance" and request.setpoint_N > 0.0:
-        text = "law admittance needs set point 0"
+    law = request.law or cell.force.law
+    if request.host == "controller" and LAWS[law].guides:
+        return refusal("host", f"law {law}: host controller has no hand guiding, host pc has")
+    if LAWS[law].guides and request.setpoint_N > 0.0:
+        text = f"law {law} needs set point 0"
         return refusal("setpoint", text, value=request.setpoint_N, limit=0.0)
     if request.setpoint_N > largest_N:
         text = "set point above force.setpoint_max_N"
@@ -76,15 +78,15 @@ def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
     return refusal("axes", text)
 
 
-def refused_guide(request: ForceStartRequest, wrench: WrenchAtTcp) -> Reply | None:
+def refused_guide(law: str, wrench: WrenchAtTcp) -> Reply | None:
     """Return why hand guiding cannot start yet, None when it can.
 
     The effect of a wrong sign cannot be distinguished from a hand by the readings.
     """
-    if request.law != "admittance" or wrench.axes_checked:
+    if not LAWS[law].guides or wrench.axes_checked:
         return None
     text = (
-        "law admittance follows the sensor's readings, and its axes and "
+        f"law {law} follows the sensor's readings, and its axes and "
         f"signs are not verified for calibration {wrench.calibration or 'none'}: run `forcemesh "
         "check axes`, or with --push"
     )
@@ -99,10 +101,11 @@ def refused_path(
         return refusal("not_armed", "no force feedback is running: start it first")
     if session.request.host != "pc":
         return refusal("host", "host controller cannot follow a path, host pc can")
-    if request.points_m and session.adaptive is not None and _moves_across_axis(session.request):
+    is_push = LAWS[session.law].predicts and _moves_across_axis(session.request)
+    if request.points_m and is_push:
         text = (
-            "the adaptive law would take the path for an external push and return: start force "
-            "feedback in frame tool, with axes that leave out x and y"
+            f"the {session.law} law would take the path for an external push and return: start "
+            "force feedback in frame tool, with axes that leave out x and y"
         )
         return refusal("axes", text)
     if request.speed_m_s > cell.force.speed_max_m_s:
@@ -113,7 +116,7 @@ def refused_path(
     count = ahead + len(request.points_m)
     if count > MOST_PATH_POINTS:
         return refusal("busy", "too many pending path points", value=count, limit=MOST_PATH_POINTS)
-    return _point_outside(request, session.law.T_base_tcp, cell)
+    return _point_outside(request, session.motion.T_base_tcp, cell)
 
 
 def _point_outside(request: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) -> Reply | None:

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of, vec3
-from common.motion.frames import Array
+from common.motion.frames import length
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.clock import NS_PER_S
@@ -18,65 +18,39 @@ from forcemesh.messages import (
     ZERO3,
     Feedback,
     Gains,
+    PoseRecord,
     RegulatorTarget,
-    RobotCommand,
     RobotState,
     StartLaw,
     Trip,
     WrenchAtTcp,
 )
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
-from services.regulator import adaptive, admittance
-from services.regulator.adaptive import AdaptiveState
-from services.regulator.admittance import AdmittanceSettings, AdmittanceState
-from services.regulator.control import (
-    ContactStiffness,
-    LawTools,
-    control,
-    controller_gains,
-    last_identified,
-    ramped,
-    reset_predictor,
-    still_valid,
-    task_frame,
-)
+from services.regulator.adaptive import ContactStiffness
+from services.regulator.gains import PiGains, gains_to_send, merged_gains
 from services.regulator.guards import (
+    GuardSample,
     GuardSettings,
     GuardState,
     kept_over_restart,
     verifies_press_axis,
     watch,
 )
-from services.regulator.law import LawInput, LawState, back_calculate, start_at
+from services.regulator.law import LawInput, LawSettings, back_calculate, start_at
+from services.regulator.laws import LAWS
 from services.regulator.link_lag import CommandHistory
-from services.regulator.refusals import (
-    refused_axes,
-    refused_guide,
-    refused_path,
-    refused_start,
-)
+from services.regulator.refusals import refused_axes, refused_guide, refused_path, refused_start
 from services.regulator.session import (
     Failure,
     ForceSession,
     active_commander,
-    apply_path,
     describe,
-    failure_of,
     first_setpoint_N,
-    guard_sample,
+    move,
     next_path,
-    remaining_path_m,
 )
-from services.regulator.settings import merged_gains, pi_gains
-from services.regulator.unverified_axes import (
-    AxisVerification,
-    ToolMotion,
-    YieldTravel,
-    checked_by,
-    motion_between,
-    origin,
-)
-from tuning.adaptive_map import restriction, softest_N_m
+from services.regulator.tcp_path import remaining_m
+from services.regulator.unverified_axes import TARED, YieldTravel, limited_axes, motion_between
 from tuning.gain_rule import instability, tune
 
 STOPPED = "stopped"
@@ -91,14 +65,13 @@ class Regulator:
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
-        self._tools, self._guards = LawTools.of(cell), GuardSettings.of(cell)
-        self._guide = AdmittanceSettings.of(cell)
-        self._contact_stiffness: ContactStiffness | None = None
-        self._verification = AxisVerification()
-        self._yielded: tuple[int, YieldTravel] | None = (
-            None  # lease, and travel of its last session
-        )
-        self._gains = tune(cell).gains
+        self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
+        self._guards = GuardSettings.of(cell)
+        self._approach_m_s = LawSettings.of(cell).approach_m_s
+        self._contact: ContactStiffness | None = None  # identified by the last session
+        self._touched = ""  # calibration verified along the tool by a touch from free space
+        self._yielded = (-1, YieldTravel())  # lease, and travel of its last session
+        self._use_gains(tune(cell).gains)
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._T_tcp_flange = self._T_flange_tcp.inverse()
         self._session: ForceSession | None = None
@@ -123,44 +96,62 @@ class Regulator:
         """Serve requests, integrate the newest wrench, publish the target."""
         self._now_ns = now_ns
         wrench, robot = self._wrench.read(now_ns), self._robot.read(now_ns)
-        self._serve(now_ns, wrench, robot)
-        self._stop_unless_allowed(now_ns)
+        self._serve(wrench, robot)
+        self._stop_unless_allowed()
         self._target.put(self._propose(wrench, robot), wrench.origin)
 
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:
-        session = self._session
-        if wrench.fresh is not None:
-            self._verification = checked_by(self._verification, wrench.fresh)
+        session, fresh, arm = self._session, wrench.fresh, robot.fresh
         if session is None:
-            self._contact_stiffness = still_valid(
-                self._contact_stiffness, wrench.fresh, self._tools
-            )
+            contact = self._contact
+            if fresh is None or (contact and length(np.array(fresh.force_N)) <= contact.touch_N):
+                self._contact = None
             return RegulatorTarget(valid=False, reason=self._stop_reason)
-        request = session.request
-        failure = session.failure or failure_of(wrench) or failure_of(robot)
-        if failure is not None or wrench.fresh is None or robot.fresh is None:
-            return self._fail(session, failure or Failure("invalid", "no wrench, no pose"))
-        on_controller = request.host == "controller"
-        T_base_tcp = pose_of(robot.fresh) * self._T_flange_tcp
-        if on_controller:  # it moves the arm itself: the set point follows the measured tool
-            session = replace(session, law=replace(session.law, T_base_tcp=T_base_tcp))
-        session, trip = self._advance(session, wrench, wrench.fresh, T_base_tcp, robot=robot)
-        if trip is not None:
-            return self._fail(session, Failure(trip.code, trip.text))
+        if session.failure or fresh is None or arm is None:
+            worse: Reading[Any] = wrench if wrench.fault else robot
+            return self._fail(session, session.failure or Failure(worse.code, worse.fault))
+        T_measured = self._tcp_pose(arm)
+        if session.request.host == "controller":  # it moves the arm: the set point follows the tool
+            session = replace(session, motion=replace(session.motion, T_base_tcp=T_measured))
+        stamp_ns = wrench.header.stamp_ns if wrench.header else session.last_sample_ns
+        gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
+        if gap_s > 0.0:  # integrate once per sample, over the time between the samples' stamps
+            session, trip = self._advance(
+                replace(session, last_sample_ns=stamp_ns, report=robot.header), fresh, arm,
+                T_measured=T_measured, pose_is_new=robot.header != session.report,
+                dt_s=min(gap_s, LONGEST_GAP_PERIODS * self.period_s),
+            )  # fmt: skip
+            if trip is not None:
+                return self._fail(session, Failure(trip.code, trip.text))
         self._session, self.fault = session, ""
-        law = session.law
-        T_base_flange = law.T_base_tcp * self._T_tcp_flange
+        return self._valid_target(session)
+
+    def _valid_target(self, session: ForceSession) -> RegulatorTarget:
+        request, motion = session.request, session.motion
+        error_N, error_Nm = motion.error_force_N, motion.error_torque_Nm
+        T, path, pose, feedback = motion.T_base_tcp, session.path, None, None
+        T_base_flange, press_axis = T * self._T_tcp_flange, T.rotation[:, 2]
+        if request.host == "pc":
+            pose = record_of(T_base_flange)
+        else:
+            lever_m = np.zeros(3) if motion.lever_m is None else motion.lever_m
+            feedback = Feedback(
+                mode=request.mode,
+                setpoint_force_N=vec3(-session.setpoint_N * press_axis),
+                lever_m=vec3(T_base_flange.rotation.T @ lever_m),
+                gains=session.sent or self._gains,
+            )
         return RegulatorTarget(
             mode=request.mode,
             host=request.host,
-            law=self._law_of(request),
+            law=session.law,
             setpoint_N=request.setpoint_N,
-            pose=None if on_controller else record_of(T_base_flange),
-            feedback=self._feedback(session) if on_controller else None,
-            contact=law.contact,
-            error_force_N=ZERO3 if law.error_force_N is None else vec3(law.error_force_N),
-            error_torque_Nm=ZERO3 if law.error_torque_Nm is None else vec3(law.error_torque_Nm),
-            path_left_m=remaining_path_m(session),
+            pose=pose,
+            feedback=feedback,
+            contact=motion.contact,
+            error_force_N=ZERO3 if error_N is None else vec3(error_N),
+            error_torque_Nm=ZERO3 if error_Nm is None else vec3(error_Nm),
+            path_left_m=None if path is None else remaining_m(path, T.translation, press_axis),
         )
 
     def _fail(self, session: ForceSession, failure: Failure) -> RegulatorTarget:
@@ -174,158 +165,82 @@ class Regulator:
     def _advance(
         self,
         session: ForceSession,
-        reading: Reading[WrenchAtTcp],
         wrench: WrenchAtTcp,
-        T_base_tcp: pin.SE3,
+        robot: RobotState,
         *,
-        robot: Reading[RobotState],
+        T_measured: pin.SE3,
+        pose_is_new: bool,
+        dt_s: float,
     ) -> tuple[ForceSession, Trip | None]:
-        """Integrate once per sample, over the time that passed between the samples' stamps."""
-        stamp_ns = reading.header.stamp_ns if reading.header else session.last_sample_ns
-        gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
-        if gap_s <= 0.0:
-            return session, None
-        dt_s = min(gap_s, LONGEST_GAP_PERIODS * self.period_s)
-        report = (robot.header.epoch, robot.header.seq) if robot.header else None
-        target_N = min(session.request.setpoint_N, self._approach_N(session))
-        setpoint_N = self._ramp(session.setpoint_N, target_N, dt_s)
-        command = self._command.read(self._now_ns).fresh
-        T_limited = self._limited_pose(command)
-        before = session.law
-        if command is not None and command.limited and T_limited is not None:
-            before = back_calculate(before, T_limited)  # back-calculation anti-windup
+        """Return the session after one sample: law, path, monitors, and the controller's gains."""
+        request, before, settings = session.request, session.motion, self._settings[session.law]
+        T_commanded, command = before.T_base_tcp, self._command.read(self._now_ns).fresh
+        if command is not None and command.pose is not None:
+            T_commanded = self._tcp_pose(command.pose)  # the arbiter's limits may delay the law's
+            if command.limited:
+                before = back_calculate(before, T_commanded)  # anti-windup
+        gains = session.gains
         sample = LawInput(
-            force_N=np.array(wrench.force_N), torque_Nm=np.array(wrench.torque_Nm),
-            setpoint_N=setpoint_N, mode=session.request.mode, dt_s=dt_s,
-            pose_is_new=report != session.report,
-            R_base_task=task_frame(session.request, before.T_base_tcp.rotation),
-            axes=session.request.axes,
+            np.array(wrench.force_N), np.array(wrench.torque_Nm), mode=request.mode, dt_s=dt_s,
+            setpoint_N=self._ramped_setpoint_N(session, dt_s),
+            gains=gains if gains is self._pi_gains else gains.ramped(self._pi_gains, dt_s),
+            motion=before, T_measured=T_measured, pose_is_new=pose_is_new, axes=request.axes,
+            R_base_task=before.T_base_tcp.rotation if request.frame == "tool" else None,
         )  # fmt: skip
-        gains = ramped(session.gains, self._gains, dt_s)
-        commanded = session.commanded or CommandHistory.of(self._cell)
-        T_commanded = before.T_base_tcp if T_limited is None else T_limited
-        commanded = commanded.after(T_commanded, dt_s)
-        law, adaptive_state, guide, path = before, session.adaptive, session.guide, session.path
-        if commanded.lag(self._sent(robot.fresh)):
-            law, adaptive_state, commanded = self._restart_after_lag(
-                session, before, commanded, T_base_tcp
+        session = move(
+            session, sample, settings=settings, T_commanded=T_commanded,
+            T_sent=None if robot.sent is None else self._tcp_pose(robot.sent),
+            speed_max_m_s=self._cell.force.speed_max_m_s,
+        )  # fmt: skip
+        motion, sent = session.motion, None
+        if request.host == "controller":
+            R_base_tcp = motion.T_base_tcp.rotation
+            Ki = LAWS[session.law].controller_gain(
+                session.state, self._pi_gains, R_base_tcp, settings
             )
-        else:
-            law, adaptive_state, guide = self._law(session, before, sample, T_base_tcp, gains=gains)
-        motion = self._motion(session, law, T_base_tcp)
-        if law.T_base_tcp is not before.T_base_tcp:
-            most_m_s = self._cell.force.speed_max_m_s
-            law, path = apply_path(before, law, path, dt_s=dt_s, speed_max_m_s=most_m_s)
-        sent = self._for_controller(session, adaptive_state, law.T_base_tcp.rotation)
-        rotates = session.request.mode != "position"
-        limited = self._verification.limited(wrench.calibration, rotates=rotates)
-        guarded = guard_sample(
-            law, sample, T_base_tcp, adaptive_state, motion=motion, limited=limited
-        )
+            sent = None if Ki is None else gains_to_send(session.sent, self._gains, Ki)
+        # The measured motion: a command in flight has changed no force yet.
+        moved = motion_between(session.T_measured or T_measured, T_measured, motion.lever_m)
+        limited = limited_axes(wrench, self._touched, rotates=request.mode != "position")
+        guarded = GuardSample.of(sample, motion, moved, limited)
         watched, trip = watch(session.watch, guarded, self._guards)
         if trip is None and verifies_press_axis(watched, guarded, self._guards):
-            self._verification = replace(self._verification, touched=origin(wrench.calibration))
+            self._touched = wrench.calibration.removesuffix(TARED)
         session = replace(
-            session, law=law, adaptive=adaptive_state, guide=guide, setpoint_N=setpoint_N,
-            gains=gains, sent=sent, watch=watched, path=path, T_measured=T_base_tcp,
-            commanded=commanded, last_sample_ns=stamp_ns, report=report,
+            session, setpoint_N=sample.setpoint_N, gains=sample.gains, sent=sent, watch=watched,
+            T_measured=T_measured,
         )  # fmt: skip
         return session, trip
 
-    def _for_controller(
-        self, session: ForceSession, adaptive_state: AdaptiveState | None, R_base_tcp: Array
-    ) -> Gains | None:
-        """Return the adaptive law's gains for the controller, None when the PC is the host."""
-        if adaptive_state is None or session.request.host != "controller":
-            return None
-        return controller_gains(
-            session.sent, self._gains, R_base_tcp, adaptive_state=adaptive_state, tools=self._tools
-        )
-
-    def _restart_after_lag(
-        self,
-        session: ForceSession,
-        before: LawState,
-        commanded: CommandHistory,
-        T_measured: pin.SE3,
-    ) -> tuple[LawState, AdaptiveState | None, CommandHistory]:
-        """Return states at rest behind a stalled link; without a path, at the oldest command."""
-        if session.path is not None:  # the pending commands contain path motion
-            return back_calculate(before, before.T_base_tcp), session.adaptive, commanded
-        law = back_calculate(before, commanded.oldest)
-        adaptive_state = reset_predictor(session.adaptive, law, T_measured, self._tools)
-        return law, adaptive_state, commanded.restarted()
-
-    def _law(
-        self,
-        session: ForceSession,
-        before: LawState,
-        sample: LawInput,
-        T_measured: pin.SE3,
-        *,
-        gains: Gains,
-    ) -> tuple[LawState, AdaptiveState | None, AdmittanceState | None]:
-        """Return the next states of the active law."""
-        plain, pi = self._tools.plain, pi_gains(gains)
-        if (guide := session.guide) is not None:
-            law, guide = admittance.advance(
-                before, guide, sample, T_measured, gains=pi, plain=plain, settings=self._guide
-            )
-            return law, session.adaptive, guide
-        law, adaptive_state = control(
-            before, session.adaptive, sample, T_measured, gains=pi, tools=self._tools
-        )
-        return law, adaptive_state, None
-
-    def _sent(self, robot: RobotState | None) -> pin.SE3 | None:
-        """Return the TCP pose sent to the arm last, None if the robot does not report it."""
-        if robot is None or robot.sent is None:
-            return None
-        return pose_of(robot.sent) * self._T_flange_tcp
-
-    def _limited_pose(self, command: RobotCommand | None) -> pin.SE3 | None:
-        """Return the TCP pose that the arbiter commands; its limits may delay the law's."""
-        if command is None or command.pose is None:
-            return None
-        return pose_of(command.pose) * self._T_flange_tcp
-
-    @staticmethod
-    def _motion(session: ForceSession, law: LawState, T_measured: pin.SE3) -> ToolMotion:
-        """Return the measured motion: a command in flight has changed no force yet."""
-        return motion_between(session.T_measured or T_measured, T_measured, law.lever_m)
-
-    def _approach_N(self, session: ForceSession) -> float:
-        """Return the largest set point during the approach.
+    def _ramped_setpoint_N(self, session: ForceSession, dt_s: float) -> float:
+        """Return the set point of this sample, smaller while a controller approaches.
 
         The controller has no approach speed: without contact it moves at gain times set point, also
         while no wrench is received. This limits it to the approach speed of the law on the PC.
         """
-        if session.request.host != "controller" or session.law.contact != "approach":
-            return inf
-        gains, press_axis = session.sent or self._gains, session.law.T_base_tcp.rotation[:, 2]
-        gain = float((press_axis * press_axis) @ np.array(gains.force_i_m_per_Ns))
-        return self._tools.plain.approach_m_s / gain if gain > 0.0 else inf
-
-    def _ramp(self, now_N: float, target_N: float, dt_s: float) -> float:
+        target_N, now_N = session.request.setpoint_N, session.setpoint_N
+        if session.request.host == "controller" and session.motion.contact == "approach":
+            gains, press_axis = (
+                session.sent or self._gains,
+                session.motion.T_base_tcp.rotation[:, 2],
+            )
+            gain = float((press_axis * press_axis) @ np.array(gains.force_i_m_per_Ns))
+            target_N = min(target_N, self._approach_m_s / gain if gain > 0.0 else inf)
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s
         return min(max(target_N, now_N - step_N), now_N + step_N)
 
-    def _feedback(self, session: ForceSession) -> Feedback:
-        law = session.law
-        R_base_flange = (law.T_base_tcp * self._T_tcp_flange).rotation
-        lever_m = np.zeros(3) if law.lever_m is None else R_base_flange.T @ law.lever_m
-        return Feedback(
-            mode=session.request.mode,
-            setpoint_force_N=vec3(-session.setpoint_N * law.T_base_tcp.rotation[:, 2]),
-            lever_m=vec3(lever_m),
-            gains=session.sent or self._gains,
-        )
+    def _tcp_pose(self, flange: PoseRecord | RobotState) -> pin.SE3:
+        """Return the pose of the TCP in base."""
+        return pose_of(flange) * self._T_flange_tcp
 
-    def _stop_unless_allowed(self, now_ns: int) -> None:
+    def _use_gains(self, gains: Gains) -> None:
+        self._gains, self._pi_gains = gains, PiGains.of(gains)
+
+    def _stop_unless_allowed(self) -> None:
         """End the session when the arbiter holds: nothing resumes by itself after a hold."""
         if self._session is None:
             return
-        status = self._arbiter.read(now_ns)
+        status = self._arbiter.read(self._now_ns)
         arbiter = status.fresh
         if arbiter is None:
             self._end(status.fault)
@@ -338,22 +253,21 @@ class Regulator:
 
     def _end(self, reason: str) -> None:
         if (session := self._session) is not None:
-            self._contact_stiffness, self._yielded = (
-                last_identified(session.adaptive),
-                (session.lease, session.watch.yielding),
-            )
+            settings = self._settings[session.law]
+            self._contact = LAWS[session.law].identified(session.state, settings)
+            self._yielded = session.lease, session.watch.yielding
         self._session, self._stop_reason, self.fault = None, reason, ""
 
-    def _serve(self, now_ns: int, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
+    def _serve(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
         for start in self._starts.take_all():
-            start.reply(self._start(start.request, now_ns, wrench, robot))
+            start.reply(self._start(start.request, wrench, robot))
         for stop in self._stops.take_all():
             self._end(STOPPED)
             stop.reply(
                 Reply(accepted=True, text="force feedback is off; the arm stays where it is")
             )
         for change in self._gain_requests.take_all():
-            self._gains = merged_gains(self._gains, change.request, self._cell)
+            self._use_gains(merged_gains(self._gains, change.request, self._cell))
             text = instability(self._cell, self._gains)
             change.reply(Reply(accepted=True, text=text, gains=self._gains))
         for path in self._paths.take_all():
@@ -362,68 +276,51 @@ class Regulator:
     def _start(
         self,
         request: ForceStartRequest,
-        now_ns: int,
         wrench: Reading[WrenchAtTcp],
         robot: Reading[RobotState],
     ) -> Reply:
-        arbiter = self._arbiter.read(now_ns).fresh
+        cell, fresh, arbiter = self._cell, wrench.fresh, self._arbiter.read(self._now_ns).fresh
         worse: Reading[Any] = wrench if wrench.fault else robot
-        refused = refused_start(request, self._cell, arbiter, worse)
-        if refused is not None or robot.fresh is None or wrench.fresh is None or arbiter is None:
+        refused = refused_start(request, cell, arbiter, worse)
+        if refused is not None or robot.fresh is None or fresh is None or arbiter is None:
             return refused or refusal(worse.code, worse.fault)
-        T_measured = pose_of(robot.fresh) * self._T_flange_tcp
-        refused = refused_axes(request, T_measured.rotation) or refused_guide(request, wrench.fresh)
+        T_measured, requested = self._tcp_pose(robot.fresh), request.law or cell.force.law
+        refused = refused_axes(request, T_measured.rotation) or refused_guide(requested, fresh)
         if refused is not None:
             return refused
         if request.preset is not None:
-            self._gains = tune(self._cell, request.preset).gains
-        guide = admittance.begin(T_measured) if request.law == "admittance" else None
-        running = self._session
-        if running is not None and running.request.host == request.host and not running.failure:
-            adaptive_state = self._initial_adaptive_state(
-                request, running.law.T_base_tcp, robot.fresh, running.adaptive
+            self._use_gains(tune(cell, request.preset).gains)
+        law: StartLaw = requested if LAWS[requested].covers(cell) else "plain"
+        session = self._session
+        if session is None or session.failure or session.request.host != request.host:
+            lease, yielded = self._yielded
+            session = ForceSession(
+                request,
+                law,
+                arbiter.lease,
+                first_setpoint_N(np.array(fresh.force_N), T_measured, request.setpoint_N),
+                self._pi_gains,
+                start_at(T_measured),
+                self._begin(law, T_measured, T_measured),
+                last_sample_ns=wrench.header.stamp_ns if wrench.header else self._now_ns,
+                watch=GuardState(yielding=yielded if lease == arbiter.lease else YieldTravel()),
+                commanded=CommandHistory.of(cell),
             )
-            running = replace(
-                running,
-                request=request,
-                watch=kept_over_restart(running.watch),
-                adaptive=adaptive_state,
-            )
-            guide = guide and (running.guide or guide)
-            self._session = replace(running, guide=guide, path=None)
-            return self._started(request)
-        law = start_at(T_measured)
-        stamp_ns = wrench.header.stamp_ns if wrench.header else now_ns
-        adaptive_state = self._initial_adaptive_state(request, law.T_base_tcp, robot.fresh, None)
-        setpoint_N = first_setpoint_N(
-            np.array(wrench.fresh.force_N), T_measured, request.setpoint_N
-        )
-        watched = GuardState()
-        if self._yielded is not None and self._yielded[0] == arbiter.lease:
-            watched = GuardState(yielding=self._yielded[1])
-        self._session = ForceSession(
-            request,
-            setpoint_N,
-            law,
-            stamp_ns,
-            arbiter.lease,
-            watched,
-            self._gains,
-            adaptive_state,
-            guide,
-        )
-        return self._started(request)
+        else:
+            watched = kept_over_restart(session.watch)
+            session = replace(session, request=request, watch=watched, path=None)
+        if law != session.law:
+            motion = replace(session.motion, follows=False)
+            state = self._begin(law, motion.T_base_tcp, T_measured)
+            session = replace(session, law=law, state=state, motion=motion)
+        self._session, remark = session, LAWS[requested].remark(cell)
+        text = describe(session)
+        return Reply(accepted=True, text=f"{text}; {remark}" if remark else text)
 
-    def _law_of(self, request: ForceStartRequest) -> StartLaw:
-        """Return the law that runs: the plain one outside the adaptive law's measured range."""
-        law = request.law or self._cell.force.law
-        return "plain" if law == "adaptive" and softest_N_m(self._cell) is None else law
-
-    def _started(self, request: ForceStartRequest) -> Reply:
-        text = describe(request, self._law_of(request))
-        requested_law = request.law or self._cell.force.law
-        remarks = restriction(self._cell) if requested_law == "adaptive" else ""
-        return Reply(accepted=True, text=f"{text}; {remarks}" if remarks else text)
+    def _begin(self, law: StartLaw, T_command: pin.SE3, T_measured: pin.SE3) -> Any:
+        """Return the initial state of a law, with the stiffness identified here before."""
+        k = None if self._contact is None else self._contact.at_pose(T_measured)
+        return LAWS[law].begin(T_command, T_measured, k, self._settings[law])
 
     def _follow_path(self, request: PathRequest) -> Reply:
         session = self._session
@@ -432,19 +329,3 @@ class Regulator:
             return refused or refusal("not_armed", "no force feedback is running")
         self._session = replace(session, path=next_path(session, request))
         return Reply(accepted=True, text=f"the tool follows {len(request.points_m)} points")
-
-    def _initial_adaptive_state(
-        self,
-        request: ForceStartRequest,
-        T_command: pin.SE3,
-        robot: RobotState,
-        running: AdaptiveState | None,
-    ) -> AdaptiveState | None:
-        """Return the initial state of the adaptive law, None for the plain law."""
-        if self._law_of(request) != "adaptive":
-            return None
-        if running is not None:
-            return running
-        T_measured = pose_of(robot) * self._T_flange_tcp
-        k = None if self._contact_stiffness is None else self._contact_stiffness.at_pose(T_measured)
-        return adaptive.begin(T_command, T_measured, self._tools.adaptive, k)

@@ -6,20 +6,52 @@ It starts once the force has been near its set point. The surface position follo
 
 with F the contact force without the tool's inertial force, which on a soft contact is the larger
 part of an oscillation. If k is too high, part of the tool's own motion is taken for the surface's.
+
+Its motion is observed by a critically damped alpha-beta filter with p = exp(-dt / T),
+alpha = 1 - p^2, beta = (1 - p)^2. Its speed lags by 2 T while the surface accelerates; the
+low-passed derivative of that speed compensates for the lag.
 """
 
 from dataclasses import dataclass
+from math import exp
 
 from common.motion.frames import Array
-from services.regulator import surface_motion
 from services.regulator.law import LawInput
-from services.regulator.surface_motion import SurfaceMotion
 
 NEAR_N = 2.0  # force error at which surface tracking starts
 FADE_S = 0.05
 DRIFT_TAUS, DRIFT_LEAST_S, DRIFT_NOISE_N = 0.7, 0.025, 0.2
 STEADY_N, STEADY_UP_S, STEADY_DOWN_S = 3.0, 0.3, 0.01  # use of the surface's acceleration
 TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceMotion:
+    """Position and motion of the surface; position None before the first sample."""
+
+    position_m: float | None = None
+    speed_m_s: float = 0.0
+    accel_m_s2: float = 0.0
+    lag_s: float = 0.0  # lag of the speed estimate
+
+    def after(self, measured_m: float, dt_s: float, time_s: float) -> "SurfaceMotion":
+        """Return the estimate updated by a measured position `measured_m`; T is `time_s`."""
+        if self.position_m is None:
+            return SurfaceMotion(measured_m, lag_s=2.0 * time_s)
+        pole = exp(-dt_s / time_s)
+        expected_m = self.position_m + self.speed_m_s * dt_s
+        error_m = measured_m - expected_m
+        gained_m_s = (1.0 - pole) ** 2 / dt_s * error_m
+        accel_m_s2 = pole * self.accel_m_s2 + (1.0 - pole) * gained_m_s / dt_s
+        position_m = expected_m + (1.0 - pole * pole) * error_m
+        return SurfaceMotion(position_m, self.speed_m_s + gained_m_s, accel_m_s2, self.lag_s)
+
+    def ahead(self, time_s: float, share: float) -> tuple[float, float]:
+        """Return travel [m] in a time and speed after it, with a share of the acceleration."""
+        accel_m_s2 = share * self.accel_m_s2
+        travel_m = (self.speed_m_s + accel_m_s2 * (self.lag_s + 0.5 * time_s)) * time_s
+        return travel_m, self.speed_m_s + accel_m_s2 * (self.lag_s + time_s)
+
 
 NO_DRIFT = SurfaceMotion()
 
@@ -34,6 +66,16 @@ class SurfaceTracking:
     steadiness: float = 0.0  # share of its acceleration that is used
     trim_m_s: float = 0.0  # integral correction of the model's remaining error
     setpoint_N: float = 0.0
+
+    def feed_forward(self, ahead_s: float, k_tau: float) -> tuple[float, float]:
+        """Return the surface's travel in a time [m], and the speed to feed forward [m/s].
+
+        A surface at rest is not tracked: the speed is weighted against noise.
+        """
+        height_N = (k_tau * self.drift.speed_m_s) ** 2
+        share = self.share * height_N / (height_N + DRIFT_NOISE_N**2)
+        travel_m, speed_m_s = self.drift.ahead(ahead_s, self.steadiness)
+        return share * travel_m, share * speed_m_s + self.trim_m_s
 
 
 NOT_TRACKING = SurfaceTracking()
@@ -80,7 +122,7 @@ def update(
         return SurfaceTracking(share=share, setpoint_N=sample.setpoint_N)
     surface_m = press_axis.filtered_travel_m + (force_N + press_axis.inertial_N) / press_axis.k_N_m
     time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
-    drift = surface_motion.update(before.drift, surface_m, dt_s, time_s)
+    drift = before.drift.after(surface_m, dt_s, time_s)
     is_steady = abs(error_N) < STEADY_N
     steadiness_s = STEADY_UP_S if is_steady else STEADY_DOWN_S
     steadiness = before.steadiness + (is_steady - before.steadiness) * min(1.0, dt_s / steadiness_s)
@@ -89,9 +131,3 @@ def update(
     return SurfaceTracking(
         near, drift, share, steadiness, min(max(trim, -most), most), sample.setpoint_N
     )
-
-
-def noise_weight(speed_m_s: float, k_tau: float) -> float:
-    """Return the weight of a speed against noise, 0 to 1: a surface at rest is not tracked."""
-    height_N = (k_tau * speed_m_s) ** 2
-    return height_N / (height_N + DRIFT_NOISE_N**2)

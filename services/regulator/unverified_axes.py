@@ -26,34 +26,23 @@ LIMIT_RAD = 0.1
 SOFTEST_N_M = 1000.0  # contact whose release is still recognised as one
 IDLE_BANDS = 1.5  # of the deadband: below it the tool is idle and its travel is reset
 AXES = "xyz"
-TARED = ", tared"  # suffix of a calibration's name after a tare
+TARED = ", tared"  # suffix of a calibration's name after a tare, which changes no axis
+Flags = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
-class AxisVerification:
-    """Verification of the sensor's axes and signs so far."""
+def limited_axes(wrench: WrenchAtTcp, touched: str, *, rotates: bool) -> Flags:
+    """Return along which axes of the tool the travel is limited. Shape (3,).
 
-    checked: bool = False  # `forcemesh check axes` passed with the calibration in use
-    touched: str = ""  # calibration verified along the tool by a touch from free space
+    A wrong torque turns the tool into its contact, and the force then pushes it back along every
+    axis: while the tool may turn, a touch alone exempts no axis.
 
-    def limited(self, wrench_calibration: str, *, rotates: bool) -> "npt.NDArray[np.bool_]":
-        """Return along which axes of the tool the travel is limited. Shape (3,).
-
-        A wrong torque turns the tool into its contact, and the force then pushes it back along
-        every axis: while the tool may turn, a touch alone exempts no axis.
-        """
-        z_is_proved = self.touched == origin(wrench_calibration) and not rotates
-        return np.array([True, True, not z_is_proved]) & (not self.checked)
-
-
-def origin(calibration: str) -> str:
-    """Return a calibration's name without its tare, which changes no axis."""
-    return calibration.removesuffix(TARED)
-
-
-def checked_by(verification: AxisVerification, wrench: WrenchAtTcp) -> AxisVerification:
-    """Return the verification that applies to this wrench."""
-    return AxisVerification(wrench.axes_checked, verification.touched)
+    Args:
+        wrench: With its calibration, and whether `forcemesh check axes` passed with it.
+        touched: Calibration verified along the tool by a touch from free space.
+        rotates: Whether the mode controls torques.
+    """
+    z_is_proved = touched == wrench.calibration.removesuffix(TARED) and not rotates
+    return np.array([True, True, not z_is_proved]) & (not wrench.axes_checked)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +91,7 @@ def update(
     *,
     force_N: Array,
     torque_Nm: Array,
-    limited: "npt.NDArray[np.bool_]",
+    limited: Flags,
     settings: YieldSettings,
 ) -> YieldTravel:
     """Return the travel after one more period.
@@ -137,9 +126,7 @@ def update(
     return YieldTravel(travel_m, most_N, turn_rad)
 
 
-def trip_of(
-    now: YieldTravel, force_tool_N: Array, limited: "npt.NDArray[np.bool_]", *, rotates: bool
-) -> Trip | None:
+def trip_of(now: YieldTravel, force_tool_N: Array, limited: Flags, *, rotates: bool) -> Trip | None:
     """Return why force feedback must end, if it must; `force_tool_N` in tool axes, shape (3,)."""
     too_far = length(now.travel_m * limited) > LIMIT_M  # before the travel that the force allows
     too_turned = rotates and now.turn_rad > LIMIT_RAD and limited.any()
@@ -164,7 +151,7 @@ def trip_of(
     return None
 
 
-def _fallen_N(now: YieldTravel, size_N: Array, limited: "npt.NDArray[np.bool_]") -> Array:
+def _fallen_N(now: YieldTravel, size_N: Array, limited: Flags) -> Array:
     """Return by how much yielding has reduced the force along each axis [N]. Shape (3,).
 
     The force of a released contact falls as a whole. With swapped axes, the force along one axis

@@ -9,8 +9,8 @@ from common.config.cell import CellConfig
 from common.motion.convert import record_of
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Gains, Mode, PoseRecord, WrenchAtTcp
-from services.regulator.law import LawInput, start_at, step
-from services.regulator.settings import law_settings, pi_gains
+from services.regulator.gains import PiGains
+from services.regulator.law import LawInput, LawSettings, next_motion, start_at
 
 
 class PcFeedback:
@@ -20,7 +20,7 @@ class PcFeedback:
         self, cell: CellConfig, T_start: pin.SE3, mode: Mode, gains: Gains, *, now_ns: int
     ):
         """Start at a flange pose, without a dead band because the tests push with small forces."""
-        settings = law_settings(cell)
+        settings = LawSettings.of(cell)
         self._settings = replace(settings, deadband_N=0.0, deadband_Nm=0.0)
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._law = start_at(T_start * self._T_flange_tcp)
@@ -30,7 +30,7 @@ class PcFeedback:
 
     def use(self, gains: Gains) -> None:
         """Change the gains."""
-        self._gains = pi_gains(gains)
+        self._gains = PiGains.of(gains)
 
     def next_pose(self, wrench: WrenchAtTcp, now_ns: int) -> PoseRecord:
         """Return the set point of the next sample."""
@@ -40,7 +40,10 @@ class PcFeedback:
             setpoint_N=0.0,
             mode=self._mode,
             dt_s=(now_ns - self._at_ns) / NS_PER_S,
+            gains=self._gains,
+            motion=self._law,
+            T_measured=self._law.T_base_tcp,
         )
         self._at_ns = now_ns
-        self._law = step(self._law, sample, self._gains, self._settings)
+        self._law = next_motion(sample, self._settings)
         return record_of(self._law.T_base_tcp * self._T_flange_tcp.inverse())

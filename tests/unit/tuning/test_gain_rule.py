@@ -8,11 +8,12 @@ from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
 from forcemesh.messages import Gains, Preset
-from services.regulator.settings import PROBE_N, law_settings, pi_gains
+from services.regulator.gains import PiGains
+from services.regulator.law import PROBE_N, LawSettings
 from tests.fakes.bench import CELL
-from tuning.gain_rule import LOOP_GAINS, instability, loop_delay_s, tune
+from tuning.gain_rule import LOOP_GAINS, instability, tune
 
-GAINS = pi_gains(tune(CELL).gains)
+GAINS = PiGains.of(tune(CELL).gains)
 
 
 def cell_of(k: float, k_tilt: float, delay_s: float) -> CellConfig:
@@ -108,16 +109,16 @@ def test_all_delay_of_the_loop_counts(
 ) -> None:
     """Delay, lag, filter, median and period: each by as much as it really delays."""
     changed = getattr(CELL, section).model_copy(update=changes)
-    tau_s = loop_delay_s(CELL.model_copy(update={section: changed}))
+    tau_s = CELL.model_copy(update={section: changed}).loop_delay_s
 
-    assert tau_s - loop_delay_s(CELL) == pytest.approx(longer_s)
+    assert tau_s - CELL.loop_delay_s == pytest.approx(longer_s)
 
 
 def test_tau_is_the_sum_of_its_parts() -> None:
     """The demo cell's numbers, added by hand, are the whole delay."""
     parts_s = (0.010, 0.0107, 0.005, 0.002, 0.002, CELL.force.chain_s)
 
-    assert loop_delay_s(CELL) == pytest.approx(sum(parts_s))
+    assert CELL.loop_delay_s == pytest.approx(sum(parts_s))
 
 
 def test_proportional_gains_are_zero_by_default() -> None:
@@ -132,7 +133,7 @@ def test_the_approach_speed_keeps_the_first_touch_within_its_force_budget() -> N
     tau_s = tune(CELL).tau_s
     for stiffness in (1e3, 2e4, 1e6):
         contact = CELL.contact.model_copy(update={"stiffness_N_m": stiffness})
-        settings = law_settings(CELL.model_copy(update={"contact": contact}))
+        settings = LawSettings.of(CELL.model_copy(update={"contact": contact}))
         budget = min(CELL.force.approach_budget_N, PROBE_N)
         affordable_m_s = budget / (stiffness * tau_s)
         assert settings.approach_m_s == pytest.approx(min(affordable_m_s, CELL.force.approach_m_s))

@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
-from services.regulator.adaptive import AdaptiveSettings, advance, begin
-from services.regulator.gain_schedule import limit_gain_for_braking
-from services.regulator.law import LawInput, LawState, start_at
-from services.regulator.settings import law_settings, pi_gains
+from services.regulator.adaptive import AdaptiveSettings, begin, limit_gain_for_braking, step
+from services.regulator.gains import PiGains
+from services.regulator.law import LawInput, LawMotion, start_at
 from tests.fakes.bench import CELL
 from tuning.gain_rule import tune
 
 DT_S = 0.004
-SETTINGS, PLAIN = AdaptiveSettings.of(CELL), law_settings(CELL)
-GAINS = pi_gains(tune(CELL).gains)
+SETTINGS = AdaptiveSettings.of(CELL)
+PLAIN = SETTINGS.plain
+GAINS = PiGains.of(tune(CELL).gains)
 START = pin.SE3(R_from_oat(Oat(0.3, math.pi, 0.0)), np.array([0.0, 0.5, 0.2]))
 UP = -START.rotation[:, 2]
 modes = st.sampled_from(["position", "orientation", "both"])
@@ -34,18 +34,28 @@ histories = st.lists(
 
 def run(samples, *, gains=GAINS, chosen=SETTINGS, arm=None):
     """Step through samples; the arm is at the commanded pose unless `arm` is given."""
-    law, adaptive = start_at(START), begin(START, START, chosen)
-    states: list[tuple[LawState, object]] = [(law, adaptive)]
-    for sample in samples:
+    law, adaptive = start_at(START), begin(START, START, None, chosen)
+    states: list[tuple[LawMotion, object]] = [(law, adaptive)]
+    for pushed_sample in samples:
         T = law.T_base_tcp if arm is None else arm
-        law, adaptive = advance(law, adaptive, sample, T, gains=gains, plain=PLAIN, settings=chosen)
+        sample = replace(pushed_sample, motion=law, T_measured=T, gains=gains)
+        adaptive, law = step(adaptive, sample, chosen)
         states.append((law, adaptive))
     return states
 
 
 def pushed(force_N, setpoint_N=0.0, mode="position", torque_Nm=(0.0, 0.0, 0.0)):
     """Return one sample."""
-    return LawInput(np.array(force_N), np.array(torque_Nm), setpoint_N, mode, DT_S)
+    return LawInput(
+        np.array(force_N),
+        np.array(torque_Nm),
+        setpoint_N,
+        mode,
+        DT_S,
+        GAINS,
+        start_at(START),
+        START,
+    )
 
 
 @settings(max_examples=60)
@@ -75,15 +85,15 @@ def test_it_accelerates_and_brakes_no_faster_than_the_arm_may(history) -> None:
 
 def test_a_turn_after_a_long_path_estimates_no_surface_motion() -> None:
     """100 mm across, then 2 degrees about the tip at the set force: the surface has not moved."""
-    T, adaptive = START.copy(), begin(START, START, SETTINGS, k=np.full(3, 2e4))
+    T, adaptive = START.copy(), begin(START, START, np.full(3, 2e4), SETTINGS)
     for number in range(600):
         if number < 500:
             T.translation = T.translation + 2e-4 * T.rotation[:, 0]
         else:
             T.rotation = T.rotation @ rotation_from_vector(np.array([0.0, 4e-4, 0.0]))
-        law = LawState(T.copy(), contact="contact")
-        sample = pushed(-10.0 * T.rotation[:, 2], 10.0)
-        _, adaptive = advance(law, adaptive, sample, T, gains=GAINS, plain=PLAIN, settings=SETTINGS)
+        law = LawMotion(T.copy(), contact="contact")
+        sample = replace(pushed(-10.0 * T.rotation[:, 2], 10.0), motion=law, T_measured=T)
+        adaptive, _ = step(adaptive, sample, SETTINGS)
     assert adaptive.tracking.near
     assert abs(adaptive.tracking.drift.speed_m_s) < 1e-4
 
@@ -137,7 +147,7 @@ def test_a_slowly_reported_pose_does_not_lower_the_stiffness(report_s, k) -> Non
     rates = CELL.rates.model_copy(update={"robot_hz": 1.0 / report_s})
     chosen = AdaptiveSettings.of(CELL.model_copy(update={"rates": rates}))
     every = round(report_s / DT_S)
-    law, adaptive = start_at(START), begin(START, START, chosen)
+    law, adaptive = start_at(START), begin(START, START, None, chosen)
     T_arm = T_report = START.copy()
     estimates = []
     for number in range(500):
@@ -145,10 +155,9 @@ def test_a_slowly_reported_pose_does_not_lower_the_stiffness(report_s, k) -> Non
         pressed_m = float((START.translation - T_arm.translation) @ UP)
         T_report = T_report if number % every else T_arm
         sample = pushed((k * pressed_m + 0.5) * UP, setpoint_N=1e3)
-        sample = replace(sample, pose_is_new=number % every == 0)
-        law, adaptive = advance(
-            law, adaptive, sample, T_report, gains=GAINS, plain=PLAIN, settings=chosen
-        )
+        is_new = number % every == 0
+        sample = replace(sample, pose_is_new=is_new, motion=law, T_measured=T_report)
+        adaptive, law = step(adaptive, sample, chosen)
         law = replace(law, T_base_tcp=T_arm)
         estimates.append(adaptive.stiffness.k[2])
     assert min(estimates) >= 0.98 * k
@@ -157,12 +166,10 @@ def test_a_slowly_reported_pose_does_not_lower_the_stiffness(report_s, k) -> Non
 def test_the_identified_stiffness_is_dropped_when_contact_is_lost() -> None:
     """A short loss of contact keeps it, three tau without contact do not."""
     soft = np.full(3, 2e3)
-    law, adaptive = start_at(START), begin(START, START, SETTINGS, soft)
+    law, adaptive = start_at(START), begin(START, START, soft, SETTINGS)
     kept = []
     for _ in range(round(4.0 * SETTINGS.tau_s / DT_S)):
-        law, adaptive = advance(
-            law, adaptive, pushed(0.0 * UP), START, gains=GAINS, plain=PLAIN, settings=SETTINGS
-        )
+        adaptive, law = step(adaptive, replace(pushed(0.0 * UP), motion=law), SETTINGS)
         kept.append(adaptive.stiffness.k[2])
     assert kept[0] == 2e3
     assert kept[-1] == SETTINGS.stiffness.stiffest
@@ -177,15 +184,15 @@ def test_requested_gains_slow_it_down_and_never_speed_it_up(share) -> None:
     assert travels_m[1] == pytest.approx(min(share, 1.0) * travels_m[0], abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "without", [replace(SETTINGS, predicts=False), replace(SETTINGS, tracks=False)]
-)
+@pytest.mark.parametrize("without", ["delay_compensation", "surface_tracking"])
 def test_each_part_can_be_switched_off(without) -> None:
     """The law without one part differs and still yields."""
+    force = CELL.force.model_copy(update={without: False})
+    chosen = AdaptiveSettings.of(CELL.model_copy(update={"force": force}))
     samples = [pushed((9.0 + 0.1 * n) * UP, 10.0) for n in range(40)]
-    with_it, alone = run(samples)[-1][0], run(samples, chosen=without)[-1][0]
+    with_it, alone = run(samples)[-1][0], run(samples, chosen=chosen)[-1][0]
     assert (alone.T_base_tcp.translation - START.translation) @ UP != 0.0
-    if not without.predicts:
+    if without == "delay_compensation":
         assert not np.allclose(with_it.T_base_tcp.translation, alone.T_base_tcp.translation)
 
 

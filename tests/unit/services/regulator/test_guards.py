@@ -22,22 +22,24 @@ from forcemesh.messages import RegulatorTarget, RobotCommand
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from services.regulator.guards import (
+    HALF_WAVES,
     GuardSample,
     GuardSettings,
     GuardState,
+    HalfWaves,
+    OscillationSettings,
     kept_over_restart,
     verifies_press_axis,
     watch,
 )
-from services.regulator.oscillation import HALF_WAVES, HalfWaves, OscillationSettings, follow
-from services.regulator.settings import PROBE_N, law_settings
+from services.regulator.law import PROBE_N, LawSettings
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.regulator_bench import KI, PERIOD_S, T_FLANGE_TCP, RegulatorBench
 
 GUARDS, SWING = GuardSettings.of(CELL), OscillationSettings.of(CELL)
 TAU_S = CELL.loop_delay_s
-LAW = law_settings(CELL)
+LAW = LawSettings.of(CELL)
 BRAKE_M = 0.0005
 DT_S = 0.004
 QUICK = settings(max_examples=20, deadline=None)
@@ -152,7 +154,7 @@ def half_waves(waves: list[tuple[float, float]]) -> HalfWaves:
         for phase in np.arange(0.5, round(duration_s / DT_S)) * DT_S / duration_s:
             error = np.zeros(6)
             error[2] = sign * height * np.sin(np.pi * phase)
-            swing = follow(swing, error, DT_S, SWING)
+            swing = swing.after(error, DT_S, SWING)
         sign = -sign
     return swing
 
@@ -185,7 +187,7 @@ def test_noise_is_no_oscillation(errors) -> None:
     """Half waves below ten deadbands are not counted."""
     swing = HalfWaves()
     for share in errors:
-        swing = follow(swing, share * SWING.least, DT_S, SWING)
+        swing = swing.after(share * SWING.least, DT_S, SWING)
     assert not swing.count.any()
 
 

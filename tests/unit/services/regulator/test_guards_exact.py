@@ -16,11 +16,12 @@ from services.regulator.guards import (
     GuardSample,
     GuardSettings,
     GuardState,
+    HalfWaves,
+    OscillationSettings,
     kept_over_restart,
     verifies_press_axis,
     watch,
 )
-from services.regulator.oscillation import HalfWaves, OscillationSettings
 from services.regulator.unverified_axes import ToolMotion, YieldSettings
 from tests.fakes.bench import CELL
 

@@ -12,16 +12,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
+from services.regulator.gains import PiGains
 from services.regulator.law import (
     LawInput,
+    LawMotion,
     LawSettings,
-    LawState,
-    PiGains,
+    next_motion,
     soft_deadband,
     start_at,
-    step,
 )
-from services.regulator.settings import law_settings, pi_gains
 from tests.fakes.bench import CELL
 from tuning.gain_rule import tune
 
@@ -29,9 +28,9 @@ DT_S = 0.004
 MODES = ("position", "orientation", "both")
 DOWN = R_from_oat(Oat(0.3, math.pi, 0.0))
 START = pin.SE3(DOWN, np.array([0.0, 0.5, 0.2]))
-SETTINGS = law_settings(CELL)
+SETTINGS = LawSettings.of(CELL)
 NO_BAND = replace(SETTINGS, deadband_N=0.0, deadband_Nm=0.0, speed_max_m_s=1e3, speed_max_rad_s=1e3)
-GAINS = pi_gains(tune(CELL).gains)
+GAINS = PiGains.of(tune(CELL).gains)
 WITH_P = PiGains(*[np.full(3, gain) for gain in (2e-5, 1e-3, 1e-2, 0.5)])
 
 vectors = hnp.arrays(float, 3, elements=st.floats(-100.0, 100.0))
@@ -47,11 +46,17 @@ each_mode = pytest.mark.parametrize("mode", MODES)
 def sample(force_N: Any = (0, 0, 0), torque_Nm: Any = (0, 0, 0), **changes: Any) -> LawInput:
     """Return one sample, in mode position and without set point by default."""
     fields: dict[str, Any] = {"setpoint_N": 0.0, "mode": "position", "dt_s": DT_S}
+    fields |= {"gains": GAINS, "motion": start_at(START), "T_measured": START}
     force, torque = np.array(force_N, dtype=float), np.array(torque_Nm, dtype=float)
     return LawInput(force, torque, **(fields | changes))
 
 
-def run(samples: list[LawInput], law_gains: PiGains, settings: LawSettings) -> list[LawState]:
+def step(before: LawMotion, item: LawInput, law_gains: PiGains, settings: LawSettings) -> LawMotion:
+    """Return the motion after one sample."""
+    return next_motion(replace(item, motion=before, gains=law_gains), settings)
+
+
+def run(samples: list[LawInput], law_gains: PiGains, settings: LawSettings) -> list[LawMotion]:
     """Step through samples from the start; return all states with the first one."""
     states = [start_at(START)]
     for item in samples:
@@ -59,12 +64,12 @@ def run(samples: list[LawInput], law_gains: PiGains, settings: LawSettings) -> l
     return states
 
 
-def shift_m(before: LawState, after: LawState) -> np.ndarray:
+def shift_m(before: LawMotion, after: LawMotion) -> np.ndarray:
     """Return the translation of the commanded TCP."""
     return np.asarray(after.T_base_tcp.translation - before.T_base_tcp.translation)
 
 
-def turn_rad(before: LawState, after: LawState) -> np.ndarray:
+def turn_rad(before: LawMotion, after: LawMotion) -> np.ndarray:
     """Return the rotation of the commanded orientation in base axes."""
     return rotation_between(before.T_base_tcp.rotation, after.T_base_tcp.rotation)
 

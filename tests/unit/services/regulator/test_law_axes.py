@@ -11,8 +11,8 @@ from common.motion.frames import rotation_from_vector
 from forcemesh import topics
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
 from launch.virtual_cell import VirtualCell
-from services.regulator.law import LawInput, PiGains, start_at, step
-from services.regulator.settings import law_settings
+from services.regulator.gains import PiGains
+from services.regulator.law import LawInput, LawSettings, next_motion, start_at
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, HALF_CELL
 from tests.fakes.regulator_bench import T_FLANGE_TCP, RegulatorBench
@@ -80,14 +80,14 @@ def test_masked_axes_hold_under_every_law(axes, turn, task, force_N, setpoint_N,
     T = T_START * T_FLANGE_TCP
     T.rotation = rotation_from_vector(np.array(turn)) @ T.rotation
     R_task = rotation_from_vector(np.array(task))
-    law, settings_ = start_at(T), law_settings(CELL)
+    law, settings_ = start_at(T), LawSettings.of(CELL)
     held = ~np.array(axes)
     for size in (0.0, 0.05, 1.0, 1.0, 0.5, 0.0):  # free, approach, contact, lost
         sample = LawInput(
             size * np.array(force_N), size * 0.1 * np.array(force_N), setpoint_N, mode, 0.004,
-            R_base_task=R_task, axes=axes,
+            GAINS, law, T, R_base_task=R_task, axes=axes,
         )  # fmt: skip
         before = law.T_base_tcp
-        law = step(law, sample, GAINS, settings_)
+        law = next_motion(sample, settings_)
         shift_m = R_task.T @ (law.T_base_tcp.translation - before.translation)
         assert np.abs(shift_m[held[:3]]).max(initial=0.0) < 1e-12

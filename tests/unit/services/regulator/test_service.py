@@ -11,7 +11,7 @@ from forcemesh import topics
 from forcemesh.bus import Origin
 from forcemesh.messages import ArbiterStatus
 from forcemesh.requests import Empty, ForceStartRequest, GainsRequest
-from services.regulator.settings import law_settings
+from services.regulator.law import LawSettings
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import (
@@ -208,7 +208,7 @@ def test_the_controller_approaches_no_faster_than_the_law_on_the_pc(stiffer: flo
     request = ForceStartRequest(mode="position", host="controller", setpoint_N=30.0)
     assert bench.start(request).accepted
     bench.pass_s(1.0)
-    limit_N = law_settings(CELL).approach_m_s / gain
+    limit_N = LawSettings.of(CELL).approach_m_s / gain
     assert sent_setpoint_N(bench) == pytest.approx(min(limit_N, 30.0), rel=1e-3)
     bench.push((0.0, 0.0, 5.0))
     before_N = sent_setpoint_N(bench)

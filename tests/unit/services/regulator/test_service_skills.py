@@ -12,8 +12,8 @@ from forcemesh.messages import Preset
 from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest
 from services.regulator import admittance
 from services.regulator.admittance import AdmittanceSettings
+from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, start_at
-from services.regulator.settings import law_settings, pi_gains
 from services.regulator.tcp_path import advance, append_points, remaining_m
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
@@ -21,7 +21,7 @@ from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, FollowingBench
 from tuning.gain_rule import LOOP_GAINS, tune
 
 DOWN = (T_START * T_FLANGE_TCP).rotation[:, 2]
-SETTINGS, PLAIN, GAINS = AdmittanceSettings.of(CELL), law_settings(CELL), pi_gains(tune(CELL).gains)
+SETTINGS, GAINS = AdmittanceSettings.of(CELL), PiGains.of(tune(CELL).gains)
 PRESS = ForceStartRequest(mode="position", setpoint_N=5.0, axes=(False, False, True) * 2)
 coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
 points = st.lists(st.tuples(*[coordinates] * 3).map(np.array), min_size=1, max_size=6)
@@ -32,16 +32,13 @@ points = st.lists(st.tuples(*[coordinates] * 3).map(np.array), min_size=1, max_s
 
 def guided(force_N, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the travel and the last speed under a force of each period, in base axes."""
-    law, memory = start_at(T_START), admittance.begin(T_START)
+    law, memory = start_at(T_START), admittance.begin(T_START, T_START, None, SETTINGS)
     before = T_START.translation
     for number in range(round(seconds / PERIOD_S)):
-        sample = LawInput(
-            np.array(force_N(number * PERIOD_S)), np.zeros(3), 0.0, "position", PERIOD_S
-        )
+        force = np.array(force_N(number * PERIOD_S))
+        sample = LawInput(force, np.zeros(3), 0.0, "position", PERIOD_S, GAINS, law, law.T_base_tcp)
         before = law.T_base_tcp.translation
-        law, memory = admittance.advance(
-            law, memory, sample, law.T_base_tcp, gains=GAINS, plain=PLAIN, settings=SETTINGS
-        )
+        memory, law = admittance.step(memory, sample, SETTINGS)
     speed = (law.T_base_tcp.translation - before) / PERIOD_S
     return law.T_base_tcp.translation - T_START.translation, speed
 
@@ -75,21 +72,19 @@ SPEED = CELL.force.speed_max_m_s
 def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -> None:
     """Pushed with 10 N into a wall through the loop's delay: it comes to rest without bouncing."""
     late = round((CELL.loop_delay_s - CELL.filter.lowpass_s) / PERIOD_S)
-    law, memory = start_at(T_START), admittance.begin(T_START)
+    law, memory = start_at(T_START), admittance.begin(T_START, T_START, None, SETTINGS)
     places = [T_START.copy()] * (late + 1)
     forces = []
     for number in range(800):
         deep_m = max(0.0, float(T_START.translation[2] - 0.002 - places[0].translation[2]))
         forces.append(stiffness_N_m * deep_m)
         force_N = np.array([0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0)])
-        sample = LawInput(force_N, np.zeros(3), 0.0, "position", PERIOD_S)
-        law, memory = admittance.advance(
-            law, memory, sample, places[0], gains=GAINS, plain=PLAIN, settings=SETTINGS
-        )
+        sample = LawInput(force_N, np.zeros(3), 0.0, "position", PERIOD_S, GAINS, law, places[0])
+        memory, law = admittance.step(memory, sample, SETTINGS)
         places = [*places[1:], law.T_base_tcp]
     resting = np.array(forces[400:600])
     assert resting.std() < 0.5
-    assert resting.mean() == pytest.approx(10.0, abs=SETTINGS.deadband_N + 0.5)
+    assert resting.mean() == pytest.approx(10.0, abs=SETTINGS.plain.deadband_N + 0.5)
 
 
 def test_guiding_is_requested_by_its_law_and_changes_without_a_step() -> None:

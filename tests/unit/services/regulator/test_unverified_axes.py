@@ -13,7 +13,7 @@ import pytest
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.requests import Empty, ForceStartRequest
-from services.regulator.settings import law_settings
+from services.regulator.law import LawSettings
 from services.regulator.unverified_axes import LIMIT_RAD, YieldTravel, trip_of
 from tests.fakes.bench import CELL
 from tests.fakes.long import long
@@ -179,7 +179,7 @@ def test_a_hand_pulls_the_tool_200_mm(law: Any, pull: Any) -> None:
     plant = TouchedPlant(axes_checked=True)
     assert plant.start(ForceStartRequest(mode="position", law=law)).accepted
     begin_m, direction = plant.p_m, np.array(pull) / np.linalg.norm(pull)
-    speed_m_s = 0.5 * law_settings(CELL).speed_max_m_s
+    speed_m_s = 0.5 * LawSettings.of(CELL).speed_max_m_s
     for number in range(round(0.2 / speed_m_s / PERIOD_S)):
         plant.p_hand_m = begin_m + speed_m_s * number * PERIOD_S * direction
         plant.step()

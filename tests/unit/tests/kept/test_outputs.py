@@ -32,13 +32,14 @@ def test_every_run_is_kept_and_nothing_else() -> None:
 
 def test_a_gain_that_is_a_millionth_part_off_is_found(monkeypatch) -> None:
     """Far below the resolution of any test of the law itself."""
-    well = law.step
+    well = law.next_motion
 
-    def nearly(state, sample, gains, settings):
-        more = gains.force_i_m_per_Ns * (1.0 + 1e-6)
-        return well(state, sample, dataclasses.replace(gains, force_i_m_per_Ns=more), settings)
+    def nearly(sample, settings):
+        more = sample.gains.force_i_m_per_Ns * (1.0 + 1e-6)
+        gains = dataclasses.replace(sample.gains, force_i_m_per_Ns=more)
+        return well(dataclasses.replace(sample, gains=gains), settings)
 
-    monkeypatch.setattr("services.regulator.control.step", nearly)
+    monkeypatch.setattr("services.regulator.laws.next_motion", nearly)
     found = differences(read("plain-sim-both"), kept_of(RUNS["plain-sim-both"].run_cell()))
     assert any(line.startswith("regulator pose: from window") for line in found)
 

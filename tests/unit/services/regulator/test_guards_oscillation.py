@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from services.regulator.oscillation import HalfWaves, OscillationSettings, follow
+from services.regulator.guards import HalfWaves, OscillationSettings
 from tests.fakes.bench import CELL
 
 DT_S = 0.004
@@ -63,7 +63,7 @@ def test_a_half_wave_counts_by_its_time_its_height_and_the_one_before_on_its_sid
     swing = HalfWaves(**{name: np.full(6, value) for name, value in fields.items()})
     error = np.zeros(6)
     error[2] = -2.5 * side
-    after = follow(swing, error, DT_S, SETTINGS)
+    after = swing.after(error, DT_S, SETTINGS)
     expected: dict[str, Any] = {
         "side": -side,
         "height": 2.5,
@@ -81,7 +81,7 @@ def test_a_half_wave_counts_by_its_time_its_height_and_the_one_before_on_its_sid
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_first_half_wave_has_no_predecessor(side: float) -> None:
     """An error that leaves its deadband for the first time ends nothing."""
-    after = follow(HalfWaves(count=np.full(6, 5.0)), np.full(6, side * 4.0), DT_S, SETTINGS)
+    after = HalfWaves(count=np.full(6, 5.0)).after(np.full(6, side * 4.0), DT_S, SETTINGS)
     assert (after.side == side).all()
     assert (after.height == 4.0).all()
     assert (after.count == 5.0).all()
@@ -94,7 +94,7 @@ def test_the_first_half_wave_has_no_predecessor(side: float) -> None:
 def test_a_half_wave_continues_through_its_deadband(error: float, side: float) -> None:
     """It keeps its greatest height and its duration grows; only the other side ends it."""
     swing = HalfWaves(side=np.full(6, side), height=np.full(6, 4.0), age_s=np.full(6, 0.1))
-    after = follow(swing, np.full(6, side * error), DT_S, SETTINGS)
+    after = swing.after(np.full(6, side * error), DT_S, SETTINGS)
     assert (after.side == side).all()
     assert (after.height == max(error, 4.0)).all()
     assert after.age_s == pytest.approx(0.104)

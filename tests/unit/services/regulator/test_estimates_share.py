@@ -5,32 +5,31 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.regulator.response import SOFTEST_ARM_N_M, Response, ResponseSample, initial, update
+from services.regulator.estimates import SOFTEST_ARM_N_M, FitSettings, ResponseShare
 
 DT_S, TIME_S = 0.004, 0.03
+SETTINGS = FitSettings(2e5, 200.0, memory_s=0.1, noise=0.15, least_travel=1e-5)
 ARM_N_M = 8e5  # of the servos, in series with the contact
 stiffnesses = st.floats(1e4, 2e5)
 lates = st.floats(-0.005, 0.005)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def response_sample(travel, speed, force) -> ResponseSample:
-    """Return one sample, the same along all axes."""
-    travels, speeds, forces = np.full(3, travel), np.full(3, speed), np.full(3, force)
-    return ResponseSample(
-        travels, speeds, forces, DT_S, memory_s=0.1, noise_N=0.15, least_travel_m=1e-5
-    )
+def after(state, travel, speed, force, k) -> ResponseShare:
+    """Return the estimate after one sample, the same along all axes."""
+    values = np.full(3, travel), np.full(3, speed), np.full(3, force)
+    return state.after(values, np.full(3, k), dt_s=DT_S, settings=SETTINGS)
 
 
-def released(k, total_k, late_s=0.0, *, noise_N=0.0, seed=0) -> Response:
+def released(k, total_k, late_s=0.0, *, noise_N=0.0, seed=0) -> ResponseShare:
     """Yield from 30 N, first faster; the force responds with `total_k`, later than assumed."""
-    rng, state = np.random.default_rng(seed), initial()
+    rng, state = np.random.default_rng(seed), ResponseShare.rigid()
     for number in range(80):
         t = number * DT_S
         travel_m = 30.0 / total_k * (1.0 - (1.0 + t / TIME_S) * np.exp(-t / TIME_S))
         speed_m_s = 30.0 / total_k * t / TIME_S**2 * np.exp(-t / TIME_S)
         force_N = 30.0 - total_k * (travel_m - late_s * speed_m_s) + noise_N * rng.normal()
-        state = update(state, response_sample(travel_m, speed_m_s, force_N), np.full(3, k))
+        state = after(state, travel_m, speed_m_s, force_N, k)
     return state
 
 
@@ -67,18 +66,18 @@ def test_an_arm_that_does_not_follow_never_counts_as_soft(k, followed) -> None:
 @given(seeds)
 def test_without_motion_nothing_is_estimated(seed) -> None:
     """Noise alone does not change the estimate."""
-    rng, state = np.random.default_rng(seed), initial()
+    rng, state = np.random.default_rng(seed), ResponseShare.rigid()
     for _ in range(60):
-        state = update(state, response_sample(0.0, 0.0, 10.0 + rng.normal()), np.full(3, 2e4))
+        state = after(state, 0.0, 0.0, 10.0 + rng.normal(), 2e4)
     assert (state.share == 1.0).all()
 
 
 @given(st.lists(st.tuples(*[st.floats(-1e-2, 1e-2)] * 2, st.floats(-100, 100)), max_size=60))
 def test_the_estimate_stays_within_its_bounds_for_any_sample(samples) -> None:
     """For any travel, speed and force it is between the share of the softest arm and one."""
-    state = initial()
-    for sample in samples:
-        state = update(state, response_sample(*sample), np.full(3, 5e4))
+    state = ResponseShare.rigid()
+    for travel, speed, force in samples:
+        state = after(state, travel, speed, force, 5e4)
         assert (state.share >= softest(5e4)).all()
         assert (state.share <= 1.0).all()
 
@@ -86,7 +85,7 @@ def test_the_estimate_stays_within_its_bounds_for_any_sample(samples) -> None:
 def test_the_estimate_is_kept_without_new_motion() -> None:
     """A tool at rest after a release keeps its estimate."""
     state = released(2e5, 1.6e5)
-    after = state
+    later = state
     for _ in range(100):
-        after = update(after, response_sample(1.9e-4, 0.0, 0.0), np.full(3, 2e5))
-    assert after.share == pytest.approx(state.share, rel=0.03)
+        later = after(later, 1.9e-4, 0.0, 0.0, 2e5)
+    assert later.share == pytest.approx(state.share, rel=0.03)

@@ -1,4 +1,4 @@
-"""Map of the adaptive law: outside the measured range the plain law runs, with a message."""
+"""Measured range: outside that of the adaptive law the plain law runs, with a message."""
 
 import numpy as np
 import pytest
@@ -8,10 +8,11 @@ from hypothesis import strategies as st
 from common.config.cell import CellConfig
 from forcemesh.requests import ForceStartRequest
 from services.regulator.adaptive import AdaptiveSettings, gain_for
-from services.regulator.settings import law_settings
+from services.regulator.law import LawSettings
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import RegulatorBench
-from tuning.adaptive_map import MEASURED, restriction, softest_N_m
+from tuning import measured_range
+from tuning.measured_range import range_violation, restriction, softest_N_m
 
 ADAPTIVE = ForceStartRequest(mode="position", law="adaptive")
 
@@ -43,7 +44,7 @@ def test_below_its_softest_contact_the_gain_is_the_plain_laws(loop_hz, delay_s, 
     if k_N_m < settings.softest_N_m:
         assert (Ki <= settings.plain_gain_m_per_Ns * (1.0 + 1e-12)).all()
         assert not w.any()
-    assert settings.softest_N_m in {row.softest_N_m for row in MEASURED}
+    assert settings.softest_N_m in {row.softest_N_m for row in measured_range.ADAPTIVE}
 
 
 def test_a_start_outside_the_map_runs_the_plain_law_and_reports_it() -> None:
@@ -66,5 +67,25 @@ def test_a_start_inside_the_map_reports_only_a_restricted_range() -> None:
         reply = bench.start(ADAPTIVE)
         assert "law adaptive" in reply.text
         assert note in reply.text
-        assert law_settings(cell).approach_m_s > 0.0
+        assert LawSettings.of(cell).approach_m_s > 0.0
         assert ("plain" in reply.text) == bool(note)
+
+
+@pytest.mark.parametrize(
+    ("loop_hz", "tau_s", "k_N_m", "reason"),
+    [
+        (250.0, 0.17, 1e3, ""),
+        (15.0, 0.17, 2e5, ""),
+        (14.9, 0.05, 1e4, "too slow: the loop runs at 14.9 Hz, the law was measured down to 15 Hz"),
+        (250.0, 0.171, 1e4, "too slow: the loop delay is 171 ms"),
+        (250.0, 0.05, 2.01e5, "too stiff: 2.01e+05 N/m"),
+        (124.0, 0.05, 4.9e3, "too soft: 4.9e+03 N/m, at 124 Hz the law was measured from 5000 N/m"),
+    ],
+)
+def test_the_plain_law_names_what_is_outside_its_range(
+    loop_hz: float, tau_s: float, k_N_m: float, reason: str
+) -> None:
+    """Every limit itself is inside."""
+    found = range_violation(loop_hz, tau_s, k_N_m)
+    assert found.startswith(reason)
+    assert bool(found) == bool(reason)

@@ -1,0 +1,58 @@
+"""Gains of force feedback: ramped, changed by request, and sent to a controller. Pure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.config.cell import CellConfig
+from common.motion.convert import vec3
+from common.motion.frames import Array
+from forcemesh.messages import Gains
+from forcemesh.requests import GainsRequest
+from tuning.gain_rule import tune
+
+GAIN_RAMP_S = 0.1  # time constant
+SAME_GAIN = 0.15  # relative change of the controller's gains below which no command is sent
+
+
+@dataclass(frozen=True, slots=True)
+class PiGains:
+    """Gains about the base axes x, y, z; each of shape (3,)."""
+
+    force_p_m_per_N: Array
+    force_i_m_per_Ns: Array
+    torque_p_rad_per_Nm: Array
+    torque_i_rad_per_Nms: Array
+
+    @classmethod
+    def of(cls, gains: Gains) -> "PiGains":
+        """Convert gains to arrays."""
+        return cls(**{name: np.array(values) for name, values in gains.as_dict().items()})
+
+    def ramped(self, goal: "PiGains", dt_s: float) -> "PiGains":
+        """Return gains one period further towards a goal (first-order low-pass)."""
+        share = min(1.0, dt_s / GAIN_RAMP_S)
+        now = np.array([getattr(self, name) for name in self.__slots__])
+        then = np.array([getattr(goal, name) for name in self.__slots__])
+        is_near = np.abs(then - now) <= 1e-3 * np.abs(then)
+        if is_near.all():
+            return goal
+        return PiGains(*np.where(is_near, then, now + share * (then - now)))
+
+
+def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
+    """Return the gains after a request: its preset first, then its single gains."""
+    if change.preset is not None:
+        gains = tune(cell, change.preset).gains
+    new = {name: value for name, value in change.as_dict().items() if value is not None}
+    new.pop("preset", None)
+    return gains.replaced(**new)
+
+
+def gains_to_send(sent: Gains | None, requested: Gains, Ki: Array) -> Gains:
+    """Return the controller's gains with an integral gain `Ki`; small changes are not sent."""
+    if sent is not None:
+        now = np.array(sent.force_i_m_per_Ns)
+        if bool((np.abs(Ki - now) <= SAME_GAIN * now).all()):
+            return sent
+    return requested.replaced(force_i_m_per_Ns=vec3(Ki))

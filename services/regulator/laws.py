@@ -1,0 +1,60 @@
+"""Registry of the control laws: a new law is one file, and one row here.
+
+    step(state, sample, settings) -> (state, motion)
+
+`state` is the law's own; the motion contains the next command. The service runs each row the same.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pinocchio as pin
+
+from common.config.cell import CellConfig
+from common.motion.frames import Array
+from services.regulator import adaptive, admittance
+from services.regulator.adaptive import AdaptiveSettings, ContactStiffness
+from services.regulator.admittance import AdmittanceSettings
+from services.regulator.gains import PiGains
+from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion
+from tuning.measured_range import restriction, softest_N_m
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """Control law: constants of a cell, initial state, step, and properties."""
+
+    settings: Callable[[CellConfig], Any]
+    # Of a tool at rest: commanded pose, measured pose, stiffness identified here before, settings.
+    begin: Callable[[pin.SE3, pin.SE3, Array | None, Any], Any]
+    step: Callable[[Any, LawInput, Any], tuple[Any, LawMotion]]
+    guides: bool = False  # a hand guides the tool: on the PC, at set point 0, with verified axes
+    predicts: bool = False  # from its own commands: it takes other motion for that of the contact
+    # Whether the law may run in a cell; otherwise the plain law does. The remark is for the reply.
+    covers: Callable[[CellConfig], bool] = lambda _: True
+    remark: Callable[[CellConfig], str] = lambda _: ""
+    # Stiffness of the present contact, kept for a start in place.
+    identified: Callable[[Any, Any], ContactStiffness | None] = lambda _, __: None
+    # Integral gains of the host controller, base axes; None: those requested.
+    controller_gain: Callable[[Any, PiGains, Array, Any], Array | None] = lambda *_: None
+
+
+LAWS: dict[str, Law] = {
+    "plain": Law(
+        LawSettings.of,
+        begin=lambda *_: None,
+        step=lambda _, sample, settings: (None, next_motion(sample, settings)),
+    ),
+    "adaptive": Law(
+        AdaptiveSettings.of,
+        adaptive.begin,
+        adaptive.step,
+        predicts=True,
+        covers=lambda cell: softest_N_m(cell) is not None,
+        remark=restriction,
+        identified=adaptive.identified,
+        controller_gain=adaptive.controller_gain,
+    ),
+    "admittance": Law(AdmittanceSettings.of, admittance.begin, admittance.step, guides=True),
+}

@@ -1,0 +1,100 @@
+"""The registry of the laws: a law of another package runs in the service as ours do."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from common.config.cell import CellConfig
+from forcemesh.requests import ForceStartRequest
+from services.regulator.law import LawInput, LawMotion
+from services.regulator.laws import LAWS, Law
+from tests.fakes.bench import CELL
+from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
+
+# Names are those of the wire: the tiny law takes the row of one of ours.
+REQUEST = ForceStartRequest(mode="position", law="admittance", setpoint_N=10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TinyState:
+    """Samples so far, and the stiffness that the service has given."""
+
+    samples: int = 0
+
+
+def begin(_command: pin.SE3, _measured: pin.SE3, _k: Any, _damping_Ns_m: float) -> TinyState:
+    """Return the initial state."""
+    return TinyState()
+
+
+def step(state: TinyState, sample: LawInput, damping_Ns_m: float) -> tuple[TinyState, LawMotion]:
+    """Yield to the force with a constant damping, whatever the set point."""
+    T = sample.motion.T_base_tcp
+    shift_m = sample.force_N / damping_Ns_m * sample.dt_s
+    motion = replace(
+        sample.motion,
+        T_base_tcp=pin.SE3(T.rotation, T.translation + shift_m),
+        error_force_N=sample.force_N,
+        error_torque_Nm=sample.torque_Nm,
+    )
+    return TinyState(state.samples + 1), motion
+
+
+def damping_Ns_m(cell: CellConfig) -> float:
+    """Return the only constant of the tiny law."""
+    return 100.0 / cell.force.speed_max_m_s
+
+
+TINY = Law(damping_Ns_m, begin, step)
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> FollowingBench:
+    """Return a regulator whose registry has the tiny law."""
+    monkeypatch.setitem(LAWS, "admittance", TINY)
+    return FollowingBench()
+
+
+def test_a_law_is_one_row(bench: FollowingBench) -> None:
+    """It starts, moves the arm at its own speed, and is in target and reply by its name."""
+    bench.push((0.0, 10.0, 0.0))
+    reply = bench.start(REQUEST)
+    assert reply.accepted
+    assert "law admittance" in reply.text
+    before_m = bench.p_tcp_m
+    bench.step(25)
+    speed_m_s = (bench.p_tcp_m - before_m) / (25 * PERIOD_S)
+    assert speed_m_s == pytest.approx([0.0, 10.0 / damping_Ns_m(CELL), 0.0], abs=1e-9)
+    assert bench.published().law == "admittance"
+    assert bench.published().error_force_N == (0.0, 10.0, 0.0)
+
+
+def test_its_properties_decide_what_is_refused(
+    bench: FollowingBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A law that guides needs set point 0; one that does not cover the cell leaves it to plain."""
+    monkeypatch.setitem(LAWS, "admittance", replace(TINY, guides=True))
+    assert bench.start(REQUEST).text == "law admittance needs set point 0"
+    remark = "never measured here"
+    row = replace(TINY, covers=lambda _: False, remark=lambda _: remark)
+    monkeypatch.setitem(LAWS, "admittance", row)
+    reply = bench.start(REQUEST)
+    assert "law plain" in reply.text
+    assert reply.text.endswith(remark)
+    bench.step()
+    assert bench.published().law == "plain"
+
+
+def test_another_law_while_it_runs_makes_no_step(bench: FollowingBench) -> None:
+    """The motion continues from the last command; the new law begins with its own state."""
+    bench.push((0.0, 10.0, 0.0))
+    for law in ("adaptive", "admittance", "plain", "admittance"):
+        request = ForceStartRequest.model_validate({"mode": "position", "law": law})
+        assert bench.start(request).accepted
+        bench.step(10)
+    limit_m = CELL.force.speed_max_m_s * PERIOD_S
+    assert max(bench.steps_m) <= limit_m * (1.0 + 1e-6)
+    assert np.isfinite(bench.p_tcp_m).all()

@@ -92,8 +92,8 @@ def _print_status(found: "CellStatus") -> None:
     from cli.arm_readings import reading_lines
     from cli.status import FOR_PROGRAMS, describe_number, died_text
     from cli.tables import print_table, table_console
+    from forcemesh.faults import trip_text
     from forcemesh.messages import Trip
-    from forcemesh.trip_text import trip_text
     from services.panel.state_colours import NO_STATE, STATE_COLOURS
 
     state = found["state"]

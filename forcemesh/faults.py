@@ -9,13 +9,20 @@ Rule 3: a FAULT needs its cause fixed, `clear` and `arm`; a HOLD needs `arm`; a 
 """
 
 from dataclasses import dataclass
-from math import isfinite
+from math import degrees, isfinite
 from typing import Literal
 
 from forcemesh.messages import Trip
 from forcemesh.requests import Reply
 
 MOST_TEXT_BYTES = 400  # longest text, in UTF-8
+
+SHOWN_AS = {  # unit on the bus: factor and unit on the panel
+    "m": (1e3, "mm"),
+    "m/s": (1e3, "mm/s"),
+    "rad": (degrees(1.0), "deg"),
+    "rad/s": (degrees(1.0), "deg/s"),
+}
 
 Kind = Literal["FAULT", "HOLD", "REFUSAL"]
 
@@ -146,6 +153,15 @@ def tripped(
         limit=_sendable(limit),
         unit=unit,
     )
+
+
+def trip_text(trip: Trip) -> str:
+    """Return the finding, its value and its limit; numbers of unknown unit are left out."""
+    factor, unit = SHOWN_AS.get(trip.unit, (1.0, trip.unit))
+    numbers = [] if trip.value is None else [f"{factor * trip.value:.4g} {unit}"]
+    if trip.limit is not None:
+        numbers.append(f"limit {factor * trip.limit:.4g} {unit}")
+    return f"{trip.text} ({', '.join(numbers)})" if numbers and unit else trip.text
 
 
 def refusal(

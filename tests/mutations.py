@@ -86,11 +86,11 @@ JUDGES = {
     ),
     "services.arbiter.preflight": (
         "unit/services/arbiter/test_preflight",
-        "unit/services/arbiter/test_controller_watch",
+        "unit/services/arbiter/test_watch_controller",
         "unit/services/arbiter/test_core",
     ),
-    "services.arbiter.stops": (
-        "unit/services/arbiter/test_stops",
+    "services.arbiter.stream": (
+        "unit/services/arbiter/test_stream",
         "unit/services/arbiter/test_service",
     ),
     "services.arbiter.watch": (
@@ -98,6 +98,7 @@ JUDGES = {
         "unit/services/arbiter/test_preflight",
         "unit/common/motion/test_last_check_corners",
         "unit/services/arbiter/test_watch_health",
+        "unit/services/arbiter/test_watch_controller",
     ),
     "services.wrench.tare": ("unit/services/wrench/test_tare",),
     "services.wrench.plausibility": ("unit/services/wrench/test_plausibility",),

@@ -13,10 +13,9 @@ from common.motion.back_off import (
 )
 from forcemesh.faults import FAULTS
 from forcemesh.messages import MAY_MOVE
-from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
-from services.arbiter.ranks import RANKS
+from services.arbiter.commanders import RANKS, REST_S, SETTLE_WITHIN_S
 from services.arbiter.states import CLEARS, MEANS, TABLE
-from services.arbiter.stops import REACTIONS, RETREAT_FROM
+from services.arbiter.stream import REACTIONS, RETREAT_FROM
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "arbitration.md"
 WHO = {

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, is_finite_pose, length, rotation_between
-from common.motion.limits import Limits, check_workspace
+from common.motion.frames import Array, apart, is_finite_pose, length
+from common.motion.limits import Limits, check_workspace, real_speed_m_s
 from forcemesh.faults import tripped
 from forcemesh.messages import Speed, Trip, WrenchAtTcp
 
@@ -217,14 +217,14 @@ def goal_trip(
     """
     if isinstance(expected, Trip):
         return expected
-    real_m_s = speed.mechanical_m_s * speed.modular_fraction
+    real_m_s = real_speed_m_s(speed)
     if real_m_s > SPEED_M_S * (1.0 + 1e-9):
         text = f"backing off with {real_m_s * 1e3:.1f} mm/s"
         return tripped("speed", text, value=real_m_s, limit=SPEED_M_S, unit="m/s")
     if not is_finite_pose(T_to):
         return tripped("not_finite", "the goal is not finite")
     travel, expected_m = T_to.translation - T_from.translation, length(expected.travel_m)
-    travel_m, turn_rad = length(travel), length(rotation_between(T_from.rotation, T_to.rotation))
+    travel_m, turn_rad = apart(T_from, T_to)
     if turn_rad > SAME_TURN_RAD:
         text = f"backing off would rotate the tool by {degrees(turn_rad):.2f} degrees"
         return tripped("state", text, value=turn_rad, limit=SAME_TURN_RAD, unit="rad")

@@ -74,7 +74,16 @@ class ArmKinematics:
         q, error = self._newton(T_base_flange, q_start)
         if error > 1e-7:
             return IkResult(None, self._failure(T_base_flange, q, error))
-        return self._checked_limits(q, q_start, jump_rad)
+        if violation := self.limit_violation(q):
+            return IkResult(None, violation)
+        moved = abs(q - q_start).tolist()
+        if (farthest := max(moved)) <= jump_rad:
+            return IkResult(q)
+        text = (
+            f"joint {moved.index(farthest) + 1} would jump by {math.degrees(farthest):.1f} deg,"
+            f" limit {math.degrees(jump_rad):.1f} deg"
+        )
+        return IkResult(None, text)
 
     def limit_violation(self, q: Array) -> str:
         """Return a message about the first joint outside its limits, or an empty string."""
@@ -135,18 +144,3 @@ class ArmKinematics:
         least = float(np.linalg.svd(self.jacobian(q), compute_uv=False)[-1])
         where = "singular pose" if least < 0.02 else "the iteration did not converge"
         return f"not reachable from here: {where} (error {error:.1e})"
-
-    def _checked_limits(self, q: Array, q_start: Array, jump_rad: float) -> IkResult:
-        violation = self.limit_violation(q)
-        if violation:
-            return IkResult(None, violation)
-        moved = abs(q - q_start).tolist()
-        farthest = max(moved)
-        if farthest > jump_rad:
-            return IkResult(
-                None,
-                f"joint {moved.index(farthest) + 1} would jump by"
-                f" {math.degrees(farthest):.1f} deg,"
-                f" limit {math.degrees(jump_rad):.1f} deg",
-            )
-        return IkResult(q)

@@ -1,6 +1,7 @@
 """Motion limits. Pure; used by the arbiter and again by the robot's process.
 
-Every check returns a `Trip` with the rule, the finding, the value and the limit.
+Every check returns a `Trip` with the rule, the finding, the value and the limit. A new limit is a
+field of `Limits`, its check, and its place in `ArmBounds`, which both processes use.
 """
 
 from dataclasses import dataclass
@@ -10,16 +11,14 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig, PlaneSection
-from common.motion.frames import (
-    Array,
-    is_finite,
-    is_finite_pose,
-    length,
-    rotation_between,
-    rotation_from_vector,
-)
+from common.motion.convert import pose_of
+from common.motion.frames import Array, apart, is_finite, is_finite_pose, length
 from forcemesh.faults import tripped
-from forcemesh.messages import Joints, Trip, Vec3
+from forcemesh.messages import Goal, Joints, Speed, Trip, Vec3
+
+MEASURED_SLACK_RAD = radians(0.5)  # of measured joints: rounding of reports, settling
+JOINT_WINDOW_S = 0.1  # averaging window of joint speeds: samples repeat and have jitter
+NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +105,10 @@ def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
     """Refuse a set point too far from the robot's pose."""
     if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
         return _not_finite("the set point or the arm's pose")
-    distance_m = length(T_to.translation - T_from.translation)
+    distance_m, angle_rad = apart(T_from, T_to)
     if distance_m > limits.step_m:
         text = f"set point {distance_m * 1e3:.1f} mm away from the arm"
         return tripped("step", text, value=distance_m, limit=limits.step_m, unit="m")
-    angle_rad = length(rotation_between(T_from.rotation, T_to.rotation))
     if angle_rad > limits.step_rad:
         text = f"set point {degrees(angle_rad):.1f} degrees away from the arm"
         return tripped("step", text, value=angle_rad, limit=limits.step_rad, unit="rad")
@@ -121,11 +119,10 @@ def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | Non
     """Refuse a flange pose too far from that at which the arm was armed."""
     if not (is_finite_pose(T_start) and is_finite_pose(T_now)):
         return _not_finite("the pose")
-    distance_m = length(T_now.translation - T_start.translation)
+    distance_m, angle_rad = apart(T_start, T_now)
     if distance_m > limits.tether_m:
         text = f"{distance_m * 1e3:.0f} mm away from the pose at arming"
         return tripped("tether", text, value=distance_m, limit=limits.tether_m, unit="m")
-    angle_rad = length(rotation_between(T_start.rotation, T_now.rotation))
     if angle_rad > limits.tether_rad:
         text = (
             f"rotated {degrees(angle_rad):.1f} degrees from the pose at arming, "
@@ -162,17 +159,30 @@ def check_joints(
     return None
 
 
-def check_joint_speed(limits: Limits, speed_rad_s: Array) -> Trip | None:
-    """Refuse joint speeds above the limit. Shape (6,)."""
+def check_joint_speed(limits: Limits, speed_rad_s: Array, *, margin: float = 1.0) -> Trip | None:
+    """Refuse joint speeds above the limit times a margin. Shape (6,)."""
     speeds = [abs(speed) for speed in speed_rad_s.tolist()]
     if not is_finite(speeds):
         return _not_finite("a joint's speed")
     fastest_rad_s = limits.joint_speed_rad_s.tolist()
     for number, (speed, fastest) in enumerate(zip(speeds, fastest_rad_s, strict=True), start=1):
-        if speed > fastest:
+        if speed / fastest > margin:
             text = f"joint {number} turns at {degrees(speed):.0f} degrees/s"
             return tripped("joint_speed", text, value=speed, limit=fastest, unit="rad/s")
     return None
+
+
+def check_speed(limits: Limits, speed: Speed) -> Trip | None:
+    """Refuse a move whose speed, mechanical times modular, is above the limit."""
+    if real_speed_m_s(speed) <= limits.speed_m_s:
+        return None
+    text = "mechanical times modular speed is above limits.speed_m_s"
+    return tripped("speed", text, value=real_speed_m_s(speed), limit=limits.speed_m_s, unit="m/s")
+
+
+def real_speed_m_s(speed: Speed) -> float:
+    """Return the speed of a move: mechanical times modular (specification 1.4 e)."""
+    return speed.mechanical_m_s * speed.modular_fraction
 
 
 def check_wrench(limits: Limits, force_N: Vec3 | Array, torque_Nm: Vec3 | Array) -> Trip | None:
@@ -190,26 +200,83 @@ def check_wrench(limits: Limits, force_N: Vec3 | Array, torque_Nm: Vec3 | Array)
     return None
 
 
-def limit_speed(limits: Limits, T_from: pin.SE3, T_to: pin.SE3, dt_s: float) -> pin.SE3:
-    """Return the pose on the path to `T_to` that the speed limits allow after `dt_s`.
-
-    A target that is not finite is returned unchanged, for `check_workspace` to refuse.
-    """
-    if not is_finite_pose(T_to):
-        return T_to
-    step_m = T_to.translation - T_from.translation
-    turn_rad = rotation_between(T_from.rotation, T_to.rotation)
-    scale_m = _scale(length(step_m), limits.speed_m_s * dt_s)
-    scale_rad = _scale(length(turn_rad), limits.speed_rad_s * dt_s)
-    if scale_m == 1.0 and scale_rad == 1.0:
-        return T_to
-    R = rotation_from_vector(turn_rad * scale_rad) @ T_from.rotation
-    return pin.SE3(R, T_from.translation + step_m * scale_m)
-
-
-def _scale(size: float, longest: float) -> float:
-    return 1.0 if size <= longest else longest / size
-
-
 def _not_finite(what: str) -> Trip:
     return tripped("not_finite", f"{what} holds a number that is not finite")
+
+
+# --- the limits of an armed arm -------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class JointTrack:
+    """Measured joint angles of the last tenth of a second: time [ns] and angles [rad]."""
+
+    samples: tuple[tuple[int, Array], ...] = ()
+
+    def after(self, stamp_ns: int, joint_rad: Joints | Array) -> "JointTrack":
+        """Return the track with one more sample; a sample that is not newer changes nothing."""
+        if self.samples and stamp_ns <= self.samples[-1][0]:
+            return self
+        samples = (*self.samples, (stamp_ns, np.array(joint_rad)))
+        first_ns = stamp_ns - round(JOINT_WINDOW_S * NS_PER_S)
+        while len(samples) > 1 and samples[1][0] <= first_ns:
+            samples = samples[1:]
+        return JointTrack(samples)
+
+    @property
+    def speed_rad_s(self) -> Array | None:
+        """Mean speed over the window, shape (6,); None before the window is full."""
+        if not self.samples:
+            return None
+        (from_ns, q_from), (to_ns, q_to) = self.samples[0], self.samples[-1]
+        time_s = (to_ns - from_ns) / NS_PER_S
+        return None if time_s < JOINT_WINDOW_S else (q_to - q_from) / time_s
+
+
+@dataclass(frozen=True, slots=True)
+class ArmBounds:
+    """The limits that apply since the arm was armed: to poses, to moves, to the measured arm."""
+
+    limits: Limits
+    T_flange_tcp: pin.SE3
+    T_armed: pin.SE3  # flange in base: origin of the tether
+
+    def place(self, T_base_flange: pin.SE3) -> Trip | None:
+        """Check a flange pose: its TCP in the workspace, the flange within the tether."""
+        trip = check_workspace(self.limits, T_base_flange * self.T_flange_tcp)
+        return trip or check_tether(self.limits, self.T_armed, T_base_flange)
+
+    def goal(self, goal: Goal, joint_rad: Joints | Array) -> Trip | None:
+        """Check the end of a move that starts at these joint angles."""
+        if goal.kind == "pose":
+            if goal.pose is None:
+                return tripped("malformed", "a move to a pose needs a pose")
+            return self.place(pose_of(goal.pose))
+        if goal.joint_rad is None:
+            return tripped("malformed", f"a move of kind {goal.kind} needs joint_rad")
+        trip = check_joint_count(self.limits, goal.joint_rad)
+        return trip or check_joints(self.limits, joint_goal(goal, joint_rad))
+
+    def measured(
+        self,
+        T_base_flange: pin.SE3,
+        joint_rad: Joints | Array,
+        track: JointTrack,
+        *,
+        speed_margin: float = 1.0,
+    ) -> Trip | None:
+        """Check the measured arm: joint angles, pose, and joint speeds once they are known.
+
+        Joint moves have no end pose that could be checked before, so the measured pose is checked.
+        """
+        trip = check_joints(self.limits, joint_rad, slack_rad=MEASURED_SLACK_RAD)
+        trip = trip or self.place(T_base_flange)
+        if trip is not None or (speed_rad_s := track.speed_rad_s) is None:
+            return trip
+        return check_joint_speed(self.limits, speed_rad_s, margin=speed_margin)
+
+
+def joint_goal(goal: Goal, joint_rad: Joints | Array) -> Array:
+    """Return the joint angles at the end of a joint move. Shape (6,) [rad]."""
+    turn_rad = np.array(goal.joint_rad)
+    return turn_rad + np.array(joint_rad) if goal.kind == "by" else turn_rad

@@ -12,9 +12,8 @@ and ends the lease, because only an unexpected publisher would send it.
 from dataclasses import dataclass
 
 from forcemesh.bus import Reading
-from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS, clipped, tripped
-from forcemesh.messages import Accepted, Permission, RobotCommand, Trip
+from forcemesh.messages import Accepted, RobotCommand, Trip
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +55,11 @@ class CommandGate:
         command, header = reading.fresh, reading.header
         if command is None or header is None:
             return self._refuse(_trip(reading.code, reading.fault))
-        permission = command.permission
-        is_over = permission is not None and self._is_over(header.epoch, permission)
+        permission, is_over = command.permission, False
+        if permission is not None:  # a newer ownership counts even in a refused command
+            permitted = (header.epoch, permission.lease, permission.ownership)
+            is_over = header.epoch == self._newest[0] and permitted < self._newest
+            self._newest = self._newest if is_over else permitted
         if reading.conflict:
             return self._refuse(tripped("two_writers", "two processes write robot/command"))
         if permission is None:
@@ -92,14 +94,6 @@ class CommandGate:
             )
         return GateDecision(command, None, self._accepted, is_new)
 
-    def _is_over(self, epoch: int, permission: Permission) -> bool:
-        """Return whether a newer turn of this arbiter was received, even a refused one."""
-        permitted = (epoch, permission.lease, permission.ownership)
-        if epoch == self._newest[0] and permitted < self._newest:
-            return True
-        self._newest = permitted
-        return False
-
     def revoke(self, cause: Trip) -> GateDecision:
         """End the live lease from the robot's side, after a command that it cannot execute."""
         return self._refuse(cause)
@@ -117,10 +111,3 @@ class CommandGate:
 def _trip(code: str, reason: str) -> Trip:
     """Return what another process reports as a trip; its code may be of another version."""
     return tripped(code if code in FAULTS else "no_lease", reason or "no permission")
-
-
-def chain_latency_s(accepted: Accepted) -> float | None:
-    """Return the time from sensor sample to robot [s]; both stamps must be of one clock."""
-    if accepted.sensor_stamp_ns is None:
-        return None
-    return (accepted.at_ns - accepted.sensor_stamp_ns) / NS_PER_S

@@ -12,15 +12,9 @@ import pinocchio as pin
 
 from common.motion.frames import Array, length, rotation_between, rotation_from_vector
 from common.motion.limits import Limits
-from forcemesh.faults import tripped
-from forcemesh.messages import Trip
 
-WINDOW_S = 0.25  # the path in it is limited, however many commands arrive
-WINDOW_MARGIN = 1.25  # periods begin and end inside the window
-JOINT_WINDOW_S = 0.1  # averaging window of joint speeds: samples repeat and have jitter
 AT_REST = 1e-9  # m/s and rad/s
 SAME_INSTANT_S = 1e-6  # shorter periods do not move the pose
-NS_PER_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,26 +62,30 @@ def limit_motion(
     """
     if dt_s < SAME_INSTANT_S:
         return replace(before, T_target=T_target)
-    most = _Most(limits, dt_s)
+    most = (limits.speed_m_s, limits.speed_rad_s)
+    most_change = (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s)
     now, last = np.array([before.speed_m_s, before.angular_rad_s]), before.T_base_flange
     needed = _between(last, T_target) / dt_s
     target_speed = _between(before.T_target, T_target) / dt_s
-    target_speed = target_speed * most.speed(target_speed)
+    target_speed = target_speed * _share(target_speed, most)
     closing = needed - target_speed
-    allowed = target_speed + closing * most.closing(closing)
-    allowed = allowed * most.speed(allowed)
+    allowed = target_speed + closing * _closing_share(closing, most_change)
+    allowed = allowed * _share(allowed, most)
     change = allowed - now
-    reached = now + change * most.change(change)
+    reached = now + change * _share(change, most_change)
     if np.array_equal(reached, now + change) and np.abs(reached - needed).max() <= AT_REST:
         return CommandedMotion(T_target, T_target, needed[0], needed[1])
     motion = _moved(last, T_target, reached, dt_s)
-    return replace(motion, lags=most.is_behind(_between(motion.T_base_flange, T_target)))
+    left = _between(motion.T_base_flange, T_target)
+    lag_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
+    lag_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
+    return replace(motion, lags=length(left[0]) > lag_m or length(left[1]) > lag_rad)
 
 
 def brake(limits: Limits, before: CommandedMotion, dt_s: float) -> CommandedMotion:
     """Return the next pose of the fastest stop."""
     now = np.array([before.speed_m_s, before.angular_rad_s])
-    reached = now * (1.0 - _Most(limits, dt_s).change(now))
+    reached = now * (1.0 - _share(now, (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s)))
     return _moved(before.T_base_flange, before.T_target, reached, dt_s)
 
 
@@ -98,44 +96,25 @@ def resting_place(limits: Limits, motion: CommandedMotion) -> pin.SE3:
     return _displaced(motion.T_base_flange, np.array([speed, angular]) * half_s)
 
 
-@dataclass(frozen=True, slots=True)
-class _Most:
-    """Scale factors, at most one, that the limits allow for a pair (translation, rotation)."""
+def _closing_share(pair: Array, most_change: tuple[float, float]) -> float:
+    """Return the factor, at most one, for a closing speed that brakes exactly at the target.
 
-    limits: Limits
-    dt_s: float
-
-    def speed(self, pair: Array) -> float:
-        return _share(pair, self.limits.speed_m_s, self.limits.speed_rad_s)
-
-    def change(self, pair: Array) -> float:
-        accel = (self.limits.accel_m_s2 * self.dt_s, self.limits.accel_rad_s2 * self.dt_s)
-        return _share(pair, *accel)
-
-    def closing(self, pair: Array) -> float:
-        """Return the factor for a closing speed that brakes exactly at the target."""
-        translation = _closing_share(length(pair[0]), 0.5 * self.limits.accel_m_s2 * self.dt_s)
-        return min(
-            translation, _closing_share(length(pair[1]), 0.5 * self.limits.accel_rad_s2 * self.dt_s)
-        )
-
-    def is_behind(self, pair: Array) -> bool:
-        limits, dt_s = self.limits, self.dt_s
-        lag_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
-        lag_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
-        return length(pair[0]) > lag_m or length(pair[1]) > lag_rad
+    It is (sqrt(h (h + 4 v)) - h) / v with h half of the largest change, without cancellation for
+    small v.
+    """
+    shares = [1.0]
+    for row, change in zip(pair, most_change, strict=True):
+        half = 0.5 * change
+        shares.append(4.0 * half / (sqrt(half * (half + 4.0 * length(row))) + half))
+    return min(shares)
 
 
-def _closing_share(speed: float, half: float) -> float:
-    """Return (sqrt(h (h + 4 v)) - h) / v, at most one, without cancellation for small v."""
-    return min(1.0, 4.0 * half / (sqrt(half * (half + 4.0 * speed)) + half))
-
-
-def _share(pair: Array, most: float, most_rad: float) -> float:
+def _share(pair: Array, most: tuple[float, float]) -> float:
+    """Return the factor, at most one, that keeps translation and rotation within their limits."""
     translation, rotation = length(pair[0]), length(pair[1])
     return min(
-        most / translation if translation > most else 1.0,
-        most_rad / rotation if rotation > most_rad else 1.0,
+        most[0] / translation if translation > most[0] else 1.0,
+        most[1] / rotation if rotation > most[1] else 1.0,
     )
 
 
@@ -150,64 +129,3 @@ def _displaced(T: pin.SE3, pair: Array) -> pin.SE3:
 
 def _moved(T: pin.SE3, T_target: pin.SE3, speeds: Array, dt_s: float) -> CommandedMotion:
     return CommandedMotion(_displaced(T, speeds * dt_s), T_target, speeds[0], speeds[1])
-
-
-# --- windows of time ------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class PathWindow:
-    """Commands of the last quarter of a second: time [ns], distance [m], angle [rad]."""
-
-    steps: tuple[tuple[int, float, float], ...] = ()
-
-    def after(self, now_ns: int, T_from: pin.SE3, T_to: pin.SE3) -> "PathWindow":
-        """Return the window with one more step."""
-        pair = _between(T_from, T_to)
-        first_ns = now_ns - WINDOW_S * NS_PER_S
-        recent = [step for step in self.steps if step[0] > first_ns]
-        return PathWindow((*recent, (now_ns, length(pair[0]), length(pair[1]))))
-
-
-def check_rate(limits: Limits, window: PathWindow) -> Trip | None:
-    """Refuse a longer path in a window than the speed limits allow, for any number of commands."""
-    longest_s = WINDOW_S * WINDOW_MARGIN
-    path_m = sum([step[1] for step in window.steps])
-    if path_m > limits.speed_m_s * longest_s:
-        text = f"{path_m * 1e3:.1f} mm were commanded within {WINDOW_S * 1e3:.0f} ms"
-        return tripped("rate", text, value=path_m, limit=limits.speed_m_s * longest_s, unit="m")
-    rotation_rad = sum([step[2] for step in window.steps])
-    if rotation_rad > limits.speed_rad_s * longest_s:
-        text = (
-            f"{np.degrees(rotation_rad):.1f} degrees were commanded within {WINDOW_S * 1e3:.0f} ms"
-        )
-        return tripped(
-            "rate", text, value=rotation_rad, limit=limits.speed_rad_s * longest_s, unit="rad"
-        )
-    return None
-
-
-@dataclass(frozen=True, slots=True)
-class JointTrack:
-    """Measured joint angles of the last tenth of a second: time [ns] and angles [rad]."""
-
-    samples: tuple[tuple[int, Array], ...] = ()
-
-    def after(self, stamp_ns: int, joint_rad: Array) -> "JointTrack":
-        """Return the track with one more sample; a sample that is not newer changes nothing."""
-        if self.samples and stamp_ns <= self.samples[-1][0]:
-            return self
-        samples = (*self.samples, (stamp_ns, joint_rad))
-        first_ns = stamp_ns - round(JOINT_WINDOW_S * NS_PER_S)
-        while len(samples) > 1 and samples[1][0] <= first_ns:
-            samples = samples[1:]
-        return JointTrack(samples)
-
-    @property
-    def speed_rad_s(self) -> Array | None:
-        """Mean speed over the window, shape (6,); None before the window is full."""
-        if not self.samples:
-            return None
-        (from_ns, q_from), (to_ns, q_to) = self.samples[0], self.samples[-1]
-        time_s = (to_ns - from_ns) / NS_PER_S
-        return None if time_s < JOINT_WINDOW_S else (q_to - q_from) / time_s

@@ -7,13 +7,12 @@ leases, so that a flood of new ones gains nothing.
 """
 
 from collections import deque
-from dataclasses import dataclass
-from math import radians
+from dataclasses import dataclass, replace
 
 import pinocchio as pin
 
-from common.config.cell import LimitsSection
-from common.motion.frames import Array, length, rotation_between
+from common.motion.frames import apart, length, rotation_between
+from common.motion.limits import Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
 
@@ -39,13 +38,11 @@ class StreamStep:
 class SetpointMonitor:
     """Monitor of a set point stream: accepts a set point, or returns the broken limit."""
 
-    def __init__(self, limits: LimitsSection) -> None:
+    def __init__(self, limits: Limits) -> None:
         """Begin with a budget of one step."""
-        self._speed_m_s, self._speed_rad_s = limits.speed_m_s, radians(limits.speed_deg_s)
-        self._accel_m_s2, self._accel_rad_s2 = limits.accel_m_s2, radians(limits.accel_deg_s2)
-        self._step_m, self._step_rad = limits.step_m, radians(limits.step_deg)
-        self._remaining_m, self._remaining_rad = self._step_m, self._step_rad
-        self._remaining_at_ns: int | None = None
+        self._limits = limits
+        self._budget_m, self._budget_rad = limits.step_m, limits.step_rad
+        self._budget_at_ns: int | None = None
         self._steps: deque[StreamStep] = deque()  # of the last window, and the one before
         self._last: pin.SE3 | None = None  # commanded last, None when something else moved the arm
 
@@ -65,80 +62,63 @@ class SetpointMonitor:
         """Check the next set point of the stream; an accepted one consumes budget."""
         if self._last is None:
             return tripped("no_stream", "no stream of set points is active")
-        travel = T_target.translation - self._last.translation
-        rotation = rotation_between(self._last.rotation, T_target.rotation)
-        step = StreamStep(now_ns, T_target, length(travel), length(rotation))
-        trip = self._speed_trip(step) or self._rate_trip(step) or self._acceleration_trip(step)
+        step = StreamStep(now_ns, T_target, *apart(self._last, T_target))
+        limits = self._limits
+        since_ns = now_ns if self._budget_at_ns is None else self._budget_at_ns
+        time_s = SPEED_MARGIN * max(0, now_ns - since_ns) * S_PER_NS
+        budget_m = min(self._budget_m + limits.speed_m_s * time_s, limits.step_m)
+        budget_rad = min(self._budget_rad + limits.speed_rad_s * time_s, limits.step_rad)
+        text = "set points are faster than the speed limit"
+        if step.travel_m > budget_m:
+            return tripped("speed", text, limit=limits.speed_m_s, unit="m/s")
+        if step.turn_rad > budget_rad:
+            return tripped("speed", text, limit=limits.speed_rad_s, unit="rad/s")
+        trip = self._rate_trip(step) or self._acceleration_trip(step)
         if trip is None:
-            self._remaining_m, self._remaining_rad = self._grown(now_ns)
-            self._remaining_m, self._remaining_rad = (
-                self._remaining_m - step.travel_m,
-                self._remaining_rad - step.turn_rad,
-            )
-            self._remaining_at_ns = now_ns
+            self._budget_m, self._budget_rad = budget_m - step.travel_m, budget_rad - step.turn_rad
+            self._budget_at_ns = now_ns
             self._put(step)
         return trip
-
-    # --- the three rules --------------------------------------------------------------------------
-
-    def _speed_trip(self, step: StreamStep) -> Trip | None:
-        grown_m, grown_rad = self._grown(step.at_ns)
-        text = "set points are faster than the speed limit"
-        if step.travel_m > grown_m:
-            return tripped("speed", text, limit=self._speed_m_s, unit="m/s")
-        if step.turn_rad > grown_rad:
-            return tripped("speed", text, limit=self._speed_rad_s, unit="rad/s")
-        return None
-
-    def _grown(self, now_ns: int) -> tuple[float, float]:
-        since_ns = now_ns if self._remaining_at_ns is None else self._remaining_at_ns
-        time_s = SPEED_MARGIN * max(0, now_ns - since_ns) * S_PER_NS
-        return (
-            min(self._remaining_m + self._speed_m_s * time_s, self._step_m),
-            min(self._remaining_rad + self._speed_rad_s * time_s, self._step_rad),
-        )
 
     def _rate_trip(self, step: StreamStep) -> Trip | None:
         recent = [one for one in self._steps if step.at_ns - one.at_ns < WINDOW_S / S_PER_NS]
         travel_m = step.travel_m + sum([one.travel_m for one in recent])
         turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
-        time_s = SPEED_MARGIN * WINDOW_S
         text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
-        if travel_m > self._speed_m_s * time_s:
-            return tripped("rate", text, value=travel_m, limit=self._speed_m_s * time_s, unit="m")
-        if turn_rad > self._speed_rad_s * time_s:
-            return tripped(
-                "rate", text, value=turn_rad, limit=self._speed_rad_s * time_s, unit="rad"
-            )
+        for value, speed, unit in (
+            (travel_m, self._limits.speed_m_s, "m"),
+            (turn_rad, self._limits.speed_rad_s, "rad"),
+        ):
+            if value > speed * (SPEED_MARGIN * WINDOW_S):
+                limit = speed * (SPEED_MARGIN * WINDOW_S)
+                return tripped("rate", text, value=value, limit=limit, unit=unit)
         return None
 
     def _acceleration_trip(self, step: StreamStep) -> Trip | None:
-        half_ns = HALF_S / S_PER_NS
+        """Compare the last 60 ms with the 60 ms before: mean velocity, and length of the path."""
+        half_ns, limits = HALF_S / S_PER_NS, self._limits
         middle, first = self._at(step.at_ns - half_ns), self._at(step.at_ns - 2 * half_ns)
-        travel_m = (step.T.translation - middle.translation) - (
+        change_m = (step.T.translation - middle.translation) - (
             middle.translation - first.translation
         )
-        turn_rad = _rotation(middle, step.T) - _rotation(first, middle)
-        more_m, more_rad = self._more_than_before(step, half_ns)
-        text = "acceleration of the set points is above the limit"
-        for change, accel, speed in (
-            (max(length(travel_m), more_m), self._accel_m_s2, self._speed_m_s),
-            (max(length(turn_rad), more_rad), self._accel_rad_s2, self._speed_rad_s),
-        ):
-            if change > ACCEL_MARGIN * accel * HALF_S**2 + speed * EARLY_S:
-                return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
-        return None
-
-    def _more_than_before(self, step: StreamStep, half_ns: float) -> tuple[float, float]:
-        """Return by how much distance and angle of the last 60 ms exceed those of the 60 before."""
-        travel_m = turn_rad = 0.0
+        change_rad = rotation_between(middle.rotation, step.T.rotation) - rotation_between(
+            first.rotation, middle.rotation
+        )
+        more_m = more_rad = 0.0
         for one in (*self._steps, step):
             age_ns = step.at_ns - one.at_ns
             if age_ns < 2.0 * half_ns:
                 sign = 1.0 if age_ns < half_ns else -1.0
-                travel_m += sign * one.travel_m
-                turn_rad += sign * one.turn_rad
-        return travel_m, turn_rad
+                more_m += sign * one.travel_m
+                more_rad += sign * one.turn_rad
+        text = "acceleration of the set points is above the limit"
+        for change, accel, speed in (
+            (max(length(change_m), more_m), limits.accel_m_s2, limits.speed_m_s),
+            (max(length(change_rad), more_rad), limits.accel_rad_s2, limits.speed_rad_s),
+        ):
+            if change > ACCEL_MARGIN * accel * HALF_S**2 + speed * EARLY_S:
+                return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
+        return None
 
     def _at(self, at_ns: float) -> pin.SE3:
         """Return the commanded pose at a time: each set point holds until the next."""
@@ -150,15 +130,8 @@ class SetpointMonitor:
     def _put(self, step: StreamStep) -> None:
         """Store a step and drop those older than the window, except the one at its start."""
         if self._last is None:  # earlier poses are of another motion: only their distances count
-            rebased = [
-                StreamStep(one.at_ns, step.T, one.travel_m, one.turn_rad) for one in self._steps
-            ]
-            self._steps = deque(rebased)
+            self._steps = deque(replace(one, T=step.T) for one in self._steps)
         self._steps.append(step)
         self._last = step.T
         while len(self._steps) > 1 and step.at_ns - self._steps[1].at_ns >= WINDOW_S / S_PER_NS:
             self._steps.popleft()
-
-
-def _rotation(a: pin.SE3, b: pin.SE3) -> Array:
-    return rotation_between(a.rotation, b.rotation)

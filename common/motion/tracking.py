@@ -78,10 +78,8 @@ class TrackingMonitor:
     def judge(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
         """Check a report; call it once for each."""
         if self._commanded.joints is not None:
-            away_m, away_rad = (
-                0.0,
-                _distance_to_segment(*self._commanded.joints, np.array(joint_rad)),
-            )
+            away_m = 0.0
+            away_rad = _distance_to_segment(*self._commanded.joints, np.array(joint_rad))
         else:
             away_m, away_rad = self._away(T_measured, now_ns)
         if away_m <= self._limit_m and away_rad <= self._limit_rad:
@@ -112,7 +110,9 @@ class TrackingMonitor:
             b = targets[-1 - k]
             a = targets[-2 - k] if len(targets) > 1 else b
             away_m = min(away_m, _distance_to_segment(a.translation, b.translation, T.translation))
-            away_rad = min(away_rad, _turned(a, b, T))
+            line_rad = rotation_between(a.rotation, b.rotation)
+            turned_rad = rotation_between(a.rotation, T.rotation)
+            away_rad = min(away_rad, _distance_to_segment(np.zeros(3), line_rad, turned_rad))
             if away_m <= self._limit_m and away_rad <= self._limit_rad:
                 break
         return away_m, away_rad
@@ -124,12 +124,3 @@ def _distance_to_segment(a: Array, b: Array, point: Array) -> float:
     square = float(segment @ segment)
     share = 0.0 if square == 0.0 else min(1.0, max(0.0, float((point - a) @ segment) / square))
     return length(point - a - share * segment)
-
-
-def _turned(a: pin.SE3, b: pin.SE3, T: pin.SE3) -> float:
-    """Return the angle to the nearest orientation between two [rad]."""
-    rotation, measured = (
-        rotation_between(a.rotation, b.rotation),
-        rotation_between(a.rotation, T.rotation),
-    )
-    return _distance_to_segment(np.zeros(3), rotation, measured)

@@ -2,14 +2,19 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.back_off import LoadRatchet, in_move
 from common.motion.convert import pose_of, record_of
-from common.motion.limits import Limits, check_joint_count
-from common.motion.rate_limiter import JointTrack
+from common.motion.limits import (
+    ArmBounds,
+    JointTrack,
+    Limits,
+    check_speed,
+    check_wrench,
+    real_speed_m_s,
+)
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS, clipped, refusal, refused, tripped
 from forcemesh.messages import (
@@ -26,18 +31,14 @@ from forcemesh.messages import (
     Trip,
 )
 from forcemesh.requests import MoveRequest, Reply
-from services.arbiter import freeing, stops
+from services.arbiter import freeing
 from services.arbiter import inputs as input_checks
-from services.arbiter.bounds import ArmBounds
-from services.arbiter.commanders import Commanders, CommandStep
+from services.arbiter.commanders import REST_S, Commanders, CommandStep, PendingMove
 from services.arbiter.freeing import Freeing
-from services.arbiter.goals import real_speed_m_s, speed_of, speed_trip
 from services.arbiter.inputs import Inputs
-from services.arbiter.ownership import REST_S, PendingMove
 from services.arbiter.preflight import Terms, failed_checks, load_text, persistent
-from services.arbiter.reports import lines, recent, what_next
-from services.arbiter.states import ARMED_TEXTS, CLEARS, TABLE, after
-from services.arbiter.stream import Tick
+from services.arbiter.states import ARMED_TEXTS, CLEARS, TABLE, after, lines, recent, what_next
+from services.arbiter.stream import REACTIONS, Retreat, Stopping, Tick, begin_stop, step_stop
 
 LONGEST_GAP_PERIODS = 3.0  # longest period, in nominal ones, over which set points advance
 LEAST_REPORTS = 3.0  # robot reports over which the arm must be at rest
@@ -52,13 +53,13 @@ class Arbiter:
         self.trips: tuple[Trip, ...] = ()
         self._deadline_s = command_deadline_s
         self._longest_gap_s = LONGEST_GAP_PERIODS / cell.rates.control_hz
-        self._terms, self._retreat = Terms.of(cell), stops.Retreat.of(cell)
+        self._terms, self._retreat = Terms.of(cell), Retreat.of(cell)
         self._cells = ArmBounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity())
-        self._bounds = self._cells
+        self._bounds = self._stream_bounds = self._cells
         self._freeing: Freeing | None = None
         self._load: LoadRatchet | None = None  # of the move under way
         self._commanders = Commanders(max(REST_S, LEAST_REPORTS / cell.rates.robot_hz))
-        self._stopping: stops.Stopping | None = None
+        self._stopping: Stopping | None = None
         self._speed = Speed()
         self._joints = JointTrack()
         self._lease = 0
@@ -78,11 +79,11 @@ class Arbiter:
         self._last_ns, self._last_inputs = inputs.now_ns, inputs
         lost = input_checks.missing(inputs)
         self._watch_readiness(inputs, lost)
-        self._commanders.update(inputs.robot.fresh, inputs.now_ns)
+        robot = inputs.robot.fresh
+        self._commanders.update(robot, inputs.now_ns)
         if self.state in MAY_MOVE:
             self._watch_motion(inputs, lost)
         command = None
-        robot = inputs.robot.fresh
         if self.state in MAY_MOVE and robot is not None:
             tick = Tick(pose_of(robot), inputs.now_ns, min(dt_s, self._longest_gap_s))
             command = self._move_on(robot, inputs, tick)
@@ -124,32 +125,33 @@ class Arbiter:
             self._good_since_ns = self._good_since_ns or inputs.now_ns
             if self.state == "BOOT":
                 self.trips = input_checks.predecessor_trips(inputs)
-            self.state = after(self.state, "ready")
+                self.state = after(self.state, "ready")
 
     def _watch_motion(self, inputs: Inputs, lost: list[Trip]) -> None:
         blind = self._freeing is not None and self._freeing.blind
         if blind and lost:
             lost = input_checks.missing(inputs, blind=True)
-        faults = lost or input_checks.robot_faults(inputs)
-        faults = faults or input_checks.replaced_trips(inputs, self._writers)
-        robot, wrench = inputs.robot, inputs.wrench.fresh
-        without_force = wrench is None and not blind
-        if faults or robot.fresh is None or robot.header is None or without_force:
+        faults = (
+            lost
+            or input_checks.robot_faults(inputs)
+            or input_checks.replaced_trips(inputs, self._writers)
+        )
+        robot, header, wrench = inputs.robot.fresh, inputs.robot.header, inputs.wrench.fresh
+        if faults or robot is None or header is None or (wrench is None and not blind):
             self._stop("fault", *faults)
             return
-        bounds = self._bounds
-        if (trip := check_joint_count(bounds.limits, robot.fresh.joint_rad)) is not None:
-            self._stop("fault", trip)
-            return
-        self._joints = self._joints.after(robot.header.stamp_ns, np.array(robot.fresh.joint_rad))
-        if self.state == "ACTIVE" and self._commanders.ownership.stream is not None:
-            bounds = replace(bounds, limits=self._retreat.ceilings(bounds.limits))
+        self._joints = self._joints.after(header.stamp_ns, robot.joint_rad)
+        streams = self.state == "ACTIVE" and self._commanders.ownership.motion is not None
+        bounds = self._stream_bounds if streams else self._bounds
+        trip = None
+        if wrench is not None:
+            trip = check_wrench(bounds.limits, wrench.force_N, wrench.torque_Nm)
         trip = (
-            bounds.measured(robot.fresh, wrench, self._joints)
-            or self._load_trip(robot.fresh, inputs)
+            trip
+            or bounds.measured(pose_of(robot), robot.joint_rad, self._joints)
+            or self._load_trip(robot, inputs)
             or input_checks.robot_trip(inputs, self._lease_since_ns)
-            or self._regulator_fails(inputs)
-            or self._calibration_fails(inputs)
+            or self._feedback_trip(inputs)
         )
         if trip is not None:
             self._react(trip, inputs)
@@ -166,34 +168,25 @@ class Arbiter:
         self._load, trip = in_move(self._cells.limits, self._load, wrench)
         return trip
 
-    def _regulator_fails(self, inputs: Inputs) -> Trip | None:
+    def _feedback_trip(self, inputs: Inputs) -> Trip | None:
+        """Check whether the regulator gave up, or what it relies on has changed."""
+        if self._commanders.ownership.commander != "regulator":
+            return None
         target = inputs.target.message
-        if self._commanders.ownership.commander != "regulator" or target is None:
-            return None
-        if target.valid or target.mode is None:
-            return None
+        if target is None or target.valid or target.mode is None:
+            return inputs.watched.feedback
         row = FAULTS.get(target.code)
         code = "regulator" if row is None or row.kind == "REFUSAL" else row.code
         return tripped(code, f"the regulator gave up: {target.reason}")
-
-    def _calibration_fails(self, inputs: Inputs) -> Trip | None:
-        by_force = self._commanders.ownership.commander == "regulator"
-        watched = inputs.watched
-        return (watched.calibration or watched.slower) if by_force else None
 
     def _move_on(self, robot: RobotState, inputs: Inputs, tick: Tick) -> RobotCommand | None:
         """Return the command of this period, None when the robot must hold."""
         if self._stopping is not None:
             return self._stop_softly(tick)
-        target = inputs.target.fresh
-        step = self._commanders.step(
-            robot,
-            target if self._armed_for == "all" else None,
-            self._bounds,
-            tick,
-            trips=self.trips,
-        )
-        self._note(step)
+        target = inputs.target.fresh if self._armed_for == "all" else None
+        step = self._commanders.step(robot, target, self._bounds, tick, trips=self.trips)
+        if step.event:
+            self._note(step)
         if self._freeing is not None and step.event == "end":
             end = freeing.at_its_end(self._freeing, robot, inputs.wrench.fresh)
             self._stop("hold", *(step.trips or (end,)))
@@ -204,14 +197,14 @@ class Arbiter:
         return self._stop_softly(tick)
 
     def _note(self, step: CommandStep) -> None:
+        """Apply the event of a step, and its trips."""
         self.state = after(self.state, step.event)
         self.trips = self.trips if step.trips is None else step.trips
 
     def _command(self, step: CommandStep) -> RobotCommand:
         ownership = self._commanders.ownership
-        content = {"host": "pc"} | step.content
         permission = Permission(
-            host=content.pop("host"),
+            host=ownership.host,
             lease=self._lease,
             ownership=ownership.number,
             deadline_s=self._deadline_s,
@@ -222,7 +215,10 @@ class Arbiter:
             commander=ownership.commander,
             speed=ownership.speed or self._speed,
             permission=permission,
-            **content,
+            goal=step.goal,
+            pose=step.pose,
+            limited=step.limited,
+            feedback=step.feedback,
         )
 
     # --- stops ------------------------------------------------------------------------------------
@@ -231,38 +227,33 @@ class Arbiter:
         """End motion by the reaction of the cause: at once, or softly for streamed set points."""
         if FAULTS[trip.code].kind == "FAULT":
             self._stop("fault", trip)
-        elif self._stopping is not None and stops.reaction_to(trip) == "fade":
-            return  # already coming to rest
-        elif (soft := self._softly(trip, inputs)) is not None:
-            self._stopping, self.trips = soft, (trip,)
-            self.state = after(self.state, "soften")
-        else:
+            return
+        if self._stopping is not None:
+            if REACTIONS.get(trip.code) != "fade":  # it is already coming to rest
+                self._stop("hold", trip)
+            return
+        motion, wrench = self._commanders.ownership.motion, inputs.wrench.fresh
+        if motion is not None:
+            self._stopping = begin_stop(
+                Stopping(trip, motion, inputs.now_ns), self._bounds, self._retreat, wrench
+            )
+        if self._stopping is None:
             self._stop("hold", trip)
-
-    def _softly(self, trip: Trip, inputs: Inputs) -> stops.Stopping | None:
-        stream = self._commanders.ownership.stream
-        if self._stopping is not None or stream is None:
-            return None
-        return stops.begin(
-            trip,
-            stream,
-            self._bounds,
-            retreat=self._retreat,
-            wrench=inputs.wrench.fresh,
-            now_ns=inputs.now_ns,
-        )
+        else:
+            self.trips = (trip,)
+            self.state = after(self.state, "soften")
 
     def _stop_softly(self, tick: Tick) -> RobotCommand | None:
-        """Return the next set point of a soft stop; None when it is over or not permitted."""
+        """Return the next set point of a soft stop; None when there is none or it is over."""
         if self._stopping is None:
             return None
-        self._stopping = stopping = stops.step(self._stopping, self._bounds, tick)
+        self._stopping = stopping = step_stop(self._stopping, self._bounds, tick)
         self.trips = (stopping.trip,)
         if stopping.done:
             self._stop("hold")
             return None
         pose = record_of(stopping.motion.T_base_flange)
-        return self._command(CommandStep("setpoint", {"pose": pose, "limited": True}))
+        return self._command(CommandStep("setpoint", pose=pose, limited=True))
 
     def _stop(self, event: str, *trips: Trip) -> None:
         """Stop and latch. A second cause is added to the first one."""
@@ -315,6 +306,7 @@ class Arbiter:
         self._lease += 1
         self._lease_since_ns = inputs.now_ns
         self._bounds, self._freeing = bounds, None
+        self._stream_bounds = replace(bounds, limits=self._retreat.ceilings(bounds.limits))
         self._writers = input_checks.writers(inputs)
 
     def back_off(self, inputs: Inputs, *, confirmed: bool) -> Reply:
@@ -336,10 +328,9 @@ class Arbiter:
             return refused(plan)
         self._begin_lease("back_off", "back_off", plan.bounds, inputs)
         unknown = tuple(input_checks.fault_trips(inputs)) if blind else ()
-        self._freeing, request = replace(plan, unknown=unknown), plan.request
-        goal = Goal(id=0, kind=request.kind, pose=request.pose)
-        pending_move = PendingMove("operator", request, goal, plan.speed, inputs.now_ns)
-        reply, step = self._commanders.ask(request, robot, self._bounds, pending_move)
+        self._freeing = replace(plan, unknown=unknown)
+        move = PendingMove("operator", plan.goal, plan.speed, inputs.now_ns)
+        reply, step = self._commanders.ask(move, robot, self._bounds)
         self._note(step)
         if not reply.accepted:
             self._stop("hold", tripped(reply.code, reply.text))
@@ -363,7 +354,7 @@ class Arbiter:
 
     def set_speed(self, speed: Speed) -> Reply:
         """Set the speeds of later moves."""
-        if (trip := speed_trip(speed, self._cells.limits)) is not None:
+        if (trip := check_speed(self._cells.limits, speed)) is not None:
             return refused(trip)
         self._speed, real_m_s = speed, real_speed_m_s(speed)
         return Reply(
@@ -378,9 +369,11 @@ class Arbiter:
         if self._freeing is not None:
             return refusal("busy", "the arm is backing off: wait until it has ended, or hold")
         goal = Goal(id=0, kind=request.kind, pose=request.pose, joint_rad=request.joint_rad)
-        speed = speed_of(request, self._speed)
-        pending_move = PendingMove(request.commander, request, goal, speed, inputs.now_ns)
-        reply, step = self._commanders.ask(request, robot, self._bounds, pending_move)
+        speed = self._speed
+        if request.speed_m_s is not None:
+            speed = speed.replaced(mechanical_m_s=request.speed_m_s, modular_fraction=1.0)
+        move = PendingMove(request.commander, goal, speed, inputs.now_ns)
+        reply, step = self._commanders.ask(move, robot, self._bounds)
         self._note(step)
         return reply
 

@@ -12,11 +12,9 @@ from common.motion import back_off
 from common.motion.back_off import BackOffPlan, BackOffState
 from common.motion.convert import pose_of, record_of
 from common.motion.last_check import MEASURED_SLACK_M
-from common.motion.limits import Limits
+from common.motion.limits import ArmBounds, Limits
 from forcemesh.faults import tripped
-from forcemesh.messages import RobotState, Speed, Trip, WrenchAtTcp
-from forcemesh.requests import MoveRequest
-from services.arbiter.bounds import ArmBounds
+from forcemesh.messages import Goal, RobotState, Speed, Trip, WrenchAtTcp
 from services.arbiter.inputs import Inputs
 
 
@@ -37,10 +35,9 @@ class Freeing:
         return Speed(mechanical_m_s=min(back_off.SPEED_M_S, self.limits.speed_m_s))
 
     @property
-    def request(self) -> MoveRequest:
+    def goal(self) -> Goal:
         """The move that frees the arm."""
-        pose = record_of(self.plan.goal(self.run.T_start))
-        return MoveRequest(kind="pose", pose=pose, speed_m_s=self.speed.mechanical_m_s)
+        return Goal(id=0, kind="pose", pose=record_of(self.plan.goal(self.run.T_start)))
 
 
 def is_blind(inputs: Inputs) -> bool:

@@ -3,10 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from common.motion.convert import pose_of
-from common.motion.limits import Limits, check_workspace, check_wrench
 from common.runtime.overruns import MOST_OVERRUNS
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
@@ -17,7 +13,6 @@ from forcemesh.messages import (
     RobotState,
     SensorWrench,
     Trip,
-    Vec3,
     WrenchAtTcp,
 )
 
@@ -36,9 +31,7 @@ class Watched:
     faults: tuple[Trip, ...] = ()  # they end motion
     motion_at_rest_violation: Trip | None = None  # why the arm does not count as at rest
     residual: Trip | None = None  # residual force in free space
-    calibration: Trip | None = None  # why running force feedback must not use the wrench
-    slow: Trip | None = None  # why the controller is too slow to start force feedback
-    slower: Trip | None = None  # why the controller is too slow for running force feedback
+    feedback: Trip | None = None  # why running force feedback must end
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +56,12 @@ class Inputs:
             "regulator/target": self.target,
         }
 
+    def numbers(self, role: str) -> dict[str, float]:
+        """Return the measurements in a role's health, empty while it is not received."""
+        reading = self.health.get(role)
+        health = None if reading is None else reading.fresh
+        return {} if health is None else health.numbers
+
 
 FORCE_ROLES = ("sensor", "wrench")  # roles that backing off does not require
 
@@ -77,29 +76,35 @@ def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
         inputs: The snapshot.
         blind: To back off without a measured force: sensor and wrench may be missing.
     """
-    return [
-        *_rivals(inputs),
-        *_lost_inputs(inputs, blind=blind),
-        *_overruns(inputs),
-        *inputs.watched.faults,
+    readings = inputs.streams | {
+        f"{role}/health": reading for role, reading in inputs.health.items()
+    }
+    rivals = [
+        tripped("two_writers", f"two processes write {topic}")
+        for topic, reading in readings.items()
+        if reading.conflict
     ]
-
-
-def _rivals(inputs: Inputs) -> list[Trip]:
-    streams = [topic for topic, reading in inputs.streams.items() if reading.conflict]
-    health = [f"{role}/health" for role, reading in inputs.health.items() if reading.conflict]
-    return [tripped("two_writers", f"two processes write {topic}") for topic in streams + health]
-
-
-def _overruns(inputs: Inputs) -> list[Trip]:
-    """Check the other loops by their health; the arbiter's own one is measured directly."""
-    return [
+    not_required = {f"{role}/health" for role in FORCE_ROLES} if blind else set()
+    if blind:
+        not_required |= {"sensor/wrench", "wrench"}
+    elif inputs.sensor.fault and _repeats_sensor_fault(inputs):
+        not_required.add("wrench")
+    if not inputs.target.silent:
+        not_required.add("regulator/target")
+    lost = [
+        _lost(reading, is_sensor=reading is inputs.sensor)
+        for topic, reading in readings.items()
+        if reading.fault and topic not in not_required
+    ]
+    # The arbiter's own overruns are measured directly.
+    overruns = [
         overrun_trip(role, health.overruns, health.longest_gap_s)
         for role, reading in inputs.health.items()
         if role in COMMANDING
         and (health := reading.fresh) is not None
         and health.overruns > MOST_OVERRUNS
     ]
+    return [*rivals, *lost, *overruns, *inputs.watched.faults]
 
 
 def overrun_trip(role: str, overruns: int, longest_gap_s: float) -> Trip:
@@ -108,28 +113,13 @@ def overrun_trip(role: str, overruns: int, longest_gap_s: float) -> Trip:
     return tripped("overrun", text, value=overruns, limit=MOST_OVERRUNS)
 
 
-def _lost_inputs(inputs: Inputs, *, blind: bool) -> list[Trip]:
-    force_readings = [] if blind else _force_readings(inputs)
-    readings: list[Reading[Any]] = [inputs.robot, *force_readings]
-    if inputs.target.silent:
-        readings.append(inputs.target)
-    health = [
-        health_reading
-        for role, health_reading in inputs.health.items()
-        if not (blind and role in FORCE_ROLES)
-    ]
-    lost = [reading for reading in (*readings, *health) if reading.fault]
-    return [_lost(reading, is_sensor=reading is inputs.sensor) for reading in lost]
-
-
-def _force_readings(inputs: Inputs) -> list[Reading[Any]]:
-    """Return sensor and wrench, without a wrench that only repeats the sensor's fault."""
-    sensor, wrench = inputs.sensor, inputs.wrench
-    if sensor.fault and wrench.fault and not wrench.silent:
-        same = _lost(sensor, is_sensor=True).code
-        if wrench.code == same or wrench.code.startswith("sensor_"):
-            return [sensor]
-    return [sensor, wrench]
+def _repeats_sensor_fault(inputs: Inputs) -> bool:
+    """Return whether an invalid wrench only repeats the fault of the sensor."""
+    wrench = inputs.wrench
+    if wrench.silent or not wrench.fault:
+        return False
+    same = _lost(inputs.sensor, is_sensor=True).code
+    return wrench.code == same or wrench.code.startswith("sensor_")
 
 
 def robot_faults(inputs: Inputs) -> list[Trip]:
@@ -137,29 +127,14 @@ def robot_faults(inputs: Inputs) -> list[Trip]:
     robot = inputs.robot.fresh
     if robot is None or (robot.status.ready and not robot.status.faults):
         return []
-    faults = [_fault_of_robot(fault) for fault in robot.status.faults]
+    # A code may be of another version.
+    faults = [
+        fault.replaced(text=FAULTS[fault.code].remedy)
+        if fault.code in FAULTS
+        else fault.replaced(code="robot_error", rule=FAULTS["robot_error"].rule)
+        for fault in robot.status.faults
+    ]
     return faults or [tripped("robot_error", "the robot is not ready and names no cause")]
-
-
-def _fault_of_robot(fault: Trip) -> Trip:
-    """Return a fault of the robot with its remedy; its code may be of another version."""
-    if fault.code not in FAULTS:
-        return fault.replaced(code="robot_error", rule=FAULTS["robot_error"].rule)
-    return fault.replaced(text=FAULTS[fault.code].remedy)
-
-
-def mismatched_roles(inputs: Inputs, config_hash: str, version: str) -> list[Trip]:
-    """Return the roles with another cell file or version than the arbiter's."""
-    trips = []
-    for role, reading in inputs.health.items():
-        health = reading.fresh
-        if health is not None and health.config_hash != config_hash:
-            text = f"{role} runs with another cell file ({health.config_hash}, here {config_hash})"
-            trips.append(tripped("config", text))
-        if health is not None and health.version != version:
-            text = f"{role} runs version {health.version}, here {version}"
-            trips.append(tripped("version", text))
-    return trips
 
 
 def fault_trips(inputs: Inputs) -> list[Trip]:
@@ -174,8 +149,11 @@ def _lost(reading: Reading[Any], *, is_sensor: bool) -> Trip:
 
 def writers(inputs: Inputs) -> Writers:
     """Return the publishers of the inputs that are checked in motion."""
-    headers = {name: reading.header for name, reading in inputs.streams.items()}
-    return {name: header.epoch for name, header in headers.items() if header is not None}
+    return {
+        topic: reading.header.epoch
+        for topic, reading in inputs.streams.items()
+        if reading.header is not None
+    }
 
 
 def predecessor_trips(inputs: Inputs) -> tuple[Trip, ...]:
@@ -211,16 +189,3 @@ def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
         limit=hold.limit,
         unit=hold.unit,
     )
-
-
-def limit_trip(inputs: Inputs, limits: Limits, p_flange_tcp_m: Vec3) -> Trip | None:
-    """Return why motion must end in HOLDING: force above its ceiling, or outside the workspace."""
-    wrench, robot = inputs.wrench.fresh, inputs.robot.fresh
-    if wrench is None or robot is None:
-        return None
-    trip = check_wrench(limits, wrench.force_N, wrench.torque_Nm)
-    if trip is not None:
-        return trip
-    T_base_tcp = pose_of(robot)
-    T_base_tcp.translation = T_base_tcp.act(np.array(p_flange_tcp_m))
-    return check_workspace(limits, T_base_tcp)

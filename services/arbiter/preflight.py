@@ -10,16 +10,15 @@ from dataclasses import dataclass
 from math import hypot
 from typing import NamedTuple
 
-import numpy as np
-
 from common.config.cell import CellConfig
 from common.config.load import cell_hash
-from common.motion.convert import vec3
-from common.motion.limits import Limits
+from common.motion.convert import pose_of
+from common.motion.limits import Limits, check_workspace, check_wrench
 from forcemesh.faults import tripped
-from forcemesh.messages import Purpose, Trip, Vec3
+from forcemesh.messages import Purpose, Trip
 from forcemesh.version import __version__
-from services.arbiter.inputs import Inputs, limit_trip, mismatched_roles, missing, robot_faults
+from services.arbiter.inputs import Inputs, missing, robot_faults
+from services.arbiter.watch import slow_start_trip
 
 PREFLIGHT_S = 1.0  # time for which the inputs must have been good
 
@@ -28,28 +27,14 @@ PREFLIGHT_S = 1.0  # time for which the inputs must have been good
 class Terms:
     """Reference values of the preflight, from this process and its cell file."""
 
+    cell: CellConfig
     config_hash: str
-    version: str
     limits: Limits
-    p_flange_tcp_m: Vec3
-    approach_m_s: float
-    approach_limit_m_s: float
-    touch_N: float
-    tare_age_max_s: float
 
     @classmethod
     def of(cls, cell: CellConfig) -> "Terms":
         """Return the reference values of a cell."""
-        return cls(
-            config_hash=cell_hash(cell),
-            version=__version__,
-            limits=Limits.of(cell),
-            p_flange_tcp_m=vec3(np.asarray(cell.tool.T_flange_tcp.pose.translation)),
-            approach_m_s=cell.force.approach_m_s,
-            approach_limit_m_s=cell.approach_limit_m_s,
-            touch_N=cell.force.touch_N,
-            tare_age_max_s=cell.force.tare_age_max_s,
-        )
+        return cls(cell, cell_hash(cell), Limits.of(cell))
 
 
 EVERY: tuple[Purpose, ...] = ("all", "jog", "back_off")
@@ -74,10 +59,6 @@ class Check(NamedTuple):
     purposes: tuple[Purpose, ...]
 
 
-def _inputs_received(context: PreflightContext) -> list[Trip]:
-    return missing(context.inputs, blind=context.blind)
-
-
 def _steady(context: PreflightContext) -> list[Trip]:
     if context.good_s >= PREFLIGHT_S:
         return []
@@ -85,24 +66,28 @@ def _steady(context: PreflightContext) -> list[Trip]:
     return [tripped("not_ready", text, value=context.good_s, limit=PREFLIGHT_S)]
 
 
-def _controller(context: PreflightContext) -> list[Trip]:
-    return robot_faults(context.inputs)
-
-
 def _mismatched_roles(context: PreflightContext) -> list[Trip]:
-    return mismatched_roles(context.inputs, context.terms.config_hash, context.terms.version)
+    """Return the roles with another cell file or version than the arbiter's."""
+    trips, own_hash = [], context.terms.config_hash
+    for role, reading in context.inputs.health.items():
+        health = reading.fresh
+        if health is not None and health.config_hash != own_hash:
+            text = f"{role} runs with another cell file ({health.config_hash}, here {own_hash})"
+            trips.append(tripped("config", text))
+        if health is not None and health.version != __version__:
+            text = f"{role} runs version {health.version}, here {__version__}"
+            trips.append(tripped("version", text))
+    return trips
 
 
 def _limits(context: PreflightContext) -> list[Trip]:
-    return _some(limit_trip(context.inputs, context.terms.limits, context.terms.p_flange_tcp_m))
-
-
-def _rest(context: PreflightContext) -> list[Trip]:
-    return _some(context.inputs.watched.motion_at_rest_violation)
-
-
-def _residual(context: PreflightContext) -> list[Trip]:
-    return _some(context.inputs.watched.residual)
+    """Check the force against its ceiling, and the tool against the workspace."""
+    wrench, robot = context.inputs.wrench.fresh, context.inputs.robot.fresh
+    if wrench is None or robot is None:
+        return []
+    limits, T_flange_tcp = context.terms.limits, context.terms.cell.tool.T_flange_tcp.pose
+    trip = check_wrench(limits, wrench.force_N, wrench.torque_Nm)
+    return _some(trip or check_workspace(limits, pose_of(robot) * T_flange_tcp))
 
 
 def _calibration(context: PreflightContext) -> list[Trip]:
@@ -113,7 +98,8 @@ def _calibration(context: PreflightContext) -> list[Trip]:
 
 
 def _approach(context: PreflightContext) -> list[Trip]:
-    value, limit = context.terms.approach_m_s, context.terms.approach_limit_m_s
+    cell = context.terms.cell
+    value, limit = cell.force.approach_m_s, cell.approach_limit_m_s
     if value <= limit:
         return []
     text = (
@@ -123,23 +109,18 @@ def _approach(context: PreflightContext) -> list[Trip]:
     return [tripped("approach_speed", text, value=value, limit=limit)]
 
 
-def _controller_speed(context: PreflightContext) -> list[Trip]:
-    return _some(context.inputs.watched.slow)
-
-
 def _tare(context: PreflightContext) -> list[Trip]:
     """Check the age of the tare; the text contains the present reading."""
-    reading, wrench = context.inputs.health.get("wrench"), context.inputs.wrench.fresh
-    health = None if reading is None else reading.fresh
-    age_h = 0.0 if health is None else health.numbers.get("tare_age_h", 0.0)
-    limit_h = context.terms.tare_age_max_s / 3600.0
+    wrench = context.inputs.wrench.fresh
+    age_h = context.inputs.numbers("wrench").get("tare_age_h", 0.0)
+    limit_h = context.terms.cell.force.tare_age_max_s / 3600.0
     if age_h <= limit_h or wrench is None:
         return []
     text = (
         f"the last tare is {age_h:.1f} h old, force.tare_age_max_s allows {limit_h:.1f} h; "
         f"the reading is {hypot(*wrench.force_N):.2f} N now"
     )
-    return [tripped("tare", text, value=3600.0 * age_h, limit=context.terms.tare_age_max_s)]
+    return [tripped("tare", text, value=3600.0 * age_h, limit=3600.0 * limit_h)]
 
 
 def _some(trip: Trip | None) -> list[Trip]:
@@ -148,17 +129,22 @@ def _some(trip: Trip | None) -> list[Trip]:
 
 # fmt: off
 CHECKS: tuple[Check, ...] = (
-    Check("every input is received, valid and in time",       _inputs_received,       EVERY),
-    Check("all inputs have been valid for a second",          _steady,      EVERY),
-    Check("the controller is ready to move",                  _controller,  EVERY),
-    Check("every process has this cell file and version",     _mismatched_roles,   EVERY),
-    Check("force below its ceiling, tool in the workspace",   _limits,      MOVES),
-    Check("the arm is at rest where it was commanded",        _rest,        EVERY),
-    Check("the calibration is valid for tool and sensor",     _calibration, FORCE),
-    Check("the residual force in free space is small",        _residual,    FORCE),
-    Check("the approach is slow enough for the stiffness",    _approach,    FORCE),
-    Check("the controller is as fast as in the cell file",    _controller_speed, FORCE),
-    Check("the last tare is not too old",                     _tare,        FORCE),
+    Check("every input is received, valid and in time",
+          lambda context: missing(context.inputs, blind=context.blind), EVERY),
+    Check("all inputs have been valid for a second", _steady, EVERY),
+    Check("the controller is ready to move",
+          lambda context: robot_faults(context.inputs), EVERY),
+    Check("every process has this cell file and version", _mismatched_roles, EVERY),
+    Check("force below its ceiling, tool in the workspace", _limits, MOVES),
+    Check("the arm is at rest where it was commanded",
+          lambda context: _some(context.inputs.watched.motion_at_rest_violation), EVERY),
+    Check("the calibration is valid for tool and sensor", _calibration, FORCE),
+    Check("the residual force in free space is small",
+          lambda context: _some(context.inputs.watched.residual), FORCE),
+    Check("the approach is slow enough for the stiffness", _approach, FORCE),
+    Check("the controller is as fast as in the cell file",
+          lambda context: _some(slow_start_trip(context.inputs, context.terms.cell)), FORCE),
+    Check("the last tare is not too old", _tare, FORCE),
 )
 # fmt: on
 
@@ -186,7 +172,7 @@ def failed_checks(
 def load_text(inputs: Inputs, terms: Terms) -> str:
     """Return a note for the reply to `arm` that the tool is loaded, empty when it is free."""
     wrench = inputs.wrench.fresh
-    if wrench is None or (force_N := hypot(*wrench.force_N)) <= terms.touch_N:
+    if wrench is None or (force_N := hypot(*wrench.force_N)) <= terms.cell.force.touch_N:
         return ""
     return f"; the tool is loaded with {force_N:.1f} N: `forcemesh retract` leaves a contact"
 

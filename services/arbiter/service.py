@@ -60,7 +60,11 @@ class ArbiterService:
         inputs = self._watch.update(readings)
         answers = list(self._serve(inputs))
         self._command.put(self._core.tick(inputs), inputs.target.origin)
-        self._report(now_ns)
+        # At its rate, and at once when the state or a cause changes.
+        report = (self._core.state, self._core.trips)
+        if now_ns >= self._next_status_ns or report != self._published:
+            self._next_status_ns, self._published = now_ns + self._status_period_ns, report
+            self._status.put(self._core.status())
         # Last, so that the status is published before a client acts on the reply.
         for request, reply in answers:
             request.reply(reply)
@@ -83,10 +87,3 @@ class ArbiterService:
         # Last, so that no other request of the same period can undo it.
         for hold in self._holds.take_all():
             yield hold, self._core.hold(hold.request.reason)
-
-    def _report(self, now_ns: int) -> None:
-        """Publish the status at its rate, and at once when the state or a cause changes."""
-        report = (self._core.state, self._core.trips)
-        if now_ns >= self._next_status_ns or report != self._published:
-            self._next_status_ns, self._published = now_ns + self._status_period_ns, report
-            self._status.put(self._core.status())

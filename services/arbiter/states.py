@@ -1,4 +1,6 @@
-"""State machine of the arbiter: {state: {event: state}}. An event not listed changes nothing.
+"""State machine of the arbiter: {state: {event: state}}, and the texts of its status. Pure.
+
+An event not listed changes nothing.
 
 Rule 1: every change of state is a row here; nothing else writes the state.
 Rule 2: only a person's `arm` and `back_off` lead towards motion, and no other event leaves a
@@ -6,7 +8,8 @@ Rule 2: only a person's `arm` and `back_off` lead towards motion, and no other e
 Rule 3: a new owner begins when the arm is at rest: from ARMED, or through SETTLING.
 """
 
-from forcemesh.messages import ArbiterState, ArmPurpose
+from forcemesh.faults import FAULTS, clipped
+from forcemesh.messages import MAY_MOVE, ArbiterState, ArmPurpose, Purpose, Trip
 
 # fmt: off
 TABLE: dict[ArbiterState, dict[str, ArbiterState]] = {
@@ -46,7 +49,46 @@ ARMED_TEXTS: dict[ArmPurpose, str] = {
     "jog": "armed for jog: moves may begin, force feedback may not",
 }
 
+MOST_TRIPS = 4
+MOST_LINES = 12
+LINE_BYTES = 120
+MORE = " …"
+ALONE: dict[Purpose, str] = {
+    "jog": "armed for jog alone; for force feedback hold, then arm",
+    "back_off": "the arm backs off by itself, then holds",
+}
+
 
 def after(state: ArbiterState, event: str) -> ArbiterState:
     """Return the state after an event."""
     return TABLE[state].get(event, state)
+
+
+# --- texts, cut to the size of their message ------------------------------------------------------
+
+
+def recent(trips: tuple[Trip, ...]) -> tuple[Trip, ...]:
+    """Return the first cause and the latest ones."""
+    return trips if len(trips) <= MOST_TRIPS else (trips[0], *trips[1 - MOST_TRIPS :])
+
+
+def lines(texts: list[str]) -> tuple[str, ...]:
+    """Return the first lines, each cut to its largest length."""
+    return tuple(_cut(text) for text in texts[:MOST_LINES])
+
+
+def _cut(text: str) -> str:
+    """Cut a line between words, with a mark at the cut."""
+    if len(text.encode()) <= LINE_BYTES:
+        return text
+    beginning = clipped(text, LINE_BYTES - len(MORE.encode()))
+    return (beginning.rpartition(" ")[0] or beginning) + MORE
+
+
+def what_next(state: ArbiterState, not_ready: list[Trip], armed_for: Purpose = "all") -> str:
+    """Return the next step for a person: the remedy if arming would be refused."""
+    if state in MAY_MOVE and armed_for in ALONE:
+        return ALONE[armed_for]
+    if not_ready and "arm" in TABLE[state]:
+        return f"{FAULTS[not_ready[0].code].remedy}; then arm"
+    return CLEARS[state]

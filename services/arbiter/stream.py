@@ -1,40 +1,47 @@
-"""Set-point limiter: streamed set points within speed, acceleration and bounds. Pure."""
+"""Streamed set points: follow the regulator's target, and come to rest. Pure.
+
+The reaction to a cause of a stop is one table, by its fault code:
+
+hold     the permission is revoked at once and the robot brakes; for every code not listed
+fade     streamed set points come to rest at the limit of acceleration, then hold
+retreat  if the cell file enables it, the tool retracts a little along its axis, then hold
+
+Only set points that the regulator streams can fade or retract: any other motion is held.
+"""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
+import numpy as np
 import pinocchio as pin
 
+from common.config.cell import CellConfig
 from common.motion.frames import is_finite_pose
-from common.motion.limits import check_step, check_workspace
-from common.motion.rate_limiter import (
-    CommandedMotion,
-    PathWindow,
-    at_rest,
-    brake,
-    check_rate,
-    limit_motion,
-    resting_place,
-)
-from forcemesh.messages import Trip
-from services.arbiter.bounds import ArmBounds
+from common.motion.limits import NS_PER_S, ArmBounds, Limits, check_step, check_workspace
+from common.motion.rate_limiter import CommandedMotion, brake, limit_motion, resting_place
+from forcemesh.faults import clipped
+from forcemesh.messages import Trip, WrenchAtTcp
 
+Reaction = Literal["hold", "fade", "retreat"]
 
-@dataclass(frozen=True, slots=True)
-class SetpointStream:
-    """State of the stream: the last command, and the travel of the last quarter of a second."""
-
-    motion: CommandedMotion
-    window: PathWindow
-
-
-def begin(T_measured: pin.SE3) -> SetpointStream:
-    """Return a stream that starts at the measured pose at rest, without a jump."""
-    return SetpointStream(at_rest(T_measured), PathWindow())
+# fmt: off
+REACTIONS: dict[str, Reaction] = {
+    "workspace":   "fade",
+    "tether":      "fade",
+    "joint_speed": "fade",
+    "regulator":   "fade",
+    "travel":      "fade",
+    "force":       "retreat",
+    "torque":      "retreat",
+}
+# fmt: on
+RETREAT_FROM = 0.8  # of a ceiling, below the robot's own check, which would interrupt it
+RETREAT_WITHIN_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """One period: measured pose, time and length."""
+    """One period: measured flange pose, time and length."""
 
     T_measured: pin.SE3
     now_ns: int
@@ -42,25 +49,90 @@ class Tick:
 
 
 def follow(
-    stream: SetpointStream, T_target: pin.SE3, bounds: ArmBounds, tick: Tick
-) -> tuple[SetpointStream, Trip | None]:
-    """Return the stream after a target pose, or unchanged with the limit that it violates.
+    motion: CommandedMotion, T_target: pin.SE3, bounds: ArmBounds, tick: Tick
+) -> tuple[CommandedMotion, Trip | None]:
+    """Return the motion after a target pose, or unchanged with the limit that it violates.
 
-    From every accepted set point the arm can be braked inside the bounds.
+    Speed and acceleration are limited; from every accepted set point the arm can be braked inside
+    the bounds.
     """
     if not is_finite_pose(T_target):
-        return stream, check_workspace(bounds.limits, T_target)
-    limits, before = bounds.limits, stream.motion.T_base_flange
-    motion = limit_motion(limits, stream.motion, T_target, tick.dt_s)
-    window = stream.window.after(tick.now_ns, before, motion.T_base_flange)
-    trip = (
-        bounds.place(resting_place(limits, motion))
-        or check_step(limits, tick.T_measured, motion.T_base_flange)
-        or check_rate(limits, window)
-    )
-    return (SetpointStream(motion, window), None) if trip is None else (stream, trip)
+        return motion, check_workspace(bounds.limits, T_target)
+    limits = bounds.limits
+    after = limit_motion(limits, motion, T_target, tick.dt_s)
+    trip = bounds.place(resting_place(limits, after))
+    trip = trip or check_step(limits, tick.T_measured, after.T_base_flange)
+    return (after, None) if trip is None else (motion, trip)
 
 
-def braked(stream: SetpointStream, bounds: ArmBounds, dt_s: float) -> SetpointStream:
-    """Return the stream after one period of braking."""
-    return replace(stream, motion=brake(bounds.limits, stream.motion, dt_s))
+# --- stops ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Retreat:
+    """Travel and speed of a retreat in this cell; zero travel disables it."""
+
+    travel_m: float
+    speed_m_s: float
+
+    @classmethod
+    def of(cls, cell: CellConfig) -> "Retreat":
+        """Return the settings of a cell."""
+        return cls(cell.force.retreat_m, cell.force.retreat_m_s)
+
+    def ceilings(self, limits: Limits) -> Limits:
+        """Return limits with the ceilings at which a retreat begins, if it is enabled."""
+        if self.travel_m <= 0.0:
+            return limits
+        force_N, torque_Nm = RETREAT_FROM * limits.force_N, RETREAT_FROM * limits.torque_Nm
+        return replace(limits, force_N=force_N, torque_Nm=torque_Nm)
+
+
+@dataclass(frozen=True, slots=True)
+class Stopping:
+    """State of a soft stop: its cause, and the set points that come to rest."""
+
+    trip: Trip
+    motion: CommandedMotion
+    since_ns: int
+    speed_m_s: float = 0.0  # of a retreat
+    T_back: pin.SE3 | None = None  # end pose of a retreat; None for a fade
+    travel_m: float = 0.0  # travel of a retreat
+    done: bool = False
+
+
+def begin_stop(
+    stopping: Stopping, bounds: ArmBounds, retreat: Retreat, wrench: WrenchAtTcp | None
+) -> Stopping | None:
+    """Return the soft stop for its cause; None when the arm must be held at once.
+
+    A retreat needs a valid wrench that pushes against the press axis.
+    """
+    reaction, motion = REACTIONS.get(stopping.trip.code), stopping.motion
+    if reaction == "fade" and not motion.is_at_rest:
+        return stopping
+    if reaction != "retreat" or retreat.travel_m <= 0.0 or wrench is None:
+        return None
+    T = motion.T_base_flange
+    press_axis = (T * bounds.T_flange_tcp).rotation[:, 2]
+    if float(np.array(wrench.force_N) @ press_axis) >= 0.0:
+        return None
+    T_back = pin.SE3(T.rotation, T.translation - retreat.travel_m * press_axis)
+    return replace(stopping, speed_m_s=retreat.speed_m_s, T_back=T_back, travel_m=retreat.travel_m)
+
+
+def step_stop(stopping: Stopping, bounds: ArmBounds, tick: Tick) -> Stopping:
+    """Return the stop one period later; at its end the trip contains cause and travel."""
+    if stopping.T_back is None:
+        motion = brake(bounds.limits, stopping.motion, tick.dt_s)
+        return replace(stopping, motion=motion, done=motion.is_at_rest)
+    slow = replace(bounds.limits, speed_m_s=stopping.speed_m_s)
+    motion = limit_motion(slow, stopping.motion, stopping.T_back, tick.dt_s)
+    late = tick.now_ns - stopping.since_ns > RETREAT_WITHIN_S * NS_PER_S
+    done = late or (motion.is_at_rest and motion.is_at_target) or bounds.place(motion.T_base_flange)
+    if not done:
+        return replace(stopping, motion=motion)
+    left_m = np.linalg.norm(stopping.T_back.translation - stopping.motion.T_base_flange.translation)
+    text = f"{stopping.trip.text}; the tool went back {(stopping.travel_m - left_m) * 1e3:.1f} mm"
+    trip = stopping.trip.replaced(text=clipped(text))
+    return replace(stopping, trip=trip, done=True)

@@ -1,4 +1,4 @@
-"""Monitors of the inputs over time, with debounce: rest, residual force, calibration, alignment.
+"""Monitors of the inputs over time: rest, residual force, alignment, and conditions of feedback.
 
 Pure. Each monitor receives every snapshot once, in order, with bounded memory.
 """
@@ -10,13 +10,12 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import is_finite_pose, length, rotation_between
+from common.motion.frames import apart, is_finite_pose
 from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
-from services.arbiter.controller_watch import ControllerWatch
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 
 REST_POSE_S = 0.2  # least time of the flange at one pose
@@ -25,6 +24,11 @@ REST_TURN_RAD = 2e-3
 RESIDUAL_S = 0.5
 STALL_S = 1.0  # stall of the arbiter after which all inputs look stale
 MISALIGNED_PAIRS = 2  # debounce: one pair may straddle a message in transit
+# The limit of a running loop is wider than that of a start: the gain rule tolerates half the delay
+# more, and a hold in contact costs more than a refused arming.
+RUNNING_MARGIN = 1.5
+SPEED_NOISE = 0.005  # of the monitor speed, which the pendant sets in whole percent
+STREAMED, MONITOR = "streamed_round_trip_p50_s", "monitor_speed_fraction"
 
 
 class InputMonitors:
@@ -35,8 +39,7 @@ class InputMonitors:
         self._overruns = Overruns(allowed_gap_s(cell, "arbiter"))
         self._rest = RestWatch(1.0 / cell.rates.robot_hz)
         self._residual = ResidualWatch(cell.force.idle_max_N, cell.force.idle_max_Nm)
-        self._calibration = CalibrationWatch()
-        self._controller = ControllerWatch(cell)
+        self._feedback = FeedbackWatch(cell)
         stale_s = [cell.stale_after_s(topic) for topic in (topics.ROBOT_STATE, topics.WRENCH)]
         self._alignment = AlignmentWatch(ALLOWED_SHARE * max(stale_s))
 
@@ -55,9 +58,7 @@ class InputMonitors:
             faults=tuple(trip for trip in faults if trip is not None),
             motion_at_rest_violation=self._rest.update(inputs),
             residual=self._residual.update(inputs),
-            calibration=self._calibration.update(inputs),
-            slow=self._controller.start_trip(inputs),
-            slower=self._controller.update(inputs),
+            feedback=self._feedback.update(inputs),
         )
         return replace(inputs, watched=watched)
 
@@ -91,11 +92,8 @@ class RestWatch:
 def _is_away(T_anchor: pin.SE3, T: pin.SE3) -> bool:
     if not (is_finite_pose(T) and is_finite_pose(T_anchor)):
         return True
-    away_m = length(T.translation - T_anchor.translation)
-    if away_m > REST_POSITION_M:
-        return True
-    turn_rad = rotation_between(T_anchor.rotation, T.rotation)
-    return length(turn_rad) > REST_TURN_RAD
+    away_m, turn_rad = apart(T_anchor, T)
+    return away_m > REST_POSITION_M or turn_rad > REST_TURN_RAD
 
 
 class ResidualWatch:
@@ -151,32 +149,82 @@ class ResidualWatch:
             self._verdict = tripped("payload", text, value=value, limit=limit, unit=unit)
 
 
-class CalibrationWatch:
-    """Monitor of a calibration that changes while force feedback runs.
+class FeedbackWatch:
+    """Monitor of what must not change while force feedback runs: calibration and controller speed.
 
     A tare or another payload is a step of the force, to which the regulator would react by motion.
+    The gains rely on the delays of the cell file: the robot process publishes in its health
+    `monitor_speed_fraction`, which multiplies every speed in the controller, and
+    `streamed_round_trip_p50_s`, the median time from sending a set point to the report that the
+    robot program has executed it. A robot without these numbers is not checked.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, cell: CellConfig) -> None:
         """Start without force feedback."""
-        self._at_start: str | None = None
+        self._cell = cell
+        self._calibration: str | None = None  # when force feedback began
+        self._fraction: float | None = None
 
     def update(self, inputs: Inputs) -> Trip | None:
-        """Return why running force feedback must end."""
-        wrench, target = inputs.wrench.fresh, inputs.target.fresh
-        if target is None or wrench is None:
-            self._at_start = None if target is None else self._at_start
+        """Return why running force feedback must end; called once per snapshot."""
+        if inputs.target.fresh is None:
+            self._calibration = self._fraction = None
             return None
-        if self._at_start is None:
-            self._at_start = wrench.calibration
+        numbers = inputs.numbers("robot")
+        controller_trip = self._controller_trip(numbers)
+        wrench = inputs.wrench.fresh
+        if wrench is None:
+            return controller_trip
+        if self._calibration is None:
+            self._calibration = wrench.calibration
         if not wrench.calibrated:
-            return tripped(
-                "calibration", wrench.calibration_fault or "the wrench is not calibrated"
+            text = wrench.calibration_fault or "the wrench is not calibrated"
+            return tripped("calibration", text)
+        if wrench.calibration != self._calibration:
+            text = f"the calibration became {wrench.calibration!r}, it was {self._calibration!r}"
+            return tripped("calibration", f"{text} when force feedback began")
+        return controller_trip
+
+    def _controller_trip(self, numbers: dict[str, float]) -> Trip | None:
+        fraction = numbers.get(MONITOR)
+        if self._fraction is None:
+            self._fraction = fraction
+        before = self._fraction
+        if fraction is not None and before is not None and abs(fraction - before) > SPEED_NOISE:
+            text = (
+                f"the controller's monitor speed became {100.0 * fraction:g} %, it was "
+                f"{100.0 * before:g} % when force feedback began"
             )
-        if wrench.calibration == self._at_start:
-            return None
-        text = f"the calibration became {wrench.calibration!r}, it was {self._at_start!r}"
-        return tripped("calibration", f"{text} when force feedback began")
+            return tripped("monitor_speed", text, value=fraction, limit=before)
+        return delay_trip(numbers, self._cell, RUNNING_MARGIN)
+
+
+def slow_start_trip(inputs: Inputs, cell: CellConfig) -> Trip | None:
+    """Return why force feedback must not start with this controller."""
+    numbers = inputs.numbers("robot")
+    fraction, stream_m_s = numbers.get(MONITOR), cell.limits.speed_m_s
+    needed_m_s = cell.force.speed_max_m_s
+    least_m_s = min(needed_m_s, stream_m_s) * (1.0 - SPEED_NOISE)
+    if fraction is not None and fraction * stream_m_s < least_m_s:
+        text = (
+            f"the controller's monitor speed is {100.0 * fraction:g} %: set points are "
+            f"followed at {1e3 * fraction * stream_m_s:.1f} mm/s, force.speed_max_m_s requires "
+            f"{1e3 * needed_m_s:g} mm/s"
+        )
+        return tripped("monitor_speed", text, value=fraction)
+    return delay_trip(numbers, cell, 1.0)
+
+
+def delay_trip(numbers: dict[str, float], cell: CellConfig, margin: float) -> Trip | None:
+    """Check the delay of streamed set points against that of the cell file times a margin."""
+    took_s, allowed_s = numbers.get(STREAMED), cell.robot.delay_s + cell.robot.lag_s
+    if took_s is None or took_s <= margin * allowed_s:
+        return None
+    text = (
+        f"the controller executes a set point {took_s * 1e3:.0f} ms after it was sent, in the "
+        f"median; robot.delay_s plus lag_s is {allowed_s * 1e3:.0f} ms"
+    )
+    return tripped("delay", text, value=took_s, limit=margin * allowed_s, unit="s")
 
 
 class AlignmentWatch:
@@ -208,14 +256,11 @@ class AlignmentWatch:
         if robot.seq != self._last_seq[0] and wrench.seq != self._last_seq[1]:
             self._last_seq = (robot.seq, wrench.seq)
             self._bad_pairs = self._bad_pairs + 1 if abs(offset_s) > self._limit_s else 0
-            self._trip = self._trip_of(offset_s)
+            self._trip = None
+            if self._bad_pairs >= MISALIGNED_PAIRS:
+                older, apart_s = "wrench" if offset_s > 0.0 else "robot/state", abs(offset_s)
+                apart = f"{older} is {apart_s * 1e3:.0f} ms older"
+                text = f"{apart}: pose and wrench do not match in time"
+                limit_s = self._limit_s
+                self._trip = tripped("misaligned", text, value=apart_s, limit=limit_s, unit="s")
         return self._trip
-
-    def _trip_of(self, offset_s: float) -> Trip | None:
-        if self._bad_pairs < MISALIGNED_PAIRS:
-            return None
-        older = "wrench" if offset_s > 0.0 else "robot/state"
-        text = (
-            f"{older} is {abs(offset_s) * 1e3:.0f} ms older: pose and wrench do not match in time"
-        )
-        return tripped("misaligned", text, value=abs(offset_s), limit=self._limit_s, unit="s")

@@ -16,7 +16,7 @@ from common.motion.tracking import TrackingMonitor
 from controller.packet_table import FEEDBACK_BITS, Com, Status
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
-from forcemesh.errors import RefusedError
+from forcemesh.faults import tripped
 from forcemesh.messages import (
     Feedback,
     Goal,
@@ -34,6 +34,15 @@ from services.gateway.setpoint_shaper import SetpointShaper
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
 CENTRE_STEP_M = 3e-3  # travel of the contact point below which no command is sent
+
+
+class TripError(Exception):
+    """A command is refused, or the arm is off its command; `trip` is the cause."""
+
+    def __init__(self, trip: Trip) -> None:
+        """Keep the trip, which ends the lease unchanged."""
+        self.trip = trip
+        super().__init__(trip.text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,12 +114,12 @@ class Driver:
             self._send(self._dialogue.hold(now_ns), now_ns)
 
     def watch(self, measured: ControllerReport, now_ns: int) -> None:
-        """Check a new report under permission. Raises RefusedError as `obey`."""
+        """Check a new report under permission. Raises TripError as `obey`."""
         joint_rad, T = measured.joint_rad, measured.T_base_flange
         _refuse(self._guard.arm(T, joint_rad, now_ns))
         is_refused = bool(measured.status & Status.TARGET_REFUSED)
         if is_refused and self._streaming and measured.taken >= self._stream_from:
-            raise RefusedError("robot_refuses", "the controller refused a set point")
+            raise TripError(tripped("robot_refuses", "the controller refused a set point"))
         _refuse(self._tracking.judge(T, joint_rad, now_ns))
 
     def follow_goal(self, measured: ControllerReport, now_ns: int) -> None:
@@ -129,7 +138,7 @@ class Driver:
     ) -> None:
         """Execute a permitted command.
 
-        Raises RefusedError when it violates a limit of this cell or is not possible now, and
+        Raises TripError when it violates a limit of this cell or is not possible now, and
         LocalProtocolError when it does not fit into a packet.
         """
         if lease != self._lease:
@@ -187,14 +196,14 @@ class Driver:
         if goal.kind == "pose" and goal.pose is not None:
             return self._dialogue.move_to_pose(pose_of(goal.pose), speed, now_ns)
         if goal.joint_rad is None:  # pragma: no cover - the guard has refused it before
-            raise RefusedError("malformed", f"a goal of kind {goal.kind} without its numbers")
+            raise TripError(tripped("malformed", f"a goal of kind {goal.kind} without its numbers"))
         com = Com.MOVE_BY_JOINTS if goal.kind == "by" else Com.MOVE_JOINTS
         return self._dialogue.move_joints(com, goal.joint_rad, speed, now_ns)
 
     def _stream(self, command: RobotCommand, measured: ControllerReport, now_ns: int) -> None:
         """Offer a set point; the first of a stream is the measured pose, to avoid a jump."""
         if command.pose is None:
-            raise RefusedError("malformed", "a set point without a pose")
+            raise TripError(tripped("malformed", "a set point without a pose"))
         if self._dialogue.feedback_active:  # still ending
             return
         if not self._streaming:
@@ -232,16 +241,20 @@ class Driver:
     ) -> None:
         feedback, permission, running = command.feedback, command.permission, self._running
         if feedback is None or permission is None or permission.host != "controller":
-            raise RefusedError("host", "force feedback needs a permission for host controller")
+            raise TripError(
+                tripped("host", "force feedback needs a permission for host controller")
+            )
         if wrench.fresh is None or wrench.header is None:
-            raise RefusedError(wrench.code or "invalid", wrench.fault)
+            raise TripError(tripped(wrench.code or "invalid", wrench.fault))
         _refuse(self._guard.feedback(feedback))
         self._tracking.free()
         self._idle(now_ns)
         if running is None:
             self._start_feedback(feedback, now_ns)
         elif not self._dialogue.feedback_active:
-            raise RefusedError("feedback", "the controller has ended force feedback by itself")
+            raise TripError(
+                tripped("feedback", "the controller has ended force feedback by itself")
+            )
         elif feedback.mode != running.feedback.mode:
             self._end_feedback(now_ns)
         else:
@@ -288,7 +301,7 @@ class Driver:
         """Offer each sample once: the controller integrates every wrench it receives."""
         if not self._dialogue.status & FEEDBACK_BITS:
             if since_ns > FEEDBACK_STARTS_WITHIN_S * NS_PER_S:
-                raise RefusedError("feedback", "the controller did not start force feedback")
+                raise TripError(tripped("feedback", "the controller did not start force feedback"))
         elif sample != self._last_wrench:
             self._last_wrench = sample
             setpoint_N = feedback.setpoint_force_N
@@ -297,5 +310,4 @@ class Driver:
 
 def _refuse(trip: Trip | None) -> None:
     if trip is not None:
-        limit = "" if trip.limit is None else f" (limit {trip.limit:.6g})"
-        raise RefusedError(trip.code, trip.text + limit)
+        raise TripError(trip)

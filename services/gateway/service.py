@@ -14,7 +14,7 @@ from controller.packet_table import FEEDBACK_BITS, ID_COUNT, ID_FIRST, MODES, St
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
-from forcemesh.errors import ConfigError, LocalProtocolError, RefusedError
+from forcemesh.errors import ConfigError, LocalProtocolError
 from forcemesh.faults import clipped, tripped
 from forcemesh.messages import (
     CONTROLLER_BITS,
@@ -26,7 +26,7 @@ from forcemesh.messages import (
 )
 from services.gateway.connection import ByteLink, ControllerConnection
 from services.gateway.dialogue import Dialogue
-from services.gateway.driver import Driver
+from services.gateway.driver import Driver, TripError
 from services.gateway.goals import ControllerReport
 from services.gateway.link import Link, LinkSettings
 from services.gateway.packets import ControllerLimits, Pacing
@@ -160,11 +160,9 @@ class Gateway:
         except LocalProtocolError as error:
             self._refusals += 1
             return self._gate.revoke(tripped("unsendable", str(error)))
-        except RefusedError as error:
+        except TripError as error:
             self._refusals += 1
-            return self._gate.revoke(
-                tripped(error.code, str(error), value=error.value, limit=error.limit)
-            )
+            return self._gate.revoke(error.trip)
         return verdict
 
     def _with_cause(self, verdict: GateDecision) -> GateDecision:

@@ -8,8 +8,8 @@ from common.config.info import cell_info
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.client.force import press_force_N
+from forcemesh.faults import trip_text
 from forcemesh.messages import ArbiterStatus
-from forcemesh.trip_text import trip_text
 from services.panel.sessions import Rights
 from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
 from services.panel.viewer import RequestOutcome

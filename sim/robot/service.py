@@ -106,9 +106,8 @@ class SimRobot:
         """End the lease when there is a trip."""
         if trip is None:
             return
-        limit = "" if trip.limit is None else f" (limit {trip.limit:.6g})"
         self._refusals += 1
-        self._verdict = self._gate.revoke(trip.replaced(text=trip.text + limit))
+        self._verdict = self._gate.revoke(trip)
         self._driver.hold(self._verdict.hold_reason)
 
     # --- publishing -----------------------------------------------------------------------------

@@ -15,10 +15,10 @@ from common.motion.back_off import LONGEST_BACK_OFF_S
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import MoveRequest, Reply
+from services.arbiter.commanders import REST_S, SETTLE_WITHIN_S
 from services.arbiter.inputs import OWN_HOLDS, ROBOT_ANSWERS_WITHIN_S, Inputs
-from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
 from services.arbiter.preflight import PREFLIGHT_S
-from services.arbiter.stops import RETREAT_WITHIN_S
+from services.arbiter.stream import RETREAT_WITHIN_S
 from tests.fakes.arbiter_product import (
     DEADLINE_S,
     FOR_ARMING,
@@ -151,7 +151,7 @@ def happenings(product: Product) -> Iterator[tuple[str, Event]]:
         yield "goal done", _reports("done")
         yield "goal refused", _reports("refused")
     pending = product.core._commanders.pending_move
-    if pending is not None and pending.request.kind == "by" and not product.turned:
+    if pending is not None and pending.goal.kind == "by" and not product.turned:
         yield "a joint creeps", _passes(CREEP_S, turned=True)
     if product.before is not None and product.may_move:
         yield "old command", _passes(deliver="old")
@@ -196,11 +196,7 @@ def key_of(product: Product) -> Key:
     """
     core, now_ns = product.core, product.now_ns
     commanders, stopping = core._commanders, core._stopping
-    turn, pending, stream = (
-        commanders.ownership,
-        commanders.pending_move,
-        commanders.ownership.stream,
-    )
+    turn, pending = commanders.ownership, commanders.pending_move
     moves = core.state in MAY_MOVE
     motion = (
         core._armed_for,
@@ -213,13 +209,13 @@ def key_of(product: Product) -> Key:
         core.state,
         turn.commander,
         turn.host,
-        None if stream is None else stream.motion.is_at_rest,
+        None if turn.motion is None else turn.motion.is_at_rest,
         turn.goal is not None and turn.goal.id == product.goal.id and product.goal.state,
-        None if pending is None else (pending.commander, pending.request.kind, product.turned),
+        None if pending is None else (pending.commander, pending.goal.kind, product.turned),
         None if pending is None else _over(pending.since_ns, now_ns, SETTLE_WITHIN_S),
         None if stopping is None else (stopping.T_back is None, stopping.motion.is_at_rest),
         None if stopping is None else _over(stopping.since_ns, now_ns, RETREAT_WITHIN_S),
-        _over(commanders._rest.since_ns, now_ns, REST_S),
+        _over(commanders._rest_since_ns, now_ns, REST_S),
         _over(core._good_since_ns, now_ns, PREFLIGHT_S),
         _over(core._blind_since_ns, now_ns, PREFLIGHT_S),
         motion if moves else (),

@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.limits import Limits
-from common.motion.rate_limiter import PathWindow, check_rate
 from common.motion.setpoint_monitor import SetpointMonitor
 from common.motion.tracking import TrackingMonitor
 from forcemesh import topics
@@ -136,11 +135,14 @@ def ruled(trip: Trip | Reply | None) -> str:
 
 
 def flood_commands() -> Trip | None:
-    """Command ten steps of a millimetre within a hundredth of a second, a hundred times."""
-    window, there = PathWindow(), pin.SE3(np.eye(3), np.array([1e-3, 0.0, 0.0]))
-    for now_ns in range(1_000_000, 200_000_000, 1_000_000):
-        window = window.after(now_ns, HERE, there)
-    return check_rate(LIMITS, window)
+    """Accelerate gently to one and a half times the speed limit."""
+    rule, x_m, speed_m_s = SetpointMonitor(LIMITS), 0.0, 0.0
+    trip = rule.begin(HERE, 0)
+    for now_ns in range(4_000_000, 2_000_000_000, 4_000_000):
+        speed_m_s = min(speed_m_s + 2e-3 * LIMITS.accel_m_s2, 1.5 * LIMITS.speed_m_s)
+        x_m += 4e-3 * speed_m_s
+        trip = trip or rule.check(pin.SE3(np.eye(3), np.array([x_m, 0.0, 0.0])), now_ns)
+    return trip
 
 
 def reverse_at_once(rule: SetpointMonitor) -> Trip | None:

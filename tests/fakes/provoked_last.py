@@ -8,7 +8,7 @@ from controller.packet import Packet
 from controller.packet_table import Com
 from forcemesh.messages import Feedback, Gains
 from forcemesh.requests import ForceStartRequest
-from services.arbiter.ownership import SETTLE_WITHIN_S
+from services.arbiter.commanders import SETTLE_WITHIN_S
 from tests.fakes.arbiter_robot import RobotWorld
 from tests.fakes.arbiter_world import PERIOD_NS, T_START
 from tests.fakes.bench import CELL

@@ -3,8 +3,8 @@
 import viser
 
 from forcemesh.client.ask import remedy_of
+from forcemesh.faults import trip_text
 from forcemesh.messages import ArbiterStatus, Trip
-from forcemesh.trip_text import trip_text
 from services.panel.faultlog import Happened
 from services.panel.markup import Html, html, joined, paragraphs
 from services.panel.status_bar import services

@@ -2,13 +2,22 @@
 
 import ast
 from functools import cache
+from math import pi
 from pathlib import Path
 
 import pytest
 
 from forcemesh.codec import MAX_BYTES, encode_record
 from forcemesh.errors import RefusedError
-from forcemesh.faults import FAULTS, MOST_TEXT_BYTES, FaultCode, refusal, refused, tripped
+from forcemesh.faults import (
+    FAULTS,
+    MOST_TEXT_BYTES,
+    FaultCode,
+    refusal,
+    refused,
+    trip_text,
+    tripped,
+)
 from tools.faults_page import PAGE, page
 from tools.tree import production_files
 
@@ -105,3 +114,22 @@ def test_a_refusal_is_not_accepted() -> None:
     reply = refusal("speed", "too fast", value=2.0, limit=1.0)
     assert (reply.accepted, reply.code, reply.rule, reply.value) == (False, "speed", 405, 2.0)
     assert RefusedError("speed", "too fast").code == "speed"
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "unit", "shown"),
+    [
+        (31.24, 30.0, "N", "it broke (31.24 N, limit 30 N)"),
+        (-0.4123, -0.4, "m", "it broke (-412.3 mm, limit -400 mm)"),
+        (0.5, 0.25, "m/s", "it broke (500 mm/s, limit 250 mm/s)"),
+        (pi, pi / 2, "rad", "it broke (180 deg, limit 90 deg)"),
+        (0.2, None, "s", "it broke (0.2 s)"),
+        (0.2, 0.1, "", "it broke"),
+        (None, None, "N", "it broke"),
+        (None, 0.25, "m/s", "it broke (limit 250 mm/s)"),
+        (float("inf"), 1.0, "N", "it broke (limit 1 N)"),
+    ],
+)
+def test_a_trip_is_shown_with_its_value_limit_and_unit(value, limit, unit, shown):
+    """It is in the units of the pendant; a number without a unit stays in the text."""
+    assert trip_text(tripped("force", "it broke", value=value, limit=limit, unit=unit)) == shown

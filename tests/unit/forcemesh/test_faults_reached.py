@@ -15,7 +15,13 @@ import pytest
 from common.bus.memory_bus import MemoryCall
 from common.config.load import cell_from_tree
 from common.motion.last_check import LastCheck
-from common.motion.limits import check_joint_speed, check_step, check_tether, check_workspace
+from common.motion.limits import (
+    Limits,
+    check_joint_speed,
+    check_step,
+    check_tether,
+    check_workspace,
+)
 from common.motion.setpoint_monitor import SetpointMonitor
 from common.motion.tracking import TrackingMonitor
 from forcemesh import topics
@@ -237,8 +243,8 @@ REACHED: dict[str, Callable[[], str]] = {
     "tether":           lambda: ruled(check_tether(LIMITS, HERE, BEYOND_ALL)),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
     "rate":             lambda: ruled(flood_commands()),
-    "acceleration":     lambda: ruled(reverse_at_once(SetpointMonitor(CELL.limits))),
-    "no_stream":        lambda: ruled(SetpointMonitor(CELL.limits).check(HERE, 1)),
+    "acceleration":     lambda: ruled(reverse_at_once(SetpointMonitor(Limits.of(CELL)))),
+    "no_stream":        lambda: ruled(SetpointMonitor(Limits.of(CELL)).check(HERE, 1)),
     "no_lease":         lambda: ruled(LastCheck(CELL).setpoint(HERE, HERE, 1)),
     "tracking":         lambda: ruled(an_arm_that_stays_behind(TrackingMonitor(CELL))),
     "joint_speed":      lambda: ruled(check_joint_speed(LIMITS, np.full(6, 99.0))),

@@ -9,14 +9,14 @@ import pytest
 
 from common.bus.memory_bus import MemoryCall, MemoryTransport
 from common.motion.last_check import LastCheck
-from common.motion.limits import Limits
-from common.motion.rate_limiter import JointTrack
+from common.motion.limits import JointTrack, Limits
 from common.motion.setpoint_monitor import SetpointMonitor
 from forcemesh import topics
 from forcemesh.codec import encode_record
 from forcemesh.messages import Goal, RobotState, RobotStatus, Speed, Trip
 from forcemesh.requests import HoldRequest
-from services.arbiter.inputs import limit_trip, robot_faults
+from services.arbiter.inputs import robot_faults
+from services.arbiter.preflight import CHECKS, PreflightContext, Terms
 from services.arbiter.watch import RestWatch
 from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
 from tests.fakes.arbiter_world import CELL, T_START, World, with_fault
@@ -30,15 +30,21 @@ JOINTS = (0.0, 0.0, -1.5, 0.0, -1.5, 0.0)
 # --- the arbiter's inputs -------------------------------------------------------------------------
 
 
+def limit_check(world: World) -> list[Trip]:
+    """Return the findings of the preflight about force and workspace alone."""
+    (check,) = [check for check in CHECKS if check.what.startswith("force below its ceiling")]
+    return check.failures(PreflightContext(world.inputs(), Terms.of(CELL), 9.0, blind=False))
+
+
 @pytest.mark.parametrize("name", ["robot", "wrench"])
 def test_a_message_that_is_not_received_is_not_judged_otherwise(name: str) -> None:
     """Neither lights nor limits are judged by an old message; its age is reported elsewhere."""
     world = World()
     world.change("robot", status=with_fault("robot_error"))
     world.change("wrench", force_N=(0.0, 0.0, 2.0 * CELL.limits.force_N))
-    assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is not None
+    assert limit_check(world) != []
     world.silent.add(name)
-    assert limit_trip(world.inputs(), LIMITS, (0.0, 0.0, 0.0)) is None
+    assert limit_check(world) == []
     assert bool(robot_faults(world.inputs())) == (name != "robot")
 
 
@@ -96,7 +102,7 @@ def turned(turn_rad: float) -> pin.SE3:
 def test_a_turn_is_limited_as_a_travel_is() -> None:
     """One set point by the step; a stream that speeds up gently, by the speed, in any window."""
     limits, period_s = CELL.limits, 4e-3
-    budget, speed = SetpointMonitor(limits), radians(limits.speed_deg_s)
+    budget, speed = SetpointMonitor(Limits.of(CELL)), radians(limits.speed_deg_s)
     assert budget.begin(T_START, 0) is None
     trip = budget.check(turned(radians(1.1 * limits.step_deg)), 0)
     assert trip is not None
@@ -170,6 +176,8 @@ def test_a_robot_that_is_not_ready_is_named_whatever_it_reports() -> None:
 def test_the_last_check_refuses_a_goal_for_another_number_of_joints() -> None:
     """It is neither broadcast nor cut."""
     goal = Goal(id=1, kind="joints", joint_rad=(0.0,) * 7)
-    trip = LastCheck(CELL).goal(goal, Speed(), T_START, JOINTS)
+    guard = LastCheck(CELL)
+    guard.start(T_START)
+    trip = guard.goal(goal, Speed(), T_START, JOINTS)
     assert trip is not None
     assert (trip.code, trip.value, trip.limit) == ("joint_count", 7, 6)

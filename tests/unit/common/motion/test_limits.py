@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.config.load import load_cell
-from common.motion.frames import is_finite_pose, rotation_between
+from common.motion.frames import rotation_between
 from common.motion.limits import (
     Limits,
     Plane,
@@ -23,7 +23,6 @@ from common.motion.limits import (
     check_tether,
     check_workspace,
     check_wrench,
-    limit_speed,
 )
 from forcemesh.messages import Trip
 from tests.fakes.arbiter_world import pose_at
@@ -245,78 +244,6 @@ def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
     ]
     names = ["workspace", "step", "tether", "force", "torque", "joint"]
     assert [trip.code if trip else None for trip in codes] == names
-
-
-@given(spots, turns, st.lists(st.tuples(spots, turns, st.floats(0.0, 0.1)), max_size=20))
-def test_no_sequence_of_targets_is_faster_than_the_limits(
-    p: np.ndarray, turn: np.ndarray, targets: list[Any]
-) -> None:
-    """Whatever is asked for, and however irregularly: speed and turning speed are kept."""
-    T = pose_at(p, turn)
-    for p_target, turn_target, dt_s in targets:
-        T_target = pose_at(p_target, turn_target)
-        T_next = limit_speed(LIMITS, T, T_target, dt_s)
-        moved = np.linalg.norm(T_next.translation - T.translation)
-        turned = np.linalg.norm(rotation_between(T.rotation, T_next.rotation))
-        assert moved <= LIMITS.speed_m_s * dt_s * (1.0 + 1e-9) + 1e-12
-        assert turned <= LIMITS.speed_rad_s * dt_s * (1.0 + 1e-6) + 1e-6
-        assert np.linalg.norm(T_next.translation - p_target) <= (
-            np.linalg.norm(T.translation - p_target) + 1e-12
-        )
-        T = T_next
-
-
-@given(spots, turns, spots, turns)
-def test_with_enough_time_a_target_is_let_through_untouched(
-    p: np.ndarray, turn: np.ndarray, p_target: np.ndarray, turn_target: np.ndarray
-) -> None:
-    """The very object, so that the caller can detect "limited" by identity."""
-    T_target = pose_at(p_target, turn_target)
-
-    assert limit_speed(LIMITS, pose_at(p, turn), T_target, 100.0) is T_target
-
-
-@given(spots, turns, spots, turns)
-def test_a_constant_target_is_reached_on_the_straight_path(
-    p: np.ndarray, turn: np.ndarray, p_target: np.ndarray, turn_target: np.ndarray
-) -> None:
-    """Limited again and again, the pose arrives; position stays on the line in between."""
-    T, T_target = pose_at(p, turn), pose_at(p_target, turn_target)
-    travel = p_target - p
-    for _ in range(40):
-        T = limit_speed(LIMITS, T, T_target, 1.0)
-        moved = T.translation - p
-        assert np.linalg.norm(np.cross(travel, moved)) <= 1e-9
-    assert T is T_target
-
-
-def test_no_time_means_no_motion() -> None:
-    """At dt = 0 (the first period) nothing is let through but where the arm is."""
-    T = pose_at(CENTRE)
-
-    assert limit_speed(LIMITS, T, pose_at(CENTRE + 0.1, [0.1, 0, 0]), 0.0) == T
-    assert limit_speed(LIMITS, T, pose_at(CENTRE), 0.0) == T
-
-
-def test_a_turn_is_limited_with_a_small_travel_and_a_travel_with_a_small_turn() -> None:
-    """One of the two within its limit is no leave for the other."""
-    T, dt_s = pose_at(CENTRE), 0.004
-    for travel_m, turn_rad in ((1e-5, 0.5), (0.5, 1e-5)):
-        T_target = pose_at(CENTRE + travel_m * np.eye(3)[0], [turn_rad, 0.0, 0.0])
-        T_next = limit_speed(LIMITS, T, T_target, dt_s)
-        moved = np.linalg.norm(T_next.translation - CENTRE)
-        turned = np.linalg.norm(rotation_between(T.rotation, T_next.rotation))
-        assert moved == pytest.approx(min(travel_m, LIMITS.speed_m_s * dt_s))
-        assert turned == pytest.approx(min(turn_rad, LIMITS.speed_rad_s * dt_s))
-
-
-@pytest.mark.parametrize("bad", NOT_FINITE)
-def test_a_target_that_is_not_finite_stays_recognisable(bad: float) -> None:
-    """Limiting speed never turns NaN into a valid pose."""
-    for T_target in (pose_at([bad, 0.5, 0.0]), pin.SE3(np.full((3, 3), math.nan), CENTRE)):
-        T = limit_speed(LIMITS, pose_at(CENTRE), T_target, 0.004)
-        assert not is_finite_pose(T)
-        assert check_workspace(LIMITS, T) is not None
 
 
 @pytest.mark.parametrize("check", [check_step, check_tether])

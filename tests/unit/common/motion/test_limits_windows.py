@@ -1,4 +1,4 @@
-"""Limits over time or at a wall: travel in a window, joint speeds, planes; and the ceilings."""
+"""Limits over time or at a wall: joint speeds, planes; and the ceilings."""
 
 import math
 
@@ -9,72 +9,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.config.load import cell_from_tree, dump_cell
-from common.motion.limits import Limits, check_joint_speed, check_workspace
-from common.motion.rate_limiter import JointTrack, PathWindow, check_rate
+from common.motion.limits import JointTrack, Limits, check_joint_speed, check_workspace
 from forcemesh.errors import ConfigError
 from tests.fakes.arbiter_world import CELL, pose_at
 
 LIMITS = Limits.of(CELL)
-# As docs/arbitration.md has them: the speed in any 250 ms and a quarter; joints over 100 ms.
-WINDOW_S, WINDOW_MARGIN, JOINT_WINDOW_S = 0.25, 1.25, 0.1
-WINDOW_NS, JOINT_WINDOW_NS = 250_000_000, 100_000_000
+JOINT_WINDOW_S, JOINT_WINDOW_NS = 0.1, 100_000_000  # as docs/arbitration.md has it
 
 
 # --- windows --------------------------------------------------------------------------------------
-
-
-@given(st.lists(st.tuples(st.integers(0, 50_000_000), st.floats(0.0, 0.02)), max_size=60))
-def test_a_window_counts_every_travel_of_the_last_quarter_second(steps) -> None:
-    """Against the plain sum, for any rhythm of commands; a flood of small ones counts, too."""
-    window, now_ns, all_steps = PathWindow(), 10**9, list[tuple[int, float]]()
-    T = pose_at(np.zeros(3), np.zeros(3))
-    for after_ns, travel_m in steps:
-        now_ns += after_ns
-        all_steps.append((now_ns, travel_m))
-        window = window.after(now_ns, T, pose_at(np.array([travel_m, 0.0, 0.0]), np.zeros(3)))
-        inside_m = sum(step_m for at_ns, step_m in all_steps if at_ns > now_ns - WINDOW_S * 1e9)
-        most_m = LIMITS.speed_m_s * WINDOW_S * WINDOW_MARGIN
-        trip = check_rate(LIMITS, window)
-        if abs(inside_m - most_m) > 1e-12:
-            assert (trip is not None) == (inside_m > most_m)
-        if trip is not None:
-            assert (trip.code, trip.limit) == ("rate", most_m)
-            assert trip.value == pytest.approx(inside_m)
-
-
-def test_turns_count_in_the_window_as_well() -> None:
-    """A flood of turns without travel."""
-    T, T_next = pose_at(np.zeros(3), np.zeros(3)), pose_at(np.zeros(3), np.array([0.0, 0.1, 0.0]))
-    most, window = LIMITS.speed_rad_s * WINDOW_S * WINDOW_MARGIN, PathWindow()
-    for count in range(1, 8):
-        window = window.after(10**9, T, T_next)
-        trip = check_rate(LIMITS, window)
-        assert (trip is not None) == (0.1 * count > most)
-        assert trip is None or (trip.code, trip.limit) == ("rate", most)
-    assert most < 0.7
-
-
-@pytest.mark.parametrize(("age_ns", "counts"), [(WINDOW_NS - 1, True), (WINDOW_NS, False)])
-def test_a_step_counts_for_a_quarter_of_a_second(age_ns: int, counts: bool) -> None:
-    """To the nanosecond."""
-    T, T_next, now_ns = (
-        pose_at(np.zeros(3), np.zeros(3)),
-        pose_at(np.full(3, 0.1), np.zeros(3)),
-        10**9,
-    )
-    window = PathWindow().after(now_ns - age_ns, T, T_next).after(now_ns, T, T)
-    assert (len(window.steps) == 2) == counts
-
-
-@pytest.mark.parametrize("kind", [1, 2], ids=["travel", "turn"])
-def test_the_travel_in_a_window_ends_exactly_at_its_limit(kind: int) -> None:
-    """The limit itself is allowed; travel and turn each have their own."""
-    most = (0.0, LIMITS.speed_m_s * 0.3125, LIMITS.speed_rad_s * 0.3125)[kind]
-    for amount, rule in ((most, None), (math.nextafter(most, math.inf), "rate")):
-        step = (10**9, amount, 0.0) if kind == 1 else (10**9, 0.0, amount)
-        trip = check_rate(LIMITS, PathWindow((step,)))
-        assert (trip and trip.code) == rule
-        assert trip is None or (trip.value, trip.limit) == (amount, most)
 
 
 @pytest.mark.parametrize("period_ms", [4, 20, 25, 70, 200])

@@ -6,6 +6,7 @@ from math import nextafter, radians
 import pytest
 
 from common.config.load import load_cell
+from common.motion.limits import Limits
 from common.motion.setpoint_monitor import SetpointMonitor
 from forcemesh.messages import Trip
 from tests.contract.rig import DEMO_CELL
@@ -13,7 +14,7 @@ from tests.fakes.arbiter_world import displaced
 
 MS = 1_000_000
 START_NS = 10**12  # of a stream: clocks begin nowhere in particular
-LIMITS = load_cell(DEMO_CELL).limits
+CELL = load_cell(DEMO_CELL)
 # Of the demo's cell: 0.25 m/s and 60 degrees/s, 2 m/s2 and 480 degrees/s2.
 SPEEDS = (0.25, radians(60.0))
 ACCELS = (2.0, radians(480.0))
@@ -28,7 +29,8 @@ each_kind = pytest.mark.parametrize("kind", [0, 1], ids=["travel", "turn"])
 
 def begun(kind: int, **changes: float) -> SetpointMonitor:
     """Return a monitor whose stream begins at the origin."""
-    monitor = SetpointMonitor(LIMITS.model_copy(update=changes))
+    limits = CELL.limits.model_copy(update=changes)
+    monitor = SetpointMonitor(Limits.of(CELL.model_copy(update={"limits": limits})))
     assert monitor.begin(displaced(kind, 0.0), START_NS) is None
     return monitor
 

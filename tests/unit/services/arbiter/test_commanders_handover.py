@@ -12,8 +12,7 @@ from common.motion.convert import pose_of
 from forcemesh.faults import tripped
 from forcemesh.messages import Accepted, Asker, Commander, RobotCommand
 from forcemesh.requests import MoveRequest
-from services.arbiter.ownership import REST_S, SETTLE_WITHIN_S
-from services.arbiter.ranks import RANKS, outranks
+from services.arbiter.commanders import RANKS, REST_S, SETTLE_WITHIN_S, outranks
 from tests.fakes.arbiter_robot import MOTIONS, RobotWorld
 from tests.fakes.arbiter_world import (
     CELL,

@@ -329,9 +329,10 @@ def test_an_unknown_age_of_the_tare_is_no_fault(silent: set[str]) -> None:
 def test_the_reply_to_arm_reports_a_load_beyond_a_touch(over_N: float, reports: bool) -> None:
     """The cell's touch force itself is not reported; without a wrench no load is known."""
     world = World().make_ready()
-    set_force(world, TERMS.touch_N + over_N)
+    load_N = TERMS.cell.force.touch_N + over_N
+    set_force(world, load_N)
     text = load_text(world.inputs(), TERMS)
-    assert text.startswith(f"; the tool is loaded with {TERMS.touch_N + over_N:.1f} N") == reports
+    assert text.startswith(f"; the tool is loaded with {load_N:.1f} N") == reports
     assert bool(text) == reports
     world.silent = {"wrench"}
     assert load_text(world.inputs(), TERMS) == ""

@@ -14,9 +14,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS
 from forcemesh.messages import MAY_MOVE
 from services.arbiter import commanders, states
-from services.arbiter.commanders import Commanders
-from services.arbiter.ownership import Ownership
-from services.arbiter.ranks import outranks
+from services.arbiter.commanders import Commanders, Ownership, outranks
 from services.arbiter.states import TABLE
 from tests.fakes.arbiter_product import (
     DEADLINE_S,

@@ -11,7 +11,7 @@ from common.motion.frames import rotation_from_vector
 from forcemesh.codec import Header
 from forcemesh.messages import RegulatorTarget, Trip
 from services.arbiter.inputs import Inputs
-from services.arbiter.watch import AlignmentWatch, CalibrationWatch, ResidualWatch, RestWatch
+from services.arbiter.watch import AlignmentWatch, FeedbackWatch, ResidualWatch, RestWatch
 from tests.fakes.arbiter_world import CELL, STOPPED, T_START, World, shifted
 
 S = 1_000_000_000
@@ -196,7 +196,7 @@ def test_the_calibration_must_stay_only_while_force_feedback_runs(
     snapshots: str, reported: bool
 ) -> None:
     """Each snapshot: the calibration, or none while the wrench is silent; + where feedback runs."""
-    world, watch, trip = World(), CalibrationWatch(), None
+    world, watch, trip = World(), FeedbackWatch(CELL), None
     for snapshot in snapshots.split():
         calibration, runs = snapshot[0], snapshot[1]
         world.silent = {"wrench"} if calibration == "." else set()
@@ -218,7 +218,7 @@ def test_a_wrench_without_calibration_ends_force_feedback_with_its_reason(
     world = World()
     world.propose(shifted())
     world.change("wrench", calibrated=False, calibration_fault=fault)
-    trip = CalibrationWatch().update(world.inputs())
+    trip = FeedbackWatch(CELL).update(world.inputs())
     assert trip is not None
     assert (trip.code, trip.text) == ("calibration", text)
 

@@ -21,7 +21,6 @@ from forcemesh.messages import (
     RobotState,
     WrenchAtTcp,
 )
-from forcemesh.trip_text import trip_text
 from services.panel.server import page
 from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
 from services.panel.status_bar import force_display, strip
@@ -168,25 +167,6 @@ def test_a_force_without_calibration_is_marked():
 
 
 # --- trips ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("value", "limit", "unit", "shown"),
-    [
-        (31.24, 30.0, "N", "it broke (31.24 N, limit 30 N)"),
-        (-0.4123, -0.4, "m", "it broke (-412.3 mm, limit -400 mm)"),
-        (0.5, 0.25, "m/s", "it broke (500 mm/s, limit 250 mm/s)"),
-        (np.pi, np.pi / 2, "rad", "it broke (180 deg, limit 90 deg)"),
-        (0.2, None, "s", "it broke (0.2 s)"),
-        (0.2, 0.1, "", "it broke"),
-        (None, None, "N", "it broke"),
-        (None, 0.25, "m/s", "it broke (limit 250 mm/s)"),
-        (float("inf"), 1.0, "N", "it broke (limit 1 N)"),
-    ],
-)
-def test_a_trip_is_shown_with_its_value_limit_and_unit(value, limit, unit, shown):
-    """It is in the units of the pendant; a number without a unit stays in the text."""
-    assert trip_text(tripped("force", "it broke", value=value, limit=limit, unit=unit)) == shown
 
 
 def test_the_bar_shows_every_trip_with_its_limit_and_separately_its_remedy():

@@ -3,7 +3,7 @@
 import pytest
 
 from forcemesh.faults import FAULTS
-from services.arbiter.reports import MOST_TRIPS
+from services.arbiter.states import MOST_TRIPS
 from tests.fakes.cellmates import Cellmates
 from tests.fakes.provoked import IN_MOTION
 

@@ -8,13 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
-from common.motion.limits import Limits
+from common.motion.limits import ArmBounds, Limits
+from common.motion.rate_limiter import at_rest
 from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import WrenchAtTcp
-from services.arbiter.bounds import ArmBounds
-from services.arbiter.stops import REACTIONS, Retreat, Stopping, begin, step
-from services.arbiter.stream import Tick
-from services.arbiter.stream import begin as begin_stream
+from services.arbiter.stream import REACTIONS, Retreat, Stopping, Tick, begin_stop, step_stop
 from tests.fakes.arbiter_robot import RobotWorld
 from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, shifted
 
@@ -302,7 +300,7 @@ def retreat(travel_m: float, speed_m_s: float, press_N: float = SOFT_N) -> Stopp
     x_N, y_N, z_N = (-press_N * press_axis).tolist()
     wrench = WrenchAtTcp(force_N=(x_N, y_N, z_N))
     allowed = Retreat(travel_m, speed_m_s)
-    return begin(TRIP, begin_stream(T_START), BOUNDS, retreat=allowed, wrench=wrench, now_ns=0)
+    return begin_stop(Stopping(TRIP, at_rest(T_START), 0), BOUNDS, allowed, wrench)
 
 
 def run_stop(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
@@ -311,7 +309,7 @@ def run_stop(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
     while not stopping.done and period * DT_S < end_s:
         period += 1
         moment = Tick(T_START, period * PERIOD_NS, DT_S)
-        stopping = step(stopping, BOUNDS, moment)
+        stopping = step_stop(stopping, BOUNDS, moment)
     return stopping, period * DT_S
 
 

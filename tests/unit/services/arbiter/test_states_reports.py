@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 
 from forcemesh.faults import FAULTS, MOST_TEXT_BYTES, clipped
 from forcemesh.messages import ArbiterState, Trip
-from services.arbiter.reports import (
+from services.arbiter.states import (
     ALONE,
+    CLEARS,
     LINE_BYTES,
     MORE,
     MOST_LINES,
@@ -15,7 +16,6 @@ from services.arbiter.reports import (
     recent,
     what_next,
 )
-from services.arbiter.states import CLEARS
 
 texts = st.text(max_size=500)
 

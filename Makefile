@@ -56,7 +56,7 @@ test-subscribers: setup ## run the subscribers in other languages against a hub 
 	@$(BIN)/python -m tools.subscribers_test
 
 coverage: setup ## take every branch of the modules that decide about motion: the list is in pyproject.toml
-	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 -m "not (realtime or processes or long)" -k "not ($(NO_NEW_BRANCH))" \
+	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 --hypothesis-profile=branches -m "not (realtime or processes or long)" -k "not ($(NO_NEW_BRANCH))" \
 	  --cov --cov-report=term $(COVERED_BY) $(ARGS)
 
 check: setup ## lint, format, types, import contracts, words, sizes

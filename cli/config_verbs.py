@@ -34,11 +34,13 @@ def check(
     with one_line_errors():
         from common.config.load import cell_hash, load_cell
         from forcemesh.errors import ConfigError
+        from services.regulator.laws import refuse_unknown_law
         from services.sensor.driver_registry import refuse_unknown_driver
 
         try:
             cell = load_cell(file)
             refuse_unknown_driver(cell, str(file))
+            refuse_unknown_law(cell, str(file))
         except ConfigError as error:
             if as_json:
                 print(json.dumps({"file": str(file), "cell": None, "mistakes": error.mistakes}))

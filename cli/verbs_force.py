@@ -27,6 +27,26 @@ OPTIONS = (  # of the verb `gains`, in the order of the record
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
+def known_law(law: str | None) -> str | None:
+    """Return the law of an option. Raises typer.BadParameter for one that does not exist."""
+    if law is not None:
+        from services.regulator.laws import LAWS
+
+        if law not in LAWS:
+            raise typer.BadParameter(f"must be {' or '.join(LAWS)}, found {law!r}")
+    return law
+
+
+LawOption = Annotated[
+    str | None,
+    typer.Option(
+        callback=known_law,
+        metavar="LAW",
+        help="Control law: plain, adaptive, admittance (hand guiding) or an added one; default: "
+        "the cell file's.",
+        show_default=False,
+    ),
+]
 PresetOption = Annotated[
     Literal["gentle", "normal", "stiff"] | None,
     typer.Option(
@@ -64,13 +84,7 @@ def force_start(
     host: Annotated[
         Literal["pc", "controller"], typer.Option(help="Host of the control loop.")
     ] = "pc",
-    law: Annotated[
-        Literal["plain", "adaptive", "admittance"] | None,
-        typer.Option(
-            help="Control law; default: the cell file's. admittance: hand guiding.",
-            show_default=False,
-        ),
-    ] = None,
+    law: LawOption = None,
     preset: PresetOption = None,
     axes: Annotated[
         str,

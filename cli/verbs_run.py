@@ -76,9 +76,8 @@ def up(
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
-    supervisor = Supervisor(loaded, path, stop=stop)
     try:
-        supervisor.__enter__()
+        supervisor = Supervisor(loaded, path, stop=stop).__enter__()
     except ForcemeshError as error:
         exit_with_error(f"up: {error}", USAGE)
     with ExitStack() as afterwards:  # sidecars end last: the arm is stopped first

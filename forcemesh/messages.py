@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from forcemesh.patterns import LAW_NAME
+
 Vec3 = tuple[float, float, float]
 Joints = Annotated[tuple[float, ...], Field(max_length=16)]  # one angle for each joint [rad]
 Quaternion = tuple[float, float, float, float]
@@ -21,8 +23,8 @@ Text = Annotated[str, Field(max_length=500)]
 
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
-Law = Literal["plain", "adaptive"]  # of the regulator
-StartLaw = Literal["plain", "adaptive", "admittance"]  # admittance: hand guiding
+Law = Annotated[str, Field(pattern=LAW_NAME)]  # the regulator's; it refuses one that it lacks
+LAWS_THAT_SHIP = ("plain", "adaptive", "admittance")  # admittance: hand guiding
 Preset = Literal["gentle", "normal", "stiff"]  # of gains
 Commander = Literal["none", "regulator", "program", "operator"]
 Asker = Literal["operator", "program"]  # clients that may request motion
@@ -224,7 +226,7 @@ class RegulatorTarget(Message):
 
     mode: Mode | None = None
     host: Host = "pc"
-    law: StartLaw | None = None
+    law: Law | None = None
     setpoint_N: float | None = None  # requested, along the tool's z axis; reached by a ramp
     pose: PoseRecord | None = None  # flange in base
     feedback: Feedback | None = None

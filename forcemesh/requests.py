@@ -9,11 +9,11 @@ from forcemesh.messages import (
     Asker,
     Gains,
     Host,
+    Law,
     Mode,
     PoseRecord,
     Preset,
     Record,
-    StartLaw,
     Text,
 )
 
@@ -86,7 +86,7 @@ class ForceStartRequest(Record):
     mode: Mode
     host: Host = "pc"
     setpoint_N: float = Field(0.0, ge=0.0, le=LARGEST_SETPOINT_N)
-    law: StartLaw | None = None  # default: that of the cell file; admittance: hand guiding
+    law: Law | None = None  # default: that of the cell file; admittance: hand guiding
     preset: Preset | None = None  # initial gains; default: those set last
     # Free axes: along and about x, y, z of the task frame, which is fixed to base or tool.
     axes: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)

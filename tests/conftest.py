@@ -24,6 +24,8 @@ settings.register_profile("ci", deadline=None, derandomize=True, database=None, 
 settings.register_profile(
     "mutants", settings.get_profile("ci"), phases=(Phase.explicit, Phase.generate)
 )
+# `make coverage` asks whether a branch is taken at all: it must not depend on a rare example.
+settings.register_profile("branches", settings.get_profile("ci"), max_examples=25)
 settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 # The tree of verbs does not change, and takes longer to make than most refusals.

@@ -3,7 +3,7 @@
 # time, mostly waiting, on all cores. Whatever needs only the processor runs beside both at idle
 # priority, which takes nothing from them, and at its own when they are done. All runs happen,
 # whatever the others find. What is marked long is left to `make test-long`, which calls this with
-# LONG=1. With COVERAGE=1 what needs only the processor also counts branches, as `make coverage` does.
+# LONG=1.
 set -uo pipefail
 python=${PYTHON:-.venv/bin/python}
 readonly REAL="realtime or processes" NONE_SELECTED=5
@@ -23,13 +23,11 @@ run() {
   judge $?
 }
 
-cover=()
-[ -z "${COVERAGE:-}" ] || cover=(--cov --cov-report=term:skip-covered)
 idle=()
 command -v chrt >/dev/null && idle=(chrt --idle 0)
 said=$(mktemp)
 set -m # gives it a process group, by which it is found
-"${idle[@]}" "$python" -m pytest -m "not ($REAL) and $length" -n auto -o timeout=600 "${cover[@]}" "$@" >"$said" 2>&1 &
+"${idle[@]}" "$python" -m pytest -m "not ($REAL) and $length" -n auto -o timeout=600 "$@" >"$said" 2>&1 &
 beside=$!
 set +m
 trap 'kill -- -$beside 2>/dev/null; rm -f "$said"' EXIT

@@ -12,6 +12,7 @@ import typer
 from cli.context import NOT_WELL, OK, USAGE, default_cell_file, exit_code_of, exit_with_error
 from cli.panel import NoPanel
 from cli.record import NoRecorder
+from cli.verbs_force import known_law
 from forcemesh.errors import ForcemeshError
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ ModeOption = Annotated[Literal["position", "orientation", "both"], typer.Option(
 Setpoint = Annotated[float | None, typer.Option("--setpoint", rich_help_panel=JOB, help="Final press force [N]; default: 0, in mode both 10.")]
 Force = Annotated[float, typer.Option("--force", rich_help_panel=JOB, help="Initial press force [N].")]
 HostOption = Annotated[Literal["pc", "controller"], typer.Option("--host", rich_help_panel=JOB, help="Host of the control loop.")]
-LawOption = Annotated[Literal["plain", "adaptive"] | None, typer.Option("--law", rich_help_panel=JOB, show_default=False, help="Control law; default: the cell file's.")]
+LawOption = Annotated[str | None, typer.Option("--law", metavar="LAW", callback=known_law, rich_help_panel=JOB, show_default=False, help="Control law: plain, adaptive, or an added one; default: the cell file's.")]
 Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=PLATE, help="Plate stiffness [N/m].")]
 DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Controller delay [ms].")]
 TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Plate tilt [deg]; default: 0, in modes orientation and both 5.")]

@@ -17,7 +17,7 @@ from cli.skills.contact_monitor import (
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import rotation_between
 from forcemesh.errors import NotReachedError
-from forcemesh.messages import Mode, Preset, StartLaw, Vec3
+from forcemesh.messages import Mode, Preset, Vec3
 from forcemesh.requests import ForceStartRequest
 
 BAND_N, BAND_NM = 1.0, 0.1
@@ -31,7 +31,7 @@ RETRACT_M_S = 0.02
 class ForceSettings:
     """Law and gain preset of force feedback."""
 
-    law: StartLaw | None = None  # None: the cell file's
+    law: str | None = None  # None: the cell file's
     preset: Preset | None = None
 
 

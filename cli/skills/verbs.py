@@ -13,7 +13,7 @@ import typer
 from cli.context import USAGE, CellOption, JsonOption, exit_with_error
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.skills.force_session import force_session
-from cli.verbs_force import PresetOption
+from cli.verbs_force import LawOption, PresetOption
 
 if TYPE_CHECKING:
     from cli.skills.contact_monitor import ReportProgress
@@ -22,10 +22,6 @@ if TYPE_CHECKING:
 NO_HAND = 600.0
 
 Setpoint = Annotated[float, typer.Argument(metavar="NEWTON", min=0.5, help="Press force [N].")]
-LawOption = Annotated[
-    Literal["plain", "adaptive"] | None,
-    typer.Option(help="Control law; default: the cell file's.", show_default=False),
-]
 WithinOption = Annotated[
     float, typer.Option("--timeout", min=1.0, help="Longest time until the force is reached [s].")
 ]

@@ -13,11 +13,11 @@ from forcemesh.messages import (
     Gain3,
     Gains,
     Host,
+    Law,
     Mode,
     PoseRecord,
     Preset,
     RobotState,
-    StartLaw,
     Vec3,
     WrenchAtTcp,
 )
@@ -57,7 +57,7 @@ class Force:
         *,
         mode: Mode = "position",
         host: Host = "pc",
-        law: StartLaw | None = None,
+        law: Law | None = None,
         preset: Preset | None = None,
         axes: tuple[bool, bool, bool, bool, bool, bool] = ALL,
     ) -> Reply:

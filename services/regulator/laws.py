@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.frames import Array
+from forcemesh.errors import ConfigError
 from services.regulator import adaptive, admittance
 from services.regulator.adaptive import AdaptiveSettings, ContactStiffness
 from services.regulator.admittance import AdmittanceSettings
@@ -58,3 +59,11 @@ LAWS: dict[str, Law] = {
     ),
     "admittance": Law(AdmittanceSettings.of, admittance.begin, admittance.step, guides=True),
 }
+
+
+def refuse_unknown_law(cell: CellConfig, source: str) -> None:
+    """Raise ConfigError with the source unless the cell's law exists and presses."""
+    pressing = [name for name, law in LAWS.items() if not law.guides]
+    if cell.force.law not in pressing:
+        mistake = f"force.law: must be {' or '.join(pressing)}, found {cell.force.law!r}"
+        raise ConfigError(source, [mistake])

@@ -34,6 +34,8 @@ def refused_start(
     if request.host == "controller" and not all(request.axes):
         return refusal("host", "axes: host controller cannot lock single axes, host pc can")
     law = request.law or cell.force.law
+    if law not in LAWS:
+        return refusal("malformed", f"law: must be {' or '.join(LAWS)}, found {law!r}")
     if request.host == "controller" and LAWS[law].guides:
         return refusal("host", f"law {law}: host controller has no hand guiding, host pc has")
     if LAWS[law].guides and request.setpoint_N > 0.0:

@@ -21,7 +21,6 @@ from forcemesh.messages import (
     PoseRecord,
     RegulatorTarget,
     RobotState,
-    StartLaw,
     Trip,
     WrenchAtTcp,
 )
@@ -37,7 +36,7 @@ from services.regulator.guards import (
     watch,
 )
 from services.regulator.law import LawInput, LawSettings, back_calculate, start_at
-from services.regulator.laws import LAWS
+from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
 from services.regulator.refusals import refused_axes, refused_guide, refused_path, refused_start
 from services.regulator.session import (
@@ -65,6 +64,7 @@ class Regulator:
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
+        refuse_unknown_law(cell, f"cell {cell.cell}")
         self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
         self._guards = GuardSettings.of(cell)
         self._approach_m_s = LawSettings.of(cell).approach_m_s
@@ -290,7 +290,7 @@ class Regulator:
             return refused
         if request.preset is not None:
             self._use_gains(tune(cell, request.preset).gains)
-        law: StartLaw = requested if LAWS[requested].covers(cell) else "plain"
+        law = requested if LAWS[requested].covers(cell) else "plain"
         session = self._session
         if session is None or session.failure or session.request.host != request.host:
             lease, yielded = self._yielded
@@ -317,7 +317,7 @@ class Regulator:
         text = describe(session)
         return Reply(accepted=True, text=f"{text}; {remark}" if remark else text)
 
-    def _begin(self, law: StartLaw, T_command: pin.SE3, T_measured: pin.SE3) -> Any:
+    def _begin(self, law: str, T_command: pin.SE3, T_measured: pin.SE3) -> Any:
         """Return the initial state of a law, with the stiffness identified here before."""
         k = None if self._contact is None else self._contact.at_pose(T_measured)
         return LAWS[law].begin(T_command, T_measured, k, self._settings[law])

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from common.motion.frames import Array
 from forcemesh.codec import Header
-from forcemesh.messages import ArbiterStatus, Gains, StartLaw
+from forcemesh.messages import ArbiterStatus, Gains
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.gains import PiGains
 from services.regulator.guards import GuardState
@@ -32,7 +32,7 @@ class ForceSession:
     """Force feedback from its start to its stop."""
 
     request: ForceStartRequest
-    law: StartLaw
+    law: str
     lease: int  # under which it was started
     setpoint_N: float  # ramped
     gains: PiGains  # ramped

@@ -61,6 +61,8 @@ def _scalars(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
     if annotation is int:
         return st.integers(*INT64)
     if annotation is str:
+        for pattern in filter(None, (getattr(item, "pattern", None) for item in metadata)):
+            return st.from_regex(pattern, fullmatch=True)
         longest = min([LONGEST_TEXT, *(m.max_length for m in metadata if isinstance(m, MaxLen))])
         return st.text(max_size=longest)
     assert annotation is float, f"a field of type {annotation} is new: teach this module about it"

@@ -48,7 +48,7 @@ ROWS: tuple[tuple[str, int, str], ...] = (
     ("force start --setpoint much", USAGE, "must be a number"),
     ("force start --axes q", USAGE, "--axes: unknown axis q: choose from x, y, z, rx, ry, rz"),
     ("force start --host cloud", USAGE, "'cloud' is not one of 'pc', 'controller'"),
-    ("force start --law iron", USAGE, "'iron' is not one of 'plain', 'adaptive'"),
+    ("force start --law iron", USAGE, "must be plain or adaptive or admittance, found 'iron'"),
     ("force start --mode sideways", USAGE, "'sideways' is not one of 'position', 'orientation', 'both'"),
     ("force stop now", USAGE, "Got unexpected extra argument(s) (now)"),
     ("force gains --force-p 1,2", USAGE, "3 numbers are needed, x,y,z (m/N), without spaces; found 2"),

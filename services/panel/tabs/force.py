@@ -9,7 +9,7 @@ import viser
 from forcemesh.client import Cell
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError
-from forcemesh.messages import Gains, Mode, Preset, StartLaw, Vec3
+from forcemesh.messages import LAWS_THAT_SHIP, Gains, Mode, Preset, Vec3
 from forcemesh.requests import ForceStartRequest, GainsRequest
 from services.panel.markup import Html, html, paragraphs
 from services.panel.tabs import Refresh, Tab
@@ -100,9 +100,8 @@ class _PressForm:
         )
         self._mode = gui.add_dropdown("Mode", get_args(Mode))
         self._host = gui.add_dropdown("Loop host", config.robot.hosts, hint="Runs the regulator.")
-        self._law = gui.add_dropdown(
-            "Control law", get_args(StartLaw), initial_value=config.force.law
-        )
+        laws = dict.fromkeys((*LAWS_THAT_SHIP, config.force.law))
+        self._law = gui.add_dropdown("Control law", tuple(laws), initial_value=config.force.law)
         self._start = viewer.button(
             "Start pressing", self._on_start, icon=viser.Icon.PLAYER_PLAY, color="orange"
         )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cli.tune import output as words
@@ -74,6 +74,8 @@ def test_recommended_gains_are_stable_with_the_stated_margins(
         assert margins(stiffer).stable
 
 
+# Rounding up to whole milliseconds costs a fast arm on a soft contact 15.01 % of its gain.
+@example(found=MeasuredCell(Servo(0.0039, 0.0005, 0.00195, 0.0039), Spring(3162.3, 31.6)))
 @settings(max_examples=6)
 @given(found=measured)
 def test_the_lines_give_a_cell_the_gains_that_are_recommended(
@@ -88,7 +90,7 @@ def test_the_lines_give_a_cell_the_gains_that_are_recommended(
     cell = load_cell(folder / "cell.yaml")
     gain = tune(cell).force_i_m_per_Ns
     assert gain <= 1.01 * one.force.gain
-    assert gain >= 0.85 * one.force.gain
+    assert gain >= 0.84 * one.force.gain
     assert cell.force.approach_m_s <= cell.approach_limit_m_s
     arm_s = cell.robot.delay_s + cell.robot.lag_s
     assert found.servo.bound_s - 1e-9 <= arm_s <= found.servo.bound_s + 0.0015

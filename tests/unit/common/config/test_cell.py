@@ -176,6 +176,23 @@ def test_a_role_of_the_simulation_needs_its_section(role: str) -> None:
     assert line == "a role is sim, so a section `sim` is needed"
 
 
+def test_an_external_robot_has_no_simulated_sensor() -> None:
+    """The simulated sensor is on the simulated arm, which would then be a second one."""
+    (line,) = mistakes({"roles.robot": "external"})
+    assert line.startswith("roles.sensor is sim, so roles.robot must be sim or gateway")
+
+
+def test_a_gateway_needs_an_arm_of_six_joints() -> None:
+    """The packet has six; seven are for the simulated or an external robot."""
+    panda = yaml.safe_load((DEMO.parent / "panda.yaml").read_text())
+    tcp = yaml.safe_load((DEMO.parent / "demo-tcp.yaml").read_text())
+    roles = {"robot": "gateway", "sensor": "sim"}
+    changes = {"roles": roles, "gateway": tcp["gateway"], "calibration": None}
+    with pytest.raises(ConfigError) as caught:
+        cell_from_tree(panda | changes, "panda.yaml")
+    assert "the controller's packet has 6 joints, panda has 7" in str(caught.value)
+
+
 def test_a_sensor_that_does_not_speak_rdt_has_no_counts() -> None:
     """The value of an unused field is no mistake."""
     counts = {"roles.sensor": "driver", "sensor.counts_per_N": 1e12}

@@ -251,7 +251,11 @@ def forget_ended_leases(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def ignore_deadlines(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ignore the deadlines of reader and permission."""
-    monkeypatch.setattr(Reader, "_age_s", lambda reader, header, now_ns: 0.0)
+    judge, read = Reader._judge, Reader.read
+    monkeypatch.setattr(Reader, "_judge", lambda reader, message, _: judge(reader, message, 0.0))
+    monkeypatch.setattr(
+        Reader, "read", lambda reader, now_ns: read(reader, now_ns)._replace(age_s=0.0)
+    )
 
 
 def send_no_hold(monkeypatch: pytest.MonkeyPatch) -> None:

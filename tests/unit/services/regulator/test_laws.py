@@ -8,14 +8,15 @@ import pinocchio as pin
 import pytest
 
 from common.config.cell import CellConfig
+from common.config.load import load_cell
+from forcemesh.errors import ConfigError
 from forcemesh.requests import ForceStartRequest
 from services.regulator.law import LawInput, LawMotion
-from services.regulator.laws import LAWS, Law
-from tests.fakes.bench import CELL
+from services.regulator.laws import LAWS, Law, refuse_unknown_law
+from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 
-# Names are those of the wire: the tiny law takes the row of one of ours.
-REQUEST = ForceStartRequest(mode="position", law="admittance", setpoint_N=10.0)
+REQUEST = ForceStartRequest(mode="position", law="tiny", setpoint_N=10.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ TINY = Law(damping_Ns_m, begin, step)
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> FollowingBench:
     """Return a regulator whose registry has the tiny law."""
-    monkeypatch.setitem(LAWS, "admittance", TINY)
+    monkeypatch.setitem(LAWS, "tiny", TINY)
     return FollowingBench()
 
 
@@ -63,12 +64,12 @@ def test_a_law_is_one_row(bench: FollowingBench) -> None:
     bench.push((0.0, 10.0, 0.0))
     reply = bench.start(REQUEST)
     assert reply.accepted
-    assert "law admittance" in reply.text
+    assert "law tiny" in reply.text
     before_m = bench.p_tcp_m
     bench.step(25)
     speed_m_s = (bench.p_tcp_m - before_m) / (25 * PERIOD_S)
     assert speed_m_s == pytest.approx([0.0, 10.0 / damping_Ns_m(CELL), 0.0], abs=1e-9)
-    assert bench.published().law == "admittance"
+    assert bench.published().law == "tiny"
     assert bench.published().error_force_N == (0.0, 10.0, 0.0)
 
 
@@ -76,11 +77,11 @@ def test_its_properties_decide_what_is_refused(
     bench: FollowingBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A law that guides needs set point 0; one that does not cover the cell leaves it to plain."""
-    monkeypatch.setitem(LAWS, "admittance", replace(TINY, guides=True))
-    assert bench.start(REQUEST).text == "law admittance needs set point 0"
+    monkeypatch.setitem(LAWS, "tiny", replace(TINY, guides=True))
+    assert bench.start(REQUEST).text == "law tiny needs set point 0"
     remark = "never measured here"
     row = replace(TINY, covers=lambda _: False, remark=lambda _: remark)
-    monkeypatch.setitem(LAWS, "admittance", row)
+    monkeypatch.setitem(LAWS, "tiny", row)
     reply = bench.start(REQUEST)
     assert "law plain" in reply.text
     assert reply.text.endswith(remark)
@@ -91,10 +92,25 @@ def test_its_properties_decide_what_is_refused(
 def test_another_law_while_it_runs_makes_no_step(bench: FollowingBench) -> None:
     """The motion continues from the last command; the new law begins with its own state."""
     bench.push((0.0, 10.0, 0.0))
-    for law in ("adaptive", "admittance", "plain", "admittance"):
+    for law in ("adaptive", "tiny", "plain", "tiny"):
         request = ForceStartRequest.model_validate({"mode": "position", "law": law})
         assert bench.start(request).accepted
         bench.step(10)
     limit_m = CELL.force.speed_max_m_s * PERIOD_S
     assert max(bench.steps_m) <= limit_m * (1.0 + 1e-6)
     assert np.isfinite(bench.p_tcp_m).all()
+
+
+def test_an_unknown_law_is_refused_by_name(bench: FollowingBench) -> None:
+    """Its name is free on the wire, so the service lists its laws."""
+    reply = bench.start(ForceStartRequest(mode="position", law="iron"))
+    text = "law: must be plain or adaptive or admittance or tiny, found 'iron'"
+    assert (reply.accepted, reply.code, reply.text) == (False, "malformed", text)
+
+
+@pytest.mark.parametrize("law", ["iron", "admittance"])
+def test_a_cell_whose_law_does_not_press_is_refused(law: str) -> None:
+    """At the start of the regulator and by `forcemesh config check`, with the laws that do."""
+    cell = load_cell(DEMO, {"force": {"law": law}})
+    with pytest.raises(ConfigError, match=f"force.law: must be plain or adaptive, found '{law}'"):
+        refuse_unknown_law(cell, "demo.yaml")

@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig, LimitsSection
-from common.motion.frames import rotation_between, rotation_from_vector
+from common.motion.frames import interpolated, rotation_between
 from common.motion.setpoint_monitor import ACCEL_MARGIN, EARLY_S, HALF_S, SPEED_MARGIN, WINDOW_S
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
@@ -108,7 +108,7 @@ class SetpointShaper:
         share = min(share, self._share_behind(T_target, now_ns), self._share_of_step(T_target))
         T = T_target
         if share < 1.0 and self.last is not None:
-            T = _between(self.last, T_target, share)
+            T = interpolated(self.last, T_target, share)
             if self._place(T) is not None:
                 return None
         self._sent.append(Sent(now_ns, *_steps(self.last, T)))
@@ -171,11 +171,3 @@ def _steps(T_from: pin.SE3 | None, T_to: pin.SE3) -> tuple[float, float]:
     travel = T_to.translation - T_from.translation
     rotation = rotation_between(T_from.rotation, T_to.rotation)
     return float(np.linalg.norm(travel)), float(np.linalg.norm(rotation))
-
-
-def _between(T_from: pin.SE3, T_to: pin.SE3, share: float) -> pin.SE3:
-    """Interpolate two poses: straight line, constant-axis rotation."""
-    rotation = rotation_between(T_from.rotation, T_to.rotation)
-    R = rotation_from_vector(share * rotation) @ T_from.rotation
-    travel = T_to.translation - T_from.translation
-    return pin.SE3(R, T_from.translation + share * travel)

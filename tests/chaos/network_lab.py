@@ -116,7 +116,7 @@ class Lab:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the holders; namespaces and cables are removed with them."""
+        """Remove the cables to the switch, end the holders; the rest is removed with them."""
         self._exits.close()
         run("ip", "link", "del", "br0", check=False)
 
@@ -126,6 +126,8 @@ class Lab:
         host = self.hosts[name] = Host(name, self._hold(), address)
         port = f"p-{name}"
         run("ip", "link", "add", port, "type", "veth", "peer", "name", "eth0", "netns", host.pid)
+        # The kernel removes a namespace some time after its holder: the next lab needs the name.
+        self._exits.callback(run, "ip", "link", "del", port, check=False)
         run("ip", "link", "set", port, "master", "br0", "up")
         host.run("ip", "link", "set", "lo", "up")
         host.run("ip", "addr", "add", f"{address}/24", "dev", "eth0")

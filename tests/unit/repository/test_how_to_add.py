@@ -1,0 +1,104 @@
+"""docs/how-to-add.md: each worked example applies, touches few files, and passes its own tests."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools.tree import FOLDERS, ROOT
+
+PAGE = (ROOT / "docs" / "how-to-add.md").read_text(encoding="utf-8")
+PATCHES = ROOT / "docs" / "how-to-add"
+# Files that an addition may change beside its test and its pages; a folder of arms/ counts once.
+MOST_FILES = {
+    "sensor": 2,
+    "arm": 2,
+    "law": 2,
+    "topic": 3,
+    "packet-command": 4,
+    "limit": 4,
+    "role": 4,
+    "skill": 1,
+}
+COPIED = (*FOLDERS, "arms", "cells", "docs", "examples")
+NOT_COPIED = shutil.ignore_patterns("__pycache__", "pictures", ".*")
+
+each_example = pytest.mark.parametrize("name", MOST_FILES)
+
+
+def commands_of(name: str) -> list[str]:
+    """Return the command lines of the section that applies a patch."""
+    sections = (re.findall(r"^    (\S.*)$", part, re.MULTILINE) for part in PAGE.split("\n## "))
+    (lines,) = (lines for lines in sections if f"git apply docs/how-to-add/{name}.diff" in lines)
+    return lines
+
+
+def changed_files(name: str) -> list[str]:
+    """Return the files of a patch."""
+    text = (PATCHES / f"{name}.diff").read_text(encoding="utf-8")
+    return re.findall(r"^diff --git a/(\S+) b/\1$", text, re.MULTILINE)
+
+
+def is_beside(path: str) -> bool:
+    """Return whether a file is a test or a page."""
+    return path.startswith(("tests/", "docs/")) or path.endswith("README.md")
+
+
+@each_example
+def test_an_addition_touches_few_files(name: str) -> None:
+    """Beside its test and its pages; and the page names each of them, or its folder."""
+    files = {path for path in changed_files(name) if not is_beside(path)}
+    assert any(path.startswith("tests/") for path in changed_files(name))
+    for path in files:
+        assert path in PAGE or f"{path.rpartition('/')[0]}/" in PAGE, path
+    assert len({re.sub(r"^(arms/\w+)/.*", r"\1", path) for path in files}) <= MOST_FILES[name]
+
+
+def test_every_patch_is_on_the_page() -> None:
+    """And no other."""
+    assert {path.stem for path in PATCHES.glob("*.diff")} == set(MOST_FILES)
+
+
+@pytest.mark.long
+@each_example
+def test_the_commands_of_the_page_pass(name: str, tmp_path: Path) -> None:
+    """On a copy of the tree: the patch applies, pages are written anew, its tests pass."""
+    copy_of_the_tree(tmp_path)
+    for command in commands_of(name):
+        words = in_copy(command)
+        done = subprocess.run(
+            words,
+            cwd=tmp_path,
+            env={
+                **os.environ,
+                "PYTHONPATH": str(tmp_path),
+                "GIT_CEILING_DIRECTORIES": str(tmp_path.parent),
+            },
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, f"{command}\n{done.stdout[-3000:]}{done.stderr[-3000:]}"
+
+
+def copy_of_the_tree(folder: Path) -> None:
+    """Copy what the commands read and write."""
+    for path in ROOT.iterdir():
+        if path.is_dir() and path.name in COPIED:
+            shutil.copytree(path, folder / path.name, ignore=NOT_COPIED)
+        elif path.is_file():
+            shutil.copy2(path, folder)
+    (folder / ".venv").symlink_to(ROOT / ".venv")
+
+
+def in_copy(command: str) -> list[str]:
+    """Return the words of a command: no set-up, and tests one after the other."""
+    made = re.fullmatch(r'make test ARGS="(.*)"', command)
+    if made is None:
+        return command.replace("make ", "make --assume-old=setup ").split()
+    options = ("-q", "-n", "0", "-p", "no:cacheprovider", "-m", "not (realtime or processes)")
+    return [sys.executable, "-m", "pytest", *options, *made[1].split()]

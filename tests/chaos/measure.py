@@ -23,6 +23,7 @@ class InvalidTrialError(Exception):
 class Window:
     """Times of the injection [ns]."""
 
+    began_ns: int  # a process whose memory is exhausted becomes slow before it ends
     fault_ns: int
     thaw_ns: int  # 0 unless it was frozen
     end_ns: int
@@ -31,7 +32,7 @@ class Window:
 def measure(outcome: Outcome, window: Window, rig: Rig, notes: RecordedMessages) -> None:
     """Fill an outcome with the measurements.
 
-    Raises InvalidTrialError if the machine stalled, or if the arm was not moving at the fault.
+    Raises InvalidTrialError if the machine stalled, or if the arm was not moving when it began.
     """
     since_ns = window.fault_ns - BEFORE_NS
     _refuse_stalls(outcome, window, rig)
@@ -56,7 +57,7 @@ def _refuse_stalls(outcome: Outcome, window: Window, rig: Rig) -> None:
 
 
 def _refuse_rest(outcome: Outcome, paths_of_arm: list[FlangePath], window: Window) -> None:
-    before = [path_of_arm.between(0, window.fault_ns) for path_of_arm in paths_of_arm]
+    before = [path_of_arm.between(0, window.began_ns) for path_of_arm in paths_of_arm]
     outcome.speed_m_s = next(
         (float(path.speed_m_s[-1]) for path in before if path.has_samples), 0.0
     )

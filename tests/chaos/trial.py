@@ -1,6 +1,7 @@
 """Procedure of one injection, from the moving arm to the evaluation of the trace."""
 
 import time
+from contextlib import nullcontext
 
 from cli.status import CellStatus, cell_status
 from forcemesh import topics
@@ -36,10 +37,12 @@ class Trials:
         it did not reach the phase, NoEffectError if the injection had no effect.
         """
         outcome = Outcome(case)
-        self._job.arm()
-        self._job.begin(case.phase, case.random())
-        self._recorder.begin()
-        window = self._inject(outcome)
+        is_of_memory = case.kind == "memory"
+        with memory.filled_group() if is_of_memory else nullcontext() as filled:
+            self._job.arm()
+            self._job.begin(case.phase, case.random())
+            self._recorder.begin()
+            window = self._inject(outcome, filled)
         notes = self._recorder.notes
         self._recorder.begin()
         self._recover(outcome)
@@ -55,9 +58,11 @@ class Trials:
 
     # --- injection --------------------------------------------------------------------------------
 
-    def _inject(self, outcome: Outcome) -> Window:
+    def _inject(self, outcome: Outcome, filled: memory.FilledGroup | None) -> Window:
         case, names = outcome.case, self._names(outcome.case)
-        fault_ns, thaw_ns = self._freeze(outcome) if case.frozen_s else (self._strike(case), 0)
+        began_ns, fault_ns, thaw_ns = (
+            self._freeze(outcome) if case.frozen_s else self._strike(case, filled)
+        )
         ended_names = [name for name in names if self._rig.running[name].ended() is not None]
         if ended_names:
             self._rig.note_deaths()
@@ -70,24 +75,28 @@ class Trials:
         self._note_causes(outcome)
         if case.kind == "restart":
             self._restart_the_others(names[0], outcome)
-        return Window(fault_ns, thaw_ns, self._end(outcome))
+        return Window(began_ns, fault_ns, thaw_ns, self._end(outcome))
 
     def _names(self, case: Case) -> list[str]:
         """Return the target processes, the measured one first."""
         roles = [case.role, case.second_role] if case.second_role else [case.role]
         return [self._rig.name_of(role) for role in roles]
 
-    def _strike(self, case: Case) -> int:
-        """End the target processes; return the time."""
+    def _strike(self, case: Case, filled: memory.FilledGroup | None) -> tuple[int, int, int]:
+        """End the target processes; return when that began, when the first had ended, and 0."""
         hit = [self._rig.running[name] for name in self._names(case)]
-        strikes = {"terminate": injector.terminate, "memory": memory.exhaust}
-        times = [strikes.get(case.kind, injector.kill)(each) for each in hit]
+        if filled is not None:
+            began_ns, ended_ns = filled.exhaust(hit[0])
+        else:
+            end = injector.terminate if case.kind == "terminate" else injector.kill
+            times_ns = [end(each) for each in hit]
+            began_ns = ended_ns = times_ns[0]
         for each in hit:
             injector.prove_ended(each)
-        return times[0]
+        return began_ns, ended_ns, 0
 
-    def _freeze(self, outcome: Outcome) -> tuple[int, int]:
-        """Freeze processes for a while, optionally end another; return start and end."""
+    def _freeze(self, outcome: Outcome) -> tuple[int, int, int]:
+        """Freeze processes for a while, optionally end another; return start, start and end."""
         case = outcome.case
         hit = [self._rig.running[name] for name in self._names(case)]
         frozen = hit[:1] if case.kind.startswith("killed") else hit
@@ -102,7 +111,7 @@ class Trials:
         self._recorder.during(max(left_s, 0.0))
         thawed_ns = [injector.thaw(each) for each in frozen]
         self._recorder.during(WATCH_S)
-        return frozen_ns[0], thawed_ns[0]
+        return frozen_ns[0], frozen_ns[0], thawed_ns[0]
 
     def _restart_the_others(self, name: str, outcome: Outcome) -> None:
         """Restart all processes except the arm, whose motion is measured."""

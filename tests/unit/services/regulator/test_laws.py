@@ -104,7 +104,8 @@ def test_another_law_while_it_runs_makes_no_step(bench: FollowingBench) -> None:
 def test_an_unknown_law_is_refused_by_name(bench: FollowingBench) -> None:
     """Its name is free on the wire, so the service lists its laws."""
     reply = bench.start(ForceStartRequest(mode="position", law="iron"))
-    text = "law: must be plain or adaptive or admittance or tiny, found 'iron'"
+    text = f"law: must be {' or '.join(LAWS)}, found 'iron'"
+    assert "tiny" in LAWS
     assert (reply.accepted, reply.code, reply.text) == (False, "malformed", text)
 
 
@@ -112,5 +113,6 @@ def test_an_unknown_law_is_refused_by_name(bench: FollowingBench) -> None:
 def test_a_cell_whose_law_does_not_press_is_refused(law: str) -> None:
     """At the start of the regulator and by `forcemesh config check`, with the laws that do."""
     cell = load_cell(DEMO, {"force": {"law": law}})
-    with pytest.raises(ConfigError, match=f"force.law: must be plain or adaptive, found '{law}'"):
+    pressing = " or ".join(name for name, row in LAWS.items() if not row.guides)
+    with pytest.raises(ConfigError, match=f"force.law: must be {pressing}, found '{law}'"):
         refuse_unknown_law(cell, "demo.yaml")

@@ -4,9 +4,9 @@ tests/corpus/messages-version-N.json holds one message of each topic as the last
 N encoded it, recording-version-2.mcap what its recorder wrote.
 """
 
-import re
 import base64
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -192,4 +192,6 @@ def test_the_verbs_open_an_old_recording(old: Path, tmp_path: Path) -> None:
     code, out = run("replay", old, "--to-service", "wrench")
     assert code == 0
     assert "all fields: equal" in out
-    assert re.search(r"^wrench: \d+ published, \d+ recorded\n  [1-9]\d* compared", out, re.MULTILINE)
+    assert re.search(
+        r"^wrench: \d+ published, \d+ recorded\n  [1-9]\d* compared", out, re.MULTILINE
+    )

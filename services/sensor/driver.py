@@ -6,6 +6,7 @@ It also holds the checks that are common to every make.
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Literal, NamedTuple, Protocol
 
 from forcemesh.messages import ZERO3, Vec3
@@ -96,6 +97,17 @@ def judged(
             )
             return SensorSample(force_N, torque_Nm, "saturated", text, "sensor_saturated")
     return SensorSample(force_N, torque_Nm)
+
+
+def refused_unless_finite(sample: SensorSample) -> SensorSample:
+    """Return a sample, or a fault in its place if one of its numbers is not finite."""
+    for (axis, _), value in zip(AXES, sample.force_N + sample.torque_Nm, strict=True):
+        if not isfinite(value):
+            text = f"{axis} reads {value}: not finite"
+            return fault_sample(
+                "sensor_fault", text, counter=sample.counter, stamp_ns=sample.stamp_ns
+            )
+    return sample
 
 
 class LossWindow:

@@ -8,7 +8,12 @@ from forcemesh import topics
 from forcemesh.bus import LONGEST_FAULT, Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import SensorWrench
-from services.sensor.driver import SensorInterface, SensorSample, fault_sample
+from services.sensor.driver import (
+    SensorInterface,
+    SensorSample,
+    fault_sample,
+    refused_unless_finite,
+)
 from services.sensor.driver_registry import driver_of
 
 LONGEST_STEP_S = 0.001  # longest time that a record waits in the socket
@@ -97,7 +102,7 @@ class SensorDriver:
     def step(self, now_ns: int) -> None:
         """Publish every received sample; publish a fault while there is none."""
         for sample in self._driver.read(now_ns):
-            self._take(sample, now_ns)
+            self._take(refused_unless_finite(sample), now_ns)
         silent_ns = now_ns - self._sampled_ns
         is_silent = silent_ns > self._stale_after_ns or self._counter == 0
         if is_silent and now_ns >= self._fault_due_ns:

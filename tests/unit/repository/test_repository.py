@@ -181,13 +181,13 @@ def test_ci_runs_the_commands_that_a_person_runs() -> None:
     text = script.read_text(encoding="utf-8")
     assert os.access(script, os.X_OK)
     assert "set -euo pipefail" in text
-    calls = [line for line in text.splitlines() if line.startswith(("make ", "timeout "))]
+    calls = re.findall(
+        r"^\s*(?:part|timeout --kill-after=60 \$left) (make .*)$", text, re.MULTILINE
+    )
     first = ["check", "whole-runs", "demo", "test", "test-long", "coverage", "mutate"]
     targets = [*first, "chaos", "test-browser"]
     assert [call.split()[1] for call in calls[:-1]] == targets
-    assert re.match(
-        r"timeout --kill-after=60 \d+ make compose-test ARGS=--optional \|\|", calls[-1]
-    )
+    assert calls[-1] == "make compose-test ARGS=--optional ||"
     assert run("bash", "-n", script).returncode == 0
 
 

@@ -200,7 +200,7 @@ def _fit(name: str, samples: Samples, weight: Array) -> Payload:
         return PEERS[name](samples)
     poses = sort_into_poses(samples)
     poses = type(poses)(poses.means, weight, poses.first_row)
-    chosen = next(c for c in fitted_candidates(poses) if c.chosen)
+    chosen, _ = fitted_candidates(poses)
     return payload_of(chosen.solution, poses.means.time_s)
 
 

@@ -152,26 +152,23 @@ class RefusedError(ForcemeshError):
         super().__init__(_with_remedy(found, remedy))
 
 
-class ArmStoppedError(ForcemeshError):
-    """The arm was stopped while a client waited for its motion."""
-
+class _CodedError(ForcemeshError):
     def __init__(self, code: str, text: str, remedy: str = "") -> None:
         """Keep the code for programs, text and remedy for people."""
         self.code, self.remedy = code, remedy
         super().__init__(_with_remedy(text, remedy))
+
+
+class ArmStoppedError(_CodedError):
+    """The arm was stopped while a client waited for its motion."""
 
 
 class NotReachedError(ForcemeshError):
     """The awaited condition was not reached in time, or the motion ended before."""
 
 
-class NotValidError(ForcemeshError):
+class NotValidError(_CodedError):
     """A service is alive, but publishes `valid=False`."""
-
-    def __init__(self, code: str, text: str, remedy: str = "") -> None:
-        """Keep the code for programs, text and remedy for people."""
-        self.code, self.remedy = code, remedy
-        super().__init__(_with_remedy(text, remedy))
 
 
 class SimulationError(ForcemeshError):

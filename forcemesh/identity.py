@@ -137,8 +137,6 @@ def identity_of(cell: Reachable, role: str) -> Identity:
 
 def _client_name(folder: Path) -> str:
     """Return the name that a client uses; in a container that of the container's role."""
-    named = os.environ.get(NAME_VARIABLE)
-    if named:
-        return named
-    there = [name for name in (*PEOPLE, *ROLES, *HELPERS) if (folder / f"{name}.key").exists()]
-    return there[0] if there else OPERATOR
+    names = (*PEOPLE, *ROLES, *HELPERS)
+    present = (name for name in names if (folder / f"{name}.key").exists())
+    return os.environ.get(NAME_VARIABLE) or next(present, OPERATOR)

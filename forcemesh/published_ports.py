@@ -6,7 +6,6 @@ address on which compose publishes its port decides who can reach it.
 
 import ipaddress
 import os
-from collections.abc import Mapping
 
 HUB_PUBLISHED = "FORCEMESH_HUB_PUBLISHED"
 PANEL_PUBLISHED = "FORCEMESH_PANEL_PUBLISHED"
@@ -21,7 +20,7 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def hub_stays_here(host: str, environment: Mapping[str, str] = os.environ) -> bool:
+def hub_stays_here(host: str) -> bool:
     """Return whether the hub's container is published on this machine only."""
-    published = environment.get(HUB_PUBLISHED, "")
+    published = os.environ.get(HUB_PUBLISHED, "")
     return host in HUB_HOSTS and bool(published) and is_loopback(published)

@@ -12,7 +12,7 @@ from forcemesh.bus import Bus, FixedReply, query_hub
 from forcemesh.codec import SCHEMA_VERSION, Header, Version
 from forcemesh.messages import Record
 from forcemesh.requests import Reply
-from forcemesh.topics import DESCRIBE, REQUESTS, TOPICS, Request, Topic
+from forcemesh.topics import DESCRIBE, REQUESTS, TOPICS, Topic
 
 Mode = Literal["serialization", "validation"]
 
@@ -32,8 +32,25 @@ def describe() -> dict[str, Any]:
         "description": NOTE,
         "encoding": "msgpack",
         "v": SCHEMA_VERSION,
-        "topics": {topic.key: _topic(topic) for topic in TOPICS},
-        "requests": {request.key: _request(request) for request in REQUESTS},
+        "topics": {
+            topic.key: {
+                "summary": topic.summary,
+                "writer": topic.writer,
+                "readers": list(topic.readers),
+                "rate": topic.rate,
+                "qos": topic.qos,
+                "schema": topic_schema(topic),
+            }
+            for topic in TOPICS
+        },
+        "requests": {
+            request.key: {
+                "summary": request.summary,
+                "server": request.server,
+                "schema": schema_of(Version, request.message, "validation"),
+            }
+            for request in REQUESTS
+        },
         "reply": schema_of(Version, Reply),
     }
 
@@ -85,25 +102,6 @@ def _cleaned(node: Any, mode: Mode) -> Any:
     return cleaned
 
 
-def _topic(topic: Topic[Any]) -> dict[str, Any]:
-    return {
-        "summary": topic.summary,
-        "writer": topic.writer,
-        "readers": list(topic.readers),
-        "rate": topic.rate,
-        "qos": topic.qos,
-        "schema": topic_schema(topic),
-    }
-
-
-def _request(request: Request[Any]) -> dict[str, Any]:
-    return {
-        "summary": request.summary,
-        "server": request.server,
-        "schema": schema_of(Version, request.message, "validation"),
-    }
-
-
 @cache
 def _answer() -> bytes:
     """Return the encoded description: it cannot change while a process runs."""
@@ -117,7 +115,6 @@ def describer(bus: Bus) -> FixedReply:
 
 def ask_for_description(bus: Bus, timeout_s: float = 2.0) -> dict[str, Any]:
     """Return the description from the hub of a cell. Raise LostError when it does not answer."""
-    found: dict[str, Any] = json.loads(
-        query_hub(bus.transport, f"{bus.cell}/{DESCRIBE}", timeout_s)
-    )
+    answer = query_hub(bus.transport, f"{bus.cell}/{DESCRIBE}", timeout_s)
+    found: dict[str, Any] = json.loads(answer)
     return found

@@ -10,26 +10,23 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import partial
 
 import zenoh
 
-from forcemesh.clock import NS_PER_S
+from forcemesh.clock import NS_PER_S, MonotonicClock, wait_until
 from forcemesh.connection import Reachable
 from forcemesh.errors import BusError, NoHubError
 from forcemesh.identity import HUB, common_name
 from forcemesh.topics import CLIENT, SELF_TEST, Qos
-from forcemesh.zenoh_settings import (
-    client_settings,
-    endpoint_of,
-    security_of,
-)
+from forcemesh.zenoh_settings import client_settings, endpoint_of, security_of
 
 MAX_WAITING_REQUESTS = 16
 SELF_TEST_WITHIN_S = 1.0  # until one session is announced to the other
 SELF_TEST_WAIT_S = 0.25  # a message takes only milliseconds
+SELF_TEST_POLL_S = 0.01
 LONGEST_END_S = 1.0  # a receiver thread ends within a millisecond of its session
 PUTS_KEPT = 2048  # window of the longest put: more than a busy process puts in a second
 
@@ -46,16 +43,13 @@ def open_session(cell: Reachable, role: str, patience_s: float) -> Iterator["Zen
     endpoint = endpoint_of(cell)
     security = security_of(cell, role, endpoint)
     session = _connect(endpoint, role, patience_s, security)
-    transport = ZenohTransport(session)
-    try:
+    with closing(ZenohTransport(session)) as transport:
         if security:
             _refuse_a_false_hub(session, cell, endpoint)
         if security and role != CLIENT:
             with _connect(endpoint, role, patience_s, security) as other:
                 _refuse_hub_without_acl(session, other, f"{cell.cell}/{SELF_TEST}", endpoint)
         yield transport
-    finally:
-        transport.close()
 
 
 @contextmanager
@@ -70,11 +64,8 @@ def open_router(settings: Mapping[str, object], endpoint: str) -> Iterator["Zeno
         session = zenoh.open(config)
     except zenoh.ZError as error:
         raise BusError(f"cannot listen on {endpoint}: is another hub running there?") from error
-    transport = ZenohTransport(session)
-    try:
+    with closing(ZenohTransport(session)) as transport:
         yield transport
-    finally:
-        transport.close()
 
 
 def log_refusals() -> None:
@@ -91,20 +82,22 @@ def _refuse_hub_without_acl(
     """
     subscriber = receiver.declare_subscriber(key, zenoh.handlers.RingChannel(1))
     publisher = sender.declare_publisher(key)
-    give_up = time.monotonic() + SELF_TEST_WITHIN_S
-    while not publisher.matching_status.matching:  # type: ignore[attr-defined]
-        if time.monotonic() >= give_up:
-            return
-        time.sleep(0.01)
+
+    def is_matched() -> bool:
+        return bool(publisher.matching_status.matching)  # type: ignore[attr-defined]
+
+    def is_received() -> bool:
+        return subscriber.try_recv() is not None
+
+    wait = partial(wait_until, MonotonicClock(), poll_s=SELF_TEST_POLL_S)
+    if not wait(is_matched, within_s=SELF_TEST_WITHIN_S):
+        return
     publisher.put(b"self-test of access control")
-    give_up = time.monotonic() + SELF_TEST_WAIT_S
-    while time.monotonic() < give_up:
-        if subscriber.try_recv() is not None:
-            raise BusError(
-                f"refused: the hub at {endpoint} accepts every message: it runs without the "
-                "access control of this cell; start it with `python -m services.hub`"
-            )
-        time.sleep(0.01)
+    if wait(is_received, within_s=SELF_TEST_WAIT_S):
+        raise BusError(
+            f"refused: the hub at {endpoint} accepts every message: it runs without the "
+            "access control of this cell; start it with `python -m services.hub`"
+        )
     subscriber.undeclare()
 
 
@@ -135,9 +128,6 @@ def _connect(
             if time.monotonic() >= give_up:
                 raise NoHubError(f"no hub at {endpoint}{refusing}: is the cell up?") from error
             time.sleep(0.1)
-
-
-Subscriber: TypeAlias = "zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]"
 
 
 class ZenohSource:

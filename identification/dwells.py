@@ -50,11 +50,7 @@ def dwells_of_purpose(dwells: Iterable[Dwell], purpose: Purpose) -> list[Dwell]:
 
 def samples_of(dwells: Sequence[Dwell]) -> Samples:
     """Return all readings concatenated, as input of a fit."""
-    joined = {
-        name: np.concatenate([getattr(dwell, name) for dwell in dwells])
-        for name in ("R_base_sensor", "force_N", "torque_Nm", "time_s")
-    }
-    return Samples(**joined)
+    return recording_of(dwells).samples("sensor")
 
 
 def means_of(dwells: Sequence[Dwell]) -> Samples:
@@ -67,18 +63,13 @@ def means_of(dwells: Sequence[Dwell]) -> Samples:
     )
 
 
-def recording_of(dwells: Sequence[Dwell], source: Path) -> WrenchRecording:
+def recording_of(dwells: Sequence[Dwell], source: Path | str = "") -> WrenchRecording:
     """Return the readings as `read_recording` would return their file."""
-    samples, count = samples_of(dwells), sum(len(dwell) for dwell in dwells)
-    return WrenchRecording(
-        source=str(source),
-        line=tuple(range(2, count + 2)),
-        time_s=np.concatenate([dwell.time_s for dwell in dwells]),
-        position_m=np.concatenate([dwell.position_m for dwell in dwells]),
-        R_base_sensor=samples.R_base_sensor,
-        force_N=samples.force_N,
-        torque_Nm=samples.torque_Nm,
-    )
+    joined = {
+        name: np.concatenate([getattr(dwell, name) for dwell in dwells])
+        for name in ("time_s", "position_m", "R_base_sensor", "force_N", "torque_Nm")
+    }
+    return WrenchRecording(str(source), tuple(range(2, len(joined["time_s"]) + 2)), **joined)
 
 
 def save_dwells(dwells: Sequence[Dwell], path: Path) -> None:
@@ -93,19 +84,9 @@ def save_dwells(dwells: Sequence[Dwell], path: Path) -> None:
             writer = csv.writer(file)
             writer.writerow([*COLUMNS, "pose", "use"])
             for number, dwell in enumerate(ordered, start=1):
-                for row in _rows(dwell):
+                quaternions = [quaternion_from_R(R) for R in dwell.R_base_sensor]
+                poses = dwell.time_s, dwell.position_m, quaternions
+                for row in np.column_stack([*poses, dwell.force_N, dwell.torque_Nm]):
                     writer.writerow([*(f"{v:.{DIGITS}g}" for v in row), number, dwell.purpose])
     except OSError as error:
         raise DataError(f"{path}: cannot be written: {error.strerror}") from error
-
-
-def _rows(dwell: Dwell) -> Iterable[Sequence[float]]:
-    for k in range(len(dwell)):
-        quaternion = quaternion_from_R(dwell.R_base_sensor[k])
-        yield (
-            float(dwell.time_s[k]),
-            *dwell.position_m[k],
-            *quaternion,
-            *dwell.force_N[k],
-            *dwell.torque_Nm[k],
-        )

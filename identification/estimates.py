@@ -9,13 +9,12 @@ from common.config.payload import BiasDrift, Payload
 from common.motion.frames import Array, vector_from_rotation
 from forcemesh.messages import Vec3
 from identification.least_squares import Solution
-from identification.payload_model import PRIOR_STD
+from identification.payload_model import DRIFT_AT_END, PRIOR_STD, bias_at_end
 
 IDENTIFIED_SHARE = 0.7  # share of the prior deviation: above it the variance is not even halved
-END = (0.5, 2.0 / 3.0)  # basis functions of the drift at the end of the recording
 GROUPS = {  # of unknowns, by the name of the parameter
     "mass_kg": "mass",
-    "com_m": "com",
+    "com_m": "moment",
     "bias_force_N": "bias_F",
     "bias_torque_Nm": "bias_M",
     "gravity_tilt_rad": "tilt",
@@ -24,12 +23,6 @@ GROUPS = {  # of unknowns, by the name of the parameter
     "torque_gain": "gain_M",
     "drift_force_N": "drift1_F",
     "drift_torque_Nm": "drift1_M",
-}
-LINEAR_PLACES = {
-    "mass": slice(0, 1),
-    "com": slice(1, 4),
-    "bias_F": slice(4, 7),
-    "bias_M": slice(7, 10),
 }
 
 
@@ -72,7 +65,7 @@ def payload_of(solution: Solution, time_s: Array | None) -> Payload:
     """Return the payload, with the bias at the end of the recording; its bounds are not checked."""
     state = solution.state
     m, h = float(state.linear[0]), state.linear[1:4]
-    d_F, d_M = np.tensordot(END, state.drift, axes=1)
+    d_F, d_M = np.tensordot(DRIFT_AT_END, state.drift, axes=1)
     drift = None
     if solution.model.drift and time_s is not None:
         (line_F, line_M), (bend_F, bend_M) = state.drift
@@ -91,8 +84,8 @@ def payload_of(solution: Solution, time_s: Array | None) -> Payload:
         bias_torque_Nm=vector(state.linear[7:10] + d_M),
         gravity_direction_in_base=vector(state.down_in_base),
         mounting_rotation_rad=vector(vector_from_rotation(state.R_mount)),
-        force_gain=vector(1.0 + state.gain_error[0]),
-        torque_gain=vector(1.0 + state.gain_error[1]),
+        force_gain=vector(state.gain[0]),
+        torque_gain=vector(state.gain[1]),
         drift=drift,
     )
 
@@ -100,36 +93,25 @@ def payload_of(solution: Solution, time_s: Array | None) -> Payload:
 def deviations(solution: Solution) -> Deviations:
     """Return the standard deviations, propagated to centre of mass and final bias."""
     model, covariance = solution.model, solution.covariance
-    places = model.places
     std = np.sqrt(np.diag(covariance))
     m, h = solution.state.linear[0], solution.state.linear[1:4]
     to_com = np.hstack([-h[:, None] / m**2, np.eye(3) / m])  # c = h / m
-    to_end = np.zeros((6, model.size))
-    to_end[:, 4:10] = np.eye(6)
-    for order in range(1, model.drift + 1):
-        for rows, of in ((slice(0, 3), "F"), (slice(3, 6), "M")):
-            to_end[rows, places[f"drift{order}_{of}"]] = END[order - 1] * np.eye(3)
+    to_end = bias_at_end(model)
     end = np.sqrt(np.diag(to_end @ covariance @ to_end.T))
-    found: dict[str, Any] = {
-        name: vector(std[places[group]])
-        for name, group in GROUPS.items()
-        if group in places and group != "tilt"
-    }
-    if "tilt" in places:
-        found["gravity_tilt_rad"] = float(np.hypot(*std[places["tilt"]]))
-    return Deviations(
-        mass_kg=float(std[0]),
-        com_m=vector(np.sqrt(np.diag(to_com @ covariance[:4, :4] @ to_com.T))),
-        bias_force_N=vector(end[:3]),
-        bias_torque_Nm=vector(end[3:]),
-        **found,
-    )
+    com = np.sqrt(np.diag(to_com @ covariance[:4, :4] @ to_com.T))
+    of_group = {group: std[place] for group, place in model.places.items()}
+    of_group |= {"moment": com, "bias_F": end[:3], "bias_M": end[3:]}
+    found: dict[str, Any] = {}
+    for name, group in GROUPS.items():
+        parts = of_group.get(group)
+        if parts is not None:
+            found[name] = vector(parts) if len(parts) == 3 else float(np.linalg.norm(parts))
+    return Deviations(**found)
 
 
 def parameters(payload: Payload, std: Deviations, solution: Solution) -> tuple[Parameter, ...]:
     """Return every fitted parameter with its uncertainty, vectors as x, y and z."""
-    places = LINEAR_PLACES | dict(solution.model.places)
-    drift = payload.drift
+    places, drift = solution.model.places, payload.drift
     special: dict[str, Any] = {
         "gravity_tilt_rad": float(np.arccos(min(1.0, abs(payload.gravity_direction_in_base[2])))),
         "drift_force_N": drift.force_N if drift else None,
@@ -152,5 +134,5 @@ def parameters(payload: Payload, std: Deviations, solution: Solution) -> tuple[P
 
 def vector(v: Array) -> Vec3:
     """Return three numbers as a tuple."""
-    x, y, z = (float(entry) for entry in v)
+    x, y, z = v.tolist()
     return x, y, z

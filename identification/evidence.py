@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import ValidationError
 
 from common.config.calibration import CalibrationSection
@@ -49,7 +48,6 @@ class Findings:
     section: CalibrationSection
     evidence: Evidence
     report: dict[str, Any]  # identification.report.fit_report
-    fit_residual: Residual
     verify_residual: Residual | None
     bounds: VerificationBounds
     verdict: Verification
@@ -77,10 +75,11 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
     Raises CalibrationError when a fitted value is outside the limits of a calibration.
     """
     fit, verify = evidence.fit, evidence.verify
-    fit_residual = Residual(
-        np.linalg.norm(fit.residual_force_N, axis=1), np.linalg.norm(fit.residual_torque_Nm, axis=1)
-    )
-    verify_residual = None if verify is None else residual_of(fit.payload, verify)
+    try:
+        payload = Payload.model_validate(fit.payload.model_dump())
+    except ValidationError as error:
+        raise CalibrationError(f"no calibration is made: {first_mistake(error).text}") from None
+    verify_residual = None if verify is None else residual_of(payload, verify)
     section = CalibrationSection(
         cell=cell.cell,
         made_at=datetime.now(UTC).replace(microsecond=0),
@@ -89,24 +88,15 @@ def findings_of(cell: CellConfig, evidence: Evidence, bounds: VerificationBounds
         T_flange_tcp=cell.tool.T_flange_tcp,
         T_flange_sensor=cell.sensor.T_flange_sensor,
         sensor=evidence.serial,
-        fit=fit_residual.summary,
+        fit=fit.residual.summary,
         verified=None if verify_residual is None else verify_residual.summary,
-        payload=_checked_payload(fit.payload),
+        payload=payload,
     )
     return Findings(
         section=section,
         evidence=evidence,
         report=fit_report(evidence.recording, evidence.axes, fit),
-        fit_residual=fit_residual,
         verify_residual=verify_residual,
         bounds=bounds,
         verdict=judge_residual(verify_residual, bounds),
     )
-
-
-def _checked_payload(payload: Payload) -> Payload:
-    """Return a fitted payload for a file. Raises CalibrationError when a value is invalid."""
-    try:
-        return Payload.model_validate(payload.model_dump())
-    except ValidationError as error:
-        raise CalibrationError(f"no calibration is made: {first_mistake(error).text}") from None

@@ -8,7 +8,6 @@ import numpy.typing as npt
 
 from common.config.payload import Payload
 from common.motion.frames import Array
-from common.motion.weight import residual
 from forcemesh.errors import DataError
 from identification.estimates import (
     IDENTIFIED_SHARE,
@@ -18,15 +17,14 @@ from identification.estimates import (
     parameters,
     payload_of,
 )
-from identification.least_squares import FORCE_FLOOR_N, TORQUE_FLOOR_NM
+from identification.excitation.pose_choice import NextPose, next_pose
+from identification.least_squares import FLOOR
 from identification.model_selection import Candidate, fitted_candidates
-from identification.next_pose import NextPose, next_pose
 from identification.payload_model import NAMES, PRIOR_STD
-from identification.recording import Samples, WrenchAxes, WrenchRecording
-from identification.screening import Rejected, screen_samples
-from identification.static_poses import check_poses
+from identification.recording import BOTH_AXES, Samples, WrenchAxes, WrenchRecording
+from identification.static_poses import Rejected, check_poses, screen_samples
+from identification.verification import Residual, residual_of
 
-BOTH_AXES: tuple[WrenchAxes, WrenchAxes] = ("sensor", "base")
 CLEAR_RATIO = 2.0  # ratio of residuals at which one choice of axes is clear
 POOR_CONDITIONING = 10.0
 LEAST_MASS_KG = 1e-4
@@ -36,7 +34,7 @@ UNCERTAIN_STD = {"mass_kg": 0.1, "com_m": 0.01, "bias_force_N": 1.0, "bias_torqu
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """Fitted payload with its evidence. Residuals are per pose, shape (n, 3), sensor axes.
+    """Fitted payload with its evidence.
 
     `undetermined` names the parameters that the recording does not identify; `rejected` the rows
     that were left out.
@@ -49,8 +47,7 @@ class Identification:
     candidates: tuple[Candidate, ...]
     rejected: tuple[Rejected, ...]
     first_row: npt.NDArray[np.intp]
-    residual_force_N: Array
-    residual_torque_Nm: Array
+    residual: Residual  # with the drift of the fit
     uncertain: tuple[str, ...]
     undetermined: tuple[str, ...]
     next_pose: NextPose
@@ -79,8 +76,7 @@ def identify_payload(samples: Samples) -> Identification:
     except DataError as error:
         omitted = "".join(f"; {len(r.rows)} rows left out: {r.reason}" for r in rejected)
         raise DataError(f"{error}{omitted}") from error
-    candidates = fitted_candidates(poses)
-    chosen = next(candidate for candidate in candidates if candidate.chosen)
+    chosen, candidates = fitted_candidates(poses)
     payload = payload_of(chosen.solution, poses.means.time_s)
     std = deviations(chosen.solution)
     found = parameters(payload, std, chosen.solution)
@@ -89,13 +85,6 @@ def identify_payload(samples: Samples) -> Identification:
             f"the recording shows no weight: mass {payload.mass_kg:.4f} kg, "
             f"standard deviation {std.mass_kg:.4f} kg; check that the wrench columns are live"
         )
-    force, torque = residual(
-        payload,
-        poses.means.R_base_sensor,
-        force_N=poses.means.force_N,
-        torque_Nm=poses.means.torque_Nm,
-        time_s=poses.means.time_s,
-    )
     return Identification(
         payload=payload,
         std=std,
@@ -104,10 +93,9 @@ def identify_payload(samples: Samples) -> Identification:
         chosen=chosen,
         candidates=candidates,
         first_row=poses.first_row,
-        residual_force_N=force,
-        residual_torque_Nm=torque,
+        residual=residual_of(payload, poses.means, drift=True),
         uncertain=_uncertain_parameters(std),
-        undetermined=_undetermined_parameters(found, candidates),
+        undetermined=_undetermined_parameters(found, chosen, candidates),
         next_pose=next_pose(chosen.solution),
         warnings=_warnings(payload, candidates[0]),
     )
@@ -125,12 +113,10 @@ def identify_recording(recording: WrenchRecording, wrench_axes: WrenchAxes | Non
             fits[axes] = identify_payload(recording.samples(axes))
         except DataError as error:
             problems[axes] = error
+    if wrench_axes in problems or not fits:
+        raise DataError(f"{recording.source}: {problems[wrench_axes or 'sensor']}")
     if wrench_axes is not None:
-        if wrench_axes in problems:
-            raise DataError(f"{recording.source}: {problems[wrench_axes]}")
         return AxesFit(wrench_axes, _with_axes_warning(fits, wrench_axes), "")
-    if not fits:
-        raise DataError(f"{recording.source}: {problems['sensor']}")
     found = ", ".join(f"{_rms_text(fit)} in {axes} axes" for axes, fit in fits.items())
     best = min(fits, key=lambda axes: fits[axes].chosen.score)
     if len(fits) == 2 and _residual_ratio(fits["sensor"], fits["base"]) < CLEAR_RATIO:
@@ -148,8 +134,7 @@ def axes_of(recording: WrenchRecording, payload: Payload) -> tuple[WrenchAxes, s
     Raises DataError when neither is clear.
     """
     sizes = {axes: _residual_rms(recording.samples(axes), payload) for axes in BOTH_AXES}
-    force, torque = (sizes["sensor"][i] / sizes["base"][i] for i in range(2))
-    times = float(np.sqrt(force * torque))
+    times = float(np.sqrt(np.prod(sizes["sensor"] / sizes["base"])))
     if max(times, 1.0 / times) > CLEAR_RATIO:
         best: WrenchAxes = "base" if times > 1.0 else "sensor"
         found = ", ".join(f"{sizes[axes][0]:.3g} N in {axes} axes" for axes in BOTH_AXES)
@@ -164,13 +149,11 @@ def axes_of(recording: WrenchRecording, payload: Payload) -> tuple[WrenchAxes, s
     return fit.axes, f"{fit.reason} when fitted by itself"
 
 
-def _residual_rms(samples: Samples, payload: Payload) -> tuple[float, float]:
-    force, torque = residual(
-        payload, samples.R_base_sensor, force_N=samples.force_N, torque_Nm=samples.torque_Nm
-    )
-    root = np.sqrt(len(samples))
-    force_rms, torque_rms = np.linalg.norm(force) / root, np.linalg.norm(torque) / root
-    return max(float(force_rms), FORCE_FLOOR_N), max(float(torque_rms), TORQUE_FLOOR_NM)
+def _residual_rms(samples: Samples, payload: Payload) -> Array:
+    """Return the rms of the residual force [N] and torque [N m]. Shape (2,)."""
+    found = residual_of(payload, samples)
+    squares = np.square([found.force_N, found.torque_Nm])
+    return np.asarray(np.maximum(np.sqrt(squares.mean(axis=1)), FLOOR))
 
 
 def _with_axes_warning(fits: dict[WrenchAxes, Identification], axes: WrenchAxes) -> Identification:
@@ -205,7 +188,7 @@ def _uncertain_parameters(std: Deviations) -> tuple[str, ...]:
 
 
 def _undetermined_parameters(
-    found: tuple[Parameter, ...], candidates: tuple[Candidate, ...]
+    found: tuple[Parameter, ...], chosen: Candidate, candidates: tuple[Candidate, ...]
 ) -> tuple[str, ...]:
     """Return the parameters that the recording does not identify, in the model used or not."""
     lines = [
@@ -214,10 +197,12 @@ def _undetermined_parameters(
         if not p.determined
     ]
     largest_model = max(candidates, key=lambda c: c.model.groups).solution
-    chosen = next(c for c in candidates if c.chosen).model.places
     std = np.sqrt(np.diag(largest_model.covariance))
     for name, place in largest_model.model.places.items():
-        if name not in chosen and np.min(std[place]) > IDENTIFIED_SHARE * PRIOR_STD[name]:
+        if (
+            name not in chosen.model.places
+            and np.min(std[place]) > IDENTIFIED_SHARE * PRIOR_STD[name]
+        ):
             lines.append(f"{NAMES[name]}: not identified, with all errors fitted at once")
     return tuple(lines)
 

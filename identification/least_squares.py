@@ -1,4 +1,4 @@
-"""Weighted least squares of the payload model with priors: one chosen model, one set of readings.
+"""Weighted least squares of the payload model with priors: one chosen model, one set of poses.
 
 Gauss-Newton on the posterior. The noise of force and of torque and the quality of the model come
 from the evidence: the probability of the readings under the model with its unknowns marginalised
@@ -6,9 +6,9 @@ from the evidence: the probability of the readings under the model with its unkn
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from common.motion.frames import Array
 from identification.payload_model import (
@@ -23,7 +23,7 @@ from identification.payload_model import (
     start_state,
     updated_state,
 )
-from identification.recording import Samples
+from identification.recording import Poses
 
 # Lower limit of the noise, so that noise-free data do not divide by zero.
 FORCE_FLOOR_N, TORQUE_FLOOR_NM = 1e-6, 1e-8
@@ -38,8 +38,7 @@ RANK_TOLERANCE = 1e-7  # of singular values: squared, it is still above the roun
 FOLDS_AT_MOST = 20
 
 
-@dataclass(frozen=True, slots=True)
-class Noise:
+class Noise(NamedTuple):
     """Standard deviation of one component of force and of torque."""
 
     force_N: float
@@ -59,7 +58,6 @@ class Solution:
     model: Model
     state: State
     noise: Noise
-    widths: dict[str, float]
     covariance: Array
     conditioning: float
     amplified: Array
@@ -69,122 +67,113 @@ class Solution:
 
 
 @dataclass(frozen=True, slots=True)
-class _FitProblem:
-    """Model with the readings that it is fitted to."""
-
-    samples: Samples
-    weight: Array
-    model: Model
-
-
-@dataclass(frozen=True, slots=True)
 class _NormalEquations:
     """Normal equations at one state; the covariance is half @ half.T.
 
     `scale` is one over the noise of each reading, shape (2, n, 1); `rows` are the derivatives in
-    units of that noise, shape (2, n, 3, unknowns).
+    units of that noise, shape (2, n, 3, unknowns); `squares` their sums of squares, shape
+    (2, unknowns, unknowns); `length` the root of the information on each unknown by itself.
+    `prior` is minus twice the logarithm of the prior density, up to a constant.
     """
 
     scale: Array
     rows: Array
-    squares: tuple[Array, Array]
+    squares: Array
     slope: Array
     half: Array
+    length: Array
     conditioning: float
     log_det: float
+    prior: float
 
     @property
     def covariance(self) -> Array:
         return np.asarray(self.half @ self.half.T)
 
 
-def solve(samples: Samples, weight: Array, model: Model, start: State) -> Solution:
-    """Fit one model, starting from the directions of `start`.
-
-    Args:
-        samples: Readings in sensor axes.
-        weight: Weight of each reading. Shape (n,).
-        model: Parameters to fit.
-        start: Directions to start from.
-    """
-    task = _FitProblem(samples, weight, model)
-    state = make_mass_positive(_fitted_linear(task, start))
-    widths = {name: PRIOR_STD[name] for name in model.places}
-    residual = residuals(state, samples)
-    noise = _noise(residual, weight, np.array([4.0, 6.0]))
+def solve(poses: Poses, model: Model, start: State) -> Solution:
+    """Fit one model, starting from the directions of `start`."""
+    still = replace(start, linear=np.zeros(LINEAR))
+    plain = _plain_normal(poses, still)
+    state = make_mass_positive(replace(still, linear=plain.covariance @ plain.slope))
+    widths = PRIOR_STD
+    residual = residuals(state, poses.means)
+    noise = _noise(residual, poses.weight, np.array([4.0, 6.0]))
     converged = False
     for _ in range(ITERATIONS):
-        normal = _normal_equations(state, task, noise, widths, residual=residual)
-        covariance = normal.covariance
-        step = covariance @ normal.slope
+        normal = _normal_equations(poses, model, state, noise, widths=widths, residual=residual)
+        step = normal.covariance @ normal.slope
         state = make_mass_positive(updated_state(state, step, model))
-        residual = residuals(state, samples)
+        residual = residuals(state, poses.means)
         widths = _prior_widths(state, model)
-        unknowns = [float(np.sum(covariance * square)) for square in normal.squares]
-        before, noise = noise, _noise(residual, weight, np.array(unknowns))
+        unknowns = np.sum(normal.covariance * normal.squares, axis=(1, 2))
+        before, noise = noise, _noise(residual, poses.weight, unknowns)
         # A rough convergence of the noise is enough: the directions converge long before it.
         settled = bool(np.all(np.abs(np.log(noise / before)) < 1e-2))
         if settled and np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear)):
             converged = True
             break
-    normal = _normal_equations(state, task, noise, widths, residual=residual)
-    covariance = normal.covariance
-    information = np.diag(normal.squares[0] + normal.squares[1]) + 1.0 / _variances(model, widths)
+    normal = _normal_equations(poses, model, state, noise, widths=widths, residual=residual)
+    squares, equations = _squares(residual, poses.weight)
+    misfit = float(np.sum(squares / noise**2 + 2.0 * equations * np.log(noise)))
     return Solution(
         model=model,
         state=state,
-        noise=Noise(float(noise[0]), float(noise[1])),
-        widths=widths,
-        covariance=covariance,
+        noise=Noise(*noise.tolist()),
+        covariance=normal.covariance,
         conditioning=normal.conditioning,
-        amplified=np.sqrt(np.diag(covariance) * information),
+        amplified=np.sqrt(np.diag(normal.covariance)) * normal.length,
         converged=converged,
-        evidence=_evidence(state, task, noise, widths, residual=residual, log_det=normal.log_det),
+        # Laplace's approximation, up to a common constant.
+        evidence=-0.5 * (misfit + normal.prior + normal.log_det),
         loo_residual=_loo_residual(normal, residual),
     )
 
 
-def plain_conditioning(samples: Samples, weight: Array) -> float:
+def plain_conditioning(poses: Poses) -> float:
     """Return the conditioning of the plain fit, which depends on attitudes and weights alone.
 
     Force and torque share no unknown there, so neither their noise nor the readings change it, and
     no fit is needed.
-
-    Args:
-        samples: Readings in sensor axes.
-        weight: Weight of each reading. Shape (n,).
     """
-    return _plain_normal(_FitProblem(samples, weight, Model()), start_state()).conditioning
+    return _plain_normal(poses, start_state()).conditioning
 
 
-def _variances(model: Model, widths: dict[str, float]) -> Array:
-    """Return the prior variance of each unknown: infinite for the linear ones."""
-    variances = np.full(model.size, np.inf)
-    for name, place in model.places.items():
-        variances[place] = widths[name] ** 2
-    return variances
+def _plain_normal(poses: Poses, state: State) -> _NormalEquations:
+    residual = residuals(state, poses.means)
+    return _normal_equations(poses, Model(), state, np.ones(2), widths={}, residual=residual)
 
 
 def _prior_widths(state: State, model: Model) -> dict[str, float]:
     """Return the prior deviation of each group, or its rms if the recording shows more."""
-    found = {n: float(np.sqrt(np.mean(v**2))) for n, v in extra_parameters(state, model).items()}
-    return {name: max(PRIOR_STD[name], size) for name, size in found.items()}
+    return {
+        name: max(PRIOR_STD[name], float(np.sqrt(np.mean(value**2))))
+        for name, value in extra_parameters(state, model).items()
+    }
 
 
 def _normal_equations(
-    state: State, task: _FitProblem, noise: Array, widths: dict[str, float], *, residual: Array
+    poses: Poses,
+    model: Model,
+    state: State,
+    noise: Array,
+    *,
+    widths: dict[str, float],
+    residual: Array,
 ) -> _NormalEquations:
     """Build and factorise the normal equations; `residual` are the residuals at this state."""
-    samples, model = task.samples, task.model
-    scale = np.sqrt(task.weight)[None, :, None] / noise[:, None, None]
-    rows = jacobian(state, samples, model) * scale[..., None]
+    scale = np.sqrt(poses.weight)[None, :, None] / noise[:, None, None]
+    rows = jacobian(state, poses.means, model) * scale[..., None]
     A, r = rows.reshape(2, -1, model.size), (residual * scale).reshape(2, -1)
-    squares = (A[0].T @ A[0], A[1].T @ A[1])
-    prior = 1.0 / _variances(model, widths)
-    slope = A[0].T @ r[0] + A[1].T @ r[1]
+    squares = A.swapaxes(1, 2) @ A
+    slope = np.einsum("bri,br->i", A, r)
+    prior_information, prior = np.zeros(model.size), 0.0  # the linear unknowns have no prior
     for name, value in extra_parameters(state, model).items():
-        slope[model.places[name]] -= value * prior[model.places[name]]
-    total = squares[0] + squares[1] + np.diag(prior)
+        place, variance = model.places[name], widths[name] ** 2
+        prior_information[place] = 1.0 / variance
+        slope[place] -= value / variance
+        prior += float(value @ value) / variance + value.size * np.log(variance)
+    total = squares.sum(axis=0) + np.diag(prior_information)
     length = np.sqrt(np.diag(total))
     length[length == 0.0] = 1.0
     # Columns of length 1 make the conditioning free of units (Belsley, Kuh, Welsch 1980).
@@ -194,27 +183,7 @@ def _normal_equations(
     is_significant = s > s[-1] * RANK_TOLERANCE
     half = V[:, is_significant] / s[is_significant] / length[:, None]
     log_det = 2.0 * float(np.log(s[is_significant]).sum() + np.log(length).sum())
-    return _NormalEquations(scale, rows, squares, slope, half, conditioning, log_det)
-
-
-def _evidence(
-    state: State,
-    task: _FitProblem,
-    noise: Array,
-    widths: dict[str, float],
-    *,
-    residual: Array,
-    log_det: float,
-) -> float:
-    """Return the logarithm of the evidence (Laplace's approximation), up to a common constant."""
-    squares = (task.weight[:, None] * residual**2).sum(axis=(1, 2))
-    equations = 3.0 * len(task.samples) + QUIET_EQUATIONS
-    squares = squares + QUIET_EQUATIONS * QUIET**2
-    fit = float(np.sum(squares / noise**2 + 2.0 * equations * np.log(noise)))
-    prior = 0.0
-    for name, value in extra_parameters(state, task.model).items():
-        prior += float(value @ value) / widths[name] ** 2 + 2.0 * value.size * np.log(widths[name])
-    return -0.5 * (fit + prior + log_det)
+    return _NormalEquations(scale, rows, squares, slope, half, length, conditioning, log_det, prior)
 
 
 def _loo_residual(normal: _NormalEquations, residual: Array) -> Array:
@@ -224,44 +193,25 @@ def _loo_residual(normal: _NormalEquations, residual: Array) -> Array:
     recordings blocks are, as neighbours are correlated. Infinite where there is no fit.
     """
     loo_residual = np.full_like(residual, np.inf)
-    errors = residual * normal.scale
-    for folds in _folds(residual.shape[1]):
-        count, each = folds.shape
-        rows = normal.rows[:, folds].swapaxes(0, 1).reshape(count, 6 * each, -1) @ normal.half
-        error = errors[:, folds].swapaxes(0, 1).reshape(count, 6 * each, 1)
+    errors, poses = residual * normal.scale, residual.shape[1]
+    for fold in np.array_split(np.arange(poses), min(poses, FOLDS_AT_MOST)):
+        error = errors[:, fold].ravel()
+        B = normal.rows[:, fold].reshape(len(error), -1) @ normal.half
         # (I - B B^T)^-1 = I + B (I - B^T B)^-1 B^T keeps the matrix small for long recordings.
-        complement = np.eye(rows.shape[2]) - rows.swapaxes(1, 2) @ rows
-        fits = np.linalg.eigvalsh(complement)[:, 0] > 1e-9
-        rows, error, complement = rows[fits], error[fits], complement[fits]
-        error = error + rows @ np.linalg.solve(complement, rows.swapaxes(1, 2) @ error)
-        places = folds[fits]
-        loo_error = error.reshape(len(places), 2, each, 3).swapaxes(0, 1)
-        loo_residual[:, places] = loo_error / normal.scale[:, places]
+        complement = np.eye(B.shape[1]) - B.T @ B
+        if np.linalg.eigvalsh(complement)[0] > 1e-9:
+            loo_error = error + B @ np.linalg.solve(complement, B.T @ error)
+            loo_residual[:, fold] = loo_error.reshape(2, -1, 3) / normal.scale[:, fold]
     return loo_residual
 
 
-def _folds(n: int) -> list[npt.NDArray[np.intp]]:
-    """Return the poses to leave out together, in one or two tables of folds of one length."""
-    count = min(n, FOLDS_AT_MOST)
-    each, longer = divmod(n, count)
-    poses, split = np.arange(n), longer * (each + 1)
-    tables = [poses[:split].reshape(longer, each + 1), poses[split:].reshape(-1, each)]
-    return tables if longer else tables[1:]
-
-
-def _fitted_linear(task: _FitProblem, start: State) -> State:
-    """Return the start with the linear unknowns fitted; the blocks share none of them."""
-    still = replace(start, linear=np.zeros(LINEAR))
-    normal = _plain_normal(replace(task, model=Model()), still)
-    return replace(still, linear=normal.covariance @ normal.slope)
-
-
-def _plain_normal(task: _FitProblem, state: State) -> _NormalEquations:
-    return _normal_equations(state, task, np.ones(2), {}, residual=residuals(state, task.samples))
+def _squares(residual: Array, weight: Array) -> tuple[Array, float]:
+    """Return the sums of squares of force and torque, and the number of equations of each."""
+    squares = (weight[:, None] * residual**2).sum(axis=(1, 2)) + QUIET_EQUATIONS * QUIET**2
+    return squares, 3.0 * len(weight) + QUIET_EQUATIONS
 
 
 def _noise(residual: Array, weight: Array, unknowns: Array) -> Array:
     """Return the noise of force and torque; `unknowns` is the number of unknowns of each block."""
-    squares = (weight[:, None] * residual**2).sum(axis=(1, 2)) + QUIET_EQUATIONS * QUIET**2
-    equations = 3.0 * len(weight) + QUIET_EQUATIONS
+    squares, equations = _squares(residual, weight)
     return np.asarray(np.maximum(np.sqrt(squares / np.maximum(equations - unknowns, 1.0)), FLOOR))

@@ -14,6 +14,7 @@ from functools import cache
 from types import MappingProxyType
 
 import numpy as np
+import pinocchio as pin
 
 from common.motion.frames import (
     GRAVITY_M_S2,
@@ -26,13 +27,18 @@ from identification.recording import Samples
 
 LINEAR = 10
 LARGEST_TURN_RAD = 0.5  # limit of one step; a longer one leaves the region of descent
+LARGEST_GAIN_ERROR = 0.5
 DOWN = np.array([0.0, 0.0, -1.0])
-# Prior standard deviation of one component of each error. Recordings that show more widen it.
-# Force and torque of one group are adjacent.
-TILT_RAD, MOUNTING_RAD = np.radians(1.0), np.radians(2.0)
-GAIN = 0.03
-DRIFT_N, DRIFT_NM = 1.0, 0.03
-BEND = 0.4  # of the drift
+# Places of the errors that are added to each other, in `State.errors`.
+ERRORS = {
+    "gain_F": (0, 0),
+    "gain_M": (0, 1),
+    "drift1_F": (1, 0),
+    "drift1_M": (1, 1),
+    "drift2_F": (2, 0),
+    "drift2_M": (2, 1),
+}
+DRIFT_AT_END = np.array([0.5, 2.0 / 3.0])  # u/2 and u^2 - 1/3 at the end of the recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +64,7 @@ class Model:
 
     @property
     def places(self) -> Mapping[str, slice]:
-        """Return the slice of each group of unknowns after the linear ones."""
+        """Return the slice of each group of unknowns, the linear ones first."""
         return _places(self)
 
     @property
@@ -69,11 +75,11 @@ class Model:
 
 @cache
 def _places(model: Model) -> Mapping[str, slice]:
-    sizes = {"tilt": 2 * model.tilt, "mounting": 3 * model.mounting}
-    sizes |= {"gain_F": 3 * model.gain, "gain_M": 3 * model.gain}
-    for order in range(1, model.drift + 1):
-        sizes |= {f"drift{order}_F": 3, f"drift{order}_M": 3}
-    places, at = {}, LINEAR
+    is_fitted = model.gain, model.drift >= 1, model.drift >= 2
+    sizes = {"mass": 1, "moment": 3, "bias_F": 3, "bias_M": 3}
+    sizes |= {"tilt": 2 * model.tilt, "mounting": 3 * model.mounting}
+    sizes |= {name: 3 * is_fitted[row] for name, (row, _) in ERRORS.items()}
+    places, at = {}, 0
     for name, size in sizes.items():
         if size:
             places[name] = slice(at, at + size)
@@ -81,17 +87,21 @@ def _places(model: Model) -> Mapping[str, slice]:
     return MappingProxyType(places)
 
 
+# Prior standard deviation of one component of each error. Recordings that show more widen it.
 PRIOR_STD = {
-    "tilt": float(TILT_RAD),
-    "mounting": float(MOUNTING_RAD),
-    "gain_F": GAIN,
-    "gain_M": GAIN,
-    "drift1_F": DRIFT_N,
-    "drift1_M": DRIFT_NM,
-    "drift2_F": BEND * DRIFT_N,
-    "drift2_M": BEND * DRIFT_NM,
+    "tilt": math.radians(1.0),
+    "mounting": math.radians(2.0),
+    "gain_F": 0.03,
+    "gain_M": 0.03,
+    "drift1_F": 1.0,  # [N]
+    "drift1_M": 0.03,  # [N m]
+    "drift2_F": 0.4,
+    "drift2_M": 0.012,
 }
 NAMES = {
+    "moment": "moment",
+    "bias_F": "bias_force",
+    "bias_M": "bias_torque",
     "tilt": "gravity_tilt",
     "mounting": "mounting_rotation",
     "gain_F": "force_gain",
@@ -108,20 +118,29 @@ class State:
     """Unknowns: mass [kg], first moment h [kg m], bias force [N] and torque [Nm], errors.
 
     `linear` is (m, h, b_F, b_M), shape (10,), the bias in the mean of the recording;
-    `down_in_base` a unit vector; `R_mount` (3, 3); `gain_error` (e_F, e_M), shape (2, 3); `drift`
-    is (d1, d2) of force and torque [N, Nm], shape (2, 2, 3).
+    `down_in_base` a unit vector; `R_mount` (3, 3); `errors` is (e, d1 [N, Nm], d2 [N, Nm]), each of
+    force and torque, shape (3, 2, 3).
     """
 
     linear: Array
     down_in_base: Array
     R_mount: Array
-    gain_error: Array
-    drift: Array
+    errors: Array
+
+    @property
+    def gain(self) -> Array:
+        """Return the gains of force and torque. Shape (2, 3)."""
+        return np.asarray(1.0 + self.errors[0])
+
+    @property
+    def drift(self) -> Array:
+        """Return d1 and d2 of force and torque [N, Nm]. Shape (2, 2, 3)."""
+        return self.errors[1:]
 
 
 def start_state() -> State:
     """Return level gravity, no mounting rotation, no payload, no error."""
-    return State(np.zeros(LINEAR), DOWN, np.eye(3), np.zeros((2, 3)), np.zeros((2, 2, 3)))
+    return State(np.zeros(LINEAR), DOWN, np.eye(3), np.zeros((3, 2, 3)))
 
 
 def drift_shapes(samples: Samples) -> Array:
@@ -133,51 +152,54 @@ def drift_shapes(samples: Samples) -> Array:
     return np.stack([u / 2.0, u**2 - 1.0 / 3.0])
 
 
-def gravity(state: State, samples: Samples) -> Array:
-    """Return g_s of each reading [m/s^2]. Shape (n, 3)."""
-    g = GRAVITY_M_S2 * state.down_in_base
-    return np.asarray((samples.R_base_sensor @ state.R_mount).swapaxes(1, 2) @ g)
+def bias_at_end(model: Model) -> Array:
+    """Return the derivatives of the bias at the end of the recording. Shape (6, model.size)."""
+    J = np.eye(6, model.size, k=4)
+    for name, (row, block) in ERRORS.items():
+        if row > 0 and name in model.places:
+            J[3 * block : 3 * block + 3, model.places[name]] = DRIFT_AT_END[row - 1] * np.eye(3)
+    return J
+
+
+def gravity_in_sensor(R_base_sensor: Array, down_in_base: Array) -> Array:
+    """Return g_s = R^T g in each attitude [m/s^2]. Shape (n, 3, 3) to (n, 3)."""
+    return np.asarray(R_base_sensor.swapaxes(1, 2) @ (GRAVITY_M_S2 * down_in_base))
 
 
 def residuals(state: State, samples: Samples) -> Array:
     """Return reading minus model: force [N] and torque [Nm]. Shape (2, n, 3)."""
-    g_s = gravity(state, samples)
+    g_s = gravity_in_sensor(samples.R_base_sensor @ state.R_mount, state.down_in_base)
     m, h = state.linear[0], state.linear[1:4]
     load = np.array([m * g_s, g_s @ skew(h).T])
     bias = state.linear[4:].reshape(2, 1, 3)
     if state.drift.any():
         bias = bias + drift_shapes(samples).T @ state.drift.swapaxes(0, 1)
     read = np.array([samples.force_N, samples.torque_Nm])
-    return np.asarray(read - (1.0 + state.gain_error[:, None, :]) * load - bias)
+    return np.asarray(read - state.gain[:, None, :] * load - bias)
 
 
 def jacobian(state: State, samples: Samples, model: Model) -> Array:
     """Return the derivatives of the model's force and torque. Shape (2, n, 3, model.size)."""
-    g_s, n = gravity(state, samples), len(samples)
+    R, down = samples.R_base_sensor @ state.R_mount, state.down_in_base
+    g_s = gravity_in_sensor(R, down)
     m, h = state.linear[0], state.linear[1:4]
-    J = np.zeros((2, n, 3, model.size))
+    J = np.zeros((2, len(samples), 3, model.size))
     J[0, :, :, 0] = g_s
     J[1, :, :, 1:4] = -skew_matrices(g_s)
     places = model.places
     if model.tilt:  # g' = exp([e]x) g, e perpendicular to g
-        tilt_jacobian = -skew(GRAVITY_M_S2 * state.down_in_base) @ perpendicular_axes(
-            state.down_in_base
-        )
-        g_jacobian = (samples.R_base_sensor @ state.R_mount).swapaxes(1, 2) @ tilt_jacobian
+        g_jacobian = R.swapaxes(1, 2) @ -skew(GRAVITY_M_S2 * down) @ perpendicular_axes(down)
         J[:, :, :, places["tilt"]] = m * g_jacobian, skew(h) @ g_jacobian
     if model.mounting:  # R_mount' = R_mount exp([d]x), so g_s' = g_s + [g_s]x d
         g_jacobian = skew_matrices(g_s)
         J[:, :, :, places["mounting"]] = m * g_jacobian, skew(h) @ g_jacobian
-    J *= (1.0 + state.gain_error)[:, None, :, None]
+    J *= state.gain[:, None, :, None]
     J[0, :, :, 4:7] = J[1, :, :, 7:10] = np.eye(3)
-    if model.gain:
-        J[0, :, :, places["gain_F"]] = (m * g_s)[:, :, None] * np.eye(3)
-        J[1, :, :, places["gain_M"]] = (g_s @ skew(h).T)[:, :, None] * np.eye(3)
-    for order, shape in enumerate(
-        drift_shapes(samples)[: model.drift] if model.drift else (), start=1
-    ):
-        for block, of in enumerate("FM"):
-            J[block, :, :, places[f"drift{order}_{of}"]] = shape[:, None, None] * np.eye(3)
+    load, shapes = (m * g_s, g_s @ skew(h).T), drift_shapes(samples)
+    for name, (row, block) in ERRORS.items():
+        if name in places:
+            factor = load[block] if row == 0 else shapes[row - 1][:, None]
+            J[block, :, :, places[name]] = factor[:, :, None] * np.eye(3)
     return J
 
 
@@ -185,42 +207,33 @@ def extra_parameters(state: State, model: Model) -> dict[str, Array]:
     """Return the value of each group beyond the linear unknowns, as used by the priors."""
     values = {}
     if model.tilt:
-        level = DOWN if state.down_in_base[2] <= 0.0 else -DOWN
-        tilt_axis = skew(level) @ state.down_in_base
-        sine = math.sqrt(tilt_axis @ tilt_axis)
-        angle = math.atan2(sine, level @ state.down_in_base)
-        values["tilt"] = (
-            perpendicular_axes(state.down_in_base).T @ tilt_axis * (angle / max(sine, 1e-12))
-        )
+        down = state.down_in_base
+        turn = pin.Quaternion.FromTwoVectors(DOWN if down[2] <= 0.0 else -DOWN, down)
+        values["tilt"] = perpendicular_axes(down).T @ vector_from_rotation(turn.matrix())
     if model.mounting:
         values["mounting"] = vector_from_rotation(state.R_mount)
-    if model.gain:
-        values |= {"gain_F": state.gain_error[0], "gain_M": state.gain_error[1]}
-    for order in range(1, model.drift + 1):
-        d_F, d_M = state.drift[order - 1]
-        values |= {f"drift{order}_F": d_F, f"drift{order}_M": d_M}
-    return values
+    return values | {
+        name: state.errors[place] for name, place in ERRORS.items() if name in model.places
+    }
 
 
 def updated_state(state: State, step: Array, model: Model) -> State:
     """Return the state after a step of the unknowns, in the order of the Jacobian's columns."""
     parts = {name: step[place] for name, place in model.places.items()}
-    rotations = [parts[name] for name in ("tilt", "mounting") if name in parts]
-    size = float(np.linalg.norm(np.concatenate(rotations))) if rotations else 0.0
-    shorter = min(1.0, LARGEST_TURN_RAD / size) if size else 1.0
+    turn_rad = np.linalg.norm(step[LINEAR : LINEAR + 2 * model.tilt + 3 * model.mounting])
+    shorter = LARGEST_TURN_RAD / max(float(turn_rad), LARGEST_TURN_RAD)
     down, R_mount = state.down_in_base, state.R_mount
     if model.tilt:
         down = rotation_from_vector(perpendicular_axes(down) @ parts["tilt"] * shorter) @ down
         down = down / np.linalg.norm(down)
     if model.mounting:
         R_mount = R_mount @ rotation_from_vector(parts["mounting"] * shorter)
-    gain, drift = state.gain_error.copy(), state.drift.copy()
-    for block, of in enumerate("FM"):
-        if model.gain:
-            gain[block] = np.clip(gain[block] + parts[f"gain_{of}"], -0.5, 0.5)
-        for order in range(1, model.drift + 1):
-            drift[order - 1, block] += parts[f"drift{order}_{of}"]
-    return State(state.linear + step[:LINEAR], down, R_mount, gain, drift)
+    errors = state.errors.copy()
+    for name, place in ERRORS.items():
+        if name in parts:
+            errors[place] += parts[name]
+    errors[0] = np.clip(errors[0], -LARGEST_GAIN_ERROR, LARGEST_GAIN_ERROR)
+    return State(state.linear + step[:LINEAR], down, R_mount, errors)
 
 
 def make_mass_positive(state: State) -> State:
@@ -241,7 +254,4 @@ def perpendicular_axes(direction: Array) -> Array:
 
 def skew_matrices(v: Array) -> Array:
     """Return [v]x for each row. Shape (n, 3) to (n, 3, 3)."""
-    matrices = np.zeros((len(v), 3, 3))
-    matrices[:, (2, 0, 1), (1, 2, 0)] = v
-    matrices[:, (1, 2, 0), (2, 0, 1)] = -v
-    return matrices
+    return np.cross(np.eye(3), v[:, None, :])  # its rows are e_x x v, e_y x v, e_z x v

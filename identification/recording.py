@@ -3,7 +3,7 @@
 import csv
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TextIO
 
@@ -15,7 +15,9 @@ from forcemesh.errors import DataError
 
 WrenchAxes = Literal["sensor", "base"]
 
+BOTH_AXES: tuple[WrenchAxes, ...] = ("sensor", "base")
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw", "fx", "fy", "fz", "tx", "ty", "tz")
+HEADER_RULE = f"the header must be {','.join(COLUMNS)}"
 QUATERNION_TOLERANCE = 1e-3
 
 
@@ -41,6 +43,36 @@ class Samples:
         time_s = None if self.time_s is None else self.time_s[rows]
         return Samples(self.R_base_sensor[rows], self.force_N[rows], self.torque_Nm[rows], time_s)
 
+    def from_base_axes(self) -> "Samples":
+        """Return the readings in sensor axes, when these ones are in base axes.
+
+        They are about the sensor origin too: only their axes are rotated.
+        """
+        force, torque = (
+            np.einsum("nji,nj->ni", self.R_base_sensor, v) for v in (self.force_N, self.torque_Nm)
+        )
+        return replace(self, force_N=force, torque_Nm=torque)
+
+
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """Mean reading of each pose, in recorded order, with its weight.
+
+    `first_row` has shape (n,): the row of the recording at which each pose begins.
+    """
+
+    means: Samples
+    weight: Array
+    first_row: npt.NDArray[np.intp]
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self.means)
+
+    def __getitem__(self, rows: npt.NDArray[np.intp]) -> "Poses":
+        """Return some of the poses, selected by index."""
+        return Poses(self.means[rows], self.weight[rows], self.first_row[rows])
+
 
 @dataclass(frozen=True, slots=True)
 class WrenchRecording:
@@ -59,17 +91,9 @@ class WrenchRecording:
     torque_Nm: Array
 
     def samples(self, wrench_axes: WrenchAxes) -> Samples:
-        """Return the readings in sensor axes; the recorded ones are in `wrench_axes`.
-
-        A wrench recorded in base axes is about the sensor origin too: only its axes are rotated.
-        """
-        if wrench_axes == "sensor":
-            return Samples(self.R_base_sensor, self.force_N, self.torque_Nm, self.time_s)
-        force, torque = (
-            np.asarray(np.einsum("nji,nj->ni", self.R_base_sensor, v))
-            for v in (self.force_N, self.torque_Nm)
-        )
-        return Samples(self.R_base_sensor, force, torque, self.time_s)
+        """Return the readings in sensor axes; the recorded ones are in `wrench_axes`."""
+        recorded = Samples(self.R_base_sensor, self.force_N, self.torque_Nm, self.time_s)
+        return recorded if wrench_axes == "sensor" else recorded.from_base_axes()
 
 
 def read_recording(path: Path) -> WrenchRecording:
@@ -107,7 +131,7 @@ def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[float]]]:
     try:
         header = next(reader, None)
         if header is None:
-            raise DataError(f"{path}, line 1: the file is empty; {_expected()}")
+            raise DataError(f"{path}, line 1: the file is empty; {HEADER_RULE}")
         header = [name.strip() for name in header]
         places = _places(path, header)
         for cells in reader:
@@ -117,31 +141,31 @@ def _rows(path: Path, file: TextIO) -> Iterator[tuple[int, list[float]]]:
             if len(cells) != len(header):
                 raise DataError(f"{location}{_ragged(header, cells)}")
             values = [_number(location, name, cells[place]) for name, place in places.items()]
-            yield reader.line_num, _unit_quaternion(location, values)
+            length = math.hypot(*values[4:8])
+            if abs(length - 1.0) > QUATERNION_TOLERANCE:
+                raise DataError(
+                    f"{location}, columns qx to qw: the quaternion has length {length:.4f}; "
+                    "it must be 1 (order x y z w)"
+                )
+            yield reader.line_num, values
     except csv.Error as error:
         raise DataError(f"{path}, line {reader.line_num}: is not CSV text: {error}") from error
-
-
-def _expected() -> str:
-    return f"the header must be {','.join(COLUMNS)}"
 
 
 def _places(path: Path, header: list[str]) -> dict[str, int]:
     for name in COLUMNS:
         if name not in header:
-            raise DataError(f"{path}, line 1: column {name} is missing; {_expected()}")
+            raise DataError(f"{path}, line 1: column {name} is missing; {HEADER_RULE}")
         if header.count(name) > 1:
             raise DataError(f"{path}, line 1: column {name} occurs {header.count(name)} times")
     return {name: header.index(name) for name in COLUMNS}
 
 
 def _ragged(header: list[str], cells: list[str]) -> str:
-    cell_count, column_count = len(cells), len(header)
-    if cell_count < column_count:
-        counts = f"{cell_count} of {column_count} values"
-        return f", column {header[cell_count]}: no value; the row has {counts}"
-    counts = f"{cell_count} values, the header only {column_count} columns"
-    return f", column {column_count + 1}: the row has {counts}"
+    count, columns = len(cells), len(header)
+    if count < columns:
+        return f", column {header[count]}: no value; the row has {count} of {columns} values"
+    return f", column {columns + 1}: the row has {count} values, the header only {columns} columns"
 
 
 def _number(location: str, column: str, text: str) -> float:
@@ -153,13 +177,3 @@ def _number(location: str, column: str, text: str) -> float:
     if not math.isfinite(number):
         raise DataError(f"{location}, column {column}: {text.strip()} is not a finite number")
     return number
-
-
-def _unit_quaternion(location: str, values: list[float]) -> list[float]:
-    length = math.hypot(*values[4:8])
-    if abs(length - 1.0) > QUATERNION_TOLERANCE:
-        raise DataError(
-            f"{location}, columns qx to qw: the quaternion has length {length:.4f}; "
-            "it must be 1 (order x y z w)"
-        )
-    return [*values[:4], *(q / length for q in values[4:8]), *values[8:]]

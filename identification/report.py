@@ -6,41 +6,39 @@ from typing import Any
 import numpy as np
 
 from common.config.payload import Payload
-from common.motion.frames import Array
-from common.motion.weight import drift_covers, residual
+from common.motion.weight import drift_covers
 from identification.identify import Identification
 from identification.model_selection import Candidate
 from identification.recording import WrenchAxes, WrenchRecording
+from identification.verification import Residual, residual_of
 
 
 def fit_report(recording: WrenchRecording, axes: WrenchAxes, fit: Identification) -> dict[str, Any]:
     """Return all results of a fit, in SI units and sensor axes, ready for JSON."""
-    payload, chosen = fit.payload, fit.chosen
-    force = np.linalg.norm(fit.residual_force_N, axis=1)
-    torque = np.linalg.norm(fit.residual_torque_Nm, axis=1)
+    chosen, noise = fit.chosen, fit.chosen.solution.noise
+    rows = zip(fit.first_row, fit.residual.force_N, fit.residual.torque_Nm, strict=True)
     return {
         "recording": recording.source,
         "rows": len(recording.line),
-        "poses": len(force),
+        "poses": len(fit.first_row),
         "wrench_axes": axes,
         "model": chosen.model.name,
         **_payload_report(fit),
-        "drift": None if payload.drift is None else payload.drift.model_dump(),
         "parameters": [
             {**asdict(p), "usual": _finite_or_none(p.usual), "identified": p.determined}
             for p in fit.parameters
         ],
         "conditioning": chosen.solution.conditioning,
-        "noise_force_N": chosen.solution.noise.force_N,
-        "noise_torque_Nm": chosen.solution.noise.torque_Nm,
-        **_residual_summary(force, torque),
+        "noise_force_N": noise.force_N,
+        "noise_torque_Nm": noise.torque_Nm,
+        **_residual_report(fit.residual),
         "rms_force_N": chosen.rms_force_N,
         "rms_torque_Nm": chosen.rms_torque_Nm,
         "leave_one_out_force_N": _finite_or_none(chosen.loo_force_N),
         "leave_one_out_torque_Nm": _finite_or_none(chosen.loo_torque_Nm),
         "residuals": [
             {"line": recording.line[row], "force_N": float(f), "torque_Nm": float(t)}
-            for row, f, t in zip(fit.first_row, force, torque, strict=True)
+            for row, f, t in rows
         ],
         "models": [_model_report(candidate) for candidate in fit.candidates],
         "rejected": [
@@ -59,20 +57,21 @@ def _payload_report(fit: Identification) -> dict[str, Any]:
     return {
         "mass_kg": payload.mass_kg,
         "mass_std_kg": std.mass_kg,
-        "com_m": list(payload.com_m),
-        "com_std_m": list(std.com_m),
-        "bias_force_N": list(payload.bias_force_N),
-        "bias_force_std_N": list(std.bias_force_N),
-        "bias_torque_Nm": list(payload.bias_torque_Nm),
-        "bias_torque_std_Nm": list(std.bias_torque_Nm),
-        "gravity_direction_in_base": list(payload.gravity_direction_in_base),
+        "com_m": payload.com_m,
+        "com_std_m": std.com_m,
+        "bias_force_N": payload.bias_force_N,
+        "bias_force_std_N": std.bias_force_N,
+        "bias_torque_Nm": payload.bias_torque_Nm,
+        "bias_torque_std_Nm": std.bias_torque_Nm,
+        "gravity_direction_in_base": payload.gravity_direction_in_base,
         "gravity_tilt_std_rad": std.gravity_tilt_rad,
-        "mounting_rotation_rad": list(payload.mounting_rotation_rad),
-        "mounting_rotation_std_rad": _as_list(std.mounting_rotation_rad),
-        "force_gain": list(payload.force_gain),
-        "force_gain_std": _as_list(std.force_gain),
-        "torque_gain": list(payload.torque_gain),
-        "torque_gain_std": _as_list(std.torque_gain),
+        "mounting_rotation_rad": payload.mounting_rotation_rad,
+        "mounting_rotation_std_rad": std.mounting_rotation_rad,
+        "force_gain": payload.force_gain,
+        "force_gain_std": std.force_gain,
+        "torque_gain": payload.torque_gain,
+        "torque_gain_std": std.torque_gain,
+        "drift": None if payload.drift is None else payload.drift.model_dump(),
     }
 
 
@@ -81,39 +80,29 @@ def check_report(recording: WrenchRecording, axes: WrenchAxes, payload: Payload)
 
     The drift of the fit applies only near the times of its recording; `drift` reports whether.
     """
-    drift, time_s = payload.drift, recording.time_s
-    used = drift is not None and drift_covers(drift, time_s)
-    samples = recording.samples(axes)
-    sizes = []
-    for times in (time_s if used else None, None):
-        errors = residual(
-            payload,
-            samples.R_base_sensor,
-            force_N=samples.force_N,
-            torque_Nm=samples.torque_Nm,
-            time_s=times,
-        )
-        sizes.append([np.linalg.norm(v, axis=1) for v in errors])
-    (force_norm, torque_norm), without_drift = sizes
+    drift, samples = payload.drift, recording.samples(axes)
+    used = drift is not None and drift_covers(drift, recording.time_s)
+    found = residual_of(payload, samples, drift=used)
+    without_drift = residual_of(payload, samples)
     return {
         "recording": recording.source,
         "rows": len(recording.line),
         "wrench_axes": axes,
-        **_residual_summary(force_norm, torque_norm),
-        "worst_force_line": recording.line[int(force_norm.argmax())],
-        "worst_torque_line": recording.line[int(torque_norm.argmax())],
+        **_residual_report(found),
+        "worst_force_line": recording.line[int(found.force_N.argmax())],
+        "worst_torque_line": recording.line[int(found.torque_Nm.argmax())],
         "drift": "none" if drift is None else "used" if used else "of another time, not used",
-        "residual_force_N_mean_without_drift": float(without_drift[0].mean()),
-        "residual_torque_Nm_mean_without_drift": float(without_drift[1].mean()),
+        "residual_force_N_mean_without_drift": float(without_drift.force_N.mean()),
+        "residual_torque_Nm_mean_without_drift": float(without_drift.torque_Nm.mean()),
     }
 
 
-def _residual_summary(force: Array, torque: Array) -> dict[str, float]:
+def _residual_report(residual: Residual) -> dict[str, float]:
     return {
-        "residual_force_N_mean": float(force.mean()),
-        "residual_force_N_max": float(force.max()),
-        "residual_torque_Nm_mean": float(torque.mean()),
-        "residual_torque_Nm_max": float(torque.max()),
+        "residual_force_N_mean": float(residual.force_N.mean()),
+        "residual_force_N_max": float(residual.force_N.max()),
+        "residual_torque_Nm_mean": float(residual.torque_Nm.mean()),
+        "residual_torque_Nm_max": float(residual.torque_Nm.max()),
     }
 
 
@@ -133,7 +122,3 @@ def _model_report(candidate: Candidate) -> dict[str, Any]:
 def _finite_or_none(value: float) -> float | None:
     """Return None for infinity, which JSON cannot represent."""
     return value if np.isfinite(value) else None
-
-
-def _as_list(values: tuple[float, ...] | None) -> list[float] | None:
-    return None if values is None else list(values)

@@ -122,7 +122,7 @@ def _conclude(output: JsonLineOutput, job: Job, evidence: Evidence, client: Conf
     verification = found.verify_residual
     output.write_object(
         left={
-            "fit_N": _rounded(found.fit_residual.force_N),
+            "fit_N": _rounded(found.evidence.fit.residual.force_N),
             "fresh_N": [] if verification is None else _rounded(verification.force_N),
             "limit_N": job.bounds.force_N,
             "verdict": found.verdict.text,

@@ -29,7 +29,7 @@ STYLE: Any = {
 def residual_bars(found: Findings) -> Figure:
     """Return the residuals at each fitted and each verification pose, with the limits."""
     figure, ((force, torque),) = _panels(3.4)
-    groups = [("fit", found.fit_residual, FIT)]
+    groups = [("fit", found.evidence.fit.residual, FIT)]
     if found.verify_residual is not None:
         groups.append(("verification", found.verify_residual, VERIFY))
     forces = [(label, residual.force_N, colour) for label, residual, colour in groups]

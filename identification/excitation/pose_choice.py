@@ -1,33 +1,95 @@
-"""Choice of attitudes: greedy D-optimal design. Pure.
+"""Choice of attitudes: greedy D-optimal design of a plan, and the best next pose of a fit. Pure.
 
 Each reading in attitude k adds J^T S^-1 J to the information on mass, moment, bias and, with the
-priors of the fit, on tilt, mounting and gain. The next attitude is the one that increases the
-determinant of the information most; the directions of gravity then spread over the sphere.
+priors of the fit, on tilt, mounting and gain. The next attitude of a plan is the one that increases
+the determinant of the information most; the directions of gravity then spread over the sphere. The
+best next pose of a fit is the one that most reduces the largest deviation.
 """
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from common.config.payload import Payload
-from common.motion.frames import Array
-from identification.least_squares import plain_conditioning
-from identification.next_pose import reference_sizes
-from identification.payload_model import LINEAR, Model, jacobian, start_state
-from identification.recording import Samples
+from common.motion.frames import Array, R_from_quaternion, quaternion_from_R
+from forcemesh.messages import Vec3
+from identification.estimates import vector
+from identification.least_squares import Solution, plain_conditioning
+from identification.payload_model import (
+    LINEAR,
+    NAMES,
+    PRIOR_STD,
+    Model,
+    State,
+    bias_at_end,
+    jacobian,
+    start_state,
+)
+from identification.recording import Poses, Samples
 from identification.static_poses import angle
 
 FULL = Model(tilt=True, mounting=True, gain=True)
 NOISE_N, NOISE_NM = 0.02, 0.001  # of the mean of a dwell, attitude errors included
 APART_RAD = np.radians(20.0)  # nearer attitudes add little information
-USUAL_PAYLOAD = Payload(
-    mass_kg=1.0,
-    com_m=(0.0, 0.0, 0.05),
-    bias_force_N=(0.0, 0.0, 0.0),
-    bias_torque_Nm=(0.0, 0.0, 0.0),
-)
+USUAL_PAYLOAD = Payload(mass_kg=1.0, com_m=(0.0, 0.0, 0.05))
+ATTITUDES = 200
+LEAST_REDUCTION = 0.05  # smallest share of the variance that a new pose should remove
+# Reference deviations: mass [kg], centre of mass [m], bias [N], [Nm], and those of the priors.
+REFERENCES = {"mass": 0.1, "moment": 0.01, "bias_F": 1.0, "bias_M": 0.1} | PRIOR_STD
+
+
+@dataclass(frozen=True, slots=True)
+class NextPose:
+    """Attitude of the sensor in base, and its effect on the least certain parameter."""
+
+    quaternion: tuple[float, float, float, float]
+    down_in_sensor: Vec3
+    parameter: str
+    std_before: float
+    std_after: float
+
+
+def next_pose(solution: Solution) -> NextPose:
+    """Return the best of many attitudes in all directions; the arm may only reach one near it.
+
+    The least certain parameter has the largest standard deviation relative to its reference. A
+    reading in attitude k with Jacobian J and noise S changes the covariance C to
+    C - C J^T (S + J C J^T)^-1 J C. A parameter that no pose improves is skipped.
+    """
+    model = solution.model
+    variance = np.diag(solution.covariance)
+    rng = np.random.default_rng(0)  # fixed seed: the advice is reproducible
+    R = np.array([R_from_quaternion(q) for q in rng.normal(size=(ATTITUDES, 4))])
+    rows = _jacobians(solution.state, R, model)
+    # The pose would be read right after the recording.
+    rows[:, :, LINEAR:] += bias_at_end(model)[:, LINEAR:]
+    shared = rows @ solution.covariance
+    spread = np.diag(np.repeat(solution.noise, 3) ** 2) + shared @ rows.swapaxes(1, 2)
+    reduction = np.einsum("kri,kri->ki", shared, np.linalg.solve(spread, shared))
+    sizes = _reference_sizes(model, float(solution.state.linear[0]))
+    by_size = [int(i) for i in np.argsort(-variance / sizes**2)]
+    improvable = [i for i in by_size if reduction[:, i].max() > LEAST_REDUCTION * variance[i]]
+    least_certain = (improvable or by_size)[0]
+    best = int(np.argmax(reduction[:, least_certain]))
+    before = variance[least_certain]
+    after = before - reduction[best, least_certain]
+    return NextPose(
+        quaternion=quaternion_from_R(R[best]),
+        down_in_sensor=vector(R[best].T @ solution.state.down_in_base),
+        parameter=_name(model, least_certain),
+        std_before=float(np.sqrt(before)),
+        std_after=float(np.sqrt(max(after, 0.0))),
+    )
+
+
+def _name(model: Model, unknown: int) -> str:
+    group, place = next(row for row in model.places.items() if unknown < row[1].stop)
+    return "mass" if group == "mass" else f"{NAMES[group]}.{'xyz'[unknown - place.start]}"
 
 
 def best_attitudes(
-    R_base_sensor: Array, payload: Payload, count: int, excluded: tuple[int, ...] = ()
+    R_base_sensor: Array, payload: Payload, count: int, excluded: Sequence[int] = ()
 ) -> list[int]:
     """Return the indices of the attitudes to add, the most informative one first.
 
@@ -39,55 +101,62 @@ def best_attitudes(
         count: Number of attitudes to add.
         excluded: Indices of the attitudes that are chosen already.
     """
-    J = _scaled_jacobians(R_base_sensor, payload)
-    information = _prior(payload)
-    is_distinct = np.ones(len(J), dtype=bool)
-    for place in excluded:
-        information = information + J[place].T @ J[place]
-        is_distinct &= angle(R_base_sensor[place], R_base_sensor) > APART_RAD
-    chosen: list[int] = []
-    while len(chosen) < count and is_distinct.any():
-        covariance = np.linalg.inv(information)
+    state = start_state()
+    state.linear[:4] = payload.mass_kg * np.array([1.0, *payload.com_m])
+    noise = np.repeat([NOISE_N, NOISE_NM], 3)
+    J = _jacobians(state, R_base_sensor, FULL) / noise[:, None]
+    sizes = _reference_sizes(FULL, payload.mass_kg)
+    sizes[:LINEAR] *= 100.0  # hardly any prior information
+    taken = list(excluded)
+    while len(taken) < len(excluded) + count:
+        is_distinct = _nearest_rad(R_base_sensor, taken) > APART_RAD
+        if not is_distinct.any():
+            break
+        rows = J[taken].reshape(-1, FULL.size)
+        covariance = np.linalg.inv(np.diag(1.0 / sizes**2) + rows.T @ rows)
         gain = np.linalg.slogdet(np.eye(6) + J @ covariance @ J.swapaxes(1, 2))[1]
-        best = int(np.argmax(np.where(is_distinct, gain, -np.inf)))
-        chosen.append(best)
-        information = information + J[best].T @ J[best]
-        is_distinct &= angle(R_base_sensor[best], R_base_sensor) > APART_RAD
-    return chosen
+        taken.append(int(np.argmax(np.where(is_distinct, gain, -np.inf))))
+    return taken[len(excluded) :]
 
 
-def fresh_attitudes(R_base_sensor: Array, count: int, excluded: tuple[int, ...]) -> list[int]:
+def fresh_attitudes(R_base_sensor: Array, count: int, excluded: Sequence[int]) -> list[int]:
     """Return the indices of attitudes farthest from those taken and from each other."""
-    chosen: list[int] = []
-    nearest = np.full(len(R_base_sensor), np.inf)
-    for place in excluded:
-        nearest = np.minimum(nearest, angle(R_base_sensor[place], R_base_sensor))
-    while len(chosen) < count and nearest.max(initial=0.0) > APART_RAD / 2.0:
-        best = int(np.argmax(nearest))
-        chosen.append(best)
-        nearest = np.minimum(nearest, angle(R_base_sensor[best], R_base_sensor))
-    return chosen
+    taken = list(excluded)
+    while len(taken) < len(excluded) + count:
+        nearest_rad = _nearest_rad(R_base_sensor, taken)
+        if nearest_rad.max(initial=0.0) <= APART_RAD / 2.0:
+            break
+        taken.append(int(np.argmax(nearest_rad)))
+    return taken[len(excluded) :]
 
 
 def conditioning(R_base_sensor: Array) -> float:
     """Return the condition number of the linear fit of these attitudes. Shape (n, 3, 3)."""
+    n = len(R_base_sensor)
+    return plain_conditioning(Poses(_unread(R_base_sensor), np.ones(n), np.arange(n)))
+
+
+def _nearest_rad(R: Array, taken: Sequence[int]) -> Array:
+    """Return the angle of each attitude to the nearest one that is taken; infinite without one."""
+    angles = [angle(R[place], R) for place in taken]
+    return np.asarray(np.min([np.full(len(R), np.inf), *angles], axis=0))
+
+
+def _jacobians(state: State, R_base_sensor: Array, model: Model) -> Array:
+    """Return the derivatives of force and torque in each attitude. Shape (n, 6, unknowns)."""
+    J = jacobian(state, _unread(R_base_sensor), model)
+    return J.transpose(1, 0, 2, 3).reshape(-1, 6, model.size)
+
+
+def _unread(R_base_sensor: Array) -> Samples:
+    """Return samples in these attitudes whose readings are of no effect."""
     zeros = np.zeros((len(R_base_sensor), 3))
-    return plain_conditioning(Samples(R_base_sensor, zeros, zeros), np.ones(len(zeros)))
+    return Samples(R_base_sensor, zeros, zeros)
 
 
-def _scaled_jacobians(R_base_sensor: Array, payload: Payload) -> Array:
-    """Return the derivatives of each reading, in units of its noise. Shape (n, 6, unknowns)."""
-    state = start_state()
-    state.linear[0] = payload.mass_kg
-    state.linear[1:4] = payload.mass_kg * np.array(payload.com_m)
-    zeros = np.zeros((len(R_base_sensor), 3))
-    J = jacobian(state, Samples(R_base_sensor, zeros, zeros), FULL)
-    J = J / np.array([NOISE_N, NOISE_NM])[:, None, None, None]
-    return np.asarray(J.transpose(1, 0, 2, 3).reshape(len(R_base_sensor), 6, FULL.size))
-
-
-def _prior(payload: Payload) -> Array:
-    """Return the prior information, from the usual sizes of the parameters."""
-    sizes = reference_sizes(FULL, payload.mass_kg)
-    sizes[:LINEAR] *= 100.0
-    return np.diag(1.0 / sizes**2)
+def _reference_sizes(model: Model, mass_kg: float) -> Array:
+    """Return the reference deviation of each unknown with a payload of this mass."""
+    sizes = np.empty(model.size)
+    for name, place in model.places.items():
+        sizes[place] = REFERENCES[name] * (mass_kg if name == "moment" else 1.0)
+    return sizes

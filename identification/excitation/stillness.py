@@ -9,6 +9,7 @@ from common.motion.frames import Array
 from identification.static_poses import angle
 
 STILLNESS_WINDOW_S = 0.4
+WINDOW_NS = round(1e9 * STILLNESS_WINDOW_S)
 LEAST_STILL_SAMPLES = 16
 STILL_M, STILL_RAD = 1e-4, np.radians(0.05)
 # Allowed difference of the means of both window halves: absolute, or in standard deviations.
@@ -29,15 +30,14 @@ class PoseSample:
 class StillnessDetector:
     """Sliding window of samples; reports what is not at rest in it."""
 
-    def __init__(self, window_s: float = STILLNESS_WINDOW_S) -> None:
+    def __init__(self) -> None:
         """Create an empty window."""
-        self._window_ns = round(1e9 * window_s)
         self._samples: deque[PoseSample] = deque()
 
     def add(self, sample: PoseSample) -> None:
         """Add a newer sample."""
         self._samples.append(sample)
-        while len(self._samples) > 2 and sample.at_ns - self._samples[1].at_ns >= self._window_ns:
+        while len(self._samples) > 2 and sample.at_ns - self._samples[1].at_ns >= WINDOW_NS:
             self._samples.popleft()
 
     @property
@@ -52,7 +52,7 @@ class StillnessDetector:
     def pending_condition(self) -> str:
         """Return the condition that is waited for; empty when everything is at rest."""
         samples = self._samples
-        if len(samples) < LEAST_STILL_SAMPLES or self._duration_ns() < self._window_ns:
+        if len(samples) < LEAST_STILL_SAMPLES or samples[-1].at_ns - samples[0].at_ns < WINDOW_NS:
             return "readings"
         places = np.array([sample.position_m for sample in samples])
         moved_m = float(np.linalg.norm(places - places[-1], axis=1).max())
@@ -60,13 +60,7 @@ class StillnessDetector:
         turned_rad = float(angle(R[-1], R).max())
         if moved_m > STILL_M or turned_rad > STILL_RAD:
             return f"the arm to rest ({1e3 * moved_m:.2f} mm, {np.degrees(turned_rad):.2f} degrees)"
-        return self._unsteady()
-
-    def _duration_ns(self) -> int:
-        return self._samples[-1].at_ns - self._samples[0].at_ns
-
-    def _unsteady(self) -> str:
-        readings = np.array([sample.reading for sample in self._samples])
+        readings = np.array([sample.reading for sample in samples])
         first, second = np.array_split(readings, 2)
         change = np.abs(second.mean(axis=0) - first.mean(axis=0))
         spread = np.sqrt(first.var(axis=0) / len(first) + second.var(axis=0) / len(second))

@@ -13,6 +13,7 @@ from common.motion.frames import (
     vector_from_rotation,
 )
 from identification.installation.axis_fit import (
+    EYE,
     ForceFit,
     TorqueFit,
     TorqueFits,
@@ -24,9 +25,8 @@ from identification.installation.terms import ExpectedInstallation, Installation
 
 LEVER_LEAST_M, TOOL_LEAST_M = 0.005, 0.03
 SIDE_COSINE = 0.3
-EYE = np.eye(3)
 AXES = "xyz"
-RESEMBLES_RAD = math.radians(5.0)
+LARGEST_RAD, RESEMBLES_RAD = math.tau + 0.01, math.radians(5.0)  # angles in radians
 NEARLY_UPRIGHT = math.sin(math.radians(2.0))
 PUSH = "`forcemesh check axes --push` shows it"
 
@@ -42,31 +42,39 @@ def com_side(com_m: Array, expected: ExpectedInstallation) -> int:
     Both the known payload and the TCP count. Either may be that of another tool, so one that
     agrees is enough.
     """
-    sides = {0}
-    for known, least_m in (
-        (expected.com_m, LEVER_LEAST_M),
-        (expected.p_sensor_tcp_m, TOOL_LEAST_M),
-    ):
-        if known is None or np.linalg.norm(known) < least_m:
-            continue
-        lengths = float(np.linalg.norm(known) * np.linalg.norm(com_m))
-        cosine = float(com_m @ known) / max(lengths, 1e-12)
-        if abs(cosine) > SIDE_COSINE and np.linalg.norm(com_m) > LEVER_LEAST_M:
-            sides.add(1 if cosine > 0.0 else -1)
-    return 1 if 1 in sides else min(sides)
+    lever_m = float(np.linalg.norm(com_m))
+    if lever_m <= LEVER_LEAST_M:
+        return 0
+    cosines = [
+        float(com_m @ known) / (lever_m * float(np.linalg.norm(known)))
+        for known, least_m in (
+            (expected.com_m, LEVER_LEAST_M),
+            (expected.p_sensor_tcp_m, TOOL_LEAST_M),
+        )
+        if known is not None and np.linalg.norm(known) >= least_m
+    ]
+    sides = {int(np.sign(cosine)) for cosine in cosines if abs(cosine) > SIDE_COSINE}
+    return 1 if 1 in sides else min(sides, default=0)
 
 
-def plausible_fits(torque: TorqueFits, expected: ExpectedInstallation) -> list[TorqueFit]:
+def plausible_fits(torque: TorqueFits, expected: ExpectedInstallation) -> tuple[TorqueFit, ...]:
     """Return the torque fits whose centre of mass is not on the wrong side."""
-    return [fit for fit in torque.fits if com_side(fit.com_m, expected) >= 0]
+    return tuple(fit for fit in torque.fits if com_side(fit.com_m, expected) >= 0)
 
 
 def axis_findings(
     force: ForceFit, torque: TorqueFits, expected: ExpectedInstallation
 ) -> list[InstallationFinding]:
     """Return the findings on axes and signs, given a force fit that is explained and unique."""
-    fits = plausible_fits(torque, expected) or list(torque.fits)
-    torque_findings = [] if torque.explained else [_no_moment(torque)]
+    fits = plausible_fits(torque, expected) or torque.fits
+    torque_findings = []
+    if not torque.explained:
+        text = (
+            f"the moments ({torque.spread_Nm:.3g} N m rms) fit a weight in no "
+            f"axis map, the residual is {torque.fits[0].rms_Nm:.2g} N m"
+        )
+        remedy = "check for a dead channel, a cable that pulls, or a wrong calibration matrix"
+        torque_findings = [InstallationFinding("torque_axes", text, remedy)]
     if same(force.wiring, EYE) and not force.turned:
         return torque_findings or _of_torque(torque, expected)
     # Moments that exclude nothing agree with any force permutation.
@@ -80,33 +88,24 @@ def axis_findings(
     return [turned_finding(Q, expected, shown=torque.shown and not torques_match), *torque_findings]
 
 
-def _no_moment(torque: TorqueFits) -> InstallationFinding:
-    text = (
-        f"the moments ({torque.spread_Nm:.3g} N m rms) fit a weight in no "
-        f"axis map, the residual is {torque.fits[0].rms_Nm:.2g} N m"
-    )
-    remedy = "check for a dead channel, a cable that pulls, or a wrong calibration matrix"
-    return InstallationFinding("torque_axes", text, remedy)
-
-
 def _of_torque(torque: TorqueFits, expected: ExpectedInstallation) -> list[InstallationFinding]:
     """Return the findings on the torques when the forces are right."""
     fits = plausible_fits(torque, expected)
     if not torque.shown or any(same(fit.wiring, EYE) for fit in fits):
         return []
-    if any(same(fit.wiring, EYE) for fit in torque.fits):
-        best = next(fit for fit in torque.fits if same(fit.wiring, -EYE))
+    best = next((fit for fit in torque.fits if same(fit.wiring, -EYE)), None)
+    if best is not None:
         text = (
             "the forces are right, the torques are all reversed: as they are, the centre of mass "
             f"would be {1e3 * np.linalg.norm(best.com_m):.0f} mm on the other side of the sensor"
         )
     else:
-        best = _most_likely(fits or list(torque.fits), expected)
+        best = _most_likely(fits or torque.fits, expected)
         text = f"the forces are right, but of the torques {wrong_channels(best.wiring, 'M')}"
     return [InstallationFinding("torque_axes", text, driver_remedy(best.wiring, "M"))]
 
 
-def _most_likely(fits: list[TorqueFit], expected: ExpectedInstallation) -> TorqueFit:
+def _most_likely(fits: tuple[TorqueFit, ...], expected: ExpectedInstallation) -> TorqueFit:
     """Return the fit with the expected centre of mass, else that with the fewest mistakes."""
 
     def likelihood(fit: TorqueFit) -> tuple[bool, float, float]:
@@ -118,7 +117,7 @@ def _most_likely(fits: list[TorqueFit], expected: ExpectedInstallation) -> Torqu
 
 
 def _channel_finding(
-    force: ForceFit, fits: list[TorqueFit], expected: ExpectedInstallation
+    force: ForceFit, fits: tuple[TorqueFit, ...], expected: ExpectedInstallation
 ) -> InstallationFinding:
     """Return the finding for forces and torques that differ: an error of channels, not mounting."""
     torque = _most_likely(fits, expected).wiring
@@ -136,9 +135,7 @@ def _channel_finding(
 
 def _mirrored(force: ForceFit) -> InstallationFinding:
     """Return the finding for mirrored axes, which no mounting has; a hanging arm reads the same."""
-    reversed_wiring = -force.wiring
-    remedy = driver_remedy(force.wiring, "FM")
-    if same(reversed_wiring, EYE):
+    if same(force.wiring, -EYE):
         text = (
             "all six readings are reversed: the sensor reports the tool's reaction, not the load "
             "on it, or the arm hangs from the ceiling"
@@ -149,9 +146,10 @@ def _mirrored(force: ForceFit) -> InstallationFinding:
         )
         return InstallationFinding("reaction", text, remedy)
     text = f"the axes are mirrored: {wrong_channels(force.wiring, 'F')}, and the torques alike"
-    remedy += (
-        "; only if the arm hangs from the ceiling: payload.gravity_direction_in_base: [0, 0, 1], "
-        f"and a sensor turned by {rotation_text(reversed_wiring.T)}"
+    remedy = (
+        f"{driver_remedy(force.wiring, 'FM')}; only if the arm hangs from the ceiling: "
+        "payload.gravity_direction_in_base: [0, 0, 1], "
+        f"and a sensor turned by {rotation_text(-force.wiring.T)}"
     )
     return InstallationFinding("force_axes", f"{text}: no mounting does that", remedy)
 
@@ -170,13 +168,14 @@ def turned_finding(Q: Array, expected: ExpectedInstallation, *, shown: bool) -> 
     if channels:
         text += f" ({channels}{', and the torques alike' if shown else ''})"
     if expected.R_flange_sensor is None:
-        return InstallationFinding(
-            "mounting", text, "rotate the recorded attitudes of the sensor by it"
-        )
+        remedy = "rotate the recorded attitudes of the sensor by it"
+        return InstallationFinding("mounting", text, remedy)
     R = expected.R_flange_sensor @ Q.T
-    if expected.oat_deg is not None and is_in_radians(expected.oat_deg, R):
-        text += f": oat_deg {list(expected.oat_deg)} is in radians, it must be in degrees"
-        R = R_from_oat(Oat(*expected.oat_deg))
+    if expected.oat_deg is not None and max(map(abs, expected.oat_deg)) <= LARGEST_RAD:
+        R_as_radians = R_from_oat(Oat(*expected.oat_deg))
+        if turn_angle(R_as_radians.T @ R) < RESEMBLES_RAD:
+            text += f": oat_deg {list(expected.oat_deg)} is in radians, it must be in degrees"
+            R = R_as_radians
     remedy = f"write {oat_text(R)}"
     if not shown:
         remedy += (
@@ -192,15 +191,18 @@ def unidentified(torque: TorqueFits, expected: ExpectedInstallation) -> list[str
     wirings = [fit.wiring for fit in plausible_fits(torque, expected)]
     if any(same(wiring, -EYE) for wiring in wirings):
         return [f"whether the torques are all reversed: {PUSH}"]
-    rows = [f"M{'xyz'[row]}" for row in range(3) if any(W[row] @ EYE[row] < 1.0 for W in wirings)]
-    if not rows:
-        return []
-    return [f"the sign of {' and '.join(rows)}, which this tool's moment does not show: {PUSH}"]
+    rows = " and ".join(uncertain_torques(wirings))
+    return [f"the sign of {rows}, which this tool's moment does not show: {PUSH}"] if rows else []
+
+
+def uncertain_torques(wirings: list[Array]) -> list[str]:
+    """Return the channels of torque that not all of the possible permutations leave in place."""
+    return [f"M{AXES[k]}" for k in range(3) if any(W[k, k] < 1.0 for W in wirings)]
 
 
 def mounting_remarks(force: ForceFit) -> list[str]:
     """Return a remark on a sensor that is a few degrees off."""
-    degrees = math.degrees(turn_angle(force.rotation))
+    degrees = math.degrees(force.turn_rad)
     if degrees < 3.0:
         return []
     return [f"why the sensor is {degrees:.1f} degrees off: `forcemesh calibrate` corrects that"]
@@ -211,13 +213,18 @@ def mounting_remarks(force: ForceFit) -> list[str]:
 
 def wrong_channels(wiring: Array, of: str) -> str:
     """Return the axis that each wrong channel shows, as "Fx shows -y"; `of` is F or M."""
-    parts = []
-    for row, channel in enumerate(AXES):
-        axis = int(np.argmax(np.abs(wiring[row])))
-        sign = "+" if wiring[row, axis] > 0.0 else "-"
-        if axis != row or sign == "-":
-            parts.append(f"{of}{channel} shows {sign}{AXES[axis]}")
-    return ", ".join(parts)
+    wrong = _wrong_rows(wiring)
+    return ", ".join(f"{of}{channel} shows {sign or '+'}{axis}" for channel, sign, axis in wrong)
+
+
+def _wrong_rows(wiring: Array) -> list[tuple[str, str, str]]:
+    """Return name, sign and axis of each row that is not that of the identity."""
+    rows = zip(AXES, wiring, EYE, strict=True)
+    return [
+        (name, "-" if row.sum() < 0.0 else "", AXES[int(np.argmax(np.abs(row)))])
+        for name, row, right in rows
+        if not same(row, right)
+    ]
 
 
 def rotation_text(R: Array) -> str:
@@ -243,13 +250,6 @@ def oat_text(R_flange_sensor: Array) -> str:
     return f"sensor.T_flange_sensor.oat_deg: [{', '.join(rounded)}]"
 
 
-def is_in_radians(oat_deg: tuple[float, float, float], R_flange_sensor: Array) -> bool:
-    """Return whether the angles of the cell file, taken as radians, match the readings."""
-    small = max(abs(angle) for angle in oat_deg) <= math.tau + 0.01
-    as_radians = R_from_oat(Oat(*oat_deg))
-    return small and turn_angle(as_radians.T @ R_flange_sensor) < RESEMBLES_RAD
-
-
 def driver_remedy(wiring: Array, of: str) -> str:
     """Return the remedy in the driver or the adapter as text.
 
@@ -257,11 +257,9 @@ def driver_remedy(wiring: Array, of: str) -> str:
         wiring: Signed permutation: axis that each channel shows. Shape (3, 3).
         of: "F" or "M" for three channels, "FM" for all six.
     """
-    parts = []
-    for letter in of:
-        for axis in range(3):
-            row = int(np.argmax(np.abs(wiring[:, axis])))
-            sign = "" if wiring[row, axis] > 0.0 else "-"
-            if row != axis or sign:
-                parts.append(f"{letter}{AXES[axis]} = {sign}{letter}{AXES[row]}")
+    parts = (
+        f"{letter}{axis} = {sign}{letter}{channel}"
+        for letter in of
+        for axis, sign, channel in _wrong_rows(wiring.T)
+    )
     return f"in the driver or the adapter: remap {', '.join(parts)}"

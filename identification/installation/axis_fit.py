@@ -13,8 +13,9 @@ from itertools import permutations, product
 import numpy as np
 
 from common.motion.frames import GRAVITY_M_S2, Array, skew
-from identification.payload_model import drift_shapes
-from identification.static_poses import Poses
+from identification.payload_model import drift_shapes, gravity_in_sensor
+from identification.recording import Poses
+from identification.static_poses import angle
 
 # Model errors must not read as another permutation: gain, tilt, mounting, drift (docs/payload.md).
 MISFIT_SHARE = 0.10  # of the weight, rms; larger residuals are not explained
@@ -22,18 +23,15 @@ MISFIT_N, MISFIT_MOST_SHARE = 0.5, 0.3  # drift hides a light tool sooner
 CLEAR_TIMES, CLEAR_SHARE = 3.0, 0.05  # margin to a rival: of the rms, of the weight
 MOMENT_SHARE, MOMENT_NM = 0.06, 0.003  # the same for moments
 MOMENT_MISFIT_SHARE, MOMENT_MISFIT_NM = 0.25, 0.02
-
-
 LEAST_POSES_FOR_AXES = (1, 6, 10)  # for a drift of order 0, 1, 2
 TURNED_RAD, TURNED_TIMES = np.radians(8.0), 2.0  # less is not another mounting; times the rms
-
-
-def _signed_permutations() -> Array:
-    eye, signs = np.eye(3), list(product((1.0, -1.0), repeat=3))
-    return np.array([np.diag(s) @ eye[list(p)] for p in permutations(range(3)) for s in signs])
-
-
-SIGNED = _signed_permutations()  # the identity first
+EYE = np.eye(3)
+SIGNED = np.array(  # the identity first
+    [
+        np.diag(signs) @ EYE[list(order)]
+        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+    ]
+)
 SIGNED.setflags(write=False)
 TURNS = SIGNED[np.linalg.det(SIGNED) > 0.0]  # the 24 that a mounting can have
 
@@ -54,7 +52,6 @@ class ForceFit:
     spread_N: float
     explained: bool
     determined: bool
-    drift: int
 
     @property
     def turned(self) -> bool:
@@ -101,8 +98,7 @@ class TorqueFits:
 
 def turn_angle(R: Array) -> float:
     """Return the angle of a rotation [rad]."""
-    chord = float(np.linalg.norm(R - np.eye(3)))
-    return float(2.0 * np.arcsin(min(1.0, chord / np.sqrt(8.0))))
+    return float(angle(EYE, R))
 
 
 def nearest_wiring(Q: Array) -> Array:
@@ -114,26 +110,20 @@ def _centred(values: Array, poses: Poses, drift: int = 0) -> Array:
     """Return values less bias and drift, times the roots of the weights, which add up to one.
 
     Args:
-        values: One row for each pose. Shape (n, 3).
+        values: One row for each pose. Shape (n, k).
         poses: Their weights and times.
         drift: 0 for a constant bias, 1 for a linear, 2 for a quadratic one.
     """
     root = np.sqrt(poses.weight / poses.weight.sum())
-    linear, quadratic = drift_shapes(poses.means)
-    basis = np.stack([np.ones(len(poses)), linear, quadratic][: 1 + drift], axis=1) * root[:, None]
+    shapes = drift_shapes(poses.means)[:drift]
+    basis = np.stack([np.ones(len(poses)), *shapes], axis=1) * root[:, None]
     scaled = values * root[:, None]
     return np.asarray(scaled - basis @ np.linalg.pinv(basis) @ scaled)
 
 
-def gravity_in(poses: Poses, down_in_base: Array) -> Array:
-    """Return g_s of each pose [m/s^2]. Shape (n, 3)."""
-    g_base = GRAVITY_M_S2 * down_in_base
-    return np.asarray(poses.means.R_base_sensor.swapaxes(1, 2) @ g_base)
-
-
 def gravity_turns(poses: Poses, down_in_base: Array) -> bool:
     """Return whether gravity spans two directions in the sensor; the rivals cover the third."""
-    G = _centred(gravity_in(poses, down_in_base), poses)
+    G = _centred(gravity_in_sensor(poses.means.R_base_sensor, down_in_base), poses)
     return bool(np.sqrt(np.linalg.eigvalsh(G.T @ G)[1]) > CLEAR_SHARE * GRAVITY_M_S2)
 
 
@@ -146,7 +136,8 @@ def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
         drift: Order of the bias as a polynomial of time: 0, 1 or 2.
     """
     F = _centred(poses.means.force_N, poses, drift)
-    G = _centred(gravity_in(poses, down_in_base), poses, drift)
+    g_s = gravity_in_sensor(poses.means.R_base_sensor, down_in_base)
+    G = _centred(g_s, poses, drift)
     H, gg, ff = F.T @ G, float(np.sum(G * G)), float(np.sum(F * F))
 
     def mass_of(Q: Array) -> float:
@@ -156,33 +147,35 @@ def fit_force(poses: Poses, down_in_base: Array, drift: int = 0) -> ForceFit:
         return float(np.sqrt(max(0.0, ff - mass_of(Q) ** 2 * gg)))
 
     U, _, Vt = np.linalg.svd(H)
-    candidates = [U @ np.diag([1.0, 1.0, det]) @ Vt for det in (1.0, -1.0)]
-    candidates.sort(key=rms_of)
-    best, mirrored = candidates
+    candidates = (U @ np.diag([1.0, 1.0, det]) @ Vt for det in (1.0, -1.0))
+    best, mirrored = sorted(candidates, key=rms_of)
     wiring = nearest_wiring(best)
-    relative = [P @ best for P in SIGNED[1:]]
     mass, rms_N = mass_of(best), rms_of(best)
-    rival_rms_N = min(rms_of(Q) for Q in (mirrored, *relative))
+    rival_rms_N = min(rms_of(Q) for Q in (mirrored, *(SIGNED[1:] @ best)))
     weight = mass * GRAVITY_M_S2
-    least_margin = max(CLEAR_TIMES * rms_N, CLEAR_SHARE * weight)
-    explained = rms_N <= max(MISFIT_SHARE * weight, min(MISFIT_N, MISFIT_MOST_SHARE * weight))
-    determined = float(np.sqrt(max(0.0, rival_rms_N**2 - rms_N**2))) > least_margin
-    spread_N = float(np.sqrt(ff))
-    is_explained = explained and mass > 0.0
+    most_N = max(MISFIT_SHARE * weight, min(MISFIT_N, MISFIT_MOST_SHARE * weight))
+    margin_N = float(np.sqrt(max(0.0, rival_rms_N**2 - rms_N**2)))
     return ForceFit(
-        wiring, wiring.T @ best, mass, rms_N, rival_rms_N, spread_N, is_explained, determined, drift
+        wiring=wiring,
+        rotation=wiring.T @ best,
+        mass=mass,
+        rms_N=rms_N,
+        rival_rms_N=rival_rms_N,
+        spread_N=float(np.sqrt(ff)),
+        explained=mass > 0.0 and rms_N <= most_N,
+        determined=margin_N > max(CLEAR_TIMES * rms_N, CLEAR_SHARE * weight),
     )
 
 
 def fit_force_drifting(poses: Poses, down_in_base: Array) -> ForceFit:
     """Return the fit with the lowest order of drift that explains the forces, else of order 0."""
-    fits = []
-    for drift, least in enumerate(LEAST_POSES_FOR_AXES):
-        if len(poses) >= least:
-            fits.append(fit_force(poses, down_in_base, drift))
-            if fits[-1].explained and fits[-1].determined:
-                return fits[-1]
-    return fits[0]
+    fits = [fit_force(poses, down_in_base, drift) for drift in _drift_orders(poses)]
+    return next((fit for fit in fits if fit.explained and fit.determined), fits[0])
+
+
+def _drift_orders(poses: Poses) -> list[int]:
+    """Return the orders of drift that the number of poses supports."""
+    return [drift for drift, least in enumerate(LEAST_POSES_FOR_AXES) if len(poses) >= least]
 
 
 def fit_torque(poses: Poses, down_in_base: Array, rotation: Array, mass: float) -> TorqueFits:
@@ -196,15 +189,9 @@ def fit_torque(poses: Poses, down_in_base: Array, rotation: Array, mass: float) 
         rotation: D of the force fit. Shape (3, 3).
         mass: Mass of the tool, true or as read: the lever scales with it.
     """
-    fits_by_drift = []
-    for drift, least in enumerate(LEAST_POSES_FOR_AXES):
-        if len(poses) >= least:
-            fits_by_drift.append(
-                _fit_torque(poses, mass * gravity_in(poses, down_in_base), rotation, drift)
-            )
-            if fits_by_drift[-1].explained:
-                return fits_by_drift[-1]
-    return fits_by_drift[0]
+    weight = mass * gravity_in_sensor(poses.means.R_base_sensor, down_in_base)
+    fits = [_fit_torque(poses, weight, rotation, drift) for drift in _drift_orders(poses)]
+    return next((fit for fit in fits if fit.explained), fits[0])
 
 
 def _fit_torque(poses: Poses, weight: Array, rotation: Array, drift: int) -> TorqueFits:
@@ -220,15 +207,14 @@ def _fit_torque(poses: Poses, weight: Array, rotation: Array, drift: int) -> Tor
         lever = K_inverse @ np.cross(W, y).sum(axis=0)
         rms = float(np.linalg.norm(y - W @ skew(lever).T))
         fits.append(TorqueFit(B, rotation.T @ lever, rms))
-    spread = float(np.linalg.norm(M))
-    best = min(fit.rms_Nm for fit in fits)
+    fits.sort(key=lambda fit: fit.rms_Nm)
+    spread, best = float(np.linalg.norm(M)), fits[0].rms_Nm
     least_margin = max(CLEAR_TIMES * best, MOMENT_SHARE * spread, MOMENT_NM)
-    ranked = sorted(
-        (fit for fit in fits if fit.rms_Nm**2 - best**2 <= least_margin**2),
-        key=lambda fit: fit.rms_Nm,
-    )
     pairs = (
-        each for fit in ranked for each in (fit, TorqueFit(-fit.wiring, -fit.com_m, fit.rms_Nm))
+        each
+        for fit in fits
+        if fit.rms_Nm**2 - best**2 <= least_margin**2
+        for each in (fit, TorqueFit(-fit.wiring, -fit.com_m, fit.rms_Nm))
     )
     explained = best <= max(MOMENT_MISFIT_SHARE * spread, MOMENT_MISFIT_NM)
     return TorqueFits(tuple(pairs), spread, explained)
@@ -237,7 +223,7 @@ def _fit_torque(poses: Poses, weight: Array, rotation: Array, drift: int) -> Tor
 def free_gain(poses: Poses, down_in_base: Array) -> tuple[Array, float]:
     """Return A of F = A g_s + b, A unconstrained, shape (3, 3), and the residual [N]."""
     F = _centred(poses.means.force_N, poses)
-    G = _centred(gravity_in(poses, down_in_base), poses)
+    G = _centred(gravity_in_sensor(poses.means.R_base_sensor, down_in_base), poses)
     A_transposed, *_ = np.linalg.lstsq(G, F, rcond=1e-6)
     return np.asarray(A_transposed.T, dtype=np.float64), float(np.linalg.norm(F - G @ A_transposed))
 
@@ -247,11 +233,9 @@ def free_gravity(poses: Poses) -> tuple[Array, float]:
 
     F = R_base_sensor^T v + b, v unconstrained: an arm on a wall or a ceiling.
     """
-    F = _centred(poses.means.force_N, poses)
-    R_T = poses.means.R_base_sensor.swapaxes(1, 2)
-    columns = [_centred(R_T[:, :, k], poses).ravel() for k in range(3)]
-    X = np.stack(columns, axis=1)
-    v, *_ = np.linalg.lstsq(X, F.ravel(), rcond=1e-6)
-    length = float(np.linalg.norm(v))
-    residual_N = float(np.linalg.norm(F.ravel() - X @ v))
-    return np.asarray(v / max(length, 1e-12), dtype=np.float64), residual_N
+    F = _centred(poses.means.force_N, poses).ravel()
+    columns = poses.means.R_base_sensor.swapaxes(1, 2).reshape(-1, 9)
+    X = _centred(columns, poses).reshape(-1, 3)
+    v, *_ = np.linalg.lstsq(X, F, rcond=1e-6)
+    direction = v / max(float(np.linalg.norm(v)), 1e-12)
+    return np.asarray(direction, dtype=np.float64), float(np.linalg.norm(F - X @ v))

@@ -1,7 +1,5 @@
 """Comparison of measured weight and lever with those of the cell file, and wrong units. Pure."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from common.motion.frames import GRAVITY_M_S2, Array
@@ -19,6 +17,7 @@ SAME_FACTOR = 1.12  # tolerance: the known payload is not exact
 LEVER_MOST_M = 0.5  # a centre of mass is closer to the sensor
 LEVER_USUAL_M = (0.005, 0.3)
 
+# Wrong units, by the factor to divide the readings by.
 FORCE_UNITS = {
     1.0 / 9.80665: "kilograms-force are taken for newtons",
     1.0 / 4.4482216: "pounds-force are taken for newtons",
@@ -37,29 +36,12 @@ TORQUE_UNITS = {
 }
 
 
-class WrongUnit(NamedTuple):
-    """Wrong unit: its description, and the factor to divide the readings by."""
-
-    text: str
-    factor: float
-
-
-def unit_of(times: float, units: dict[float, str]) -> WrongUnit | None:
-    """Return the wrong unit that explains a ratio of measured to expected value, if one does."""
+def unit_factor(times: float, units: dict[float, str]) -> float | None:
+    """Return the factor of the wrong unit that explains a ratio of measured to expected value."""
     if times <= 0.0:
         return None
     factor = min(units, key=lambda u: abs(np.log(times / u)))
-    if abs(np.log(times / factor)) > np.log(SAME_FACTOR):
-        return None
-    return WrongUnit(units[factor], factor)
-
-
-def units_of_lever(lever_m: float) -> list[WrongUnit]:
-    """Return the wrong units of torque that would explain an implausible lever."""
-    least_m, most_m = LEVER_USUAL_M
-    return [
-        WrongUnit(text, f) for f, text in TORQUE_UNITS.items() if least_m <= lever_m / f <= most_m
-    ]
+    return factor if abs(np.log(times / factor)) <= np.log(SAME_FACTOR) else None
 
 
 def length_findings(expected: ExpectedInstallation) -> list[InstallationFinding]:
@@ -68,9 +50,8 @@ def length_findings(expected: ExpectedInstallation) -> list[InstallationFinding]
     for key, value in expected.lengths_m.items():
         if value is not None and in_millimetres(value):
             text = f"{key} is {np.linalg.norm(value):.4g} m long: it is in millimetres"
-            found.append(
-                InstallationFinding("length", text, f"write {key}: {_vector(value / 1e3)}")
-            )
+            remedy = f"write {key}: {_vector(value / 1e3)}"
+            found.append(InstallationFinding("length", text, remedy))
     return found
 
 
@@ -89,12 +70,12 @@ def mass_finding(
         return None
     if abs(mass_kg - known) * GRAVITY_M_S2 <= SURE_TIMES * rms_N:
         return None
-    unit = unit_of(mass_kg / known, FORCE_UNITS)
+    factor = unit_factor(mass_kg / known, FORCE_UNITS)
     weight_N, known_N = mass_kg * GRAVITY_M_S2, known * GRAVITY_M_S2
-    if unit is not None:
-        text = f"the tool of {known_N:.4g} N reads {weight_N:.3g}: {unit.text}"
+    if factor is not None:
+        text = f"the tool of {known_N:.4g} N reads {weight_N:.3g}: {FORCE_UNITS[factor]}"
         remedy = (
-            f"divide the forces by {unit.factor:.4g}, or, if this is another tool, write its "
+            f"divide the forces by {factor:.4g}, or, if this is another tool, write its "
             "payload.mass_kg"
         )
         return InstallationFinding("force_unit", text, remedy)
@@ -118,22 +99,21 @@ def lever_finding(
     """
     lever_m, known = float(np.linalg.norm(com_m)), expected.com_m
     known_m = 0.0 if known is None else float(np.linalg.norm(known))
-    if known is not None and known_m >= LEVER_KNOWN_M:
-        unit = unit_of(lever_m / known_m, TORQUE_UNITS)
-        if unit is not None:
+    if known_m >= LEVER_KNOWN_M:
+        factor = unit_factor(lever_m / known_m, TORQUE_UNITS)
+        if factor is not None:
             text = (
                 f"the moments put the centre of mass {lever_m:.3g} m from the sensor, but it is "
-                f"{known_m:.3g} m away: {unit.text}"
+                f"{known_m:.3g} m away: {TORQUE_UNITS[factor]}"
             )
-            return InstallationFinding(
-                "torque_unit", text, f"divide the torques by {unit.factor:.4g}"
-            )
+            return InstallationFinding("torque_unit", text, f"divide the torques by {factor:.4g}")
     if lever_m > LEVER_MOST_M:
-        units = units_of_lever(lever_m)
-        unit_text = ", or ".join(unit.text for unit in units) or "the unit of the torques is wrong"
-        text = f"the centre of mass would be {lever_m:.3g} m from the sensor: {unit_text}"
-        factor_text = " or ".join(f"{unit.factor:.4g}" for unit in units) or "what its manual says"
-        return InstallationFinding("torque_unit", text, f"divide the torques by {factor_text}")
+        least_m, most_m = LEVER_USUAL_M
+        factors = [f for f in TORQUE_UNITS if least_m <= lever_m / f <= most_m]
+        units = ", or ".join(TORQUE_UNITS[f] for f in factors) or "the unit of the torques is wrong"
+        text = f"the centre of mass would be {lever_m:.3g} m from the sensor: {units}"
+        divisor = " or ".join(f"{f:.4g}" for f in factors) or "what its manual says"
+        return InstallationFinding("torque_unit", text, f"divide the torques by {divisor}")
     if known is None or np.linalg.norm(com_m - known) <= max(COM_M, SURE_TIMES * uncertainty_m):
         return None
     text = (

@@ -11,13 +11,13 @@ import numpy as np
 
 from common.motion.frames import Array
 from identification.installation.axes import (
-    EYE,
     driver_remedy,
     same,
     turned_finding,
+    uncertain_torques,
     wrong_channels,
 )
-from identification.installation.axis_fit import SIGNED
+from identification.installation.axis_fit import EYE, SIGNED
 from identification.installation.terms import ExpectedInstallation, InstallationFinding
 
 PushAction = Literal["push", "twist"]
@@ -57,25 +57,30 @@ class PushResult:
     R_base_sensor: Array
 
     @property
+    def change(self) -> Array:
+        """Return the change of the force by a push [N], of the torque by a twist [N m]."""
+        return self.change_N if self.request.action == "push" else self.change_Nm
+
+    @property
+    def direction(self) -> Array:
+        """Return the requested direction in sensor axes."""
+        return np.asarray(self.R_base_sensor.T @ np.array(self.request.direction))
+
+    @property
     def cosine(self) -> float:
         """Return the cosine between the requested and the measured direction."""
-        read = self.change_N if self.request.action == "push" else self.change_Nm
-        return _cosine(self.R_base_sensor @ read, np.array(self.request.direction))
+        return _cosine(self.change, self.direction)
 
     @property
     def size(self) -> float:
         """Return the size of the change [N or N m]."""
-        return float(
-            np.linalg.norm(self.change_N if self.request.action == "push" else self.change_Nm)
-        )
+        return float(np.linalg.norm(self.change))
 
     @property
     def description(self) -> str:
         """Return the result as text, in base axes."""
-        unit, read = (
-            ("N", self.change_N) if self.request.action == "push" else ("N m", self.change_Nm)
-        )
-        x, y, z = self.R_base_sensor @ read
+        x, y, z = self.R_base_sensor @ self.change
+        unit = "N" if self.request.action == "push" else "N m"
         reading = f"read x {x:+.2f}, y {y:+.2f}, z {z:+.2f} {unit}"
         verdict = "right" if self.cosine > LEAST_COSINE else "not along it"
         return f"{self.request.action} {self.request.name}: {reading}: {verdict}"
@@ -86,7 +91,7 @@ class PushDetector:
     """Detector of one push or twist: threshold, peak and end."""
 
     action: PushAction
-    _samples: list[tuple[float, Array]] = field(default_factory=list)
+    _samples: list[tuple[float, float, Array]] = field(default_factory=list)  # time, size, change
     _peak: float = 0.0
 
     def update(self, time_s: float, change: Array) -> Array | None:
@@ -96,23 +101,19 @@ class PushDetector:
             time_s: Time of the sample, on any clock.
             change: Change of force [N] and torque [N m] from rest. Shape (6,).
         """
-        size = self.size_of(change)
+        size = float(np.linalg.norm(change[:3] if self.action == "push" else change[3:]))
         if not self._samples and size < LEAST[self.action]:
             return None
         self._peak = max(self._peak, size)
-        self._samples.append((time_s, change))
+        self._samples.append((time_s, size, change))
         if size > END_SHARE * self._peak:
             return None
-        full = [(t, v) for t, v in self._samples if self.size_of(v) >= FULL_SHARE * self._peak]
+        full = [(t, v) for t, s, v in self._samples if s >= FULL_SHARE * self._peak]
         duration_s = full[-1][0] - full[0][0]
         self._samples, self._peak = [], 0.0
         if duration_s < LEAST_DURATION_S:
             return None
         return np.asarray(np.mean([v for _, v in full], axis=0))
-
-    def size_of(self, change: Array) -> float:
-        """Return the size of the change now [N or N m]."""
-        return float(np.linalg.norm(change[:3] if self.action == "push" else change[3:]))
 
 
 def judge_pushes(
@@ -125,31 +126,27 @@ def judge_pushes(
         expected: Expected installation, from the cell file.
     """
     pushes = [each for each in done if each.request.action == "push"]
-    wiring = _wiring(
-        [each.R_base_sensor.T @ np.array(each.request.direction) for each in pushes],
-        [each.change_N for each in pushes],
-        LEAST_COSINE,
-    )
-    if wiring is None:
+
+    def cosines(W: Array) -> list[float]:
+        return [_cosine(W @ push.direction, push.change_N) for push in pushes]
+
+    wiring: Array = max(SIGNED, key=lambda W: sum(cosines(W)))
+    if min(cosines(wiring)) <= LEAST_COSINE:
         text = "the pushes fit no axis map: they were not along the axes, or not in this order"
         return [
             InstallationFinding("pushes", text, "repeat them, along the axes of the base", "unsure")
         ], []
     torques = _torque_wirings(done, expected)
-    unidentified = [] if len(torques) == 1 else _unidentified_torques(torques)
     finding = _finding(wiring, torques, expected)
+    unidentified = []
+    if len(torques) > 1:
+        rows = ", ".join(uncertain_torques(torques))
+        unidentified = [f"all of {rows}: push at the tip of the tool, and twist it"]
     return ([] if finding is None else [finding]), unidentified
 
 
 def _cosine(a: Array, b: Array) -> float:
     return float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-12)
-
-
-def _wiring(true: list[Array], read: list[Array], least: float) -> Array | None:
-    """Return the signed permutation that aligns every reading with its push, if one does."""
-    pairs = list(zip(true, read, strict=True))
-    best: Array = max(SIGNED, key=lambda W: sum(_cosine(W @ t, r) for t, r in pairs))
-    return best if all(_cosine(best @ t, r) > least for t, r in pairs) else None
 
 
 def _torque_wirings(done: list[PushResult], expected: ExpectedInstallation) -> list[Array]:
@@ -159,24 +156,16 @@ def _torque_wirings(done: list[PushResult], expected: ExpectedInstallation) -> l
     """
     pairs = []
     for each in done:
-        direction = each.R_base_sensor.T @ np.array(each.request.direction)
         if each.request.action == "twist":
-            moment, lever_m = direction, LEVER_M
+            moment, lever_m = each.direction, LEVER_M
         elif expected.p_sensor_tcp_m is None:
             continue
         else:
-            moment = np.cross(expected.p_sensor_tcp_m, direction)
+            moment = np.cross(expected.p_sensor_tcp_m, each.direction)
             lever_m = float(np.linalg.norm(moment))
         if lever_m >= LEVER_M and np.linalg.norm(each.change_Nm) >= MOMENT_NM:
             pairs.append((moment, each.change_Nm))
     return [W for W in SIGNED if all(_cosine(W @ t, r) > LEAST_MOMENT_COSINE for t, r in pairs)]
-
-
-def _unidentified_torques(wirings: list[Array]) -> list[str]:
-    if not wirings:
-        return []
-    rows = [f"M{'xyz'[k]}" for k in range(3) if any(W[k, k] < 1.0 for W in wirings)]
-    return [f"all of {', '.join(rows)}: push at the tip of the tool, and twist it"]
 
 
 def _finding(
@@ -188,24 +177,20 @@ def _finding(
             return None
         if not torques:
             text = "the forces are right, but the torques match no axis of the pushes and twists"
-            return InstallationFinding(
-                "torque_axes", text, "push at the tip of the tool, then check again"
-            )
+            remedy = "push at the tip of the tool, then check again"
+            return InstallationFinding("torque_axes", text, remedy)
         W = max(torques, key=lambda W: float(np.trace(W)))
         text = f"the forces are right, but of the torques {wrong_channels(W, 'M')}"
         return InstallationFinding("torque_axes", text, driver_remedy(W, "M"))
     torques_match = any(same(W, wiring) for W in torques)
     if torques_match and np.linalg.det(wiring) > 0.0:
         return turned_finding(wiring, expected, shown=not right)
+    remedy = driver_remedy(wiring, "FM" if torques_match else "F")
     if same(wiring, -EYE):
         text = (
             "the force reads against the push: the sensor reports reactions, or its sign is wrong"
         )
-        return InstallationFinding(
-            "reaction", text, driver_remedy(wiring, "FM" if torques_match else "F")
-        )
+        return InstallationFinding("reaction", text, remedy)
     torque_text = ", and the torques alike" if torques_match else ""
     text = f"of the forces {wrong_channels(wiring, 'F')}{torque_text}: no mounting does that"
-    return InstallationFinding(
-        "force_axes", text, driver_remedy(wiring, "FM" if torques_match else "F")
-    )
+    return InstallationFinding("force_axes", text, remedy)

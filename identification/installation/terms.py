@@ -1,6 +1,5 @@
 """Expected installation from the cell file, findings, and result of the check. Pure."""
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -123,8 +122,3 @@ class Installation:
         An installation that the readings do not identify is one.
         """
         return next((str(each) for each in self.findings if each.kind != "payload"), None)
-
-    @property
-    def misfit(self) -> float:
-        """Return the force residual of the best explanation [N]; infinite without one."""
-        return self.evidence.get("rms_force_N", math.inf)

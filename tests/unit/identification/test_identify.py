@@ -219,6 +219,6 @@ def test_many_rows_of_one_dwell_are_one_pose():
     rng = np.random.default_rng(7)
     R = attitudes(rng, 6)
     dwells = np.repeat(R, [500, 1, 1, 40, 1, 3], axis=0)
-    assert len(identify_payload(readings(TRUTH, dwells, rng)).residual_force_N) == 6
+    assert len(identify_payload(readings(TRUTH, dwells, rng)).residual.force_N) == 6
     with pytest.raises(DataError, match=r"only 3 distinct pose"):
         identify_payload(readings(TRUTH, np.repeat(R[:3], 100, axis=0), rng))

@@ -13,9 +13,9 @@ from bench.payload_worlds import WORLDS, CellErrors, read, recording, truth
 from common.config.payload import BiasDrift
 from common.motion.frames import R_from_quaternion
 from common.motion.weight import bias_since_end, residual
+from identification.excitation.pose_choice import next_pose
 from identification.identify import identify_payload
 from identification.least_squares import solve
-from identification.next_pose import next_pose
 from identification.payload_model import (
     Model,
     jacobian,
@@ -23,7 +23,7 @@ from identification.payload_model import (
     start_state,
     updated_state,
 )
-from identification.recording import Samples
+from identification.recording import Poses, Samples
 from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
 
 ALL = Model(tilt=True, mounting=True, gain=True, drift=2)
@@ -77,7 +77,8 @@ def test_the_leave_one_out_error_equals_that_of_a_fit_without_the_pose(seed):
     """The formula with the hat matrix gives the same as a fit without the pose."""
     rng = np.random.default_rng(seed)
     train, _ = recording(truth(WORLDS["all of them"], rng), 10, 0, rng)
-    left_out = solve(train, np.ones(10), Model(), start_state()).loo_residual
+    poses = Poses(train, np.ones(10), np.arange(10))
+    left_out = solve(poses, Model(), start_state()).loo_residual
     for pose in range(10):
         without = lsm(train[np.setdiff1d(np.arange(10), [pose])])
         found = residual(

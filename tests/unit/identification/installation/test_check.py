@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from bench.payload_worlds import CellErrors
 from common.config.payload import Payload
-from identification.installation.axes import EYE, oat_text
-from identification.installation.axis_fit import SIGNED, TURNS
+from identification.installation.axes import oat_text
+from identification.installation.axis_fit import EYE, SIGNED, TURNS
 from identification.installation.check import judge_installation
 from tests.fakes.installations import ERRORS, PAYLOAD, apply_remedy, belief, oat_matrix, readings
 

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.frames import rotation_from_vector
-from identification.installation.axes import EYE
-from identification.installation.axis_fit import SIGNED
+from identification.installation.axis_fit import EYE, SIGNED
 from identification.installation.push import (
     LEAST_DURATION_S,
     STEPS,

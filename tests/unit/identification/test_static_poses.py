@@ -10,8 +10,14 @@ from hypothesis import strategies as st
 from common.motion.frames import rotation_from_vector
 from identification.identify import identify_payload
 from identification.recording import Samples
-from identification.screening import CONTACT, MOVING, SINGLE_RAD, STALE, screen_samples
-from identification.static_poses import angle
+from identification.static_poses import (
+    CONTACT,
+    MOVING,
+    SINGLE_RAD,
+    STALE,
+    angle,
+    screen_samples,
+)
 from tests.fakes.weights import QUICK, TRUTH, attitudes, readings, seeds
 
 ROWS = 20

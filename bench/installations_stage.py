@@ -162,10 +162,10 @@ class Stage(FaultCell):
         """Jog the wrist by hand, then rest. Raises ForcemeshError with the cause of a stop."""
         drive = Drive(ConfiguredCell(self.world.cell, bus=self.world.client), SPEED_M_S)
         drive.arm()
-        q = drive.joints() + np.radians(TURN_DEG)
+        q = drive.state().joint_rad + np.radians(TURN_DEG)
         request = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=SPEED_M_S)
         self.ask(topics.MOVE, request)
-        self.world.advance(6.0, lambda: bool(np.abs(drive.joints() - q).max() < 1e-3))
+        self.world.advance(6.0, lambda: bool(np.abs(drive.state().joint_rad - q).max() < 1e-3))
         drive.release()
         self.world.advance(REST_S + 1.0)
 

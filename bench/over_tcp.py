@@ -20,8 +20,7 @@ from typer import run as run_typer
 from bench.settling import MODES, STIFFNESSES_N_M
 from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
-from cli.demo.play import play_real, play_virtual
-from cli.demo.scenario import ScenarioError, ScenarioPlan, Trace
+from cli.demo.scenario import ScenarioError, ScenarioPlan, Trace, play_real, play_virtual
 from common.config.cell import CellConfig
 from forcemesh.messages import Host, Mode
 from tools.figures import as_block_page
@@ -64,7 +63,7 @@ class Case:
 
 def in_lock_step(cell: CellConfig, plan: ScenarioPlan) -> Trace:
     """Run on the virtual clock: the same on every machine, to the last digit."""
-    return play_virtual(cell, plan, lambda *_: None, 0.0)
+    return play_virtual(cell, plan, lambda *_: None)
 
 
 def in_processes(cell: CellConfig, plan: ScenarioPlan) -> Trace:

@@ -11,8 +11,7 @@ from rich.table import Table
 
 from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
-from cli.demo.play import play_virtual
-from cli.demo.scenario import ScenarioPlan
+from cli.demo.scenario import ScenarioPlan, play_virtual
 from forcemesh.messages import Mode
 from tools.figures import replace_block
 from tuning.gain_rule import tune
@@ -44,7 +43,7 @@ def run(case: Case) -> Result:
         ),
     )
     plan = ScenarioPlan(mode=case.mode, setpoint_N=DEFAULT_SETPOINT_N[case.mode])
-    trace = play_virtual(cell, plan, lambda *_: None, 0.0)
+    trace = play_virtual(cell, plan, lambda *_: None)
     return measure(trace, plan, surface_of(cell), tune(cell).tau_s)
 
 

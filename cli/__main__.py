@@ -31,12 +31,11 @@ from cli.check_axes.verb import check
 from cli.context import EXIT_CODES, INTERRUPTED, OK, exit_code_of
 from cli.demo.verb import demo
 from cli.doctor.verb import doctor
-from cli.export import export
+from cli.export import export, report
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.record import record
 from cli.replay import replay
-from cli.report.verb import report
 from cli.skills import verbs as skills
 from cli.tune.verb import tune
 from forcemesh.errors import ForcemeshError, first_mistake

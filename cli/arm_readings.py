@@ -84,55 +84,47 @@ class ArmView:
         if measured is not None and robot.fresh is not None:
             press_N = press_force_N(robot.fresh, measured, self._T_flange_tcp)
         target = self._target.read(now_ns).fresh
-        return ArmReadings(
-            force=_force(wrench, target, press_N),
-            pose=_pose(robot),
-            calibration=_calibration(wrench, health),
-        )
+        return _readings(wrench, robot, target, press_N=press_N, health=health)
 
 
 def no_readings() -> ArmReadings:
     """Return the readings of a cell whose hub does not respond."""
     nothing: Reading[Any] = Reading(None, None, 0.0, "no hub responds", silent=True)
+    return _readings(nothing, nothing, None, press_N=None, health=None)
+
+
+def _readings(
+    wrench: Reading[WrenchAtTcp],
+    robot: Reading[RobotState],
+    target: RegulatorTarget | None,
+    *,
+    press_N: float | None,
+    health: Health | None,
+) -> ArmReadings:
+    measured, state = wrench.fresh, robot.fresh
+    used = measured or WrenchAtTcp()  # by default without a calibration
     return ArmReadings(
-        force=_force(nothing, None, None),
-        pose=_pose(nothing),
-        calibration=_calibration(nothing, None),
-    )
-
-
-def _force(
-    reading: Reading[WrenchAtTcp], target: RegulatorTarget | None, press_N: float | None
-) -> ForceReading:
-    wrench = reading.fresh
-    return ForceReading(
-        press_N=press_N,
-        force_N=None if wrench is None else wrench.force_N,
-        torque_Nm=None if wrench is None else wrench.torque_Nm,
-        setpoint_N=None if target is None else target.setpoint_N,
-        contact="" if target is None else target.contact,
-        fault=reading.fault,
-    )
-
-
-def _pose(reading: Reading[RobotState]) -> PoseReading:
-    robot = reading.fresh
-    return PoseReading(
-        position_m=None if robot is None else robot.position_m,
-        orientation_xyzw=None if robot is None else robot.orientation_xyzw,
-        joint_rad=None if robot is None else robot.joint_rad,
-        fault=reading.fault,
-    )
-
-
-def _calibration(reading: Reading[WrenchAtTcp], health: Health | None) -> CalibrationReading:
-    wrench = reading.fresh
-    return CalibrationReading(
-        name="" if wrench is None else wrench.calibration,
-        calibrated=wrench is not None and wrench.calibrated,
-        axes_checked=wrench is not None and wrench.axes_checked,
-        bias_age_h=None if health is None else health.numbers.get("tare_age_h"),
-        fault=reading.fault if wrench is None else wrench.calibration_fault,
+        force=ForceReading(
+            press_N=press_N,
+            force_N=None if measured is None else measured.force_N,
+            torque_Nm=None if measured is None else measured.torque_Nm,
+            setpoint_N=None if target is None else target.setpoint_N,
+            contact="" if target is None else target.contact,
+            fault=wrench.fault,
+        ),
+        pose=PoseReading(
+            position_m=None if state is None else state.position_m,
+            orientation_xyzw=None if state is None else state.orientation_xyzw,
+            joint_rad=None if state is None else state.joint_rad,
+            fault=robot.fault,
+        ),
+        calibration=CalibrationReading(
+            name=used.calibration,
+            calibrated=used.calibrated,
+            axes_checked=used.axes_checked,
+            bias_age_h=None if health is None else health.numbers.get("tare_age_h"),
+            fault=wrench.fault if measured is None else measured.calibration_fault,
+        ),
     )
 
 
@@ -171,8 +163,10 @@ def _calibration_text(calibration: CalibrationReading) -> str:
     if not calibration["name"]:
         return f"no data: {calibration['fault']}"
     texts = [calibration["name"]]
-    if calibration["bias_age_h"] is not None:
-        texts.append(f"bias {_duration_text(calibration['bias_age_h'])} old")
+    if (hours := calibration["bias_age_h"]) is not None:
+        minutes = 60.0 * hours
+        age = f"{minutes:.0f} min" if minutes < 120.0 else f"{hours:.1f} h"
+        texts.append(f"bias {age} old")
     texts.append("axes checked" if calibration["axes_checked"] else "axes not checked")
     if not calibration["calibrated"]:
         texts.append(f"not for force feedback: {calibration['fault']}")
@@ -182,8 +176,3 @@ def _calibration_text(calibration: CalibrationReading) -> str:
 def _numbers(values: Sequence[float], digits: int) -> str:
     # Adding zero turns -0.0 into 0.0.
     return ", ".join(f"{round(value, digits) + 0.0:.{digits}f}" for value in values)
-
-
-def _duration_text(hours: float) -> str:
-    minutes = 60.0 * hours
-    return f"{minutes:.0f} min" if minutes < 120.0 else f"{hours:.1f} h"

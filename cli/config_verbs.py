@@ -91,25 +91,17 @@ def init(
 
     name = out.stem.lower()
     if re.match(CELL_NAME, name) is None:
-        exit_with_error(
-            f"{name!r} from FILE is not a cell name: a cell's name {WORDS[CELL_NAME]}", USAGE
-        )
+        exit_with_error(f"{name!r} from FILE is not a cell name: a cell's name {WORDS[CELL_NAME]}")
     if out.exists():
-        exit_with_error(f"{out} exists already: choose another name", USAGE)
-    try:
-        out.write_text(_filled_template(name, kind), encoding="utf-8")
-    except OSError as error:
-        exit_with_error(f"{error.filename}: {error.strerror}", USAGE)
-    typer.echo(f"{out} written: fill it in, then `forcemesh config check {out}`")
-
-
-def _filled_template(name: str, kind: str) -> str:
-    """Return a template with the cell's name filled in."""
+        exit_with_error(f"{out} exists already: choose another name")
     text = (FOLDER / TEMPLATES[kind]).read_text(encoding="utf-8")
-    text = re.sub(r"^cell:.*$", f"cell: {name}", text, flags=re.MULTILINE)
-    return re.sub(
-        r"^calibration:.*$", f"calibration: {name}-calibration.yaml", text, flags=re.MULTILINE
-    )
+    for key, value in (("cell", name), ("calibration", f"{name}-calibration.yaml")):
+        text = re.sub(rf"^{key}:.*$", f"{key}: {value}", text, flags=re.MULTILINE)
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        exit_with_error(f"{error.filename}: {error.strerror}")
+    typer.echo(f"{out} written: fill it in, then `forcemesh config check {out}`")
 
 
 def _rows(cell: "CellConfig") -> dict[str, dict[str, Any]]:
@@ -121,7 +113,9 @@ def _rows(cell: "CellConfig") -> dict[str, dict[str, Any]]:
             value, key = getattr(section, name), f"{path}{name}"
             source = inherited or ("file" if name in section.model_fields_set else "default")
             if hasattr(type(value), "model_fields"):
-                add_rows(value, f"{key}.", _inherited_source(key, source))
+                passed_on = "default" if source == "default" else ""
+                is_calibration = key == "calibration"
+                add_rows(value, f"{key}.", "calibration file" if is_calibration else passed_on)
                 continue
             plain = section.model_dump(mode="json", include={name})[name]
             is_secret = name.endswith("token") and plain
@@ -129,10 +123,3 @@ def _rows(cell: "CellConfig") -> dict[str, dict[str, Any]]:
 
     add_rows(cell, "", "")
     return rows
-
-
-def _inherited_source(section: str, source: str) -> str:
-    """Return the common source of all values of a section; empty when they differ."""
-    if section == "calibration":
-        return "calibration file"
-    return "default" if source == "default" else ""

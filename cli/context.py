@@ -6,7 +6,7 @@ One table of exceptions gives the exit codes of all verbs.
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
@@ -27,12 +27,7 @@ if TYPE_CHECKING:
 
     from common.bus.configured_cell import ConfiguredCell
     from common.config.cell import CellConfig as CellFile
-    from forcemesh.bus import Bus
-    from forcemesh.messages import Record
     from forcemesh.requests import Reply
-    from forcemesh.topics import Request
-
-Q = TypeVar("Q", bound="Record")
 
 OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER, INTERRUPTED = 0, 1, 2, 3, 4, 130
 EXITS = {
@@ -74,7 +69,6 @@ CellOption = Annotated[
         envvar=CELL_VARIABLE,
         metavar="FILE",
         help="Cell file; default: the running cell, else cells/demo.yaml.",
-        show_default=False,
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on standard output.")]
@@ -107,7 +101,7 @@ def find_cell_file(named: Path | None, *, ended: bool = False) -> Path:
     live = [run for run in runs if run.live]
     if len(live) > 1:
         names = ", ".join(f"{run.cell} ({run.cell_file})" for run in live)
-        exit_with_error(f"several cells are up: {names}; choose one with --cell", USAGE)
+        exit_with_error(f"several cells are up: {names}; choose one with --cell")
     found = live or [run for run in runs if ended and Path(run.cell_file).exists()]
     return Path(found[0].cell_file) if found else default_cell_file()
 
@@ -154,7 +148,7 @@ def one_line_errors() -> Iterator[None]:
     try:
         yield
     except ValidationError as error:  # of a request, before it was sent
-        exit_with_error(first_mistake(error).text, USAGE)
+        exit_with_error(first_mistake(error).text)
     except ForcemeshError as error:
         exit_with_error(sentence_of(error), exit_code_of(error))
 
@@ -182,8 +176,8 @@ def answers_yes(question: str) -> bool:
         return False
 
 
-def exit_with_error(text: str, code: int) -> NoReturn:
-    """Print an error on standard error and end with an exit code."""
+def exit_with_error(text: str, code: int = USAGE) -> NoReturn:
+    """Print an error on standard error and end with an exit code, by default of wrong usage."""
     typer.echo(text, err=True)
     raise typer.Exit(code)
 
@@ -225,19 +219,3 @@ def waiting(text: str) -> "Iterator[Status]":
 
     with Console(stderr=True).status(text) as live:
         yield live
-
-
-@contextmanager
-def client_of(named: Path | None) -> "Iterator[tuple[CellFile, Bus]]":
-    """Connect as `cell_of` does, for verbs that use the bus directly."""
-    with cell_of(named) as cell:
-        yield cell.config, cell.session.bus
-
-
-def ask(bus: "Bus", request: "Request[Q]", message: Q) -> "Reply":
-    """Send a request and print the reply. Raise RefusedError when it is refused."""
-    from forcemesh.client.ask import ask as ask_once
-
-    reply = ask_once(bus, request, message)
-    print_reply(reply)
-    return reply

@@ -1,13 +1,14 @@
-"""Verb `export`: a recording as CSV or Parquet, by topic or in the layout of LeRobot."""
+"""Verbs `export` and `report`: a recording as tables, or as a self-contained HTML page."""
 
 import json
+from csv import DictWriter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cli.context import USAGE, exit_with_error, one_line_errors, waiting
-from cli.replay import OnlyOption, RecordingArgument, chosen_topics
+from cli.context import exit_with_error, one_line_errors, waiting
+from cli.replay import OnlyOption, RecordingArgument, chosen_topics, recorded_cell
 
 if TYPE_CHECKING:
     from cli.recording_tables import Row
@@ -36,18 +37,12 @@ def export(
     only: OnlyOption = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="FOLDER",
-            help="Output folder; default: next to FILE.",
-            show_default=False,
-        ),
+        typer.Option("--out", "-o", metavar="FOLDER", help="Output folder; default: next to FILE."),
     ] = None,
 ) -> None:
     """Export a recording as tables; the column names carry the units."""
     if csv and parquet:
-        exit_with_error("choose one of --csv and --parquet", USAGE)
+        exit_with_error("choose one of --csv and --parquet")
     with one_line_errors():
         from services.recorder.reading import RecordedFile
 
@@ -63,17 +58,45 @@ def export(
                 else:
                     written = _topics(read, topics, folder, suffix)
         except OSError as error:
-            exit_with_error(f"{folder}: cannot be written: {error.strerror}", USAGE)
+            exit_with_error(f"{folder}: cannot be written: {error.strerror}")
     for path, rows in written:
         typer.echo(f"{path}: {rows} rows")
     if not read.is_whole:
         typer.echo("the recording is truncated: its recorder was killed", err=True)
 
 
+def report(
+    file: RecordingArgument,
+    *,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Default: next to FILE."),
+    ] = None,
+    no_3d: Annotated[bool, typer.Option("--no-3d", help="Omit the 3D replay.")] = False,
+) -> None:
+    """Write a page with summary, plots, stops and their remedies, and the arm's motion in 3D."""
+    with one_line_errors():
+        from cli.pages import write_page
+        from cli.report.data import report_content
+        from cli.report.page import page_of, scene_of
+        from services.panel.markup import html
+        from services.recorder.reading import RecordedFile
+
+        read = RecordedFile(file)
+        cell = recorded_cell(read)
+        path = out or file.with_suffix(".html")
+        with waiting(f"reading {file}"):
+            content = report_content(read, cell)
+        with waiting("drawing"):
+            scene = html("") if no_3d else scene_of(read, cell, content)
+            write_page(page_of(read, content, scene), path)
+    typer.echo(f"{path}: {content.duration_s:.1f} s, {len(content.stops)} stops")
+
+
 def _topics(
     read: "RecordedFile", topics: frozenset[str], folder: Path, suffix: str
 ) -> list[tuple[Path, int]]:
-    from cli.recording_tables import first_ns, table_of
+    from cli.recording_tables import first_ns, rows_of
 
     begin_ns = first_ns(read)
     keys = dict.fromkeys(message.topic for message in read.messages())
@@ -81,9 +104,9 @@ def _topics(
     for key in keys:
         if topics and key not in topics:
             continue
-        columns, rows = table_of(read.messages(key), begin_ns)
+        rows = rows_of(read.messages(key), begin_ns)
         path = folder / f"{key.replace('/', '-')}.{suffix}"
-        _write(path, columns, rows)
+        _write(path, rows)
         written.append((path, len(rows)))
     return written
 
@@ -95,7 +118,7 @@ def _learning(read: "RecordedFile", folder: Path, suffix: str) -> list[tuple[Pat
     rows = learning_rows(read)
     path = folder / "data" / "chunk-000" / f"episode_000000.{suffix}"
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write(path, list(rows[0]), rows)
+    _write(path, rows)
     about = folder / "meta" / "info.json"
     about.parent.mkdir(parents=True, exist_ok=True)
     about.write_text(json.dumps(_info(rows, suffix), indent=1) + "\n", encoding="utf-8")
@@ -123,31 +146,23 @@ def _info(rows: "list[Row]", suffix: str) -> dict[str, Any]:
     }
 
 
-def _write(path: Path, columns: list[str], rows: "list[Row]") -> None:
-    if path.suffix == ".parquet":
-        _write_parquet(path, columns, rows)
-    else:
-        _write_csv(path, rows)
-
-
-def _write_csv(path: Path, rows: "list[Row]") -> None:
-    import csv
-
+def _write(path: Path, rows: "list[Row]") -> None:
     from cli.recording_tables import flat_fields
 
-    spread = [dict(flat_fields(row)) for row in rows]
-    columns = list(dict.fromkeys(name for row in spread for name in row))
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, columns, restval="")
-        writer.writeheader()
-        writer.writerows(spread)
-
-
-def _write_parquet(path: Path, columns: list[str], rows: "list[Row]") -> None:
+    is_csv = path.suffix == ".csv"
+    if is_csv:
+        rows = [dict(flat_fields(row)) for row in rows]
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    if is_csv:
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            writer = DictWriter(stream, columns, restval="")
+            writer.writeheader()
+            writer.writerows(rows)
+        return
     try:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
-        exit_with_error(NO_PYARROW, USAGE)
+        exit_with_error(NO_PYARROW)
     table = pa.table({name: [row.get(name) for row in rows] for name in columns})
     parquet.write_table(table, path, compression="zstd")

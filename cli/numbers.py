@@ -60,6 +60,11 @@ def parse_number(text: str, name: str) -> float:
     return number
 
 
+def from_milli(number: float | None) -> float | None:
+    """Return a number of millimetres or milliseconds in SI; None stays None."""
+    return None if number is None else number / 1e3
+
+
 def check_angle(angle_deg: float, name: str) -> None:
     """Raise typer.BadParameter for an angle outside the range of any joint [degrees]."""
     if abs(angle_deg) > MOST_DEG:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from cli.context import CellOption, client_of, find_cell_file, one_line_errors
+from cli.context import CellOption, cell_of, find_cell_file, one_line_errors
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_PANEL"
 
@@ -30,7 +30,7 @@ def panel(
 ) -> None:
     """Serve the panel of a cell in the browser: arm, plots, force, moves, calibration, faults."""
     path = find_cell_file(cell)
-    with client_of(path):
+    with cell_of(path):
         pass  # reports a cell that is not up at once; a page would only wait for it
     arguments = ["--cell", str(path)]
     for name, value in (("--host", host), ("--port", port)):

@@ -25,11 +25,7 @@ class AxesOption(StrEnum):
 
 RecordingArgument = Annotated[
     Path,
-    typer.Argument(
-        metavar="RECORDING",
-        help="CSV with t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz.",
-        show_default=False,
-    ),
+    typer.Argument(metavar="RECORDING", help="CSV with t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz."),
 ]
 Axes = Annotated[AxesOption, typer.Option(help="Axes of the recorded wrench; auto: detect.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]

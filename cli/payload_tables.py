@@ -55,8 +55,7 @@ def found_parameters(report: dict[str, Any]) -> list[tuple[str, str, str]]:
 def remarks(report: dict[str, Any]) -> list[str]:
     """Return remarks: rejected rows, uncertain parameters, and the best next pose."""
     lines = [f"rejected {len(r['lines'])} rows: {r['reason']}" for r in report["rejected"]]
-    lines += [f"poorly determined by these poses: {line}" for line in report["unsure"]]
-    lines += [f"not determined by this recording: {line}" for line in report["not_identified"]]
+    lines += undetermined(report)
     advice = report["next_pose"]
     if is_recommended(advice):
         lines.append(
@@ -66,6 +65,14 @@ def remarks(report: dict[str, Any]) -> list[str]:
             f"instead of {advice['std_before']:.2g}"
         )
     return lines
+
+
+def undetermined(report: dict[str, Any]) -> list[str]:
+    """Return a remark for each parameter that the poses determine poorly, or not at all."""
+    lines = [f"poorly determined by these poses: {line}" for line in report["unsure"]]
+    return lines + [
+        f"not determined by this recording: {line}" for line in report["not_identified"]
+    ]
 
 
 def is_recommended(advice: dict[str, Any]) -> bool:

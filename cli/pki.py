@@ -13,7 +13,6 @@ import typer
 
 from cli.context import (
     NOT_WELL,
-    USAGE,
     CellOption,
     exit_with_error,
     find_cell_file,
@@ -37,7 +36,6 @@ FolderOption = Annotated[
         envvar="FORCEMESH_PKI",
         metavar="DIR",
         help="Folder; default: ~/.config/forcemesh/pki/<cell>.",
-        show_default=False,
     ),
 ]
 HostOption = Annotated[
@@ -80,8 +78,7 @@ def init(
             exit_with_error(
                 f"{pki_folder} already has an authority: `forcemesh pki issue NAME` adds a "
                 "certificate, --again creates a new authority, after which all old certificates "
-                "are refused",
-                USAGE,
+                "are refused"
             )
         if authority is None:
             pair = make_authority(loaded.cell, _now())
@@ -95,13 +92,18 @@ def init(
             signer = of_page if name == PAGE else pair
             _issue_certificate(signer, name, loaded, pki_folder, hosts=host or [], days=days)
         typer.echo(f"{pki_folder}: an authority and {len(NAMES)} certificates, {days} days")
-        lines = [f"FORCEMESH_PKI={pki_folder}", f"FORCEMESH_USER={_user_ids()}"]
+        user = ":".join(map(str, _owner() or (os.getuid(), os.getgid())))
+        lines = [f"FORCEMESH_PKI={pki_folder}", f"FORCEMESH_USER={user}"]
         if env is not None:
             lines.append("FORCEMESH_BUS=tls")
             token = f"{TOKEN_VARIABLE}={secrets.token_hex(16)}"
             folders = [f"FORCEMESH_{name.upper()}=./{name}" for name in WRITTEN]
             _write_env(env, [*lines, *folders, token])
-            _make_folders(env.resolve().parent)
+            for name in WRITTEN:  # by containers, as the image's user
+                written = env.resolve().parent / name
+                written.mkdir(exist_ok=True)
+                if (owner := _owner()) is not None and written.stat().st_uid == 0:
+                    os.chown(written, *owner)
         typer.echo("for docker compose, in the file .env: " + " ".join(lines))
 
 
@@ -129,16 +131,12 @@ def issue(
     with one_line_errors():
         loaded, pki_folder = _cell_and_folder(cell, folder)
         if name not in (*NAMES, PAGE):
-            exit_with_error(
-                f"unknown name {name!r}: choose from {', '.join((*NAMES, PAGE))}", USAGE
-            )
+            exit_with_error(f"unknown name {name!r}: choose from {', '.join((*NAMES, PAGE))}")
         if host and name not in (HUB, PAGE):
-            exit_with_error(
-                f"--host is for hub and {PAGE} only: {name} accepts no connections", USAGE
-            )
+            exit_with_error(f"--host is for hub and {PAGE} only: {name} accepts no connections")
         target = pki_folder if to is None else to.expanduser()
         if (target / f"{name}.pem").exists() and not again:
-            exit_with_error(f"{target / name}.pem exists already: --again replaces it", USAGE)
+            exit_with_error(f"{target / name}.pem exists already: --again replaces it")
         of_page = name == PAGE
         signer = _page_authority(loaded, pki_folder) if of_page else read_authority(pki_folder)
         _issue_certificate(signer, name, loaded, target, hosts=host or [], days=days)
@@ -203,22 +201,9 @@ def _copy_authority(source: Path, target: Path) -> None:
     copy_certificate(source, target, AUTHORITY, owner=_owner())
 
 
-def _make_folders(parent: Path) -> None:
-    """Create the folders into which containers write, with the image's user as owner."""
-    for name in WRITTEN:
-        folder = parent / name
-        folder.mkdir(exist_ok=True)
-        if (owner := _owner()) is not None and folder.stat().st_uid == 0:
-            os.chown(folder, *owner)
-
-
 def _owner() -> tuple[int, int] | None:
     """Return the owner of the files: root creates them for the user of the image."""
     return (IMAGE_USER, IMAGE_USER) if os.geteuid() == 0 else None
-
-
-def _user_ids() -> str:
-    return ":".join(map(str, _owner() or (os.getuid(), os.getgid())))
 
 
 def _write_env(path: Path, lines: list[str]) -> None:

@@ -1,12 +1,22 @@
-"""Tables of a recording: one per topic, with a column for each number or text in it."""
+"""Tables of a recording or of a topic: a column for each number or text in a message."""
 
+import csv
+import json
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import msgspec
 
 from forcemesh.clock import NS_PER_S
-from forcemesh.errors import DataError
+from forcemesh.errors import DataError, LostError
+from services.recorder.layout import layout_of
+from services.recorder.stamps import SequenceGaps
 
 if TYPE_CHECKING:
+    from common.bus.configured_cell import ConfiguredCell
+    from forcemesh.messages import Message
+    from forcemesh.topics import Topic
     from services.recorder.reading import RecordedFile, RecordedMessage
 
 Row = dict[str, Any]
@@ -17,6 +27,9 @@ STATE_NAMES = tuple(f"joint_{number}_rad" for number in range(1, 7))
 WRENCH_NAMES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 ACTION_NAMES = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 DONE = "next.done"
+LEARNED = ("wrench", "robot/command", "robot/state")
+QUEUE = 4096  # messages that may wait: some seconds of the fastest topic
+POLL_S = 0.01
 
 
 def flat_fields(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -39,16 +52,12 @@ def first_ns(read: "RecordedFile") -> int:
     return begin
 
 
-def table_of(messages: "Iterable[RecordedMessage]", begin_ns: int) -> tuple[list[str], list[Row]]:
-    """Return columns and rows of one topic; a value that a message lacks is left out of its row."""
-    rows = [
+def rows_of(messages: "Iterable[RecordedMessage]", begin_ns: int) -> list[Row]:
+    """Return the rows of one topic; a value that a message lacks is left out of its row."""
+    return [
         {TIME: (each.at_ns - begin_ns) / NS_PER_S, **dict(flat_fields(each.fields))}
         for each in messages
     ]
-    columns: dict[str, None] = {}
-    for row in rows:
-        columns.update(dict.fromkeys(row))
-    return list(columns), rows
 
 
 def learning_rows(read: "RecordedFile") -> list[Row]:
@@ -62,7 +71,12 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
     wrench: list[float] | None = None
     action: list[float] | None = None
     start_ns = 0
-    for message in sorted(_learning_messages(read), key=lambda each: each.at_ns):
+    used = [
+        message
+        for message in read.messages()
+        if message.topic in LEARNED and message.fields.get("valid", True)
+    ]
+    for message in sorted(used, key=lambda each: each.at_ns):
         fields = message.fields
         if message.topic == "wrench":
             wrench = [*fields["force_N"].values(), *fields["torque_Nm"].values()]
@@ -90,14 +104,106 @@ def learning_rows(read: "RecordedFile") -> list[Row]:
     return rows
 
 
-def _learning_messages(read: "RecordedFile") -> "list[RecordedMessage]":
-    plotted = ("wrench", "robot/command", "robot/state")
-    return [
-        message
-        for message in read.messages()
-        if message.topic in plotted and message.fields.get("valid", True)
-    ]
-
-
 def _pose(fields: Any) -> list[float]:
     return [*fields["position_m"].values(), *fields["orientation_xyzw"].values()]
+
+
+# --- a topic of a cell that is up -----------------------------------------------------------------
+
+
+class Written(NamedTuple):
+    """Number of messages written, and of those that were published and did not arrive."""
+
+    messages: int
+    lost: int
+
+
+def write_csv(
+    client: "ConfiguredCell",
+    topic: "Topic[Message]",
+    path: Path,
+    *,
+    seconds: float | None,
+    count: int | None,
+    silence_s: float,
+) -> Written:
+    """Write every message of a topic, valid or not, until the duration or the number is reached.
+
+    Args:
+        client: A connected client.
+        topic: The topic.
+        path: A new file.
+        seconds: Longest duration [s]; None: without end.
+        count: Greatest number of messages; None: without end.
+        silence_s: Longest wait for a message [s].
+
+    Raises:
+        FileExistsError: The file exists; it is kept.
+        OSError: The file cannot be written.
+        LostError: No message for `silence_s`; the messages before it are in the file.
+        MessageError: A message is not of the topic's layout.
+    """
+    with path.open("x", newline="", encoding="utf-8") as stream:
+        writer: csv.DictWriter[str] | None = None
+        waiting: list[Row] = []
+        gaps, number = SequenceGaps(), 0
+
+        def write_waiting() -> None:
+            nonlocal writer
+            if writer is None and waiting:
+                writer = csv.DictWriter(stream, list(waiting[-1]), restval="")
+                writer.writeheader()
+            if writer is not None:
+                writer.writerows(waiting)
+            waiting.clear()
+
+        try:
+            for row in _rows(client, topic, seconds=seconds, silence_s=silence_s):
+                waiting.append(row)
+                # The first valid message has all joints of the arm: it gives the columns.
+                if writer is not None or row["valid"]:
+                    write_waiting()
+                gaps.saw(0, row["epoch"], row["seq"])
+                number += 1
+                if number == count:
+                    break
+        except KeyboardInterrupt:
+            pass  # the usual end
+        finally:
+            write_waiting()
+    return Written(number, gaps.lost)
+
+
+def _rows(
+    client: "ConfiguredCell", topic: "Topic[Message]", *, seconds: float | None, silence_s: float
+) -> Iterator[Row]:
+    """Yield each message as a row."""
+    source, clock = client.session.bus.tap(topic, QUEUE), client.session.clock
+    layout = layout_of(topic)
+    began_ns = received_ns = clock.now_ns()
+    first_ns: int | None = None
+    while seconds is None or clock.now_ns() - began_ns < seconds * NS_PER_S:
+        if (data := source.take()) is None:
+            if clock.now_ns() - received_ns > silence_s * NS_PER_S:
+                raise LostError(f"nothing on {topic.key} for {silence_s:g} s")
+            source.wait(POLL_S)
+            continue
+        received_ns = clock.now_ns()
+        fields = msgspec.to_builtins(layout.change(layout.read(data)))
+        first_ns = fields["stamp_ns"] if first_ns is None else first_ns
+        time_s = (fields["stamp_ns"] - first_ns) / NS_PER_S
+        yield {TIME: time_s, **dict(_cells(layout.schema, fields))}
+
+
+def _cells(schema: dict[str, Any], value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield name and value of each column of a message; what it lacks is empty."""
+    if schema["type"] == "object" and schema["properties"]:
+        for name, inner in schema["properties"].items():
+            part = None if value is None else value.get(name)
+            yield from _cells(inner, part, f"{path}.{name}" if path else name)
+    elif schema["type"] == "array" and schema["items"]["type"] == "number":
+        yield from ((f"{path}.{index}", number) for index, number in enumerate(value or ()))
+    elif isinstance(value, list | dict):
+        yield path, json.dumps(value)  # of variable length: trips, texts
+    else:
+        yield path, value

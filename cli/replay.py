@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import REFUSED, USAGE, exit_with_error, one_line_errors
+from cli.context import REFUSED, exit_with_error, one_line_errors
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
@@ -24,12 +24,7 @@ RecordingArgument = Annotated[
 ]
 OnlyOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--only",
-        metavar="TOPIC",
-        help="Only this topic; repeatable.",
-        show_default=False,
-    ),
+    typer.Option("--only", metavar="TOPIC", help="Only this topic; repeatable."),
 ]
 
 
@@ -79,7 +74,9 @@ def replay(
             replay_to_service(read, cell, to_service)
             return
         if name is not None:
-            cell = _renamed_cell(cell, name)
+            from common.config.load import cell_from_tree
+
+            cell = cell_from_tree(cell.model_dump() | {"cell": name}, "--as")
         try:
             with _bus_of(cell, port=port, onto=onto, topics=topics) as bus:
                 _play_recording(read, bus, topics, speed=speed, wait_s=wait)
@@ -99,15 +96,9 @@ def recorded_cell(read: "RecordedFile") -> "CellConfig":
     if read.cell is None:
         version_text = f"recorded by version {read.about.get('version', 'unknown')}"
         exit_with_error(
-            f"{read.path}: this version cannot read the cell file in it: {version_text}", USAGE
+            f"{read.path}: this version cannot read the cell file in it: {version_text}"
         )
     return read.cell
-
-
-def _renamed_cell(cell: "CellConfig", name: str) -> "CellConfig":
-    from common.config.load import cell_from_tree
-
-    return cell_from_tree(cell.model_dump() | {"cell": name}, "--as")
 
 
 @contextmanager
@@ -129,7 +120,7 @@ def _bus_of(
         return
     from launch.run_file import writable_folder, write_atomically
 
-    endpoint = f"tcp/127.0.0.1:{port or _free_port()}"
+    endpoint = f"tcp/127.0.0.1:{port or free_port()}"
     own_bus = cell.bus.model_copy(update={"endpoint": endpoint, "upstream": None, "tls": None})
     host = cell.model_copy(update={"bus": own_bus})
     os.environ[ENDPOINT_VARIABLE] = endpoint
@@ -149,19 +140,17 @@ def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
 
     from forcemesh.topics import TOPICS
 
-    taps = {
-        topic.key: bus.tap(topic, REPLAY_QUEUE)
-        for topic in TOPICS
-        if not topics or topic.key in topics
-    }
+    chosen = [topic for topic in TOPICS if not topics or topic.key in topics]
+    taps = {topic.key: bus.tap(topic, REPLAY_QUEUE) for topic in chosen}
     give_up_s = time.monotonic() + REPLAY_LISTEN_S
     while time.monotonic() < give_up_s:
         published = [key for key, tap in taps.items() if tap.take() is not None]
         if published:
-            text = (
-                f"refused: a cell {bus.cell} is running there and publishes {', '.join(published)}"
+            exit_with_error(
+                f"refused: a cell {bus.cell} is running there and publishes "
+                f"{', '.join(published)}; choose another name with --as, or omit --onto",
+                REFUSED,
             )
-            exit_with_error(f"{text}; choose another name with --as, or omit --onto", REFUSED)
         time.sleep(REPLAY_TICK_S)
 
 
@@ -189,10 +178,9 @@ def _play_recording(
     typer.echo(f"{count} messages replayed{truncation}", err=True)
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a port of this machine that no program uses."""
     import socket
 
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        port: int = found.getsockname()[1]
-        return port
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return int(found.getsockname()[1])

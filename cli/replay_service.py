@@ -8,7 +8,7 @@ from collections.abc import Callable
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from cli.context import USAGE, exit_with_error, waiting
+from cli.context import exit_with_error, waiting
 from cli.recording_tables import flat_fields
 from common.bus.memory_bus import MemoryTransport
 from common.runtime.service import Runner, Service, reporter_of
@@ -31,14 +31,22 @@ Published = list[tuple[Header, Message]]
 
 def replay_to_service(read: "RecordedFile", cell: "CellConfig", role: str) -> None:
     """Feed a service and print the differences of its output."""
-    make = _makers().get(role)
-    if make is None:
-        exit_with_error(f"--to-service {role}: it must be one of {', '.join(_makers())}", USAGE)
+    from services.arbiter.service import ArbiterService
+    from services.regulator.service import Regulator
+    from services.wrench.service import WrenchService
+
+    makers: dict[str, Callable[[Bus, Any], Service]] = {
+        "wrench": WrenchService,
+        "regulator": Regulator,
+        "arbiter": ArbiterService,
+    }
+    if role not in makers:
+        exit_with_error(f"--to-service {role}: it must be one of {', '.join(makers)}")
     with waiting(f"feeding {role}"):
         messages = list(read.raw_messages())
         if not messages:
-            exit_with_error(f"{read.path}: the recording contains no message", USAGE)
-        output = service_output(messages, cell, role, make=make, about=read.about)
+            exit_with_error(f"{read.path}: the recording contains no message")
+        output = service_output(messages, cell, role, make=makers[role], about=read.about)
     for topic in topics_written_by(role):
         recorded = _decoded_messages(
             [each.data for each in messages if each.topic == topic.key], topic
@@ -68,17 +76,12 @@ def service_output(
     It starts at its first message in the recording, so that its cycles are in phase.
     """
     offset_ns = int(about["wall_minus_monotonic_ns"])
-    own_topics = {topic.key for topic in topics_written_by(role)}
-    begin_ns = next(
-        (each.at_ns for each in messages if each.topic in own_topics), messages[0].at_ns
-    )
+    written = {topic.key: topic for topic in topics_written_by(role)}
+    begin_ns = next((each.at_ns for each in messages if each.topic in written), messages[0].at_ns)
     clock = ManualClock(begin_ns - offset_ns, boot=about["clock"])
     transport = MemoryTransport()
     bus = Bus(role, cell.cell, transport, cell, clock)
-    taps = {
-        t.key: transport.subscribe(f"{cell.cell}/{t.key}", SERVICE_QUEUE)
-        for t in topics_written_by(role)
-    }
+    taps = {key: transport.subscribe(f"{cell.cell}/{key}", SERVICE_QUEUE) for key in written}
     runner = Runner(make(bus, cell), [reporter_of(bus, cell)], clock)
     keys = [topic.key for topic in TOPICS if role in topic.readers]
     publishers = {key: transport.publish(f"{cell.cell}/{key}", "report") for key in keys}
@@ -92,11 +95,11 @@ def service_output(
             publishers[each.topic](readdressed(each.data, f"{cell.cell}/{each.topic}"))
         _step(runner, clock)
     output: dict[str, Published] = {}
-    for topic in topics_written_by(role):
-        tap, data = taps[topic.key], []
-        while (raw := tap.take()) is not None:
+    for key, topic in written.items():
+        data = []
+        while (raw := taps[key].take()) is not None:
             data.append(raw)
-        output[topic.key] = _decoded_messages(data, topic)
+        output[key] = _decoded_messages(data, topic)
     return output
 
 
@@ -143,11 +146,3 @@ def _step(runner: Runner, clock: ManualClock) -> None:
 
 def _decoded_messages(data: list[bytes], topic: Topic[Any]) -> Published:
     return [decode_recorded(each, topic.message, topic.key) for each in data]
-
-
-def _makers() -> dict[str, Callable[[Bus, Any], Service]]:
-    from services.arbiter.service import ArbiterService
-    from services.regulator.service import Regulator
-    from services.wrench.service import WrenchService
-
-    return {"wrench": WrenchService, "regulator": Regulator, "arbiter": ArbiterService}

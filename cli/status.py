@@ -81,8 +81,11 @@ def cell_status(cell: CellConfig, run: Run | None, only: str | None = None) -> C
             view, arm = CellView(bus, cell), None if only else ArmView(bus, cell)
             started_s = time.monotonic()
             view.wait(lambda: _is_received(view, expected), view.longest_wait_s)
-            if arm is not None:
-                view.wait(lambda: _is_complete(view, arm), view.helper_wait_s)
+            if arm is not None:  # also every sidecar
+                helpers = len(topics.HELPERS)
+                view.wait(
+                    lambda: len(_helpers(view)) == helpers and arm.is_complete(), view.helper_wait_s
+                )
             waited_s = time.monotonic() - started_s
             return _cell_status(cell, run, view, arm, waited_s=waited_s, only=only)
     except SetupError:
@@ -133,11 +136,6 @@ def _is_received(view: CellView, expected: set[str]) -> bool:
     return has_state and all(view.health(role).message is not None for role in expected)
 
 
-def _is_complete(view: CellView, arm: ArmView) -> bool:
-    """Return whether every sidecar and the arm's readings were received."""
-    return len(_helpers(view)) == len(topics.HELPERS) and arm.is_complete()
-
-
 def _cell_status(
     cell: CellConfig,
     run: Run | None,
@@ -175,11 +173,8 @@ def _name_certificates(cell: CellConfig, silent: list[ServiceStatus]) -> None:
         return
     from common.security.pki_check import check_folder
 
-    found = {
-        f.name: f
-        for f in check_folder(folder_of(cell), cell.cell, datetime.now(UTC))
-        if f.verdict == "wrong"
-    }
+    findings = check_folder(folder_of(cell), cell.cell, datetime.now(UTC))
+    found = {finding.name: finding for finding in findings if finding.verdict == "wrong"}
     for row in silent:
         if wrong := found.get(row["name"]):
             row["fault"] += f"; its certificate: {wrong.text} ({wrong.remedy})"
@@ -189,14 +184,9 @@ def restarts_of(run: Run | None) -> list[Restart]:
     """Return the restarts by a supervisor that still runs."""
     entries = run.processes if run is not None and run.live else []
     return [
-        Restart(
-            name=entry.roles[0],
-            times=len(entry.deaths),
-            how=entry.deaths[-1].how,
-            at=entry.deaths[-1].at,
-        )
+        Restart(name=entry.roles[0], times=len(entry.deaths), how=last.how, at=last.at)
         for entry in entries
-        if entry.deaths
+        for last in entry.deaths[-1:]
     ]
 
 
@@ -262,8 +252,11 @@ def _exit_cause(run: Run, entry: ProcessRecord) -> str:
         return entry.ended.how
     if entry.alive:
         return ""
-    exits = [(e.roles[0], e.ended) for e in run.processes if e.ended and not e.is_helper]
-    causes = [f"{name}: {ended.how}" for name, ended in exits]
+    causes = [
+        f"{other.roles[0]}: {other.ended.how}"
+        for other in run.processes
+        if other.ended and not other.is_helper
+    ]
     if run.ended_at is not None and causes:
         return f"stopped because of {', '.join(causes)}"
     return (

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
-from typing import Protocol
+from typing import Never, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -57,39 +57,27 @@ def screen(*, with_time: bool = True) -> Iterator[Screen]:
         yield Screen(bar)
 
 
-class Keyboard:
-    """Non-blocking line input; the end of input counts as `q`."""
-
-    def poll(self) -> str | None:
-        """Return a typed line, None when there is none."""
-        if not select.select([sys.stdin], [], [], 0.0)[0]:
-            return None
-        line = sys.stdin.readline()
-        return line.strip().lower() if line else "q"
+def typed_line() -> str | None:
+    """Return a typed line without waiting, None when there is none; `q` at the end of input."""
+    if not select.select([sys.stdin], [], [], 0.0)[0]:
+        return None
+    line = sys.stdin.readline()
+    return line.strip().lower() if line else "q"
 
 
 def interrupt_on_signals() -> AbstractContextManager[None]:
     """Handle SIGHUP (closed terminal) and SIGTERM like Ctrl-C: they stop the arm."""
-
-    def interrupt(_signal: int, _frame: FrameType | None) -> None:
-        """Raise KeyboardInterrupt as Ctrl-C does."""
-        raise KeyboardInterrupt
-
-    return _signals(interrupt, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    return _signals(signal.default_int_handler, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def ignore_sigint() -> AbstractContextManager[None]:
     """Ignore further Ctrl-C while the hold that the first one requested is sent."""
-
-    def ignore(_signal: int, _frame: FrameType | None) -> None:
-        """Ignore it."""
-
-    return _signals(ignore, signal.SIGINT)
+    return _signals(signal.SIG_IGN, signal.SIGINT)
 
 
 @contextmanager
 def _signals(
-    handler: Callable[[int, FrameType | None], None], *numbers: signal.Signals
+    handler: Callable[[int, FrameType | None], Never] | signal.Handlers, *numbers: signal.Signals
 ) -> Iterator[None]:
     before = {number: signal.signal(number, handler) for number in numbers}
     try:

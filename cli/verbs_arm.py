@@ -15,6 +15,7 @@ from cli.context import (
     print_reply,
     waiting,
 )
+from cli.numbers import from_milli
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
@@ -129,7 +130,7 @@ def speed(
             accel_fraction=fraction(accel),
             decel_fraction=fraction(decel),
             modular_fraction=fraction(modular),
-            mechanical_m_s=None if mechanical is None else mechanical / 1e3,
+            mechanical_m_s=from_milli(mechanical),
         )
     if as_json:
         print(now.as_json())

@@ -5,7 +5,6 @@ from typing import Annotated, Any, Literal
 import typer
 
 from cli.context import (
-    USAGE,
     CellOption,
     JsonOption,
     cell_of,
@@ -44,14 +43,12 @@ LawOption = Annotated[
         metavar="LAW",
         help="Control law: plain, adaptive, admittance (hand guiding) or an added one; default: "
         "the cell file's.",
-        show_default=False,
     ),
 ]
 PresetOption = Annotated[
     Literal["gentle", "normal", "stiff"] | None,
     typer.Option(
-        help="Gains: gentle is slow without overshoot, stiff rejects disturbances but overshoots.",
-        show_default=False,
+        help="Gains: gentle is slow without overshoot, stiff rejects disturbances but overshoots."
     ),
 ]
 
@@ -61,15 +58,13 @@ def _axes(text: str) -> tuple[bool, bool, bool, bool, bool, bool]:
     named = [name.strip() for name in text.split(",")]
     unknown = [name for name in named if name not in AXES]
     if unknown:
-        exit_with_error(
-            f"--axes: unknown axis {', '.join(unknown)}: choose from {', '.join(AXES)}", USAGE
-        )
+        exit_with_error(f"--axes: unknown axis {', '.join(unknown)}: choose from {', '.join(AXES)}")
     x, y, z, rx, ry, rz = (axis in named for axis in AXES)
     return (x, y, z, rx, ry, rz)
 
 
 def _gain(unit: str) -> Any:
-    return typer.Option(metavar="x,y,z", help=f"[{unit}]", show_default=False)
+    return typer.Option(metavar="x,y,z", help=f"[{unit}]")
 
 
 @force.command("start")

@@ -8,7 +8,6 @@ import typer
 
 from cli.context import (
     INTERRUPTED,
-    USAGE,
     CellOption,
     cell_of,
     confirmed,
@@ -22,6 +21,7 @@ from cli.numbers import (
     POSE,
     SEVEN_JOINTS,
     check_angle,
+    from_milli,
     parse_number,
     parse_vector,
 )
@@ -29,7 +29,7 @@ from cli.numbers import (
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
     from forcemesh.client import Move
-    from forcemesh.messages import Asker, RobotState, Vec3
+    from forcemesh.messages import Asker, RobotState
     from forcemesh.requests import MoveRequest
 
 move = typer.Typer(
@@ -73,9 +73,9 @@ def move_to(
     )
     with one_line_errors():
         request = MoveRequest(
-            kind="pose", pose=record, speed_m_s=_speed_m_s(speed), commander=commander
+            kind="pose", pose=record, speed_m_s=from_milli(speed), commander=commander
         )
-    _request_move(request, cell, wait=not no_wait, yes=yes)
+    _request_move(request, cell, no_wait=no_wait, yes=yes)
 
 
 @move.command("joints", context_settings=NEGATIVE_NUMBERS)
@@ -90,7 +90,7 @@ def move_joints(
 ) -> None:
     """Move the joints to angles [degrees]."""
     request = _joint_request("joints", joints, speed, commander)
-    _request_move(request, cell, wait=not no_wait, yes=yes)
+    _request_move(request, cell, no_wait=no_wait, yes=yes)
 
 
 @move.command("by", context_settings=NEGATIVE_NUMBERS)
@@ -105,7 +105,7 @@ def move_by(
 ) -> None:
     """Move the joints by angles [degrees] relative to their present position."""
     request = _joint_request("by", joints, speed, commander)
-    _request_move(request, cell, wait=not no_wait, yes=yes)
+    _request_move(request, cell, no_wait=no_wait, yes=yes)
 
 
 def _joint_request(
@@ -119,7 +119,7 @@ def _joint_request(
 
     joint_rad = tuple(math.radians(angle) for angle in angles_deg)
     return MoveRequest(
-        kind=kind, joint_rad=joint_rad, speed_m_s=_speed_m_s(speed), commander=commander
+        kind=kind, joint_rad=joint_rad, speed_m_s=from_milli(speed), commander=commander
     )
 
 
@@ -143,7 +143,7 @@ def jog(
     It asks first when the tool is loaded, and stops when the force rises by limits.move_rise_N.
     """
     if axis not in JOG_AXES:
-        exit_with_error(f"unknown axis {axis!r}: choose from {', '.join(JOG_AXES)}", USAGE)
+        exit_with_error(f"unknown axis {axis!r}: choose from {', '.join(JOG_AXES)}")
     amount = parse_number(distance, "BY")
     if axis not in "xyz":
         check_angle(amount, "BY")
@@ -155,27 +155,17 @@ def jog(
         if axis.startswith("j"):
             joints, jogged = client.config.robot.joints, int(axis[1:])
             if jogged > joints:
-                exit_with_error(f"{axis}: the arm has {joints} joints", USAGE)
-            turns = (math.radians(amount) if i == jogged else 0.0 for i in range(1, joints + 1))
-            request = MoveRequest(kind="by", joint_rad=tuple(turns), speed_m_s=_speed_m_s(speed))
+                exit_with_error(f"{axis}: the arm has {joints} joints")
+            angles = (math.radians(amount) if i == jogged else 0.0 for i in range(1, joints + 1))
+            request = MoveRequest(kind="by", joint_rad=tuple(angles), speed_m_s=from_milli(speed))
         else:
-            rotation, shift = ZERO3, ZERO3
-            if axis.startswith("r"):
-                rotation = _axis_vector(axis[1], math.radians(amount))
-            else:
-                shift = _axis_vector(axis, amount / 1e3)
-            pose = client.move.jogged(shift, rotation, axes=frame)
-            request = MoveRequest(kind="pose", pose=pose, speed_m_s=_speed_m_s(speed))
+            turns = axis.startswith("r")
+            size = math.radians(amount) if turns else amount / 1e3
+            x, y, z = (size if name == axis[-1] else 0.0 for name in "xyz")
+            parts = (ZERO3, (x, y, z)) if turns else ((x, y, z), ZERO3)
+            pose = client.move.jogged(*parts, axes=frame)
+            request = MoveRequest(kind="pose", pose=pose, speed_m_s=from_milli(speed))
         _wait_for_move(client, client.move.begin(request))
-
-
-def _axis_vector(axis: str, value: float) -> "Vec3":
-    x, y, z = (value if name == axis else 0.0 for name in "xyz")
-    return (x, y, z)
-
-
-def _speed_m_s(speed_mm_s: float | None) -> float | None:
-    return None if speed_mm_s is None else speed_mm_s / 1e3
 
 
 def retract(
@@ -206,19 +196,17 @@ def _ask_when_loaded(client: "ConfiguredCell", *, yes: bool) -> None:
     load_N = client.load_N()
     if load_N is not None:
         limit_N = client.config.limits.move_rise_N
-        text = (
-            f"the tool is loaded with {load_N:.1f} N; a rise of {limit_N:g} N stops the move. Move?"
-        )
-        confirmed(text, yes=yes)
+        loaded = f"the tool is loaded with {load_N:.1f} N"
+        confirmed(f"{loaded}; a rise of {limit_N:g} N stops the move. Move?", yes=yes)
 
 
-def _request_move(request: "MoveRequest", cell: Path | None, *, wait: bool, yes: bool) -> None:
+def _request_move(request: "MoveRequest", cell: Path | None, *, no_wait: bool, yes: bool) -> None:
     """Request a move and wait for its end; Ctrl-C while waiting requests a hold."""
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
         goal = client.move.begin(request)
         typer.echo(f"move accepted: goal {goal.id}")
-        if wait:
+        if not no_wait:
             _wait_for_move(client, goal)
 
 

@@ -8,7 +8,6 @@ import typer
 from cli.context import (
     NOT_WELL,
     OK,
-    USAGE,
     CellOption,
     JsonOption,
     exit_with_error,
@@ -44,12 +43,13 @@ def status(
 
         names = (*ROLES, *HELPERS)
         if service is not None and service not in names:
-            exit_with_error(f"unknown role {service!r}: choose from {', '.join(names)}", USAGE)
+            exit_with_error(f"unknown role {service!r}: choose from {', '.join(names)}")
         loaded = live_cell(cell, ended=True)
         found = cell_status(loaded, read_run(loaded.cell), only=service)
     if service is not None:
         row = next(row for row in found["services"] if row["name"] == service)
-        _print(row, as_json, f"{service}: {'alive' if row['alive'] else row['fault']}")
+        line = f"{service}: {'alive' if row['alive'] else row['fault']}"
+        print(json.dumps(row) if as_json else line)
         raise typer.Exit(OK if row["alive"] else NOT_WELL)
     if as_json:
         print(json.dumps(found))
@@ -82,10 +82,6 @@ def topics(
         _print_bus_table(loaded)
 
 
-def _print(row: Any, as_json: bool, line: str) -> None:
-    print(json.dumps(row) if as_json else line)
-
-
 def _print_status(found: "CellStatus") -> None:
     from rich.table import Table
 
@@ -99,12 +95,10 @@ def _print_status(found: "CellStatus") -> None:
     state = found["state"]
     colour = STATE_COLOURS.get(state, NO_STATE)
     console = table_console()
-    last_state_text = (
-        f" (was {found['last_state']})" if state == "DOWN" and found["last_state"] else ""
-    )
+    was = f" (was {found['last_state']})" if state == "DOWN" and found["last_state"] else ""
     console.print(
         f"cell [bold]{found['cell']}[/bold]: "
-        f"[bold {colour.text} on {colour.background}]{state}[/]{last_state_text}, "
+        f"[bold {colour.text} on {colour.background}]{state}[/]{was}, "
         f"commander {found['commander']}",
         soft_wrap=True,
     )
@@ -173,21 +167,21 @@ def _print_bus_table(cell: "CellConfig") -> None:
     from rich.table import Table
 
     from cli.tables import print_table, table_console
+    from forcemesh.topics import REQUESTS, TOPICS
 
-    table = _bus_table(cell)
     topics = Table("topic", "writer", "readers", "rate", "stale after", "summary", title="topics")
-    for row in table["topics"]:
+    for topic in TOPICS:
         topics.add_row(
-            row["topic"],
-            row["writer"],
-            ", ".join(row["readers"]),
-            f"{row['rate_hz']:g} Hz",
-            f"{1e3 * row['stale_after_s']:.0f} ms",
-            row["summary"],
+            topic.key,
+            topic.writer,
+            ", ".join(topic.readers),
+            f"{cell.rate_hz(topic):g} Hz",
+            f"{1e3 * cell.stale_after_s(topic):.0f} ms",
+            topic.summary,
         )
     requests = Table("request", "server", "summary", title="requests")
-    for row in table["requests"]:
-        requests.add_row(row["request"], row["server"], row["summary"])
+    for request in REQUESTS:
+        requests.add_row(request.key, request.server, request.summary)
     console = table_console()
     console.print(f"every key has the prefix [bold]{cell.cell}/[/bold]")
     print_table(console, topics)

@@ -15,8 +15,8 @@ import typer
 
 from cli.context import (
     CELL_VARIABLE,
+    INTERRUPTED,
     NOT_WELL,
-    USAGE,
     default_cell_file,
     exit_with_error,
     one_line_errors,
@@ -44,7 +44,6 @@ def up(
             envvar=CELL_VARIABLE,
             metavar="FILE",
             help="Cell file; default: cells/demo.yaml.",
-            show_default=False,
         ),
     ] = None,
     linger: Annotated[
@@ -53,7 +52,6 @@ def up(
             min=0.0,
             help="Time to keep the others up when a process has failed for good [s]; default: "
             "until Ctrl-C, or 5 s if the cell was never ready.",
-            show_default=False,
         ),
     ] = None,
     *,
@@ -79,7 +77,7 @@ def up(
     try:
         supervisor = Supervisor(loaded, path, stop=stop).__enter__()
     except ForcemeshError as error:
-        exit_with_error(f"up: {error}", USAGE)
+        exit_with_error(f"up: {error}")
     with ExitStack() as afterwards:  # sidecars end last: the arm is stopped first
 
         def start_helpers() -> None:
@@ -142,18 +140,14 @@ def force(
     """
     flags = {"--quick": quick, "--short": short, "--json": as_json, "--write": write}
     chosen = [name for name, is_chosen in flags.items() if is_chosen]
-    raise typer.Exit(_run("bench.force", [*chosen, *context.args]))
-
-
-def _run(module: str, arguments: list[str]) -> int:
-    """Run one of the project's benchmarks; return its exit code."""
-    if not (ROOT / module.replace(".", "/")).is_dir():
-        text = f"{module} not found: the benchmarks need a checkout of the project"
-        exit_with_error(f"{text}, `git clone` it and `make setup`", USAGE)
+    if not (ROOT / "bench" / "force").is_dir():
+        text = "bench.force not found: the benchmarks need a checkout of the project"
+        exit_with_error(f"{text}, `git clone` it and `make setup`")
     paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-    command = [sys.executable, "-m", module, *arguments]
+    command = [sys.executable, "-m", "bench.force", *chosen, *context.args]
     try:
-        return subprocess.run(command, env=environment, check=False).returncode
+        code = subprocess.run(command, env=environment, check=False).returncode
     except KeyboardInterrupt:
-        return 130
+        code = INTERRUPTED
+    raise typer.Exit(code)

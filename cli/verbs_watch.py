@@ -1,7 +1,6 @@
 """Verb `watch`: one topic decoded live or into a file, or all topics with rate and age."""
 
 import json
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from cli.context import USAGE, CellOption, cell_of, exit_with_error
+from cli.context import CellOption, cell_of, exit_with_error
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
@@ -44,19 +43,16 @@ def watch(
             metavar="[TOPIC]",
             help="As listed by `forcemesh topics`; default: all, with rate and age.",
             autocompletion=_topics,
-            show_default=False,
         ),
     ] = None,
     *,
     count: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="End after this number of messages or tables.", show_default=False
-        ),
+        typer.Option(min=1, help="End after this number of messages or tables."),
     ] = None,
     seconds: Annotated[
         float | None,
-        typer.Option(min=0.1, help="End after this time [s].", show_default=False),
+        typer.Option(min=0.1, help="End after this time [s]."),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object per line, header and message merged.")
@@ -67,7 +63,6 @@ def watch(
             "--csv",
             metavar="FILE",
             help="Write every message of the topic into a new file, one row each.",
-            show_default=False,
         ),
     ] = None,
     cell: CellOption = None,
@@ -78,7 +73,7 @@ def watch(
     """
     row = None if topic is None else find_topic(topic)
     if csv is not None and (row is None or as_json):
-        exit_with_error("--csv FILE takes one topic, and no --json: watch wrench --csv FILE", USAGE)
+        exit_with_error("--csv FILE takes one topic, and no --json: watch wrench --csv FILE")
     end = WatchEnd(count, seconds)
     with cell_of(cell) as client:
         try:
@@ -89,8 +84,7 @@ def watch(
             elif as_json:
                 for received in _messages(client.feed(row), end):
                     fields = received.header.as_dict() | received.message.as_dict()
-                    sys.stdout.write(json.dumps(fields) + "\n")
-                    sys.stdout.flush()
+                    print(json.dumps(fields), flush=True)
             else:
                 _show_topic(client.feed(row), end)
         except KeyboardInterrupt:
@@ -107,7 +101,7 @@ def find_topic(name: str) -> "Topic[Message]":
     if name not in rows:
         matches = difflib.get_close_matches(name, rows, n=1, cutoff=0.4)
         hint = f"did you mean {matches[0]}?" if matches else f"choose from {', '.join(rows)}"
-        exit_with_error(f"unknown topic {name!r}: {hint}", USAGE)
+        exit_with_error(f"unknown topic {name!r}: {hint}")
     return rows[name]
 
 
@@ -121,16 +115,16 @@ def _messages(feed: "Feed[Message]", end: WatchEnd) -> "Iterator[Received[Messag
 def _write_csv(
     client: "ConfiguredCell", topic: "Topic[Message]", path: Path, end: WatchEnd
 ) -> None:
-    from cli.watch_csv import write_csv
+    from cli.recording_tables import write_csv
 
     try:
         written = write_csv(
             client, topic, path, seconds=end.seconds, count=end.number, silence_s=SILENCE_S
         )
     except FileExistsError:
-        exit_with_error(f"{path} exists: choose the name of a new file", USAGE)
+        exit_with_error(f"{path} exists: choose the name of a new file")
     except OSError as error:
-        exit_with_error(f"{path}: cannot be written: {error.strerror}", USAGE)
+        exit_with_error(f"{path}: cannot be written: {error.strerror}")
     typer.echo(f"{path}: {written.messages} messages of {topic.key}, {written.lost} lost")
 
 
@@ -199,8 +193,7 @@ def _watch_all(client: "ConfiguredCell", end: WatchEnd, as_json: bool) -> None:
         while shown != end.number:
             rows, shown = [_topic_row(client, feed) for feed in feeds], shown + 1
             if as_json:
-                sys.stdout.write(json.dumps({"topics": rows}) + "\n")
-                sys.stdout.flush()
+                print(json.dumps({"topics": rows}), flush=True)
             else:
                 live.update(_topic_table(client, rows), refresh=console.is_terminal)
             if end.seconds is not None and clock.now_ns() - began_ns >= end.seconds * NS_PER_S:

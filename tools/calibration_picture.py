@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.image import imread, imsave
 
-from cli.calibration.pictures import attitudes, before_after, residual_bars
+from cli.calibration.page import attitudes, before_after, residual_bars
 from cli.calibration.wizard import CalibrationWizard, WizardTiming
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig

@@ -11,14 +11,13 @@ from cli.calibration.drive import Drive, refuse_loaded_tool
 from cli.calibration.finish import Job, conclude, refuse_wrong_axes, save_readings
 from cli.calibration.wizard import BOTH, CalibrationWizard, WizardTiming, expected_s
 from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of
-from cli.doctor.pose import Frames, check_pose
+from cli.doctor.pose import check_pose
 from cli.terminal import ProgressOutput, ignore_sigint, interrupt_on_signals, screen
 from common.bus.configured_cell import ConfiguredCell
 from common.config.arm import UNKNOWN_ARM
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.kinematics import ArmKinematics
-from controller.packet_table import Scales
 from forcemesh.errors import ArmStoppedError, ForcemeshError
 from forcemesh.messages import RobotState
 from identification.dwells import Purpose
@@ -44,10 +43,7 @@ def calibrate(job: Job, options: ArmOptions, cell: ConfiguredCell) -> int:
     """Plan, confirm, move, fit, verify, write, put into use, return. Returns the exit code."""
     if not options.free:
         refuse_loaded_tool(cell)
-    plan = calibration_plan(cell, options)
-    ask_for_confirmation(motion_description(job.cell, plan, options.timing), yes=options.yes)
-    with screen() as output:
-        wizard, ended = drive(cell, plan, options.timing, output=output, returns=False)
+    wizard, ended = confirm_and_drive(cell, options, returns=False)
     return finish(job, wizard, ended, lambda: conclude(job, evidence(job, wizard), cell))
 
 
@@ -60,7 +56,7 @@ def evidence(job: Job, wizard: CalibrationWizard) -> Evidence:
         "arm",
         wizard.dwells,
         source=job.files.readings,
-        serial=wizard.serial,
+        serial=wizard.gatherer.serial,
         notes=(*wizard.plan.warnings, *skipped),
     )
 
@@ -101,16 +97,11 @@ def finish(
 
 def verify(job: Job, options: ArmOptions, cell: ConfiguredCell) -> int:
     """Visit fresh poses and judge the running cell's residuals. Returns the exit code."""
-    plan = calibration_plan(cell, options)
-    ask_for_confirmation(
-        motion_description(job.cell, plan, options.timing, ("verify",)), yes=options.yes
-    )
-    with screen() as output:
-        wizard, ended = drive(cell, plan, options.timing, output=output, purposes=("verify",))
+    wizard, ended = confirm_and_drive(cell, options, purposes=("verify",))
     if ended is not None:
         return ended
     verdict = judge_residual(active_residual(wizard.dwells), job.bounds)
-    typer.echo(f"calibration in use: {wizard.active_calibration or 'not reported'}")
+    typer.echo(f"calibration in use: {wizard.gatherer.active_calibration or 'not reported'}")
     typer.echo(verdict.text)
     return OK if verdict.passed else NOT_WELL
 
@@ -129,14 +120,7 @@ def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
         text = f"robot.model is {UNKNOWN_ARM}, an arm without a model"
         raise CalibrationError(f"{text}: {MANUAL_REMEDY}")
     arm = ArmKinematics(cell.robot.model)
-    section = cell.gateway if cell.roles.robot == "gateway" else None
-    line = check_pose(
-        pose_of(state),
-        np.array(state.joint_rad),
-        scales=section or Scales(),
-        frames=Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose),
-        arm=arm,
-    )
+    line = check_pose(cell, pose_of(state), state.joint_rad, arm)
     if line.result == "FAIL":
         text = f"the pose that the arm reports does not agree with its joints: {line.found}"
         raise CalibrationError(f"{text}; {line.remedy}; or {MANUAL_REMEDY}")
@@ -181,11 +165,24 @@ def motion_description(
     return "\n".join(lines)
 
 
-def ask_for_confirmation(explanation: str, *, yes: bool) -> None:
-    """Print the motion and ask for confirmation. Raises CalibrationError without it."""
-    typer.echo(explanation, err=True)
-    if not yes and not answers_yes("is the box free, and may the arm move?"):
+def confirm_and_drive(
+    cell: ConfiguredCell,
+    options: ArmOptions,
+    *,
+    question: str = "is the box free, and may the arm move?",
+    purposes: tuple[Purpose, ...] = BOTH,
+    returns: bool = True,
+) -> tuple[CalibrationWizard, int | None]:
+    """Plan, print the motion, ask for confirmation, then `drive`.
+
+    Raises CalibrationError when the motion is not confirmed.
+    """
+    plan, timing = calibration_plan(cell, options), options.timing
+    typer.echo(motion_description(cell.config, plan, timing, purposes), err=True)
+    if not options.yes and not answers_yes(question):
         raise CalibrationError("nothing was moved")
+    with screen() as output:
+        return drive(cell, plan, timing, output=output, purposes=purposes, returns=returns)
 
 
 def drive(

@@ -1,7 +1,7 @@
 """Manual calibration: the user moves the arm, the wizard records poses and recommends the next."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -28,11 +28,7 @@ KEYS = "Enter records a pose, u removes the last one, q continues"
 HINT = "tilt the tool by 60 degrees or more from the earlier poses, each time about another axis"
 
 
-class Keys(Protocol):
-    """Source of typed lines."""
-
-    def poll(self) -> str | None:
-        """Return a typed line, None when there is none."""
+TypedLine = Callable[[], str | None]  # returns a typed line, None when there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,25 +49,20 @@ class PoseRecorder:
         cell: ConfiguredCell,
         options: HandOptions,
         *,
-        keys: Keys,
+        typed_line: TypedLine,
         output: ProgressOutput,
     ) -> None:
         """Subscribe."""
         self.dwells: list[Dwell] = []
         self._clock, self._options = cell.session.clock, options
-        self._keys, self._output = keys, output
-        self._gatherer = Gatherer(cell)
+        self._typed_line, self._output = typed_line, output
+        self.gatherer = Gatherer(cell)
         self._requested = False  # a pose was requested; it is recorded once everything is at rest
         self._still_since_ns: int | None = None
 
-    @property
-    def serial(self) -> str:
-        """Serial number of the sensor, empty when it reports none."""
-        return self._gatherer.serial
-
     def run(self) -> None:
         """Record poses to fit, then poses to verify. Raises CalibrationError without any."""
-        self._gatherer.until_received()
+        self.gatherer.until_received()
         self._output.note(f"move the arm with the pendant or `forcemesh move`; {KEYS}")
         self._output.note(f"next: {HINT}")
         self._record_poses("fit", self._options.poses)
@@ -83,15 +74,22 @@ class PoseRecorder:
 
     def _record_poses(self, purpose: Purpose, count: int) -> None:
         checked_ns = 0
-        while len(self._recorded_dwells(purpose)) < count:
+        while len(dwells_of_purpose(self.dwells, purpose)) < count:
             self._clock.sleep_s(READINGS_POLL_S)
-            fault = self._read_sensor()
+            fault = ""
+            try:
+                self.gatherer.take()
+            except ReadingLostError as error:
+                fault = str(error)
             if self._clock.now_ns() - checked_ns < CHECK_EVERY_NS:
                 continue
             checked_ns = self._clock.now_ns()
-            waits_for = fault or self._gatherer.stillness.pending_condition()
-            self._note_stillness(waits_for)
-            key = self._keys.poll()
+            waits_for = fault or self.gatherer.stillness.pending_condition()
+            if waits_for:
+                self._still_since_ns = None
+            elif self._still_since_ns is None:
+                self._still_since_ns = checked_ns
+            key = self._typed_line()
             if key in {"q", "done"} and self._may_end(purpose):
                 return
             if key == "u":
@@ -100,23 +98,6 @@ class PoseRecorder:
             self._show_progress(purpose, count, waits_for)
             if not waits_for and (self._requested or self._is_new_attitude()):
                 self._record_pose(purpose)
-
-    def _recorded_dwells(self, purpose: Purpose) -> list[Dwell]:
-        return dwells_of_purpose(self.dwells, purpose)
-
-    def _read_sensor(self) -> str:
-        """Read the sensor; return its fault, empty when there is none."""
-        try:
-            self._gatherer.take()
-        except ReadingLostError as error:
-            return str(error)
-        return ""
-
-    def _note_stillness(self, waits_for: str) -> None:
-        if waits_for:
-            self._still_since_ns = None
-        elif self._still_since_ns is None:
-            self._still_since_ns = self._clock.now_ns()
 
     def _is_new_attitude(self) -> bool:
         """Return whether to capture this pose automatically: at rest, far from the others."""
@@ -127,7 +108,7 @@ class PoseRecorder:
         return bool(self._nearest_rad() > NEW_RAD)
 
     def _nearest_rad(self) -> float:
-        newest = self._gatherer.stillness.newest
+        newest = self.gatherer.stillness.newest
         if newest is None or not self.dwells:
             return np.inf
         return float(angle(newest.R_base_sensor, _attitudes(self.dwells)).min())
@@ -135,14 +116,14 @@ class PoseRecorder:
     def _record_pose(self, purpose: Purpose) -> None:
         self._requested, self._still_since_ns = False, None
         try:
-            dwell = self._gatherer.dwell(purpose, self._options.dwell_s, lambda _text: None)
+            dwell = self.gatherer.dwell(purpose, self._options.dwell_s, lambda _text: None)
         except CalibrationError as error:
             self._output.note(f"not recorded: {error}")
             return
         nearest_deg = np.degrees(self._nearest_rad())
         self.dwells.append(dwell)
         self._output.note(
-            f"pose {len(self._recorded_dwells(purpose))} recorded{self._advice(purpose)}"
+            f"pose {len(dwells_of_purpose(self.dwells, purpose))} recorded{self._advice(purpose)}"
         )
         if nearest_deg < np.degrees(NEW_RAD):
             self._output.note(
@@ -150,17 +131,17 @@ class PoseRecorder:
             )
 
     def _remove_last_pose(self, purpose: Purpose) -> None:
-        if not self._recorded_dwells(purpose):
+        if not dwells_of_purpose(self.dwells, purpose):
             self._output.note("there is no pose to remove")
             return
         self.dwells.pop()
-        self._output.note(f"removed: {len(self._recorded_dwells(purpose))} poses remain")
+        self._output.note(f"removed: {len(dwells_of_purpose(self.dwells, purpose))} poses remain")
 
     def _may_end(self, purpose: Purpose) -> bool:
-        count = len(self._recorded_dwells(purpose))
+        count = len(dwells_of_purpose(self.dwells, purpose))
         if purpose == "verify" or count == 0:
             return True
-        found = conditioning(_attitudes(self._recorded_dwells("fit")))
+        found = conditioning(_attitudes(dwells_of_purpose(self.dwells, "fit")))
         if count < LEAST_POSES or found > WORST_CONDITIONING:
             self._output.note(
                 f"{count} poses with condition number {found:.0f} do not determine a fit (at most "
@@ -171,24 +152,23 @@ class PoseRecorder:
 
     def _advice(self, purpose: Purpose) -> str:
         """Return the conditioning of the poses so far and the recommended next pose."""
-        recorded = self._recorded_dwells("fit")
         if purpose == "verify":
             return "; next: any new attitude"
+        recorded = dwells_of_purpose(self.dwells, "fit")
         if len(recorded) < LEAST_POSES:
             return f"; next: {HINT}"
-        found = conditioning(_attitudes(recorded))
         try:
-            next_pose = identify_payload(samples_of(recorded)).next_pose
+            x, y, z = identify_payload(samples_of(recorded)).next_pose.down_in_sensor
         except DataError as error:
             return f"; not enough yet: {error}"
-        x, y, z = next_pose.down_in_sensor
         return (
-            f", condition number {found:.1f}; next: gravity along ({x:.1f}, {y:.1f}, {z:.1f}) in "
-            "sensor axes, as shown below"
+            f", condition number {conditioning(_attitudes(recorded)):.1f}; next: gravity along "
+            f"({x:.1f}, {y:.1f}, {z:.1f}) in sensor axes, as shown below"
         )
 
     def _show_progress(self, purpose: Purpose, count: int, waits_for: str) -> None:
-        newest, recorded = self._gatherer.stillness.newest, len(self._recorded_dwells(purpose))
+        newest = self.gatherer.stillness.newest
+        recorded = len(dwells_of_purpose(self.dwells, purpose))
         if newest is None:
             self._output.progress(recorded, count, waits_for)
             return
@@ -204,6 +184,21 @@ def _attitudes(dwells: list[Dwell]) -> Array:
     return np.array([dwell.attitude for dwell in dwells])
 
 
+def calibrate(job: Job, options: HandOptions, typed_line: TypedLine, cell: ConfiguredCell) -> int:
+    """Record poses, save the readings, fit, verify, write, send. Returns the exit code."""
+    with screen(with_time=False) as output:
+        recorder = PoseRecorder(cell, options, typed_line=typed_line, output=output)
+        ended = record_poses(recorder, output)
+    save_readings(job, recorder.dwells)
+    if ended is not None:
+        return ended
+    refuse_wrong_axes(job, recorder.dwells)
+    evidence = evidence_of(
+        "manual", recorder.dwells, source=job.files.readings, serial=recorder.gatherer.serial
+    )
+    return conclude(job, evidence, cell)
+
+
 def record_poses(recorder: PoseRecorder, output: ProgressOutput) -> int | None:
     """Record poses; return the exit code when it ended early, else None."""
     try:
@@ -215,18 +210,3 @@ def record_poses(recorder: PoseRecorder, output: ProgressOutput) -> int | None:
         output.note(str(error))
         return NOT_WELL
     return None
-
-
-def calibrate(job: Job, options: HandOptions, cell: ConfiguredCell, keys: Keys) -> int:
-    """Record poses, save the readings, fit, verify, write, send. Returns the exit code."""
-    with screen(with_time=False) as output:
-        recorder = PoseRecorder(cell, options, keys=keys, output=output)
-        ended = record_poses(recorder, output)
-    save_readings(job, recorder.dwells)
-    if ended is not None:
-        return ended
-    refuse_wrong_axes(job, recorder.dwells)
-    evidence = evidence_of(
-        "manual", recorder.dwells, source=job.files.readings, serial=recorder.serial
-    )
-    return conclude(job, evidence, cell)

@@ -53,10 +53,6 @@ class Drive:
             raise CalibrationError("the arm is moving: wait until it is at rest")
         return self.state()
 
-    def joints(self) -> Array:
-        """Return the joint angles [rad]. Shape (6,)."""
-        return np.array(self.state().joint_rad)
-
     def refuse_unless_free(self) -> None:
         """Raise NotBegunError when another commander moves the arm, or when it is stopped."""
         reading = self._cell.status.wait(STATE_WITHIN_S)

@@ -46,7 +46,7 @@ def calibrate_from_recording(
     Raises DataError when a recording cannot be used.
     """
     data = read_recording(recording)
-    refuse_wrong_installation(job.cell, data, axes, force=job.force)
+    refuse_wrong_installation(job, data, axes)
     chosen_axes, fit, reason = identify_recording(data, axes)
     if reason:
         typer.echo(reason, err=True)
@@ -64,11 +64,11 @@ def calibrate_from_recording(
 def refuse_wrong_axes(job: Job, dwells: Sequence[Dwell]) -> None:
     """Raise CalibrationError when the dwells of the fit contradict the installation."""
     recording = recording_of(dwells_of_purpose(dwells, "fit"), job.files.readings)
-    refuse_wrong_installation(job.cell, recording, "sensor", force=job.force)
+    refuse_wrong_installation(job, recording, "sensor")
 
 
 def refuse_wrong_installation(
-    cell: CellConfig, recording: WrenchRecording, axes: WrenchAxes | None, *, force: bool = False
+    job: Job, recording: WrenchRecording, axes: WrenchAxes | None
 ) -> None:
     """Raise CalibrationError when axes, signs or units are not those of the cell file.
 
@@ -76,12 +76,11 @@ def refuse_wrong_installation(
     then have positive feedback. With force, only a warning is printed.
 
     Args:
-        cell: Expected installation.
+        job: Expected installation, and whether to continue in spite of a finding.
         recording: Static readings in many attitudes.
         axes: Axes in which the wrench was recorded; None: detect them.
-        force: Continue in spite of a finding.
     """
-    expected = ExpectedInstallation.of(cell)
+    expected = ExpectedInstallation.of(job.cell)
     found = judge_recording(recording, axes, expected)[1]
     if expected.mass_kg is None and "mass_kg" in found.evidence:
         typer.echo(
@@ -91,7 +90,7 @@ def refuse_wrong_installation(
         )
     if found.rejection_reason is None:
         return
-    if force:
+    if job.force:
         typer.echo(f"warning: {found.rejection_reason}", err=True)
         return
     raise CalibrationError(
@@ -121,8 +120,18 @@ def store_result(job: Job, found: Findings, cell: ConfiguredCell | None) -> int:
 
     The last line reports whether the cell uses it; requested and not used is never exit code 0.
     """
+    if found.verdict.passed is False and not job.force:
+        page = job.files.failed_page
+        save_page(found, page)
+        typer.echo(
+            "check for contact, a loose tool or cable, a wrong T_flange_sensor; --force writes it"
+        )
+        typer.echo(f"nothing was written or put into use; the report is {page}")
+        return NOT_WELL
     if found.verdict.passed is False:
-        return _store_failed_result(job, found)
+        _write(job.files.unused, found)
+        typer.echo(_not_used_text(job.files, "it failed"))
+        return NOT_WELL
     if not job.use:
         _write(job.files.unused, found)
         typer.echo(_not_used_text(job.files, "only --use puts it into use"))
@@ -135,20 +144,6 @@ def store_result(job: Job, found: Findings, cell: ConfiguredCell | None) -> int:
         typer.echo(_not_used_text(job.files, objection))
         return NOT_WELL
     return _put_into_use(job, found, cell)
-
-
-def _store_failed_result(job: Job, found: Findings) -> int:
-    if job.force:
-        _write(job.files.unused, found)
-        typer.echo(_not_used_text(job.files, "it failed"))
-        return NOT_WELL
-    page = job.files.failed_page
-    save_page(found, page)
-    typer.echo(
-        "check for contact, a loose tool or cable, a wrong T_flange_sensor; --force writes it"
-    )
-    typer.echo(f"nothing was written or put into use; the report is {page}")
-    return NOT_WELL
 
 
 def _put_into_use(job: Job, found: Findings, cell: ConfiguredCell | None) -> int:

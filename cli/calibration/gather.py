@@ -1,7 +1,6 @@
 """Reader of sensor samples while the arm is at rest: each sample once, valid ones only."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -30,15 +29,6 @@ class ReadingLostError(ForcemeshError):
     """Sensor or robot data was missing or invalid."""
 
 
-@dataclass(slots=True)
-class _ResidualSum:
-    """Residual wrench of the running cell about the sensor's origin, summed over a dwell."""
-
-    force_N: Array
-    torque_Nm: Array
-    count: int = 0
-
-
 class Gatherer:
     """Subscriber to sensor, robot state and wrench, with a rest detector."""
 
@@ -60,10 +50,9 @@ class Gatherer:
         Raises ReadingLostError while sensor or robot data is missing or invalid.
         """
         sensor, robot = self._cell.sensor.reading(), self._cell.state.reading()
-        for fault in (sensor.fault, robot.fault):
-            if fault:
-                self.stillness.clear()
-                raise ReadingLostError(fault)
+        if fault := sensor.fault or robot.fault:
+            self.stillness.clear()
+            raise ReadingLostError(fault)
         message, header, state = sensor.fresh, sensor.header, robot.fresh
         if message is None or header is None or state is None:
             return None
@@ -131,7 +120,7 @@ class Gatherer:
 
     def _read_dwell(self, purpose: Purpose, dwell_s: float, watch: Watch) -> Dwell:
         samples: list[PoseSample] = []
-        residual = _ResidualSum(np.zeros(3), np.zeros(3))
+        residuals: list[Array] = []  # of the running cell, about the sensor's origin
         end_ns = self._clock.now_ns() + round(dwell_s * NS_PER_S)
         while self._clock.now_ns() < end_ns:
             self._clock.sleep_s(READINGS_POLL_S)
@@ -139,13 +128,14 @@ class Gatherer:
             sample = self.take()
             if sample is not None:
                 samples.append(sample)
-                self._add_wrench(residual, sample)
+                self._add_wrench(residuals, sample)
         condition = self.stillness.pending_condition()
         if condition and condition != "readings":
             raise ReadingLostError(f"not at rest while reading: waiting for {condition}")
         if len(samples) < LEAST_READINGS:
             raise ReadingLostError(f"only {len(samples)} readings in {dwell_s:g} s")
         readings = np.array([sample.reading for sample in samples])
+        residual = np.mean(residuals, axis=0) if residuals else None
         at_ns = np.array([sample.at_ns - self._started_ns for sample in samples])
         return Dwell(
             purpose,
@@ -154,12 +144,12 @@ class Gatherer:
             np.array([sample.R_base_sensor for sample in samples]),
             readings[:, :3],
             readings[:, 3:],
-            residual.force_N / residual.count if residual.count else None,
-            residual.torque_Nm / residual.count if residual.count else None,
+            None if residual is None else residual[:3],
+            None if residual is None else residual[3:],
         )
 
-    def _add_wrench(self, residual: _ResidualSum, sample: PoseSample) -> None:
-        """Add the published wrench, with its torque moved to the sensor's origin."""
+    def _add_wrench(self, residuals: list[Array], sample: PoseSample) -> None:
+        """Add the published wrench, shape (6,), with its torque moved to the sensor's origin."""
         if not self._wrench.poll():
             return
         wrench = self._wrench.read(self._clock.now_ns()).fresh
@@ -167,9 +157,5 @@ class Gatherer:
             return
         self.active_calibration = wrench.calibration
         p_tcp_m = (self._T_flange_sensor.inverse() * self._T_flange_tcp).translation
-        force = np.array(wrench.force_N)
-        residual.force_N += force
-        residual.torque_Nm += np.array(wrench.torque_Nm) + np.cross(
-            sample.R_base_sensor @ p_tcp_m, force
-        )
-        residual.count += 1
+        lever = np.cross(sample.R_base_sensor @ p_tcp_m, wrench.force_N)
+        residuals.append(np.concatenate((wrench.force_N, np.array(wrench.torque_Nm) + lever)))

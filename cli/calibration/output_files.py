@@ -43,7 +43,7 @@ def output_files(cell: CellConfig, cell_file: Path, out: Path | None) -> OutputF
     """
     named = calibration_file(cell_file)
     named = None if named is None else Path(os.path.normpath(named))
-    if named is not None and (out is None or _are_same(named, out)):
+    if named is not None and (out is None or named.resolve() == out.resolve()):
         return OutputFiles(named)
     if out is None:
         out = Path("calibration") / f"{cell.cell}.yaml"
@@ -60,7 +60,3 @@ def back_up(path: Path) -> None:
         shutil.copyfile(path, backup)
     except OSError as error:
         raise DataError(f"{backup}: cannot be written: {error.strerror}") from error
-
-
-def _are_same(path: Path, other_path: Path) -> bool:
-    return path.resolve() == other_path.resolve()

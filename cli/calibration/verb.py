@@ -1,6 +1,7 @@
 """Verb `calibrate`: identification and verification of payload and sensor bias of a cell."""
 
-from dataclasses import dataclass
+from functools import partial
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,18 +9,15 @@ import typer
 
 from cli.context import (
     CONNECT_PATIENCE_S,
-    USAGE,
     CellOption,
     exit_with_error,
     find_cell_file,
     one_line_errors,
 )
-from cli.payload import Axes, AxesOption
+from cli.payload import Axes, AxesOption, named_axes
 
 if TYPE_CHECKING:
-    from cli.calibration import by_arm
     from cli.calibration.finish import Job
-    from common.config.cell import CellConfig
 
 USUAL_SPEED_MM_S = 100.0
 
@@ -77,55 +75,12 @@ VerifyOnly = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class _Method:
-    """Selected calibration method."""
+def puts_into_use(*, use: bool, out: Path | None, force: bool, moves_arm: bool) -> bool:
+    """Return whether a result that passes is activated: default of the wizard that moves the arm.
 
-    manual: bool
-    auto_capture: bool
-    recording: Path | None
-    verify_with: Path | None
-    verify_only: bool
-    axes: AxesOption
-
-    def mistake(self) -> str:
-        """Return which options cannot be combined, or an empty string."""
-        chosen = {
-            "--manual": self.manual,
-            "--from": self.recording is not None,
-            "--verify-only": self.verify_only,
-        }
-        names = [name for name, is_chosen in chosen.items() if is_chosen]
-        if len(names) > 1:
-            return f"{' and '.join(names)} cannot be combined: choose one"
-        if self.verify_with is not None and self.recording is None:
-            return "--verify-with requires --from: the wizard measures its own poses"
-        if self.axes is not AxesOption.AUTO and self.recording is None:
-            return "--wrench-axes requires --from: the wizard reads the sensor itself"
-        if self.auto_capture and not self.manual:
-            return "--auto-capture requires --manual"
-        return ""
-
-
-@dataclass(frozen=True, slots=True)
-class ResultDestination:
-    """Destination of the result; --out alone never activates it."""
-
-    out: Path | None
-    use: bool
-    force: bool
-    moves_arm: bool
-
-    @property
-    def uses(self) -> bool:
-        """Whether a result that passes is activated; default of the wizard that moves the arm."""
-        return self.use or (self.moves_arm and self.out is None and not self.force)
-
-    def mistake(self) -> str:
-        """Return which options cannot be combined, or an empty string."""
-        if self.use and self.force:
-            return "--use and --force cannot be combined: a failed result is never activated"
-        return ""
+    --out alone never activates it.
+    """
+    return use or (moves_arm and out is None and not force)
 
 
 def calibrate(
@@ -157,97 +112,88 @@ def calibrate(
     in the running cell at once. With --manual, --from or --out it is only written; --use activates
     it if verification passes. This is not a safety function.
     """
-    method = _Method(manual, auto_capture, from_file, verify_with, verify_only, wrench_axes)
-    destination = ResultDestination(out, use, force, moves_arm=not (manual or from_file))
-    mistake = method.mistake() or destination.mistake()
-    if mistake:
-        exit_with_error(mistake, USAGE)
+    moves_arm = not (manual or from_file)
+    methods = {"--manual": manual, "--from": from_file, "--verify-only": verify_only}
+    chosen = [name for name, value in methods.items() if value]
+    if len(chosen) > 1:
+        exit_with_error(f"{' and '.join(chosen)} cannot be combined: choose one")
+    if from_file is None and verify_with is not None:
+        exit_with_error("--verify-with requires --from: the wizard measures its own poses")
+    if from_file is None and wrench_axes is not AxesOption.AUTO:
+        exit_with_error("--wrench-axes requires --from: the wizard reads the sensor itself")
+    if auto_capture and not manual:
+        exit_with_error("--auto-capture requires --manual")
+    if use and force:
+        exit_with_error("--use and --force cannot be combined: a failed result is never activated")
     with one_line_errors():
-        path = find_cell_file(cell)
-        job = _job(path, destination, (max_force, max_torque))
+        from cli.calibration.finish import calibrate_from_recording
+        from common.bus.configured_cell import ConfiguredCell
+
+        uses = puts_into_use(use=use, out=out, force=force, moves_arm=moves_arm)
+        job = _job(find_cell_file(cell), out, (max_force, max_torque), force=force, uses=uses)
         if from_file is not None:
-            code = _by_file(job, from_file, method)
-        elif manual:
-            code = _by_hand(job, method, (poses, verify_poses, dwell))
+            axes = named_axes(wrench_axes)
+            raise typer.Exit(calibrate_from_recording(job, from_file, verify_with, axes))
+        if manual:
+            run = _by_hand(job, (poses, verify_poses, dwell), auto_capture=auto_capture)
         else:
-            if verify_poses == 0:
-                exit_with_error(
-                    "--verify-poses 0 requires --manual: the wizard verifies its fit", USAGE
-                )
-            options = _options(
-                job.cell, (poses, verify_poses, turn), speed, dwell, assured=(yes, free)
-            )
-            code = _by_arm(job, options, verify_only=verify_only)
+            counts = (poses, verify_poses, turn)
+            run = _by_arm(job, counts, speed, dwell, assured=(yes, free), verify_only=verify_only)
+        with ConfiguredCell(job.cell, patience_s=CONNECT_PATIENCE_S) as client:
+            code = run(client)
     raise typer.Exit(code)
 
 
-def _job(path: Path, destination: ResultDestination, bounds: tuple[float, float]) -> "Job":
+def _job(
+    path: Path, out: Path | None, bounds: tuple[float, float], *, force: bool, uses: bool
+) -> "Job":
     from cli.calibration.finish import Job
     from cli.calibration.output_files import output_files
     from common.config.load import load_cell
     from identification.verification import VerificationBounds
 
     cell = load_cell(path, {"calibration": None})  # not needed, and possibly invalid
-    files = output_files(cell, path, destination.out)
-    if destination.out is not None and not destination.uses and not files.advice:
+    files = output_files(cell, path, out)
+    if out is not None and not uses and not files.advice:
         exit_with_error(
-            f"--out {destination.out} is the calibration file that the cell loads at start: use "
-            "--use to activate the result, or another file name to write it only",
-            USAGE,
+            f"--out {out} is the calibration file that the cell loads at start: use --use to "
+            "activate the result, or another file name to write it only"
         )
-    return Job(
-        cell, files, VerificationBounds(*bounds), force=destination.force, use=destination.uses
-    )
+    return Job(cell, files, VerificationBounds(*bounds), force=force, use=uses)
 
 
-def _options(
-    cell: "CellConfig",
-    poses: tuple[int, int, float],
+def _by_hand(job: "Job", counts: tuple[int, int, float], *, auto_capture: bool) -> "partial[int]":
+    """Return the calibration in which a person moves the arm."""
+    from cli.calibration import by_hand
+    from cli.terminal import typed_line
+
+    options = by_hand.HandOptions(*counts, auto_capture)
+    return partial(by_hand.calibrate, job, options, typed_line)
+
+
+def _by_arm(
+    job: "Job",
+    counts: tuple[int, int, float],
     speed_mm_s: float | None,
     dwell_s: float,
     *,
     assured: tuple[bool, bool],
-) -> "by_arm.ArmOptions":
-    from math import radians
-
-    from cli.calibration.by_arm import ArmOptions
+    verify_only: bool,
+) -> "partial[int]":
+    """Return the calibration or the verification in which the arm moves."""
+    from cli.calibration import by_arm
     from cli.calibration.wizard import WizardTiming
     from identification.excitation.plan import PlanOptions
 
-    count, verify_count, turn_deg = poses
-    limit_mm_s = 1e3 * cell.limits.speed_m_s
-    if speed_mm_s is not None and speed_mm_s > limit_mm_s:
-        exit_with_error(
-            f"--speed {speed_mm_s:g}: limits.speed_m_s allows {limit_mm_s:g} mm/s", USAGE
-        )
-    usual_mm_s = min(USUAL_SPEED_MM_S, limit_mm_s)
-    timing = WizardTiming((usual_mm_s if speed_mm_s is None else speed_mm_s) / 1e3, dwell_s)
-    return ArmOptions(PlanOptions(count, verify_count, radians(turn_deg)), timing, *assured)
-
-
-def _by_arm(job: "Job", options: "by_arm.ArmOptions", *, verify_only: bool) -> int:
-    from cli.calibration import by_arm
-    from common.bus.configured_cell import ConfiguredCell
-
-    run = by_arm.verify if verify_only else by_arm.calibrate
-    with ConfiguredCell(job.cell, patience_s=CONNECT_PATIENCE_S) as client:
-        return run(job, options, client)
-
-
-def _by_hand(job: "Job", method: _Method, poses: tuple[int, int, float]) -> int:
-    from cli.calibration import by_hand
-    from cli.terminal import Keyboard
-    from common.bus.configured_cell import ConfiguredCell
-
-    count, verify_count, dwell_s = poses
-    options = by_hand.HandOptions(count, verify_count, dwell_s, method.auto_capture)
-    with ConfiguredCell(job.cell, patience_s=CONNECT_PATIENCE_S) as client:
-        return by_hand.calibrate(job, options, client, Keyboard())
-
-
-def _by_file(job: "Job", recording: Path, method: _Method) -> int:
-    from cli.calibration.finish import calibrate_from_recording
-    from cli.payload import named_axes
-
-    axes = named_axes(method.axes)
-    return calibrate_from_recording(job, recording, method.verify_with, axes)
+    poses, verify_poses, turn_deg = counts
+    if verify_poses == 0:
+        exit_with_error("--verify-poses 0 requires --manual: the wizard verifies its fit")
+    limit_mm_s = 1e3 * job.cell.limits.speed_m_s
+    if speed_mm_s is None:
+        speed_mm_s = min(USUAL_SPEED_MM_S, limit_mm_s)
+    elif speed_mm_s > limit_mm_s:
+        exit_with_error(f"--speed {speed_mm_s:g}: limits.speed_m_s allows {limit_mm_s:g} mm/s")
+    timing = WizardTiming(speed_mm_s / 1e3, dwell_s)
+    plan_options = PlanOptions(poses, verify_poses, radians(turn_deg))
+    options = by_arm.ArmOptions(plan_options, timing, *assured)
+    return partial(by_arm.verify if verify_only else by_arm.calibrate, job, options)

@@ -5,6 +5,7 @@ virtual clock. The recorded readings stay in `dwells`, however the sequence ends
 """
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -51,21 +52,11 @@ class CalibrationWizard:
         self._timing, self._cell, self._clock = timing, cell, cell.session.clock
         self.output = output  # may be replaced for the return
         self._drive = Drive(cell, timing.speed_m_s)
-        self._gatherer = Gatherer(cell)
+        self.gatherer = Gatherer(cell)
         self._q: Array = plan.route.q_start
         self._done_s, self._total_s = 0.0, expected_s(plan, timing)
         self._stage = ""
         self._begun = False
-
-    @property
-    def serial(self) -> str:
-        """Serial number of the sensor, empty when it reports none."""
-        return self._gatherer.serial
-
-    @property
-    def active_calibration(self) -> str:
-        """Calibration that the running cell uses, empty when unknown."""
-        return self._gatherer.active_calibration
 
     def run(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
         """Arm, visit every pose, return to the start and restore the armed state.
@@ -78,8 +69,13 @@ class CalibrationWizard:
     def measure(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
         """Arm and visit every pose; the arm stays armed at the last one. Raises as `run`."""
         self._total_s = expected_s(self.plan, self._timing, purposes)
-        self._gatherer.until_received()
-        self._arm()
+        self.gatherer.until_received()
+        self._begun = True  # also when interrupted before the reply
+        try:
+            self.output.note(self._drive.arm())
+        except RefusedError:
+            self._begun = False
+            raise
         self._lift()
         for purpose in purposes:
             self._visit_all(purpose)
@@ -96,14 +92,6 @@ class CalibrationWizard:
     def abandon(self, reason: str) -> str:
         """Hold the arm if it was armed for this calibration; return the text of the reply."""
         return self._drive.hold(reason) if self._begun else "nothing was moved"
-
-    def _arm(self) -> None:
-        self._begun = True  # also when interrupted before the reply
-        try:
-            self.output.note(self._drive.arm())
-        except RefusedError:
-            self._begun = False
-            raise
 
     def _lift(self) -> None:
         """Move to the hub above the start. Raises InContactError when the force changes."""
@@ -139,7 +127,9 @@ class CalibrationWizard:
             except PoseRefusedError as error:
                 self.output.note(f"{self._stage} is skipped, another pose is used: {error}")
                 self.plan = self.plan.without(remaining[0])
-                self._return_to_last_pose()
+                # A refused goal may have ended between poses: the path back is free.
+                if np.abs(self._drive.state().joint_rad - self._q).max() > np.radians(0.3):
+                    self._move_through([self._q])
                 continue
             visited.append(remaining[0])
             self.dwells.append(self._read(purpose, self._timing.dwell_s))
@@ -152,7 +142,7 @@ class CalibrationWizard:
             self._drive.check()
             self._report_progress(text, began_ns, expected_s)
 
-        dwell = self._gatherer.dwell(purpose, duration_s, watch)
+        dwell = self.gatherer.dwell(purpose, duration_s, watch)
         self._done_s += expected_s
         return dwell
 
@@ -162,20 +152,10 @@ class CalibrationWizard:
             length_m = self.plan.route.length_m(self._q, q)
             expected_s = length_m / self._timing.speed_m_s + RAMP_S
             began_ns = self._clock.now_ns()
-            self._drive.move_joints(
-                q,
-                length_m,
-                lambda text, began_ns=began_ns, s=expected_s: self._report_progress(
-                    text, began_ns, s
-                ),  # type: ignore[misc]
-            )
+            report = partial(self._report_progress, began_ns=began_ns, expected_s=expected_s)
+            self._drive.move_joints(q, length_m, report)
             self._q = q
             self._done_s += expected_s
-
-    def _return_to_last_pose(self) -> None:
-        """Return to the last pose when a refused goal ended between poses: that path is free."""
-        if np.abs(self._drive.joints() - self._q).max() > np.radians(0.3):
-            self._move_through([self._q])
 
     def _report_progress(self, text: str, began_ns: int, expected_s: float) -> None:
         spent_s = (self._clock.now_ns() - began_ns) / NS_PER_S

@@ -11,7 +11,6 @@ from cli.terminal import ProgressOutput
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.frames import Array
 from forcemesh.clock import NS_PER_S
-from identification.dwells import Dwell
 from identification.errors import CalibrationError
 from identification.installation.payload import length_findings
 from identification.installation.push import (
@@ -61,12 +60,11 @@ class PushTest:
         lengths = length_findings(expected)
         done = [each for request in STEPS if (each := self._step(request)) is not None]
         findings, unidentified = judge_pushes(done, expected.in_metres())
-        sizes = [each.size for each in done if each.request.action == "push"]
         evidence = {
             f"push_{each.request.name}_{each.request.action}_cosine": each.cosine for each in done
         }
         return Installation(
-            (*lengths, *findings, *_size_findings(sizes)), tuple(unidentified), evidence
+            (*lengths, *findings, *_size_findings(done)), tuple(unidentified), evidence
         )
 
     def _step(self, request: PushRequest) -> PushResult | None:
@@ -107,7 +105,7 @@ class PushTest:
                     raise
                 self._output.note(f"take your hands off the tool: {error}")
             else:
-                return _reading(dwell)
+                return np.concatenate((dwell.force_N.mean(axis=0), dwell.torque_Nm.mean(axis=0)))
         raise AssertionError  # the last attempt returns or raises
 
     def _follow(self, request: PushRequest, baseline: Array) -> PushResult | None:
@@ -148,10 +146,6 @@ class PushTest:
             )
 
 
-def _reading(dwell: Dwell) -> Array:
-    return np.concatenate((dwell.force_N.mean(axis=0), dwell.torque_Nm.mean(axis=0)))
-
-
 def _have_same_direction(a: PushResult, b: PushResult) -> bool:
     """Return whether two pushes for the same prompt have about the same direction."""
     first, second = (d.change_N if d.request.action == "push" else d.change_Nm for d in (a, b))
@@ -160,8 +154,9 @@ def _have_same_direction(a: PushResult, b: PushResult) -> bool:
     )
 
 
-def _size_findings(sizes: list[float]) -> list[InstallationFinding]:
+def _size_findings(done: list[PushResult]) -> list[InstallationFinding]:
     """Return an unsure finding on the unit when pushes of about 10 N measure out of range."""
+    sizes = [each.size for each in done if each.request.action == "push"]
     size, (low, high) = float(np.median(sizes)), USUAL_N
     if low <= size <= high:
         return []

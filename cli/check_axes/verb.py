@@ -9,10 +9,8 @@ import typer
 from cli.context import (
     NOT_WELL,
     OK,
-    USAGE,
     CellOption,
     JsonOption,
-    answers_yes,
     cell_of,
     exit_with_error,
     find_cell_file,
@@ -35,18 +33,6 @@ HEADLINES = {
     "cannot tell": "cannot tell:",
 }
 
-FromFile = Annotated[
-    Path | None,
-    typer.Option("--from", metavar="CSV", help="Do not move the arm: evaluate a recording."),
-]
-Push = Annotated[bool, typer.Option("--push", help="Do not move the arm: push by hand.")]
-Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the workspace is free.")]
-Mass = Annotated[
-    float | None,
-    typer.Option(min=0.001, help="True mass below the sensor [kg]; default: cell file."),
-]
-Speed = Annotated[float, typer.Option(min=1.0, max=1000.0, help="Speed of the moves [mm/s].")]
-
 
 @check.callback()
 def _group() -> None:
@@ -56,11 +42,23 @@ def _group() -> None:
 @check.command()
 def axes(
     *,
-    from_file: FromFile = None,
-    push: Push = False,
-    yes: Yes = False,
-    mass: Mass = None,
-    speed: Speed = SPEED_MM_S,
+    from_file: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="CSV", help="Do not move the arm: evaluate a recording."),
+    ] = None,
+    push: Annotated[
+        bool, typer.Option("--push", help="Do not move the arm: push by hand.")
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Do not ask whether the workspace is free.")
+    ] = False,
+    mass: Annotated[
+        float | None,
+        typer.Option(min=0.001, help="True mass below the sensor [kg]; default: cell file."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=1.0, max=1000.0, help="Speed of the moves [mm/s].")
+    ] = SPEED_MM_S,
     wrench_axes: Axes = AxesOption.AUTO,
     as_json: JsonOption = False,
     cell: CellOption = None,
@@ -71,9 +69,9 @@ def axes(
     the workspace is free; the weight serves as reference. This is not a safety function.
     """
     if push and from_file is not None:
-        exit_with_error("--push and --from cannot be combined: choose one", USAGE)
+        exit_with_error("--push and --from cannot be combined: choose one")
     if wrench_axes is not AxesOption.AUTO and from_file is None:
-        exit_with_error("--wrench-axes requires --from: otherwise the sensor itself is read", USAGE)
+        exit_with_error("--wrench-axes requires --from: otherwise the sensor itself is read")
     with one_line_errors():
         path = find_cell_file(cell)
         found, source = (
@@ -129,7 +127,6 @@ def _by_arm(
 ) -> "tuple[Installation, str]":
     from cli.calibration import by_arm
     from cli.calibration.wizard import WizardTiming
-    from cli.terminal import screen
     from identification.dwells import samples_of
     from identification.excitation.plan import PlanOptions
     from identification.installation.check import judge_installation
@@ -138,12 +135,8 @@ def _by_arm(
         limit_mm_s = 1e3 * cell.config.limits.speed_m_s
         timing = WizardTiming(min(speed_mm_s, limit_mm_s) / 1e3, DWELL_S)
         options = by_arm.ArmOptions(PlanOptions(poses=POSES, verify_poses=0), timing, yes)
-        plan = by_arm.calibration_plan(cell, options)
-        typer.echo(by_arm.motion_description(cell.config, plan, timing), err=True)
-        if not yes and not answers_yes("is the workspace free, and may the arm move?"):
-            exit_with_error("nothing was moved", NOT_WELL)
-        with screen() as output:
-            wizard, ended = by_arm.drive(cell, plan, timing, output=output)
+        question = "is the workspace free, and may the arm move?"
+        wizard, ended = by_arm.confirm_and_drive(cell, options, question=question)
         if ended is not None:
             raise typer.Exit(ended)
         expected = _expected_installation(cell.config, mass_kg)
@@ -174,7 +167,19 @@ def _report_axes(cell: "ConfiguredCell", found: "Installation") -> None:
 def print_installation(found: "Installation", source: str, *, as_json: bool) -> None:
     """Print verdict, findings with remedies, what was not observed, and the measured numbers."""
     if as_json:
-        typer.echo(json.dumps(as_tree(found, source), allow_nan=False))
+        wiring = found.force_wiring
+        report = {
+            "verdict": found.verdict,
+            "source": source,
+            "findings": [
+                {"code": each.code, "kind": each.kind, "text": each.text, "remedy": each.remedy}
+                for each in found.findings
+            ],
+            "not_shown": found.unidentified,
+            "force_channels_show": None if wiring is None else wiring.tolist(),
+            "evidence": found.evidence,
+        }
+        typer.echo(json.dumps(report, allow_nan=False))
         return
     typer.echo(f"{source}\n{HEADLINES[found.verdict]}")
     for finding in found.findings:
@@ -184,19 +189,3 @@ def print_installation(found: "Installation", source: str, *, as_json: bool) -> 
     numbers = ", ".join(f"{name} {value:.4g}" for name, value in found.evidence.items())
     if numbers:
         typer.echo(f"  ({numbers})")
-
-
-def as_tree(found: "Installation", source: str) -> dict[str, object]:
-    """Return the result as a dict for JSON."""
-    wiring = None if found.force_wiring is None else found.force_wiring.tolist()
-    return {
-        "verdict": found.verdict,
-        "source": source,
-        "findings": [
-            {"code": each.code, "kind": each.kind, "text": each.text, "remedy": each.remedy}
-            for each in found.findings
-        ],
-        "not_shown": list(found.unidentified),
-        "force_channels_show": wiring,
-        "evidence": found.evidence,
-    }

@@ -4,12 +4,19 @@ It uses the requests and topics of any client, so that the same scenario runs ag
 and in lock step on a virtual clock.
 """
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from rich.console import Console
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as Bar
 
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import Array
 from forcemesh import topics
@@ -29,6 +36,7 @@ SCENARIO_REST_S = 0.3
 SETTLED_FORCE_N = 1.0
 SETTLED_TORQUE_NM = 0.1
 SETTLED_FOR_S = 1.0
+REFRESH_S = 0.05
 
 Check = Callable[[], None]
 Progress = Callable[[str, float, float], None]  # phase, force [N], torque [N m]
@@ -63,7 +71,7 @@ class ScenarioSample:
     t_s: float  # since the start request of force feedback; negative while pressing
     force_N: Array
     torque_Nm: Array
-    T_base_flange: Array  # homogeneous, (4, 4)
+    T_base_flange: pin.SE3
 
     @property
     def force(self) -> float:
@@ -191,7 +199,12 @@ class Scenario:
         now_ns = self._clock.now_ns()
         status = self._arbiter.read(now_ns)
         if status.fault or (status.fresh and not status.fresh.operational):
-            raise ScenarioError(f"while {phase}: {_stop_reason(status.fresh, status.fault)}")
+            trips = status.fresh.trips if status.fresh else ()
+            state = status.fresh.state if status.fresh else "silent"
+            causes = "; ".join(trip.text for trip in trips) or status.fault or "no cause given"
+            raise ScenarioError(
+                f"while {phase}: the arm was stopped, the arbiter is {state}: {causes}"
+            )
         wrench, robot = self._wrench.read(now_ns).message, self._robot.read(now_ns).message
         if not fresh or wrench is None or robot is None or not wrench.valid:
             return None
@@ -199,7 +212,7 @@ class Scenario:
             t_s=(now_ns - self._start_ns) / NS_PER_S,
             force_N=np.array(wrench.force_N),
             torque_Nm=np.array(wrench.torque_Nm),
-            T_base_flange=np.array(pose_of(robot).homogeneous),
+            T_base_flange=pose_of(robot),
         )
         samples.append(sample)
         self._progress(phase, sample.force, sample.torque)
@@ -231,8 +244,76 @@ class Scenario:
         return True
 
 
-def _stop_reason(status: object, fault: str) -> str:
-    trips = getattr(status, "trips", ())
-    state = getattr(status, "state", "silent")
-    causes = "; ".join(trip.text for trip in trips) or fault or "no cause given"
-    return f"the arm was stopped, the arbiter is {state}: {causes}"
+# --- on a cell ------------------------------------------------------------------------------------
+
+
+def play_virtual(cell: CellConfig, plan: ScenarioPlan, progress: Progress) -> Trace:
+    """Run in one process on a virtual clock."""
+    from launch.virtual_cell import VirtualCell
+
+    world = VirtualCell(cell)
+    trace = Scenario(world.client, plan, check=lambda: None, progress=progress).run()
+    trace.stages.clear()  # multiples of the virtual step are not latencies
+    return trace
+
+
+def play_real(
+    cell: CellConfig,
+    plan: ScenarioPlan,
+    progress: Progress,
+    linger_s: float,
+    *,
+    panel: bool = False,
+    recorder: bool = False,
+) -> Trace:
+    """Start the cell's processes, run the scenario, and stop them all in any case.
+
+    Raises:
+        ScenarioError: A process died or the arm was stopped; after a death the cell stays up for
+            `linger_s` before that, so that `forcemesh status` can be used.
+        BusError: There was no reply, and no process died.
+    """
+    from common.bus.cell_bus import open_bus
+    from forcemesh.topics import CLIENT
+    from launch.processes import Supervisor
+    from launch.sidecar import sidecars
+
+    names = [name for name, is_on in (("recorder", recorder), ("panel", panel)) if is_on]
+    with Supervisor(cell) as processes:
+
+        def check() -> None:
+            if processes.died:
+                raise ScenarioError("a process of the cell died")
+
+        processes.wait_ready()
+        try:
+            with sidecars(processes, names), open_bus(cell, CLIENT) as client:
+                return Scenario(client, plan, check=check, progress=progress).run()
+        except ForcemeshError as error:  # also a request without reply: its server may have died
+            processes.hold_after_death(linger_s)
+            if not processes.died:
+                raise
+            deaths = "; ".join(str(died) for died in processes.died)
+            raise ScenarioError(f"{deaths}: {error}") from error
+
+
+@contextmanager
+def live_progress(screen: Console, plan: ScenarioPlan) -> Iterator[Progress]:
+    """Show phase, force and torque while the scenario runs."""
+    columns = (
+        TextColumn("{task.description:<16}"),
+        BarColumn(bar_width=30),
+        TextColumn("{task.completed:5.1f} N  {task.fields[torque]:6.3f} N m"),
+    )
+    with Bar(*columns, console=screen, transient=False) as bar:
+        task = bar.add_task("starting", total=plan.press_N, torque=0.0)
+        last_s = 0.0
+
+        def progress(phase: str, force_N: float, torque_Nm: float) -> None:
+            nonlocal last_s
+            now_s = time.monotonic()
+            if now_s - last_s > REFRESH_S:
+                last_s = now_s
+                bar.update(task, description=phase, completed=force_N, torque=torque_Nm)
+
+        yield progress

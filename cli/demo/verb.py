@@ -1,15 +1,16 @@
 """Verb `demo`: the main task on a simulated cell, with a result table and two pictures."""
 
 import json
-import sys
 import tempfile
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cli.context import NOT_WELL, OK, USAGE, default_cell_file, exit_code_of, exit_with_error
+from cli.context import NOT_WELL, OK, default_cell_file, exit_code_of, exit_with_error
+from cli.numbers import from_milli
 from cli.panel import NoPanel
 from cli.record import NoRecorder
 from cli.verbs_force import known_law
@@ -26,12 +27,12 @@ PLATE = "Plate and robot"
 JOB = "Task"
 
 # fmt: off
-CellFile = Annotated[Path | None, typer.Option("--cell", metavar="FILE", show_default=False, help="Cell file with a section `sim`; default: cells/demo.yaml.")]
+CellFile = Annotated[Path | None, typer.Option("--cell", metavar="FILE", help="Cell file with a section `sim`; default: cells/demo.yaml.")]
 ModeOption = Annotated[Literal["position", "orientation", "both"], typer.Option("--mode", rich_help_panel=JOB, help="Motion controlled by force feedback.")]
 Setpoint = Annotated[float | None, typer.Option("--setpoint", rich_help_panel=JOB, help="Final press force [N]; default: 0, in mode both 10.")]
 Force = Annotated[float, typer.Option("--force", rich_help_panel=JOB, help="Initial press force [N].")]
 HostOption = Annotated[Literal["pc", "controller"], typer.Option("--host", rich_help_panel=JOB, help="Host of the control loop.")]
-LawOption = Annotated[str | None, typer.Option("--law", metavar="LAW", callback=known_law, rich_help_panel=JOB, show_default=False, help="Control law: plain, adaptive, or an added one; default: the cell file's.")]
+LawOption = Annotated[str | None, typer.Option("--law", metavar="LAW", callback=known_law, rich_help_panel=JOB, help="Control law: plain, adaptive, or an added one; default: the cell file's.")]
 Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=PLATE, help="Plate stiffness [N/m].")]
 DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Controller delay [ms].")]
 TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Plate tilt [deg]; default: 0, in modes orientation and both 5.")]
@@ -70,8 +71,7 @@ def demo(
     from rich.console import Console
 
     from cli.demo import cell as cells
-    from cli.demo.play import live_progress, play_real, play_virtual
-    from cli.demo.scenario import ScenarioPlan
+    from cli.demo.scenario import ScenarioPlan, live_progress, play_real, play_virtual
 
     screen = Console(stderr=True)
     _make_folder(out)
@@ -83,25 +83,25 @@ def demo(
             cells.DemoOverrides(
                 tilt_deg=cells.DEFAULT_TILT_DEG[mode] if tilt_deg is None else tilt_deg,
                 stiffness_N_m=stiffness,
-                delay_s=_seconds(delay_ms),
+                delay_s=from_milli(delay_ms),
                 seed=seed,
-                as_step_s=_seconds(as_step_ms),
+                as_step_s=from_milli(as_step_ms),
                 pessimistic=pessimistic,
                 law=law,
             ),
         )
         cells.check_plan(cell, plan)
         with live_progress(screen, plan) as progress:
-            real = partial(play_real, panel=not no_panel, recorder=not no_recorder)
-            trace = (play_virtual if virtual else real)(cell, plan, progress, linger)
+            real = partial(play_real, linger_s=linger, panel=not no_panel, recorder=not no_recorder)
+            trace = (play_virtual if virtual else real)(cell, plan, progress)
     except ForcemeshError as error:
         _print_error(screen, error)
         if as_json:
-            sys.stdout.write(json.dumps({"settled": False, "error": str(error)}) + "\n")
+            print(json.dumps({"settled": False, "error": str(error)}))
         raise typer.Exit(exit_code_of(error)) from None
     result = report(screen, cell, plan, trace=trace, out=out)
     if as_json:
-        sys.stdout.write(json.dumps(result.as_dict()) + "\n")
+        print(json.dumps(asdict(result)))
     raise typer.Exit(OK if result.settled else NOT_WELL)
 
 
@@ -119,32 +119,26 @@ def _make_folder(out: Path) -> None:
         with tempfile.TemporaryFile(dir=out):
             pass
     except OSError as error:
-        exit_with_error(
-            f"--out {out}: cannot be written: {error.strerror}; choose another folder", USAGE
-        )
-
-
-def _seconds(milliseconds: float | None) -> float | None:
-    return None if milliseconds is None else milliseconds / 1e3
+        exit_with_error(f"--out {out}: cannot be written: {error.strerror}; choose another folder")
 
 
 def report(
     screen: "Console", cell: "CellConfig", plan: "ScenarioPlan", *, trace: "Trace", out: Path
 ) -> "Result":
     """Print the table, write plot and picture, and report a missing picture."""
-    from cli.demo import output
-    from cli.demo.cell import surface_of
-    from cli.demo.measures import measure
+    from cli.demo import measures
+    from cli.demo.cell import plate_of, surface_of
     from sim.robot.render import RenderUnavailable
     from tuning.gain_rule import tune
 
     surface = surface_of(cell)
-    result = measure(trace, plan, surface, tune(cell).tau_s)
-    screen.print(output.table(result, plan, trace.started))
-    output.plot(trace, plan, surface, out / "demo.png")
+    result = measures.measure(trace, plan, surface, tune(cell).tau_s)
+    screen.print(measures.table(result, plan, trace.started))
+    measures.plot(trace, plan, surface, out / "demo.png")
     screen.print(f"plot: {out / 'demo.png'}", highlight=False, soft_wrap=True)
     try:
-        output.picture(cell, output.pictured(trace, plan), out / "demo-scene.png")
+        sample = measures.pictured(trace, plan)
+        measures.picture(plate_of(cell), surface, sample, out / "demo-scene.png")
         screen.print(f"picture: {out / 'demo-scene.png'}", highlight=False, soft_wrap=True)
     except RenderUnavailable as error:
         screen.print(f"[yellow]no picture:[/yellow] {error}", highlight=False, soft_wrap=True)

@@ -83,17 +83,13 @@ def visit_controller(
     finally:
         found.opened_s = time.monotonic() - started_s
     with sock:
-        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=_random_id())
+        last_id = ID_FIRST + secrets.randbelow(ID_COUNT)  # reports for an earlier client differ
+        dialogue = Dialogue(scales, Pacing(heartbeat_after_s=0.0), arm=arm, last_id=last_id)
         exchange = _ControllerExchange(sock, dialogue, patience)
         exchange.greet(found)
         if exchange.dialogue.ready:
             found.reports = exchange.watch()
     return found
-
-
-def _random_id() -> int:
-    """Return a random ID, which reports for an earlier client do not match."""
-    return ID_FIRST + secrets.randbelow(ID_COUNT)
 
 
 def _open_socket(endpoint: tuple[str, int], timeout_s: float) -> socket.socket:
@@ -174,10 +170,8 @@ class _ControllerExchange:
         except (OSError, RemoteProtocolError) as error:
             self.reports.broken = str(error)
         now_ns = time.monotonic_ns()
-        self.reports.sender_hz, self.reports.loop_hz = (
-            self.samples.hz(now_ns),
-            self.loops.hz(now_ns),
-        )
+        self.reports.sender_hz = self.samples.hz(now_ns)
+        self.reports.loop_hz = self.loops.hz(now_ns)
         self.reports.round_trip = self.trips.spread(now_ns)
         return self.reports
 
@@ -210,13 +204,10 @@ class _ControllerExchange:
             elif isinstance(event, PoseReport):
                 self.pending = event
             elif isinstance(event, JointReport) and self.pending is not None:
-                self._add_sample(self.pending, event, now_ns)
-
-    def _add_sample(self, pose: PoseReport, joints: JointReport, now_ns: int) -> None:
-        self.reports.pose, self.reports.joints = pose, joints
-        self.trips.reached(self.dialogue.window.framed, now_ns)
-        self.samples.count(1, now_ns)
-        if self.sample_ns is not None:
-            gap_s = (now_ns - self.sample_ns) / NS_PER_S
-            self.reports.longest_gap_s = max(self.reports.longest_gap_s or 0.0, gap_s)
-        self.sample_ns = now_ns
+                self.reports.pose, self.reports.joints = self.pending, event
+                self.trips.reached(self.dialogue.window.framed, now_ns)
+                self.samples.count(1, now_ns)
+                if self.sample_ns is not None:
+                    gap_s = (now_ns - self.sample_ns) / NS_PER_S
+                    self.reports.longest_gap_s = max(self.reports.longest_gap_s or 0.0, gap_s)
+                self.sample_ns = now_ns

@@ -1,4 +1,4 @@
-"""Checks of this PC by `forcemesh doctor`: versions, clock, ports, priority, calibration."""
+"""Checks of this PC and its sensor: versions, clock, ports, priority, calibration, stream."""
 
 import datetime as dt
 import os
@@ -9,15 +9,20 @@ import threading
 import time
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cli.doctor.checks import ReportLine, finding, passed, skipped
 from common.runtime.realtime import PRIORITY
 from forcemesh.version import __version__
 from forcemesh.zenoh_settings import endpoint_of
+from services.sensor.driver_registry import unknown_driver
+from services.sensor.rdt import RdtCommand, RdtRecord, parse, request
+from services.sensor.rdt_status import is_good, status_text
 
 if TYPE_CHECKING:
-    from common.config.cell import CellConfig
+    from common.config.cell import CellConfig, SensorSection
 
 PACKAGES = ("eclipse-zenoh", "msgpack", "numpy", "pin", "pydantic")
 PROBE_SLEEPS = 50
@@ -25,21 +30,15 @@ PROBE_SLEEP_S = 0.001
 LATE_WAKE_S = 0.01  # half of the shortest deadline
 OLDEST_YEAR = 2024  # a clock that was never set starts in 1970
 OLD_DAYS = 365
-
-
-@dataclass(frozen=True, slots=True)
-class SleepTimes:
-    """Measured durations of short sleeps [s]."""
-
-    median_s: float
-    longest_s: float
+SENSOR_LISTEN_S = 0.5
+DRIVER_PACKAGES = {"robotiq": "serial", "bota": "bota_driver"}
 
 
 def machine_lines(cell: "CellConfig", *, is_up: bool) -> list[ReportLine]:
     """Return the lines for this PC and this cell's files; takes a tenth of a second."""
     return [
         check_versions(_versions()),
-        check_clock(_sleep_times(), dt.datetime.now(dt.UTC)),
+        check_clock(_sleeps_s(), dt.datetime.now(dt.UTC)),
         check_priority(is_granted=can_set_realtime_priority()),
         check_ports(_ports_in_use(cell), is_up=is_up),
         check_calibration(cell, dt.datetime.now(dt.UTC)),
@@ -57,15 +56,16 @@ def check_versions(found: dict[str, str]) -> ReportLine:
     return passed("versions", text)
 
 
-def check_clock(sleeps: SleepTimes, now: dt.datetime) -> ReportLine:
+def check_clock(sleeps_s: list[float], now: dt.datetime) -> ReportLine:
     """Check how exactly this PC can wait, and whether its date was ever set."""
+    longest_s = max(sleeps_s)
     found = (
-        f"a wait of {1e3 * PROBE_SLEEP_S:g} ms takes {1e3 * sleeps.median_s:.1f} ms, at most "
-        f"{1e3 * sleeps.longest_s:.1f}; date {now:%Y-%m-%d %H:%M} UTC"
+        f"a wait of {1e3 * PROBE_SLEEP_S:g} ms takes {1e3 * statistics.median(sleeps_s):.1f} ms, "
+        f"at most {1e3 * longest_s:.1f}; date {now:%Y-%m-%d %H:%M} UTC"
     )
     if now.year < OLDEST_YEAR:
         return finding("clock", "WARN", found, "clock.calendar")
-    if sleeps.longest_s > LATE_WAKE_S:
+    if longest_s > LATE_WAKE_S:
         return finding("clock", "WARN", found, "clock.late")
     return passed("clock", found)
 
@@ -145,23 +145,29 @@ def _versions() -> dict[str, str]:
     return found
 
 
-def _sleep_times() -> SleepTimes:
+def _sleeps_s() -> list[float]:
+    """Return the measured durations of short sleeps [s]."""
     took_s = []
     for _ in range(PROBE_SLEEPS):
         began_s = time.monotonic()
         time.sleep(PROBE_SLEEP_S)
         took_s.append(time.monotonic() - began_s)
-    return SleepTimes(statistics.median(took_s), max(took_s))
+    return took_s
 
 
 def _ports_in_use(cell: "CellConfig") -> dict[str, bool]:
     """Return the listen addresses of the cell on this PC, and whether each is in use."""
     endpoint = endpoint_of(cell)
-    found = {}
     host, _, port = endpoint.partition("/")[2].partition("?")[0].rpartition(":")
-    if port.isdigit() and is_local(host):
-        found[endpoint] = _is_in_use(host.strip("[]"), int(port))
-    return found
+    if not port.isdigit() or not is_local(host):
+        return {}
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host.strip("[]"), int(port)))
+        except OSError:
+            return {endpoint: True}
+    return {endpoint: False}
 
 
 def is_local(host: str) -> bool:
@@ -169,12 +175,76 @@ def is_local(host: str) -> bool:
     return host.strip("[]") in ("127.0.0.1", "localhost", "::1", "0.0.0.0", "::")  # noqa: S104
 
 
-def _is_in_use(host: str, port: int) -> bool:
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+# --- sensor ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedStream:
+    """Records received from a sensor after a stream request."""
+
+    records: int
+    newest: RdtRecord | None
+    error_text: str = ""  # error text of the system
+
+
+def sensor_line(cell: "CellConfig", *, is_up: bool) -> ReportLine:
+    """Check the cell's sensor unless the cell is up: it streams to its last client only."""
+    implementation, sensor = cell.roles.sensor, cell.sensor
+    if implementation != "driver":
+        return skipped("sensor", f"not used by this cell: roles.sensor is {implementation}")
+    if is_up:
+        return skipped("sensor", "the cell is up and uses the only stream: see sensor/wrench")
+    if sensor.driver == "rdt":
+        endpoint = f"{sensor.address}:{sensor.port}"
+        return check_stream_of(
+            endpoint, listen(sensor.address, sensor.port, SENSOR_LISTEN_S), SENSOR_LISTEN_S
+        )
+    if mistake := unknown_driver(cell):
+        return finding("sensor", "FAIL", mistake, "sensor.driver")
+    if sensor.driver not in DRIVER_PACKAGES:
+        return passed("sensor", f"{sensor.driver}: installed; the sensor was not opened")
+    has_package = bool(find_spec(DRIVER_PACKAGES[sensor.driver]))
+    return check_device(sensor, exists=Path(sensor.device).exists(), has_package=has_package)
+
+
+def check_stream_of(endpoint: str, found: ReceivedStream, listened_s: float) -> ReportLine:
+    """Check the records of a sensor on the network."""
+    if found.newest is None:
+        detail = found.error_text or f"no record in {listened_s:g} s"
+        return finding("sensor", "FAIL", f"{endpoint}: {detail}", "sensor.silent")
+    text = f"{endpoint}: {found.records / listened_s:.0f} records/s"
+    if not is_good(found.newest.status):
+        status_line = f"{text}, status: {status_text(found.newest.status)}"
+        return finding("sensor", "FAIL", status_line, "sensor.status")
+    return passed("sensor", text)
+
+
+def check_device(sensor: "SensorSection", *, exists: bool, has_package: bool) -> ReportLine:
+    """Check whether a sensor on a serial line can be opened."""
+    if not has_package:
+        found = f"driver {sensor.driver} needs the package {DRIVER_PACKAGES[sensor.driver]}"
+        return finding("sensor", "FAIL", found, f"sensor.{sensor.driver}")
+    if not exists:
+        return finding("sensor", "FAIL", f"{sensor.device} does not exist", "sensor.device")
+    return passed("sensor", f"{sensor.driver}: {sensor.device} exists; it was not opened")
+
+
+def listen(address: str, port: int, for_s: float) -> ReceivedStream:
+    """Request the stream of a sensor, count its records, stop the stream."""
+    records, newest = 0, None
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line:
         try:
-            probe.bind((host, port))
-        except OSError:
-            return True
-    return False
+            line.connect((address, port))
+            line.send(request(RdtCommand.START))
+            end_s = time.monotonic() + for_s
+            while (left_s := end_s - time.monotonic()) > 0.0:
+                line.settimeout(left_s)
+                record = parse(line.recv(2048))
+                if record is not None:
+                    records, newest = records + 1, record
+        except TimeoutError:
+            pass
+        except OSError as error:
+            return ReceivedStream(records, newest, error.strerror or str(error))
+        line.send(request(RdtCommand.STOP))
+    return ReceivedStream(records, newest)

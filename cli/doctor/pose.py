@@ -16,9 +16,11 @@ import numpy as np
 import pinocchio as pin
 
 from cli.doctor.checks import ReportLine, finding, passed
+from common.config.cell import CellConfig
 from common.motion.frames import Array, oat_from_R
 from common.motion.kinematics import ArmKinematics
 from controller.packet_table import Scales
+from forcemesh.messages import Joints
 
 SLACK = 2.0  # times the rounding: the controller's trigonometry is single precision
 SMALL_M, SMALL_RAD = 1e-3, radians(0.1)  # below: geometry of this arm, not a frame error
@@ -53,19 +55,13 @@ def distance(T_a: pin.SE3, T_b: pin.SE3) -> Tolerance:
     return Tolerance(float(np.linalg.norm(T_a.translation - T_b.translation)), rotation_rad)
 
 
-@dataclass(frozen=True, slots=True)
-class Frames:
-    """Frames of the cell file that may be set as TOOL by mistake."""
-
-    T_flange_tcp: pin.SE3
-    T_flange_sensor: pin.SE3
-
-
 def check_pose(
-    T_reported: pin.SE3, q: Array, *, scales: Scales, frames: Frames, arm: ArmKinematics
+    cell: CellConfig, T_reported: pin.SE3, joint_rad: Joints, arm: ArmKinematics
 ) -> ReportLine:
     """Check the reported pose by forward kinematics of the reported joints [rad]."""
-    T_model, limit = arm.flange_pose(q), rounding(q, scales, arm)
+    q = np.array(joint_rad)
+    section = cell.gateway if cell.roles.robot == "gateway" else None
+    T_model, limit = arm.flange_pose(q), rounding(q, section or Scales(), arm)
     difference = distance(T_model, T_reported)
     found = (
         f"{1e3 * difference.position_m:.3f} mm and {degrees(difference.rotation_rad):.4f} deg from "
@@ -77,7 +73,7 @@ def check_pose(
     if _is_below(difference, Tolerance(SMALL_M, SMALL_RAD)):
         return finding("pose", "WARN", found, "pose.small")
     tolerance = Tolerance(limit.position_m + SMALL_M, limit.rotation_rad + SMALL_RAD)
-    for text, remedy, T_explained in _explanations(T_model, q, frames, arm):
+    for text, remedy, T_explained in _explanations(cell, T_model, q, arm):
         if _is_below(distance(T_explained, T_reported), tolerance):
             return finding("pose", "FAIL", f"{found}: {text}", remedy)
     text, remedy = _likely_frame(T_model, T_reported, tolerance)
@@ -91,11 +87,12 @@ def _is_below(difference: Tolerance, limit: Tolerance) -> bool:
 
 
 def _explanations(
-    T_model: pin.SE3, q: Array, frames: Frames, arm: ArmKinematics
+    cell: CellConfig, T_model: pin.SE3, q: Array, arm: ArmKinematics
 ) -> Iterator[tuple[str, str, pin.SE3]]:
     """Yield known errors with the pose that each would report."""
-    yield "TOOL is the cell file's TCP, not NULL", "pose.TOOL", T_model * frames.T_flange_tcp
-    yield "TOOL is the sensor's frame, not NULL", "pose.TOOL", T_model * frames.T_flange_sensor
+    T_tcp, T_sensor = cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose
+    yield "TOOL is the cell file's TCP, not NULL", "pose.TOOL", T_model * T_tcp
+    yield "TOOL is the sensor's frame, not NULL", "pose.TOOL", T_model * T_sensor
     for factor in (0.1, 0.5, 2.0, 10.0, 1000.0, 0.001):
         T_scaled = pin.SE3(T_model.rotation, factor * T_model.translation)
         yield f"positions are scaled by {factor:g}", "pose.scale", T_scaled
@@ -121,22 +118,18 @@ def _likely_frame(T_model: pin.SE3, T_reported: pin.SE3, tolerance: Tolerance) -
     T_tool, T_base = T_model.actInv(T_reported), T_model * T_reported.inverse()
     as_tool = f"TOOL {_pendant(T_tool)}"
     as_base = f"BASE {_pendant(T_base)}"
-    if np.linalg.norm(T_tool.translation[:2]) <= tolerance.position_m and _is_upright(
-        T_tool, tolerance
-    ):
+    if _is_along_z(T_tool, tolerance):
         return f"consistent with {as_tool}, along the flange's axis", "pose.TOOL"
-    if np.linalg.norm(T_base.translation[:2]) <= tolerance.position_m and _is_upright(
-        T_base, tolerance
-    ):
+    if _is_along_z(T_base, tolerance):
         return f"consistent with {as_base}, a base at another height or rotated", "pose.BASE"
     return f"consistent with {as_tool}, or {as_base}, or another arm", "pose.unclear"
 
 
-def _is_upright(T: pin.SE3, tolerance: Tolerance) -> bool:
-    """Return whether a frame is rotated about its z axis only."""
-    return bool(np.hypot(T.rotation[0, 2], T.rotation[1, 2]) <= tolerance.rotation_rad) and bool(
-        T.rotation[2, 2] > 0.0
-    )
+def _is_along_z(T: pin.SE3, tolerance: Tolerance) -> bool:
+    """Return whether a frame is shifted along, and rotated about, its z axis only."""
+    tilt_rad = np.hypot(T.rotation[0, 2], T.rotation[1, 2])
+    is_upright = tilt_rad <= tolerance.rotation_rad and T.rotation[2, 2] > 0.0
+    return bool(is_upright and np.hypot(*T.translation[:2]) <= tolerance.position_m)
 
 
 def _pendant(T: pin.SE3) -> str:

@@ -1,8 +1,13 @@
-"""Selection of the checks of a cell, from the findings on its link or its bus: pure."""
+"""Checks of a cell by `forcemesh doctor`, from the findings on its link or its bus."""
 
-from typing import TYPE_CHECKING
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import or_
+from typing import Any
 
-import numpy as np
+import pinocchio as pin
 
 from cli.doctor.checks import (
     SLOW_BELOW,
@@ -26,34 +31,108 @@ from cli.doctor.checks import (
     passed,
     skipped,
 )
-from cli.doctor.pose import Frames, check_pose
+from cli.doctor.link import ReceivedReports, Visit, visit_controller
+from cli.doctor.machine import machine_lines, sensor_line
+from cli.doctor.pose import check_pose
+from cli.status import helpers_of
+from common.bus.cell_bus import open_bus
 from common.config.arm import UNKNOWN_ARM
+from common.config.cell import CellConfig, GatewaySection
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
 from common.motion.kinematics import ArmKinematics
 from controller.packet_table import Status, greeted
 from forcemesh import topics
-from forcemesh.messages import CONTROLLER_BITS, KawasakiStatus
+from forcemesh.bus import Reading
+from forcemesh.client.feed import Feed
+from forcemesh.errors import BusError, LostError
+from forcemesh.messages import (
+    CONTROLLER_BITS,
+    Health,
+    Joints,
+    KawasakiStatus,
+    RobotState,
+    RobotStatus,
+    SensorWrench,
+)
+from forcemesh.zenoh_settings import endpoint_of
+from launch.cell_view import CellView
+from launch.run_file import read_run
 from services.gateway.packet_window import Spread
 
-if TYPE_CHECKING:
-    import pinocchio as pin
-
-    from cli.doctor.bus import ObservedCell
-    from cli.doctor.link import ReceivedReports, Visit
-    from common.config.cell import CellConfig, GatewaySection
-    from controller.packet_table import Scales
-    from forcemesh.messages import Health, Joints, RobotState, RobotStatus
-
+CONNECT_WITHIN_S = 0.5
+OBSERVED_S = 3.0
+RATE_POLL_S = 0.002
+STREAMS: tuple[topics.Topic[Any], ...] = (  # besides robot/state
+    topics.SENSOR_WRENCH,
+    topics.WRENCH,
+    topics.REGULATOR_TARGET,
+    topics.ROBOT_COMMAND,
+)
 DECIMATED_BELOW = 0.6
 CONNECTION_CHECKS = ("address", "hello", "protocol", "arm", "scales")
 REST = ("sender", "status bits", "error code", "pose", "program loop", "monitor speed",
         "peer", "round trip", "left behind")  # fmt: skip
 
 
-def link_lines(
-    cell: "CellConfig", section: "GatewaySection", scales: "Scales", found: "Visit"
-) -> list[ReportLine]:
+def check_cell(cell: CellConfig) -> list[ReportLine]:
+    """Check this PC and the sensor; then the bus when the cell is up, else the link."""
+    run, found = read_run(cell.cell), observe_cell(cell)
+    has_run = run is not None and run.live
+    is_up, endpoint = has_run or found is not None, endpoint_of(cell)
+    lines = machine_lines(cell, is_up=is_up)
+    if found is None:
+        lines.append(skipped("zenoh", f"no hub responds at {endpoint}: `forcemesh up` starts it"))
+    else:
+        lines.append(passed("zenoh", f"the hub responds at {endpoint}"))
+    lines.append(sensor_line(cell, is_up=is_up))
+    section = cell.gateway if cell.roles.robot == "gateway" else None
+    if found is not None and (has_run or found.robot is not None or section is None):
+        return [*lines, *bus_lines(cell, found)]
+    if has_run:
+        text = "the cell is up, but its hub does not respond"
+        return [*lines, finding("bus", "FAIL", text, "bus")]
+    if section is None:
+        no_hub = finding("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
+        return [*lines, no_hub, *unused_lines(cell)]
+    visit = visit_controller(section.host, section.port, section, arm=section.arm)
+    lines += link_lines(cell, section, visit)
+    return [*lines, skipped("processes", "the cell is not up: the link itself was checked")]
+
+
+@dataclass(slots=True)
+class ObservedCell:
+    """State of a cell as received from its bus."""
+
+    roles: Mapping[str, Reading[Health] | Reading[SensorWrench]]  # health, or an external sensor
+    robot: Health | None  # the robot's process, while its health is fresh
+    state: RobotState | None  # the newest, valid or not
+    stream_hz: dict[str, float | None] = field(default_factory=dict)
+
+
+def observe_cell(cell: CellConfig, watch_s: float = OBSERVED_S) -> ObservedCell | None:
+    """Receive from a cell for some seconds; return None when no hub responds."""
+    try:
+        with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
+            view, robot = CellView(bus, cell), Feed(bus, topics.ROBOT_STATE, LostError)
+            feeds = [robot, *(Feed(bus, row, LostError) for row in STREAMS)]
+            end_s = time.monotonic() + max(watch_s, view.longest_wait_s)
+            while time.monotonic() < end_s:
+                for feed in feeds:
+                    feed.reading()
+                time.sleep(RATE_POLL_S)
+            roles = (*topics.ROLES, *helpers_of(view, read_run(cell.cell)))
+            return ObservedCell(
+                roles={role: view.health(role) for role in roles},
+                robot=view.fresh_health("robot"),
+                state=robot.reading().message,
+                stream_hz={feed.topic.key: feed.rate_hz for feed in feeds},
+            )
+    except BusError:
+        return None
+
+
+def link_lines(cell: CellConfig, section: GatewaySection, found: Visit) -> list[ReportLine]:
     """Return the lines of a visit to the controller; unreached checks are listed as skipped."""
     endpoint = f"{section.host}:{section.port}"
     lines = [
@@ -70,16 +149,16 @@ def link_lines(
     if found.hello is not None and found.hello_outcome == "answered":
         version, number = greeted(found.hello.param)
         lines += [check_protocol(version), check_arm(number, section.arm)]
-        lines.append(check_scales(scales, found.hello.vec))
+        lines.append(check_scales(section, found.hello.vec))
     if found.reports is not None:
-        return [*lines, *_controller_lines(cell, section, scales, found.reports)]
+        return [*lines, *_controller_lines(cell, section, found.reports)]
     done = {line.check for line in lines}
     missing = [check for check in (*CONNECTION_CHECKS, *REST) if check not in done]
     return [*lines, *(skipped(check, "not checked: see above") for check in missing)]
 
 
 def _controller_lines(
-    cell: "CellConfig", section: "GatewaySection", scales: "Scales", reports: "ReceivedReports"
+    cell: CellConfig, section: GatewaySection, reports: ReceivedReports
 ) -> list[ReportLine]:
     stale_after_s = cell.stale_after_s(topics.ROBOT_STATE)
     lines = []
@@ -100,7 +179,7 @@ def _controller_lines(
         status, q = reports.joints.status, reports.joints.joint_rad
         T_base_flange = reports.pose.T_base_flange
         lines += check_status(status)
-        lines.append(_pose_line(cell, scales, T_base_flange=T_base_flange, q=q, status=status))
+        lines.append(_pose_line(cell, T_base_flange, q, status))
     return [
         *lines,
         check_error_code(None if health is None else health.error_code),
@@ -112,19 +191,20 @@ def _controller_lines(
     ]
 
 
-def bus_lines(cell: "CellConfig", scales: "Scales", found: "ObservedCell") -> list[ReportLine]:
+def bus_lines(cell: CellConfig, found: ObservedCell) -> list[ReportLine]:
     """Return the lines of a cell that is up, from the reports of its gateway on the bus."""
     config_hash = cell_hash(cell)
     lines = [check_role(role, health, config_hash) for role, health in found.roles.items()]
-    lines += [
-        check_stream(row.key, hz, cell.rate_hz(row), slow_below=_slow_share(cell, row.key))
-        for row in topics.TOPICS
-        for hz in (found.stream_hz.get(row.key),)
-        if row.key in found.stream_hz
-    ]
+    for row in topics.TOPICS:
+        if row.key in found.stream_hz:
+            # The gateway forwards whole samples: of a faster sender every second or third.
+            is_decimated = row is topics.ROBOT_STATE and cell.roles.robot == "gateway"
+            share = DECIMATED_BELOW if is_decimated else SLOW_BELOW
+            hz = found.stream_hz[row.key]
+            lines.append(check_stream(row.key, hz, cell.rate_hz(row), slow_below=share))
     if cell.gateway is None or cell.roles.robot != "gateway":
         lines += unused_lines(cell, skip=("pose",))
-        return [*lines, _state_pose(cell, scales, found.state)]
+        return [*lines, _state_pose(cell, found.state)]
     skip_reason = "the cell is up and its gateway uses the only connection: read from the bus"
     lines += [skipped(check, skip_reason) for check in (*CONNECTION_CHECKS, "left behind")]
     state = found.state
@@ -137,26 +217,17 @@ def bus_lines(cell: "CellConfig", scales: "Scales", found: "ObservedCell") -> li
     lines.append(passed("link", f"connected; {times}"))
     lines += check_status(status_of(state.status))
     lines.append(check_error_code((state.status.kawasaki or KawasakiStatus()).error_code))
-    lines.append(_state_pose(cell, scales, state))
+    lines.append(_state_pose(cell, state))
     return [*lines, *_number_lines(cell, cell.gateway, found.robot)]
 
 
-def unused_lines(cell: "CellConfig", skip: tuple[str, ...] = ()) -> list[ReportLine]:
+def unused_lines(cell: CellConfig, skip: tuple[str, ...] = ()) -> list[ReportLine]:
     """Return a line for each check of the link, in a cell that has none."""
     reason = f"not used by this cell: roles.robot is {cell.roles.robot}"
     return [skipped(check, reason) for check in (*CONNECTION_CHECKS, *REST) if check not in skip]
 
 
-def _slow_share(cell: "CellConfig", key: str) -> float:
-    """Return the share of its rate below which a topic is slow.
-
-    The gateway forwards whole samples: of a faster sender every second or third.
-    """
-    is_decimated = key == topics.ROBOT_STATE.key and cell.roles.robot == "gateway"
-    return DECIMATED_BELOW if is_decimated else SLOW_BELOW
-
-
-def status_of(robot: "RobotStatus") -> Status:
+def status_of(robot: RobotStatus) -> Status:
     """Return the status of a robot as the bits that its controller sends."""
     controller = robot.kawasaki or KawasakiStatus()
     named = {
@@ -166,14 +237,11 @@ def status_of(robot: "RobotStatus") -> Status:
         Status.POSITION_FEEDBACK: robot.feedback in ("position", "both"),
         Status.ORIENTATION_FEEDBACK: robot.feedback in ("orientation", "both"),
     }
-    bits = Status(0)
-    for bit, is_set in named.items():
-        bits |= bit if is_set else Status(0)
-    return bits
+    return reduce(or_, (bit for bit, is_set in named.items() if is_set), Status(0))
 
 
 def _number_lines(
-    cell: "CellConfig", section: "GatewaySection", robot: "Health | None"
+    cell: CellConfig, section: GatewaySection, robot: Health | None
 ) -> list[ReportLine]:
     """Check the measurements of the gateway."""
     numbers = {} if robot is None else robot.numbers
@@ -199,20 +267,15 @@ def _number_lines(
     ]
 
 
-def _state_pose(cell: "CellConfig", scales: "Scales", state: "RobotState | None") -> ReportLine:
+def _state_pose(cell: CellConfig, state: RobotState | None) -> ReportLine:
     if state is None or not state.valid:
         return skipped("pose", "robot/state is missing or not valid")
-    T_base_flange, status = pose_of(state), status_of(state.status)
-    return _pose_line(cell, scales, T_base_flange=T_base_flange, q=state.joint_rad, status=status)
+    return _pose_line(cell, pose_of(state), state.joint_rad, status_of(state.status))
 
 
-def _pose_line(
-    cell: "CellConfig", scales: "Scales", *, T_base_flange: "pin.SE3", q: "Joints", status: Status
-) -> ReportLine:
+def _pose_line(cell: CellConfig, T_base_flange: pin.SE3, q: Joints, status: Status) -> ReportLine:
     if cell.robot.model == UNKNOWN_ARM:
         return skipped("pose", f"robot.model is {UNKNOWN_ARM}: there is no model to compare with")
     if status & Status.MOVING:
         return finding("pose", "WARN", "not compared: the arm moves", "pose.moving")
-    frames = Frames(cell.tool.T_flange_tcp.pose, cell.sensor.T_flange_sensor.pose)
-    arm = ArmKinematics(cell.robot.model)
-    return check_pose(T_base_flange, np.array(q), scales=scales, frames=frames, arm=arm)
+    return check_pose(cell, T_base_flange, q, ArmKinematics(cell.robot.model))

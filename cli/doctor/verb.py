@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -19,11 +19,7 @@ from cli.context import (
 )
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from cli.doctor.bus import ObservedCell
     from cli.doctor.checks import ReportLine
-    from common.config.cell import CellConfig
 
 COLOURS = {"PASS": "green", "WARN": "yellow", "FAIL": "red", "SKIP": "dim"}
 # A FAIL of one of these means that no peer was reached.
@@ -38,16 +34,32 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
     While the cell is up it reads the bus instead: sensor and controller accept one client only.
     """
     with one_line_errors():
-        path = find_cell_file(cell)
-        lines, loaded = _cell_line(path)
-        if loaded is not None:
+        from cli.doctor.checks import finding, passed
+        from common.config.load import cell_hash, load_cell
+        from forcemesh.errors import ConfigError
+
+        path, name = find_cell_file(cell), None
+        try:
+            loaded = load_cell(path)
+        except ConfigError as error:
+            lines = [finding("cell file", "FAIL", str(error), "cell file")]
+        else:
+            from cli.doctor.report import check_cell
+
+            name, lines = loaded.cell, [passed("cell file", f"{path}, {cell_hash(loaded)}")]
             if not as_json:
-                typer.echo(f"cell {loaded.cell} ({path}): checking, a few seconds")
+                typer.echo(f"cell {name} ({path}): checking, a few seconds")
             with waiting("this PC, the sensor, the robot or the bus"):
-                lines += _check_cell(loaded)
+                lines += check_cell(loaded)
     code = exit_code(lines)
     if as_json:
-        print(json.dumps(_as_object(loaded, path, lines, code)))
+        report = {
+            "cell": name,
+            "cell_file": str(path),
+            "lines": [asdict(row) for row in lines],
+            "exit_code": code,
+        }
+        print(json.dumps(report))
     else:
         print_lines(lines)
     raise typer.Exit(code)
@@ -80,75 +92,3 @@ def print_lines(lines: "list[ReportLine]") -> None:
         f"{counts['PASS']} passed, {counts['WARN']} warnings, {counts['FAIL']} failed, "
         f"{counts['SKIP']} skipped"
     )
-
-
-def _cell_line(path: "Path") -> "tuple[list[ReportLine], CellConfig | None]":
-    from cli.doctor.checks import finding, passed
-    from common.config.load import cell_hash, load_cell
-    from forcemesh.errors import ConfigError
-
-    try:
-        loaded = load_cell(path)
-    except ConfigError as error:
-        return [finding("cell file", "FAIL", str(error), "cell file")], None
-    return [passed("cell file", f"{path}, {cell_hash(loaded)}")], loaded
-
-
-def _check_cell(cell: "CellConfig") -> "list[ReportLine]":
-    """Check this PC and the sensor; then the bus when the cell is up, else the link."""
-    from cli.doctor.bus import observe_cell
-    from cli.doctor.machine import machine_lines
-    from cli.doctor.sensor import sensor_line
-    from launch.run_file import read_run
-
-    run, found = read_run(cell.cell), observe_cell(cell)
-    is_up = (run is not None and run.live) or found is not None
-    lines = [*machine_lines(cell, is_up=is_up), _zenoh(cell, found), sensor_line(cell, is_up=is_up)]
-    return [*lines, *_check_robot(cell, found, has_run=run is not None and run.live)]
-
-
-def _zenoh(cell: "CellConfig", found: "ObservedCell | None") -> "ReportLine":
-    """Check whether the bus responds; a cell that is not up has none."""
-    from cli.doctor.checks import passed, skipped
-    from forcemesh.zenoh_settings import endpoint_of
-
-    endpoint = endpoint_of(cell)
-    if found is None:
-        return skipped("zenoh", f"no hub responds at {endpoint}: `forcemesh up` starts it")
-    return passed("zenoh", f"the hub responds at {endpoint}")
-
-
-def _check_robot(
-    cell: "CellConfig", found: "ObservedCell | None", *, has_run: bool
-) -> "list[ReportLine]":
-    """Check the bus when the cell is up, else the link; the lines report which and why."""
-    from cli.doctor.checks import finding, skipped
-    from cli.doctor.report import bus_lines, link_lines, unused_lines
-    from controller.packet_table import Scales
-
-    section = cell.gateway if cell.roles.robot == "gateway" else None
-    scales = section or Scales()
-    if found is not None and (has_run or found.robot is not None or section is None):
-        return bus_lines(cell, scales, found)
-    if has_run:
-        return [finding("bus", "FAIL", "the cell is up, but its hub does not respond", "bus")]
-    if section is None:
-        no_hub = finding("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
-        return [no_hub, *unused_lines(cell)]
-    from cli.doctor.link import visit_controller
-
-    lines = link_lines(
-        cell, section, scales, visit_controller(section.host, section.port, scales, arm=section.arm)
-    )
-    return [*lines, skipped("processes", "the cell is not up: the link itself was checked")]
-
-
-def _as_object(
-    cell: "CellConfig | None", path: "Path", lines: "list[ReportLine]", code: int
-) -> dict[str, Any]:
-    return {
-        "cell": None if cell is None else cell.cell,
-        "cell_file": str(path),
-        "lines": [asdict(row) for row in lines],
-        "exit_code": code,
-    }

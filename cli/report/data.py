@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 from forcemesh import topics
 from forcemesh.bus import Reading
-from forcemesh.client.ask import remedy_of
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
 from forcemesh.errors import DataError, MessageError
-from forcemesh.messages import ArbiterStatus, Message, Trip, WrenchAtTcp
+from forcemesh.messages import ArbiterStatus, Message, Trip
 from forcemesh.recorded_messages import decode_recorded
 from forcemesh.topics import TOPICS
 from services.panel.readout import Readout
 from services.panel.watch import Snapshot
+from services.recorder.stamps import SequenceGaps
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
@@ -36,16 +36,11 @@ TYPES = {topic.key: topic.message for topic in TOPICS}
 
 @dataclass(frozen=True, slots=True)
 class StopEvent:
-    """Stop of the arm: time, cause and remedy."""
+    """Stop of the arm: time and cause."""
 
     at_s: float
     state: str
     trip: Trip
-
-    @property
-    def remedy(self) -> str:
-        """Remedy from the table of faults, empty for a code of another version."""
-        return remedy_of(self.trip.code)
 
 
 @dataclass(slots=True)
@@ -53,11 +48,10 @@ class TopicStatistics:
     """Statistics of one topic: count, losses, gaps, rate."""
 
     count: int = 0
-    lost: int = 0
+    gaps: SequenceGaps = field(default_factory=SequenceGaps)
     longest_gap_s: float = 0.0
     first_ns: int = 0
     last_ns: int = 0
-    last: tuple[int, int] | None = None  # epoch and number of its newest message
 
     @property
     def rate_hz(self) -> float:
@@ -70,9 +64,7 @@ class TopicStatistics:
         self.first_ns = self.first_ns or at_ns
         if self.count:
             self.longest_gap_s = max(self.longest_gap_s, (at_ns - self.last_ns) / NS_PER_S)
-        if self.last is not None and self.last[0] == header.epoch:
-            self.lost += max(header.seq - self.last[1] - 1, 0)
-        self.last = (header.epoch, header.seq)
+        self.gaps.saw(0, header.epoch, header.seq)
         self.count, self.last_ns = self.count + 1, at_ns
 
 
@@ -103,7 +95,9 @@ def report_content(read: "RecordedFile", cell: "CellConfig") -> ReportContent:
         if key == topics.ARBITER_STATUS.key:
             _note_state(content, at_s, snapshot.arbiter.message)
         elif key == topics.WRENCH.key:
-            _note_extremes(content, snapshot.wrench.message)
+            if (wrench := snapshot.wrench.fresh) is not None:
+                content.force_max_N = max(content.force_max_N, math.hypot(*wrench.force_N))
+                content.torque_max_Nm = max(content.torque_max_Nm, math.hypot(*wrench.torque_Nm))
         elif key == topics.ROBOT_STATE.key and at_s >= next_s:
             next_s = at_s + content.duration_s / REPORT_POINTS
             _add_point(content, at_s, readout.numbers(snapshot))
@@ -149,12 +143,6 @@ def _note_state(content: ReportContent, at_s: float, status: Message | None) -> 
     content.states.append((at_s, status.state))
     if status.state in STOPPED and before not in STOPPED:
         content.stops += [StopEvent(at_s, status.state, trip) for trip in status.trips]
-
-
-def _note_extremes(content: ReportContent, wrench: Message | None) -> None:
-    if isinstance(wrench, WrenchAtTcp) and wrench.valid:
-        content.force_max_N = max(content.force_max_N, math.hypot(*wrench.force_N))
-        content.torque_max_Nm = max(content.torque_max_Nm, math.hypot(*wrench.torque_Nm))
 
 
 def _add_point(content: ReportContent, at_s: float, numbers: dict[str, float]) -> None:

@@ -7,11 +7,12 @@ from statistics import median_high
 from typing import TYPE_CHECKING
 
 from cli.pages import picture, table
+from forcemesh.client.ask import remedy_of
 from services.panel.markup import Html, filled_page, html, joined
 from services.panel.state_colours import NO_STATE, STATE_COLOURS
 
 if TYPE_CHECKING:
-    from cli.report.data import ReportContent, StopEvent
+    from cli.report.data import ReportContent
     from common.config.cell import CellConfig
     from services.recorder.reading import RecordedFile
 
@@ -66,7 +67,7 @@ def _cards(content: "ReportContent") -> Html:
         (f"{content.force_max_N:.1f} N", "largest force"),
         (f"{content.torque_max_Nm:.2f} N m", "largest torque"),
         (len(content.stops), "stops"),
-        (sum(row.count for row in rows), f"messages, {sum(row.lost for row in rows)} lost"),
+        (sum(row.count for row in rows), f"messages, {sum(row.gaps.lost for row in rows)} lost"),
     ]
     if chain:
         cards.append((f"{median_high(chain):.1f} ms", "sensor to robot, median"))
@@ -81,8 +82,7 @@ def _states(content: "ReportContent") -> Html:
     ends = [*(at_s for at_s, _ in content.states[1:]), content.duration_s]
     spans = []
     for (at_s, state), end_s in zip(content.states, ends, strict=True):
-        # A recording may have a state of another version.
-        colour = {str(name): each for name, each in STATE_COLOURS.items()}.get(state, NO_STATE)
+        colour = STATE_COLOURS.get(state, NO_STATE)  # it may be a state of another version
         style = f"background:{colour.background};color:{colour.text}"
         share, period = max(end_s - at_s, 0.0), f"{state} {at_s:.2f} s to {end_s:.2f} s"
         spans.append(html(SPAN, period, f"{share:.3f}", style, state))
@@ -92,19 +92,18 @@ def _states(content: "ReportContent") -> Html:
 def _stops(content: "ReportContent") -> Html:
     if not content.stops:
         return html('<p class="sub">The arm was not stopped.</p>')
-    return html("<h2>Stops</h2>{}", joined(map(_stop, content.stops)))
-
-
-def _stop(stop: "StopEvent") -> Html:
-    trip = stop.trip
-    title = f"{stop.at_s:.2f} s · {stop.state} · {trip.code} ({trip.rule})"
-    remedy = html("<br>Remedy: {}", stop.remedy) if stop.remedy else ""
-    return html('<div class="stop"><b>{}</b><br>{}{}</div>', title, trip.text, remedy)
+    lines = []
+    for stop in content.stops:
+        trip, advice = stop.trip, remedy_of(stop.trip.code)  # none for a code of another version
+        title = f"{stop.at_s:.2f} s · {stop.state} · {trip.code} ({trip.rule})"
+        remedy = html("<br>Remedy: {}", advice) if advice else ""
+        lines.append(html('<div class="stop"><b>{}</b><br>{}{}</div>', title, trip.text, remedy))
+    return html("<h2>Stops</h2>{}", joined(lines))
 
 
 def _topics(content: "ReportContent") -> Html:
     rows = (
-        (key, row.count, f"{row.rate_hz:.1f}", f"{1e3 * row.longest_gap_s:.0f}", row.lost)
+        (key, row.count, f"{row.rate_hz:.1f}", f"{1e3 * row.longest_gap_s:.0f}", row.gaps.lost)
         for key, row in sorted(content.statistics.items())
     )
     return table(("topic", "messages", "rate [1/s]", "longest gap [ms]", "lost"), rows)
@@ -112,12 +111,11 @@ def _topics(content: "ReportContent") -> Html:
 
 def _plots(content: "ReportContent") -> Html:
     """Return one plot for each title with data."""
-    drawn = []
-    for title, lines in PLOTS:
-        available = [(name, colour) for name, colour in lines if name in content.series]
-        if available:
-            drawn.append(_plot(content, title, available))
-    return joined(drawn)
+    available = {
+        title: [(name, colour) for name, colour in lines if name in content.series]
+        for title, lines in PLOTS
+    }
+    return joined(_plot(content, title, lines) for title, lines in available.items() if lines)
 
 
 def _plot(content: "ReportContent", title: str, lines: list[tuple[str, str]]) -> Html:
@@ -153,17 +151,14 @@ def _plot(content: "ReportContent", title: str, lines: list[tuple[str, str]]) ->
 
 def scene_of(read: "RecordedFile", cell: "CellConfig", content: "ReportContent") -> Html:
     """Return the panel's view of the arm's motion, played by the page itself, without a server."""
-    import socket
-
     import viser
 
+    from cli.replay import free_port
     from cli.report.data import sampled_snapshots
     from services.panel.scene import Scene
 
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
     with redirect_stdout(StringIO()):  # it prints a greeting in any case
-        server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+        server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
     try:
         scene = Scene(server, cell)
         serializer = server.get_scene_serializer()

@@ -39,9 +39,10 @@ class ContactSample:
 class ContactMonitor:
     """Monitor of the contact force and TCP pose of a cell."""
 
-    def __init__(self, cell: ConfiguredCell) -> None:
-        """Subscribe."""
+    def __init__(self, cell: ConfiguredCell, progress: ReportProgress) -> None:
+        """Subscribe; `progress` receives the progress of `until`."""
         self._cell, self._clock = cell, cell.session.clock
+        self.progress = progress
         self._T_flange_tcp = cell.config.tool.T_flange_tcp.pose
         self._wrench = cell.session.bus.reader(topics.WRENCH)
         self._start_ns = self._clock.now_ns()
@@ -109,19 +110,14 @@ class ContactMonitor:
             raise stopped_error(status, "the arm was stopped")
 
     def until(
-        self,
-        done: Callable[[ContactSample], bool],
-        *,
-        within_s: float,
-        label: str,
-        progress: ReportProgress,
+        self, done: Callable[[ContactSample], bool], *, within_s: float, label: str
     ) -> list[ContactSample]:
         """Return all samples until a condition holds. Raises as `next`, and after the timeout."""
         samples: list[ContactSample] = []
         end_s = self.t_s + within_s
         while True:
             samples.append(self.next())
-            progress(samples[-1].t_s, end_s, f"{label}: {samples[-1].press_N:.1f} N")
+            self.progress(samples[-1].t_s, end_s, f"{label}: {samples[-1].press_N:.1f} N")
             if done(samples[-1]):
                 return samples
             if samples[-1].t_s > end_s:

@@ -85,7 +85,7 @@ def follow(
         NotReachedError: The force was not reached in time.
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
-    monitor = ContactMonitor(cell)
+    monitor = ContactMonitor(cell, progress)
     start = monitor.tcp_pose()
     placed = _placed_points(points, start.translation, start.rotation[:, 2], parameters)
     limits = Limits.of(cell.config)
@@ -101,11 +101,11 @@ def follow(
     with stop_force_at_end(cell):
         cell.force.begin(request)
         pressed = Debounce(
-            lambda samples: abs(samples.press_N - parameters.force_N) <= BAND_N, STEADY_S
+            lambda sample: abs(sample.press_N - parameters.force_N) <= BAND_N, STEADY_S
         )
-        monitor.until(pressed, within_s=within_s, label="pressing", progress=progress)
+        monitor.until(pressed, within_s=within_s, label="pressing")
         samples = _follow_points(
-            cell, monitor, placed, parameters=parameters, remaining_m=remaining_m, progress=progress
+            cell, monitor, placed, parameters=parameters, remaining_m=remaining_m
         )
     return _follow_result(samples, parameters, remaining_m[0])
 
@@ -146,11 +146,13 @@ def _follow_points(
     *,
     parameters: PathParameters,
     remaining_m: list[float],
-    progress: ReportProgress,
 ) -> list[ContactSample]:
     """Send the points in chunks until the end of the path is reached; return the samples."""
     length_m = remaining_m[0]
-    sent, passed, samples, done = 0, 0, [monitor.next()], Debounce(_has_arrived, AT_REST_S)
+    done = Debounce(
+        lambda sample: sample.path_left_m is not None and sample.path_left_m <= DONE_M, AT_REST_S
+    )
+    sent, passed, samples = 0, 0, [monitor.next()]
     while True:
         path_left_m = length_m
         if sent and samples[-1].path_left_m is not None:
@@ -158,24 +160,17 @@ def _follow_points(
         while passed < len(points) - 1 and remaining_m[passed] > path_left_m:
             passed += 1
         if sent < len(points) and sent - passed < MOST_QUEUED:
-            _send(cell, points[sent : sent + CHUNK], parameters, append=sent > 0)
+            points_m = tuple(vec3(point) for point in points[sent : sent + CHUNK])
+            request = PathRequest(
+                points_m=points_m, append=sent > 0, speed_m_s=parameters.speed_m_s
+            )
+            cell.ask(topics.FORCE_PATH, request)
             sent += CHUNK
         samples.append(monitor.next())
-        progress(length_m - path_left_m, length_m, f"following: {samples[-1].press_N:.1f} N")
+        text = f"following: {samples[-1].press_N:.1f} N"
+        monitor.progress(length_m - path_left_m, length_m, text)
         if done(samples[-1]) and sent >= len(points):
             return samples
-
-
-def _send(
-    cell: ConfiguredCell, points: list[Array], parameters: PathParameters, *, append: bool
-) -> None:
-    points_m = tuple(vec3(point) for point in points)
-    request = PathRequest(points_m=points_m, append=append, speed_m_s=parameters.speed_m_s)
-    cell.ask(topics.FORCE_PATH, request)
-
-
-def _has_arrived(sample: ContactSample) -> bool:
-    return sample.path_left_m is not None and sample.path_left_m <= DONE_M
 
 
 def _follow_result(

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from cli.context import cell_of
+from cli.context import INTERRUPTED, cell_of
 
 if TYPE_CHECKING:
     from cli.skills.contact_monitor import ReportProgress
     from common.bus.configured_cell import ConfiguredCell
 
-INTERRUPTED = 130
 ALREADY_RUNNING = (
     "force feedback is already running: this verb takes it over and stops it at its end"
 )

@@ -1,6 +1,7 @@
-"""Force skills touch, press and align. They are clients of the cell like any other."""
+"""Force skills touch, press, align and guide. They are clients of the cell like any other."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from math import degrees
 
 import numpy as np
@@ -14,7 +15,9 @@ from cli.skills.contact_monitor import (
     no_progress,
     stop_force_at_end,
 )
+from cli.skills.path_file import thinned
 from common.bus.configured_cell import ConfiguredCell
+from common.motion.convert import record_of
 from common.motion.frames import rotation_between
 from forcemesh.errors import NotReachedError
 from forcemesh.messages import Mode, Preset, Vec3
@@ -25,6 +28,7 @@ STOP_DELAY_S = 0.2  # an approach continues, and presses, for the delay of its l
 STEADY_S = 0.3
 TOUCH_S = 120.0
 RETRACT_M_S = 0.02
+RECORD_S = 0.02  # between two poses of a guided path
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +90,7 @@ def touch(
         NotReachedError: No contact within the travel.
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
-    monitor = ContactMonitor(cell)
+    monitor = ContactMonitor(cell, progress)
     start = monitor.tcp_pose()
     limit_m = cell.config.force.search_m if search_m is None else search_m
 
@@ -98,13 +102,12 @@ def touch(
 
     with stop_force_at_end(cell):
         cell.force.begin(ForceStartRequest(mode="position", setpoint_N=force_N))
-        samples = monitor.until(
-            is_touching, within_s=TOUCH_S, label="approaching", progress=progress
-        )
+        samples = monitor.until(is_touching, within_s=TOUCH_S, label="approaching")
     last = samples[-1]
     peak_N = max(*(f.press_N for f in samples), monitor.peak_N(STOP_DELAY_S))
     if retract_m > 0.0:
-        cell.jog(shift_m=(0.0, 0.0, -retract_m), axes="tool", speed_m_s=_retract_m_s(cell))
+        speed_m_s = min(RETRACT_M_S, cell.config.limits.speed_m_s)
+        cell.jog(shift_m=(0.0, 0.0, -retract_m), axes="tool", speed_m_s=speed_m_s)
     x, y, z = (1e3 * float(part) for part in last.T_base_tcp.translation)
     return TouchResult((x, y, z), max(0.0, 1e3 * _axial_travel_m(start, last)), peak_N)
 
@@ -123,17 +126,16 @@ def press(
     Raises NotReachedError when it is not reached within `within_s`, or not held until the end;
     else as `touch`.
     """
-    monitor = ContactMonitor(cell)
+    monitor = ContactMonitor(cell, progress)
     with stop_force_at_end(cell):
         cell.force.begin(_start_request(force_N, "position", settings))
         condition = Debounce(lambda samples: _presses_with(samples, force_N), STEADY_S)
-        samples = monitor.until(condition, within_s=within_s, label="pressing", progress=progress)
+        samples = monitor.until(condition, within_s=within_s, label="pressing")
         since_s = condition.since_s or 0.0
         held = monitor.until(
             Debounce(lambda _: True, hold_s),
             within_s=hold_s + 1.0,
             label="holding",
-            progress=progress,
         )
     forces = np.array([sample.press_N for sample in held])
     last_N = float(forces[[sample.t_s >= held[-1].t_s - STEADY_S for sample in held]].mean())
@@ -161,7 +163,7 @@ def align(
 
     Raises as `press`.
     """
-    monitor = ContactMonitor(cell)
+    monitor = ContactMonitor(cell, progress)
     start = monitor.tcp_pose()
 
     def is_flat(sample: ContactSample) -> bool:
@@ -171,9 +173,7 @@ def align(
     with stop_force_at_end(cell):
         cell.force.begin(_start_request(force_N, "both", settings))
         condition = Debounce(is_flat, STEADY_S)
-        samples = monitor.until(
-            condition, within_s=within_s, label="laying flat", progress=progress
-        )
+        samples = monitor.until(condition, within_s=within_s, label="laying flat")
     turned = rotation_between(start.rotation, samples[-1].T_base_tcp.rotation)
     return AlignResult(
         turned_deg=degrees(float(np.linalg.norm(turned))),
@@ -204,5 +204,78 @@ def _axial_travel_m(start: pin.SE3, sample: ContactSample) -> float:
     return float(travel @ start.rotation[:, 2])
 
 
-def _retract_m_s(cell: ConfiguredCell) -> float:
-    return min(RETRACT_M_S, cell.config.limits.speed_m_s)
+# --- hand guiding ---------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class GuidedPath:
+    """Recorded path of the flange in base; it grows while the arm is guided."""
+
+    times_s: list[float] = field(default_factory=list)
+    poses: list[pin.SE3] = field(default_factory=list)
+    peak_N: float = 0.0
+
+    @property
+    def length_mm(self) -> float:
+        """Length of the flange path."""
+        places = np.array([T.translation for T in self.poses]).reshape(-1, 3)
+        return 1e3 * float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+
+def guide(
+    cell: ConfiguredCell,
+    recording: GuidedPath,
+    *,
+    mode: Mode,
+    seconds: float,
+    is_finished: Callable[[], bool],
+    progress: ReportProgress = no_progress,
+) -> None:
+    """Let a hand guide the tool for a period, or until `is_finished` returns true.
+
+    Args:
+        cell: An armed cell; the tool is free of contact at the start.
+        recording: Receives the samples, also when an error ends the guiding.
+        mode: Guided motion: `position`, `orientation` or both.
+        seconds: Longest time [s].
+        is_finished: Called at each sample.
+        progress: Receives the progress.
+
+    Raises:
+        RefusedError, ArmStoppedError, LostError: As raised by the client.
+    """
+    monitor = ContactMonitor(cell, progress)
+    T_tcp_flange = cell.config.tool.T_flange_tcp.pose.inverse()
+
+    def add_sample(sample: ContactSample) -> bool:
+        if not recording.times_s or sample.t_s - recording.times_s[-1] >= RECORD_S:
+            recording.times_s.append(sample.t_s)
+            recording.poses.append(sample.T_base_tcp * T_tcp_flange)
+        recording.peak_N = max(recording.peak_N, float(np.linalg.norm(sample.force_N)))
+        return sample.t_s >= seconds or is_finished()
+
+    with stop_force_at_end(cell):
+        cell.force.begin(ForceStartRequest(mode=mode, law="admittance"))
+        monitor.until(add_sample, within_s=seconds + 1.0, label="guided")
+
+
+def play_back(
+    cell: ConfiguredCell,
+    recorded: Sequence[pin.SE3],
+    progress: ReportProgress = no_progress,
+    *,
+    tolerance_m: float,
+    speed_m_s: float | None,
+) -> int:
+    """Move along recorded poses of the flange with a stop at each; return their number.
+
+    These are ordinary moves without force feedback; only the arbiter's limits stop them.
+
+    Raises RefusedError, ArmStoppedError, NotReachedError, LostError as a move does.
+    """
+    poses = thinned(recorded, tolerance_m)
+    for number, T in enumerate(poses):
+        progress(float(number), float(len(poses)), f"pose {number + 1} of {len(poses)}")
+        pose = record_of(T)
+        cell.move.to(pose.position_m, pose.orientation_xyzw, speed_m_s=speed_m_s)
+    return len(poses)

@@ -3,25 +3,19 @@
 import json
 import sys
 import tempfile
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
-from cli.context import USAGE, CellOption, JsonOption, exit_with_error
-from cli.numbers import NEGATIVE_NUMBERS
+from cli.context import CellOption, JsonOption, exit_with_error
+from cli.numbers import NEGATIVE_NUMBERS, from_milli
 from cli.skills.force_session import force_session
 from cli.verbs_force import LawOption, PresetOption
 
-if TYPE_CHECKING:
-    from cli.skills.contact_monitor import ReportProgress
-    from common.bus.configured_cell import ConfiguredCell
-
 NO_HAND = 600.0
 
-Setpoint = Annotated[float, typer.Argument(metavar="NEWTON", min=0.5, help="Press force [N].")]
 WithinOption = Annotated[
     float, typer.Option("--timeout", min=1.0, help="Longest time until the force is reached [s].")
 ]
@@ -45,9 +39,7 @@ def touch(
     ] = 5.0,
     within: Annotated[
         float | None,
-        typer.Option(
-            min=0.1, help="Longest travel [mm]; default: force.search_m.", show_default=False
-        ),
+        typer.Option(min=0.1, help="Longest travel [mm]; default: force.search_m."),
     ] = None,
     back: Annotated[
         float, typer.Option(min=0.0, max=100.0, help="Distance to retract afterwards [mm].")
@@ -61,11 +53,11 @@ def touch(
 
         limit_mm = 1e3 * client.config.force.search_m
         if within is not None and within > limit_mm:
-            exit_with_error(f"--within {within:g}: force.search_m allows {limit_mm:g} mm", USAGE)
+            exit_with_error(f"--within {within:g}: force.search_m allows {limit_mm:g} mm")
         found = pressing.touch(
             client,
             force_N=force,
-            search_m=None if within is None else within / 1e3,
+            search_m=from_milli(within),
             retract_m=back / 1e3,
             progress=progress,
         )
@@ -75,7 +67,7 @@ def touch(
 
 
 def press(
-    force: Setpoint,
+    force: Annotated[float, typer.Argument(metavar="NEWTON", min=0.5, help="Press force [N].")],
     *,
     seconds: Annotated[float, typer.Option(min=0.0, help="Holding time [s].")] = 2.0,
     timeout: WithinOption = 30.0,
@@ -147,9 +139,7 @@ def follow(
 
         limit_mm_s = 1e3 * client.config.force.speed_max_m_s
         if speed > limit_mm_s:
-            exit_with_error(
-                f"--speed {speed:g}: force.speed_max_m_s allows {limit_mm_s:g} mm/s", USAGE
-            )
+            exit_with_error(f"--speed {speed:g}: force.speed_max_m_s allows {limit_mm_s:g} mm/s")
         parameters = following.PathParameters(force, speed / 1e3, from_here, flat)
         done = following.follow(
             client,
@@ -196,24 +186,28 @@ def guide(
     may be within reach, with a hand at the emergency stop.
     """
     if playback and record:
-        exit_with_error("--record and --playback cannot be combined: choose one", USAGE)
+        exit_with_error("--record and --playback cannot be combined: choose one")
     if playback is None and speed is not None:
-        exit_with_error("--speed requires --playback: a hand sets the speed otherwise", USAGE)
+        exit_with_error("--speed requires --playback: a hand sets the speed otherwise")
     _check_record(record, overwrite=overwrite)
     with force_session(cell) as (client, progress):
-        from cli.skills import guiding, path_file
+        from cli.skills import path_file, pressing
 
         if playback is not None:
-            _play_back(client, playback, progress, speed_mm_s=speed, tolerance_mm=tolerance)
+            poses, speed_m_s = path_file.read_poses(playback), from_milli(speed)
+            count = pressing.play_back(
+                client, poses, progress, tolerance_m=tolerance / 1e3, speed_m_s=speed_m_s
+            )
+            typer.echo(f"playback finished: {count} poses of {len(poses)} recorded")
             return
-        guided = guiding.GuidedPath()
+        guided = pressing.GuidedPath()
         try:
-            guiding.guide(
+            pressing.guide(
                 client,
                 guided,
                 mode=mode,
                 seconds=seconds,
-                is_finished=_enter_pressed(),
+                is_finished=_is_enter_pressed,
                 progress=progress,
             )
         finally:
@@ -223,48 +217,24 @@ def guide(
     typer.echo(f"guided along {guided.length_mm:.0f} mm, peak force {guided.peak_N:.1f} N")
 
 
-def _play_back(
-    client: "ConfiguredCell",
-    path: Path,
-    progress: "ReportProgress",
-    *,
-    speed_mm_s: float | None,
-    tolerance_mm: float,
-) -> None:
-    from cli.skills import guiding, path_file
-
-    poses = path_file.read_poses(path)
-    count = guiding.play_back(
-        client,
-        poses,
-        tolerance_m=tolerance_mm / 1e3,
-        speed_m_s=None if speed_mm_s is None else speed_mm_s / 1e3,
-        progress=progress,
-    )
-    typer.echo(f"playback finished: {count} poses of {len(poses)} recorded")
-
-
 def _check_record(path: Path | None, *, overwrite: bool) -> None:
     """End the verb before guiding if the record file cannot be written."""
     if path is None:
         if overwrite:
-            exit_with_error("--overwrite requires --record", USAGE)
+            exit_with_error("--overwrite requires --record")
         return
     if path.exists() and not overwrite:
-        exit_with_error(f"--record {path}: file exists: choose another name, or --overwrite", USAGE)
+        exit_with_error(f"--record {path}: file exists: choose another name, or --overwrite")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except OSError as error:
-        exit_with_error(f"--record {path}: cannot be written: {error.strerror}", USAGE)
+        exit_with_error(f"--record {path}: cannot be written: {error.strerror}")
 
 
-def _enter_pressed() -> Callable[[], bool]:
-    """Return a function that reports a press of Enter; without a terminal never."""
-    from cli.terminal import Keyboard
+def _is_enter_pressed() -> bool:
+    """Return whether Enter was pressed; without a terminal never."""
+    from cli.terminal import typed_line
 
-    if not sys.stdin.isatty():
-        return lambda: False
-    keyboard = Keyboard()
-    return lambda: keyboard.poll() is not None
+    return sys.stdin.isatty() and typed_line() is not None

@@ -16,7 +16,6 @@ import pinocchio as pin
 
 from cli.skills.contact_monitor import (
     ContactMonitor,
-    ContactSample,
     Debounce,
     ReportProgress,
     no_progress,
@@ -120,7 +119,12 @@ class TuningMeasurement:
             self._cell.force.begin(ForceStartRequest(mode="position", law="plain", axes=NO_AXES))
             while not servo.rounds_repeat(rounds):
                 if len(rounds) == servo.MOST_ROUNDS:
-                    raise DataError(_no_repetition_text(rounds))
+                    sums_ms = ", ".join(f"{1e3 * sum_s:.1f}" for sum_s in servo.sums(rounds))
+                    raise DataError(
+                        f"delay and lag together were {sums_ms} ms in {len(rounds)} rounds, never "
+                        f"twice within {1e3 * servo.REPEATS_S:g} ms: reduce the load of this "
+                        "machine (`forcemesh doctor` checks it and the link), then tune again"
+                    )
                 recorder = MotionRecorder(self._cell, self._T_flange_tcp)
                 recorder.record_for(REST_S)
                 self._cell.ask(topics.FORCE_PATH, request)
@@ -134,7 +138,7 @@ class TuningMeasurement:
 
         Raises DataError when it does not, and as `until`.
         """
-        monitor, readings = ContactMonitor(self._cell), self.readings
+        monitor, readings = ContactMonitor(self._cell, self._progress), self.readings
         for press in range(1, MOST_PRESSES + 1):
             for number, share in enumerate(SHARES):
                 level_N = share * self._trial.force_N
@@ -179,7 +183,7 @@ class TuningMeasurement:
     def _step_response(self, gain: float, first_N: float, then_N: float) -> ContactResponse:
         """Return the delay of the controller's force after one set point step."""
         assert self.readings.spring is not None  # noqa: S101 - measured before
-        monitor = ContactMonitor(self._cell)
+        monitor = ContactMonitor(self._cell, self._progress)
         self._cell.force.begin(_press_request(first_N, host="controller"))
         initial_N = self._settled_point(monitor, first_N, "in the controller")[1]
         commanded_s = monitor.t_s
@@ -188,7 +192,6 @@ class TuningMeasurement:
             lambda sample: sample.t_s - commanded_s > RESPONSE_S,
             within_s=2.0 * RESPONSE_S,
             label="in the controller",
-            progress=self._progress,
         )
         return loop_delay(
             np.array([sample.t_s - commanded_s for sample in samples]),
@@ -207,9 +210,12 @@ class TuningMeasurement:
 
     def _lap(self, p_tcp_m: Array, axes: tuple[Array, Array]) -> tuple[PathRequest, int]:
         """Return the path of one round, and its number of laps."""
-        reach = [p_tcp_m + self._trial.step_m * axis for axis in axes]
-        self._refuse_outside(reach)
+        reach = p_tcp_m + self._trial.step_m * np.array(axes)
         config = self._cell.config
+        low, high = config.limits.workspace_min_m, config.limits.workspace_max_m
+        if (reach < low).any() or (reach > high).any():
+            step_mm = 1e3 * self._trial.step_m
+            raise NotReachedError(f"steps of {step_mm:g} mm leave the workspace: start inside it")
         laps = min(MOST_LAPS, max(1, ceil(LEAST_REPORTS_HZ / config.rates.robot_hz)))
         points = (reach[0], p_tcp_m, reach[1], p_tcp_m) * laps
         request = PathRequest(
@@ -240,22 +246,13 @@ class TuningMeasurement:
     ) -> tuple[float, float]:
         """Return travel along the tool's axis and force, at rest at a force level."""
         settled = Debounce(lambda samples: abs(samples.press_N - level_N) <= NEAR_N, STEADY_S)
-        monitor.until(settled, within_s=LEVEL_WITHIN_S, label=label, progress=self._progress)
+        monitor.until(settled, within_s=LEVEL_WITHIN_S, label=label)
         read = Debounce(lambda _: True, READ_S)
-        samples = monitor.until(read, within_s=2.0, label=label, progress=self._progress)
-        return self._mean_travel_m(samples), float(np.mean([sample.press_N for sample in samples]))
-
-    def _mean_travel_m(self, samples: list[ContactSample]) -> float:
+        samples = monitor.until(read, within_s=2.0, label=label)
         T = self._start * self._T_flange_tcp
-        places = np.array([sample.T_base_tcp.translation for sample in samples])
-        return float((places.mean(axis=0) - T.translation) @ T.rotation[:, 2])
-
-    def _refuse_outside(self, points: list[Array]) -> None:
-        limits = self._cell.config.limits
-        low, high = np.array(limits.workspace_min_m), np.array(limits.workspace_max_m)
-        if any((point < low).any() or (point > high).any() for point in points):
-            step_mm = 1e3 * self._trial.step_m
-            raise NotReachedError(f"steps of {step_mm:g} mm leave the workspace: start inside it")
+        place_m = np.mean([sample.T_base_tcp.translation for sample in samples], axis=0)
+        travel_m = float((place_m - T.translation) @ T.rotation[:, 2])
+        return travel_m, float(np.mean([sample.press_N for sample in samples]))
 
 
 class MotionRecorder:
@@ -291,9 +288,8 @@ class MotionRecorder:
                 for a, b in pairwise(commanded_s)
             ]
         )
-        return Steps(
-            every_s, np.interp(every_s, commanded_s, commanded @ axis), measured_s, measured @ axis
-        )
+        every_m = np.interp(every_s, commanded_s, commanded @ axis)
+        return Steps(every_s, every_m, measured_s, measured @ axis)
 
     def _record(
         self, reader: Reader[Any], samples: list[tuple[float, Array]], pose: Callable[[Any], Any]
@@ -352,12 +348,3 @@ def measure(
 
 def _press_request(level_N: float, host: Any = "pc") -> ForceStartRequest:
     return ForceStartRequest(mode="position", host=host, setpoint_N=level_N, law="plain")
-
-
-def _no_repetition_text(rounds: list[Round]) -> str:
-    sums_ms = ", ".join(f"{1e3 * sum_s:.1f}" for sum_s in servo.sums(rounds))
-    return (
-        f"delay and lag together were {sums_ms} ms in {len(rounds)} rounds, never twice within "
-        f"{1e3 * servo.REPEATS_S:g} ms: reduce the load of this machine (`forcemesh doctor` checks "
-        "it and the link), then tune again"
-    )

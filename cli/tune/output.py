@@ -43,10 +43,8 @@ def report_lines(
         lines.append(f"stiffness {spring.k_N_m:.0f} +/- {uncertainty_N_m:.0f} N/m {file_value}")
         lines.append("tilt stiffness not measured: cell file's value, scaled like the stiffness")
     if measured.controller is not None:
-        tau_ms, uncertainty_ms = (
-            1e3 * measured.controller.tau_s,
-            1e3 * SIGMAS * measured.controller.deviation_s,
-        )
+        tau_ms = 1e3 * measured.controller.tau_s
+        uncertainty_ms = 1e3 * SIGMAS * measured.controller.deviation_s
         lines.append(f"delay of the controller's own loop {tau_ms:.0f} +/- {uncertainty_ms:.0f} ms")
     refusal = refusal_reason(cell, measured, advices)
     for advice in advices:
@@ -92,9 +90,9 @@ def _verdict(rated: RatedGain) -> str:
         return "NOT STABLE"
     if found.crossover_rad_s == 0.0:
         return "no effect"
-    settling = (
-        "not settling" if forecast.settling_s is None else f"settles in {forecast.settling_s:.2f} s"
-    )
+    settling = "not settling"
+    if forecast.settling_s is not None:
+        settling = f"settles in {forecast.settling_s:.2f} s"
     return (
         f"{settling}, overshoot {forecast.overshoot_pct:.0f} %; margins: phase "
         f"{found.phase_deg:.0f} degrees, gain x {found.gain:.1f}, delay "
@@ -113,8 +111,7 @@ def save_sections(path: Path, sections: dict[str, dict[str, float]]) -> None:
 
 
 def _yaml(sections: dict[str, dict[str, float]]) -> str:
-    text: str = yaml.safe_dump(sections, sort_keys=False)
-    return text
+    return str(yaml.safe_dump(sections, sort_keys=False))
 
 
 def save_figure(path: Path, readings: "Readings", advices: list[Advice], title: str) -> None:
@@ -138,12 +135,8 @@ def save_figure(path: Path, readings: "Readings", advices: list[Advice], title: 
 def _plot_steps(axes: "Axes", readings: "Readings") -> None:
     servo, steps = readings.arm, readings.steps[0]
     start_s, place_m = steps.commanded_s[0], steps.commanded_m[0]
-    axes.step(
-        steps.commanded_s - start_s,
-        1e3 * (steps.commanded_m - place_m),
-        where="post",
-        label="commanded",
-    )
+    commanded_mm = 1e3 * (steps.commanded_m - place_m)
+    axes.step(steps.commanded_s - start_s, commanded_mm, where="post", label="commanded")
     axes.plot(steps.measured_s - start_s, 1e3 * (steps.measured_m - place_m), label="measured")
     axes.set(xlabel="time [s]", ylabel="position [mm]", title="Steps in free space")
     uncertainty_ms = 1e3 * SIGMAS * servo.deviation_s

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.context import NOT_WELL, OK, USAGE, CellOption, JsonOption, exit_with_error
+from cli.context import NOT_WELL, OK, CellOption, JsonOption, exit_with_error
 from cli.skills.force_session import force_session
 
 if TYPE_CHECKING:
@@ -101,11 +101,11 @@ def _refuse_wrong_options(
     config = client.config
     largest_N = min(config.force.setpoint_max_N, config.limits.force_N)
     if force_N > largest_N:
-        exit_with_error(f"--force {force_N:g}: the cell allows at most {largest_N:g} N", USAGE)
+        exit_with_error(f"--force {force_N:g}: the cell allows at most {largest_N:g} N")
     if host not in config.robot.hosts:
-        exit_with_error(f"--for {host}: this cell offers {', '.join(config.robot.hosts)}", USAGE)
+        exit_with_error(f"--for {host}: this cell offers {', '.join(config.robot.hosts)}")
     if host != "pc" and not apply:
-        exit_with_error("--for goes with --apply: the table shows every host", USAGE)
+        exit_with_error("--for goes with --apply: the table shows every host")
 
 
 def _axial_gain(client: "ConfiguredCell", gains: "Gains") -> float:
@@ -137,7 +137,7 @@ def _advices(client: "ConfiguredCell", measured: "MeasuredCell", gains: "Gains")
 def _apply(client: "ConfiguredCell", advices: "list[Advice]", host: str) -> None:
     gains = next((advice.gains for advice in advices if advice.host == host), None)
     if gains is None:
-        exit_with_error(f"--for {host}: its loop was not measured, so no gains are set", USAGE)
+        exit_with_error(f"--for {host}: its loop was not measured, so no gains are set")
     client.force.gains(
         force_i_m_per_Ns=gains.force_i_m_per_Ns, torque_i_rad_per_Nms=gains.torque_i_rad_per_Nms
     )

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from common.config.load import load_cell
 from common.runtime.service import exit_on_error, stop_on_signals
-from services.panel.access import door_of
-from services.panel.encrypted import context_of
+from services.panel.access import context_of, door_of
 
 NICE = 10  # drawing may be late, control must not be
 
@@ -30,7 +29,7 @@ def main(words: list[str] | None = None) -> None:
             cell.panel, os.environ, host=asked.host, port=asked.port, view_only=asked.view_only
         )
         context_of(cell, door)  # fails early when a certificate is missing
-        _be_nice()
+        os.nice(max(0, NICE - os.nice(0)))
         from services.panel.page import PanelPage  # noqa: PLC0415 - slow imports, after the checks
 
         page = PanelPage(cell, asked.cell, door)
@@ -44,10 +43,6 @@ def main(words: list[str] | None = None) -> None:
         page.run(stop)
     finally:
         page.close()
-
-
-def _be_nice() -> None:
-    os.nice(max(0, NICE - os.nice(0)))
 
 
 if __name__ == "__main__":

@@ -1,18 +1,25 @@
-"""Access control of the panel: checks every request for the page or its websocket. Pure.
+"""Access control of the panel: checks every request for the page or its websocket; TLS.
 
 A browser sends requests on behalf of any page, also of a page from the internet to an address of
 this machine. Checked are `Host` (against DNS rebinding), `Origin` (against cross-site requests)
 and, where other machines can reach the panel, a token.
+
+There TLS is required, too. The page's certificate is issued by a separate authority, `panel-ca`,
+which is installed in the browsers. The bus does not trust it, so it can be distributed to every
+phone of a lab.
 """
 
 import hmac
+import ssl
 from collections.abc import Mapping
 from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
+from common.config.cell import CellConfig
 from common.config.cell_helpers import SAME_TOKEN, PanelSection, guessable
 from forcemesh.errors import ForcemeshError
+from forcemesh.identity import PAGE, folder_of
 from forcemesh.published_ports import PANEL_PUBLISHED, is_loopback
 from services.panel.sessions import SESSION_LASTS_S, Rights
 
@@ -77,9 +84,10 @@ class Door:
 
     def rights(self, shown: str) -> Rights | None:
         """Return the rights of a token, None for an unknown one."""
-        if self.token and same(shown, self.token):
+        if self.token and hmac.compare_digest(shown.encode(), self.token.encode()):
             return self.most
-        return "view" if self.view_token and same(shown, self.view_token) else None
+        is_view = hmac.compare_digest(shown.encode(), self.view_token.encode())
+        return "view" if self.view_token and is_view else None
 
     def keep(self, number: str) -> str:
         """Return the Set-Cookie header with the number of a session."""
@@ -89,7 +97,8 @@ class Door:
     def refusal(self, headers: Mapping[str, str]) -> str:
         """Return why a request is not from the panel's own page, empty when it is."""
         asked = headers.get("Host", "")
-        if not self.token and name_of(asked) not in {*HERE, self.reached_at}:
+        name = (urlsplit(f"//{asked}").hostname or "").lower()  # without port and brackets
+        if not self.token and name not in {*HERE, self.reached_at}:
             return f"unknown host name {asked!r}: open the panel at the address that it printed"
         origin = headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc.lower() != asked.lower():
@@ -120,16 +129,6 @@ def door_of(
     )
 
 
-def same(shown: str, token: str) -> bool:
-    """Compare in constant time."""
-    return hmac.compare_digest(shown.encode(), token.encode())
-
-
-def name_of(netloc: str) -> str:
-    """Return the name in `name:port`, lower case, without brackets."""
-    return (urlsplit(f"//{netloc}").hostname or "").lower()
-
-
 def token_in(path: str) -> str:
     """Return the token in an address, empty when there is none."""
     return parse_qs(urlsplit(path).query).get("token", [""])[0]
@@ -142,3 +141,27 @@ def cookie_in(headers: Mapping[str, str], name: str) -> str:
     except CookieError:
         return ""
     return jar[name].value if name in jar else ""
+
+
+def context_of(cell: CellConfig, door: Door) -> ssl.SSLContext | None:
+    """Return the TLS context of the panel, None when only this machine reaches it.
+
+    Raises:
+        ForcemeshError: Other machines reach it and the certificate is missing or unusable.
+    """
+    if not door.is_encrypted:
+        return None
+    folder = folder_of(cell)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(folder / f"{PAGE}.pem", folder / f"{PAGE}.key")
+    except (OSError, ssl.SSLError) as error:
+        what = "is missing" if isinstance(error, FileNotFoundError) else f"cannot be used ({error})"
+        raise ForcemeshError(
+            f"refused: on {door.reached_at} the token would be sent unencrypted, and "
+            f"{folder}/{PAGE}.pem or .key {what}: run `forcemesh pki issue {PAGE} --host NAME "
+            "--cell FILE` where `forcemesh pki init` was run; or let the panel listen on 127.0.0.1 "
+            "and use SSH or a proxy on this machine"
+        ) from None
+    return context

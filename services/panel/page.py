@@ -13,13 +13,10 @@ import viser
 from common.config.cell import CellConfig
 from common.runtime.heartbeat import heartbeat_of_this_process
 from forcemesh.clock import NS_PER_S
-from services.panel.access import Door
-from services.panel.encrypted import context_of
+from services.panel.access import Door, context_of
 from services.panel.faultlog import FaultLog
-from services.panel.history import PlotHistory
 from services.panel.markup import html, paragraphs
-from services.panel.plots import PLOT_PERIOD_S as PLOTS_S
-from services.panel.plots import Plots
+from services.panel.plots import PLOT_PERIOD_S, PlotHistory, Plots
 from services.panel.readout import NAMES, Readout
 from services.panel.scene import Scene
 from services.panel.server import RIGHTS, Gate, close_server, open_server
@@ -90,12 +87,14 @@ class PanelPage:
             if not self.server.get_clients():
                 continue
             self._scene.draw(snapshot)
-            if snapshot.now_ns - plots_ns >= PLOTS_S * NS_PER_S:
+            if snapshot.now_ns - plots_ns >= PLOT_PERIOD_S * NS_PER_S:
                 plots_ns = snapshot.now_ns
                 self._plots.draw(snapshot.now_ns / NS_PER_S)
             if snapshot.now_ns - forms_ns >= FORMS_S * NS_PER_S:
                 forms_ns = snapshot.now_ns
-                self._refresh_forms(snapshot)
+                for refreshes in list(self._forms.values()):
+                    for refresh in refreshes:
+                        refresh(snapshot)
 
     def close(self) -> None:
         """Leave the bus, then close the page; a running calibration ends in a hold."""
@@ -153,11 +152,6 @@ class PanelPage:
             self._forms[client.client_id] = refreshes
         with tabs.add_tab("Settings", viser.Icon.SETTINGS):
             add_settings(client)
-
-    def _refresh_forms(self, snapshot: Snapshot) -> None:
-        for refreshes in list(self._forms.values()):
-            for refresh in refreshes:
-                refresh(snapshot)
 
 
 def add_settings(client: viser.ClientHandle) -> None:

@@ -1,15 +1,24 @@
-"""Live plots of force, torque, position error and latency; updated while a page is open."""
+"""Live plots of force, torque, position error and latency: values, axes and lines.
 
+The values of the last seconds are in a ring buffer with fixed memory.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 import viser
 from viser import uplot
 
-from services.panel.history import HISTORY_WINDOW_S, PlotHistory, Series, Span
 from services.panel.readout import ERRORS, FORCES, LATENCIES, TORQUES
 
+Series = npt.NDArray[np.float64]
+
+HISTORY_WINDOW_S = 20.0
+HISTORY_POINTS = 400  # most points of a plot; one each 50 ms
+PLOT_ROOM = 0.4  # share of an axis range below which the range shrinks
 PLOT_PERIOD_S = 0.2
 PLOT_HEIGHT = 118
 BRIDGED_S = 0.5  # longest gap that a line bridges
@@ -36,6 +45,12 @@ COLOURS = {
     "distance": GREY,
     "chain": "#7048e8",
 }
+# Colours of the axes that suit the light and the dark theme.
+STROKE, GRID = "#8b95a1", uplot.Axis_Grid(stroke="#8b95a133", width=1)
+AXES = (
+    uplot.Axis(stroke=STROKE, grid=GRID, label="time [s]", labelSize=LABEL_SIZE, size=TIME_SIZE),
+    uplot.Axis(stroke=STROKE, grid=GRID, size=46, space=TICKS_APART),
+)
 LABELS = {"press": "normal force"}  # where the legend has another name than the readout
 WIDE, DASHED = {"press", "chain"}, {"set point", "target"}
 
@@ -58,6 +73,78 @@ KINDS = (
 )
 
 
+class PlotHistory:
+    """Ring buffer of samples of named values; a missing value is a gap (NaN)."""
+
+    def __init__(self, names: tuple[str, ...], points: int = HISTORY_POINTS) -> None:
+        """Create an empty buffer."""
+        self._column = {name: column for column, name in enumerate(names)}
+        self._time_s = np.full(points, np.nan)
+        self._values = np.full((points, len(names)), np.nan)
+        self._next = 0
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, time_s: float, values: Mapping[str, float]) -> None:
+        """Add a sample, overwriting the oldest one when full; missing names are gaps."""
+        row = self._next
+        self._time_s[row] = time_s
+        self._values[row] = np.nan
+        for name, value in values.items():
+            self._values[row, self._column[name]] = value
+        self._next = (row + 1) % len(self._time_s)
+        self._count = min(self._count + 1, len(self._time_s))
+
+    def series(self, names: tuple[str, ...], now_s: float) -> tuple[Series, ...]:
+        """Return times relative to now [s], oldest first, and the named values, of equal length.
+
+        At least two samples are returned, as a plot needs two; absent ones are gaps.
+        """
+        if self._count < 2:
+            edge = np.array([-HISTORY_WINDOW_S, 0.0])
+            return (edge, *(np.full(2, np.nan) for _ in names))
+        order = (self._next - self._count + np.arange(self._count)) % len(self._time_s)
+        values = self._values[order]
+        return (self._time_s[order] - now_s, *(values[:, self._column[name]] for name in names))
+
+    def clear(self) -> None:
+        """Remove all samples: data before a pause does not continue after it."""
+        self._next = self._count = 0
+
+
+class Span:
+    """Range of a plot axis: round numbers, changed only when the data no longer fits.
+
+    The hysteresis keeps the axis readable.
+    """
+
+    def __init__(self, least: float, *, signed: bool = True) -> None:
+        """Start with a range above the noise; an unsigned range starts at zero."""
+        self._least, self._signed = least, signed
+        self.low, self.high = -least if signed else 0.0, least
+
+    def take(self, lines: tuple[Series, ...]) -> bool:
+        """Fit the range to these values; return whether it changed."""
+        known = np.concatenate([line[np.isfinite(line)] for line in lines] or [np.zeros(1)])
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+        span = (-self._round(-low) if self._signed or low < 0.0 else 0.0, self._round(high))
+        too_small = low < self.low or high > self.high
+        too_large = span[1] - span[0] < PLOT_ROOM * (self.high - self.low)
+        if not (too_small or too_large):
+            return False
+        changed = span != (self.low, self.high)
+        self.low, self.high = span
+        return changed
+
+    def _round(self, extent: float) -> float:
+        """Return the smallest of 1, 2, 5 times a power of ten above an extent."""
+        extent = max(1.05 * extent, self._least)
+        power: float = 10.0 ** np.floor(np.log10(extent))
+        return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= extent)
+
+
 class Plots:
     """Plots of a page, in their own panel."""
 
@@ -66,15 +153,14 @@ class Plots:
         self._history = history
         self._panel = server.gui.add_panel()
         self._spans = {kind: Span(kind.least, signed=kind.signed) for kind in KINDS}
-        data = {kind: history.series(kind.names, 0.0) for kind in KINDS}
         with self._panel.add_tab("Plots", viser.Icon.CHART_LINE):
             self._handles = {
                 kind: server.gui.add_uplot(
-                    data[kind],
+                    history.series(kind.names, 0.0),
                     tuple(series(name) for name in ("t", *kind.names)),
                     title=kind.title,
                     scales=scales(self._spans[kind]),
-                    axes=(axis("time [s]"), axis()),
+                    axes=AXES,
                     legend=uplot.Legend(show=len(kind.names) > 1, live=False),
                     height=PLOT_HEIGHT,
                 )
@@ -124,13 +210,3 @@ def series(name: str) -> uplot.Series:
     if name in DASHED:
         line["dash"] = (6, 4)
     return line
-
-
-def axis(label: str = "") -> uplot.Axis:
-    """Return an axis with colours that suit the light and the dark theme."""
-    shown = uplot.Axis(stroke="#8b95a1", grid=uplot.Axis_Grid(stroke="#8b95a133", width=1))
-    if label:
-        shown["label"], shown["labelSize"], shown["size"] = label, LABEL_SIZE, TIME_SIZE
-    else:
-        shown["size"], shown["space"] = 46, TICKS_APART
-    return shown

@@ -67,7 +67,11 @@ class Readout:
             found |= dict(zip(TORQUES[:3], wrench.torque_Nm, strict=True))
         if robot is not None:
             found |= distance_mm(snapshot.command.fresh, robot)
-            found |= self._latency_ms(robot)
+            taken = robot.accepted
+            number = None if taken is None else (taken.epoch, taken.seq)
+            if taken is not None and taken.sensor_stamp_ns is not None and number != self._taken:
+                found["chain"] = (taken.at_ns - taken.sensor_stamp_ns) / 1e6  # of a new command
+            self._taken = number
         if robot is not None and wrench is not None:
             target = snapshot.target.fresh
             found["press"] = press_force_N(robot, wrench, self._tool)
@@ -78,15 +82,6 @@ class Readout:
             if target is not None and target.mode != "position":
                 found["target"] = 0.0  # torques are always controlled to zero
         return found
-
-    def _latency_ms(self, robot: RobotState) -> dict[str, float]:
-        """Return the latency of a newly accepted command, else nothing."""
-        taken = robot.accepted
-        number = None if taken is None else (taken.epoch, taken.seq)
-        if number == self._taken:
-            return {}
-        self._taken = number
-        return latency_ms(robot)
 
     def _setpoint(
         self, target: RegulatorTarget | None, press_N: float, axis: Array
@@ -118,11 +113,3 @@ def distance_mm(command: RobotCommand | None, robot: RobotState) -> dict[str, fl
     off_mm = 1e3 * (np.array(robot.position_m) - np.array(pose.position_m))
     x, y, z = off_mm.tolist()
     return {"x": x, "y": y, "z": z, "distance": float(np.linalg.norm(off_mm))}
-
-
-def latency_ms(robot: RobotState) -> dict[str, float]:
-    """Return the time from the sensor sample to the robot's acceptance of its command [ms]."""
-    taken = robot.accepted
-    if taken is None or taken.sensor_stamp_ns is None:
-        return {}
-    return {"chain": (taken.at_ns - taken.sensor_stamp_ns) / 1e6}

@@ -1,20 +1,26 @@
 """3D view: arm, tool, force and torque arrows, workspace, contact. The only user of mjviser.
 
-mjviser is young: it is used only to draw a MuJoCo model and to place its bodies.
+mjviser is young: it is used only to draw a MuJoCo model and to place its bodies. Of MuJoCo only the
+forward kinematics is used: joint angles in, poses of bodies out; no physics is stepped.
 """
 
+import math
+from itertools import combinations, product
 from typing import Any
 
+import mujoco
 import numpy as np
 import viser
 from mjviser import ViserMujocoScene
 
-from common.config.arm import UNKNOWN_ARM
+from common.config.arm import UNKNOWN_ARM, model_file, read_arm
 from common.config.cell import CellConfig
+from common.config.cell_sim import SimSection
 from common.motion.frames import Array, quaternion_from_R
+from common.motion.kinematics import ArmKinematics
 from forcemesh.messages import RobotState
-from services.panel.arm_model import FLOOR_Z_M, ArmModel
 from services.panel.readout import Readout, Tool
+from services.panel.viewer import put
 from services.panel.watch import Snapshot
 
 M_PER_N, M_PER_NM = 0.0045, 0.2  # length of the arrows
@@ -22,12 +28,16 @@ LABEL_M = np.array([-0.07, 0.07, 0.0])  # offset from the arrow
 LEAST_N, LEAST_NM = 0.5, 0.05  # smaller values are noise
 STILL_RAD = 1e-4  # no update is sent for smaller motion
 TOUCHED_RADIUS_M = 0.03
-FORCE_RGB, TORQUE_RGB, BOX_RGB, TOUCH_RGB = (
-    (224, 49, 49),
-    (112, 72, 232),
-    (77, 171, 247),
-    (64, 192, 87),
-)
+FORCE_RGB, TORQUE_RGB = (224, 49, 49), (112, 72, 232)
+BOX_RGB, TOUCH_RGB = (77, 171, 247), (64, 192, 87)
+FLOOR_Z_M = -0.36
+PLATE_HALF_M = (0.08, 0.08, 0.008)
+SENSOR_RADIUS_M = 0.040
+
+BLUE, STEEL, DARK = [0.10, 0.36, 0.80, 1.0], [0.72, 0.74, 0.77, 1.0], [0.17, 0.18, 0.20, 1.0]
+ORANGE, GREEN = [0.93, 0.55, 0.13, 1.0], [0.20, 0.58, 0.34, 1.0]
+Wxyz = tuple[float, float, float, float]
+CYLINDER, BOX = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX
 
 
 class Scene:
@@ -37,14 +47,9 @@ class Scene:
         """Build the scene."""
         self._server = server
         self._readout = Readout(cell)
-        self._arm = None if cell.robot.model == UNKNOWN_ARM else ArmModel(cell)
-        self._mujoco: ViserMujocoScene | None = None
         self._q: Array | None = None
         _set_the_stage(server)
-        if self._arm is not None:
-            self._mujoco = ViserMujocoScene(server, self._arm.model, num_envs=1)
-            self._mujoco.camera_tracking_enabled = False
-            self._mujoco.update_from_mjdata(self._arm.data)
+        self._arm = None if cell.robot.model == UNKNOWN_ARM else DrawnArm(server, cell)
         _add_workspace(server, cell)
         nowhere = np.zeros((1, 2, 3), dtype=np.float32)
         self._force = server.scene.add_arrows(
@@ -86,34 +91,29 @@ class Scene:
     def _place(self, robot: RobotState, tool: Tool) -> None:
         self._tcp.position = tool.p_tcp_m
         self._tcp.wxyz = _wxyz(tool.R_base_tcp)
-        # Another arm is not drawn in a wrong pose.
-        fits = self._arm is not None and len(robot.joint_rad) == self._arm.model.nq
-        if self._arm is not None and self._mujoco is not None and fits:
-            self._arm.move(np.array(robot.joint_rad))
-            self._mujoco.update_from_mjdata(self._arm.data)
+        if self._arm is not None:
+            self._arm.draw(np.array(robot.joint_rad))
 
     def _draw_wrench(self, tool: Tool) -> None:
         """Draw the force from the contact, in the direction in which it pushes the tool."""
         force_N = np.zeros(3) if tool.force_N is None else tool.force_N
         torque_Nm = np.zeros(3) if tool.torque_Nm is None else tool.torque_Nm
         strong, turning = float(np.linalg.norm(force_N)), float(np.linalg.norm(torque_Nm))
-        _show(self._force, strong > LEAST_N)
-        _show(self._torque, turning > LEAST_NM)
-        _show(self._label, strong > LEAST_N)
+        put(self._force, visible=strong > LEAST_N)
+        put(self._torque, visible=turning > LEAST_NM)
+        put(self._label, visible=strong > LEAST_N)
         if strong > LEAST_N:
             self._force.points = _arrow(tool.contact_m, M_PER_N * force_N)
             self._label.position = tool.contact_m + 0.5 * M_PER_N * force_N + LABEL_M
-            text = f"{strong:.1f} N"
-            if self._label.text != text:
-                self._label.text = text
+            put(self._label, text=f"{strong:.1f} N")
         if turning > LEAST_NM:
             self._torque.points = _arrow(tool.p_tcp_m, M_PER_NM * torque_Nm)
 
     def _draw_touch(self, snapshot: Snapshot, tool: Tool) -> None:
         """Show the contact surface at the tool while the regulator reports contact."""
-        target = snapshot.target.message
-        touches = target is not None and target.contact == "contact" and snapshot.target.fault == ""
-        _show(self._touched, touches)
+        target = snapshot.target.fresh
+        touches = target is not None and target.contact == "contact"
+        put(self._touched, visible=touches)
         if touches:
             self._touched.position = tool.contact_m
             self._touched.wxyz = _wxyz(tool.R_base_tcp)
@@ -146,40 +146,118 @@ def _add_workspace(server: viser.ViserServer, cell: CellConfig) -> None:
     )
     for number, plane in enumerate(cell.limits.planes):
         normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
-        helper = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-        x = np.cross(helper, normal)
-        x /= np.linalg.norm(x)
         server.scene.add_box(
             f"/wall {number}",
             dimensions=(0.5, 0.5, 0.002),
             color=(250, 82, 82),
             opacity=0.25,
             position=plane.point_m,
-            wxyz=_wxyz(np.column_stack([x, np.cross(normal, x), normal])),
+            wxyz=_wxyz(_R_with_z(normal)),
         )
 
 
 def box_edges(low: Array, high: Array) -> Any:
     """Return the twelve edges of a box as pairs of points. Shape (12, 2, 3)."""
-    corners = np.array(
-        [
-            [(low, high)[bit][axis] for axis, bit in enumerate((i & 1, i >> 1 & 1, i >> 2 & 1))]
-            for i in range(8)
-        ]
-    )
-    pairs = [(i, i | 1 << axis) for i in range(8) for axis in range(3) if not i & 1 << axis]
-    return np.array([[corners[a], corners[b]] for a, b in pairs])
+    corners = np.array(list(product(*zip(low, high, strict=True))))
+    return np.array([pair for pair in combinations(corners, 2) if np.sum(pair[0] != pair[1]) == 1])
 
 
 def _arrow(start_m: Array, vector_m: Array) -> Any:
     return np.array([[start_m, start_m + vector_m]], dtype=np.float32)
 
 
-def _show(handle: viser.SceneNodeHandle, visible: bool) -> None:  # noqa: FBT001 - show it or not
-    if handle.visible != visible:
-        handle.visible = visible
+# --- the arm --------------------------------------------------------------------------------------
 
 
-def _wxyz(R: Array) -> tuple[float, float, float, float]:
+class DrawnArm:
+    """Arm with sensor, tool and simulated plate, drawn by a MuJoCo model."""
+
+    def __init__(self, server: viser.ViserServer, cell: CellConfig) -> None:
+        """Build the model and draw it at home."""
+        name = cell.robot.model
+        spec = mujoco.MjSpec.from_file(str(model_file(name)))
+        home_rad = np.radians(read_arm(name).home_deg)
+        _add_tool(spec, cell)
+        if cell.sim is not None:
+            T_base_tcp = ArmKinematics(name).flange_pose(home_rad) * cell.tool.T_flange_tcp.pose
+            _add_plate(spec.worldbody, cell.sim, T_base_tcp.translation)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._drawn = ViserMujocoScene(server, self.model, num_envs=1)
+        self._drawn.camera_tracking_enabled = False
+        self.draw(home_rad)
+
+    def draw(self, joint_rad: Array) -> None:
+        """Draw at joint angles [rad], shape (n,); another arm is not drawn in a wrong pose."""
+        if len(joint_rad) == self.model.nq:
+            self.data.qpos[:] = joint_rad
+            mujoco.mj_kinematics(self.model, self.data)
+            self._drawn.update_from_mjdata(self.data)
+
+
+def _add_tool(spec: mujoco.MjSpec, cell: CellConfig) -> None:
+    """Attach sensor and tool to the flange, by the cell file's frames."""
+    T_flange_sensor = cell.sensor.T_flange_sensor.pose
+    T_sensor_tcp = T_flange_sensor.inverse() * cell.tool.T_flange_tcp.pose
+    flange = spec.site("flange").parent
+    height = max(0.012, float(T_flange_sensor.translation[2]))
+    _show(flange, CYLINDER, [SENSOR_RADIUS_M, height / 2, 0], pos=[0, 0, height / 2], rgba=BLUE)
+    tool = flange.add_body(name="tool", pos=T_flange_sensor.translation)
+    tool.quat = _wxyz(T_flange_sensor.rotation)
+    tool.mass, tool.inertia, tool.explicitinertial = 1.0, [0.01] * 3, True  # required, not used
+    length = float(np.linalg.norm(T_sensor_tcp.translation))
+    direction = np.asarray(T_sensor_tcp.translation) / max(length, 1e-6)
+    quat = _wxyz(_R_with_z(direction))
+    plate, rod = [SENSOR_RADIUS_M, 0.005, 0], max(0.01, length - 0.02)
+    _show(tool, CYLINDER, plate, pos=direction * 0.005, rgba=STEEL, quat=quat)
+    middle = direction * (0.01 + rod / 2)
+    _show(tool, CYLINDER, [0.012, rod / 2, 0], pos=middle, rgba=STEEL, quat=quat)
+    face = [0.025 if cell.sim is None else cell.sim.disc_radius_m, 0.005, 0]
+    middle, quat = T_sensor_tcp.act(np.array([0.0, 0.0, -0.005])), _wxyz(T_sensor_tcp.rotation)
+    _show(tool, CYLINDER, face, pos=middle, rgba=ORANGE, quat=quat)
+
+
+def _add_plate(world: mujoco.MjsBody, sim: SimSection, p_tcp_m: Array) -> None:
+    """Draw the simulated plate below the tool at home, and its stand."""
+    tilt = math.radians(sim.tilt_deg)
+    rim_m = sim.disc_radius_m * math.tan(tilt)
+    x, y, z = (float(v) for v in p_tcp_m - np.array([0.0, 0.0, sim.gap_m + rim_m]))
+    quat = (math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0)
+    thick = PLATE_HALF_M[2]
+    middle = [x, y + thick * math.sin(tilt), z - thick * math.cos(tilt)]
+    top = z - 0.085
+    _show(world, BOX, [*PLATE_HALF_M], pos=middle, rgba=GREEN, quat=quat)
+    for sx in (-0.05, 0.05):
+        for sy in (-0.05, 0.05):
+            spring = [x + sx, y + sy, (top + z - 0.016) / 2]
+            _show(world, CYLINDER, [0.009, (z - 0.016 - top) / 2, 0], pos=spring, rgba=STEEL)
+    height = top - FLOOR_Z_M
+    _show(world, BOX, [0.09, 0.09, 0.010], pos=[x, y, top - 0.010], rgba=DARK)
+    _show(world, BOX, [0.035, 0.035, height / 2], pos=[x, y, FLOOR_Z_M + height / 2], rgba=STEEL)
+    _show(world, BOX, [0.11, 0.11, 0.010], pos=[x, y, FLOOR_Z_M + 0.010], rgba=DARK)
+
+
+def _show(
+    body: mujoco.MjsBody,
+    kind: mujoco.mjtGeom,
+    size: list[float],
+    *,
+    pos: list[float] | Array,
+    rgba: list[float],
+    quat: Wxyz = (1.0, 0.0, 0.0, 0.0),
+) -> None:
+    geom = body.add_geom(type=kind, size=size, pos=pos, rgba=rgba, quat=quat)
+    geom.contype, geom.conaffinity, geom.group = 0, 0, 1
+
+
+def _R_with_z(z: Array) -> Array:
+    """Return any rotation whose z axis points along a unit vector. Shape (3, 3)."""
+    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _wxyz(R: Array) -> Wxyz:
     x, y, z, w = quaternion_from_R(R)
     return (w, x, y, z)

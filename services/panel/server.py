@@ -39,7 +39,6 @@ from services.panel.state_colours import NO_STATE
 SHOWN_TOKEN = "X-Forcemesh-Token"  # noqa: S105 - a header name: not part of addresses or logs
 Reply = dict[str, Any]
 Route = Callable[[Rights], Awaitable[Reply]]
-Before = Callable[[ServerConnection, Request], Response | None]
 
 RIGHTS: contextvars.ContextVar[Rights] = contextvars.ContextVar("rights", default="view")
 ENTERED = '<!doctype html><meta http-equiv="refresh" content="0; url=/"><title>forcemesh</title>'
@@ -75,27 +74,27 @@ class Gate:
         self._page = page(title)
         self._sessions, self._clock = Sessions(), clock or MonotonicClock()
         self.routes: dict[str, Route] = {}  # for requests of the panel's own page
-        self.alive: Callable[[], bool] = lambda: True
         self.ready = False  # until then websockets are refused, also those that reconnect
 
     async def before(self, request: Request) -> Response | None:
         """Return the response, None to pass a websocket on to viser."""
         path = request.path.partition("?")[0]
         if path == "/alive":  # health check; needs no authentication
-            alive = self.alive()
-            status = HTTPStatus.OK if alive else HTTPStatus.SERVICE_UNAVAILABLE
-            return answer(status, "alive" if alive else "no data from the cell", "text/plain")
+            return answer(HTTPStatus.OK, "alive")
         if why := self._door.refusal(request.headers):
-            return answer(HTTPStatus.FORBIDDEN, why, "text/plain")
+            return answer(HTTPStatus.FORBIDDEN, why)
         is_socket = request.headers.get("Upgrade", "").lower() == "websocket"
         if self._door.token and not is_socket and (shown := token_of(request)):
             return self._enter(shown)
-        rights = self._rights(request)
+        rights: Rights | None = self._door.most
+        if self._door.token:
+            number = cookie_in(request.headers, self._door.cookie)
+            rights = self._sessions.rights(number, self._clock.now_ns())
         if rights is None:
             return self._closed()
         if is_socket:
             if not self.ready:
-                return answer(HTTPStatus.SERVICE_UNAVAILABLE, "starting", "text/plain")
+                return answer(HTTPStatus.SERVICE_UNAVAILABLE, "starting")
             RIGHTS.set(rights)
             return None
         if path in {"/", "/index.html"}:
@@ -104,21 +103,11 @@ class Gate:
         if path in self.routes and request.headers.get(ASKED_BY_US):
             page = await self.routes[path](rights)
             return answer(HTTPStatus.OK, json.dumps(page), "application/json")
-        return answer(HTTPStatus.NOT_FOUND, "page not found", "text/plain")
-
-    def _rights(self, request: Request) -> Rights | None:
-        """Return the rights of a request: without a token all, else those of its session."""
-        if not self._door.token:
-            return self._door.most
-        number = cookie_in(request.headers, self._door.cookie)
-        return self._sessions.rights(number, self._clock.now_ns())
+        return answer(HTTPStatus.NOT_FOUND, "page not found")
 
     def _closed(self) -> Response:
-        return answer(
-            HTTPStatus.UNAUTHORIZED,
-            with_nonces(template("services.panel", "token.html")),
-            "text/html",
-        )
+        form = with_nonces(template("services.panel", "token.html"))
+        return answer(HTTPStatus.UNAUTHORIZED, form, "text/html")
 
     def _enter(self, shown: str) -> Response:
         """Start a session for a valid token and remove the token from the address.
@@ -213,7 +202,9 @@ def refuse_an_open_door(host: str, port: int, *, encrypted: bool = False) -> Non
         )
 
 
-def answer(status: HTTPStatus, body: str, kind: str, *, asked: str = "", **more: str) -> Response:
+def answer(
+    status: HTTPStatus, body: str, kind: str = "text/plain", *, asked: str = "", **more: str
+) -> Response:
     """Return a complete response; `asked` is the `Host` of the request for the page."""
     nonce = secrets.token_urlsafe(16)
     data = body.replace(NONCE, nonce).encode()
@@ -225,10 +216,9 @@ def answer(status: HTTPStatus, body: str, kind: str, *, asked: str = "", **more:
             "Content-Security-Policy": policy(nonce, asked),
             "X-Content-Type-Options": "nosniff",
             "Referrer-Policy": "no-referrer",
+            **{name.replace("_", "-"): value for name, value in more.items()},
         }
     )
-    for name, value in more.items():
-        headers[name.replace("_", "-")] = value
     return Response(status.value, status.phrase, headers, data)
 
 

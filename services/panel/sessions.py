@@ -46,7 +46,8 @@ class Sessions:
 
     def begin(self, rights: Rights, now_ns: int) -> str:
         """Open a session; return the number for the browser's cookie."""
-        self._drop_expired(now_ns)
+        for key in [key for key, session in self._open.items() if session.ended(now_ns)]:
+            del self._open[key]
         while len(self._open) >= MOST_SESSIONS:
             self._open.popitem(last=False)
         number = secrets.token_urlsafe(BYTES)
@@ -65,10 +66,6 @@ class Sessions:
         session.used_ns = now_ns
         self._open.move_to_end(key)
         return session.rights
-
-    def _drop_expired(self, now_ns: int) -> None:
-        for key in [key for key, session in self._open.items() if session.ended(now_ns)]:
-            del self._open[key]
 
 
 def _key(number: str) -> bytes:

@@ -24,6 +24,7 @@ STREAMS = {  # role: topic whose age is shown; its health topic is published at 
 }
 ALONE = {"jog": " for jog", "back_off": " to back off"}
 UNANSWERED = "NO ANSWER"
+NOT_RECEIVED: Reading[Any] = Reading(None, None, 0.0, "no message", silent=True)
 
 
 def may_stop(cell: CellConfig, rights: Rights) -> bool:
@@ -93,34 +94,18 @@ def services(snapshot: Snapshot) -> list[dict[str, str]]:
     A helper is shown once its first message was received: a recorder is optional.
     """
     rows = []
-    running_helpers = [name for name in topics.HELPERS if is_received(snapshot.health.get(name))]
-    for role in (*topics.ROLES, *running_helpers):
-        reading: Reading[Any] | None = snapshot.health.get(role)
-        stream: Reading[Any] | None = getattr(snapshot, STREAMS[role]) if role in STREAMS else None
-        newest = stream if stream is not None and stream.message is not None else reading
-        age = "no message" if newest is None else age_text(newest)
-        rows.append(
-            {"name": role, "text": f"{rate_text(reading)} · {age}", "fault": fault_of(reading)}
-        )
+    for role in (*topics.ROLES, *topics.HELPERS):
+        received: Reading[Any] | None = snapshot.health.get(role)
+        reading = received or NOT_RECEIVED
+        if role in topics.HELPERS and reading.message is None:
+            continue
+        stream: Reading[Any] = getattr(snapshot, STREAMS[role]) if role in STREAMS else reading
+        newest = reading if stream.message is None else stream
+        rate_hz = getattr(reading.message, "rate_hz", None)
+        rate = "–" if rate_hz is None else f"{rate_hz:.0f} Hz"  # an external sensor may report none
+        fault = reading.fault or str(getattr(reading.message, "fault", ""))
+        rows.append({"name": role, "text": f"{rate} · {age_text(newest)}", "fault": fault})
     return rows
-
-
-def is_received(reading: Reading[Any] | None) -> bool:
-    """Return whether any message was received."""
-    return reading is not None and reading.message is not None
-
-
-def rate_text(reading: Reading[Any] | None) -> str:
-    """Return the loop rate of a role."""
-    rate_hz = getattr(reading.message, "rate_hz", None) if reading is not None else None
-    return "–" if rate_hz is None else f"{rate_hz:.0f} Hz"  # an external sensor may report none
-
-
-def fault_of(reading: Reading[Any] | None) -> str:
-    """Return the fault of a role: a stale topic or its reported fault; empty when none."""
-    if reading is None:
-        return "no message"
-    return reading.fault or str(getattr(reading.message, "fault", ""))
 
 
 def force_display(cell: CellConfig, snapshot: Snapshot) -> dict[str, str]:
@@ -163,9 +148,9 @@ def stop_text(answer: RequestOutcome, snapshot: Snapshot) -> str:
     """
     if answer.word == "done":
         return answer.text
-    if answer.word == "no answer" and (state := held_as(snapshot)):
+    if answer.word != "no answer":
+        return f"{answer.word}: {answer.text}"
+    if state := held_as(snapshot):
         return f"the arm is held (state {state}); the reply was lost"
-    if answer.word == "no answer":
-        why = f"({answer.text}). Use the emergency stop or the pendant."
-        return f"{UNANSWERED} from the cell {why}"
-    return f"{answer.word}: {answer.text}"
+    why = f"({answer.text}). Use the emergency stop or the pendant."
+    return f"{UNANSWERED} from the cell {why}"

@@ -29,6 +29,7 @@ COLOURS: dict[str, Literal["green", "orange", "red"]] = {
     "stopped": "orange",
     "no answer": "red",
 }
+FRAME = '<div class="fm-prose">{}</div>'
 MARKS = {"done": "✔", "refused": "✖", "stopped": "✖", "no answer": "⚠"}
 
 
@@ -50,17 +51,13 @@ class Prose:
     def __init__(self, gui: viser.GuiApi, shown: Html) -> None:
         """Append the element to the form."""
         self._shown = shown
-        self._handle = gui.add_html(str(_framed(shown)))
+        self._handle = gui.add_html(str(html(FRAME, shown)))
 
     def show(self, shown: Html) -> None:
         """Replace the shown text."""
         if shown != self._shown:
             self._shown = shown
-            self._handle.content = str(_framed(shown))
-
-
-def _framed(shown: Html) -> Html:
-    return html('<div class="fm-prose">{}</div>', shown)
+            self._handle.content = str(html(FRAME, shown))
 
 
 def ask(watch: CellMonitor, action: Action) -> RequestOutcome:
@@ -135,7 +132,8 @@ class Viewer:
             action: Executed on confirmation.
             if_not: Executed on cancel or expiry.
         """
-        self.dismiss()
+        if self._confirming is not None:
+            self._close(self._confirming)
 
         def end(chosen: Callable[[], None]) -> None:
             timer.cancel()
@@ -156,11 +154,6 @@ class Viewer:
     def confirm_and_do(self, what: str, text: Html, label: str, action: Action) -> None:
         """Ask for confirmation, then execute the action and show the reply."""
         self.confirm(what, text, label, lambda: self.do(what, action))
-
-    def dismiss(self) -> None:
-        """Close an open confirmation."""
-        if self._confirming is not None:
-            self._close(self._confirming)
 
     def _close(self, modal: Any) -> bool:
         """Close a confirmation; return whether it was still open."""

@@ -79,7 +79,11 @@ class WizardProcess:
 
     def start(self) -> None:
         """Confirm the plan: the arm may move."""
-        self._write("go\n")
+        child = self._child
+        if child is not None and child.stdin is not None and child.poll() is None:
+            with suppress(OSError, ValueError):  # the child may be ending
+                child.stdin.write("go\n")
+                child.stdin.flush()
 
     def cancel(self) -> None:
         """Terminate the child: before `go` nothing has moved, after it the arm holds."""
@@ -100,13 +104,6 @@ class WizardProcess:
         child = self._child
         if child is not None and child.poll() is None:
             child.kill()
-
-    def _write(self, text: str) -> None:
-        child = self._child
-        if child is not None and child.stdin is not None and child.poll() is None:
-            with suppress(OSError, ValueError):  # the child may be ending
-                child.stdin.write(text)
-                child.stdin.flush()
 
     def _listen(self, child: "subprocess.Popen[str]") -> None:
         progress = self.progress

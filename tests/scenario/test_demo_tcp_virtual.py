@@ -9,8 +9,7 @@ import pytest
 
 from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
-from cli.demo.play import play_virtual
-from cli.demo.scenario import ScenarioPlan
+from cli.demo.scenario import ScenarioPlan, play_virtual
 from common.config.load import load_cell
 from forcemesh.errors import ConfigError
 from tests.fakes.long import long
@@ -26,7 +25,7 @@ def run_demo(host, mode, trial: DemoOverrides, settled_for_s=1.0) -> Result:
     plan = ScenarioPlan(
         mode=mode, host=host, setpoint_N=DEFAULT_SETPOINT_N[mode], settled_for_s=settled_for_s
     )
-    trace = play_virtual(cell, plan, lambda *_: None, 0.0)
+    trace = play_virtual(cell, plan, lambda *_: None)
     return measure(trace, plan, surface_of(cell), tune(cell).tau_s)
 
 

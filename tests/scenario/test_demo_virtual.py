@@ -6,8 +6,7 @@ import pytest
 
 from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
-from cli.demo.play import play_virtual
-from cli.demo.scenario import ScenarioError, ScenarioPlan
+from cli.demo.scenario import ScenarioError, ScenarioPlan, play_virtual
 from tests.fakes.long import long
 from tuning.gain_rule import tune
 
@@ -27,7 +26,7 @@ def run_demo(mode, stiffness_N_m, *, delay_ms, tilt_deg=None, press_N=30.0) -> R
         ),
     )
     plan = ScenarioPlan(mode=mode, press_N=press_N, setpoint_N=DEFAULT_SETPOINT_N[mode])
-    trace = play_virtual(cell, plan, lambda *_: None, 0.0)
+    trace = play_virtual(cell, plan, lambda *_: None)
     return measure(trace, plan, surface_of(cell), tune(cell).tau_s)
 
 
@@ -85,4 +84,4 @@ def test_a_gain_for_a_plate_ten_times_softer_is_stopped_by_the_force_ceiling():
     cell = cell.model_copy(update={"contact": softer})
 
     with pytest.raises(ScenarioError, match="above the ceiling"):
-        play_virtual(cell, ScenarioPlan(), lambda *_: None, 0.0)
+        play_virtual(cell, ScenarioPlan(), lambda *_: None)

@@ -1,5 +1,7 @@
 """Calibrate tab: plan, one confirmation, progress, residuals at each pose."""
 
+from typing import Any
+
 import numpy as np
 import viser
 from viser import uplot
@@ -47,11 +49,13 @@ def build(viewer: Viewer) -> Refresh:
         "Stop calibration", wizard.cancel, icon=viser.Icon.PLAYER_STOP, visible=False
     )
     bar = gui.add_progress_bar(0.0, visible=False)
-    plot = _ResidualPlot(gui)
+    residuals = gui.add_folder("Residuals", visible=False)
+    plotted: Progress | None = None
+    plot: viser.GuiUplotHandle | None = None
     notes = Prose(gui, html(""))
 
     def refresh(_snapshot: Snapshot) -> None:
-        nonlocal asked
+        nonlocal asked, plot, plotted
         now = wizard.progress
         if asked and now.phase == "asking":
             asked = False
@@ -63,58 +67,44 @@ def build(viewer: Viewer) -> Refresh:
         put(bar, visible=is_moving, value=100.0 * now.share)
         state.show(paragraphs(f"running: {now.text}" if is_moving else WORDS[now.phase]))
         notes.show(notes_of(now))
-        plot.show(now)
+        if now.left and now is not plotted:
+            plotted = now
+            if plot is not None:
+                plot.remove()
+            residuals.visible = True
+            with residuals:
+                plot = _add_residual_plot(gui, now.left)
 
     return refresh
 
 
-class _ResidualPlot:
-    """Plot of the residual force at each fitted pose and at each verification pose."""
-
-    def __init__(self, gui: viser.GuiApi) -> None:
-        self._gui = gui
-        self._place = gui.add_folder("Residuals", visible=False)
-        self._shown: Progress | None = None
-        self._handle: viser.GuiUplotHandle | None = None
-
-    def show(self, now: Progress) -> None:
-        """Draw the residuals once they are available."""
-        if now is self._shown or not now.left:
-            return
-        self._shown = now
-        if self._handle is not None:
-            self._handle.remove()
-        self._place.visible = True
-        with self._place:
-            self._handle = self._add(now.left["fit_N"], now.left["fresh_N"], now.left["limit_N"])
-
-    def _add(
-        self, fit_N: list[float], fresh_N: list[float], limit_N: float
-    ) -> viser.GuiUplotHandle:
-        dots = uplot.Series_Points(show=True, size=8)
-        count = len(fit_N) + len(fresh_N)
-        return self._gui.add_uplot(
-            (
-                np.arange(1, count + 1, dtype=float),
-                np.array(fit_N + [-1.0] * len(fresh_N)),  # below the axis range: not visible
-                np.array([-1.0] * len(fit_N) + fresh_N),
-                np.full(count, limit_N),
-            ),
-            (
-                uplot.Series(label="pose"),
-                uplot.Series(label="fitted", stroke="#1c7ed6", width=0, points=dots),
-                uplot.Series(label="verification", stroke="#2f9e44", width=0, points=dots),
-                uplot.Series(label="limit", stroke="#e03131", dash=(6, 4), width=1),
-            ),
-            title="Residual force at each pose [N]",
-            scales={
-                "x": uplot.Scale(time=False, auto=False, range=(0.5, count + 0.5)),
-                "y": uplot.Scale(auto=False, range=(0.0, 1.1 * max([limit_N, *fit_N, *fresh_N]))),
-            },
-            axes=(uplot.Axis(stroke="#8b95a1"), uplot.Axis(stroke="#8b95a1", size=46)),
-            legend=uplot.Legend(show=True, live=False),
-            height=REPORT_HEIGHT,
-        )
+def _add_residual_plot(gui: viser.GuiApi, left: dict[str, Any]) -> viser.GuiUplotHandle:
+    """Add the residual force at each fitted pose and at each verification pose."""
+    fit_N, fresh_N, limit_N = left["fit_N"], left["fresh_N"], left["limit_N"]
+    dots = uplot.Series_Points(show=True, size=8)
+    count = len(fit_N) + len(fresh_N)
+    return gui.add_uplot(
+        (
+            np.arange(1, count + 1, dtype=float),
+            np.array(fit_N + [-1.0] * len(fresh_N)),  # below the axis range: not visible
+            np.array([-1.0] * len(fit_N) + fresh_N),
+            np.full(count, limit_N),
+        ),
+        (
+            uplot.Series(label="pose"),
+            uplot.Series(label="fitted", stroke="#1c7ed6", width=0, points=dots),
+            uplot.Series(label="verification", stroke="#2f9e44", width=0, points=dots),
+            uplot.Series(label="limit", stroke="#e03131", dash=(6, 4), width=1),
+        ),
+        title="Residual force at each pose [N]",
+        scales={
+            "x": uplot.Scale(time=False, auto=False, range=(0.5, count + 0.5)),
+            "y": uplot.Scale(auto=False, range=(0.0, 1.1 * max([limit_N, *fit_N, *fresh_N]))),
+        },
+        axes=(uplot.Axis(stroke="#8b95a1"), uplot.Axis(stroke="#8b95a1", size=46)),
+        legend=uplot.Legend(show=True, live=False),
+        height=REPORT_HEIGHT,
+    )
 
 
 def notes_of(now: Progress) -> Html:
@@ -122,13 +112,10 @@ def notes_of(now: Progress) -> Html:
     notes = paragraphs(*(html("<code>{}</code>", note) for note in now.notes))
     if not now.left:
         return notes
-    rows = joined(_row(row) for row in now.left["found"])
+    cells = [[html("<td>{}</td>", cell) for cell in row] for row in now.left["found"]]
+    rows = joined(html("<tr>{}</tr>", joined(row)) for row in cells)
     head = html("<tr><th>parameter</th><th>value</th><th>±</th></tr>")
     return html("<p><b>{}</b></p><table>{}{}</table>{}", now.left["verdict"], head, rows, notes)
-
-
-def _row(cells: list[object]) -> Html:
-    return html("<tr>{}</tr>", joined(html("<td>{}</td>", cell) for cell in cells))
 
 
 TAB = Tab(30, "Calibrate", viser.Icon.TARGET, build)

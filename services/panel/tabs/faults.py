@@ -4,7 +4,7 @@ import viser
 
 from forcemesh.client.ask import remedy_of
 from forcemesh.faults import trip_text
-from forcemesh.messages import ArbiterStatus, Trip
+from forcemesh.messages import Trip
 from services.panel.faultlog import Happened
 from services.panel.markup import Html, html, joined, paragraphs
 from services.panel.status_bar import services
@@ -45,18 +45,15 @@ def now_text(snapshot: Snapshot) -> Html:
     status = snapshot.arbiter.fresh
     if status is None:
         return paragraphs(f"⚠ {snapshot.arbiter.fault}")
-    clears = [f"→ {status.clears}"] if status.clears else []
-    silent = [f"⚠ {row['name']}: {row['fault']}" for row in services(snapshot) if row["fault"]]
-    return paragraphs(html("<b>{}</b>", status.state), *_reasons(status), *clears, *silent)
-
-
-def _reasons(status: ArbiterStatus) -> list[Html | str]:
-    lines: list[Html | str] = [
+    reasons: list[Html | str] = [
         html("✖ <code>{}</code> ({}) {}{}", trip.code, trip.rule, trip_text(trip), _remedy(trip))
         for trip in status.trips
     ]
-    lines += [f"not ready: {text}" for text in status.not_ready]
-    return lines or ["no fault"]
+    reasons += [f"not ready: {text}" for text in status.not_ready]
+    clears = [f"→ {status.clears}"] if status.clears else []
+    silent = [f"⚠ {row['name']}: {row['fault']}" for row in services(snapshot) if row["fault"]]
+    state = html("<b>{}</b>", status.state)
+    return paragraphs(state, *(reasons or ["no fault"]), *clears, *silent)
 
 
 def _remedy(trip: Trip) -> Html:

@@ -1,7 +1,7 @@
 """Force tab: arm, tare, press with a set point, gains."""
 
 from contextlib import suppress
-from dataclasses import dataclass
+from math import hypot
 from typing import Any, get_args
 
 import viser
@@ -46,13 +46,13 @@ def build(viewer: Viewer) -> Refresh:
         hint="Sets the present reading to zero; needs free space.",
     )
     with gui.add_folder("Press"):
-        form = _PressForm(viewer)
+        refresh_press = _add_press(viewer)
     with gui.add_folder("Gains", expand_by_default=False):
         gains = _GainsForm(viewer)
 
     def refresh(snapshot: Snapshot) -> None:
         now.show(now_text(snapshot))
-        form.refresh(snapshot)
+        refresh_press(snapshot)
         gains.refresh(snapshot)
         status = snapshot.arbiter.fresh
         put(arm, visible=status is None or not status.operational)
@@ -60,19 +60,15 @@ def build(viewer: Viewer) -> Refresh:
     return refresh
 
 
-@dataclass(slots=True)
 class SyncedField:
     """Form field that follows a setting of the cell until the user edits it.
 
     A value that differs from the one shown last is edited, until it is sent or restored.
     """
 
-    handle: Any
-    shown: Any = None
-
-    def __post_init__(self) -> None:
+    def __init__(self, handle: Any) -> None:
         """Start with the value that the form shows."""
-        self.shown = self.handle.value
+        self.handle, self.shown = handle, handle.value
 
     @property
     def is_own(self) -> bool:
@@ -89,69 +85,60 @@ class SyncedField:
             self.shown = self.handle.value
 
 
-class _PressForm:
-    """Form of the press: set point, mode, loop host and control law."""
+def _add_press(viewer: Viewer) -> Refresh:
+    """Add the form of a press: set point, mode, loop host and control law."""
+    gui, config = viewer.gui, viewer.cell
+    most_N = config.force.setpoint_max_N
+    setpoint = gui.add_slider(
+        "Set point [N]", min=0.0, max=most_N, step=0.5, initial_value=min(15.0, most_N)
+    )
+    mode = gui.add_dropdown("Mode", get_args(Mode))
+    host = gui.add_dropdown("Loop host", config.robot.hosts, hint="Runs the regulator.")
+    laws = dict.fromkeys((*LAWS_THAT_SHIP, config.force.law))
+    law = gui.add_dropdown("Control law", tuple(laws), initial_value=config.force.law)
+    fields = {"setpoint_N": setpoint, "mode": mode, "host": host, "law": law}
+    followed = {name: SyncedField(handle) for name, handle in fields.items()}
 
-    def __init__(self, viewer: Viewer) -> None:
-        gui, self._viewer, config = viewer.gui, viewer, viewer.cell
-        most_N = config.force.setpoint_max_N
-        self._setpoint = gui.add_slider(
-            "Set point [N]", min=0.0, max=most_N, step=0.5, initial_value=min(15.0, most_N)
-        )
-        self._mode = gui.add_dropdown("Mode", get_args(Mode))
-        self._host = gui.add_dropdown("Loop host", config.robot.hosts, hint="Runs the regulator.")
-        laws = dict.fromkeys((*LAWS_THAT_SHIP, config.force.law))
-        self._law = gui.add_dropdown("Control law", tuple(laws), initial_value=config.force.law)
-        self._start = viewer.button(
-            "Start pressing", self._on_start, icon=viser.Icon.PLAYER_PLAY, color="orange"
-        )
-        self._change = viewer.button(
-            "Change set point",
-            lambda: viewer.do("Set point", self._begin),
-            icon=viser.Icon.ADJUSTMENTS,
-            visible=False,
-        )
-        self._stop = viewer.button(
-            "Stop force feedback",
-            lambda: viewer.do("Force feedback", lambda cell: cell.force.stop().text),
-            icon=viser.Icon.PLAYER_STOP,
-            color="gray",
-            visible=False,
-        )
-        self._followed = {
-            "setpoint_N": SyncedField(self._setpoint),
-            "mode": SyncedField(self._mode),
-            "host": SyncedField(self._host),
-            "law": SyncedField(self._law),
-        }
-
-    def refresh(self, snapshot: Snapshot) -> None:
-        """Show the settings of the running press and the buttons that apply."""
-        target = snapshot.target.fresh
-        for name, field in self._followed.items():
-            field.follow(getattr(target, name, None))
-        runs = snapshot.target.message is not None and snapshot.target.message.mode is not None
-        put(self._start, visible=not runs)
-        put(self._change, visible=runs)
-        put(self._stop, visible=runs)
-
-    def _request(self) -> ForceStartRequest:
-        law = self._law.value
+    def request() -> ForceStartRequest:
+        force_N = 0.0 if law.value == "admittance" else float(setpoint.value)
         return ForceStartRequest(
-            mode=self._mode.value,
-            host=self._host.value,
-            law=law,
-            setpoint_N=0.0 if law == "admittance" else float(self._setpoint.value),
+            mode=mode.value, host=host.value, law=law.value, setpoint_N=force_N
         )
 
-    def _begin(self, cell: Cell) -> str:
-        return cell.force.begin(self._request()).text
+    def begin(cell: Cell) -> str:
+        return cell.force.begin(request()).text
 
-    def _on_start(self) -> None:
-        request = self._request()
-        text = start_question(request, self._viewer.cell.force.search_m)
-        label = "Guide now" if request.law == "admittance" else "Press now"
-        self._viewer.confirm_and_do("Start pressing", text, label, self._begin)
+    def ask() -> None:
+        asked = request()
+        text = start_question(asked, config.force.search_m)
+        label = "Guide now" if asked.law == "admittance" else "Press now"
+        viewer.confirm_and_do("Start pressing", text, label, begin)
+
+    start = viewer.button("Start pressing", ask, icon=viser.Icon.PLAYER_PLAY, color="orange")
+    change = viewer.button(
+        "Change set point",
+        lambda: viewer.do("Set point", begin),
+        icon=viser.Icon.ADJUSTMENTS,
+        visible=False,
+    )
+    stop = viewer.button(
+        "Stop force feedback",
+        lambda: viewer.do("Force feedback", lambda cell: cell.force.stop().text),
+        icon=viser.Icon.PLAYER_STOP,
+        color="gray",
+        visible=False,
+    )
+
+    def refresh(snapshot: Snapshot) -> None:
+        """Show the settings of the running press and the buttons that apply."""
+        for name, field in followed.items():
+            field.follow(getattr(snapshot.target.fresh, name, None))
+        runs = getattr(snapshot.target.message, "mode", None) is not None
+        put(start, visible=not runs)
+        put(change, visible=runs)
+        put(stop, visible=runs)
+
+    return refresh
 
 
 def start_question(request: ForceStartRequest, search_m: float) -> Html:
@@ -186,10 +173,7 @@ class _GainsForm:
             for field, label, _ in GAIN_ROWS
         }
         viewer.button(
-            "Read",
-            lambda: viewer.do("Gains", self._read),
-            icon=viser.Icon.REFRESH,
-            color="gray",
+            "Read", lambda: viewer.do("Gains", self._read), icon=viser.Icon.REFRESH, color="gray"
         )
         viewer.button(
             "Apply",
@@ -260,7 +244,7 @@ def now_text(snapshot: Snapshot) -> Html:
     target, wrench, status = snapshot.target.message, snapshot.wrench.fresh, snapshot.arbiter.fresh
     if wrench is None:
         return paragraphs(f"⚠ no wrench: {snapshot.hub_fault or snapshot.wrench.fault}")
-    force_N = sum(part * part for part in wrench.force_N) ** 0.5
+    force_N = hypot(*wrench.force_N)
     doing = html("force feedback is off")
     if target is not None and target.mode is not None:
         doing = html("mode <b>{}</b>, loop host {}, {}", target.mode, target.host, target.contact)

@@ -85,16 +85,6 @@ def build(viewer: Viewer) -> Refresh:
 def add_back_off(viewer: Viewer) -> None:
     """Add the button to back off: a second question when no force direction is available."""
 
-    def ask_again(why: str) -> None:
-        question = html(
-            "<p>{}</p><p>Without a measured force <b>the tool moves 5 mm back along its own "
-            "axis</b>, at 5 mm/s, then the arm holds. Confirm that this path is free and that "
-            "the area is clear.</p>",
-            why,
-        )
-        title = f"{BACK_OFF} without force"
-        viewer.confirm(title, question, "Move 5 mm back", lambda: begin(without_force=True))
-
     def begin(*, without_force: bool = False) -> None:
         refused: list[RefusedError] = []
 
@@ -111,7 +101,14 @@ def add_back_off(viewer: Viewer) -> None:
         def run() -> None:
             viewer.do(BACK_OFF, back_off)
             if refused and refused[0].code == "no_direction" and not without_force:
-                ask_again(refused[0].text)
+                question = html(
+                    "<p>{}</p><p>Without a measured force <b>the tool moves 5 mm back along its "
+                    "own axis</b>, at 5 mm/s, then the arm holds. Confirm that this path is free "
+                    "and that the area is clear.</p>",
+                    refused[0].text,
+                )
+                title = f"{BACK_OFF} without force"
+                viewer.confirm(title, question, "Move 5 mm back", lambda: begin(without_force=True))
 
         in_background(run)
 
@@ -165,16 +162,16 @@ class _Jog:
         if not self._is_open():
             return
         self._open()
-        step = self._signed_step(arrow)
-        displacement = vector("xyz".index(arrow[1:]), math.radians(step) if turning else step / 1e3)
+        step, axis = self._signed_step(arrow), arrow[1:]
+        displacement = vector("xyz".index(axis), math.radians(step) if turning else step / 1e3)
+        parts = (ZERO3, displacement) if turning else (displacement, ZERO3)
         axes: Literal["base", "tool"] = "tool" if self._axes.value == "tool" else "base"
         unit = "degrees about" if turning else "mm along"
 
         def request(cell: Cell) -> MoveRequest:
-            parts = (ZERO3, displacement) if turning else (displacement, ZERO3)
             return MoveRequest(kind="pose", pose=cell.move.jogged(*parts, axes=axes))
 
-        self._move(f"Jog {step:+g} {unit} {arrow[1:]} of the {axes}", request)
+        self._move(f"Jog {step:+g} {unit} {axis} of the {axes}", request)
 
     def _jog_joint(self, joint: str, arrow: str) -> None:
         if not self._is_open():
@@ -211,7 +208,8 @@ def _add_joints(viewer: Viewer, move: RequestMove) -> None:
         what = "Move the joints"
         viewer.confirm(what, paragraphs(text), "Move now", lambda: move(what, lambda _: request))
 
-    _add_take_and_start(viewer, ("Copy current angles", take), ("Move the joints", start))
+    viewer.button("Copy current angles", take, color="gray")
+    viewer.button("Move the joints", start, icon=viser.Icon.PLAYER_PLAY, color="orange")
 
 
 def _add_flange_pose(viewer: Viewer, move: RequestMove) -> None:
@@ -236,14 +234,8 @@ def _add_flange_pose(viewer: Viewer, move: RequestMove) -> None:
         what = "Move to a pose"
         viewer.confirm(what, paragraphs(text), "Move now", lambda: move(what, lambda _: request))
 
-    _add_take_and_start(viewer, ("Copy current pose", take), ("Move to pose", start))
-
-
-def _add_take_and_start(
-    viewer: Viewer, take: tuple[str, Callable[[], None]], start: tuple[str, Callable[[], None]]
-) -> None:
-    viewer.button(*take, color="gray")
-    viewer.button(*start, icon=viser.Icon.PLAYER_PLAY, color="orange")
+    viewer.button("Copy current pose", take, color="gray")
+    viewer.button("Move to pose", start, icon=viser.Icon.PLAYER_PLAY, color="orange")
 
 
 def vector(axis: int, amount: float) -> Vec3:
@@ -262,8 +254,7 @@ def where_text(snapshot: Snapshot) -> Html:
     o, a, t = (math.degrees(angle) for angle in oat_from_R(T.rotation))
     joints = ", ".join(f"{math.degrees(angle):z.1f}" for angle in robot.joint_rad)
     flange, turned = f"{x:z.1f}, {y:z.1f}, {z:z.1f}", f"{o:z.1f}, {a:z.1f}, {t:z.1f}"
-    line = html("flange <b>{}</b> mm · O A T {}°<br>joints {}°", flange, turned, joints)
-    return paragraphs(line)
+    return paragraphs(html("flange <b>{}</b> mm · O A T {}°<br>joints {}°", flange, turned, joints))
 
 
 TAB = Tab(20, "Move", viser.Icon.ARROWS_MOVE, build)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cli.arm_readings import no_readings
-from cli.doctor.bus import observe_cell
+from cli.doctor.report import observe_cell
 from cli.status import DOWN, CellStatus, cell_status, is_well, restarts_of
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig

@@ -9,7 +9,7 @@ from cli.calibration.by_hand import HandOptions, PoseRecorder, calibrate, record
 from cli.calibration.finish import Job
 from cli.calibration.output_files import OutputFiles
 from cli.context import INTERRUPTED
-from cli.terminal import Keyboard
+from cli.terminal import typed_line
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
 from common.motion.convert import joints
@@ -86,7 +86,9 @@ def recorder_of(
 ) -> PoseRecorder:
     """Return a pose recorder with a scripted person."""
     hand_options = HandOptions(**{"poses": 6, "verify_poses": 0, "dwell_s": 0.2, **options})  # type: ignore[arg-type]
-    return PoseRecorder(lab.client, hand_options, keys=Person(lab, verbs), output=lab.notes)
+    return PoseRecorder(
+        lab.client, hand_options, typed_line=Person(lab, verbs).poll, output=lab.notes
+    )
 
 
 def test_poses_taken_by_hand_give_a_calibration(lab, tmp_path, capsys):
@@ -95,7 +97,7 @@ def test_poses_taken_by_hand_give_a_calibration(lab, tmp_path, capsys):
     job = Job(lab.cell, OutputFiles(tmp_path / "demo.yaml"), VerificationBounds(), use=True)
     options = HandOptions(poses=6, verify_poses=1, dwell_s=0.3)
 
-    assert calibrate(job, options, lab.client, Person(lab, verbs)) == 0
+    assert calibrate(job, options, Person(lab, verbs).poll, lab.client) == 0
     cell = load_cell(lab_file(tmp_path), {"calibration": "demo.yaml"})
     found = cell.calibration
     assert isinstance(found, CalibrationSection)
@@ -176,10 +178,9 @@ def test_lines_are_read_without_waiting_and_the_end_of_input_is_q(monkeypatch):
     read, write = os.pipe()
     with os.fdopen(read) as stdin, os.fdopen(write, "w") as typed:
         monkeypatch.setattr("sys.stdin", stdin)
-        keyboard = Keyboard()
-        assert keyboard.poll() is None
+        assert typed_line() is None
         typed.write("U\n")
         typed.flush()
-        assert keyboard.poll() == "u"
+        assert typed_line() == "u"
         typed.close()
-        assert keyboard.poll() == "q"
+        assert typed_line() == "q"

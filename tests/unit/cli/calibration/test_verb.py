@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cli.calibration.verb import ResultDestination
+from cli.calibration.verb import puts_into_use
 from common.bus.configured_cell import ConfiguredCell
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
@@ -129,7 +129,7 @@ def test_out_must_not_name_the_file_that_the_cell_loads(tmp_path):
 def test_the_wizard_uses_its_result_and_other_methods_need_the_option(options, uses):
     """--out, a recording, manual poses or --force alone do not put the result into use."""
     plain = {"out": None, "use": False, "force": False, "moves_arm": False}
-    assert ResultDestination(**(plain | options)).uses is uses
+    assert puts_into_use(**(plain | options)) is uses
 
 
 def test_a_calibration_does_not_start_in_contact(lab, tmp_path):

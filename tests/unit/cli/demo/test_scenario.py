@@ -6,10 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 from cli.__main__ import app
-from cli.demo import output as demo_report
-from cli.demo import play as demo_play
+from cli.demo import scenario
 from cli.demo.cell import DemoOverrides, check_plan, demo_cell, surface_of
-from cli.demo.measures import measure
+from cli.demo.measures import measure, table
 from cli.demo.scenario import ScenarioPlan
 from forcemesh.errors import ConfigError
 from tests.fakes.bench import DEMO
@@ -28,7 +27,7 @@ def test_the_demo_never_runs_on_a_real_arm(trial: DemoOverrides) -> None:
 def test_nothing_is_started_for_a_real_arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The verb ends as wrong usage before any process starts."""
     started: list[object] = []
-    monkeypatch.setattr(demo_play, "play_real", lambda *words, **_: started.append(words))
+    monkeypatch.setattr(scenario, "play_real", lambda *words, **_: started.append(words))
     file = str(DEMO.with_name("rs007l-real.yaml"))
     result = CliRunner().invoke(
         app, ["demo", "--cell", file, "--force", "20", "--out", str(tmp_path)]
@@ -41,11 +40,11 @@ def test_nothing_is_started_for_a_real_arm(monkeypatch: pytest.MonkeyPatch, tmp_
 def played(trial: DemoOverrides, plan: ScenarioPlan) -> str:
     """Return the title of a virtual demo's table, which has no latencies."""
     cell = demo_cell(DEMO, trial)
-    trace = demo_play.play_virtual(cell, plan, lambda *_: None, 0.0)
+    trace = scenario.play_virtual(cell, plan, lambda *_: None)
     result = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
     assert not result.hops_us
     assert result.chain_latency_us_p99 is None
-    return str(demo_report.table(result, plan, trace.started).title)
+    return str(table(result, plan, trace.started).title)
 
 
 @pytest.mark.long

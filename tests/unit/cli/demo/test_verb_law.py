@@ -6,8 +6,7 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.demo.cell import DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import measure
-from cli.demo.play import play_virtual
-from cli.demo.scenario import ScenarioPlan
+from cli.demo.scenario import ScenarioPlan, play_virtual
 from tests.fakes.bench import DEMO
 from tuning.gain_rule import tune
 
@@ -23,7 +22,7 @@ def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_
     """
     cell = demo_cell(DEMO.parent / file, DemoOverrides(law="adaptive", stiffness_N_m=stiffness_N_m))
     plan = ScenarioPlan()
-    trace = play_virtual(cell, plan, lambda *_: None, 0.0)
+    trace = play_virtual(cell, plan, lambda *_: None)
     found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
     assert found.settling_s is not None
     assert found.settling_s <= taus * found.tau_s
@@ -46,7 +45,7 @@ def test_a_controller_with_a_low_report_rate_does_not_press_harder(host, stiffne
     plate = cell.sim.model_copy(update={"stiffness_N_m": stiffness_N_m, "gap_m": 0.0005})
     cell = cell.model_copy(update={"sim": plate})
     plan = ScenarioPlan(host=host)
-    trace = play_virtual(cell, plan, lambda *_: None, 0.0)
+    trace = play_virtual(cell, plan, lambda *_: None)
     assert max(sample.force for sample in trace.press) <= 33.0
     found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
     assert found.settling_s is not None

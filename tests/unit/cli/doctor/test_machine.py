@@ -10,16 +10,19 @@ import pytest
 
 from cli.doctor.checks import ReportLine, check_role
 from cli.doctor.machine import (
-    SleepTimes,
+    ReceivedStream,
     check_calibration,
     check_clock,
+    check_device,
     check_ports,
     check_priority,
+    check_stream_of,
     check_versions,
     is_local,
+    listen,
     machine_lines,
+    sensor_line,
 )
-from cli.doctor.sensor import ReceivedStream, check_device, check_stream_of, listen, sensor_line
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell import CellConfig
 from common.config.load import load_cell
@@ -79,7 +82,7 @@ def test_a_missing_library_is_a_failure() -> None:
 
 def test_a_late_or_unset_clock_is_a_warning() -> None:
     """A clock is late by half a deadline, or shows the year 1970."""
-    quick, late = SleepTimes(0.0011, 0.002), SleepTimes(0.0011, 0.05)
+    quick, late = [0.001, 0.0011, 0.002], [0.001, 0.0011, 0.05]
     assert judged(check_clock(quick, NOW)) == ("PASS", False)
     assert judged(check_clock(late, NOW)) == ("WARN", True)
     assert judged(check_clock(quick, NOW.replace(year=1970))) == ("WARN", True)

@@ -10,16 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.doctor.checks import ReportLine
-from cli.doctor.pose import Frames, check_pose
+from cli.doctor.pose import check_pose
 from cli.doctor.remedies import REMEDIES
+from common.config.load import load_cell
 from common.motion.frames import Oat, R_from_oat, oat_from_R
 from common.motion.kinematics import ArmKinematics
 from controller.packet_table import Scales
+from tests.fakes.bench import DEMO
 
-FRAMES = Frames(
-    pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.16])),
-    pin.SE3(R_from_oat(Oat(radians(30.0), 0.0, 0.0)), np.array([0.0, 0.0, 0.02])),
-)
+CELL = load_cell(DEMO.with_name("demo-tcp.yaml"))  # its sensor is rotated by 30 degrees
 COARSE = Scales(position_per_mm=10, oat_per_deg=100, joint_per_deg=50)
 Q = np.radians([20.0, 35.0, -80.0, 15.0, -70.0, 40.0])  # an arbitrary posture
 
@@ -32,7 +31,10 @@ def arm() -> ArmKinematics:
 
 def judge(T: pin.SE3, q: np.ndarray = Q, scales: Scales | None = None) -> ReportLine:
     """Return the line for a reported pose."""
-    return check_pose(T, q, scales=scales or Scales(), frames=FRAMES, arm=arm())
+    assert CELL.gateway is not None
+    gateway = CELL.gateway.model_copy(update=(scales or Scales()).model_dump())
+    cell = CELL.model_copy(update={"gateway": gateway})
+    return check_pose(cell, T, tuple(q.tolist()), arm())
 
 
 def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0, o: float = 0.0) -> pin.SE3:
@@ -75,8 +77,8 @@ def test_a_wrong_position_never_passes(q: tuple, wrong_mm: float, axis: int) -> 
 
 FLANGE = arm().flange_pose(Q)
 MISTAKES = {
-    "TCP": (FLANGE * FRAMES.T_flange_tcp, "cell file's TCP", "pose.TOOL"),
-    "sensor": (FLANGE * FRAMES.T_flange_sensor, "sensor's frame", "pose.TOOL"),
+    "TCP": (FLANGE * CELL.tool.T_flange_tcp.pose, "cell file's TCP", "pose.TOOL"),
+    "sensor": (FLANGE * CELL.sensor.T_flange_sensor.pose, "sensor's frame", "pose.TOOL"),
     "long tool": (FLANGE * moved(z=93.0), "TOOL (0.0, 0.0, 93.0", "pose.TOOL"),
     "turned tool": (FLANGE * moved(o=17.0), "along the flange's axis", "pose.TOOL"),
     "pedestal": (moved(z=360.0) * FLANGE, "BASE (0.0, 0.0, -360.0", "pose.BASE"),

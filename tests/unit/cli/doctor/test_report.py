@@ -5,13 +5,13 @@ import pytest
 
 from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
 from cli.doctor import verb as doctor
-from cli.doctor.bus import ObservedCell
 from cli.doctor.checks import ReportLine, finding
 from cli.doctor.link import ReceivedReports, Visit
 from cli.doctor.remedies import REMEDIES
 from cli.doctor.report import (
     CONNECTION_CHECKS,
     REST,
+    ObservedCell,
     bus_lines,
     link_lines,
     status_of,
@@ -111,7 +111,7 @@ def observed(cell: CellConfig, state: RobotState | None, numbers: dict[str, floa
 
 def test_a_healthy_controller_passes_every_line() -> None:
     """Connection, sender, status bits, codes, pose, loop, speeds, round trip and goodbye pass."""
-    lines = words(link_lines(TCP, SECTION, SCALES, a_visit(good_reports())))
+    lines = words(link_lines(TCP, SECTION, a_visit(good_reports())))
     assert set(lines) == {*CONNECTION_CHECKS, *REST, *STATUS_CHECKS} - {"status bits"}
     assert set(lines.values()) == {"PASS"}
 
@@ -139,7 +139,7 @@ VISITS = {
 def test_checks_after_a_failed_one_are_skipped_by_name(name: str) -> None:
     """One line fails; the later ones are marked as skipped."""
     found, failing, code = VISITS[name]
-    lines = link_lines(TCP, SECTION, SCALES, found)
+    lines = link_lines(TCP, SECTION, found)
     marks = words(lines)
     assert [check for check, word in marks.items() if word == "FAIL"] == [failing]
     assert {*CONNECTION_CHECKS, *REST} == set(marks)
@@ -152,7 +152,7 @@ def test_a_broken_connection_is_reported_with_the_earlier_reports() -> None:
     """Reports received before the break are still judged."""
     broken = good_reports()
     broken.broken, broken.held = "closed by the controller", False
-    lines = link_lines(TCP, SECTION, SCALES, a_visit(broken))
+    lines = link_lines(TCP, SECTION, a_visit(broken))
     marks = words(lines)
     assert marks["connection"] == "FAIL"
     assert {line.remedy for line in lines if line.result == "FAIL"} == {REMEDIES["reports.broken"]}
@@ -162,14 +162,14 @@ def test_a_broken_connection_is_reported_with_the_earlier_reports() -> None:
 
 def test_a_greeted_controller_without_reports_has_no_bits_and_no_pose() -> None:
     """They are skipped with the reason, and the sender fails."""
-    marks = words(link_lines(TCP, SECTION, SCALES, a_visit(ReceivedReports())))
+    marks = words(link_lines(TCP, SECTION, a_visit(ReceivedReports())))
     assert (marks["sender"], marks["status bits"], marks["pose"]) == ("FAIL", "SKIP", "SKIP")
     assert (marks["error code"], marks["round trip"]) == ("WARN", "FAIL")
 
 
 def test_a_pose_is_not_compared_while_the_arm_moves() -> None:
     """101 and 102 are of one sample, but AS reads pose and joints one after the other."""
-    lines = link_lines(TCP, SECTION, SCALES, a_visit(good_reports(READY | Status.MOVING)))
+    lines = link_lines(TCP, SECTION, a_visit(good_reports(READY | Status.MOVING)))
     (pose,) = (line for line in lines if line.check == "pose")
     assert (pose.result, pose.remedy) == ("WARN", REMEDIES["pose.moving"])
 
@@ -177,12 +177,12 @@ def test_a_pose_is_not_compared_while_the_arm_moves() -> None:
 def test_an_arm_without_a_model_has_no_pose_check() -> None:
     """The check is skipped, not failed."""
     other = unknown_arm()
-    assert words(link_lines(other, SECTION, SCALES, a_visit(good_reports())))["pose"] == "SKIP"
+    assert words(link_lines(other, SECTION, a_visit(good_reports())))["pose"] == "SKIP"
 
 
 def test_a_running_cell_is_observed_on_the_bus() -> None:
     """Roles, topics, bits and numbers are judged; the connection belongs to the gateway."""
-    lines = bus_lines(TCP, SCALES, observed(TCP, a_state(), NUMBERS))
+    lines = bus_lines(TCP, observed(TCP, a_state(), NUMBERS))
     marks = words(lines)
     assert {check for check, word in marks.items() if word == "SKIP"} == {
         *CONNECTION_CHECKS,
@@ -195,7 +195,7 @@ def test_a_running_cell_is_observed_on_the_bus() -> None:
 
 def test_unknown_numbers_are_not_invented() -> None:
     """There is no round trip before a target is sent, and no rate just after the connection."""
-    marks = words(bus_lines(TCP, SCALES, observed(TCP, a_state(), {})))
+    marks = words(bus_lines(TCP, observed(TCP, a_state(), {})))
     assert (marks["round trip"], marks["program loop"]) == ("SKIP", "WARN")
     assert (marks["sender"], marks["monitor speed"]) == ("FAIL", "WARN")
 
@@ -211,7 +211,7 @@ LOST = {
 def test_a_gateway_without_its_controller_fails_the_link(name: str) -> None:
     """The link line has the gateway's reason; the other checks are skipped."""
     state = LOST[name]
-    lines = bus_lines(TCP, SCALES, observed(TCP, state, {}))
+    lines = bus_lines(TCP, observed(TCP, state, {}))
     (link,) = (line for line in lines if line.check == "link")
     assert (link.result, link.remedy) == ("FAIL", REMEDIES["link"])
     assert name != "not valid" or "no answer" in link.found
@@ -221,7 +221,7 @@ def test_a_gateway_without_its_controller_fails_the_link(name: str) -> None:
 
 def test_a_simulated_cell_has_no_link() -> None:
     """Roles, topics and the pose are judged; checks of a controller are skipped with a reason."""
-    marks = words(bus_lines(SIM, SCALES, observed(SIM, a_state(), {})))
+    marks = words(bus_lines(SIM, observed(SIM, a_state(), {})))
     assert {check for check, word in marks.items() if word == "SKIP"} == {
         *CONNECTION_CHECKS,
         *REST,
@@ -230,7 +230,7 @@ def test_a_simulated_cell_has_no_link() -> None:
     assert {line.found for line in unused_lines(SIM)} == {
         "not used by this cell: roles.robot is sim"
     }
-    silent = words(bus_lines(SIM, SCALES, observed(SIM, None, {})))
+    silent = words(bus_lines(SIM, observed(SIM, None, {})))
     assert silent["pose"] == "SKIP"
 
 
@@ -239,10 +239,10 @@ def test_a_decimated_robot_state_is_not_slow_but_one_at_half_rate_is() -> None:
     found = observed(TCP, a_state(), NUMBERS)
     for hz, word in ((36.5, "PASS"), (20.0, "WARN"), (None, "FAIL")):
         found.stream_hz["robot/state"] = hz
-        assert words(bus_lines(TCP, SCALES, found))["robot/state"] == word
+        assert words(bus_lines(TCP, found))["robot/state"] == word
     simulated = observed(SIM, a_state(), {})
     simulated.stream_hz["robot/state"] = 200.0
-    assert words(bus_lines(SIM, SCALES, simulated))["robot/state"] == "WARN"
+    assert words(bus_lines(SIM, simulated))["robot/state"] == "WARN"
 
 
 @pytest.mark.parametrize("bit", list(Status), ids=lambda bit: bit.name)

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from cli.context import NO_ANSWER, NOT_WELL, OK, USAGE
 from cli.doctor import link as doctor_link
-from cli.doctor.bus import observe_cell
 from cli.doctor.link import VisitTimeouts
+from cli.doctor.report import observe_cell
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import cell_hash, dump_cell, load_cell

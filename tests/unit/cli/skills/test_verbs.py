@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from cli.skills import following, force_session, guiding, pressing
+from cli.context import INTERRUPTED
+from cli.skills import following, force_session, pressing
 from cli.skills.contact_monitor import no_progress
 from cli.skills.path_file import read_poses, write_poses
 from cli.skills.pressing import ForceSettings
@@ -170,8 +171,8 @@ def test_a_hand_guided_path_is_recorded_and_played_back(cell: SkillCell, tmp_pat
         goal = start + np.array([0.0, 0.03 * min(arm.data.time - began_s, 1.0), 0.0])
         arm.data.xfrc_applied[tool][:3] = 500.0 * (goal - cell.p_tcp())
 
-    guided = guiding.GuidedPath()
-    guiding.guide(
+    guided = pressing.GuidedPath()
+    pressing.guide(
         client, guided, mode="position", seconds=1.6, is_finished=lambda: False, progress=pull
     )
     arm.data.xfrc_applied[tool][:3] = 0.0
@@ -184,7 +185,7 @@ def test_a_hand_guided_path_is_recorded_and_played_back(cell: SkillCell, tmp_pat
     write_poses(tmp_path / "path.csv", guided.times_s, guided.poses)
     client.jog(shift_m=(0.0, 0.01, 0.0))
     poses = read_poses(tmp_path / "path.csv")
-    played_count = guiding.play_back(client, poses, tolerance_m=0.001, speed_m_s=0.1)
+    played_count = pressing.play_back(client, poses, tolerance_m=0.001, speed_m_s=0.1)
     assert len(poses) == len(guided.poses)
     assert played_count < 10
     assert pose_of(client.state()).translation == pytest.approx(end, abs=3e-3)
@@ -233,10 +234,7 @@ def test_ctrl_c_holds_the_arm(cell: SkillCell, monkeypatch) -> None:
             raise KeyboardInterrupt
 
     done = call_verb(monkeypatch, cell.client, interrupted, "touch")
-    assert (done.exit_code, done.stderr) == (
-        force_session.INTERRUPTED,
-        "interrupted: the arm holds\n",
-    )
+    assert (done.exit_code, done.stderr) == (INTERRUPTED, "interrupted: the arm holds\n")
     cell.world.advance(0.1)
     assert cell.client.status().state == "HOLDING"
 
@@ -292,9 +290,6 @@ def test_ctrl_c_between_two_steps_holds_the_arm_too(cell: SkillCell, monkeypatch
 
     monkeypatch.setattr("cli.skills.path_file.read_points", interrupted)
     done = call_verb(monkeypatch, cell.client, no_progress, "follow", "path.csv")
-    assert (done.exit_code, done.stderr) == (
-        force_session.INTERRUPTED,
-        "interrupted: the arm holds\n",
-    )
+    assert (done.exit_code, done.stderr) == (INTERRUPTED, "interrupted: the arm holds\n")
     cell.world.advance(0.1)
     assert cell.client.status().state == "HOLDING"

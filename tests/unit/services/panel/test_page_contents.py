@@ -28,8 +28,7 @@ from forcemesh.messages import (
 )
 from forcemesh.requests import ForceStartRequest
 from services.panel.faultlog import FAULTS_KEPT, FaultLog
-from services.panel.history import HISTORY_POINTS, PlotHistory, Span
-from services.panel.plots import BRIDGED_S, OUTSIDE, broken
+from services.panel.plots import BRIDGED_S, HISTORY_POINTS, OUTSIDE, PlotHistory, Span, broken
 from services.panel.readout import NAMES, Readout, distance_mm
 from services.panel.status_bar import UNANSWERED, held_as, stop_text, strip
 from services.panel.tabs.calibrate import notes_of

@@ -28,8 +28,7 @@ from common.security.pki import (
 from common.security.pki_check import check_folder
 from forcemesh.errors import ForcemeshError
 from forcemesh.identity import NAMES, PAGE, PAGE_AUTHORITY
-from services.panel.access import Door
-from services.panel.encrypted import context_of
+from services.panel.access import Door, context_of
 from services.panel.server import Gate, close_server, open_server
 
 DEMO = Path(__file__).parents[4] / "cells" / "demo.yaml"

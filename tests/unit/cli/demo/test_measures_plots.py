@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
 from cli.demo.cell import DemoOverrides, demo_cell, surface_of
-from cli.demo.measures import Surface
-from cli.demo.output import _draw_plane, pictured, plot
+from cli.demo.measures import Surface, _draw_plane, pictured, plot
 from cli.demo.scenario import ScenarioPlan, ScenarioSample, Trace
 from tests.fakes.bench import DEMO
 
@@ -29,7 +28,7 @@ def pressed(surface: Surface, t_s: float, *, off_m: float) -> ScenarioSample:
         t_s=t_s,
         force_N=force_N,
         torque_Nm=np.cross(off_m * R[:, 1], force_N),
-        T_base_flange=np.array((T_base_tcp * surface.T_flange_tcp.inverse()).homogeneous),
+        T_base_flange=T_base_tcp * surface.T_flange_tcp.inverse(),
     )
 
 

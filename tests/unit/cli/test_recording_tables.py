@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cli.watch_csv import Written, write_csv
+from cli.recording_tables import Written, write_csv
 from common.bus.memory_bus import MemoryTransport
 from common.config.load import load_cell
 from forcemesh import topics

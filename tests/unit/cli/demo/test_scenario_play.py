@@ -4,7 +4,7 @@ from contextlib import nullcontext
 
 import pytest
 
-from cli.demo import play as demo_play
+from cli.demo import scenario
 from cli.demo.scenario import ScenarioError, ScenarioPlan
 from common.config.load import load_cell
 from forcemesh.errors import BusError, ForcemeshError
@@ -44,9 +44,9 @@ def play(monkeypatch: pytest.MonkeyPatch, supervisor: FakeSupervisor) -> Forceme
 
     monkeypatch.setattr("launch.processes.Supervisor", lambda _cell: supervisor)
     monkeypatch.setattr("common.bus.cell_bus.open_bus", lambda *_: nullcontext())
-    monkeypatch.setattr(demo_play, "Scenario", lambda *_, **__: type("S", (), {"run": fail})())
+    monkeypatch.setattr(scenario, "Scenario", lambda *_, **__: type("S", (), {"run": fail})())
     with pytest.raises(ForcemeshError) as caught:
-        demo_play.play_real(load_cell(DEMO), ScenarioPlan(), lambda *_: None, 7.0)
+        scenario.play_real(load_cell(DEMO), ScenarioPlan(), lambda *_: None, 7.0)
     return caught.value
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cli.context import exit_with_error, waiting
 from cli.recording_tables import flat_fields
 from common.bus.memory_bus import MemoryTransport
-from common.runtime.service import Runner, Service, reporter_of
+from common.runtime.service import HealthReporter, Runner, Service
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import Header
@@ -82,7 +82,7 @@ def service_output(
     transport = MemoryTransport()
     bus = Bus(role, cell.cell, transport, cell, clock)
     taps = {key: transport.subscribe(f"{cell.cell}/{key}", SERVICE_QUEUE) for key in written}
-    runner = Runner(make(bus, cell), [reporter_of(bus, cell)], clock)
+    runner = Runner(make(bus, cell), [HealthReporter(bus, cell)], clock)
     keys = [topic.key for topic in TOPICS if role in topic.readers]
     publishers = {key: transport.publish(f"{cell.cell}/{key}", "report") for key in keys}
     replayed = (each for each in messages if each.topic in publishers and each.at_ns >= begin_ns)

@@ -241,7 +241,11 @@ class Supervisor:
             if self._stop.is_set():
                 raise ForcemeshError("stopped while the hub was starting")
             if self._view is None:
-                self._try_to_connect()
+                with suppress(BusError):
+                    client = self._exits.enter_context(
+                        open_bus(self._cell, topics.CLIENT, patience_s=0.0)
+                    )
+                    self._client, self._view = client, CellView(client, self._cell)
             elif self._view.pid("hub") == hub_pid:
                 return
             elapsed_s = time.monotonic() - began_s
@@ -253,15 +257,6 @@ class Supervisor:
                     "up", f"after {elapsed_s:.0f} s still waiting for the hub at {endpoint}"
                 )
             time.sleep(HEALTH_POLL_S)
-
-    def _try_to_connect(self) -> None:
-        try:
-            self._client = self._exits.enter_context(
-                open_bus(self._cell, topics.CLIENT, patience_s=0.0)
-            )
-            self._view = CellView(self._client, self._cell)
-        except BusError:
-            self._client = self._view = None
 
     def _watch(self) -> None:
         """Detect deaths; runs in its own thread until the cell is stopped."""

@@ -48,7 +48,12 @@ class ProcessExit:
     @property
     def cause(self) -> str:
         """Cause of the exit: a signal or an exit code."""
-        return exit_cause(self.code)
+        if self.code >= 0:
+            return f"exit code {self.code}"
+        try:
+            return f"killed by {signal.Signals(-self.code).name}"
+        except ValueError:
+            return f"killed by signal {-self.code}"
 
     def __str__(self) -> str:
         roles = " and ".join(self.process.roles)
@@ -121,16 +126,6 @@ class ChildProcess:
             if line:
                 self._lines.append(line)
                 self._write_line(self.process.name, line)
-
-
-def exit_cause(code: int) -> str:
-    """Return a text for a return code of subprocess."""
-    if code >= 0:
-        return f"exit code {code}"
-    try:
-        return f"killed by {signal.Signals(-code).name}"
-    except ValueError:
-        return f"killed by signal {-code}"
 
 
 def write_stderr_line(name: str, line: str) -> None:

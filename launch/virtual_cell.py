@@ -5,7 +5,7 @@ from pathlib import Path
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
-from common.runtime.service import Runner, Service, reporter_of
+from common.runtime.service import HealthReporter, Runner, Service
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.errors import ConfigError
@@ -104,5 +104,5 @@ class VirtualCell:
         return Bus(role, self.cell.cell, self.transport, self.cell, self.clock)
 
     def _add(self, role: str, service: Service, *buses: Bus) -> None:
-        reporters = [reporter_of(bus, self.cell) for bus in buses]
+        reporters = [HealthReporter(bus, self.cell) for bus in buses]
         self.runners[role] = Runner(service, reporters, self.clock)

@@ -100,7 +100,10 @@ JUDGES = {
         "unit/services/arbiter/test_watch_health",
         "unit/services/arbiter/test_watch_controller",
     ),
-    "services.wrench.tare": ("unit/services/wrench/test_tare",),
+    "services.wrench.calibration_manager": (
+        "unit/services/wrench/test_calibration_manager_tare",
+        "unit/services/wrench/test_calibration_manager",
+    ),
     "services.wrench.plausibility": ("unit/services/wrench/test_plausibility",),
 }
 COMPARISONS = {

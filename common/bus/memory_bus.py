@@ -3,18 +3,24 @@
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 from forcemesh.topics import Qos
 
+T = TypeVar("T")
+
 
 @dataclass(slots=True)
-class MemorySource:
-    """Source that keeps only the newest payloads, as between processes."""
+class MemorySource(Generic[T]):
+    """Source of payloads or of requests, in the order of their arrival.
 
-    waiting: deque[bytes] = field(default_factory=lambda: deque(maxlen=1))
+    Of payloads it keeps only the newest, as between processes.
+    """
 
-    def take(self) -> bytes | None:
-        """Return the oldest waiting payload, or None."""
+    waiting: deque[T] = field(default_factory=lambda: deque(maxlen=1))
+
+    def take(self) -> T | None:
+        """Return the oldest waiting one, or None."""
         return self.waiting.popleft() if self.waiting else None
 
     def wait(self, timeout_s: float) -> None:
@@ -33,25 +39,14 @@ class MemoryCall:
         self.reply = data
 
 
-@dataclass(slots=True)
-class MemoryCalls:
-    """Requests in the order of their arrival."""
-
-    waiting: deque[MemoryCall] = field(default_factory=deque)
-
-    def take(self) -> MemoryCall | None:
-        """Return the oldest request."""
-        return self.waiting.popleft() if self.waiting else None
-
-
 class MemoryTransport:
     """Transport of one virtual cell. `advance` runs the cell while a request is pending."""
 
     def __init__(self) -> None:
         """Start with an empty bus."""
         self.advance: Callable[[float, Callable[[], bool]], None] | None = None
-        self._sources: dict[str, list[MemorySource]] = {}
-        self._servers: dict[str, MemoryCalls] = {}
+        self._sources: dict[str, list[MemorySource[bytes]]] = {}
+        self._servers: dict[str, MemorySource[MemoryCall]] = {}
 
     def publish(self, key: str, _qos: Qos) -> Callable[[bytes], None]:
         """Return the function that publishes bytes on a key."""
@@ -63,15 +58,15 @@ class MemoryTransport:
 
         return put
 
-    def subscribe(self, key: str, room: int = 1) -> MemorySource:
+    def subscribe(self, key: str, room: int = 1) -> MemorySource[bytes]:
         """Return a new source of a key."""
-        source = MemorySource(deque(maxlen=room))
+        source: MemorySource[bytes] = MemorySource(deque(maxlen=room))
         self._sources.setdefault(key, []).append(source)
         return source
 
-    def serve(self, key: str) -> MemoryCalls:
+    def serve(self, key: str) -> MemorySource[MemoryCall]:
         """Return the source of requests on a key."""
-        return self._servers.setdefault(key, MemoryCalls())
+        return self._servers.setdefault(key, MemorySource(deque()))
 
     def ask(self, key: str, data: bytes, timeout_s: float) -> bytes | None:
         """Queue the request and advance virtual time until the reply."""

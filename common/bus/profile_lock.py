@@ -152,7 +152,9 @@ class Keeper:
     def step(self) -> str:
         """Run one step; return what prevents the use, empty when in use or on standby."""
         if other := replaced_by(self._folder, self._choice.profile):
-            self._give_back()
+            if self._lock is not None:
+                os.close(self._lock)
+                self._lock = None
             return self._log("", standby_text(other))
         if self._lock is not None:
             return self._log("", f"in use with {self._choice.file}")
@@ -166,11 +168,6 @@ class Keeper:
             return self._log("replacing the simulation", "")
         fault = not_in_use_text(present, self._choice)
         return self._log(fault, fault)
-
-    def _give_back(self) -> None:
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
 
     def _log(self, fault: str, text: str) -> str:
         """Log a new message. A complaint that another container may resolve is delayed."""

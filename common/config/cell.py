@@ -322,12 +322,9 @@ class CellConfig(ConfigSection):
                     raise ValueError(
                         f"{where}.{name} is {worst:g}, beyond the sensor's range of {most:g}{asked}"
                     )
-        if self.roles.sensor == "driver" and self.sensor.driver == "rdt":
-            self._check_counts()
-        return self
-
-    def _check_counts(self) -> None:
         sensor = self.sensor
+        if self.roles.sensor != "driver" or sensor.driver != "rdt":
+            return self
         for name, counts, most in (
             ("counts_per_N", sensor.counts_per_N, sensor.force_range_N),
             ("counts_per_Nm", sensor.counts_per_Nm, sensor.torque_range_Nm),
@@ -338,6 +335,7 @@ class CellConfig(ConfigSection):
                     f"sensor.{name} is {counts:g}: a reading of 32 bits would end at "
                     f"{COUNTS_MOST / counts:.3g}, the range is {most:g}{asked}"
                 )
+        return self
 
     @property
     def loop_delay_s(self) -> float:

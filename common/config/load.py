@@ -40,11 +40,12 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     path = _followed(Path(path))
     source = str(path)
     tree = read_yaml(path, source)
-    _take_tuning(tree, path, source)
-    for dotted, value in (overrides or {}).items():
-        _set(tree, dotted, value, source)
-    if (calibration := _calibration_file(tree, path)) is not None:
-        tree["calibration"] = _read_calibration(calibration) if calibration.exists() else None
+    if isinstance(tree, dict):
+        _take_tuning(tree, path, source)
+        for dotted, value in (overrides or {}).items():
+            _set(tree, dotted, value, source)
+        if (calibration := _calibration_file(tree, path)) is not None:
+            tree["calibration"] = _read_calibration(calibration) if calibration.exists() else None
     return cell_from_tree(tree, source)
 
 
@@ -55,22 +56,22 @@ def calibration_file(path: Path) -> Path | None:
         ConfigError: The cell file cannot be read.
     """
     path = _followed(path)
-    return _calibration_file(read_yaml(path, str(path)), path)
+    tree = read_yaml(path, str(path))
+    return _calibration_file(tree, path) if isinstance(tree, dict) else None
 
 
 def _followed(path: Path) -> Path:
     return path.resolve() if path.is_symlink() else path
 
 
-def _calibration_file(tree: Any, path: Path) -> Path | None:
-    named = tree.get("calibration") if isinstance(tree, dict) else None
+def _calibration_file(tree: dict[str, Any], path: Path) -> Path | None:
+    named = tree.get("calibration")
     return path.parent / named if isinstance(named, str) else None
 
 
-def _take_tuning(tree: Any, path: Path, source: str) -> None:
+def _take_tuning(tree: dict[str, Any], path: Path, source: str) -> None:
     """Override values of the cell file with those measured by `forcemesh tune`."""
-    named = tree.get("tuning") if isinstance(tree, dict) else None
-    if not isinstance(named, str):
+    if not isinstance(tree.get("tuning"), str):
         return
     file = path.parent / tree.pop("tuning")
     measured = read_yaml(file, str(file))
@@ -140,8 +141,6 @@ def _read_calibration(path: Path) -> Any:
 
 def _set(tree: Any, dotted: str, value: object, source: str) -> None:
     keys = dotted.split(".")
-    if not isinstance(tree, dict):
-        return  # not a cell file: reported for the whole file
     for depth, key in enumerate(keys[:-1], start=1):
         tree[key] = {} if tree.get(key) is None else tree[key]
         tree = tree[key]

@@ -38,8 +38,7 @@ def take_realtime_priority(priority: int = PRIORITY) -> bool:
     that.
     """
     try:
-        for thread in Path("/proc/self/task").iterdir():
-            _set(int(thread.name), os.SCHED_FIFO, priority)
+        _set_all_threads(os.SCHED_FIFO, priority)
     except (AttributeError, OSError):
         return False
     return True
@@ -48,8 +47,7 @@ def take_realtime_priority(priority: int = PRIORITY) -> bool:
 def give_up_realtime_priority() -> None:
     """Return to ordinary priority before shutdown, for the same reason."""
     with suppress(AttributeError, OSError):
-        for thread in Path("/proc/self/task").iterdir():
-            _set(int(thread.name), os.SCHED_OTHER, 0)
+        _set_all_threads(os.SCHED_OTHER, 0)
 
 
 def has_realtime_priority() -> bool:
@@ -82,9 +80,10 @@ def is_memory_locked() -> bool:
     return _locked
 
 
-def _set(thread: int, policy: int, priority: int) -> None:
-    with suppress(ProcessLookupError):  # it may have ended meanwhile
-        os.sched_setscheduler(thread, policy, os.sched_param(priority))
+def _set_all_threads(policy: int, priority: int) -> None:
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(ProcessLookupError):  # it may have ended meanwhile
+            os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
 
 
 def _may_lock_without_limit() -> bool:

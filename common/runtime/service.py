@@ -27,7 +27,7 @@ from common.runtime.realtime import (
     is_memory_locked,
     prepare_realtime,
 )
-from forcemesh.bus import Bus, Publisher, Reader
+from forcemesh.bus import Bus, Reader
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import ConfigError, ForcemeshError
 from forcemesh.faults import clipped, tripped
@@ -99,20 +99,19 @@ class Stoppable(Protocol):
 
 
 class HealthReporter:
-    """Publisher of a role's health, from the role's own loop."""
+    """Publisher of the health of a bus's role, from the role's own loop."""
 
-    def __init__(self, bus: Bus, cell: CellConfig, publisher: Publisher[Health]) -> None:
+    def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Prepare the constant fields."""
-        self._clock = bus.clock
         self._transport = bus.transport
-        self._publisher = publisher
+        self._publisher = bus.publisher(HEALTH[bus.role])
         self._period_ns = round(NS_PER_S / cell.rates.health_hz)
         self._next_ns = 0
         self._steps = 0
         self._since_ns = bus.clock.now_ns()
         self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
         self._overruns = Overruns(allowed_gap_s(cell, bus.role))
-        self._version, self._config_hash = __version__, cell_hash(cell)
+        self._config_hash = cell_hash(cell)
         self._breakdown = ""
 
     def stepped(
@@ -137,6 +136,13 @@ class HealthReporter:
         self._next_ns = now_ns + self._period_ns
         elapsed_s = max(now_ns - self._since_ns, 1) / NS_PER_S
         late = sorted(self._lateness_s)
+        rights = {
+            "realtime": int(has_realtime_priority()),
+            "memory_locked": int(is_memory_locked()),
+        }
+        numbers = service.numbers(now_ns) if isinstance(service, HasNumbers) else {}
+        if isinstance(self._transport, Metered):  # the longest put since the last report
+            numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
         self._publisher.put(
             Health(
                 valid=not breakdown,
@@ -147,21 +153,14 @@ class HealthReporter:
                 lateness_p99_s=late[int(0.99 * (len(late) - 1))],
                 overruns=self._overruns.count,
                 longest_gap_s=self._overruns.longest_s,
-                counters={**_granted(), **service.counters()},
-                numbers=self._numbers(now_ns, service),
+                counters={**rights, **service.counters()},
+                numbers=numbers,
                 fault=breakdown or service.fault,
-                version=self._version,
+                version=__version__,
                 config_hash=self._config_hash,
             )
         )
         self._steps, self._since_ns = 0, now_ns
-
-    def _numbers(self, now_ns: int, service: Service) -> dict[str, float]:
-        """Return the numbers of the service, and the longest put since the last report."""
-        numbers = service.numbers(now_ns) if isinstance(service, HasNumbers) else {}
-        if isinstance(self._transport, Metered):
-            numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
-        return numbers
 
 
 class Containment:
@@ -249,20 +248,10 @@ class Runner:
             if self.due(now_ns):
                 self.step(now_ns)
                 heartbeat.beat(now_ns, self._fault)
-            else:
-                self._pause(min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S))
-
-    def _pause(self, longest_s: float) -> None:
-        if self.service.trigger is None:
-            self._clock.sleep_s(longest_s)
-        else:
-            self.service.trigger.wait(longest_s)
-
-
-def reporter_of(bus: Bus, cell: CellConfig) -> HealthReporter:
-    """Return the health publisher of the bus's role."""
-    topic = HEALTH[bus.role]
-    return HealthReporter(bus, cell, bus.publisher(topic))
+                continue
+            trigger = self.service.trigger
+            pause = self._clock.sleep_s if trigger is None else trigger.wait
+            pause(min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S))
 
 
 def main(
@@ -296,16 +285,11 @@ def main(
         if isinstance(service, Closable):
             exits.callback(service.close)
         buses = [bus, *(bus.playing(role) for role in roles[1:])]
-        reporters = [reporter_of(each, cell) for each in buses]
+        reporters = [HealthReporter(each, cell) for each in buses]
         runner = Runner(service, reporters, bus.clock, contain=Containment(roles[0]))
         if realtime:
             prepare_realtime()
         runner.run(stop)
-
-
-def _granted() -> dict[str, int]:
-    """Return the real-time rights of this process."""
-    return {"realtime": int(has_realtime_priority()), "memory_locked": int(is_memory_locked())}
 
 
 def refuse_other_implementation(cell: CellConfig, role: str, implementation: str) -> None:

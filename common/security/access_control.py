@@ -105,10 +105,22 @@ def _all_rules(cell: CellConfig) -> Iterator[tuple[str, list[Rule]]]:
     for name in (OPERATOR, PANEL):
         yield common_name(name, cell.cell), _person(cell, [request.key for request in REQUESTS])
     yield common_name(MONITOR, cell.cell), _person(cell, may_hold)
-    for other in cell.bus.below:
-        yield common_name("hub", other), _publish_from_below(other)
-    if cell.bus.upstream is not None:
-        yield common_name("hub", cell.bus.upstream.cell), _subscribe_from_above(cell.cell)
+    for other in cell.bus.below:  # its hub publishes its own topics here, and reads nothing
+        yield (
+            common_name("hub", other),
+            [
+                _allow(INGRESS, ("put",), _keys(other, EVERY_TOPIC)),
+                _allow(EGRESS, ("declare_subscriber",), (f"{other}/**",)),
+            ],
+        )
+    if cell.bus.upstream is not None:  # its hub reads this cell's topics, and publishes nothing
+        yield (
+            common_name("hub", cell.bus.upstream.cell),
+            [
+                _allow(INGRESS, ("declare_subscriber",), (f"{cell.cell}/**",)),
+                _allow(EGRESS, ("put",), _keys(cell.cell, EVERY_TOPIC)),
+            ],
+        )
 
 
 def _role(cell: CellConfig, role: str) -> list[Rule]:
@@ -148,22 +160,6 @@ def _person(cell: CellConfig, asked: Sequence[str]) -> list[Rule]:
         _allow(EGRESS, ("put",), keys),
         _allow(INGRESS, ("query",), _keys(cell.cell, asked)),
         _allow(EGRESS, ("reply", "declare_queryable"), _keys(cell.cell, asked)),
-    ]
-
-
-def _publish_from_below(other: str) -> list[Rule]:
-    """Return the rights of the hub of a cell below: publish its own topics here, read nothing."""
-    return [
-        _allow(INGRESS, ("put",), _keys(other, EVERY_TOPIC)),
-        _allow(EGRESS, ("declare_subscriber",), (f"{other}/**",)),
-    ]
-
-
-def _subscribe_from_above(cell: str) -> list[Rule]:
-    """Return the rights of the hub above: read this cell's topics, publish nothing."""
-    return [
-        _allow(INGRESS, ("declare_subscriber",), (f"{cell}/**",)),
-        _allow(EGRESS, ("put",), _keys(cell, EVERY_TOPIC)),
     ]
 
 

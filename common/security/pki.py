@@ -42,10 +42,7 @@ def make_authority(cell: str, now: dt.datetime, *, of_page: bool = False) -> Pai
     """
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name(f"forcemesh {'panel ' if of_page else ''}authority of {cell}")
-    basic = x509.BasicConstraints(ca=True, path_length=0)
-    builder = _builder(name, name, key, now, days=AUTHORITY_DAYS)
-    builder = builder.add_extension(basic, critical=True)
-    builder = builder.add_extension(_usage(signs=True), critical=True)
+    builder = _builder(name, name, key, now, days=AUTHORITY_DAYS, signs=True)
     return Pair(builder.sign(key, hashes.SHA256()), key)
 
 
@@ -66,15 +63,13 @@ def make_certificate(
     """
     key = ec.generate_private_key(ec.SECP256R1())
     common = f"forcemesh panel page of {cell}" if name == PAGE else common_name(name, cell)
-    builder = _builder(_name(common), authority.certificate.subject, key, now, days=days)
+    issuer = authority.certificate.subject
+    builder = _builder(_name(common), issuer, key, now, days=days, signs=False)
     ends = [] if name == PAGE else [ExtendedKeyUsageOID.CLIENT_AUTH]
     if name in (HUB, PAGE):
         ends.append(ExtendedKeyUsageOID.SERVER_AUTH)
         names = x509.SubjectAlternativeName([_host(host) for host in hosts])
         builder = builder.add_extension(names, critical=False)
-    basic = x509.BasicConstraints(ca=False, path_length=None)
-    builder = builder.add_extension(basic, critical=True)
-    builder = builder.add_extension(_usage(signs=False), critical=True)
     builder = builder.add_extension(x509.ExtendedKeyUsage(ends), critical=False)
     return Pair(builder.sign(authority.key, hashes.SHA256()), key)
 
@@ -175,21 +170,10 @@ def _host(text: str) -> x509.GeneralName:
 
 def _builder(
     subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePrivateKey, now: dt.datetime,
-    *, days: int,
+    *, days: int, signs: bool,
 ) -> x509.CertificateBuilder:  # fmt: skip
-    return (
-        x509.CertificateBuilder()
-        .subject_name(subject)
-        .issuer_name(issuer)
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - CLOCK_SKEW)
-        .not_valid_after(now + dt.timedelta(days=days))
-    )
-
-
-def _usage(*, signs: bool) -> x509.KeyUsage:
-    return x509.KeyUsage(
+    """Return the common part of a certificate; `signs`: it is that of an authority."""
+    usage = x509.KeyUsage(
         digital_signature=not signs,
         key_cert_sign=signs,
         crl_sign=signs,
@@ -199,4 +183,16 @@ def _usage(*, signs: bool) -> x509.KeyUsage:
         key_agreement=False,
         encipher_only=False,
         decipher_only=False,
+    )
+    basic = x509.BasicConstraints(ca=signs, path_length=0 if signs else None)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - CLOCK_SKEW)
+        .not_valid_after(now + dt.timedelta(days=days))
+        .add_extension(basic, critical=True)
+        .add_extension(usage, critical=True)
     )

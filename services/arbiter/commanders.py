@@ -102,12 +102,6 @@ class Commanders:
         self._last_goal_id = 0
         self._regulator_rested = False  # seen stopped since arming and since the last goal
 
-    @property
-    def goal_id(self) -> int:
-        """Number of the pending move, else of the active one; 0 for none."""
-        goal = self.ownership.goal if self.pending_move is None else self.pending_move.goal
-        return 0 if goal is None else goal.id
-
     def update(self, robot: RobotState | None, now_ns: int) -> None:
         """Update the time at rest from a robot state; a robot that holds accepts no owner: no rest.
 
@@ -188,12 +182,21 @@ class Commanders:
             tick: This period.
             trips: Trips published so far.
         """
-        if target is None or self.ownership.goal is not None or self.pending_move is not None:
+        move, goal = self.pending_move, self.ownership.goal
+        if target is None or goal is not None or move is not None:
             self._regulator_rested = target is None
-        if self.pending_move is not None:
-            return self._settle(self.pending_move, robot, bounds, now_ns=tick.now_ns, trips=trips)
-        if self.ownership.goal is not None:
-            return self._pursue(self.ownership.goal, robot)
+        if move is not None:
+            if self._rests(tick.now_ns):
+                return self._begin(move, robot, bounds, trips)
+            if tick.now_ns - move.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
+                return CommandStep()
+            text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {move.commander}'s"
+            return CommandStep(stop=tripped("handover", f"{text} request"))
+        if goal is not None:
+            if robot.goal.id != goal.id or robot.goal.state not in {"done", "refused"}:
+                return CommandStep("goal", goal=goal)
+            refused_goal = (tripped("goal_refused", robot.goal.reason),)
+            return self._end(refused_goal if robot.goal.state == "refused" else None)
         if self.ownership.commander == "regulator":
             return self._regulate(target, bounds, tick)
         if target is None or not self._regulator_rested:
@@ -205,28 +208,6 @@ class Commanders:
             self.ownership, commander="regulator", host=target.host, motion=motion
         )
         return replace(self._regulate(target, bounds, tick), event="begin", trips=())
-
-    def _settle(
-        self,
-        move: PendingMove,
-        robot: RobotState,
-        bounds: ArmBounds,
-        *,
-        now_ns: int,
-        trips: tuple[Trip, ...],
-    ) -> CommandStep:
-        if self._rests(now_ns):
-            return self._begin(move, robot, bounds, trips)
-        if now_ns - move.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
-            return CommandStep()
-        text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {move.commander}'s request"
-        return CommandStep(stop=tripped("handover", text))
-
-    def _pursue(self, goal: Goal, robot: RobotState) -> CommandStep:
-        if robot.goal.id != goal.id or robot.goal.state not in {"done", "refused"}:
-            return CommandStep("goal", goal=goal)
-        refused_goal = (tripped("goal_refused", robot.goal.reason),)
-        return self._end(refused_goal if robot.goal.state == "refused" else None)
 
     def _end(self, trips: tuple[Trip, ...] | None = None) -> CommandStep:
         self.ownership = self.ownership.next()

@@ -36,9 +36,16 @@ from services.arbiter import inputs as input_checks
 from services.arbiter.commanders import REST_S, Commanders, CommandStep, PendingMove
 from services.arbiter.freeing import Freeing
 from services.arbiter.inputs import Inputs
-from services.arbiter.preflight import Terms, failed_checks, load_text, persistent
+from services.arbiter.preflight import Terms, failed_checks, load_text
 from services.arbiter.states import ARMED_TEXTS, CLEARS, TABLE, after, lines, recent, what_next
-from services.arbiter.stream import REACTIONS, Retreat, Stopping, Tick, begin_stop, step_stop
+from services.arbiter.stream import (
+    REACTIONS,
+    Stopping,
+    Tick,
+    begin_stop,
+    retreat_limits,
+    step_stop,
+)
 
 LONGEST_GAP_PERIODS = 3.0  # longest period, in nominal ones, over which set points advance
 LEAST_REPORTS = 3.0  # robot reports over which the arm must be at rest
@@ -53,7 +60,7 @@ class Arbiter:
         self.trips: tuple[Trip, ...] = ()
         self._deadline_s = command_deadline_s
         self._longest_gap_s = LONGEST_GAP_PERIODS / cell.rates.control_hz
-        self._terms, self._retreat = Terms.of(cell), Retreat.of(cell)
+        self._terms = Terms.of(cell)
         self._cells = ArmBounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity())
         self._bounds = self._stream_bounds = self._cells
         self._freeing: Freeing | None = None
@@ -68,36 +75,49 @@ class Arbiter:
         self._writers: input_checks.Writers = {}  # publishers of the inputs at arming
         self._good_since_ns: int | None = None
         self._blind_since_ns: int | None = None  # good except for sensor and wrench
-        self._last_ns = 0
         self._last_inputs: Inputs | None = None  # at the last tick
 
     # --- every period ---------------------------------------------------------------------------
 
     def tick(self, inputs: Inputs) -> RobotCommand:
         """Check the inputs, follow the commander, return the command of this period."""
-        dt_s = (inputs.now_ns - self._last_ns) / NS_PER_S if self._last_ns else 0.0
-        self._last_ns, self._last_inputs = inputs.now_ns, inputs
+        now_ns, robot = inputs.now_ns, inputs.robot.fresh
+        before, self._last_inputs = self._last_inputs, inputs
+        dt_s = 0.0 if before is None else (now_ns - before.now_ns) / NS_PER_S
         lost = input_checks.missing(inputs)
-        self._watch_readiness(inputs, lost)
-        robot = inputs.robot.fresh
-        self._commanders.update(robot, inputs.now_ns)
+        self._good_since_ns = None if lost else self._good_since_ns or now_ns
+        if lost and input_checks.missing(inputs, blind=True):  # a subset of `lost`
+            self._blind_since_ns = None
+        else:
+            self._blind_since_ns = self._blind_since_ns or now_ns
+        if self.state == "BOOT" and not lost:
+            self.trips = input_checks.predecessor_trips(inputs)
+            self.state = after(self.state, "ready")
+        self._commanders.update(robot, now_ns)
         if self.state in MAY_MOVE:
             self._watch_motion(inputs, lost)
-        command = None
         if self.state in MAY_MOVE and robot is not None:
-            tick = Tick(pose_of(robot), inputs.now_ns, min(dt_s, self._longest_gap_s))
-            command = self._move_on(robot, inputs, tick)
-        return command or RobotCommand(kind="hold", speed=self._speed, reason=self._hold_reason())
+            tick = Tick(pose_of(robot), now_ns, min(dt_s, self._longest_gap_s))
+            if (command := self._move_on(robot, inputs, tick)) is not None:
+                return command
+        cause = self.trips[-1].text if self.trips else "not armed"
+        reason = clipped(f"the arbiter is {self.state}: {cause}")
+        return RobotCommand(kind="hold", speed=self._speed, reason=reason)
 
     def status(self) -> ArbiterStatus:
         """Return the published status."""
         ownership, pending_move = self._commanders.ownership, self._commanders.pending_move
-        not_ready = self._not_ready()
+        goal = (pending_move or ownership).goal
+        not_ready = [tripped("not_ready", "starting")]  # why arming would be refused
+        if self._last_inputs is not None:
+            not_ready = failed_checks(self._last_inputs, self._terms, self._good_since_ns, "all")
+            if self.state in MAY_MOVE:  # the causes that remain once the arm has come to rest
+                not_ready = [trip for trip in not_ready if trip.code != "moving"]
         return ArbiterStatus(
             state=self.state,
             commander=ownership.commander,
             next_commander="none" if pending_move is None else pending_move.commander,
-            goal_id=self._commanders.goal_id,
+            goal_id=0 if goal is None else goal.id,
             lease=self._lease,
             ownership=ownership.number,
             armed_for=self._armed_for,
@@ -106,28 +126,8 @@ class Arbiter:
             clears=what_next(self.state, not_ready, self._armed_for),
         )
 
-    def _not_ready(self) -> list[Trip]:
-        """Return why arming would be refused, from the last snapshot."""
-        if self._last_inputs is None:
-            return [tripped("not_ready", "starting")]
-        good_s = _since_s(self._good_since_ns, self._last_inputs)
-        found = failed_checks(self._last_inputs, self._terms, good_s, "all")
-        return persistent(found) if self.state in MAY_MOVE else found
-
-    def _watch_readiness(self, inputs: Inputs, lost: list[Trip]) -> None:
-        if lost and input_checks.missing(inputs, blind=True):  # a subset of `lost`
-            self._blind_since_ns = None
-        else:
-            self._blind_since_ns = self._blind_since_ns or inputs.now_ns
-        if lost:
-            self._good_since_ns = None
-        else:
-            self._good_since_ns = self._good_since_ns or inputs.now_ns
-            if self.state == "BOOT":
-                self.trips = input_checks.predecessor_trips(inputs)
-                self.state = after(self.state, "ready")
-
     def _watch_motion(self, inputs: Inputs, lost: list[Trip]) -> None:
+        """End motion if an input is lost, the robot has a fault, or a limit is exceeded."""
         blind = self._freeing is not None and self._freeing.blind
         if blind and lost:
             lost = input_checks.missing(inputs, blind=True)
@@ -138,7 +138,7 @@ class Arbiter:
         )
         robot, header, wrench = inputs.robot.fresh, inputs.robot.header, inputs.wrench.fresh
         if faults or robot is None or header is None or (wrench is None and not blind):
-            self._stop("fault", *faults)
+            self.stop("fault", *faults)
             return
         self._joints = self._joints.after(header.stamp_ns, robot.joint_rad)
         streams = self.state == "ACTIVE" and self._commanders.ownership.motion is not None
@@ -181,20 +181,27 @@ class Arbiter:
 
     def _move_on(self, robot: RobotState, inputs: Inputs, tick: Tick) -> RobotCommand | None:
         """Return the command of this period, None when the robot must hold."""
-        if self._stopping is not None:
-            return self._stop_softly(tick)
-        target = inputs.target.fresh if self._armed_for == "all" else None
-        step = self._commanders.step(robot, target, self._bounds, tick, trips=self.trips)
-        if step.event:
-            self._note(step)
-        if self._freeing is not None and step.event == "end":
-            end = freeing.at_its_end(self._freeing, robot, inputs.wrench.fresh)
-            self._stop("hold", *(step.trips or (end,)))
+        if self._stopping is None:
+            target = inputs.target.fresh if self._armed_for == "all" else None
+            step = self._commanders.step(robot, target, self._bounds, tick, trips=self.trips)
+            if step.event:
+                self._note(step)
+            if self._freeing is not None and step.event == "end":
+                end = freeing.at_its_end(self._freeing, robot, inputs.wrench.fresh)
+                self.stop("hold", *(step.trips or (end,)))
+                return None
+            if step.stop is None:
+                return self._command(step)
+            self._react(step.stop, inputs)
+        if self._stopping is None:  # held at once
             return None
-        if step.stop is None:
-            return self._command(step)
-        self._react(step.stop, inputs)
-        return self._stop_softly(tick)
+        self._stopping = stopping = step_stop(self._stopping, self._bounds, tick)
+        self.trips = (stopping.trip,)
+        if stopping.done:
+            self.stop("hold")
+            return None
+        pose = record_of(stopping.motion.T_base_flange)
+        return self._command(CommandStep("setpoint", pose=pose, limited=True))
 
     def _note(self, step: CommandStep) -> None:
         """Apply the event of a step, and its trips."""
@@ -226,36 +233,23 @@ class Arbiter:
     def _react(self, trip: Trip, inputs: Inputs) -> None:
         """End motion by the reaction of the cause: at once, or softly for streamed set points."""
         if FAULTS[trip.code].kind == "FAULT":
-            self._stop("fault", trip)
+            self.stop("fault", trip)
             return
         if self._stopping is not None:
             if REACTIONS.get(trip.code) != "fade":  # it is already coming to rest
-                self._stop("hold", trip)
+                self.stop("hold", trip)
             return
         motion, wrench = self._commanders.ownership.motion, inputs.wrench.fresh
         if motion is not None:
-            self._stopping = begin_stop(
-                Stopping(trip, motion, inputs.now_ns), self._bounds, self._retreat, wrench
-            )
+            start = Stopping(trip, motion, inputs.now_ns)
+            self._stopping = begin_stop(start, self._bounds, self._terms.cell.force, wrench)
         if self._stopping is None:
-            self._stop("hold", trip)
+            self.stop("hold", trip)
         else:
             self.trips = (trip,)
             self.state = after(self.state, "soften")
 
-    def _stop_softly(self, tick: Tick) -> RobotCommand | None:
-        """Return the next set point of a soft stop; None when there is none or it is over."""
-        if self._stopping is None:
-            return None
-        self._stopping = stopping = step_stop(self._stopping, self._bounds, tick)
-        self.trips = (stopping.trip,)
-        if stopping.done:
-            self._stop("hold")
-            return None
-        pose = record_of(stopping.motion.T_base_flange)
-        return self._command(CommandStep("setpoint", pose=pose, limited=True))
-
-    def _stop(self, event: str, *trips: Trip) -> None:
+    def stop(self, event: str, *trips: Trip) -> None:
         """Stop and latch. A second cause is added to the first one."""
         stopped = self._stopping is not None or self.state not in MAY_MOVE
         if self._freeing is not None and self._freeing.blind:
@@ -265,14 +259,6 @@ class Arbiter:
         self._commanders.drop()
         self._stopping = self._freeing = None
         self.state = after(self.state, event)
-
-    def fail(self, trip: Trip) -> None:
-        """End motion in FAULT for a cause outside the inputs."""
-        self._stop("fault", trip)
-
-    def _hold_reason(self) -> str:
-        cause = self.trips[-1].text if self.trips else "not armed"
-        return clipped(f"the arbiter is {self.state}: {cause}")
 
     # --- requests ---------------------------------------------------------------------------------
 
@@ -290,8 +276,7 @@ class Arbiter:
             return refusal("state", f"armed for {purpose_text} alone: hold, then arm for all")
         if after(self.state, "arm") != "ARMED":
             return refusal("state", f"the arbiter is {self.state}: {CLEARS[self.state]}")
-        good_s = _since_s(self._good_since_ns, inputs)
-        not_ready = failed_checks(inputs, self._terms, good_s, purpose)
+        not_ready = failed_checks(inputs, self._terms, self._good_since_ns, purpose)
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
         bounds = replace(self._cells, T_armed=pose_of(robot))
@@ -306,7 +291,8 @@ class Arbiter:
         self._lease += 1
         self._lease_since_ns = inputs.now_ns
         self._bounds, self._freeing = bounds, None
-        self._stream_bounds = replace(bounds, limits=self._retreat.ceilings(bounds.limits))
+        lower = retreat_limits(bounds.limits, self._terms.cell.force)
+        self._stream_bounds = replace(bounds, limits=lower)
         self._writers = input_checks.writers(inputs)
 
     def back_off(self, inputs: Inputs, *, confirmed: bool) -> Reply:
@@ -319,27 +305,26 @@ class Arbiter:
         robot, blind = inputs.robot.fresh, freeing.is_blind(inputs)
         if "back_off" not in TABLE[self.state]:
             return refusal("state", f"the arbiter is {self.state}: hold first")
-        good_s = _since_s(self._blind_since_ns if blind else self._good_since_ns, inputs)
-        not_ready = failed_checks(inputs, self._terms, good_s, "back_off", blind=blind)
+        since_ns = self._blind_since_ns if blind else self._good_since_ns
+        not_ready = failed_checks(inputs, self._terms, since_ns, "back_off", blind=blind)
         if not_ready or robot is None:
             return _refuse_arming(not_ready)
         plan = freeing.begin(inputs, robot, self._cells, confirmed=confirmed)
         if isinstance(plan, Trip):
             return refused(plan)
         self._begin_lease("back_off", "back_off", plan.bounds, inputs)
-        unknown = tuple(input_checks.fault_trips(inputs)) if blind else ()
-        self._freeing = replace(plan, unknown=unknown)
+        self._freeing = plan
         move = PendingMove("operator", plan.goal, plan.speed, inputs.now_ns)
         reply, step = self._commanders.ask(move, robot, self._bounds)
         self._note(step)
         if not reply.accepted:
-            self._stop("hold", tripped(reply.code, reply.text))
+            self.stop("hold", tripped(reply.code, reply.text))
             return reply
         return reply.replaced(text=f"backing off {plan.plan}")
 
     def hold(self, reason: str) -> Reply:
         """Stop motion and hold; always accepted."""
-        self._stop("hold", tripped("hold", reason))
+        self.stop("hold", tripped("hold", reason))
         return Reply(
             accepted=True, text=clipped(f"the arm holds, the arbiter is {self.state}: {reason}")
         )
@@ -376,10 +361,6 @@ class Arbiter:
         reply, step = self._commanders.ask(move, robot, self._bounds)
         self._note(step)
         return reply
-
-
-def _since_s(since_ns: int | None, inputs: Inputs) -> float:
-    return 0.0 if since_ns is None else (inputs.now_ns - since_ns) / NS_PER_S
 
 
 def _refuse_arming(trips: list[Trip]) -> Reply:

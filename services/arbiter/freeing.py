@@ -15,7 +15,7 @@ from common.motion.last_check import MEASURED_SLACK_M
 from common.motion.limits import ArmBounds, Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import Goal, RobotState, Speed, Trip, WrenchAtTcp
-from services.arbiter.inputs import Inputs
+from services.arbiter.inputs import Inputs, fault_trips
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Freeing:
     limits: Limits  # of the cell: the arm is free within them
     bounds: ArmBounds  # limits while backing off
     blind: bool  # without sensor or wrench: their inputs are not required
-    unknown: tuple[Trip, ...] = ()  # why it is blind: still a fault when it ends
+    unknown: tuple[Trip, ...]  # why it is blind, else empty: still a fault when it ends
 
     @property
     def speed(self) -> Speed:
@@ -68,6 +68,7 @@ def begin(
         limits=bounds.limits,
         bounds=replace(bounds, limits=relaxed, T_armed=T),
         blind=blind,
+        unknown=tuple(fault_trips(inputs)) if blind else (),
     )
 
 

@@ -14,6 +14,7 @@ from common.config.cell import CellConfig
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
 from common.motion.limits import Limits, check_workspace, check_wrench
+from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip
 from forcemesh.version import __version__
@@ -150,17 +151,23 @@ CHECKS: tuple[Check, ...] = (
 
 
 def failed_checks(
-    inputs: Inputs, terms: Terms, good_s: float, purpose: Purpose, *, blind: bool = False
+    inputs: Inputs,
+    terms: Terms,
+    good_since_ns: int | None,
+    purpose: Purpose,
+    *,
+    blind: bool = False,
 ) -> list[Trip]:
     """Return why the arm must not be armed; faults of the inputs exclude all other checks.
 
     Args:
         inputs: Present snapshot.
         terms: Reference values.
-        good_s: Time since the inputs are good [s].
+        good_since_ns: Time since which the inputs are good [ns]; None: they are not.
         purpose: Purpose of arming.
         blind: To back off without a measured force.
     """
+    good_s = 0.0 if good_since_ns is None else (inputs.now_ns - good_since_ns) / NS_PER_S
     context = PreflightContext(inputs, terms, good_s, blind)
     found = CHECKS[0].failures(context)
     if found:
@@ -175,8 +182,3 @@ def load_text(inputs: Inputs, terms: Terms) -> str:
     if wrench is None or (force_N := hypot(*wrench.force_N)) <= terms.cell.force.touch_N:
         return ""
     return f"; the tool is loaded with {force_N:.1f} N: `forcemesh retract` leaves a contact"
-
-
-def persistent(trips: list[Trip]) -> list[Trip]:
-    """Return the causes that remain once a moving arm has come to rest."""
-    return [trip for trip in trips if trip.code != "moving"]

@@ -1,11 +1,11 @@
 """Arbiter service: all inputs in, permission and command out."""
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any
 
 from common.config.cell import CellConfig
 from forcemesh import topics
-from forcemesh.bus import Bus, Incoming
+from forcemesh.bus import Bus, Inbox
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import ArbiterState, Trip
 from forcemesh.requests import Reply
@@ -21,7 +21,8 @@ class ArbiterService:
         """Open the topics and requests of this role."""
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
-        self._core = Arbiter(cell, command_deadline_s=cell.stale_after_s(topics.ROBOT_COMMAND))
+        core = Arbiter(cell, command_deadline_s=cell.stale_after_s(topics.ROBOT_COMMAND))
+        self._core = core
         self._watch = InputMonitors(cell)
         self._robot = bus.reader(topics.ROBOT_STATE)
         self._sensor = bus.reader(topics.SENSOR_WRENCH)
@@ -35,12 +36,18 @@ class ArbiterService:
         self._status_period_ns = round(NS_PER_S / cell.rates.status_hz)
         self._next_status_ns = 0
         self._published: tuple[ArbiterState, tuple[Trip, ...]] = ("BOOT", ())
-        self._arms = bus.inbox(topics.ARM)
-        self._holds = bus.inbox(topics.HOLD)
-        self._clears = bus.inbox(topics.CLEAR)
-        self._back_offs = bus.inbox(topics.BACK_OFF)
-        self._moves = bus.inbox(topics.MOVE)
-        self._speeds = bus.inbox(topics.SPEED)
+        self._requests: tuple[tuple[Inbox[Any], Callable[[Any, Inputs], Reply]], ...] = (
+            (bus.inbox(topics.CLEAR), lambda _, inputs: core.clear(inputs)),
+            (bus.inbox(topics.ARM), lambda arm, inputs: core.arm(inputs, arm.purpose)),
+            (
+                bus.inbox(topics.BACK_OFF),
+                lambda back_off, inputs: core.back_off(inputs, confirmed=back_off.without_force),
+            ),
+            (bus.inbox(topics.SPEED), lambda speed, _: core.set_speed(speed)),
+            (bus.inbox(topics.MOVE), core.move),
+            # Last, so that no other request of the same period can undo it.
+            (bus.inbox(topics.HOLD), lambda hold, _: core.hold(hold.reason)),
+        )
         self.trigger = self._target
 
     def counters(self) -> dict[str, int]:
@@ -58,7 +65,11 @@ class ArbiterService:
             health={role: reader.read(now_ns) for role, reader in self._health.items()},
         )
         inputs = self._watch.update(readings)
-        answers = list(self._serve(inputs))
+        answers = [
+            (incoming, answer(incoming.request, inputs))
+            for inbox, answer in self._requests
+            for incoming in inbox.take_all()
+        ]
         self._command.put(self._core.tick(inputs), inputs.target.origin)
         # At its rate, and at once when the state or a cause changes.
         report = (self._core.state, self._core.trips)
@@ -66,24 +77,9 @@ class ArbiterService:
             self._next_status_ns, self._published = now_ns + self._status_period_ns, report
             self._status.put(self._core.status())
         # Last, so that the status is published before a client acts on the reply.
-        for request, reply in answers:
-            request.reply(reply)
+        for incoming, reply in answers:
+            incoming.reply(reply)
 
     def broke_off(self, trip: Trip) -> None:
         """End motion: an exception left this service's state undefined."""
-        self._core.fail(trip)
-
-    def _serve(self, inputs: Inputs) -> Iterator[tuple[Incoming[Any], Reply]]:
-        for clear in self._clears.take_all():
-            yield clear, self._core.clear(inputs)
-        for arm in self._arms.take_all():
-            yield arm, self._core.arm(inputs, arm.request.purpose)
-        for back_off in self._back_offs.take_all():
-            yield back_off, self._core.back_off(inputs, confirmed=back_off.request.without_force)
-        for speed in self._speeds.take_all():
-            yield speed, self._core.set_speed(speed.request)
-        for move in self._moves.take_all():
-            yield move, self._core.move(move.request, inputs)
-        # Last, so that no other request of the same period can undo it.
-        for hold in self._holds.take_all():
-            yield hold, self._core.hold(hold.request.reason)
+        self._core.stop("fault", trip)

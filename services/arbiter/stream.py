@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import CellConfig
+from common.config.cell import ForceSection
 from common.motion.frames import is_finite_pose
 from common.motion.limits import NS_PER_S, ArmBounds, Limits, check_step, check_workspace
 from common.motion.rate_limiter import CommandedMotion, brake, limit_motion, resting_place
@@ -68,24 +68,12 @@ def follow(
 # --- stops ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Retreat:
-    """Travel and speed of a retreat in this cell; zero travel disables it."""
-
-    travel_m: float
-    speed_m_s: float
-
-    @classmethod
-    def of(cls, cell: CellConfig) -> "Retreat":
-        """Return the settings of a cell."""
-        return cls(cell.force.retreat_m, cell.force.retreat_m_s)
-
-    def ceilings(self, limits: Limits) -> Limits:
-        """Return limits with the ceilings at which a retreat begins, if it is enabled."""
-        if self.travel_m <= 0.0:
-            return limits
-        force_N, torque_Nm = RETREAT_FROM * limits.force_N, RETREAT_FROM * limits.torque_Nm
-        return replace(limits, force_N=force_N, torque_Nm=torque_Nm)
+def retreat_limits(limits: Limits, section: ForceSection) -> Limits:
+    """Return limits with the ceilings at which a retreat begins, if it is enabled."""
+    if section.retreat_m <= 0.0:
+        return limits
+    force_N, torque_Nm = RETREAT_FROM * limits.force_N, RETREAT_FROM * limits.torque_Nm
+    return replace(limits, force_N=force_N, torque_Nm=torque_Nm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +90,7 @@ class Stopping:
 
 
 def begin_stop(
-    stopping: Stopping, bounds: ArmBounds, retreat: Retreat, wrench: WrenchAtTcp | None
+    stopping: Stopping, bounds: ArmBounds, section: ForceSection, wrench: WrenchAtTcp | None
 ) -> Stopping | None:
     """Return the soft stop for its cause; None when the arm must be held at once.
 
@@ -111,14 +99,15 @@ def begin_stop(
     reaction, motion = REACTIONS.get(stopping.trip.code), stopping.motion
     if reaction == "fade" and not motion.is_at_rest:
         return stopping
-    if reaction != "retreat" or retreat.travel_m <= 0.0 or wrench is None:
+    if reaction != "retreat" or section.retreat_m <= 0.0 or wrench is None:
         return None
     T = motion.T_base_flange
     press_axis = (T * bounds.T_flange_tcp).rotation[:, 2]
     if float(np.array(wrench.force_N) @ press_axis) >= 0.0:
         return None
-    T_back = pin.SE3(T.rotation, T.translation - retreat.travel_m * press_axis)
-    return replace(stopping, speed_m_s=retreat.speed_m_s, T_back=T_back, travel_m=retreat.travel_m)
+    travel_m, speed_m_s = section.retreat_m, section.retreat_m_s
+    T_back = pin.SE3(T.rotation, T.translation - travel_m * press_axis)
+    return replace(stopping, speed_m_s=speed_m_s, T_back=T_back, travel_m=travel_m)
 
 
 def step_stop(stopping: Stopping, bounds: ArmBounds, tick: Tick) -> Stopping:

@@ -31,7 +31,7 @@ class McapWriter:
         self.bytes = 0
         self._stream = stream
         self._body: list[bytes] = []  # of the open chunk
-        self._body_bytes = 0
+        self.waiting_B = 0  # of the open chunk, before compression
         self._times: dict[int, list[int]] = defaultdict(list)  # channel: time, offset, time, ...
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
@@ -42,11 +42,6 @@ class McapWriter:
         self._metadata: list[records.MetadataIndex] = []
         self._write(MAGIC)
         self._put(records.Header(profile="", library=library))
-
-    @property
-    def waiting_B(self) -> int:
-        """Return the size of the open chunk before compression."""
-        return self._body_bytes
 
     def add_channel(
         self, topic: str, encoding: str, schema: tuple[str, str, bytes], **metadata: str
@@ -73,9 +68,9 @@ class McapWriter:
         head = MESSAGE.pack(
             MESSAGE_OPCODE, MESSAGE_HEAD_B + size, channel, sequence, log_ns, log_ns
         )
-        self._times[channel] += (log_ns, self._body_bytes)
+        self._times[channel] += (log_ns, self.waiting_B)
         self._body += (head, data)
-        self._body_bytes += MESSAGE.size + size
+        self.waiting_B += MESSAGE.size + size
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Write a metadata record."""
@@ -179,7 +174,7 @@ class McapWriter:
         self._first_ns = min(first_ns, self._first_ns) if self._chunks else first_ns
         self._last_ns = max(last_ns, self._last_ns)
         self._chunks.append(index)
-        self._body, self._body_bytes = [], 0
+        self._body, self.waiting_B = [], 0
         self._times.clear()
 
     def _write_message_index(self, channel: int, times: list[int]) -> int:

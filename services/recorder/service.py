@@ -14,9 +14,9 @@ from forcemesh.faults import clipped, refusal
 from forcemesh.messages import ArbiterStatus, RecorderStatus
 from forcemesh.requests import RecordRequest, Reply
 from forcemesh.topics import TOPICS
-from services.recorder.folder import safe_label
+from services.recorder.folder import STOP, safe_label
 from services.recorder.frames import Frame
-from services.recorder.recording_writer import RecordingWriter, fault_label
+from services.recorder.recording import RecordingWriter
 from services.recorder.ring_buffer import RingBuffer
 
 STEPS_HZ = 10.0
@@ -68,7 +68,10 @@ class Recorder:
         for frame in frames:
             if frame.topic == STATUS_PLACE:
                 self._mind(frame, now_ns)
-        self._serve()
+        for start in self._starts.take_all():
+            start.reply(self._start(start.request))
+        for stop in self._stops.take_all():
+            stop.reply(self._stop())
         self._writer.work(WORK_NS)
         is_over = self._until_ns is not None and now_ns >= self._until_ns
         if is_over and not self._writer.waits:
@@ -116,16 +119,10 @@ class Recorder:
             self._writer.note(code)
             self._end(LAST_WORK_NS)  # a rare stop gets its own file
         if self._writer.recording is None and self._section.keep_min > 0.0:
-            self._writer.begin(fault_label(code), code, self._ring_buffer.blocks())
+            self._writer.begin(f"{STOP}-{code}", code, self._ring_buffer.blocks())
         self._writer.note(code)
         if not is_asked:
             self._until_ns = now_ns + round(self._section.after_fault_s * NS_PER_S)
-
-    def _serve(self) -> None:
-        for start in self._starts.take_all():
-            start.reply(self._start(start.request))
-        for stop in self._stops.take_all():
-            stop.reply(self._stop())
 
     def _start(self, request: RecordRequest) -> Reply:
         running = self._writer.recording
@@ -133,12 +130,10 @@ class Recorder:
             return refusal("already", f"recording to {running.path}")
         self._end(LAST_WORK_NS)  # a request ends a recording that a fault triggered
         past = self._ring_buffer.blocks() if request.past else []
-        if (
-            not self._writer.begin(safe_label(request.label), ASKED, past)
-            or self._writer.recording is None
-        ):
+        recording = self._writer.begin(safe_label(request.label), ASKED, past)
+        if recording is None:
             return refusal("recording", self.fault)
-        return Reply(accepted=True, text=clipped(f"recording to {self._writer.recording.path}"))
+        return Reply(accepted=True, text=clipped(f"recording to {recording.path}"))
 
     def _stop(self) -> Reply:
         recording = self._writer.recording

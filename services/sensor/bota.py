@@ -5,6 +5,7 @@ package keeps the newest reading only: one that was not fetched in time shows as
 sensor's own stamps, and is counted as lost.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -14,7 +15,15 @@ from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
-from services.sensor.driver import Info, LossWindow, SensorFault, SensorSample, fault_sample, judged
+from services.sensor.driver import (
+    WINDOW,
+    Info,
+    SensorFault,
+    SensorSample,
+    fault_sample,
+    judged,
+    loss_fault,
+)
 
 WRAP_US = 1 << 32  # of the sensor's stamps
 GAP_PERIODS = 1.5
@@ -47,7 +56,7 @@ class BotaDriver:
         self._counts = dict.fromkeys(("records", "lost", "sensor_restarts"), 0)
         self._number = 0
         self._last_us: int | None = None
-        self._losses = LossWindow()
+        self._lost_before: deque[int] = deque(maxlen=WINDOW)
         self._fault_until_ns = 0
         self._fault = ""
 
@@ -94,15 +103,15 @@ class BotaDriver:
         if stamp_us == self._last_us:
             return []
         self._fault = ""
-        lost = self._lost_before(stamp_us, now_ns)
+        lost = self._count_lost(stamp_us, now_ns)
         self._last_us = stamp_us
-        self._losses.add(lost)
+        self._lost_before.append(lost)
         self._counts["records"] += 1
         self._counts["lost"] += lost
         self._number += 1 + lost
         return [self._sample(frame, now_ns)]
 
-    def _lost_before(self, stamp_us: int, now_ns: int) -> int:
+    def _count_lost(self, stamp_us: int, now_ns: int) -> int:
         """Return the number of readings between two stamps; a decreasing stamp is a restart."""
         if self._last_us is None:
             return 0
@@ -117,7 +126,7 @@ class BotaDriver:
 
     def _sample(self, frame: Any, now_ns: int) -> SensorSample:
         """Return the sample of a reading, or its first fault."""
-        fault = self._losses.fault()
+        fault = loss_fault(self._lost_before)
         if frame.status.invalid:
             text = f"the sensor reports status 0x{frame.status.val:X}: invalid"
             fault = SensorFault("sensor_fault", text)

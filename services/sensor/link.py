@@ -14,26 +14,16 @@ from dataclasses import dataclass
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError
 from services.sensor.netft_page import PATH, SettingsPage, parse
+from services.sensor.rdt import RdtCommand, request
 
 DATAGRAM_BYTES = 2048
 BUFFER_BYTES = 1 << 20  # as far as the system grants it: a delayed process loses nothing here
 RECEIVES_PER_POLL = 1000  # a flood cannot block the loop
+REPEAT_REQUEST_S = 0.25  # during silence
+REOPEN_AFTER = 8  # unanswered requests: the network may have changed
 PAGE_TIMEOUT_S = 2.0
 FETCH_AGAIN_S = 1.0
 MOST_PAGE_BYTES = 200_000
-
-
-@dataclass(frozen=True, slots=True)
-class UdpLinkSettings:
-    """Address of the sensor, and the requests that are sent to it."""
-
-    host: str  # preferably an IP address: name resolution can take long
-    port: int
-    start: bytes
-    stop: bytes
-    ask_after_s: float = 0.25  # of silence, after earlier reception
-    ask_every_s: float = 0.25  # during silence
-    reopen_after: int = 8  # unanswered requests: the network may have changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +39,18 @@ class ReceivedDatagrams:
 class UdpLink:
     """UDP link to the sensor."""
 
-    def __init__(self, settings: UdpLinkSettings) -> None:
-        """Store the settings; the first `poll` opens the socket."""
-        self.settings = settings
+    def __init__(self, host: str, port: int, *, ask_after_s: float) -> None:
+        """Store the settings; the first `poll` opens the socket.
+
+        Args:
+            host: Address of the sensor, preferably in numbers: name resolution can take long.
+            port: Its port.
+            ask_after_s: Silence after earlier reception until the stream is requested again [s].
+        """
         self.requests = 0
         self.fault = ""  # of the network, empty while the sensor is received
+        self._address = (host, port)
+        self._ask_after_ns = round(ask_after_s * NS_PER_S)
         self._socket: socket.socket | None = None
         self._unanswered = 0
         self._fault_is_new = False
@@ -63,7 +60,8 @@ class UdpLink:
     @property
     def where(self) -> str:
         """Return the address of the sensor."""
-        return f"sensor {self.settings.host}:{self.settings.port}"
+        host, port = self._address
+        return f"sensor {host}:{port}"
 
     def poll(self, now_ns: int) -> ReceivedDatagrams:
         """Receive waiting datagrams; request the stream after a time of silence."""
@@ -71,7 +69,7 @@ class UdpLink:
         datagrams = self._receive(now_ns)
         if datagrams:
             self.fault, self._unanswered = "", 0
-            self._ask_at_ns = now_ns + round(self.settings.ask_after_s * NS_PER_S)
+            self._ask_at_ns = now_ns + self._ask_after_ns
         asked = now_ns >= self._ask_at_ns
         if asked:
             self._ask(now_ns)
@@ -81,7 +79,7 @@ class UdpLink:
         """Send the stop request, if the sensor can be reached, and close the socket."""
         if self._socket is not None:
             with suppress(OSError):
-                self._socket.send(self.settings.stop)
+                self._socket.send(request(RdtCommand.STOP))
         self._drop()
 
     def _receive(self, now_ns: int) -> list[bytes]:
@@ -100,17 +98,17 @@ class UdpLink:
         return datagrams
 
     def _ask(self, now_ns: int) -> None:
-        self._ask_at_ns = now_ns + round(self.settings.ask_every_s * NS_PER_S)
+        self._ask_at_ns = now_ns + round(REPEAT_REQUEST_S * NS_PER_S)
         if not self._fault_is_new:
             self.fault = ""
         self._fault_is_new = False
-        if self._unanswered and self._unanswered % self.settings.reopen_after == 0:
+        if self._unanswered and self._unanswered % REOPEN_AFTER == 0:
             self._drop()
         try:
             if self._socket is None:
                 self._open(now_ns)
             if self._socket is not None:
-                self._socket.send(self.settings.start)
+                self._socket.send(request(RdtCommand.START))
         except (OSError, UnicodeError) as error:  # invalid host name
             self._note(error)
         self.requests += 1
@@ -122,7 +120,7 @@ class UdpLink:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._emptied_ns = now_ns
         try:
-            self._socket.connect((self.settings.host, self.settings.port))
+            self._socket.connect(self._address)
         except (OSError, UnicodeError):
             self._drop()
             raise

@@ -143,17 +143,13 @@ def follow(stream: RdtStream, record: RdtRecord, now_ns: int) -> tuple[RdtStream
     return replace(stream, tally=tally), "duplicate"
 
 
-def begin_anew(stream: RdtStream) -> RdtStream:
-    """Reset the stream after a request: the new sequence may start anywhere."""
-    return replace(stream, newest=None)
-
-
-def frozen_reason(stream: RdtStream, now_ns: int) -> str:
-    """Return the fault of a constant reading while samples are counted, or an empty text."""
+def frozen_fault(stream: RdtStream, now_ns: int) -> SensorFault:
+    """Return the fault of a constant reading while samples are counted."""
     still_ns = now_ns - stream.still_since_ns
     if stream.still_records < FROZEN_RECORDS or still_ns < FROZEN_AFTER_NS:
-        return ""
-    return f"the sensor is frozen: {stream.still_records} samples without a trace of noise"
+        return NO_FAULT
+    text = f"the sensor is frozen: {stream.still_records} samples without a trace of noise"
+    return SensorFault("sensor_frozen", text)
 
 
 def _begin(stream: RdtStream, record: RdtRecord, tally: Tally, now_ns: int) -> RdtStream:

@@ -6,20 +6,17 @@ from dataclasses import asdict, replace
 from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from services.sensor.driver import NO_FAULT, Info, SensorFault, SensorSample, fault_sample
-from services.sensor.link import PageFetch, UdpLink, UdpLinkSettings
+from services.sensor.link import PageFetch, UdpLink
 from services.sensor.netft_page import disagreement, info_of, scale_of
 from services.sensor.rdt import (
     Quality,
-    RdtCommand,
     RdtRecord,
     RdtStream,
-    begin_anew,
     continues,
     follow,
-    frozen_reason,
+    frozen_fault,
     meaning_of_break,
     parse,
-    request,
     sample_of,
     signed,
 )
@@ -112,7 +109,7 @@ class RdtDriver:
             self._silence = SensorFault("sensor_stranger", text)
             return None
         if self._asked is not None and not self._continues(record):
-            self._stream = begin_anew(self._stream)
+            self._stream = replace(self._stream, newest=None)  # it may start anywhere
         restarts = self._stream.tally.restarts
         self._stream, kind = follow(self._stream, record, now_ns)
         self._classify_break(record, now_ns, is_new=self._stream.tally.restarts > restarts)
@@ -140,10 +137,9 @@ class RdtDriver:
         else:
             sample = sample_of(record, self._scale)
         if sample.status == "ok":
-            frozen = frozen_reason(self._stream, now_ns)
             causes = (
                 self._held_fault if now_ns < self._held_until_ns else NO_FAULT,
-                SensorFault("sensor_frozen", frozen) if frozen else NO_FAULT,
+                frozen_fault(self._stream, now_ns),
                 self._quality.rate_fault(self._stream.tally, number),
             )
             sample = next((fault_sample(*cause) for cause in causes if cause.code), sample)
@@ -200,14 +196,8 @@ class RdtDriver:
 
 def rdt_driver(sensor: SensorSection, *, stale_after_s: float) -> RdtDriver:
     """Return the driver of a cell file, with real sockets."""
-    settings = UdpLinkSettings(
-        sensor.address,
-        sensor.port,
-        start=request(RdtCommand.START),
-        stop=request(RdtCommand.STOP),
-        # Before the topic is stale: the reason is known by then.
-        ask_after_s=0.5 * stale_after_s,
-    )
+    # Requested again before the topic is stale: the reason is known by then.
+    link = UdpLink(sensor.address, sensor.port, ask_after_s=0.5 * stale_after_s)
     reads_page = sensor.calibration != "cell"
     page = PageFetch(sensor.address, sensor.page_port) if reads_page else None
-    return RdtDriver(sensor, UdpLink(settings), page, stale_after_s=stale_after_s)
+    return RdtDriver(sensor, link, page, stale_after_s=stale_after_s)

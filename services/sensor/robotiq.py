@@ -7,6 +7,7 @@ Source: Robotiq, FT 300-S instruction manual, sections on Modbus RTU and the dat
 """
 
 import struct
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -16,7 +17,15 @@ from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
-from services.sensor.driver import Info, LossWindow, SensorFault, SensorSample, fault_sample, judged
+from services.sensor.driver import (
+    WINDOW,
+    Info,
+    SensorFault,
+    SensorSample,
+    fault_sample,
+    judged,
+    loss_fault,
+)
 
 HEAD = b"\x20\x4e"
 FRAME_BYTES = 16
@@ -61,13 +70,8 @@ class Framer:
     def __init__(self) -> None:
         """Start with an empty buffer."""
         self.bad_crc = 0
+        self.skipped = 0  # unframed bytes since the last frame
         self._rest = b""
-        self._skipped = 0  # since the last frame
-
-    @property
-    def skipped(self) -> int:
-        """Return the number of unframed bytes since the last frame."""
-        return self._skipped
 
     def feed(self, data: bytes) -> list[RobotiqFrame]:
         """Take received bytes; return the complete frames."""
@@ -83,21 +87,17 @@ class Framer:
             fx, fy, fz, tx, ty, tz = struct.unpack("<6h", candidate[2:14])
             force_N = (fx / 100.0, fy / 100.0, fz / 100.0)
             torque_Nm = (tx / 1000.0, ty / 1000.0, tz / 1000.0)
-            frames.append(RobotiqFrame(force_N, torque_Nm, self._skipped))
-            self._rest, self._skipped = self._rest[FRAME_BYTES:], 0
-        self._drop_noise()
+            frames.append(RobotiqFrame(force_N, torque_Nm, self.skipped))
+            self._rest, self.skipped = self._rest[FRAME_BYTES:], 0
+        # Keep only bytes that may still become a frame.
+        if begin < 0:
+            begin = len(self._rest) - (1 if self._rest[-1:] == HEAD[:1] else 0)
+        self._skip(max(begin, len(self._rest) - MOST_BUFFERED_BYTES))
         return frames
 
     def _skip(self, count: int) -> None:
         self._rest = self._rest[count:]
-        self._skipped += count
-
-    def _drop_noise(self) -> None:
-        """Keep only bytes that may still become a frame."""
-        begin = self._rest.find(HEAD)
-        if begin < 0:
-            begin = len(self._rest) - (1 if self._rest[-1:] == HEAD[:1] else 0)
-        self._skip(max(begin, len(self._rest) - MOST_BUFFERED_BYTES))
+        self.skipped += count
 
 
 class SerialLine(Protocol):
@@ -130,7 +130,7 @@ class RobotiqDriver:
         self._emptied_ns = 0
         self._fault = ""
         self._is_late = False
-        self._losses = LossWindow()
+        self._lost_before: deque[int] = deque(maxlen=WINDOW)
 
     @property
     def where(self) -> str:
@@ -192,8 +192,8 @@ class RobotiqDriver:
         self._counts["lost"] += lost
         self._counts["records"] += 1
         self._number += 1 + lost
-        self._losses.add(lost)
-        info, losses = self.info(), self._losses.fault()
+        self._lost_before.append(lost)
+        info, losses = self.info(), loss_fault(self._lost_before)
         ranges = (info.force_range_N, info.torque_range_Nm)
         sample = judged(read.force_N, read.torque_Nm, *ranges)
         if sample.status == "ok" and losses.code:
@@ -208,8 +208,7 @@ class RobotiqDriver:
         try:
             return self._line.read(SERIAL_RECEIVE_BYTES)
         except OSError as error:
-            self._note(error)
-            self._drop()
+            self._fail(error)
             return b""
 
     def _ask(self, now_ns: int) -> None:
@@ -221,8 +220,7 @@ class RobotiqDriver:
                 self._fault = ""
             self._line.write(start())
         except OSError as error:
-            self._note(error)
-            self._drop()
+            self._fail(error)
 
     def _drop(self) -> None:
         if self._line is not None:
@@ -230,8 +228,9 @@ class RobotiqDriver:
                 self._line.close()
         self._line = None
 
-    def _note(self, error: OSError) -> None:
+    def _fail(self, error: OSError) -> None:
         self._fault = error.strerror or str(error)
+        self._drop()
 
 
 def robotiq_driver(sensor: SensorSection, *, stale_after_s: float) -> RobotiqDriver:

@@ -4,6 +4,7 @@ Both are accepted only at rest, without force feedback, and where they cannot hi
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +13,8 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.config.payload import Payload
-from common.motion.frames import Array, rotation_between
+from common.motion.convert import vec3
+from common.motion.frames import GRAVITY_M_S2, Array, rotation_between
 from common.motion.weight import residual
 from forcemesh.errors import DataError
 from forcemesh.faults import refusal
@@ -25,11 +27,12 @@ from services.wrench.active_calibration import (
 )
 from services.wrench.compensation import Mounting
 from services.wrench.plausibility import NO_FAULT, WrenchFault
-from services.wrench.tare import TareLimits, tare
 
 WINDOW_S = 0.25
 REST_POSITION_M = 2e-4  # the flange moved less than this during the window: at rest
 REST_TURN_RAD = 2e-3  # the same for its orientation: an error of 2 g per kilogram
+WEIGHT_SHARE = 0.6  # a wrong unit or sign removes 0.78 (pounds), 0.9 (kgf), 1.4 or 2 weights
+LEAST_WEIGHT_N = 2.0  # drift can be as large as a smaller weight
 
 
 class RequestContext(NamedTuple):
@@ -51,18 +54,19 @@ class CalibrationManager:
         self.zero_since_ns = now_ns  # after a restart the age of the zero is unknown
         self._cell = cell
         self._mounting = mounting
-        self._limits = TareLimits(cell.force.tare_max_N, cell.force.tare_max_Nm)
         # The last readings, sensor axes, shape (6,), with the pose of the flange; cleared by a gap.
-        window = round(WINDOW_S * cell.rates.sensor_hz)
-        self.recent: deque[tuple[Array, pin.SE3]] = deque(maxlen=window)
+        self._window = round(WINDOW_S * cell.rates.sensor_hz)
+        self.recent: deque[tuple[Array, pin.SE3]] = deque(maxlen=self._window)
 
     def tare(self, context: RequestContext, _: Empty) -> Reply:
         """Take the present reading as zero."""
         if (refused := self._refusal(context)) is not None:
             return refused
         readings = [reading for reading, _ in self.recent]
-        R = self._R_base_sensor(context)
-        payload, reply = tare(self.in_use.payload, readings, R, self._limits)
+        R, force = self._R_base_sensor(context), self._cell.force
+        payload, reply = tare(
+            self.in_use.payload, readings, R, most_N=force.tare_max_N, most_Nm=force.tare_max_Nm
+        )
         if reply.accepted:
             name = f"{self.in_use.origin}, tared"
             self.in_use = replace(self.in_use, payload=payload, name=name)
@@ -74,7 +78,7 @@ class CalibrationManager:
         try:
             found = parse_calibration(request.calibration_json)
         except DataError as error:
-            return refusal("malformed", f"not a calibration: {error}"[:400])
+            return refusal("malformed", f"not a calibration: {error}")
         new = active_calibration(found, self._cell)
         if new.objection:
             return refusal("payload", new.objection)
@@ -121,7 +125,7 @@ class CalibrationManager:
             return refusal(context.fault.code, context.fault.text)
         if context.feedback_runs:
             return refusal("busy", "force feedback is running: stop it first")
-        if len(self.recent) < (self.recent.maxlen or 1):
+        if len(self.recent) < self._window:
             return refusal("wait", "not enough samples yet: repeat the request")
         poses = [T for _, T in self.recent]
         moved_m = float(np.max(np.ptp([T.translation for T in poses], axis=0)))
@@ -140,3 +144,49 @@ class CalibrationManager:
 
     def _R_base_sensor(self, context: RequestContext) -> Array:
         return np.asarray((context.T_base_flange * self._mounting.T_flange_sensor).rotation)
+
+
+def tare(
+    payload: Payload,
+    samples: Sequence[Array],
+    R_base_sensor: Array,
+    *,
+    most_N: float,
+    most_Nm: float,
+) -> tuple[Payload, Reply]:
+    """Return the payload with the new bias, or the old one with the reason of the refusal.
+
+    Only the bias changes, by the mean residual of the readings after bias and weight. It must not
+    absorb the weight of the tool: that would hide a wrong sign, axis or unit.
+
+    Args:
+        payload: The present payload.
+        samples: Readings at rest, force then torque, sensor axes. Each of shape (6,).
+        R_base_sensor: Orientation of the sensor in base. Shape (3, 3).
+        most_N: Largest change of bias; a larger one is taken for contact.
+        most_Nm: The same for the torque.
+    """
+    mean = np.mean(samples, axis=0)
+    shift_N, shift_Nm = residual(payload, R_base_sensor, force_N=mean[:3], torque_Nm=mean[3:])
+    change_N, change_Nm = float(np.linalg.norm(shift_N)), float(np.linalg.norm(shift_Nm))
+    for change, most, unit in ((change_N, most_N, "N"), (change_Nm, most_Nm, "N m")):
+        if change > most:
+            text = f"the bias would change by {change:.1f} {unit}: is the tool in contact?"
+            return payload, refusal("contact", text, value=change, limit=most)
+    weight_N = payload.mass_kg * GRAVITY_M_S2
+    if weight_N >= LEAST_WEIGHT_N and change_N > WEIGHT_SHARE * weight_N:
+        text = (
+            f"the bias would change by {change_N:.1f} N and the tool weighs {weight_N:.1f} N: "
+            "a sign, an axis or a unit of the sensor, or the payload, is wrong"
+        )
+        return payload, refusal("payload", text, value=change_N, limit=WEIGHT_SHARE * weight_N)
+    bias = {
+        "bias_force_N": vec3(np.array(payload.bias_force_N) + shift_N * payload.force_gain),
+        "bias_torque_Nm": vec3(np.array(payload.bias_torque_Nm) + shift_Nm * payload.torque_gain),
+    }
+    tared = payload.model_copy(update=bias)
+    text = (
+        f"tared: force and torque are zero now; the bias changed by {change_N:.2f} N "
+        f"and {change_Nm:.3f} N m"
+    )
+    return tared, Reply(accepted=True, text=text, value=change_N)

@@ -55,7 +55,12 @@ class WrenchService:
         self._p_sensor_tcp_in_sensor = self._mounting.p_sensor_tcp_in_sensor
         self._manager = CalibrationManager(cell, self._mounting, bus.clock.now_ns())
         self._bounds, self._history = ReadingLimits.of(cell), ReadingHistory()
-        self._pairing, self._apart_max_s = Pairing(), apart_max_s(cell)
+        self._pairing = Pairing()
+        # Largest time offset between wrench and pose: two periods of the slower one, or half of
+        # the sensor's deadline, if the cell file makes that longer.
+        slower_s = 1.0 / min(cell.rates.robot_hz, cell.rates.sensor_hz)
+        deadline_s = cell.stale_after_s(topics.SENSOR_WRENCH)
+        self._apart_max_s = max(2.0 * slower_s, 0.5 * deadline_s)
         self._fault, self._fault_until_ns = NO_FAULT, 0
         # A fault is published for this long: a reader that misses it finds the topic stale.
         self._fault_hold_ns = round(cell.stale_after_s(topics.WRENCH) * NS_PER_S)
@@ -225,12 +230,3 @@ def pair(before: Pairing, sensor: Reading[Any], robot: Reading[Any]) -> Pairing:
         behind_s.append(newer_s)
     apart_s = max(behind_s, default=before.apart_s)
     return Pairing(sensor.header.seq, robot.header.seq, apart_s)
-
-
-def apart_max_s(cell: CellConfig) -> float:
-    """Return the largest time offset between wrench and pose [s]: two periods of the slower one.
-
-    Half of the sensor's deadline, if the cell file makes that longer.
-    """
-    slower_s = 1.0 / min(cell.rates.robot_hz, cell.rates.sensor_hz)
-    return max(2.0 * slower_s, 0.5 * cell.stale_after_s(topics.SENSOR_WRENCH))

@@ -19,7 +19,6 @@ from common.runtime.service import (
     Runner,
     exit_on_error,
     refuse_other_implementation,
-    reporter_of,
     stop_on_signals,
 )
 from forcemesh.clock import Clock, MonotonicClock
@@ -147,7 +146,7 @@ def _with_its_sensor(
     refuse_other_implementation(cell, "sensor", "sim")
     bus = exits.enter_context(open_bus(cell, "sensor"))
     service = ControllerSensor(bus, cell, network, behaviour=behaviour)
-    return service, [reporter_of(bus, cell)], bus.clock
+    return service, [HealthReporter(bus, cell)], bus.clock
 
 
 def start(machine: Machine, source: SourceFile, arguments: argparse.Namespace) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from common.runtime.service import Runner, reporter_of
+from common.runtime.service import HealthReporter, Runner
 from controller.packet_table import COUNTER_SPAN
 from forcemesh import topics
 from forcemesh.messages import Health
@@ -23,7 +23,7 @@ class Listener:
     """Publishes the health of a rig's robot and keeps the newest message."""
 
     def __init__(self, rig: Rig) -> None:
-        reporter = reporter_of(rig._robot, rig.cell)
+        reporter = HealthReporter(rig._robot, rig.cell)
         rig._runner = Runner(rig.service, [reporter], rig.clock)
         self._rig, self._reader = rig, rig._bus(topics.CLIENT).reader(topics.HEALTH["robot"])
 

@@ -19,7 +19,7 @@ class Line:
     def __init__(self) -> None:
         """Start without a message."""
         self.clock = ManualClock()
-        self.source = MemorySource()
+        self.source: MemorySource[bytes] = MemorySource()
         self.reader = Reader(topics.SENSOR_WRENCH, self.source, self.clock, STALE_S, cell=CELL)
 
     def header(self, seq: int, **changes: Any) -> Header:

@@ -13,9 +13,8 @@ from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import decode
 from forcemesh.messages import SensorWrench
 from forcemesh.topics import Qos
-from services.sensor.link import PageFetch, UdpLink, UdpLinkSettings
+from services.sensor.link import PageFetch, UdpLink
 from services.sensor.netft_page import SettingsPage, parse
-from services.sensor.rdt import RdtCommand, request
 from services.sensor.rdt_driver import RdtDriver
 from services.sensor.service import SensorDriver
 from sim.netft.protocol import About, page
@@ -57,8 +56,7 @@ class LoopLink(UdpLink):
     """The driver's link on an in-memory socket."""
 
     def __init__(self, sensor: NetftSensor) -> None:
-        start, stop = request(RdtCommand.START), request(RdtCommand.STOP)
-        super().__init__(UdpLinkSettings("simulated", 49152, start, stop, ask_after_s=STALE_S / 2))
+        super().__init__("simulated", 49152, ask_after_s=STALE_S / 2)
         self.sensor = sensor
 
     def _open(self, now_ns: int) -> None:

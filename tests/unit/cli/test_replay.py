@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from cli.__main__ import app
 from common.bus.memory_bus import MemoryTransport
 from common.config.load import load_cell
-from common.runtime.service import Runner, reporter_of
+from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.clock import ManualClock
 from forcemesh.codec import decode
@@ -35,7 +35,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     world = VirtualCell(load_cell(DEMO, settings))
     bus = world._bus("recorder")
     recorder = Recorder(bus, world.cell)
-    world.runners["recorder"] = Runner(recorder, [reporter_of(bus, world.cell)], world.clock)
+    world.runners["recorder"] = Runner(recorder, [HealthReporter(bus, world.cell)], world.clock)
     world.advance(1.5)
     steps: tuple[tuple[Any, Any, float], ...] = (
         (topics.RECORD_START, RecordRequest(label="press"), 0.0),

@@ -22,7 +22,7 @@ from forcemesh.topics import ROLE_TABLE, Role
 from launch import processes
 from launch.processes import Supervisor, processes_of
 from launch.run_file import FOLDER_VARIABLE, is_alive, read_run
-from launch.started_process import ProcessSpec, exit_cause
+from launch.started_process import ProcessExit, ProcessSpec
 from tests.fakes.bench import DEMO
 from tools.tree import ROOT
 
@@ -298,4 +298,4 @@ def test_a_cell_without_a_file_is_written_for_its_processes(cell: CellConfig) ->
 )
 def test_return_codes_are_described(code: int, words: str) -> None:
     """A negative code is a signal, described by its name if it has one."""
-    assert exit_cause(code) == words
+    assert ProcessExit(ProcessSpec("any", ("hub",)), 1, code).cause == words

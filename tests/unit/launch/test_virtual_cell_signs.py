@@ -23,7 +23,7 @@ from forcemesh.errors import ConfigError
 from forcemesh.messages import Mode
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, MoveRequest
 from launch.virtual_cell import VirtualCell
-from services.wrench.tare import TareLimits, tare
+from services.wrench.calibration_manager import tare
 from sim.robot.ft_sensor import FtSample
 from sim.robot.settings import SimSettings
 from tests.fakes.bench import CELL
@@ -251,11 +251,11 @@ def test_the_tare_accepts_only_wirings_and_units_that_show_the_weight(unit: floa
     )
     R = np.diag([1.0, -1.0, -1.0])
     weight_N, moment_Nm = (v - b for v, b in zip(predict(payload, R), biases(), strict=True))
-    limits = TareLimits(CELL.force.tare_max_N, CELL.force.tare_max_Nm)
+    most_N, most_Nm = CELL.force.tare_max_N, CELL.force.tare_max_Nm
     passed = 0
     for wiring in all_wirings():
         shown = np.concatenate((unit * wiring @ weight_N, moment_Nm)) + np.concatenate(biases())
-        passed += tare(payload, [shown], R, limits)[1].accepted
+        passed += tare(payload, [shown], R, most_N=most_N, most_Nm=most_Nm)[1].accepted
     assert passed == (8 if unit == 1.0 else 0)
 
 

@@ -98,7 +98,7 @@ def test_a_module_of_the_table_and_its_judges_are_there():
 
 def test_a_change_that_a_test_notices_is_killed_and_one_that_changes_nothing_lives():
     """In a process of its own, with the text in the module's place."""
-    module = "services.wrench.tare"
+    module = "services.wrench.calibration_manager"
     text = mutations.path_of(module).read_text()
     same = Mutant(module, "another comment", f"{text}\n# nothing\n")
     dead = next(each for each in mutations.mutants_of(module) if each.name.endswith("returns None"))
@@ -108,16 +108,16 @@ def test_a_change_that_a_test_notices_is_killed_and_one_that_changes_nothing_liv
 
 def test_a_mutant_that_hangs_is_killed():
     """A loop without end is noticed by its time."""
-    module = "services.wrench.tare"
+    module = "services.wrench.calibration_manager"
     text = mutations.path_of(module).read_text()
     assert judged(Mutant(module, "hangs", f"while True: pass\n{text}"), 2.0)
 
 
 def test_a_module_that_is_imported_already_cannot_be_judged(monkeypatch: pytest.MonkeyPatch):
     """Its tests would see the module as it is, and every change of it would live."""
-    monkeypatch.setitem(sys.modules, "services.wrench.tare", sys)
+    monkeypatch.setitem(sys.modules, "services.wrench.calibration_manager", sys)
     with pytest.raises(RuntimeError, match="imported already"):
-        mutate.forked(Mutant("services.wrench.tare", "any", ""), 2.0)
+        mutate.forked(Mutant("services.wrench.calibration_manager", "any", ""), 2.0)
 
 
 def test_only_a_survivor_that_is_not_listed_counts():
@@ -155,8 +155,8 @@ def test_a_choice_is_the_same_for_the_same_seed_and_another_for_another_one():
     choice = [mutate.chosen(["common.motion.permission"], 5, seed) for seed in (1, 1, 2)]
     assert len(choice[0]) == 5
     assert choice[0] == choice[1] != choice[2]
-    assert len(mutate.chosen(["services.wrench.tare"], 999, 1)) == len(
-        mutations.mutants_of("services.wrench.tare")
+    assert len(mutate.chosen(["services.wrench.calibration_manager"], 999, 1)) == len(
+        mutations.mutants_of("services.wrench.calibration_manager")
     )
 
 
@@ -186,7 +186,7 @@ def test_the_command_judges_a_choice_and_names_a_module_that_it_does_not_know():
         subprocess.run(
             [*command, module], cwd=mutations.ROOT, capture_output=True, text=True, check=False
         )
-        for module in ("services.wrench.tare", "common.nothing")
+        for module in ("services.wrench.calibration_manager", "common.nothing")
     )
     assert known.returncode == 0, known.stdout + known.stderr
     assert "1 killed, 0 survived" in known.stdout

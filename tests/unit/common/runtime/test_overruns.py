@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from common.bus.memory_bus import MemoryTransport
 from common.runtime.overruns import Overruns, allowed_gap_s
-from common.runtime.service import Runner, reporter_of
+from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
@@ -80,7 +80,7 @@ def test_health_reports_overruns_and_the_longest_gap() -> None:
     client = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock)
     health = client.reader(topics.HEALTH["regulator"])
     sleeper = SlowService(clock)
-    runner = Runner(sleeper, [reporter_of(bus, CELL)], clock)
+    runner = Runner(sleeper, [HealthReporter(bus, CELL)], clock)
 
     def live_s(duration_s: float) -> None:
         end_ns = clock.now_ns() + round(duration_s * 1e9)

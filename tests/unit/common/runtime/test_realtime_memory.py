@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from common.runtime import realtime
-from common.runtime.service import reporter_of
+from common.runtime.service import HealthReporter
 from forcemesh import topics
 from tests.fakes.bench import CELL
 from tests.fakes.cellmates import Cellmates
@@ -53,7 +53,7 @@ def test_health_reports_whether_memory_is_locked(
     monkeypatch.setattr(realtime, "_locked", locked)
     cell = Cellmates()
     reader = cell.client.reader(topics.HEALTH["arbiter"])
-    reporter_of(cell._bus("arbiter"), CELL).stepped(cell.clock.now_ns(), 0.0, cell.service)
+    HealthReporter(cell._bus("arbiter"), CELL).stepped(cell.clock.now_ns(), 0.0, cell.service)
     message = reader.read(cell.clock.now_ns()).message
     assert message is not None
     assert message.counters["memory_locked"] == int(locked)

@@ -16,10 +16,10 @@ from common.runtime.service import (
     LONGEST_PAUSE_S,
     PATIENCE_PERIODS,
     Containment,
+    HealthReporter,
     Runner,
     cell_from_arguments,
     exit_on_error,
-    reporter_of,
     stop_on_signals,
 )
 from forcemesh import topics
@@ -352,7 +352,7 @@ def healths(worker: Worker, transport: MemoryTransport, clock: ManualClock) -> l
     """Let a service work for a second; return all health that it gave."""
     bus = Bus("wrench", CELL.cell, transport, CELL, clock)
     reader = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.HEALTH["wrench"])
-    runner, reports = Runner(worker, [reporter_of(bus, CELL)], clock), []
+    runner, reports = Runner(worker, [HealthReporter(bus, CELL)], clock), []
     for _ in range(10):
         runner.step(clock.now_ns())
         if reader.poll():

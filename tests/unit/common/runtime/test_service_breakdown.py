@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.runtime.service import BREAKDOWN_SHOWN_NS, Containment, Runner, reporter_of
+from common.runtime.service import BREAKDOWN_SHOWN_NS, Containment, HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import BusError
@@ -53,7 +53,7 @@ def test_an_unforeseen_error_is_reported_at_once_and_the_process_continues(
     bus = cell._bus("wrench")
     reader = cell.client.reader(topics.HEALTH["wrench"])
     contain = Containment("wrench", log.append)
-    runner = Runner(failing, [reporter_of(bus, CELL)], cell.clock, contain=contain)
+    runner = Runner(failing, [HealthReporter(bus, CELL)], cell.clock, contain=contain)
 
     def health() -> Health:
         cell.clock.sleep_s(0.004)
@@ -84,7 +84,7 @@ def test_an_unforeseen_error_is_reported_at_once_and_the_process_continues(
 def test_without_a_containment_it_is_raised() -> None:
     """Virtual cells and tests see their errors."""
     cell, failing = Cellmates(), FailingService()
-    runner = Runner(failing, [reporter_of(cell._bus("wrench"), CELL)], cell.clock)
+    runner = Runner(failing, [HealthReporter(cell._bus("wrench"), CELL)], cell.clock)
     failing.error = ValueError("raised")
     with pytest.raises(ValueError, match="raised"):
         runner.step(cell.clock.now_ns())

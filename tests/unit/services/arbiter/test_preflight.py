@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from forcemesh.clock import NS_PER_S
 from forcemesh.messages import ArmPurpose, RegulatorTarget, WrenchAtTcp
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms, failed_checks, load_text
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, World, shifted
@@ -299,9 +300,11 @@ TERMS = Terms.of(CELL)
 def test_one_second_of_good_inputs_is_sufficient() -> None:
     """One nanosecond less is refused, with the duration."""
     inputs = World().make_ready().inputs()
-    assert failed_checks(inputs, TERMS, 1.0, "all") == []
-    (trip,) = failed_checks(inputs, TERMS, 1.0 - 1e-9, "all")
+    assert failed_checks(inputs, TERMS, inputs.now_ns - NS_PER_S, "all") == []
+    (trip,) = failed_checks(inputs, TERMS, inputs.now_ns - NS_PER_S + 1, "all")
     assert (trip.code, trip.limit) == ("not_ready", 1.0)
+    (trip,) = failed_checks(inputs, TERMS, None, "all")
+    assert (trip.code, trip.value) == ("not_ready", 0.0)
 
 
 @pytest.mark.parametrize(("age_h", "reports"), [(8.0, 0), (8.001, 1)])
@@ -309,7 +312,9 @@ def test_a_tare_may_have_the_age_of_the_cell_file(age_h: float, reports: int) ->
     """Age and limit are in seconds."""
     world = World(cell_with(force__tare_age_max_s=28800.0)).make_ready()
     world.change("wrench/health", numbers={"tare_age_h": age_h})
-    found = failed_checks(world.inputs(), Terms.of(world.cell), 9.0, "all")
+    inputs = world.inputs()
+    since_ns = inputs.now_ns - 9 * NS_PER_S
+    found = failed_checks(inputs, Terms.of(world.cell), since_ns, "all")
     assert [(trip.code, trip.limit) for trip in found] == [("tare", 28800.0)] * reports
     assert [trip.value for trip in found] == [pytest.approx(3600.0 * age_h)] * reports
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from common.runtime.service import Runner, reporter_of
+from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, HoldRequest, MoveRequest
@@ -17,7 +17,7 @@ def restart_wrench(lab: Lab) -> None:
     """Replace the wrench service by a new process."""
     bus = Bus("wrench", HALF_CELL.cell, lab.cell.transport, HALF_CELL, lab.cell.clock)
     service = WrenchService(bus, HALF_CELL)
-    lab.cell.runners["wrench"] = Runner(service, [reporter_of(bus, HALF_CELL)], lab.cell.clock)
+    lab.cell.runners["wrench"] = Runner(service, [HealthReporter(bus, HALF_CELL)], lab.cell.clock)
 
 
 def test_after_a_lost_tare_in_contact_one_jogs_away_and_continues() -> None:

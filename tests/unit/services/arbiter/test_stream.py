@@ -12,7 +12,14 @@ from common.motion.limits import ArmBounds, Limits
 from common.motion.rate_limiter import at_rest
 from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import WrenchAtTcp
-from services.arbiter.stream import REACTIONS, Retreat, Stopping, Tick, begin_stop, step_stop
+from services.arbiter.stream import (
+    REACTIONS,
+    Stopping,
+    Tick,
+    begin_stop,
+    retreat_limits,
+    step_stop,
+)
 from tests.fakes.arbiter_robot import RobotWorld
 from tests.fakes.arbiter_world import CELL, PERIOD_NS, T_START, shifted
 
@@ -299,7 +306,7 @@ def retreat(travel_m: float, speed_m_s: float, press_N: float = SOFT_N) -> Stopp
     press_axis = (T_START * BOUNDS.T_flange_tcp).rotation[:, 2]
     x_N, y_N, z_N = (-press_N * press_axis).tolist()
     wrench = WrenchAtTcp(force_N=(x_N, y_N, z_N))
-    allowed = Retreat(travel_m, speed_m_s)
+    allowed = CELL.force.model_copy(update={"retreat_m": travel_m, "retreat_m_s": speed_m_s})
     return begin_stop(Stopping(TRIP, at_rest(T_START), 0), BOUNDS, allowed, wrench)
 
 
@@ -315,10 +322,11 @@ def run_stop(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
 
 def test_a_retreat_lowers_both_ceilings_and_no_retreat_neither() -> None:
     """They are four fifths: the robot's own check of the whole one would end the retreat."""
-    lower = Retreat(0.001, 0.005).ceilings(BOUNDS.limits)
+    disabled = CELL.force.model_copy(update={"retreat_m": 0.0})
+    lower = retreat_limits(BOUNDS.limits, CELL.force.model_copy(update={"retreat_m": 0.001}))
     assert lower.force_N == pytest.approx(0.8 * LIMITS.force_N)
     assert lower.torque_Nm == pytest.approx(0.8 * LIMITS.torque_Nm)
-    assert Retreat(0.0, 0.005).ceilings(BOUNDS.limits) is BOUNDS.limits
+    assert retreat_limits(BOUNDS.limits, disabled) is BOUNDS.limits
 
 
 def test_a_retreat_reports_its_travel() -> None:

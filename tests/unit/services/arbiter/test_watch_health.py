@@ -3,7 +3,7 @@
 import pytest
 
 from common.runtime.overruns import MOST_OVERRUNS, allowed_gap_s
-from common.runtime.service import Runner, reporter_of
+from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.requests import ArmRequest, Empty
@@ -124,7 +124,7 @@ def test_a_second_regulator_in_a_whole_cell_stops_the_arm_and_is_reported() -> N
     lab.approach()
     cell = lab.cell
     bus = Bus("regulator", CELL.cell, cell.transport, CELL, cell.clock)
-    cell.runners["second"] = Runner(Regulator(bus, CELL), [reporter_of(bus, CELL)], cell.clock)
+    cell.runners["second"] = Runner(Regulator(bus, CELL), [HealthReporter(bus, CELL)], cell.clock)
     lab.seconds_until(lambda: lab.status.state == "FAULT", 3 * PERIOD_S)
     assert lab.status.trips[0].code == "two_writers"
     assert "regulator/" in lab.status.trips[0].text

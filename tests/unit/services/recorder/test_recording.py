@@ -43,11 +43,11 @@ def recorded(folder: Path, frames: list[Frame], finish: bool = True) -> Path:
     )
     for frame in frames:
         recording.write([frame], frame.at_ns)
-    recording._file.flush()
+    recording._flush()
     if finish:
         recording.close()
     else:
-        recording._file._stream.close()  # the state after a kill, without the unflushed part
+        recording._stream.close()  # the state after a kill, without the unflushed part
     return recording.path
 
 

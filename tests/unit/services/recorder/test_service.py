@@ -10,7 +10,6 @@ import pytest
 from forcemesh import topics
 from forcemesh.messages import ArbiterState, ArbiterStatus, WrenchAtTcp
 from services.recorder import recording
-from services.recorder import recording_writer as tape
 from services.recorder.reading import RecordedFile
 from tests.fakes.recorder_bench import RecorderBench
 
@@ -222,7 +221,7 @@ def test_it_stops_before_the_disk_is_full(begin: Begin, monkeypatch: pytest.Monk
     """Below the minimum of free space it ends the file with a reason and begins no new one."""
     bench = begin(least_free_GB=2.0)
     free = [3_000_000_000]
-    monkeypatch.setattr(tape, "free_bytes", lambda _: free[0])
+    monkeypatch.setattr(recording, "free_bytes", lambda _: free[0])
     bench.start()
     bench.pass_s(2.0)
     free[0] = 1_900_000_000
@@ -254,7 +253,7 @@ def test_a_disk_that_fails_ends_the_recording_and_not_the_recorder(
         def refuse(*_: object) -> None:
             raise OSError(errno.ENOSPC, "No space left on device")
 
-        broken.setattr(recording.RecordingFile, "flush", refuse)
+        broken.setattr(recording.Recording, "_flush", refuse)
         bench.pass_s(2.0)
     assert "No space left on device" in bench.recorder.fault
     assert not bench.status().recording

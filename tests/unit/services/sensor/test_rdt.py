@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forcemesh.clock import NS_PER_S
+from services.sensor.driver import NO_FAULT
 from services.sensor.rdt import (
     FROZEN_AFTER_NS,
     FROZEN_RECORDS,
@@ -21,9 +22,8 @@ from services.sensor.rdt import (
     RdtRecord,
     RdtStream,
     Scale,
-    begin_anew,
     follow,
-    frozen_reason,
+    frozen_fault,
     parse,
     request,
     sample_of,
@@ -213,7 +213,7 @@ def test_far_jump_ahead_is_a_restart_and_no_loss() -> None:
 def test_requested_stream_may_begin_anywhere() -> None:
     """A new stream begins at 1 again; that is no loss, no restart and no copy."""
     stream, _ = follow_all([record(place) for place in range(5, 10)])
-    stream, kinds = follow_all([record(1), record(2)], begin_anew(stream))
+    stream, kinds = follow_all([record(1), record(2)], replace(stream, newest=None))
     assert kinds == ["sample", "sample"]
     assert stream.number == 7
     assert stream.tally == replace(RdtStream().tally, records=7)
@@ -229,21 +229,21 @@ def test_repeated_sample_gives_no_sample() -> None:
 @pytest.mark.parametrize(("count", "period_ns"), [(FROZEN_RECORDS, 10_000_000), (200, 1_000_000)])
 def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
     """Six equal counts for the minimum time and number are frozen; one other count ends it."""
-    stream, reasons = RdtStream(), []
+    stream, faults = RdtStream(), []
     for number in range(count):
         stream, _ = follow(stream, record(number, counts=(5,) * 6), number * period_ns)
-        reasons.append(frozen_reason(stream, number * period_ns))
+        faults.append(frozen_fault(stream, number * period_ns).code)
     since = max(FROZEN_RECORDS - 1, math.ceil(FROZEN_AFTER_NS / period_ns))
-    assert [bool(reason) for reason in reasons] == [place >= since for place in range(count)]
+    assert faults == ["" if place < since else "sensor_frozen" for place in range(count)]
     stream, _ = follow(stream, record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
-    assert frozen_reason(stream, count * period_ns) == ""
+    assert frozen_fault(stream, count * period_ns) == NO_FAULT
 
 
 def test_stalled_sensor_is_not_called_frozen() -> None:
     """Repeats of one sample are a stall, which has another cause than frozen readings."""
     repeats = [record(number, ft=5, counts=(5,) * 6) for number in range(100)]
     stream, _ = follow_all([*repeats, record(100, ft=6, counts=(5,) * 6)])
-    assert frozen_reason(stream, 101 * PERIOD_NS) == ""
+    assert frozen_fault(stream, 101 * PERIOD_NS) == NO_FAULT
 
 
 # --- decimation -----------------------------------------------------------------------------------

@@ -144,6 +144,16 @@ def test_a_newer_calibration_is_used_at_once(bench: WrenchBench) -> None:
     assert bench.published().calibration == f"{found.revision}, tared"
 
 
+def test_the_residual_torque_is_that_about_the_tcp(bench: WrenchBench) -> None:
+    """A push at the TCP leaves a force, and no torque about it."""
+    bench.force_N = np.array([1.0, 0.0, 0.0])
+    bench.settle()
+    bench.pass_s(0.3)
+    reply = send_calibration(bench, demo_calibration())
+    assert reply.accepted
+    assert "residual 1.00 N and 0.000 N m" in reply.text
+
+
 def test_a_calibration_with_a_residual_force_is_refused_with_its_value(bench: WrenchBench) -> None:
     """The tool is in contact, or it is another tool; the calibration in use stays."""
     lighter = TRUE_PAYLOAD.model_copy(update={"mass_kg": TRUE_PAYLOAD.mass_kg - 0.5})

@@ -11,8 +11,8 @@ from hypothesis.extra import numpy as hnp
 from common.config.payload import Payload
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
 from common.motion.weight import predict
+from services.wrench.calibration_manager import WEIGHT_SHARE, tare
 from services.wrench.compensation import Filter, Mounting, Wrench, compensate, feed
-from services.wrench.tare import WEIGHT_SHARE, TareLimits, tare
 from tests.fakes.bench import CELL
 
 NOTHING = Payload(
@@ -24,7 +24,7 @@ OFF_CENTRE = Payload(
     bias_force_N=(1.5, -2.0, 3.0),
     bias_torque_Nm=(0.05, -0.04, 0.03),
 )
-LIMITS = TareLimits(force_N=10.0, torque_Nm=1.0)
+MOST_N, MOST_NM = 10.0, 1.0  # of a change of bias
 OF_WEIGHT_N = WEIGHT_SHARE * OFF_CENTRE.mass_kg * GRAVITY_M_S2
 
 vectors = hnp.arrays(float, 3, elements=st.floats(-50.0, 50.0))
@@ -262,7 +262,9 @@ def test_tare_zeroes_the_reading_in_every_orientation(turn, drift, other, drift_
     )
     still = reading_of(drifted, R, np.zeros(3), np.zeros(3), np.zeros(3))
     reading = np.concatenate([still.force_N, still.torque_Nm])
-    tared, reply = tare(OFF_CENTRE, [reading - 1.0, reading, reading + 1.0], R, LIMITS)
+    tared, reply = tare(
+        OFF_CENTRE, [reading - 1.0, reading, reading + 1.0], R, most_N=MOST_N, most_Nm=MOST_NM
+    )
 
     assert reply.accepted
     assert reply.value == pytest.approx(np.linalg.norm(drift), abs=1e-9)
@@ -284,7 +286,7 @@ def test_tare_considers_the_gain() -> None:
     """A bias shift is in units of the reading, not in newtons of load."""
     payload = OFF_CENTRE.model_copy(update={"force_gain": (1.1, 0.9, 1.0)})
     reading = np.concatenate([v + 0.5 for v in predict(payload, np.eye(3))])
-    tared, reply = tare(payload, [reading], np.eye(3), LIMITS)
+    tared, reply = tare(payload, [reading], np.eye(3), most_N=MOST_N, most_Nm=MOST_NM)
     assert reply.accepted
     assert tared.bias_force_N == pytest.approx(np.array(payload.bias_force_N) + 0.5)
 
@@ -294,15 +296,15 @@ def test_tare_is_refused_exactly_above_its_limits(turn, push, torque_Nm) -> None
     """Force, torque, share of the weight: refused with value and limit, the payload unchanged."""
     R = rotation_from_vector(turn)
     force_N = float(np.linalg.norm(push))
-    assume(min(abs(force_N - LIMITS.force_N), abs(force_N - OF_WEIGHT_N)) > 1e-6)
-    assume(abs(torque_Nm - LIMITS.torque_Nm) > 1e-6)
+    assume(min(abs(force_N - MOST_N), abs(force_N - OF_WEIGHT_N)) > 1e-6)
+    assume(abs(torque_Nm - MOST_NM) > 1e-6)
     load = reading_of(OFF_CENTRE, R, np.zeros(3), push, np.array([torque_Nm, 0.0, 0.0]))
     reading = np.concatenate([load.force_N, load.torque_Nm])
-    tared, reply = tare(OFF_CENTRE, [reading], R, LIMITS)
+    tared, reply = tare(OFF_CENTRE, [reading], R, most_N=MOST_N, most_Nm=MOST_NM)
 
     rules = [
-        ("contact", force_N, LIMITS.force_N),
-        ("contact", torque_Nm, LIMITS.torque_Nm),
+        ("contact", force_N, MOST_N),
+        ("contact", torque_Nm, MOST_NM),
         ("payload", force_N, OF_WEIGHT_N),
     ]
     broken = [rule for rule in rules if rule[1] > rule[2]]
@@ -316,8 +318,11 @@ def test_tare_is_refused_exactly_above_its_limits(turn, push, torque_Nm) -> None
 
 def test_tare_accepts_the_limit_itself() -> None:
     """Exactly at the limit is drift, one bit above it is contact."""
-    for place, limit in ((0, LIMITS.force_N), (3, LIMITS.torque_Nm)):
+    for place, limit in ((0, MOST_N), (3, MOST_NM)):
         for value, accepted in ((limit, True), (math.nextafter(limit, math.inf), False)):
             reading = np.zeros(6)
             reading[place] = value
-            assert tare(NOTHING, [reading], np.eye(3), LIMITS)[1].accepted == accepted
+            assert (
+                tare(NOTHING, [reading], np.eye(3), most_N=MOST_N, most_Nm=MOST_NM)[1].accepted
+                == accepted
+            )

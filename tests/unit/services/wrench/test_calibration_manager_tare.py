@@ -9,7 +9,7 @@ from common.motion.weight import residual
 from forcemesh import topics
 from forcemesh.messages import RobotStatus
 from forcemesh.requests import Empty
-from services.wrench.tare import TareLimits, tare
+from services.wrench.calibration_manager import tare
 from tests.fakes.bench import CELL
 from tests.fakes.wrench_bench import REPORT_S, SENSOR_S, WrenchBench
 
@@ -46,7 +46,7 @@ def test_tare_is_refused_in_motion(bench: WrenchBench) -> None:
     bench.status = RobotStatus(moving=True)
     bench.step()
     reply = bench.ask(topics.TARE, Empty())
-    assert (reply.accepted, reply.code) == (False, "moving")
+    assert (reply.accepted, reply.code, reply.limit) == (False, "moving", 2e-4)
     bench.status = RobotStatus()
     bench.p_m = bench.p_m + np.array([0.0, 0.0, 3e-4])
     bench.step()
@@ -100,14 +100,14 @@ def test_a_tare_must_not_remove_the_weight_of_the_tool(share: float) -> None:
         bias_force_N=(0.0, 0.0, 0.0),
         bias_torque_Nm=(0.0, 0.0, 0.0),
     )
-    limits = TareLimits(1000.0, 1000.0)
     weight_N = light * GRAVITY_M_S2
     off_N = np.array([0.0, 0.0, -weight_N * (1.0 - share), 0.0, 0.0, 0.0])
-    kept, reply = tare(payload, [off_N], np.eye(3), limits)
+    kept, reply = tare(payload, [off_N], np.eye(3), most_N=1000.0, most_Nm=1000.0)
     assert (reply.accepted, reply.code) == (False, "payload")
     assert kept == payload
     drift = np.array([0.0, 0.5 * weight_N, -weight_N, 0.0, 0.0, 0.0])
-    assert tare(payload, [drift], np.eye(3), limits)[1].accepted
+    _, reply = tare(payload, [drift], np.eye(3), most_N=1000.0, most_Nm=1000.0)
+    assert reply.accepted
 
 
 def tool_of(weight_N: float) -> Payload:
@@ -135,7 +135,7 @@ def test_a_change_as_large_as_the_limit_is_accepted(
 ) -> None:
     """The limit itself is allowed, for force and for torque."""
     sample = reading(1.0, force_N=force_N, torque_Nm=torque_Nm)
-    _, reply = tare(tool_of(1.0), [sample], np.eye(3), TareLimits(3.0, 0.25))
+    _, reply = tare(tool_of(1.0), [sample], np.eye(3), most_N=3.0, most_Nm=0.25)
     assert reply.code == code
 
 
@@ -150,7 +150,7 @@ def test_above_two_newtons_a_tare_may_remove_three_fifths_of_the_weight(
     tool = tool_of(weight_N)
     weight_N = tool.mass_kg * GRAVITY_M_S2
     sample = reading(weight_N, force_N=share * weight_N)
-    _, reply = tare(tool, [sample], np.eye(3), TareLimits(1000.0, 1000.0))
+    _, reply = tare(tool, [sample], np.eye(3), most_N=1000.0, most_Nm=1000.0)
     assert reply.code == code
     if code == "payload":
         assert reply.limit == pytest.approx(0.6 * weight_N)
@@ -167,7 +167,7 @@ def test_after_a_tare_the_reading_is_zero() -> None:
         }
     )
     sample = np.array([0.8, 0.4, -1.3, 0.05, -0.02, 0.04])
-    tared, reply = tare(tool, [sample], np.eye(3), TareLimits(5.0, 1.0))
+    tared, reply = tare(tool, [sample], np.eye(3), most_N=5.0, most_Nm=1.0)
     assert reply.accepted
     residual_N, residual_Nm = residual(tared, np.eye(3), force_N=sample[:3], torque_Nm=sample[3:])
     assert np.abs([residual_N, residual_Nm]).max() <= 1e-12

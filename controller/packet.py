@@ -94,22 +94,23 @@ class PacketReader:
         data = self._rest + data
         whole = len(data) - len(data) % PACKET_CHARS
         self._rest = data[whole:]
-        starts = range(0, whole, PACKET_CHARS)
-        return [self._take(data[start : start + PACKET_CHARS]) for start in starts]
-
-    def _take(self, chars: bytes) -> Packet:
-        if not _PACKET.fullmatch(chars):
-            self._death = _describe(chars, self._taken)
-            self._rest = b""
-            raise RemoteProtocolError(self._death)
-        self._taken += 1
-        id_, com, param, a, b, c, d, e, f = (int(frame) for frame in chars.split())
-        return Packet(id_, com, param, (a, b, c, d, e, f))
+        packets = []
+        for start in range(0, whole, PACKET_CHARS):
+            chars = data[start : start + PACKET_CHARS]
+            if not _PACKET.fullmatch(chars):
+                self._death = _describe(chars, self._taken)
+                self._rest = b""
+                raise RemoteProtocolError(self._death)
+            self._taken += 1
+            id_, com, param, a, b, c, d, e, f = (int(frame) for frame in chars.split())
+            packets.append(Packet(id_, com, param, (a, b, c, d, e, f)))
+        return packets
 
 
 def _describe(chars: bytes, packets_before: int) -> str:
     """Describe which frame of which packet is wrong, and its position in the stream."""
-    cuts = [_cut(chars, start) for start in range(0, PACKET_CHARS, FRAME_STRIDE)]
+    starts = range(0, PACKET_CHARS, FRAME_STRIDE)
+    cuts = [chars[start : start + FRAME_STRIDE] for start in starts]
     rules = zip(_FRAMES_AND_SPACES, cuts, strict=True)
     wrong = next(k for k, (rule, cut) in enumerate(rules) if not rule.fullmatch(cut))
     name, frame, space = FRAME_NAMES[wrong], cuts[wrong][:FRAME_CHARS], cuts[wrong][FRAME_CHARS:]
@@ -130,10 +131,6 @@ def _describe(chars: bytes, packets_before: int) -> str:
         f"{where}, {name} at character {position + 1}: {_show(frame)} is where {belongs}: "
         f"missing or extra frames"
     )
-
-
-def _cut(chars: bytes, start: int) -> bytes:
-    return chars[start : start + FRAME_STRIDE]
 
 
 def _show(chars: bytes) -> str:

@@ -275,11 +275,6 @@ def next_id(id_: int) -> int:
     return ID_FIRST + (id_ + 1 - ID_FIRST) % ID_COUNT
 
 
-def ids_since(earlier: int, later: int) -> int:
-    """Return the number of IDs after `earlier` up to and including `later`, modulo ID_COUNT."""
-    return (later - earlier) % ID_COUNT
-
-
 def pack_status(counter: int, status: Status) -> int:
     """Return Param of 101 and 102. The counter wraps at 240.
 

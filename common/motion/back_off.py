@@ -252,27 +252,24 @@ class LoadRatchet:
     lowest_N: float = inf
     lowest_Nm: float = inf
 
-    def after(self, wrench: WrenchAtTcp) -> "LoadRatchet":
-        """Return the load after one more sample."""
+    def after(self, wrench: WrenchAtTcp, motion: str) -> tuple["LoadRatchet", Trip | None]:
+        """Return the load after one more sample, and its rise; `motion` names it in the text."""
         force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
-        return replace(
+        limit_N, limit_Nm = self.lowest_N + self.rise_N, self.lowest_Nm + self.rise_Nm
+        trip = None
+        if force_N > limit_N:
+            text = f"the force rose from {self.lowest_N:.1f} N to {force_N:.1f} N {motion}"
+            trip = tripped("force", text, value=force_N, limit=limit_N, unit="N")
+        elif torque_Nm > limit_Nm:
+            text = f"the torque rose from {self.lowest_Nm:.2f} N m to {torque_Nm:.2f} N m {motion}"
+            trip = tripped("torque", text, value=torque_Nm, limit=limit_Nm, unit="N m")
+        load = replace(
             self,
             first_N=force_N if self.first_N == inf else self.first_N,
             lowest_N=min(self.lowest_N, force_N),
             lowest_Nm=min(self.lowest_Nm, torque_Nm),
         )
-
-    def trip(self, wrench: WrenchAtTcp, motion: str) -> Trip | None:
-        """Check a sample against the lowest load; `what` names the motion."""
-        force_N, torque_Nm = hypot(*wrench.force_N), hypot(*wrench.torque_Nm)
-        limit_N, limit_Nm = self.lowest_N + self.rise_N, self.lowest_Nm + self.rise_Nm
-        if force_N > limit_N:
-            text = f"the force rose from {self.lowest_N:.1f} N to {force_N:.1f} N {motion}"
-            return tripped("force", text, value=force_N, limit=limit_N, unit="N")
-        if torque_Nm > limit_Nm:
-            text = f"the torque rose from {self.lowest_Nm:.2f} N m to {torque_Nm:.2f} N m {motion}"
-            return tripped("torque", text, value=torque_Nm, limit=limit_Nm, unit="N m")
-        return None
+        return load, trip
 
 
 def in_move(
@@ -280,8 +277,7 @@ def in_move(
 ) -> tuple[LoadRatchet, Trip | None]:
     """Check the load of a move against its lowest load; return the updated lowest load, too."""
     load = load or LoadRatchet(rise_N=limits.move_rise_N, rise_Nm=inf)
-    trip = load.trip(wrench, "in the move: limits.move_rise_N")
-    return load.after(wrench), trip
+    return load.after(wrench, "in the move: limits.move_rise_N")
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,8 +292,8 @@ class BackOffState:
         """Return the state after one more wrench, and why it must end; None is no wrench."""
         if wrench is None:
             return self, None
-        trip = self.load.trip(wrench, "while backing off")
-        return replace(self, load=self.load.after(wrench)), trip
+        load, trip = self.load.after(wrench, "while backing off")
+        return replace(self, load=load), trip
 
     def moved(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
         """Check travel and speed of the arm, and whether the force falls."""

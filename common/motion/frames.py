@@ -72,7 +72,7 @@ def rotate_about_base_axes(R_base_x: Array, rotation_in_base: Array) -> Array:
         R_base_x: Orientation to rotate. Shape (3, 3).
         rotation_in_base: Rotation vector in base axes [rad]. Shape (3,).
     """
-    return rotation_from_vector(rotation_in_base) @ R_base_x
+    return np.asarray(pin.exp3(rotation_in_base)) @ R_base_x
 
 
 def rotation_between(R_base_from: Array, R_base_to: Array) -> Array:
@@ -89,7 +89,7 @@ def apart(T_from: pin.SE3, T_to: pin.SE3) -> tuple[float, float]:
 def interpolated(T_from: pin.SE3, T_to: pin.SE3, share: float) -> pin.SE3:
     """Return a pose on a straight line with uniform rotation about one axis; share is 0 to 1."""
     rotation = rotation_between(T_from.rotation, T_to.rotation)
-    R = rotation_from_vector(share * rotation) @ T_from.rotation
+    R = rotate_about_base_axes(T_from.rotation, share * rotation)
     return pin.SE3(R, T_from.translation + share * (T_to.translation - T_from.translation))
 
 
@@ -120,16 +120,8 @@ def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, floa
 
 def R_from_oat(oat: Oat) -> Array:
     """Return Rz(o) Ry(a) Rz(t), Kawasaki's ZYZ (AS Language Reference Manual, appendix 3)."""
-    so, co = math.sin(oat.o), math.cos(oat.o)
-    sa, ca = math.sin(oat.a), math.cos(oat.a)
-    st, ct = math.sin(oat.t), math.cos(oat.t)
-    return np.array(
-        [
-            [co * ca * ct - so * st, -co * ca * st - so * ct, co * sa],
-            [so * ca * ct + co * st, -so * ca * st + co * ct, so * sa],
-            [-sa * ct, sa * st, ca],
-        ]
-    )
+    rotate = pin.utils.rotate
+    return np.asarray(rotate("z", oat.o) @ rotate("y", oat.a) @ rotate("z", oat.t))
 
 
 def oat_from_R(R: Array, previous: Oat | None = None) -> Oat:

@@ -62,6 +62,7 @@ class LastCheck:
         untethered = replace(self._limits, tether_m=inf, tether_rad=inf)
         self._wide = self._widened(untethered, pin.SE3.Identity())
         self._back_off: BackOffState | None = None  # under a lease for that
+        self._only_backing_off: Trip | None = None  # the refusal of all else under that lease
         self._load: LoadRatchet | None = None  # of the move under way
         self._wrench: WrenchAtTcp | None = None
         self._monitor = SetpointMonitor(self._limits)
@@ -73,8 +74,10 @@ class LastCheck:
         A lease for `back_off` has its own limits (common/motion/back_off.py) until the next lease.
         """
         T_armed, limits = T_base_flange.copy(), self._limits
-        self._back_off = self._load = None
+        self._back_off = self._load = self._only_backing_off = None
         if purpose == "back_off":
+            text = "the arm was armed to back off: it accepts only that goal"
+            self._only_backing_off = tripped("state", text)
             limits = back_off.relaxed_limits(limits, T_armed * self._T_flange_tcp, ROUNDING_M)
             self._back_off = BackOffState(T_armed, now_ns)
         self._bounds = ArmBounds(limits, self._T_flange_tcp, T_armed)
@@ -85,7 +88,7 @@ class LastCheck:
     def seed(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
         """Begin a stream of set points at the measured pose."""
         return (
-            self._only_backing_off()
+            self._only_backing_off
             or self.place(T_base_flange)
             or self._monitor.begin(T_base_flange, now_ns)
         )
@@ -93,7 +96,7 @@ class LastCheck:
     def setpoint(self, T_target: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Check a set point; an accepted one consumes its share of the stream budget."""
         return (
-            self._only_backing_off()
+            self._only_backing_off
             or self.place(T_target)
             or check_step(self._limits, T_measured, T_target)
             or self._monitor.check(T_target, now_ns)
@@ -123,8 +126,8 @@ class LastCheck:
 
     def feedback(self, feedback: Feedback) -> Trip | None:
         """Check a request for force feedback in the controller, which limits its own speeds."""
-        if (trip := self._only_backing_off()) is not None:
-            return trip
+        if self._only_backing_off is not None:
+            return self._only_backing_off
         setpoint_N = float(np.linalg.norm(feedback.setpoint_force_N))
         if setpoint_N > self._setpoint_max_N:
             text = f"a set point of {setpoint_N:.1f} N"
@@ -169,15 +172,10 @@ class LastCheck:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _only_backing_off(self) -> Trip | None:
-        if self._back_off is None:
-            return None
-        return tripped("state", "the arm was armed to back off: it accepts only that goal")
-
     def _back_off_trip(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> Trip | None:
         """Compare a goal with the path that this process computes itself."""
         if goal.kind != "pose" or goal.pose is None:
-            return self._only_backing_off()
+            return self._only_backing_off
         limits, wrench = self._limits, self._wrench
         expected = back_off.plan(limits, T_measured, self._T_flange_tcp, wrench, confirmed=True)
         T_goal = pose_of(goal.pose)

@@ -10,9 +10,9 @@ from math import degrees, hypot, radians
 import numpy as np
 import pinocchio as pin
 
-from common.config.cell import CellConfig, PlaneSection
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import Array, apart, is_finite, is_finite_pose, length
+from common.motion.frames import Array, apart, is_finite, is_finite_pose
 from forcemesh.faults import tripped
 from forcemesh.messages import Goal, Joints, Speed, Trip, Vec3
 
@@ -73,13 +73,11 @@ class Limits:
             force_N=limits.force_N,
             torque_Nm=limits.torque_Nm,
             move_rise_N=limits.move_rise_N,
-            planes=tuple(_plane(plane) for plane in limits.planes),
+            planes=tuple(
+                Plane(np.array(plane.point_m), np.array(plane.normal) / hypot(*plane.normal))
+                for plane in limits.planes
+            ),
         )
-
-
-def _plane(section: PlaneSection) -> Plane:
-    normal = np.array(section.normal)
-    return Plane(np.array(section.point_m), normal / length(normal))
 
 
 def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
@@ -115,23 +113,6 @@ def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
     return None
 
 
-def check_tether(limits: Limits, T_start: pin.SE3, T_now: pin.SE3) -> Trip | None:
-    """Refuse a flange pose too far from that at which the arm was armed."""
-    if not (is_finite_pose(T_start) and is_finite_pose(T_now)):
-        return _not_finite("the pose")
-    distance_m, angle_rad = apart(T_start, T_now)
-    if distance_m > limits.tether_m:
-        text = f"{distance_m * 1e3:.0f} mm away from the pose at arming"
-        return tripped("tether", text, value=distance_m, limit=limits.tether_m, unit="m")
-    if angle_rad > limits.tether_rad:
-        text = (
-            f"rotated {degrees(angle_rad):.1f} degrees from the pose at arming, "
-            f"limits.tether_deg is {degrees(limits.tether_rad):g}"
-        )
-        return tripped("tether", text, value=angle_rad, limit=limits.tether_rad, unit="rad")
-    return None
-
-
 def check_joint_count(limits: Limits, joint_rad: Joints | Array) -> Trip | None:
     """Refuse joint angles of another arm: one for each joint of the cell file."""
     count, expected = len(joint_rad), len(limits.joint_min_rad)
@@ -156,19 +137,6 @@ def check_joints(
             broken = low if angle < low else high
             text = f"joint {number} = {degrees(angle):.1f} degrees is out of its range"
             return tripped("joint", text, value=float(angle), limit=broken, unit="rad")
-    return None
-
-
-def check_joint_speed(limits: Limits, speed_rad_s: Array, *, margin: float = 1.0) -> Trip | None:
-    """Refuse joint speeds above the limit times a margin. Shape (6,)."""
-    speeds = [abs(speed) for speed in speed_rad_s.tolist()]
-    if not is_finite(speeds):
-        return _not_finite("a joint's speed")
-    fastest_rad_s = limits.joint_speed_rad_s.tolist()
-    for number, (speed, fastest) in enumerate(zip(speeds, fastest_rad_s, strict=True), start=1):
-        if speed / fastest > margin:
-            text = f"joint {number} turns at {degrees(speed):.0f} degrees/s"
-            return tripped("joint_speed", text, value=speed, limit=fastest, unit="rad/s")
     return None
 
 
@@ -243,8 +211,23 @@ class ArmBounds:
 
     def place(self, T_base_flange: pin.SE3) -> Trip | None:
         """Check a flange pose: its TCP in the workspace, the flange within the tether."""
-        trip = check_workspace(self.limits, T_base_flange * self.T_flange_tcp)
-        return trip or check_tether(self.limits, self.T_armed, T_base_flange)
+        limits, T_armed = self.limits, self.T_armed
+        trip = check_workspace(limits, T_base_flange * self.T_flange_tcp)  # also whether finite
+        if trip is not None:
+            return trip
+        if not is_finite_pose(T_armed):
+            return _not_finite("the pose")
+        distance_m, angle_rad = apart(T_armed, T_base_flange)
+        if distance_m > limits.tether_m:
+            text = f"{distance_m * 1e3:.0f} mm away from the pose at arming"
+            return tripped("tether", text, value=distance_m, limit=limits.tether_m, unit="m")
+        if angle_rad > limits.tether_rad:
+            text = (
+                f"rotated {degrees(angle_rad):.1f} degrees from the pose at arming, "
+                f"limits.tether_deg is {degrees(limits.tether_rad):g}"
+            )
+            return tripped("tether", text, value=angle_rad, limit=limits.tether_rad, unit="rad")
+        return None
 
     def goal(self, goal: Goal, joint_rad: Joints | Array) -> Trip | None:
         """Check the end of a move that starts at these joint angles."""
@@ -268,12 +251,21 @@ class ArmBounds:
         """Check the measured arm: joint angles, pose, and joint speeds once they are known.
 
         Joint moves have no end pose that could be checked before, so the measured pose is checked.
+        A joint speed may be its limit times a margin.
         """
         trip = check_joints(self.limits, joint_rad, slack_rad=MEASURED_SLACK_RAD)
         trip = trip or self.place(T_base_flange)
         if trip is not None or (speed_rad_s := track.speed_rad_s) is None:
             return trip
-        return check_joint_speed(self.limits, speed_rad_s, margin=speed_margin)
+        speeds = [abs(speed) for speed in speed_rad_s.tolist()]
+        if not is_finite(speeds):
+            return _not_finite("a joint's speed")
+        fastest_rad_s = self.limits.joint_speed_rad_s.tolist()
+        for number, (speed, fastest) in enumerate(zip(speeds, fastest_rad_s, strict=True), start=1):
+            if speed / fastest > speed_margin:
+                text = f"joint {number} turns at {degrees(speed):.0f} degrees/s"
+                return tripped("joint_speed", text, value=speed, limit=fastest, unit="rad/s")
+        return None
 
 
 def joint_goal(goal: Goal, joint_rad: Joints | Array) -> Array:

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, rotation_between, rotation_from_vector
+from common.motion.frames import Array, apart, interpolated
 from common.motion.kinematics import ArmKinematics, IkResult
 
 TURN_RADIUS_M = 0.24  # scales rotation to translation: 0.25 m/s corresponds to 60 deg/s
@@ -51,23 +51,14 @@ class LinearPath:
 
     def __init__(self, kinematics: ArmKinematics, q_from: Array, T_goal: pin.SE3) -> None:
         self.kinematics = kinematics
-        start = kinematics.flange_pose(q_from)
-        self._R_from, self._from_m = np.array(start.rotation), np.array(start.translation)
-        self._travel = T_goal.translation - self._from_m
-        self._rotation = rotation_between(self._R_from, T_goal.rotation)
-        self.extent_m = max(
-            float(np.linalg.norm(self._travel)),
-            TURN_RADIUS_M * float(np.linalg.norm(self._rotation)),
-        )
-
-    def pose(self, share: float) -> pin.SE3:
-        """Return T_base_flange at path parameter `share`."""
-        R = rotation_from_vector(share * self._rotation).dot(self._R_from)
-        return pin.SE3(R, self._from_m + share * self._travel)
+        self._T_from, self._T_goal = kinematics.flange_pose(q_from), T_goal
+        travel_m, turn_rad = apart(self._T_from, T_goal)
+        self.extent_m = max(travel_m, TURN_RADIUS_M * turn_rad)
 
     def at(self, share: float, q_near: Array) -> IkResult:
         """Return the joint angles at path parameter `share`, on the branch of q_near."""
-        return self.kinematics.solve(self.pose(share), q_near, jump_rad=_JUMP_RAD)
+        T = interpolated(self._T_from, self._T_goal, share)
+        return self.kinematics.solve(T, q_near, jump_rad=_JUMP_RAD)
 
     def obstacle(self, q_from: Array) -> str:
         """Check the whole path; return why it cannot be followed, or an empty string."""

@@ -10,7 +10,7 @@ from math import sqrt
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, length, rotation_between, rotation_from_vector
+from common.motion.frames import Array, apart, length, rotate_about_base_axes, rotation_between
 from common.motion.limits import Limits
 
 AT_REST = 1e-9  # m/s and rad/s
@@ -64,8 +64,8 @@ def limit_motion(
         return replace(before, T_target=T_target)
     most = (limits.speed_m_s, limits.speed_rad_s)
     most_change = (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s)
-    now, last = np.array([before.speed_m_s, before.angular_rad_s]), before.T_base_flange
-    needed = _between(last, T_target) / dt_s
+    now = np.array([before.speed_m_s, before.angular_rad_s])
+    needed = _between(before.T_base_flange, T_target) / dt_s
     target_speed = _between(before.T_target, T_target) / dt_s
     target_speed = target_speed * _share(target_speed, most)
     closing = needed - target_speed
@@ -75,25 +75,25 @@ def limit_motion(
     reached = now + change * _share(change, most_change)
     if np.array_equal(reached, now + change) and np.abs(reached - needed).max() <= AT_REST:
         return CommandedMotion(T_target, T_target, needed[0], needed[1])
-    motion = _moved(last, T_target, reached, dt_s)
-    left = _between(motion.T_base_flange, T_target)
+    motion = _moved(before, reached, dt_s)
+    left_m, left_rad = apart(motion.T_base_flange, T_target)
     lag_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
     lag_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
-    return replace(motion, lags=length(left[0]) > lag_m or length(left[1]) > lag_rad)
+    return replace(motion, T_target=T_target, lags=left_m > lag_m or left_rad > lag_rad)
 
 
 def brake(limits: Limits, before: CommandedMotion, dt_s: float) -> CommandedMotion:
     """Return the next pose of the fastest stop."""
     now = np.array([before.speed_m_s, before.angular_rad_s])
     reached = now * (1.0 - _share(now, (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s)))
-    return _moved(before.T_base_flange, before.T_target, reached, dt_s)
+    return _moved(before, reached, dt_s)
 
 
 def resting_place(limits: Limits, motion: CommandedMotion) -> pin.SE3:
     """Return the flange pose at the end of braking from now."""
     speed, angular = motion.speed_m_s, motion.angular_rad_s
     half_s = 0.5 * max(length(speed) / limits.accel_m_s2, length(angular) / limits.accel_rad_s2)
-    return _displaced(motion.T_base_flange, np.array([speed, angular]) * half_s)
+    return _moved(motion, np.array([speed, angular]), half_s).T_base_flange
 
 
 def _closing_share(pair: Array, most_change: tuple[float, float]) -> float:
@@ -123,9 +123,8 @@ def _between(T_from: pin.SE3, T_to: pin.SE3) -> Array:
     return np.array([T_to.translation - T_from.translation, rotation])
 
 
-def _displaced(T: pin.SE3, pair: Array) -> pin.SE3:
-    return pin.SE3(rotation_from_vector(pair[1]) @ T.rotation, T.translation + pair[0])
-
-
-def _moved(T: pin.SE3, T_target: pin.SE3, speeds: Array, dt_s: float) -> CommandedMotion:
-    return CommandedMotion(_displaced(T, speeds * dt_s), T_target, speeds[0], speeds[1])
+def _moved(before: CommandedMotion, speeds: Array, dt_s: float) -> CommandedMotion:
+    """Return the motion after a time at constant speeds: translation, then rotation. (2, 3)."""
+    T, (translation, rotation) = before.T_base_flange, speeds * dt_s
+    moved = pin.SE3(rotate_about_base_axes(T.rotation, rotation), T.translation + translation)
+    return CommandedMotion(moved, before.T_target, speeds[0], speeds[1])

@@ -73,31 +73,31 @@ class SetpointMonitor:
             return tripped("speed", text, limit=limits.speed_m_s, unit="m/s")
         if step.turn_rad > budget_rad:
             return tripped("speed", text, limit=limits.speed_rad_s, unit="rad/s")
-        trip = self._rate_trip(step) or self._acceleration_trip(step)
+        recent = [one for one in self._steps if now_ns - one.at_ns < WINDOW_S / S_PER_NS]
+        travel_m = step.travel_m + sum([one.travel_m for one in recent])
+        turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
+        text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
+        for value, speed, unit in (
+            (travel_m, limits.speed_m_s, "m"),
+            (turn_rad, limits.speed_rad_s, "rad"),
+        ):
+            most = speed * (SPEED_MARGIN * WINDOW_S)
+            if value > most:
+                return tripped("rate", text, value=value, limit=most, unit=unit)
+        trip = self._acceleration_trip(step)
         if trip is None:
             self._budget_m, self._budget_rad = budget_m - step.travel_m, budget_rad - step.turn_rad
             self._budget_at_ns = now_ns
             self._put(step)
         return trip
 
-    def _rate_trip(self, step: StreamStep) -> Trip | None:
-        recent = [one for one in self._steps if step.at_ns - one.at_ns < WINDOW_S / S_PER_NS]
-        travel_m = step.travel_m + sum([one.travel_m for one in recent])
-        turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
-        text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
-        for value, speed, unit in (
-            (travel_m, self._limits.speed_m_s, "m"),
-            (turn_rad, self._limits.speed_rad_s, "rad"),
-        ):
-            if value > speed * (SPEED_MARGIN * WINDOW_S):
-                limit = speed * (SPEED_MARGIN * WINDOW_S)
-                return tripped("rate", text, value=value, limit=limit, unit=unit)
-        return None
-
     def _acceleration_trip(self, step: StreamStep) -> Trip | None:
         """Compare the last 60 ms with the 60 ms before: mean velocity, and length of the path."""
         half_ns, limits = HALF_S / S_PER_NS, self._limits
-        middle, first = self._at(step.at_ns - half_ns), self._at(step.at_ns - 2 * half_ns)
+        middle, first = (  # each set point holds until the next
+            next((one.T for one in reversed(self._steps) if one.at_ns <= at_ns), self._steps[0].T)
+            for at_ns in (step.at_ns - half_ns, step.at_ns - 2 * half_ns)
+        )
         change_m = (step.T.translation - middle.translation) - (
             middle.translation - first.translation
         )
@@ -119,13 +119,6 @@ class SetpointMonitor:
             if change > ACCEL_MARGIN * accel * HALF_S**2 + speed * EARLY_S:
                 return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
         return None
-
-    def _at(self, at_ns: float) -> pin.SE3:
-        """Return the commanded pose at a time: each set point holds until the next."""
-        for step in reversed(self._steps):
-            if step.at_ns <= at_ns:
-                return step.T
-        return self._steps[0].T
 
     def _put(self, step: StreamStep) -> None:
         """Store a step and drop those older than the window, except the one at its start."""

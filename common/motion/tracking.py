@@ -6,8 +6,9 @@ The motion of force feedback in the controller is unknown to the gateway, so it 
 """
 
 from collections import deque
-from dataclasses import dataclass, field
+from itertools import pairwise
 from math import degrees, radians
+from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -22,14 +23,9 @@ PERIODS = 5  # permitted consecutive reports off the commanded pose
 DELAY_MARGIN = 2.0
 SLACK_S = 0.1
 
-
-@dataclass(slots=True)
-class CommandedPoses:
-    """Commanded poses: the newest is valid without time limit, older ones for the delay."""
-
-    poses: deque[tuple[int, pin.SE3]] = field(default_factory=deque)
-    is_line: bool = False  # a move: its whole line is valid, without time limit
-    joints: tuple[Array, Array] | None = None  # a joint move, from and to
+# What moves the arm. Of a stream the newest pose is valid without time limit, older ones for the
+# delay; of a line all of it is valid, without time limit.
+Motion = Literal["unknown", "stream", "line", "joint_move", "rest"]
 
 
 class TrackingMonitor:
@@ -42,44 +38,46 @@ class TrackingMonitor:
         report_s = 1.0 / cell.rates.robot_hz
         delay_s = DELAY_MARGIN * (cell.robot.delay_s + cell.robot.lag_s) + report_s + SLACK_S
         self._delay_ns = round(delay_s * 1e9)
-        self._commanded = CommandedPoses()
-        self._is_resting = False
-        self._off = 0  # reports in a row
+        self.free()
 
     def free(self) -> None:
         """Stop comparing: the motion of the arm is unknown."""
-        self._commanded, self._is_resting, self._off = CommandedPoses(), False, 0
+        self._motion: Motion = "unknown"
+        self._poses: deque[tuple[int, pin.SE3]] = deque()  # commanded, each with its time
+        self._joints: tuple[Array, Array] | None = None  # of a joint move, from and to
+        self._off = 0  # reports in a row
 
     def stream(self, T_target: pin.SE3, now_ns: int) -> None:
         """Register a commanded set point."""
-        if self._is_resting or self._commanded.is_line or self._commanded.joints is not None:
+        if self._motion != "stream":
             self.free()
-        self._commanded.poses.append((now_ns, T_target))
+            self._motion = "stream"
+        self._poses.append((now_ns, T_target))
 
     def line(self, T_from: pin.SE3, T_to: pin.SE3) -> None:
         """Register a commanded straight move."""
         self.free()
-        self._commanded = CommandedPoses(deque([(0, T_from), (0, T_to)]), is_line=True)
+        self._motion = "line"
+        self._poses.extend([(0, T_from), (0, T_to)])
 
     def joint_move(self, from_rad: Joints | Array, to_rad: Joints | Array) -> None:
         """Register a commanded joint move: all joints start and arrive together."""
         self.free()
-        self._commanded = CommandedPoses(joints=(np.array(from_rad), np.array(to_rad)))
+        self._motion, self._joints = "joint_move", (np.array(from_rad), np.array(to_rad))
 
     def rest(self, T_measured: pin.SE3, *, moving: bool) -> None:
         """Register that nothing is commanded: an arm at rest must stay there."""
-        if self._is_resting:
+        if self._motion == "rest":
             return
         self.free()
         if not moving:
-            self._is_resting = True
-            self._commanded.poses.append((0, T_measured))
+            self._motion = "rest"
+            self._poses.append((0, T_measured))
 
     def judge(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
         """Check a report; call it once for each."""
-        if self._commanded.joints is not None:
-            away_m = 0.0
-            away_rad = _distance_to_segment(*self._commanded.joints, np.array(joint_rad))
+        if self._joints is not None:
+            away_m, away_rad = 0.0, _distance_to_segment(*self._joints, np.array(joint_rad))
         else:
             away_m, away_rad = self._away(T_measured, now_ns)
         if away_m <= self._limit_m and away_rad <= self._limit_rad:
@@ -96,19 +94,17 @@ class TrackingMonitor:
 
     def _away(self, T: pin.SE3, now_ns: int) -> tuple[float, float]:
         """Return distance [m] and angle [rad] to the nearest commanded pose."""
-        poses = self._commanded.poses
-        if not self._commanded.is_line:
+        poses = self._poses
+        if not poses:
+            return 0.0, 0.0
+        if self._motion == "stream":
             # The last pose before the delay was still valid at its start.
             while len(poses) > 1 and now_ns - poses[1][0] >= self._delay_ns:
                 poses.popleft()
-        if not poses:
-            return 0.0, 0.0
-        targets = [pose for _, pose in poses]
+        targets = [pose for _, pose in reversed(poses)]
         away_m = away_rad = np.inf
         # Newest first: it nearly always matches, and the rest need no check.
-        for k in range(max(1, len(targets) - 1)):
-            b = targets[-1 - k]
-            a = targets[-2 - k] if len(targets) > 1 else b
+        for b, a in pairwise([*targets, targets[-1]]):
             away_m = min(away_m, _distance_to_segment(a.translation, b.translation, T.translation))
             line_rad = rotation_between(a.rotation, b.rotation)
             turned_rad = rotation_between(a.rotation, T.rotation)

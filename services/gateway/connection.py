@@ -62,16 +62,12 @@ class ControllerConnection:
         self.dialogue = dialogue
         self.errors = 0  # connections closed for a protocol error of the controller
         self.code = "robot_link"  # of `trouble`
-        self.measured: ControllerReport | None = None
-        self.health: HealthReport | None = None
         self._wire = wire
         self._kept = kept
         self._stale_after_s = stale_after_s
-        self._up = False
         self._greeted_ns = 0
         self._voided = 0  # consecutive reports with limits neither executed nor queued
-        self._pose: PoseReport | None = None
-        self._samples, self._loops = Rate(), WrappingCounterRate(LOOPS_SPAN)
+        self._down()
 
     @property
     def reconnects(self) -> int:
@@ -99,7 +95,14 @@ class ControllerConnection:
             self._down()
         if events.lost:
             self._down()
-        self._watch(now_ns)
+        # On a slower link a hold would arrive later than the controller's watchdog acts.
+        in_flight, most_s = self.dialogue.window.receipts.in_flight, self._kept.watchdog_s
+        age_s = (now_ns - in_flight[0][1]) / NS_PER_S if in_flight else 0.0
+        if self.is_ready and age_s > most_s:
+            reason = f"a packet is in transit for {age_s * 1e3:.0f} ms, limit {most_s * 1e3:.0f} ms"
+            self._wire.close(reason, now_ns)
+            self._down()
+            self.code = "link_slow"
         return is_new
 
     def close(self, now_ns: int) -> None:
@@ -163,19 +166,6 @@ class ControllerConnection:
             found["any_peer_may_connect"] = float(self.health.any_peer)
         return {name: number for name, number in found.items() if number is not None}
 
-    def _watch(self, now_ns: int) -> None:
-        """Close a link on which a hold would arrive later than the controller's watchdog."""
-        sent_ns = self.dialogue.window.receipts.oldest_ns
-        if not self.is_ready or sent_ns is None:
-            return
-        age_s = (now_ns - sent_ns) / NS_PER_S
-        if age_s > self._kept.watchdog_s:
-            limit_ms = self._kept.watchdog_s * 1e3
-            reason = f"a packet is in transit for {age_s * 1e3:.0f} ms, limit {limit_ms:.0f} ms"
-            self._wire.close(reason, now_ns)
-            self._down()
-            self.code = "link_slow"
-
     def _set_up_again(self, health: HealthReport, now_ns: int) -> None:
         """Send the limits again if they are neither executed nor queued: a hold voided them."""
         is_void = health.queue_length == 0 and self.dialogue.window.unacknowledged == 0
@@ -185,7 +175,11 @@ class ControllerConnection:
             self.send(self.dialogue.hold(now_ns), now_ns)
 
     def _down(self) -> None:
-        self._up, self._pose, self.measured, self.health = False, None, None, None
+        """Forget what was received over a connection."""
+        self._up = False
+        self._pose: PoseReport | None = None
+        self.measured: ControllerReport | None = None
+        self.health: HealthReport | None = None
         self._samples, self._loops = Rate(), WrappingCounterRate(LOOPS_SPAN)
 
     def _take(self, event: Event, now_ns: int) -> bool:

@@ -78,12 +78,12 @@ class Dialogue:
         self._sent_gains = sent_gains
         # The controller's set point is zero after a hold, a stop and hello.
         self._sent_set_point = packets.force_set_point((0.0, 0.0, 0.0), self.scales)
-        self.window.streamed.give_up()
+        self.window.streamed.in_flight.clear()
         self._drop_pending()
 
     def _drop_pending(self) -> None:
         """Drop what was offered and is not sent: the newest of each kind."""
-        self._set_point: tuple[pin.SE3, Command, PoseCarry] | None = None
+        self._set_point: pin.SE3 | None = None
         self._wrench: tuple[Command, ...] = ()
         self._centre: tuple[Command, ...] = ()
         self._gains: tuple[Command, ...] = ()
@@ -108,7 +108,7 @@ class Dialogue:
             if not self.ready:
                 events.append(parse_hello(packet, self.scales, self._arm))
                 self.ready = True
-                self.window.receipts.give_up()  # the wait for this hello is no round trip
+                self.window.receipts.in_flight.clear()  # the wait for this hello is no round trip
                 continue
             event = parse_report(packet, self.scales)
             events.append(event)
@@ -174,7 +174,7 @@ class Dialogue:
 
     def move_joints(self, com: Com, angles_rad: Joints, speed: Speed, now_ns: int) -> bytes:
         """Return command 2 or 3, after its speeds if they have changed."""
-        return self._goal(packets.joints(com, angles_rad, self.scales), speed, now_ns)
+        return self._goal(packets.encoded(com, angles_rad, self.scales), speed, now_ns)
 
     def set_centre(self, T_flange_centre: pin.SE3, now_ns: int) -> bytes:
         """Return the centre of rotation, to be sent before force feedback starts."""
@@ -204,7 +204,8 @@ class Dialogue:
     def offer_setpoint(self, T_base_flange: pin.SE3) -> None:
         """Store the newest pose of a stream. Raises LocalProtocolError when it does not fit."""
         self._refuse_during_feedback(Com.SET_POINT)
-        self._set_point = (T_base_flange, *self._set_point_packet(T_base_flange))
+        packets.pose(Com.SET_POINT, T_base_flange, self.scales, self._carry)
+        self._set_point = T_base_flange
 
     def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
         """Store the newest wrench and its set point."""
@@ -223,18 +224,29 @@ class Dialogue:
         self._gains = packets.gains(gains, self.scales)
 
     def tick(self, now_ns: int, *, permitted: bool) -> bytes:
-        """Return the bytes due now: a set point, a wrench or a heartbeat; none unpermitted."""
+        """Return the bytes due now: a set point, a wrench or a heartbeat; none unpermitted.
+
+        Of gains and set point of the wrench only what the controller does not have is sent.
+        """
         if not permitted or not self.ready:
             self._drop_pending()
             return b""
         data = b""
-        if self.window.unexecuted < self._pacing.max_unexecuted and (
-            due := self._due_setpoint(now_ns) or self._due_gains() or self._due_centre()
-        ):
-            data += self._send(now_ns, *due, streamed=True)
-            self._motion = self.window.last
+        if self.window.unexecuted < self._pacing.max_unexecuted:
+            due = self._due_setpoint(now_ns)
+            if not due and self._gains:
+                due = tuple(command for command in self._gains if command not in self._sent_gains)
+                self._sent_gains, self._gains = self._gains, ()
+            if not due:
+                due, self._centre = self._centre, ()
+            if due:
+                data += self._send(now_ns, *due, streamed=True)
+                self._motion = self.window.last
         if self._wrench and self.window.unacknowledged < self._pacing.max_unacknowledged:
-            data += self._send(now_ns, *self._due_wrench())
+            set_point, wrench = self._wrench  # it bypasses the ring
+            due = (wrench,) if set_point == self._sent_set_point else (set_point, wrench)
+            self._sent_set_point, self._wrench = set_point, ()
+            data += self._send(now_ns, *due)
         silence_s = (now_ns - self._last_sent_ns) * S_PER_NS
         if data or silence_s < self._pacing.heartbeat_after_s:
             return data
@@ -243,41 +255,15 @@ class Dialogue:
         return self._send(now_ns, packets.HEARTBEAT)
 
     def _due_setpoint(self, now_ns: int) -> tuple[Command, ...]:
-        if self._set_point is None:
+        """Return the set point released now: the newest, or one towards it, which stays pending."""
+        T_target = self._set_point
+        T = None if T_target is None else self._pacing.release(T_target, now_ns)
+        if T is None:
             return ()
-        T_target, command, carry = self._set_point
-        T_released = self._pacing.release(T_target, now_ns)
-        if T_released is None:
-            return ()
-        if T_released is T_target:
-            self._set_point, self._carry = None, carry
-        else:
-            command, self._carry = self._set_point_packet(T_released)
-            self._set_point = (T_target, *self._set_point_packet(T_target))
+        command, self._carry = packets.pose(Com.SET_POINT, T, self.scales, self._carry)
+        if T is T_target:
+            self._set_point = None
         return (command,)
-
-    def _set_point_packet(self, T: pin.SE3) -> tuple[Command, PoseCarry]:
-        return packets.pose(Com.SET_POINT, T, self.scales, self._carry)
-
-    def _due_gains(self) -> tuple[Command, ...]:
-        """Remove and return the gains that differ from the controller's."""
-        if not self._gains:
-            return ()
-        new = tuple(command for command in self._gains if command not in self._sent_gains)
-        self._sent_gains, self._gains = self._gains, ()
-        return new
-
-    def _due_centre(self) -> tuple[Command, ...]:
-        centre, self._centre = self._centre, ()
-        return centre
-
-    def _due_wrench(self) -> tuple[Command, ...]:
-        """Remove and return the wrench, which bypasses the ring, after its set point if new."""
-        (set_point, wrench), self._wrench = self._wrench, ()
-        if set_point == self._sent_set_point:
-            return (wrench,)
-        self._sent_set_point = set_point
-        return (set_point, wrench)
 
     # --- inside -----------------------------------------------------------------------------------
 

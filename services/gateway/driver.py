@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.last_check import LastCheck
 from common.motion.tracking import TrackingMonitor
@@ -59,39 +60,29 @@ class Driver:
 
     def __init__(
         self,
+        cell: CellConfig,
         dialogue: Dialogue,
         send: Callable[[bytes, int], None],
         *,
         guard: LastCheck,
         shaper: SetpointShaper,
-        tracking: TrackingMonitor,
-        speed_m_s: float,
-        T_flange_tcp: pin.SE3,
     ) -> None:
-        """Start in hold, with nothing sent.
-
-        `send` takes bytes and the time [ns]; `speed_m_s` is the largest speed at which the
-        controller follows set points.
-        """
+        """Start in hold, with nothing sent; `send` takes bytes and the time [ns]."""
         self._dialogue = dialogue
         self._send = send
         self._guard = guard
         self._shaper = shaper
-        self._tracking = tracking
-        self._T_flange_tcp = T_flange_tcp
-        self._stream_speed = Speed(mechanical_m_s=speed_m_s)
-        self._track = Track()
+        self._tracking = TrackingMonitor(cell)
+        self._T_flange_tcp: pin.SE3 = cell.tool.T_flange_tcp.pose
+        # The largest speed at which the controller follows set points.
+        self._stream_speed = Speed(mechanical_m_s=cell.limits.speed_m_s)
+        self.track = Track()  # of the last goal
         self._running: RunningFeedback | None = None
         self._streaming = False  # a stream is active; its first set point was the measured pose
         self._stream_from = 0  # packet number of that set point
         self._holding = True  # every connection begins with hello and hold
         self._lease: tuple[int, int] | None = None
         self._last_wrench: tuple[int, int] | None = None
-
-    @property
-    def goal(self) -> GoalReport:
-        """State of the last goal."""
-        return self._track.report
 
     @property
     def sent(self) -> pin.SE3 | None:
@@ -104,8 +95,8 @@ class Driver:
 
     def hold(self, reason: str, now_ns: int) -> None:
         """Brake and hold: command 8 once; nothing is resumed."""
-        if self._track.in_progress:
-            self._track = self._track.ended("refused", reason)
+        if self.track.in_progress:
+            self.track = self.track.ended("refused", reason)
         self._running, self._streaming = None, False
         self._shaper.end()
         self._tracking.free()
@@ -124,7 +115,7 @@ class Driver:
 
     def follow_goal(self, measured: ControllerReport, now_ns: int) -> None:
         """Update the state of the goal from a report."""
-        self._track = goals.follow(self._track, measured, now_ns)
+        self.track = goals.follow(self.track, measured, now_ns)
 
     def obey(
         self,
@@ -144,7 +135,7 @@ class Driver:
         if lease != self._lease:
             if not self._holding:  # the controller measures rotation from a hold, the guard here
                 self.hold("armed again", now_ns)
-            self._lease, self._track = lease, Track()
+            self._lease, self.track = lease, Track()
             purpose = "all" if command.permission is None else command.permission.purpose
             self._guard.start(measured.T_base_flange, now_ns, purpose)
         self._holding = False
@@ -168,29 +159,31 @@ class Driver:
     # --- goals and set points ---------------------------------------------------------------------
 
     def _pursue(self, goal: Goal, speed: Speed, measured: ControllerReport, now_ns: int) -> None:
-        track = self._track
+        track = self.track
         if goal.id == track.report.id and track.report.state != "queued":
             return
         if goal.id != track.report.id and track.in_progress:
             self._idle(now_ns)
-            self._track = goals.refused(goal, "another goal was in progress; it is braked")
+            self.track = goals.refused(goal, "another goal was in progress; it is braked")
             return
-        if self._dialogue.feedback_active or not self._is_start_known(goal, measured):
-            self._track = goals.queued(goal)
+        # The end of a relative move needs a known start.
+        at_rest = self._dialogue.settled and not measured.status & Status.MOVING
+        if self._dialogue.feedback_active or (goal.kind == "by" and not at_rest):
+            self.track = Track(GoalReport(id=goal.id, state="queued"))
             return
         trip = self._guard.goal(goal, speed, measured.T_base_flange, measured.joint_rad)
         if trip is not None:
-            self._track = goals.refused(goal, trip.text)
+            self.track = goals.refused(goal, trip.text)
         else:
             self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
             self._shaper.moved_otherwise()
-            self._track = goals.sent(goal, self._dialogue.window.last, measured.joint_rad, now_ns)
-            self._expect(self._track, measured)
-
-    def _is_start_known(self, goal: Goal, measured: ControllerReport) -> bool:
-        """Return whether the start of a move is known, which the end of a relative one needs."""
-        at_rest = self._dialogue.settled and not measured.status & Status.MOVING
-        return goal.kind != "by" or at_rest
+            track = goals.sent(goal, self._dialogue.window.last, measured.joint_rad, now_ns)
+            if track.T_target is not None:
+                self._tracking.line(measured.T_base_flange, track.T_target)
+            else:
+                target_rad = track.joint_target_rad or measured.joint_rad
+                self._tracking.joint_move(measured.joint_rad, target_rad)
+            self.track = track
 
     def _goal_bytes(self, goal: Goal, speed: Speed, now_ns: int) -> bytes:
         if goal.kind == "pose" and goal.pose is not None:
@@ -220,18 +213,10 @@ class Driver:
         self._dialogue.offer_setpoint(T_target)
         self._tracking.stream(T_target, now_ns)
 
-    def _expect(self, track: Track, measured: ControllerReport) -> None:
-        """Set the expected path of the arm to a goal, for the tracking check."""
-        if track.T_target is not None:
-            self._tracking.line(measured.T_base_flange, track.T_target)
-        else:
-            target_rad = track.joint_target_rad or measured.joint_rad
-            self._tracking.joint_move(measured.joint_rad, target_rad)
-
     def _idle(self, now_ns: int) -> None:
         """Brake an active goal: the permission contains no motion."""
-        if self._track.in_progress:
-            self._track = self._track.ended("refused", "the arbiter withdrew the goal")
+        if self.track.in_progress:
+            self.track = self.track.ended("refused", "the arbiter withdrew the goal")
             self._send(self._dialogue.hold(now_ns), now_ns)
 
     # --- force feedback ---------------------------------------------------------------------------

@@ -6,7 +6,8 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.convert import pose_of
-from common.motion.frames import rotation_between
+from common.motion.frames import apart
+from common.motion.limits import joint_goal
 from controller.packet_table import Status
 from forcemesh.messages import Goal, GoalReport, GoalState, Joints
 from services.gateway.packet_window import NONE_YET
@@ -57,11 +58,6 @@ class Track:
         return replace(self, report=report)
 
 
-def queued(goal: Goal) -> Track:
-    """Return a goal that is queued until force feedback has ended."""
-    return Track(GoalReport(id=goal.id, state="queued"))
-
-
 def refused(goal: Goal, reason: str) -> Track:
     """Return a goal refused before it was sent."""
     return Track(GoalReport(id=goal.id, state="refused", reason=reason[:400]))
@@ -69,17 +65,10 @@ def refused(goal: Goal, reason: str) -> Track:
 
 def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int) -> Track:
     """Return a goal whose packet was sent while the joints were at `joint_rad` [rad]."""
-    joints = goal.joint_rad
-    if goal.kind == "by" and joints is not None:
-        a, b, c, d, e, f = (q + dq for q, dq in zip(joint_rad, joints, strict=True))
-        joints = (a, b, c, d, e, f)
-    return Track(
-        GoalReport(id=goal.id, state="running"),
-        packet,
-        T_target=None if goal.pose is None or goal.kind != "pose" else pose_of(goal.pose),
-        joint_target_rad=None if goal.kind == "pose" else joints,
-        sent_ns=now_ns,
-    )
+    track = Track(GoalReport(id=goal.id, state="running"), packet, sent_ns=now_ns)
+    if goal.kind == "pose" and goal.pose is not None:
+        return replace(track, T_target=pose_of(goal.pose))
+    return replace(track, joint_target_rad=tuple(joint_goal(goal, joint_rad).tolist()))
 
 
 def follow(track: Track, measured: ControllerReport, now_ns: int) -> Track:
@@ -126,9 +115,7 @@ def _verdict(
 def _missing(track: Track, measured: ControllerReport) -> str:
     """Return the distance to the target as a text, empty when it is reached."""
     if track.T_target is not None:
-        T = measured.T_base_flange
-        distance_m = float(np.linalg.norm(track.T_target.translation - T.translation))
-        turn_rad = float(np.linalg.norm(rotation_between(T.rotation, track.T_target.rotation)))
+        distance_m, turn_rad = apart(measured.T_base_flange, track.T_target)
         if distance_m <= REACHED_M and turn_rad <= REACHED_RAD:
             return ""
         return f"{distance_m * 1e3:.2f} mm and {np.degrees(turn_rad):.2f} degrees"

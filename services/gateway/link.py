@@ -52,8 +52,8 @@ class Link:
         self.settings = settings
         self.connections = 0
         self.last_fault = ""
+        self.is_open = False  # the connection is established
         self._socket: socket.socket | None = None
-        self._open = False
         self._lost = ""
         self._since_ns = 0  # start of the attempt, then time of the last data received
         self._pause_s = settings.pause_first_s
@@ -62,17 +62,12 @@ class Link:
         self._sent_bytes = 0
         self._unconfirmed: deque[tuple[int, int]] = deque()  # stream position, time of `send`
 
-    @property
-    def is_open(self) -> bool:
-        """Whether the connection is established."""
-        return self._open
-
     def poll(self, now_ns: int) -> LinkEvents:
         """Open, receive and supervise the connection; return its events."""
         opened, data = False, b""
-        if not self._open and not self._lost and now_ns >= self._next_attempt_ns:
+        if not self.is_open and not self._lost and now_ns >= self._next_attempt_ns:
             opened = self._connect(now_ns)
-        if self._open and self._socket is not None:
+        if self.is_open and self._socket is not None:
             data = self._receive(self._socket, now_ns)
             self._flush(now_ns)
             self._watch(now_ns)
@@ -81,11 +76,11 @@ class Link:
 
     def send(self, data: bytes, now_ns: int) -> bool:
         """Queue bytes for sending; False without a connection (`poll` returns the reason)."""
-        if not self._open:
+        if not self.is_open:
             return False
         self._rest += data
         self._flush(now_ns)
-        return self._open
+        return self.is_open
 
     def greeted(self) -> None:
         """Register a valid hello, which resets the backoff."""
@@ -95,10 +90,10 @@ class Link:
         """Close the connection; the next one is opened after the pause."""
         if self._socket is not None:
             self._socket.close()
-        if self._open:
+        if self.is_open:
             self._lost = reason
         self.last_fault = reason
-        self._socket, self._open = None, False
+        self._socket, self.is_open = None, False
         self._rest, self._sent_bytes = b"", 0
         self._unconfirmed.clear()
         self._next_attempt_ns = now_ns + round(self._pause_s * NS_PER_S)
@@ -129,7 +124,7 @@ class Link:
         if _is_its_own_peer(self._socket):
             self.close(f"{self._where}: no server listens there", now_ns)
             return False
-        self._open, self._since_ns = True, now_ns
+        self.is_open, self._since_ns = True, now_ns
         self.connections += 1
         return True
 

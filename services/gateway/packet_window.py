@@ -14,16 +14,16 @@ from dataclasses import dataclass
 from math import ceil
 
 from controller import packet_table
-from controller.packet_table import ID_FIRST, TABLE, Com, ids_since
+from controller.packet_table import ID_FIRST, TABLE, Com
 
 NS_PER_S = 1_000_000_000
 NONE_YET = -1  # less than the number of any packet
 MOST_TIMES = 512
 MOST_IN_FLIGHT = 512
 DROP_AFTER_S = 60.0
-RATE_WINDOW_S = 4.0
+RATE_WINDOW_NS = 4 * NS_PER_S
 LEAST_STREAMED = 20  # set points before their median is published
-RATE_LEAST_S = 1.0
+RATE_LEAST_NS = NS_PER_S  # of the window, before a rate is known
 RATE_MARKS = 32  # per window: its length is exact to 1 / MARKS
 
 
@@ -46,7 +46,7 @@ class RoundTrips:
     def __init__(self) -> None:
         """Start without measurements."""
         self.last_s: float | None = None
-        self._in_flight: deque[tuple[int, int]] = deque()  # number, sent at
+        self.in_flight: deque[tuple[int, int]] = deque()  # without an echo: number, sent at
         self._times: deque[tuple[int, int]] = deque(maxlen=MOST_TIMES)  # echoed at, took
 
     def sent(self, number: int, now_ns: int) -> None:
@@ -54,29 +54,15 @@ class RoundTrips:
 
         With too many packets in flight this one is not timed: the older ones are.
         """
-        if len(self._in_flight) < MOST_IN_FLIGHT:
-            self._in_flight.append((number, now_ns))
+        if len(self.in_flight) < MOST_IN_FLIGHT:
+            self.in_flight.append((number, now_ns))
 
     def reached(self, number: int, now_ns: int) -> None:
         """Register an echo: this packet and all before it have arrived."""
-        while self._in_flight and self._in_flight[0][0] <= number:
-            took_ns = now_ns - self._in_flight.popleft()[1]
+        while self.in_flight and self.in_flight[0][0] <= number:
+            took_ns = now_ns - self.in_flight.popleft()[1]
             self.last_s = took_ns / NS_PER_S
             self._times.append((now_ns, took_ns))
-
-    @property
-    def oldest_ns(self) -> int | None:
-        """Time of the oldest packet without an echo, None without such a packet."""
-        return self._in_flight[0][1] if self._in_flight else None
-
-    @property
-    def in_flight(self) -> int:
-        """Number of packets without an echo."""
-        return len(self._in_flight)
-
-    def give_up(self) -> None:
-        """Drop the packets in flight: they were voided and will not be echoed."""
-        self._in_flight.clear()
 
     def spread(self, now_ns: int, least: int = 1) -> Spread | None:
         """Return the spread of the last minute, None with fewer than `least` times."""
@@ -110,7 +96,7 @@ class PacketWindow:
     @property
     def unexecuted(self) -> int:
         """Number of streamed commands not yet executed by the robot program."""
-        return self.streamed.in_flight
+        return len(self.streamed.in_flight)
 
     @property
     def unacknowledged(self) -> int:
@@ -140,8 +126,8 @@ class PacketWindow:
 
     def void(self) -> None:
         """Drop the packets in flight to the robot program: no echo of them will arrive."""
-        self.executions.give_up()
-        self.streamed.give_up()
+        self.executions.in_flight.clear()
+        self.streamed.in_flight.clear()
 
     def _echoed(self, id_: int, newest: int, known: int) -> int:
         """Return the number of an echoed ID, which can be that of packets up to `newest`.
@@ -150,51 +136,46 @@ class PacketWindow:
         back, the ID may denote a packet in flight, with a probability of one in 500 000; that
         packet then counts as arrived some milliseconds early.
         """
-        number = newest - ids_since(id_, id_of(newest))
+        number = newest - (id_of(newest) - id_) % packet_table.ID_COUNT
         return number if number >= max(self._hello, known) else known
 
 
 class Rate:
     """Rate of events over a sliding window, with constant memory."""
 
-    def __init__(self, window_s: float = RATE_WINDOW_S, least_s: float = RATE_LEAST_S) -> None:
-        """Start a window [s]; the rate is unknown before `least_s` of it have passed."""
-        self._window_ns, self._least_ns = round(window_s * NS_PER_S), round(least_s * NS_PER_S)
+    def __init__(self) -> None:
+        """Start a window."""
         self._marks: deque[tuple[int, int]] = deque()  # at, events so far
         self._total = 0
 
     def count(self, events: int, now_ns: int) -> None:
         """Count events; those of the first call precede the window."""
         self._total += events
-        if not self._marks or now_ns - self._marks[-1][0] >= self._window_ns // RATE_MARKS:
+        if not self._marks or now_ns - self._marks[-1][0] >= RATE_WINDOW_NS // RATE_MARKS:
             self._marks.append((now_ns, self._total))
-        while len(self._marks) > 1 and now_ns - self._marks[1][0] >= self._window_ns:
+        while len(self._marks) > 1 and now_ns - self._marks[1][0] >= RATE_WINDOW_NS:
             self._marks.popleft()
 
     def hz(self, now_ns: int) -> float | None:
         """Return events per second up to now, None while unknown."""
-        earlier = [mark for mark in self._marks if now_ns - mark[0] >= self._window_ns]
+        earlier = [mark for mark in self._marks if now_ns - mark[0] >= RATE_WINDOW_NS]
         since_ns, before = earlier[-1] if earlier else (self._marks or [(now_ns, 0)])[0]
-        if now_ns - since_ns < self._least_ns:
+        if now_ns - since_ns < RATE_LEAST_NS:
             return None
         return (self._total - before) * NS_PER_S / (now_ns - since_ns)
 
 
-class WrappingCounterRate:
+class WrappingCounterRate(Rate):
     """Rate of a counter with wraparound, from its readings."""
 
     def __init__(self, modulus: int) -> None:
         """Start without readings."""
+        super().__init__()
         self._modulus = modulus
         self._last: int | None = None
-        self._rate = Rate()
 
     def read(self, value: int, now_ns: int) -> None:
         """Evaluate a reading; at most one wraparound may lie between two readings."""
         last = value if self._last is None else self._last
         self._last = value
-        self._rate.count((value - last) % self._modulus, now_ns)
-
-    def hz(self, now_ns: int) -> float | None:
-        """Return counts per second, None while unknown."""
-        return self._rate.hz(now_ns)
+        self.count((value - last) % self._modulus, now_ns)

@@ -125,15 +125,6 @@ def encoded(com: Com, values: Iterable[float], scales: Scales, param: int = 0) -
     return Command(com, param, (a, b, c, d, e, f))
 
 
-def decoded(packet: Packet, scales: Scales) -> list[float]:
-    """Return the values of a packet in SI, in the order of the packet table."""
-    numbers = TABLE[Com(packet.com)].numbers(0)
-    return [
-        units / unit.per_unit(scales) * unit.si
-        for units, (_, unit) in zip(packet.vec, numbers, strict=True)
-    ]
-
-
 # --- commands -------------------------------------------------------------------------------------
 
 
@@ -160,11 +151,6 @@ def tcp(T_flange_tcp: pin.SE3, scales: Scales, point: CentreParam) -> Command:
     _refuse_unless_finite(T_flange_tcp)
     oat = oat_from_R(T_flange_tcp.rotation)
     return encoded(Com.TCP, (*T_flange_tcp.translation.tolist(), *oat), scales, int(point))
-
-
-def joints(com: Com, angles_rad: Joints, scales: Scales) -> Command:
-    """Return command 2 for joint angles, 3 for joint rotations [rad]."""
-    return encoded(com, angles_rad, scales)
 
 
 def wrench(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> Command:
@@ -323,7 +309,10 @@ def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | H
         raise RemoteProtocolError(f"the controller sent a gateway command, {packet.com}")
     if com == Com.HELLO:
         raise RemoteProtocolError("the controller sent hello twice")
-    a, b, c, d, e, f = decoded(packet, scales)
+    a, b, c, d, e, f = (
+        units / unit.per_unit(scales) * unit.si
+        for units, (_, unit) in zip(packet.vec, TABLE[com].numbers(0), strict=True)
+    )
     if com == Com.HEALTH:
         return HealthReport(packet.param, int(a), b, int(c), d, ID_FIRST + int(e), f != 0)
     counter, status = unpack_status(packet.param)

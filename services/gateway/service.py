@@ -9,7 +9,6 @@ from common.config.cell import CellConfig, GatewaySection
 from common.motion.convert import record_of, vec3
 from common.motion.last_check import MEASURED_SLACK_M, LastCheck
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
-from common.motion.tracking import TrackingMonitor
 from controller.packet_table import FEEDBACK_BITS, ID_COUNT, ID_FIRST, MODES, Status
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -71,16 +70,10 @@ class Gateway:
             stale_after_s=cell.stale_after_s(topics.ROBOT_STATE),
         )
         self._driver = Driver(
-            self._dialogue,
-            self._connection.send,
-            guard=guard,
-            shaper=shaper,
-            tracking=TrackingMonitor(cell),
-            speed_m_s=cell.limits.speed_m_s,
-            T_flange_tcp=cell.tool.T_flange_tcp.pose,
+            cell, self._dialogue, self._connection.send, guard=guard, shaper=shaper
         )
         self._gate = CommandGate()
-        self._verdict = NO_COMMAND_YET
+        self.verdict = NO_COMMAND_YET  # command that is executed now, or why none is
         self._state_period_ns = round(NS_PER_S / cell.rates.robot_hz)
         self._reported_ns = 0
         self._refusals = 0
@@ -88,11 +81,6 @@ class Gateway:
         self._wrench = bus.reader(topics.WRENCH)
         self._state = bus.publisher(topics.ROBOT_STATE)
         self.trigger = self._command
-
-    @property
-    def verdict(self) -> GateDecision:
-        """Command that is executed now, or why none is."""
-        return self._verdict
 
     @property
     def measured(self) -> ControllerReport | None:
@@ -119,16 +107,34 @@ class Gateway:
         self._connection.close(self._clock.now_ns())
 
     def step(self, now_ns: int) -> None:
-        """Read the controller's reports, execute the command or hold, publish the state."""
+        """Read the controller's reports, execute the command or hold, publish the state.
+
+        Every report is published; without reports the fault, at the usual rate.
+        """
         is_new = self._connection.poll(now_ns)
         self.fault = self._connection.link_fault(now_ns)
-        self._verdict = self._judge(now_ns, is_new=is_new)
-        if self._verdict.command is None:
-            self._driver.hold(self._verdict.hold_reason, now_ns)
+        self.verdict = self._judge(now_ns, is_new=is_new)
+        if self.verdict.command is None:
+            self._driver.hold(self.verdict.hold_reason, now_ns)
+        since_ns, early_ns = now_ns - self._reported_ns, EARLY * self._state_period_ns
         measured = self._connection.measured
         if measured is not None:
             self._driver.follow_goal(measured, now_ns)
-        self._report(is_new, now_ns)
+        if self.fault and since_ns >= self._state_period_ns:
+            state = RobotState(
+                valid=False,
+                reason=self.fault[:400],
+                code=self._connection.code,
+                goal=self._driver.track.report,
+                hold=self.verdict.hold,
+                link=self._link_health(),
+            )
+        elif is_new and measured is not None and not self.fault and since_ns >= early_ns:
+            state = self._state_of(measured)
+        else:
+            return
+        self._reported_ns = now_ns
+        self._state.put(state)
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -174,28 +180,9 @@ class Gateway:
 
     # --- state ------------------------------------------------------------------------------------
 
-    def _report(self, is_new: bool, now_ns: int) -> None:  # noqa: FBT001 - one flag of one caller
-        """Publish every report; without reports publish the fault at the usual rate."""
-        since_ns, early_ns = now_ns - self._reported_ns, EARLY * self._state_period_ns
-        measured = self._connection.measured
-        if is_new and measured is not None and not self.fault and since_ns >= early_ns:
-            self._reported_ns = now_ns
-            self._state.put(self._state_of(measured))
-        elif self.fault and since_ns >= self._state_period_ns:
-            self._reported_ns = now_ns
-            self._state.put(
-                RobotState(
-                    valid=False,
-                    reason=self.fault[:400],
-                    code=self._connection.code,
-                    goal=self._driver.goal,
-                    hold=self._verdict.hold,
-                    link=self._link_health(),
-                )
-            )
-
     def _state_of(self, measured: ControllerReport) -> RobotState:
         flange, health = record_of(measured.T_base_flange), self._connection.health
+        sent = self._driver.sent
         return RobotState(
             position_m=flange.position_m,
             orientation_xyzw=flange.orientation_xyzw,
@@ -205,10 +192,10 @@ class Gateway:
                 0 if health is None else health.error_code,
                 self._connection.faults(),
             ),
-            goal=self._driver.goal,
-            accepted=self._verdict.accepted,
-            sent=None if self._driver.sent is None else record_of(self._driver.sent),
-            hold=self._verdict.hold,
+            goal=self._driver.track.report,
+            accepted=self.verdict.accepted,
+            sent=None if sent is None else record_of(sent),
+            hold=self.verdict.hold,
             link=self._link_health(),
         )
 

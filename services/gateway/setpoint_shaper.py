@@ -15,11 +15,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, radians
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig, LimitsSection
-from common.motion.frames import interpolated, rotation_between
+from common.motion.frames import apart, interpolated
 from common.motion.setpoint_monitor import ACCEL_MARGIN, EARLY_S, HALF_S, SPEED_MARGIN, WINDOW_S
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
@@ -166,8 +165,4 @@ class SetpointShaper:
 
 def _steps(T_from: pin.SE3 | None, T_to: pin.SE3) -> tuple[float, float]:
     """Return travel [m] and rotation [rad] from one pose to another, zero from None."""
-    if T_from is None:
-        return 0.0, 0.0
-    travel = T_to.translation - T_from.translation
-    rotation = rotation_between(T_from.rotation, T_to.rotation)
-    return float(np.linalg.norm(travel)), float(np.linalg.norm(rotation))
+    return (0.0, 0.0) if T_from is None else apart(T_from, T_to)

@@ -19,7 +19,7 @@ from sim.robot.plate import Disc, SprungPlate, lift_off_m
 from sim.robot.scene import build_model, plate_at_rest
 from sim.robot.settings import TICK_S, SimSettings
 
-FAR_M = 0.02  # from the plate: no contact within a step
+FAR_M = 0.02  # from the plate: no contact within a step at any speed of the arm
 STILL_RAD_S = 0.002  # below this joint speed, with no active command, the arm is at rest
 
 
@@ -84,18 +84,14 @@ class PlateContact:
 
     def act(self) -> None:
         """Apply the contact wrench to the disc for the model's next time step."""
-        if self.springs.rests and self._is_far():
+        far_m = self._radius_m + FAR_M
+        if self.springs.rests and self.normal.dot(self._p_tcp_m - self.point_m) > far_m:
             self._pushed[:] = 0.0
             return
         dt_s = self._model.opt.timestep
         push = self.springs.step(self._disc_after(dt_s), dt_s)
         both = np.array((push.force_N, push.torque_Nm))
         self._pushed[:] = both.dot(self._R_base_plate.T)  # twice as fast as `@`
-
-    def _is_far(self) -> bool:
-        """Return whether the disc cannot reach the plate within the step at its current speed."""
-        from_plate = self._p_tcp_m - self.point_m
-        return float(from_plate.dot(self.normal)) > self._radius_m + FAR_M
 
     def _disc_after(self, dt_s: float) -> Disc:
         """Return the disc extrapolated by its velocity to the end of the step."""
@@ -177,7 +173,7 @@ class SimArm:
     @property
     def T_base_flange(self) -> pin.SE3:
         """Measured flange pose: forward kinematics of the current joint angles."""
-        return self.kinematics.flange_pose(self.q)
+        return self.kinematics.flange_pose(self._q)
 
     @property
     def T_base_tcp(self) -> pin.SE3:

@@ -3,12 +3,12 @@
 A violated limit is a trip and the caller then ends the lease; a rejected goal does not end it.
 """
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.last_check import LastCheck
+from common.motion.limits import joint_goal
 from common.motion.tracking import TrackingMonitor
 from forcemesh.faults import tripped
 from forcemesh.messages import (
@@ -21,7 +21,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from sim.robot.arm import SimArm
-from sim.robot.motion import MotionGenerator, MotionSpeed
+from sim.robot.motion import MotionGenerator
 
 
 class SimDriver:
@@ -30,23 +30,17 @@ class SimDriver:
     def __init__(self, cell: CellConfig, arm: SimArm, motion: MotionGenerator) -> None:
         """Start at rest."""
         self.goal = GoalReport()
+        self.sent: pin.SE3 | None = None  # last set point of the stream, flange in base
         self._arm, self._motion = arm, motion
         self._guard = LastCheck(cell, arm.kinematics.flange_pose)
         self._tracking = TrackingMonitor(cell)
         self._lease: tuple[int, int] | None = None  # arbiter's epoch, lease
-        self._streaming = False
         self._seeded = True
-        self._sent: pin.SE3 | None = None  # last set point of the stream
-
-    @property
-    def sent(self) -> pin.SE3 | None:
-        """Last set point sent to the arm, flange in base; None: no stream."""
-        return self._sent if self._streaming else None
 
     def hold(self, reason: str) -> None:
         """Brake; once at rest, command the measured pose, so that no command is pending."""
         self._motion.brake()
-        self._streaming = False
+        self.sent = None
         self._tracking.free()
         if self.goal.state == "running":
             self.goal = self.goal.replaced(state="refused", reason=reason)
@@ -79,11 +73,14 @@ class SimDriver:
             return tripped("robot_refuses", text)
         if command.kind == "setpoint":
             return self._follow(command, now_ns) if is_new else None
-        self._streaming = False
+        self.sent = None
         if command.kind == "goal" and command.goal is not None:
             self._pursue(command.goal, command.speed)
-        else:
-            self._idle()
+            return None
+        if self._motion.state == "running":  # the permission contains no motion
+            self._motion.brake()
+        moving = self._motion.busy or self._arm.moving
+        self._tracking.rest(self._arm.T_base_flange, moving=moving)
         return None
 
     def watch(self, now_ns: int) -> Trip | None:
@@ -95,26 +92,18 @@ class SimDriver:
         if command.pose is None:
             return tripped("malformed", "a set point without a pose")
         T_measured = self._arm.T_base_flange
-        if not self._streaming:
+        if self.sent is None:
             if (trip := self._guard.seed(T_measured, now_ns)) is not None:
                 return trip
             self._tracking.stream(T_measured, now_ns)
-            self._streaming, self._sent = True, None
         T_target = pose_of(command.pose)
         if (trip := self._guard.setpoint(T_target, T_measured, now_ns)) is not None:
             return trip
         if reason := self._motion.setpoint(T_target):
             return tripped("robot_refuses", reason)
         self._tracking.stream(T_target, now_ns)
-        self._sent = T_target
+        self.sent = T_target
         return None
-
-    def _idle(self) -> None:
-        """Handle permission without a motion: brake an active goal."""
-        if self._motion.state == "running":
-            self._motion.brake()
-        moving = self._motion.busy or self._arm.moving
-        self._tracking.rest(self._arm.T_base_flange, moving=moving)
 
     def _pursue(self, goal: Goal, speed: Speed) -> None:
         if goal.id != self.goal.id:
@@ -133,20 +122,14 @@ class SimDriver:
         trip = self._guard.goal(goal, speed, self._arm.kinematics.flange_pose(q), q)
         if trip is not None:
             return trip.text
-        motion_speed = MotionSpeed(
-            speed_m_s=speed.mechanical_m_s * speed.modular_fraction,
-            accel_fraction=speed.accel_fraction,
-            decel_fraction=speed.decel_fraction,
-        )
         if goal.kind == "pose" and goal.pose is not None:
             T_goal = pose_of(goal.pose)
-            reason = self._motion.start_pose(T_goal, motion_speed)
+            reason = self._motion.start_pose(T_goal, speed)
             if not reason:
                 self._tracking.line(self._arm.T_base_flange, T_goal)
             return reason
-        turn_rad = np.array(goal.joint_rad)
-        q_goal = q + turn_rad if goal.kind == "by" else turn_rad
-        reason = self._motion.start_joints(q_goal, motion_speed)
+        q_goal = joint_goal(goal, q)
+        reason = self._motion.start_joints(q_goal, speed)
         if not reason:
             self._tracking.joint_move(self._arm.q, q_goal)
         return reason

@@ -43,12 +43,12 @@ class FtSensor:
         self.wiring = np.eye(6)
         self.disturb: Callable[[FtSample], FtSample | None] = lambda sample: sample
         s = settings
-        noise = np.array([s.noise_force_N] * 3 + [s.noise_torque_Nm] * 3)
+        noise = np.repeat([s.noise_force_N, s.noise_torque_Nm], 3)
         self._noise = _normal(noise, np.random.default_rng(seed))
         self._bias = np.array([*s.bias_force_N, *s.bias_torque_Nm])
-        self._range = np.array([s.force_range_N] * 3 + [s.torque_range_Nm] * 3)
+        self._range = np.repeat([s.force_range_N, s.torque_range_Nm], 3)
         self._ranges = self._range.tolist()
-        step = np.array([s.quantum_force_N] * 3 + [s.quantum_torque_Nm] * 3)
+        step = np.repeat([s.quantum_force_N, s.quantum_torque_Nm], 3)
         self._rough = np.flatnonzero(step > 0.0)
         self._step = step[self._rough]
 

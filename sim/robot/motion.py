@@ -10,16 +10,17 @@ stream   the newest streamed pose is followed
 """
 
 import math
-from dataclasses import dataclass
 from operator import truediv
 from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, rotation_between
+from common.motion.frames import Array, apart
 from common.motion.kinematics import ArmKinematics
+from common.motion.limits import real_speed_m_s
 from common.motion.paths import TURN_RADIUS_M, JointPath, LinearPath, MotionPath
+from forcemesh.messages import Speed
 
 MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
 
@@ -30,20 +31,12 @@ _SHRINKS = 8  # attempts to find a step that keeps the joint speed limits
 _BUSY = "a goal is active: brake first"
 
 
-@dataclass(frozen=True, slots=True)
-class MotionSpeed:
-    """Speed of a goal. Rotations and joint angles are scaled by the radius `TURN_RADIUS_M`."""
-
-    speed_m_s: float = 0.05
-    accel_fraction: float = 1.0  # of ACCEL_M_S2
-    decel_fraction: float = 1.0
-
-
 class MotionGenerator:
     """Converts goals and streamed poses into one joint command per tick.
 
     Open loop: its commands do not depend on measurements of the arm. `start_*` and `setpoint`
-    return an empty string, or the reason for a rejection.
+    return an empty string, or the reason for a rejection. In the speed of a goal, rotations and
+    joint angles are scaled by the radius `TURN_RADIUS_M`.
     """
 
     def __init__(
@@ -53,7 +46,7 @@ class MotionGenerator:
         self._kinematics = kinematics
         self._joint_speeds_rad_s = kinematics.max_speed_rad_s.tolist()
         self._path: MotionPath | None = None
-        self._speed = MotionSpeed()
+        self._speed = Speed()
         self._share, self._share_speed = 0.0, 0.0  # s and ds/dt of the path
         self.q_command: Array = np.array(q_start, dtype=float)
         self._q_stream: Array = self.q_command.copy()
@@ -72,7 +65,7 @@ class MotionGenerator:
         self.q_command = np.array(q, dtype=float)
         self._path, self.state, self.reason = None, "idle", ""
 
-    def start_pose(self, T_base_flange: pin.SE3, speed: MotionSpeed) -> str:
+    def start_pose(self, T_base_flange: pin.SE3, speed: Speed) -> str:
         """Start a linear motion of the flange with uniform rotation about one axis."""
         if self.busy:
             return _BUSY
@@ -81,7 +74,7 @@ class MotionGenerator:
         path = LinearPath(self._kinematics, self.q_command, T_base_flange)
         return path.obstacle(self.q_command) or self._start(path, speed)
 
-    def start_joints(self, q_goal: Array, speed: MotionSpeed) -> str:
+    def start_joints(self, q_goal: Array, speed: Speed) -> str:
         """Start a synchronised motion to joint angles [rad]. Shape (n,)."""
         if self.busy:
             return _BUSY
@@ -99,15 +92,23 @@ class MotionGenerator:
         if result.q is None:
             return result.reason
         self._q_stream, self.state, self.reason = result.q, "stream", ""
-        self._stream_s = self._time_s(T_base_flange)
+        travel_m, turn_rad = apart(self._kinematics.flange_pose(self.q_command), T_base_flange)
+        self._stream_s = max(travel_m, TURN_RADIUS_M * turn_rad) / self._stream_m_s
         return ""
 
     def brake(self) -> None:
-        """Stop: a goal along its path, a stream not beyond its last pose."""
+        """Stop: a goal along its path; a stream ramps down unless its last pose is reached."""
         if self.state == "running":
             self.state = "braking"
         elif self.state == "stream":
-            self._brake_stream()
+            travel = self._q_stream - self.q_command
+            needed_s = max(self._time_at_full_speed_s(travel), self._stream_s)
+            self.state = "idle"
+            if needed_s > 1e-9:
+                path = JointPath(self._kinematics, self.q_command, self._q_stream)
+                self._start(path, self._speed)
+                self._share_speed = 1.0 / needed_s
+                self.state = "braking"
 
     def tick(self, dt_s: float) -> Array:
         """Advance by one tick and return the joint command [rad], read-only; the same one at rest.
@@ -117,41 +118,19 @@ class MotionGenerator:
         if self.busy:
             self._follow(dt_s)
         elif self.state == "stream":
-            self._stream_on(dt_s)
+            travel = self._q_stream - self.q_command
+            if travel.any():
+                ticks_needed = max(self._time_at_full_speed_s(travel), self._stream_s) / dt_s
+                self.q_command = self.q_command + travel / max(1.0, ticks_needed)
+            self._stream_s = max(0.0, self._stream_s - dt_s)
         self.q_command.setflags(write=False)
         return self.q_command
 
-    def _time_s(self, T_target: pin.SE3) -> float:
-        """Return the travel time of the flange to a streamed pose [s], with a goal's rotation."""
-        T = self._kinematics.flange_pose(self.q_command)
-        travel = T_target.translation - T.translation
-        rotation = rotation_between(T.rotation, T_target.rotation)
-        travel_m, rotation_rad = math.sqrt(travel.dot(travel)), math.sqrt(rotation.dot(rotation))
-        return max(travel_m, TURN_RADIUS_M * rotation_rad) / self._stream_m_s
-
-    def _start(self, path: MotionPath, speed: MotionSpeed) -> str:
+    def _start(self, path: MotionPath, speed: Speed) -> str:
         self._path, self._speed = path, speed
         self._share, self._share_speed = 0.0, 0.0
         self.state, self.reason = "running", ""
         return ""
-
-    def _brake_stream(self) -> None:
-        """End a stream: stop if its pose is reached, otherwise ramp down."""
-        travel = self._q_stream - self.q_command
-        needed_s = max(self._time_at_full_speed_s(travel), self._stream_s)
-        self.state = "idle"
-        if needed_s > 1e-9:
-            path = JointPath(self._kinematics, self.q_command, self._q_stream)
-            self._start(path, self._speed)
-            self._share_speed = 1.0 / needed_s
-            self.state = "braking"
-
-    def _stream_on(self, dt_s: float) -> None:
-        if self.q_command.tolist() != self._q_stream.tolist():
-            travel = self._q_stream - self.q_command
-            ticks_needed = max(self._time_at_full_speed_s(travel), self._stream_s) / dt_s
-            self.q_command = self.q_command + travel / max(1.0, ticks_needed)
-        self._stream_s = max(0.0, self._stream_s - dt_s)
 
     def _follow(self, dt_s: float) -> None:
         assert self._path is not None  # noqa: S101 - busy means that there is one
@@ -178,7 +157,7 @@ class MotionGenerator:
         half = 0.5 * decel * dt_s
         stopping = math.sqrt(half * half + 2.0 * decel * (1.0 - self._share)) - half
         faster = self._share_speed + accel * dt_s
-        return min(faster, self._speed.speed_m_s * scale, max(stopping, half))
+        return min(faster, real_speed_m_s(self._speed) * scale, max(stopping, half))
 
     def _allowed_step(self, path: MotionPath, dt_s: float) -> tuple[float, Array | None]:
         """Return the share and joints after this tick, shortened to the joints' speed limits."""

@@ -52,12 +52,6 @@ class Disc(NamedTuple):
     turn_rad_s: Vector3
     radius_m: float
 
-    @property
-    def lift_m(self) -> float:
-        """Gap between the nearest point of the rim and the undeflected plate."""
-        bx, by, _ = self.back
-        return self.centre_m[2] - self.radius_m * math.hypot(bx, by)
-
 
 class ContactWrench(NamedTuple):
     """Wrench of the plate on the disc, in the undeflected plate frame, about the disc's centre."""
@@ -100,23 +94,25 @@ class SprungPlate:
 
     def step(self, disc: Disc, dt_s: float) -> ContactWrench:
         """Advance by `dt_s` [s] to the given disc state; return the wrench on the disc."""
-        if self.rests and disc.lift_m >= 0.0:
+        (x, y, z), (bx, by, _) = disc.centre_m, disc.back
+        if self.rests and z - disc.radius_m * math.hypot(bx, by) >= 0.0:
             return ContactWrench()
-        rule = _Midpoint.of(self, dt_s)
-        free_slope = (rule.kept * self.slope[0], rule.kept * self.slope[1])
-        squeeze = _Squeeze(disc, rule, rule.kept * self.travel_m, free_slope)
-        normal_N, arm = (0.0, _ORIGIN) if self._misses(disc, squeeze) else squeeze.solve()
+        rate = self.relaxation_s / dt_s + 0.5
+        k, k_tilt = rate * self.stiffness_N_m, rate * self.tilt_stiffness_Nm_rad
+        rule = _Midpoint(k, k_tilt, 1.0 - 1.0 / rate, dt_s)
+        free_m, free_x, free_y = (rule.kept * away for away in (self.travel_m, *self.slope))
+        squeeze = _Squeeze(disc, rule, free_m, (free_x, free_y))
+        normal_N, arm = 0.0, _ORIGIN
+        is_beside = max(abs(x), abs(y)) > HALF_SIDE_M
+        if not is_beside and (self.touched or squeeze.at(0.0)[0] >= -DEEPEST_TOUCH_M):
+            normal_N, arm = squeeze.solve()
         self.touched = normal_N > 0.0
-        self.travel_m, self.slope = squeeze.travel_m(normal_N), squeeze.slope(normal_N, arm)
+        self.travel_m, give = free_m - normal_N / k, normal_N / k_tilt
+        self.slope = (free_x - give * (x + arm[0]), free_y - give * (y + arm[1]))
         fx, fy, twist_Nm = self._rub(disc, arm, normal_N, rule)
         force = (fx - normal_N * self.slope[0], fy - normal_N * self.slope[1], normal_N)
         tx, ty, tz = _cross(arm, force)
         return ContactWrench(force, (tx, ty, tz + twist_Nm), normal_N)
-
-    def _misses(self, disc: Disc, squeeze: "_Squeeze") -> bool:
-        """Return whether the disc is beside the plate or below it."""
-        is_off_plate = max(abs(disc.centre_m[0]), abs(disc.centre_m[1])) > HALF_SIDE_M
-        return is_off_plate or (not self.touched and squeeze.at(0.0)[0] < -DEEPEST_TOUCH_M)
 
     def _rub(self, disc: Disc, arm: Vector3, normal_N: float, rule: "_Midpoint") -> Vector3:
         """Apply stick or slip friction; return its force [N, N] and torque [Nm] on the disc."""
@@ -147,12 +143,6 @@ class _Midpoint(NamedTuple):
     kept: float
     dt_s: float
 
-    @classmethod
-    def of(cls, plate: SprungPlate, dt_s: float) -> "_Midpoint":
-        rate = plate.relaxation_s / dt_s + 0.5
-        k, k_tilt = rate * plate.stiffness_N_m, rate * plate.tilt_stiffness_Nm_rad
-        return cls(k, k_tilt, 1.0 - 1.0 / rate, dt_s)
-
 
 class _Squeeze(NamedTuple):
     """Projection on the gap constraint: one equation for the normal force, monotonic in it."""
@@ -162,26 +152,16 @@ class _Squeeze(NamedTuple):
     free_m: float  # deflection of the unloaded plate at the end of the step
     free_slope: Vector2
 
-    def travel_m(self, normal_N: float) -> float:
-        """Return u under a normal force [m]."""
-        return self.free_m - normal_N / self.rule.k
-
-    def slope(self, normal_N: float, arm_m: Vector3) -> Vector2:
-        """Return s under a normal force at a centre of pressure."""
-        x, y, _ = self.disc.centre_m
-        give = normal_N / self.rule.k_tilt
-        return (
-            self.free_slope[0] - give * (x + arm_m[0]),
-            self.free_slope[1] - give * (y + arm_m[1]),
-        )
-
     def solve(self) -> tuple[float, Vector3]:
         """Return the normal force [N] and the centre of pressure from the disc's centre [m]."""
         gap_m, _, arm_m = self.at(0.0)
         low, high = 0.0, -self.rule.k * gap_m  # tilt can only reduce the force
         if high <= 0.0:
             return 0.0, _ORIGIN
-        normal_N = self._flat_N()
+        (x, y, z), (bx, by, bz) = self.disc.centre_m, self.disc.back
+        normal_N = 0.0
+        if abs(bz) >= 0.1:  # initial guess: the disc lies flat
+            normal_N = self.rule.k * (self.free_m - z - (bx * x + by * y) / bz)
         for _ in range(NEWTON_STEPS):
             if not low < normal_N <= high:
                 normal_N = 0.5 * (low + high)
@@ -215,13 +195,6 @@ class _Squeeze(NamedTuple):
         if q > 0.0:
             rises -= give * r * (bz * (x * ey - y * ex)) ** 2 / (k_tilt * q)
         return gap_m, rises, (arm_x, arm_y, -r * (ex * bx + ey * by))
-
-    def _flat_N(self) -> float:
-        """Return the force on a disc that lies flat: initial guess of the solver."""
-        (x, y, z), (bx, by, bz) = self.disc.centre_m, self.disc.back
-        if abs(bz) < 0.1:
-            return 0.0
-        return self.rule.k * (self.free_m - z - (bx * x + by * y) / bz)
 
 
 def _cross(a: Vector3, b: Vector3) -> Vector3:

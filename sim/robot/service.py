@@ -1,26 +1,35 @@
 """Simulated robot on the bus: implements the keys of the gateway and of the sensor."""
 
-from functools import cache
-
 from common.config.cell import CellConfig
 from common.motion.convert import joints, record_of, vec3
 from common.motion.frames import is_finite
-from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
+from common.motion.permission import NO_COMMAND_YET, CommandGate
 from common.motion.setpoint_monitor import SPEED_MARGIN
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
-from forcemesh.messages import LinkHealth, RobotState, RobotStatus, SensorWrench, Trip
+from forcemesh.messages import (
+    ZERO3,
+    LinkHealth,
+    RobotState,
+    RobotStatus,
+    SensorWrench,
+    Trip,
+)
 from sim.robot.arm import SimArm
 from sim.robot.driver import SimDriver
-from sim.robot.ft_sensor import FtSample
+from sim.robot.ft_sensor import FtStatus
 from sim.robot.motion import MotionGenerator
 from sim.robot.settings import TICK_S, SimSettings
 from sim.robot.trace import trace_from_environment
 
 MOST_TICKS_PER_STEP = 50  # a process delayed for longer drops simulated time instead
 TICK_NS = round(TICK_S * NS_PER_S)
-SENSOR_CODES = {"ok": "", "saturated": "sensor_saturated", "fault": "sensor_fault"}
+SENSOR_CODES: dict[FtStatus, str] = {
+    "ok": "",
+    "saturated": "sensor_saturated",
+    "fault": "sensor_fault",
+}
 _LINK = LinkHealth(connected=True, round_trip_s=0.0)
 
 
@@ -37,7 +46,7 @@ class SimRobot:
         stream_m_s = SPEED_MARGIN * cell.limits.speed_m_s
         self._motion = MotionGenerator(self.arm.kinematics, self.arm.q, stream_m_s=stream_m_s)
         self._gate = CommandGate()
-        self._verdict = NO_COMMAND_YET
+        self.verdict = NO_COMMAND_YET  # permission in force, or the reason for a hold
         self._driver = SimDriver(cell, self.arm, self._motion)
         self._refusals = 0
         self._state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
@@ -49,24 +58,32 @@ class SimRobot:
         self._sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         self._trace = trace_from_environment(self.arm, bus.clock)
 
-    @property
-    def verdict(self) -> GateDecision:
-        """Permission in force, or the reason for a hold."""
-        return self._verdict
-
     def counters(self) -> dict[str, int]:
         """Return the counters of dropped messages and lost time."""
-        superseded = self._command.counters.superseded
         return {
-            "command_superseded": superseded,
+            "command_superseded": self._command.counters.superseded,
             "ticks_lost": self._ticks_lost,
             "refusals": self._refusals,
         }
 
     def step(self, now_ns: int) -> None:
-        """Execute the command or hold, then advance the physics to the clock."""
-        self._verdict = self._gate.judge(self._command.read(now_ns), now_ns)
-        self._obey(now_ns)
+        """Execute the command or hold, then advance the physics to the clock.
+
+        A violated limit ends the lease of the command.
+        """
+        self.verdict = verdict = self._gate.judge(self._command.read(now_ns), now_ns)
+        command, accepted = verdict.command, verdict.accepted
+        if command is not None and command.permission is not None and accepted is not None:
+            trip = self._driver.obey(
+                command,
+                lease=(accepted.epoch, command.permission.lease),
+                wrench=self._wrench.read(now_ns).fresh,
+                is_new=verdict.is_new,
+                now_ns=now_ns,
+            )
+            self._refuse(trip)
+        if self.verdict.command is None:
+            self._driver.hold(self.verdict.hold_reason)
         elapsed = (now_ns - self._start_ns) // TICK_NS - self.arm.ticks - self._ticks_lost
         self._ticks_lost += max(0, elapsed - MOST_TICKS_PER_STEP)
         for _ in range(min(elapsed, MOST_TICKS_PER_STEP)):
@@ -78,62 +95,33 @@ class SimRobot:
         self._sensor.ticked()
         if self._trace is not None:
             self._trace.ticked()
-        if self.arm.ticks % self._state_ticks == 0:
-            if self._verdict.command is not None:
-                at_ns = self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS
-                self._refuse(self._driver.watch(at_ns))
-            self._put_state()
-
-    # --- command execution ----------------------------------------------------------------------
-
-    def _obey(self, now_ns: int) -> None:
-        """Execute a permitted command; a violated limit ends its lease."""
-        verdict = self._verdict
-        command, accepted = verdict.command, verdict.accepted
-        if command is not None and command.permission is not None and accepted is not None:
-            trip = self._driver.obey(
-                command,
-                lease=(accepted.epoch, command.permission.lease),
-                wrench=self._wrench.read(now_ns).fresh,
-                is_new=verdict.is_new,
-                now_ns=now_ns,
+        if self.arm.ticks % self._state_ticks:
+            return
+        if self.verdict.command is not None:
+            at_ns = self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS
+            self._refuse(self._driver.watch(at_ns))
+        flange, sent, hold = record_of(self.arm.T_base_flange), self._driver.sent, self.verdict.hold
+        self._state.put(
+            RobotState(
+                position_m=flange.position_m,
+                orientation_xyzw=flange.orientation_xyzw,
+                joint_rad=joints(self.arm.q),
+                status=RobotStatus(ready=True, moving=self.arm.moving, held=hold is not None),
+                goal=self._driver.goal,
+                accepted=self.verdict.accepted,
+                sent=None if sent is None else record_of(sent),
+                hold=hold,
+                link=_LINK,
             )
-            self._refuse(trip)
-        if self._verdict.command is None:
-            self._driver.hold(self._verdict.hold_reason)
+        )
 
     def _refuse(self, trip: Trip | None) -> None:
         """End the lease when there is a trip."""
         if trip is None:
             return
         self._refusals += 1
-        self._verdict = self._gate.revoke(trip)
-        self._driver.hold(self._verdict.hold_reason)
-
-    # --- publishing -----------------------------------------------------------------------------
-
-    def _put_state(self) -> None:
-        T_base_flange = record_of(self.arm.T_base_flange)
-        hold = self._verdict.hold
-        self._state.put(
-            RobotState(
-                position_m=T_base_flange.position_m,
-                orientation_xyzw=T_base_flange.orientation_xyzw,
-                joint_rad=joints(self.arm.q),
-                status=_status(moving=self.arm.moving, held=hold is not None),
-                goal=self._driver.goal,
-                accepted=self._verdict.accepted,
-                sent=None if self._driver.sent is None else record_of(self._driver.sent),
-                hold=hold,
-                link=_LINK,
-            )
-        )
-
-
-@cache
-def _status(*, moving: bool, held: bool) -> RobotStatus:
-    """Return the status of an arm that is always ready; cached, as few values occur."""
-    return RobotStatus(ready=True, moving=moving, held=held)
+        self.verdict = self._gate.revoke(trip)
+        self._driver.hold(self.verdict.hold_reason)
 
 
 class SensorFeed:
@@ -146,29 +134,30 @@ class SensorFeed:
         self._wrench = sensor_bus.publisher(topics.SENSOR_WRENCH)
 
     def ticked(self) -> None:
-        """Handle one tick of the arm: publish a sample if due."""
+        """Handle one tick of the arm: publish a sample if due.
+
+        It is the message of a driver: with a number that is not finite it is invalid and empty.
+        """
         if self._arm.ticks % self._ticks:
             return
         sample = self._arm.ft_sensor.disturb(self._arm.sample_ft())
-        if sample is not None:
-            self._wrench.put(message_of(sample, self._arm.ticks // self._ticks))
-
-
-def message_of(sample: FtSample, counter: int) -> SensorWrench:
-    """Return a sample as a driver's message; one with non-finite numbers is invalid and empty."""
-    force_N, torque_Nm = vec3(sample.force_N), vec3(sample.torque_Nm)
-    if not is_finite(force_N + torque_Nm):
-        reason = "the sensor reading is not finite"
-        return SensorWrench(
-            valid=False, reason=reason, code="not_finite", status="fault", counter=counter
+        if sample is None:
+            return
+        force_N, torque_Nm = vec3(sample.force_N), vec3(sample.torque_Nm)
+        status, code, reason = sample.status, SENSOR_CODES[sample.status], ""
+        if not is_finite(force_N + torque_Nm):
+            force_N = torque_Nm = ZERO3
+            status, code, reason = "fault", "not_finite", "the sensor reading is not finite"
+        elif status != "ok":
+            reason = f"the sensor reports {status}"
+        self._wrench.put(
+            SensorWrench(
+                valid=not reason,
+                reason=reason,
+                code=code,
+                force_N=force_N,
+                torque_Nm=torque_Nm,
+                status=status,
+                counter=self._arm.ticks // self._ticks,
+            )
         )
-    is_ok = sample.status == "ok"
-    return SensorWrench(
-        valid=is_ok,
-        reason="" if is_ok else f"the sensor reports {sample.status}",
-        code=SENSOR_CODES[sample.status],
-        force_N=force_N,
-        torque_Nm=torque_Nm,
-        status=sample.status,
-        counter=counter,
-    )

@@ -16,10 +16,10 @@ from common.bus.memory_bus import MemoryCall
 from common.config.load import cell_from_tree
 from common.motion.last_check import LastCheck
 from common.motion.limits import (
+    ArmBounds,
+    JointTrack,
     Limits,
-    check_joint_speed,
     check_step,
-    check_tether,
     check_workspace,
 )
 from common.motion.setpoint_monitor import SetpointMonitor
@@ -208,7 +208,10 @@ def backing_off_from_nothing_known() -> str:
 FAR = MoveRequest(kind="joints", joint_rad=(9.0,) * 6)
 OTHER_ARM = MoveRequest(kind="joints", joint_rad=(0.0,) * 7)
 NOWHERE = pin.SE3(np.eye(3), np.full(3, np.nan))
-BEYOND_ALL = pin.SE3(np.eye(3), np.full(3, 9.0))
+INSIDE = pin.SE3(np.eye(3), 0.5 * (LIMITS.workspace_min_m + LIMITS.workspace_max_m))
+UPSIDE_DOWN = pin.SE3(pin.utils.rotate("x", np.pi), INSIDE.translation)
+BOUNDS = ArmBounds(LIMITS, pin.SE3.Identity(), INSIDE)
+RACING = JointTrack(((0, np.zeros(6)), (10**9, np.full(6, 99.0))))
 
 # fmt: off
 REACHED: dict[str, Callable[[], str]] = {
@@ -240,14 +243,14 @@ REACHED: dict[str, Callable[[], str]] = {
     "joint":            lambda: ask_armed((topics.MOVE, FAR)),
     "joint_count":      lambda: ask_armed((topics.MOVE, OTHER_ARM)),
     "step":             lambda: ruled(check_step(LIMITS, HERE, BEYOND)),
-    "tether":           lambda: ruled(check_tether(LIMITS, HERE, BEYOND_ALL)),
+    "tether":           lambda: ruled(BOUNDS.place(UPSIDE_DOWN)),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
     "rate":             lambda: ruled(flood_commands()),
     "acceleration":     lambda: ruled(reverse_at_once(SetpointMonitor(Limits.of(CELL)))),
     "no_stream":        lambda: ruled(SetpointMonitor(Limits.of(CELL)).check(HERE, 1)),
     "no_lease":         lambda: ruled(LastCheck(CELL).setpoint(HERE, HERE, 1)),
     "tracking":         lambda: ruled(an_arm_that_stays_behind(TrackingMonitor(CELL))),
-    "joint_speed":      lambda: ruled(check_joint_speed(LIMITS, np.full(6, 99.0))),
+    "joint_speed":      lambda: ruled(BOUNDS.measured(INSIDE, np.zeros(6), RACING)),
     "not_armed":        lambda: Cellmates().ask(topics.MOVE, MOVE_DOWN).code,
     "already":          lambda: ask_armed((topics.ARM, ArmRequest())),
     "busy":             lambda: ask_armed((topics.MOVE, MOVE_DOWN), (topics.MOVE, MOVE_DOWN)),

@@ -15,12 +15,12 @@ from hypothesis.extra import numpy as hnp
 from common.config.load import load_cell
 from common.motion.frames import rotation_between
 from common.motion.limits import (
+    ArmBounds,
+    JointTrack,
     Limits,
     Plane,
-    check_joint_speed,
     check_joints,
     check_step,
-    check_tether,
     check_workspace,
     check_wrench,
 )
@@ -49,6 +49,13 @@ def around(limit: float) -> list[float]:
         values.append(math.nextafter(limit, travel))
         values.append(math.nextafter(values[-1], travel))
     return values
+
+
+def check_tether(limits: Limits, T_armed: pin.SE3, T_now: pin.SE3) -> Trip | None:
+    """Check the tether alone, in a workspace without walls."""
+    far_m = np.full(3, math.inf)
+    limits = replace(limits, workspace_min_m=-far_m, workspace_max_m=far_m)
+    return ArmBounds(limits, pin.SE3.Identity(), T_armed).place(T_now)
 
 
 def assert_trip(trip: Trip | None, code: str, value: float, limit: float) -> None:
@@ -278,8 +285,10 @@ def test_angles_and_limits_that_do_not_pair_are_an_error(number: int) -> None:
     trip = check_joints(LIMITS, np.zeros(number))
     assert trip is not None
     assert (trip.code, trip.value, trip.limit) == ("joint_count", number, 6)
+    track = JointTrack(((0, np.zeros(number)), (10**9, np.zeros(number))))
+    bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
     with pytest.raises(ValueError, match="zip"):
-        check_joint_speed(LIMITS, np.zeros(number))
+        bounds.measured(pose_at(CENTRE), MIDDLE, track)
     for limits in (
         replace(LIMITS, workspace_min_m=np.full(number - 3, -9.0)),
         replace(LIMITS, workspace_max_m=np.full(number - 3, 9.0)),

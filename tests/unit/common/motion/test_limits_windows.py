@@ -3,21 +3,31 @@
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.config.load import cell_from_tree, dump_cell
-from common.motion.limits import JointTrack, Limits, check_joint_speed, check_workspace
+from common.motion.limits import ArmBounds, JointTrack, Limits, check_workspace
 from forcemesh.errors import ConfigError
+from forcemesh.messages import Trip
 from tests.fakes.arbiter_world import CELL, pose_at
 
 LIMITS = Limits.of(CELL)
+CENTRE = (LIMITS.workspace_min_m + LIMITS.workspace_max_m) / 2.0
 JOINT_WINDOW_S, JOINT_WINDOW_NS = 0.1, 100_000_000  # as docs/arbitration.md has it
 
 
 # --- windows --------------------------------------------------------------------------------------
+
+
+def check_joint_speed(speed_rad_s: np.ndarray) -> Trip | None:
+    """Check an arm that is within all limits but that of its joint speeds."""
+    bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
+    track = JointTrack(((0, np.zeros(6)), (10**9, speed_rad_s)))
+    return bounds.measured(pose_at(CENTRE), np.zeros(6), track)
 
 
 @pytest.mark.parametrize("period_ms", [4, 20, 25, 70, 200])
@@ -68,7 +78,7 @@ def test_joint_speed_is_right_though_samples_repeat(joint, share, repeats) -> No
     assert len(known) >= len(speeds) - 0.1 / 0.004 - 2
     doubt = 2 * 0.004 / JOINT_WINDOW_S + 0.001
     assert all(abs(found - speed) <= abs(speed) * doubt + 1e-9 for found in known)
-    tripped = [check_joint_speed(LIMITS, found) for found in speeds if found is not None]
+    tripped = [check_joint_speed(found) for found in speeds if found is not None]
     if abs(share) * (1.0 + doubt) < 1.0:
         assert not any(tripped)
     if abs(share) * (1.0 - doubt) > 1.0:
@@ -91,7 +101,7 @@ def test_each_joint_has_its_speed(joint: int) -> None:
     for speed in (fastest, -fastest, 1.001 * fastest, -1.001 * fastest, math.nan):
         speeds = np.zeros(6)
         speeds[joint] = speed
-        trip = check_joint_speed(LIMITS, speeds)
+        trip = check_joint_speed(speeds)
         assert (trip is None) == (abs(speed) <= fastest)
         if trip is not None:
             assert trip.code == ("joint_speed" if math.isfinite(speed) else "not_finite")

@@ -63,8 +63,8 @@ class LockStep:
         reports = encode(Packet(self.taken_id, Com.POSE, param))
         reports += encode(Packet(self.framed_id, Com.JOINTS, param))
         self.dialogue.feed(reports, self.now_ns)
-        oldest_ns = self.dialogue.window.receipts.oldest_ns
-        assert oldest_ns is None, "a packet that was framed counts as under way"
+        in_flight = self.dialogue.window.receipts.in_flight
+        assert not in_flight, "a packet that was framed counts as under way"
         assert self.dialogue.window.unacknowledged == 0
         return self.give(self.dialogue.tick(self.now_ns, permitted=True))
 

@@ -117,7 +117,7 @@ def test_a_stream_that_comes_to_a_pole_keeps_its_o(a_deg: float) -> None:
 @given(st.tuples(*[st.floats(-2 * pi, 2 * pi)] * 6))
 def test_joint_angles_arrive_within_half_a_unit(q: Joints) -> None:
     """Command 2 and the report of joints have the same unit and sign, for two full turns."""
-    packet = over_the_wire(packets.joints(Com.MOVE_JOINTS, q, SCALES))
+    packet = over_the_wire(packets.encoded(Com.MOVE_JOINTS, q, SCALES))
     echoed = Packet(ID_FIRST + 5, Com.JOINTS, pack_status(3, Status.MOVING), packet.vec)
     report = packets.parse_report(echoed, SCALES)
     assert isinstance(report, packets.JointReport)
@@ -150,8 +150,8 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
     expected = [
         (packets.pose(Com.MOVE_POSE, T, SCALES, PoseCarry())[0],
             (1, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
-        (packets.joints(Com.MOVE_JOINTS, turn, SCALES), (2, 0, (250, -500, 0, 0, 0, 22500))),
-        (packets.joints(Com.MOVE_BY_JOINTS, turn, SCALES), (3, 0, (250, -500, 0, 0, 0, 22500))),
+        (packets.encoded(Com.MOVE_JOINTS, turn, SCALES), (2, 0, (250, -500, 0, 0, 0, 22500))),
+        (packets.encoded(Com.MOVE_BY_JOINTS, turn, SCALES), (3, 0, (250, -500, 0, 0, 0, 22500))),
         (packets.wrench((1.0, -2.0, 30.0), (0.1, -0.2, 0.3), SCALES),
             (4, 0, (100, -200, 3000, 100, -200, 300))),
         (packets.speeds(speed, SCALES), (5, 0, (5000, 10000, 1000, 2500, 0, 0))),
@@ -188,7 +188,7 @@ def test_a_number_that_is_not_finite_is_never_sent(bad: float, index: int) -> No
     """NaN and infinity in any element of any vector raise an error."""
     a, b, c, d, e, f = (bad if i == index else 0.1 for i in range(6))
     with pytest.raises(LocalProtocolError):
-        packets.joints(Com.MOVE_JOINTS, (a, b, c, d, e, f), SCALES)
+        packets.encoded(Com.MOVE_JOINTS, (a, b, c, d, e, f), SCALES)
     with pytest.raises(LocalProtocolError):
         packets.wrench((a, b, c), (d, e, f), SCALES)
     T = pin.SE3(np.eye(3), np.array([bad, 0, 0]))
@@ -205,7 +205,7 @@ def test_a_value_out_of_range_is_refused_with_quantity_and_range() -> None:
     with pytest.raises(LocalProtocolError, match=r"Z \[mm\] is -2100, the packet holds -1999.98"):
         packets.pose(Com.MOVE_POSE, pin.SE3(np.eye(3), np.array([0, 0, -2.1])), SCALES, PoseCarry())
     with pytest.raises(LocalProtocolError, match="JT4"):
-        packets.joints(Com.MOVE_JOINTS, (0, 0, 0, -radians(500), 0, 0), SCALES)
+        packets.encoded(Com.MOVE_JOINTS, (0, 0, 0, -radians(500), 0, 0), SCALES)
     with pytest.raises(LocalProtocolError, match="Fy"):
         packets.wrench((0, -1500.0, 0), (0, 0, 0), SCALES)
     with pytest.raises(LocalProtocolError, match="Mz"):

@@ -11,7 +11,8 @@ from hypothesis.extra import numpy as hnp
 
 from common.motion.frames import rotation_between
 from common.motion.kinematics import ArmKinematics
-from sim.robot.motion import ACCEL_M_S2, MotionGenerator, MotionSpeed
+from forcemesh.messages import Speed
+from sim.robot.motion import ACCEL_M_S2, MotionGenerator
 
 ARM = ArmKinematics("rs007l")
 HOME = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
@@ -22,8 +23,8 @@ moves = hnp.arrays(float, 3, elements=st.floats(-0.12, 0.12))
 turns = hnp.arrays(float, 3, elements=st.floats(-0.4, 0.4))
 joint_moves = hnp.arrays(float, 6, elements=st.floats(-0.5, 0.5))
 speeds = st.builds(
-    MotionSpeed,
-    speed_m_s=st.floats(0.02, 0.5),
+    Speed,
+    mechanical_m_s=st.floats(0.02, 0.5),
     accel_fraction=st.floats(0.1, 1.0),
     decel_fraction=st.floats(0.1, 1.0),
 )
@@ -82,7 +83,7 @@ def test_a_goal_keeps_speed_acceleration_and_deceleration(move, speed):
     assert motion.start_pose(moved(move), speed) == ""
     v = np.concatenate(([0.0], flange_speeds_m_s(finish(motion)), [0.0]))
     change = np.diff(v) / DT_S
-    assert v.max() <= speed.speed_m_s * (1 + 1e-6)
+    assert v.max() <= speed.mechanical_m_s * (1 + 1e-6)
     assert change.max() <= ACCEL_M_S2 * speed.accel_fraction * (1 + 1e-3) + 1e-4
     # The last two ticks share the rest of the travel: less than two ticks of deceleration.
     assert v[-3:].max() <= 2.0 * ACCEL_M_S2 * speed.decel_fraction * DT_S + 1e-6
@@ -92,7 +93,7 @@ def test_a_goal_keeps_speed_acceleration_and_deceleration(move, speed):
 def test_a_long_goal_takes_the_time_of_its_trapezoid():
     """Duration = travel / v + v / 2a + v / 2d: full speed is reached and held."""
     motion = MotionGenerator(ARM, HOME)
-    speed = MotionSpeed(speed_m_s=0.2, accel_fraction=0.5, decel_fraction=0.25)
+    speed = Speed(mechanical_m_s=0.2, accel_fraction=0.5, decel_fraction=0.25)
     assert motion.start_pose(moved(np.array([0.0, 0.0, 0.24])), speed) == ""
     expected_s = 0.24 / 0.2 + 0.2 / 2.0 + 0.2 / 1.0
     assert (len(finish(motion)) - 1) * DT_S == pytest.approx(expected_s, abs=0.003)
@@ -110,7 +111,7 @@ def test_a_joint_goal_moves_all_joints_together(travel, speed):
     largest = int(np.argmax(abs(travel)))
     share = (q - HOME)[:, largest] / travel[largest] if travel[largest] else np.zeros(len(q))
     assert q - HOME == pytest.approx(np.outer(share, travel), abs=1e-9)
-    assert flange_speeds_m_s(q).max() <= speed.speed_m_s * 1.01
+    assert flange_speeds_m_s(q).max() <= speed.mechanical_m_s * 1.01
     assert joint_speed_share(q) <= 1.0 + 1e-6
 
 
@@ -118,7 +119,7 @@ def test_a_relative_goal_counts_from_the_command_at_its_start():
     """Twice the same relative goal goes twice as far, without creeping."""
     motion, travel = MotionGenerator(ARM, HOME), np.radians([5.0, 0, -3.0, 0, 2.0, 10.0])
     for times in (1, 2):
-        assert motion.start_joints(motion.q_command + travel, MotionSpeed(speed_m_s=0.25)) == ""
+        assert motion.start_joints(motion.q_command + travel, Speed(mechanical_m_s=0.25)) == ""
         finish(motion)
         assert motion.q_command == pytest.approx(HOME + times * travel, abs=1e-12)
 
@@ -130,7 +131,7 @@ def test_a_goal_too_fast_for_the_joints_slows_down_and_arrives():
     turn = pin.utils.rotate("x", 0.7) @ pin.utils.rotate("y", 0.05)
     motion = MotionGenerator(ARM, start)
     goal = pin.SE3(T.rotation @ turn, T.translation)
-    assert motion.start_pose(goal, MotionSpeed(speed_m_s=0.5)) == ""
+    assert motion.start_pose(goal, Speed(mechanical_m_s=0.5)) == ""
     q = finish(motion)
     assert motion.state == "done"
     assert 0.9 < joint_speed_share(q) <= 1.0 + 1e-6
@@ -141,7 +142,7 @@ def test_a_goal_too_fast_for_the_joints_slows_down_and_arrives():
 def test_brake_stands_still_within_125_ms_and_on_the_path(speed_m_s):
     """From up to 250 mm/s the command stops within 125 ms, without a jump, on the goal's line."""
     motion, move = MotionGenerator(ARM, HOME), np.array([0.0, 0.0, 0.24])
-    assert motion.start_pose(moved(move), MotionSpeed(speed_m_s=speed_m_s)) == ""
+    assert motion.start_pose(moved(move), Speed(mechanical_m_s=speed_m_s)) == ""
     for _ in range(400):
         motion.tick(DT_S)
     motion.brake()
@@ -160,19 +161,19 @@ def test_brake_stands_still_within_125_ms_and_on_the_path(speed_m_s):
 def test_a_new_goal_is_refused_during_a_motion():
     """Goals do not replace each other silently; after a brake the next one is taken."""
     motion = MotionGenerator(ARM, HOME)
-    assert motion.start_joints(HOME + 0.1, MotionSpeed()) == ""
+    assert motion.start_joints(HOME + 0.1, Speed()) == ""
     motion.tick(DT_S)
     before = motion.q_command
     for answer in (
-        motion.start_joints(HOME, MotionSpeed()),
-        motion.start_pose(T_HOME, MotionSpeed()),
+        motion.start_joints(HOME, Speed()),
+        motion.start_pose(T_HOME, Speed()),
         motion.setpoint(T_HOME),
     ):
         assert "brake first" in answer
     assert np.array_equal(motion.q_command, before)
     motion.brake()
     finish(motion)
-    assert motion.start_joints(HOME, MotionSpeed()) == ""
+    assert motion.start_joints(HOME, Speed()) == ""
 
 
 @pytest.mark.parametrize(
@@ -186,7 +187,7 @@ def test_a_new_goal_is_refused_during_a_motion():
 def test_a_pose_goal_that_cannot_be_reached_is_refused_before_it_starts(move, words):
     """The arm stays, and the reason names the place where it would have ended."""
     motion = MotionGenerator(ARM, HOME)
-    assert words in motion.start_pose(moved(np.array(move)), MotionSpeed())
+    assert words in motion.start_pose(moved(np.array(move)), Speed())
     assert motion.state == "idle"
     assert np.array_equal(motion.tick(DT_S), HOME)
 
@@ -198,14 +199,14 @@ def test_a_pose_goal_that_cannot_be_reached_is_refused_before_it_starts(move, wo
 def test_a_joint_goal_beyond_the_limits_is_refused(goal_deg, words):
     """The reason names the joint."""
     motion = MotionGenerator(ARM, HOME)
-    assert words in motion.start_joints(np.radians(np.array(goal_deg, float)), MotionSpeed())
+    assert words in motion.start_joints(np.radians(np.array(goal_deg, float)), Speed())
     assert motion.state == "idle"
 
 
 def test_a_goal_without_travel_is_done_at_once():
     """The pose where the arm already stands is reached in one tick."""
     motion = MotionGenerator(ARM, HOME)
-    assert motion.start_pose(T_HOME, MotionSpeed()) == ""
+    assert motion.start_pose(T_HOME, Speed()) == ""
     motion.tick(DT_S)
     assert motion.state == "done"
     assert motion.q_command == pytest.approx(HOME, abs=1e-9)
@@ -264,7 +265,7 @@ def test_braking_a_stream_never_goes_beyond_its_last_pose():
 def test_reseed_forgets_everything():
     """After a reseed the command is the given pose, with no goal left."""
     motion = MotionGenerator(ARM, HOME)
-    assert motion.start_joints(HOME + 0.1, MotionSpeed()) == ""
+    assert motion.start_joints(HOME + 0.1, Speed()) == ""
     motion.tick(DT_S)
     elsewhere = HOME + 0.01
     motion.reseed(elsewhere)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from sim.robot.arm import PlateContact, SimArm
+from sim.robot.arm import SimArm
 from sim.robot.plate import lift_off_m, plate_point_under
 from sim.robot.settings import SimSettings
 
@@ -69,6 +69,6 @@ def test_a_plate_that_is_far_away_is_left_out_and_nothing_changes(monkeypatch):
     settings = SimSettings(gap_m=0.1, delay_s=0.0)
     falls = fall(settings, 0.13, 60), fall(settings, 0.12, 200)
     assert all(rows[:, 8].max() > 20.0 for rows in falls)
-    monkeypatch.setattr(PlateContact, "_is_far", lambda _: False)
+    monkeypatch.setattr("sim.robot.arm.FAR_M", math.inf)
     for rows, (depth_m, ticks) in zip(falls, ((0.13, 60), (0.12, 200)), strict=True):
         assert np.array_equal(rows, fall(settings, depth_m, ticks))

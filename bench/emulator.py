@@ -238,14 +238,14 @@ def shipped_cost(*, feedback: bool) -> Cost:
 def _cost(
     machine: TimedMachine, virtual_s: float, live: Callable[[float], None] | None = None
 ) -> Cost:
-    steps, tick_s, began_s = machine.scheduler.steps, machine.tick_s, time.process_time()
+    steps, tick_s, began_s = machine.steps, machine.tick_s, time.process_time()
     if live is None:
         machine.advance(machine.now_ns + round(virtual_s * NS_PER_S))
     else:
         live(virtual_s)
     all_s = time.process_time() - began_s
     steps_s = all_s - (machine.tick_s - tick_s)
-    return Cost(machine.scheduler.steps - steps, steps_s, all_s, virtual_s)
+    return Cost(machine.steps - steps, steps_s, all_s, virtual_s)
 
 
 def table() -> Table:

@@ -17,9 +17,8 @@ from services.hub.service import Hub
 from services.regulator.service import Regulator
 from services.wrench.service import WrenchService
 from sim.as_language.parser import load
-from sim.controller.network import MemoryNetwork
+from sim.controller.network import LockStepLink, MemoryNetwork
 from sim.controller.service import ControllerSensor
-from sim.controller.wire import LockStepLink
 from sim.robot.arm import SimArm
 from sim.robot.service import SimRobot
 

@@ -3,7 +3,9 @@
 Texts follow appendix 4 of the AS Language Reference Manual.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from forcemesh.errors import ForcemeshError
 from sim.as_language.syntax import Position
@@ -72,26 +74,29 @@ class AsSyntaxError(ForcemeshError):
 
 
 class AsError(ForcemeshError):
-    """Run-time error of an AS program. `code` is the AS code, such as "E0102"."""
+    """Error of one line, or run-time error of a program. `code` is the AS code, such as "E0102"."""
 
-    def __init__(self, code: str, detail: str = "") -> None:
-        """Store the code for ERROR and $ERROR, and the detail for the message."""
-        self.code = code
-        self.detail = detail
+    def __init__(self, code: str, detail: str = "", column: int = 0) -> None:
+        """Store the code for ERROR and $ERROR, the detail for the message, the column (from 1)."""
+        self.code, self.detail, self.column = code, detail, column
         super().__init__(f"({code}) {error_text(code)}{': ' if detail else ''}{detail}")
 
     @property
     def number(self) -> int:
         """Return the value of the ERROR function: -3xxxx for E, -1xxxx for P codes."""
-        return number_of(self.code)
+        return -(_BASES[self.code[0]] + int(self.code[1:]))
+
+
+def refuse(code: str, detail: str) -> Callable[[object], Any]:
+    """Return a reader of a value, or a step of a program, that raises when it is executed."""
+
+    def run(_: object) -> Any:
+        raise AsError(code, detail)
+
+    return run
 
 
 _BASES = {"P": 10000, "W": 20000, "E": 30000, "D": 40000}
-
-
-def number_of(code: str) -> int:
-    """Return the number of ERROR for a code: "E4024" is -34024."""
-    return -(_BASES[code[0]] + int(code[1:]))
 
 
 def code_of(number: int) -> str | None:

@@ -12,25 +12,40 @@ never raises: an error in an expression is raised when it is executed.
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from operator import attrgetter
-from typing import cast
+from typing import Any, cast
 
-from sim.as_language import formats, functions_number, syntax, variables
-from sim.as_language.errors import AsError
-from sim.as_language.functions_text import decode
-from sim.as_language.machine_api import EvaluationContext
-from sim.as_language.memory import Array, Locals, VariableCell, bind, following, index_of, plain
+from sim.as_language import formats, syntax
+from sim.as_language.errors import AsError, refuse
+from sim.as_language.functions import FUNCTIONS, NUMBER_FUNCTIONS, decode
+from sim.as_language.machine_api import EvaluationContext, Read, ReadOf
+from sim.as_language.memory import (
+    Array,
+    Index,
+    Namespace,
+    VariableCell,
+    converted,
+    following,
+    index_of,
+    key_of,
+    plain,
+    spelled,
+    undefined,
+)
 from sim.as_language.operators import BINARY, UNARY
 from sim.as_language.special_functions import (
     EXISTS,
     EXTREMES,
-    FUNCTIONS,
     exists,
     extreme_index,
 )
-from sim.as_language.syntax import Expression, FunctionCall, Program, Variable
-from sim.as_language.values import Joints, Pose, Transformation, Value, joints, text
-from sim.as_language.variables import Indices, NamesOf, Read, Store
+from sim.as_language.syntax import Expression, FunctionCall, Variable
+from sim.as_language.values import NUMBER, Joints, Pose, Transformation, Value, joints, text
 
+ZERO, ONE = syntax.Number(0.0), syntax.Number(1.0)
+
+Store = Callable[[EvaluationContext, Value], None]
+Indices = ReadOf[Index]
+NamesOf = ReadOf[Namespace]
 _locals_of: NamesOf = attrgetter("locals")
 _globals_of: NamesOf = attrgetter("globals")
 
@@ -64,51 +79,37 @@ def value_of(expression: Expression, *, location: bool = False) -> Read:
             return refuse("P0114", f"/{code} is a format, not a value")
 
 
-def number_of(expression: Expression) -> Callable[[EvaluationContext], float]:
+def number_of(expression: Expression) -> ReadOf[float]:
     """Compile to a number (P0118)."""
-    if isinstance(expression, syntax.Number):
-        constant = expression.value
-        return lambda _: constant
     read = value_of(expression)
     if gives_number(expression):
-        return cast("Callable[[EvaluationContext], float]", read)
-
-    def run(context: EvaluationContext) -> float:
-        value = read(context)
-        if value.__class__ is float or isinstance(value, float | int):
-            return value
-        raise AsError("P0118", f"expected a number, found {plain(value)}")
-
-    return run
+        return cast("ReadOf[float]", read)
+    return _checked(read, NUMBER, "a number")
 
 
-def text_of(expression: Expression) -> Callable[[EvaluationContext], str]:
+def text_of(expression: Expression) -> ReadOf[str]:
     """Compile to a string (P0118)."""
-    read = value_of(expression)
-
-    def run(context: EvaluationContext) -> str:
-        value = read(context)
-        if isinstance(value, str):
-            return value
-        raise AsError("P0118", f"expected a string, found {plain(value)}")
-
-    return run
+    return _checked(value_of(expression), str, "a string")
 
 
-def pose_of(expression: Expression) -> Callable[[EvaluationContext], Pose]:
+def pose_of(expression: Expression) -> ReadOf[Pose]:
     """Compile to a transformation or joint values (E0103, P0118)."""
-    read = value_of(expression, location=True)
+    return _checked(value_of(expression, location=True), (Transformation, Joints), "a location")
 
-    def run(context: EvaluationContext) -> Pose:
+
+def _checked(read: Read, kinds: type | tuple[type, ...], name: str) -> Callable[..., Any]:
+    """Return a reader that rejects values of other types."""
+
+    def run(context: EvaluationContext) -> Value:
         value = read(context)
-        if isinstance(value, Transformation | Joints):
+        if isinstance(value, kinds):
             return value
-        raise AsError("P0118", f"expected a location, found {plain(value)}")
+        raise AsError("P0118", f"expected {name}, found {plain(value)}")
 
     return run
 
 
-def place_of(expression: Expression) -> Callable[[EvaluationContext], Transformation]:
+def place_of(expression: Expression) -> ReadOf[Transformation]:
     """Compile to a transformation; the machine converts joint values."""
     read = pose_of(expression)
 
@@ -124,43 +125,100 @@ def place_of(expression: Expression) -> Callable[[EvaluationContext], Transforma
 # --- variables --------------------------------------------------------------------------------
 
 
+def _variable(variable: Variable, *, location: bool) -> Read:
+    """Compile to a reader of a variable or element (E0102, E0103, E0104, P0132, P0133)."""
+    if variable.whole:
+        return refuse("P0133", f"{variable.spelling}[] is a whole array")
+    key, names_of, indices = _place_of(variable)
+
+    def read_scalar(context: EvaluationContext) -> Value:
+        cell = names_of(context).get(key)
+        if cell is not None and (value := cell.value) is not None:
+            return value
+        if isinstance(cell, Array) and cell.defined:
+            raise AsError("P0133", f"{variable.spelling} is an array")
+        raise undefined(variable, location=location)
+
+    if indices is None:
+        return read_scalar
+
+    def read_element(context: EvaluationContext) -> Value:
+        array = names_of(context).get(key)
+        index = indices(context)
+        if array.__class__ is Array:
+            cell = array.cells.get(index)
+            if cell is not None and (value := cell.value) is not None:
+                return value
+        elif array is not None and array.value is not None:
+            raise AsError("P0132", f"{variable.spelling} has no elements")
+        raise undefined(variable, index, location=location)
+
+    return read_element
+
+
 def store(variable: Variable) -> Store:
     """Compile to a writer of a variable or element (P0150, P0132, P0133)."""
-    return variables.store(variable, _names_of(variable), index_of_variable(variable))
+    key, names_of, indices = _place_of(variable)
+    # Types that need no check while unchanged: only integers may need conversion.
+    plain = () if variable.kind == "@" else (float, str, Transformation, Joints)
+
+    def store_scalar(context: EvaluationContext, value: Value) -> None:
+        names_here = names_of(context)
+        cell = names_here.get(key)
+        if cell.__class__ is not VariableCell:
+            cell = names_here.scalar(key)
+        if value.__class__ is cell.value.__class__ and value.__class__ in plain:
+            cell.value = value
+        else:
+            cell.value = converted(variable, cell.value, value)
+
+    if indices is None:
+        return store_scalar
+
+    def store_element(context: EvaluationContext, value: Value) -> None:
+        array = names_of(context).get(key)
+        if array.__class__ is not Array:
+            array = names_of(context).array(key)
+        cell = array.cell(indices(context))
+        if value.__class__ is cell.value.__class__ and value.__class__ in plain:
+            cell.value = value
+        else:
+            cell.value = converted(variable, cell.value, value)
+
+    return store_element
 
 
 def refer(
     expression: Expression | None,
-) -> Callable[[EvaluationContext], VariableCell | Array | None]:
-    """Compile an argument of CALL: a variable by reference, or a new cell with a value."""
+) -> ReadOf[VariableCell | Array | None]:
+    """Compile an argument of CALL: a variable by reference, or a new cell with a value.
+
+    The cell or array of a variable is created if it is missing.
+    """
     if expression is None:
         return lambda _: None
     if isinstance(expression, syntax.Reference):
         expression = expression.variable
-    if isinstance(expression, Variable):
-        return variables.refer(expression, _names_of(expression), index_of_variable(expression))
-    read = value_of(expression)
-    return lambda context: VariableCell(read(context))
-
-
-def bind_arguments(
-    arguments: Sequence[Expression | None],
-) -> Callable[[EvaluationContext, Program], Locals]:
-    """Compile the arguments of CALL to the locals of a program that receives them."""
-    given = [refer(argument) for argument in arguments]
-    return lambda context, program: bind(
-        program.parameters, [read(context) for read in given], program.name
-    )
+    if not isinstance(expression, Variable):
+        read = value_of(expression)
+        return lambda context: VariableCell(read(context))
+    key, names_of, indices = _place_of(expression)
+    if expression.whole:
+        return lambda context: names_of(context).array(key)
+    if indices is None:
+        return lambda context: names_of(context).scalar(key)
+    return lambda context: names_of(context).array(key).cell(indices(context))
 
 
 def store_row(variable: Variable) -> Callable[[EvaluationContext, Sequence[Value]], None]:
     """Compile to a writer of a sequence of values into consecutive elements."""
-    locate = variables.locate(variable, _names_of(variable), index_of_variable(variable))
+    key, names_of, indices = _place_of(variable)
 
     def run(context: EvaluationContext, values: Sequence[Value]) -> None:
-        array, index = locate(context)
+        array = names_of(context).array(key)
+        first = 0 if indices is None else indices(context)
         for count, value in enumerate(values):
-            array.cell(following(index, count)).value = value
+            array.cell(following(first, count)).value = value
 
     return run
 
@@ -168,22 +226,18 @@ def store_row(variable: Variable) -> Callable[[EvaluationContext, Sequence[Value
 def read_row(variable: Variable) -> Callable[[EvaluationContext, int], list[Value]]:
     """Compile to a reader of consecutive elements (E0102, E0104); a scalar is a row of one."""
     code = "E0104" if variable.kind == "$" else "E0102"
-    if not variable.indices:
-        read_scalar = value_of(variable)
-
-        def only(context: EvaluationContext, count: int) -> list[Value]:
-            value = read_scalar(context)
-            if count > 1:
-                raise AsError(code, f"{variable.spelling} is one value, not 2")
-            return [value]
-
-        return only
-    locate = variables.locate(variable, _names_of(variable), index_of_variable(variable))
+    key, names_of, indices = _place_of(variable)
+    read_scalar = value_of(variable)
 
     def run(context: EvaluationContext, count: int) -> list[Value]:
-        array, index = locate(context)
-        values = []
-        for at in (following(index, k) for k in range(count)):
+        if indices is None:
+            values = [read_scalar(context)]
+            if count > 1:
+                raise AsError(code, f"{variable.spelling} is one value, not 2")
+            return values
+        array = names_of(context).array(key)
+        first, values = indices(context), []
+        for at in (following(first, k) for k in range(count)):
             value = array.cell(at).value
             if value is None:
                 raise AsError(code, f"{variable.spelling}[{at}]")
@@ -193,7 +247,12 @@ def read_row(variable: Variable) -> Callable[[EvaluationContext, int], list[Valu
     return run
 
 
-def index_of_variable(variable: Variable) -> Indices | None:
+def _place_of(variable: Variable) -> tuple[str, NamesOf, Indices | None]:
+    """Return the key of a variable, the namespace that holds it, and the reader of its index."""
+    return key_of(variable), _locals_of if variable.local else _globals_of, _indices_of(variable)
+
+
+def _indices_of(variable: Variable) -> Indices | None:
     """Compile the indices in brackets; None without brackets."""
     if not variable.indices:
         return None
@@ -202,13 +261,40 @@ def index_of_variable(variable: Variable) -> Indices | None:
         with suppress(AsError):  # out of range: raised when it is executed
             constant = index_of(numbers)
             return lambda _: constant
-    return variables.indices_of([value_of(index) for index in variable.indices])
+    return _computed_index([value_of(index) for index in variable.indices])
+
+
+def _computed_index(readers: list[Read]) -> Indices:
+    """Return a reader of one to three indices."""
+
+    def number(value: Value) -> float:
+        if isinstance(value, NUMBER):
+            return value
+        raise AsError("P0119", "an index must be a number")
+
+    if len(readers) > 2:
+        return lambda context: index_of([number(reader(context)) for reader in readers])
+    first, second = readers[0], readers[-1]
+
+    def single_index(context: EvaluationContext) -> Index:
+        value = first(context)
+        if value.__class__ is float and 0.0 <= value < 10000.0:
+            return int(value)
+        return index_of([number(value)])
+
+    def pair(context: EvaluationContext) -> Index:
+        a, b = number(first(context)), number(second(context))
+        if 0.0 <= a < 10000.0 and 0.0 <= b < 10000.0:
+            return int(a), int(b)
+        return index_of([a, b])
+
+    return pair if len(readers) == 2 else single_index
 
 
 # --- text of PRINT and $ENCODE ----------------------------------------------------------------
 
 
-def layout(items: Sequence[Expression | None]) -> Callable[[EvaluationContext], tuple[str, bool]]:
+def layout(items: Sequence[Expression | None]) -> ReadOf[tuple[str, bool]]:
     """Compile items to their text, and whether a line feed follows."""
     parts = [
         item if isinstance(item, syntax.Format) else value_of(item)
@@ -228,16 +314,6 @@ def _binary(expression: syntax.Binary, *, location: bool) -> Read:
         return lambda context: apply(first(context), constant)
     second = value_of(right, location=same)
     return lambda context: apply(first(context), second(context))
-
-
-def _variable(variable: Variable, *, location: bool) -> Read:
-    if variable.whole:
-        return refuse("P0133", f"{variable.spelling}[] is a whole array")
-    indices = index_of_variable(variable)
-    names_of = _names_of(variable)
-    if indices is None:
-        return variables.read_scalar(variable, names_of, location=location)
-    return variables.read_element(variable, names_of, indices, location=location)
 
 
 # --- functions --------------------------------------------------------------------------------
@@ -271,16 +347,12 @@ def _function(call: FunctionCall) -> Read:
 
 def _decode(call: FunctionCall) -> Read:
     """Compile $DECODE: it removes the returned text from its variable."""
-    target, separator, mode = (_argument(call, k) for k in range(3))
-    if (
-        not isinstance(target, Variable)
-        or target.kind != "$"
-        or separator is None
-        or len(call.arguments) > 3
-    ):
-        return refuse("P0116", "$DECODE takes a string variable, a separator and a mode")
-    read, keep = text_of(target), store(target)
-    mark, mode_of = text_of(separator), number_of(mode or syntax.Number(0.0))
+    match call.arguments:
+        case (Variable(kind="$") as target, separator, *rest) if separator and len(rest) < 2:
+            mode_of = number_of(rest[0] if rest and rest[0] else ZERO)
+        case _:
+            return refuse("P0116", "$DECODE takes a string variable, a separator and a mode")
+    read, keep, mark = text_of(target), store(target), text_of(separator)
 
     def run(context: EvaluationContext) -> Value:
         characters = read(context)
@@ -294,44 +366,33 @@ def _decode(call: FunctionCall) -> Read:
 def _lookup(call: FunctionCall) -> Read:
     """Compile EXISTxxx and MAXINDEX: of a variable, or of a string with its name."""
     name = call.name
-    item, dimension = _argument(call, 0), _argument(call, 1)
+    item, dimension = (*call.arguments, None, None)[:2]
     if item is None:
         return refuse("P0116", f"{name} takes a variable or a string with its name")
-    spelling = _spelling(name, item)
-    dimension_of = number_of(dimension or syntax.Number(1.0))
+    if isinstance(item, Variable) and (
+        item.kind != "$" or name.endswith("CHAR") or name in EXTREMES
+    ):
+        spelling = _spelling(item)
+    else:
+        spelling = text_of(item)
+    dimension_of = number_of(dimension or ONE)
 
     def run(context: EvaluationContext) -> Value:
-        spelled = spelling(context)
-        local = name.startswith("EXISTLOCAL") or spelled.startswith(".")
+        found = spelling(context)
+        local = name.startswith("EXISTLOCAL") or found.startswith(".")
         names = context.locals if local else context.globals
         if name in EXISTS:
-            return exists(name, spelled, names)
-        return extreme_index(name, spelled, int(dimension_of(context)), names)
+            return exists(name, found, names)
+        return extreme_index(name, found, int(dimension_of(context)), names)
 
     return run
 
 
-def _spelling(name: str, item: Expression) -> Callable[[EvaluationContext], str]:
-    """Compile the name to look up: that of the variable, or the content of a string."""
-    if not isinstance(item, Variable) or (
-        item.kind == "$" and not name.endswith("CHAR") and name not in EXTREMES
-    ):
-        return text_of(item)
-    indices = index_of_variable(item)
-    base = item.spelling
+def _spelling(variable: Variable) -> ReadOf[str]:
+    indices = _indices_of(variable)
     if indices is None:
-        return lambda _: base
-
-    def spell(context: EvaluationContext) -> str:
-        index = indices(context)
-        numbers = index if isinstance(index, tuple) else (index,)
-        return f"{base}[{','.join(map(str, numbers))}]"
-
-    return spell
-
-
-def _argument(call: FunctionCall, index: int) -> Expression | None:
-    return call.arguments[index] if index < len(call.arguments) else None
+        return lambda _: variable.spelling
+    return lambda context: spelled(variable, indices(context))
 
 
 def gives_number(expression: Expression) -> bool:
@@ -344,19 +405,6 @@ def gives_number(expression: Expression) -> bool:
         case syntax.Unary(sign, operand):
             return sign != "-" or gives_number(operand)
         case syntax.FunctionCall(name):
-            return name in functions_number.FUNCTIONS
+            return name in NUMBER_FUNCTIONS
         case _:
             return False
-
-
-def _names_of(variable: Variable) -> NamesOf:
-    return _locals_of if variable.local else _globals_of
-
-
-def refuse(code: str, detail: str) -> Read:
-    """Return a reader that raises when it is executed."""
-
-    def run(_: EvaluationContext) -> float:
-        raise AsError(code, detail)
-
-    return run

@@ -6,12 +6,11 @@ where the manual is ambiguous are listed in docs/as-emulator.md.
 
 from collections.abc import Callable, Sequence
 
-from sim.as_language.errors import AsError
-from sim.as_language.functions_number import rounded
-from sim.as_language.machine_api import EvaluationContext
+from sim.as_language.errors import AsError, refuse
+from sim.as_language.functions import rounded
+from sim.as_language.machine_api import EvaluationContext, Read, ReadOf
 from sim.as_language.syntax import Format
 from sim.as_language.values import NUMBER
-from sim.as_language.variables import Read
 
 DEFAULT = Format("D")
 OPTIONAL = frozenset("JKL")
@@ -21,20 +20,23 @@ SPACES = {"X": " ", "C": "\n"}
 
 def layout(
     items: Sequence[Read | Format],
-) -> Callable[[EvaluationContext], tuple[str, bool]]:
+) -> ReadOf[tuple[str, bool]]:
     """Compile items to their text, and whether a line feed follows (not after /S)."""
     current = DEFAULT
-    parts: list[Callable[[EvaluationContext], str]] = []
+    parts: list[ReadOf[str]] = []
     for item in items:
         if not isinstance(item, Format):
             parts.append(_written(item, current))
         elif item.code in OPTIONAL:
             text = f"/{item.code} is an option of the controller that is not installed"
-            parts.append(_refused(f"{text}; pad by hand"))
+            parts.append(refuse("P0108", f"{text}; pad by hand"))
         elif item.code in WRITERS:
             current = item
+        elif item.code in SPACES:
+            parts.append(_constant(SPACES[item.code] * (item.width or 0)))
         elif item.code != "S":
-            parts.append(_space(item))
+            text = f"unknown format /{item.code}; use /D /E /F /G /H /I /C /S /X"
+            parts.append(refuse("P0108", text))
     feed = not any(isinstance(item, Format) and item.code == "S" for item in items)
     if len(parts) == 1:
         only = parts[0]
@@ -42,21 +44,11 @@ def layout(
     return lambda context: ("".join([part(context) for part in parts]), feed)
 
 
-def _refused(reason: str) -> Callable[[EvaluationContext], str]:
-    def run(_: EvaluationContext) -> str:
-        raise AsError("P0108", reason)
-
-    return run
+def _constant(text: str) -> ReadOf[str]:
+    return lambda _: text
 
 
-def _space(item: Format) -> Callable[[EvaluationContext], str]:
-    if item.code not in SPACES:
-        return _refused(f"unknown format /{item.code}; use /D /E /F /G /H /I /C /S /X")
-    space = SPACES[item.code] * (item.width or 0)
-    return lambda _: space
-
-
-def _written(read: Read, style: Format) -> Callable[[EvaluationContext], str]:
+def _written(read: Read, style: Format) -> ReadOf[str]:
     write, width = WRITERS[style.code], style.width
 
     def run(context: EvaluationContext) -> str:

@@ -1,4 +1,6 @@
-"""Functions of AS: types of the arguments, and the computation.
+"""Functions of AS (reference manual, chapter 9): types of the arguments, and the computation.
+
+Angles in degrees, lengths in millimetres; choices where the manual is ambiguous: as-emulator.md.
 
 The parameters of the Python function are the arguments of the AS function; their defaults apply to
 omitted ones. Types are letters, one per argument: r number, s string, t transformation, j joint
@@ -7,17 +9,32 @@ machine is passed first.
 """
 
 import inspect
-from collections.abc import Callable, Sequence
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sim.as_language.errors import AsError
-from sim.as_language.machine_api import EvaluationContext
-from sim.as_language.values import Joints, Transformation, Value
-from sim.as_language.variables import Read
+import numpy as np
+import pinocchio as pin
+
+from sim.as_language.errors import AsError, code_of, error_text
+from sim.as_language.machine_api import EvaluationContext, MachineInterface, Read, ReadOf
+from sim.as_language.values import (
+    Joints,
+    Pose,
+    Transformation,
+    Value,
+    joints,
+    se3_of,
+    single,
+    text,
+    transformation,
+    transformation_of,
+    truth,
+)
 
 Argument = Value | None
-ReadArgument = Callable[[EvaluationContext], Argument]
 
 TYPES: dict[str, tuple[tuple[type, ...], str]] = {
     "r": ((float, int), "a number"),
@@ -64,7 +81,7 @@ class FunctionSignature:
                 result.append(float(argument) if isinstance(argument, int) else argument)
         return result
 
-    def call(self, name: str, readers: Sequence[ReadArgument]) -> Read:
+    def call(self, name: str, readers: Sequence[ReadOf[Argument]]) -> Read:
         """Compile a call. Types that passed the check once always pass."""
         passed: set[tuple[type, ...]] = set()
         compute, of_machine = self.compute, self.of_machine
@@ -105,3 +122,278 @@ def function(types: str, compute: Callable[..., Value], most: int = MOST) -> Fun
     letters = types.removeprefix("m").removesuffix("*")
     count = most if types.endswith("*") else len(letters)
     return FunctionSignature(compute, letters, of_machine, required, count, defaults)
+
+
+# --- numbers --------------------------------------------------------------------------------------
+
+JOINTS = range(1, 7)
+# sin is exact at the multiples of 90 degrees.
+EXACT_SINES = {
+    0.0: 0.0, 90.0: 1.0, 180.0: 0.0, 270.0: -1.0, -90.0: -1.0, -180.0: 0.0, -270.0: 1.0,
+}  # fmt: skip
+
+
+def rounded(value: float) -> float:
+    """Round half away from zero: ROUND(-5.662) is -6."""
+    return math.copysign(math.floor(abs(value) + 0.5), value) + 0.0
+
+
+def square_root(value: float) -> float:
+    """SQRT(x)."""
+    if value < 0.0:
+        raise AsError("E0106", f"SQRT({value:g}): the argument is negative")
+    return single(math.sqrt(value))
+
+
+def sine(degrees: float) -> float:
+    """SIN(x)."""
+    turned = math.fmod(degrees, 360.0)
+    found = EXACT_SINES.get(turned)
+    return single(math.sin(math.radians(turned))) if found is None else found
+
+
+def are_on(machine: MachineInterface, signal: float, *others: float) -> float:
+    """SIG(s1,s2,..): whether every signal is on; a negative number tests for off."""
+    result = True
+    for number in map(int, (signal, *others)):
+        if number == 0:
+            raise AsError("E0106", "SIG(0): signal numbers start at 1, negative for off")
+        result = (machine.signal(abs(number)) == (number > 0)) and result
+    return truth(result)
+
+
+def bits(name: str, most: int) -> Callable[[MachineInterface, float, float], float]:
+    """Return BITS(s,n) or BITS32(s,n): the number that up to `most` signals show."""
+
+    def compute(machine: MachineInterface, start: float, count: float = 1.0) -> float:
+        if not 1 <= int(count) <= most:
+            raise AsError("E0106", f"{name}: 1 to {most} signals, not {int(count)}")
+        shown = (machine.signal(int(start) + k) << k for k in range(int(count)))
+        return single(float(sum(shown)))
+
+    return compute
+
+
+def _joint(value: float) -> int:
+    joint = int(value)
+    if joint not in JOINTS:
+        raise AsError("E0106", f"joint {joint}: joints are 1 to 6")
+    return joint
+
+
+NUMBER_FUNCTIONS = {
+    "ABS": function("r", abs),
+    "SQRT": function("r", square_root),
+    "SIN": function("r", sine),
+    "COS": function("r", lambda degrees: sine(degrees + 90.0)),
+    "ATAN2": function("rr", lambda y, x: single(math.degrees(math.atan2(y, x)))),
+    "PI": function("", lambda: single(math.pi)),
+    "INT": function("r", lambda value: float(math.trunc(value))),
+    "ROUND": function("r", rounded),
+    "MAXVAL": function("r*", lambda first, *others: max((first, *others))),
+    "MINVAL": function("r*", lambda first, *others: min((first, *others))),
+    "RANDOM": function("m", lambda machine: single(machine.random())),
+    "SIG": function("mr*", are_on),
+    "BITS": function("mrr", bits("BITS", 16)),
+    "BITS32": function("mrr", bits("BITS32", 32)),
+    "SWITCH": function("mw", lambda machine, name: truth(machine.switch(name))),
+    "EXISTPGM": function("mw", lambda machine, name: truth(machine.has_program(name.lower()))),
+    "TASK": function("mr", lambda machine, number: float(machine.task_state(int(number)))),
+    "ERROR": function("mr", lambda machine, _=0.0: float(machine.error_number())),
+    "TIMER": function("mr", lambda machine, number: single(machine.timer_s(int(number)))),
+    "MSPEED": function("mr", lambda machine, _=0.0: single(machine.monitor_speed_percent())),
+    "IQARM": function("mr", lambda machine, n: single(machine.motor_current_A(_joint(n)))),
+    "TRQNM": function("mr", lambda machine, n: single(machine.motor_torque_Nm(_joint(n)))),
+}
+
+
+# --- poses ----------------------------------------------------------------------------------------
+
+PARALLEL_AXES = 1e-9
+
+
+def _place(machine: MachineInterface, pose: Pose) -> Transformation:
+    return machine.transformation_of(pose) if isinstance(pose, Joints) else pose
+
+
+def shift(
+    place: Transformation, dx: float = 0.0, dy: float = 0.0, dz: float = 0.0
+) -> Transformation:
+    """SHIFT(p BY x,y,z): along the base axes; the orientation is unchanged."""
+    return transformation(place.x + dx, place.y + dy, place.z + dz, place.o, place.a, place.t)
+
+
+def _about(axis: tuple[float, float, float], degrees: float) -> Transformation:
+    return transformation_of(pin.SE3(pin.exp3(np.array(axis) * math.radians(degrees)), np.zeros(3)))
+
+
+def frame(
+    x_from: Transformation, x_to: Transformation, y_side: Transformation, origin: Transformation
+) -> Transformation:
+    """Return the frame whose X axis points from the first to the second point.
+
+    The third lies on the +Y side of the XY plane, the fourth is the origin.
+    """
+    a, b, c = (np.array(place.numbers()[:3]) for place in (x_from, x_to, y_side))
+    x_axis = b - a
+    z_axis = np.cross(x_axis, c - a)
+    if np.linalg.norm(x_axis) < PARALLEL_AXES or np.linalg.norm(z_axis) < PARALLEL_AXES:
+        raise AsError("E0106", "FRAME: the first three points are collinear")
+    x_axis /= np.linalg.norm(x_axis)
+    z_axis /= np.linalg.norm(z_axis)
+    R = np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])
+    return transformation_of(pin.SE3(R, se3_of(origin).translation))
+
+
+def component(pose: Pose, number: float) -> float:
+    """DEXT(p,n): one of the six numbers."""
+    if not 1 <= int(number) <= 6:
+        raise AsError("E0106", f"DEXT: components are 1 to 6, not {int(number)}")
+    return pose.numbers()[int(number) - 1]
+
+
+def distance(machine: MachineInterface, first: Pose, second: Pose) -> float:
+    """DISTANCE(p,q)."""
+    return single(math.dist(_place(machine, first)[:3], _place(machine, second)[:3]))
+
+
+def in_range(machine: MachineInterface, pose: Pose, near: Joints | None = None) -> float:
+    """INRANGE(p,#j)."""
+    return float(machine.in_range(pose, near))
+
+
+POSE_FUNCTIONS = {
+    "HERE": function("m", lambda machine: machine.here()),
+    "#HERE": function("m", lambda machine: machine.here_joints()),
+    "DEST": function("m", lambda machine: machine.destination()),
+    "#DEST": function("m", lambda machine: machine.destination_joints()),
+    "#HOME": function("mr", lambda machine, number=1.0: machine.home_joints(int(number))),
+    "BASE": function("m", lambda machine: machine.base()),
+    "TOOL": function("m", lambda machine: machine.tool()),
+    "NULL": function("", Transformation),
+    "TRANS": function("r*", transformation, most=6),
+    "#PPOINT": function("r*", joints, most=6),
+    "SHIFT": function("trrr", shift),
+    "RX": function("r", lambda degrees: _about((1.0, 0.0, 0.0), degrees)),
+    "RY": function("r", lambda degrees: _about((0.0, 1.0, 0.0), degrees)),
+    "RZ": function("r", lambda degrees: _about((0.0, 0.0, 1.0), degrees)),
+    "FRAME": function("tttt", frame),
+    "DX": function("mp", lambda machine, pose: _place(machine, pose).x),
+    "DY": function("mp", lambda machine, pose: _place(machine, pose).y),
+    "DZ": function("mp", lambda machine, pose: _place(machine, pose).z),
+    "DEXT": function("pr", component),
+    "DISTANCE": function("mpp", distance),
+    "INRANGE": function("mpj", in_range),
+}
+
+
+# --- strings --------------------------------------------------------------------------------------
+
+DECIMAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([Ee][+-]?\d+)?", re.ASCII)
+DIGITS = {1: re.compile(r"[01]+"), 2: re.compile(r"[0-9A-Fa-f]+")}
+BASES = {1: 2, 2: 16}
+
+
+def right(characters: str, count: float) -> str:
+    """$RIGHT($s,n): the last characters; all of them if there are fewer."""
+    return characters[-int(count) :] if int(count) > 0 else ""
+
+
+def middle(characters: str, start: float = 1.0, count: float | None = None) -> str:
+    """$MID($s,start,n): from the 1-based start; "" if it lies outside of the string."""
+    first = int(start) - 1
+    if first < 0:
+        return ""
+    return characters[first:] if count is None else characters[first : first + max(int(count), 0)]
+
+
+def value_of(characters: str, code: float = 0.0) -> float:
+    """VAL($s,code): the number at the start: 0 decimal, 1 binary, 2 hexadecimal; 0 if none."""
+    rest, base = characters.lstrip(" "), int(code)
+    prefix = rest[:2].upper()
+    if prefix in {"^B", "^H"}:
+        base, rest = (1 if prefix == "^B" else 2), rest[2:]
+    if base in BASES:
+        found = DIGITS[base].match(rest)
+        return single(float(int(found[0], BASES[base]))) if found else 0.0
+    if base != 0:
+        raise AsError("P0116", f"VAL: the code is 0, 1 or 2, not {base}")
+    found = DECIMAL.match(rest)
+    return single(float(found[0])) if found else 0.0
+
+
+def decode(characters: str, separator: str, mode: float) -> tuple[str, str]:
+    """Return the result of $DECODE and the text left in the variable.
+
+    Mode up to 0: the text before the separator (all text without one). Mode above 0: all
+    consecutive separators at the start.
+    """
+    low, mark = characters.lower(), separator.lower()
+    if mode > 0.0:
+        end = 0
+        while mark and low.startswith(mark, end):
+            end += len(mark)
+    else:
+        found = low.find(mark) if mark else -1
+        end = len(characters) if found < 0 else found
+    return characters[:end], characters[end:]
+
+
+def code_at(characters: str, place: float = 1.0) -> float:
+    """ASC($s,n): the code of a character, -1 behind the end."""
+    at = max(int(place), 1)
+    return float(ord(characters[at - 1])) if at <= len(characters) else -1.0
+
+
+def character(code: float) -> str:
+    """$CHR(n)."""
+    if not 0 <= int(code) <= 255:
+        raise AsError("E0106", f"$CHR({int(code)}): codes are 0 to 255")
+    return chr(int(code))
+
+
+def instr(first: float | str, second: str, third: str | None = None) -> float:
+    """INSTR(start,string,wanted) and INSTR(string,wanted).
+
+    The 1-based position of the wanted string, 0 if not found; case-insensitive.
+    """
+    if isinstance(first, str) and third is None:
+        start, characters, part = 1, first, second
+    elif not isinstance(first, str) and third is not None:
+        start, characters, part = max(int(first), 1), second, third
+    else:
+        raise AsError("P0116", "INSTR takes (start,string,wanted) or (string,wanted)")
+    if start > len(characters):
+        return 0.0
+    if not part:
+        return float(start)
+    return float(characters.lower().find(part.lower(), start - 1) + 1)
+
+
+def error_of(number: float) -> str:
+    """$ERROR(n): code and text of an error number."""
+    code = code_of(int(number))
+    return f"({code}){error_text(code)}" if code else ""
+
+
+TEXT_FUNCTIONS = {
+    "LEN": function("s", lambda characters: float(len(characters))),
+    "ASC": function("sr", code_at),
+    "$CHR": function("r", character),
+    "$SPACE": function("r", lambda count: text(" " * min(max(int(count), 0), 256))),
+    "$LEFT": function("sr", lambda characters, count: characters[: max(int(count), 0)]),
+    "$RIGHT": function("sr", right),
+    "$MID": function("srr", middle),
+    "INSTR": function("xss", instr),
+    "VAL": function("sr", value_of),
+    "$ERROR": function("r", error_of),
+    "$ERRORS": function("s", lambda code: error_text(code.strip().upper())),
+    "$DATE": function("mr", lambda machine, _=0.0: machine.date()),
+    "$TIME": function("mr", lambda machine, _=0.0: machine.time()),
+}
+
+FUNCTIONS: Mapping[str, FunctionSignature] = {
+    **TEXT_FUNCTIONS,
+    **NUMBER_FUNCTIONS,
+    **POSE_FUNCTIONS,
+}

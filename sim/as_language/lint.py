@@ -1,20 +1,50 @@
-"""Static check of a file (`--check`): unsupported constructs and known traps."""
+"""Static check of a file (`--check`): its report, and the rules on lines and names.
+
+Rules on lines and names: characters, length, variables that are never defined.
+"""
 
 import re
 import sys
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from pathlib import Path
 
 from forcemesh.errors import DataError
+from sim.as_language import keywords, syntax
 from sim.as_language.errors import SyntaxMistake
-from sim.as_language.findings import LintFinding
-from sim.as_language.lint_names import line_traps, name_traps
-from sim.as_language.lint_steps import step_traps
-from sim.as_language.lint_tasks import task_traps
+from sim.as_language.lint_rules import (
+    LintFinding,
+    at,
+    nodes,
+    passed_variable,
+    step_traps,
+    steps,
+    task_traps,
+)
+from sim.as_language.memory import key_of
 from sim.as_language.parser import examine
-from sim.as_language.syntax import SourceFile
+from sim.as_language.special_functions import ALL_NAMES
+from sim.as_language.syntax import (
+    SIGNIFICANT_CHARACTERS,
+    Position,
+    Program,
+    ProgramStep,
+    SourceFile,
+    Variable,
+)
 
 VERDICTS = ("", "; strict: findings are errors", "; it does not parse")  # by exit code
+LONGEST_LINE = 100
+NAME = re.compile(r"\.?[$#@&]?[A-Za-z][A-Za-z0-9_.]*", re.ASCII)
+NO_CODE = re.compile(r'"[^"]*"|\'.|;.*')
+RESERVED = keywords.KNOWN | keywords.OPERATORS | keywords.STATEMENTS.keys() | ALL_NAMES
+# Instructions that write into their arguments.
+WRITERS = frozenset(
+    {"TCP_LISTEN", "TCP_ACCEPT", "TCP_CONNECT", "TCP_SEND", "TCP_RECV", "TCP_CLOSE",
+     "TCP_END_LISTEN", "TCP_STATUS", "TCP_ISLINK", "UDP_SENDTO", "UDP_RECVFROM", "PROMPT"}
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +73,8 @@ def check_text(text: str, name: str = "text") -> LintReport:
         *name_traps(source),
         *task_traps(source),
     ]
-    return LintReport(source, mistakes, tuple(sorted(set(found), key=_in_order_of_file)))
+    order_of_file = attrgetter("where.line", "rule", "text")
+    return LintReport(source, mistakes, tuple(sorted(set(found), key=order_of_file)))
 
 
 def check_file(path: Path, *, strict: bool) -> int:
@@ -53,18 +84,13 @@ def check_file(path: Path, *, strict: bool) -> int:
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from None
     report = check_text(text, str(path))
-    _print(report, strict=strict)
-    return report.exit_code(strict=strict)
-
-
-def _print(report: LintReport, *, strict: bool) -> None:
+    source, code = report.source, report.exit_code(strict=strict)
     for line in (*report.mistakes, *report.findings):
         sys.stdout.write(f"{line}\n")
-    source = report.source
     for section in source.skipped:
         sys.stdout.write(f"{section.where}: skipped: section {section.name}\n")
-    verdict = VERDICTS[report.exit_code(strict=strict)]
-    sys.stdout.write(f"{source.name}: {_summary(report)}{verdict}\n")
+    sys.stdout.write(f"{source.name}: {_summary(report)}{VERDICTS[code]}\n")
+    return code
 
 
 def _summary(report: LintReport) -> str:
@@ -79,5 +105,134 @@ def _summary(report: LintReport) -> str:
     return ", ".join(f"{count} {what}" for what, count in counts.items())
 
 
-def _in_order_of_file(finding: LintFinding) -> tuple[int, str, str]:
-    return finding.where.line, finding.rule, finding.text
+# --- names ----------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class Uses:
+    """Uses of a variable: first position, and kinds of use."""
+
+    first: LintFinding  # without rule and text
+    defined: bool = False
+    scalar: bool = False
+    array: bool = False
+    kinds: set[str] = field(default_factory=set)
+
+
+def name_traps(source: SourceFile) -> Iterator[LintFinding]:
+    """Yield warnings about the variables of a file."""
+    shared: dict[str, Uses] = {}
+    for item in source.data:
+        uses = Uses(LintFinding(item.where, "", ""), defined=True)
+        shared.setdefault(key_of(item.variable), uses)
+    for program in source.programs.values():
+        own: dict[str, Uses] = {}
+        for step in program.steps:
+            _note(program, step, own, shared)
+        for parameter in program.parameters:
+            if key_of(parameter) in own:
+                own[key_of(parameter)].defined = True
+        yield from _judge(own, ".")
+    yield from _judge(shared, "")
+
+
+def _note(
+    program: Program, step: ProgramStep, own: dict[str, Uses], shared: dict[str, Uses]
+) -> None:
+    written = dict(_written(step.statement))
+    for node in nodes(step.statement):
+        if not isinstance(node, Variable):
+            continue
+        uses = (own if node.local else shared).setdefault(
+            key_of(node), Uses(at(program, step, "", ""))
+        )
+        kind = written.get(id(node))
+        if kind is not None:
+            uses.defined = True
+            uses.kinds.add(kind)
+        if kind != "passed":
+            uses.array |= bool(node.indices) or node.whole
+            uses.scalar |= not (node.indices or node.whole)
+
+
+def _written(statement: syntax.Statement) -> Iterator[tuple[int, str]]:
+    """Yield the identity of each variable that a statement defines, and its kind."""
+    match statement:
+        case syntax.Assign(target) | syntax.For(target):
+            yield id(target), "real"
+        case syntax.PointStatement(target) | syntax.Here(target):
+            yield id(target), "location"
+        case syntax.Decompose(target):
+            yield id(target), "passed"
+        case syntax.CallStatement(arguments=arguments):
+            yield from ((id(passed_variable(item)), "passed") for item in arguments)
+        case syntax.Scall(result=result):
+            yield id(result), "real"
+        case syntax.Instruction(name=name, arguments=arguments) if name in WRITERS:
+            yield from ((id(item), "passed") for item in arguments)
+        case _:
+            pass
+
+
+def _judge(names: dict[str, Uses], dot: str) -> Iterator[LintFinding]:
+    for key, uses in names.items():
+        name, texts = f"{dot}{key}", {}
+        if not uses.defined:
+            texts["never-defined"] = "is never defined in this file"
+        if uses.scalar and uses.array:
+            texts["scalar-and-array"] = "is used with and without an index (P0132, P0133)"
+        if {"real", "location"} <= uses.kinds:
+            texts["two-types"] = "is a real here and a transformation there (P0150)"
+        if not dot and key.upper() in RESERVED:
+            texts["reserved"] = "is a reserved word of AS (P0117)"
+        for rule, text in texts.items():
+            yield replace(uses.first, rule=rule, text=f"{name} {text}")
+
+
+# --- lines ----------------------------------------------------------------------------------------
+
+
+def line_traps(source: SourceFile, lines: Sequence[str]) -> Iterator[LintFinding]:
+    """Yield warnings about the lines of the programs of a file."""
+    spellings: dict[str, dict[str, Position]] = defaultdict(dict)
+    for _, step in steps(source):
+        line = lines[step.where.line - 1]
+        code = NO_CODE.sub(" ", line)
+        yield from _characters(step.where, line, code)
+        for name in _long_names(code):
+            spellings[name[: _significant(name)]].setdefault(name, step.where)
+    for names in spellings.values():
+        yield from _names(names)
+
+
+def _characters(where: Position, line: str, code: str) -> Iterator[LintFinding]:
+    if len(line) > LONGEST_LINE:
+        text = f"{len(line)} columns; {LONGEST_LINE} are safe on every controller"
+        yield LintFinding(where, "long-line", text)
+    if not line.isascii():
+        text = "a character that is not ASCII: on LOAD it may swallow the end of the line"
+        yield LintFinding(where, "non-ascii", text)
+    if "!=" in code:
+        yield LintFinding(where, "not-equal", "!= is not in the manual; write <>")
+
+
+def _long_names(code: str) -> Iterator[str]:
+    for match in NAME.finditer(code):
+        name = match[0].lower()
+        if len(name) > _significant(name) and name.upper() not in keywords.KNOWN | ALL_NAMES:
+            yield name
+
+
+def _significant(name: str) -> int:
+    """Return the number of significant characters, including a leading dot and sigil."""
+    return SIGNIFICANT_CHARACTERS + len(name) - len(name.lstrip(".$#@&"))
+
+
+def _names(names: dict[str, Position]) -> Iterator[LintFinding]:
+    for name, where in names.items():
+        short = name[: _significant(name)]
+        yield LintFinding(where, "long-name", f"{name} is {short}: 15 characters are significant")
+    first, *others = names
+    for other in others:
+        text = f"{other} and {first} are the same variable: their first 15 characters are equal"
+        yield LintFinding(names[other], "same-name", text)

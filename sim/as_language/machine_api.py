@@ -3,10 +3,11 @@
 `MachineInterface` implements it; expressions use nothing else. Lengths in mm, angles in degrees.
 """
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import Protocol, TypeVar
 
 from sim.as_language.memory import Locals, Namespace
-from sim.as_language.values import Joints, Pose, Transformation
+from sim.as_language.values import Joints, Pose, Transformation, Value
 
 
 class MachineInterface(Protocol):
@@ -69,7 +70,7 @@ class MachineInterface(Protocol):
         """Return TASK: 0 not running, 1 running, 2 held, 3 waiting for the end of a motion."""
 
     def error_number(self) -> int:
-        """Return ERROR: 0, or -3xxxx for Exxxx and so on (`errors.number_of`)."""
+        """Return ERROR: 0, or -3xxxx for Exxxx and so on (`AsError.number`)."""
 
     def timer_s(self, number: int) -> float:
         """Return TIMER 0 to 10 [s]; TIMER 0 is the time since the controller started."""
@@ -101,3 +102,9 @@ class EvaluationContext(Protocol):
     @property
     def machine(self) -> MachineInterface:
         """The controller that executes the task."""
+
+
+T = TypeVar("T")
+ReadOf = Callable[[EvaluationContext], T]
+"""Reader of a value of one type: a compiled expression."""
+Read = ReadOf[Value]

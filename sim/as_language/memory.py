@@ -3,7 +3,7 @@
     Cell      one variable or array element; `value` is None until it is defined
     Array     elements by index: an int for one dimension, a tuple for two or three
     Names     a namespace, from a spelling without index (`x`, `$s`, `#j`, `@n`) to Cell or Array;
-              `Memory.globals` is one, the locals of each call are another (`Locals`)
+              the global variables are one, the locals of each call are another (`Locals`)
 
 Parameters are passed by reference: a name in the callee's Locals is bound to the caller's Cell or
 Array. A name is either a scalar or an array (P0132, P0133) and, without prefix, either a real or a
@@ -14,7 +14,15 @@ from collections.abc import Iterable, Sequence
 
 from sim.as_language.errors import AsError
 from sim.as_language.syntax import DataValue, Number, Variable
-from sim.as_language.values import Joints, Transformation, Value, joints, transformation
+from sim.as_language.values import (
+    NUMBER,
+    Joints,
+    Transformation,
+    Value,
+    joints,
+    single,
+    transformation,
+)
 
 LARGEST_INDEX = 9999
 
@@ -90,47 +98,45 @@ class Namespace(dict[str, VariableCell | Array]):
         array = self[key] = Array()
         return array
 
+    def fill(self, data: Iterable[DataValue]) -> None:
+        """Define variables from the lines of data sections."""
+        for item in data:
+            variable, given = item.variable, item.value
+            indices = [index.value for index in variable.indices if isinstance(index, Number)]
+            cell = self._cell(key_of(variable), indices)
+            if isinstance(given, tuple):
+                cell.value = (joints if variable.kind == "#" else transformation)(*given[:6])
+            else:
+                cell.value = int(given) if variable.kind == "@" else given
+
+    def read(self, spelling: str) -> Value | None:
+        """Return the value under a spelling, such as `$s` or `x[1,2]`; None if it is undefined."""
+        key, numbers = _parts(spelling)
+        entry = self.get(key)
+        if isinstance(entry, Array):
+            entry = entry.cells.get(index_of(numbers)) if numbers else None
+        elif numbers:
+            return None
+        return None if entry is None else entry.value
+
+    def write(self, spelling: str, value: Value) -> None:
+        """Define a variable by its spelling, such as `$s` or `x[1,2]`."""
+        key, numbers = _parts(spelling)
+        self._cell(key, numbers).value = value
+
+    def _cell(self, key: str, indices: Sequence[float]) -> VariableCell:
+        if not indices:
+            return self.scalar(key)
+        return self.array(key).cell(index_of(indices))
+
 
 Locals = Namespace
 
 
-class Memory:
-    """Global variables of a controller."""
-
-    def __init__(self, data: Iterable[DataValue] = ()) -> None:
-        """Initialise from the data sections of a file."""
-        self.globals = Namespace()
-        self.fill(data)
-
-    def fill(self, data: Iterable[DataValue]) -> None:
-        """Define variables from the lines of data sections."""
-        for item in data:
-            indices = [int(i.value) for i in item.variable.indices if isinstance(i, Number)]
-            key = key_of(item.variable)
-            cell = (
-                self.globals.array(key).cell(index_of(indices))
-                if indices
-                else self.globals.scalar(key)
-            )
-            cell.value = _initial(item)
-
-    def read(self, spelling: str) -> Value | None:
-        """Return a global by its spelling, such as `$s` or `x[1,2]`; None if it is undefined."""
-        name, _, rest = spelling.lower().partition("[")
-        entry = self.globals.get(name)
-        if not rest or isinstance(entry, VariableCell) or entry is None:
-            return entry.value if isinstance(entry, VariableCell) and not rest else None
-        cell = entry.cells.get(index_of([int(n) for n in rest.rstrip("]").split(",")]))
-        return None if cell is None else cell.value
-
-    def write(self, spelling: str, value: Value) -> None:
-        """Define a global by its spelling, such as `$s` or `x[1,2]`."""
-        name, _, rest = spelling.lower().partition("[")
-        if not rest:
-            self.globals.scalar(name).value = value
-            return
-        index = index_of([int(n) for n in rest.rstrip("]").split(",")])
-        self.globals.array(name).cell(index).value = value
+def _parts(spelling: str) -> tuple[str, list[float]]:
+    key, _, rest = spelling.lower().partition("[")
+    indices = rest.rstrip("] ")
+    return key, [float(number) for number in indices.split(",")] if indices else []
 
 
 def key_of(variable: Variable) -> str:
@@ -154,21 +160,36 @@ def following(index: Index, count: int) -> Index:
     return index_of([*index[:-1], index[-1] + count])
 
 
-def undefined(variable: Variable, *, location: bool = False) -> AsError:
-    """Return the error for an undefined variable: E0102, E0103 (location) or E0104 (string)."""
+def spelled(variable: Variable, index: Index) -> str:
+    """Return an array element as AS writes it: `.$s[1,2]`."""
+    numbers = index if isinstance(index, tuple) else (index,)
+    return f"{variable.spelling}[{','.join(map(str, numbers))}]"
+
+
+def undefined(variable: Variable, index: Index | None = None, *, location: bool) -> AsError:
+    """Return the error for an undefined name: E0102, E0103 (location) or E0104 (string)."""
     code = "E0104" if variable.kind == "$" else "E0102"
     if variable.kind == "#" or (location and not variable.kind):
         code = "E0103"
-    return AsError(code, variable.spelling)
+    return AsError(code, variable.spelling if index is None else spelled(variable, index))
 
 
-def check_type(variable: Variable, old: Value | None, new: Value) -> None:
-    """Reject a value of another type (P0150)."""
+def converted(variable: Variable, old: Value | None, new: Value) -> Value:
+    """Return a value as its variable holds it: an integer in `@n`, single precision in `x`.
+
+    Raises AsError P0150 for a value of another type, E0106 for an integer out of range.
+    """
     if not isinstance(new, HOLDS[variable.kind]):
         raise AsError("P0150", f"{variable.spelling} cannot hold {plain(new)}")
     is_pose = isinstance(new, Transformation)
     if not variable.kind and old is not None and isinstance(old, Transformation) != is_pose:
         raise AsError("P0150", f"{variable.spelling} holds {plain(old)}, not {plain(new)}")
+    if variable.kind == "@" and isinstance(new, NUMBER):
+        whole = int(new)
+        if not -(2**31) <= whole < 2**31:
+            raise AsError("E0106", f"{variable.spelling} holds 32-bit integers, not {whole}")
+        return whole
+    return single(float(new)) if isinstance(new, int) else new
 
 
 def plain(value: Value) -> str:
@@ -205,10 +226,3 @@ def bind(
             raise AsError("P0138", f"{text}, the parameter {parameter.spelling} is not")
         names[key_of(parameter)] = entry
     return names
-
-
-def _initial(item: DataValue) -> Value:
-    value = item.value
-    if isinstance(value, tuple):
-        return joints(*value[:6]) if item.variable.kind == "#" else transformation(*value[:6])
-    return int(value) if item.variable.kind == "@" and not isinstance(value, str) else value

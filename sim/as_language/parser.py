@@ -6,15 +6,16 @@ skipped and listed. Bytes are Latin-1: one character is one byte.
 """
 
 import re
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from forcemesh.errors import DataError
 from sim.as_language import syntax
 from sim.as_language.builder import short_name
 from sim.as_language.errors import AsError, AsSyntaxError, SyntaxMistake
-from sim.as_language.lines import LineError, parse_line, parse_parameters
-from sim.as_language.structure import Linker
+from sim.as_language.lines import parse_line, parse_parameters
 from sim.as_language.syntax import (
     SIGNIFICANT_CHARACTERS,
     Position,
@@ -23,6 +24,7 @@ from sim.as_language.syntax import (
     Remark,
     SkippedSection,
     SourceFile,
+    Statement,
 )
 from sim.as_language.values import single
 
@@ -38,6 +40,12 @@ DATA_ITEM = re.compile(
     re.ASCII,
 )
 END = re.compile(r"\.END\b", re.IGNORECASE)
+# Structures of a program, and the statement that closes each.
+OPENS = {
+    syntax.If: "IF", syntax.While: "WHILE", syntax.For: "FOR", syntax.CaseStatement: "CASE",
+    syntax.Do: "DO",
+}  # fmt: skip
+CLOSED_BY = {"IF": "END", "WHILE": "END", "FOR": "END", "CASE": "END", "DO": "UNTIL"}
 
 
 def load(path: Path) -> SourceFile:
@@ -88,41 +96,44 @@ class _Reader:
         header = HEADER.match(stripped)
         if END.match(stripped):
             self._close()
-        elif self.program is not None:
-            if header and header["word"].upper() == "PROGRAM":
-                self._add_error(self.program.where, "P0140", "the program has no .END")
-                self._close()
-                self._open(header, where)
-            else:
-                self.program.read(line, where)
+        elif self.program and not (header and header["word"].upper() == "PROGRAM"):
+            self.program.read(line, where)
         elif header is not None:
             self._open(header, where)
         elif self.section in KINDS and stripped and not stripped.startswith(";"):
-            self._data(stripped, where)
+            try:
+                self.data.append(_data_line(self.section, stripped, where))
+            except AsError as error:
+                self.mistakes.append(SyntaxMistake(where, error.code, error.detail))
         elif not self.section and stripped and not stripped.startswith((";", ".*")):
             text = f"{stripped!a:.60} is outside of any .PROGRAM or data section"
-            self._add_error(where, "P0109", text)
+            self.mistakes.append(SyntaxMistake(where, "P0109", text))
 
     def finish(self) -> tuple[SourceFile, tuple[SyntaxMistake, ...]]:
         """Return the file and its mistakes in the order of the file."""
-        if self.program is not None:
-            self._add_error(self.program.where, "P0140", "the program has no .END")
-            self._close()
+        self._close_unfinished()
         source = SourceFile(
             self.name, self.programs, tuple(self.data), tuple(self.skipped), tuple(self.remarks)
         )
         return source, tuple(sorted(self.mistakes, key=lambda m: (m.where.line, m.column)))
 
     def _open(self, header: re.Match[str], where: Position) -> None:
+        self._close_unfinished()
         self.section = f".{header['word'].upper()}"
         if self.section == ".PROGRAM":
             self.program = _ProgramReader(header["rest"], where)
         elif self.section not in KINDS:
             self.skipped.append(SkippedSection(self.section, where))
 
+    def _close_unfinished(self) -> None:
+        if self.program is not None:
+            text = "the program has no .END"
+            self.mistakes.append(SyntaxMistake(self.program.where, "P0140", text))
+            self._close()
+
     def _close(self) -> None:
+        self.section = ""
         if self.program is None:
-            self.section = ""
             return
         program = self.program.finish()
         self.mistakes += self.program.mistakes
@@ -133,20 +144,22 @@ class _Reader:
             self.remarks.append(Remark(program.where, text))
         self.programs[program.name] = program
         self.program = None
-        self.section = ""
 
-    def _data(self, line: str, where: Position) -> None:
-        try:
-            self.data.append(_data_line(self.section, line, where))
-        except LineError as error:
-            self._add_error(where, error.code, error.text)
 
-    def _add_error(self, where: Position, code: str, text: str) -> None:
-        self.mistakes.append(SyntaxMistake(where, code, text))
+# --- programs -------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Open:
+    """Open structure: its step, and the inner steps that need the index of its end."""
+
+    kind: str
+    at: int
+    inner: list[int] = field(default_factory=list)
 
 
 class _ProgramReader:
-    """Parser of one program: numbers its steps and collects its labels."""
+    """Parser of one program: numbers its steps, collects labels, and resolves jump targets."""
 
     def __init__(self, header: str, where: Position) -> None:
         self.where = where
@@ -156,70 +169,139 @@ class _ProgramReader:
         self.labels: dict[str, int] = {}
         self.name = ""
         self.parameters: tuple[syntax.Variable, ...] = ()
+        self._opened: list[_Open] = []
+        self._misplaced: list[SyntaxMistake] = []
         try:
             name, self.parameters = _header(header)
             self.name = short_name(name)
             if len(name) > SIGNIFICANT_CHARACTERS:
                 text = f"only the first {SIGNIFICANT_CHARACTERS} characters of {name} are used"
                 self.remarks.append(Remark(where, text))
-        except LineError as error:
-            self.mistakes.append(SyntaxMistake(where, error.code, error.text))
+        except AsError as error:
+            self.mistakes.append(SyntaxMistake(where, error.code, error.detail))
 
     def read(self, line: str, where: Position) -> None:
         """Parse the next line; blank lines are not steps."""
-        text = line.strip()
+        text, at = line.strip(), len(self.steps)
         if not text:
             return
         try:
             parsed = parse_line(line)
-        except LineError as error:
-            self.mistakes.append(SyntaxMistake(where, error.code, error.text, error.column))
+        except AsError as error:
+            self.mistakes.append(SyntaxMistake(where, error.code, error.detail, error.column))
             return
-        if parsed.label is not None:
-            self._label(parsed.label, where)
-        number = len(self.steps) + 1
-        statement = parsed.statement or syntax.Comment()
-        self.steps.append(ProgramStep(number, statement, where, text, parsed.label))
-
-    def finish(self) -> Program:
-        """Link the steps and return the program."""
-        linker = Linker(self.steps, self.labels)
-        steps = linker.link()
-        if not self.mistakes:  # an invalid line may be the IF that END closes
-            self.mistakes += linker.mistakes
-        return Program(self.name, self.parameters, steps, self.where, self.labels)
-
-    def _label(self, label: str, where: Position) -> None:
+        label, statement = parsed.label, parsed.statement or syntax.Comment()
         if label in self.labels:
             first = self.steps[self.labels[label]].where.line
-            text = f"label {label} is already defined in line {first}"
-            self.mistakes.append(SyntaxMistake(where, "P0146", text))
-        self.labels.setdefault(label, len(self.steps))
+            reason = f"label {label} is already defined in line {first}"
+            self.mistakes.append(SyntaxMistake(where, "P0146", reason))
+        elif label is not None:
+            self.labels[label] = at
+        self.steps.append(ProgramStep(at + 1, statement, where, text, label))
+        self._link(at, statement)
+
+    def finish(self) -> Program:
+        """Return the program, with the targets of GOTO."""
+        for left in self._opened:
+            code = "P0144" if left.kind == "DO" else "P0140"
+            self._misplace(left.at, code, f"{left.kind} has no {CLOSED_BY[left.kind]}")
+        for at, step in enumerate(self.steps):
+            if isinstance(step.statement, syntax.Goto):
+                target = self.labels.get(step.statement.label, syntax.UNRESOLVED)
+                self._resolve(at, target=target)
+        if not self.mistakes:  # an invalid line may be the IF that END closes
+            self.mistakes += self._misplaced
+        return Program(self.name, self.parameters, tuple(self.steps), self.where, self.labels)
+
+    # --- jump targets -----------------------------------------------------------------------------
+
+    def _link(self, at: int, statement: Statement) -> None:
+        """Open or close a structure; the targets inside of it are resolved at its end."""
+        kind = OPENS.get(type(statement))
+        last = self._opened[-1].kind if self._opened else ""
+        match statement:
+            case _ if kind is not None:
+                self._opened.append(_Open(kind, at))
+            case syntax.Else() if last != "IF":
+                self._misplace(at, "P0142", "ELSE must be between IF ... THEN and END")
+            case syntax.Value() | syntax.Any() if last != "CASE":
+                self._misplace(at, "P0145", "VALUE and ANY must be between CASE and END")
+            case syntax.Else() | syntax.Value() | syntax.Any():
+                opened = self._opened[-1]
+                opened.inner.append(at)
+                if last == "IF" and len(opened.inner) > 1:
+                    text = f"the IF of step {opened.at + 1} already has an ELSE"
+                    self._misplace(at, "P0142", text)
+            case syntax.Until() if last != "DO":
+                self._misplace(at, "P0143", f"UNTIL closes DO{self._instead()}")
+            case syntax.Until():
+                self._resolve(at, false_at=self._opened.pop().at)
+            case syntax.End() if last in ("", "DO"):
+                text = f"END closes IF, WHILE, FOR or CASE{self._instead()}"
+                self._misplace(at, "P0141", text)
+            case syntax.End():
+                self._end(at, self._opened.pop())
+
+    def _end(self, at: int, opened: _Open) -> None:
+        self._resolve(at, of=opened.kind, start_at=opened.at)
+        for inner in opened.inner:
+            self._resolve(inner, end_at=at)
+        if opened.kind == "IF":
+            self._resolve(opened.at, false_at=opened.inner[0] + 1 if opened.inner else at)
+        elif opened.kind != "CASE":
+            self._resolve(opened.at, false_at=at + 1)
+        else:
+            branches, default_at = [], at
+            for inner in opened.inner:
+                statement = self.steps[inner].statement
+                if isinstance(statement, syntax.Value):
+                    branches.append(syntax.Branch(statement.values, inner + 1))
+                else:
+                    default_at = inner + 1
+            self._resolve(opened.at, branches=tuple(branches), default_at=default_at)
+
+    def _resolve(self, at: int, **targets: Any) -> None:
+        step = self.steps[at]
+        statement: Any = step.statement
+        self.steps[at] = replace(step, statement=replace(statement, **targets))
+
+    def _misplace(self, at: int, code: str, text: str) -> None:
+        self._misplaced.append(SyntaxMistake(self.steps[at].where, code, text))
+
+    def _instead(self) -> str:
+        if not self._opened:
+            return "; none is open here"
+        last = self._opened[-1]
+        return (
+            f"; the {last.kind} of step {last.at + 1} is open and must first be closed by"
+            f" {CLOSED_BY[last.kind]}"
+        )
 
 
 def _header(rest: str) -> tuple[str, tuple[syntax.Variable, ...]]:
     """Return name and parameters of `.PROGRAM name(parameters) @date #number ;comment`."""
     match = PROGRAM.fullmatch(rest.strip())
     if match is None:
-        raise LineError("P0117", f".PROGRAM is followed by a name; found {rest.strip()!a:.60}")
+        raise AsError("P0117", f".PROGRAM is followed by a name; found {rest.strip()!a:.60}")
     if match["parameters"] is not None and ")" not in rest:
-        raise LineError("P0120", "the list of parameters is not closed by ')'")
+        raise AsError("P0120", "the list of parameters is not closed by ')'")
     if not TAIL.fullmatch(match["tail"]):
-        text = (
-            f"expected @date, #number or ;comment after the parameters; found {match['tail']!a:.60}"
-        )
-        raise LineError("P0108", text)
+        text = "expected @date, #number or ;comment after the parameters"
+        raise AsError("P0108", f"{text}; found {match['tail']!a:.60}")
     return match["name"], parse_parameters(match["parameters"] or "")
 
 
+# --- data -----------------------------------------------------------------------------------------
+
+
 def _data_line(section: str, line: str, where: Position) -> syntax.DataValue:
-    """Return the value on one line of a data section; raise `LineError`."""
+    """Return the value on one line of a data section; raise `AsError`."""
     match = DATA_ITEM.match(line.strip())
     if match is None:
-        raise LineError("P0108", f"{section}: expected a name and its value; found {line!a:.60}")
+        raise AsError("P0108", f"{section}: expected a name and its value; found {line!a:.60}")
     kind = KINDS[section]
     if match["kind"] not in ("", kind):
-        raise LineError("P0118", f"{section} holds names with {kind!r}, found {match['kind']!r}")
+        raise AsError("P0118", f"{section} holds names with {kind!r}, found {match['kind']!r}")
     indices = tuple(syntax.Number(float(n)) for n in (match["indices"] or "").split(",") if n)
     variable = syntax.Variable(kind, short_name(match["name"]), indices=indices)
     return syntax.DataValue(variable, _value(section, match["value"].strip()), where)
@@ -228,7 +310,7 @@ def _data_line(section: str, line: str, where: Position) -> syntax.DataValue:
 def _value(section: str, spelled: str) -> float | str | tuple[float, ...]:
     if section == ".STRINGS":
         if len(spelled) < 2 or spelled[0] != '"' or spelled[-1] != '"':
-            raise LineError("P0108", f"expected a quoted string; found {spelled!a:.60}")
+            raise AsError("P0108", f"expected a quoted string; found {spelled!a:.60}")
         return spelled[1:-1]
     try:
         numbers = tuple(float(word) for word in spelled.replace(",", " ").split())
@@ -236,11 +318,11 @@ def _value(section: str, spelled: str) -> float | str | tuple[float, ...]:
             return float(int(numbers[0]))
         rounded = tuple(single(number) for number in numbers)
     except (ValueError, IndexError, OverflowError, AsError):
-        raise LineError("P0100", f"{section}: expected numbers; found {spelled!a:.60}") from None
+        raise AsError("P0100", f"{section}: expected numbers; found {spelled!a:.60}") from None
     if section == ".REALS":
         if len(rounded) != 1:
-            raise LineError("P0100", f"expected one number; found {spelled!a:.60}")
+            raise AsError("P0100", f"expected one number; found {spelled!a:.60}")
         return rounded[0]
     if len(rounded) < 6:
-        raise LineError("P0100", f"expected six numbers for a pose; found {len(rounded)}")
+        raise AsError("P0100", f"expected six numbers for a pose; found {len(rounded)}")
     return rounded

@@ -1,17 +1,10 @@
-"""Table of all functions, and functions that inspect variables instead of values."""
+"""Functions that inspect variables instead of values, and the names of all functions."""
 
 from collections.abc import Mapping
 
-from sim.as_language import functions_number, functions_pose, functions_text
-from sim.as_language.functions import FunctionSignature
-from sim.as_language.memory import Array, Namespace, VariableCell, index_of
-from sim.as_language.values import Joints, Transformation, Value, truth
-
-FUNCTIONS: Mapping[str, FunctionSignature] = {
-    **functions_text.FUNCTIONS,
-    **functions_number.FUNCTIONS,
-    **functions_pose.FUNCTIONS,
-}
+from sim.as_language.functions import FUNCTIONS
+from sim.as_language.memory import Array, Namespace, VariableCell
+from sim.as_language.values import FALSE, Joints, Transformation, truth
 
 NOT_AN_ARRAY, UNDEFINED_NAME = -1.0, -2.0
 
@@ -31,18 +24,14 @@ ALL_NAMES = frozenset({*FUNCTIONS, *EXISTS, *EXTREMES, *MODIFYING})
 def exists(name: str, spelling: str, names: Namespace) -> float:
     """Return TRUE if a variable of the function's type is defined under a spelling."""
     prefix, kind = EXISTS[name]
-    base, _, rest = spelling.lower().lstrip(".").partition("[")
-    entry = names.get(prefix + base.lstrip("$#@"))
-    value: Value | None = None
-    if isinstance(entry, VariableCell) and not rest:
-        value = entry.value
-    elif isinstance(entry, Array):
-        if not rest.rstrip("] "):
-            return truth(entry.defined)
-        numbers = [float(number) for number in rest.rstrip("] ").split(",")]
-        cell = entry.cells.get(index_of(numbers))
-        value = None if cell is None else cell.value
-    return truth(value.__class__ is kind)
+    spelled = prefix + spelling.lower().lstrip(".").lstrip("$#@")
+    base, _, rest = spelled.partition("[")
+    entry = names.get(base)
+    if isinstance(entry, Array) and not rest.rstrip("] "):
+        return truth(entry.defined)
+    if isinstance(entry, VariableCell) and rest:
+        return FALSE
+    return truth(names.read(spelled).__class__ is kind)
 
 
 def extreme_index(name: str, spelling: str, dimension: int, names: Namespace) -> float:

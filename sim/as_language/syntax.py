@@ -239,7 +239,7 @@ class For:
     variable: Variable
     start: Expression
     stop: Expression
-    step: Expression
+    step: Expression = Number(1.0)
     false_at: int = UNRESOLVED
 
 

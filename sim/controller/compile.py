@@ -1,37 +1,31 @@
-"""Compiler from programs to operations, one for each step."""
+"""Compiler from programs to operations, one for each step.
+
+A statement that is no instruction has a function here: control flow, CALL, PRINT, assignments.
+"""
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 
+from sim.as_language import expressions
 from sim.as_language import syntax as s
-from sim.as_language.errors import AsError
-from sim.as_language.syntax import Instruction, Program, ProgramStep, SourceFile
-from sim.controller import instructions_motion, instructions_tasks, instructions_tcp, statements
+from sim.as_language.errors import AsError, refuse
+from sim.as_language.memory import bind
+from sim.as_language.syntax import Program, SourceFile
+from sim.as_language.values import Joints, Transformation, Value, compose, inverse, single
+from sim.controller import instructions_motion, instructions_tasks, instructions_tcp
 from sim.controller.instruction import Action, compile_instruction
 from sim.controller.tasks import Compiled, Op, Task
 
-_STATEMENTS: dict[type, Callable[..., Op]] = {
-    s.If: statements.compile_test,
-    s.While: statements.compile_test,
-    s.Until: statements.compile_test,
-    s.For: statements.compile_for,
-    s.End: statements.compile_end,
-    s.CaseStatement: statements.compile_case,
-    s.Goto: statements.compile_goto,
-    s.Return: statements.compile_return,
-    s.Assign: statements.compile_assign,
-    s.PointStatement: statements.compile_point,
-    s.Here: statements.compile_here,
-    s.Decompose: statements.compile_decompose,
-    s.CallStatement: statements.compile_call,
-    s.Scall: statements.compile_scall,
-    s.Print: statements.compile_print,
-}
 INSTRUCTIONS: Mapping[str, Action] = {
     **instructions_motion.INSTRUCTIONS,
     **instructions_tasks.INSTRUCTIONS,
     **instructions_tcp.INSTRUCTIONS,
 }
+# POINT/X and similar: components of the transformation that are copied.
+_PARTS = {
+    "X": ("x",), "Y": ("y",), "Z": ("z",), "O": ("o",), "A": ("a",), "T": ("t",),
+    "OAT": ("o", "a", "t"),
+}  # fmt: skip
 
 
 @lru_cache(maxsize=8)
@@ -44,41 +38,305 @@ def _compile_program(program: Program) -> Compiled:
     """Return a program that can be executed.
 
     A step that cannot be compiled does not reject the file: it fails when it is reached, as on the
-    controller, with its code, program and step. Steps are compiled lazily when first reached, as
-    half of a program never is.
+    controller, with its code, program and step. Steps are compiled when first reached, as half of
+    a program never is; the operation then replaces the one that compiles it.
     """
     ops: list[Op] = []
-    for at, step in enumerate(program.steps):
-        ops.append(_when_reached(step, at, ops))
+
+    def when_reached(at: int) -> Op:
+        def run(task: Task) -> int:
+            op = ops[at] = _compile(program.steps[at].statement, at)
+            return op(task)
+
+        return run
+
+    ops += map(when_reached, range(len(program.steps)))
     return Compiled(program, ops)
 
 
-def _when_reached(step: ProgramStep, at: int, ops: list[Op]) -> Op:
-    """Return an operation that compiles itself at the first call and then replaces itself."""
-    op: Op | None = None
-
-    def run(task: Task) -> int:
-        nonlocal op
-        if op is None:
-            op = ops[at] = _compile(step, at)
-        return op(task)
-
-    return run
-
-
-def _compile(step: ProgramStep, at: int) -> Op:
-    statement = step.statement
+def _compile(statement: s.Statement, at: int) -> Op:
     try:
-        if isinstance(statement, s.Comment | s.Do):
-            return statements.jump_to(at + 1)
-        if isinstance(statement, s.Else | s.Value | s.Any):
-            return statements.jump_to(statement.end_at)
-        if not isinstance(statement, Instruction):
+        if not isinstance(statement, s.Instruction):
             return _STATEMENTS[type(statement)](statement, at)
         action = INSTRUCTIONS.get(statement.name)
         if action is not None:
             return compile_instruction(action, statement, at)
         known = "unknown" if statement.unknown else "not emulated"
-        return statements.failing(AsError("E0111", f"{statement.name} is {known}"))
+        return refuse("E0111", f"{statement.name} is {known}")
     except AsError as error:
-        return statements.failing(error)
+        return refuse(error.code, error.detail)
+
+
+# --- control flow ---------------------------------------------------------------------------------
+
+
+def _jump_to(at: int) -> Op:
+    return lambda _: at
+
+
+def _no_effect(_: s.Comment | s.Do, at: int) -> Op:
+    """Compile a comment, and DO, to which UNTIL jumps."""
+    return _jump_to(at + 1)
+
+
+def _leave_branch(statement: s.Else | s.Value | s.Any, _: int) -> Op:
+    """Compile ELSE, VALUE and ANY, reached from the branch above."""
+    return _jump_to(statement.end_at)
+
+
+def _test(statement: s.If | s.While | s.Until, at: int) -> Op:
+    """Compile `IF condition THEN`, `WHILE condition DO` and `UNTIL condition`."""
+    condition, otherwise = expressions.number_of(statement.condition), statement.false_at
+    return lambda task: at + 1 if condition(task) else otherwise
+
+
+def _goto(statement: s.Goto, at: int) -> Op:
+    """Compile GOTO; a missing label fails when it is executed (E0101)."""
+    target = statement.target
+    jump = _jump_to(target)
+    if target == s.UNRESOLVED:
+        jump = refuse("E0101", f"GOTO {statement.label}")
+    if statement.condition is None:
+        return jump
+    condition = expressions.number_of(statement.condition)
+    if target == s.UNRESOLVED:
+        return lambda task: jump(task) if condition(task) else at + 1
+    return lambda task: target if condition(task) else at + 1
+
+
+def _for(statement: s.For, at: int) -> Op:
+    """Compile FOR: stores the action of its END in the frame's `loops`."""
+    assign, read = expressions.store(statement.variable), expressions.number_of(statement.variable)
+    start, stop = expressions.number_of(statement.start), expressions.number_of(statement.stop)
+    step, after = expressions.number_of(statement.step), statement.false_at
+
+    def run(task: Task) -> int:
+        assign(task, start(task))
+        last, by = stop(task), step(task)
+
+        def test(task: Task) -> int:
+            value = read(task)
+            return at + 1 if (value <= last if by >= 0.0 else value >= last) else after
+
+        def advance(task: Task) -> int:
+            assign(task, single(read(task) + by))
+            return test(task)
+
+        task.frames[-1].loops[at] = advance
+        return test(task)
+
+    return run
+
+
+def _end(statement: s.End, at: int) -> Op:
+    """Compile END: jump to the top of a loop, otherwise to the next step."""
+    start = statement.start_at
+    if statement.of == "WHILE":
+        return _jump_to(start)
+    if statement.of != "FOR":
+        return _jump_to(at + 1)
+
+    def run(task: Task) -> int:
+        advance = task.frames[-1].loops.get(start)
+        if advance is None:
+            raise AsError("P0141", "the loop was entered by GOTO, its FOR was not executed")
+        return advance(task)
+
+    return run
+
+
+def _case(statement: s.CaseStatement, _: int) -> Op:
+    """Compile CASE and SCASE: the first branch that holds an equal value."""
+    of = expressions.text_of if statement.text else expressions.number_of
+    selector = of(statement.selector)
+    branches = [
+        (tuple(of(value) for value in branch.values), branch.body_at)
+        for branch in statement.branches
+    ]
+    default = statement.default_at
+
+    def run(task: Task) -> int:
+        selected = selector(task)
+        for values, body_at in branches:
+            for value in values:
+                if value(task) == selected:
+                    return body_at
+        return default
+
+    return run
+
+
+# --- CALL, RETURN, PRINT --------------------------------------------------------------------------
+
+
+def _call(statement: s.CallStatement, at: int) -> Op:
+    """Compile CALL prog(arguments)."""
+    arguments = [expressions.refer(argument) for argument in statement.arguments]
+
+    def run(task: Task) -> int:
+        program = task.control.unused_program(statement.program, task)
+        given = [refer(task) for refer in arguments]
+        task.enter(program, bind(program.program.parameters, given, program.name))
+        return at + 1
+
+    return run
+
+
+def _scall(statement: s.Scall, at: int) -> Op:
+    """Compile SCALL $name[,result]: with a result, an error code is stored instead of raised."""
+    name = expressions.text_of(statement.program)
+    store = expressions.store(statement.result) if statement.result else None
+
+    def run(task: Task) -> int:
+        caller, code = task.frame, 0.0
+        try:
+            program = task.control.unused_program(name(task).lower(), task)
+            task.enter(program, bind(program.program.parameters, [], program.name))
+        except AsError as error:
+            if store is None:
+                raise
+            code = float(error.number)
+        if store is not None:
+            frames, task.frames = task.frames, [caller]  # the result is a variable of the caller
+            try:
+                store(task, code)
+            finally:
+                task.frames = frames
+        return at + 1
+
+    return run
+
+
+def _return(_: s.Return, at: int) -> Op:
+    """Compile RETURN: return to the caller; in the main program it ends the cycle."""
+
+    def run(task: Task) -> int:
+        task.leave()
+        return at
+
+    return run
+
+
+def _print(statement: s.Print, at: int) -> Op:
+    """Compile PRINT [device:] items and TYPE items; all devices share one output."""
+    layout = expressions.layout(statement.items)
+
+    def run(task: Task) -> int:
+        text, feed = layout(task)
+        task.hardware.print(text, feed=feed)
+        return at + 1
+
+    return run
+
+
+# --- assignments ----------------------------------------------------------------------------------
+
+
+def _assign(statement: s.Assign, at: int) -> Op:
+    """Compile `x = 1`, `$s = "a"`, `@n = 3`."""
+    of = expressions.text_of if statement.target.kind == "$" else expressions.number_of
+    return _stored(statement.target, of(statement.value), at)
+
+
+def _point(statement: s.PointStatement, at: int) -> Op:
+    """Compile POINT p = pose, POINT #j = pose[,#near], POINT/X p = pose."""
+    if statement.target.kind == "#":
+        read = _joints(statement)
+    elif statement.part:
+        read = _part(statement)
+    else:
+        read = expressions.place_of(statement.value)
+    return _stored(statement.target, read, at)
+
+
+def _here(statement: s.Here, at: int) -> Op:
+    """Compile HERE p, HERE #j and HERE a+p: current pose from the encoders."""
+    if statement.target.kind == "#":
+        return _stored(statement.target, lambda task: task.machine.here_joints(), at)
+    relative = expressions.place_of(statement.relative_to) if statement.relative_to else None
+
+    def here(task: Task) -> Transformation:
+        place = task.machine.here()
+        return compose(inverse(relative(task)), place) if relative else place
+
+    return _stored(statement.target, here, at)
+
+
+def _decompose(statement: s.Decompose, at: int) -> Op:
+    """Compile DECOMPOSE x[k] = pose: six reals from element k on."""
+    store, value = expressions.store_row(statement.target), expressions.pose_of(statement.value)
+
+    def run(task: Task) -> int:
+        store(task, value(task).numbers())
+        return at + 1
+
+    return run
+
+
+def _stored(target: s.Variable, value: Callable[[Task], Value], at: int) -> Op:
+    store = expressions.store(target)
+
+    def run(task: Task) -> int:
+        store(task, value(task))
+        return at + 1
+
+    return run
+
+
+def _joints(statement: s.PointStatement) -> Callable[[Task], Value]:
+    """Return joint values of a pose, near the configuration or else the current destination."""
+    value = expressions.pose_of(statement.value)
+    near = expressions.pose_of(statement.configuration) if statement.configuration else None
+
+    def read(task: Task) -> Joints:
+        pose = value(task)
+        configuration = near(task) if near else None
+        if isinstance(pose, Joints):
+            return pose
+        if not isinstance(configuration, Joints):
+            configuration = None
+        return task.machine.joints_of(pose, configuration)
+
+    return read
+
+
+def _part(statement: s.PointStatement) -> Callable[[Task], Value]:
+    """Return the target with components of a pose; an undefined target starts from zero."""
+    value, old = expressions.place_of(statement.value), expressions.place_of(statement.target)
+    names = _PARTS.get(statement.part)
+
+    def read(task: Task) -> Transformation:
+        if names is None:
+            raise AsError("E0111", f"POINT/{statement.part}")
+        source = value(task)
+        try:
+            before = old(task)
+        except AsError:
+            before = Transformation()
+        return before._replace(**{name: getattr(source, name) for name in names})
+
+    return read
+
+
+_STATEMENTS: Mapping[type, Callable[..., Op]] = {
+    s.Comment: _no_effect,
+    s.Do: _no_effect,
+    s.Else: _leave_branch,
+    s.Value: _leave_branch,
+    s.Any: _leave_branch,
+    s.If: _test,
+    s.While: _test,
+    s.Until: _test,
+    s.For: _for,
+    s.End: _end,
+    s.CaseStatement: _case,
+    s.Goto: _goto,
+    s.Return: _return,
+    s.Assign: _assign,
+    s.PointStatement: _point,
+    s.Here: _here,
+    s.Decompose: _decompose,
+    s.CallStatement: _call,
+    s.Scall: _scall,
+    s.Print: _print,
+}

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from sim.as_language import expressions
 from sim.as_language.errors import AsError
-from sim.as_language.syntax import Instruction, Variable, Word
+from sim.as_language.syntax import Expression, Instruction, Variable, Word
 from sim.controller.tasks import Op, Task, Wait
 
 Act = Callable[..., Wait | None]
@@ -98,14 +98,12 @@ def _readers(action: Action, statement: Instruction) -> list[Read]:
         if given is None and (letter == "n" or default is not inspect.Parameter.empty):
             readers.append(_always(None if letter == "n" else default))
         else:
-            readers.append(_reader(letter, statement, index))
+            readers.append(_reader(letter, given, statement.name, index))
     return readers
 
 
-def _reader(letter: str, statement: Instruction, number: int) -> Read:
-    """Return the reader of argument `number`, counted from 1."""
-    name = statement.name
-    given = statement.arguments[number - 1] if number <= len(statement.arguments) else None
+def _reader(letter: str, given: Expression | None, name: str, number: int) -> Read:
+    """Return the reader of an argument of an instruction; `number` counts from 1."""
     if letter == "w":
         if not isinstance(given, Word):
             raise AsError("P0100", f"{name} needs the name of a program")

@@ -50,13 +50,13 @@ def pcexecute(task: Task, number: float, name: str, cycles: float = 1.0, step: f
 
 
 def pcabort(task: Task, number: float) -> None:
-    """PCABORT n: and PCKILL n: (at once)."""
-    task.control.stop_pc(_pc_number(number))
+    """PCABORT n: and PCKILL n: (at once). No error if the program does not run."""
+    task.control.tasks[_pc_number(number)].set_state("idle")
 
 
 def pcend(task: Task, number: float) -> None:
     """PCEND n: (at the end of the cycle)."""
-    task.control.stop_pc(_pc_number(number), at_once=False)
+    task.control.tasks[_pc_number(number)].cycles = 1
 
 
 def pcscan(task: Task, period_s: float) -> None:
@@ -84,7 +84,7 @@ def _cycles(value: float) -> int:
 
 
 def _pc_number(value: float) -> int:
-    return PC_PROGRAMS.start - 1 + int(checked(value, 1, len(PC_PROGRAMS), "PC program number"))
+    return int(checked(value, 1, len(PC_PROGRAMS), "PC program number"))
 
 
 # --- waits, signals, timers -----------------------------------------------------------------------

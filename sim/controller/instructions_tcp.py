@@ -1,7 +1,7 @@
 """TCP instructions: argument order, ranges, and result variables."""
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar, cast
+from typing import Any
 
 from forcemesh.clock import NS_PER_S
 from sim.as_language.errors import AsError
@@ -15,7 +15,6 @@ from sim.controller.tcp import DEFAULT_TIMEOUT_S, ELEMENT_CHARS, PORTS, Operatio
 _MOST_ELEMENTS = 4096
 _LONGEST_TIMEOUT_S = 3600.0
 
-T = TypeVar("T")
 Store = Callable[[Task, float], None]
 StoreRow = Callable[[Task, Sequence[Value]], None]
 ReadRow = Callable[[Task, int], list[Value]]
@@ -46,12 +45,11 @@ def accept(
     """TCP_ACCEPT socket,port[,timeout[,ip[k]]]."""
 
     def finish(outcome: TcpResult) -> None:
-        store(task, outcome.code)
         if store_peer is not None and outcome.code > 0:
             store_peer(task, [float(octet) for octet in outcome.peer])
 
     end_ns = _end_ns(task, timeout_s)
-    return _wait_for(task, task.hardware.tcp.accept(_port(port), end_ns), finish)
+    return _wait_for(task, store, task.hardware.tcp.accept(_port(port), end_ns), finish)
 
 
 def connect(
@@ -63,7 +61,7 @@ def connect(
     address: Octets = (a, b, c, d)
     number = int(checked(port, 1, 65535, "port"))
     operation = task.hardware.tcp.connect(address, number, _end_ns(task, timeout_s))
-    return _wait_for(task, operation, lambda outcome: store(task, outcome.code))
+    return _wait_for(task, store, operation)
 
 
 def send(
@@ -78,7 +76,7 @@ def send(
     n = int(checked(count, 1, _MOST_ELEMENTS, "the number of elements"))
     strings = _row(elements(task, n), str, "TCP_SEND needs strings")
     operation = task.hardware.tcp.send(int(number), strings, _end_ns(task, timeout_s))
-    return _wait_for(task, operation, lambda outcome: store(task, outcome.code))
+    return _wait_for(task, store, operation)
 
 
 def receive(
@@ -93,14 +91,13 @@ def receive(
     """TCP_RECV ret,socket,$a[k],n[,timeout[,maxlen]]; n receives the count."""
 
     def finish(outcome: TcpResult) -> None:
-        store(task, outcome.code)
         store_count(task, len(outcome.elements))
         store_text(task, outcome.elements)
 
     chars = int(checked(longest, 1, ELEMENT_CHARS, "the longest element"))
     end_ns = _end_ns(task, timeout_s)
     operation = task.hardware.tcp.receive(int(number), end_ns, longest=chars)
-    return _wait_for(task, operation, finish)
+    return _wait_for(task, store, operation, finish)
 
 
 def _port(value: float) -> int:
@@ -113,19 +110,25 @@ def _end_ns(task: Task, timeout_s: float) -> int:
     return hardware.now_ns + round(hardware.behaviour.timeout_s(asked_s) * NS_PER_S)
 
 
-def _row(values: Sequence[Value], kind: type[T] | tuple[type[T], ...], reason: str) -> list[T]:
+def _row(values: list[Any], kind: type | tuple[type, ...], reason: str) -> list[Any]:
     if all(isinstance(value, kind) for value in values):
-        return cast("list[T]", values)
+        return values
     raise AsError("P0118", reason)
 
 
-def _wait_for(task: Task, operation: Operation, finish: Callable[[TcpResult], None]) -> Wait | None:
-    """Finish at once if the operation has completed, otherwise poll it every millisecond."""
+def _wait_for(
+    task: Task,
+    store: Store,
+    operation: Operation,
+    finish: Callable[[TcpResult], None] = lambda _: None,
+) -> Wait | None:
+    """Store the code as soon as the operation has completed; until then, poll it."""
 
     def ends(now_ns: int) -> bool:
         outcome = operation(now_ns)
         if outcome is None:
             return False
+        store(task, outcome.code)
         finish(outcome)
         return True
 

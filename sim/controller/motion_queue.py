@@ -13,10 +13,9 @@ from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
 from sim.as_language.errors import AsError
 from sim.controller.motion_requests import MotionRequest
-from sim.controller.planner import joint_target, plan
-from sim.controller.segment import Segment
+from sim.controller.planner import Segment, joint_target, plan
 
-TicketState = Literal["waiting", "under way", "finished", "dropped", "failed"]
+TicketState = Literal["waiting", "under way", "finished", "dropped"]
 
 
 class Ticket:
@@ -26,7 +25,6 @@ class Ticket:
         """Create the ticket of a motion that has not started."""
         self.motion = motion
         self.state: TicketState = "waiting"
-        self.error: AsError | None = None
 
 
 class MotionQueue:
@@ -52,7 +50,7 @@ class MotionQueue:
     @property
     def busy(self) -> bool:
         """Whether a motion is active or queued."""
-        return bool(self._active) or self._pausing is not None or self.ahead is not None
+        return self.is_moving or self.ahead is not None
 
     @property
     def is_moving(self) -> bool:
@@ -68,9 +66,6 @@ class MotionQueue:
         joint_target(self._kinematics, motion, self.q_end)
         self.ahead = ticket
         self._try_start(arrived=arrived)
-        if ticket.error is not None:
-            self.ahead = None
-            raise ticket.error
         return ticket
 
     def remaining_m(self) -> float:
@@ -81,8 +76,7 @@ class MotionQueue:
 
     def brake(self, *, keep_ahead: bool) -> None:
         """Stop and discard the active motions; also the motion ahead unless kept."""
-        for segment, _ in self._active:
-            segment.braking = True
+        self.fail()
         self._end_pause()
         if self.ahead is not None and not keep_ahead:
             self.drop_ahead()
@@ -118,12 +112,11 @@ class MotionQueue:
                 segment.tick(dt_s, feed)
         finally:
             self._gather()
-        self._tick_pause(dt_s)
+        if self._pausing is not None and not self.held and not self._active:
+            self._pause_s -= dt_s
+            if self._pause_s <= 1e-9:
+                self._end_pause("finished")
         self._try_start(arrived=arrived)
-        error = self.ahead.error if self.ahead is not None else None
-        if error is not None:
-            self.drop_ahead()
-            raise error
         return self.q_command
 
     def _gather(self) -> None:
@@ -148,13 +141,6 @@ class MotionQueue:
         for segment, _ in self._active:
             segment.braking = True
 
-    def _tick_pause(self, dt_s: float) -> None:
-        if self._pausing is None or self.held or self._active:
-            return
-        self._pause_s -= dt_s
-        if self._pause_s <= 1e-9:
-            self._end_pause("finished")
-
     def _end_pause(self, state: TicketState = "dropped") -> None:
         if self._pausing is not None:
             self._pausing.state, self._pausing = state, None
@@ -170,9 +156,9 @@ class MotionQueue:
         else:
             try:
                 segment = plan(self._kinematics, motion, self.q_end)
-            except AsError as error:
-                ticket.state, ticket.error = "failed", error
-                return
+            except AsError:
+                self.drop_ahead()
+                raise
             if not self._active:
                 self._base = self.q_command
             self._active.append((segment, ticket))

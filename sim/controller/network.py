@@ -1,59 +1,24 @@
 """Transport of the TCP instructions: real sockets, or in-memory streams for lock step.
 
-All calls are non-blocking. A broken connection raises OSError; other results are values.
+All calls are non-blocking. A broken connection raises OSError; other results are values. Sockets
+and in-memory streams have the same methods.
 """
 
 import socket
 import struct
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
+from typing import Generic, TypeVar
 
+from forcemesh.clock import NS_PER_S
+
+Events = TypeVar("Events")
 Octets = tuple[int, int, int, int]
 LOOPBACK: Octets = (127, 0, 0, 1)
 WIRE_BYTES = 16_384  # buffer of an in-memory stream before its writer has to wait
-ANY_ADDRESS = ""  # a controller listens on its Ethernet port at any address
-
-
-class ByteStream(Protocol):
-    """One end of a connection."""
-
-    @property
-    def peer(self) -> Octets:
-        """Address of the other end."""
-
-    def ready(self) -> bool:
-        """Return whether the connection is established. Raises OSError if it fails."""
-
-    def receive(self, most: int) -> bytes | None:
-        """Return received bytes; None if there are none, b"" at the end of the stream."""
-
-    def send(self, data: bytes) -> int:
-        """Send as much as the buffer accepts; return the number of bytes. Raises OSError."""
-
-    def close(self) -> None:
-        """Close both directions."""
-
-
-class Listener(Protocol):
-    """Listening port."""
-
-    def accept(self) -> ByteStream | None:
-        """Return a new connection, or None."""
-
-    def close(self) -> None:
-        """Release the port; accepted connections stay open."""
-
-
-class Network(Protocol):
-    """Network of the controller's Ethernet port."""
-
-    def listen(self, port: int) -> Listener:
-        """Open a port. Raises OSError if it is in use."""
-
-    def connect(self, peer: Octets, port: int) -> ByteStream:
-        """Start a connection; it is established later (`ready`). Raises OSError."""
-
+PAUSE_S = 0.1  # between attempts of a client in lock step to connect
+RECEIVE_BYTES = 16_384
 
 # --- sockets --------------------------------------------------------------------------------------
 
@@ -122,13 +87,14 @@ class SocketListener:
         port: int = self._socket.getsockname()[1]
         return port
 
-    def accept(self) -> ByteStream | None:
+    def accept(self) -> SocketStream | None:
         """Return a new connection, or None."""
         try:
             connection, address = self._socket.accept()
         except BlockingIOError:
             return None
-        return SocketStream(connection, _octets(address[0]))
+        a, b, c, d = (int(octet) for octet in address[0].split("."))
+        return SocketStream(connection, (a, b, c, d))
 
     def close(self) -> None:
         """Release the port."""
@@ -140,29 +106,24 @@ class SocketNetwork:
     """Sockets of this host. `port` replaces every port that a program opens."""
 
     def __init__(self, address: str = "127.0.0.1", port: int | None = None) -> None:
-        """Listen on one address only; ANY_ADDRESS for all of this host; port 0: any free port."""
+        """Listen on one address only, "" for all of this host; port 0: any free port."""
         self._address, self._port = address, port
         self.bound: dict[int, int] = {}  # the program's port -> the real one
 
-    def listen(self, port: int) -> Listener:
+    def listen(self, port: int) -> SocketListener:
         """Open a port. Raises OSError if it is in use."""
         real = port if self._port is None else self._port
         listener = SocketListener(socket.create_server((self._address, real), backlog=5))
         self.bound[port] = listener.port
         return listener
 
-    def connect(self, peer: Octets, port: int) -> ByteStream:
+    def connect(self, peer: Octets, port: int) -> SocketStream:
         """Start a connection; it is established later (`ready`). Raises OSError."""
         connection = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         stream = SocketStream(connection, peer, pending=True)
         with suppress(BlockingIOError):
             connection.connect((".".join(str(octet) for octet in peer), port))
         return stream
-
-
-def _octets(address: str) -> Octets:
-    a, b, c, d = (int(octet) for octet in address.split("."))
-    return (a, b, c, d)
 
 
 # --- in-memory streams ----------------------------------------------------------------------------
@@ -228,7 +189,7 @@ class MemoryListener:
         self._network, self._port = network, port
         self.waiting: deque[MemoryStream] = deque()
 
-    def accept(self) -> ByteStream | None:
+    def accept(self) -> MemoryStream | None:
         """Return a new connection, or None."""
         return self.waiting.popleft() if self.waiting else None
 
@@ -246,14 +207,14 @@ class MemoryNetwork:
         """Start without open ports."""
         self.listeners: dict[int, MemoryListener] = {}
 
-    def listen(self, port: int) -> Listener:
+    def listen(self, port: int) -> MemoryListener:
         """Open a port. Raises OSError if it is in use."""
         if port in self.listeners:
             raise OSError(f"port {port} is in use")
         self.listeners[port] = MemoryListener(self, port)
         return self.listeners[port]
 
-    def connect(self, peer: Octets, port: int) -> ByteStream:
+    def connect(self, peer: Octets, port: int) -> MemoryStream:
         """Connect to a port of this network. Raises OSError if it is not open."""
         stream = self.dial(port)
         stream.peer = peer
@@ -271,3 +232,85 @@ class MemoryNetwork:
         near.partner, far.partner = far, near
         listener.waiting.append(far)
         return near
+
+
+class LockStepLink(Generic[Events]):
+    """In-memory link with the interface of a socket link, for a client in lock step.
+
+    Connects to a port of a MemoryNetwork and reconnects after a loss. `poll` reports events as a
+    socket link does: opened, bytes, lost. Timing depends only on the virtual clock, so a run is
+    repeatable to the byte.
+    """
+
+    def __init__(
+        self, network: MemoryNetwork, port: int, make_events: Callable[[bool, bytes, str], Events]
+    ) -> None:
+        """Start unconnected; `make_events` receives opened, data and the reason of a loss."""
+        self.connections = 0
+        self.last_fault = ""
+        self._network, self._port, self._make_events = network, port, make_events
+        self._stream: MemoryStream | None = None
+        self._rest = b""  # bytes not yet accepted by the stream
+        self._lost = ""
+        self._next_attempt_ns = 0
+
+    def poll(self, now_ns: int) -> Events:
+        """Connect if due, receive, send the rest; return the events."""
+        opened, data = False, b""
+        if self._stream is None and not self._lost and now_ns >= self._next_attempt_ns:
+            try:
+                self._stream = self._network.dial(self._port)
+            except OSError as error:
+                self.close(str(error), now_ns)
+            else:
+                self.connections += 1
+                opened = True
+        if self._stream is not None:
+            data = self._receive(now_ns)
+            self._flush(now_ns)
+        lost, self._lost = self._lost, ""
+        return self._make_events(opened, data, lost)
+
+    def send(self, data: bytes, now_ns: int) -> bool:
+        """Send bytes; return False without a connection."""
+        if self._stream is None:
+            return False
+        self._rest += data
+        self._flush(now_ns)
+        return self._stream is not None
+
+    def greeted(self) -> None:
+        """Do nothing: there is no back-off to reset in virtual time."""
+
+    def close(self, reason: str, now_ns: int) -> None:
+        """Close the connection; the next one is opened after PAUSE_S."""
+        if self._stream is not None:
+            self._stream.close()
+            self._lost = reason
+        self.last_fault = reason
+        self._stream, self._rest = None, b""
+        self._next_attempt_ns = now_ns + round(PAUSE_S * NS_PER_S)
+
+    def _receive(self, now_ns: int) -> bytes:
+        assert self._stream is not None  # noqa: S101 - checked by the caller
+        try:
+            data = self._stream.receive(RECEIVE_BYTES)
+        except OSError as error:
+            self.close(str(error), now_ns)
+            return b""
+        if data == b"":
+            self.close("closed by the controller", now_ns)
+        return data or b""
+
+    def _flush(self, now_ns: int) -> None:
+        if self._stream is None or not self._rest:
+            return
+        try:
+            self._rest = self._rest[self._stream.send(self._rest) :]
+        except OSError as error:
+            self.close(str(error), now_ns)
+
+
+ByteStream = SocketStream | MemoryStream
+Listener = SocketListener | MemoryListener
+Network = SocketNetwork | MemoryNetwork

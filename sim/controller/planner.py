@@ -1,6 +1,13 @@
-"""Planner from motion requests to segments; reachability is tested before the motion starts."""
+"""Planner from motion requests to segments; reachability is tested before the motion starts.
+
+A segment is one motion with a trapezoidal speed profile along a path, stepped per tick. The path
+parameter s follows ds/dt = rate. The rate rises with `accel`, is capped by program speed times
+monitor speed, and falls to zero at the end of the path (the discrete ramp of sim.robot.motion).
+HOLD caps the rate at zero; BRAKE does too and ends the segment.
+"""
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -8,19 +15,18 @@ import pinocchio as pin
 
 from common.motion.frames import Array, rotation_between, rotation_from_vector
 from common.motion.kinematics import ArmKinematics, IkResult
-from common.motion.paths import TURN_RADIUS_M, JointPath
+from common.motion.paths import TURN_RADIUS_M, JointPath, MotionPath
 from sim.as_language.errors import AsError
 from sim.controller.motion_requests import (
     BRAKE_FACTOR,
     JOINT_ACCEL_TIME_S,
     LINEAR_ACCEL_M_S2,
     LINEAR_MAX_M_S,
+    MotionParameters,
     MotionRequest,
 )
-from sim.controller.segment import Ramp, Segment
 
 _LEAST_EXTENT = 1e-9
-_ZERO_LENGTH = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion of zero length
 _WHOLE_TURN_RAD = 2.0 * np.pi
 # Further start values of the inverse kinematics if it fails from the current joints [deg]: JT1
 # and JT5 decide the branch, so these few cover all branches.
@@ -33,6 +39,87 @@ _STARTS_DEG = tuple(
 JUMP_RAD = 0.6  # between two samples; a larger change means another kinematic branch
 _SAMPLE_M = 0.01
 _SAMPLES = (4, 200)
+_SHRINKS = 8
+_SHORTEST = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """Rates of a segment per unit of its extent: cap [1/s], accel, decel, brake [1/s^2]."""
+
+    cap: float
+    accel: float
+    decel: float
+    brake: float
+
+
+class Segment:
+    """Motion between two points. `q` is the current joint position of this segment."""
+
+    def __init__(self, path: MotionPath, ramp: Ramp, *, q_from: Array, q_to: Array) -> None:
+        """Start at the beginning of the path with rate zero. Shapes (6,)."""
+        self.path, self.ramp = path, ramp
+        self.q_from, self.q_to = q_from, q_to
+        self.q: Array = q_from
+        self.share, self.rate = 0.0, 0.0
+        self.slowing = False  # deceleration at the end of the path has begun
+        self.braking = False
+        self.done = bool(np.abs(q_to - q_from).max() < _SHORTEST)
+        if self.done:
+            self.share = 1.0
+
+    @property
+    def covered(self) -> Array:
+        """Joint displacement so far [rad]. Shape (6,)."""
+        return self.q - self.q_from
+
+    def tick(self, dt_s: float, feed: float) -> None:
+        """Advance; `feed` is the monitor speed as a fraction, zero while held.
+
+        Raises AsError E6016 if the path cannot be continued: singular pose.
+        """
+        self.rate = self._next_rate(dt_s, 0.0 if self.braking else feed)
+        if self.rate <= 0.0:
+            self.done = self.done or self.braking
+            return
+        share, q = self._allowed_step(dt_s)
+        self.rate = (share - self.share) / dt_s
+        self.share, self.q = share, q
+        if share >= 1.0:
+            self.q, self.done = self.q_to, True
+
+    def _next_rate(self, dt_s: float, feed: float) -> float:
+        ramp = self.ramp
+        half = 0.5 * ramp.decel * dt_s
+        stopping = max(math.sqrt(half * half + 2.0 * ramp.decel * (1.0 - self.share)) - half, half)
+        faster = self.rate + ramp.accel * dt_s
+        capped = max(ramp.cap * feed, self.rate - ramp.brake * dt_s)
+        self.slowing = stopping <= min(faster, capped)
+        return max(0.0, min(faster, capped, stopping))
+
+    def _allowed_step(self, dt_s: float) -> tuple[float, Array]:
+        """Return share and joints after this tick, shortened to the joints' speed limits."""
+        step, reason = self.rate * dt_s, ""
+        for _ in range(_SHRINKS):
+            share = min(1.0, self.share + step)
+            if share > 1.0 - 1e-9:
+                share = 1.0
+            result = self.path.at(share, self.q)
+            if result.q is None:
+                reason, step = result.reason, 0.25 * step
+                continue
+            fastest = self.path.kinematics.max_speed_rad_s
+            excess = float((np.abs(result.q - self.q) / fastest).max()) / dt_s
+            if excess <= 1.0 + 1e-9:
+                return share, result.q
+            reason = "joint speed limit exceeded"
+            step /= 1.05 * excess
+        self.rate, self.braking, self.done = 0.0, True, True
+        percent = 100 * self.share
+        raise AsError("E6016", f"after {percent:.0f} % of the path: {reason}")
+
+
+_ZERO_LENGTH = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion of zero length
 
 
 def plan(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> Segment:
@@ -61,15 +148,18 @@ def joint_target(kinematics: ArmKinematics, motion: MotionRequest, q_near: Array
     goal = motion.T_base_tcp
     if motion.manner.T_flange_tcp is not None:
         goal = goal * motion.manner.T_flange_tcp.inverse()
-    result = inverse(kinematics, goal, q_near)
+    return inverse(kinematics, goal, q_near)
+
+
+def inverse(kinematics: ArmKinematics, T_base_flange: pin.SE3, q_near: Array) -> Array:
+    """Return joint angles for a pose: on the branch of q_near, else the nearest solution found.
+
+    Raises AsError: E6007, E6008, E6016 if there is none.
+    """
+    result = _inverse(kinematics, T_base_flange.homogeneous.tobytes(), q_near.tobytes())
     if result.q is None:
         raise reach_error(result.reason)
     return result.q
-
-
-def inverse(kinematics: ArmKinematics, T_base_flange: pin.SE3, q_near: Array) -> IkResult:
-    """Return joint angles for a pose: on the branch of q_near, else the nearest solution found."""
-    return _inverse(kinematics, T_base_flange.homogeneous.tobytes(), q_near.tobytes())
 
 
 @lru_cache(maxsize=4)  # INRANGE and the motion after it request the same solution
@@ -109,25 +199,17 @@ def _linear(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> 
     line = TcpLine(kinematics, T_flange_tcp=tool, T_from=T_from, T_to=T_to)
     if line.extent_m < _LEAST_EXTENT:
         return Segment(line, _ZERO_LENGTH, q_from=q_from, q_to=q_from)
-    end = line.walk(q_from)
-    if end.q is None:
-        raise reach_error(end.reason)
-    extent, manner = line.extent_m, motion.manner
-    per_extent = LINEAR_ACCEL_M_S2 / extent
-    ramp = Ramp(
-        cap=min(manner.speed.linear_m_s(extent), LINEAR_MAX_M_S) / extent,
-        accel=manner.accel_fraction * per_extent,
-        decel=manner.decel_fraction * per_extent,
-        brake=BRAKE_FACTOR * per_extent,
-    )
-    return Segment(line, ramp, q_from=q_from, q_to=end.q)
+    q_to = line.walk(q_from)
+    cap = min(motion.manner.speed.linear_m_s(line.extent_m), LINEAR_MAX_M_S) / line.extent_m
+    ramp = _ramp(motion.manner, cap, LINEAR_ACCEL_M_S2 / line.extent_m)
+    return Segment(line, ramp, q_from=q_from, q_to=q_to)
 
 
 def _joint(
     kinematics: ArmKinematics, motion: MotionRequest, *, q_from: Array, q_to: Array
 ) -> Segment:
     full_speed_s = float((np.abs(q_to - q_from) / kinematics.max_speed_rad_s).max())
-    path, manner = JointPath(kinematics, q_from, q_to), motion.manner
+    path = JointPath(kinematics, q_from, q_to)
     if full_speed_s < _LEAST_EXTENT:
         return Segment(path, _ZERO_LENGTH, q_from=q_from, q_to=q_from)
     # The manual's 100 % ramps take every joint to its full speed in the same time. The flange
@@ -135,13 +217,17 @@ def _joint(
     full_accel = min(
         1.0 / JOINT_ACCEL_TIME_S / full_speed_s, 5.0 * LINEAR_ACCEL_M_S2 / path.extent_m
     )
-    ramp = Ramp(
-        cap=manner.speed.joint_fraction(full_speed_s) / full_speed_s,
+    cap = motion.manner.speed.joint_fraction(full_speed_s) / full_speed_s
+    return Segment(path, _ramp(motion.manner, cap, full_accel), q_from=q_from, q_to=q_to)
+
+
+def _ramp(manner: MotionParameters, cap: float, full_accel: float) -> Ramp:
+    return Ramp(
+        cap=cap,
         accel=manner.accel_fraction * full_accel,
         decel=manner.decel_fraction * full_accel,
         brake=BRAKE_FACTOR * full_accel,
     )
-    return Segment(path, ramp, q_from=q_from, q_to=q_to)
 
 
 class TcpLine:
@@ -156,30 +242,26 @@ class TcpLine:
         self._from, self._to = T_from, T_to
         self._travel_m = T_to.translation - T_from.translation
         self._rotation = rotation_between(T_from.rotation, T_to.rotation)
-        self.travel_m = float(np.linalg.norm(self._travel_m))
-        self.extent_m = max(self.travel_m, TURN_RADIUS_M * float(np.linalg.norm(self._rotation)))
-
-    def tcp(self, share: float) -> pin.SE3:
-        """Return T_base_tcp at path parameter `share`; the end is exact."""
-        if share >= 1.0:
-            return self._to
-        return pin.SE3(
-            rotation_from_vector(share * self._rotation) @ self._from.rotation,
-            self._from.translation + share * self._travel_m,
+        self.extent_m = max(
+            float(np.linalg.norm(self._travel_m)),
+            TURN_RADIUS_M * float(np.linalg.norm(self._rotation)),
         )
 
-    def at(self, share: float, q_near: np.ndarray) -> IkResult:
-        """Return the joint angles at path parameter `share`, on the branch of q_near."""
-        T_base_flange = self.tcp(share) * self._T_tcp_flange
-        return self.kinematics.solve(T_base_flange, q_near, jump_rad=JUMP_RAD)
+    def at(self, share: float, q_near: Array) -> IkResult:
+        """Return the joint angles at path parameter `share`, near q_near; the end is exact."""
+        T_base_tcp = self._to
+        if share < 1.0:
+            R = rotation_from_vector(share * self._rotation) @ self._from.rotation
+            T_base_tcp = pin.SE3(R, self._from.translation + share * self._travel_m)
+        return self.kinematics.solve(T_base_tcp * self._T_tcp_flange, q_near, jump_rad=JUMP_RAD)
 
-    def walk(self, q_from: np.ndarray) -> IkResult:
-        """Check the whole path; return the joints at its end, or why it cannot be followed."""
+    def walk(self, q_from: Array) -> Array:
+        """Check the whole path; return the joints at its end. Raises AsError as `inverse`."""
         count = min(max(_SAMPLES[0], math.ceil(self.extent_m / _SAMPLE_M)), _SAMPLES[1])
         q = q_from
         for k in range(1, count + 1):
             result = self.at(k / count, q)
             if result.q is None:
-                return IkResult(None, f"after {100 * k // count} % of the path: {result.reason}")
+                raise reach_error(f"after {100 * k // count} % of the path: {result.reason}")
             q = result.q
-        return IkResult(q)
+        return q

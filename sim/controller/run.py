@@ -100,9 +100,9 @@ def run_alone(
         exits.callback(machine.tcp.close_all)
         start(machine, source, arguments)
         watch = ChangeLogger(machine, network)
-        machine.scheduler.skip_to(clock.now_ns())
+        machine.skip_to(clock.now_ns())
         while not stop.is_set() and watch.alive:
-            machine.scheduler.catch_up(clock.now_ns())
+            machine.catch_up(clock.now_ns())
             watch.follow()
             clock.sleep_s(TICK_S)
     return 1 if machine.stops else 0

@@ -57,19 +57,16 @@ class EmulatedController:
 
     def begin(self, now_ns: int) -> None:
         """Start real time, after files are loaded and programs are started."""
-        self.machine.scheduler.skip_to(now_ns)
+        self.machine.skip_to(now_ns)
 
     def step(self, now_ns: int) -> None:
         """Advance programs and arm to `now_ns`."""
-        self.machine.scheduler.catch_up(now_ns)
+        self.machine.catch_up(now_ns)
 
     def counters(self) -> dict[str, int]:
         """Return the number of AS steps and the lost time."""
-        scheduler = self.machine.scheduler
-        return {
-            "as_steps": scheduler.steps,
-            "ms_lost": scheduler.ns_lost * 1000 // NS_PER_S,
-        }
+        machine = self.machine
+        return {"as_steps": machine.steps, "ms_lost": machine.ns_lost * 1000 // NS_PER_S}
 
     def close(self) -> None:
         """Switch the controller off."""

@@ -1,8 +1,8 @@
 """Tasks of the controller: programs in execution, and EXECUTE, ABORT, HOLD, cycles and errors.
 
-`task.ready` means that a step can be executed. Every state change updates it, so the scheduler's
-inner loop reads only one attribute. A compiled program is independent of a machine: a step accesses
-all state through its task.
+`task.ready` means that a step can be executed. Every state change updates it, so the inner loop of
+the machine reads only one attribute. A compiled program is independent of a machine: a step
+accesses all state through its task.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -309,19 +309,11 @@ class TaskControl:
     # --- PC programs ------------------------------------------------------------------------------
 
     def start_pc(self, number: int, name: str, *, cycles: int = 1, step: int = 1) -> None:
-        """PCEXECUTE. Raises AsError P1019, P1014, E0105."""
-        task = self.tasks[number - PC_PROGRAMS.start + 1]
+        """PCEXECUTE 1 to 5. Raises AsError P1019, P1014, E0105."""
+        task = self.tasks[number]
         if task.state in ("running", "held"):
             raise AsError("P1019", f"{task.name} runs {task.main}")
         task.start(self.unused_program(name, task), cycles=cycles, step=step)
-
-    def stop_pc(self, number: int, *, at_once: bool = True) -> None:
-        """PCABORT, or PCEND at the end of the cycle. No error if the program does not run."""
-        task = self.tasks[number - PC_PROGRAMS.start + 1]
-        if at_once:
-            task.set_state("idle")
-        else:
-            task.cycles = 1
 
     # --- errors -----------------------------------------------------------------------------------
 

@@ -1,16 +1,52 @@
 """Simulated Net F/T without sockets: requests in, records out. Deterministic by seed."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from forcemesh.errors import first_mistake
 from sim.netft.protocol import BIAS, START, STOP, About, command_of, record
-from sim.netft.switches import FaultSwitches
 
 Address = Any  # of a client, in the type of the transport
 STEAL_AFTER = 300  # records sent to a client before the second one takes the stream again
+EVENT = "restart"  # an event, not a state
+Share = Annotated[float, Field(ge=0.0, le=1.0)]  # of the records
+Word = Annotated[int, BeforeValidator(lambda word: int(str(word), 0)), Field(ge=0, lt=2**32)]
 NOT_A_RECORD = b"HTTP/1.0 400 Bad Request\r\n\r\n"
+
+
+class FaultSwitches(BaseModel):
+    """Fault switches, all off by default; set at run time by HTTP."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    loss: Share = 0.0
+    duplicate: Share = 0.0
+    reorder: Share = 0.0
+    stall: bool = False  # sample and sequence number stay constant
+    freeze: bool = False  # the reading stays constant, the sequence number increases
+    saturate: bool = False
+    mute: bool = False  # nothing is sent
+    garbage: bool = False  # malformed records are sent
+    steal: bool = False  # a second client requests the stream repeatedly
+    status: Word = 0
+
+    def changed(self, words: Mapping[str, str]) -> "FaultSwitches":
+        """Return a copy with some switches set by name.
+
+        Raises:
+            ValueError: A name or a value is invalid; the text lists the valid names.
+        """
+        if unknown := [name for name in words if name not in FaultSwitches.model_fields]:
+            names = ", ".join((*FaultSwitches.model_fields, EVENT))
+            raise ValueError(f"no switch {unknown[0]!r}: use one of {names}")
+        try:
+            changes = {name: word.strip() for name, word in words.items()}
+            return FaultSwitches.model_validate(self.model_dump() | changes)
+        except ValidationError as error:
+            raise ValueError(first_mistake(error).text) from None
 
 
 class NetftSensor:
@@ -21,7 +57,6 @@ class NetftSensor:
         self.about = about or About()
         self.switches = FaultSwitches()
         self.client: Address | None = None
-        self.thefts = 0
         self.ft_sequence = 0
         self._ft_step = ft_step
         self._rng = np.random.default_rng(seed)
@@ -60,7 +95,6 @@ class NetftSensor:
                 self._counts = self._counts_of(wrench)
         if switches.steal and self._rdt_sequence >= STEAL_AFTER and self.client is not None:
             self.client = None
-            self.thefts += 1
         if self.client is None:
             return []
         self._rdt_sequence += 1

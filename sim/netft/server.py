@@ -15,8 +15,7 @@ from urllib.parse import parse_qsl
 
 from forcemesh.errors import SimulationError
 from sim.netft.protocol import page
-from sim.netft.sensor import NetftSensor
-from sim.netft.switches import EVENT
+from sim.netft.sensor import EVENT, NetftSensor
 
 PAGE, FAULTS = "/netftapi2.xml", "/faults"
 MOST_REQUESTS = 100  # per poll: a flood cannot block the loop

@@ -20,9 +20,8 @@ from services.gateway.service import Gateway
 from sim.as_language.parser import load
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
-from sim.controller.network import MemoryNetwork
+from sim.controller.network import LockStepLink, MemoryNetwork
 from sim.controller.service import ControllerSensor
-from sim.controller.wire import LockStepLink
 from sim.robot.service import SimRobot
 from tests.contract.rig import DEADLINE_S, DEMO_CELL, Rig, gateway_cell
 from tests.fakes.controller import PORT, FakeController

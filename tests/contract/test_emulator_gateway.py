@@ -47,7 +47,7 @@ def test_two_runs_in_lock_step_are_the_same_to_the_last_bit() -> None:
         rig.arm()
         rig.send("setpoint", pose=record_of(shifted(rig.T, x_m=0.005)))
         rig.advance(0.5)
-        return emulated.machine.robot.q.tobytes(), emulated.machine.scheduler.steps
+        return emulated.machine.robot.q.tobytes(), emulated.machine.steps
 
     assert end() == end()
 

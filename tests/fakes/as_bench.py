@@ -7,9 +7,9 @@ from forcemesh.clock import NS_PER_S
 from sim.as_language.errors import AsError
 from sim.as_language.parser import parse
 from sim.controller.behaviour import Behaviour
+from sim.controller.hardware import Robot
 from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork
-from sim.controller.robot import Robot
 from sim.controller.tasks import Task
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings

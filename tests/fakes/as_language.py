@@ -9,7 +9,7 @@ from sim.as_language import expressions, syntax
 from sim.as_language.errors import AsError
 from sim.as_language.lines import parse_line
 from sim.as_language.machine_api import MachineInterface
-from sim.as_language.memory import Locals, Memory
+from sim.as_language.memory import Locals, Namespace
 from sim.as_language.parser import parse
 from sim.as_language.values import Joints, Transformation, Value, joints
 
@@ -49,11 +49,11 @@ class AsLanguage:
     """Memory, locals of one call and a machine, for expressions and assignments."""
 
     def __init__(self, *assignments: str) -> None:
-        self.memory = Memory()
+        self.memory = Namespace()
         self.locals = Locals()
         self.signals: set[int] = set()
         self.errors = [0]
-        self.globals = self.memory.globals
+        self.globals = self.memory
         self.machine = standing_machine(self.signals, self.errors)
         self.run(*assignments)
 

@@ -27,9 +27,9 @@ from forcemesh.clock import NS_PER_S
 from sim.as_language.parser import parse
 from sim.as_language.syntax import SourceFile
 from sim.controller.behaviour import Behaviour
+from sim.controller.hardware import Robot
 from sim.controller.machine import Machine
 from sim.controller.network import LOOPBACK, MemoryNetwork, MemoryStream, Octets
-from sim.controller.robot import Robot
 from sim.robot.arm import SimArm
 from sim.robot.settings import SimSettings
 

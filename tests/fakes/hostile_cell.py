@@ -27,10 +27,9 @@ from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
 from sim.controller.motion_queue import Ticket
 from sim.controller.motion_requests import MotionRequest
-from sim.controller.network import Network, SocketNetwork
+from sim.controller.network import LockStepLink, Network, SocketNetwork
 from sim.controller.service import ControllerSensor
 from sim.controller.tasks import Compiled, Op
-from sim.controller.wire import LockStepLink
 from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted
 from tests.contract.robots import PROGRAM, Both, advance_service
 from tests.fakes.controller import PORT

@@ -23,8 +23,7 @@ from forcemesh.messages import (
 from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
-from sim.controller.network import MemoryNetwork
-from sim.controller.wire import LockStepLink
+from sim.controller.network import LockStepLink, MemoryNetwork
 from sim.robot.service import SimRobot
 from tests.contract.rig import gateway_cell
 from tests.fakes.bench import CELL, Bench

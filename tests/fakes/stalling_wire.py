@@ -1,8 +1,7 @@
 """A wire in memory on which one direction can stall, as TCP does on a bad line: late, in order."""
 
 from services.gateway.link import LinkEvents
-from sim.controller.network import MemoryNetwork
-from sim.controller.wire import LockStepLink
+from sim.controller.network import LockStepLink, MemoryNetwork
 
 
 class StallingWire(LockStepLink[LinkEvents]):

@@ -129,7 +129,7 @@ def port_that_is_taken(talk: Talk) -> None:
 
 def receiver_aborted(talk: Talk) -> None:
     """PCABORT 2: at the terminal."""
-    moving(talk).machine.control.stop_pc(1002)
+    moving(talk).machine.control.tasks[2].set_state("idle")
     talk.live(0.7, beat=True)
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from sim.as_language import keywords, syntax
 from sim.as_language.errors import TEXTS, code_of
-from sim.as_language.findings import nodes
 from sim.as_language.formats import WRITERS
 from sim.as_language.lint import check_text
+from sim.as_language.lint_rules import nodes
 from sim.as_language.operators import BINARY, UNARY
 from sim.as_language.parser import KINDS
 from sim.as_language.special_functions import ALL_NAMES

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from sim.as_language import expressions, syntax
 from sim.as_language.errors import AsError
-from sim.as_language.memory import Array, Memory, VariableCell, bind, following
+from sim.as_language.memory import Array, Namespace, VariableCell, bind, following
 from sim.as_language.parser import parse
 from sim.as_language.values import Joints, Transformation
 from tests.fakes.as_language import AsLanguage, program, statement
@@ -151,7 +151,8 @@ def test_the_memory_starts_with_the_data_sections() -> None:
     source = parse('.REALS\nx = 1.5\na[1,2] = 3\n.END\n.STRINGS\n$s = "hi"\n.END\n'
                    ".INTEGER\n@n = 4\n.END\n.TRANS\np 1 2 3 4 5 6\n.END\n"
                    ".JOINTS\n#j 1 2 3 4 5 6\n.END\n")  # fmt: skip
-    memory = Memory(source.data)
+    memory = Namespace()
+    memory.fill(source.data)
     assert memory.read("x") == 1.5
     assert memory.read("a[1,2]") == 3.0
     assert memory.read("$s") == "hi"
@@ -163,14 +164,14 @@ def test_the_memory_starts_with_the_data_sections() -> None:
 
 def test_a_test_can_read_and_write_variables_by_their_spelling() -> None:
     """The access past the language, for the program that drives the emulator."""
-    memory = Memory()
+    memory = Namespace()
     memory.write("a[1,2]", 5.0)
     memory.write("$s", "t")
     assert memory.read("A[1,2]") == 5.0
     assert memory.read("a[2]") is None
     assert memory.read("$s[1]") is None
-    assert isinstance(memory.globals["a"], Array)
-    assert isinstance(memory.globals["$s"], VariableCell)
+    assert isinstance(memory["a"], Array)
+    assert isinstance(memory["$s"], VariableCell)
 
 
 @given(st.integers(0, 9990), st.integers(0, 9))
@@ -187,4 +188,4 @@ def test_a_program_that_is_only_parsed_leaves_the_memory_alone() -> None:
         assert isinstance(step.statement, syntax.Assign)
         expressions.value_of(step.statement.value)
         expressions.store(step.statement.target)
-    assert bench.memory.globals == {}
+    assert bench.memory == {}

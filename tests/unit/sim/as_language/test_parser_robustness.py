@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sim.as_language.errors import TEXTS, AsError, AsSyntaxError
-from sim.as_language.lines import LineError, parse_line
+from sim.as_language.lines import parse_line
 from sim.as_language.lint import check_text
 from sim.as_language.parser import KINDS, parse
 from tests.fakes.as_language import AsLanguage
@@ -29,7 +29,7 @@ def refusal(read: Callable[[], object]) -> Exception | None:
     """Return the error with which something is refused; any other exception fails the test."""
     try:
         read()
-    except (LineError, AsSyntaxError) as error:
+    except (AsError, AsSyntaxError) as error:
         return error
     return None
 
@@ -38,9 +38,9 @@ def refusal(read: Callable[[], object]) -> Exception | None:
 @example("\nA")
 @given(st.one_of(LINES, NOISE))
 def test_a_line_is_parsed_or_explained(line: str) -> None:
-    """LineError with a code and a sentence is the only failure."""
+    """AsError with a code and a sentence is the only failure."""
     error = refusal(lambda: parse_line(line))
-    assert error is None or (isinstance(error, LineError) and error.code in TEXTS and error.text)
+    assert error is None or (isinstance(error, AsError) and error.code in TEXTS and error.detail)
 
 
 @given(st.binary(max_size=200))
@@ -74,6 +74,6 @@ def test_a_parsed_expression_has_a_value_or_an_error_of_as(words: str) -> None:
     bench = AsLanguage("x = 1", ".y = 2", '$s = "a"', '.$t = "1"', "@n = 3", "a[1] = 4")
     try:
         value = bench(words)
-    except (LineError, AsError, AssertionError):
+    except (AsError, AssertionError):
         return
     assert value is not None

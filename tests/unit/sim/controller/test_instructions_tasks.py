@@ -90,7 +90,7 @@ def test_mc_starts_holds_continues_and_aborts_the_robot_program() -> None:
                    "d = TASK(1)", "MC SPEED 35", "e = MSPEED", name="boss")  # fmt: skip
     bench = AsBench(count + boss)
     bench.machine.memory.write("n", 0.0)
-    bench.machine.control.start_pc(1001, "boss")
+    bench.machine.control.start_pc(1, "boss")
     bench.advance(2.0)
     assert bench.codes == []
     a, b, c = (bench.value(name) for name in "abc")
@@ -110,7 +110,7 @@ def test_the_autonomous_start_of_the_manual_works() -> None:
     boss = program("WAIT SWITCH(POWER)", "MC EXECUTE main", name="boss")
     bench = AsBench(main + boss)
     bench.pendant.motor_power(on=False)
-    bench.machine.control.start_pc(1001, "boss")
+    bench.machine.control.start_pc(1, "boss")
     bench.advance(0.5)
     assert bench.value("x") is None
     bench.pendant.motor_power(on=True)
@@ -245,7 +245,7 @@ def test_the_same_program_gives_the_same_run() -> None:
     source = program("HERE p", "FOR i = 1 TO 3", "LMOVE SHIFT(p BY 0,5*i,0)", "END", "BREAK",
                      "t = TIMER(0)", "DECOMPOSE x[0] = HERE")  # fmt: skip
     first, second = AsBench(source, FAST).run(), AsBench(source, FAST).run()
-    assert first.machine.scheduler.steps == second.machine.scheduler.steps
+    assert first.machine.steps == second.machine.steps
     assert [first.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")] == [
         second.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")
     ]

@@ -13,7 +13,7 @@ def braked(source: str, at_s: float, **kwargs) -> tuple[AsBench, Trace]:
     brake = program(f"TWAIT {at_s}", "BRAKE", name="brake")
     bench = AsBench(source + brake, **kwargs)
     trace = Trace(bench)
-    bench.machine.control.start_pc(1001, "brake")
+    bench.machine.control.start_pc(1, "brake")
     bench.run()
     return bench, trace
 
@@ -81,7 +81,7 @@ def test_a_motion_that_is_braked_while_held_is_not_resumed_by_run() -> None:
     bench.start().advance(0.25)
     bench.pendant.hold()
     bench.advance(0.5)
-    bench.machine.control.start_pc(1001, "brake")
+    bench.machine.control.start_pc(1, "brake")
     bench.advance(0.1)
     bench.pendant.run()
     bench.advance(1.0)

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from services.sensor.rdt import parse
 from sim.netft.protocol import About, command_of, record
-from sim.netft.sensor import NetftSensor
-from sim.netft.switches import FaultSwitches
+from sim.netft.sensor import FaultSwitches, NetftSensor
 
 WRENCH = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
 int32 = st.integers(-(2**31), 2**31 - 1)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from forcemesh.faults import FAULTS
 from services.sensor.rdt_driver import FAULT_HOLD_S
 from sim.netft.protocol import About
-from sim.netft.switches import EVENT, FaultSwitches
+from sim.netft.sensor import EVENT, FaultSwitches
 from tests.fakes.cellmates import Cellmates
 from tests.fakes.netft_rig import STALE_S, TRUTH, NetftRig
 from tests.fakes.wrench_bench import WrenchBench

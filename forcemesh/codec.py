@@ -43,7 +43,6 @@ class Header(Version):
     sensor_seq: int | None = None
 
 
-V = TypeVar("V", bound=Version)
 HEADER_FIELDS = frozenset(Header.model_fields)
 
 
@@ -62,7 +61,7 @@ def decode(data: bytes, message_type: type[M], address: str | None = None) -> tu
     header and a message of this type.
     """
     fields = unpack(data)
-    header = read_head(fields, Header)
+    header = validate(fields, Header)
     if address is not None and header.topic != address:
         raise misrouted(header, address)
     return header, validate(fields, message_type)
@@ -80,7 +79,7 @@ def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:
     record. A third-party client may omit the address of a request.
     """
     fields = unpack(data)
-    version = read_head(fields, Version)
+    version = validate(fields, Version)
     if address and version.topic not in ("", address):
         raise misrouted(version, address)
     return validate(fields, record_type)
@@ -97,8 +96,12 @@ def pack(fields: dict[str, Any]) -> bytes:
     return data
 
 
-def unpack(data: bytes) -> dict[str, Any]:
-    """Return the fields of a payload. Raise MessageError when it is not a map within bounds."""
+def unpack(data: bytes, versions: tuple[int, ...] = (SCHEMA_VERSION,)) -> dict[str, Any]:
+    """Return the fields of a payload.
+
+    Raise MessageError when it is not a map within bounds, or of another schema version: that is
+    reported before any field, because they may differ.
+    """
     if len(data) > MAX_BYTES:
         raise MessageError(f"message of {len(data)} bytes, the limit is {MAX_BYTES}")
     try:
@@ -114,17 +117,10 @@ def unpack(data: bytes) -> dict[str, Any]:
         raise MessageError(f"not MessagePack: {error}") from error
     if not isinstance(fields, dict):
         raise MessageError(f"a {type(fields).__name__} instead of a map of fields")
-    return fields
-
-
-def read_head(
-    fields: dict[str, object], head_type: type[V], versions: tuple[int, ...] = (SCHEMA_VERSION,)
-) -> V:
-    """Return the header; report another version first, because its header may differ."""
     version = fields.get("v", SCHEMA_VERSION)
     if type(version) is int and version not in versions:
         raise MessageError(f"schema version {version}, this program uses {SCHEMA_VERSION}")
-    return validate(fields, head_type)
+    return fields
 
 
 def validate(fields: dict[str, object], record_type: type[R]) -> R:

@@ -145,14 +145,11 @@ def tripped(
 
     Numbers that are not finite cannot be sent and are omitted.
     """
-    return Trip(
-        code=code,
-        rule=FAULTS[code].rule,
-        text=clipped(text),
-        value=_sendable(value),
-        limit=_sendable(limit),
-        unit=unit,
+    value, limit = (
+        number if number is not None and isfinite(number) else None for number in (value, limit)
     )
+    rule = FAULTS[code].rule
+    return Trip(code=code, rule=rule, text=clipped(text), value=value, limit=limit, unit=unit)
 
 
 def trip_text(trip: Trip) -> str:
@@ -186,7 +183,3 @@ def refused(why: Trip) -> Reply:
 def clipped(text: str, most_bytes: int = MOST_TEXT_BYTES) -> str:
     """Return a text cut between characters to at most `most_bytes` in UTF-8."""
     return text.encode()[:most_bytes].decode(errors="ignore")
-
-
-def _sendable(number: float | None) -> float | None:
-    return number if number is not None and isfinite(number) else None

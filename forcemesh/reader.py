@@ -101,15 +101,13 @@ class Reader(Generic[M]):
             return False
         try:
             header, message = decode(data, self.topic.message, self._address)
-        except MisroutedError as error:  # not about this topic
-            self.counters.misrouted += 1
-            self.counters.last_error = str(error)
-            self._suspect()
-            return False
         except MessageError as error:
-            self.counters.undecodable += 1
             self.counters.last_error = str(error)
-            self._broken = error
+            if isinstance(error, MisroutedError):  # not about this topic
+                self.counters.misrouted += 1
+            else:
+                self.counters.undecodable += 1
+                self._broken = error
             self._suspect()
             return False
         return self._accept(header, message)
@@ -130,34 +128,30 @@ class Reader(Generic[M]):
             # After a freeze the newest message waiting in the channel has just arrived and is old.
             since_ns = min(since_ns, header.stamp_ns)
         age_s = (now_ns - since_ns) / NS_PER_S
-        code, fault = self._judge(message, age_s)
+        code, fault = "", ""
+        if age_s > self.stale_after_s:
+            age_ms, limit_ms = age_s * 1e3, self.stale_after_s * 1e3
+            code, fault = "stale", f"stale: {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
+        elif self._broken is not None:  # the present value is unknown
+            code, fault = self._broken.code, f"unreadable: {self._broken}"
+        elif self._suspicion > BAD_MESSAGES:
+            count = self.counters
+            dropped = f"{count.repeated} repeated, {count.undecodable} unreadable"
+            text = f"{dropped}, {count.misrouted} addressed to another topic or cell"
+            code, fault = "bad_messages", f"has too many bad messages: {text}"
+        elif not message.valid:
+            reason = message.reason or "no reason given"
+            code, fault = message.code or "invalid", f"invalid: {reason}"
         conflict_ns = self._conflict_ns
         return Reading(
             message,
             header,
             age_s,
-            fault[:LONGEST_FAULT],
+            f"{self.topic.key} {fault}"[:LONGEST_FAULT] if fault else "",
             silent=code == "stale",
             code=code,
             conflict=conflict_ns is not None and now_ns - conflict_ns < CONFLICT_S * NS_PER_S,
         )
-
-    def _judge(self, message: M, age_s: float) -> tuple[str, str]:
-        """Return code and text of the fault, both empty when there is none."""
-        if age_s > self.stale_after_s:
-            age_ms, limit_ms = age_s * 1e3, self.stale_after_s * 1e3
-            return "stale", f"{self.topic.key} stale: {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
-        if self._broken is not None:  # the present value is unknown
-            return self._broken.code, f"{self.topic.key} unreadable: {self._broken}"
-        if self._suspicion > BAD_MESSAGES:
-            count = self.counters
-            dropped = f"{count.repeated} repeated, {count.undecodable} unreadable"
-            text = f"{dropped}, {count.misrouted} addressed to another topic or cell"
-            return "bad_messages", f"{self.topic.key} has too many bad messages: {text}"
-        if not message.valid:
-            reason = message.reason or "no reason given"
-            return message.code or "invalid", f"{self.topic.key} invalid: {reason}"
-        return "", ""
 
     def _accept(self, header: Header, message: M) -> bool:
         """Store a message; drop repeated ones, and those of a publisher that was replaced."""

@@ -75,9 +75,13 @@ def advise(
     k, tilt = stiffness_of(cell, measured)
     contact, bandwidth = cell.contact, cell.robot.bandwidth_rad_s
     splits = [_delays(cell, measured, host, lag_s) for lag_s in measured.servo.lags_s]
-    forces = [Loop(k, 0.0, *split, contact.inertia_kg) for split in splits]
-    torques = [Loop(tilt, 0.0, *split, contact.inertia_kg_m2) for split in splits]
-    force, torque = (_smallest_gain_loop(loops, bandwidth) for loops in (forces, torques))
+    force, torque = (
+        min(
+            (recommended(Loop(stiffness, 0.0, *split, inertia), bandwidth) for split in splits),
+            key=lambda loop: loop.gain,
+        )
+        for stiffness, inertia in ((k, contact.inertia_kg), (tilt, contact.inertia_kg_m2))
+    )
     return Advice(
         host=host,
         tau_s=force.tau_s,
@@ -123,11 +127,6 @@ def _delays(
     return measured.servo.bound_s - lag_s + others_s, lag_s, filter_s
 
 
-def _smallest_gain_loop(loops: list[Loop], bandwidth_rad_s: float) -> Loop:
-    """Return the loop with the smallest recommended gain."""
-    return min((recommended(loop, bandwidth_rad_s) for loop in loops), key=lambda loop: loop.gain)
-
-
 def stiffness_of(cell: CellConfig, measured: MeasuredCell) -> tuple[float, float]:
     """Return the stiffness and the tilt stiffness to design gains for.
 
@@ -143,10 +142,12 @@ def stiffness_of(cell: CellConfig, measured: MeasuredCell) -> tuple[float, float
 
 def recommended(loop: Loop, bandwidth_rad_s: float) -> Loop:
     """Return the loop with the rule's gain, reduced until the margins are sufficient."""
-    gain = _rule_gain(loop, bandwidth_rad_s)
-    while not _is_safe(margins(loop.with_gain(gain))):
-        gain *= GAIN_REDUCTION
-    return loop.with_gain(gain)
+    loop = loop.with_gain(_rule_gain(loop, bandwidth_rad_s))
+    while True:
+        found = margins(loop)
+        if found.stable and found.phase_deg >= LEAST_PHASE_DEG and found.gain >= LEAST_GAIN:
+            return loop
+        loop = loop.with_gain(GAIN_REDUCTION * loop.gain)
 
 
 def rated_gain(loop: Loop) -> RatedGain:
@@ -244,10 +245,6 @@ def _host(advice: Advice, *, is_refused: bool) -> dict[str, Any]:
 def _plain(rated: RatedGain) -> dict[str, Any]:
     numbers = {"gain": rated.gain, **asdict(rated.margins), **asdict(rated.forecast)}
     return {name: None if value == float("inf") else value for name, value in numbers.items()}
-
-
-def _is_safe(found: Margins) -> bool:
-    return found.stable and found.phase_deg >= LEAST_PHASE_DEG and found.gain >= LEAST_GAIN
 
 
 def _rounded_up(value: float, step: float) -> float:

@@ -103,7 +103,11 @@ def identify_servo(steps: Steps) -> tuple[Fit, ...]:
 
     Raises DataError when the records do not determine them.
     """
-    _check_records(steps)
+    if min(len(steps.commanded_s), len(steps.measured_s)) < LEAST_SAMPLES:
+        raise DataError("too few commands and poses received: check the load of this machine")
+    travel_m = np.ptp(steps.commanded_m)
+    if travel_m < LEAST_TRAVEL_M or np.ptp(steps.measured_m) < 0.3 * travel_m:
+        raise DataError("the arm did not execute the small steps that were commanded")
     useful = steps.measured_s > steps.commanded_s[0]
     measured_s, measured_m = steps.measured_s[useful], steps.measured_m[useful]
     steps_m = np.diff(steps.commanded_m)
@@ -214,12 +218,3 @@ def _start_sum_s(steps: Steps, measured_s: Array, measured_m: Array) -> float:
         for shift_s in shifts_s
     ]
     return float(shifts_s[np.argmin(deviations_m)])
-
-
-def _check_records(steps: Steps) -> None:
-    if min(len(steps.commanded_s), len(steps.measured_s)) < LEAST_SAMPLES:
-        raise DataError("too few commands and poses received: check the load of this machine")
-    if np.ptp(steps.commanded_m) < LEAST_TRAVEL_M or np.ptp(steps.measured_m) < 0.3 * np.ptp(
-        steps.commanded_m
-    ):
-        raise DataError("the arm did not execute the small steps that were commanded")

@@ -30,30 +30,34 @@ def raise_data_errors() -> Iterator[None]:
         raise DataError(first_mistake(error).text) from None
 
 
-def ask(bus: Bus, request: Request[Q], message: Q, timeout_s: float = ANSWER_S) -> Reply:
-    """Send a request once and return the reply.
+def ask(
+    bus: Bus,
+    request: Request[Q],
+    message: Q,
+    *,
+    within_s: float = 0.0,
+    answer_s: float = ANSWER_S,
+) -> Reply:
+    """Send a request and return the reply; repeat it while the refusal is transient.
+
+    Args:
+        bus: A client's access to the bus.
+        request: The row of forcemesh/topics.py.
+        message: The request.
+        within_s: Longest time of repetition [s].
+        answer_s: Longest wait for a reply [s].
 
     Raises:
         RefusedError: The service refuses: code, text, remedy.
-        BusError: No reply within `timeout_s`.
+        BusError: No reply within `answer_s`.
     """
-    reply = bus.ask(request, message, timeout_s)
-    if reply.accepted:
-        return reply
-    remedy = remedy_of(reply.code)
-    raise RefusedError(reply.code, reply.text, remedy=remedy, value=reply.value, limit=reply.limit)
-
-
-def ask_until(bus: Bus, request: Request[Q], message: Q, within_s: float) -> Reply:
-    """Send a request as `ask`; repeat it for at most `within_s` while the refusal is transient."""
     give_up_ns = bus.clock.now_ns() + round(within_s * NS_PER_S)
-    while True:
-        try:
-            return ask(bus, request, message)
-        except RefusedError as error:
-            if error.code not in TRANSIENT or bus.clock.now_ns() >= give_up_ns:
-                raise
+    while not (reply := bus.ask(request, message, answer_s)).accepted:
+        if reply.code not in TRANSIENT or bus.clock.now_ns() >= give_up_ns:
+            code, text, remedy = reply.code, reply.text, remedy_of(reply.code)
+            raise RefusedError(code, text, remedy=remedy, value=reply.value, limit=reply.limit)
         bus.clock.sleep_s(ASK_AGAIN_S)
+    return reply
 
 
 def stopped_error(status: ArbiterStatus, what: str) -> ArmStoppedError:

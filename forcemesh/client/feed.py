@@ -4,11 +4,11 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from forcemesh.bus import Bus, Reader, Reading
 from forcemesh.client.ask import remedy_of
-from forcemesh.clock import NS_PER_S, Clock, wait_until
+from forcemesh.clock import NS_PER_S, wait_until
 from forcemesh.codec import Header
 from forcemesh.errors import LostError, NotValidError
 from forcemesh.messages import Message
@@ -39,31 +39,6 @@ class Received(Generic[M]):
         return self.header.stamp_ns / NS_PER_S
 
 
-class RateEstimator:
-    """Rate of a topic from the sequence numbers of its messages, so that none is missed."""
-
-    def __init__(self) -> None:
-        """Start without a message."""
-        self._marks: deque[Header] = deque(maxlen=MARKS)
-        self._newest: Header | None = None
-
-    def saw(self, header: Header) -> None:
-        """Add a header; most of them are not stored."""
-        if self._marks and self._marks[-1].epoch != header.epoch:
-            self._marks.clear()
-        if not self._marks or header.stamp_ns - self._marks[-1].stamp_ns >= MARK_NS:
-            self._marks.append(header)
-        self._newest = header
-
-    @property
-    def hz(self) -> float | None:
-        """Messages per second, None before the second message."""
-        first, last = (self._marks[0] if self._marks else None), self._newest
-        if first is None or last is None or last.stamp_ns <= first.stamp_ns:
-            return None
-        return (last.seq - first.seq) * NS_PER_S / (last.stamp_ns - first.stamp_ns)
-
-
 class Feed(Generic[M]):
     """Newest message of a topic; subscribes at the first read. Thread-safe."""
 
@@ -74,7 +49,7 @@ class Feed(Generic[M]):
         self._lost = lost
         self._lock = threading.Lock()
         self._reader: Reader[M] | None = None
-        self._pace = RateEstimator()
+        self._marks: deque[Header] = deque(maxlen=MARKS)  # some of the headers, for the rate
 
     def __call__(self, within_s: float = FIRST_WITHIN_S) -> M:
         """Return the newest message; wait for a valid one.
@@ -107,16 +82,25 @@ class Feed(Generic[M]):
         with self._lock:
             if self._reader is None:
                 self._reader = self._bus.reader(self.topic)
-            reading = self._reader.read(self._bus.clock.now_ns())
-            if reading.header is not None:
-                self._pace.saw(reading.header)
+            reading, marks = self._reader.read(self._bus.clock.now_ns()), self._marks
+            if (header := reading.header) is not None:
+                if marks and marks[-1].epoch != header.epoch:
+                    marks.clear()
+                if not marks or header.stamp_ns - marks[-1].stamp_ns >= MARK_NS:
+                    marks.append(header)
             return reading
 
     @property
     def rate_hz(self) -> float | None:
-        """Publishing rate over the last second of readings, None when unknown."""
+        """Publishing rate over the last second of readings, None when unknown.
+
+        It follows from the sequence numbers, so that no message is missed.
+        """
         reading = self.reading()
-        return None if reading.silent else self._pace.hz
+        first, last = (self._marks[0] if self._marks else None), reading.header
+        if reading.silent or first is None or last is None or last.stamp_ns <= first.stamp_ns:
+            return None
+        return (last.seq - first.seq) * NS_PER_S / (last.stamp_ns - first.stamp_ns)
 
     def stream(
         self, *, seconds: float | None = None, silence_s: float = SILENCE_S
@@ -145,17 +129,12 @@ class Feed(Generic[M]):
                 text = f"nothing on {self.topic.key} for {silence_s:g} s"
                 raise self._lost(f"{text}: {why}" if why else text)
             else:
-                _wait(reader, clock)
+                before_ns = clock.now_ns()
+                reader.wait(SILENCE_CHECK_S)
+                if clock.now_ns() == before_ns:  # a virtual clock: advance it
+                    clock.sleep_s(FEED_POLL_S)
 
     def __iter__(self) -> Iterator[M]:
         """Yield each received message, without end."""
         for reading in self.stream():
             yield reading.message
-
-
-def _wait(reader: Reader[Any], clock: Clock) -> None:
-    """Wait for a message; on a virtual clock advance the time."""
-    before_ns = clock.now_ns()
-    reader.wait(SILENCE_CHECK_S)
-    if clock.now_ns() == before_ns:
-        clock.sleep_s(FEED_POLL_S)

@@ -50,10 +50,10 @@ class Move:
         try:
             return self._follow(timeout_s, progress)
         except KeyboardInterrupt:
-            self._hold("move was interrupted")
+            self._session.ask(topics.HOLD, HoldRequest(reason="move was interrupted"))
             raise
         except TimeoutError as error:
-            self._hold("a move took too long")
+            self._session.ask(topics.HOLD, HoldRequest(reason="a move took too long"))
             raise NotReachedError(str(error)) from None
 
     def _follow(self, timeout_s: float, progress: Progress | None) -> RobotState:
@@ -81,10 +81,9 @@ class Move:
         if robot.goal.state == "refused":
             self._raise_refusal(robot.goal.reason)
         self.began = self.began or robot.goal.state == "running"
-        return robot.goal.state == "done" and self._is_free_for_the_next()
-
-    def _is_free_for_the_next(self) -> bool:
-        """Return whether the arbiter has registered arrival: it refuses a move until then."""
+        if robot.goal.state != "done":
+            return False
+        # Until the arbiter has registered arrival, it refuses the next move.
         status = self._arbiter.reading().fresh
         return status is None or status.goal_id != self.id
 
@@ -111,9 +110,6 @@ class Move:
             why = "; ".join(trip.text for trip in status.trips) or "no reason given"
             code = status.trips[-1].code if status.trips else "preempted"
             raise ArmStoppedError(code, f"{ENDED}: {why}", remedy_of(code))
-
-    def _hold(self, reason: str) -> None:
-        self._session.ask(topics.HOLD, HoldRequest(reason=reason))
 
 
 class Moves:

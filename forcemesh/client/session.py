@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo
-from forcemesh.client import ask
+from forcemesh.client.ask import ANSWER_S, ask
 from forcemesh.client.feed import Feed
 from forcemesh.client.roles import RoleHealth
 from forcemesh.clock import Clock
@@ -41,7 +41,7 @@ class ClientSession:
             return self._feeds[topic.key]
 
     def ask(
-        self, request: Request[Q], message: Q, *, within_s: float = 0.0, answer_s: float = 2.0
+        self, request: Request[Q], message: Q, *, within_s: float = 0.0, answer_s: float = ANSWER_S
     ) -> Reply:
         """Send a request to a service and return the reply.
 
@@ -56,9 +56,7 @@ class ClientSession:
             LostError: No reply; names the silent services.
         """
         try:
-            if within_s > 0.0:
-                return ask.ask_until(self.bus, request, message, within_s)
-            return ask.ask(self.bus, request, message, answer_s)
+            return ask(self.bus, request, message, within_s=within_s, answer_s=answer_s)
         except BusError as error:
             raise self.lost(str(error)) from error
 

@@ -26,13 +26,13 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, length, rotation_between
+from common.motion.frames import Array, apart, length
 from services.regulator import surface_tracking
 from services.regulator.delay_model import ContactTravel, DelayModelSettings
 from services.regulator.estimates import FitSettings, ResponseShare, Stiffness
 from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion
-from services.regulator.surface_tracking import NOT_TRACKING, PressAxisState, SurfaceTracking
+from services.regulator.surface_tracking import NOT_TRACKING, SurfaceTracking
 from tuning.gain_rule import INERTIA_MARGIN, LOOP_GAIN, tune
 from tuning.measured_range import softest_N_m
 
@@ -51,8 +51,7 @@ LEAST_GAIN_M_PER_NS = 1e-9  # a request may set the gain to zero
 LEAST_ERROR_N, LEAST_SHARE = 1e-9, 0.1  # least share of the braking per axis
 
 MEMORY_TAUS, MEMORY_PERIODS, MEMORY_LEAST_S = 2.0, 10.0, 0.1  # forgetting of the identification
-STIFFER = 1.0  # initial estimate, relative to the stiffest contact of the cell
-NOISE_N, LEAST_TRAVEL_M, SOFTEST_N_M = 0.08, 1e-5, 200.0
+NOISE_N = 0.08
 TOUCH_SHARE = 0.5  # of the touch force: below it there is no contact
 FREE_TAUS = 3.0  # time without contact after which the estimates are reset
 DEADBAND_IN_CONTACT = 0.25  # of the deadband, which serves against drift in free space
@@ -66,6 +65,7 @@ class AdaptiveSettings:
     plain: LawSettings  # of the PI law inside
     tau_s: float
     delay_model: DelayModelSettings
+    wrench_filter: DelayModelSettings  # from the measured pose to the filtered force
     stiffness: FitSettings
     period_s: float  # nominal: tau holds half of it
     inertia_cap_m_per_Ns: float  # 1 / (m w_b), before its margin
@@ -97,9 +97,8 @@ class AdaptiveSettings:
             tau_s=tau_s,
             period_s=1.0 / rates.control_hz,
             delay_model=DelayModelSettings.of(cell),
-            stiffness=FitSettings(
-                STIFFER * contact.stiffness_N_m, SOFTEST_N_M, memory_s, NOISE_N, LEAST_TRAVEL_M
-            ),
+            wrench_filter=DelayModelSettings.of_wrench(cell),
+            stiffness=FitSettings(contact.stiffness_N_m, memory_s, NOISE_N),
             inertia_cap_m_per_Ns=1.0 / m_w_b,
             plain_gain_m_per_Ns=tune(cell).force_i_m_per_Ns,
             inertia_kg=contact.inertia_kg,
@@ -141,8 +140,7 @@ class ContactStiffness:
 
     def at_pose(self, T_base_tcp: pin.SE3) -> Array | None:
         """Return the stiffness if it is valid at a pose, None elsewhere."""
-        distance_m = length(T_base_tcp.translation - self.T_base_tcp.translation)
-        turn_rad = length(rotation_between(self.T_base_tcp.rotation, T_base_tcp.rotation))
+        distance_m, turn_rad = apart(self.T_base_tcp, T_base_tcp)
         is_valid = distance_m <= VALID_WITHIN_M and turn_rad <= VALID_WITHIN_RAD
         return self.k if is_valid else None
 
@@ -183,22 +181,20 @@ def step(
     in_flight_m = R.T @ (command.command - command.filtered)
     acceleration = R.T @ command.acceleration
     predicted_N = R.T @ sample.force_N + compensated_kg * acceleration - w * k * in_flight_m
-    drift_m_s, tracking = 0.0, NOT_TRACKING  # an old estimate is useless later
+    tracking, drift_m_s = NOT_TRACKING, 0.0  # an old estimate is useless later
     if settings.tracks and sample.mode != "orientation" and is_measured[2]:
-        press_axis = PressAxisState(
-            axis=R[:, 2],
+        tracking, ahead_m, drift_m_s = surface_tracking.update(
+            state.tracking,
+            sample,
             k_N_m=float(k[2]),
-            is_identified=bool(state.stiffness.identified[2]),
+            may_begin=bool(state.stiffness.identified[2]),
+            in_contact=state.free_s == 0.0,
             filtered_travel_m=float(state.command.filtered_travel_m[2]),
             in_flight_m=float(in_flight_m[2]),
             inertial_N=INERTIA_SHARE * settings.inertia_kg * float(acceleration[2]),
-            in_contact=state.free_s == 0.0,
+            Ki=float(Ki[2]),
+            tau_s=settings.tau_s,
         )
-        tracking = surface_tracking.update(
-            state.tracking, press_axis, sample, Ki=float(Ki[2]), tau_s=settings.tau_s
-        )
-        ahead_s = settings.tau_s - sample.dt_s
-        ahead_m, drift_m_s = tracking.feed_forward(ahead_s, press_axis.k_N_m * settings.tau_s)
         predicted_N[2] += w[2] * k[2] * ahead_m
     error_N = predicted_N + np.array([0.0, 0.0, sample.setpoint_N])
     Ki = limit_gain_for_braking(Ki, error_N, k, settings.brake_m_s2)
@@ -243,27 +239,23 @@ def update_estimates(
     would look soft. So each report counts once. While a moving surface is tracked, travel without
     force carries no stiffness information.
     """
-    motion, dt_s = sample.motion, sample.dt_s
+    motion, dt_s, fit = sample.motion, sample.dt_s, settings.stiffness
     command = state.command.to(motion.T_base_tcp, motion, dt_s, settings.delay_model)
     measured, report_s = state.measured, state.since_report_s + dt_s
     if sample.pose_is_new:
-        of_wrench = settings.delay_model.of_wrench
-        measured = measured.to(sample.T_measured, motion, report_s, of_wrench)
-    state = replace(
-        state,
-        command=command,
-        measured=measured,
-        since_report_s=0.0 if sample.pose_is_new else report_s,
-    )
-    fit = settings.stiffness
+        measured = measured.to(sample.T_measured, motion, report_s, settings.wrench_filter)
+    since_report_s = 0.0 if sample.pose_is_new else report_s
+    state = replace(state, command=command, measured=measured, since_report_s=since_report_s)
     if length(sample.force_N) <= settings.touch_N:
         free_s = state.free_s + dt_s
-        if free_s <= FREE_TAUS * settings.tau_s:
-            return replace(state, free_s=free_s)
-        return AdaptiveState(
-            command, measured, Stiffness.stiffest(fit), ResponseShare.rigid(),
-            since_report_s=state.since_report_s, free_s=free_s,
-        )  # fmt: skip
+        if free_s > FREE_TAUS * settings.tau_s:
+            state = replace(
+                state,
+                stiffness=Stiffness.stiffest(fit),
+                response=ResponseShare.rigid(),
+                tracking=NOT_TRACKING,
+            )
+        return replace(state, free_s=free_s)
     model, R = command.delay_model, motion.T_base_tcp.rotation
     inertia_kg = IDENTIFICATION_INERTIA_SHARE * settings.inertia_kg
     force_N = R.T @ (sample.force_N + inertia_kg * model.acceleration)

@@ -51,7 +51,7 @@ class AdmittanceSettings:
     plain: LawSettings  # of the PI law, with the deadband at rest
     tau_s: float
     mass_kg: float
-    delay_model: DelayModelSettings  # from the measured pose to the filtered force
+    wrench_filter: DelayModelSettings  # from the measured pose to the filtered force
     stiffest_N_m: float
 
     @classmethod
@@ -67,7 +67,7 @@ class AdmittanceSettings:
             plain,
             cell.loop_delay_s,
             MASSES * contact.inertia_kg,
-            DelayModelSettings.of(cell).of_wrench,
+            DelayModelSettings.of_wrench(cell),
             stiffest_N_m=max(STIFFER_THAN_CONTACT * contact.stiffness_N_m, HAND_N_M),
         )
 
@@ -119,7 +119,7 @@ def _update_stiffness(
     """Return the state with the stiffness estimate updated by this sample."""
     R, dt_s = sample.motion.T_base_tcp.rotation, sample.dt_s
     moved_m = state.measured.command + sample.T_measured.translation - state.T_measured.translation
-    measured = delay_model.follow(state.measured, moved_m, dt_s, settings.delay_model)
+    measured = delay_model.follow(state.measured, moved_m, dt_s, settings.wrench_filter)
     now_m, now_N = R.T @ measured.filtered, R.T @ sample.force_N
     d_m, d_N = now_m - state.recent_m, now_N - state.recent_N
     is_informative = (d_m * d_N < 0.0) & (np.abs(d_m) > LEAST_M) & (np.abs(d_N) > LEAST_N)

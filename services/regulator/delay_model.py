@@ -18,8 +18,8 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, cross, rotation_between
-from services.regulator.law import LawMotion
+from common.motion.frames import Array
+from services.regulator.law import LawMotion, motion_between
 
 INSTANT_S = 1e-5  # a shorter lag counts as zero
 SUBSTEP_S = 0.001  # three lags in series are accurate enough in steps of a millisecond
@@ -32,19 +32,19 @@ class DelayModelSettings:
     delay_s: float  # controller, processes, and the median of the wrench filter
     lag_s: float
     filter_s: float
-    median_s: float  # part of the delay
 
     @classmethod
     def of(cls, cell: CellConfig) -> "DelayModelSettings":
         """Return the parameters of a cell; with half a period their sum is tau."""
-        median_s = cell.filter_delay_s - cell.filter.lowpass_s
-        delay_s = cell.robot.delay_s + cell.force.chain_s + median_s
-        return cls(delay_s, cell.robot.lag_s, cell.filter.lowpass_s, median_s)
+        wrench = cls.of_wrench(cell)
+        delay_s = cell.robot.delay_s + cell.force.chain_s + wrench.delay_s
+        return cls(delay_s, cell.robot.lag_s, wrench.filter_s)
 
-    @property
-    def of_wrench(self) -> "DelayModelSettings":
-        """The part of the wrench filter alone: from the measured pose to the filtered force."""
-        return DelayModelSettings(self.median_s, 0.0, self.filter_s, self.median_s)
+    @classmethod
+    def of_wrench(cls, cell: CellConfig) -> "DelayModelSettings":
+        """Return those of the wrench filter alone: from the measured pose to the filtered force."""
+        lowpass_s = cell.filter.lowpass_s
+        return cls(cell.filter_delay_s - lowpass_s, 0.0, lowpass_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +63,8 @@ class LoopDelayModel:
 
 def at_rest(command: Array) -> LoopDelayModel:
     """Return the steady state of a constant command. Shape (3,)."""
-    position = np.array(command, dtype=float)
-    zero = np.zeros_like(position)
-    return LoopDelayModel(
-        ((0.0, position),), position, 0.0, position, position, position, zero, zero
-    )
+    zero = np.zeros(3)
+    return LoopDelayModel(((0.0, command),), command, 0.0, command, command, command, zero, zero)
 
 
 def follow(
@@ -76,7 +73,6 @@ def follow(
     """Return the state after `command` was constant for the last `dt_s` [s]. Shape (3,)."""
     sent = model.sent
     if not np.array_equal(command, model.command):
-        command = np.array(command, dtype=float)
         sent = (*sent, (model.now_s, command))
     steps = max(1, ceil(dt_s / SUBSTEP_S - 1e-9))
     step_s = dt_s / steps
@@ -119,11 +115,8 @@ class ContactTravel:
         self, T_base_tcp: pin.SE3, motion: LawMotion, dt_s: float, settings: DelayModelSettings
     ) -> "ContactTravel":
         """Return the travel up to a pose that was constant for the last `dt_s`."""
-        before, shift_m = self.delay_model, T_base_tcp.translation - self.T_base_tcp.translation
-        end_m = before.command + shift_m
-        if motion.lever_m is not None:
-            turn_rad = rotation_between(self.T_base_tcp.rotation, T_base_tcp.rotation)
-            end_m = end_m + cross(turn_rad, motion.lever_m)
-        model = follow(before, end_m, dt_s, settings)
+        before = self.delay_model
+        moved_m, _ = motion_between(self.T_base_tcp, T_base_tcp, motion.lever_m)
+        model = follow(before, before.command + moved_m, dt_s, settings)
         travel_m = motion.T_base_tcp.rotation.T @ (model.filtered - before.filtered)
         return ContactTravel(T_base_tcp, model, self.filtered_travel_m + travel_m)

@@ -27,6 +27,8 @@ import numpy.typing as npt
 
 from common.motion.frames import Array
 
+SOFTEST_CONTACT_N_M = 200.0
+LEAST_TRAVEL_M = 1e-5  # least excitation: standard deviation of travel over the memory
 SLOPE_MARGIN, BOUND_SIGMAS = 1.08, 3.5
 SURE = 0.3  # 3.5 sigma below this share of the slope: the fit may raise the estimate as well
 EXPLAINED = 0.9  # share of the force's variance explained by travel: the tool's own motion
@@ -44,13 +46,11 @@ PARALLEL_N = 1e-6  # collinear travel and speed: limit relative to the product o
 
 @dataclass(frozen=True, slots=True)
 class FitSettings:
-    """Bounds, memory and noise of the estimates."""
+    """Upper bound, memory and noise of the estimates."""
 
-    stiffest: float  # N/m
-    softest: float
+    stiffest_N_m: float
     memory_s: float
-    noise: float  # standard deviation of one filtered reading [N]
-    least_travel: float  # least excitation: standard deviation of travel over the memory [m]
+    noise_N: float  # standard deviation of one filtered reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class Stiffness:
     @classmethod
     def stiffest(cls, settings: FitSettings) -> "Stiffness":
         """Return the initial state: the stiffest contact, not identified."""
-        return cls(np.full(3, settings.stiffest), np.zeros(3, dtype=bool), Moments.none(2))
+        return cls(np.full(3, settings.stiffest_N_m), np.zeros(3, dtype=bool), Moments.none(2))
 
     @classmethod
     def known(cls, k: Array) -> "Stiffness":
@@ -114,19 +114,19 @@ class Stiffness:
         """
         moments = self.moments.after((travel, force), exp(-dt_s / settings.memory_s))
         weight, sums = moments.weight, moments.sums
-        moved = sums[0, 0] > weight * settings.least_travel**2
+        moved = sums[0, 0] > weight * LEAST_TRAVEL_M**2
         travel_squares, products = np.where(moved, sums[0, 0], 1.0), sums[0, 1]
         slope = -products / travel_squares
         residual = np.maximum(sums[1, 1] - products**2 / travel_squares, 0.0)
-        variance = residual / max(weight - FITTED, 1.0) + settings.noise**2
+        variance = residual / max(weight - FITTED, 1.0) + settings.noise_N**2
         sigma = np.sqrt(variance / travel_squares)
-        bound = np.maximum(SLOPE_MARGIN * slope + BOUND_SIGMAS * sigma, settings.softest)
-        bound = np.minimum(bound, settings.stiffest)
+        bound = np.maximum(SLOPE_MARGIN * slope + BOUND_SIGMAS * sigma, SOFTEST_CONTACT_N_M)
+        bound = np.minimum(bound, settings.stiffest_N_m)
         useful = moved & (slope > 0.0) & (weight > FEW_SAMPLES)
         sure = useful & (BOUND_SIGMAS * sigma < SURE * slope)
         explained = sure & (products**2 > EXPLAINED * sums[0, 0] * sums[1, 1])
         lower = useful & (bound < self.k) & (may_soften | explained)
-        least = np.minimum(SLOPE_MARGIN * slope, settings.stiffest)
+        least = np.minimum(SLOPE_MARGIN * slope, settings.stiffest_N_m)
         higher = sure & (least > self.k)
         gain = 1.0 - exp(-dt_s / FOLLOW_S)
         k = self.k + np.where(lower, gain * (bound - self.k), 0.0)
@@ -164,14 +164,14 @@ class ResponseShare:
         travel_squares, products, speed_squares = sums[0, 0], sums[0, 1], sums[1, 1]
         travel_force, speed_force = sums[0, 2], sums[1, 2]
         square = travel_squares * speed_squares - products**2
-        is_informative = (travel_squares > weight * settings.least_travel**2) & (
+        is_informative = (travel_squares > weight * LEAST_TRAVEL_M**2) & (
             square > PARALLEL_N * travel_squares * speed_squares
         )
         square = np.where(is_informative, square, 1.0)
         slope = (speed_force * products - travel_force * speed_squares) / square
         rate = (speed_force * travel_squares - travel_force * products) / square
         residual = np.maximum(sums[2, 2] + slope * travel_force - rate * speed_force, 0.0)
-        variance = residual / weight + settings.noise**2
+        variance = residual / weight + settings.noise_N**2
         sigma = np.sqrt(variance * speed_squares / square)
         softest = 1.0 / (1.0 + k / SOFTEST_ARM_N_M)
         estimated = np.clip((SHARE_MARGIN * slope + SHARE_SIGMAS * sigma) / k, softest, 1.0)

@@ -32,8 +32,9 @@ class PiGains:
     def ramped(self, goal: "PiGains", dt_s: float) -> "PiGains":
         """Return gains one period further towards a goal (first-order low-pass)."""
         share = min(1.0, dt_s / GAIN_RAMP_S)
-        now = np.array([getattr(self, name) for name in self.__slots__])
-        then = np.array([getattr(goal, name) for name in self.__slots__])
+        now, then = (
+            np.array([getattr(gains, name) for name in self.__slots__]) for gains in (self, goal)
+        )
         is_near = np.abs(then - now) <= 1e-3 * np.abs(then)
         if is_near.all():
             return goal
@@ -44,9 +45,7 @@ def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
     """Return the gains after a request: its preset first, then its single gains."""
     if change.preset is not None:
         gains = tune(cell, change.preset).gains
-    new = {name: value for name, value in change.as_dict().items() if value is not None}
-    new.pop("preset", None)
-    return gains.replaced(**new)
+    return gains.replaced(**change.model_dump(exclude={"preset"}, exclude_none=True))
 
 
 def gains_to_send(sent: Gains | None, requested: Gains, Ki: Array) -> Gains:

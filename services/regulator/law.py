@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, cross, length, rotate_about_base_axes
+from common.motion.frames import Array, cross, length, rotate_about_base_axes, rotation_between
 from forcemesh.messages import Mode
 from services.regulator.gains import PiGains
 
@@ -117,8 +117,7 @@ def next_motion(sample: LawInput, settings: LawSettings) -> LawMotion:
     target_N = -sample.setpoint_N * press_axis  # the contact pushes against the press axis
     error_N = soft_deadband(sample.force_N - target_N, settings.deadband_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
-    contact = next_contact(before.contact, sample, press_axis, settings.touch_N)
-    lever_m = contact_point(sample, settings.touch_N) if sample.mode == "both" else None
+    contact, lever_m = contact_of(sample, settings.touch_N)
     turn_rad, shift_m, approach_m_s = np.zeros(3), np.zeros(3), 0.0
     speed_m_s = None
     if sample.mode != "position":
@@ -160,27 +159,41 @@ def _yielding(sample: LawInput, settings: LawSettings, *, target_N: Array, error
     return before_m + limit_norm(shift_m - before_m, settings.accel_max_m_s2 * dt_s**2)
 
 
-def next_contact(contact: Contact, sample: LawInput, press_axis: Array, touch_N: float) -> Contact:
-    """Return the contact state: force threshold with hysteresis, else approach or free."""
-    pushed_back_N = -float(sample.force_N @ press_axis)
-    touch_N = min(touch_N, 0.5 * sample.setpoint_N) if sample.setpoint_N > 0.0 else touch_N
-    threshold_N = touch_N * (RELEASE_FRACTION if contact == "contact" else 1.0)
-    if pushed_back_N > threshold_N:
-        return "contact"
-    return "approach" if sample.setpoint_N > 0.0 else "free"
+def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Array | None]:
+    """Return the contact state and, in mode both, the vector from the TCP to the contact [m].
 
-
-def contact_point(sample: LawInput, touch_N: float) -> Array:
-    """Return the vector from the TCP to the line along which the force acts [m]. Shape (3,).
-
-    r = F x M / |F|^2. A rotation about the TCP moves the contact point by turn x r; compensating
-    that motion keeps the force constant, without waiting for the force loop and its delay.
+    The state is a force threshold with hysteresis, below it approach or free. The vector ends at
+    the line along which the force acts: r = F x M / |F|^2. Shape (3,). A rotation about the TCP
+    moves the contact point by turn x r; compensating that motion keeps the force constant, without
+    waiting for the force loop and its delay.
     """
-    square = float(sample.force_N @ sample.force_N)
+    force_N, before, presses = sample.force_N, sample.motion, sample.setpoint_N > 0.0
+    threshold_N = min(touch_N, 0.5 * sample.setpoint_N) if presses else touch_N
+    if before.contact == "contact":
+        threshold_N *= RELEASE_FRACTION
+    contact: Contact = "approach" if presses else "free"
+    if -float(force_N @ before.T_base_tcp.rotation[:, 2]) > threshold_N:
+        contact = "contact"
+    if sample.mode != "both":
+        return contact, None
+    square = float(force_N @ force_N)
     if square < touch_N * touch_N:
-        return np.zeros(3)
-    lever_m = cross(sample.force_N, sample.torque_Nm) / square
-    return limit_norm(lever_m, LONGEST_CONTACT_LEVER_M)
+        return contact, np.zeros(3)
+    return contact, limit_norm(cross(force_N, sample.torque_Nm) / square, LONGEST_CONTACT_LEVER_M)
+
+
+def motion_between(
+    T_from: pin.SE3, T_to: pin.SE3, lever_m: Array | None = None
+) -> tuple[Array, Array]:
+    """Return travel [m] and rotation [rad] from one pose to another, base axes. Shapes (3,).
+
+    With a lever the travel is that of the contact point, which a rotation about the TCP moves too.
+    """
+    moved_m = T_to.translation - T_from.translation
+    turned_rad = rotation_between(T_from.rotation, T_to.rotation)
+    if lever_m is not None:
+        moved_m = moved_m + cross(turned_rad, lever_m)
+    return moved_m, turned_rad
 
 
 def masked(motion: Array, sample: LawInput, first: int) -> Array:
@@ -194,10 +207,7 @@ def masked(motion: Array, sample: LawInput, first: int) -> Array:
 
 def soft_deadband(error: Array, width: float) -> Array:
     """Shorten a vector by `width`, to zero when it is shorter: continuous, direction kept."""
-    size = length(error)
-    if size <= width:
-        return np.zeros(3)
-    return error * ((size - width) / size)
+    return error - limit_norm(error, width)
 
 
 def limit_norm(vector: Array, longest: float) -> Array:

@@ -21,8 +21,9 @@ from common.motion.frames import Array
 REPORTS, SAMPLES = 2.0, 2.0
 SAME_COMMAND = np.array([1e-5, 1e-4])  # m, rad: tolerance between a sent pose and its command
 
-# Weights that sum the squared elements of a row to a squared distance and a squared angle.
-SQUARE_WEIGHTS = np.repeat([[1.0, 0.0], [0.0, 0.5]], [3, 9], axis=0)
+# Weights that sum the squared elements of a row to a squared distance and a squared small angle:
+# two rotation matrices differ by sqrt(2) times the angle between them.
+SQUARE_WEIGHTS = np.tile([[0.0, 0.5], [0.0, 0.5], [0.0, 0.5], [1.0, 0.0]], (4, 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class CommandHistory:
 
     window_s: float
     ages_s: Array  # shape (n,)
-    poses: Array  # position and rotation matrix, row by row. Shape (n, 12)
+    poses: Array  # homogeneous matrices, row by row. Shape (n, 16)
 
     @classmethod
     def of(cls, cell: CellConfig) -> "CommandHistory":
@@ -39,20 +40,19 @@ class CommandHistory:
         loop_s = cell.robot.delay_s + cell.force.chain_s
         reports_s = REPORTS / cell.rates.robot_hz
         window_s = loop_s + reports_s + SAMPLES / cell.rates.control_hz
-        return cls(window_s, np.zeros(0), np.zeros((0, 12)))
+        return cls(window_s, np.zeros(0), np.zeros((0, 16)))
 
     def after(self, T_base_tcp: pin.SE3, dt_s: float) -> "CommandHistory":
         """Return the history with one more command, `dt_s` after the last one."""
         ages_s = self.ages_s + dt_s
         first = int((-ages_s).searchsorted(-self.window_s))
-        poses = np.concatenate((self.poses[first:], _row(T_base_tcp)))
+        poses = np.concatenate((self.poses[first:], T_base_tcp.homogeneous.reshape(1, 16)))
         return CommandHistory(self.window_s, np.concatenate((ages_s[first:], (0.0,))), poses)
 
     @property
     def oldest(self) -> pin.SE3:
         """Oldest command, which should have been sent by now."""
-        row = self.poses[0]
-        return pin.SE3(row[3:].reshape(3, 3), row[:3])
+        return pin.SE3(self.poses[0].reshape(4, 4))
 
     def restarted(self) -> "CommandHistory":
         """Return a history with the oldest command only."""
@@ -62,21 +62,7 @@ class CommandHistory:
         """Return whether the sent pose is behind every command of the window; None: unknown."""
         if T_sent is None or not len(self.ages_s):
             return False
-        behind = _distances(_row(T_sent) - self.poses[-1:])[0]
-        if (behind <= SAME_COMMAND).all():
-            return False
-        moved = _distances(self.poses - self.poses[-1]).max(axis=0)
-        return bool((behind > moved + SAME_COMMAND).any())
-
-
-def _row(T: pin.SE3) -> Array:
-    """Return a pose as one row. Shape (1, 12)."""
-    return np.concatenate((T.translation, T.rotation.ravel()))[None, :]
-
-
-def _distances(differences: Array) -> Array:
-    """Return distances [m] and small angles [rad] of poses. Shapes (n, 12), (n, 2).
-
-    Two rotation matrices differ by sqrt(2) times the angle between them.
-    """
-    return np.asarray(np.sqrt((differences * differences).dot(SQUARE_WEIGHTS)))
+        poses = np.concatenate((T_sent.homogeneous.reshape(1, 16), self.poses))
+        squares = (poses - self.poses[-1]) ** 2
+        from_newest = np.sqrt(squares.dot(SQUARE_WEIGHTS))  # m, rad. Shape (n + 1, 2)
+        return bool((from_newest[0] > from_newest[1:].max(axis=0) + SAME_COMMAND).any())

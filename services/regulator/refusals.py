@@ -95,16 +95,14 @@ def refused_guide(law: str, wrench: WrenchAtTcp) -> Reply | None:
     return refusal("axes_unproved", text)
 
 
-def refused_path(
-    request: PathRequest, session: ForceSession | None, cell: CellConfig
-) -> Reply | None:
+def refused_path(request: PathRequest, session: ForceSession, cell: CellConfig) -> Reply | None:
     """Return why a path cannot be followed, None when it can."""
-    if session is None or session.failure is not None:
-        return refusal("not_armed", "no force feedback is running: start it first")
-    if session.request.host != "pc":
+    started = session.request
+    if started.host != "pc":
         return refusal("host", "host controller cannot follow a path, host pc can")
-    is_push = LAWS[session.law].predicts and _moves_across_axis(session.request)
-    if request.points_m and is_push:
+    # A path moves the tool across its axis: may force feedback do that as well?
+    is_shared = started.mode != "orientation" and (started.frame != "tool" or any(started.axes[:2]))
+    if request.points_m and LAWS[session.law].predicts and is_shared:
         text = (
             f"the {session.law} law would take the path for an external push and return: start "
             "force feedback in frame tool, with axes that leave out x and y"
@@ -130,8 +128,3 @@ def _point_outside(request: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) 
         if trip is not None:
             return refused(trip.replaced(text=f"point {number}: {trip.text}"))
     return None
-
-
-def _moves_across_axis(request: ForceStartRequest) -> bool:
-    """Return whether force feedback may move the tool across its axis, as a path does."""
-    return request.mode != "orientation" and (request.frame != "tool" or any(request.axes[:2]))

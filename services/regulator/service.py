@@ -1,7 +1,6 @@
 """Regulator service: wrench and robot state in, proposed flange pose out."""
 
 from dataclasses import replace
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from forcemesh.messages import (
     ZERO3,
     Feedback,
     Gains,
-    PoseRecord,
     RegulatorTarget,
     RobotState,
     Trip,
@@ -28,19 +26,18 @@ from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.adaptive import ContactStiffness
 from services.regulator.gains import PiGains, gains_to_send, merged_gains
 from services.regulator.guards import (
+    TARED,
     GuardSample,
     GuardSettings,
     GuardState,
     kept_over_restart,
-    verifies_press_axis,
     watch,
 )
-from services.regulator.law import LawInput, LawSettings, back_calculate, start_at
+from services.regulator.law import LawInput, back_calculate, start_at
 from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
 from services.regulator.refusals import refused_axes, refused_guide, refused_path, refused_start
 from services.regulator.session import (
-    Failure,
     ForceSession,
     active_commander,
     describe,
@@ -49,7 +46,7 @@ from services.regulator.session import (
     next_path,
 )
 from services.regulator.tcp_path import remaining_m
-from services.regulator.unverified_axes import TARED, YieldTravel, limited_axes, motion_between
+from services.regulator.unverified_axes import YieldTravel
 from tuning.gain_rule import instability, tune
 
 STOPPED = "stopped"
@@ -67,7 +64,6 @@ class Regulator:
         refuse_unknown_law(cell, f"cell {cell.cell}")
         self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
         self._guards = GuardSettings.of(cell)
-        self._approach_m_s = LawSettings.of(cell).approach_m_s
         self._contact: ContactStiffness | None = None  # identified by the last session
         self._touched = ""  # calibration verified along the tool by a touch from free space
         self._yielded = (-1, YieldTravel())  # lease, and travel of its last session
@@ -96,7 +92,19 @@ class Regulator:
         """Serve requests, integrate the newest wrench, publish the target."""
         self._now_ns = now_ns
         wrench, robot = self._wrench.read(now_ns), self._robot.read(now_ns)
-        self._serve(wrench, robot)
+        for start in self._starts.take_all():
+            start.reply(self._start(start.request, wrench, robot))
+        for stop in self._stops.take_all():
+            self._end(STOPPED)
+            stop.reply(
+                Reply(accepted=True, text="force feedback is off; the arm stays where it is")
+            )
+        for change in self._gain_requests.take_all():
+            self._use_gains(merged_gains(self._gains, change.request, self._cell))
+            text = instability(self._cell, self._gains)
+            change.reply(Reply(accepted=True, text=text, gains=self._gains))
+        for path in self._paths.take_all():
+            path.reply(self._follow_path(path.request))
         self._stop_unless_allowed()
         self._target.put(self._propose(wrench, robot), wrench.origin)
 
@@ -107,13 +115,15 @@ class Regulator:
             if fresh is None or (contact and length(np.array(fresh.force_N)) <= contact.touch_N):
                 self._contact = None
             return RegulatorTarget(valid=False, reason=self._stop_reason)
-        if session.failure or fresh is None or arm is None:
+        if session.failed is not None:
+            return session.failed
+        if fresh is None or arm is None or wrench.header is None:
             worse: Reading[Any] = wrench if wrench.fault else robot
-            return self._fail(session, session.failure or Failure(worse.code, worse.fault))
-        T_measured = self._tcp_pose(arm)
+            return self._fail(session, worse.code, worse.fault)
+        T_measured = pose_of(arm) * self._T_flange_tcp
         if session.request.host == "controller":  # it moves the arm: the set point follows the tool
             session = replace(session, motion=replace(session.motion, T_base_tcp=T_measured))
-        stamp_ns = wrench.header.stamp_ns if wrench.header else session.last_sample_ns
+        stamp_ns = wrench.header.stamp_ns
         gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
         if gap_s > 0.0:  # integrate once per sample, over the time between the samples' stamps
             session, trip = self._advance(
@@ -122,7 +132,7 @@ class Regulator:
                 dt_s=min(gap_s, LONGEST_GAP_PERIODS * self.period_s),
             )  # fmt: skip
             if trip is not None:
-                return self._fail(session, Failure(trip.code, trip.text))
+                return self._fail(session, trip.code, trip.text)
         self._session, self.fault = session, ""
         return self._valid_target(session)
 
@@ -134,11 +144,11 @@ class Regulator:
         if request.host == "pc":
             pose = record_of(T_base_flange)
         else:
-            lever_m = np.zeros(3) if motion.lever_m is None else motion.lever_m
+            R_flange_base, lever_m = T_base_flange.rotation.T, motion.lever_m
             feedback = Feedback(
                 mode=request.mode,
                 setpoint_force_N=vec3(-session.setpoint_N * press_axis),
-                lever_m=vec3(T_base_flange.rotation.T @ lever_m),
+                lever_m=ZERO3 if lever_m is None else vec3(R_flange_base @ lever_m),
                 gains=session.sent or self._gains,
             )
         return RegulatorTarget(
@@ -154,13 +164,12 @@ class Regulator:
             path_left_m=None if path is None else remaining_m(path, T.translation, press_axis),
         )
 
-    def _fail(self, session: ForceSession, failure: Failure) -> RegulatorTarget:
+    def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
-        self._session, self.fault = replace(session, failure=failure), failure.text
-        request, (code, text) = session.request, failure
-        return RegulatorTarget(
-            valid=False, reason=text, code=code, mode=request.mode, host=request.host
-        )
+        mode, host = session.request.mode, session.request.host
+        failed = RegulatorTarget(valid=False, reason=text, code=code, mode=mode, host=host)
+        self._session, self.fault = replace(session, failed=failed), text
+        return failed
 
     def _advance(
         self,
@@ -176,7 +185,8 @@ class Regulator:
         request, before, settings = session.request, session.motion, self._settings[session.law]
         T_commanded, command = before.T_base_tcp, self._command.read(self._now_ns).fresh
         if command is not None and command.pose is not None:
-            T_commanded = self._tcp_pose(command.pose)  # the arbiter's limits may delay the law's
+            # The arbiter's limits may delay the law's command.
+            T_commanded = pose_of(command.pose) * self._T_flange_tcp
             if command.limited:
                 before = back_calculate(before, T_commanded)  # anti-windup
         gains = session.gains
@@ -189,7 +199,7 @@ class Regulator:
         )  # fmt: skip
         session = move(
             session, sample, settings=settings, T_commanded=T_commanded,
-            T_sent=None if robot.sent is None else self._tcp_pose(robot.sent),
+            T_sent=None if robot.sent is None else pose_of(robot.sent) * self._T_flange_tcp,
             speed_max_m_s=self._cell.force.speed_max_m_s,
         )  # fmt: skip
         motion, sent = session.motion, None
@@ -199,12 +209,12 @@ class Regulator:
                 session.state, self._pi_gains, R_base_tcp, settings
             )
             sent = None if Ki is None else gains_to_send(session.sent, self._gains, Ki)
-        # The measured motion: a command in flight has changed no force yet.
-        moved = motion_between(session.T_measured or T_measured, T_measured, motion.lever_m)
-        limited = limited_axes(wrench, self._touched, rotates=request.mode != "position")
-        guarded = GuardSample.of(sample, motion, moved, limited)
+        T_before = session.T_measured or T_measured
+        guarded = GuardSample.of(
+            sample, motion, T_before=T_before, wrench=wrench, touched=self._touched
+        )
         watched, trip = watch(session.watch, guarded, self._guards)
-        if trip is None and verifies_press_axis(watched, guarded, self._guards):
+        if trip is None and watched.verified:
             self._touched = wrench.calibration.removesuffix(TARED)
         session = replace(
             session, setpoint_N=sample.setpoint_N, gains=sample.gains, sent=sent, watch=watched,
@@ -220,18 +230,13 @@ class Regulator:
         """
         target_N, now_N = session.request.setpoint_N, session.setpoint_N
         if session.request.host == "controller" and session.motion.contact == "approach":
-            gains, press_axis = (
-                session.sent or self._gains,
-                session.motion.T_base_tcp.rotation[:, 2],
-            )
-            gain = float((press_axis * press_axis) @ np.array(gains.force_i_m_per_Ns))
-            target_N = min(target_N, self._approach_m_s / gain if gain > 0.0 else inf)
+            press_axis = session.motion.T_base_tcp.rotation[:, 2]
+            Ki = np.array((session.sent or self._gains).force_i_m_per_Ns)
+            gain = float((press_axis * press_axis) @ Ki)
+            if gain > 0.0:
+                target_N = min(target_N, self._settings["plain"].approach_m_s / gain)
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s
         return min(max(target_N, now_N - step_N), now_N + step_N)
-
-    def _tcp_pose(self, flange: PoseRecord | RobotState) -> pin.SE3:
-        """Return the pose of the TCP in base."""
-        return pose_of(flange) * self._T_flange_tcp
 
     def _use_gains(self, gains: Gains) -> None:
         self._gains, self._pi_gains = gains, PiGains.of(gains)
@@ -258,21 +263,6 @@ class Regulator:
             self._yielded = session.lease, session.watch.yielding
         self._session, self._stop_reason, self.fault = None, reason, ""
 
-    def _serve(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
-        for start in self._starts.take_all():
-            start.reply(self._start(start.request, wrench, robot))
-        for stop in self._stops.take_all():
-            self._end(STOPPED)
-            stop.reply(
-                Reply(accepted=True, text="force feedback is off; the arm stays where it is")
-            )
-        for change in self._gain_requests.take_all():
-            self._use_gains(merged_gains(self._gains, change.request, self._cell))
-            text = instability(self._cell, self._gains)
-            change.reply(Reply(accepted=True, text=text, gains=self._gains))
-        for path in self._paths.take_all():
-            path.reply(self._follow_path(path.request))
-
     def _start(
         self,
         request: ForceStartRequest,
@@ -284,7 +274,8 @@ class Regulator:
         refused = refused_start(request, cell, arbiter, worse)
         if refused is not None or robot.fresh is None or fresh is None or arbiter is None:
             return refused or refusal(worse.code, worse.fault)
-        T_measured, requested = self._tcp_pose(robot.fresh), request.law or cell.force.law
+        T_measured = pose_of(robot.fresh) * self._T_flange_tcp
+        requested = request.law or cell.force.law
         refused = refused_axes(request, T_measured.rotation) or refused_guide(requested, fresh)
         if refused is not None:
             return refused
@@ -292,7 +283,7 @@ class Regulator:
             self._use_gains(tune(cell, request.preset).gains)
         law = requested if LAWS[requested].covers(cell) else "plain"
         session = self._session
-        if session is None or session.failure or session.request.host != request.host:
+        if session is None or session.failed or session.request.host != request.host:
             lease, yielded = self._yielded
             session = ForceSession(
                 request,
@@ -324,8 +315,10 @@ class Regulator:
 
     def _follow_path(self, request: PathRequest) -> Reply:
         session = self._session
+        if session is None or session.failed is not None:
+            return refusal("not_armed", "no force feedback is running: start it first")
         refused = refused_path(request, session, self._cell)
-        if refused is not None or session is None:
-            return refused or refusal("not_armed", "no force feedback is running")
-        self._session = replace(session, path=next_path(session, request))
+        if refused is not None:
+            return refused
+        self._session = replace(session, path=next_path(session.path, request))
         return Reply(accepted=True, text=f"the tool follows {len(request.points_m)} points")

@@ -1,30 +1,23 @@
 """Session of force feedback: its request, its state and its failure. Pure."""
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array
 from forcemesh.codec import Header
-from forcemesh.messages import ArbiterStatus, Gains
+from forcemesh.messages import ArbiterStatus, Gains, RegulatorTarget
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.gains import PiGains
 from services.regulator.guards import GuardState
 from services.regulator.law import LawInput, LawMotion, back_calculate
 from services.regulator.laws import LAWS
 from services.regulator.link_lag import CommandHistory
-from services.regulator.tcp_path import TcpPath, advance, append_points
+from services.regulator.tcp_path import TcpPath, advance, path_along
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
-
-
-class Failure(NamedTuple):
-    """Cause of a latched failure: a code of forcemesh/faults.py and a text."""
-
-    code: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +38,7 @@ class ForceSession:
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
     report: Header | None = None  # of the robot's last one
     T_measured: pin.SE3 | None = None  # of the TCP, at the last sample
-    failure: Failure | None = None  # latched: an input failed, or a monitor tripped
+    failed: RegulatorTarget | None = None  # latched: an input failed, or a monitor tripped
 
 
 def move(
@@ -130,14 +123,13 @@ def active_commander(arbiter: ArbiterStatus) -> str:
     return next((commander for commander in both if commander in MOVERS), "")
 
 
-def next_path(session: ForceSession, request: PathRequest) -> TcpPath:
-    """Return the path that a session follows from now on."""
-    ahead = session.path if request.append else None
-    path = append_points(
-        ahead,
-        tuple(np.array(point) for point in request.points_m),
+def next_path(before: TcpPath | None, request: PathRequest) -> TcpPath:
+    """Return the path to follow from now on, from the speed along the present one."""
+    ahead = () if before is None or not request.append else before.points
+    return path_along(
+        ahead + tuple(np.array(point) for point in request.points_m),
         speed_m_s=request.speed_m_s,
         accel_m_s2=request.accel_m_s2,
         in_contact=request.in_contact,
+        now_m_s=0.0 if before is None else before.now_m_s,
     )
-    return replace(path, now_m_s=session.path.now_m_s if session.path else 0.0)

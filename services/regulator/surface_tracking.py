@@ -15,7 +15,6 @@ low-passed derivative of that speed compensates for the lag.
 from dataclasses import dataclass
 from math import exp
 
-from common.motion.frames import Array
 from services.regulator.law import LawInput
 
 NEAR_N = 2.0  # force error at which surface tracking starts
@@ -67,67 +66,62 @@ class SurfaceTracking:
     trim_m_s: float = 0.0  # integral correction of the model's remaining error
     setpoint_N: float = 0.0
 
-    def feed_forward(self, ahead_s: float, k_tau: float) -> tuple[float, float]:
-        """Return the surface's travel in a time [m], and the speed to feed forward [m/s].
-
-        A surface at rest is not tracked: the speed is weighted against noise.
-        """
-        height_N = (k_tau * self.drift.speed_m_s) ** 2
-        share = self.share * height_N / (height_N + DRIFT_NOISE_N**2)
-        travel_m, speed_m_s = self.drift.ahead(ahead_s, self.steadiness)
-        return share * travel_m, share * speed_m_s + self.trim_m_s
-
 
 NOT_TRACKING = SurfaceTracking()
 
 
-@dataclass(frozen=True, slots=True)
-class PressAxisState:
-    """Quantities along the press axis that surface tracking needs."""
-
-    axis: Array  # in base. Shape (3,)
-    k_N_m: float
-    is_identified: bool  # whether k is identified, not only bounded
-    filtered_travel_m: float  # commanded travel that the filtered force belongs to
-    in_flight_m: float  # commanded travel still in flight
-    inertial_N: float  # inertial force of the tool in the sensor's reading
-    in_contact: bool
-
-
 def update(
     before: SurfaceTracking,
-    press_axis: PressAxisState,
     sample: LawInput,
     *,
+    k_N_m: float,
+    may_begin: bool,
+    in_contact: bool,
+    filtered_travel_m: float,
+    in_flight_m: float,
+    inertial_N: float,
     Ki: float,
     tau_s: float,
-) -> SurfaceTracking:
-    """Return the state of surface tracking after this sample.
+) -> tuple[SurfaceTracking, float, float]:
+    """Return the state after this sample, the surface's travel, and the speed to feed forward.
+
+    The travel is that until this sample's command arrives [m]. A surface at rest is not tracked:
+    travel and speed are weighted against noise.
+
+    All quantities are those along the press axis.
 
     Args:
         before: State so far.
-        press_axis: Quantities along the press axis.
         sample: Wrench and targets of this period.
-        Ki: Integral gain along the press axis [m/(N s)].
+        k_N_m: Stiffness of the contact.
+        may_begin: Whether k is identified, not only bounded.
+        in_contact: Whether the tool touches the surface.
+        filtered_travel_m: Commanded travel that the filtered force belongs to.
+        in_flight_m: Commanded travel still in flight.
+        inertial_N: Inertial force of the tool in the sensor's reading.
+        Ki: Integral gain [m/(N s)].
         tau_s: The loop's delay.
     """
-    dt_s, force_N = sample.dt_s, float(sample.force_N @ press_axis.axis)
+    dt_s, force_N = sample.dt_s, float(sample.force_N @ sample.motion.T_base_tcp.rotation[:, 2])
     error_N = force_N + sample.setpoint_N
-    is_near = max(abs(error_N), abs(press_axis.k_N_m * press_axis.in_flight_m)) < NEAR_N
-    near = before.near or (is_near and press_axis.is_identified)
-    if not press_axis.in_contact or abs(sample.setpoint_N - before.setpoint_N) > 0.0:
+    is_near = max(abs(error_N), abs(k_N_m * in_flight_m)) < NEAR_N
+    near = before.near or (is_near and may_begin)
+    if not in_contact or sample.setpoint_N != before.setpoint_N:
         near = False
     share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)
     if not near:
-        return SurfaceTracking(share=share, setpoint_N=sample.setpoint_N)
-    surface_m = press_axis.filtered_travel_m + (force_N + press_axis.inertial_N) / press_axis.k_N_m
+        return SurfaceTracking(share=share, setpoint_N=sample.setpoint_N), 0.0, 0.0
+    surface_m = filtered_travel_m + (force_N + inertial_N) / k_N_m
     time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
     drift = before.drift.after(surface_m, dt_s, time_s)
     is_steady = abs(error_N) < STEADY_N
     steadiness_s = STEADY_UP_S if is_steady else STEADY_DOWN_S
     steadiness = before.steadiness + (is_steady - before.steadiness) * min(1.0, dt_s / steadiness_s)
-    most = TRIM_SHARE * share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
-    trim = before.trim_m_s + Ki * error_N / (TRIM_TAUS * tau_s) * share * dt_s
-    return SurfaceTracking(
-        near, drift, share, steadiness, min(max(trim, -most), most), sample.setpoint_N
-    )
+    most_m_s = TRIM_SHARE * share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
+    trim_m_s = before.trim_m_s + Ki * error_N / (TRIM_TAUS * tau_s) * share * dt_s
+    trim_m_s = min(max(trim_m_s, -most_m_s), most_m_s)
+    height_N = (k_N_m * tau_s * drift.speed_m_s) ** 2
+    used_share = share * height_N / (height_N + DRIFT_NOISE_N**2)
+    travel_m, speed_m_s = drift.ahead(tau_s - dt_s, steadiness)
+    now = SurfaceTracking(near, drift, share, steadiness, trim_m_s, sample.setpoint_N)
+    return now, used_share * travel_m, used_share * speed_m_s + trim_m_s

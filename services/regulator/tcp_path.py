@@ -31,19 +31,18 @@ class TcpPath:
     now_m_s: float = 0.0
 
 
-def append_points(
-    before: TcpPath | None,
+def path_along(
     points: tuple[Array, ...],
     *,
     speed_m_s: float,
     accel_m_s2: float,
     in_contact: bool,
+    now_m_s: float = 0.0,
 ) -> TcpPath:
-    """Return the path along points, appended to those of `before` if there is one."""
-    ahead = (() if before is None else before.points) + points
+    """Return the path along points that begins at a speed `now_m_s`."""
     beyond_m, stops_m = [0.0], [0.0]
     next_segment: Array | None = None
-    for a, b in pairwise(reversed(ahead)):  # from the last point on
+    for a, b in pairwise(reversed(points)):  # from the last point on
         segment = a - b
         length_m = float(np.linalg.norm(segment))
         continues = (
@@ -53,9 +52,8 @@ def append_points(
         stops_m.append(length_m + (stops_m[-1] if continues else 0.0))
         beyond_m.append(length_m + beyond_m[-1])
         next_segment = segment
-    now_m_s = 0.0 if before is None else before.now_m_s
     return TcpPath(
-        ahead,
+        points,
         tuple(reversed(beyond_m)),
         tuple(reversed(stops_m)),
         speed_m_s,
@@ -85,16 +83,22 @@ def advance(
         pushed_m: Motion by force control in this period; the sum of both stays within most_m.
         most_m: Longest motion of a period.
     """
-    path = _reached(path, p, axis)
-    if not path.points:
+    points = path.points
+    while points and np.linalg.norm(component_across(points[0] - p, axis)) < POINT_REACHED_M:
+        points, beyond_m, stops_m = points[1:], path.beyond_m[1:], path.stops_m[1:]
+        path = replace(path, points=points, beyond_m=beyond_m, stops_m=stops_m)
+    if not points:
         return replace(path, now_m_s=0.0), np.zeros(3)
-    aim = component_across(path.points[0] - p, axis)
-    length_m = float(np.linalg.norm(aim))
-    stop_m = length_m + (path.stops_m[0] if _continues(path, aim) else 0.0)
+    aim = component_across(points[0] - p, axis)
+    length_m = stop_m = float(np.linalg.norm(aim))
+    if len(points) > 1:  # without a sharp corner at the next point, the path continues
+        segment = points[1] - points[0]
+        if segment @ aim >= SHARP * (np.linalg.norm(segment) * length_m):
+            stop_m += path.stops_m[0]
     stops_m_s = sqrt(2.0 * path.accel_m_s2 * stop_m)
     faster_m_s = path.now_m_s + path.accel_m_s2 * dt_s
     speed_m_s = min(path.speed_m_s, stops_m_s, faster_m_s)
-    direction = aim / length_m  # not zero: points within THERE_M have been removed
+    direction = aim / length_m
     pushed_distance_m = float(pushed_m @ direction)
     room_m = (
         sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + pushed_distance_m**2))
@@ -107,25 +111,3 @@ def advance(
 def component_across(vector: Array, axis: Array) -> Array:
     """Return the component of a vector across a unit axis. Shapes (3,)."""
     return vector - (vector @ axis) * axis
-
-
-def _reached(path: TcpPath, p: Array, axis: Array) -> TcpPath:
-    """Return the path without the points that have been reached."""
-    at = 0
-    while (
-        at < len(path.points)
-        and np.linalg.norm(component_across(path.points[at] - p, axis)) < POINT_REACHED_M
-    ):
-        at += 1
-    if not at:
-        return path
-    remaining = path.points[at:], path.beyond_m[at:], path.stops_m[at:]
-    return replace(path, points=remaining[0], beyond_m=remaining[1], stops_m=remaining[2])
-
-
-def _continues(path: TcpPath, aim: Array) -> bool:
-    """Return whether the path continues beyond the next point without a sharp corner."""
-    if len(path.points) < 2:
-        return False
-    segment = path.points[1] - path.points[0]
-    return float(segment @ aim) >= SHARP * float(np.linalg.norm(segment) * np.linalg.norm(aim))

@@ -19,7 +19,7 @@ from common.config.load import load_cell
 from forcemesh.clock import ManualClock
 from forcemesh.codec import SCHEMA_VERSION, decode, pack, unpack
 from forcemesh.errors import MessageError, MisroutedError
-from forcemesh.recorded_messages import decode_recorded, readdressed
+from forcemesh.recorded_messages import READABLE_VERSIONS, decode_recorded, readdressed
 from forcemesh.topics import TOPICS
 from launch.virtual_cell import VirtualCell
 from services.recorder.frames import Frame
@@ -41,7 +41,7 @@ each_kept = pytest.mark.parametrize(("version", "key"), KEPT)
 
 def aged(data: bytes) -> bytes:
     """Return a message of version 2 as version 1 wrote it."""
-    fields = unpack(data)
+    fields = unpack(data, READABLE_VERSIONS)
     return pack(fields | {"v": 1, "topic": fields["topic"].partition("/")[2]})
 
 
@@ -56,10 +56,14 @@ def old(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         return path
     folder = tmp_path_factory.mktemp("old")
     frames = [
-        Frame(place(BY_KEY[each.topic]), unpack(each.data)["stamp_ns"], aged(each.data))
+        Frame(
+            place(BY_KEY[each.topic]),
+            unpack(each.data, READABLE_VERSIONS)["stamp_ns"],
+            aged(each.data),
+        )
         for each in RecordedFile(path).raw_messages()
     ]
-    boot = unpack(frames[0].data)["boot"]
+    boot = unpack(frames[0].data, READABLE_VERSIONS)["boot"]
     recording = Recording(
         folder, "file", cell_with(folder), cause="asked",
         wall_clock=WallClock(boot, WALL_NS), now_ns=frames[0].at_ns,
@@ -128,7 +132,7 @@ def test_a_kept_message_of_an_older_version_is_read(version: int, key: str) -> N
 def test_the_law_of_hand_guiding_has_another_name() -> None:
     """`guide` of version 2 is `admittance`; the other laws keep their names."""
     for old_law, law in (("guide", "admittance"), ("plain", "plain")):
-        fields = unpack(KEPT[2, "regulator/target"]) | {"law": old_law}
+        fields = unpack(KEPT[2, "regulator/target"], READABLE_VERSIONS) | {"law": old_law}
         _, message = decode_recorded(
             pack(fields), BY_KEY["regulator/target"].message, "regulator/target"
         )
@@ -138,7 +142,7 @@ def test_the_law_of_hand_guiding_has_another_name() -> None:
 @pytest.mark.parametrize("status", [None, 7, "held"])
 def test_a_spoilt_old_message_is_refused_and_breaks_nothing(status: object) -> None:
     """Its status is no map: it is not decodable, as it was not before."""
-    fields = unpack(KEPT[2, "robot/state"]) | {"status": status}
+    fields = unpack(KEPT[2, "robot/state"], READABLE_VERSIONS) | {"status": status}
     with pytest.raises(MessageError, match=r"RobotState\.status"):
         decode_recorded(pack(fields), BY_KEY["robot/state"].message, "robot/state")
 
@@ -168,7 +172,7 @@ def test_an_old_recording_is_replayed_into_readers_of_today(old: Path) -> None:
     """Every message, none refused for its version or address."""
     recorded = list(RecordedFile(old).raw_messages())
     assert len(recorded) > 1000
-    assert len({unpack(each.data)["v"] for each in recorded} - {1, 2}) == 0
+    assert len({unpack(each.data, READABLE_VERSIONS)["v"] for each in recorded} - {1, 2}) == 0
     world = VirtualCell(load_cell(DEMO))
     tap = world.transport.subscribe("demo/robot/state", 10**6)
     play(recorded, world.transport, "demo", clock=ManualClock())

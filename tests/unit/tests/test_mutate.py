@@ -81,7 +81,7 @@ def test_the_changes_that_must_never_live_are_among_them():
         "services.regulator.guards module: 0.7 in MAIN_PART = 0.7 -> 0.07",
         "common.motion.setpoint_monitor module: 1.25 in SPEED_MARGIN = 1.25 -> 2",
         "common.motion.last_check LastCheck.setpoint: returns None",
-        "services.regulator.guards _sign_trip: returns None",
+        "services.regulator.guards _first_touch: returns None",
     )
     assert titles.issuperset(expected)
     rows = [title for title in titles if title.startswith("services.arbiter.preflight module: Che")]

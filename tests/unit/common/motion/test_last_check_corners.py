@@ -128,10 +128,12 @@ def test_a_turn_is_limited_as_a_travel_is() -> None:
 def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> None:
     """2 N m over a tenth of a radian are 0.2 J; in mode position the tool turns for others."""
     settings = GuardSettings.of(CELL)
-    still = np.zeros(3)
+    still, torque_Nm = np.zeros(3), np.array([0.0, 0.0, 2.0])
     sample = GuardSample(
-        still, np.array([0.0, 0.0, 2.0]), T_START, "contact", np.zeros(6), rotates=turns, dt_s=0.004
-    )
+        still, torque_Nm, T_START, still, still, contact="contact", error=np.zeros(6),
+        limited=np.zeros(3, dtype=bool), setpoint_N=0.0, presses=True, rotates=turns,
+        follows=False, dt_s=0.004,
+    )  # fmt: skip
     remembered, _ = watch(GuardState(touched=True), sample, settings)
     turned = pin.SE3(pin.utils.rotate("z", 0.1) @ T_START.rotation, T_START.translation)
     remembered, _ = watch(remembered, replace(sample, T_base_tcp=turned), settings)

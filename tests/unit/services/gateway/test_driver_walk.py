@@ -5,7 +5,7 @@ ended lease, the first set point at the arm's pose, IDs without a gap, holds wit
 """
 
 from dataclasses import replace
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from common.motion.permission import CommandGate, GateDecision
 from controller.packet import Packet, encode
 from controller.packet_table import ID_FIRST, Com, Status
 from forcemesh.messages import Feedback, Gains, PoseRecord, RobotCommand, WrenchAtTcp
-from forcemesh.reader import Reader
+from forcemesh.reader import Reader, Reading
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
 from services.gateway.setpoint_shaper import SetpointShaper
@@ -251,11 +251,13 @@ def forget_ended_leases(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def ignore_deadlines(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ignore the deadlines of reader and permission."""
-    judge, read = Reader._judge, Reader.read
-    monkeypatch.setattr(Reader, "_judge", lambda reader, message, _: judge(reader, message, 0.0))
-    monkeypatch.setattr(
-        Reader, "read", lambda reader, now_ns: read(reader, now_ns)._replace(age_s=0.0)
-    )
+    original_read = Reader.read
+
+    def read(reader: Reader[Any], now_ns: int) -> Reading[Any]:
+        reader.stale_after_s = inf
+        return original_read(reader, now_ns)._replace(age_s=0.0)
+
+    monkeypatch.setattr(Reader, "read", read)
 
 
 def send_no_hold(monkeypatch: pytest.MonkeyPatch) -> None:

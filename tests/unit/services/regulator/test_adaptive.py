@@ -137,7 +137,7 @@ def test_it_yields_along_the_force(force_N) -> None:
 def test_it_uses_the_gain_of_the_stiffest_contact_before_an_estimate() -> None:
     """An arm that does not move gives no estimate: the gain stays that of the stiffest contact."""
     _, adaptive = run([pushed(30.0 * UP)] * 50, arm=START)[-1]
-    assert adaptive.stiffness.k == pytest.approx(np.full(3, SETTINGS.stiffness.stiffest))
+    assert adaptive.stiffness.k == pytest.approx(np.full(3, SETTINGS.stiffness.stiffest_N_m))
 
 
 @pytest.mark.parametrize("report_s", [0.004, 0.02, 0.08])
@@ -172,7 +172,7 @@ def test_the_identified_stiffness_is_dropped_when_contact_is_lost() -> None:
         adaptive, law = step(adaptive, replace(pushed(0.0 * UP), motion=law), SETTINGS)
         kept.append(adaptive.stiffness.k[2])
     assert kept[0] == 2e3
-    assert kept[-1] == SETTINGS.stiffness.stiffest
+    assert kept[-1] == SETTINGS.stiffness.stiffest_N_m
 
 
 @given(st.floats(0.0, 3.0))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from services.regulator.estimates import SOFTEST_ARM_N_M, FitSettings, ResponseShare
 
 DT_S, TIME_S = 0.004, 0.03
-SETTINGS = FitSettings(2e5, 200.0, memory_s=0.1, noise=0.15, least_travel=1e-5)
+SETTINGS = FitSettings(2e5, memory_s=0.1, noise_N=0.15)
 ARM_N_M = 8e5  # of the servos, in series with the contact
 stiffnesses = st.floats(1e4, 2e5)
 lates = st.floats(-0.005, 0.005)

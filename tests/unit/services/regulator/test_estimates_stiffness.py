@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.regulator.estimates import FitSettings, Stiffness
+from services.regulator.estimates import SOFTEST_CONTACT_N_M, FitSettings, Stiffness
 
 DT_S = 0.004
-SETTINGS = FitSettings(2e5, 200.0, 0.1, 0.15, 1e-5)
+SETTINGS = FitSettings(2e5, memory_s=0.1, noise_N=0.15)
 stiffnesses = st.floats(1e3, 1.5e5)
 seeds = st.integers(0, 2**32 - 1)
 
@@ -32,7 +32,7 @@ def press(k, noise_N=0.0, seed=0, samples=100, *, state=None, may_soften=True):
 def test_it_begins_with_the_stiffest_and_decreases_to_just_above_the_true_value(k) -> None:
     """Without noise it is never below, and in the end at most a third above."""
     estimates = np.array([state.k for state in press(k)])
-    assert (estimates[0] == SETTINGS.stiffest).all()
+    assert (estimates[0] == SETTINGS.stiffest_N_m).all()
     assert (estimates >= k).all()
     assert (estimates[-1] <= 1.33 * k).all()
     assert press(k)[-1].identified.all()
@@ -100,8 +100,8 @@ def test_the_estimate_stays_within_its_bounds_for_any_pair(pairs) -> None:
     for travel, force in pairs:
         sample = np.full(3, travel), np.full(3, force)
         state = state.after(*sample, dt_s=DT_S, settings=SETTINGS)
-        assert (state.k >= SETTINGS.softest).all()
-        assert (state.k <= SETTINGS.stiffest).all()
+        assert (state.k >= SOFTEST_CONTACT_N_M).all()
+        assert (state.k <= SETTINGS.stiffest_N_m).all()
 
 
 def test_every_axis_is_estimated_by_itself() -> None:
@@ -113,5 +113,5 @@ def test_every_axis_is_estimated_by_itself() -> None:
         travel = (np.array([30.0, 30.0, 5.0]) - force) / k
         state = state.after(travel, force, dt_s=DT_S, settings=replace(SETTINGS))
     assert state.k[:2] == pytest.approx(k[:2], rel=0.4)
-    assert state.k[2] == SETTINGS.stiffest
+    assert state.k[2] == SETTINGS.stiffest_N_m
     assert state.identified.tolist() == [True, True, False]

@@ -27,9 +27,7 @@ from services.regulator.guards import (
     GuardSettings,
     GuardState,
     HalfWaves,
-    OscillationSettings,
     kept_over_restart,
-    verifies_press_axis,
     watch,
 )
 from services.regulator.law import PROBE_N, LawSettings
@@ -37,7 +35,7 @@ from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.regulator_bench import KI, PERIOD_S, T_FLANGE_TCP, RegulatorBench
 
-GUARDS, SWING = GuardSettings.of(CELL), OscillationSettings.of(CELL)
+GUARDS = GuardSettings.of(CELL)
 TAU_S = CELL.loop_delay_s
 LAW = LawSettings.of(CELL)
 BRAKE_M = 0.0005
@@ -123,8 +121,12 @@ def test_a_wall_that_vanishes_while_pressing_is_followed_slowly_and_not_far() ->
 def sample_at(contact: Any, z_m: float = 0.0, force_N: float = 0.0) -> GuardSample:
     """Return one sample of a tool that points down."""
     T = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, z_m]))
-    force = np.array([0.0, 0.0, force_N])
-    return GuardSample(force, np.zeros(3), T, contact, np.zeros(6), rotates=False, dt_s=DT_S)
+    zero = np.zeros(3)
+    return GuardSample(
+        np.array([0.0, 0.0, force_N]), zero, T, zero, zero, contact=contact, error=np.zeros(6),
+        limited=np.zeros(3, dtype=bool), setpoint_N=0.0, presses=True, rotates=False,
+        follows=False, dt_s=DT_S,
+    )  # fmt: skip
 
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.0, 0.002)), min_size=1, max_size=80))
@@ -154,7 +156,7 @@ def half_waves(waves: list[tuple[float, float]]) -> HalfWaves:
         for phase in np.arange(0.5, round(duration_s / DT_S)) * DT_S / duration_s:
             error = np.zeros(6)
             error[2] = sign * height * np.sin(np.pi * phase)
-            swing = swing.after(error, DT_S, SWING)
+            swing = swing.after(error, DT_S, GUARDS)
         sign = -sign
     return swing
 
@@ -164,10 +166,10 @@ def half_waves(waves: list[tuple[float, float]]) -> HalfWaves:
 def test_five_periods_without_decay_are_an_oscillation(growth, height_N, half_tau) -> None:
     """H36: growing or constant; two half waves more, as the first on a side has none before."""
     waves = [(height_N * growth ** (n / 2), half_tau * TAU_S) for n in range(HALF_WAVES)]
-    while min(height for height, _ in waves) < SWING.least[2] / 0.95:
+    while min(height for height, _ in waves) < GUARDS.half_wave[2] / 0.95:
         waves = [(1.2 * height, long_s) for height, long_s in waves]
-    assert half_waves(waves).swings
-    assert not half_waves(waves[:-2]).swings
+    assert half_waves(waves).count.max() >= HALF_WAVES
+    assert half_waves(waves[:-2]).count.max() < HALF_WAVES
 
 
 @given(
@@ -178,7 +180,7 @@ def test_five_periods_without_decay_are_an_oscillation(growth, height_N, half_ta
 def test_a_decaying_oscillation_is_none(waves, keeps) -> None:
     """For any first height, if each half wave is much smaller than the last one on its side."""
     dying = [(60.0 * keeps ** (n / 2), long_s) for n, (_, long_s) in enumerate(waves)]
-    assert not half_waves(dying).swings
+    assert half_waves(dying).count.max() < HALF_WAVES
 
 
 @given(st.lists(st.floats(-0.99, 0.99), max_size=100))
@@ -187,7 +189,7 @@ def test_noise_is_no_oscillation(errors) -> None:
     """Half waves below ten deadbands are not counted."""
     swing = HalfWaves()
     for share in errors:
-        swing = swing.after(share * SWING.least, DT_S, SWING)
+        swing = swing.after(share * GUARDS.half_wave, DT_S, GUARDS)
     assert not swing.count.any()
 
 
@@ -381,7 +383,7 @@ def test_the_first_touch_is_within_45_degrees_of_the_tool(share: float, is_wrong
     _, trip = watch(now, touched, GUARDS)
     assert ("" if trip is None else trip.code) == ("sensor_sign" if is_wrong else "")
     pressing = replace(touched, contact="contact", setpoint_N=5.0)
-    assert verifies_press_axis(now, pressing, GUARDS) == (not is_wrong)
+    assert watch(now, pressing, GUARDS)[0].verified == (not is_wrong)
 
 
 def test_delayed_force_readings_do_not_count_as_work() -> None:

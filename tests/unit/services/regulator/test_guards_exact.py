@@ -11,29 +11,33 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from forcemesh.messages import Trip
+from forcemesh.messages import Trip, WrenchAtTcp
+from services.regulator.gains import PiGains
 from services.regulator.guards import (
     GuardSample,
     GuardSettings,
     GuardState,
     HalfWaves,
-    OscillationSettings,
     kept_over_restart,
-    verifies_press_axis,
     watch,
 )
-from services.regulator.unverified_axes import ToolMotion, YieldSettings
+from services.regulator.law import LawInput, start_at
 from tests.fakes.bench import CELL
+from tuning.gain_rule import tune
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 Z_ONLY = np.array([False, False, True])
+GAINS = PiGains.of(tune(CELL).gains)
 SETTINGS = GuardSettings(
     touch_N=2.0,
     search_m=0.03125,
     lost_m=0.0078125,
     environment_work_J=0.0625,
-    swing=OscillationSettings(np.full(6, 3.0), 0.016, 0.25),
-    yielding=YieldSettings(0.45, 0.03),
+    idle_N=0.45,
+    idle_Nm=0.03,
+    half_wave=np.full(6, 3.0),
+    half_wave_shortest_s=0.016,
+    half_wave_longest_s=0.25,
 )
 
 
@@ -42,8 +46,10 @@ def guard_sample(
 ) -> GuardSample:
     """Return one sample."""
     T = pin.SE3(changes.pop("R", DOWN), np.array(p_m))
-    fields: dict[str, Any] = {"error": np.zeros(6), "rotates": False, "dt_s": 0.004}
-    fields |= {"torque_Nm": np.zeros(3), "setpoint_N": 8.0} | changes
+    zero = np.zeros(3)
+    fields: dict[str, Any] = {"torque_Nm": zero, "moved_m": zero, "turned_rad": zero}
+    fields |= {"error": np.zeros(6), "limited": np.zeros(3, dtype=bool), "setpoint_N": 8.0}
+    fields |= {"presses": True, "rotates": False, "follows": False, "dt_s": 0.004} | changes
     return GuardSample(force_N=np.array(force_N), T_base_tcp=T, contact=contact, **fields)
 
 
@@ -57,6 +63,32 @@ def numbers(trip: Trip | None) -> tuple[str, float | None, float | None] | None:
     return None if trip is None else (trip.code, trip.value, trip.limit)
 
 
+@pytest.mark.parametrize("checked", [False, True])
+@pytest.mark.parametrize("calibration", ["rev", "rev, tared", "other"])
+@pytest.mark.parametrize("mode", ["position", "orientation", "both"])
+def test_an_axis_is_unverified_until_it_was_checked_or_touched(
+    mode: Any, calibration: str, checked: bool
+) -> None:
+    """A touch verifies the tool's axis for its calibration, tared or not, unless the tool turns."""
+    T = pin.SE3(DOWN, np.zeros(3))
+    sample = LawInput(np.zeros(3), np.zeros(3), 8.0, mode, 0.004, GAINS, start_at(T), T)
+    wrench = WrenchAtTcp(calibration=calibration, axes_checked=checked)
+    found = GuardSample.of(sample, start_at(T), T_before=T, wrench=wrench, touched="rev")
+    is_touched = calibration != "other" and mode == "position"
+    assert found.limited.tolist() == [not checked, not checked, not checked and not is_touched]
+
+
+def test_the_motion_of_a_sample_is_that_of_the_point_of_contact() -> None:
+    """Measured since the last sample, with the part of a rotation about the TCP."""
+    T = pin.SE3(pin.utils.rotate("z", 0.1) @ DOWN, np.array([0.001, 0.002, 0.003]))
+    sample = LawInput(np.zeros(3), np.zeros(3), 8.0, "both", 0.004, GAINS, start_at(T), T)
+    law = replace(start_at(T), lever_m=np.array([0.05, 0.0, 0.0]))
+    before = pin.SE3(DOWN, np.zeros(3))
+    found = GuardSample.of(sample, law, T_before=before, wrench=WrenchAtTcp(), touched="")
+    assert found.turned_rad == pytest.approx([0.0, 0.0, 0.1])
+    assert found.moved_m == pytest.approx([0.001, 0.007, 0.003])
+
+
 def test_the_settings_are_those_of_the_cell_file() -> None:
     """Each limit comes from the field of its name; the tool is idle below 1.5 deadbands."""
     settings = GuardSettings.of(CELL)
@@ -64,7 +96,7 @@ def test_the_settings_are_those_of_the_cell_file() -> None:
     named = (settings.touch_N, settings.search_m, settings.lost_m, settings.environment_work_J)
     assert named == (force.touch_N, force.search_m, force.lost_m, force.environment_work_J)
     idle = (1.5 * force.deadband_N, 1.5 * force.deadband_Nm)
-    assert (settings.yielding.idle_N, settings.yielding.idle_Nm) == idle
+    assert (settings.idle_N, settings.idle_Nm) == idle
 
 
 # --- the first touch ------------------------------------------------------------------------------
@@ -91,11 +123,10 @@ def test_a_first_touch_beyond_touch_n_is_along_the_tool_or_trips(
 ) -> None:
     """2 N at most is no touch; of a touch at least 0.7 is along the tool, and more verifies it."""
     now, _ = watch(GuardState(), guard_sample("approach"), SETTINGS)
-    touch = guard_sample("approach", grown_N)
-    _, trip = watch(now, touch, SETTINGS)
+    touched, trip = watch(now, guard_sample("approach", grown_N), SETTINGS)
     expected = None if limit_N is None else ("sensor_sign", grown_N[2], pytest.approx(limit_N))
     assert numbers(trip) == expected
-    assert verifies_press_axis(now, touch, SETTINGS) is proves
+    assert touched.verified is proves
 
 
 def test_only_the_increase_since_the_approach_began_is_a_touch() -> None:
@@ -107,17 +138,16 @@ def test_only_the_increase_since_the_approach_began_is_a_touch() -> None:
         ((2.1, 0.0, 0.0), "sensor_sign", False),
         ((0.0, 0.0, -2.1), "sensor_sign", False),
     ):
-        touch = guard_sample("approach", PRELOAD_N + grown_N)
-        _, trip = watch(now, touch, SETTINGS)
+        touched, trip = watch(now, guard_sample("approach", PRELOAD_N + grown_N), SETTINGS)
         assert (None if trip is None else trip.code) == code
-        assert verifies_press_axis(now, touch, SETTINGS) is proves
+        assert touched.verified is proves
 
 
 @pytest.mark.parametrize("first", ["free", "contact"])
 def test_force_feedback_that_begins_in_contact_or_at_rest_verifies_nothing(first: Any) -> None:
     """Its first reading is not in free space and gives no sign and no fault."""
     now = GuardState(first=guard_sample(first))
-    assert not verifies_press_axis(now, guard_sample("approach", (0.0, 0.0, 30.0)), SETTINGS)
+    assert not watch(now, guard_sample("approach", (0.0, 0.0, 30.0)), SETTINGS)[0].verified
     for contact in ("free", "approach"):
         assert watch(now, guard_sample(contact, (30.0, 0.0, 0.0)), SETTINGS)[1] is None
 
@@ -129,9 +159,9 @@ def test_only_a_first_touch_verifies_an_axis_or_trips() -> None:
     """
     pressing = guard_sample("contact", (0.0, 0.0, 30.0))
     began = GuardState(first=guard_sample("approach"))
-    assert verifies_press_axis(began, pressing, SETTINGS)
-    assert not verifies_press_axis(GuardState(), pressing, SETTINGS)
-    assert not verifies_press_axis(began, replace(pressing, presses=False), SETTINGS)
+    assert watch(began, pressing, SETTINGS)[0].verified
+    assert not watch(GuardState(), pressing, SETTINGS)[0].verified
+    assert not watch(began, replace(pressing, presses=False), SETTINGS)[0].verified
     for contact in ("contact", "approach"):
         inclined = guard_sample(contact, (30.0, 0.0, 0.0))
         assert watch(replace(began, touched=True), inclined, SETTINGS)[1] is None
@@ -292,8 +322,8 @@ def test_along_an_unverified_axis_of_the_tool_it_yields_by_2_mm() -> None:
         ((0.0021, 0.0, 0.0), Z_ONLY, True),
         ((0.0021, 0.0, 0.0), ~Z_ONLY, False),
     ):
-        motion = ToolMotion(np.array(moved_m), np.zeros(3))
-        sample = guard_sample("free", (20.0, 0.0, 0.0), R=turned, motion=motion, limited=limited)
+        moved = {"moved_m": np.array(moved_m), "limited": limited}
+        sample = guard_sample("free", (20.0, 0.0, 0.0), R=turned, **moved)
         _, trip = watch(GuardState(), sample, SETTINGS)
         expected = ("sensor_sign", pytest.approx(0.0021), 0.002)
         assert numbers(trip) == (expected if trips else None)
@@ -351,11 +381,17 @@ def test_a_search_begins_where_the_tool_is_and_ends_with_the_next_contact() -> N
 
 
 def test_an_oscillation_is_reported_by_the_norm_of_the_force_error() -> None:
-    """An error of 3 and 4 N is 5 N for any torque error; nothing trips before ten half waves."""
+    """An error of 3 and 4 N is 5 N for any torque error.
+
+    Ten half waves, five periods, of any error alone are enough, and not one half wave less.
+    """
     error = np.array([3.0, 0.0, -4.0, 100.0, 100.0, 100.0])
-    for count, expected in ((9.0, None), (10.0, ("oscillation", 5.0, None))):
-        now = GuardState(swing=HalfWaves(count=np.array([0, 0, 0, 0, count, 0])))
-        assert numbers(watch(now, guard_sample("contact", error=error), SETTINGS)[1]) == expected
+    reported = ("oscillation", 5.0, None)
+    for axis in range(6):
+        for half_waves, expected in ((9.0, None), (10.0, reported), (11.0, reported)):
+            swing = HalfWaves(count=half_waves * np.eye(6)[axis])
+            sample = guard_sample("contact", error=error)
+            assert numbers(watch(GuardState(swing=swing), sample, SETTINGS)[1]) == expected
 
 
 # --- state kept over a change ---------------------------------------------------------------------
@@ -380,6 +416,7 @@ def test_a_change_of_set_point_keeps_the_budgets_of_a_press(
     """Budgets continue from the first touch; a press begun in contact and now free starts anew."""
     before = GuardState(
         first=guard_sample(first),
+        began_free=first == "approach",
         worked=guard_sample(present),
         touched=touched,
         found=True,
@@ -400,11 +437,13 @@ def test_a_change_of_set_point_keeps_the_budgets_of_a_press(
 def test_a_change_before_the_first_sample_carries_nothing() -> None:
     """After two requests within one period no motion has occurred."""
     now = kept_over_restart(GuardState())
-    nothing = (None, None, False, False, 0.0, 0.0)
+    nothing = (None, None, False, False, False, False, 0.0, 0.0)
     assert (
         now.first,
         now.worked,
+        now.began_free,
         now.touched,
+        now.verified,
         now.found,
         now.environment_work_J,
         now.tool_work_J,

@@ -1,36 +1,33 @@
 """Half waves of the loop, and the number of them that is an oscillation. Pure."""
 
+from dataclasses import replace
 from math import inf, nextafter
 from typing import Any
 
 import numpy as np
 import pytest
 
-from services.regulator.guards import HalfWaves, OscillationSettings
+from services.regulator.guards import GuardSettings, HalfWaves
 from tests.fakes.bench import CELL
 
 DT_S = 0.004
 MIN_HEIGHT = np.array([3.0, 3.0, 3.0, 0.2, 0.2, 0.2])
-SETTINGS = OscillationSettings(MIN_HEIGHT, shortest_s=0.016, longest_s=0.25)
+SETTINGS = replace(
+    GuardSettings.of(CELL),
+    half_wave=MIN_HEIGHT,
+    half_wave_shortest_s=0.016,
+    half_wave_longest_s=0.25,
+)
 
 
 def test_a_half_wave_of_the_loop_is_higher_than_noise_and_about_two_delays_long() -> None:
     """Ten deadbands of each error; from half a delay to eight delays."""
-    settings = OscillationSettings.of(CELL)
+    settings = GuardSettings.of(CELL)
     band_N, band_Nm = CELL.force.deadband_N, CELL.force.deadband_Nm
-    assert settings.least == pytest.approx([10.0 * band_N] * 3 + [10.0 * band_Nm] * 3)
+    assert settings.half_wave == pytest.approx([10.0 * band_N] * 3 + [10.0 * band_Nm] * 3)
     tau_s = CELL.loop_delay_s
-    assert (settings.shortest_s, settings.longest_s) == pytest.approx((0.5 * tau_s, 8.0 * tau_s))
-
-
-@pytest.mark.parametrize("axis", range(6))
-def test_ten_half_waves_in_a_row_are_an_oscillation(axis: int) -> None:
-    """Five periods of any error alone, and not one half wave less."""
-    count = np.zeros(6)
-    assert not HalfWaves(count=count).swings
-    for half_waves, swings in ((9.0, False), (10.0, True), (11.0, True)):
-        count[axis] = half_waves
-        assert HalfWaves(count=count).swings is swings
+    durations_s = settings.half_wave_shortest_s, settings.half_wave_longest_s
+    assert durations_s == pytest.approx((0.5 * tau_s, 8.0 * tau_s))
 
 
 def next_below(number: float) -> float:

@@ -14,7 +14,7 @@ from services.regulator import admittance
 from services.regulator.admittance import AdmittanceSettings
 from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, start_at
-from services.regulator.tcp_path import advance, append_points, remaining_m
+from services.regulator.tcp_path import advance, path_along, remaining_m
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, FollowingBench
@@ -122,8 +122,8 @@ def test_a_path_visits_its_points_across_the_axis_within_its_speed(
 ) -> None:
     """Each point is passed within a period's travel, without motion along the axis."""
     axis, p = np.array([0.0, 0.6, 0.8]), np.zeros(3)
-    route = append_points(
-        None, tuple(direction), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False
+    route = path_along(
+        tuple(direction), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False
     )
     rest, visited, speeds = np.zeros(3), [p], [0.0]
     expected_s = (
@@ -151,8 +151,8 @@ def test_force_and_path_together_are_within_the_speed_limit(direction, share) ->
     """The path takes the rest of the period's motion that the force leaves."""
     pushed_m = 2e-4 * share * np.array(direction) / max(1.0, float(np.linalg.norm(direction)))
     axis = np.array([0.0, 0.0, 1.0])
-    route = append_points(
-        None, (np.array([0.1, 0.0, 0.0]),), speed_m_s=0.2, accel_m_s2=100.0, in_contact=False
+    route = path_along(
+        (np.array([0.1, 0.0, 0.0]),), speed_m_s=0.2, accel_m_s2=100.0, in_contact=False
     )
     _, shift = advance(route, np.zeros(3), axis, dt_s=PERIOD_S, pushed_m=pushed_m, most_m=2e-4)
     assert np.linalg.norm(pushed_m + shift) <= 2e-4 * (1 + 1e-9)

@@ -59,13 +59,14 @@ coverage: setup ## take every branch of the modules that decide about motion: th
 	@CI=1 $(BIN)/python -m pytest -q -n auto -o timeout=600 --hypothesis-profile=branches -m "not (realtime or processes or long)" -k "not ($(NO_NEW_BRANCH))" \
 	  --cov --cov-report=term $(COVERED_BY) $(ARGS)
 
-check: setup ## lint, format, types, import contracts, words, sizes
+check: setup ## lint, format, types, import contracts, words, sizes, structure
 	@$(BIN)/ruff check $(CODE)
 	@$(BIN)/ruff format --check $(CODE)
 	@$(BIN)/mypy $(CODE)
 	@PATH="$(CURDIR)/$(BIN):$$PATH" lint-imports
 	@$(BIN)/python -m tools.words
 	@$(BIN)/python -m tools.sizes
+	@$(BIN)/python -m tools.structure
 
 format: setup ## let ruff format and fix what it can
 	@$(BIN)/ruff format $(CODE)

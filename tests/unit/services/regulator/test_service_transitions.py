@@ -146,6 +146,18 @@ def test_the_controller_is_sent_gains_for_the_identified_contact() -> None:
     assert bench.start(masked).code == "host"
 
 
+def test_a_controller_without_gain_gets_the_whole_set_point() -> None:
+    """The approach speed of the host controller limits the set point; without gain it stands."""
+    bench = FollowingBench(BOTH_HOSTS)
+    assert bench.ask(topics.GAINS, GainsRequest(force_i_m_per_Ns=(0.0,) * 3)).accepted
+    request = ForceStartRequest(mode="position", host="controller", setpoint_N=30.0)
+    assert bench.start(request).accepted
+    bench.step(500)
+    feedback = bench.published().feedback
+    assert feedback is not None
+    assert np.linalg.norm(feedback.setpoint_force_N) == pytest.approx(30.0)
+
+
 @pytest.mark.parametrize(("law", "continues"), [("adaptive", True), ("plain", False)])
 def test_a_rising_surface_is_followed_by_the_adaptive_law(law, continues) -> None:
     """Contact from free space, then the surface rises: the plain law rejects its work."""

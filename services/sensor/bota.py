@@ -5,7 +5,6 @@ package keeps the newest reading only: one that was not fetched in time shows as
 sensor's own stamps, and is counted as lost.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -15,15 +14,7 @@ from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
-from services.sensor.driver import (
-    WINDOW,
-    Info,
-    SensorFault,
-    SensorSample,
-    fault_sample,
-    judged,
-    loss_fault,
-)
+from services.sensor.driver import Info, LossWindow, SensorFault, SensorSample, fault_sample, judged
 
 WRAP_US = 1 << 32  # of the sensor's stamps
 GAP_PERIODS = 1.5
@@ -56,7 +47,7 @@ class BotaDriver:
         self._counts = dict.fromkeys(("records", "lost", "sensor_restarts"), 0)
         self._number = 0
         self._last_us: int | None = None
-        self._lost_before: deque[int] = deque(maxlen=WINDOW)
+        self._losses = LossWindow()
         self._fault_until_ns = 0
         self._fault = ""
 
@@ -105,7 +96,7 @@ class BotaDriver:
         self._fault = ""
         lost = self._count_lost(stamp_us, now_ns)
         self._last_us = stamp_us
-        self._lost_before.append(lost)
+        self._losses.add(lost)
         self._counts["records"] += 1
         self._counts["lost"] += lost
         self._number += 1 + lost
@@ -126,7 +117,7 @@ class BotaDriver:
 
     def _sample(self, frame: Any, now_ns: int) -> SensorSample:
         """Return the sample of a reading, or its first fault."""
-        fault = loss_fault(self._lost_before)
+        fault = self._losses.fault()
         if frame.status.invalid:
             text = f"the sensor reports status 0x{frame.status.val:X}: invalid"
             fault = SensorFault("sensor_fault", text)

@@ -3,6 +3,7 @@
 It also holds the checks that are common to every make.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -109,13 +110,21 @@ def refused_unless_finite(sample: SensorSample) -> SensorSample:
     return sample
 
 
-def loss_fault(lost_before: Sequence[int]) -> SensorFault:
-    """Return the fault of too many losses of a sensor whose losses are not numbered.
+class LossWindow:
+    """Losses before each of the last readings of a sensor whose losses are not numbered."""
 
-    Args:
-        lost_before: Readings lost before each of the last WINDOW readings.
-    """
-    lost, read = sum(lost_before), len(lost_before)
-    if read < WINDOW // 2 or lost <= BAD_SHARE * (lost + read):
-        return NO_FAULT
-    return SensorFault("sensor_lossy", f"{lost} of the last {lost + read} readings were lost")
+    def __init__(self) -> None:
+        """Start without readings."""
+        self._lost: deque[int] = deque(maxlen=WINDOW)
+
+    def add(self, lost: int) -> None:
+        """Store the number of readings that were lost before another one."""
+        self._lost.append(lost)
+
+    def fault(self) -> SensorFault:
+        """Return the fault of too many losses."""
+        lost, read = sum(self._lost), len(self._lost)
+        if read < WINDOW // 2 or lost <= BAD_SHARE * (lost + read):
+            return NO_FAULT
+        text = f"{lost} of the last {lost + read} readings were lost"
+        return SensorFault("sensor_lossy", text)

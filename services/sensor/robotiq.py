@@ -7,7 +7,6 @@ Source: Robotiq, FT 300-S instruction manual, sections on Modbus RTU and the dat
 """
 
 import struct
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -17,15 +16,7 @@ from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
-from services.sensor.driver import (
-    WINDOW,
-    Info,
-    SensorFault,
-    SensorSample,
-    fault_sample,
-    judged,
-    loss_fault,
-)
+from services.sensor.driver import Info, LossWindow, SensorFault, SensorSample, fault_sample, judged
 
 HEAD = b"\x20\x4e"
 FRAME_BYTES = 16
@@ -130,7 +121,7 @@ class RobotiqDriver:
         self._emptied_ns = 0
         self._fault = ""
         self._is_late = False
-        self._lost_before: deque[int] = deque(maxlen=WINDOW)
+        self._losses = LossWindow()
 
     @property
     def where(self) -> str:
@@ -192,8 +183,8 @@ class RobotiqDriver:
         self._counts["lost"] += lost
         self._counts["records"] += 1
         self._number += 1 + lost
-        self._lost_before.append(lost)
-        info, losses = self.info(), loss_fault(self._lost_before)
+        self._losses.add(lost)
+        info, losses = self.info(), self._losses.fault()
         ranges = (info.force_range_N, info.torque_range_Nm)
         sample = judged(read.force_N, read.torque_Nm, *ranges)
         if sample.status == "ok" and losses.code:

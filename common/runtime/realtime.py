@@ -82,7 +82,7 @@ def is_memory_locked() -> bool:
 
 def _set_all_threads(policy: int, priority: int) -> None:
     for thread in Path("/proc/self/task").iterdir():
-        with suppress(ProcessLookupError):  # it may have ended meanwhile
+        with suppress(ProcessLookupError):  # the thread has ended
             os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
 
 

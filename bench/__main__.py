@@ -16,6 +16,7 @@ from bench import (
     recorder,
     sensor_faults,
     settling,
+    steps,
     subscriptions,
 )
 
@@ -31,9 +32,17 @@ PARTS: dict[str, Callable[[], Table]] = {
     "panel": panel.table,
     "recorder": recorder.table,
     "subscriptions": subscriptions.table,
+    "steps": steps.table,
+    "instructions": steps.instructions_table,
 }
 WRITERS: dict[str, Callable[[], None]] = {"settling": settling.write}
-ON_REQUEST = {"installations", "panel", "recorder", "subscriptions"}  # long, or with a browser
+ON_REQUEST = {
+    "installations",
+    "instructions",
+    "panel",
+    "recorder",
+    "subscriptions",
+}  # long, or with a browser
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ from typing import Any
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from forcemesh import topics
-from forcemesh.messages import RobotState
+from forcemesh.messages import Law, RobotState
 from forcemesh.requests import MoveRequest
 from launch.virtual_cell import VirtualCell
 from tools.tree import PRODUCTION, ROOT
@@ -89,13 +89,13 @@ def client_of(cell: VirtualCell) -> ConfiguredCell:
     return ConfiguredCell(cell.cell, commander="operator", bus=cell.client)
 
 
-def pressing(file: str) -> VirtualCell:
+def pressing(file: str, law: Law = "adaptive") -> VirtualCell:
     """Return a cell that presses on its plate."""
     cell = VirtualCell(load_cell(CELLS / file, {"sim.gap_m": 0.001}))
     client = client_of(cell)
     client.tare()
     client.arm()
-    client.force.start(20.0, mode="both", law="adaptive")
+    client.force.start(20.0, mode="both", law=law)
     cell.advance(2.0)
     return cell
 

@@ -32,11 +32,9 @@ class RenderUnavailable(ForcemeshError):  # noqa: N818 - a state of the machine,
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Camera aimed at a point of the base frame, and the size of its picture."""
+    """Size of a picture, and the camera's angles; it is aimed and placed so that the arm fits."""
 
-    look_at_m: tuple[float, float, float] = (0.02, 0.25, 0.07)
-    distance_m: float = 1.45
-    azimuth_deg: float = 205.0
+    azimuth_from_arm_deg: float = 115.0  # from the arm's heading, seen from above
     elevation_deg: float = -14.0
     width_px: int = 1280
     height_px: int = 960

@@ -16,6 +16,7 @@ from matplotlib.image import imsave
 ARROW_M_PER_N = 0.006
 ARROW_LONGEST_M = 0.25
 ARROW_WIDTH_M = 0.012
+DISTANCE_SHARE = 1.55  # camera distance to the diagonal of what must be seen
 HIDDEN_SHARE = 0.7  # opacity of the arrow where tool or plate is in front of it
 LEAST_DRAWN_FORCE_N = 0.5  # arrows of smaller forces are too short to be legible
 _ARROW_RGBA = np.array([0.86, 0.12, 0.16, 1.0], dtype=np.float32)
@@ -40,7 +41,7 @@ def draw(job: dict[str, Any]) -> Pixels:
         data.joint(name).qpos[:] = value
     mujoco.mj_forward(model, data)
     with mujoco.Renderer(model, view["height_px"], view["width_px"]) as renderer:
-        renderer.update_scene(data, _camera(view), _options())
+        renderer.update_scene(data, _camera(data, view, np.array(job["contact_m"])), _options())
         scene, bodies = renderer.scene, renderer.scene.ngeom
         _add_arrow(scene, np.array(job["contact_m"]), np.array(job["force_N"]))
         picture = np.array(renderer.render())
@@ -58,11 +59,18 @@ def _laid_over(picture: Pixels, arrow: Pixels) -> Pixels:
     return np.where(is_arrow, mixed, picture).astype(np.uint8)
 
 
-def _camera(view: dict[str, Any]) -> mujoco.MjvCamera:
+def _camera(
+    data: mujoco.MjData, view: dict[str, Any], contact_m: npt.NDArray[np.float64]
+) -> mujoco.MjvCamera:
+    """Return a camera beside the arm that sees everything from the floor to the highest joint."""
+    points_m = np.vstack((data.xpos[1:], data.geom("floor").xpos * (0.0, 0.0, 1.0)))
+    low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
+    heading_deg = np.degrees(np.arctan2(contact_m[1], contact_m[0]))
     camera = mujoco.MjvCamera()
-    camera.lookat[:] = view["look_at_m"]
-    camera.distance = view["distance_m"]
-    camera.azimuth, camera.elevation = view["azimuth_deg"], view["elevation_deg"]
+    camera.lookat[:] = (low_m + high_m) / 2.0
+    camera.distance = DISTANCE_SHARE * np.linalg.norm(high_m - low_m)
+    camera.azimuth = heading_deg + view["azimuth_from_arm_deg"]
+    camera.elevation = view["elevation_deg"]
     return camera
 
 

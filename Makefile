@@ -28,7 +28,7 @@ NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
+.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -83,6 +83,9 @@ readme: setup ## write what is generated from the code: docs/bus.md and other pa
 
 bench: setup ## measure the figures of docs/demo.md
 	@$(BIN)/python -m bench $(ARGS)
+
+bench-chain: setup ## the cell's chain beside bare forwarding processes: ARGS="--full --write" makes docs/chain.md
+	@$(BIN)/python -m bench.chain $(ARGS)
 
 bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write makes docs/over-tcp.md
 	@$(BIN)/python -m bench.over_tcp $(ARGS)

@@ -6,6 +6,7 @@ import numpy as np
 from rich.table import Table
 
 from sim.robot.arm import SimArm
+from sim.robot.engine import mujoco
 from sim.robot.settings import SimSettings
 
 MOST_US = 80.0
@@ -37,6 +38,19 @@ def costs_us(arm: SimArm) -> list[float]:
             arm.advance()
         found.append((thread_time_ns() - start_ns) / TICKS / 1e3)
     return found
+
+
+def engine_us() -> float:
+    """Return the time of MuJoCo's own steps in a tick [us], in the round least disturbed."""
+    arm = arm_at(0.0, PRESS_N)
+    found = []
+    for _ in range(ROUNDS):
+        start_ns = thread_time_ns()
+        for _ in range(TICKS):
+            mujoco.mj_step1(arm.model, arm.data)
+            mujoco.mj_step2(arm.model, arm.data)
+        found.append((thread_time_ns() - start_ns) / TICKS / 1e3)
+    return min(found)
 
 
 def table() -> Table:

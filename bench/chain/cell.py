@@ -1,0 +1,128 @@
+"""The chain of a simulated cell that presses on its plate, in real processes."""
+
+import os
+import time
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.chain.load import Load, measured
+from common.bus.cell_bus import open_bus
+from common.bus.configured_cell import ConfiguredCell
+from common.config.cell import CellConfig
+from common.motion.frames import Array
+from forcemesh import topics
+from forcemesh.bus import Bus
+from forcemesh.messages import Health, Law
+from launch.processes import Supervisor
+from tests.chaos.common_net import HarnessError
+
+PRESS_N, BAND_N = 15.0, 1.0
+POLL_S = 0.0005
+WITHIN_S = 60.0
+STAGES: dict[str, topics.Topic[Any]] = {
+    "wrench": topics.WRENCH,
+    "regulator": topics.REGULATOR_TARGET,
+    "arbiter": topics.ROBOT_COMMAND,
+}
+DROPPED = ("superseded", "lost")  # last word of counters of messages or samples not used
+
+
+@dataclass(slots=True)
+class CellRun:
+    """Measurements of one interval of pressing."""
+
+    load: dict[str, Load] = field(default_factory=dict)  # by process
+    ages_us: dict[str, dict[int, float]] = field(default_factory=dict)  # stage: sample: age
+    dropped: dict[str, int] = field(default_factory=dict)  # by counter, in the interval
+    held: str = ""  # why the arm did not press until the end, empty if it did
+
+    @property
+    def chain_us(self) -> Array:
+        """Times from the sensor's sample to the robot's acceptance [us]."""
+        return np.array(list(self.ages_us["robot"].values()))
+
+    def hops_us(self) -> dict[str, Array]:
+        """Return the times from each stage to the next, of the same sample [us]."""
+        found, before, previous = {}, dict.fromkeys(self.ages_us["wrench"], 0.0), "sensor"
+        for stage, ages in self.ages_us.items():
+            hops = [age - before[sample] for sample, age in ages.items() if sample in before]
+            found[f"{previous} to {stage}"] = np.array(hops)
+            before, previous = ages, stage
+        return found
+
+
+def run(cell: CellConfig, duration_s: float, *, law: Law, realtime: bool) -> CellRun:
+    """Let a cell press and measure it for an interval."""
+    found = CellRun(ages_us={stage: {} for stage in (*STAGES, "robot")})
+    with ExitStack() as exits:
+        exits.enter_context(Supervisor(cell)).wait_ready(WITHIN_S)
+        client = exits.enter_context(ConfiguredCell(cell, commander="operator"))
+        watch = exits.enter_context(open_bus(cell, topics.CLIENT))
+        client.wait_ready(WITHIN_S)
+        # The simulated robot's process is the sensor as well.
+        roles = [role for role in topics.ROLES if role != "sensor"]
+        health = {role: client.feed(topics.HEALTH[role]) for role in roles}
+        pids = {role: reading(WITHIN_S).pid for role, reading in health.items()}
+        if not realtime:
+            for pid in pids.values():
+                _give_up_realtime(pid)
+        client.arm(within_s=WITHIN_S)
+        client.force.start(PRESS_N, law=law)
+        _wait_for_contact(client)
+        before = _dropped(reading() for reading in health.values())
+        with measured(pids, found.load):
+            _watch(watch, duration_s, found)
+        after = _dropped(reading() for reading in health.values())
+        found.dropped = {name: count - before[name] for name, count in after.items()}
+        status = client.status()
+        if status.state != "ACTIVE":
+            found.held = "; ".join(trip.text for trip in status.trips) or status.state
+    return found
+
+
+def _wait_for_contact(client: ConfiguredCell) -> None:
+    while abs(client.force.pressed_N() - PRESS_N) > BAND_N:
+        status = client.status()
+        if status.state not in ("ARMED", "SETTLING", "ACTIVE"):
+            raise HarnessError(f"no contact: {'; '.join(trip.text for trip in status.trips)}")
+        time.sleep(0.1)
+
+
+def _watch(bus: Bus, duration_s: float, found: CellRun) -> None:
+    """Note the age of each sensor sample when a stage publishes, and when the robot accepts."""
+    readers = {stage: bus.reader(topic) for stage, topic in STAGES.items()}
+    robot = bus.reader(topics.ROBOT_STATE)
+    end_s = time.monotonic() + duration_s
+    while time.monotonic() < end_s:
+        time.sleep(POLL_S)
+        now_ns = bus.clock.now_ns()
+        for stage, reader in readers.items():
+            reading = reader.read(now_ns)
+            if reading.header is not None and reading.origin is not None:
+                age_ns = reading.header.stamp_ns - reading.origin.stamp_ns
+                found.ages_us[stage][reading.origin.seq] = age_ns / 1e3
+        state = robot.read(now_ns).fresh
+        accepted = None if state is None else state.accepted
+        if accepted is not None and accepted.sensor_stamp_ns is not None:
+            age_ns = accepted.at_ns - accepted.sensor_stamp_ns
+            found.ages_us["robot"].setdefault(accepted.sensor_seq or 0, age_ns / 1e3)
+
+
+def _dropped(healths: Iterable[Health]) -> dict[str, int]:
+    """Return the counters of messages and samples that were not used."""
+    return {
+        name: count
+        for health in healths
+        for name, count in health.counters.items()
+        if name.endswith(DROPPED)
+    }
+
+
+def _give_up_realtime(pid: int) -> None:
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))

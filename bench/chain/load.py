@@ -1,0 +1,72 @@
+"""Processor time and wake-ups of processes, from /proc, and loops that keep the processor busy."""
+
+import multiprocessing
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+TICKS_HZ = os.sysconf("SC_CLK_TCK")
+SWITCHES = ("voluntary_ctxt_switches:", "nonvoluntary_ctxt_switches:")
+Threads = dict[str, tuple[float, int]]  # name and number: processor time [s], wake-ups
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Processor time and wake-ups of one process in an interval."""
+
+    cpu_pct: float  # of one core
+    wakeups_hz: float
+    threads_pct: dict[str, float]  # by name
+
+
+@contextmanager
+def measured(pids: dict[str, int], into: dict[str, Load]) -> Iterator[None]:
+    """Measure the load of processes over the block."""
+    before, began_s = {name: _threads(pid) for name, pid in pids.items()}, time.monotonic()
+    yield
+    took_s = time.monotonic() - began_s
+    for name, pid in pids.items():
+        threads_pct: dict[str, float] = {}
+        wakeups = 0
+        for thread, (cpu_s, switches) in _threads(pid).items():
+            earlier_s, earlier = before[name].get(thread, (0.0, 0))
+            plain = thread.rpartition(" ")[0]
+            share = 100.0 * (cpu_s - earlier_s) / took_s
+            threads_pct[plain] = threads_pct.get(plain, 0.0) + share
+            wakeups += switches - earlier
+        into[name] = Load(sum(threads_pct.values()), wakeups / took_s, threads_pct)
+
+
+def _threads(pid: int) -> Threads:
+    found: Threads = {}
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        name, _, rest = (task / "stat").read_text("utf-8").partition("(")[2].rpartition(")")
+        fields = rest.split()
+        status = (task / "status").read_text("utf-8").splitlines()
+        switches = sum(int(line.split()[1]) for line in status if line.startswith(SWITCHES))
+        cpu_s = (int(fields[11]) + int(fields[12])) / TICKS_HZ
+        found[f"{name} {task.name}"] = (cpu_s, switches)
+    return found
+
+
+@contextmanager
+def busy_loops(count: int) -> Iterator[None]:
+    """Run loops without waiting, at normal priority, beside the block."""
+    spawn = multiprocessing.get_context("spawn")
+    loops = [spawn.Process(target=_spin, daemon=True) for _ in range(count)]
+    for loop in loops:
+        loop.start()
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.join()
+
+
+def _spin() -> None:
+    while True:
+        pass

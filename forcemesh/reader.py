@@ -13,7 +13,7 @@ from forcemesh.topics import Topic
 M = TypeVar("M", bound=Message)
 
 LONGEST_FAULT = 400  # leaves room for a prefix of the next service
-CONFLICT_S = 1.0  # hold time of the flag that a topic has two publishers
+CONFLICT_NS = NS_PER_S  # hold time of the flag that a topic has two publishers
 RESTART_S = 0.1  # shorter than any restart of a process
 MOST_RETIRED = 64  # stored former publishers; the oldest is dropped
 BAD_MESSAGES = 5  # excess of bad over good messages that is a fault
@@ -87,11 +87,16 @@ class Reader(Generic[M]):
         self.counters = ReadCounters()
         self._source = source
         self._clock = clock
-        self._last: tuple[Header, M] | None = None
+        fault = f"{topic.key} missing"
+        self._missing: Reading[M] = Reading(
+            None, None, float("inf"), fault, silent=True, code="missing"
+        )
+        self._last: tuple[M, Header] | None = None
         self._broken: MessageError | None = None  # error of the last message, if undecodable
         self._received_ns = 0
+        self._since_ns = 0  # its age counts from here
         self._retired_epochs: deque[int] = deque(maxlen=MOST_RETIRED)
-        self._conflict_ns: int | None = None
+        self._conflict_until_ns = -1
         self._suspicion = 0  # leaky counter: +1 per bad, -1 per good message
 
     def poll(self) -> bool:
@@ -120,15 +125,10 @@ class Reader(Generic[M]):
         """Process the received payload and classify the newest message at this time."""
         self.poll()
         if self._last is None:
-            fault = f"{self.topic.key} missing"
-            return Reading(None, None, float("inf"), fault, silent=True, code="missing")
-        header, message = self._last
-        since_ns = self._received_ns
-        if header.boot == self._clock.boot:
-            # After a freeze the newest message waiting in the channel has just arrived and is old.
-            since_ns = min(since_ns, header.stamp_ns)
-        age_s = (now_ns - since_ns) / NS_PER_S
-        code, fault = "", ""
+            return self._missing
+        message, header = self._last
+        age_s = (now_ns - self._since_ns) / NS_PER_S
+        conflict = now_ns < self._conflict_until_ns
         if age_s > self.stale_after_s:
             age_ms, limit_ms = age_s * 1e3, self.stale_after_s * 1e3
             code, fault = "stale", f"stale: {age_ms:.0f} ms old, limit {limit_ms:.0f} ms"
@@ -142,15 +142,11 @@ class Reader(Generic[M]):
         elif not message.valid:
             reason = message.reason or "no reason given"
             code, fault = message.code or "invalid", f"invalid: {reason}"
-        conflict_ns = self._conflict_ns
+        else:
+            return Reading(message, header, age_s, "", conflict=conflict)
+        fault = f"{self.topic.key} {fault}"[:LONGEST_FAULT]
         return Reading(
-            message,
-            header,
-            age_s,
-            f"{self.topic.key} {fault}"[:LONGEST_FAULT] if fault else "",
-            silent=code == "stale",
-            code=code,
-            conflict=conflict_ns is not None and now_ns - conflict_ns < CONFLICT_S * NS_PER_S,
+            message, header, age_s, fault, silent=code == "stale", code=code, conflict=conflict
         )
 
     def _accept(self, header: Header, message: M) -> bool:
@@ -158,15 +154,15 @@ class Reader(Generic[M]):
         now_ns = self._clock.now_ns()
         if header.epoch in self._retired_epochs:  # the replaced publisher is still alive
             self.counters.retired += 1
-            self._conflict_ns = now_ns
+            self._conflict_until_ns = now_ns + CONFLICT_NS
             return False
         if self._last is not None:
-            last = self._last[0]
+            last = self._last[1]
             if header.epoch != last.epoch:
                 self._retired_epochs.append(last.epoch)
                 if now_ns - self._received_ns < RESTART_S * NS_PER_S:
                     self.counters.overlaps += 1
-                    self._conflict_ns = now_ns
+                    self._conflict_until_ns = now_ns + CONFLICT_NS
             elif header.seq <= last.seq:
                 self.counters.repeated += 1
                 self._suspect()
@@ -176,8 +172,11 @@ class Reader(Generic[M]):
         self.counters.received += 1
         self._suspicion = max(self._suspicion - 1, 0)
         self._broken = None
-        self._last = (header, message)
-        self._received_ns = now_ns
+        self._last = (message, header)
+        self._received_ns = self._since_ns = now_ns
+        if header.boot == self._clock.boot:
+            # After a freeze the newest message waiting in the channel has just arrived and is old.
+            self._since_ns = min(now_ns, header.stamp_ns)
         return True
 
     def _suspect(self) -> None:

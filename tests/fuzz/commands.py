@@ -244,7 +244,7 @@ def fuzz(robot: str, messages: int, seed: int, *, verbose: bool = False) -> Tabl
     table, began_s = Table(), time.monotonic()
     while table.messages < messages:
         block = min(BLOCK, messages - table.messages)
-        with patch.object(reader, "CONFLICT_S", 0.0):
+        with patch.object(reader, "CONFLICT_NS", 0):
             table.add(World(robot, seed).run(block))
         seed += 1
         if verbose and seed % 10 == 0:

@@ -19,7 +19,6 @@ from forcemesh.errors import (
     NoHubError,
     RefusedError,
     SetupError,
-    first_mistake,
 )
 
 if TYPE_CHECKING:
@@ -143,12 +142,8 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
 @contextmanager
 def one_line_errors() -> Iterator[None]:
     """Convert every error that forcemesh raises on purpose to one line and an exit code."""
-    from pydantic import ValidationError
-
     try:
         yield
-    except ValidationError as error:  # of a request, before it was sent
-        exit_with_error(first_mistake(error).text)
     except ForcemeshError as error:
         exit_with_error(sentence_of(error), exit_code_of(error))
 

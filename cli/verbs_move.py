@@ -64,6 +64,7 @@ def move_to(
 ) -> None:
     """Move the flange to a pose in base: position [mm], Kawasaki's O, A, T [degrees]."""
     x, y, z, o, a, t = parse_vector(pose, POSE)
+    from forcemesh.client.ask import request_in_bounds
     from forcemesh.client.rotations import from_oat_deg
     from forcemesh.messages import PoseRecord
     from forcemesh.requests import MoveRequest
@@ -71,10 +72,11 @@ def move_to(
     record = PoseRecord(
         position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=from_oat_deg((o, a, t))
     )
+    request = MoveRequest(
+        kind="pose", pose=record, speed_m_s=from_milli(speed), commander=commander
+    )
     with one_line_errors():
-        request = MoveRequest(
-            kind="pose", pose=record, speed_m_s=from_milli(speed), commander=commander
-        )
+        request_in_bounds(request)
     _request_move(request, cell, no_wait=no_wait, yes=yes)
 
 

@@ -13,8 +13,9 @@ from forcemesh.clock import Clock
 from forcemesh.codec import Header, decode_record, encode, encode_record
 from forcemesh.errors import BusError, LostError, MessageError
 from forcemesh.faults import refusal
-from forcemesh.messages import Message, Record
+from forcemesh.messages import Message
 from forcemesh.reader import LONGEST_FAULT, Origin, Reader, Reading, Source
+from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.topics import CLIENT, HELPERS, Qos, Request, Topic
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from forcemesh.bus import FixedReply, Transport, query_hub
 from forcemesh.codec import decode_record, encode_record
-from forcemesh.messages import PoseRecord, Record
+from forcemesh.messages import Finite, PoseRecord
+from forcemesh.records import Record
 from forcemesh.topics import INFO, Topic
 
 
@@ -18,10 +19,10 @@ class CellInfo(Record):
     cell: str
     config_hash: str  # of the cell file; every process of a cell reports the same
     roles: dict[str, str]  # the process that plays each role: `robot`: `sim`, `gateway`, `external`
-    rates_hz: dict[str, float]  # by topic
-    deadlines_s: dict[str, float]  # by topic: the age from which on it is stale
+    rates_hz: dict[str, Finite]  # by topic
+    deadlines_s: dict[str, Finite]  # by topic: the age from which on it is stale
     T_flange_tcp: PoseRecord  # tool centre point in the flange frame
-    touch_N: float  # contact begins above
+    touch_N: Finite  # contact begins above
 
     def rate_hz(self, topic: Topic[Any]) -> float:
         """Return how often a topic is published [Hz]."""

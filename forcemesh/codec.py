@@ -8,10 +8,12 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 import msgpack
-from pydantic import ValidationError
+import msgspec
+from msgspec.structs import asdict
 
-from forcemesh.errors import MessageError, MisroutedError, first_mistake
-from forcemesh.messages import Message, Record
+from forcemesh.errors import MessageError, MisroutedError
+from forcemesh.messages import Message
+from forcemesh.records import Record
 
 SCHEMA_VERSION = 3  # forcemesh/recorded_messages.py has the history
 MAX_BYTES = 4096
@@ -43,12 +45,10 @@ class Header(Version):
     sensor_seq: int | None = None
 
 
-HEADER_FIELDS = frozenset(Header.model_fields)
-
-
-def encode(header: Header, message: Message) -> bytes:
-    """Return the bytes of a header and message."""
-    return pack(vars(header) | message.model_dump())  # a header is flat
+def encode(head: Version, record: Record) -> bytes:
+    """Return the bytes of a header and a message. Raise MessageError when a value is wrong."""
+    checked = record.from_dict(record.as_dict())  # a constructor checks nothing
+    return pack(asdict(head) | asdict(checked))
 
 
 @lru_cache(maxsize=64)
@@ -61,15 +61,15 @@ def decode(data: bytes, message_type: type[M], address: str | None = None) -> tu
     header and a message of this type.
     """
     fields = unpack(data)
-    header = validate(fields, Header)
+    header = Header.from_dict(fields)
     if address is not None and header.topic != address:
         raise misrouted(header, address)
-    return header, validate(fields, message_type)
+    return header, message_type.from_dict(fields)
 
 
 def encode_record(record: Record, address: str = "") -> bytes:
     """Return the bytes of a request, with its address, or of a reply: without a header."""
-    return pack(Version(topic=address).model_dump() | record.model_dump())
+    return encode(Version(topic=address), record)
 
 
 def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:
@@ -79,18 +79,20 @@ def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:
     record. A third-party client may omit the address of a request.
     """
     fields = unpack(data)
-    version = validate(fields, Version)
+    version = Version.from_dict(fields)
     if address and version.topic not in ("", address):
         raise misrouted(version, address)
-    return validate(fields, record_type)
+    return record_type.from_dict(fields)
 
 
 def pack(fields: dict[str, Any]) -> bytes:
     """Return the bytes of fields. Raise MessageError when they do not fit."""
     try:
-        data: bytes = msgpack.packb(fields)
+        data = msgspec.msgpack.encode(fields)
     except OverflowError as error:
         raise MessageError("a number of more than 64 bits") from error
+    except UnicodeEncodeError as error:
+        raise MessageError(f"not a text: {error}") from error
     if len(data) > MAX_BYTES:
         raise MessageError(f"message of {len(data)} bytes, the limit is {MAX_BYTES}")
     return data
@@ -121,17 +123,6 @@ def unpack(data: bytes, versions: tuple[int, ...] = (SCHEMA_VERSION,)) -> dict[s
     if type(version) is int and version not in versions:
         raise MessageError(f"schema version {version}, this program uses {SCHEMA_VERSION}")
     return fields
-
-
-def validate(fields: dict[str, object], record_type: type[R]) -> R:
-    """Return the record of these fields. Raise MessageError with the first mistake."""
-    try:
-        return record_type.model_validate(fields)
-    except ValidationError as error:
-        first = first_mistake(error)
-        code = "not_finite" if first.kind == "finite_number" else "undecodable"
-        text = f"{record_type.__name__}.{first.where}: {first.what}"
-        raise MessageError(text, code) from error
 
 
 def misrouted(head: Version, here: str) -> MisroutedError:

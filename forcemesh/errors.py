@@ -21,6 +21,7 @@ In the control loop bad data is not an exception: it is a message with valid=Fal
 """
 
 import re
+from collections.abc import Mapping
 from math import pi
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -203,6 +204,10 @@ class FieldError(NamedTuple):
 
 def first_mistake(error: "ValidationError") -> FieldError:
     """Return the first mistake that pydantic found."""
-    first = error.errors(include_url=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return FieldError(where, what_is_wrong(first), first["type"], first["input"])
+    return mistake_of(error.errors(include_url=False)[0])
+
+
+def mistake_of(item: Mapping[str, Any]) -> FieldError:
+    """Return the mistake of one error of pydantic's list."""
+    where = ".".join(str(part) for part in item["loc"])
+    return FieldError(where, what_is_wrong(item), item["type"], item["input"])

@@ -1,29 +1,34 @@
 """Messages of the bus: one class per message, one class per frame, units in the names.
 
-The constructor checks the type of every field and that every number is finite, so every message
-object is well-formed. A publisher without a valid result publishes `valid=False` with a reason at
-its usual rate: an idle service must differ from a dead one.
+Every message that is published or received is well-formed: encoding and decoding check the type of
+every field and that every number is finite. A constructor checks nothing. A publisher without a
+valid result publishes `valid=False` with a reason at its usual rate: an idle service must differ
+from a dead one.
 
 Sign convention: a positive force or torque means that the environment pushes the robot.
 """
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+import sys
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from msgspec import Meta, field
 
-from forcemesh.patterns import LAW_NAME
+from forcemesh.patterns import LAW_NAME, NO_BREAK
+from forcemesh.records import Record
 
-Vec3 = tuple[float, float, float]
-Joints = Annotated[tuple[float, ...], Field(max_length=16)]  # one angle for each joint [rad]
-Quaternion = tuple[float, float, float, float]
-Gain = Annotated[float, Field(ge=0.0)]  # a negative gain would push instead of yield
+LARGEST = sys.float_info.max
+Finite = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]  # neither infinite nor NaN
+Vec3 = tuple[Finite, Finite, Finite]
+Joints = Annotated[tuple[Finite, ...], Meta(max_length=16)]  # one angle for each joint [rad]
+Quaternion = tuple[Finite, Finite, Finite, Finite]
+Gain = Annotated[float, Meta(ge=0.0, le=LARGEST)]  # a negative gain would push instead of yield
 Gain3 = tuple[Gain, Gain, Gain]
-Text = Annotated[str, Field(max_length=500)]
+Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
+Text = Annotated[str, Meta(max_length=500)]
 
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
-Law = Annotated[str, Field(pattern=LAW_NAME)]  # the regulator's; it refuses one that it lacks
+Law = Annotated[str, Meta(pattern=LAW_NAME + NO_BREAK)]  # the regulator refuses one that it lacks
 LAWS_THAT_SHIP = ("plain", "adaptive", "admittance")  # admittance: hand guiding
 Preset = Literal["gentle", "normal", "stiff"]  # of gains
 Commander = Literal["none", "regulator", "program", "operator"]
@@ -33,33 +38,6 @@ Purpose = Literal["all", "jog", "back_off"]  # the same, plus the arbiter's back
 
 ZERO3: Vec3 = (0.0, 0.0, 0.0)
 UNIT_QUATERNION: Quaternion = (0.0, 0.0, 0.0, 1.0)
-
-
-class Record(BaseModel):
-    """Part of a message: strict types, finite numbers, unknown fields ignored."""
-
-    model_config = ConfigDict(frozen=True, strict=True, allow_inf_nan=False, extra="ignore")
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Return a checked record from values by field name.
-
-        Raises:
-            ValueError: A value is missing, of another type or outside its range.
-        """
-        return cls.model_validate(values)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the values by field name, those of records within as well."""
-        return self.model_dump()
-
-    def as_json(self) -> str:
-        """Return the values as JSON, as `--json` prints them."""
-        return self.model_dump_json()
-
-    def replaced(self, **changes: Any) -> Self:
-        """Return a copy with other values, which are not checked."""
-        return self.model_copy(update=changes)
 
 
 class Message(Record):
@@ -87,8 +65,8 @@ class Trip(Record):
     code: Text  # row of forcemesh/faults.py
     rule: int  # number of that row
     text: Text
-    value: float | None = None
-    limit: float | None = None
+    value: Finite | None = None
+    limit: Finite | None = None
     unit: Text = ""  # of value and limit, empty while the text names it
 
 
@@ -105,7 +83,7 @@ class KawasakiStatus(Record):
     error_code: int = 0  # 0: none
 
 
-CONTROLLER_BITS = tuple(name for name in KawasakiStatus.model_fields if name != "error_code")
+CONTROLLER_BITS = tuple(name for name in KawasakiStatus.__struct_fields__ if name != "error_code")
 
 
 class RobotStatus(Record):
@@ -145,7 +123,7 @@ class LinkHealth(Record):
     """Health of the link from this process to the arm."""
 
     connected: bool = False
-    round_trip_s: float | None = None
+    round_trip_s: Finite | None = None
     reconnects: int = 0
     errors: int = 0
 
@@ -227,13 +205,13 @@ class RegulatorTarget(Message):
     mode: Mode | None = None
     host: Host = "pc"
     law: Law | None = None
-    setpoint_N: float | None = None  # requested, along the tool's z axis; reached by a ramp
+    setpoint_N: Finite | None = None  # requested, along the tool's z axis; reached by a ramp
     pose: PoseRecord | None = None  # flange in base
     feedback: Feedback | None = None
     contact: Literal["free", "approach", "contact"] = "free"
     error_force_N: Vec3 = ZERO3
     error_torque_Nm: Vec3 = ZERO3
-    path_left_m: float | None = None  # remaining length of the path
+    path_left_m: Finite | None = None  # remaining length of the path
 
 
 class Speed(Record):
@@ -242,10 +220,10 @@ class Speed(Record):
     The real speed is the mechanical one times the modular fraction.
     """
 
-    accel_fraction: float = Field(1.0, gt=0.0, le=1.0)
-    decel_fraction: float = Field(1.0, gt=0.0, le=1.0)
-    modular_fraction: float = Field(1.0, gt=0.0, le=1.0)
-    mechanical_m_s: float = Field(0.05, gt=0.0, le=5.0)
+    accel_fraction: Fraction = 1.0
+    decel_fraction: Fraction = 1.0
+    modular_fraction: Fraction = 1.0
+    mechanical_m_s: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.05
 
 
 class Goal(Record):
@@ -262,7 +240,7 @@ class Permission(Record):
 
     host: Host
     lease: int  # a new number at each arming
-    deadline_s: float
+    deadline_s: Finite
     ownership: int = 0  # a new number each time ownership ends; at most one owner each
     purpose: Purpose = (
         "all"  # of the lease; back_off: other limits apply (common/motion/back_off.py)
@@ -323,8 +301,8 @@ class RecorderStatus(Message):
     file_bytes: int = 0
     messages: int = 0  # in this recording, all of its files together
     lost: int = 0  # of them, from gaps in the sequence numbers
-    recorded_s: float = 0.0
-    memory_s: float = 0.0  # time span of the ring buffer
+    recorded_s: Finite = 0.0
+    memory_s: Finite = 0.0  # time span of the ring buffer
     memory_bytes: int = 0  # size of the ring buffer
     free_bytes: int = 0  # on the disk
 
@@ -333,12 +311,13 @@ class Health(Message):
     """`<role>/health`: published by each process from its own loop."""
 
     pid: int = 0
-    rate_hz: float = 0.0
-    lateness_p99_s: float = 0.0
+    rate_hz: Finite = 0.0
+    lateness_p99_s: Finite = 0.0
     overruns: int = 0  # periods far too long, within the last second
-    longest_gap_s: float = 0.0  # between two steps, within the last second
-    counters: dict[str, int] = {}
-    numbers: dict[str, float] = {}  # measured, units in the names; unknown values are omitted
+    longest_gap_s: Finite = 0.0  # between two steps, within the last second
+    counters: dict[str, int] = field(default_factory=dict)
+    # measured, units in the names; unknown values are omitted
+    numbers: dict[str, Finite] = field(default_factory=dict)
     version: Text = ""
     config_hash: Text = ""
     fault: Text = ""

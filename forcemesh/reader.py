@@ -96,7 +96,7 @@ class Reader(Generic[M]):
         self._received_ns = 0
         self._since_ns = 0  # its age counts from here
         self._retired_epochs: deque[int] = deque(maxlen=MOST_RETIRED)
-        self._conflict_until_ns = -1
+        self._conflict_until_ns = 0
         self._suspicion = 0  # leaky counter: +1 per bad, -1 per good message
 
     def poll(self) -> bool:

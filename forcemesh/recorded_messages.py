@@ -8,7 +8,7 @@ has a status for any robot, its hold as a whole `Trip` and one angle per joint; 
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from forcemesh.codec import SCHEMA_VERSION, Header, pack, unpack, validate
+from forcemesh.codec import SCHEMA_VERSION, Header, pack, unpack
 from forcemesh.errors import MessageError, MisroutedError
 from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import CONTROLLER_BITS, Message
@@ -29,11 +29,11 @@ def decode_recorded(data: bytes, message_type: type[M], key: str) -> tuple[Heade
     Raise MisroutedError when they carry another key, of any cell, and MessageError as `decode`.
     """
     fields = unpack(data, READABLE_VERSIONS)
-    header = validate(fields, Header)
+    header = Header.from_dict(fields)
     written_for = header.topic if header.v == 1 else header.topic.partition("/")[2]
     if written_for != key:
         raise MisroutedError(f"addressed to {header.topic[:80]!r}, but recorded as {key}")
-    return header, validate(_upgraded(fields, key), message_type)
+    return header, message_type.from_dict(_upgraded(fields, key))
 
 
 def readdressed(data: bytes, address: str) -> bytes:

@@ -1,47 +1,37 @@
 """Requests to a cell and their reply: one class per request of forcemesh/topics.py."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field
+from msgspec import Meta
 
+from forcemesh.errors import MessageError
 from forcemesh.messages import (
     ArmPurpose,
     Asker,
+    Finite,
     Gains,
     Host,
     Law,
     Mode,
     PoseRecord,
     Preset,
-    Record,
     Text,
 )
+from forcemesh.records import Record
 
 # Bounds beyond any real arm, tool or law: values above them are rejected on decoding.
 FARTHEST_M = 100.0
 LONGEST_QUATERNION = 1.01
-Coordinate = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+Coordinate = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 Place = tuple[Coordinate, Coordinate, Coordinate]
-Angle = Annotated[float, Field(ge=-100.0, le=100.0)]  # [rad]
-Angles = Annotated[tuple[Angle, ...], Field(min_length=1, max_length=16)]  # one for each joint
-ForceP = Annotated[float, Field(ge=0.0, le=1.0)]  # [m/N]: the packet holds 0.001
-ForceI = Annotated[float, Field(ge=0.0, le=10.0)]  # [m/(N s)]: the packet holds 0.1
-TorqueP = Annotated[float, Field(ge=0.0, le=10.0)]  # [rad/(N m)]: the packet holds 0.02
-TorqueI = Annotated[float, Field(ge=0.0, le=1000.0)]  # [rad/(N m s)]: the packet holds 1.7
+Angle = Annotated[float, Meta(ge=-100.0, le=100.0)]  # [rad]
+Angles = Annotated[tuple[Angle, ...], Meta(min_length=1, max_length=16)]  # one for each joint
+ForceP = Annotated[float, Meta(ge=0.0, le=1.0)]  # [m/N]: the packet holds 0.001
+ForceI = Annotated[float, Meta(ge=0.0, le=10.0)]  # [m/(N s)]: the packet holds 0.1
+TorqueP = Annotated[float, Meta(ge=0.0, le=10.0)]  # [rad/(N m)]: the packet holds 0.02
+TorqueI = Annotated[float, Meta(ge=0.0, le=1000.0)]  # [rad/(N m s)]: the packet holds 1.7
 LARGEST_SETPOINT_N = 10_000.0
-
-
-def _within_reach(pose: PoseRecord) -> PoseRecord:
-    """Reject numbers that no pose of an arm has."""
-    farthest_m = max(map(abs, pose.position_m))
-    if farthest_m > FARTHEST_M:
-        raise ValueError(f"a position of {farthest_m:g} m is beyond {FARTHEST_M:g} m")
-    if max(map(abs, pose.orientation_xyzw)) > LONGEST_QUATERNION:
-        raise ValueError(f"quaternion {pose.orientation_xyzw} is longer than one")
-    return pose
-
-
-AskedPose = Annotated[PoseRecord, AfterValidator(_within_reach)]
 
 
 class Empty(Record):
@@ -74,10 +64,24 @@ class MoveRequest(Record):
     """Request to move the flange to a pose, or the joints to or by angles."""
 
     kind: Literal["pose", "joints", "by"]
-    pose: AskedPose | None = None
+    pose: PoseRecord | None = None
     joint_rad: Angles | None = None
-    speed_m_s: float | None = Field(None, gt=0.0, le=5.0)
+    speed_m_s: Annotated[float, Meta(gt=0.0, le=5.0)] | None = None
     commander: Asker = "operator"
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Reject numbers that no pose of an arm has as well."""
+        request = super().from_dict(values)
+        if request.pose is not None:
+            farthest_m = max(map(abs, request.pose.position_m))
+            quaternion = request.pose.orientation_xyzw
+            if farthest_m > FARTHEST_M:
+                what = f"a position of {farthest_m:g} m is beyond {FARTHEST_M:g} m"
+                raise MessageError(f"MoveRequest.pose: {what}")
+            if max(map(abs, quaternion)) > LONGEST_QUATERNION:
+                raise MessageError(f"MoveRequest.pose: quaternion {quaternion} is longer than one")
+        return request
 
 
 class ForceStartRequest(Record):
@@ -85,7 +89,7 @@ class ForceStartRequest(Record):
 
     mode: Mode
     host: Host = "pc"
-    setpoint_N: float = Field(0.0, ge=0.0, le=LARGEST_SETPOINT_N)
+    setpoint_N: Annotated[float, Meta(ge=0.0, le=LARGEST_SETPOINT_N)] = 0.0
     law: Law | None = None  # default: that of the cell file; admittance: hand guiding
     preset: Preset | None = None  # initial gains; default: those set last
     # Free axes: along and about x, y, z of the task frame, which is fixed to base or tool.
@@ -100,10 +104,10 @@ class PathRequest(Record):
     The path acts only perpendicular to the tool axis; along that axis the force is controlled.
     """
 
-    points_m: tuple[Place, ...] = Field((), max_length=60)  # of the TCP, base axes
+    points_m: Annotated[tuple[Place, ...], Meta(max_length=60)] = ()  # of the TCP, base axes
     append: bool = False  # append to the remaining points; otherwise replace them
-    speed_m_s: float = Field(0.02, gt=0.0, le=2.0)
-    accel_m_s2: float = Field(0.3, gt=0.0, le=5.0)
+    speed_m_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.02
+    accel_m_s2: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.3
     in_contact: bool = True  # pause while there is no contact
 
 
@@ -120,7 +124,8 @@ class GainsRequest(Record):
 class CalibrationRequest(Record):
     """Request to use another calibration from now on."""
 
-    calibration_json: str = Field(max_length=3500)  # common.config.calibration.CalibrationSection
+    # common.config.calibration.CalibrationSection
+    calibration_json: Annotated[str, Meta(max_length=3500)]
 
 
 class AxesRequest(Record):
@@ -143,6 +148,6 @@ class Reply(Record):
     code: Text = "ok"
     rule: int = 0
     text: Text = ""
-    value: float | None = None
-    limit: float | None = None
+    value: Finite | None = None
+    limit: Finite | None = None
     gains: Gains | None = None  # present gains of the regulator; in the reply to a gains request

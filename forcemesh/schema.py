@@ -6,11 +6,16 @@ The hub returns it to a plain Zenoh query on `<cell>/describe`, docs/schema.json
 
 import json
 from functools import cache
+from inspect import cleandoc
 from typing import Any, Literal
+
+import msgspec
 
 from forcemesh.bus import Bus, FixedReply, query_hub
 from forcemesh.codec import SCHEMA_VERSION, Header, Version
-from forcemesh.messages import Record
+from forcemesh.messages import LARGEST
+from forcemesh.patterns import NO_BREAK
+from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.topics import DESCRIBE, REQUESTS, TOPICS, Topic
 
@@ -70,32 +75,38 @@ def schema_of(
         body: The message, request or reply.
         mode: `serialization`: published, with every field; `validation`: accepted in a request.
     """
-    parts = [_cleaned(record.model_json_schema(mode=mode), mode) for record in (head, body)]
+    _, parts = msgspec.json.schema_components((head, body), ref_template="#/$defs/{name}")
+    defs = {name: _cleaned(part, mode) for name, part in parts.items()}
+    first, second = defs.pop(head.__name__), defs.pop(body.__name__)
     schema = {
         "$schema": DIALECT,
         "title": body.__name__,
-        "description": parts[1].get("description", ""),
+        "description": second["description"],
         "type": "object",
-        "properties": {k: v for part in parts for k, v in part.get("properties", {}).items()},
-        "required": [name for part in parts for name in part.get("required", [])],
+        "properties": first["properties"] | second["properties"],
+        "required": first["required"] + second["required"],
     }
-    if defs := {k: v for part in parts for k, v in part.get("$defs", {}).items()}:
-        schema["$defs"] = defs
-    return schema
+    return schema | ({"$defs": defs} if defs else {})
 
 
 def _cleaned(node: Any, mode: Mode) -> Any:
-    """Drop titles that only repeat a name; in serialization mode mark every field as required."""
-    if isinstance(node, list):
+    """Drop what says nothing; in serialization mode mark every field as required.
+
+    That is a title that only repeats a name, and the bounds of every finite number. `$` is the end
+    in a JSON Schema.
+    """
+    if isinstance(node, list | tuple):
         return [_cleaned(item, mode) for item in node]
     if not isinstance(node, dict):
         return node
     cleaned = {
         key: {name: _cleaned(part, mode) for name, part in value.items()}
-        if key in ("properties", "$defs")
+        if key == "properties"
+        else cleandoc(value).removesuffix(NO_BREAK)
+        if key in ("description", "pattern")
         else _cleaned(value, mode)
         for key, value in node.items()
-        if key != "title"
+        if key != "title" and value not in (-LARGEST, LARGEST)
     }
     if mode == "serialization" and "properties" in cleaned:
         cleaned["required"] = list(cleaned["properties"])

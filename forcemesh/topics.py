@@ -12,9 +12,10 @@ from typing import Generic, Literal, TypeVar
 
 from forcemesh import messages as m
 from forcemesh import requests as q
+from forcemesh.records import Record
 
 M = TypeVar("M", bound=m.Message)
-Q = TypeVar("Q", bound=m.Record)
+Q = TypeVar("Q", bound=Record)
 
 Rate = Literal["robot", "sensor", "control", "status", "health"]
 Deadline = Literal["command", "sensor", "status", "health"]
@@ -125,6 +126,6 @@ HEALTH = {row.name: _health_of(row) for row in ROLE_TABLE}
 TOPICS: tuple[Topic[m.Message], ...] = tuple(
     value for value in (*globals().values(), *HEALTH.values()) if isinstance(value, Topic)
 )
-REQUESTS: tuple[Request[m.Record], ...] = tuple(
+REQUESTS: tuple[Request[Record], ...] = tuple(
     value for value in list(globals().values()) if isinstance(value, Request)
 )

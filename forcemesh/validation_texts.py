@@ -22,6 +22,7 @@ RULES = {  # by pydantic's error type; braces: its context
     "string_too_long":          "must have at most {max_length} characters",
     "too_short":                "must hold at least {min_length} values",
     "too_long":                 "must hold at most {max_length} values",
+    "wrong_length":             "must hold {max_length} values",  # msgspec's: forcemesh/records.py
     "tuple_type":               "must be a list",
     "list_type":                "must be a list",
     "literal_error":            "must be {expected}",

@@ -215,7 +215,7 @@ def main() -> int:
 
 def preload() -> None:
     """Import large packages of others before the fork, except plugins, which pytest imports."""
-    for name in ("lark", "mujoco", "msgpack", "pinocchio", "pydantic", "zenoh"):
+    for name in ("lark", "mujoco", "msgpack", "msgspec", "pinocchio", "pydantic", "zenoh"):
         importlib.import_module(name)
 
 

@@ -236,7 +236,7 @@ def _host(advice: Advice, *, is_refused: bool) -> dict[str, Any]:
     if is_refused:
         return now
     return now | {
-        "gains": advice.gains.model_dump(),
+        "gains": advice.gains.as_dict(),
         "position": _plain(advice.force),
         "orientation": _plain(advice.torque),
     }

@@ -24,7 +24,7 @@ from services.sensor.rdt_status import is_good, status_text
 if TYPE_CHECKING:
     from common.config.cell import CellConfig, SensorSection
 
-PACKAGES = ("eclipse-zenoh", "msgpack", "numpy", "pin", "pydantic")
+PACKAGES = ("eclipse-zenoh", "msgpack", "msgspec", "numpy", "pin", "pydantic")
 PROBE_SLEEPS = 50
 PROBE_SLEEP_S = 0.001
 LATE_WAKE_S = 0.01  # half of the shortest deadline

@@ -15,8 +15,8 @@ from common.config.cell_terms import Fraction, FrameSection, Positive
 from common.config.payload import Payload
 from controller.packet_table import Scales
 from forcemesh.connection import BusSection, ConfigSection
-from forcemesh.messages import Law, Vec3
-from forcemesh.patterns import CELL_NAME
+from forcemesh.messages import Vec3
+from forcemesh.patterns import CELL_NAME, LAW_NAME
 from forcemesh.topics import Topic
 from forcemesh.units import (
     COUNTS_MOST,
@@ -144,7 +144,8 @@ class ForceSection(ConfigSection):
     )  # net work that the environment may do on the tool
     setpoint_ramp_N_s: float = Field(200.0, gt=0.0, le=5000.0)
     setpoint_max_N: float = Field(40.0, gt=0.0, le=1000.0)
-    law: Law = "plain"  # adaptive: gains from the identified stiffness, not from the stiffest
+    # adaptive: gains from the identified stiffness, not from the stiffest
+    law: str = Field("plain", pattern=LAW_NAME)
     delay_compensation: bool = True  # adaptive: Smith predictor for commands in flight
     surface_tracking: bool = True  # adaptive: track a moving surface
     # Opt-in: above 80 % of a ceiling the tool retreats along its axis by this distance, then holds.

@@ -1,16 +1,13 @@
 """Requests of a client: each returns a reply or raises an exception with a remedy."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TypeVar
-
-from pydantic import ValidationError
 
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
-from forcemesh.errors import ArmStoppedError, DataError, RefusedError, first_mistake
+from forcemesh.errors import ArmStoppedError, DataError, MessageError, RefusedError
 from forcemesh.faults import FAULTS
-from forcemesh.messages import ArbiterStatus, Record
+from forcemesh.messages import ArbiterStatus
+from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.topics import Request
 
@@ -19,15 +16,6 @@ Q = TypeVar("Q", bound=Record)
 ANSWER_S = 2.0
 ASK_AGAIN_S = 0.1
 TRANSIENT = ("not_ready", "moving", "wait")  # refusals that clear by waiting
-
-
-@contextmanager
-def raise_data_errors() -> Iterator[None]:
-    """Raise DataError, which names argument and value, for arguments outside a request's bounds."""
-    try:
-        yield
-    except ValidationError as error:
-        raise DataError(first_mistake(error).text) from None
 
 
 def ask(
@@ -48,9 +36,11 @@ def ask(
         answer_s: Longest wait for a reply [s].
 
     Raises:
+        DataError: The request is out of its bounds; names argument and value.
         RefusedError: The service refuses: code, text, remedy.
         BusError: No reply within `answer_s`.
     """
+    request_in_bounds(message)
     give_up_ns = bus.clock.now_ns() + round(within_s * NS_PER_S)
     while not (reply := bus.ask(request, message, answer_s)).accepted:
         if reply.code not in TRANSIENT or bus.clock.now_ns() >= give_up_ns:
@@ -58,6 +48,15 @@ def ask(
             raise RefusedError(code, text, remedy=remedy, value=reply.value, limit=reply.limit)
         bus.clock.sleep_s(ASK_AGAIN_S)
     return reply
+
+
+def request_in_bounds(message: Q) -> Q:
+    """Return a request with its values checked. Raise DataError, which names argument and value."""
+    try:
+        return message.from_dict(message.as_dict())
+    except MessageError as error:
+        text = str(error)
+        raise DataError(text.partition(".")[2] or text) from None
 
 
 def stopped_error(status: ArbiterStatus, what: str) -> ArmStoppedError:

@@ -10,7 +10,7 @@ from typing import Any, Self, TypeVar
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo, ask_for_info
-from forcemesh.client.ask import raise_data_errors, stopped_error
+from forcemesh.client.ask import stopped_error
 from forcemesh.client.feed import Feed
 from forcemesh.client.force import Force
 from forcemesh.client.moves import Moves
@@ -24,7 +24,6 @@ from forcemesh.messages import (
     Asker,
     Health,
     Message,
-    Record,
     RegulatorTarget,
     RobotCommand,
     RobotState,
@@ -33,6 +32,7 @@ from forcemesh.messages import (
     Trip,
     WrenchAtTcp,
 )
+from forcemesh.records import Record
 from forcemesh.requests import (
     ArmRequest,
     BackOffRequest,
@@ -128,7 +128,6 @@ class Cell:
 
     # --- who may move -----------------------------------------------------------------------------
 
-    @raise_data_errors()
     def arm(self, purpose: ArmPurpose = "all", *, within_s: float = READY_WITHIN_S) -> Reply:
         """Enable motion, after the preflight; for `jog` moves only, also in contact.
 
@@ -180,7 +179,6 @@ class Cell:
 
     # --- settings ---------------------------------------------------------------------------------
 
-    @raise_data_errors()
     def speed(
         self,
         *,
@@ -200,7 +198,7 @@ class Cell:
         now = self.command().speed
         if not changes:
             return now
-        speed = Speed.from_dict({**now.as_dict(), **changes})
+        speed = now.replaced(**changes)
         self.ask(topics.SPEED, speed)
         return speed
 

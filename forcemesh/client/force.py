@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from forcemesh import topics
 from forcemesh.client import rotations as turning
-from forcemesh.client.ask import raise_data_errors, stopped_error
+from forcemesh.client.ask import stopped_error
 from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError, NotReachedError
@@ -50,7 +50,6 @@ class Force:
         self._session = session
         self._last_request: ForceStartRequest | None = None  # last start request of this client
 
-    @raise_data_errors()
     def start(
         self,
         setpoint_N: float = 0.0,
@@ -77,7 +76,6 @@ class Force:
         self._last_request = start_request
         return reply
 
-    @raise_data_errors()
     def set(self, setpoint_N: float) -> Reply:
         """Change the set point [N] of the force feedback of this client; the force follows a ramp.
 
@@ -86,15 +84,13 @@ class Force:
         start_request = self._last_request
         if start_request is None:
             raise ForcemeshError(NOT_STARTED)
-        changed = start_request.as_dict() | {"setpoint_N": setpoint_N}
-        return self.begin(ForceStartRequest.from_dict(changed))
+        return self.begin(start_request.replaced(setpoint_N=setpoint_N))
 
     def stop(self) -> Reply:
         """Stop force feedback; the arm stays where it is."""
         self._last_request = None
         return self._session.ask(topics.FORCE_STOP, Empty())
 
-    @raise_data_errors()
     def path(
         self,
         points_m: tuple[Vec3, ...],
@@ -113,7 +109,6 @@ class Force:
         )
         return self._session.ask(topics.FORCE_PATH, request)
 
-    @raise_data_errors()
     def gains(
         self,
         preset: Preset | None = None,

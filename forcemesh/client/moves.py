@@ -5,7 +5,7 @@ from typing import Literal, NoReturn
 
 from forcemesh import topics
 from forcemesh.client import rotations as turning
-from forcemesh.client.ask import raise_data_errors, remedy_of, stopped_error
+from forcemesh.client.ask import remedy_of, stopped_error
 from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ArmStoppedError, LostError, NotReachedError, RefusedError
@@ -123,7 +123,6 @@ class Moves:
         """Start without a move."""
         self._session = session
 
-    @raise_data_errors()
     def to(
         self,
         position_m: Vec3,
@@ -137,7 +136,6 @@ class Moves:
         pose = PoseRecord(position_m=position_m, orientation_xyzw=turned)
         return self._move(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
 
-    @raise_data_errors()
     def joints(
         self,
         joint_rad: Joints,
@@ -149,7 +147,6 @@ class Moves:
         request = MoveRequest(kind="joints", joint_rad=joint_rad, speed_m_s=speed_m_s)
         return self._move(request, timeout_s)
 
-    @raise_data_errors()
     def by(
         self,
         joint_rad: Joints,
@@ -161,7 +158,6 @@ class Moves:
         request = MoveRequest(kind="by", joint_rad=joint_rad, speed_m_s=speed_m_s)
         return self._move(request, timeout_s)
 
-    @raise_data_errors()
     def jog(
         self,
         shift_m: Vec3 = ZERO3,
@@ -183,7 +179,6 @@ class Moves:
         pose = self.jogged(shift_m, turn_rad, axes=axes)
         return self._move(MoveRequest(kind="pose", pose=pose, speed_m_s=speed_m_s), timeout_s)
 
-    @raise_data_errors()
     def retract(
         self,
         travel_m: float = RETRACT_M,
@@ -196,7 +191,6 @@ class Moves:
             (0.0, 0.0, -travel_m), axes="tool", speed_m_s=speed_m_s, timeout_s=timeout_s
         )
 
-    @raise_data_errors()
     def jogged(
         self, shift_m: Vec3 = ZERO3, turn_rad: Vec3 = ZERO3, *, axes: Literal["base", "tool"]
     ) -> PoseRecord:

@@ -10,7 +10,8 @@ from forcemesh.client.feed import Feed
 from forcemesh.client.roles import RoleHealth
 from forcemesh.clock import Clock
 from forcemesh.errors import BusError, LostError
-from forcemesh.messages import Asker, Message, Record
+from forcemesh.messages import Asker, Message
+from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.topics import ROLES, Request, Topic
 

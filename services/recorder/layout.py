@@ -12,14 +12,14 @@ import types
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import msgspec
-from pydantic import BaseModel
 
 from forcemesh.codec import Header
 from forcemesh.errors import MessageError
-from forcemesh.messages import Gain, Message
+from forcemesh.messages import Message
+from forcemesh.records import Record
 from forcemesh.topics import Topic
 
 SCALARS = {bool: "boolean", int: "integer", float: "number", str: "string"}
@@ -60,12 +60,12 @@ class FieldLayout:
 class Layout:
     """Layout of named fields."""
 
-    def __init__(self, *models: type[BaseModel]) -> None:
+    def __init__(self, *models: type[Record]) -> None:
         """Collect the fields of the models in order."""
         kinds = {
-            name: _kind(info.annotation)
+            name: _kind(annotation)
             for model in models
-            for name, info in model.model_fields.items()
+            for name, annotation in get_type_hints(model).items()
         }
         self.schema: dict[str, Any] = {
             "type": "object",
@@ -121,8 +121,6 @@ def schema_of(topic: Topic[Message]) -> dict[str, Any]:
 
 def _kind(annotation: Any) -> FieldLayout:
     origin, args = get_origin(annotation), get_args(annotation)
-    if origin is Annotated:
-        return _kind(args[0])
     if origin in (Union, types.UnionType):
         inner = _kind(next(arg for arg in args if arg is not types.NoneType))
         return FieldLayout(inner.schema, inner.read_as, inner.change, optional=True)
@@ -134,7 +132,7 @@ def _kind(annotation: Any) -> FieldLayout:
         return FieldLayout(schema, annotation)
     if origin is tuple:
         return _tuple(args)
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    if isinstance(annotation, type) and issubclass(annotation, Record):
         inside = Layout(annotation)
         return FieldLayout(inside.schema, inside.read_as, inside.change)
     return FieldLayout({"type": SCALARS[annotation]}, annotation)
@@ -142,9 +140,9 @@ def _kind(annotation: Any) -> FieldLayout:
 
 def _tuple(args: tuple[Any, ...]) -> FieldLayout:
     """Return the kind of a tuple: an object for a vector, else a list."""
-    if set(args) <= {float, Gain} and len(args) == 3:
+    if set(args) == {float} and len(args) == 3:
         return FieldLayout(_parts("xyz"), tuple[float, float, float], lambda v: Vector(*v))
-    if set(args) <= {float, Gain} and len(args) == 4:
+    if set(args) == {float} and len(args) == 4:
         return FieldLayout(
             _parts("xyzw"), tuple[float, float, float, float], lambda v: Quaternion(*v)
         )

@@ -45,7 +45,8 @@ def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
     """Return the gains after a request: its preset first, then its single gains."""
     if change.preset is not None:
         gains = tune(cell, change.preset).gains
-    return gains.replaced(**change.model_dump(exclude={"preset"}, exclude_none=True))
+    named = change.replaced(preset=None).as_dict()
+    return gains.replaced(**{name: value for name, value in named.items() if value is not None})
 
 
 def gains_to_send(sent: Gains | None, requested: Gains, Ki: Array) -> Gains:

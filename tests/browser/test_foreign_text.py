@@ -37,7 +37,7 @@ def watch_with(text) -> ScriptedWatch:
         raise RefusedError(reply.code, reply.text, remedy=text("remedy"))
 
     watch = ScriptedWatch(snapshot(text))
-    status = filled(RecorderStatus, text).model_copy(update={"recording": True})
+    status = filled(RecorderStatus, text).replaced(recording=True)
     watch.client = SimpleNamespace(
         tare=refuse,
         clear=refuse,

@@ -6,6 +6,7 @@ The robots are defined in `tests/contract/robots.py`.
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pinocchio as pin
@@ -33,6 +34,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from tests.contract.pc_feedback import PcFeedback
+from tests.fakes.records import encode_unchecked
 
 DEMO_CELL = Path(__file__).resolve().parents[2] / "cells" / "demo.yaml"
 COMMAND_PERIOD_NS = 4_000_000
@@ -131,12 +133,14 @@ class Rig:
             return
         self._next_ns = now_ns + COMMAND_PERIOD_NS
         if self.wrench is not None:
-            self._put_wrench.put(self.wrench)
+            with patch("forcemesh.bus.encode", encode_unchecked):
+                self._put_wrench.put(self.wrench)
         if self._on_pc is not None and self.wrench is not None:
             pose = self._on_pc.next_pose(self.wrench, now_ns)
             self.command = self._permitted("setpoint", pose=pose)
         if self.command is not None:
-            self.command_seq = self._put_command.put(self.command, SENSOR_STAMP).seq
+            with patch("forcemesh.bus.encode", encode_unchecked):
+                self.command_seq = self._put_command.put(self.command, SENSOR_STAMP).seq
 
     # --- commanding -------------------------------------------------------------------------------
 
@@ -148,7 +152,7 @@ class Rig:
     def _permitted(self, kind: str, host: Host = "pc", **content: Any) -> RobotCommand:
         permission = Permission(host=host, lease=self.lease, deadline_s=DEADLINE_S)
         content = {"speed": Speed(mechanical_m_s=0.1)} | content
-        return RobotCommand.model_validate(
+        return RobotCommand.from_dict(
             {"kind": kind, "permission": permission, "commander": "operator"} | content
         )
 
@@ -250,7 +254,7 @@ def gateway_cell(port: int, **overrides: object) -> CellConfig:
 
 def goal(id_: int, kind: str, **content: Any) -> Goal:
     """A goal."""
-    return Goal.model_validate({"id": id_, "kind": kind} | content)
+    return Goal.from_dict({"id": id_, "kind": kind} | content)
 
 
 def distance_m(T: pin.SE3, U: pin.SE3) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.motion.convert import record_of
-from forcemesh.messages import Gains, Permission, PoseRecord, RobotCommand, WrenchAtTcp
+from forcemesh.messages import Gains, Permission, PoseRecord, WrenchAtTcp
 from tests.contract.rig import DEADLINE_S, Rig, distance_m, goal, pose_goal, shifted
 
 SPEED_M_S = 0.1  # of the goals; set points and feedback are slower
@@ -111,13 +111,11 @@ def test_a_command_with_a_number_that_is_not_finite_moves_nothing_and_holds(rig:
     rig.arm()
     start = rig.T
     good = record_of(start)
-    bad = PoseRecord.model_construct(
-        position_m=(0.0, NAN, 0.3), orientation_xyzw=good.orientation_xyzw
-    )
+    bad = PoseRecord(position_m=(0.0, NAN, 0.3), orientation_xyzw=good.orientation_xyzw)
     rig.send("setpoint", pose=good)
     rig.advance(0.05)
     assert rig.command is not None
-    rig.command = RobotCommand.model_construct(**(dict(rig.command) | {"pose": bad}))
+    rig.command = rig.command.replaced(pose=bad)
     rig.until(lambda: rig.state.hold_reason)
     assert_stays(rig)
     assert distance_m(rig.T, start) < 2e-4
@@ -141,7 +139,7 @@ def invalid(rig: Rig) -> None:
 
 def not_a_number(rig: Rig) -> None:
     """Publish a wrench that is not a number."""
-    rig.wrench = WrenchAtTcp.model_construct(force_N=(0.0, 0.0, NAN))
+    rig.wrench = WrenchAtTcp(force_N=(0.0, 0.0, NAN))
 
 
 def too_much(rig: Rig) -> None:

@@ -30,13 +30,13 @@ from forcemesh.messages import (
     Health,
     Message,
     PoseRecord,
-    Record,
     RegulatorTarget,
     RobotCommand,
     RobotState,
     SensorWrench,
     WrenchAtTcp,
 )
+from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.version import __version__
 from services.arbiter.core import Arbiter
@@ -55,7 +55,7 @@ PERIOD_S = 0.004
 FORCE_N = WALKED.limits.force_N
 HEALTH = Health(config_hash=cell_hash(WALKED), version=__version__)
 CONSTANT_MESSAGES: dict[str, Message] = {"sensor": SensorWrench(), "wrench": FREE, "health": HEALTH}
-FIT_AND_MOVING = FIT.model_copy(update={"moving": True})
+FIT_AND_MOVING = FIT.replaced(moving=True)
 START = record_of(T_START)
 OUTSIDE = record_of(pin.SE3(T_START.rotation, np.array([5.0, 0.5, 0.35])))
 MOTIONS = ("goal", "setpoint", "feedback")
@@ -84,7 +84,7 @@ CHANGED_MESSAGES: dict[str, tuple[str, dict[str, Any]]] = {
     "error": ("robot", {"status": with_fault("robot_error")}),
     "robot holds": ("robot", {"hold": tripped("tracking", "HOLD on the pendant")}),
     "robot fails": ("robot", {"hold": tripped("link_slow", "the link is slow")}),
-    "arm outside": ("robot", OUTSIDE.model_dump()),
+    "arm outside": ("robot", OUTSIDE.as_dict()),
     "pushed": ("wrench", {"force_N": (0.0, 0.0, 0.9 * FORCE_N)}),
     "crushed": ("wrench", {"force_N": (0.0, 0.0, 1.1 * FORCE_N)}),
     "late loop": ("health", {"overruns": 9}),
@@ -198,7 +198,7 @@ class Product:
         else:
             message = TARGETS[self.target] if name == "target" else CONSTANT_MESSAGES[name]
         who, changes = CHANGED_MESSAGES.get(self.disturbance, ("", {}))
-        return message.model_copy(update=changes) if who == name else message
+        return message.replaced(**changes) if who == name else message
 
     def _reading(self, name: str) -> Reading[Any]:
         header = header_at(self.now_ns, self.wrench_epoch if name == "wrench" else 1)
@@ -270,7 +270,7 @@ class Product:
             if was is not None and was.permission is not None and self.verdict.accepted:
                 self.dead |= {(self.verdict.accepted.epoch, was.permission.lease)}
             if self.goal.state == "running":
-                self.goal = self.goal.model_copy(update={"state": "refused", "reason": "held"})
+                self.goal = self.goal.replaced(state="refused", reason="held")
             return
         self.moving |= command.kind in MOTIONS
         if command.kind == "setpoint" and command.pose is not None:

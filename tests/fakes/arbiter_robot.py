@@ -82,8 +82,8 @@ class RobotWorld(World):
             self.change("robot", hold=None, accepted=echo)
         self._braking = self.brake_periods if command.kind in MOTIONS else self._braking - 1
         moving = self._braking > 0 or command.kind in MOTIONS
-        update = {"moving": moving, "position_feedback": command.kind == "feedback"}
-        self.change("robot", status=FIT.model_copy(update=update))
+        update = {"moving": moving, "feedback": command.feedback and command.feedback.mode}
+        self.change("robot", status=FIT.replaced(**update))
         if command.kind == "setpoint" and command.pose is not None:
             pose = command.pose
             self.change("robot", position_m=pose.position_m, orientation_xyzw=pose.orientation_xyzw)
@@ -99,7 +99,7 @@ class RobotWorld(World):
         elif commander == "controller":
             self.propose(None, host="controller", feedback=FEEDBACK)
         else:
-            request: MoveRequest = MOVE_DOWN.model_copy(update={"commander": commander})
+            request: MoveRequest = MOVE_DOWN.replaced(commander=commander)
             return self.core.move(request, self.inputs())
         return None
 

@@ -59,7 +59,7 @@ def back_off(product: Product, inputs: Inputs) -> Reply:
 
 def move(product: Product, inputs: Inputs, request: MoveRequest, who: str) -> Reply:
     """Request a move."""
-    return product.core.move(request.model_copy(update={"commander": who}), inputs)
+    return product.core.move(request.replaced(commander=who), inputs)
 
 
 REQUESTS: dict[str, SendRequest] = {
@@ -95,7 +95,7 @@ def _passes(duration_s: float = 0.004, *, deliver: str = "new", **changes: Any) 
 
 def _reports(state: Any) -> Event:
     def happen(product: Product) -> None:
-        product.goal = product.goal.model_copy(update={"state": state})
+        product.goal = product.goal.replaced(state=state)
         product.close(product.live())
 
     return happen

@@ -88,7 +88,7 @@ class World:
 
     def change(self, name: str, **changes: Any) -> None:
         """Change fields of one input."""
-        self.messages[name] = self.messages[name].model_copy(update=changes)
+        self.messages[name] = self.messages[name].replaced(**changes)
 
     def place(self, T_base_flange: pin.SE3) -> None:
         """Set the pose of the flange."""
@@ -169,7 +169,7 @@ class World:
         assert command.goal is not None
         robot = self.messages["robot"]
         assert isinstance(robot, RobotState)
-        report = robot.goal.model_copy(update={"id": command.goal.id, "state": state} | changes)
+        report = robot.goal.replaced(**({"id": command.goal.id, "state": state} | changes))
         self.change("robot", goal=report)
 
 

@@ -10,7 +10,8 @@ from common.config.load import load_cell
 from common.runtime.service import Service
 from forcemesh.bus import Bus, Origin, Publisher, Reader
 from forcemesh.clock import ManualClock
-from forcemesh.messages import Message, Record
+from forcemesh.messages import Message
+from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.topics import CLIENT, Request, Topic
 

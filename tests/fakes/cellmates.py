@@ -8,7 +8,8 @@ from forcemesh import topics
 from forcemesh.bus import Bus, Origin, Publisher
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import encode_record
-from forcemesh.messages import ArbiterStatus, Record, RobotCommand
+from forcemesh.messages import ArbiterStatus, RobotCommand
+from forcemesh.records import Record
 from forcemesh.requests import ArmRequest
 from forcemesh.topics import HEALTH
 from services.arbiter.service import ArbiterService
@@ -53,7 +54,7 @@ class Cellmates(Bench):
 
     def change(self, name: str, **changes: Any) -> None:
         """Change fields of the message of one role."""
-        self.messages[name] = self.messages[name].model_copy(update=changes)
+        self.messages[name] = self.messages[name].replaced(**changes)
 
     def add_rival(self, name: str) -> None:
         """Start a second process that publishes the topic of one role."""

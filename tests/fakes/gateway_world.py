@@ -13,13 +13,14 @@ from controller.packet_table import NO_ID, Com, FeedbackSwitch, Status, next_id
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
-from forcemesh.codec import Header, encode
+from forcemesh.codec import Header
 from forcemesh.faults import FAULTS
 from forcemesh.messages import Permission, RobotCommand, Speed, WrenchAtTcp
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from tests.contract.rig import DEADLINE_S, gateway_cell
 from tests.fakes.dialogues import last_id
+from tests.fakes.records import encode_unchecked
 from tests.fuzz.permissive_arbiter import MOTIONS, PermissiveController, pose_of_vec
 
 PAUSE_NS = 100_000_000
@@ -161,7 +162,7 @@ class GatewayWorld:
             seq=self.seq, epoch=self.epoch, boot=self.clock.boot,
             stamp_ns=stamp_ns, topic=f"{self.cell.cell}/{topics.ROBOT_COMMAND.key}",
         )  # fmt: skip
-        data = encode(header, command)
+        data = encode_unchecked(header, command)
         self._put(data)
         self.allowed, self.kind = None, command.kind
         permission = command.permission

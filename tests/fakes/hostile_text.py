@@ -1,12 +1,15 @@
 """Messages with markup in every text field, which a browser must show as text."""
 
 import types
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from msgspec.structs import fields
 
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.codec import Header
-from forcemesh.messages import Message, Record
+from forcemesh.messages import Message
+from forcemesh.records import Record
 from services.panel.watch import Snapshot
 
 MARKUP = (
@@ -33,13 +36,14 @@ def harmless(name: str) -> str:
 def filled(model: type[Record], text: Any, where: str = "") -> Any:
     """Return a message with `text(name of the field)` in every text field at any depth."""
     values = {}
-    for name, field in model.model_fields.items():
-        value = _value(field.annotation, text, f"{where or model.__name__}.{name}")
-        if value is None and field.is_required():
-            value = PLAIN.get(field.annotation)
+    hints = get_type_hints(model)
+    for field in fields(model):
+        value = _value(hints[field.name], text, f"{where or model.__name__}.{field.name}")
+        if value is None and field.required:
+            value = PLAIN.get(hints[field.name])
         if value is not None:
-            values[name] = value
-    return model.model_construct(**(model.model_construct().__dict__ | values))
+            values[field.name] = value
+    return model(**values)
 
 
 def _value(kind: Any, text: Any, where: str) -> Any:
@@ -49,8 +53,6 @@ def _value(kind: Any, text: Any, where: str) -> Any:
     if isinstance(kind, type) and issubclass(kind, Record):
         return filled(kind, text, where) if _holds_text(kind) else None
     origin, inner = get_origin(kind), get_args(kind)
-    if origin is Annotated:
-        return _value(inner[0], text, where)
     if origin is tuple and inner[-1] is Ellipsis:
         one = _value(inner[0], text, where)
         return None if one is None else (one,)
@@ -64,7 +66,7 @@ def _holds_text(kind: Any) -> bool:
     if get_origin(kind) is Literal:
         return False
     if isinstance(kind, type) and issubclass(kind, Record):
-        return any(_holds_text(field.annotation) for field in kind.model_fields.values())
+        return any(map(_holds_text, get_type_hints(kind).values()))
     return kind is str or any(_holds_text(each) for each in get_args(kind))
 
 
@@ -77,8 +79,8 @@ def reading(message: Message, fault: str = "") -> Reading[Any]:
 def snapshot(text: Any) -> Snapshot:
     """Return the snapshot of a cell whose processes all publish such texts."""
     of = {topic.key: filled(topic.message, text) for topic in topics.TOPICS}
-    status = of["arbiter/status"].model_copy(update={"state": "FAULT", "valid": True})
-    wrench = of["wrench"].model_copy(update={"calibrated": False})
+    status = of["arbiter/status"].replaced(state="FAULT", valid=True)
+    wrench = of["wrench"].replaced(calibrated=False)
     return Snapshot(
         now_ns=1,
         hub_fault="",

@@ -27,7 +27,7 @@ class Line:
         stamp_ns = self.clock.now_ns()
         fields = {"seq": seq, "epoch": 1, "boot": self.clock.boot, "stamp_ns": stamp_ns}
         fields |= {"topic": f"{CELL}/{self.reader.topic.key}"}
-        return Header.model_validate(fields | changes)
+        return Header.from_dict(fields | changes)
 
     def deliver(self, seq: int, message: SensorWrench | None = None, **changes: Any) -> bool:
         """Put a message into the channel and poll; return whether it was accepted."""

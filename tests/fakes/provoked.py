@@ -100,7 +100,7 @@ def change_calibration(cell: Cellmates) -> None:
 def place(x_m: float) -> Provoke:
     """Set the flange's position along base x."""
     record = record_of(pin.SE3(T_START.rotation, T_START.translation + np.array([x_m, 0.0, 0.0])))
-    return change_message("robot", **record.model_dump())
+    return change_message("robot", **record.as_dict())
 
 
 # fmt: off

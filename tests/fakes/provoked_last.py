@@ -41,7 +41,7 @@ def search_too_far() -> str:
     bench = pressing()
     down_m = np.array([0.0, 0.0, -1.1 * CELL.force.search_m])
     there = record_of(pin.SE3(T_START.rotation, T_START.translation + down_m))
-    bench.robot = bench.robot.model_copy(update=there.model_dump())
+    bench.robot = bench.robot.replaced(**there.as_dict())
     bench.step(2)
     return bench.published().code
 

@@ -11,7 +11,8 @@ from forcemesh import topics
 from forcemesh.bus import Bus, Publisher
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.codec import decode_record, encode_record
-from forcemesh.messages import ArbiterState, ArbiterStatus, Message, Record, RecorderStatus
+from forcemesh.messages import ArbiterState, ArbiterStatus, Message, RecorderStatus
+from forcemesh.records import Record
 from forcemesh.requests import Empty, RecordRequest, Reply
 from forcemesh.topics import CLIENT, TOPICS, Request, Topic
 from services.recorder.service import Recorder
@@ -67,7 +68,7 @@ class RecorderBench:
         """Trip an arm that was in motion."""
         self.send(topics.ARBITER_STATUS, ArbiterStatus(state="ACTIVE"))
         self.pass_s(0.1)
-        status = ArbiterStatus.model_validate({"state": state, "trips": (TRIP | {"code": code},)})
+        status = ArbiterStatus.from_dict({"state": state, "trips": (TRIP | {"code": code},)})
         self.send(topics.ARBITER_STATUS, status)
         self.pass_s(0.1)
 

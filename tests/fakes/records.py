@@ -3,14 +3,16 @@
 import types
 from collections.abc import Iterator
 from functools import cache
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from hypothesis import strategies as st
-from pydantic import BaseModel
-from pydantic.fields import FieldInfo
+from msgspec import Meta
+from msgspec.structs import asdict
 
+from forcemesh.codec import pack
 from forcemesh.messages import PoseRecord
+from forcemesh.patterns import NO_BREAK
+from forcemesh.records import Record
 from forcemesh.requests import FARTHEST_M
 
 INT64 = (-(2**63), 2**63 - 1)
@@ -19,41 +21,38 @@ Path = tuple[str | int, ...]
 
 
 @cache
-def records(record_type: type[BaseModel]) -> st.SearchStrategy[Any]:
+def records(record_type: type[Record]) -> st.SearchStrategy[Any]:
     """Return the strategy of any record of a type; poses are valid for requests."""
     if record_type is PoseRecord:
         position = st.tuples(*[st.floats(-FARTHEST_M, FARTHEST_M)] * 3)
         return st.builds(
             PoseRecord, position_m=position, orientation_xyzw=st.tuples(*[st.floats(-1.0, 1.0)] * 4)
         )
-    fields = record_type.model_fields
-    return st.builds(
-        record_type,
-        **{name: _values(info.annotation, info.metadata) for name, info in fields.items()},
-    )
+    hints = get_type_hints(record_type, include_extras=True)
+    return st.builds(record_type, **{name: _values(kind) for name, kind in hints.items()})
 
 
-def _values(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
+def _values(annotation: Any, bounds: Meta | None = None) -> st.SearchStrategy[Any]:
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        return _values(args[0], metadata + _flat(args[1:]))
+        return _values(*args)
     if origin in (Union, types.UnionType):
-        return st.one_of(*(_values(arg, metadata) for arg in args))
+        return st.one_of(*map(_values, args))
     if origin is Literal:
         return st.sampled_from(args)
     if origin is tuple and args[-1] is Ellipsis:
-        least = max((item.min_length for item in metadata if isinstance(item, MinLen)), default=0)
-        return st.lists(_values(args[0], []), min_size=least, max_size=3).map(tuple)
+        least = getattr(bounds, "min_length", None) or 0
+        return st.lists(_values(args[0]), min_size=least, max_size=3).map(tuple)
     if origin is tuple:
-        return st.tuples(*(_values(arg, []) for arg in args))
+        return st.tuples(*map(_values, args))
     if origin is dict:
-        return st.dictionaries(_values(args[0], []), _values(args[1], []), max_size=3)
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return st.dictionaries(*map(_values, args), max_size=3)
+    if isinstance(annotation, type) and issubclass(annotation, Record):
         return records(annotation)
-    return _scalars(annotation, metadata)
+    return _scalars(annotation, bounds or Meta())
 
 
-def _scalars(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
+def _scalars(annotation: Any, bounds: Meta) -> st.SearchStrategy[Any]:
     if annotation is type(None):
         return st.none()
     if annotation is bool:
@@ -61,36 +60,18 @@ def _scalars(annotation: Any, metadata: list[Any]) -> st.SearchStrategy[Any]:
     if annotation is int:
         return st.integers(*INT64)
     if annotation is str:
-        for pattern in filter(None, (getattr(item, "pattern", None) for item in metadata)):
-            return st.from_regex(pattern, fullmatch=True)
-        longest = min([LONGEST_TEXT, *(m.max_length for m in metadata if isinstance(m, MaxLen))])
-        return st.text(max_size=longest)
+        if bounds.pattern is not None:
+            return st.from_regex(bounds.pattern.removesuffix(NO_BREAK), fullmatch=True)
+        return st.text(max_size=min(LONGEST_TEXT, bounds.max_length or LONGEST_TEXT))
     assert annotation is float, f"a field of type {annotation} is new: teach this module about it"
-    low, high = _bound(metadata, Ge, Gt), _bound(metadata, Le, Lt)
     return st.floats(
-        low[0],
-        high[0],
-        exclude_min=low[1],
-        exclude_max=high[1],
+        bounds.ge if bounds.gt is None else bounds.gt,
+        bounds.le if bounds.lt is None else bounds.lt,
+        exclude_min=bounds.gt is not None,
+        exclude_max=bounds.lt is not None,
         allow_nan=False,
         allow_infinity=False,
     )
-
-
-def _bound(metadata: list[Any], closed: type, opened: type) -> tuple[float | None, bool]:
-    for item in metadata:
-        if isinstance(item, closed):
-            return getattr(item, closed.__name__.lower()), False
-        if isinstance(item, opened):
-            return getattr(item, opened.__name__.lower()), True
-    return None, False
-
-
-def _flat(metadata: tuple[Any, ...]) -> list[Any]:
-    flat: list[Any] = []
-    for item in metadata:
-        flat += item.metadata if isinstance(item, FieldInfo) else [item]
-    return flat
 
 
 def full(annotation: Any, text: str = "text") -> Any:
@@ -106,10 +87,31 @@ def full(annotation: Any, text: str = "text") -> Any:
         return tuple(full(arg, text) for arg in args if arg is not Ellipsis)
     if origin is dict:
         return {"name": full(args[1], text)}
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        fields = annotation.model_fields
-        return {name: full(info.annotation, text) for name, info in fields.items()}
+    if isinstance(annotation, type) and issubclass(annotation, Record):
+        return {name: full(kind, text) for name, kind in get_type_hints(annotation).items()}
     return {bool: True, int: 7, str: text, float: 0.5}[annotation]
+
+
+def constructed(record_type: type[Record], values: dict[str, Any]) -> Record:
+    """Return a record of plain data as its constructor makes it, unchecked, records within too."""
+    hints = get_type_hints(record_type)
+    return record_type(**{name: _made(hints[name], value) for name, value in values.items()})
+
+
+def _made(annotation: Any, value: Any) -> Any:
+    if value is None or (isinstance(annotation, type) and not issubclass(annotation, Record)):
+        return value
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin in (Union, types.UnionType):
+        return _made(args[0], value)
+    if origin is tuple and isinstance(value, tuple):
+        return tuple(_made(args[0], part) for part in value)
+    return constructed(annotation, value) if origin is None else value
+
+
+def encode_unchecked(head: Record, record: Record) -> bytes:
+    """Return the bytes of a message with wrong values, which our own programs do not send."""
+    return pack(asdict(head) | asdict(record))
 
 
 def places(data: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:

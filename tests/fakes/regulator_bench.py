@@ -98,7 +98,7 @@ class FollowingBench(RegulatorBench):
         target = self.published()
         if not target.valid or target.pose is None:
             return
-        self.robot = self.robot.model_copy(update=target.pose.model_dump())
+        self.robot = self.robot.replaced(**target.pose.as_dict())
         self.poses.append(pose_of(target.pose) * T_FLANGE_TCP)
         before, after = self.poses[-2:]
         self.steps_m.append(float(np.linalg.norm(after.translation - before.translation)))

@@ -11,7 +11,8 @@ from forcemesh import topics
 from forcemesh.bus import Bus, Reader
 from forcemesh.clock import ManualClock
 from forcemesh.codec import Header, encode, encode_record
-from forcemesh.messages import Message, Record
+from forcemesh.messages import Message
+from forcemesh.records import Record
 from forcemesh.topics import Request, Topic
 from launch.virtual_cell import VirtualCell
 from services.regulator.service import Regulator
@@ -28,7 +29,7 @@ TOPIC_ORDER: tuple[Topic[Any], ...] = (
 
 def line_of(header: Header, message: Message) -> str:
     """Return the line that `forcemesh watch --json` prints for a message."""
-    return json.dumps(header.model_dump() | message.model_dump())
+    return json.dumps(header.as_dict() | message.as_dict())
 
 
 class Capture:
@@ -58,7 +59,7 @@ class Capture:
         """Send a request and record its time."""
         if request.server == "regulator":
             entry = {"request": request.key, "stamp_ns": self.world.clock.now_ns()}
-            self.lines.append(json.dumps(entry | {"fields": message.model_dump()}))
+            self.lines.append(json.dumps(entry | {"fields": message.as_dict()}))
         reply = self.world.client.ask(request, message)
         assert reply.accepted, reply.text
 
@@ -73,13 +74,13 @@ def replay(lines: list[str], cell: CellConfig) -> Iterator[tuple[bytes, bytes]]:
         fields = json.loads(line)
         if "request" in fields:
             request = next(r for r in topics.REQUESTS if r.key == fields["request"])
-            entry = request.message.model_validate(fields["fields"], strict=False)
+            entry = request.message.from_dict(fields["fields"])
             calls = transport.serve(f"{cell.cell}/{request.key}")
             calls.waiting.append(MemoryCall(encode_record(entry, f"{cell.cell}/{request.key}")))
             continue
-        header = Header.model_validate(fields)
+        header = Header.from_dict(fields)
         topic = find_topic(header.topic.partition("/")[2])
-        message = topic.message.model_validate_json(line)
+        message = topic.message.from_dict(fields)
         if topic is not topics.REGULATOR_TARGET:
             key, data = f"{cell.cell}/{topic.key}", encode(header, message)
             transport.publish(key, topic.qos)(data)
@@ -88,4 +89,4 @@ def replay(lines: list[str], cell: CellConfig) -> Iterator[tuple[bytes, bytes]]:
         regulator.step(header.stamp_ns)
         now = received.read(header.stamp_ns).message
         assert now is not None
-        yield message.model_dump_json().encode(), now.model_dump_json().encode()
+        yield message.as_json().encode(), now.as_json().encode()

@@ -52,7 +52,7 @@ class TouchedPlant(RegulatorBench):
             super().step()
             target = self.published()
             if target.valid and target.pose is not None:
-                self._poses.append(self.robot.model_copy(update=target.pose.model_dump()))
+                self._poses.append(self.robot.replaced(**target.pose.as_dict()))
             else:
                 self._poses.append(self._poses[-1])
             self.robot = self._poses[0]

@@ -42,9 +42,9 @@ class WrenchBench(Bench):
             pose = record_of(pin.SE3(self.R_base_flange, self.p_m))
             self.put(
                 topics.ROBOT_STATE,
-                RobotState.model_validate(
+                RobotState.from_dict(
                     {
-                        **pose.model_dump(),
+                        **pose.as_dict(),
                         "status": self.status,
                         "valid": "robot!" not in self.silent,
                     }
@@ -63,7 +63,7 @@ class WrenchBench(Bench):
             "force_N": tuple((R.T @ (weight_N + self.force_N) + BIAS_N).tolist()),
             "torque_Nm": tuple((R.T @ moment_Nm + BIAS_NM).tolist()),
         }
-        return SensorWrench.model_validate(truth | self.sensor)
+        return SensorWrench.from_dict(truth | self.sensor)
 
     def published(self) -> WrenchAtTcp:
         """Return the newest wrench."""

@@ -12,7 +12,8 @@ import msgpack
 
 from forcemesh.codec import decode, decode_record, encode, encode_record
 from forcemesh.errors import MessageError
-from forcemesh.messages import Message, Record
+from forcemesh.messages import Message
+from forcemesh.records import Record
 from forcemesh.requests import Reply
 from forcemesh.topics import REQUESTS, TOPICS
 from tests.fuzz.targets import seeds
@@ -29,7 +30,7 @@ ODD: tuple[Any, ...] = (
 def mutate(data: bytes, max_size: int, seed: int, plain: Callable[[bytes, int], bytes]) -> bytes:
     """Mutate at field level, occasionally at byte level.
 
-    The fuzzer has no coverage of msgpack and pydantic and discards long inputs: most mutations
+    The fuzzer has no coverage of msgpack and msgspec and discards long inputs: most mutations
     start from a seed.
     """
     rng = random.Random(seed)

@@ -76,7 +76,7 @@ def arbiter(record: m.RobotCommand) -> Content:
         numbers |= {} if goal.joint_rad is None else {"command joints": [*goal.joint_rad]}
     who = None if permission is None else (permission.host, permission.lease, permission.ownership)
     why = None if permission is None else permission.purpose
-    speed = tuple(record.speed.model_dump().values())
+    speed = tuple(record.speed.as_dict().values())
     return Content(numbers, (record.kind, record.commander, who, why, speed, record.limited))
 
 
@@ -118,7 +118,7 @@ def _pose(name: str, pose: m.PoseRecord | None) -> dict[str, Row]:
 def _feedback(name: str, record: m.Feedback | None) -> dict[str, Row]:
     if record is None:
         return {}
-    gains = [number for three in record.gains.model_dump().values() for number in three]
+    gains = [number for three in record.gains.as_dict().values() for number in three]
     return {name: [*record.setpoint_force_N, *record.lever_m, *gains]}
 
 

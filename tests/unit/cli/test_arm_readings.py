@@ -98,9 +98,7 @@ def test_a_wrench_that_force_feedback_must_not_use_is_shown_with_the_reason(cell
     fault = "no calibration"
     cell.put(
         topics.WRENCH,
-        WRENCH.model_copy(
-            update={"calibrated": False, "axes_checked": False, "calibration_fault": fault}
-        ),
+        WRENCH.replaced(calibrated=False, axes_checked=False, calibration_fault=fault),
     )
     lines = cell.lines(Health(numbers={"tare_age_h": 30.25}))
     assert lines["calibration"] == (

@@ -83,7 +83,7 @@ class StandIn:
                     self.requests.append(incoming.request)
                     incoming.reply(self.reply)
                 command.put(RobotCommand(speed=Speed(accel_fraction=0.25, mechanical_m_s=0.1)))
-                status.put(ArbiterStatus.model_validate({"state": self.state}))
+                status.put(ArbiterStatus.from_dict({"state": self.state}))
                 if self.wrench is not None:
                     wrench.put(self.wrench)
                 robot.put(RobotState(position_m=(0.1, 0.2, 0.3), goal=self.goal))

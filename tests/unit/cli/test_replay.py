@@ -96,7 +96,7 @@ def test_a_replay_as_another_cell_has_its_name_in_every_message(recording: Path)
         header, message = decode(data, MESSAGES[each.topic], f"other/{each.topic}")
         then, before = decode(each.data, MESSAGES[each.topic], f"demo/{each.topic}")
         assert key == header.topic
-        assert (header.model_copy(update={"topic": then.topic}), message) == (then, before)
+        assert (header.replaced(topic=then.topic), message) == (then, before)
 
 
 @pytest.mark.parametrize("speed", [0.5, 4.0])

@@ -13,7 +13,7 @@ from tests.fakes.lab import Lab
 def ask(cell: ConfiguredCell, lab: Lab, commander: str) -> Move:
     """Request a move up."""
     pose = lab.target(z_m=0.04)
-    request = MoveRequest.model_validate({"kind": "pose", "pose": pose, "commander": commander})
+    request = MoveRequest.from_dict({"kind": "pose", "pose": pose, "commander": commander})
     return cell.move.begin(request)
 
 

@@ -126,4 +126,4 @@ def test_a_trip_makes_a_refusal_that_can_be_sent() -> None:
     """The longest text that a trip may hold is not too long for a reply."""
     trip = Trip(code="c" * 500, rule=1, text="t" * 500, value=1.0, limit=2.0)
 
-    assert Reply(accepted=False, **trip.model_dump()).limit == 2.0
+    assert Reply.from_dict({"accepted": False, **trip.as_dict()}).limit == 2.0

@@ -117,7 +117,7 @@ def test_a_kept_message_of_an_older_version_is_read(version: int, key: str) -> N
     data = KEPT[version, key]
     header, message = decode_recorded(data, BY_KEY[key].message, key)
     written = msgpack.unpackb(data, use_list=False)
-    read = header.model_dump() | message.model_dump()
+    read = header.as_dict() | message.as_dict()
     for name in (written.keys() & read.keys()) - (CHANGED if key in MOVED else set()):
         assert as_written(read[name], written[name]) == written[name], name
     for old_path, new_path in MOVED.get(key, []):

@@ -12,6 +12,7 @@ from forcemesh import messages as m
 from forcemesh import requests as q
 from forcemesh import topics
 from forcemesh.codec import Header, encode
+from forcemesh.records import Record
 from forcemesh.topics import (
     CLIENT,
     HEALTH,
@@ -36,14 +37,14 @@ each_row = pytest.mark.parametrize("row", ROWS, ids=lambda row: row.key)
 each_cell = pytest.mark.parametrize("path", CELLS, ids=lambda path: path.stem)
 
 TEXT = "robot/state stale: 123 ms old, limit 100 ms"
-POSE = m.PoseRecord.model_validate(full(m.PoseRecord))
-FEEDBACK = m.Feedback.model_validate(full(m.Feedback))
+POSE = m.PoseRecord.from_dict(full(m.PoseRecord))
+FEEDBACK = m.Feedback.from_dict(full(m.Feedback))
 TRIP = m.Trip(code="workspace", rule=401, text=TEXT, value=0.1234, limit=0.12)
 # Messages with a fault that a full one does not show; two kinds of command exclude each other.
 # Of every other row: one with every field set.
 REALISTIC: dict[str, m.Message] = {
     "robot/state": m.RobotState(
-        accepted=m.Accepted.model_validate(full(m.Accepted)),
+        accepted=m.Accepted.from_dict(full(m.Accepted)),
         goal=m.GoalReport(id=12345, state="refused", reason=TEXT),
         hold=TRIP,
         joint_rad=(0.1,) * 7,
@@ -128,7 +129,7 @@ def test_a_client_may_watch_everything(topic: Topic[Any]) -> None:
 def test_a_role_serves_each_request(request_row: Request[Any]) -> None:
     """A client asks, a role answers; the message is a record that has no header."""
     assert request_row.server in (*ROLES, *HELPERS)
-    assert issubclass(request_row.message, m.Record)
+    assert issubclass(request_row.message, Record)
     assert not issubclass(request_row.message, m.Message)
 
 
@@ -206,7 +207,7 @@ def test_a_message_without_content_can_be_published(topic: Topic[Any]) -> None:
 @each_topic
 def test_a_message_fits_in_a_packet_of_the_network(topic: Topic[Any]) -> None:
     """Below 1 kB on a bad day too: one Ethernet frame, no fragments."""
-    every_field = topic.message.model_validate(full(topic.message))
+    every_field = topic.message.from_dict(full(topic.message))
     message = REALISTIC.get(topic.key, every_field)
 
     assert isinstance(message, topic.message)

@@ -91,7 +91,7 @@ def a_state(**changes: object) -> RobotState:
         status=status,
         link=LinkHealth(connected=True),
     )
-    return state.model_copy(update=changes)
+    return state.replaced(**changes)
 
 
 def _xyzw() -> np.ndarray:

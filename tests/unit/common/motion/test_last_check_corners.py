@@ -67,7 +67,7 @@ def test_before_a_lease_no_move_of_joints_is_let_through_and_no_tether_pulls() -
     guard = LastCheck(CELL)
     assert guard.arm(T_START, JOINTS, 0) is None
     for kind in ("joints", "by"):
-        goal = Goal.model_validate({"id": 1, "kind": kind, "joint_rad": JOINTS})
+        goal = Goal.from_dict({"id": 1, "kind": kind, "joint_rad": JOINTS})
         trip = guard.goal(goal, Speed(), T_START, JOINTS)
         assert trip is not None
         assert trip.code == "no_lease"
@@ -81,9 +81,9 @@ def test_from_an_unknown_place_the_end_of_a_move_counts() -> None:
     here = World().messages["robot"]
     assert isinstance(here, RobotState)
     pose = {"position_m": here.position_m, "orientation_xyzw": here.orientation_xyzw}
-    goal = Goal.model_validate({"id": 1, "kind": "pose", "pose": pose})
+    goal = Goal.from_dict({"id": 1, "kind": "pose", "pose": pose})
     assert guard.goal(goal, Speed(), nowhere, JOINTS) is None
-    far = Goal.model_validate({"id": 1, "kind": "pose", "pose": pose | {"position_m": (9.0,) * 3}})
+    far = Goal.from_dict({"id": 1, "kind": "pose", "pose": pose | {"position_m": (9.0,) * 3}})
     trip = guard.goal(far, Speed(), nowhere, JOINTS)
     assert trip is not None
     assert trip.code == "workspace"

@@ -366,7 +366,7 @@ TURN = Goal(id=1, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
 PRESS = Feedback(
     mode="both", setpoint_force_N=(0.0, 10.0, 0.0), lever_m=(0.0, 0.0, 0.0), gains=Gains()
 )
-HARD_PRESS = PRESS.model_copy(update={"setpoint_force_N": (0.0, 41.0, 0.0)})
+HARD_PRESS = PRESS.replaced(setpoint_force_N=(0.0, 41.0, 0.0))
 
 
 @pytest.mark.parametrize(

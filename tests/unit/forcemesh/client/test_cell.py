@@ -220,7 +220,7 @@ def test_gains_come_back_as_numbers(calm: ConfiguredCell) -> None:
     assert isinstance(before, Gains)
     assert before.force_i_m_per_Ns[0] > 0.0
     after = calm.force.gains(force_i_m_per_Ns=(1e-5, 2e-5, 3e-5))
-    assert after == before.model_copy(update={"force_i_m_per_Ns": (1e-5, 2e-5, 3e-5)})
+    assert after == before.replaced(force_i_m_per_Ns=(1e-05, 2e-05, 3e-05))
 
 
 def test_speeds_that_are_left_out_keep_their_value(calm: ConfiguredCell) -> None:
@@ -228,7 +228,7 @@ def test_speeds_that_are_left_out_keep_their_value(calm: ConfiguredCell) -> None
     before = calm.speed()
     returned = calm.speed(mechanical_m_s=0.02)
     calm.session.clock.sleep_s(0.05)
-    assert calm.speed() == returned == before.model_copy(update={"mechanical_m_s": 0.02})
+    assert calm.speed() == returned == before.replaced(mechanical_m_s=0.02)
 
 
 def test_a_service_that_died_is_named(lab: Lab, cell: ConfiguredCell) -> None:

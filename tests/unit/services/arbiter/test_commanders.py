@@ -204,7 +204,7 @@ def test_speeds_are_refused_above_the_limit_and_used_from_then_on() -> None:
     fast = Speed(mechanical_m_s=LIMITS.speed_m_s * 2.0, modular_fraction=0.51)
     reply = world.core.set_speed(fast)
     assert (reply.accepted, reply.code, reply.limit) == (False, "speed", LIMITS.speed_m_s)
-    right = fast.model_copy(update={"modular_fraction": 0.5})
+    right = fast.replaced(modular_fraction=0.5)
     reply = world.core.set_speed(right)
     assert reply.value == pytest.approx(LIMITS.speed_m_s)
     assert "250.0 mm/s" in reply.text
@@ -217,7 +217,7 @@ def test_the_speed_of_a_move_is_for_that_move_only() -> None:
     world = World().make_armed()
     slow = Speed(mechanical_m_s=0.01, accel_fraction=0.3)
     world.core.set_speed(slow)
-    world.core.move(MOVE_DOWN.model_copy(update={"speed_m_s": 0.2}), world.inputs())
+    world.core.move(MOVE_DOWN.replaced(speed_m_s=0.2), world.inputs())
     speed = world.tick().speed
     assert speed.mechanical_m_s * speed.modular_fraction == pytest.approx(0.2)
     assert speed.accel_fraction == 0.3

@@ -39,7 +39,7 @@ TAKES = {
     ("controller", "operator"),
     ("program", "operator"),
 }
-BY_PROGRAM = MOVE_DOWN.model_copy(update={"commander": "program"})
+BY_PROGRAM = MOVE_DOWN.replaced(commander="program")
 FIRST_M = CELL.limits.accel_m_s2 * (PERIOD_NS * 1e-9) ** 2  # travel of the first period from rest
 pairs = list(product(OWNERS, REQUESTERS))
 
@@ -143,7 +143,7 @@ def test_force_feedback_never_takes_the_arm_from_a_move(owner: str, host: str) -
     world = RobotWorld().give(owner)
     world.ask(host)
     assert {command.kind for command in [world.tick() for _ in range(50)]} == {"goal"}
-    world.change("robot", goal=world.robot.goal.model_copy(update={"state": "done"}))
+    world.change("robot", goal=world.robot.goal.replaced(state="done"))
     assert world.tick().kind == "idle"
     assert world.tick(100).kind == "idle"
 
@@ -160,7 +160,7 @@ def test_a_regulator_begins_at_the_measured_pose_at_rest(
 ) -> None:
     """For any delay and braking of the robot; meanwhile the regulator receives the pose."""
     world = RobotWorld(lag_periods=lag, brake_periods=brake).give("program")
-    world.change("robot", goal=world.robot.goal.model_copy(update={"state": "done"}))
+    world.change("robot", goal=world.robot.goal.replaced(state="done"))
     world.tick()
     world.place(pose_of(shifted(z_m=stop_z_m)))
     world.tick()

@@ -146,7 +146,7 @@ class ArbiterMachine(RuleBasedStateMachine):
     def move(self, move: MoveRequest, requester: Any) -> None:
         """Move as an operator or a program."""
         before = self.world.core.status()
-        move = move.model_copy(update={"commander": requester})
+        move = move.replaced(commander=requester)
         reply = self.world.core.move(move, self.world.inputs())
         self.note(reply)
         ranks = ("none", "regulator", "program", "operator")
@@ -187,7 +187,7 @@ class ArbiterMachine(RuleBasedStateMachine):
         """Let the robot move or rest, with an echo of this or another turn."""
         turn += self.world.core.status().ownership
         echo = Accepted(epoch=1, seq=1, ownership=turn, at_ns=1)
-        status = FIT.model_copy(update={"moving": moving})
+        status = FIT.replaced(moving=moving)
         self.world.change("robot", status=status, accepted=echo)
 
     @rule(hold_reason=st.sampled_from(["", "out of reach"]))

@@ -55,7 +55,7 @@ def follow(world: World, command: RobotCommand) -> None:
     world.place(pin.SE3(target.rotation, T.translation + share * travel))
     state = "done" if share == 1.0 else "running"
     report = {"id": command.goal.id, "state": state}
-    world.change("robot", goal=robot_of(world).goal.model_copy(update=report))
+    world.change("robot", goal=robot_of(world).goal.replaced(**report))
 
 
 def spring(world: World, stiffness_N_m: float, force_N: float) -> None:

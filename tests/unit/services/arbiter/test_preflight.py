@@ -57,7 +57,7 @@ def test_an_arm_that_has_just_moved_is_not_armed() -> None:
 def test_an_arm_whose_controller_reports_motion_is_not_armed() -> None:
     """This holds also when its pose does not show it."""
     world = World().make_ready()
-    world.change("robot", status=FIT.model_copy(update={"moving": True}))
+    world.change("robot", status=FIT.replaced(moving=True))
     world.pass_s(1.0)
     assert refused_with(world) == ("moving", False)
     assert any("at rest" in line for line in world.core.status().not_ready)
@@ -75,7 +75,7 @@ def test_noise_of_the_pose_is_rest() -> None:
 def test_commanded_motion_is_no_fault() -> None:
     """The status of an arm that moves under a goal does not require rest."""
     world = World().make_active("operator")
-    world.change("robot", status=FIT.model_copy(update={"moving": True}))
+    world.change("robot", status=FIT.replaced(moving=True))
     world.tick()
     assert world.core.status().not_ready == ()
 

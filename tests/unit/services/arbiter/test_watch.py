@@ -232,7 +232,7 @@ def pair(robot_seq: int, wrench_seq: int, apart_ns: int) -> Inputs:
     header = Header(seq=robot_seq, epoch=1, boot="virtual", stamp_ns=S)
     behind = {"seq": wrench_seq, "sensor_stamp_ns": S - apart_ns, "sensor_seq": 1}
     robot = one.robot._replace(header=header)
-    wrench = one.wrench._replace(header=header.model_copy(update=behind))
+    wrench = one.wrench._replace(header=header.replaced(**behind))
     return dataclasses.replace(one, robot=robot, wrench=wrench)
 
 
@@ -282,7 +282,7 @@ def test_a_missing_input_has_no_age(lost: str) -> None:
     one = pair(3, 3, S)
     header = one.wrench.header
     if lost == "sample" and header is not None:
-        header = header.model_copy(update={"sensor_stamp_ns": None})
+        header = header.replaced(sensor_stamp_ns=None)
         missing: Any = {"wrench": one.wrench._replace(header=header)}
     else:
         missing = {lost: getattr(one, lost)._replace(header=None)}
@@ -303,7 +303,7 @@ def test_two_periods_of_the_slower_topic_may_lie_between_pose_and_wrench(
         one = world.inputs()
         header = Header(seq=seq, epoch=1, boot="virtual", stamp_ns=world.now_ns)
         behind = {"sensor_stamp_ns": world.now_ns - round(apart_s * S), "sensor_seq": seq}
-        wrench = one.wrench._replace(header=header.model_copy(update=behind))
+        wrench = one.wrench._replace(header=header.replaced(**behind))
         robot = one.robot._replace(header=header)
         updated = world.watch.update(dataclasses.replace(one, robot=robot, wrench=wrench))
         reported_codes = {trip.code for trip in updated.watched.faults}

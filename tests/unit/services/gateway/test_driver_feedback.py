@@ -53,8 +53,8 @@ class FeedbackCell:
         for _ in range(10):
             command = self.world.permitted("feedback", feedback=feedback)
             assert command.permission is not None
-            permission = command.permission.model_copy(update=more)
-            self.world.send(command.model_copy(update={"permission": permission}))
+            permission = command.permission.replaced(**more)
+            self.world.send(command.replaced(permission=permission))
             self.world.live(5)
 
     def commands_after(self, mode: Any = "position", **changes: Any) -> list[tuple[Com, int]]:

@@ -161,11 +161,11 @@ class GatewayMachine(RuleBasedStateMachine):
     def send_nan(self, kind: str, axis: int) -> None:
         """Send a pose with NaN."""
         x, y, z = (nan if number == axis else 0.3 for number in range(3))
-        pose = PoseRecord.model_construct(position_m=(x, y, z), orientation_xyzw=(0, 0, 0, 1))
+        pose = PoseRecord(position_m=(x, y, z), orientation_xyzw=(0, 0, 0, 1))
         content: dict[str, Any] = {"pose": pose}
         if kind == "goal":
-            content = {"goal": goal(self.goal_id, "joints").model_copy(update=content)}
-        command = self.world.permitted("idle").model_copy(update={"kind": kind} | content)
+            content = {"goal": goal(self.goal_id, "joints").replaced(**content)}
+        command = self.world.permitted("idle").replaced(**({"kind": kind} | content))
         self.world.send(command, keep=False)
         self.world.allowed = None
         self.world.live(2)
@@ -304,9 +304,7 @@ def hold_without_code(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         CommandGate,
         "_refuse",
-        lambda gate, why: replace(
-            original_refuse(gate, why), hold=why.model_copy(update={"code": ""})
-        ),
+        lambda gate, why: replace(original_refuse(gate, why), hold=why.replaced(code="")),
     )
 
 

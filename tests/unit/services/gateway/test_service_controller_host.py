@@ -78,7 +78,7 @@ def test_a_move_waits_until_force_feedback_has_ended(cell: GatewayCell) -> None:
 def test_new_gains_reach_a_running_feedback(cell: GatewayCell) -> None:
     """The gains are sent without a stop."""
     start_feedback(cell)
-    gains = GAINS.model_copy(update={"force_p_m_per_N": (3e-6, 3e-6, 3e-6)})
+    gains = GAINS.replaced(force_p_m_per_N=(3e-06, 3e-06, 3e-06))
     cell.rig.send("feedback", host="controller", feedback=Feedback(mode="position", gains=gains))
     cell.rig.until(lambda: cell.controller.robot.gains_p[0] == 1500)
     assert len(cell.controller.of(Com.FEEDBACK)) == 1

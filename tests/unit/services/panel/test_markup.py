@@ -110,7 +110,7 @@ def test_the_log_of_faults_shows_foreign_codes_as_text():
 
 def filled_status(text):
     """Return a recorder's status with this text in all fields."""
-    return filled(RecorderStatus, text).model_copy(update={"recording": True})
+    return filled(RecorderStatus, text).replaced(recording=True)
 
 
 def progress(text):

@@ -155,7 +155,7 @@ def test_a_latency_is_shown_once():
     now = Snapshot(robot=received(RobotState(accepted=taken)))
     assert readout.numbers(now)["chain"] == pytest.approx(4.0)
     assert "chain" not in readout.numbers(now)
-    later = taken.model_copy(update={"seq": 8})
+    later = taken.replaced(seq=8)
     assert "chain" in readout.numbers(Snapshot(robot=received(RobotState(accepted=later))))
 
 

@@ -56,7 +56,7 @@ def of_every_topic(rounds: int = 3) -> list[Frame]:
     frames = []
     for number in range(rounds * len(TOPICS)):
         topic, at_ns = TOPICS[number % len(TOPICS)], SECOND + number * SECOND // 10
-        message = topic.message.model_validate(full(topic.message))
+        message = topic.message.from_dict(full(topic.message))
         data = encode(header(1 + number // len(TOPICS), topic, at_ns), message)
         frames.append(Frame(place(topic), at_ns, data))
     return frames
@@ -72,7 +72,7 @@ def test_json_of_a_message_keeps_its_schema_and_every_value(topic: Topic[Any], d
     layout = layout_of(topic)
     read = from_json(layout.text(layout.read(encode(header(1, topic, 5), message))))
     Draft202012Validator(schema_of(topic)).validate(read)
-    values = {k: v for k, v in flat(message.model_dump()).items() if v is not None}
+    values = {k: v for k, v in flat(message.as_dict()).items() if v is not None}
     assert values.items() <= flat(read).items()
 
 
@@ -132,10 +132,10 @@ def test_an_undecodable_body_still_has_its_number_and_time(
 ) -> None:
     """Only the header can be decoded: nothing counts as lost, and its stamp is used."""
     heads = [header(number, topic, SECOND // number) for number in (1, 2, 3)]
-    bodies: list[dict[str, Any]] = [topic.message().model_dump()] * 3
+    bodies: list[dict[str, Any]] = [topic.message().as_dict()] * 3
     bodies[1] = {"valid": "perhaps"}
     frames = [
-        Frame(place(topic), SECOND, pack(head.model_dump() | body))
+        Frame(place(topic), SECOND, pack(head.as_dict() | body))
         for head, body in zip(heads, bodies, strict=True)
     ]
     path = recorded(tmp_path, frames)

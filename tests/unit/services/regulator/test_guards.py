@@ -336,7 +336,7 @@ def test_the_target_of_a_failure_has_its_code() -> None:
     bench.pass_s(0.1)
     assert bench.start().accepted
     good = bench.wrench
-    bench.wrench = good.model_copy(update={"valid": False, "code": "sensor_frozen", "reason": "x"})
+    bench.wrench = good.replaced(valid=False, code="sensor_frozen", reason="x")
     bench.step()
     assert (bench.published().valid, bench.published().code) == (False, "sensor_frozen")
     bench.wrench = good

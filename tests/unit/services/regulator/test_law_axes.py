@@ -53,9 +53,9 @@ def test_it_is_refused_in_every_frame_mode_and_law(
     request = ForceStartRequest(mode=mode, setpoint_N=5.0, axes=axes, frame=frame, law=law)
     reply = bench.start(request)
     assert (reply.accepted, reply.code) == (False, "axes")
-    assert bench.start(request.model_copy(update={"setpoint_N": 0.0})).accepted
+    assert bench.start(request.replaced(setpoint_N=0.0)).accepted
     assert bench.start(request).code == "axes"  # while it runs as well
-    assert bench.start(request.model_copy(update={"axes": (True,) * 6})).accepted
+    assert bench.start(request.replaced(axes=(True,) * 6)).accepted
 
 
 def test_mode_orientation_needs_no_press_axis() -> None:

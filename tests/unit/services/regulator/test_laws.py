@@ -93,7 +93,7 @@ def test_another_law_while_it_runs_makes_no_step(bench: FollowingBench) -> None:
     """The motion continues from the last command; the new law begins with its own state."""
     bench.push((0.0, 10.0, 0.0))
     for law in ("adaptive", "tiny", "plain", "tiny"):
-        request = ForceStartRequest.model_validate({"mode": "position", "law": law})
+        request = ForceStartRequest.from_dict({"mode": "position", "law": law})
         assert bench.start(request).accepted
         bench.step(10)
     limit_m = CELL.force.speed_max_m_s * PERIOD_S

@@ -61,13 +61,13 @@ def test_the_law_freezes_while_nothing_is_sent_and_continues_from_there() -> Non
     bench.pass_s(0.1)
     assert bench.start().accepted
     first = bench.T_base_tcp() * T_FLANGE_TCP.inverse()
-    bench.robot = bench.robot.model_copy(update={"sent": record_of(first)})
+    bench.robot = bench.robot.replaced(sent=record_of(first))
     bench.pass_s((WINDOW + 3) * PERIOD_S)
     stood = bench.T_base_tcp().translation
     bench.pass_s(1.0)
     assert np.linalg.norm(bench.T_base_tcp().translation - stood) < 2e-5
     flange = bench.T_base_tcp() * T_FLANGE_TCP.inverse()
-    bench.robot = bench.robot.model_copy(update={"sent": record_of(flange)})
+    bench.robot = bench.robot.replaced(sent=record_of(flange))
     bench.pass_s(0.02)
     assert np.linalg.norm(bench.T_base_tcp().translation - stood) > 2e-5
 
@@ -83,7 +83,7 @@ def test_a_path_waits_for_a_lagging_link() -> None:
     assert bench.ask(topics.FORCE_PATH, path).accepted
     bench.pass_s(0.1)
     stuck = bench.published().pose
-    bench.robot = bench.robot.model_copy(update={"sent": stuck})
+    bench.robot = bench.robot.replaced(sent=stuck)
     begun_m, furthest_m = bench.T_base_tcp().translation[0], 0.0
     for _ in range(WINDOW + 3):
         bench.step()
@@ -94,7 +94,7 @@ def test_a_path_waits_for_a_lagging_link() -> None:
     assert np.array_equal(bench.T_base_tcp().translation, stood)
     assert bench.published().path_left_m == left_m
     assert left_m is not None
-    bench.robot = bench.robot.model_copy(update={"sent": bench.published().pose})
+    bench.robot = bench.robot.replaced(sent=bench.published().pose)
     bench.pass_s(3 * PERIOD_S)
     assert bench.T_base_tcp().translation[0] > stood[0]
 
@@ -106,7 +106,7 @@ def test_a_link_that_lags_from_the_first_sample_moves_nothing_and_is_no_error(la
     bench.push((0.0, 0.0, 5.0))
     bench.pass_s(0.1)
     elsewhere = pin.SE3(T_START.rotation, T_START.translation + np.array([0.0, 0.0, 0.01]))
-    bench.robot = bench.robot.model_copy(update={"sent": record_of(elsewhere)})
+    bench.robot = bench.robot.replaced(sent=record_of(elsewhere))
     bench.step()
     assert bench.start(ForceStartRequest(mode="position", law=law)).accepted
     for _ in range(100):

@@ -52,12 +52,12 @@ def test_options_of_the_pc_are_refused_on_the_controller(
 ) -> None:
     """The controller would run something else than requested; on the PC the same is accepted."""
     request = {"mode": "position", "host": "controller"} | changes
-    reply = bench.start(ForceStartRequest.model_validate(request))
+    reply = bench.start(ForceStartRequest.from_dict(request))
     assert (reply.accepted, reply.code) == (False, code)
     assert reply.text.startswith(prefix)
     bench.step()
     assert_stopped(bench, "stopped")
-    assert bench.start(ForceStartRequest.model_validate(request | {"host": "pc"})).accepted
+    assert bench.start(ForceStartRequest.from_dict(request | {"host": "pc"})).accepted
 
 
 def test_hand_guiding_is_accepted_at_set_point_0_only(bench: RegulatorBench) -> None:
@@ -65,7 +65,7 @@ def test_hand_guiding_is_accepted_at_set_point_0_only(bench: RegulatorBench) -> 
     request = ForceStartRequest(mode="position", law="admittance", setpoint_N=1.0)
     reply = bench.start(request)
     assert (reply.accepted, reply.code, reply.value, reply.limit) == (False, "setpoint", 1.0, 0.0)
-    assert bench.start(request.model_copy(update={"setpoint_N": 0.0})).accepted
+    assert bench.start(request.replaced(setpoint_N=0.0)).accepted
 
 
 @pytest.mark.parametrize(("armed_for", "purpose"), [("jog", "jog"), ("back_off", "backing off")])
@@ -92,7 +92,7 @@ def test_without_an_arbiter_nothing_starts(bench: RegulatorBench) -> None:
 @pytest.mark.parametrize("checked", [True, False])
 def test_hand_guiding_requires_checked_axes(bench: RegulatorBench, checked: bool) -> None:
     """A wrong sign looks like a hand; the refusal names the calibration and the check."""
-    bench.wrench = bench.wrench.model_copy(update={"axes_checked": checked})
+    bench.wrench = bench.wrench.replaced(axes_checked=checked)
     bench.step()
     reply = bench.start(ForceStartRequest(mode="position", law="admittance"))
     assert reply.accepted == checked
@@ -106,7 +106,7 @@ def test_the_controller_follows_no_path(bench: RegulatorBench) -> None:
     """It moves the arm by itself; on the PC the same points are accepted."""
     points = PathRequest(points_m=(near_tool(0.01),))
     for host, accepted in (("controller", False), ("pc", True)):
-        request = ForceStartRequest.model_validate({"mode": "both", "host": host})
+        request = ForceStartRequest.from_dict({"mode": "both", "host": host})
         assert bench.start(request).accepted
         reply = bench.ask(topics.FORCE_PATH, points)
         assert (reply.accepted, reply.code) == (accepted, "ok" if accepted else "host")
@@ -133,7 +133,7 @@ def test_the_number_of_pending_points_is_limited(bench: RegulatorBench) -> None:
     reply = bench.ask(topics.FORCE_PATH, more)
     assert (reply.accepted, reply.code) == (False, "busy")
     assert (reply.value, reply.limit) == (limit + 1, limit)
-    assert bench.ask(topics.FORCE_PATH, more.model_copy(update={"append": False})).accepted
+    assert bench.ask(topics.FORCE_PATH, more.replaced(append=False)).accepted
 
 
 def test_a_point_outside_the_workspace_is_reported_with_its_number(bench: RegulatorBench) -> None:

@@ -108,7 +108,7 @@ def test_the_reply_to_a_start_names_the_defaults_of_the_cell_file() -> None:
     bench = FollowingBench()
     law = bench.cell.force.law
     assert bench.start(PRESS).text.endswith(f"N, law {law}, on the PC")
-    request = PRESS.model_copy(update={"law": "adaptive", "preset": "gentle"})
+    request = PRESS.replaced(law="adaptive", preset="gentle")
     assert bench.start(request).text.endswith("N, law adaptive with preset gentle, on the PC")
 
 
@@ -208,7 +208,7 @@ def test_the_adaptive_law_follows_points_only_across_its_press_axis(changes, cod
     """Its prediction uses its own commands: other motion would count as a push."""
     bench = FollowingBench()
     bench.push((0.0, 0.0, 5.0))
-    bench.start(PRESS.model_copy(update={"law": "adaptive"} | changes))
+    bench.start(PRESS.replaced(**({"law": "adaptive"} | changes)))
     bench.pass_s(0.1)
     ahead = tuple(bench.p_tcp_m + np.array([0.01, 0.01, 0.0]))
     assert bench.ask(topics.FORCE_PATH, PathRequest(points_m=(ahead,))).code == code

@@ -106,7 +106,7 @@ def test_the_identified_stiffness_is_kept_over_a_restart_in_the_same_contact() -
         bench.request("stop", None)
         if meanwhile == "moved":
             x, y, z = bench.robot.position_m
-            bench.robot = bench.robot.model_copy(update={"position_m": (x + 0.01, y, z)})
+            bench.robot = bench.robot.replaced(position_m=(x + 0.01, y, z))
             bench.poses.append(pose_of(bench.robot) * T_FLANGE_TCP)
         bench.push((0.0, 0.0, 0.2 if meanwhile == "lifted" else 10.0))
         bench.step(3)
@@ -130,9 +130,7 @@ def test_the_controller_is_sent_gains_for_the_identified_contact() -> None:
     x, y, z = bench.robot.position_m
     for number in range(80):
         force_N = 30.0 * np.exp(-number / 25.0)
-        bench.robot = bench.robot.model_copy(
-            update={"position_m": (x, y, z + (30.0 - force_N) / 4e3)}
-        )
+        bench.robot = bench.robot.replaced(position_m=(x, y, z + (30.0 - force_N) / 4000.0))
         bench.push((0.0, 0.0, force_N))
         bench.step(1)
         feedback = bench.published().feedback

@@ -212,7 +212,7 @@ def test_for_the_host_controller_it_publishes_mode_set_point_and_gains() -> None
     bench.pass_s(0.1)
     R = rotation_from_vector(np.array([0.3, 0.2, 0.0])) @ T_START.rotation
     tilted = record_of(pin.SE3(R, T_START.translation))
-    bench.robot = RobotState.model_validate(bench.robot.model_dump() | tilted.model_dump())
+    bench.robot = RobotState.from_dict(bench.robot.as_dict() | tilted.as_dict())
     bench.step()
     request = ForceStartRequest(mode="both", host="controller", setpoint_N=10.0)
     assert bench.start(request).accepted
@@ -225,7 +225,7 @@ def test_for_the_host_controller_it_publishes_mode_set_point_and_gains() -> None
     assert target.feedback.gains.force_i_m_per_Ns == (KI, KI, KI)
     turned = rotation_from_vector(np.array([0.0, 0.4, 0.0])) @ R
     record = record_of(pin.SE3(turned, T_START.translation))
-    bench.robot = RobotState.model_validate(bench.robot.model_dump() | record.model_dump())
+    bench.robot = RobotState.from_dict(bench.robot.as_dict() | record.as_dict())
     bench.step()
     feedback = bench.published().feedback
     assert feedback is not None
@@ -243,7 +243,7 @@ def test_the_host_controller_gets_the_point_of_contact_in_mode_both_only() -> No
     bench.push((0.0, 0.0, 10.0), (0.2, 0.0, 0.0))
     bench.step()
     for mode, lever_m in (("both", (0.0, 0.02, 0.0)), ("position", (0.0, 0.0, 0.0))):
-        request = ForceStartRequest.model_validate({"mode": mode, "host": "controller"})
+        request = ForceStartRequest.from_dict({"mode": mode, "host": "controller"})
         assert bench.start(request).accepted
         bench.pass_s(0.05)
         feedback = bench.published().feedback

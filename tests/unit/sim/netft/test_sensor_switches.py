@@ -57,7 +57,7 @@ def test_a_fault_of_the_sensor_stops_the_arm_with_its_own_code(name: str) -> Non
     message = next(each for each in reversed(rig.published) if each.code == code)
     bench = WrenchBench()
     bench.settle()
-    bench.sensor = message.model_dump()
+    bench.sensor = message.as_dict()
     bench.step(2)
     wrench = bench.published()
     assert (wrench.valid, wrench.code) == (False, code)

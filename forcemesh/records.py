@@ -1,0 +1,134 @@
+"""Base of messages, requests and replies: fields by name, checked when read or published."""
+
+import re
+from collections.abc import Iterator, Mapping
+from functools import cache
+from math import isfinite
+from typing import Annotated, Any, Literal, Self, dataclass_transform, get_args, get_origin
+
+import msgspec
+
+from forcemesh.errors import FieldError, MessageError, mistake_of
+from forcemesh.patterns import LAW_NAME
+
+# msgspec's texts, such as "Expected `array` of length <= 16 - at `$.joint_rad`"
+IN_A_PART = re.compile(r".* - at `.*`", re.DOTALL)
+MISSING = re.compile(r"Object missing required field `(\w+)`")
+EXPECTED = re.compile(r"Expected `(\w+)[^`]*`( of length)?( [<>]=?)?(?: ([\d.e+-]+))?")
+RULES = {  # the names of pydantic, whose texts are in forcemesh/validation_texts.py
+    "float": "float_type",
+    "int": "int_type",
+    "bool": "bool_type",
+    "str": "string_type",
+    "array": "tuple_type",
+    "object": "dict_type",
+    " >": "greater_than",
+    " >=": "greater_than_equal",
+    " <": "less_than",
+    " <=": "less_than_equal",
+    "str of length <=": "string_too_long",
+    "array of length >=": "too_short",
+    "array of length <=": "too_long",
+    "array of length": "wrong_length",
+}
+fields_of = cache(msgspec.structs.fields)  # a flood of wrong messages must not delay a loop
+
+
+class ByName(msgspec.StructMeta):
+    """Type of the records: their fields are given by name."""
+
+    def __new__(cls, *parts: Any, **options: Any) -> Any:
+        """Return a record class."""
+        return super().__new__(cls, *parts, kw_only=True, **options)
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(msgspec.field,))
+class Record(msgspec.Struct, metaclass=ByName, frozen=True):
+    """Part of a message. Checks are strict: no conversions; unknown fields are ignored."""
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Return a checked record from values by field name.
+
+        Raises:
+            MessageError: A value is missing, of another type or outside its range.
+        """
+        try:
+            return msgspec.convert(values, cls)
+        except UnicodeEncodeError as error:
+            raise MessageError(f"{cls.__name__}: not a text: {error}") from error
+        except msgspec.ValidationError as error:
+            mistake = _first_mistake(cls, values, str(error))
+            code = "not_finite" if mistake.kind == "finite_number" else "undecodable"
+            raise MessageError(f"{cls.__name__}.{mistake.text}", code) from error
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the values by field name, those of records within as well.
+
+        Raise MessageError when one has a type that no field has.
+        """
+        try:
+            values: dict[str, Any] = msgspec.to_builtins(self, enc_hook=float)  # numpy's floats
+        except TypeError as error:
+            raise MessageError(f"{type(self).__name__}: {error}") from error
+        return values
+
+    def as_json(self) -> str:
+        """Return the values as JSON, as `--json` prints them."""
+        return msgspec.json.encode(self, enc_hook=float).decode()
+
+    def replaced(self, **changes: Any) -> Self:
+        """Return a copy with other values, which are not checked."""
+        return msgspec.structs.replace(self, **changes)
+
+
+def _first_mistake(kind: Any, value: Any, error: str, where: tuple[Any, ...] = ()) -> FieldError:
+    """Return the mistake that msgspec reports, with the value found, which msgspec does not name.
+
+    Args:
+        kind: The type that was expected.
+        value: What was found.
+        error: msgspec's text.
+        where: Names of the parts that the value is within.
+    """
+    while get_origin(kind) is Annotated or type(None) in get_args(kind):
+        kind = get_args(kind)[0]
+    for name, part_kind, part in _parts(kind, value) if IN_A_PART.fullmatch(error) else ():
+        try:
+            msgspec.convert(part, part_kind)
+        except msgspec.ValidationError as inner:
+            return _first_mistake(part_kind, part, str(inner), (*where, name))
+    rule, context = _rule_of(kind, value, error)
+    if missing := MISSING.match(error):
+        where = (*where, missing[1])
+    return mistake_of({"type": rule, "loc": where, "input": value, "ctx": context, "msg": error})
+
+
+def _parts(kind: Any, value: Any) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield name, type and value of each part."""
+    args = get_args(kind)
+    if get_origin(kind) is tuple:
+        yield from ((number, args[0], part) for number, part in enumerate(value))
+    elif get_origin(kind) is dict:
+        yield from ((name, args[1], part) for name, part in value.items())
+    else:
+        named = fields_of(kind)
+        yield from ((f.name, f.type, value[f.name]) for f in named if f.name in value)
+
+
+def _rule_of(kind: Any, value: Any, error: str) -> tuple[str, dict[str, Any]]:
+    """Return the rule that msgspec found broken, by pydantic's name, and its parameters."""
+    if MISSING.match(error):
+        return "missing", {}
+    if get_origin(kind) is Literal:
+        *words, last = map(repr, get_args(kind))
+        return "literal_error", {"expected": f"{', '.join(words)} or {last}"}
+    if isinstance(value, float) and not isfinite(value):
+        return "finite_number", {}
+    if "matching regex" in error:
+        return "string_pattern_mismatch", {"pattern": LAW_NAME}
+    if not (expected := EXPECTED.match(error)):
+        return "number_out_of_range", {}
+    name, sized, sign, limit = expected.groups("")
+    rule = RULES[f"{name}{sized}{sign}" if sized else sign or name]
+    return rule, {"le": float(limit or 0), "min_length": limit, "max_length": limit}

@@ -6,12 +6,14 @@
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
+
+from forcemesh.messages import Vec3
 
 Array = npt.NDArray[np.float64]
 
@@ -161,3 +163,38 @@ def _wrap(angle_rad: float) -> float:
     """Wrap into (-pi, pi]; minus zero becomes zero."""
     folded = math.remainder(angle_rad, math.tau)
     return math.pi if folded == -math.pi else folded + 0.0
+
+
+# --- plain numbers --------------------------------------------------------------------------------
+# For the control period, where conversion to arrays and back takes longer than the arithmetic.
+
+Vector = Sequence[float]  # three of them
+Rows = Sequence[Vector]  # a rotation matrix, row by row
+
+
+def rotated(R: Rows, v: Vector) -> Vec3:
+    """Return R v."""
+    (a, b, c), (d, e, f), (g, h, i) = R
+    x, y, z = v
+    return (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
+
+
+def plus(a: Vector, b: Vector, times: float = 1.0) -> Vec3:
+    """Return a + times b."""
+    x, y, z = a
+    u, v, w = b
+    return (x + times * u, y + times * v, z + times * w)
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """Return a . b."""
+    x, y, z = a
+    u, v, w = b
+    return x * u + y * v + z * w
+
+
+def cross_product(a: Vector, b: Vector) -> Vec3:
+    """Return a x b; `cross` is the same for arrays."""
+    x, y, z = a
+    u, v, w = b
+    return (y * w - z * v, z * u - x * w, x * v - y * u)

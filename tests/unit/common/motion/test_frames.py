@@ -15,11 +15,15 @@ from common.motion.frames import (
     Oat,
     R_from_oat,
     R_from_quaternion,
+    cross_product,
+    dot,
     is_finite_pose,
     oat_from_R,
+    plus,
     pose,
     quaternion_from_R,
     rotate_about_base_axes,
+    rotated,
     rotation_between,
     rotation_from_vector,
     skew,
@@ -268,3 +272,13 @@ def test_a_rotation_vector_and_back(w: np.ndarray) -> None:
 def test_skew_is_the_cross_product(v: np.ndarray, w: np.ndarray) -> None:
     """[v]x w = v x w."""
     assert skew(v) @ w == pytest.approx(np.cross(v, w), abs=1e-12)
+
+
+@given(turns, vectors, vectors, st.floats(-10.0, 10.0))
+def test_plain_numbers_and_arrays_have_the_same_results(turn, v, w, times) -> None:
+    """Rotation, sum, dot product and cross product."""
+    R = rotation_from_vector(turn)
+    assert rotated(R.tolist(), v.tolist()) == pytest.approx(R @ v, abs=1e-12)
+    assert plus(v.tolist(), w.tolist(), times) == pytest.approx(v + times * w, abs=1e-12)
+    assert dot(v.tolist(), w.tolist()) == pytest.approx(v @ w, abs=1e-12)
+    assert cross_product(v.tolist(), w.tolist()) == pytest.approx(np.cross(v, w), abs=1e-12)

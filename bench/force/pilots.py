@@ -7,6 +7,7 @@ import pinocchio as pin
 
 from bench.force.rig import LawSample
 from common.config.cell import CellConfig
+from common.motion.convert import vec3
 from common.motion.frames import Array
 from forcemesh.messages import Mode
 from services.regulator.gains import PiGains
@@ -36,8 +37,11 @@ class LawRunner:
         """
         self._law, gains = LAWS[law], PiGains.of(tune(cell).gains)
         if gain_m_per_Ns is not None:
-            by_hand = np.full(3, gain_m_per_Ns), np.full(3, gain_p_m_per_N)
-            gains = replace(gains, force_i_m_per_Ns=by_hand[0], force_p_m_per_N=by_hand[1])
+            gains = replace(
+                gains,
+                force_i_m_per_Ns=(gain_m_per_Ns,) * 3,
+                force_p_m_per_N=(gain_p_m_per_N,) * 3,
+            )
         self._settings, self._gains = self._law.settings(cell), gains
         self.mode, self.setpoint_N, self.across_m_s = mode, setpoint_N, np.zeros(3)
         self.motion = start_at(T_base_tcp)
@@ -50,15 +54,15 @@ class LawRunner:
         if law_sample.limited:
             motion = back_calculate(motion, law_sample.T_let_through)
         sample = LawInput(
-            law_sample.force_N,
-            law_sample.torque_Nm,
+            vec3(law_sample.force_N),
+            vec3(law_sample.torque_Nm),
             self.setpoint_N,
             self.mode,
             law_sample.dt_s,
             self._gains,
             motion,
             law_sample.T_base_tcp,
-            R_base_task=motion.T_base_tcp.rotation,
+            R_base_task=motion.T_base_tcp.rotation.tolist(),
             axes=(not led, not led, True, True, True, True),
         )
         self.state, motion = self._law.step(self.state, sample, self._settings)

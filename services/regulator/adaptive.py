@@ -20,26 +20,27 @@ each with its own delay, and deviates more from the delay model. The predictor r
 commands are executed unchanged, so the law accelerates and brakes no faster than the arm may.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from math import hypot, sqrt
 
 import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, apart, length
-from services.regulator import surface_tracking
+from common.motion.frames import Array, Rows, Vector, apart, plus, rotated
+from forcemesh.messages import ZERO3, Vec3
 from services.regulator.delay_model import ContactTravel, DelayModelSettings
 from services.regulator.estimates import FitSettings, ResponseShare, Stiffness
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion
-from services.regulator.surface_tracking import NOT_TRACKING, SurfaceTracking
+from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion, soft_deadband
+from services.regulator.surface_tracking import SurfaceTracking
 from tuning.gain_rule import INERTIA_MARGIN, LOOP_GAIN, tune
 from tuning.measured_range import softest_N_m
 
 INERTIA_SHARE = 0.7  # share of the tool's inertial force removed from the control error
 IDENTIFICATION_INERTIA_SHARE = 0.9  # the same share for identification: it closes no loop
 SURE_INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
-LOOPS_S = (0.008, 0.016)  # loop periods with full prediction and with none
+FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # loop periods with full prediction and with none
 LEAST_FADE = 0.05  # least share of the gain range over which the prediction fades in, slowest loop
 ROBOT_PERIODS_S = (0.010, 0.025)  # of the rows of gain limits
 LOOP = (3.4, 2.0)
@@ -62,7 +63,8 @@ VALID_WITHIN_M, VALID_WITHIN_RAD = 0.002, 0.05  # an identified stiffness is val
 class AdaptiveSettings:
     """Constants of the adaptive law for one cell."""
 
-    plain: LawSettings  # of the PI law inside
+    plain: LawSettings  # of the PI law inside, in free space
+    in_contact: LawSettings
     tau_s: float
     delay_model: DelayModelSettings
     wrench_filter: DelayModelSettings  # from the measured pose to the filtered force
@@ -90,10 +92,10 @@ class AdaptiveSettings:
             float(np.interp(1.0 / rates.robot_hz, ROBOT_PERIODS_S, row))
             for row in (LOOP, FULL_PREDICTION_LOOP, LARGEST_PREDICTION_WEIGHT)
         )
+        plain = replace(LawSettings.of(cell), accel_max_m_s2=ACCEL_SHARE * cell.limits.accel_m_s2)
         return cls(
-            plain=replace(
-                LawSettings.of(cell), accel_max_m_s2=ACCEL_SHARE * cell.limits.accel_m_s2
-            ),
+            plain=plain,
+            in_contact=replace(plain, deadband_N=DEADBAND_IN_CONTACT * plain.deadband_N),
             tau_s=tau_s,
             period_s=1.0 / rates.control_hz,
             delay_model=DelayModelSettings.of(cell),
@@ -112,33 +114,37 @@ class AdaptiveSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class AdaptiveState:
-    """State of the adaptive law. Travel is of the contact point, estimates are in tool axes."""
+    """State of the adaptive law, advanced in place.
+
+    Travel is of the contact point; estimates are along the three tool axes.
+    """
 
     command: ContactTravel
     measured: ContactTravel
-    stiffness: Stiffness
-    response: ResponseShare
+    stiffness: list[Stiffness]
+    response: list[ResponseShare]
     since_report_s: float = 0.0  # since the last pose report
-    tracking: SurfaceTracking = NOT_TRACKING
+    tracking: SurfaceTracking = field(default_factory=SurfaceTracking)
     free_s: float = 0.0  # time without contact
 
     @property
-    def k(self) -> Array:
-        """Stiffness as seen by the commands [N/m]. Shape (3,)."""
-        return self.response.share * self.stiffness.k
+    def k_N_m(self) -> list[float]:
+        """Stiffness as seen by the commands. Shape (3,)."""
+        pairs = zip(self.response, self.stiffness, strict=True)
+        return [response.share * stiffness.k_N_m for response, stiffness in pairs]
 
 
 @dataclass(frozen=True, slots=True)
 class ContactStiffness:
     """Contact stiffness identified last, with its pose: valid after a stop and a start in place."""
 
-    k: Array  # shape (3,), tool axes
+    k: Vector  # shape (3,), tool axes
     T_base_tcp: pin.SE3
     touch_N: float  # contact force below which it is no longer valid
 
-    def at_pose(self, T_base_tcp: pin.SE3) -> Array | None:
+    def at_pose(self, T_base_tcp: pin.SE3) -> Vector | None:
         """Return the stiffness if it is valid at a pose, None elsewhere."""
         distance_m, turn_rad = apart(self.T_base_tcp, T_base_tcp)
         is_valid = distance_m <= VALID_WITHIN_M and turn_rad <= VALID_WITHIN_RAD
@@ -146,151 +152,164 @@ class ContactStiffness:
 
 
 def begin(
-    T_command: pin.SE3, T_measured: pin.SE3, k: Array | None, settings: AdaptiveSettings
+    T_command: pin.SE3, T_measured: pin.SE3, k: Vector | None, settings: AdaptiveSettings
 ) -> AdaptiveState:
     """Return the state of a tool at rest; `k`: stiffness identified here before. Shape (3,)."""
+    assumed = (settings.stiffness.stiffest_N_m,) * 3
     return AdaptiveState(
-        ContactTravel.at_rest(T_command),
-        ContactTravel.at_rest(T_measured),
-        Stiffness.stiffest(settings.stiffness) if k is None else Stiffness.known(k),
-        ResponseShare.rigid(),
+        ContactTravel(T_command.copy()),
+        ContactTravel(T_measured.copy()),
+        [Stiffness(k_N_m, is_identified=k is not None) for k_N_m in k or assumed],
+        [ResponseShare() for _ in range(3)],
     )
 
 
 def identified(state: AdaptiveState, settings: AdaptiveSettings) -> ContactStiffness | None:
     """Return the stiffness that a session identified; None out of contact or if it did not."""
-    if state.free_s > 0.0 or not state.stiffness.identified[2]:
+    if state.free_s > 0.0 or not state.stiffness[2].is_identified:
         return None
-    return ContactStiffness(state.stiffness.k, state.measured.T_base_tcp, settings.touch_N)
+    k = tuple(each.k_N_m for each in state.stiffness)
+    return ContactStiffness(k, state.measured.T_base_tcp, settings.touch_N)
 
 
 def step(
     state: AdaptiveState, sample: LawInput, settings: AdaptiveSettings
 ) -> tuple[AdaptiveState, LawMotion]:
-    """Return the next state, and the motion of the PI law with adapted gains and forces.
+    """Advance the state; return it, and the motion of the PI law with adapted gains and forces.
 
     Requested force integral gains below the gain rule's reduce this law's gain.
     """
-    R = sample.motion.T_base_tcp.rotation
-    state = update_estimates(state, sample, settings)
-    k, command = state.k, state.command.delay_model
+    R_base_tcp = sample.motion.T_base_tcp.rotation
+    R_tcp_base: Rows = R_base_tcp.T.tolist()
+    update_estimates(state, sample, R_tcp_base, settings)
+    k, model, in_contact = state.k_N_m, state.command.delay_model, state.free_s == 0.0
     Ki, w = gain_for(k, settings, sample.dt_s)
-    Ki = requested_gain_share(sample.gains, R, settings) * Ki
-    is_measured = k >= settings.softest_N_m
-    compensated_kg = INERTIA_SHARE * settings.inertia_kg * is_measured
-    in_flight_m = R.T @ (command.command - command.filtered)
-    acceleration = R.T @ command.acceleration
-    predicted_N = R.T @ sample.force_N + compensated_kg * acceleration - w * k * in_flight_m
-    tracking, drift_m_s = NOT_TRACKING, 0.0  # an old estimate is useless later
-    if settings.tracks and sample.mode != "orientation" and is_measured[2]:
-        tracking, ahead_m, drift_m_s = surface_tracking.update(
-            state.tracking,
+    Ki = reduced_as_requested(Ki, sample.gains, R_tcp_base, settings)
+    in_flight_m = rotated(R_tcp_base, plus(model.command, model.filtered, -1.0))
+    inertia_kg = INERTIA_SHARE * settings.inertia_kg
+    inertial_N = rotated(R_tcp_base, plus(ZERO3, model.acceleration, inertia_kg))
+    force_N, drift_m_s = rotated(R_tcp_base, sample.force_N), 0.0
+    error_N = [  # F' - F_set
+        force + inertial * (stiffness >= settings.softest_N_m) - weight * stiffness * travel_m
+        for force, inertial, weight, stiffness, travel_m in zip(
+            force_N, inertial_N, w, k, in_flight_m, strict=True
+        )
+    ]
+    error_N[2] += sample.setpoint_N
+    if settings.tracks and sample.mode != "orientation" and k[2] >= settings.softest_N_m:
+        ahead_m, drift_m_s = state.tracking.update(
             sample,
-            k_N_m=float(k[2]),
-            may_begin=bool(state.stiffness.identified[2]),
-            in_contact=state.free_s == 0.0,
-            filtered_travel_m=float(state.command.filtered_travel_m[2]),
-            in_flight_m=float(in_flight_m[2]),
-            inertial_N=INERTIA_SHARE * settings.inertia_kg * float(acceleration[2]),
-            Ki=float(Ki[2]),
+            force_N=force_N[2],
+            k_N_m=k[2],
+            may_begin=state.stiffness[2].is_identified,
+            in_contact=in_contact,
+            filtered_travel_m=state.command.filtered_travel_m[2],
+            in_flight_m=in_flight_m[2],
+            inertial_N=inertial_N[2],
+            Ki=Ki[2],
             tau_s=settings.tau_s,
         )
-        predicted_N[2] += w[2] * k[2] * ahead_m
-    error_N = predicted_N + np.array([0.0, 0.0, sample.setpoint_N])
+        error_N[2] += w[2] * k[2] * ahead_m
+    else:
+        state.tracking = SurfaceTracking()  # an old estimate is useless later
+    plain = settings.in_contact if in_contact else settings.plain
     Ki = limit_gain_for_braking(Ki, error_N, k, settings.brake_m_s2)
-    extended = replace(
-        sample,
-        predicted_N=R @ predicted_N,
-        drift_m_s=drift_m_s * R[:, 2],
-        R_base_gains=R,
-        gains=replace(sample.gains, force_i_m_per_Ns=Ki),
-    )
-    band = DEADBAND_IN_CONTACT if state.free_s == 0.0 else 1.0
-    plain = replace(settings.plain, deadband_N=band * settings.plain.deadband_N)
-    motion = replace(next_motion(extended, plain), follows=tracking.near)
-    return replace(state, tracking=tracking), motion
+    x, y, z = soft_deadband(error_N, plain.deadband_N)
+    speed_m_s = rotated(R_base_tcp.tolist(), (Ki[0] * x, Ki[1] * y, Ki[2] * z + drift_m_s))
+    motion = next_motion(sample, plain, speed_m_s)
+    motion.follows = state.tracking.near
+    return state, motion
 
 
-def requested_gain_share(gains: PiGains, R: Array, settings: AdaptiveSettings) -> Array:
-    """Return requested gain over rule gain along the tool's axes, at most 1. Shape (3,)."""
-    return np.minimum((R * R).T @ gains.force_i_m_per_Ns / settings.plain_gain_m_per_Ns, 1.0)
+def reduced_as_requested(
+    Ki: Vector, gains: PiGains, R_tcp_base: Rows, settings: AdaptiveSettings
+) -> list[float]:
+    """Return the gain times requested gain over rule gain, at most 1, along the tool's axes."""
+    squares = [[x * x for x in row] for row in R_tcp_base]
+    requested = rotated(squares, gains.force_i_m_per_Ns)
+    rule = settings.plain_gain_m_per_Ns
+    return [gain * min(share / rule, 1.0) for gain, share in zip(Ki, requested, strict=True)]
 
 
 def controller_gain(
     state: AdaptiveState, gains: PiGains, R_base_tcp: Array, settings: AdaptiveSettings
-) -> Array:
+) -> Vec3:
     """Return the integral gains of the host controller, base axes [m/(N s)]. Shape (3,).
 
     The controller has neither predictor nor inertia compensation, so the plain gain rule applies,
     to the estimated stiffness.
     """
     cap_m_per_Ns = INERTIA_MARGIN * settings.inertia_cap_m_per_Ns
-    Ki = np.minimum(LOOP_GAIN / (state.k * settings.tau_s), cap_m_per_Ns)
-    Ki = requested_gain_share(gains, R_base_tcp, settings) * Ki
-    return np.asarray((R_base_tcp * R_base_tcp) @ Ki)
+    Ki = [min(LOOP_GAIN / (k * settings.tau_s), cap_m_per_Ns) for k in state.k_N_m]
+    Ki = reduced_as_requested(Ki, gains, R_base_tcp.T.tolist(), settings)
+    return rotated((R_base_tcp * R_base_tcp).tolist(), Ki)
 
 
 def update_estimates(
-    state: AdaptiveState, sample: LawInput, settings: AdaptiveSettings
-) -> AdaptiveState:
-    """Return the state with the stiffness and response estimates updated by this sample.
+    state: AdaptiveState, sample: LawInput, R_tcp_base: Rows, settings: AdaptiveSettings
+) -> None:
+    """Update travel, stiffness and response estimates by this sample.
 
     Between two reports the measured pose is older than the force: paired with it, a stiff contact
     would look soft. So each report counts once. While a moving surface is tracked, travel without
     force carries no stiffness information.
     """
     motion, dt_s, fit = sample.motion, sample.dt_s, settings.stiffness
-    command = state.command.to(motion.T_base_tcp, motion, dt_s, settings.delay_model)
-    measured, report_s = state.measured, state.since_report_s + dt_s
+    command, report_s = state.command, state.since_report_s + dt_s
+    command.follow(motion.T_base_tcp, motion, dt_s, settings.delay_model)
+    state.since_report_s = report_s
     if sample.pose_is_new:
-        measured = measured.to(sample.T_measured, motion, report_s, settings.wrench_filter)
-    since_report_s = 0.0 if sample.pose_is_new else report_s
-    state = replace(state, command=command, measured=measured, since_report_s=since_report_s)
-    if length(sample.force_N) <= settings.touch_N:
-        free_s = state.free_s + dt_s
-        if free_s > FREE_TAUS * settings.tau_s:
-            state = replace(
-                state,
-                stiffness=Stiffness.stiffest(fit),
-                response=ResponseShare.rigid(),
-                tracking=NOT_TRACKING,
-            )
-        return replace(state, free_s=free_s)
-    model, R = command.delay_model, motion.T_base_tcp.rotation
+        state.measured.follow(sample.T_measured, motion, report_s, settings.wrench_filter)
+        state.since_report_s = 0.0
+    if hypot(*sample.force_N) <= settings.touch_N:
+        state.free_s += dt_s
+        if state.free_s > FREE_TAUS * settings.tau_s:
+            fresh = begin(motion.T_base_tcp, sample.T_measured, None, settings)
+            state.stiffness, state.response = fresh.stiffness, fresh.response
+            state.tracking = fresh.tracking
+        return
+    state.free_s, model, tracks = 0.0, command.delay_model, state.tracking.near
     inertia_kg = IDENTIFICATION_INERTIA_SHARE * settings.inertia_kg
-    force_N = R.T @ (sample.force_N + inertia_kg * model.acceleration)
-    stiffness, response, tracks = state.stiffness, state.response, state.tracking.near
-    if sample.pose_is_new:
-        travel_m = measured.filtered_travel_m
-        stiffness = stiffness.after(
-            travel_m, force_N, dt_s=report_s, settings=fit, may_soften=not tracks
-        )
-    if not tracks:
-        values = command.filtered_travel_m, R.T @ model.speed, force_N
-        response = response.after(values, stiffness.k, dt_s=dt_s, settings=fit)
-    return replace(state, stiffness=stiffness, response=response, free_s=0.0)
+    forces_N = rotated(R_tcp_base, plus(sample.force_N, model.acceleration, inertia_kg))
+    speeds_m_s, travels_m = rotated(R_tcp_base, model.speed), state.measured.filtered_travel_m
+    for axis, force_N in enumerate(forces_N):
+        stiffness = state.stiffness[axis]
+        if sample.pose_is_new:
+            stiffness.update(
+                travels_m[axis], force_N, dt_s=report_s, settings=fit, may_soften=not tracks
+            )
+        if not tracks:
+            values = command.filtered_travel_m[axis], speeds_m_s[axis], force_N
+            state.response[axis].update(values, stiffness.k_N_m, dt_s=dt_s, settings=fit)
 
 
-def gain_for(k: Array, settings: AdaptiveSettings, dt_s: float) -> tuple[Array, Array]:
+def gain_for(k: Vector, settings: AdaptiveSettings, dt_s: float) -> tuple[list[float], list[float]]:
     """Return integral gain and prediction weight along each axis. Shapes (3,).
 
     Half the sample period is part of the loop delay, so a late sample lowers the gain; a slow loop
     tolerates less inertia compensation and less prediction.
     """
     tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
-    margin = float(np.interp(dt_s, LOOPS_S, SURE_INERTIA_MARGIN))
-    loop_share = float(np.interp(dt_s, LOOPS_S, (1.0, 0.0)))
-    loop = LOOP_GAIN + (settings.loop - LOOP_GAIN) * loop_share
-    Ki = np.minimum(loop / (k * tau_s), margin * settings.inertia_cap_m_per_Ns)
-    fade_range = max(loop_share, LEAST_FADE) * (settings.full_prediction_loop - LOOP_GAIN)
-    share = (k * Ki * tau_s - LOOP_GAIN) / fade_range
-    w = np.clip(share, 0.0, settings.largest_prediction_weight)
-    is_measured = k >= settings.softest_N_m
-    slow = np.minimum(Ki, settings.plain_gain_m_per_Ns)
-    return np.where(is_measured, Ki, slow), np.where(is_measured, w, 0.0)
+    slowness = min(max((dt_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
+    fast_margin, slow_margin = SURE_INERTIA_MARGIN
+    margin = fast_margin + (slow_margin - fast_margin) * slowness
+    loop = LOOP_GAIN + (settings.loop - LOOP_GAIN) * (1.0 - slowness)
+    fade_range = max(1.0 - slowness, LEAST_FADE) * (settings.full_prediction_loop - LOOP_GAIN)
+    Ki, w = [], []
+    for k_N_m in k:
+        gain = min(loop / (k_N_m * tau_s), margin * settings.inertia_cap_m_per_Ns)
+        share = (k_N_m * gain * tau_s - LOOP_GAIN) / fade_range
+        weight = min(max(share, 0.0), settings.largest_prediction_weight)
+        if k_N_m < settings.softest_N_m:  # not measured: the plain law's gain, without prediction
+            gain, weight = min(gain, settings.plain_gain_m_per_Ns), 0.0
+        Ki.append(gain)
+        w.append(weight)
+    return Ki, w
 
 
-def limit_gain_for_braking(Ki: Array, error_N: Array, k: Array, brake_m_s2: float) -> Array:
+def limit_gain_for_braking(
+    Ki: Vector, error_N: Vector, k: Vector, brake_m_s2: float
+) -> list[float]:
     """Return the gain along each axis with which the arm still comes to rest in time.
 
     The arm brakes with a at most. For large errors the speed therefore follows the square root of
@@ -306,14 +325,17 @@ def limit_gain_for_braking(Ki: Array, error_N: Array, k: Array, brake_m_s2: floa
     which joins it with equal value and slope. Axes share a in proportion to their errors.
 
     Args:
-        Ki: Integral gain of the linear law [m/(N s)]. Shape (3,), as the others.
+        Ki: Integral gain of the linear law [m/(N s)]. Shape (3,), as k and the error.
         error_N: Predicted force minus the set point.
         k: Stiffness [N/m].
         brake_m_s2: Deceleration of the arm.
     """
-    size_N = max(length(error_N), LEAST_ERROR_N)
-    brakes_m_s2 = brake_m_s2 * np.maximum(np.abs(error_N) / size_N, LEAST_SHARE)
-    linear_N = brakes_m_s2 / (k * np.maximum(Ki, LEAST_GAIN_M_PER_NS) ** 2)
-    error = np.maximum(np.abs(error_N), linear_N)
-    speed_m_s = np.sqrt(2.0 * brakes_m_s2 * (error - 0.5 * linear_N) / k)
-    return np.asarray(np.minimum(Ki, speed_m_s / error))
+    size_N, limited = max(hypot(*error_N), LEAST_ERROR_N), []
+    for gain, axis_error_N, k_N_m in zip(Ki, error_N, k, strict=True):
+        brake = brake_m_s2 * max(abs(axis_error_N) / size_N, LEAST_SHARE)
+        divisor = max(gain, LEAST_GAIN_M_PER_NS)
+        linear_N = brake / (k_N_m * divisor * divisor)
+        error = max(abs(axis_error_N), linear_N)
+        speed_m_s = sqrt(2.0 * brake * (error - 0.5 * linear_N) / k_N_m)
+        limited.append(min(gain, speed_m_s / error))
+    return limited

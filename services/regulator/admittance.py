@@ -14,14 +14,13 @@ speed, but never so far that a force within it could keep the tool moving.
 """
 
 from dataclasses import dataclass, replace
-from math import exp
+from math import exp, hypot
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, length
-from services.regulator import delay_model
+from common.motion.frames import Vector, plus, rotated
+from forcemesh.messages import ZERO3, Vec3
 from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 from services.regulator.law import (
     LawInput,
@@ -72,71 +71,67 @@ class AdmittanceSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class AdmittanceState:
-    """State of hand guiding; vectors along the tool's axes, of shape (3,)."""
+    """State of hand guiding, advanced in place; vectors along the tool's axes."""
 
     T_measured: pin.SE3  # of the TCP
     measured: LoopDelayModel  # measured travel through the wrench filter's model, base axes
-    k_N_m: Array  # estimated stiffness of the contact
-    speed_m_s: Array
-    recent_m: Array  # low-passed travel and force
-    recent_N: Array
+    k_N_m: list[float]  # estimated stiffness of the contact
+    speed_m_s: Vector
+    recent_m: list[float]  # low-passed travel and force
+    recent_N: list[float]
 
 
 def begin(
-    _T_command: pin.SE3, T_measured: pin.SE3, _k: Array | None, _settings: AdmittanceSettings
+    _T_command: pin.SE3, T_measured: pin.SE3, _k: Vector | None, _settings: AdmittanceSettings
 ) -> AdmittanceState:
     """Return the state of a tool at rest in free space."""
-    zero = np.zeros(3)
-    return AdmittanceState(
-        T_measured.copy(), delay_model.at_rest(zero), np.full(3, HAND_N_M), zero, zero, zero
-    )
+    model, k_N_m = LoopDelayModel(ZERO3), [HAND_N_M] * 3
+    return AdmittanceState(T_measured.copy(), model, k_N_m, ZERO3, [0.0] * 3, [0.0] * 3)
 
 
 def step(
     state: AdmittanceState, sample: LawInput, settings: AdmittanceSettings
 ) -> tuple[AdmittanceState, LawMotion]:
-    """Return the next state and motion; the PI law's torque gains turn the tool."""
-    R, plain = sample.motion.T_base_tcp.rotation, settings.plain
-    state = _update_stiffness(state, sample, settings)
-    damping_Ns_m = state.k_N_m * settings.tau_s / LOOP_GAIN
-    slow_N = NARROWS * length(damping_Ns_m * state.speed_m_s)
-    width_N = max(plain.deadband_N - slow_N, NARROWEST * plain.deadband_N)
-    push_N = soft_deadband(R.T @ sample.force_N, width_N)
-    share = sample.dt_s / settings.mass_kg
-    speed_m_s = (state.speed_m_s + share * push_N) / (1.0 + share * damping_Ns_m)
-    speed_m_s = limit_norm(speed_m_s, plain.speed_max_m_s)
-    zero = np.zeros(3)
-    gains = replace(sample.gains, force_p_m_per_N=zero, force_i_m_per_Ns=zero)
-    guided = replace(sample, drift_m_s=R @ speed_m_s, gains=gains)
-    return replace(state, speed_m_s=speed_m_s), next_motion(guided, plain)
+    """Advance the state; return it and the motion. The PI law's torque gains turn the tool."""
+    R_base_tcp = sample.motion.T_base_tcp.rotation
+    plain, dt_s = settings.plain, sample.dt_s
+    force_N = rotated(R_base_tcp.T.tolist(), sample.force_N)
+    _update_stiffness(state, sample, force_N, settings)
+    damping_Ns_m = [k_N_m * settings.tau_s / LOOP_GAIN for k_N_m in state.k_N_m]
+    drag_N = [D * v for D, v in zip(damping_Ns_m, state.speed_m_s, strict=True)]
+    width_N = max(plain.deadband_N - NARROWS * hypot(*drag_N), NARROWEST * plain.deadband_N)
+    push_N = soft_deadband(force_N, width_N)
+    share = dt_s / settings.mass_kg
+    speed_m_s = [
+        (v + share * F) / (1.0 + share * D)
+        for v, F, D in zip(state.speed_m_s, push_N, damping_Ns_m, strict=True)
+    ]
+    state.speed_m_s = limit_norm(speed_m_s, plain.speed_max_m_s)
+    guided = replace(sample, gains=replace(sample.gains, force_p_m_per_N=ZERO3))
+    return state, next_motion(guided, plain, rotated(R_base_tcp.tolist(), state.speed_m_s))
 
 
 def _update_stiffness(
-    state: AdmittanceState, sample: LawInput, settings: AdmittanceSettings
-) -> AdmittanceState:
-    """Return the state with the stiffness estimate updated by this sample."""
-    R, dt_s = sample.motion.T_base_tcp.rotation, sample.dt_s
-    moved_m = state.measured.command + sample.T_measured.translation - state.T_measured.translation
-    measured = delay_model.follow(state.measured, moved_m, dt_s, settings.wrench_filter)
-    now_m, now_N = R.T @ measured.filtered, R.T @ sample.force_N
-    d_m, d_N = now_m - state.recent_m, now_N - state.recent_N
-    is_informative = (d_m * d_N < 0.0) & (np.abs(d_m) > LEAST_M) & (np.abs(d_N) > LEAST_N)
-    slope_N_m = STIFFER_THAN_CONTACT * np.abs(d_N) / np.maximum(np.abs(d_m), LEAST_M)
-    travel_m = np.abs(state.speed_m_s) * dt_s
-    yields = now_N * state.speed_m_s > 0.0
-    decay = np.where(yields, np.exp(-travel_m / RELAX_M - dt_s / RELAX_S), 1.0)
-    k_N_m = HAND_N_M + decay * (state.k_N_m - HAND_N_M)
-    k_N_m = np.where(
-        is_informative, np.maximum(k_N_m, np.minimum(slope_N_m, settings.stiffest_N_m)), k_N_m
-    )
+    state: AdmittanceState, sample: LawInput, force_N: Vec3, settings: AdmittanceSettings
+) -> None:
+    """Update the stiffness estimate by this sample; the force is along the tool's axes."""
+    dt_s, T, model = sample.dt_s, sample.T_measured, state.measured
+    moved_m: Vec3 = (T.translation - state.T_measured.translation).tolist()
+    model.follow(plus(model.command, moved_m), dt_s, settings.wrench_filter)
+    travel_m = rotated(sample.motion.T_base_tcp.rotation.T.tolist(), model.filtered)
+    state.T_measured = T
     share = 1.0 - exp(-dt_s / RECENT_S)
-    return replace(
-        state,
-        T_measured=sample.T_measured,
-        measured=measured,
-        k_N_m=k_N_m,
-        recent_m=state.recent_m + share * d_m,
-        recent_N=state.recent_N + share * d_N,
-    )
+    for axis in range(3):
+        k_N_m, force, speed_m_s = state.k_N_m[axis], force_N[axis], state.speed_m_s[axis]
+        d_m, d_N = travel_m[axis] - state.recent_m[axis], force - state.recent_N[axis]
+        if force * speed_m_s > 0.0:
+            decay = exp(-abs(speed_m_s) * dt_s / RELAX_M - dt_s / RELAX_S)
+            k_N_m = HAND_N_M + decay * (k_N_m - HAND_N_M)
+        if d_m * d_N < 0.0 and abs(d_m) > LEAST_M and abs(d_N) > LEAST_N:
+            slope_N_m = STIFFER_THAN_CONTACT * abs(d_N / d_m)
+            k_N_m = max(k_N_m, min(slope_N_m, settings.stiffest_N_m))
+        state.k_N_m[axis] = k_N_m
+        state.recent_m[axis] += share * d_m
+        state.recent_N[axis] += share * d_N

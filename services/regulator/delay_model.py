@@ -11,14 +11,15 @@ moves that point too. Travel is accumulated along the tool axes of each period, 
 rotation does not turn travel across the tool axis into travel along it.
 """
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from math import ceil, exp
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array
+from common.motion.frames import Rows, Vector, plus, rotated
+from forcemesh.messages import ZERO3, Vec3
 from services.regulator.law import LawMotion, motion_between
 
 INSTANT_S = 1e-5  # a shorter lag counts as zero
@@ -47,76 +48,68 @@ class DelayModelSettings:
         return cls(cell.filter_delay_s - lowpass_s, 0.0, lowpass_s)
 
 
-@dataclass(frozen=True, slots=True)
 class LoopDelayModel:
-    """State of the delay model: commands in flight and its lags. Each of shape (3,), one unit."""
+    """Delay model along three axes, all of one unit; advanced in place."""
 
-    sent: tuple[tuple[float, Array], ...]  # commands in flight and their times [s], oldest first
-    command: Array  # the newest one
-    now_s: float
-    first: Array  # after half the lag
-    arm: Array  # after the whole lag: modelled position of the arm
-    filtered: Array  # after the filter: position that the filtered force belongs to
-    speed: Array  # of `filtered`, per second
-    acceleration: Array  # of `filtered`, per second squared
+    def __init__(self, command: Vector) -> None:
+        """Start in the steady state of a constant command. Shape (3,), as the others."""
+        self.command = command  # the newest one
+        self.sent = deque([(0.0, command)])  # in flight, and since when [s]; oldest first
+        self.now_s = 0.0
+        self.first = command  # after half the lag
+        self.arm = command  # after the whole lag: modelled position of the arm
+        self.filtered = command  # after the filter: position that the filtered force belongs to
+        self.speed: Vector = ZERO3  # of `filtered`, per second
+        self.acceleration: Vector = ZERO3  # of `filtered`, per second squared
 
-
-def at_rest(command: Array) -> LoopDelayModel:
-    """Return the steady state of a constant command. Shape (3,)."""
-    zero = np.zeros(3)
-    return LoopDelayModel(((0.0, command),), command, 0.0, command, command, command, zero, zero)
-
-
-def follow(
-    model: LoopDelayModel, command: Array, dt_s: float, settings: DelayModelSettings
-) -> LoopDelayModel:
-    """Return the state after `command` was constant for the last `dt_s` [s]. Shape (3,)."""
-    sent = model.sent
-    if not np.array_equal(command, model.command):
-        sent = (*sent, (model.now_s, command))
-    steps = max(1, ceil(dt_s / SUBSTEP_S - 1e-9))
-    step_s = dt_s / steps
-    half_s, filter_s = 0.5 * settings.lag_s, settings.filter_s
-    lagging, filtering = (
-        1.0 if lag_s <= INSTANT_S else 1.0 - exp(-step_s / lag_s) for lag_s in (half_s, filter_s)
-    )
-    first, arm, filtered = model.first, model.arm, model.filtered
-    at = 0
-    for number in range(steps):
-        due_s = model.now_s + (number + 0.5) * step_s - settings.delay_s
-        while at + 1 < len(sent) and sent[at + 1][0] <= due_s:
-            at += 1
-        first = first + lagging * (sent[at][1] - first)
-        arm = arm + lagging * (first - arm)
-        filtered = filtered + filtering * (arm - filtered)
-    speed, acceleration = (filtered - model.filtered) / dt_s, np.zeros_like(filtered)
-    if min(filter_s, half_s) > INSTANT_S:
-        speed = (arm - filtered) / filter_s
-        acceleration = ((first - arm) / half_s - speed) / filter_s
-    return LoopDelayModel(
-        sent[at:], command, model.now_s + dt_s, first, arm, filtered, speed, acceleration
-    )
+    def follow(self, command: Vector, dt_s: float, settings: DelayModelSettings) -> None:
+        """Advance by `dt_s` [s], during which `command` was constant. Shape (3,)."""
+        sent, half_s, filter_s = self.sent, 0.5 * settings.lag_s, settings.filter_s
+        if command != self.command:
+            sent.append((self.now_s, command))
+        steps = max(1, ceil(dt_s / SUBSTEP_S - 1e-9))
+        step_s, executed = dt_s / steps, []
+        for number in range(steps):
+            due_s = self.now_s + (number + 0.5) * step_s - settings.delay_s
+            while len(sent) > 1 and sent[1][0] <= due_s:
+                sent.popleft()
+            executed.append(sent[0][1])
+        lagging, filtering = (
+            1.0 if lag_s <= INSTANT_S else 1.0 - exp(-step_s / lag_s)
+            for lag_s in (half_s, filter_s)
+        )
+        axes = []
+        for axis, before in enumerate(self.filtered):
+            first, arm, filtered = self.first[axis], self.arm[axis], before
+            for position in executed:
+                first += lagging * (position[axis] - first)
+                arm += lagging * (first - arm)
+                filtered += filtering * (arm - filtered)
+            speed, acceleration = (filtered - before) / dt_s, 0.0
+            if min(filter_s, half_s) > INSTANT_S:
+                speed = (arm - filtered) / filter_s
+                acceleration = ((first - arm) / half_s - speed) / filter_s
+            axes.append((first, arm, filtered, speed, acceleration))
+        self.first, self.arm, self.filtered, self.speed, self.acceleration = zip(*axes, strict=True)
+        self.command, self.now_s = command, self.now_s + dt_s
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ContactTravel:
-    """Travel of the contact point so far, commanded or measured."""
+    """Travel of the contact point so far, commanded or measured; advanced in place."""
 
     T_base_tcp: pin.SE3  # at its end
-    delay_model: LoopDelayModel  # base axes
-    filtered_travel_m: Array  # travel that the filtered force belongs to, tool axes. Shape (3,)
+    delay_model: LoopDelayModel = field(default_factory=lambda: LoopDelayModel(ZERO3))  # base axes
+    filtered_travel_m: Vec3 = ZERO3  # travel that the filtered force belongs to, tool axes
 
-    @classmethod
-    def at_rest(cls, T_base_tcp: pin.SE3) -> "ContactTravel":
-        """Return the travel of a tool at rest."""
-        return cls(T_base_tcp.copy(), at_rest(np.zeros(3)), np.zeros(3))
-
-    def to(
+    def follow(
         self, T_base_tcp: pin.SE3, motion: LawMotion, dt_s: float, settings: DelayModelSettings
-    ) -> "ContactTravel":
-        """Return the travel up to a pose that was constant for the last `dt_s`."""
-        before = self.delay_model
+    ) -> None:
+        """Add the travel to a pose that was constant for the last `dt_s`."""
+        model, before_m = self.delay_model, self.delay_model.filtered
         moved_m, _ = motion_between(self.T_base_tcp, T_base_tcp, motion.lever_m)
-        model = follow(before, before.command + moved_m, dt_s, settings)
-        travel_m = motion.T_base_tcp.rotation.T @ (model.filtered - before.filtered)
-        return ContactTravel(T_base_tcp, model, self.filtered_travel_m + travel_m)
+        model.follow(plus(model.command, moved_m), dt_s, settings)
+        R_tcp_base: Rows = motion.T_base_tcp.rotation.T.tolist()
+        travel_m = rotated(R_tcp_base, plus(model.filtered, before_m, -1.0))
+        self.filtered_travel_m = plus(self.filtered_travel_m, travel_m)
+        self.T_base_tcp = T_base_tcp

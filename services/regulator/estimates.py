@@ -20,12 +20,10 @@ arm and one: an arm that does not follow its commands can never make the contact
 """
 
 from dataclasses import dataclass
-from math import exp
+from itertools import combinations_with_replacement
+from math import exp, sqrt
 
-import numpy as np
-import numpy.typing as npt
-
-from common.motion.frames import Array
+from common.motion.frames import Vector
 
 SOFTEST_CONTACT_N_M = 200.0
 LEAST_TRAVEL_M = 1e-5  # least excitation: standard deviation of travel over the memory
@@ -53,129 +51,116 @@ class FitSettings:
     noise_N: float  # standard deviation of one filtered reading
 
 
-@dataclass(frozen=True, slots=True)
 class Moments:
-    """Weighted means and centred sums of products of n quantities along three axes."""
+    """Weighted means and centred sums of products of n quantities; advanced in place."""
 
-    weight: float
-    mean: Array  # shape (n, 3)
-    sums: Array  # shape (n, n, 3)
+    def __init__(self, n: int) -> None:
+        """Start before the first sample."""
+        self.weight = 0.0
+        self.mean = [0.0] * n
+        self.sums = [0.0] * (n * (n + 1) // 2)  # of each pair, in the order of their indices
 
-    @classmethod
-    def none(cls, n: int) -> "Moments":
-        """Return the moments before the first sample."""
-        return cls(0.0, np.zeros((n, 3)), np.zeros((n, n, 3)))
+    def add(self, values: Vector, forgetting: float) -> None:
+        """Add one more sample of the n values."""
+        before = forgetting * self.weight
+        weight = self.weight = before + 1.0
+        off = [value - mean for value, mean in zip(values, self.mean, strict=True)]
+        self.mean = [mean + x / weight for mean, x in zip(self.mean, off, strict=True)]
+        part, pairs = before / weight, combinations_with_replacement(off, 2)
+        self.sums = [
+            forgetting * product + part * x * y
+            for product, (x, y) in zip(self.sums, pairs, strict=True)
+        ]
 
-    def after(self, values: tuple[Array, ...], forgetting: float) -> "Moments":
-        """Return the moments after one more sample of n values, each of shape (3,)."""
-        weight = forgetting * self.weight + 1.0
-        off = np.stack(values) - self.mean
-        part = forgetting * self.weight / weight
-        sums = forgetting * self.sums + part * off[:, None, :] * off[None, :, :]
-        return Moments(weight, self.mean + off / weight, sums)
 
-
-@dataclass(frozen=True, slots=True)
 class Stiffness:
-    """Stiffness of the contact, and the moments of travel and force."""
+    """Stiffness of the contact along one axis, and the moments of travel and force."""
 
-    k: Array  # shape (3,)
-    identified: npt.NDArray[np.bool_]  # whether k is identified, not only bounded. Shape (3,)
-    moments: Moments
+    def __init__(self, k_N_m: float, *, is_identified: bool) -> None:
+        """Start at the stiffest contact, or at a stiffness identified before."""
+        self.k_N_m = k_N_m
+        self.is_identified = is_identified  # not only bounded
+        self._moments = Moments(2)
 
-    @classmethod
-    def stiffest(cls, settings: FitSettings) -> "Stiffness":
-        """Return the initial state: the stiffest contact, not identified."""
-        return cls(np.full(3, settings.stiffest_N_m), np.zeros(3, dtype=bool), Moments.none(2))
-
-    @classmethod
-    def known(cls, k: Array) -> "Stiffness":
-        """Return the initial state from a stiffness identified before. Shape (3,)."""
-        return cls(np.array(k, dtype=float), np.ones(3, dtype=bool), Moments.none(2))
-
-    def after(
+    def update(
         self,
-        travel: Array,
-        force: Array,
+        travel_m: float,
+        force_N: float,
         *,
         dt_s: float,
         settings: FitSettings,
         may_soften: bool = True,
-    ) -> "Stiffness":
-        """Return the estimate after one more sample in contact.
+    ) -> None:
+        """Update the estimate by one more sample in contact.
 
         Args:
-            travel: Measured travel along each axis, filtered as the force is [m]. Shape (3,).
-            force: Of the environment on the tool along each axis [N]. Shape (3,).
+            travel_m: Measured travel along the axis, filtered as the force is.
+            force_N: Of the environment on the tool along the axis.
             dt_s: Time since the last sample.
             settings: Bounds.
             may_soften: Whether the law caused the travel. While a moving surface is tracked, travel
                 without force carries no stiffness information.
         """
-        moments = self.moments.after((travel, force), exp(-dt_s / settings.memory_s))
-        weight, sums = moments.weight, moments.sums
-        moved = sums[0, 0] > weight * LEAST_TRAVEL_M**2
-        travel_squares, products = np.where(moved, sums[0, 0], 1.0), sums[0, 1]
-        slope = -products / travel_squares
-        residual = np.maximum(sums[1, 1] - products**2 / travel_squares, 0.0)
+        moments = self._moments
+        moments.add((travel_m, force_N), exp(-dt_s / settings.memory_s))
+        weight, (travel_square, product, force_square) = moments.weight, moments.sums
+        moved = travel_square > weight * LEAST_TRAVEL_M**2
+        if not (moved and product < 0.0 and weight > FEW_SAMPLES):
+            return
+        slope = -product / travel_square
+        residual = max(force_square - product * product / travel_square, 0.0)
         variance = residual / max(weight - FITTED, 1.0) + settings.noise_N**2
-        sigma = np.sqrt(variance / travel_squares)
-        bound = np.maximum(SLOPE_MARGIN * slope + BOUND_SIGMAS * sigma, SOFTEST_CONTACT_N_M)
-        bound = np.minimum(bound, settings.stiffest_N_m)
-        useful = moved & (slope > 0.0) & (weight > FEW_SAMPLES)
-        sure = useful & (BOUND_SIGMAS * sigma < SURE * slope)
-        explained = sure & (products**2 > EXPLAINED * sums[0, 0] * sums[1, 1])
-        lower = useful & (bound < self.k) & (may_soften | explained)
-        least = np.minimum(SLOPE_MARGIN * slope, settings.stiffest_N_m)
-        higher = sure & (least > self.k)
+        sigma = sqrt(variance / travel_square)
+        bound = max(SLOPE_MARGIN * slope + BOUND_SIGMAS * sigma, SOFTEST_CONTACT_N_M)
+        bound = min(bound, settings.stiffest_N_m)
+        least = min(SLOPE_MARGIN * slope, settings.stiffest_N_m)
+        is_sure = BOUND_SIGMAS * sigma < SURE * slope
+        is_explained = is_sure and product * product > EXPLAINED * travel_square * force_square
         gain = 1.0 - exp(-dt_s / FOLLOW_S)
-        k = self.k + np.where(lower, gain * (bound - self.k), 0.0)
-        k = k + np.where(higher, gain * (least - self.k), 0.0)
-        return Stiffness(k, self.identified | sure, moments)
+        if bound < self.k_N_m and (may_soften or is_explained):
+            self.k_N_m += gain * (bound - self.k_N_m)
+        elif is_sure and least > self.k_N_m:
+            self.k_N_m += gain * (least - self.k_N_m)
+        self.is_identified = self.is_identified or is_sure
 
 
-@dataclass(frozen=True, slots=True)
 class ResponseShare:
-    """Share of the stiffness that commands see, and the moments of travel, speed and force."""
+    """Share of the stiffness along one axis that commands see, at first that of a rigid arm.
 
-    share: Array  # shape (3,)
-    moments: Moments
+    With the moments of travel, speed and force.
+    """
 
-    @classmethod
-    def rigid(cls) -> "ResponseShare":
-        """Return the initial state: a rigid arm."""
-        return cls(np.ones(3), Moments.none(3))
+    def __init__(self) -> None:
+        """Start with a rigid arm."""
+        self.share = 1.0
+        self._moments = Moments(3)
 
-    def after(
-        self, values: tuple[Array, Array, Array], k: Array, *, dt_s: float, settings: FitSettings
-    ) -> "ResponseShare":
-        """Return the estimate after one more sample in contact.
+    def update(self, values: Vector, k_N_m: float, *, dt_s: float, settings: FitSettings) -> None:
+        """Update the estimate by one more sample in contact.
 
         Args:
-            values: Commanded travel, its speed, and the force along each axis. Shapes (3,).
-            k: Stiffness of the measured pose. Shape (3,).
+            values: Commanded travel [m], its speed [m/s], and the force [N] along the axis.
+            k_N_m: Stiffness of the measured pose.
             dt_s: Time since the last sample.
             settings: Memory and noise.
         """
-        moments = self.moments.after(values, exp(-dt_s / settings.memory_s))
-        weight, sums = moments.weight, moments.sums
-        if weight < FEW_RESPONSES:
-            return ResponseShare(self.share, moments)
-        travel_squares, products, speed_squares = sums[0, 0], sums[0, 1], sums[1, 1]
-        travel_force, speed_force = sums[0, 2], sums[1, 2]
-        square = travel_squares * speed_squares - products**2
-        is_informative = (travel_squares > weight * LEAST_TRAVEL_M**2) & (
-            square > PARALLEL_N * travel_squares * speed_squares
-        )
-        square = np.where(is_informative, square, 1.0)
-        slope = (speed_force * products - travel_force * speed_squares) / square
-        rate = (speed_force * travel_squares - travel_force * products) / square
-        residual = np.maximum(sums[2, 2] + slope * travel_force - rate * speed_force, 0.0)
+        moments = self._moments
+        moments.add(values, exp(-dt_s / settings.memory_s))
+        weight = moments.weight
+        travel_square, product, travel_force, speed_square, speed_force, force_square = moments.sums
+        square = travel_square * speed_square - product * product
+        moved = travel_square > weight * LEAST_TRAVEL_M**2
+        is_informative = moved and square > PARALLEL_N * travel_square * speed_square
+        if weight < FEW_RESPONSES or not is_informative:
+            return
+        slope = (speed_force * product - travel_force * speed_square) / square
+        rate = (speed_force * travel_square - travel_force * product) / square
+        residual = max(force_square + slope * travel_force - rate * speed_force, 0.0)
         variance = residual / weight + settings.noise_N**2
-        sigma = np.sqrt(variance * speed_squares / square)
-        softest = 1.0 / (1.0 + k / SOFTEST_ARM_N_M)
-        estimated = np.clip((SHARE_MARGIN * slope + SHARE_SIGMAS * sigma) / k, softest, 1.0)
-        sure = is_informative & (sigma < SURE_SHARE * slope)
-        gain = 1.0 - exp(-dt_s / LEARN_S)
-        share = np.where(sure, self.share + gain * (estimated - self.share), self.share)
-        return ResponseShare(share, moments)
+        sigma = sqrt(variance * speed_square / square)
+        if not sigma < SURE_SHARE * slope:
+            return
+        softest = 1.0 / (1.0 + k_N_m / SOFTEST_ARM_N_M)
+        estimated = (SHARE_MARGIN * slope + SHARE_SIGMAS * sigma) / k_N_m
+        estimated = min(max(estimated, softest), 1.0)
+        self.share += (1.0 - exp(-dt_s / LEARN_S)) * (estimated - self.share)

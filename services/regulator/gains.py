@@ -1,13 +1,12 @@
 """Gains of force feedback: ramped, changed by request, and sent to a controller. Pure."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from common.config.cell import CellConfig
 from common.motion.convert import vec3
-from common.motion.frames import Array
-from forcemesh.messages import Gains
+from forcemesh.messages import Gains, Vec3
 from forcemesh.requests import GainsRequest
 from tuning.gain_rule import tune
 
@@ -17,28 +16,26 @@ SAME_GAIN = 0.15  # relative change of the controller's gains below which no com
 
 @dataclass(frozen=True, slots=True)
 class PiGains:
-    """Gains about the base axes x, y, z; each of shape (3,)."""
+    """Gains about the base axes x, y, z."""
 
-    force_p_m_per_N: Array
-    force_i_m_per_Ns: Array
-    torque_p_rad_per_Nm: Array
-    torque_i_rad_per_Nms: Array
+    force_p_m_per_N: Vec3
+    force_i_m_per_Ns: Vec3
+    torque_p_rad_per_Nm: Vec3
+    torque_i_rad_per_Nms: Vec3
 
     @classmethod
     def of(cls, gains: Gains) -> "PiGains":
-        """Convert gains to arrays."""
-        return cls(**{name: np.array(values) for name, values in gains.as_dict().items()})
+        """Return the gains of a message."""
+        return cls(**gains.as_dict())
 
     def ramped(self, goal: "PiGains", dt_s: float) -> "PiGains":
         """Return gains one period further towards a goal (first-order low-pass)."""
         share = min(1.0, dt_s / GAIN_RAMP_S)
-        now, then = (
-            np.array([getattr(gains, name) for name in self.__slots__]) for gains in (self, goal)
-        )
+        now, then = np.array(astuple(self)), np.array(astuple(goal))
         is_near = np.abs(then - now) <= 1e-3 * np.abs(then)
         if is_near.all():
             return goal
-        return PiGains(*np.where(is_near, then, now + share * (then - now)))
+        return PiGains(*map(vec3, np.where(is_near, then, now + share * (then - now))))
 
 
 def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
@@ -49,10 +46,10 @@ def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
     return gains.replaced(**{name: value for name, value in named.items() if value is not None})
 
 
-def gains_to_send(sent: Gains | None, requested: Gains, Ki: Array) -> Gains:
+def gains_to_send(sent: Gains | None, requested: Gains, Ki: Vec3) -> Gains:
     """Return the controller's gains with an integral gain `Ki`; small changes are not sent."""
     if sent is not None:
-        now = np.array(sent.force_i_m_per_Ns)
-        if bool((np.abs(Ki - now) <= SAME_GAIN * now).all()):
+        pairs = zip(Ki, sent.force_i_m_per_Ns, strict=True)
+        if all(abs(then - now) <= SAME_GAIN * now for then, now in pairs):
             return sent
-    return requested.replaced(force_i_m_per_Ns=vec3(Ki))
+    return requested.replaced(force_i_m_per_Ns=Ki)

@@ -15,14 +15,14 @@ counted.
 """
 
 from dataclasses import dataclass, field, replace
+from math import copysign, hypot
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, length
+from common.motion.frames import Rows, Vector, dot, plus, rotated
 from forcemesh.faults import tripped
-from forcemesh.messages import Trip, WrenchAtTcp
+from forcemesh.messages import ZERO3, Trip, Vec3, WrenchAtTcp
 from services.regulator import unverified_axes
 from services.regulator.law import Contact, LawInput, LawMotion, masked, motion_between
 from services.regulator.unverified_axes import Flags, YieldTravel
@@ -49,7 +49,7 @@ class GuardSettings:
     environment_work_J: float
     idle_N: float  # below this force and this torque the tool is idle
     idle_Nm: float
-    half_wave: Array  # least height in N, N, N, N m, N m, N m. Shape (6,)
+    half_wave: Vector  # least height in N, N, N, N m, N m, N m. Shape (6,)
     half_wave_shortest_s: float
     half_wave_longest_s: float
 
@@ -57,7 +57,7 @@ class GuardSettings:
     def of(cls, cell: CellConfig) -> "GuardSettings":
         """Return the limits of a cell."""
         force, tau_s = cell.force, cell.loop_delay_s
-        deadbands = np.repeat([force.deadband_N, force.deadband_Nm], 3)
+        deadbands = [force.deadband_N] * 3 + [force.deadband_Nm] * 3
         return cls(
             force.touch_N,
             force.search_m,
@@ -65,71 +65,60 @@ class GuardSettings:
             force.environment_work_J,
             idle_N=unverified_axes.IDLE_BANDS * force.deadband_N,
             idle_Nm=unverified_axes.IDLE_BANDS * force.deadband_Nm,
-            half_wave=DEADBANDS * deadbands,
+            half_wave=[DEADBANDS * band for band in deadbands],
             half_wave_shortest_s=SHORTEST_HALF_TAU * tau_s,
             half_wave_longest_s=LONGEST_HALF_TAU * tau_s,
         )
 
 
-def _zeros() -> Array:
-    return np.zeros(6)
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class HalfWaves:
-    """Half waves of six errors, each detected separately. All of shape (6,)."""
+    """Half waves of one error; advanced in place."""
 
-    side: Array = field(default_factory=_zeros)  # sign of the error, 0 before the first half wave
-    height: Array = field(default_factory=_zeros)  # of the present half wave so far
-    age_s: Array = field(default_factory=_zeros)
-    last: Array = field(default_factory=_zeros)  # height of the previous half wave
-    before_last: Array = field(default_factory=_zeros)  # of the one before it, with this sign
-    count: Array = field(default_factory=_zeros)  # consecutive half waves that did not decay
+    side: float = 0.0  # sign of the error, 0 before the first half wave
+    height: float = 0.0  # of the present half wave so far
+    age_s: float = 0.0
+    last: float = 0.0  # height of the previous half wave
+    before_last: float = 0.0  # of the one before it, with this sign
+    count: int = 0  # consecutive half waves that did not decay
 
-    def after(self, error: Array, dt_s: float, settings: GuardSettings) -> "HalfWaves":
-        """Return the half waves after one more sample.
+    def update(self, error: float, dt_s: float, least: float, settings: GuardSettings) -> None:
+        """Add one more sample.
 
         Args:
-            error: Errors of force [N] and torque [N m] beyond their deadbands. Shape (6,).
+            error: Error of force [N] or torque [N m] beyond its deadband.
             dt_s: Time since the last sample.
-            settings: Limits of a half wave.
+            least: Least height of a half wave.
+            settings: Limits of its duration.
         """
-        size, side = np.abs(error), np.sign(error)
-        crossed = (side != 0.0) & (side != self.side)
-        height, age_s = np.maximum(self.height, size), self.age_s + dt_s
-        if not any(crossed.tolist()):
-            return replace(self, height=height, age_s=age_s)
-        ended = crossed & (self.side != 0.0)
-        in_time = (self.age_s >= settings.half_wave_shortest_s) & (
-            self.age_s <= settings.half_wave_longest_s
-        )
-        persists = (
-            in_time
-            & (self.height >= settings.half_wave)
-            & (self.height >= HALF_WAVE_KEPT * self.before_last)
-        )
-        return HalfWaves(
-            side=np.where(crossed, side, self.side),
-            height=np.where(crossed, size, height),
-            age_s=np.where(crossed, 0.0, age_s),
-            last=np.where(ended, self.height, self.last),
-            before_last=np.where(ended, self.last, self.before_last),
-            count=np.where(ended, np.where(persists, self.count + 1.0, 0.0), self.count),
-        )
+        if error == 0.0 or error * self.side > 0.0:
+            self.height, self.age_s = max(self.height, abs(error)), self.age_s + dt_s
+            return
+        if self.side != 0.0:
+            in_time = settings.half_wave_shortest_s <= self.age_s <= settings.half_wave_longest_s
+            persists = self.height >= max(least, HALF_WAVE_KEPT * self.before_last)
+            self.count = self.count + 1 if in_time and persists else 0
+            self.before_last, self.last = self.last, self.height
+        self.side, self.height, self.age_s = copysign(1.0, error), abs(error), 0.0
 
 
-@dataclass(frozen=True, slots=True)
+def no_swing() -> list[HalfWaves]:
+    """Return the initial state of the six errors."""
+    return [HalfWaves() for _ in range(6)]
+
+
+@dataclass(slots=True)
 class GuardSample:
     """One sample for the monitors: wrench in base axes about the TCP, pose and mode."""
 
-    force_N: Array
-    torque_Nm: Array
+    force_N: Vec3
+    torque_Nm: Vec3
     T_base_tcp: pin.SE3  # measured
-    moved_m: Array  # travel of the contact point since the last sample, base axes. Shape (3,)
-    turned_rad: Array  # rotation since the last sample, base axes. Shape (3,)
+    moved_m: Vec3  # travel of the contact point since the last sample, base axes
+    turned_rad: Vec3  # rotation since the last sample, base axes
     contact: Contact  # contact state of the law
-    error: Array  # of force and torque beyond their deadbands. Shape (6,)
-    limited: Flags  # unverified axes of the tool. Shape (3,)
+    error: Vector  # of force and torque beyond their deadbands. Shape (6,)
+    limited: Flags  # unverified axes of the tool
     setpoint_N: float
     presses: bool  # the set point is not zero: the environment must not move the tool
     rotates: bool  # the mode controls torques
@@ -159,11 +148,9 @@ class GuardSample:
             touched: Calibration verified along the tool by a touch from free space.
         """
         moves, rotates = sample.mode != "orientation", sample.mode != "position"
-        error = np.zeros(6)
-        if moves and law.error_force_N is not None:
-            error[:3] = masked(law.error_force_N, sample, 0)
-        if rotates and law.error_torque_Nm is not None:
-            error[3:] = masked(law.error_torque_Nm, sample, 3)
+        unchecked = not wrench.axes_checked
+        error_N = masked(law.error_force_N or ZERO3, sample, 0) if moves else ZERO3
+        error_Nm = masked(law.error_torque_Nm or ZERO3, sample, 3) if rotates else ZERO3
         moved_m, turned_rad = motion_between(T_before, sample.T_measured, law.lever_m)
         # A wrong torque turns the tool into its contact, and the force then pushes it back along
         # every axis: while the tool may turn, a touch alone exempts no axis.
@@ -175,8 +162,8 @@ class GuardSample:
             moved_m,
             turned_rad,
             contact=law.contact if moves else "free",
-            error=error,
-            limited=np.array([True, True, not is_touched]) & (not wrench.axes_checked),
+            error=(*error_N, *error_Nm),
+            limited=(unchecked, unchecked, unchecked and not is_touched),
             setpoint_N=sample.setpoint_N,
             presses=moves and sample.setpoint_N > 0.0,
             rotates=rotates,
@@ -185,9 +172,9 @@ class GuardSample:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class GuardState:
-    """State of the monitors from the start of force feedback on."""
+    """State of the monitors from the start of force feedback on; advanced in place."""
 
     first: GuardSample | None = None
     began_free: bool = False  # with an approach
@@ -197,8 +184,9 @@ class GuardState:
     found: bool = False  # the force has been at its set point or below
     environment_work_J: float = 0.0  # work done on the tool by the environment
     tool_work_J: float = 0.0  # work done by the tool
-    p_search_m: Array | None = None  # where the present search for contact began
-    swing: HalfWaves = field(default_factory=HalfWaves)
+    p_search_m: Vec3 | None = None  # where the present search for contact began
+    # Of the force and of the torque along each axis.
+    swing: list[HalfWaves] = field(default_factory=no_swing)
     yielding: YieldTravel = field(default_factory=YieldTravel)
 
 
@@ -210,80 +198,68 @@ def kept_over_restart(before: GuardState) -> GuardState:
     is_free = before.worked is not None and before.worked.contact != "contact"
     if not before.touched or (is_free and not before.began_free):
         return GuardState(yielding=before.yielding)
-    return replace(before, p_search_m=None, swing=HalfWaves(), found=False)
+    return replace(before, p_search_m=None, swing=no_swing(), found=False)
 
 
-def watch(
-    before: GuardState, sample: GuardSample, settings: GuardSettings
-) -> tuple[GuardState, Trip | None]:
-    """Return the state after one sample, and the trip of the first monitor that fired."""
-    R, p_search_m = sample.T_base_tcp.rotation, before.p_search_m
+def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
+    """Advance the state by one sample; return the trip of the first monitor that fired."""
+    R_tcp_base: Rows = sample.T_base_tcp.rotation.T.tolist()
+    force_tool_N, press_axis = rotated(R_tcp_base, sample.force_N), R_tcp_base[2]
+    pushed_back_N = -force_tool_N[2]
+    _count_work(now, sample, press_axis)
+    now.first = first = now.first or sample
+    now.began_free = first.contact == "approach"
+    now.touched = now.touched or sample.contact == "contact"
+    now.verified, touch_trip = _first_touch(first, sample, press_axis, settings)
+    now.found = now.found or pushed_back_N <= sample.setpoint_N
     if sample.contact != "approach":
-        p_search_m = None
-    elif p_search_m is None:
-        p_search_m = np.array(sample.T_base_tcp.translation)
-    first, touched = before.first or sample, before.touched or sample.contact == "contact"
-    verified, touch_trip = _first_touch(first, sample, settings)
-    pushed_back_N = -float(sample.force_N @ R[:, 2])
-    now = replace(
-        _count_work(before, sample),
-        first=first,
-        began_free=first.contact == "approach",
-        touched=touched,
-        verified=verified,
-        found=before.found or pushed_back_N <= sample.setpoint_N,
-        p_search_m=p_search_m,
-        swing=before.swing.after(sample.error, sample.dt_s, settings),
-        yielding=unverified_axes.update(
-            before.yielding,
-            R,
-            moved_m=sample.moved_m,
-            turned_rad=sample.turned_rad,
-            force_N=sample.force_N,
-            torque_Nm=sample.torque_Nm,
-            limited=sample.limited,
-            idle_N=settings.idle_N,
-            idle_Nm=settings.idle_Nm,
-        ),
+        now.p_search_m = None
+    elif now.p_search_m is None:
+        now.p_search_m = sample.T_base_tcp.translation.tolist()
+    for swing, error, least in zip(now.swing, sample.error, settings.half_wave, strict=True):
+        swing.update(error, sample.dt_s, least, settings)
+    now.yielding.update(
+        R_tcp_base,
+        moved_m=sample.moved_m,
+        turned_rad=sample.turned_rad,
+        force_N=sample.force_N,
+        torque_Nm=sample.torque_Nm,
+        limited=sample.limited,
+        idle_N=settings.idle_N,
+        idle_Nm=settings.idle_Nm,
     )
-    trip = (
-        (None if touched else touch_trip)
+    return (
+        (None if now.touched else touch_trip)
         or _force_trip(now, sample, settings, pushed_back_N=pushed_back_N)
-        or unverified_axes.trip_of(
-            now.yielding, R.T @ sample.force_N, sample.limited, rotates=sample.rotates
-        )
-        or _motion_trip(now, sample, settings)
+        or now.yielding.trip(force_tool_N, sample.limited, rotates=sample.rotates)
+        or _motion_trip(now, sample, press_axis, settings)
     )
-    return now, trip
 
 
-def _count_work(before: GuardState, sample: GuardSample) -> GuardState:
+def _count_work(now: GuardState, sample: GuardSample, press_axis: Vector) -> None:
     """Add the work between tool and environment since the last counted sample."""
-    last = before.worked
-    if last is None or not before.touched:
-        return replace(before, worked=sample)
+    last = now.worked
+    if last is None or not now.touched:
+        now.worked = sample
+        return
     travel_m, turn_rad = motion_between(last.T_base_tcp, sample.T_base_tcp)
     if sample.follows:  # the press verified the sign along this axis, not along the other two
-        press_axis = sample.T_base_tcp.rotation[:, 2]
-        travel_m = travel_m - (travel_m @ press_axis) * press_axis
-    if length(travel_m) < WORK_STEP_M and length(turn_rad) < WORK_STEP_RAD:
-        return before
-    work_J = 0.5 * float((sample.force_N + last.force_N) @ travel_m)
+        travel_m = plus(travel_m, press_axis, -dot(travel_m, press_axis))
+    if hypot(*travel_m) < WORK_STEP_M and hypot(*turn_rad) < WORK_STEP_RAD:
+        return
+    work_J = 0.5 * dot(plus(sample.force_N, last.force_N), travel_m)
     if sample.rotates:
-        work_J += 0.5 * float((sample.torque_Nm + last.torque_Nm) @ turn_rad)
-    environment_work_J = before.environment_work_J
-    tool_work_J = before.tool_work_J + max(-work_J, 0.0)
+        work_J += 0.5 * dot(plus(sample.torque_Nm, last.torque_Nm), turn_rad)
+    now.worked = sample
+    now.tool_work_J += max(-work_J, 0.0)
     if sample.presses:
-        environment_work_J += max(work_J, 0.0)
+        now.environment_work_J += max(work_J, 0.0)
     else:  # at set point 0 anything may move the tool; stored work is returned
-        tool_work_J = max(tool_work_J - max(work_J, 0.0), 0.0)
-    return replace(
-        before, worked=sample, environment_work_J=environment_work_J, tool_work_J=tool_work_J
-    )
+        now.tool_work_J = max(now.tool_work_J - max(work_J, 0.0), 0.0)
 
 
 def _first_touch(
-    first: GuardSample, sample: GuardSample, settings: GuardSettings
+    first: GuardSample, sample: GuardSample, press_axis: Vector, settings: GuardSettings
 ) -> tuple[bool, Trip | None]:
     """Return whether a touch from free space verifies the tool's axis, and the trip otherwise.
 
@@ -291,9 +267,9 @@ def _first_touch(
     """
     if first.contact != "approach":
         return False, None
-    grown_N = sample.force_N - first.force_N
-    length_N = length(grown_N)
-    back_N, least_N = -float(grown_N @ sample.T_base_tcp.rotation[:, 2]), MAIN_PART * length_N
+    grown_N = plus(sample.force_N, first.force_N, -1.0)
+    length_N = hypot(*grown_N)
+    back_N, least_N = -dot(grown_N, press_axis), MAIN_PART * length_N
     if length_N <= settings.touch_N or back_N >= least_N:
         return sample.presses and back_N > max(settings.touch_N, least_N), None
     text = (
@@ -322,7 +298,7 @@ def _force_trip(
         limit_J = settings.environment_work_J
         return tripped("sensor_sign", text, value=more_J, limit=limit_J, unit="J")
     limit_N = (1.0 + RISE_PART) * sample.setpoint_N + settings.touch_N
-    if sample.rotates and sample.limited.any() and now.found and pushed_back_N > limit_N:
+    if sample.rotates and any(sample.limited) and now.found and pushed_back_N > limit_N:
         text = (
             f"the force rose to {pushed_back_N:.1f} N while the tool turned, limit {limit_N:.1f} N:"
             " a sign or an axis of the torque is wrong, or a person pushes; run `forcemesh check "
@@ -332,11 +308,13 @@ def _force_trip(
     return None
 
 
-def _motion_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
+def _motion_trip(
+    now: GuardState, sample: GuardSample, press_axis: Vector, settings: GuardSettings
+) -> Trip | None:
     """Check the travel of a search for contact, and that the force does not oscillate."""
     if now.p_search_m is not None:
-        press_axis = sample.T_base_tcp.rotation[:, 2]
-        travel_m = float((sample.T_base_tcp.translation - now.p_search_m) @ press_axis)
+        p_m: Vec3 = sample.T_base_tcp.translation.tolist()
+        travel_m = dot(plus(p_m, now.p_search_m, -1.0), press_axis)
         limit_m = settings.lost_m if now.touched else settings.search_m
         if now.touched and sample.limited[2] and not now.began_free:
             # A wrong axis may look like a lost contact.
@@ -345,8 +323,8 @@ def _motion_trip(now: GuardState, sample: GuardSample, settings: GuardSettings) 
             cause = "contact was lost and not found again" if now.touched else "no contact"
             text = f"{cause} within {limit_m * 1e3:g} mm"
             return tripped("travel", text, value=travel_m, limit=limit_m, unit="m")
-    if max(now.swing.count.tolist()) < HALF_WAVES:
+    if max(swing.count for swing in now.swing) < HALF_WAVES:
         return None
-    height_N = length(sample.error[:3])
+    height_N = hypot(*sample.error[:3])
     text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
     return tripped("oscillation", text, value=height_N, unit="N")

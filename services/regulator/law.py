@@ -7,28 +7,39 @@ PI control in velocity form on an unrounded commanded pose x of the TCP, error e
 
 In mode both, the rotation is fed forward to the position so that the contact point stays in place.
 Anti-windup is back-calculation: the state continues from the pose that the limits passed on
-(`back_calculate`), so nothing accumulates behind a limit. The other laws add to the input of this
-one: every law is `step(state, sample, settings) -> (state, motion)`, a row of `laws.py`.
+(`back_calculate`), so nothing accumulates behind a limit. The other laws replace the speed of its
+integral part: every law is `step(state, sample, settings) -> (state, motion)`, a row of `laws.py`.
 
 Positive force is exerted by the environment on the robot; yielding means moving along it.
 """
 
 from dataclasses import dataclass, replace
-from math import inf
+from math import hypot, inf
+from operator import mul
 from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, cross, length, rotate_about_base_axes, rotation_between
-from forcemesh.messages import Mode
+from common.motion.frames import (
+    Rows,
+    Vector,
+    cross_product,
+    dot,
+    plus,
+    rotate_about_base_axes,
+    rotated,
+    rotation_between,
+)
+from forcemesh.messages import ZERO3, Mode, Vec3
 from services.regulator.gains import PiGains
 
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
 LONGEST_CONTACT_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
 ALL_AXES = (True,) * 6
+IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PROBE_N = 5.0  # overshoot of the first touch, which verifies the signs and must stay gentle
 APPROACH_INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
@@ -65,37 +76,33 @@ class LawSettings:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class LawMotion:
     """Commanded pose and the last errors; None before the first sample: no proportional kick."""
 
     T_base_tcp: pin.SE3
-    error_force_N: Array | None = None
-    error_torque_Nm: Array | None = None
+    error_force_N: Vec3 | None = None
+    error_torque_Nm: Vec3 | None = None
     contact: Contact = "free"
     approach_m_s: float = 0.0  # present speed of the approach
-    speed_m_s: Array | None = None  # commanded by force control, base axes; None: none
-    lever_m: Array | None = None  # from the TCP to the contact point, base axes; mode both
+    speed_m_s: Vector = ZERO3  # commanded by force control, base axes
+    lever_m: Vector | None = None  # from the TCP to the contact point, base axes; mode both
     follows: bool = False  # tracks a moving surface along the press axis
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class LawInput:
     """Wrench sample and targets of one period, and the motion so far."""
 
-    force_N: Array  # of the environment on the tool, base axes
-    torque_Nm: Array  # about the TCP, base axes
+    force_N: Vec3  # of the environment on the tool, base axes
+    torque_Nm: Vec3  # about the TCP, base axes
     setpoint_N: float  # press along the tool's z axis
     mode: Mode
     dt_s: float  # since the last sample
     gains: PiGains
     motion: LawMotion  # so far; its pose is the last command after the arbiter's limits
     T_measured: pin.SE3  # of the TCP in base
-    # Inputs from the laws around it; by default the measured error, base axes, all axes free.
-    predicted_N: Array | None = None  # predicted force once all commands have arrived, base axes
-    drift_m_s: Array | None = None  # feed-forward speed, base axes
-    R_base_gains: Array | None = None  # axes of the force's gains
-    R_base_task: Array | None = None  # task frame of `axes`
+    R_base_task: Rows | None = None  # task frame of `axes`; None: base
     axes: tuple[bool, ...] = ALL_AXES  # free axes of the task frame: x y z, about x y z
     pose_is_new: bool = True  # the robot has reported a pose since the last sample
 
@@ -107,59 +114,71 @@ def start_at(T_base_tcp: pin.SE3) -> LawMotion:
 
 def back_calculate(motion: LawMotion, T_base_tcp: pin.SE3) -> LawMotion:
     """Return the motion that continues, from rest, at the pose that a limit passed on."""
-    return replace(motion, T_base_tcp=T_base_tcp, speed_m_s=None, approach_m_s=0.0)
+    return replace(motion, T_base_tcp=T_base_tcp, speed_m_s=ZERO3, approach_m_s=0.0)
 
 
-def next_motion(sample: LawInput, settings: LawSettings) -> LawMotion:
-    """Return the motion after this sample; its pose is the next command."""
+def next_motion(
+    sample: LawInput, settings: LawSettings, integral_m_s: Vec3 | None = None
+) -> LawMotion:
+    """Return the motion after this sample; its pose is the next command.
+
+    A law around this one gives `integral_m_s` [m/s] in place of Ki e, base axes.
+    """
     before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    press_axis = before.T_base_tcp.rotation[:, 2]
-    target_N = -sample.setpoint_N * press_axis  # the contact pushes against the press axis
-    error_N = soft_deadband(sample.force_N - target_N, settings.deadband_N)
+    R_base_tcp = before.T_base_tcp.rotation
+    press_axis: Vec3 = R_base_tcp[:, 2].tolist()
+    # The contact pushes against the press axis.
+    error_N = plus(sample.force_N, press_axis, sample.setpoint_N)
+    error_N = soft_deadband(error_N, settings.deadband_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
-    contact, lever_m = contact_of(sample, settings.touch_N)
-    turn_rad, shift_m, approach_m_s = np.zeros(3), np.zeros(3), 0.0
-    speed_m_s = None
+    contact, lever_m = contact_of(sample, press_axis, settings.touch_N)
+    turn_rad: Vector = ZERO3
+    shift_m: Vector = ZERO3
+    speed_m_s: Vector = ZERO3
+    approach_m_s = 0.0
     if sample.mode != "position":
-        last_Nm = error_Nm if before.error_torque_Nm is None else before.error_torque_Nm
-        proportional_rad = gains.torque_p_rad_per_Nm * (error_Nm - last_Nm)
-        turn_rad = proportional_rad + gains.torque_i_rad_per_Nms * error_Nm * dt_s
-        turn_rad = limit_norm(masked(turn_rad, sample, 3), settings.speed_max_rad_s * dt_s)
+        Kp, Ki = gains.torque_p_rad_per_Nm, gains.torque_i_rad_per_Nms
+        step_rad = _pi_step(Kp, Ki, error_Nm, before.error_torque_Nm, dt_s=dt_s)
+        turn_rad = limit_norm(masked(step_rad, sample, 3), settings.speed_max_rad_s * dt_s)
+        R_base_tcp = rotate_about_base_axes(R_base_tcp, np.array(turn_rad))
     if sample.mode != "orientation" and contact == "approach":
         faster_m_s = before.approach_m_s + settings.approach_accel_m_s2 * dt_s
         approach_m_s = min(faster_m_s, settings.approach_m_s)
-        speed_m_s = masked(approach_m_s * press_axis, sample, 0)
-        shift_m = speed_m_s * dt_s
+        speed_m_s = masked(plus(ZERO3, press_axis, approach_m_s), sample, 0)
+        shift_m = plus(ZERO3, speed_m_s, dt_s)
     elif sample.mode != "orientation":
-        shift_m = _yielding(sample, settings, target_N=target_N, error_N=error_N)
-        speed_m_s = shift_m / dt_s
+        shift_m = _yielding(sample, settings, error_N, integral_m_s)
+        speed_m_s = plus(ZERO3, shift_m, 1.0 / dt_s)
         if lever_m is not None:
-            shift_m = masked(shift_m - cross(turn_rad, lever_m), sample, 0)
-            shift_m = limit_norm(shift_m, settings.speed_max_m_s * dt_s)
-    R_base_tcp = rotate_about_base_axes(before.T_base_tcp.rotation, turn_rad)
+            shift_m = plus(shift_m, cross_product(turn_rad, lever_m), -1.0)
+            shift_m = limit_norm(masked(shift_m, sample, 0), settings.speed_max_m_s * dt_s)
     T_base_tcp = pin.SE3(R_base_tcp, before.T_base_tcp.translation + shift_m)
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
 
 
-def _yielding(sample: LawInput, settings: LawSettings, *, target_N: Array, error_N: Array) -> Array:
+def _pi_step(
+    Kp: Vector, Ki: Vector, error: Vector, last: Vector | None, *, dt_s: float
+) -> list[float]:
+    """Return Kp (e - e_last) + Ki e dt. Shapes (3,)."""
+    rows = zip(Kp, Ki, error, last or error, strict=True)
+    return [p * (e - e_last) + i * e * dt_s for p, i, e, e_last in rows]
+
+
+def _yielding(
+    sample: LawInput, settings: LawSettings, error_N: Vec3, integral_m_s: Vec3 | None
+) -> Vec3:
     """Return the shift along the free axes, limited in speed and acceleration [m]. Shape (3,)."""
     before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    predicted_N, R = error_N, sample.R_base_gains
-    if sample.predicted_N is not None:
-        predicted_N = soft_deadband(sample.predicted_N - target_N, settings.deadband_N)
-    Ki = gains.force_i_m_per_Ns
-    integral_m_s = Ki * predicted_N if R is None else R @ (Ki * (R.T @ predicted_N))
-    last_N = error_N if before.error_force_N is None else before.error_force_N
-    shift_m = gains.force_p_m_per_N * (error_N - last_N) + integral_m_s * dt_s
-    if sample.drift_m_s is not None:
-        shift_m = shift_m + sample.drift_m_s * dt_s
-    shift_m = limit_norm(masked(shift_m, sample, 0), settings.speed_max_m_s * dt_s)
-    speed_m_s = np.zeros(3) if before.speed_m_s is None else before.speed_m_s
-    before_m = masked(speed_m_s, sample, 0) * dt_s
-    return before_m + limit_norm(shift_m - before_m, settings.accel_max_m_s2 * dt_s**2)
+    Ki = gains.force_i_m_per_Ns if integral_m_s is None else ZERO3
+    pi_m = _pi_step(gains.force_p_m_per_N, Ki, error_N, before.error_force_N, dt_s=dt_s)
+    step_m = plus(pi_m, integral_m_s or ZERO3, dt_s)
+    shift_m = limit_norm(masked(step_m, sample, 0), settings.speed_max_m_s * dt_s)
+    before_m = plus(ZERO3, masked(before.speed_m_s, sample, 0), dt_s)
+    change_m = limit_norm(plus(shift_m, before_m, -1.0), settings.accel_max_m_s2 * dt_s**2)
+    return plus(before_m, change_m)
 
 
-def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Array | None]:
+def contact_of(sample: LawInput, press_axis: Vec3, touch_N: float) -> tuple[Contact, Vector | None]:
     """Return the contact state and, in mode both, the vector from the TCP to the contact [m].
 
     The state is a force threshold with hysteresis, below it approach or free. The vector ends at
@@ -172,45 +191,46 @@ def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Array | None]
     if before.contact == "contact":
         threshold_N *= RELEASE_FRACTION
     contact: Contact = "approach" if presses else "free"
-    if -float(force_N @ before.T_base_tcp.rotation[:, 2]) > threshold_N:
+    if -dot(force_N, press_axis) > threshold_N:
         contact = "contact"
     if sample.mode != "both":
         return contact, None
-    square = float(force_N @ force_N)
+    square = dot(force_N, force_N)
     if square < touch_N * touch_N:
-        return contact, np.zeros(3)
-    return contact, limit_norm(cross(force_N, sample.torque_Nm) / square, LONGEST_CONTACT_LEVER_M)
+        return contact, ZERO3
+    lever_m = plus(ZERO3, cross_product(force_N, sample.torque_Nm), 1.0 / square)
+    return contact, limit_norm(lever_m, LONGEST_CONTACT_LEVER_M)
 
 
 def motion_between(
-    T_from: pin.SE3, T_to: pin.SE3, lever_m: Array | None = None
-) -> tuple[Array, Array]:
+    T_from: pin.SE3, T_to: pin.SE3, lever_m: Vector | None = None
+) -> tuple[Vec3, Vec3]:
     """Return travel [m] and rotation [rad] from one pose to another, base axes. Shapes (3,).
 
     With a lever the travel is that of the contact point, which a rotation about the TCP moves too.
     """
-    moved_m = T_to.translation - T_from.translation
-    turned_rad = rotation_between(T_from.rotation, T_to.rotation)
+    moved_m: Vec3 = (T_to.translation - T_from.translation).tolist()
+    turned_rad: Vec3 = rotation_between(T_from.rotation, T_to.rotation).tolist()
     if lever_m is not None:
-        moved_m = moved_m + cross(turned_rad, lever_m)
+        moved_m = plus(moved_m, cross_product(turned_rad, lever_m))
     return moved_m, turned_rad
 
 
-def masked(motion: Array, sample: LawInput, first: int) -> Array:
+def masked(motion: Vector, sample: LawInput, first: int) -> Vector:
     """Return a motion without its parts along the locked axes of the task frame."""
     free = sample.axes[first : first + 3]
     if all(free):
         return motion
-    R = np.eye(3) if sample.R_base_task is None else sample.R_base_task
-    return np.asarray(R @ (np.array(free) * (R.T @ motion)))
+    R = sample.R_base_task or IDENTITY
+    return rotated(R, list(map(mul, rotated([*zip(*R, strict=True)], motion), free)))
 
 
-def soft_deadband(error: Array, width: float) -> Array:
+def soft_deadband(error: Vector, width: float) -> Vec3:
     """Shorten a vector by `width`, to zero when it is shorter: continuous, direction kept."""
-    return error - limit_norm(error, width)
+    return plus(error, limit_norm(error, width), -1.0)
 
 
-def limit_norm(vector: Array, longest: float) -> Array:
+def limit_norm(vector: Vector, longest: float) -> Vector:
     """Shorten a vector to at most `longest`, direction kept."""
-    size = length(vector)
-    return vector if size <= longest else vector * (longest / size)
+    size = hypot(*vector)
+    return vector if size <= longest else plus(ZERO3, vector, longest / size)

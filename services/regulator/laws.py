@@ -2,7 +2,8 @@
 
     step(state, sample, settings) -> (state, motion)
 
-`state` is the law's own; the motion contains the next command. The service runs each row the same.
+`state` is the law's own; a step may advance it in place, and the one that it returns is the next.
+The motion contains the next command. The service runs each row the same.
 """
 
 from collections.abc import Callable
@@ -12,8 +13,9 @@ from typing import Any
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array
+from common.motion.frames import Array, Vector
 from forcemesh.errors import ConfigError
+from forcemesh.messages import Vec3
 from services.regulator import adaptive, admittance
 from services.regulator.adaptive import AdaptiveSettings, ContactStiffness
 from services.regulator.admittance import AdmittanceSettings
@@ -28,7 +30,7 @@ class Law:
 
     settings: Callable[[CellConfig], Any]
     # Of a tool at rest: commanded pose, measured pose, stiffness identified here before, settings.
-    begin: Callable[[pin.SE3, pin.SE3, Array | None, Any], Any]
+    begin: Callable[[pin.SE3, pin.SE3, Vector | None, Any], Any]
     step: Callable[[Any, LawInput, Any], tuple[Any, LawMotion]]
     guides: bool = False  # a hand guides the tool: on the PC, at set point 0, with verified axes
     predicts: bool = False  # from its own commands: it takes other motion for that of the contact
@@ -38,7 +40,7 @@ class Law:
     # Stiffness of the present contact, kept for a start in place.
     identified: Callable[[Any, Any], ContactStiffness | None] = lambda _, __: None
     # Integral gains of the host controller, base axes; None: those requested.
-    controller_gain: Callable[[Any, PiGains, Array, Any], Array | None] = lambda *_: None
+    controller_gain: Callable[[Any, PiGains, Array, Any], Vec3 | None] = lambda *_: None
 
 
 LAWS: dict[str, Law] = {

@@ -1,14 +1,14 @@
 """Regulator service: wrench and robot state in, proposed flange pose out."""
 
 from dataclasses import replace
+from math import hypot
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of, vec3
-from common.motion.frames import length
+from common.motion.frames import rotated
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.clock import NS_PER_S
@@ -112,7 +112,7 @@ class Regulator:
         session, fresh, arm = self._session, wrench.fresh, robot.fresh
         if session is None:
             contact = self._contact
-            if fresh is None or (contact and length(np.array(fresh.force_N)) <= contact.touch_N):
+            if fresh is None or (contact and hypot(*fresh.force_N) <= contact.touch_N):
                 self._contact = None
             return RegulatorTarget(valid=False, reason=self._stop_reason)
         if session.failed is not None:
@@ -122,33 +122,33 @@ class Regulator:
             return self._fail(session, worse.code, worse.fault)
         T_measured = pose_of(arm) * self._T_flange_tcp
         if session.request.host == "controller":  # it moves the arm: the set point follows the tool
-            session = replace(session, motion=replace(session.motion, T_base_tcp=T_measured))
+            session.motion.T_base_tcp = T_measured
         stamp_ns = wrench.header.stamp_ns
         gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
         if gap_s > 0.0:  # integrate once per sample, over the time between the samples' stamps
-            session, trip = self._advance(
-                replace(session, last_sample_ns=stamp_ns, report=robot.header), fresh, arm,
-                T_measured=T_measured, pose_is_new=robot.header != session.report,
+            pose_is_new = robot.header is not session.report
+            session.last_sample_ns, session.report = stamp_ns, robot.header
+            trip = self._advance(
+                session, fresh, arm, T_measured=T_measured, pose_is_new=pose_is_new,
                 dt_s=min(gap_s, LONGEST_GAP_PERIODS * self.period_s),
             )  # fmt: skip
             if trip is not None:
                 return self._fail(session, trip.code, trip.text)
-        self._session, self.fault = session, ""
+        self.fault = ""
         return self._valid_target(session)
 
     def _valid_target(self, session: ForceSession) -> RegulatorTarget:
         request, motion = session.request, session.motion
-        error_N, error_Nm = motion.error_force_N, motion.error_torque_Nm
         T, path, pose, feedback = motion.T_base_tcp, session.path, None, None
         T_base_flange, press_axis = T * self._T_tcp_flange, T.rotation[:, 2]
         if request.host == "pc":
             pose = record_of(T_base_flange)
         else:
-            R_flange_base, lever_m = T_base_flange.rotation.T, motion.lever_m
+            R_flange_base = T_base_flange.rotation.T.tolist()
             feedback = Feedback(
                 mode=request.mode,
                 setpoint_force_N=vec3(-session.setpoint_N * press_axis),
-                lever_m=ZERO3 if lever_m is None else vec3(R_flange_base @ lever_m),
+                lever_m=rotated(R_flange_base, motion.lever_m or ZERO3),
                 gains=session.sent or self._gains,
             )
         return RegulatorTarget(
@@ -159,8 +159,8 @@ class Regulator:
             pose=pose,
             feedback=feedback,
             contact=motion.contact,
-            error_force_N=ZERO3 if error_N is None else vec3(error_N),
-            error_torque_Nm=ZERO3 if error_Nm is None else vec3(error_Nm),
+            error_force_N=motion.error_force_N or ZERO3,
+            error_torque_Nm=motion.error_torque_Nm or ZERO3,
             path_left_m=None if path is None else remaining_m(path, T.translation, press_axis),
         )
 
@@ -168,7 +168,7 @@ class Regulator:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
         mode, host = session.request.mode, session.request.host
         failed = RegulatorTarget(valid=False, reason=text, code=code, mode=mode, host=host)
-        self._session, self.fault = replace(session, failed=failed), text
+        session.failed, self.fault = failed, text
         return failed
 
     def _advance(
@@ -180,8 +180,8 @@ class Regulator:
         T_measured: pin.SE3,
         pose_is_new: bool,
         dt_s: float,
-    ) -> tuple[ForceSession, Trip | None]:
-        """Return the session after one sample: law, path, monitors, and the controller's gains."""
+    ) -> Trip | None:
+        """Advance the session by one sample: law, path, monitors, and the controller's gains."""
         request, before, settings = session.request, session.motion, self._settings[session.law]
         T_commanded, command = before.T_base_tcp, self._command.read(self._now_ns).fresh
         if command is not None and command.pose is not None:
@@ -189,38 +189,35 @@ class Regulator:
             T_commanded = pose_of(command.pose) * self._T_flange_tcp
             if command.limited:
                 before = back_calculate(before, T_commanded)  # anti-windup
-        gains = session.gains
+        session.setpoint_N = self._ramped_setpoint_N(session, dt_s)
+        if session.gains is not self._pi_gains:
+            session.gains = session.gains.ramped(self._pi_gains, dt_s)
+        is_tool_frame = request.frame == "tool"
         sample = LawInput(
-            np.array(wrench.force_N), np.array(wrench.torque_Nm), mode=request.mode, dt_s=dt_s,
-            setpoint_N=self._ramped_setpoint_N(session, dt_s),
-            gains=gains if gains is self._pi_gains else gains.ramped(self._pi_gains, dt_s),
-            motion=before, T_measured=T_measured, pose_is_new=pose_is_new, axes=request.axes,
-            R_base_task=before.T_base_tcp.rotation if request.frame == "tool" else None,
+            wrench.force_N, wrench.torque_Nm, setpoint_N=session.setpoint_N, mode=request.mode,
+            dt_s=dt_s, gains=session.gains, motion=before, T_measured=T_measured,
+            R_base_task=before.T_base_tcp.rotation.tolist() if is_tool_frame else None,
+            axes=request.axes, pose_is_new=pose_is_new,
         )  # fmt: skip
-        session = move(
+        move(
             session, sample, settings=settings, T_commanded=T_commanded,
             T_sent=None if robot.sent is None else pose_of(robot.sent) * self._T_flange_tcp,
             speed_max_m_s=self._cell.force.speed_max_m_s,
         )  # fmt: skip
-        motion, sent = session.motion, None
         if request.host == "controller":
-            R_base_tcp = motion.T_base_tcp.rotation
+            R_base_tcp = session.motion.T_base_tcp.rotation
             Ki = LAWS[session.law].controller_gain(
                 session.state, self._pi_gains, R_base_tcp, settings
             )
-            sent = None if Ki is None else gains_to_send(session.sent, self._gains, Ki)
-        T_before = session.T_measured or T_measured
+            session.sent = None if Ki is None else gains_to_send(session.sent, self._gains, Ki)
+        T_before, session.T_measured = session.T_measured or T_measured, T_measured
         guarded = GuardSample.of(
-            sample, motion, T_before=T_before, wrench=wrench, touched=self._touched
+            sample, session.motion, T_before=T_before, wrench=wrench, touched=self._touched
         )
-        watched, trip = watch(session.watch, guarded, self._guards)
-        if trip is None and watched.verified:
+        trip = watch(session.watch, guarded, self._guards)
+        if trip is None and session.watch.verified:
             self._touched = wrench.calibration.removesuffix(TARED)
-        session = replace(
-            session, setpoint_N=sample.setpoint_N, gains=sample.gains, sent=sent, watch=watched,
-            T_measured=T_measured,
-        )  # fmt: skip
-        return session, trip
+        return trip
 
     def _ramped_setpoint_N(self, session: ForceSession, dt_s: float) -> float:
         """Return the set point of this sample, smaller while a controller approaches.
@@ -230,9 +227,9 @@ class Regulator:
         """
         target_N, now_N = session.request.setpoint_N, session.setpoint_N
         if session.request.host == "controller" and session.motion.contact == "approach":
-            press_axis = session.motion.T_base_tcp.rotation[:, 2]
-            Ki = np.array((session.sent or self._gains).force_i_m_per_Ns)
-            gain = float((press_axis * press_axis) @ Ki)
+            press_axis = session.motion.T_base_tcp.rotation[:, 2].tolist()
+            Ki = (session.sent or self._gains).force_i_m_per_Ns
+            gain = sum(x * x * Ki_axis for x, Ki_axis in zip(press_axis, Ki, strict=True))
             if gain > 0.0:
                 target_N = min(target_N, self._settings["plain"].approach_m_s / gain)
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s
@@ -289,21 +286,24 @@ class Regulator:
                 request,
                 law,
                 arbiter.lease,
-                first_setpoint_N(np.array(fresh.force_N), T_measured, request.setpoint_N),
+                first_setpoint_N(fresh.force_N, T_measured, request.setpoint_N),
                 self._pi_gains,
                 start_at(T_measured),
                 self._begin(law, T_measured, T_measured),
                 last_sample_ns=wrench.header.stamp_ns if wrench.header else self._now_ns,
-                watch=GuardState(yielding=yielded if lease == arbiter.lease else YieldTravel()),
+                # A copy: a session that fails leaves the travel of the last one as it was.
+                watch=GuardState(
+                    yielding=replace(yielded) if lease == arbiter.lease else YieldTravel()
+                ),
                 commanded=CommandHistory.of(cell),
             )
         else:
-            watched = kept_over_restart(session.watch)
-            session = replace(session, request=request, watch=watched, path=None)
+            session.request, session.path = request, None
+            session.watch = kept_over_restart(session.watch)
         if law != session.law:
-            motion = replace(session.motion, follows=False)
-            state = self._begin(law, motion.T_base_tcp, T_measured)
-            session = replace(session, law=law, state=state, motion=motion)
+            session.motion.follows = False
+            session.state = self._begin(law, session.motion.T_base_tcp, T_measured)
+            session.law = law
         self._session, remark = session, LAWS[requested].remark(cell)
         text = describe(session)
         return Reply(accepted=True, text=f"{text}; {remark}" if remark else text)
@@ -320,5 +320,5 @@ class Regulator:
         refused = refused_path(request, session, self._cell)
         if refused is not None:
             return refused
-        self._session = replace(session, path=next_path(session.path, request))
+        session.path = next_path(session.path, request)
         return Reply(accepted=True, text=f"the tool follows {len(request.points_m)} points")

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array
+from common.motion.frames import dot
 from forcemesh.codec import Header
-from forcemesh.messages import ArbiterStatus, Gains, RegulatorTarget
+from forcemesh.messages import ArbiterStatus, Gains, RegulatorTarget, Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.gains import PiGains
 from services.regulator.guards import GuardState
@@ -20,9 +20,9 @@ from services.regulator.tcp_path import TcpPath, advance, path_along
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ForceSession:
-    """Force feedback from its start to its stop."""
+    """Force feedback from its start to its stop; advanced in place."""
 
     request: ForceStartRequest
     law: str
@@ -49,39 +49,36 @@ def move(
     T_sent: pin.SE3 | None,
     settings: Any,
     speed_max_m_s: float,
-) -> ForceSession:
-    """Return the session after one sample: law and path, or rest while the link lags.
+) -> None:
+    """Advance the session by one sample: law and path, or rest while the link lags.
 
     Behind a stalled link the session restarts at the oldest command: newer ones were not sent.
     """
-    law, path = LAWS[session.law], session.path
-    commanded = session.commanded.after(T_commanded, sample.dt_s)
-    if not commanded.lag(T_sent):
-        state, motion = law.step(session.state, sample, settings)
-        if path is not None:
-            path, motion = _along(path, sample, motion, most_m=speed_max_m_s * sample.dt_s)
-        return replace(session, state=state, motion=motion, path=path, commanded=commanded)
-    if path is not None:  # the pending commands contain path motion
-        motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
-        return replace(session, motion=motion, commanded=commanded)
-    motion, state = back_calculate(sample.motion, commanded.oldest), session.state
-    if law.predicts:  # the commands were not sent, so the predicted force does not occur
-        state = law.begin(motion.T_base_tcp, sample.T_measured, None, settings)
-        motion = replace(motion, follows=False)
-    return replace(session, state=state, motion=motion, commanded=commanded.restarted())
+    law, commanded = LAWS[session.law], session.commanded
+    if not commanded.lags(T_commanded, sample.dt_s, T_sent):
+        session.state, session.motion = law.step(session.state, sample, settings)
+        if session.path is not None:
+            _move_along(session, session.path, sample, most_m=speed_max_m_s * sample.dt_s)
+    elif session.path is not None:  # the pending commands contain path motion
+        session.motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
+    else:
+        session.motion = back_calculate(sample.motion, commanded.restart())
+        if law.predicts:  # the commands were not sent, so the predicted force does not occur
+            T_base_tcp = session.motion.T_base_tcp
+            session.state = law.begin(T_base_tcp, sample.T_measured, None, settings)
+            session.motion.follows = False
 
 
-def _along(
-    path: TcpPath, sample: LawInput, motion: LawMotion, *, most_m: float
-) -> tuple[TcpPath, LawMotion]:
-    """Return the rest of the path, and the motion with one period along it.
+def _move_along(session: ForceSession, path: TcpPath, sample: LawInput, *, most_m: float) -> None:
+    """Add one period along the path to the motion.
 
     Force control and path together keep the regulator's speed limit.
     """
-    if path.in_contact and motion.contact != "contact":
-        return replace(path, now_m_s=0.0), motion
-    T = motion.T_base_tcp
-    path, shift_m = advance(
+    if path.in_contact and session.motion.contact != "contact":
+        session.path = replace(path, now_m_s=0.0)
+        return
+    T = session.motion.T_base_tcp
+    session.path, shift_m = advance(
         path,
         T.translation,
         T.rotation[:, 2],
@@ -89,20 +86,20 @@ def _along(
         pushed_m=T.translation - sample.motion.T_base_tcp.translation,
         most_m=most_m,
     )
-    return path, replace(motion, T_base_tcp=pin.SE3(T.rotation, T.translation + shift_m))
+    session.motion.T_base_tcp = pin.SE3(T.rotation, T.translation + shift_m)
 
 
-def first_setpoint_N(force_N: Array, T_base_tcp: pin.SE3, target_N: float) -> float:
+def first_setpoint_N(force_N: Vec3, T_base_tcp: pin.SE3, target_N: float) -> float:
     """Return the initial value of the set-point ramp: the measured press, at most the target.
 
     An arm that already presses does not release first, and a release does not wait for a ramp.
 
     Args:
-        force_N: Force of the environment on the tool, base axes, shape (3,) [N].
+        force_N: Force of the environment on the tool, base axes.
         T_base_tcp: Measured pose of the TCP in base.
         target_N: Target press along the tool's z axis [N].
     """
-    measured_N = -float(np.dot(force_N, T_base_tcp.rotation[:, 2]))
+    measured_N = -dot(force_N, T_base_tcp.rotation[:, 2].tolist())
     return min(max(measured_N, 0.0), target_N)
 
 

@@ -12,7 +12,7 @@ alpha = 1 - p^2, beta = (1 - p)^2. Its speed lags by 2 T while the surface accel
 low-passed derivative of that speed compensates for the lag.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import exp
 
 from services.regulator.law import LawInput
@@ -24,7 +24,7 @@ STEADY_N, STEADY_UP_S, STEADY_DOWN_S = 3.0, 0.3, 0.01  # use of the surface's ac
 TRIM_TAUS, TRIM_SHARE, TRIM_LEAST_M_S = 8.0, 0.25, 1e-4
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class SurfaceMotion:
     """Position and motion of the surface; position None before the first sample."""
 
@@ -33,17 +33,18 @@ class SurfaceMotion:
     accel_m_s2: float = 0.0
     lag_s: float = 0.0  # lag of the speed estimate
 
-    def after(self, measured_m: float, dt_s: float, time_s: float) -> "SurfaceMotion":
-        """Return the estimate updated by a measured position `measured_m`; T is `time_s`."""
+    def update(self, measured_m: float, dt_s: float, time_s: float) -> None:
+        """Update the estimate by a measured position `measured_m`; T is `time_s`."""
         if self.position_m is None:
-            return SurfaceMotion(measured_m, lag_s=2.0 * time_s)
+            self.position_m, self.lag_s = measured_m, 2.0 * time_s
+            return
         pole = exp(-dt_s / time_s)
         expected_m = self.position_m + self.speed_m_s * dt_s
         error_m = measured_m - expected_m
         gained_m_s = (1.0 - pole) ** 2 / dt_s * error_m
-        accel_m_s2 = pole * self.accel_m_s2 + (1.0 - pole) * gained_m_s / dt_s
-        position_m = expected_m + (1.0 - pole * pole) * error_m
-        return SurfaceMotion(position_m, self.speed_m_s + gained_m_s, accel_m_s2, self.lag_s)
+        self.accel_m_s2 = pole * self.accel_m_s2 + (1.0 - pole) * gained_m_s / dt_s
+        self.position_m = expected_m + (1.0 - pole * pole) * error_m
+        self.speed_m_s += gained_m_s
 
     def ahead(self, time_s: float, share: float) -> tuple[float, float]:
         """Return travel [m] in a time and speed after it, with a share of the acceleration."""
@@ -52,76 +53,69 @@ class SurfaceMotion:
         return travel_m, self.speed_m_s + accel_m_s2 * (self.lag_s + time_s)
 
 
-NO_DRIFT = SurfaceMotion()
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class SurfaceTracking:
-    """State of surface tracking."""
+    """State of surface tracking; advanced in place."""
 
     near: bool = False  # near the set point since it changed or contact was lost: tracking
-    drift: SurfaceMotion = NO_DRIFT
+    drift: SurfaceMotion = field(default_factory=SurfaceMotion)
     share: float = 0.0  # of the drift that is fed forward
     steadiness: float = 0.0  # share of its acceleration that is used
     trim_m_s: float = 0.0  # integral correction of the model's remaining error
     setpoint_N: float = 0.0
 
+    def update(
+        self,
+        sample: LawInput,
+        *,
+        force_N: float,
+        k_N_m: float,
+        may_begin: bool,
+        in_contact: bool,
+        filtered_travel_m: float,
+        in_flight_m: float,
+        inertial_N: float,
+        Ki: float,
+        tau_s: float,
+    ) -> tuple[float, float]:
+        """Update the state; return the surface's travel, and its speed to feed forward.
 
-NOT_TRACKING = SurfaceTracking()
+        The travel is that until this sample's command arrives [m]. A surface at rest is not
+        tracked: travel and speed are weighted against noise.
 
+        All quantities are those along the press axis.
 
-def update(
-    before: SurfaceTracking,
-    sample: LawInput,
-    *,
-    k_N_m: float,
-    may_begin: bool,
-    in_contact: bool,
-    filtered_travel_m: float,
-    in_flight_m: float,
-    inertial_N: float,
-    Ki: float,
-    tau_s: float,
-) -> tuple[SurfaceTracking, float, float]:
-    """Return the state after this sample, the surface's travel, and the speed to feed forward.
-
-    The travel is that until this sample's command arrives [m]. A surface at rest is not tracked:
-    travel and speed are weighted against noise.
-
-    All quantities are those along the press axis.
-
-    Args:
-        before: State so far.
-        sample: Wrench and targets of this period.
-        k_N_m: Stiffness of the contact.
-        may_begin: Whether k is identified, not only bounded.
-        in_contact: Whether the tool touches the surface.
-        filtered_travel_m: Commanded travel that the filtered force belongs to.
-        in_flight_m: Commanded travel still in flight.
-        inertial_N: Inertial force of the tool in the sensor's reading.
-        Ki: Integral gain [m/(N s)].
-        tau_s: The loop's delay.
-    """
-    dt_s, force_N = sample.dt_s, float(sample.force_N @ sample.motion.T_base_tcp.rotation[:, 2])
-    error_N = force_N + sample.setpoint_N
-    is_near = max(abs(error_N), abs(k_N_m * in_flight_m)) < NEAR_N
-    near = before.near or (is_near and may_begin)
-    if not in_contact or sample.setpoint_N != before.setpoint_N:
-        near = False
-    share = before.share + (near - before.share) * min(1.0, dt_s / FADE_S)
-    if not near:
-        return SurfaceTracking(share=share, setpoint_N=sample.setpoint_N), 0.0, 0.0
-    surface_m = filtered_travel_m + (force_N + inertial_N) / k_N_m
-    time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
-    drift = before.drift.after(surface_m, dt_s, time_s)
-    is_steady = abs(error_N) < STEADY_N
-    steadiness_s = STEADY_UP_S if is_steady else STEADY_DOWN_S
-    steadiness = before.steadiness + (is_steady - before.steadiness) * min(1.0, dt_s / steadiness_s)
-    most_m_s = TRIM_SHARE * share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
-    trim_m_s = before.trim_m_s + Ki * error_N / (TRIM_TAUS * tau_s) * share * dt_s
-    trim_m_s = min(max(trim_m_s, -most_m_s), most_m_s)
-    height_N = (k_N_m * tau_s * drift.speed_m_s) ** 2
-    used_share = share * height_N / (height_N + DRIFT_NOISE_N**2)
-    travel_m, speed_m_s = drift.ahead(tau_s - dt_s, steadiness)
-    now = SurfaceTracking(near, drift, share, steadiness, trim_m_s, sample.setpoint_N)
-    return now, used_share * travel_m, used_share * speed_m_s + trim_m_s
+        Args:
+            sample: Set point and length of this period.
+            force_N: Of the environment on the tool.
+            k_N_m: Stiffness of the contact.
+            may_begin: Whether k is identified, not only bounded.
+            in_contact: Whether the tool touches the surface.
+            filtered_travel_m: Commanded travel that the filtered force belongs to.
+            in_flight_m: Commanded travel still in flight.
+            inertial_N: Inertial force of the tool in the sensor's reading.
+            Ki: Integral gain [m/(N s)].
+            tau_s: The loop's delay.
+        """
+        dt_s, drift, error_N = sample.dt_s, self.drift, force_N + sample.setpoint_N
+        is_near = max(abs(error_N), abs(k_N_m * in_flight_m)) < NEAR_N
+        may_track = in_contact and sample.setpoint_N == self.setpoint_N
+        self.near = may_track and (self.near or (is_near and may_begin))
+        self.setpoint_N = sample.setpoint_N
+        self.share += (self.near - self.share) * min(1.0, dt_s / FADE_S)
+        if not self.near:
+            self.drift, self.steadiness, self.trim_m_s = SurfaceMotion(), 0.0, 0.0
+            return 0.0, 0.0
+        time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
+        drift.update(filtered_travel_m + (force_N + inertial_N) / k_N_m, dt_s, time_s)
+        is_steady = abs(error_N) < STEADY_N
+        steadiness_s = STEADY_UP_S if is_steady else STEADY_DOWN_S
+        self.steadiness += (is_steady - self.steadiness) * min(1.0, dt_s / steadiness_s)
+        most_m_s = TRIM_SHARE * self.share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
+        trim_m_s = self.trim_m_s + Ki * error_N / (TRIM_TAUS * tau_s) * self.share * dt_s
+        self.trim_m_s = min(max(trim_m_s, -most_m_s), most_m_s)
+        root_N = k_N_m * tau_s * drift.speed_m_s
+        height_N2 = root_N * root_N
+        used_share = self.share * height_N2 / (height_N2 + DRIFT_NOISE_N**2)
+        travel_m, speed_m_s = drift.ahead(tau_s - dt_s, self.steadiness)
+        return used_share * travel_m, used_share * speed_m_s + self.trim_m_s

@@ -10,98 +10,102 @@ The force of a released contact falls with the travel, that of a wrong axis does
 verified by `forcemesh check axes`, the one along the tool also by a touch from free space.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import degrees, hypot
+from operator import mul
 
-import numpy as np
-import numpy.typing as npt
-
-from common.motion.frames import Array, length
+from common.motion.frames import Rows, Vector, dot, plus, rotated
 from forcemesh.faults import tripped
-from forcemesh.messages import Trip
+from forcemesh.messages import ZERO3, Trip, Vec3
 
 LIMIT_M = 0.002  # a force that falls by chance and braking add to it: 5 mm in all
 LIMIT_RAD = 0.1
 SOFTEST_N_M = 1000.0  # contact whose release is still recognised as one
 IDLE_BANDS = 1.5  # of the deadband: below it the tool is idle and its travel is reset
 AXES = "xyz"
-Flags = npt.NDArray[np.bool_]
+Flags = Sequence[bool]  # of three axes
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class YieldTravel:
-    """Travel along the force since the tool was idle; along the tool's axes, shape (3,)."""
+    """Travel along the force since the tool was idle, along the tool's axes; advanced in place."""
 
-    travel_m: Array = field(default_factory=lambda: np.zeros(3))
-    most_N: Array = field(default_factory=lambda: np.zeros(3))
+    travel_m: Vector = ZERO3
+    most_N: Vector = ZERO3
     turn_rad: float = 0.0  # about the force, or about any axis while there is no force
 
+    def update(
+        self,
+        R_tcp_base: Rows,
+        *,
+        moved_m: Vec3,
+        turned_rad: Vec3,
+        force_N: Vec3,
+        torque_Nm: Vec3,
+        limited: Flags,
+        idle_N: float,
+        idle_Nm: float,
+    ) -> None:
+        """Add one more period.
 
-def update(
-    before: YieldTravel,
-    R_base_tcp: Array,
-    *,
-    moved_m: Array,
-    turned_rad: Array,
-    force_N: Array,
-    torque_Nm: Array,
-    limited: Flags,
-    idle_N: float,
-    idle_Nm: float,
-) -> YieldTravel:
-    """Return the travel after one more period.
+        Args:
+            R_tcp_base: Orientation of the base in the tool, row by row.
+            moved_m: Travel of the contact point in this period, base axes.
+            turned_rad: Rotation in this period, base axes.
+            force_N: Of the environment on the tool, base axes.
+            torque_Nm: About the TCP, base axes.
+            limited: Axes whose travel is limited.
+            idle_N: Force below which the tool is idle.
+            idle_Nm: Torque below which it is idle.
+        """
+        force, step_m = rotated(R_tcp_base, force_N), rotated(R_tcp_base, moved_m)
+        size, travel_m = [abs(axis_N) for axis_N in force], [0.0] * 3
+        is_idle = hypot(*map(mul, force, limited)) <= idle_N
+        if not is_idle:
+            for axis, step in enumerate(step_m):
+                yielded_m = abs(step) if force[axis] * step > 0.0 else -abs(step)
+                travel_m[axis] = max(self.travel_m[axis] + yielded_m, 0.0)
+                if travel_m[axis] > 0.0:
+                    size[axis] = max(self.most_N[axis], size[axis])
+        self.travel_m, self.most_N = travel_m, size
+        spin_Nm = torque_Nm
+        if (square := dot(force_N, force_N)) > idle_N**2:
+            spin_Nm = plus(ZERO3, force_N, dot(torque_Nm, force_N) / square)
+        spin = hypot(*spin_Nm)
+        turn_rad = self.turn_rad + dot(turned_rad, spin_Nm) / spin if spin > idle_Nm else 0.0
+        self.turn_rad = max(turn_rad, 0.0)
 
-    Args:
-        before: Travel so far.
-        R_base_tcp: Orientation of the tool, shape (3, 3).
-        moved_m: Travel of the contact point in this period, base axes, shape (3,).
-        turned_rad: Rotation in this period, base axes, shape (3,).
-        force_N: Of the environment on the tool, base axes, shape (3,).
-        torque_Nm: About the TCP, base axes, shape (3,).
-        limited: Axes whose travel is limited. Shape (3,).
-        idle_N: Force below which the tool is idle.
-        idle_Nm: Torque below which it is idle.
-    """
-    force, step_m = R_base_tcp.T @ force_N, R_base_tcp.T @ moved_m
-    size = np.abs(force)
-    if length(force * limited) <= idle_N:
-        travel_m, most_N = np.zeros(3), size
-    else:
-        yielded_m = np.where(force * step_m > 0.0, np.abs(step_m), -np.abs(step_m))
-        travel_m = np.maximum(before.travel_m + yielded_m, 0.0)
-        most_N = np.where(travel_m > 0.0, np.maximum(before.most_N, size), size)
-    spin_Nm = torque_Nm
-    if (square := float(force_N @ force_N)) > idle_N**2:
-        spin_Nm = force_N * float(torque_Nm @ force_N) / square
-    turn_rad = 0.0
-    if (spin := length(spin_Nm)) > idle_Nm:
-        turn_rad = max(before.turn_rad + float(turned_rad @ spin_Nm) / spin, 0.0)
-    return YieldTravel(travel_m, most_N, turn_rad)
-
-
-def trip_of(now: YieldTravel, force_tool_N: Array, limited: Flags, *, rotates: bool) -> Trip | None:
-    """Return why force feedback must end, if it must; `force_tool_N` in tool axes, shape (3,)."""
-    too_far = length(now.travel_m * limited) > LIMIT_M  # before the travel that the force allows
-    too_turned = rotates and now.turn_rad > LIMIT_RAD and limited.any()
-    if not too_far and not too_turned:
-        return None
-    # The force of a released contact falls as a whole. With swapped axes, the force along one axis
-    # may fall by chance while it grows along the others, so the fall of the whole is the limit.
-    size_N, yields = np.abs(force_tool_N), limited & (now.travel_m > 0.0)
-    fallen_N = max(length(now.most_N[yields]) - length(size_N[yields]), 0.0)
-    paid_m = np.minimum(now.most_N - size_N, fallen_N) / SOFTEST_N_M
-    unpaid_m = np.where(limited, np.maximum(now.travel_m - paid_m, 0.0), 0.0)
-    unexplained_m, at = length(unpaid_m), int(np.argmax(unpaid_m))
-    rest = (
-        "and the sensor's axes and signs are not verified: run `forcemesh "
-        "check axes`, once for each calibration"
-    )
-    if unexplained_m > LIMIT_M:
-        text = (
-            f"the tool yielded by {unexplained_m * 1e3:.1f} mm, mainly along its {AXES[at]} "
-            f"axis, the force did not fall, {rest}"
+    def trip(self, force_tool_N: Vec3, limited: Flags, *, rotates: bool) -> Trip | None:
+        """Return why force feedback must end, if it must; `force_tool_N` along the tool's axes."""
+        # Before the travel that the force allows.
+        too_far = hypot(*map(mul, self.travel_m, limited)) > LIMIT_M
+        too_turned = rotates and self.turn_rad > LIMIT_RAD and any(limited)
+        if not too_far and not too_turned:
+            return None
+        # The force of a released contact falls as a whole. With swapped axes, the force along one
+        # axis may fall by chance while it grows along the others, so the fall of the whole is the
+        # limit.
+        size_N = [abs(axis_N) for axis_N in force_tool_N]
+        yields = [axis for axis in range(3) if limited[axis] and self.travel_m[axis] > 0.0]
+        before_N, now_N = (hypot(*(N[axis] for axis in yields)) for N in (self.most_N, size_N))
+        fallen_N = max(before_N - now_N, 0.0)
+        unpaid_m = [0.0] * 3
+        for axis in yields:
+            paid_m = min(self.most_N[axis] - size_N[axis], fallen_N) / SOFTEST_N_M
+            unpaid_m[axis] = max(self.travel_m[axis] - paid_m, 0.0)
+        unexplained_m, at = hypot(*unpaid_m), unpaid_m.index(max(unpaid_m))
+        rest = (
+            "and the sensor's axes and signs are not verified: run `forcemesh "
+            "check axes`, once for each calibration"
         )
-        return tripped("sensor_sign", text, value=unexplained_m, limit=LIMIT_M, unit="m")
-    if too_turned:
-        text = f"the tool yielded to a torque by {np.degrees(now.turn_rad):.1f} degrees, {rest}"
-        return tripped("sensor_sign", text, value=now.turn_rad, limit=LIMIT_RAD, unit="rad")
-    return None
+        if unexplained_m > LIMIT_M:
+            text = (
+                f"the tool yielded by {unexplained_m * 1e3:.1f} mm, mainly along its {AXES[at]} "
+                f"axis, the force did not fall, {rest}"
+            )
+            return tripped("sensor_sign", text, value=unexplained_m, limit=LIMIT_M, unit="m")
+        if too_turned:
+            text = f"the tool yielded to a torque by {degrees(self.turn_rad):.1f} degrees, {rest}"
+            return tripped("sensor_sign", text, value=self.turn_rad, limit=LIMIT_RAD, unit="rad")
+        return None

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
@@ -35,8 +34,8 @@ class PcFeedback:
     def next_pose(self, wrench: WrenchAtTcp, now_ns: int) -> PoseRecord:
         """Return the set point of the next sample."""
         sample = LawInput(
-            force_N=np.array(wrench.force_N),
-            torque_Nm=np.array(wrench.torque_Nm),
+            force_N=wrench.force_N,
+            torque_Nm=wrench.torque_Nm,
             setpoint_N=0.0,
             mode=self._mode,
             dt_s=(now_ns - self._at_ns) / NS_PER_S,

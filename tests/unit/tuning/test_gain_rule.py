@@ -123,8 +123,8 @@ def test_tau_is_the_sum_of_its_parts() -> None:
 
 def test_proportional_gains_are_zero_by_default() -> None:
     """Proportional action only compensates known lag; all axes have the same integral gain."""
-    assert not GAINS.force_p_m_per_N.any()
-    assert not GAINS.torque_p_rad_per_Nm.any()
+    assert not any(GAINS.force_p_m_per_N)
+    assert not any(GAINS.torque_p_rad_per_Nm)
     assert len(set(GAINS.force_i_m_per_Ns)) == len(set(GAINS.torque_i_rad_per_Nms)) == 1
 
 

@@ -13,7 +13,7 @@ from common.motion.limits import JointTrack, Limits
 from common.motion.setpoint_monitor import SetpointMonitor
 from forcemesh import topics
 from forcemesh.codec import encode_record
-from forcemesh.messages import Goal, RobotState, RobotStatus, Speed, Trip
+from forcemesh.messages import ZERO3, Goal, RobotState, RobotStatus, Speed, Trip
 from forcemesh.requests import HoldRequest
 from services.arbiter.inputs import robot_faults
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms
@@ -128,15 +128,15 @@ def test_a_turn_is_limited_as_a_travel_is() -> None:
 def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> None:
     """2 N m over a tenth of a radian are 0.2 J; in mode position the tool turns for others."""
     settings = GuardSettings.of(CELL)
-    still, torque_Nm = np.zeros(3), np.array([0.0, 0.0, 2.0])
     sample = GuardSample(
-        still, torque_Nm, T_START, still, still, contact="contact", error=np.zeros(6),
-        limited=np.zeros(3, dtype=bool), setpoint_N=0.0, presses=True, rotates=turns,
-        follows=False, dt_s=0.004,
+        ZERO3, (0.0, 0.0, 2.0), T_START, ZERO3, ZERO3, contact="contact", error=(0.0,) * 6,
+        limited=(False,) * 3, setpoint_N=0.0, presses=True, rotates=turns, follows=False,
+        dt_s=0.004,
     )  # fmt: skip
-    remembered, _ = watch(GuardState(touched=True), sample, settings)
+    remembered = GuardState(touched=True)
+    watch(remembered, sample, settings)
     turned = pin.SE3(pin.utils.rotate("z", 0.1) @ T_START.rotation, T_START.translation)
-    remembered, _ = watch(remembered, replace(sample, T_base_tcp=turned), settings)
+    watch(remembered, replace(sample, T_base_tcp=turned), settings)
     assert remembered.environment_work_J == pytest.approx(0.2 if turns else 0.0)
 
 

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from common.motion.convert import vec3
 from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
 from services.regulator.adaptive import AdaptiveSettings, begin, limit_gain_for_braking, step
 from services.regulator.gains import PiGains
@@ -47,8 +48,8 @@ def run(samples, *, gains=GAINS, chosen=SETTINGS, arm=None):
 def pushed(force_N, setpoint_N=0.0, mode="position", torque_Nm=(0.0, 0.0, 0.0)):
     """Return one sample."""
     return LawInput(
-        np.array(force_N),
-        np.array(torque_Nm),
+        vec3(np.array(force_N)),
+        vec3(np.array(torque_Nm)),
         setpoint_N,
         mode,
         DT_S,
@@ -85,7 +86,7 @@ def test_it_accelerates_and_brakes_no_faster_than_the_arm_may(history) -> None:
 
 def test_a_turn_after_a_long_path_estimates_no_surface_motion() -> None:
     """100 mm across, then 2 degrees about the tip at the set force: the surface has not moved."""
-    T, adaptive = START.copy(), begin(START, START, np.full(3, 2e4), SETTINGS)
+    T, adaptive = START.copy(), begin(START, START, (2e4,) * 3, SETTINGS)
     for number in range(600):
         if number < 500:
             T.translation = T.translation + 2e-4 * T.rotation[:, 0]
@@ -106,11 +107,9 @@ def test_at_any_error_the_arm_still_comes_to_rest(one_N, other_N, Ki, k, brake_m
     """Half the change of v^2 is at most the travel times a; the speed is never above Ki e."""
 
     def speed_m_s(error_N):
-        gain = limit_gain_for_braking(
-            np.full(3, Ki), np.full(3, error_N), np.full(3, k), brake_m_s2
-        )
-        assert gain.max() <= Ki
-        return float(gain[0]) * error_N
+        gain = limit_gain_for_braking([Ki] * 3, [error_N] * 3, [k] * 3, brake_m_s2)
+        assert max(gain) <= Ki
+        return gain[0] * error_N
 
     low_N, high_N = sorted((one_N, other_N))
     slow, fast = speed_m_s(low_N), speed_m_s(high_N)
@@ -137,7 +136,23 @@ def test_it_yields_along_the_force(force_N) -> None:
 def test_it_uses_the_gain_of_the_stiffest_contact_before_an_estimate() -> None:
     """An arm that does not move gives no estimate: the gain stays that of the stiffest contact."""
     _, adaptive = run([pushed(30.0 * UP)] * 50, arm=START)[-1]
-    assert adaptive.stiffness.k == pytest.approx(np.full(3, SETTINGS.stiffness.stiffest_N_m))
+    assert adaptive.k_N_m == pytest.approx([SETTINGS.stiffness.stiffest_N_m] * 3)
+
+
+def test_every_axis_is_estimated_by_itself() -> None:
+    """One axis of the tool is soft, one stiff, and one does not move."""
+    k = np.array([5e3, 1.5e4, 1e4])
+    law, adaptive = start_at(START), begin(START, START, None, SETTINGS)
+    for number in range(60):
+        force_N = np.array([30.0, 30.0, 5.0]) * np.exp(-number / 20.0 * np.array([1, 1, 0]))
+        travel_m = START.rotation @ ((np.array([30.0, 30.0, 5.0]) - force_N) / k)
+        T_measured = pin.SE3(START.rotation, START.translation + travel_m)
+        sample = replace(pushed(START.rotation @ force_N), motion=law, T_measured=T_measured)
+        adaptive, _ = step(adaptive, sample, SETTINGS)
+    found = [axis.k_N_m for axis in adaptive.stiffness]
+    assert found[:2] == pytest.approx(k[:2], rel=0.4)
+    assert found[2] == SETTINGS.stiffness.stiffest_N_m
+    assert [axis.is_identified for axis in adaptive.stiffness] == [True, True, False]
 
 
 @pytest.mark.parametrize("report_s", [0.004, 0.02, 0.08])
@@ -159,18 +174,17 @@ def test_a_slowly_reported_pose_does_not_lower_the_stiffness(report_s, k) -> Non
         sample = replace(sample, pose_is_new=is_new, motion=law, T_measured=T_report)
         adaptive, law = step(adaptive, sample, chosen)
         law = replace(law, T_base_tcp=T_arm)
-        estimates.append(adaptive.stiffness.k[2])
+        estimates.append(adaptive.stiffness[2].k_N_m)
     assert min(estimates) >= 0.98 * k
 
 
 def test_the_identified_stiffness_is_dropped_when_contact_is_lost() -> None:
     """A short loss of contact keeps it, three tau without contact do not."""
-    soft = np.full(3, 2e3)
-    law, adaptive = start_at(START), begin(START, START, soft, SETTINGS)
+    law, adaptive = start_at(START), begin(START, START, (2e3,) * 3, SETTINGS)
     kept = []
     for _ in range(round(4.0 * SETTINGS.tau_s / DT_S)):
         adaptive, law = step(adaptive, replace(pushed(0.0 * UP), motion=law), SETTINGS)
-        kept.append(adaptive.stiffness.k[2])
+        kept.append(adaptive.stiffness[2].k_N_m)
     assert kept[0] == 2e3
     assert kept[-1] == SETTINGS.stiffness.stiffest_N_m
 
@@ -178,7 +192,9 @@ def test_the_identified_stiffness_is_dropped_when_contact_is_lost() -> None:
 @given(st.floats(0.0, 3.0))
 def test_requested_gains_slow_it_down_and_never_speed_it_up(share) -> None:
     """Half of the rule's gain is half of the speed; twice the gain is the same speed."""
-    requested = replace(GAINS, force_i_m_per_Ns=share * GAINS.force_i_m_per_Ns)
+    requested = replace(
+        GAINS, force_i_m_per_Ns=tuple(share * gain for gain in GAINS.force_i_m_per_Ns)
+    )
     full, slowed = (run([pushed(0.7 * UP)], gains=gains)[-1][0] for gains in (GAINS, requested))
     travels_m = [law.T_base_tcp.translation - START.translation for law in (full, slowed)]
     assert travels_m[1] == pytest.approx(min(share, 1.0) * travels_m[0], abs=1e-12)
@@ -200,7 +216,7 @@ def test_each_part_can_be_switched_off(without) -> None:
 def test_a_masked_axis_does_not_move(force_N, axes, frame) -> None:
     """Masked axes of the task frame do not move; the others do."""
     R = START.rotation if frame == "tool" else np.eye(3)
-    sample = replace(pushed(force_N), axes=axes, R_base_task=R)
+    sample = replace(pushed(force_N), axes=axes, R_base_task=R.tolist())
     end, _ = run([sample])[-1]
     moved = R.T @ (end.T_base_tcp.translation - START.translation)
     assert moved[~np.array(axes[:3])] == pytest.approx(0.0, abs=1e-15)

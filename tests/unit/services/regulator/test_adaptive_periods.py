@@ -29,7 +29,7 @@ def test_a_late_sample_has_the_gain_of_a_loop_with_that_period(rate_hz, k_N_m) -
 
     This concerns the adaptive gain. The nominal rate decides which contacts have the plain gain.
     """
-    k, dt_s = np.full(3, k_N_m), 1.0 / rate_hz
+    k, dt_s = [k_N_m] * 3, 1.0 / rate_hz
     of_sample = gain_for(k, settings_for_any_contact(at_rate(250.0)), dt_s)
     of_cell = gain_for(k, settings_for_any_contact(at_rate(rate_hz)), dt_s)
     for one, other in zip(of_sample, of_cell, strict=True):
@@ -41,5 +41,5 @@ def test_a_longer_period_has_a_lower_gain(one_s, other_s, k_N_m) -> None:
     """The gain decreases over all periods."""
     settings = AdaptiveSettings.of(CELL)
     sooner_s, later_s = sorted((one_s, other_s))
-    soon, late = (gain_for(np.full(3, k_N_m), settings, t)[0] for t in (sooner_s, later_s))
-    assert (late <= soon + 1e-15).all()
+    soon, late = (gain_for([k_N_m] * 3, settings, t)[0] for t in (sooner_s, later_s))
+    assert (np.array(late) <= np.array(soon) + 1e-15).all()

@@ -1,12 +1,14 @@
 """The delay model from a command to the force: lag, delay and bounds."""
 
+from copy import copy
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from services.regulator.delay_model import DelayModelSettings, at_rest, follow
+from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 
 DT_S = 0.004
 vectors = hnp.arrays(float, 3, elements=st.floats(-0.01, 0.01))
@@ -19,10 +21,12 @@ delay_settings = st.builds(
 
 
 def run(commands, settings, dt_s=DT_S):
-    """Follow commands from rest at the first one; return every state."""
-    states = [at_rest(commands[0])]
+    """Follow commands from rest at the first one; return a copy of every state."""
+    model = LoopDelayModel(tuple(commands[0]))
+    states = [copy(model)]
     for command in commands[1:]:
-        states.append(follow(states[-1], command, dt_s, settings))
+        model.follow(tuple(command), dt_s, settings)
+        states.append(copy(model))
     return states
 
 
@@ -39,8 +43,8 @@ def test_the_output_stays_within_the_commands(settings, commands) -> None:
     """The model has no overshoot: no axis leaves the range of its commands."""
     low, high = np.min(commands, axis=0), np.max(commands, axis=0)
     for state in run(commands, settings):
-        assert (state.filtered >= low - 1e-15).all()
-        assert (state.filtered <= high + 1e-15).all()
+        assert (np.array(state.filtered) >= low - 1e-15).all()
+        assert (np.array(state.filtered) <= high + 1e-15).all()
 
 
 @given(delay_settings, st.lists(vectors, min_size=2, max_size=40), vectors)
@@ -48,7 +52,8 @@ def test_the_output_does_not_depend_on_the_position(settings, commands, offset) 
     """An offset of all commands gives the same offset of the output."""
     at_origin = run(commands, settings)[-1]
     shifted = run([command + offset for command in commands], settings)[-1]
-    assert shifted.filtered - at_origin.filtered == pytest.approx(offset, abs=1e-12)
+    moved = np.subtract(shifted.filtered, at_origin.filtered)
+    assert moved == pytest.approx(offset, abs=1e-12)
     assert shifted.acceleration == pytest.approx(at_origin.acceleration, abs=1e-6)
 
 
@@ -58,7 +63,7 @@ def test_a_uniform_motion_is_delayed_by_the_sum_of_all_delays(settings) -> None:
     speed = np.array([0.0, 0.01, -0.02])
     end = run([speed * DT_S * step for step in range(150)], settings)[-1]
     late_s = settings.delay_s + settings.lag_s + settings.filter_s - 0.5 * DT_S
-    ahead = end.command - end.filtered
+    ahead = np.subtract(end.command, end.filtered)
     assert ahead == pytest.approx(speed * late_s, abs=0.6 * DT_S * 0.02)
 
 

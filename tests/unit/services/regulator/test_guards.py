@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
-from common.motion.frames import rotation_between
+from common.motion.frames import plus, rotation_between
 from forcemesh import topics
-from forcemesh.messages import RegulatorTarget, RobotCommand
+from forcemesh.messages import ZERO3, RegulatorTarget, RobotCommand
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from services.regulator.guards import (
@@ -28,11 +28,11 @@ from services.regulator.guards import (
     GuardState,
     HalfWaves,
     kept_over_restart,
-    watch,
 )
 from services.regulator.law import PROBE_N, LawSettings
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, cell_with
+from tests.fakes.guard_steps import watched
 from tests.fakes.regulator_bench import KI, PERIOD_S, T_FLANGE_TCP, RegulatorBench
 
 GUARDS = GuardSettings.of(CELL)
@@ -121,11 +121,10 @@ def test_a_wall_that_vanishes_while_pressing_is_followed_slowly_and_not_far() ->
 def sample_at(contact: Any, z_m: float = 0.0, force_N: float = 0.0) -> GuardSample:
     """Return one sample of a tool that points down."""
     T = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, z_m]))
-    zero = np.zeros(3)
     return GuardSample(
-        np.array([0.0, 0.0, force_N]), zero, T, zero, zero, contact=contact, error=np.zeros(6),
-        limited=np.zeros(3, dtype=bool), setpoint_N=0.0, presses=True, rotates=False,
-        follows=False, dt_s=DT_S,
+        (0.0, 0.0, force_N), ZERO3, T, ZERO3, ZERO3, contact=contact, error=(0.0,) * 6,
+        limited=(False,) * 3, setpoint_N=0.0, presses=True, rotates=False, follows=False,
+        dt_s=DT_S,
     )  # fmt: skip
 
 
@@ -135,12 +134,12 @@ def test_each_search_has_its_own_travel_limit(steps) -> None:
     now, z_m, began_m, touched = GuardState(), 0.0, 0.0, False
     for in_contact, down_m in steps:
         z_m -= down_m
-        now, trip = watch(now, sample_at("contact" if in_contact else "approach", z_m), GUARDS)
+        now, trip = watched(now, sample_at("contact" if in_contact else "approach", z_m), GUARDS)
         touched = touched or in_contact
         if in_contact:
             began_m = z_m
         elif now.p_search_m is not None:
-            began_m = float(now.p_search_m[2])
+            began_m = now.p_search_m[2]
         limit_m = GUARDS.lost_m if touched else GUARDS.search_m
         is_too_far = not in_contact and began_m - z_m > limit_m
         assert (trip is not None and trip.code == "travel") == is_too_far
@@ -150,13 +149,12 @@ def test_each_search_has_its_own_travel_limit(steps) -> None:
 
 
 def half_waves(waves: list[tuple[float, float]]) -> HalfWaves:
-    """Return the state after sine half waves of (height, duration) with alternating signs."""
+    """Return the half waves of a force after sine half waves of (height, duration)."""
     swing, sign = HalfWaves(), 1.0
     for height, duration_s in [*waves, (1.0, 10 * DT_S)]:
         for phase in np.arange(0.5, round(duration_s / DT_S)) * DT_S / duration_s:
-            error = np.zeros(6)
-            error[2] = sign * height * np.sin(np.pi * phase)
-            swing = swing.after(error, DT_S, GUARDS)
+            error_N = sign * height * np.sin(np.pi * phase)
+            swing.update(error_N, DT_S, GUARDS.half_wave[2], GUARDS)
         sign = -sign
     return swing
 
@@ -168,8 +166,8 @@ def test_five_periods_without_decay_are_an_oscillation(growth, height_N, half_ta
     waves = [(height_N * growth ** (n / 2), half_tau * TAU_S) for n in range(HALF_WAVES)]
     while min(height for height, _ in waves) < GUARDS.half_wave[2] / 0.95:
         waves = [(1.2 * height, long_s) for height, long_s in waves]
-    assert half_waves(waves).count.max() >= HALF_WAVES
-    assert half_waves(waves[:-2]).count.max() < HALF_WAVES
+    assert half_waves(waves).count >= HALF_WAVES
+    assert half_waves(waves[:-2]).count < HALF_WAVES
 
 
 @given(
@@ -180,7 +178,7 @@ def test_five_periods_without_decay_are_an_oscillation(growth, height_N, half_ta
 def test_a_decaying_oscillation_is_none(waves, keeps) -> None:
     """For any first height, if each half wave is much smaller than the last one on its side."""
     dying = [(60.0 * keeps ** (n / 2), long_s) for n, (_, long_s) in enumerate(waves)]
-    assert half_waves(dying).count.max() < HALF_WAVES
+    assert half_waves(dying).count < HALF_WAVES
 
 
 @given(st.lists(st.floats(-0.99, 0.99), max_size=100))
@@ -189,8 +187,8 @@ def test_noise_is_no_oscillation(errors) -> None:
     """Half waves below ten deadbands are not counted."""
     swing = HalfWaves()
     for share in errors:
-        swing = swing.after(share * GUARDS.half_wave, DT_S, GUARDS)
-    assert not swing.count.any()
+        swing.update(share * GUARDS.half_wave[2], DT_S, GUARDS.half_wave[2], GUARDS)
+    assert swing.count == 0
 
 
 def test_a_plate_four_times_stiffer_than_in_the_cell_file_is_detected() -> None:
@@ -350,13 +348,13 @@ def test_the_target_of_a_failure_has_its_code() -> None:
 def test_energy_stored_before_the_start_may_return() -> None:
     """A press that begins in contact, and one that yields, are not checked by their work."""
     for first in ("contact", "free"):
-        now, _ = watch(GuardState(), sample_at(first, 0.0, 30.0), GUARDS)
-        now, _ = watch(now, sample_at("contact", 0.0, 30.0), GUARDS)
-        _, trip = watch(now, sample_at("contact", 0.01, 30.0), GUARDS)
+        now, _ = watched(GuardState(), sample_at(first, 0.0, 30.0), GUARDS)
+        now, _ = watched(now, sample_at("contact", 0.0, 30.0), GUARDS)
+        _, trip = watched(now, sample_at("contact", 0.01, 30.0), GUARDS)
         assert trip is None
-    now, _ = watch(GuardState(), sample_at("approach"), GUARDS)
-    now, _ = watch(now, sample_at("contact", 0.0, 30.0), GUARDS)
-    _, trip = watch(now, sample_at("contact", 0.001, 30.0), GUARDS)
+    now, _ = watched(GuardState(), sample_at("approach"), GUARDS)
+    now, _ = watched(now, sample_at("contact", 0.0, 30.0), GUARDS)
+    _, trip = watched(now, sample_at("contact", 0.001, 30.0), GUARDS)
     assert trip is not None
     assert (trip.code, trip.limit) == ("sensor_sign", CELL.force.environment_work_J)
 
@@ -364,11 +362,11 @@ def test_energy_stored_before_the_start_may_return() -> None:
 def test_a_force_before_the_approach_is_no_touch() -> None:
     """Only the change since the tare counts."""
     preload = sample_at("approach", 0.0, -5.0)
-    now, trip = watch(GuardState(), preload, GUARDS)
+    now, trip = watched(GuardState(), preload, GUARDS)
     assert trip is None
-    _, trip = watch(now, replace(preload, force_N=np.array([0.5, 0.0, -5.5])), GUARDS)
+    _, trip = watched(now, replace(preload, force_N=(0.5, 0.0, -5.5)), GUARDS)
     assert trip is None
-    _, trip = watch(now, replace(preload, force_N=np.array([3.0, 0.0, -5.0])), GUARDS)
+    _, trip = watched(now, replace(preload, force_N=(3.0, 0.0, -5.0)), GUARDS)
     assert trip is not None
     assert trip.code == "sensor_sign"
 
@@ -376,30 +374,30 @@ def test_a_force_before_the_approach_is_no_touch() -> None:
 @pytest.mark.parametrize(("share", "is_wrong"), [(0.69, True), (0.71, False)])
 def test_the_first_touch_is_within_45_degrees_of_the_tool(share: float, is_wrong: bool) -> None:
     """At least 0.7 of the increase is along the tool; this alone verifies its axis."""
-    touch = 2.0 * GUARDS.touch_N * np.array([np.sqrt(1.0 - share**2), 0.0, share])
-    now, trip = watch(GuardState(), sample_at("approach"), GUARDS)
+    touch = plus(ZERO3, (np.sqrt(1.0 - share**2), 0.0, share), 2.0 * GUARDS.touch_N)
+    now, trip = watched(GuardState(), sample_at("approach"), GUARDS)
     assert trip is None
     touched = replace(sample_at("approach"), force_N=touch)
-    _, trip = watch(now, touched, GUARDS)
+    _, trip = watched(now, touched, GUARDS)
     assert ("" if trip is None else trip.code) == ("sensor_sign" if is_wrong else "")
     pressing = replace(touched, contact="contact", setpoint_N=5.0)
-    assert watch(now, pressing, GUARDS)[0].verified == (not is_wrong)
+    assert watched(now, pressing, GUARDS)[0].verified == (not is_wrong)
 
 
 def test_delayed_force_readings_do_not_count_as_work() -> None:
     """A spring is pressed and released with readings 12 ms late, as by the filter: no trip."""
     now, trip, late = GuardState(), None, [0.0] * 3
-    now, trip = watch(now, sample_at("approach"), GUARDS)
+    now, trip = watched(now, sample_at("approach"), GUARDS)
     for step in range(2000):
         depth_m = 0.001 * (1.0 - np.cos(2.0 * np.pi * step * DT_S / 0.3))
         late.append(2e4 * depth_m)
-        now, trip = watch(now, sample_at("contact", -depth_m, late[-4]), GUARDS)
+        now, trip = watched(now, sample_at("contact", -depth_m, late[-4]), GUARDS)
         assert trip is None
 
 
 def turning(force_N: float, **changes: Any) -> GuardSample:
     """Return one sample of a tool that may turn and has a set point of 8 N."""
-    unverified = np.array([True, True, False])
+    unverified = (True, True, False)
     fields: dict[str, Any] = {"rotates": True, "limited": unverified, "setpoint_N": 8.0}
     return replace(sample_at("contact", 0.0, force_N), **fields | changes)
 
@@ -408,22 +406,22 @@ def turning(force_N: float, **changes: Any) -> GuardSample:
 def test_a_tool_turning_by_unverified_torques_presses_at_most_half_more(force_N) -> None:
     """Half the set point plus touch_N, once at the set point; verified axes may press more."""
     limit_N = 12.0 + CELL.force.touch_N
-    now, _ = watch(GuardState(), turning(6.0), GUARDS)
-    _, trip = watch(now, turning(force_N), GUARDS)
+    now, _ = watched(GuardState(), turning(6.0), GUARDS)
+    _, trip = watched(now, turning(force_N), GUARDS)
     assert (trip is not None) is (force_N > limit_N)
     if trip is not None:
         assert (trip.code, trip.limit) == ("sensor_sign", pytest.approx(limit_N))
-    verified = turning(force_N, limited=np.zeros(3, dtype=bool))
+    verified = turning(force_N, limited=(False,) * 3)
     for permitted in (verified, turning(force_N, rotates=False), turning(force_N, presses=False)):
-        assert watch(now, permitted, GUARDS)[1] is None
+        assert watched(now, permitted, GUARDS)[1] is None
 
 
 def test_a_lowered_set_point_is_no_rise_of_the_force() -> None:
     """The old force may fall first; after that it must not rise again."""
-    now, _ = watch(GuardState(), turning(6.0), GUARDS)
-    now, trip = watch(kept_over_restart(now), turning(30.0), GUARDS)
+    now, _ = watched(GuardState(), turning(6.0), GUARDS)
+    now, trip = watched(kept_over_restart(now), turning(30.0), GUARDS)
     assert trip is None
-    now, trip = watch(now, turning(8.0), GUARDS)
+    now, trip = watched(now, turning(8.0), GUARDS)
     assert trip is None
-    _, trip = watch(now, turning(30.0), GUARDS)
+    _, trip = watched(now, turning(30.0), GUARDS)
     assert trip is not None

@@ -11,7 +11,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from forcemesh.messages import Trip, WrenchAtTcp
+from common.motion.frames import plus
+from forcemesh.messages import ZERO3, Trip, WrenchAtTcp
 from services.regulator.gains import PiGains
 from services.regulator.guards import (
     GuardSample,
@@ -19,14 +20,15 @@ from services.regulator.guards import (
     GuardState,
     HalfWaves,
     kept_over_restart,
-    watch,
 )
 from services.regulator.law import LawInput, start_at
 from tests.fakes.bench import CELL
+from tests.fakes.guard_steps import watched
 from tuning.gain_rule import tune
 
 DOWN = np.diag([1.0, -1.0, -1.0])
-Z_ONLY = np.array([False, False, True])
+Z_ONLY = (False, False, True)
+NOT_Z = (True, True, False)
 GAINS = PiGains.of(tune(CELL).gains)
 SETTINGS = GuardSettings(
     touch_N=2.0,
@@ -35,7 +37,7 @@ SETTINGS = GuardSettings(
     environment_work_J=0.0625,
     idle_N=0.45,
     idle_Nm=0.03,
-    half_wave=np.full(6, 3.0),
+    half_wave=(3.0,) * 6,
     half_wave_shortest_s=0.016,
     half_wave_longest_s=0.25,
 )
@@ -46,11 +48,10 @@ def guard_sample(
 ) -> GuardSample:
     """Return one sample."""
     T = pin.SE3(changes.pop("R", DOWN), np.array(p_m))
-    zero = np.zeros(3)
-    fields: dict[str, Any] = {"torque_Nm": zero, "moved_m": zero, "turned_rad": zero}
-    fields |= {"error": np.zeros(6), "limited": np.zeros(3, dtype=bool), "setpoint_N": 8.0}
+    fields: dict[str, Any] = {"torque_Nm": ZERO3, "moved_m": ZERO3, "turned_rad": ZERO3}
+    fields |= {"error": (0.0,) * 6, "limited": (False,) * 3, "setpoint_N": 8.0}
     fields |= {"presses": True, "rotates": False, "follows": False, "dt_s": 0.004} | changes
-    return GuardSample(force_N=np.array(force_N), T_base_tcp=T, contact=contact, **fields)
+    return GuardSample(force_N=force_N, T_base_tcp=T, contact=contact, **fields)
 
 
 def next_above(number: float) -> float:
@@ -71,18 +72,19 @@ def test_an_axis_is_unverified_until_it_was_checked_or_touched(
 ) -> None:
     """A touch verifies the tool's axis for its calibration, tared or not, unless the tool turns."""
     T = pin.SE3(DOWN, np.zeros(3))
-    sample = LawInput(np.zeros(3), np.zeros(3), 8.0, mode, 0.004, GAINS, start_at(T), T)
+    sample = LawInput(ZERO3, ZERO3, 8.0, mode, 0.004, GAINS, start_at(T), T)
     wrench = WrenchAtTcp(calibration=calibration, axes_checked=checked)
     found = GuardSample.of(sample, start_at(T), T_before=T, wrench=wrench, touched="rev")
     is_touched = calibration != "other" and mode == "position"
-    assert found.limited.tolist() == [not checked, not checked, not checked and not is_touched]
+    expected = (not checked, not checked, not checked and not is_touched)
+    assert found.limited == expected
 
 
 def test_the_motion_of_a_sample_is_that_of_the_point_of_contact() -> None:
     """Measured since the last sample, with the part of a rotation about the TCP."""
     T = pin.SE3(pin.utils.rotate("z", 0.1) @ DOWN, np.array([0.001, 0.002, 0.003]))
-    sample = LawInput(np.zeros(3), np.zeros(3), 8.0, "both", 0.004, GAINS, start_at(T), T)
-    law = replace(start_at(T), lever_m=np.array([0.05, 0.0, 0.0]))
+    sample = LawInput(ZERO3, ZERO3, 8.0, "both", 0.004, GAINS, start_at(T), T)
+    law = replace(start_at(T), lever_m=(0.05, 0.0, 0.0))
     before = pin.SE3(DOWN, np.zeros(3))
     found = GuardSample.of(sample, law, T_before=before, wrench=WrenchAtTcp(), touched="")
     assert found.turned_rad == pytest.approx([0.0, 0.0, 0.1])
@@ -101,7 +103,7 @@ def test_the_settings_are_those_of_the_cell_file() -> None:
 
 # --- the first touch ------------------------------------------------------------------------------
 
-PRELOAD_N = np.array([0.5, -1.0, -4.0])
+PRELOAD_N = (0.5, -1.0, -4.0)
 SIDE_N = sqrt(51.0)  # with 7 N along the tool that is 10 N, of which 0.7 are along the tool
 
 
@@ -122,8 +124,8 @@ def test_a_first_touch_beyond_touch_n_is_along_the_tool_or_trips(
     grown_N: Any, limit_N: float | None, proves: bool
 ) -> None:
     """2 N at most is no touch; of a touch at least 0.7 is along the tool, and more verifies it."""
-    now, _ = watch(GuardState(), guard_sample("approach"), SETTINGS)
-    touched, trip = watch(now, guard_sample("approach", grown_N), SETTINGS)
+    now, _ = watched(GuardState(), guard_sample("approach"), SETTINGS)
+    touched, trip = watched(now, guard_sample("approach", grown_N), SETTINGS)
     expected = None if limit_N is None else ("sensor_sign", grown_N[2], pytest.approx(limit_N))
     assert numbers(trip) == expected
     assert touched.verified is proves
@@ -131,14 +133,14 @@ def test_a_first_touch_beyond_touch_n_is_along_the_tool_or_trips(
 
 def test_only_the_increase_since_the_approach_began_is_a_touch() -> None:
     """The force that the tare left is subtracted, along the tool and across it."""
-    now, _ = watch(GuardState(), guard_sample("approach", PRELOAD_N), SETTINGS)
+    now, _ = watched(GuardState(), guard_sample("approach", PRELOAD_N), SETTINGS)
     for grown_N, code, proves in (
         ((0.0, 0.0, 1.9), None, False),
         ((0.0, 0.0, 2.1), None, True),
         ((2.1, 0.0, 0.0), "sensor_sign", False),
         ((0.0, 0.0, -2.1), "sensor_sign", False),
     ):
-        touched, trip = watch(now, guard_sample("approach", PRELOAD_N + grown_N), SETTINGS)
+        touched, trip = watched(now, guard_sample("approach", plus(PRELOAD_N, grown_N)), SETTINGS)
         assert (None if trip is None else trip.code) == code
         assert touched.verified is proves
 
@@ -147,9 +149,9 @@ def test_only_the_increase_since_the_approach_began_is_a_touch() -> None:
 def test_force_feedback_that_begins_in_contact_or_at_rest_verifies_nothing(first: Any) -> None:
     """Its first reading is not in free space and gives no sign and no fault."""
     now = GuardState(first=guard_sample(first))
-    assert not watch(now, guard_sample("approach", (0.0, 0.0, 30.0)), SETTINGS)[0].verified
+    assert not watched(now, guard_sample("approach", (0.0, 0.0, 30.0)), SETTINGS)[0].verified
     for contact in ("free", "approach"):
-        assert watch(now, guard_sample(contact, (30.0, 0.0, 0.0)), SETTINGS)[1] is None
+        assert watched(now, guard_sample(contact, (30.0, 0.0, 0.0)), SETTINGS)[1] is None
 
 
 def test_only_a_first_touch_verifies_an_axis_or_trips() -> None:
@@ -159,12 +161,12 @@ def test_only_a_first_touch_verifies_an_axis_or_trips() -> None:
     """
     pressing = guard_sample("contact", (0.0, 0.0, 30.0))
     began = GuardState(first=guard_sample("approach"))
-    assert watch(began, pressing, SETTINGS)[0].verified
-    assert not watch(GuardState(), pressing, SETTINGS)[0].verified
-    assert not watch(began, replace(pressing, presses=False), SETTINGS)[0].verified
+    assert watched(began, pressing, SETTINGS)[0].verified
+    assert not watched(GuardState(), pressing, SETTINGS)[0].verified
+    assert not watched(began, replace(pressing, presses=False), SETTINGS)[0].verified
     for contact in ("contact", "approach"):
         inclined = guard_sample(contact, (30.0, 0.0, 0.0))
-        assert watch(replace(began, touched=True), inclined, SETTINGS)[1] is None
+        assert watched(replace(began, touched=True), inclined, SETTINGS)[1] is None
 
 
 # --- work -----------------------------------------------------------------------------------------
@@ -173,7 +175,7 @@ def test_only_a_first_touch_verifies_an_axis_or_trips() -> None:
 def counted_mJ(begin: GuardSample, then: GuardSample, **stored: Any) -> tuple[float, float]:
     """Return work on the tool and by the tool after one step [mJ]."""
     before = GuardState(first=begin, worked=begin, touched=True)
-    now, _ = watch(replace(before, **stored), then, SETTINGS)
+    now, _ = watched(replace(before, **stored), then, SETTINGS)
     return 1e3 * now.environment_work_J, 1e3 * now.tool_work_J
 
 
@@ -190,12 +192,10 @@ def test_work_is_mean_force_times_travel_plus_mean_torque_times_rotation(
     changes: Any, given_mJ: float, got_mJ: float
 ) -> None:
     """20 and 30 N over -4 mm, 5 and 15 N over 4 mm, 1 and 3 N m over 0.1 rad: 40 - 100 + 200 mJ."""
-    begin = guard_sample(
-        "contact", (5.0, 0.0, 20.0), (0.25, 0.5, 0.75), torque_Nm=np.array([0, 0, 1.0])
-    )
+    begin = guard_sample("contact", (5.0, 0.0, 20.0), (0.25, 0.5, 0.75), torque_Nm=(0.0, 0.0, 1.0))
     turned = pin.utils.rotate("z", 0.1) @ DOWN
     then = guard_sample("contact", (15.0, 0.0, 30.0), (0.254, 0.5, 0.746), R=turned, **changes)
-    then = replace(then, torque_Nm=np.array([0.0, 0.0, 3.0]))
+    then = replace(then, torque_Nm=(0.0, 0.0, 3.0))
     assert counted_mJ(begin, then) == pytest.approx((given_mJ, got_mJ), abs=1e-9)
     more = {"environment_work_J": 0.007, "tool_work_J": 0.011}
     summed = (given_mJ + 7.0, got_mJ + 11.0)
@@ -229,21 +229,21 @@ def test_a_step_below_the_noise_of_the_pose_accumulates(
     before = GuardState(first=begin, worked=begin, touched=True)
     turned = pin.utils.rotate("z", turn_rad) @ DOWN
     then = guard_sample("contact", (0.0, 0.0, 10.0), (0.0, 0.0, -travel_m), R=turned)
-    now, _ = watch(before, then, SETTINGS)
+    now, _ = watched(before, then, SETTINGS)
     assert (now.worked is then) is is_counted
     assert (now.worked is begin) is not is_counted
     later = guard_sample("contact", (0.0, 0.0, 10.0), (0.0, 0.0, -0.001))
-    assert watch(now, later, SETTINGS)[0].tool_work_J == pytest.approx(0.01)
+    assert watched(now, later, SETTINGS)[0].tool_work_J == pytest.approx(0.01)
 
 
 def test_before_the_first_touch_the_tool_does_no_work() -> None:
     """Drag on the tool gives it no credit: the count begins at the touch."""
     now = GuardState()
     for z_m in (0.0, -0.01, -0.02):
-        now, _ = watch(now, guard_sample("approach", (0.0, 0.0, 1.0), (0.0, 0.0, z_m)), SETTINGS)
-    now, _ = watch(now, guard_sample("contact", (0.0, 0.0, 9.0), (0.0, 0.0, -0.03)), SETTINGS)
+        now, _ = watched(now, guard_sample("approach", (0.0, 0.0, 1.0), (0.0, 0.0, z_m)), SETTINGS)
+    now, _ = watched(now, guard_sample("contact", (0.0, 0.0, 9.0), (0.0, 0.0, -0.03)), SETTINGS)
     assert (now.environment_work_J, now.tool_work_J) == (0.0, 0.0)
-    now, _ = watch(now, guard_sample("contact", (0.0, 0.0, 11.0), (0.0, 0.0, -0.031)), SETTINGS)
+    now, _ = watched(now, guard_sample("contact", (0.0, 0.0, 11.0), (0.0, 0.0, -0.031)), SETTINGS)
     assert (now.environment_work_J, now.tool_work_J) == (0.0, pytest.approx(0.01))
 
 
@@ -262,7 +262,7 @@ def test_work_of_the_environment_is_limited_by_the_work_of_the_tool(
             environment_work_J=environment_work_J,
             tool_work_J=tool_work_J,
         )
-        _, trip = watch(now, guard_sample("contact"), SETTINGS)
+        _, trip = watched(now, guard_sample("contact"), SETTINGS)
         expected = ("sensor_sign", environment_work_J - 1.5 * tool_work_J, 0.0625)
         assert numbers(trip) == (expected if trips else None)
 
@@ -275,7 +275,7 @@ def test_only_a_press_that_began_in_free_space_is_checked_by_work(
     """A contact may have stored work before, and at set point 0 an operator may guide the tool."""
     begin = guard_sample(first)
     now = GuardState(first=begin, worked=begin, touched=True, environment_work_J=1.0)
-    _, trip = watch(now, guard_sample("contact", presses=presses), SETTINGS)
+    _, trip = watched(now, guard_sample("contact", presses=presses), SETTINGS)
     assert (trip is not None) is (first == "approach" and presses)
 
 
@@ -289,26 +289,26 @@ def test_an_unverified_rotation_presses_half_the_set_point_and_touch_n_more(
     force_N: float, trips: bool
 ) -> None:
     """14 N at most for 8 N, once the force has been at 8 N or below; before, it may fall."""
-    turning = {"rotates": True, "limited": np.array([True, False, False])}
+    turning = {"rotates": True, "limited": (True, False, False)}
     for first_N, was_found in ((8.0, True), (next_above(8.0), False)):
-        now, trip = watch(
+        now, trip = watched(
             GuardState(), guard_sample("contact", (0.0, 0.0, first_N), **turning), SETTINGS
         )
         assert trip is None
-        now, trip = watch(now, guard_sample("contact", (0.0, 0.0, force_N), **turning), SETTINGS)
+        now, trip = watched(now, guard_sample("contact", (0.0, 0.0, force_N), **turning), SETTINGS)
         expected = ("sensor_sign", force_N, 14.0)
         assert numbers(trip) == (expected if trips and was_found else None)
 
 
-@pytest.mark.parametrize("changes", [{"rotates": False}, {"presses": False}, {"limited": ~Z_ONLY}])
+@pytest.mark.parametrize("changes", [{"rotates": False}, {"presses": False}, {"limited": NOT_Z}])
 def test_a_force_may_grow_without_rotation_without_press_or_with_verified_axes(
     changes: Any,
 ) -> None:
     """Each of the three conditions is sufficient."""
     fields = {"rotates": True, "limited": Z_ONLY} | changes
-    fields["limited"] = fields["limited"] & Z_ONLY
-    now, _ = watch(GuardState(), guard_sample("contact", (0.0, 0.0, 8.0), **fields), SETTINGS)
-    assert watch(now, guard_sample("contact", (0.0, 0.0, 99.0), **fields), SETTINGS)[1] is None
+    fields["limited"] = (False, False, fields["limited"][2])
+    now, _ = watched(GuardState(), guard_sample("contact", (0.0, 0.0, 8.0), **fields), SETTINGS)
+    assert watched(now, guard_sample("contact", (0.0, 0.0, 99.0), **fields), SETTINGS)[1] is None
 
 
 # --- yielding, searching, oscillation -------------------------------------------------------------
@@ -320,11 +320,11 @@ def test_along_an_unverified_axis_of_the_tool_it_yields_by_2_mm() -> None:
     for moved_m, limited, trips in (
         ((0.0019, 0.0, 0.0), Z_ONLY, False),
         ((0.0021, 0.0, 0.0), Z_ONLY, True),
-        ((0.0021, 0.0, 0.0), ~Z_ONLY, False),
+        ((0.0021, 0.0, 0.0), NOT_Z, False),
     ):
-        moved = {"moved_m": np.array(moved_m), "limited": limited}
+        moved = {"moved_m": moved_m, "limited": limited}
         sample = guard_sample("free", (20.0, 0.0, 0.0), R=turned, **moved)
-        _, trip = watch(GuardState(), sample, SETTINGS)
+        _, trip = watched(GuardState(), sample, SETTINGS)
         expected = ("sensor_sign", pytest.approx(0.0021), 0.002)
         assert numbers(trip) == (expected if trips else None)
 
@@ -335,7 +335,7 @@ def test_along_an_unverified_axis_of_the_tool_it_yields_by_2_mm() -> None:
         ("approach", False, Z_ONLY, 0.0078125, 0.03125),
         ("free", False, Z_ONLY, 0.0078125, 0.03125),
         ("approach", True, Z_ONLY, 0.0078125, 0.0078125),
-        ("contact", True, ~Z_ONLY, 0.0078125, 0.0078125),
+        ("contact", True, NOT_Z, 0.0078125, 0.0078125),
         ("contact", True, Z_ONLY, 0.0078125, 0.002),
         ("contact", True, Z_ONLY, 0.001, 0.001),
     ],
@@ -349,14 +349,12 @@ def test_a_search_ends_with_its_travel(
     """
     settings = replace(SETTINGS, lost_m=lost_m)
     for p_began_m in ((0.0, 0.0, 0.0), (0.5, 0.25, 0.0)):
-        began = GuardState(
-            first=guard_sample(first), touched=touched, p_search_m=np.array(p_began_m)
-        )
+        began = GuardState(first=guard_sample(first), touched=touched, p_search_m=p_began_m)
         for travel_m, trips in ((limit_m, False), (next_above(limit_m), True), (-1.0, False)):
             sample = guard_sample(
                 "approach", (0.0, 0.0, 0.0), (9.0, 9.0, -travel_m), limited=limited
             )
-            _, trip = watch(began, sample, settings)
+            _, trip = watched(began, sample, settings)
             assert numbers(trip) == (("travel", travel_m, limit_m) if trips else None)
             lost = trip is not None and trip.text.startswith("contact was lost and not found")
             never = trip is not None and trip.text.startswith("no contact within")
@@ -374,7 +372,7 @@ def test_a_search_begins_where_the_tool_is_and_ends_with_the_next_contact() -> N
         ("approach", -0.004, -0.004),
         ("free", -0.005, None),
     ):
-        now, trip = watch(now, guard_sample(contact, p_m=(0.0, 0.0, z_m)), SETTINGS)
+        now, trip = watched(now, guard_sample(contact, p_m=(0.0, 0.0, z_m)), SETTINGS)
         assert trip is None
         assert (now.p_search_m is None) is (began_m is None)
         assert now.p_search_m is None or now.p_search_m[2] == began_m
@@ -385,13 +383,13 @@ def test_an_oscillation_is_reported_by_the_norm_of_the_force_error() -> None:
 
     Ten half waves, five periods, of any error alone are enough, and not one half wave less.
     """
-    error = np.array([3.0, 0.0, -4.0, 100.0, 100.0, 100.0])
+    error = (3.0, 0.0, -4.0, 100.0, 100.0, 100.0)
     reported = ("oscillation", 5.0, None)
     for axis in range(6):
-        for half_waves, expected in ((9.0, None), (10.0, reported), (11.0, reported)):
-            swing = HalfWaves(count=half_waves * np.eye(6)[axis])
+        for half_waves, expected in ((9, None), (10, reported), (11, reported)):
+            swing = [HalfWaves(count=half_waves * (k == axis)) for k in range(6)]
             sample = guard_sample("contact", error=error)
-            assert numbers(watch(GuardState(swing=swing), sample, SETTINGS)[1]) == expected
+            assert numbers(watched(GuardState(swing=swing), sample, SETTINGS)[1]) == expected
 
 
 # --- state kept over a change ---------------------------------------------------------------------
@@ -422,15 +420,15 @@ def test_a_change_of_set_point_keeps_the_budgets_of_a_press(
         found=True,
         environment_work_J=0.02,
         tool_work_J=0.03,
-        p_search_m=np.zeros(3),
-        swing=HalfWaves(count=np.full(6, 9.0)),
+        p_search_m=ZERO3,
+        swing=[HalfWaves(count=9) for _ in range(6)],
     )
     now = kept_over_restart(before)
     kept = (now.first, now.worked, now.touched, now.environment_work_J, now.tool_work_J)
     same = (before.first, before.worked, True, 0.02, 0.03)
     assert kept == (same if lives_on else (None, None, False, 0.0, 0.0))
     assert (now.found, now.p_search_m) == (False, None)
-    assert not now.swing.count.any()
+    assert now.swing == [HalfWaves()] * 6
     assert now.yielding is before.yielding
 
 

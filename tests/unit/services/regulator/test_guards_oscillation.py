@@ -1,20 +1,18 @@
 """Half waves of the loop, and the number of them that is an oscillation. Pure."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from math import inf, nextafter
 from typing import Any
 
-import numpy as np
 import pytest
 
 from services.regulator.guards import GuardSettings, HalfWaves
 from tests.fakes.bench import CELL
 
 DT_S = 0.004
-MIN_HEIGHT = np.array([3.0, 3.0, 3.0, 0.2, 0.2, 0.2])
+MIN_HEIGHT_N = 3.0
 SETTINGS = replace(
     GuardSettings.of(CELL),
-    half_wave=MIN_HEIGHT,
     half_wave_shortest_s=0.016,
     half_wave_longest_s=0.25,
 )
@@ -56,43 +54,31 @@ def test_a_half_wave_counts_by_its_time_its_height_and_the_one_before_on_its_sid
 ) -> None:
     """Every limit itself still counts; a half wave outside ends the row, the next begins one."""
     before = {"side": side, "height": 4.0, "age_s": 0.1, "last": 3.5, "before_last": 3.25}
-    fields = before | {"count": 7.0} | changes
-    swing = HalfWaves(**{name: np.full(6, value) for name, value in fields.items()})
-    error = np.zeros(6)
-    error[2] = -2.5 * side
-    after = swing.after(error, DT_S, SETTINGS)
-    expected: dict[str, Any] = {
+    fields: dict[str, Any] = before | {"count": 7} | changes
+    swing = HalfWaves(**fields)
+    swing.update(-2.5 * side, DT_S, MIN_HEIGHT_N, SETTINGS)
+    assert asdict(swing) == {
         "side": -side,
         "height": 2.5,
         "age_s": 0.0,
         "last": fields["height"],
         "before_last": fields["last"],
-        "count": 8.0 if counts else 0.0,
+        "count": 8 if counts else 0,
     }
-    for name, value in expected.items():
-        assert getattr(after, name)[2] == value
-        untouched = fields["age_s"] + DT_S if name == "age_s" else fields[name]
-        assert (np.delete(getattr(after, name), 2) == untouched).all()
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_first_half_wave_has_no_predecessor(side: float) -> None:
     """An error that leaves its deadband for the first time ends nothing."""
-    after = HalfWaves(count=np.full(6, 5.0)).after(np.full(6, side * 4.0), DT_S, SETTINGS)
-    assert (after.side == side).all()
-    assert (after.height == 4.0).all()
-    assert (after.count == 5.0).all()
-    assert not after.age_s.any()
-    assert not after.last.any()
+    swing = HalfWaves(count=5)
+    swing.update(side * 4.0, DT_S, MIN_HEIGHT_N, SETTINGS)
+    assert swing == HalfWaves(side=side, height=4.0, count=5)
 
 
 @pytest.mark.parametrize("error", [6.0, 2.0, 0.0])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_half_wave_continues_through_its_deadband(error: float, side: float) -> None:
     """It keeps its greatest height and its duration grows; only the other side ends it."""
-    swing = HalfWaves(side=np.full(6, side), height=np.full(6, 4.0), age_s=np.full(6, 0.1))
-    after = swing.after(np.full(6, side * error), DT_S, SETTINGS)
-    assert (after.side == side).all()
-    assert (after.height == max(error, 4.0)).all()
-    assert after.age_s == pytest.approx(0.104)
-    assert not after.count.any()
+    swing = HalfWaves(side=side, height=4.0, age_s=0.1)
+    swing.update(side * error, DT_S, MIN_HEIGHT_N, SETTINGS)
+    assert swing == HalfWaves(side, max(error, 4.0), 0.1 + DT_S)

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.motion.frames import rotation_from_vector
+from common.motion.frames import plus, rotation_from_vector
 from forcemesh import topics
+from forcemesh.messages import ZERO3
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from services.regulator.gains import PiGains
@@ -19,8 +20,7 @@ from tests.fakes.regulator_bench import T_FLANGE_TCP, RegulatorBench
 
 X_ONLY = (True, False, False, False, False, False)
 Z_HELD = (True, True, False, True, True, True)
-ZERO = np.zeros(3)
-GAINS = PiGains(np.full(3, 1e-6), np.full(3, 1e-3), np.full(3, 0.01), np.full(3, 0.5))
+GAINS = PiGains((1e-6,) * 3, (1e-3,) * 3, (0.01,) * 3, (0.5,) * 3)
 
 
 def test_a_set_point_along_a_held_axis_is_refused_and_nothing_moves() -> None:
@@ -84,8 +84,8 @@ def test_masked_axes_hold_under_every_law(axes, turn, task, force_N, setpoint_N,
     held = ~np.array(axes)
     for size in (0.0, 0.05, 1.0, 1.0, 0.5, 0.0):  # free, approach, contact, lost
         sample = LawInput(
-            size * np.array(force_N), size * 0.1 * np.array(force_N), setpoint_N, mode, 0.004,
-            GAINS, law, T, R_base_task=R_task, axes=axes,
+            plus(ZERO3, force_N, size), plus(ZERO3, force_N, 0.1 * size), setpoint_N, mode, 0.004,
+            GAINS, law, T, R_base_task=R_task.tolist(), axes=axes,
         )  # fmt: skip
         before = law.T_base_tcp
         law = next_motion(sample, settings_)

@@ -34,7 +34,7 @@ def begin(_command: pin.SE3, _measured: pin.SE3, _k: Any, _damping_Ns_m: float) 
 def step(state: TinyState, sample: LawInput, damping_Ns_m: float) -> tuple[TinyState, LawMotion]:
     """Yield to the force with a constant damping, whatever the set point."""
     T = sample.motion.T_base_tcp
-    shift_m = sample.force_N / damping_Ns_m * sample.dt_s
+    shift_m = np.array(sample.force_N) / damping_Ns_m * sample.dt_s
     motion = replace(
         sample.motion,
         T_base_tcp=pin.SE3(T.rotation, T.translation + shift_m),

@@ -1,5 +1,6 @@
 """The lag of a link: late commands freeze the law, commands in time never do."""
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -31,27 +32,27 @@ def test_commands_within_the_window_never_lag(steps, late) -> None:
     for x, y, z, turn in steps:
         T = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, turn])) @ T.rotation, T.translation)
         T.translation = T.translation + np.array([x, y, z])
-        commanded = commanded.after(T, PERIOD_S)
         sent.append(T)
-        if late <= WINDOW and late < len(sent):
-            assert not commanded.lag(sent[-1 - late])
-    assert not commanded.lag(None)
+        is_known = late <= WINDOW and late < len(sent)
+        assert not commanded.lags(T, PERIOD_S, sent[-1 - late] if is_known else None)
 
 
 def test_an_unsent_command_beyond_the_window_lags_until_it_is_sent() -> None:
     """Only the first pose of a steady motion was sent; after the rest was sent nothing lags."""
     T = pin.SE3.Identity()
-    commanded = CommandHistory.of(CELL).after(T, PERIOD_S)
+    commanded = CommandHistory.of(CELL)
+    assert not commanded.lags(T, PERIOD_S, T)
     for number in range(1, 3 * WINDOW):
         T = pin.SE3(T.rotation, T.translation + np.array([0.0, 0.0, 1e-4]))
-        commanded = commanded.after(T, PERIOD_S)
-        assert commanded.lag(pin.SE3.Identity()) == (number > WINDOW)
+        assert commanded.lags(T, PERIOD_S, pin.SE3.Identity()) == (number > WINDOW)
         if number > WINDOW:  # a restart keeps the unsent commands
-            again = commanded.restarted()
-            assert again.lag(pin.SE3.Identity())
-            assert not again.lag(commanded.oldest)
-            assert again.oldest == commanded.oldest
-    assert not commanded.lag(T)
+            again = copy(commanded)
+            oldest = again.restart()
+            assert oldest == commanded.commands[0][1]
+            assert copy(again).lags(T, PERIOD_S, pin.SE3.Identity())
+            assert not copy(again).lags(oldest, PERIOD_S, oldest)
+            assert again.restart() == oldest
+    assert not commanded.lags(T, PERIOD_S, T)
 
 
 def test_the_law_freezes_while_nothing_is_sent_and_continues_from_there() -> None:

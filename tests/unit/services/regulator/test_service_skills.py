@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.motion.convert import vec3
 from forcemesh import topics
-from forcemesh.messages import Preset
+from forcemesh.messages import ZERO3, Preset
 from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest
 from services.regulator import admittance
 from services.regulator.admittance import AdmittanceSettings
@@ -35,8 +36,8 @@ def guided(force_N, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     law, memory = start_at(T_START), admittance.begin(T_START, T_START, None, SETTINGS)
     before = T_START.translation
     for number in range(round(seconds / PERIOD_S)):
-        force = np.array(force_N(number * PERIOD_S))
-        sample = LawInput(force, np.zeros(3), 0.0, "position", PERIOD_S, GAINS, law, law.T_base_tcp)
+        force = vec3(np.array(force_N(number * PERIOD_S)))
+        sample = LawInput(force, ZERO3, 0.0, "position", PERIOD_S, GAINS, law, law.T_base_tcp)
         before = law.T_base_tcp.translation
         memory, law = admittance.step(memory, sample, SETTINGS)
     speed = (law.T_base_tcp.translation - before) / PERIOD_S
@@ -78,8 +79,8 @@ def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -
     for number in range(800):
         deep_m = max(0.0, float(T_START.translation[2] - 0.002 - places[0].translation[2]))
         forces.append(stiffness_N_m * deep_m)
-        force_N = np.array([0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0)])
-        sample = LawInput(force_N, np.zeros(3), 0.0, "position", PERIOD_S, GAINS, law, places[0])
+        force_N = (0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0))
+        sample = LawInput(force_N, ZERO3, 0.0, "position", PERIOD_S, GAINS, law, places[0])
         memory, law = admittance.step(memory, sample, SETTINGS)
         places = [*places[1:], law.T_base_tcp]
     resting = np.array(forces[400:600])

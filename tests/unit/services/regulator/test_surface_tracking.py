@@ -13,7 +13,7 @@ def run(places_m):
     """Update the estimate with each of these positions."""
     surface = SurfaceMotion()
     for place_m in places_m:
-        surface = surface.after(place_m, DT_S, TIME_S)
+        surface.update(place_m, DT_S, TIME_S)
     return surface
 
 

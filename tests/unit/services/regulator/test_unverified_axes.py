@@ -12,9 +12,10 @@ import pytest
 
 from common.motion.frames import Array
 from forcemesh import topics
+from forcemesh.messages import ZERO3
 from forcemesh.requests import Empty, ForceStartRequest
 from services.regulator.law import LawSettings
-from services.regulator.unverified_axes import LIMIT_RAD, YieldTravel, trip_of
+from services.regulator.unverified_axes import LIMIT_RAD, YieldTravel
 from tests.fakes.bench import CELL
 from tests.fakes.long import long
 from tests.fakes.regulator_bench import PERIOD_S
@@ -207,12 +208,12 @@ def test_a_touch_from_free_space_verifies_the_tools_axis_only() -> None:
 
 def test_a_tool_that_turns_by_a_torque_is_stopped_at_its_limit() -> None:
     """Only with free rotation and an unverified axis; the trip has both numbers."""
-    free_N, unproved = np.zeros(3), np.array([True, True, False])
+    free_N, unproved = ZERO3, (True, True, False)
     at, beyond = YieldTravel(turn_rad=LIMIT_RAD), YieldTravel(turn_rad=LIMIT_RAD + 1e-9)
-    assert trip_of(at, free_N, unproved, rotates=True) is None
-    assert trip_of(beyond, free_N, unproved, rotates=False) is None
-    assert trip_of(beyond, free_N, np.zeros(3, dtype=bool), rotates=True) is None
-    trip = trip_of(beyond, free_N, unproved, rotates=True)
+    assert at.trip(free_N, unproved, rotates=True) is None
+    assert beyond.trip(free_N, unproved, rotates=False) is None
+    assert beyond.trip(free_N, (False,) * 3, rotates=True) is None
+    trip = beyond.trip(free_N, unproved, rotates=True)
     assert trip is not None
     assert (trip.code, trip.value, trip.limit) == ("sensor_sign", LIMIT_RAD + 1e-9, LIMIT_RAD)
     assert "forcemesh check axes" in trip.text

@@ -35,7 +35,7 @@ def test_a_gain_that_is_a_millionth_part_off_is_found(monkeypatch) -> None:
     well = law.next_motion
 
     def nearly(sample, settings):
-        more = sample.gains.force_i_m_per_Ns * (1.0 + 1e-6)
+        more = tuple(gain * (1.0 + 1e-6) for gain in sample.gains.force_i_m_per_Ns)
         gains = dataclasses.replace(sample.gains, force_i_m_per_Ns=more)
         return well(dataclasses.replace(sample, gains=gains), settings)
 

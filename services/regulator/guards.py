@@ -216,7 +216,8 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
         now.p_search_m = None
     elif now.p_search_m is None:
         now.p_search_m = sample.T_base_tcp.translation.tolist()
-    for swing, error, least in zip(now.swing, sample.error, settings.half_wave, strict=True):
+    for number, swing in enumerate(now.swing):
+        least, error = settings.half_wave[number], sample.error[number]
         swing.update(error, sample.dt_s, least, settings)
     now.yielding.update(
         R_tcp_base,

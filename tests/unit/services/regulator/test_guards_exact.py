@@ -21,7 +21,7 @@ from services.regulator.guards import (
     HalfWaves,
     kept_over_restart,
 )
-from services.regulator.law import LawInput, start_at
+from services.regulator.law import LawInput, LawMotion, start_at
 from tests.fakes.bench import CELL
 from tests.fakes.guard_steps import watched
 from tuning.gain_rule import tune
@@ -78,6 +78,24 @@ def test_an_axis_is_unverified_until_it_was_checked_or_touched(
     is_touched = calibration != "other" and mode == "position"
     expected = (not checked, not checked, not checked and not is_touched)
     assert found.limited == expected
+
+
+@pytest.mark.parametrize("mode", ["position", "orientation", "both"])
+def test_the_errors_of_a_sample_are_those_that_the_loop_controls(mode: Any) -> None:
+    """Of force and torque as the mode has it, along and about the free axes alone."""
+    T, axes = pin.SE3(DOWN, np.zeros(3)), (True, False, True, False, True, True)
+    law = LawMotion(T, error_force_N=(1.0, 2.0, 3.0), error_torque_Nm=(4.0, 5.0, 6.0))
+    sample = LawInput(ZERO3, ZERO3, 8.0, mode, 0.004, GAINS, law, T, axes=axes)
+    wrench, error_N, error_Nm = WrenchAtTcp(), (1.0, 0.0, 3.0), (0.0, 5.0, 6.0)
+    found = GuardSample.of(sample, law, T_before=T, wrench=wrench, touched="")
+    expected = {
+        "position": (*error_N, *ZERO3),
+        "orientation": (*ZERO3, *error_Nm),
+        "both": (*error_N, *error_Nm),
+    }
+    assert found.error == expected[mode]
+    first = GuardSample.of(sample, start_at(T), T_before=T, wrench=wrench, touched="")
+    assert first.error == (0.0,) * 6
 
 
 def test_the_motion_of_a_sample_is_that_of_the_point_of_contact() -> None:

@@ -5,16 +5,21 @@ same factor, so a tool that rotates about its tip still does so.
 """
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import dist, hypot, sqrt
 
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, apart, length, rotate_about_base_axes, rotation_between
+from common.motion.frames import apart, rotate_about_base_axes, rotation_between
 from common.motion.limits import Limits
+from forcemesh.messages import ZERO3
 
 AT_REST = 1e-9  # m/s and rad/s
 SAME_INSTANT_S = 1e-6  # shorter periods do not move the pose
+
+# Speed [m/s] and angular speed [rad/s], in base axes; shape (2, 3).
+Speeds = tuple[tuple[float, ...], ...]
+REST: Speeds = (ZERO3, ZERO3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +28,7 @@ class CommandedMotion:
 
     T_base_flange: pin.SE3
     T_target: pin.SE3  # target of this period
-    speed_m_s: Array  # shape (3,)
-    angular_rad_s: Array  # shape (3,)
+    speeds: Speeds
     lags: bool = False  # behind the target by more than acceleration explains
 
     @property
@@ -35,13 +39,12 @@ class CommandedMotion:
     @property
     def is_at_rest(self) -> bool:
         """Whether the pose is at rest."""
-        speeds = self.speed_m_s.tolist() + self.angular_rad_s.tolist()
-        return all(abs(speed) <= AT_REST for speed in speeds)
+        return max(map(abs, self.speeds[0] + self.speeds[1])) <= AT_REST
 
 
 def at_rest(T_base_flange: pin.SE3) -> CommandedMotion:
     """Return the state of a pose at rest."""
-    return CommandedMotion(T_base_flange, T_base_flange, np.zeros(3), np.zeros(3))
+    return CommandedMotion(T_base_flange, T_base_flange, REST)
 
 
 def limit_motion(
@@ -64,67 +67,68 @@ def limit_motion(
         return replace(before, T_target=T_target)
     most = (limits.speed_m_s, limits.speed_rad_s)
     most_change = (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s)
-    now = np.array([before.speed_m_s, before.angular_rad_s])
-    needed = _between(before.T_base_flange, T_target) / dt_s
-    target_speed = _between(before.T_target, T_target) / dt_s
-    target_speed = target_speed * _share(target_speed, most)
-    closing = needed - target_speed
-    allowed = target_speed + closing * _closing_share(closing, most_change)
-    allowed = allowed * _share(allowed, most)
-    change = allowed - now
-    reached = now + change * _share(change, most_change)
-    if np.array_equal(reached, now + change) and np.abs(reached - needed).max() <= AT_REST:
-        return CommandedMotion(T_target, T_target, needed[0], needed[1])
-    motion = _moved(before, reached, dt_s)
-    left_m, left_rad = apart(motion.T_base_flange, T_target)
+    needed = allowed = _speeds_between(before.T_base_flange, T_target, dt_s)
+    if not before.is_at_target:  # there is a distance to close
+        of_target = _limited(REST, _speeds_between(before.T_target, T_target, dt_s), most)
+        braked = tuple(map(_braked_within, map(dist, of_target, needed), most_change))
+        allowed = _limited(of_target, needed, braked)
+    allowed = _limited(REST, allowed, most)
+    reached = _limited(before.speeds, allowed, most_change)
+    if reached is allowed and max(map(dist, reached, needed)) <= AT_REST:
+        return CommandedMotion(T_target, T_target, needed)
+    T = _moved(before.T_base_flange, reached, dt_s)
+    left_m, left_rad = apart(T, T_target)
     lag_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
     lag_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
-    return replace(motion, T_target=T_target, lags=left_m > lag_m or left_rad > lag_rad)
+    return CommandedMotion(T, T_target, reached, lags=left_m > lag_m or left_rad > lag_rad)
 
 
 def brake(limits: Limits, before: CommandedMotion, dt_s: float) -> CommandedMotion:
     """Return the next pose of the fastest stop."""
-    now = np.array([before.speed_m_s, before.angular_rad_s])
-    reached = now * (1.0 - _share(now, (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s)))
-    return _moved(before, reached, dt_s)
+    reached = _limited(before.speeds, REST, (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s))
+    return CommandedMotion(_moved(before.T_base_flange, reached, dt_s), before.T_target, reached)
 
 
 def resting_place(limits: Limits, motion: CommandedMotion) -> pin.SE3:
     """Return the flange pose at the end of braking from now."""
-    speed, angular = motion.speed_m_s, motion.angular_rad_s
-    half_s = 0.5 * max(length(speed) / limits.accel_m_s2, length(angular) / limits.accel_rad_s2)
-    return _moved(motion, np.array([speed, angular]), half_s).T_base_flange
+    speed, angular = motion.speeds
+    half_s = 0.5 * max(hypot(*speed) / limits.accel_m_s2, hypot(*angular) / limits.accel_rad_s2)
+    return _moved(motion.T_base_flange, motion.speeds, half_s)
 
 
-def _closing_share(pair: Array, most_change: tuple[float, float]) -> float:
-    """Return the factor, at most one, for a closing speed that brakes exactly at the target.
+def _braked_within(speed: float, change: float) -> float:
+    """Return the closing speed from which the arm can be braked exactly at the target.
 
-    It is (sqrt(h (h + 4 v)) - h) / v with h half of the largest change, without cancellation for
-    small v.
+    It is sqrt(h (h + 4 v)) - h for a needed speed v, with h half of the largest change, here
+    without cancellation for small v.
     """
-    shares = [1.0]
-    for row, change in zip(pair, most_change, strict=True):
-        half = 0.5 * change
-        shares.append(4.0 * half / (sqrt(half * (half + 4.0 * length(row))) + half))
-    return min(shares)
+    half = 0.5 * change
+    return 4.0 * half * speed / (sqrt(half * (half + 4.0 * speed)) + half)
 
 
-def _share(pair: Array, most: tuple[float, float]) -> float:
-    """Return the factor, at most one, that keeps translation and rotation within their limits."""
-    translation, rotation = length(pair[0]), length(pair[1])
-    return min(
-        most[0] / translation if translation > most[0] else 1.0,
-        most[1] / rotation if rotation > most[1] else 1.0,
-    )
+def _limited(start: Speeds, end: Speeds, most: tuple[float, ...]) -> Speeds:
+    """Return the speeds from `start` towards `end` that differ by no more than `most`.
+
+    Within these limits they are `end` itself.
+    """
+    share = 1.0
+    for size, largest in zip(map(dist, start, end), most, strict=True):
+        if size > largest:
+            share = min(share, largest / size)
+    if share == 1.0:
+        return end
+    reached = np.array(start) + share * np.subtract(end, start)
+    return tuple(map(tuple, reached.tolist()))
 
 
-def _between(T_from: pin.SE3, T_to: pin.SE3) -> Array:
+def _speeds_between(T_from: pin.SE3, T_to: pin.SE3, dt_s: float) -> Speeds:
+    """Return the constant speeds that lead from one pose to another in a time."""
+    translation = T_to.translation - T_from.translation
     rotation = rotation_between(T_from.rotation, T_to.rotation)
-    return np.array([T_to.translation - T_from.translation, rotation])
+    return tuple(tuple(x / dt_s for x in row.tolist()) for row in (translation, rotation))
 
 
-def _moved(before: CommandedMotion, speeds: Array, dt_s: float) -> CommandedMotion:
-    """Return the motion after a time at constant speeds: translation, then rotation. (2, 3)."""
-    T, (translation, rotation) = before.T_base_flange, speeds * dt_s
-    moved = pin.SE3(rotate_about_base_axes(T.rotation, rotation), T.translation + translation)
-    return CommandedMotion(moved, before.T_target, speeds[0], speeds[1])
+def _moved(T: pin.SE3, speeds: Speeds, time_s: float) -> pin.SE3:
+    """Return a pose after a time at constant speeds: translation, then rotation."""
+    translation, rotation = np.array(speeds) * time_s
+    return pin.SE3(rotate_about_base_axes(T.rotation, rotation), T.translation + translation)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from math import nextafter, radians
+from math import dist, hypot, nextafter, radians
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as hnp
 from common.motion.frames import rotation_between, rotation_from_vector
 from common.motion.limits import Limits
 from common.motion.rate_limiter import (
+    REST,
     CommandedMotion,
     at_rest,
     brake,
@@ -56,10 +57,10 @@ def test_no_sequence_of_targets_breaks_speed_or_acceleration(p, turn, targets) -
         travel_m, turn_rad = moved(motion, after)
         assert travel_m <= LIMITS.speed_m_s * dt_s * SLACK + 1e-12
         assert turn_rad <= LIMITS.speed_rad_s * dt_s * SLACK + ROUNDING
-        assert size(after.speed_m_s - motion.speed_m_s) <= LIMITS.accel_m_s2 * dt_s * SLACK + 1e-9
-        change_rad_s = size(after.angular_rad_s - motion.angular_rad_s)
+        assert dist(after.speeds[0], motion.speeds[0]) <= LIMITS.accel_m_s2 * dt_s * SLACK + 1e-9
+        change_rad_s = dist(after.speeds[1], motion.speeds[1])
         assert change_rad_s <= LIMITS.accel_rad_s2 * dt_s * SLACK + 1e-9
-        assert dt_s < 1e-6 or travel_m == pytest.approx(size(after.speed_m_s) * dt_s, abs=1e-12)
+        assert dt_s < 1e-6 or travel_m == pytest.approx(hypot(*after.speeds[0]) * dt_s, abs=1e-12)
         motion = after
 
 
@@ -158,7 +159,7 @@ def test_braking_ends_at_the_predicted_pose(targets) -> None:
     periods = 0
     while not motion.is_at_rest:
         after = brake(LIMITS, motion, DT_S)
-        assert size(after.speed_m_s - motion.speed_m_s) <= LIMITS.accel_m_s2 * DT_S * SLACK
+        assert dist(after.speeds[0], motion.speeds[0]) <= LIMITS.accel_m_s2 * DT_S * SLACK
         motion, periods = after, periods + 1
         assert periods < 200
     travel_m = size(T_rest.translation - T_from.translation)
@@ -176,7 +177,7 @@ def test_a_speed_of_the_regulator_is_reached_in_a_few_periods() -> None:
             np.array([period * DT_S * CELL.force.speed_max_m_s, 0.0, 0.0]), np.zeros(3)
         )
         motion = limit_motion(LIMITS, motion, T_target, DT_S)
-        speeds.append(size(motion.speed_m_s))
+        speeds.append(hypot(*motion.speeds[0]))
     assert all(b - a <= LIMITS.accel_m_s2 * DT_S * SLACK for a, b in pairwise(speeds))
     assert max(speeds[:8]) >= CELL.force.speed_max_m_s
 
@@ -192,16 +193,16 @@ each_kind = pytest.mark.parametrize("kind", [0, 1], ids=["travel", "turn"])
 
 def moving(kind: int, speed: float, T_target: pin.SE3 = ORIGIN) -> CommandedMotion:
     """Return a pace at the origin that goes in x, or turns about z."""
-    travel = np.array([speed * (1 - kind), 0.0, 0.0])
-    return CommandedMotion(ORIGIN, T_target, travel, np.array([0.0, 0.0, speed * kind]))
+    speeds = ((speed * (1 - kind), 0.0, 0.0), (0.0, 0.0, speed * kind))
+    return CommandedMotion(ORIGIN, T_target, speeds)
 
 
 def place_and_speed(kind: int, motion: CommandedMotion) -> tuple[float, float]:
     """Return how far a pace is, and how fast it goes there."""
     if kind == 0:
-        return float(motion.T_base_flange.translation[0]), float(motion.speed_m_s[0])
+        return float(motion.T_base_flange.translation[0]), motion.speeds[0][0]
     turn_rad = rotation_between(np.eye(3), motion.T_base_flange.rotation)
-    return float(turn_rad[2]), float(motion.angular_rad_s[2])
+    return float(turn_rad[2]), motion.speeds[1][2]
 
 
 @each_kind
@@ -246,7 +247,7 @@ def test_a_target_that_is_nearer_than_the_slowest_step_is_reached_in_one(kind: i
     """Exactly, and not passed."""
     near = 0.5 * ACCELS[kind] * DT_S * DT_S
     assert limit_motion(LIMITS, at_rest(ORIGIN), displaced(kind, near), DT_S).is_at_target
-    before = CommandedMotion(ORIGIN, displaced(kind, near), np.zeros(3), np.zeros(3))
+    before = CommandedMotion(ORIGIN, displaced(kind, near), REST)
     assert limit_motion(LIMITS, before, displaced(kind, near), DT_S).is_at_target
 
 
@@ -254,7 +255,7 @@ def test_a_target_that_is_nearer_than_the_slowest_step_is_reached_in_one(kind: i
 def test_a_target_that_jumps_back_and_is_still_ahead_is_not_run_away_from(kind: int) -> None:
     """Its speed counts up to the limit alone: a jump is no continued motion."""
     ahead = 0.2 * SPEEDS[kind]
-    before = CommandedMotion(ORIGIN, displaced(kind, 2.0 * ahead), np.zeros(3), np.zeros(3))
+    before = CommandedMotion(ORIGIN, displaced(kind, 2.0 * ahead), REST)
     motion = limit_motion(LIMITS, before, displaced(kind, ahead), DT_S)
     assert place_and_speed(kind, motion)[1] == pytest.approx(ACCELS[kind] * DT_S)
 
@@ -285,9 +286,7 @@ def test_a_motion_rests_after_half_of_its_speed_for_the_time_it_brakes(
     speed: float, turning: float, half_s: float
 ) -> None:
     """Its square over 2 a; travel and turn end together, after the longer time of both."""
-    motion = CommandedMotion(
-        ORIGIN, ORIGIN, np.array([0.0, speed, 0.0]), np.array([0.0, 0.0, turning])
-    )
+    motion = CommandedMotion(ORIGIN, ORIGIN, ((0.0, speed, 0.0), (0.0, 0.0, turning)))
     T = resting_place(LIMITS, motion)
     assert T.translation == pytest.approx([0.0, speed * half_s, 0.0])
     assert rotation_between(np.eye(3), T.rotation) == pytest.approx([0.0, 0.0, turning * half_s])

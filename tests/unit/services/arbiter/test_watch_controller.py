@@ -1,11 +1,13 @@
 """Measured delay and monitor speed against the values that the gains rely on; age of the tare."""
 
+from math import inf, nextafter
 from typing import Any
 
 import pytest
 
 from common.config.load import load_cell
 from forcemesh import topics
+from services.arbiter.watch import STREAMED, delay_trip
 from tests.contract.rig import DEMO_CELL
 from tests.fakes.arbiter_world import CELL, World
 from tests.fakes.lab import Lab
@@ -77,6 +79,16 @@ def test_a_controller_that_becomes_late_while_pressing_holds(share: float, conti
     assert (world.tick(5).permission is not None) == continues
     if not continues:
         assert world.core.status().trips[0].code == "delay"
+
+
+@pytest.mark.parametrize("margin", [1.0, 1.5])
+def test_a_controller_may_be_as_late_as_the_margin_allows(margin: float) -> None:
+    """The limit itself is accepted; the next number is not."""
+    limit_s = margin * ALLOWED_S
+    assert delay_trip({STREAMED: limit_s}, CELL, margin) is None
+    trip = delay_trip({STREAMED: nextafter(limit_s, inf)}, CELL, margin)
+    assert trip is not None
+    assert (trip.code, trip.limit) == ("delay", limit_s)
 
 
 def test_the_pendant_s_speed_turned_down_while_an_emulated_arm_presses_holds() -> None:

@@ -7,7 +7,7 @@ jump.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from common.motion.convert import pose_of, record_of
 from common.motion.limits import ArmBounds, check_speed
@@ -46,7 +46,7 @@ def outranks(asker: Commander, holder: Commander) -> bool:
     return RANKS[asker] > RANKS[holder]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Ownership:
     """Ownership period: without an owner at first, then one owner's until its command ends.
 
@@ -76,8 +76,7 @@ class PendingMove:
     since_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class CommandStep:
+class CommandStep(NamedTuple):
     """Command to the robot in this period, and the resulting event."""
 
     kind: Literal["idle", "goal", "setpoint", "feedback"] = "idle"
@@ -157,9 +156,8 @@ class Commanders:
         trip = bounds.goal(move.goal, robot.joint_rad)  # angles count from where the arm rests
         if trip is not None:
             return CommandStep(event="end", trips=(*trips, tripped("goal_refused", trip.text)))
-        self.ownership = replace(
-            self.ownership, commander=move.commander, goal=move.goal, speed=move.speed
-        )
+        ownership = self.ownership
+        ownership.commander, ownership.goal, ownership.speed = move.commander, move.goal, move.speed
         return CommandStep("goal", goal=move.goal, event="begin", trips=trips)
 
     # --- every period -----------------------------------------------------------------------------
@@ -203,11 +201,10 @@ class Commanders:
             return CommandStep()
         if not self._rests(tick.now_ns):  # the regulator continues from here until it may begin
             return CommandStep(pose=record_of(tick.T_measured), limited=True)
-        motion = at_rest(tick.T_measured) if target.host == "pc" else None
-        self.ownership = replace(
-            self.ownership, commander="regulator", host=target.host, motion=motion
-        )
-        return replace(self._regulate(target, bounds, tick), event="begin", trips=())
+        ownership = self.ownership
+        ownership.commander, ownership.host = "regulator", target.host
+        ownership.motion = at_rest(tick.T_measured) if target.host == "pc" else None
+        return self._regulate(target, bounds, tick)._replace(event="begin", trips=())
 
     def _end(self, trips: tuple[Trip, ...] | None = None) -> CommandStep:
         self.ownership = self.ownership.next()
@@ -228,8 +225,9 @@ class Commanders:
             text = "the regulator's target contains no command"
             return CommandStep(stop=tripped("regulator", text))
         else:
-            motion, trip = follow(motion, pose_of(target.pose), bounds, tick)
-            if trip is not None:
-                return CommandStep(stop=trip)
-        self.ownership = replace(self.ownership, motion=motion)
+            followed = follow(motion, pose_of(target.pose), bounds, tick)
+            if isinstance(followed, Trip):
+                return CommandStep(stop=followed)
+            motion = followed
+        self.ownership.motion = motion
         return CommandStep("setpoint", pose=record_of(motion.T_base_flange), limited=motion.lags)

@@ -2,15 +2,12 @@
 
 from dataclasses import replace
 
-import pinocchio as pin
-
 from common.config.cell import CellConfig
 from common.motion.back_off import LoadRatchet, in_move
 from common.motion.convert import pose_of, record_of
 from common.motion.limits import (
     ArmBounds,
     JointTrack,
-    Limits,
     check_speed,
     check_wrench,
     real_speed_m_s,
@@ -29,6 +26,7 @@ from forcemesh.messages import (
     RobotState,
     Speed,
     Trip,
+    WrenchAtTcp,
 )
 from forcemesh.requests import MoveRequest, Reply
 from services.arbiter import freeing
@@ -36,7 +34,7 @@ from services.arbiter import inputs as input_checks
 from services.arbiter.commanders import REST_S, Commanders, CommandStep, PendingMove
 from services.arbiter.freeing import Freeing
 from services.arbiter.inputs import Inputs
-from services.arbiter.preflight import Terms, failed_checks, load_text
+from services.arbiter.preflight import LEAST_REPORTS, Terms, failed_checks, load_text
 from services.arbiter.states import ARMED_TEXTS, CLEARS, TABLE, after, lines, recent, what_next
 from services.arbiter.stream import (
     REACTIONS,
@@ -48,7 +46,6 @@ from services.arbiter.stream import (
 )
 
 LONGEST_GAP_PERIODS = 3.0  # longest period, in nominal ones, over which set points advance
-LEAST_REPORTS = 3.0  # robot reports over which the arm must be at rest
 
 
 class Arbiter:
@@ -61,8 +58,7 @@ class Arbiter:
         self._deadline_s = command_deadline_s
         self._longest_gap_s = LONGEST_GAP_PERIODS / cell.rates.control_hz
         self._terms = Terms.of(cell)
-        self._cells = ArmBounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity())
-        self._bounds = self._stream_bounds = self._cells
+        self._cells = self._bounds = self._stream_bounds = self._terms.bounds
         self._freeing: Freeing | None = None
         self._load: LoadRatchet | None = None  # of the move under way
         self._commanders = Commanders(max(REST_S, LEAST_REPORTS / cell.rates.robot_hz))
@@ -83,23 +79,32 @@ class Arbiter:
         """Check the inputs, follow the commander, return the command of this period."""
         now_ns, robot = inputs.now_ns, inputs.robot.fresh
         before, self._last_inputs = self._last_inputs, inputs
-        dt_s = 0.0 if before is None else (now_ns - before.now_ns) / NS_PER_S
         lost = input_checks.missing(inputs)
+        lost_blind = lost and input_checks.missing(inputs, blind=True)  # a subset of `lost`
         self._good_since_ns = None if lost else self._good_since_ns or now_ns
-        if lost and input_checks.missing(inputs, blind=True):  # a subset of `lost`
-            self._blind_since_ns = None
-        else:
-            self._blind_since_ns = self._blind_since_ns or now_ns
+        self._blind_since_ns = None if lost_blind else self._blind_since_ns or now_ns
         if self.state == "BOOT" and not lost:
             self.trips = input_checks.predecessor_trips(inputs)
             self.state = after(self.state, "ready")
         self._commanders.update(robot, now_ns)
+        command = None
         if self.state in MAY_MOVE:
-            self._watch_motion(inputs, lost)
-        if self.state in MAY_MOVE and robot is not None:
-            tick = Tick(pose_of(robot), now_ns, min(dt_s, self._longest_gap_s))
-            if (command := self._move_on(robot, inputs, tick)) is not None:
-                return command
+            blind = self._freeing is not None and self._freeing.blind
+            faults = (
+                (lost_blind if blind else lost)
+                or input_checks.robot_faults(inputs)
+                or input_checks.replaced_trips(inputs, self._writers)
+            )
+            header, unknown = inputs.robot.header, inputs.wrench.fresh is None and not blind
+            if faults or robot is None or header is None or unknown:
+                self.stop("fault", *faults)
+            else:
+                self._joints = self._joints.after(header.stamp_ns, robot.joint_rad)
+                dt_s = 0.0 if before is None else (now_ns - before.now_ns) / NS_PER_S
+                tick = Tick(pose_of(robot), now_ns, min(dt_s, self._longest_gap_s))
+                command = self._move_on(robot, inputs, tick)
+        if command is not None:
+            return command
         cause = self.trips[-1].text if self.trips else "not armed"
         reason = clipped(f"the arbiter is {self.state}: {cause}")
         return RobotCommand(kind="hold", speed=self._speed, reason=reason)
@@ -108,11 +113,12 @@ class Arbiter:
         """Return the published status."""
         ownership, pending_move = self._commanders.ownership, self._commanders.pending_move
         goal = (pending_move or ownership).goal
-        not_ready = [tripped("not_ready", "starting")]  # why arming would be refused
-        if self._last_inputs is not None:
+        if self._last_inputs is None:  # why arming would be refused
+            not_ready = [tripped("not_ready", "starting")]
+        else:
             not_ready = failed_checks(self._last_inputs, self._terms, self._good_since_ns, "all")
-            if self.state in MAY_MOVE:  # the causes that remain once the arm has come to rest
-                not_ready = [trip for trip in not_ready if trip.code != "moving"]
+        if self.state in MAY_MOVE:  # the causes that remain once the arm has come to rest
+            not_ready = [trip for trip in not_ready if trip.code != "moving"]
         return ArbiterStatus(
             state=self.state,
             commander=ownership.commander,
@@ -126,42 +132,25 @@ class Arbiter:
             clears=what_next(self.state, not_ready, self._armed_for),
         )
 
-    def _watch_motion(self, inputs: Inputs, lost: list[Trip]) -> None:
-        """End motion if an input is lost, the robot has a fault, or a limit is exceeded."""
-        blind = self._freeing is not None and self._freeing.blind
-        if blind and lost:
-            lost = input_checks.missing(inputs, blind=True)
-        faults = (
-            lost
-            or input_checks.robot_faults(inputs)
-            or input_checks.replaced_trips(inputs, self._writers)
-        )
-        robot, header, wrench = inputs.robot.fresh, inputs.robot.header, inputs.wrench.fresh
-        if faults or robot is None or header is None or (wrench is None and not blind):
-            self.stop("fault", *faults)
-            return
-        self._joints = self._joints.after(header.stamp_ns, robot.joint_rad)
+    def _limit_trip(self, robot: RobotState, inputs: Inputs, tick: Tick) -> Trip | None:
+        """Check the measured arm, its load, and what robot and regulator report."""
+        wrench, trip = inputs.wrench.fresh, None
         streams = self.state == "ACTIVE" and self._commanders.ownership.motion is not None
         bounds = self._stream_bounds if streams else self._bounds
-        trip = None
         if wrench is not None:
             trip = check_wrench(bounds.limits, wrench.force_N, wrench.torque_Nm)
-        trip = (
+        return (
             trip
-            or bounds.measured(pose_of(robot), robot.joint_rad, self._joints)
-            or self._load_trip(robot, inputs)
+            or bounds.measured(tick.T_measured, robot.joint_rad, self._joints)
+            or self._load_trip(tick, wrench)
             or input_checks.robot_trip(inputs, self._lease_since_ns)
             or self._feedback_trip(inputs)
         )
-        if trip is not None:
-            self._react(trip, inputs)
 
-    def _load_trip(self, robot: RobotState, inputs: Inputs) -> Trip | None:
+    def _load_trip(self, tick: Tick, wrench: WrenchAtTcp | None) -> Trip | None:
         """Check the rise of the load: a move may add little to it, backing off even less."""
-        wrench = inputs.wrench.fresh
         if self._freeing is not None:
-            self._freeing, trip = freeing.watch(self._freeing, robot, wrench, inputs.now_ns)
-            return trip
+            return self._freeing.watch(tick.T_measured, wrench, tick.now_ns)
         if self._commanders.ownership.goal is None or wrench is None or not wrench.calibrated:
             self._load = None
             return None
@@ -180,19 +169,22 @@ class Arbiter:
         return tripped(code, f"the regulator gave up: {target.reason}")
 
     def _move_on(self, robot: RobotState, inputs: Inputs, tick: Tick) -> RobotCommand | None:
-        """Return the command of this period, None when the robot must hold."""
-        if self._stopping is None:
+        """Check the limits; return the commander's command or the stop's, None for a hold."""
+        trip = self._limit_trip(robot, inputs, tick)
+        if trip is None and self._stopping is None:
             target = inputs.target.fresh if self._armed_for == "all" else None
             step = self._commanders.step(robot, target, self._bounds, tick, trips=self.trips)
             if step.event:
                 self._note(step)
             if self._freeing is not None and step.event == "end":
-                end = freeing.at_its_end(self._freeing, robot, inputs.wrench.fresh)
+                end = self._freeing.at_its_end(tick.T_measured, inputs.wrench.fresh)
                 self.stop("hold", *(step.trips or (end,)))
                 return None
             if step.stop is None:
                 return self._command(step)
-            self._react(step.stop, inputs)
+            trip = step.stop
+        if trip is not None:
+            self._react(trip, inputs)
         if self._stopping is None:  # held at once
             return None
         self._stopping = stopping = step_stop(self._stopping, self._bounds, tick)

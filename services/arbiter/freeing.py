@@ -4,13 +4,14 @@ The rules are those of common/motion/back_off.py, which the robot process checks
 """
 
 from dataclasses import dataclass, replace
+from math import hypot
 
-import numpy as np
 import pinocchio as pin
 
 from common.motion import back_off
 from common.motion.back_off import BackOffPlan, BackOffState
 from common.motion.convert import pose_of, record_of
+from common.motion.frames import length
 from common.motion.last_check import MEASURED_SLACK_M
 from common.motion.limits import ArmBounds, Limits
 from forcemesh.faults import tripped
@@ -18,9 +19,9 @@ from forcemesh.messages import Goal, RobotState, Speed, Trip, WrenchAtTcp
 from services.arbiter.inputs import Inputs, fault_trips
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Freeing:
-    """One back-off, from arming to its end."""
+    """One back-off, from arming to its end; its run advances in place."""
 
     plan: BackOffPlan
     run: BackOffState
@@ -38,6 +39,25 @@ class Freeing:
     def goal(self) -> Goal:
         """The move that frees the arm."""
         return Goal(id=0, kind="pose", pose=record_of(self.plan.goal(self.run.T_start)))
+
+    def watch(self, T: pin.SE3, wrench: WrenchAtTcp | None, now_ns: int) -> Trip | None:
+        """Advance by a period; return why it must end: freed, or unable to get free."""
+        self.run, trip = self.run.update_load(wrench)
+        trip = trip or self.run.moved(T, now_ns)
+        T_base_tcp = T * self.bounds.T_flange_tcp
+        if trip is None and back_off.is_over(self.plan.kind, self.limits, T_base_tcp, wrench):
+            trip = tripped("back_off", f"free after {self._progress(T, wrench)}")
+        return trip
+
+    def at_its_end(self, T: pin.SE3, wrench: WrenchAtTcp | None) -> Trip:
+        """Return the trip of a back-off that used its full travel."""
+        return tripped("still_loaded", f"full travel used: {self._progress(T, wrench)}")
+
+    def _progress(self, T: pin.SE3, wrench: WrenchAtTcp | None) -> str:
+        """Return the tool's travel and the present force as a text."""
+        travel_mm = 1e3 * length(T.translation - self.run.T_start.translation)
+        force = "force unknown" if wrench is None else f"{hypot(*wrench.force_N):.1f} N now"
+        return f"{travel_mm:.1f} mm, {force}"
 
 
 def is_blind(inputs: Inputs) -> bool:
@@ -70,31 +90,3 @@ def begin(
         blind=blind,
         unknown=tuple(fault_trips(inputs)) if blind else (),
     )
-
-
-def watch(
-    freeing: Freeing, robot: RobotState, wrench: WrenchAtTcp | None, now_ns: int
-) -> tuple[Freeing, Trip | None]:
-    """Return the state a period later, and why it must end: freed, or unable to get free."""
-    T = pose_of(robot)
-    run, trip = freeing.run.update_load(wrench)
-    trip = trip or run.moved(T, now_ns)
-    freeing = replace(freeing, run=run)
-    T_base_tcp = T * freeing.bounds.T_flange_tcp
-    if trip is None and back_off.is_over(freeing.plan.kind, freeing.limits, T_base_tcp, wrench):
-        trip = tripped("back_off", f"free after {progress(freeing, T, wrench)}")
-    return freeing, trip
-
-
-def at_its_end(freeing: Freeing, robot: RobotState, wrench: WrenchAtTcp | None) -> Trip:
-    """Return the trip of a back-off that used its full travel."""
-    return tripped("still_loaded", f"full travel used: {progress(freeing, pose_of(robot), wrench)}")
-
-
-def progress(freeing: Freeing, T_base_flange: pin.SE3, wrench: WrenchAtTcp | None) -> str:
-    """Return the tool's travel and the present force as a text."""
-    travel = T_base_flange.translation - freeing.run.T_start.translation
-    force = "force unknown"
-    if wrench is not None:
-        force = f"{float(np.linalg.norm(wrench.force_N)):.1f} N now"
-    return f"{1e3 * float(np.linalg.norm(travel)):.1f} mm, {force}"

@@ -1,6 +1,7 @@
 """Snapshot of the arbiter's inputs, and the faults visible in one snapshot. Pure."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from common.runtime.overruns import MOST_OVERRUNS
@@ -29,14 +30,14 @@ class Watched:
     """Faults found over several snapshots (watch.py)."""
 
     faults: tuple[Trip, ...] = ()  # they end motion
-    motion_at_rest_violation: Trip | None = None  # why the arm does not count as at rest
+    rest_s: float = inf  # time for which the arm has been at rest
     residual: Trip | None = None  # residual force in free space
     feedback: Trip | None = None  # why running force feedback must end
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Inputs:
-    """Snapshot of all inputs of the arbiter."""
+    """Snapshot of all inputs of the arbiter; only the monitors add their findings to it."""
 
     now_ns: int
     robot: Reading[RobotState]
@@ -63,7 +64,8 @@ class Inputs:
         return {} if health is None else health.numbers
 
 
-FORCE_ROLES = ("sensor", "wrench")  # roles that backing off does not require
+# Topics that backing off does not require.
+FORCE_TOPICS = ("sensor/wrench", "wrench", "sensor/health", "wrench/health")
 
 
 def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
@@ -76,26 +78,20 @@ def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
         inputs: The snapshot.
         blind: To back off without a measured force: sensor and wrench may be missing.
     """
-    readings = inputs.streams | {
-        f"{role}/health": reading for role, reading in inputs.health.items()
-    }
-    rivals = [
-        tripped("two_writers", f"two processes write {topic}")
-        for topic, reading in readings.items()
-        if reading.conflict
-    ]
-    not_required = {f"{role}/health" for role in FORCE_ROLES} if blind else set()
-    if blind:
-        not_required |= {"sensor/wrench", "wrench"}
-    elif inputs.sensor.fault and _repeats_sensor_fault(inputs):
+    not_required = set(FORCE_TOPICS) if blind else set()
+    if not blind and inputs.sensor.fault and _repeats_sensor_fault(inputs):
         not_required.add("wrench")
     if not inputs.target.silent:
         not_required.add("regulator/target")
-    lost = [
-        _lost(reading, is_sensor=reading is inputs.sensor)
-        for topic, reading in readings.items()
-        if reading.fault and topic not in not_required
-    ]
+    readings = inputs.streams | {
+        f"{role}/health": reading for role, reading in inputs.health.items()
+    }
+    rivals, lost = [], []
+    for topic, reading in readings.items():
+        if reading.conflict:
+            rivals.append(tripped("two_writers", f"two processes write {topic}"))
+        if reading.fault and topic not in not_required:
+            lost.append(_lost(reading, is_sensor=reading is inputs.sensor))
     # The arbiter's own overruns are measured directly.
     overruns = [
         overrun_trip(role, health.overruns, health.longest_gap_s)
@@ -167,8 +163,12 @@ def predecessor_trips(inputs: Inputs) -> tuple[Trip, ...]:
 
 def replaced_trips(inputs: Inputs, at_arming: Writers) -> list[Trip]:
     """Return the inputs whose publisher has changed since arming."""
-    now = writers(inputs)
-    replaced = [name for name, epoch in at_arming.items() if now.get(name) != epoch]
+    replaced = [
+        topic
+        for topic, reading in inputs.streams.items()
+        if topic in at_arming
+        and (reading.header is None or reading.header.epoch != at_arming[topic])
+    ]
     if not replaced:
         return []
     text = f"the publisher of {', '.join(replaced)} has changed since arming"

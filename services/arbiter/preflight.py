@@ -5,15 +5,17 @@ that it can leave a contact without calibration. Backing off skips the checks of
 workspace, because it serves to leave them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import hypot
 from typing import NamedTuple
 
+import pinocchio as pin
+
 from common.config.cell import CellConfig
 from common.config.load import cell_hash
 from common.motion.convert import pose_of
-from common.motion.limits import Limits, check_workspace, check_wrench
+from common.motion.limits import ArmBounds, Limits, check_workspace, check_wrench
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
 from forcemesh.messages import Purpose, Trip
@@ -22,6 +24,8 @@ from services.arbiter.inputs import Inputs, missing, robot_faults
 from services.arbiter.watch import slow_start_trip
 
 PREFLIGHT_S = 1.0  # time for which the inputs must have been good
+REST_POSE_S = 0.2  # least time of the flange at one pose
+LEAST_REPORTS = 3.0  # robot reports over which the arm must be at rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +34,20 @@ class Terms:
 
     cell: CellConfig
     config_hash: str
-    limits: Limits
+    bounds: ArmBounds  # the cell's; not of an armed arm
+    rest_s: float  # least time at rest
+    approach: Trip | None  # why the approach of this cell is too fast
 
     @classmethod
     def of(cls, cell: CellConfig) -> "Terms":
         """Return the reference values of a cell."""
-        return cls(cell, cell_hash(cell), Limits.of(cell))
+        return cls(
+            cell,
+            cell_hash(cell),
+            ArmBounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity()),
+            max(REST_POSE_S, LEAST_REPORTS / cell.rates.robot_hz),
+            _approach_trip(cell),
+        )
 
 
 EVERY: tuple[Purpose, ...] = ("all", "jog", "back_off")
@@ -56,7 +68,7 @@ class Check(NamedTuple):
     """One row of the preflight."""
 
     what: str
-    failures: Callable[[PreflightContext], list[Trip]]
+    failures: Callable[[PreflightContext], Iterable[Trip | None]]
     purposes: tuple[Purpose, ...]
 
 
@@ -65,6 +77,15 @@ def _steady(context: PreflightContext) -> list[Trip]:
         return []
     text = f"inputs have been good for {context.good_s:.1f} s, {PREFLIGHT_S:g} s are required"
     return [tripped("not_ready", text, value=context.good_s, limit=PREFLIGHT_S)]
+
+
+def _at_rest(context: PreflightContext) -> list[Trip]:
+    """Check the time at one pose, which while holding is the commanded one."""
+    rest_s, needed_s = context.inputs.watched.rest_s, context.terms.rest_s
+    if rest_s >= needed_s:
+        return []
+    text = f"the arm has been at rest for {rest_s:.2f} s, {needed_s:.2f} s are required"
+    return [tripped("moving", text, value=rest_s, limit=needed_s, unit="s")]
 
 
 def _mismatched_roles(context: PreflightContext) -> list[Trip]:
@@ -81,14 +102,14 @@ def _mismatched_roles(context: PreflightContext) -> list[Trip]:
     return trips
 
 
-def _limits(context: PreflightContext) -> list[Trip]:
+def _limits(context: PreflightContext) -> list[Trip | None]:
     """Check the force against its ceiling, and the tool against the workspace."""
     wrench, robot = context.inputs.wrench.fresh, context.inputs.robot.fresh
     if wrench is None or robot is None:
         return []
-    limits, T_flange_tcp = context.terms.limits, context.terms.cell.tool.T_flange_tcp.pose
-    trip = check_wrench(limits, wrench.force_N, wrench.torque_Nm)
-    return _some(trip or check_workspace(limits, pose_of(robot) * T_flange_tcp))
+    bounds = context.terms.bounds
+    trip = check_wrench(bounds.limits, wrench.force_N, wrench.torque_Nm)
+    return [trip or check_workspace(bounds.limits, pose_of(robot) * bounds.T_flange_tcp)]
 
 
 def _calibration(context: PreflightContext) -> list[Trip]:
@@ -98,16 +119,15 @@ def _calibration(context: PreflightContext) -> list[Trip]:
     return [tripped("payload", wrench.calibration_fault or "the wrench is not calibrated")]
 
 
-def _approach(context: PreflightContext) -> list[Trip]:
-    cell = context.terms.cell
+def _approach_trip(cell: CellConfig) -> Trip | None:
     value, limit = cell.force.approach_m_s, cell.approach_limit_m_s
     if value <= limit:
-        return []
+        return None
     text = (
         f"force.approach_m_s is {value * 1e3:.2f} mm/s: force.approach_budget_N / (stiffness x "
         f"loop delay) allows {limit * 1e3:.2f} mm/s"
     )
-    return [tripped("approach_speed", text, value=value, limit=limit)]
+    return tripped("approach_speed", text, value=value, limit=limit)
 
 
 def _tare(context: PreflightContext) -> list[Trip]:
@@ -124,10 +144,6 @@ def _tare(context: PreflightContext) -> list[Trip]:
     return [tripped("tare", text, value=3600.0 * age_h, limit=3600.0 * limit_h)]
 
 
-def _some(trip: Trip | None) -> list[Trip]:
-    return [] if trip is None else [trip]
-
-
 # fmt: off
 CHECKS: tuple[Check, ...] = (
     Check("every input is received, valid and in time",
@@ -137,14 +153,14 @@ CHECKS: tuple[Check, ...] = (
           lambda context: robot_faults(context.inputs), EVERY),
     Check("every process has this cell file and version", _mismatched_roles, EVERY),
     Check("force below its ceiling, tool in the workspace", _limits, MOVES),
-    Check("the arm is at rest where it was commanded",
-          lambda context: _some(context.inputs.watched.motion_at_rest_violation), EVERY),
+    Check("the arm is at rest where it was commanded", _at_rest, EVERY),
     Check("the calibration is valid for tool and sensor", _calibration, FORCE),
     Check("the residual force in free space is small",
-          lambda context: _some(context.inputs.watched.residual), FORCE),
-    Check("the approach is slow enough for the stiffness", _approach, FORCE),
+          lambda context: [context.inputs.watched.residual], FORCE),
+    Check("the approach is slow enough for the stiffness",
+          lambda context: [context.terms.approach], FORCE),
     Check("the controller is as fast as in the cell file",
-          lambda context: _some(slow_start_trip(context.inputs, context.terms.cell)), FORCE),
+          lambda context: [slow_start_trip(context.inputs, context.terms.cell)], FORCE),
     Check("the last tare is not too old", _tare, FORCE),
 )
 # fmt: on
@@ -168,12 +184,13 @@ def failed_checks(
         blind: To back off without a measured force.
     """
     good_s = 0.0 if good_since_ns is None else (inputs.now_ns - good_since_ns) / NS_PER_S
-    context = PreflightContext(inputs, terms, good_s, blind)
-    found = CHECKS[0].failures(context)
-    if found:
-        return found
-    rows = [row for row in CHECKS[1:] if purpose in row.purposes]
-    return [trip for row in rows for trip in row.failures(context)]
+    context, found = PreflightContext(inputs, terms, good_s, blind), list[Trip]()
+    for row in CHECKS:
+        if purpose in row.purposes:
+            found.extend(filter(None, row.failures(context)))
+        if found and row is CHECKS[0]:
+            break
+    return found
 
 
 def load_text(inputs: Inputs, terms: Terms) -> str:

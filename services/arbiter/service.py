@@ -56,7 +56,7 @@ class ArbiterService:
 
     def step(self, now_ns: int) -> None:
         """Serve requests, check the inputs, publish command and status, reply."""
-        readings = Inputs(
+        inputs = Inputs(
             now_ns=now_ns,
             robot=self._robot.read(now_ns),
             sensor=self._sensor.read(now_ns),
@@ -64,7 +64,7 @@ class ArbiterService:
             target=self._target.read(now_ns),
             health={role: reader.read(now_ns) for role, reader in self._health.items()},
         )
-        inputs = self._watch.update(readings)
+        self._watch.update(inputs)
         answers = [
             (incoming, answer(incoming.request, inputs))
             for inbox, answer in self._requests

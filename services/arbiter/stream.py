@@ -10,7 +10,7 @@ Only set points that the regulator streams can fade or retract: any other motion
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -39,8 +39,7 @@ RETREAT_FROM = 0.8  # of a ceiling, below the robot's own check, which would int
 RETREAT_WITHIN_S = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class Tick:
+class Tick(NamedTuple):
     """One period: measured flange pose, time and length."""
 
     T_measured: pin.SE3
@@ -50,19 +49,21 @@ class Tick:
 
 def follow(
     motion: CommandedMotion, T_target: pin.SE3, bounds: ArmBounds, tick: Tick
-) -> tuple[CommandedMotion, Trip | None]:
-    """Return the motion after a target pose, or unchanged with the limit that it violates.
+) -> CommandedMotion | Trip:
+    """Return the motion towards a target pose, or the limit that it violates.
 
     Speed and acceleration are limited; from every accepted set point the arm can be braked inside
     the bounds.
     """
-    if not is_finite_pose(T_target):
-        return motion, check_workspace(bounds.limits, T_target)
     limits = bounds.limits
+    if not is_finite_pose(T_target):
+        return check_workspace(limits, T_target) or motion
     after = limit_motion(limits, motion, T_target, tick.dt_s)
-    trip = bounds.place(resting_place(limits, after))
-    trip = trip or check_step(limits, tick.T_measured, after.T_base_flange)
-    return (after, None) if trip is None else (motion, trip)
+    return (
+        bounds.place(resting_place(limits, after))
+        or check_step(limits, tick.T_measured, after.T_base_flange)
+        or after
+    )
 
 
 # --- stops ----------------------------------------------------------------------------------------

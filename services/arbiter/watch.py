@@ -3,24 +3,19 @@
 Pure. Each monitor receives every snapshot once, in order, with bounded memory.
 """
 
-from dataclasses import replace
-from math import hypot
-
-import pinocchio as pin
+from math import dist, hypot, sin
 
 from common.config.cell import CellConfig
-from common.motion.convert import pose_of
-from common.motion.frames import apart, is_finite_pose
+from common.motion.frames import unit_quaternion
 from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allowed_gap_s
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
-from forcemesh.messages import Trip
+from forcemesh.messages import Quaternion, Trip, Vec3
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 
-REST_POSE_S = 0.2  # least time of the flange at one pose
 REST_POSITION_M = 2e-4
-REST_TURN_RAD = 2e-3
+REST_CHORD = 2.0 * sin(2e-3 / 4.0)  # between unit quaternions, for a rotation of 2 mrad
 RESIDUAL_S = 0.5
 STALL_S = 1.0  # stall of the arbiter after which all inputs look stale
 MISALIGNED_PAIRS = 2  # debounce: one pair may straddle a message in transit
@@ -37,14 +32,14 @@ class InputMonitors:
     def __init__(self, cell: CellConfig) -> None:
         """Start without snapshots."""
         self._overruns = Overruns(allowed_gap_s(cell, "arbiter"))
-        self._rest = RestWatch(1.0 / cell.rates.robot_hz)
+        self._rest = RestWatch()
         self._residual = ResidualWatch(cell.force.idle_max_N, cell.force.idle_max_Nm)
         self._feedback = FeedbackWatch(cell)
         stale_s = [cell.stale_after_s(topic) for topic in (topics.ROBOT_STATE, topics.WRENCH)]
         self._alignment = AlignmentWatch(ALLOWED_SHARE * max(stale_s))
 
-    def update(self, inputs: Inputs) -> Inputs:
-        """Return the snapshot with the findings of all monitors."""
+    def update(self, inputs: Inputs) -> None:
+        """Add the findings of all monitors to the snapshot."""
         self._overruns.stepped(inputs.now_ns)
         faults = [self._alignment.update(inputs)]
         if self._overruns.gap_s > STALL_S:
@@ -54,46 +49,41 @@ class InputMonitors:
             faults.append(tripped("overrun", text))
         if self._overruns.count > MOST_OVERRUNS:
             faults.append(overrun_trip("arbiter", self._overruns.count, self._overruns.longest_s))
-        watched = Watched(
-            faults=tuple(trip for trip in faults if trip is not None),
-            motion_at_rest_violation=self._rest.update(inputs),
+        inputs.watched = Watched(
+            faults=tuple(filter(None, faults)),
+            rest_s=self._rest.update(inputs),
             residual=self._residual.update(inputs),
             feedback=self._feedback.update(inputs),
         )
-        return replace(inputs, watched=watched)
 
 
 class RestWatch:
-    """Monitor of rest: the flange stays at one pose, which while holding is the commanded one."""
+    """Monitor of rest: the time for which the flange has stayed at one pose."""
 
-    def __init__(self, robot_period_s: float) -> None:
+    def __init__(self) -> None:
         """Start without a time at rest."""
-        self._needed_ns = round(max(REST_POSE_S, 3.0 * robot_period_s) * NS_PER_S)
-        self._anchor: pin.SE3 | None = None
+        self._anchor: tuple[Vec3, Quaternion] | None = None  # position, and unit quaternion
         self._since_ns = 0
 
-    def update(self, inputs: Inputs) -> Trip | None:
-        """Return why the arm does not count as at rest."""
+    def update(self, inputs: Inputs) -> float:
+        """Return the time at rest [s], zero without a pose.
+
+        The unit quaternions of two orientations that differ by a rotation of angle a are
+        2 sin(a / 4) apart; q and -q are the same orientation.
+        """
         robot = inputs.robot.fresh
         if robot is None:
             self._anchor = None
-            return None  # a missing robot state is reported by `inputs.missing`
-        T = pose_of(robot)
-        if self._anchor is None or robot.status.moving or _is_away(self._anchor, T):
-            self._anchor, self._since_ns = T, inputs.now_ns
-        rest_s = (inputs.now_ns - self._since_ns) / NS_PER_S
-        needed_s = self._needed_ns / NS_PER_S
-        if rest_s >= needed_s:
-            return None
-        text = f"the arm has been at rest for {rest_s:.2f} s, {needed_s:.2f} s are required"
-        return tripped("moving", text, value=rest_s, limit=needed_s, unit="s")
-
-
-def _is_away(T_anchor: pin.SE3, T: pin.SE3) -> bool:
-    if not (is_finite_pose(T) and is_finite_pose(T_anchor)):
-        return True
-    away_m, turn_rad = apart(T_anchor, T)
-    return away_m > REST_POSITION_M or turn_rad > REST_TURN_RAD
+            return 0.0
+        position_m, (x, y, z, w) = robot.position_m, unit_quaternion(*robot.orientation_xyzw)
+        if self._anchor is not None and not robot.status.moving:
+            place, turn = self._anchor
+            chord = min(dist(turn, (x, y, z, w)), dist(turn, (-x, -y, -z, -w)))
+            # A pose that is not finite never rests: its comparisons are false.
+            if dist(place, position_m) <= REST_POSITION_M and chord <= REST_CHORD:
+                return (inputs.now_ns - self._since_ns) / NS_PER_S
+        self._anchor, self._since_ns = (position_m, (x, y, z, w)), inputs.now_ns
+        return 0.0
 
 
 class ResidualWatch:
@@ -170,26 +160,19 @@ class FeedbackWatch:
         if inputs.target.fresh is None:
             self._calibration = self._fraction = None
             return None
-        numbers = inputs.numbers("robot")
-        controller_trip = self._controller_trip(numbers)
-        wrench = inputs.wrench.fresh
-        if wrench is None:
-            return controller_trip
-        if self._calibration is None:
-            self._calibration = wrench.calibration
-        if not wrench.calibrated:
-            text = wrench.calibration_fault or "the wrench is not calibrated"
-            return tripped("calibration", text)
-        if wrench.calibration != self._calibration:
-            text = f"the calibration became {wrench.calibration!r}, it was {self._calibration!r}"
-            return tripped("calibration", f"{text} when force feedback began")
-        return controller_trip
-
-    def _controller_trip(self, numbers: dict[str, float]) -> Trip | None:
+        wrench, numbers = inputs.wrench.fresh, inputs.numbers("robot")
         fraction = numbers.get(MONITOR)
-        if self._fraction is None:
-            self._fraction = fraction
-        before = self._fraction
+        self._fraction = before = fraction if self._fraction is None else self._fraction
+        if wrench is not None:
+            if self._calibration is None:
+                self._calibration = wrench.calibration
+            if not wrench.calibrated:
+                text = wrench.calibration_fault or "the wrench is not calibrated"
+                return tripped("calibration", text)
+            if wrench.calibration != self._calibration:
+                text = f"{wrench.calibration!r}, it was {self._calibration!r}"
+                text = f"the calibration became {text} when force feedback began"
+                return tripped("calibration", text)
         if fraction is not None and before is not None and abs(fraction - before) > SPEED_NOISE:
             text = (
                 f"the controller's monitor speed became {100.0 * fraction:g} %, it was "
@@ -247,12 +230,11 @@ class AlignmentWatch:
     def update(self, inputs: Inputs) -> Trip | None:
         """Return why pose and wrench do not match in time."""
         robot, wrench, sensor = inputs.robot.header, inputs.wrench.header, inputs.sensor.header
-        origin = inputs.wrench.origin
-        if robot is None or wrench is None or sensor is None or origin is None:
+        if robot is None or wrench is None or sensor is None or wrench.sensor_stamp_ns is None:
             return None
         if not robot.boot == wrench.boot == sensor.boot:
             return None  # stamps of different clocks cannot be subtracted
-        offset_s = (robot.stamp_ns - origin.stamp_ns) / NS_PER_S
+        offset_s = (robot.stamp_ns - wrench.sensor_stamp_ns) / NS_PER_S
         if robot.seq != self._last_seq[0] and wrench.seq != self._last_seq[1]:
             self._last_seq = (robot.seq, wrench.seq)
             self._bad_pairs = self._bad_pairs + 1 if abs(offset_s) > self._limit_s else 0

@@ -60,7 +60,6 @@ START = record_of(T_START)
 OUTSIDE = record_of(pin.SE3(T_START.rotation, np.array([5.0, 0.5, 0.35])))
 MOTIONS = ("goal", "setpoint", "feedback")
 NO_GOAL, NO_COMMAND, NO_STATUS = GoalReport(), RobotCommand(), ArbiterStatus()
-NOT_AT_REST = tripped("moving", "the arm has been at rest for 0.00 s")
 NEVER: Reading[RobotCommand] = Reading(
     None, None, float("inf"), "robot/command missing", silent=True, code="missing"
 )
@@ -119,10 +118,10 @@ class TracedArbiter(Arbiter):
 
 @cache
 def never_changes(kind: type) -> bool:
-    """Return whether a class's objects may be shared: frozen ones, numbers, poses."""
-    if is_dataclass(kind):
+    """Return whether a class's objects may be shared: frozen ones, numbers, poses, inputs."""
+    if is_dataclass(kind) and kind is not Inputs:
         return bool(kind.__dataclass_params__.frozen)  # type: ignore[attr-defined]
-    values = (str, int, float, tuple, frozenset, type(None), np.ndarray, pin.SE3, Record)
+    values = (str, int, float, tuple, frozenset, type(None), np.ndarray, pin.SE3, Record, Inputs)
     return issubclass(kind, values)
 
 
@@ -136,7 +135,8 @@ def fork(original: Any) -> Any:
     if kind in {list, set, deque}:
         return kind(fork(value) for value in original)
     copied = kind.__new__(kind)
-    copied.__dict__.update({name: fork(value) for name, value in vars(original).items()})
+    for name in vars(original) if hasattr(original, "__dict__") else kind.__slots__:
+        object.__setattr__(copied, name, fork(getattr(original, name)))
     return copied
 
 
@@ -212,19 +212,16 @@ class Product:
 
     def inputs(self) -> Inputs:
         """Return the present inputs of the arbiter."""
-        received = Inputs(
+        watched = WATCHED.get(self.disturbance, Watched())
+        return Inputs(
             now_ns=self.now_ns,
             robot=self._reading("robot"),
             sensor=self._reading("sensor"),
             wrench=self._reading("wrench"),
             target=self._reading("target"),
             health={"regulator": self._reading("health")},
-            watched=WATCHED.get(self.disturbance, Watched()),
+            watched=replace(watched, rest_s=0.0) if self.moving else watched,
         )
-        if not self.moving:
-            return received
-        watched = replace(received.watched, motion_at_rest_violation=NOT_AT_REST)
-        return replace(received, watched=watched)
 
     # --- one period -------------------------------------------------------------------------------
 

@@ -120,7 +120,8 @@ class World:
             target=self.reading("target"),
             health={role: self.reading(f"{role}/health") for role in ROLES},
         )
-        return self.watch.update(snapshot)
+        self.watch.update(snapshot)
+        return snapshot
 
     # --- the arbiter ------------------------------------------------------------------------------
 

@@ -1,5 +1,7 @@
 """Conditions for arming, for all purposes or for jog only."""
 
+from dataclasses import replace
+from math import nextafter
 from typing import Any
 
 import numpy as np
@@ -307,6 +309,21 @@ def test_one_second_of_good_inputs_is_sufficient() -> None:
     assert (trip.code, trip.value) == ("not_ready", 0.0)
 
 
+@pytest.mark.parametrize(("robot_hz", "needed_s"), [(250.0, 0.2), (10.0, 0.3)])
+def test_an_arm_rests_after_a_fifth_of_a_second_or_three_reports(
+    robot_hz: float, needed_s: float
+) -> None:
+    """Exactly this time is sufficient; a robot on a slow link is checked for longer."""
+    world = World(cell_with(rates__robot_hz=robot_hz)).make_ready()
+    terms = Terms.of(world.cell)
+    for rest_s in (needed_s, nextafter(needed_s, 0.0)):
+        inputs = world.inputs()
+        inputs.watched = replace(inputs.watched, rest_s=rest_s)
+        found = failed_checks(inputs, terms, inputs.now_ns - NS_PER_S, "back_off")
+        values = [(trip.code, trip.value, trip.limit, trip.unit) for trip in found]
+        assert values == ([] if rest_s == needed_s else [("moving", rest_s, needed_s, "s")])
+
+
 @pytest.mark.parametrize(("age_h", "reports"), [(8.0, 0), (8.001, 1)])
 def test_a_tare_may_have_the_age_of_the_cell_file(age_h: float, reports: int) -> None:
     """Age and limit are in seconds."""
@@ -327,7 +344,7 @@ def test_an_unknown_age_of_the_tare_is_no_fault(silent: set[str]) -> None:
         world.change("wrench/health", numbers={"tare_age_h": 9.0})
     world.silent = silent
     context = PreflightContext(world.inputs(), Terms.of(world.cell), 9.0, blind=False)
-    assert CHECKS[-1].failures(context) == []
+    assert list(CHECKS[-1].failures(context)) == []
 
 
 @pytest.mark.parametrize(("over_N", "reports"), [(0.0, False), (0.1, True)])

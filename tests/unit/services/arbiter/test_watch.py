@@ -9,10 +9,10 @@ import pytest
 from common.motion.convert import record_of
 from common.motion.frames import rotation_from_vector
 from forcemesh.codec import Header
-from forcemesh.messages import RegulatorTarget, Trip
+from forcemesh.messages import RegulatorTarget
 from services.arbiter.inputs import Inputs
 from services.arbiter.watch import AlignmentWatch, FeedbackWatch, ResidualWatch, RestWatch
-from tests.fakes.arbiter_world import CELL, STOPPED, T_START, World, shifted
+from tests.fakes.arbiter_world import CELL, FIT, STOPPED, T_START, World, shifted
 
 S = 1_000_000_000
 
@@ -22,8 +22,8 @@ def advance(world: World, after_s: float) -> None:
     world.now_ns += round(after_s * S)
 
 
-def updated(rest: RestWatch, world: World, after_s: float) -> Trip | None:
-    """Update the check with the world after some time."""
+def updated(rest: RestWatch, world: World, after_s: float) -> float:
+    """Update the check with the world after some time; return the time at rest."""
     advance(world, after_s)
     return rest.update(world.inputs())
 
@@ -31,61 +31,65 @@ def updated(rest: RestWatch, world: World, after_s: float) -> Trip | None:
 # --- rest -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("period_s", "needed_s"), [(0.004, 0.2), (0.1, 0.3)])
-def test_an_arm_rests_after_a_fifth_of_a_second_or_three_reports(
-    period_s: float, needed_s: float
-) -> None:
-    """Exactly this time is sufficient; the missing time is reported."""
-    world, rest = World(), RestWatch(period_s)
-    assert updated(rest, world, 0.0) is not None
-    trip = updated(rest, world, needed_s - 1e-6)
-    assert trip is not None
-    assert (trip.code, trip.limit) == ("moving", needed_s)
-    assert trip.value == pytest.approx(needed_s, abs=2e-6)
-    assert updated(rest, world, 1e-6) is None
+def test_the_time_at_rest_counts_from_the_first_pose() -> None:
+    """To the nanosecond; without a pose, and after it, it begins again."""
+    world, rest = World(), RestWatch()
+    assert updated(rest, world, 1.0) == 0.0
+    assert updated(rest, world, 0.2) == 0.2
+    assert updated(rest, world, 1e-9) == 0.200000001
+    world.silent.add("robot")
+    assert updated(rest, world, 1.0) == 0.0
+    world.silent.clear()
+    assert updated(rest, world, 1.0) == 0.0
+    assert updated(rest, world, 0.3) == 0.3
 
 
-@pytest.mark.parametrize(("robot_hz", "needed_s"), [(250.0, 0.2), (10.0, 0.3)])
-def test_the_cell_file_sets_the_rate_of_the_arms_reports(robot_hz: float, needed_s: float) -> None:
-    """A robot on a slow link is checked for longer."""
-    rates = CELL.rates.model_copy(update={"robot_hz": robot_hz})
-    world = World(CELL.model_copy(update={"rates": rates}))
-    motion_at_rest_violation = world.inputs().watched.motion_at_rest_violation
-    assert motion_at_rest_violation is not None
-    assert motion_at_rest_violation.limit == needed_s
+def test_an_arm_whose_controller_reports_motion_does_not_rest() -> None:
+    """Its time begins with the last such report."""
+    world, rest = World(), RestWatch()
+    for moving, rest_s in ((False, 0.0), (False, 0.1), (True, 0.0), (True, 0.0), (False, 0.1)):
+        world.change("robot", status=FIT.model_copy(update={"moving": moving}))
+        assert updated(rest, world, 0.1) == rest_s
 
 
 @pytest.mark.parametrize(("away_m", "rests"), [(2e-4, True), (2.001e-4, False)])
 def test_a_fifth_of_a_millimetre_is_still_rest(away_m: float, rests: bool) -> None:
     """It counts from the first pose, so that a slow drift is found."""
-    world, rest = World(), RestWatch(0.004)
+    world, rest = World(), RestWatch()
     world.change("robot", position_m=(0.0, 0.0, 0.0))
-    assert updated(rest, world, 0.0) is not None
+    assert updated(rest, world, 0.0) == 0.0
     world.change("robot", position_m=(0.0, 0.0, away_m))
-    assert (updated(rest, world, 0.5) is None) == rests
+    assert updated(rest, world, 0.5) == (0.5 if rests else 0.0)
+    world.change("robot", position_m=(0.0, 0.0, 2.0 * away_m))
+    assert updated(rest, world, 0.5) == 0.0
 
 
-@pytest.mark.parametrize(("turn_rad", "rests"), [(1.999e-3, True), (2.001e-3, False)])
-def test_two_milliradians_are_still_rest(turn_rad: float, rests: bool) -> None:
-    """This is the position limit at a tenth of a metre."""
-    world, rest = World(), RestWatch(0.004)
-    assert updated(rest, world, 0.0) is not None
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("turn_rad", "rests"), [(1.999999e-3, True), (2.000001e-3, False)])
+def test_two_milliradians_are_still_rest(turn_rad: float, rests: bool, sign: float) -> None:
+    """This is the position limit at a tenth of a metre; q and -q are one orientation."""
+    world, rest = World(), RestWatch()
+    assert updated(rest, world, 0.0) == 0.0
     turned = T_START.copy()
     turned.rotation = rotation_from_vector(np.array([turn_rad, 0.0, 0.0])) @ T_START.rotation
-    world.change("robot", orientation_xyzw=record_of(turned).orientation_xyzw)
-    assert (updated(rest, world, 0.5) is None) == rests
+    x, y, z, w = record_of(turned).orientation_xyzw
+    world.change("robot", orientation_xyzw=(sign * x, sign * y, sign * z, sign * w))
+    assert updated(rest, world, 0.5) == (0.5 if rests else 0.0)
 
 
 def test_rest_begins_with_the_first_valid_pose() -> None:
-    """Without a pose there is no rest, after any time."""
-    world, rest = World(), RestWatch(0.004)
+    """Without a pose there is no rest, after any time; nor with a position that is no number."""
+    world, rest = World(), RestWatch()
     orientation = record_of(T_START).orientation_xyzw
     world.change("robot", orientation_xyzw=(0.0, 0.0, 0.0, 0.0))
-    assert updated(rest, world, 0.0) is not None
+    assert updated(rest, world, 0.0) == 0.0
+    assert updated(rest, world, 1.0) == 0.0
     world.change("robot", orientation_xyzw=orientation)
-    trip = updated(rest, world, 1.0)
-    assert trip is not None
-    assert trip.value == 0.0
+    assert updated(rest, world, 1.0) == 0.0
+    for x_m in (np.nan, np.inf):
+        world.change("robot", position_m=(x_m, 0.0, 0.0))
+        assert updated(rest, world, 1.0) == 0.0
+        assert updated(rest, world, 1.0) == 0.0
 
 
 # --- the arbiter's own loop -----------------------------------------------------------------------
@@ -305,6 +309,7 @@ def test_two_periods_of_the_slower_topic_may_lie_between_pose_and_wrench(
         behind = {"sensor_stamp_ns": world.now_ns - round(apart_s * S), "sensor_seq": seq}
         wrench = one.wrench._replace(header=header.replaced(**behind))
         robot = one.robot._replace(header=header)
-        updated = world.watch.update(dataclasses.replace(one, robot=robot, wrench=wrench))
+        updated = dataclasses.replace(one, robot=robot, wrench=wrench)
+        world.watch.update(updated)
         reported_codes = {trip.code for trip in updated.watched.faults}
     assert ("misaligned" in reported_codes) == reported

@@ -83,9 +83,13 @@ def rotation_between(R_base_from: Array, R_base_to: Array) -> Array:
 
 
 def apart(T_from: pin.SE3, T_to: pin.SE3) -> tuple[float, float]:
-    """Return distance [m] and angle [rad] between two poses."""
-    distance_m = length(T_to.translation - T_from.translation)
-    return distance_m, length(rotation_between(T_from.rotation, T_to.rotation))
+    """Return distance [m] and angle [rad] between two poses.
+
+    The angle is 2 atan2(|(x, y, z)|, |w|) of the unit quaternion from one to the other: it has all
+    its digits near zero and near half a turn, too.
+    """
+    x, y, z, qx, qy, qz, qw = pin.SE3ToXYZQUAT(T_from.actInv(T_to)).tolist()
+    return math.hypot(x, y, z), 2.0 * math.atan2(math.hypot(qx, qy, qz), abs(qw))
 
 
 def interpolated(T_from: pin.SE3, T_to: pin.SE3, share: float) -> pin.SE3:
@@ -156,7 +160,7 @@ def pose(position_m: Array | tuple[float, ...], R: Array) -> pin.SE3:
 
 def is_finite_pose(T: pin.SE3) -> bool:
     """Return whether every number of a pose is finite."""
-    return is_finite(T.homogeneous.ravel().tolist())
+    return bool(T.isApprox(T))  # x - x is zero only for a finite x
 
 
 def _wrap(angle_rad: float) -> float:

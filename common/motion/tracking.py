@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, length, rotation_between
+from common.motion.frames import Array, apart, length, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Joints, Trip
 
@@ -101,16 +101,15 @@ class TrackingMonitor:
             # The last pose before the delay was still valid at its start.
             while len(poses) > 1 and now_ns - poses[1][0] >= self._delay_ns:
                 poses.popleft()
-        targets = [pose for _, pose in reversed(poses)]
-        away_m = away_rad = np.inf
+        away_m, away_rad = apart(poses[-1][1], T)
         # Newest first: it nearly always matches, and the rest need no check.
-        for b, a in pairwise([*targets, targets[-1]]):
+        for (_, b), (_, a) in pairwise(reversed(poses)):
+            if away_m <= self._limit_m and away_rad <= self._limit_rad:
+                break
             away_m = min(away_m, _distance_to_segment(a.translation, b.translation, T.translation))
             line_rad = rotation_between(a.rotation, b.rotation)
             turned_rad = rotation_between(a.rotation, T.rotation)
             away_rad = min(away_rad, _distance_to_segment(np.zeros(3), line_rad, turned_rad))
-            if away_m <= self._limit_m and away_rad <= self._limit_rad:
-                break
         return away_m, away_rad
 
 

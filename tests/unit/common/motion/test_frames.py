@@ -15,6 +15,7 @@ from common.motion.frames import (
     Oat,
     R_from_oat,
     R_from_quaternion,
+    apart,
     cross_product,
     dot,
     is_finite_pose,
@@ -218,6 +219,28 @@ def test_a_quaternion_without_direction_is_no_orientation() -> None:
 
     assert np.isnan(R_from_quaternion((0.0, 0.0, 0.0, 0.0))).all()
     assert not is_finite_pose(pose_of(nowhere))
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("entry", range(12))
+def test_a_pose_with_one_number_that_is_not_finite_is_not_finite(number, entry) -> None:
+    """Each of its numbers, also beside a huge one, whose square overflows."""
+    numbers = np.array([*np.eye(3).ravel(), 1.7e308, 0.0, -1.7e308])
+    assert is_finite_pose(pin.SE3(numbers[:9].reshape(3, 3), numbers[9:]))
+    numbers[entry] = number
+    assert not is_finite_pose(pin.SE3(numbers[:9].reshape(3, 3), numbers[9:]))
+
+
+@given(turns, vectors, vectors, st.floats(-12.0, 0.0))
+def test_the_angle_between_poses_has_all_its_digits(turn, axis, p, size) -> None:
+    """From a millionth of a microradian to half a turn."""
+    assume(np.linalg.norm(axis) > 1e-3)
+    R, axis = rotation_from_vector(turn), axis / np.linalg.norm(axis)
+    for angle in (10.0**size, math.pi - 10.0**size, math.pi):
+        T_to = pin.SE3(rotation_from_vector(angle * axis) @ R, p)
+        distance_m, angle_rad = apart(pin.SE3(R, np.zeros(3)), T_to)
+        assert distance_m == pytest.approx(float(np.linalg.norm(p)), abs=1e-14)
+        assert angle_rad == pytest.approx(angle % math.tau, rel=1e-12, abs=1e-15)
 
 
 @given(vectors, turns)

@@ -101,15 +101,53 @@ def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
 
 def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
     """Refuse a set point too far from the robot's pose."""
+    return _check_apart(
+        "step",
+        T_from,
+        T_to,
+        limit_m=limits.step_m,
+        limit_rad=limits.step_rad,
+        names="the set point or the arm's pose",
+        far="set point {:.1f} mm away from the arm",
+        rotated="set point {:.1f} degrees away from the arm",
+    )
+
+
+def check_tether(limits: Limits, T_armed: pin.SE3, T_base_flange: pin.SE3) -> Trip | None:
+    """Refuse a flange pose too far from the pose at arming."""
+    return _check_apart(
+        "tether",
+        T_armed,
+        T_base_flange,
+        limit_m=limits.tether_m,
+        limit_rad=limits.tether_rad,
+        names="the pose",
+        far="{:.0f} mm away from the pose at arming",
+        rotated="rotated {:.1f} degrees from the pose at arming, limits.tether_deg is {:g}",
+    )
+
+
+def _check_apart(
+    code: str,
+    T_from: pin.SE3,
+    T_to: pin.SE3,
+    *,
+    limit_m: float,
+    limit_rad: float,
+    names: str,
+    far: str,
+    rotated: str,
+) -> Trip | None:
+    """Refuse poses that are farther apart than a distance or an angle."""
     if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
-        return _not_finite("the set point or the arm's pose")
+        return _not_finite(names)
     distance_m, angle_rad = apart(T_from, T_to)
-    if distance_m > limits.step_m:
-        text = f"set point {distance_m * 1e3:.1f} mm away from the arm"
-        return tripped("step", text, value=distance_m, limit=limits.step_m, unit="m")
-    if angle_rad > limits.step_rad:
-        text = f"set point {degrees(angle_rad):.1f} degrees away from the arm"
-        return tripped("step", text, value=angle_rad, limit=limits.step_rad, unit="rad")
+    if distance_m > limit_m:
+        text = far.format(distance_m * 1e3)
+        return tripped(code, text, value=distance_m, limit=limit_m, unit="m")
+    if angle_rad > limit_rad:
+        text = rotated.format(degrees(angle_rad), degrees(limit_rad))
+        return tripped(code, text, value=angle_rad, limit=limit_rad, unit="rad")
     return None
 
 
@@ -155,13 +193,14 @@ def real_speed_m_s(speed: Speed) -> float:
 
 def check_wrench(limits: Limits, force_N: Vec3 | Array, torque_Nm: Vec3 | Array) -> Trip | None:
     """Refuse a wrench above the force or torque ceiling."""
+    force, torque = hypot(*force_N), hypot(*torque_Nm)
+    if force < limits.force_N and torque < limits.torque_Nm:
+        return None  # and every number is finite
     if not (is_finite(force_N) and is_finite(torque_Nm)):
         return _not_finite("the wrench")
-    force = hypot(*force_N)
     if force > limits.force_N:
         text = f"force {force:.1f} N is above the ceiling"
         return tripped("force", text, value=force, limit=limits.force_N, unit="N")
-    torque = hypot(*torque_Nm)
     if torque > limits.torque_Nm:
         text = f"torque {torque:.2f} N m is above the ceiling"
         return tripped("torque", text, value=torque, limit=limits.torque_Nm, unit="N m")
@@ -179,26 +218,28 @@ def _not_finite(what: str) -> Trip:
 class JointTrack:
     """Measured joint angles of the last tenth of a second: time [ns] and angles [rad]."""
 
-    samples: tuple[tuple[int, Array], ...] = ()
+    samples: tuple[tuple[int, Joints | Array], ...] = ()
 
     def after(self, stamp_ns: int, joint_rad: Joints | Array) -> "JointTrack":
         """Return the track with one more sample; a sample that is not newer changes nothing."""
         if self.samples and stamp_ns <= self.samples[-1][0]:
             return self
-        samples = (*self.samples, (stamp_ns, np.array(joint_rad)))
+        samples = (*self.samples, (stamp_ns, tuple(joint_rad)))
         first_ns = stamp_ns - round(JOINT_WINDOW_S * NS_PER_S)
         while len(samples) > 1 and samples[1][0] <= first_ns:
             samples = samples[1:]
         return JointTrack(samples)
 
     @property
-    def speed_rad_s(self) -> Array | None:
-        """Mean speed over the window, shape (6,); None before the window is full."""
+    def speed_rad_s(self) -> tuple[float, ...] | None:
+        """Mean speed of each joint over the window; None before the window is full."""
         if not self.samples:
             return None
         (from_ns, q_from), (to_ns, q_to) = self.samples[0], self.samples[-1]
         time_s = (to_ns - from_ns) / NS_PER_S
-        return None if time_s < JOINT_WINDOW_S else (q_to - q_from) / time_s
+        if time_s < JOINT_WINDOW_S:
+            return None
+        return tuple([(end - start) / time_s for start, end in zip(q_from, q_to, strict=True)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,23 +252,10 @@ class ArmBounds:
 
     def place(self, T_base_flange: pin.SE3) -> Trip | None:
         """Check a flange pose: its TCP in the workspace, the flange within the tether."""
-        limits, T_armed = self.limits, self.T_armed
-        trip = check_workspace(limits, T_base_flange * self.T_flange_tcp)  # also whether finite
-        if trip is not None:
-            return trip
-        if not is_finite_pose(T_armed):
-            return _not_finite("the pose")
-        distance_m, angle_rad = apart(T_armed, T_base_flange)
-        if distance_m > limits.tether_m:
-            text = f"{distance_m * 1e3:.0f} mm away from the pose at arming"
-            return tripped("tether", text, value=distance_m, limit=limits.tether_m, unit="m")
-        if angle_rad > limits.tether_rad:
-            text = (
-                f"rotated {degrees(angle_rad):.1f} degrees from the pose at arming, "
-                f"limits.tether_deg is {degrees(limits.tether_rad):g}"
-            )
-            return tripped("tether", text, value=angle_rad, limit=limits.tether_rad, unit="rad")
-        return None
+        limits, T_base_tcp = self.limits, T_base_flange * self.T_flange_tcp
+        return check_workspace(limits, T_base_tcp) or check_tether(
+            limits, self.T_armed, T_base_flange
+        )
 
     def goal(self, goal: Goal, joint_rad: Joints | Array) -> Trip | None:
         """Check the end of a move that starts at these joint angles."""
@@ -257,11 +285,10 @@ class ArmBounds:
         trip = trip or self.place(T_base_flange)
         if trip is not None or (speed_rad_s := track.speed_rad_s) is None:
             return trip
-        speeds = [abs(speed) for speed in speed_rad_s.tolist()]
-        if not is_finite(speeds):
+        if not is_finite(speed_rad_s):
             return _not_finite("a joint's speed")
-        fastest_rad_s = self.limits.joint_speed_rad_s.tolist()
-        for number, (speed, fastest) in enumerate(zip(speeds, fastest_rad_s, strict=True), start=1):
+        both = zip(map(abs, speed_rad_s), self.limits.joint_speed_rad_s.tolist(), strict=True)
+        for number, (speed, fastest) in enumerate(both, start=1):
             if speed / fastest > speed_margin:
                 text = f"joint {number} turns at {degrees(speed):.0f} degrees/s"
                 return tripped("joint_speed", text, value=speed, limit=fastest, unit="rad/s")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.config.load import load_cell
-from common.motion.frames import rotation_between
+from common.motion.frames import apart
 from common.motion.limits import (
     ArmBounds,
     JointTrack,
@@ -21,6 +21,7 @@ from common.motion.limits import (
     Plane,
     check_joints,
     check_step,
+    check_tether,
     check_workspace,
     check_wrench,
 )
@@ -49,13 +50,6 @@ def around(limit: float) -> list[float]:
         values.append(math.nextafter(limit, travel))
         values.append(math.nextafter(values[-1], travel))
     return values
-
-
-def check_tether(limits: Limits, T_armed: pin.SE3, T_now: pin.SE3) -> Trip | None:
-    """Check the tether alone, in a workspace without walls."""
-    far_m = np.full(3, math.inf)
-    limits = replace(limits, workspace_min_m=-far_m, workspace_max_m=far_m)
-    return ArmBounds(limits, pin.SE3.Identity(), T_armed).place(T_now)
 
 
 def assert_trip(trip: Trip | None, code: str, value: float, limit: float) -> None:
@@ -257,7 +251,7 @@ def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
 def test_a_turn_of_exactly_the_limit_is_allowed(check: Any) -> None:
     """To the last digit of the angle that is computed."""
     T_from, T_to = pose_at(CENTRE), pose_at(CENTRE, [0.1, -0.05, 0.07])
-    angle = math.hypot(*rotation_between(T_from.rotation, T_to.rotation))
+    _, angle = apart(T_from, T_to)
     for limit, rule in ((angle, None), (math.nextafter(angle, 0.0), check.__name__[6:])):
         trip = check(replace(LIMITS, step_rad=limit, tether_rad=limit), T_from, T_to)
         assert (trip and trip.code) == rule

@@ -23,10 +23,10 @@ JOINT_WINDOW_S, JOINT_WINDOW_NS = 0.1, 100_000_000  # as docs/arbitration.md has
 # --- windows --------------------------------------------------------------------------------------
 
 
-def check_joint_speed(speed_rad_s: np.ndarray) -> Trip | None:
+def check_joint_speed(speed_rad_s: np.ndarray | tuple[float, ...]) -> Trip | None:
     """Check an arm that is within all limits but that of its joint speeds."""
     bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
-    track = JointTrack(((0, np.zeros(6)), (10**9, speed_rad_s)))
+    track = JointTrack(((0, np.zeros(6)), (10**9, tuple(speed_rad_s))))
     return bounds.measured(pose_at(CENTRE), np.zeros(6), track)
 
 

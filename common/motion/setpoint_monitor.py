@@ -6,8 +6,12 @@ step), the path length in any 250 ms, and the change of mean velocity and of pat
 leases, so that a flood of new ones gains nothing.
 """
 
+from bisect import bisect_right
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import Any
 
 import pinocchio as pin
 
@@ -19,20 +23,21 @@ from forcemesh.messages import Trip
 # The arbiter limits speed with its own clock and period; a set point may arrive slightly early.
 SPEED_MARGIN = 1.25
 ACCEL_MARGIN = 1.5
-WINDOW_S = 0.25
-HALF_S = 0.06  # half of the window of the acceleration
+WINDOW_S, WINDOW_NS = 0.25, 250_000_000
+HALF_S, HALF_NS = 0.06, 60_000_000  # half of the window of the acceleration
 EARLY_S = 0.02  # permitted jitter of a set point
 S_PER_NS = 1e-9
+_TIME_OF: Callable[[Any], int] = attrgetter("at_ns")
 
 
 @dataclass(frozen=True, slots=True)
 class StreamStep:
-    """One commanded pose: time, and distance from the previous one."""
+    """One commanded pose: time, and length of the commanded path up to it."""
 
     at_ns: int
     T: pin.SE3
-    travel_m: float
-    turn_rad: float
+    path_m: float = 0.0
+    path_rad: float = 0.0
 
 
 class SetpointMonitor:
@@ -41,90 +46,83 @@ class SetpointMonitor:
     def __init__(self, limits: Limits) -> None:
         """Begin with a budget of one step."""
         self._limits = limits
+        half2_s2 = ACCEL_MARGIN * HALF_S**2
+        self._change_m = half2_s2 * limits.accel_m_s2 + limits.speed_m_s * EARLY_S
+        self._change_rad = half2_s2 * limits.accel_rad_s2 + limits.speed_rad_s * EARLY_S
         self._budget_m, self._budget_rad = limits.step_m, limits.step_rad
         self._budget_at_ns: int | None = None
         self._steps: deque[StreamStep] = deque()  # of the last window, and the one before
-        self._last: pin.SE3 | None = None  # commanded last, None when something else moved the arm
+        self._last_ns: int | None = None  # of the last pose; None when something else moves the arm
 
     def moved_otherwise(self) -> None:
         """Register another motion of the arm: the next stream begins at the measured pose."""
-        self._last = None
+        self._last_ns = None
 
     def begin(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Begin a stream at the measured pose; a jump from the last set point counts as path."""
-        if self._last is not None and now_ns - self._steps[-1].at_ns < WINDOW_S / S_PER_NS:
+        if self._last_ns is not None and now_ns - self._last_ns < WINDOW_NS:
             return self.check(T_measured, now_ns)
-        self._last = None
-        self._put(StreamStep(now_ns, T_measured, 0.0, 0.0))
+        # Earlier poses are of another motion: only their path counts.
+        steps = self._steps or [StreamStep(now_ns, T_measured)]
+        self._steps = deque(replace(step, T=T_measured) for step in steps)
+        self._last_ns = now_ns
         return None
 
     def check(self, T_target: pin.SE3, now_ns: int) -> Trip | None:
         """Check the next set point of the stream; an accepted one consumes budget."""
-        if self._last is None:
+        if self._last_ns is None:
             return tripped("no_stream", "no stream of set points is active")
-        step = StreamStep(now_ns, T_target, *apart(self._last, T_target))
-        limits = self._limits
+        limits, steps = self._limits, self._steps
+        while len(steps) > 1 and now_ns - steps[1].at_ns >= WINDOW_NS:
+            steps.popleft()
+        start, newest = steps[0], steps[-1]
+        travel_m, turn_rad = apart(newest.T, T_target)
+        step = StreamStep(now_ns, T_target, newest.path_m + travel_m, newest.path_rad + turn_rad)
         since_ns = now_ns if self._budget_at_ns is None else self._budget_at_ns
         time_s = SPEED_MARGIN * max(0, now_ns - since_ns) * S_PER_NS
         budget_m = min(self._budget_m + limits.speed_m_s * time_s, limits.step_m)
         budget_rad = min(self._budget_rad + limits.speed_rad_s * time_s, limits.step_rad)
         text = "set points are faster than the speed limit"
-        if step.travel_m > budget_m:
+        if travel_m > budget_m:
             return tripped("speed", text, limit=limits.speed_m_s, unit="m/s")
-        if step.turn_rad > budget_rad:
+        if turn_rad > budget_rad:
             return tripped("speed", text, limit=limits.speed_rad_s, unit="rad/s")
-        recent = [one for one in self._steps if now_ns - one.at_ns < WINDOW_S / S_PER_NS]
-        travel_m = step.travel_m + sum([one.travel_m for one in recent])
-        turn_rad = step.turn_rad + sum([one.turn_rad for one in recent])
-        text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
         for value, speed, unit in (
-            (travel_m, limits.speed_m_s, "m"),
-            (turn_rad, limits.speed_rad_s, "rad"),
+            (step.path_m - start.path_m, limits.speed_m_s, "m"),
+            (step.path_rad - start.path_rad, limits.speed_rad_s, "rad"),
         ):
             most = speed * (SPEED_MARGIN * WINDOW_S)
             if value > most:
+                text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
                 return tripped("rate", text, value=value, limit=most, unit=unit)
         trip = self._acceleration_trip(step)
         if trip is None:
-            self._budget_m, self._budget_rad = budget_m - step.travel_m, budget_rad - step.turn_rad
-            self._budget_at_ns = now_ns
-            self._put(step)
+            self._budget_m, self._budget_rad = budget_m - travel_m, budget_rad - turn_rad
+            self._budget_at_ns = self._last_ns = now_ns
+            steps.append(step)
         return trip
 
     def _acceleration_trip(self, step: StreamStep) -> Trip | None:
         """Compare the last 60 ms with the 60 ms before: mean velocity, and length of the path."""
-        half_ns, limits = HALF_S / S_PER_NS, self._limits
-        middle, first = (  # each set point holds until the next
-            next((one.T for one in reversed(self._steps) if one.at_ns <= at_ns), self._steps[0].T)
-            for at_ns in (step.at_ns - half_ns, step.at_ns - 2 * half_ns)
+        limits, steps = self._limits, self._steps
+        most_m, most_rad = self._change_m, self._change_rad
+        middle, first = (  # in force at that time, or the oldest
+            steps[max(0, bisect_right(steps, step.at_ns - age_ns, key=_TIME_OF) - 1)]
+            for age_ns in (HALF_NS, 2 * HALF_NS)
         )
-        change_m = (step.T.translation - middle.translation) - (
-            middle.translation - first.translation
+        if step.path_m - first.path_m <= most_m and step.path_rad - first.path_rad <= most_rad:
+            return None  # the path of both halves is at least the change between them
+        change_m = step.T.translation - 2.0 * middle.T.translation + first.T.translation
+        change_rad = rotation_between(middle.T.rotation, step.T.rotation) - rotation_between(
+            first.T.rotation, middle.T.rotation
         )
-        change_rad = rotation_between(middle.rotation, step.T.rotation) - rotation_between(
-            first.rotation, middle.rotation
-        )
-        more_m = more_rad = 0.0
-        for one in (*self._steps, step):
-            age_ns = step.at_ns - one.at_ns
-            if age_ns < 2.0 * half_ns:
-                sign = 1.0 if age_ns < half_ns else -1.0
-                more_m += sign * one.travel_m
-                more_rad += sign * one.turn_rad
-        text = "acceleration of the set points is above the limit"
-        for change, accel, speed in (
-            (max(length(change_m), more_m), limits.accel_m_s2, limits.speed_m_s),
-            (max(length(change_rad), more_rad), limits.accel_rad_s2, limits.speed_rad_s),
+        more_m = step.path_m - 2.0 * middle.path_m + first.path_m
+        more_rad = step.path_rad - 2.0 * middle.path_rad + first.path_rad
+        for change, most, accel in (
+            (max(length(change_m), more_m), most_m, limits.accel_m_s2),
+            (max(length(change_rad), more_rad), most_rad, limits.accel_rad_s2),
         ):
-            if change > ACCEL_MARGIN * accel * HALF_S**2 + speed * EARLY_S:
+            if change > most:
+                text = "acceleration of the set points is above the limit"
                 return tripped("acceleration", text, value=change / HALF_S**2, limit=accel)
         return None
-
-    def _put(self, step: StreamStep) -> None:
-        """Store a step and drop those older than the window, except the one at its start."""
-        if self._last is None:  # earlier poses are of another motion: only their distances count
-            self._steps = deque(replace(one, T=step.T) for one in self._steps)
-        self._steps.append(step)
-        self._last = step.T
-        while len(self._steps) > 1 and step.at_ns - self._steps[1].at_ns >= WINDOW_S / S_PER_NS:
-            self._steps.popleft()

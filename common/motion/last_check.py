@@ -38,7 +38,6 @@ PATH_SAMPLES = 25
 ROUNDING_M = 2e-4  # between two readings of an arm at rest
 
 FlangeAt = Callable[[Array], pin.SE3]
-NO_LEASE = "no lease has begun"
 
 
 class LastCheck:
@@ -57,12 +56,13 @@ class LastCheck:
         self._fastest_rad_s = np.radians(cell.robot.joint_speed_max_deg_s)
         self._setpoint_max_N = cell.force.setpoint_max_N
         self._flange_at = flange_at
-        self._bounds: ArmBounds | None = None  # of commands under the present lease
         # Of the measured arm; no tether before a lease.
         untethered = replace(self._limits, tether_m=inf, tether_rad=inf)
         self._wide = self._widened(untethered, pin.SE3.Identity())
+        self._bounds = self._wide  # of commands under the present lease
         self._back_off: BackOffState | None = None  # under a lease for that
-        self._only_backing_off: Trip | None = None  # the refusal of all else under that lease
+        # The refusal of every command: before a lease; of all others under a lease for backing off.
+        self._refusal: Trip | None = tripped("no_lease", "no lease has begun")
         self._load: LoadRatchet | None = None  # of the move under way
         self._wrench: WrenchAtTcp | None = None
         self._monitor = SetpointMonitor(self._limits)
@@ -74,10 +74,10 @@ class LastCheck:
         A lease for `back_off` has its own limits (common/motion/back_off.py) until the next lease.
         """
         T_armed, limits = T_base_flange.copy(), self._limits
-        self._back_off = self._load = self._only_backing_off = None
+        self._back_off = self._load = self._refusal = None
         if purpose == "back_off":
             text = "the arm was armed to back off: it accepts only that goal"
-            self._only_backing_off = tripped("state", text)
+            self._refusal = tripped("state", text)
             limits = back_off.relaxed_limits(limits, T_armed * self._T_flange_tcp, ROUNDING_M)
             self._back_off = BackOffState(T_armed, now_ns)
         self._bounds = ArmBounds(limits, self._T_flange_tcp, T_armed)
@@ -87,17 +87,12 @@ class LastCheck:
 
     def seed(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
         """Begin a stream of set points at the measured pose."""
-        return (
-            self._only_backing_off
-            or self.place(T_base_flange)
-            or self._monitor.begin(T_base_flange, now_ns)
-        )
+        return self.place(T_base_flange) or self._monitor.begin(T_base_flange, now_ns)
 
     def setpoint(self, T_target: pin.SE3, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Check a set point; an accepted one consumes its share of the stream budget."""
         return (
-            self._only_backing_off
-            or self.place(T_target)
+            self.place(T_target)
             or check_step(self._limits, T_measured, T_target)
             or self._monitor.check(T_target, now_ns)
         )
@@ -115,19 +110,21 @@ class LastCheck:
         """
         if self._back_off is not None:
             trip = self._back_off_trip(goal, speed, T_measured)
-        elif self._bounds is None:
-            trip = tripped("no_lease", NO_LEASE)
         else:
-            trip = check_speed(self._limits, speed) or self._bounds.goal(goal, joint_rad)
-            trip = trip or self._path_trip(goal, T_measured, np.array(joint_rad))
+            trip = (
+                self._refusal
+                or check_speed(self._limits, speed)
+                or self._bounds.goal(goal, joint_rad)
+                or self._path_trip(goal, T_measured, np.array(joint_rad))
+            )
         if trip is None:
             self._monitor.moved_otherwise()
         return trip
 
     def feedback(self, feedback: Feedback) -> Trip | None:
         """Check a request for force feedback in the controller, which limits its own speeds."""
-        if self._only_backing_off is not None:
-            return self._only_backing_off
+        if self._refusal is not None:
+            return self._refusal
         setpoint_N = float(np.linalg.norm(feedback.setpoint_force_N))
         if setpoint_N > self._setpoint_max_N:
             text = f"a set point of {setpoint_N:.1f} N"
@@ -155,10 +152,8 @@ class LastCheck:
         return trip
 
     def place(self, T_target: pin.SE3) -> Trip | None:
-        """Check a flange pose: TCP inside the workspace, flange within the tether."""
-        if self._bounds is None:
-            return tripped("no_lease", NO_LEASE)
-        return self._bounds.place(T_target)
+        """Check the flange pose of a set point: TCP in the workspace, flange within the tether."""
+        return self._refusal or self._bounds.place(T_target)
 
     def arm(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
         """Check pose and joint speeds of the arm; call it for every report."""
@@ -175,11 +170,12 @@ class LastCheck:
     def _back_off_trip(self, goal: Goal, speed: Speed, T_measured: pin.SE3) -> Trip | None:
         """Compare a goal with the path that this process computes itself."""
         if goal.kind != "pose" or goal.pose is None:
-            return self._only_backing_off
+            return self._refusal
         limits, wrench = self._limits, self._wrench
         expected = back_off.plan(limits, T_measured, self._T_flange_tcp, wrench, confirmed=True)
         T_goal = pose_of(goal.pose)
-        return back_off.goal_trip(expected, T_measured, T_goal, speed) or self.place(T_goal)
+        trip = back_off.goal_trip(expected, T_measured, T_goal, speed)
+        return trip or self._bounds.place(T_goal)
 
     def _path_trip(self, goal: Goal, T_from: pin.SE3, q_from: Array) -> Trip | None:
         """Check the path to a permitted end, without its first pose, which `arm` checks."""
@@ -197,7 +193,7 @@ class LastCheck:
         for T in path[:-1]:
             if (trip := self._wide.place(T)) is not None:
                 return trip.replaced(text=f"on the path: {trip.text}")
-        return self.place(path[-1])
+        return self._bounds.place(path[-1])
 
     def _widened(self, limits: Limits, T_armed: pin.SE3) -> ArmBounds:
         """Return the bounds of measured values: slightly wider than those of commands."""

@@ -25,6 +25,7 @@ from sim.controller.motion_requests import (
     MotionParameters,
     MotionRequest,
 )
+from sim.robot.motion import step_along
 
 _LEAST_EXTENT = 1e-9
 _WHOLE_TURN_RAD = 2.0 * np.pi
@@ -39,7 +40,6 @@ _STARTS_DEG = tuple(
 JUMP_RAD = 0.6  # between two samples; a larger change means another kinematic branch
 _SAMPLE_M = 0.01
 _SAMPLES = (4, 200)
-_SHRINKS = 8
 _SHORTEST = 1e-9
 
 
@@ -82,9 +82,14 @@ class Segment:
         if self.rate <= 0.0:
             self.done = self.done or self.braking
             return
-        share, q = self._allowed_step(dt_s)
+        step = self.rate * dt_s
+        share, result = step_along(self.path, self.share, self.q, step=step, dt_s=dt_s)
+        if result.q is None:
+            self.rate, self.braking, self.done = 0.0, True, True
+            percent = 100 * self.share
+            raise AsError("E6016", f"after {percent:.0f} % of the path: {result.reason}")
         self.rate = (share - self.share) / dt_s
-        self.share, self.q = share, q
+        self.share, self.q = share, result.q
         if share >= 1.0:
             self.q, self.done = self.q_to, True
 
@@ -96,27 +101,6 @@ class Segment:
         capped = max(ramp.cap * feed, self.rate - ramp.brake * dt_s)
         self.slowing = stopping <= min(faster, capped)
         return max(0.0, min(faster, capped, stopping))
-
-    def _allowed_step(self, dt_s: float) -> tuple[float, Array]:
-        """Return share and joints after this tick, shortened to the joints' speed limits."""
-        step, reason = self.rate * dt_s, ""
-        for _ in range(_SHRINKS):
-            share = min(1.0, self.share + step)
-            if share > 1.0 - 1e-9:
-                share = 1.0
-            result = self.path.at(share, self.q)
-            if result.q is None:
-                reason, step = result.reason, 0.25 * step
-                continue
-            fastest = self.path.kinematics.max_speed_rad_s
-            excess = float((np.abs(result.q - self.q) / fastest).max()) / dt_s
-            if excess <= 1.0 + 1e-9:
-                return share, result.q
-            reason = "joint speed limit exceeded"
-            step /= 1.05 * excess
-        self.rate, self.braking, self.done = 0.0, True, True
-        percent = 100 * self.share
-        raise AsError("E6016", f"after {percent:.0f} % of the path: {reason}")
 
 
 _ZERO_LENGTH = Ramp(1.0, 1.0, 1.0, 1.0)  # of a motion of zero length
@@ -208,7 +192,7 @@ def _linear(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> 
 def _joint(
     kinematics: ArmKinematics, motion: MotionRequest, *, q_from: Array, q_to: Array
 ) -> Segment:
-    full_speed_s = float((np.abs(q_to - q_from) / kinematics.max_speed_rad_s).max())
+    full_speed_s = kinematics.full_speed_s(q_to - q_from)
     path = JointPath(kinematics, q_from, q_to)
     if full_speed_s < _LEAST_EXTENT:
         return Segment(path, _ZERO_LENGTH, q_from=q_from, q_to=q_from)

@@ -10,14 +10,13 @@ stream   the newest streamed pose is followed
 """
 
 import math
-from operator import truediv
 from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array, apart
-from common.motion.kinematics import ArmKinematics
+from common.motion.kinematics import ArmKinematics, IkResult
 from common.motion.limits import real_speed_m_s
 from common.motion.paths import TURN_RADIUS_M, JointPath, LinearPath, MotionPath
 from forcemesh.messages import Speed
@@ -27,7 +26,7 @@ MotionState = Literal["idle", "running", "braking", "done", "refused", "stream"]
 ACCEL_M_S2 = 2.0  # at 100 percent
 BRAKE_M_S2 = 2.5  # from 250 mm/s to standstill in 100 ms
 STREAM_JUMP_RAD = 0.35  # largest joint change of one streamed pose
-_SHRINKS = 8  # attempts to find a step that keeps the joint speed limits
+_SHRINKS = 8  # attempts to find a step that keeps the joints' speed limits
 _BUSY = "a goal is active: brake first"
 
 
@@ -44,14 +43,13 @@ class MotionGenerator:
     ) -> None:
         """Start at rest at q_start [rad], shape (n,); `speed` is for streamed poses."""
         self._kinematics = kinematics
-        self._joint_speeds_rad_s = kinematics.max_speed_rad_s.tolist()
         self._path: MotionPath | None = None
         self._speed = Speed()
         self._share, self._share_speed = 0.0, 0.0  # s and ds/dt of the path
         self.q_command: Array = np.array(q_start, dtype=float)
         self._q_stream: Array = self.q_command.copy()
         self._stream_m_s = stream_m_s
-        self._stream_s = 0.0  # travel time to the streamed pose at this speed
+        self._stream_s = 0.0  # time left to the streamed pose, at this speed and the joints'
         self.state: MotionState = "idle"
         self.reason = ""  # why the last goal was aborted
 
@@ -93,7 +91,10 @@ class MotionGenerator:
             return result.reason
         self._q_stream, self.state, self.reason = result.q, "stream", ""
         travel_m, turn_rad = apart(self._kinematics.flange_pose(self.q_command), T_base_flange)
-        self._stream_s = max(travel_m, TURN_RADIUS_M * turn_rad) / self._stream_m_s
+        self._stream_s = max(
+            self._kinematics.full_speed_s(result.q - self.q_command),
+            max(travel_m, TURN_RADIUS_M * turn_rad) / self._stream_m_s,
+        )
         return ""
 
     def brake(self) -> None:
@@ -101,13 +102,11 @@ class MotionGenerator:
         if self.state == "running":
             self.state = "braking"
         elif self.state == "stream":
-            travel = self._q_stream - self.q_command
-            needed_s = max(self._time_at_full_speed_s(travel), self._stream_s)
             self.state = "idle"
-            if needed_s > 1e-9:
+            if self._stream_s > 1e-9:
                 path = JointPath(self._kinematics, self.q_command, self._q_stream)
                 self._start(path, self._speed)
-                self._share_speed = 1.0 / needed_s
+                self._share_speed = 1.0 / self._stream_s
                 self.state = "braking"
 
     def tick(self, dt_s: float) -> Array:
@@ -117,12 +116,13 @@ class MotionGenerator:
         """
         if self.busy:
             self._follow(dt_s)
-        elif self.state == "stream":
-            travel = self._q_stream - self.q_command
-            if travel.any():
-                ticks_needed = max(self._time_at_full_speed_s(travel), self._stream_s) / dt_s
-                self.q_command = self.q_command + travel / max(1.0, ticks_needed)
-            self._stream_s = max(0.0, self._stream_s - dt_s)
+        elif self.state == "stream" and self._stream_s > 0.0:
+            if self._stream_s <= dt_s:
+                self.q_command, self._stream_s = self._q_stream, 0.0
+            else:
+                travel = self._q_stream - self.q_command
+                self.q_command = self.q_command + dt_s / self._stream_s * travel
+                self._stream_s -= dt_s
         self.q_command.setflags(write=False)
         return self.q_command
 
@@ -135,12 +135,14 @@ class MotionGenerator:
     def _follow(self, dt_s: float) -> None:
         assert self._path is not None  # noqa: S101 - busy means that there is one
         self._share_speed = self._next_share_speed(self._path.extent_m, dt_s)
-        share, q = self._allowed_step(self._path, dt_s)
-        if q is None:
+        step = self._share_speed * dt_s
+        share, result = step_along(self._path, self._share, self.q_command, step=step, dt_s=dt_s)
+        if result.q is None:
+            self.reason = f"after {100 * share:.0f} % of the path: {result.reason}"
             self.state, self._share_speed = "refused", 0.0
             return
         self._share_speed = (share - self._share) / dt_s
-        self._share, self.q_command = share, q
+        self._share, self.q_command = share, result.q
         if share >= 1.0:
             self.state = "done"
         elif self.state == "braking" and self._share_speed <= 0.0:
@@ -159,27 +161,26 @@ class MotionGenerator:
         faster = self._share_speed + accel * dt_s
         return min(faster, real_speed_m_s(self._speed) * scale, max(stopping, half))
 
-    def _allowed_step(self, path: MotionPath, dt_s: float) -> tuple[float, Array | None]:
-        """Return the share and joints after this tick, shortened to the joints' speed limits."""
-        step = self._share_speed * dt_s
-        for _ in range(_SHRINKS):
-            share = min(1.0, self._share + step)
-            if share > 1.0 - 1e-9:
-                share = 1.0
-            result = path.at(share, self.q_command)
-            if result.q is None:
-                self.reason = f"after {100 * share:.0f} % of the path: {result.reason}"
-                step *= 0.25
-                continue
-            excess = self._time_at_full_speed_s(result.q - self.q_command) / dt_s
-            if excess <= 1.0 + 1e-9:
-                self.reason = ""
-                return share, result.q
-            self.reason = f"after {100 * share:.0f} % of the path: joint speed limit exceeded"
-            step /= 1.05 * excess
-        return self._share, None
 
-    def _time_at_full_speed_s(self, travel_rad: Array) -> float:
-        """Return the duration of a joint motion at the joint speed limits [s]."""
-        travels = map(abs, travel_rad.tolist())
-        return float(max(map(truediv, travels, self._joint_speeds_rad_s)))
+def step_along(
+    path: MotionPath, share: float, q: Array, *, step: float, dt_s: float
+) -> tuple[float, IkResult]:
+    """Return share and joints after one tick: `step` shortened to the joints' speed limits.
+
+    If the path cannot be continued: the share that was tried last, and the reason.
+    """
+    reason, reached = "", share
+    for _ in range(_SHRINKS):
+        reached = min(1.0, share + step)
+        if reached > 1.0 - 1e-9:
+            reached = 1.0
+        result = path.at(reached, q)
+        if result.q is None:
+            reason, step = result.reason, 0.25 * step
+            continue
+        excess = path.kinematics.full_speed_s(result.q - q) / dt_s
+        if excess <= 1.0 + 1e-9:
+            return reached, result
+        reason = "joint speed limit exceeded"
+        step /= 1.05 * excess
+    return reached, IkResult(None, reason)

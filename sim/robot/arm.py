@@ -33,12 +33,13 @@ class SetPointLine:
     def __init__(self, start: Array, *, delay_ticks: int, smoothing_ticks: int) -> None:
         """Fill the line with a constant command. Shape (6,)."""
         self._newest = np.array(start, dtype=float)
-        self._ring = np.tile(self._newest, (delay_ticks + smoothing_ticks, 1))
+        self._ticks = delay_ticks + smoothing_ticks
+        # Every entry is stored twice, so that any window of the ring is one slice.
+        self._ring = np.tile(self._newest, (2 * self._ticks, 1))
+        self._mean = np.full(smoothing_ticks, 1.0 / smoothing_ticks)
         self._head = 0
-        self._same = len(self._ring)  # how many of the newest entries are equal
+        self._same = self._ticks  # how many of the newest entries are equal
         self.settled = True  # all of them
-        last = np.arange(len(self._ring))[:, None] - 1 - delay_ticks  # by where the head is
-        self._averaged = (last - np.arange(smoothing_ticks)) % len(self._ring)
 
     def push(self, command: Array) -> Array:
         """Take this tick's command, return this tick's servo set point. Shape (6,).
@@ -47,16 +48,15 @@ class SetPointLine:
         """
         is_same = command is self._newest or command.tolist() == self._newest.tolist()
         self._same = self._same + 1 if is_same else 1
-        self.settled = self._same >= len(self._ring)
+        self.settled = self._same >= self._ticks
         self._newest = command
-        if self._same > len(self._ring):  # the ring is already full of this command
+        if self._same > self._ticks:  # the ring is already full of this command
             return command
-        self._ring[self._head] = command
-        self._head = (self._head + 1) % len(self._ring)
+        self._ring[self._head :: self._ticks] = command
+        self._head = oldest = (self._head + 1) % self._ticks
         if self.settled:
             return command
-        rows = self._ring.take(self._averaged[self._head], axis=0)
-        return np.asarray(np.add.reduce(rows, axis=0) / len(rows))
+        return np.asarray(self._mean.dot(self._ring[oldest : oldest + len(self._mean)]))
 
 
 class PlateContact:
@@ -72,48 +72,37 @@ class PlateContact:
         rest = plate_at_rest(settings)
         self.point_m, self.normal = rest.point_m.copy(), rest.normal
         self.springs = SprungPlate.of(settings)
-        self._model, self._data, self._R_base_plate = model, data, rest.R_base_plate
+        self._option, self._R_base_plate = model.opt, rest.R_base_plate
         self._radius_m = settings.disc_radius_m
-        self._tcp = model.site("tcp").id
         # Views of the state: MuJoCo never reallocates it.
-        self._p_tcp_m, self._z_tcp = data.site_xpos[self._tcp], data.site_xmat[self._tcp][2::3]
+        self._disc = data.sensordata[6:].reshape(4, 3)  # rows as in `scene.SENSORS`
         self._pushed = data.xfrc_applied[model.body("disc").id].reshape(2, 3)
-        self._moves = np.zeros((4, 3))  # disc in base; the next two lines name its rows
-        self._from_plate, self._back = self._moves[:2]
-        self._twist = self._moves[2:].reshape(6)  # MuJoCo's order: rotation, translation
 
     def act(self) -> None:
-        """Apply the contact wrench to the disc for the model's next time step."""
-        far_m = self._radius_m + FAR_M
-        if self.springs.rests and self.normal.dot(self._p_tcp_m - self.point_m) > far_m:
+        """Apply the contact wrench to the disc for the model's next time step.
+
+        The disc is extrapolated by its velocity to the end of the step.
+        """
+        rows = self._disc.dot(self._R_base_plate).tolist()  # `dot` is twice as fast as `@`
+        (x, y, z), (zx, zy, zz), (vx, vy, vz), (wx, wy, wz) = rows  # in plate axes
+        ox, oy, oz = self.point_m.dot(self._R_base_plate).tolist()
+        if z - oz > self._radius_m + FAR_M and self.springs.rests:
             self._pushed[:] = 0.0
             return
-        dt_s = self._model.opt.timestep
-        push = self.springs.step(self._disc_after(dt_s), dt_s)
-        both = np.array((push.force_N, push.torque_Nm))
-        self._pushed[:] = both.dot(self._R_base_plate.T)  # twice as fast as `@`
-
-    def _disc_after(self, dt_s: float) -> Disc:
-        """Return the disc extrapolated by its velocity to the end of the step."""
-        np.subtract(self._p_tcp_m, self.point_m, out=self._from_plate)
-        np.negative(self._z_tcp, out=self._back)
-        site = mujoco.mjtObj.mjOBJ_SITE
-        mujoco.mj_objectVelocity(self._model, self._data, site, self._tcp, self._twist, 0)
-        rows = self._moves.dot(self._R_base_plate).tolist()
-        (x, y, z), (bx, by, bz), (wx, wy, wz), (vx, vy, vz) = rows
-        bx, by, bz = (
-            bx + dt_s * (wy * bz - wz * by),
-            by + dt_s * (wz * bx - wx * bz),
-            bz + dt_s * (wx * by - wy * bx),
-        )
+        dt_s = self._option.timestep
+        bx = dt_s * (wz * zy - wy * zz) - zx
+        by = dt_s * (wx * zz - wz * zx) - zy
+        bz = dt_s * (wy * zx - wx * zy) - zz
         size = math.hypot(bx, by, bz)
-        return Disc(
-            centre_m=(x + dt_s * vx, y + dt_s * vy, z + dt_s * vz),
+        disc = Disc(
+            centre_m=(x - ox + dt_s * vx, y - oy + dt_s * vy, z - oz + dt_s * vz),
             back=(bx / size, by / size, bz / size),
             velocity_m_s=(vx, vy, vz),
             turn_rad_s=(wx, wy, wz),
             radius_m=self._radius_m,
         )
+        push = self.springs.step(disc, dt_s)
+        self._pushed[:] = np.array((push.force_N, push.torque_Nm)).dot(self._R_base_plate.T)
 
 
 @dataclass(frozen=True, slots=True)

@@ -95,43 +95,46 @@ class SprungPlate:
     def step(self, disc: Disc, dt_s: float) -> ContactWrench:
         """Advance by `dt_s` [s] to the given disc state; return the wrench on the disc."""
         (x, y, z), (bx, by, _) = disc.centre_m, disc.back
-        if self.rests and z - disc.radius_m * math.hypot(bx, by) >= 0.0:
+        if z - disc.radius_m * math.hypot(bx, by) >= 0.0 and self.rests:
             return ContactWrench()
         rate = self.relaxation_s / dt_s + 0.5
         k, k_tilt = rate * self.stiffness_N_m, rate * self.tilt_stiffness_Nm_rad
-        rule = _Midpoint(k, k_tilt, 1.0 - 1.0 / rate, dt_s)
-        free_m, free_x, free_y = (rule.kept * away for away in (self.travel_m, *self.slope))
+        kept = 1.0 - 1.0 / rate
+        rule = _Midpoint(k, k_tilt, kept, dt_s)
+        free_m, free_x, free_y = kept * self.travel_m, kept * self.slope[0], kept * self.slope[1]
         squeeze = _Squeeze(disc, rule, free_m, (free_x, free_y))
         normal_N, arm = 0.0, _ORIGIN
-        is_beside = max(abs(x), abs(y)) > HALF_SIDE_M
-        if not is_beside and (self.touched or squeeze.at(0.0)[0] >= -DEEPEST_TOUCH_M):
-            normal_N, arm = squeeze.solve()
+        if max(abs(x), abs(y)) <= HALF_SIDE_M:
+            gap_m, _, _ = squeeze.at(0.0)
+            if gap_m < 0.0 and (self.touched or gap_m >= -DEEPEST_TOUCH_M):
+                normal_N, arm = squeeze.solve(-k * gap_m)  # tilt can only reduce the force
         self.touched = normal_N > 0.0
         self.travel_m, give = free_m - normal_N / k, normal_N / k_tilt
-        self.slope = (free_x - give * (x + arm[0]), free_y - give * (y + arm[1]))
+        ax, ay, az = arm
+        self.slope = (free_x - give * (x + ax), free_y - give * (y + ay))
         fx, fy, twist_Nm = self._rub(disc, arm, normal_N, rule)
-        force = (fx - normal_N * self.slope[0], fy - normal_N * self.slope[1], normal_N)
-        tx, ty, tz = _cross(arm, force)
-        return ContactWrench(force, (tx, ty, tz + twist_Nm), normal_N)
+        fx, fy, fz = fx - normal_N * self.slope[0], fy - normal_N * self.slope[1], normal_N
+        torque = (ay * fz - az * fy, az * fx - ax * fz, ax * fy - ay * fx + twist_Nm)
+        return ContactWrench((fx, fy, fz), torque, normal_N)
 
     def _rub(self, disc: Disc, arm: Vector3, normal_N: float, rule: "_Midpoint") -> Vector3:
         """Apply stick or slip friction; return its force [N, N] and torque [Nm] on the disc."""
-        (vx, vy, _), (wx, wy, _) = disc.velocity_m_s, _cross(disc.turn_rad_s, arm)
-        vx, vy = vx + wx, vy + wy
-        (zx, zy), psi = self.shear_m, self.twist_rad
-        fx = -rule.k * (zx + rule.dt_s * vx - rule.kept * zx)
-        fy = -rule.k * (zy + rule.dt_s * vy - rule.kept * zy)
-        twist_Nm = -rule.k_tilt * (psi + rule.dt_s * disc.turn_rad_s[2] - rule.kept * psi)
+        (vx, vy, _), (wx, wy, wz), (ax, ay, az) = disc.velocity_m_s, disc.turn_rad_s, arm
+        vx, vy = vx + wy * az - wz * ay, vy + wz * ax - wx * az  # at the centre of pressure
+        (zx, zy), psi, (k, k_tilt, kept, dt_s) = self.shear_m, self.twist_rad, rule
+        fx = -k * (zx + dt_s * vx - kept * zx)
+        fy = -k * (zy + dt_s * vy - kept * zy)
+        twist_Nm = -k_tilt * (psi + dt_s * wz - kept * psi)
         limit_N = self.friction * normal_N
-        lever_m = math.sqrt(max(0.0, disc.radius_m**2 - math.hypot(*arm) ** 2))
+        lever_m = math.sqrt(max(0.0, disc.radius_m**2 - ax * ax - ay * ay - az * az))
         if lever_m < LEAST_LEVER_M:
             twist_Nm, lever_m = 0.0, 1.0  # a disc on its edge transmits no twist torque
         used_N = math.hypot(fx, fy, twist_Nm / lever_m)
         if used_N > limit_N:
             share = limit_N / used_N
             fx, fy, twist_Nm = share * fx, share * fy, share * twist_Nm
-        self.shear_m = (rule.kept * zx - fx / rule.k, rule.kept * zy - fy / rule.k)
-        self.twist_rad = rule.kept * psi - twist_Nm / rule.k_tilt
+        self.shear_m = (kept * zx - fx / k, kept * zy - fy / k)
+        self.twist_rad = kept * psi - twist_Nm / k_tilt
         return fx, fy, twist_Nm
 
 
@@ -152,12 +155,9 @@ class _Squeeze(NamedTuple):
     free_m: float  # deflection of the unloaded plate at the end of the step
     free_slope: Vector2
 
-    def solve(self) -> tuple[float, Vector3]:
+    def solve(self, most_N: float) -> tuple[float, Vector3]:
         """Return the normal force [N] and the centre of pressure from the disc's centre [m]."""
-        gap_m, _, arm_m = self.at(0.0)
-        low, high = 0.0, -self.rule.k * gap_m  # tilt can only reduce the force
-        if high <= 0.0:
-            return 0.0, _ORIGIN
+        low, high, arm_m = 0.0, most_N, _ORIGIN
         (x, y, z), (bx, by, bz) = self.disc.centre_m, self.disc.back
         normal_N = 0.0
         if abs(bz) >= 0.1:  # initial guess: the disc lies flat
@@ -195,10 +195,6 @@ class _Squeeze(NamedTuple):
         if q > 0.0:
             rises -= give * r * (bz * (x * ey - y * ex)) ** 2 / (k_tilt * q)
         return gap_m, rises, (arm_x, arm_y, -r * (ex * bx + ey * by))
-
-
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def lift_off_m(

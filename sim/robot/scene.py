@@ -22,6 +22,15 @@ FLOOR_Z_M = -0.36  # mounting surface of the arm; the base frame is at joint 2
 SENSOR_RADIUS_M = 0.040
 STAND_TOP_BELOW_PLATE_M = 0.085
 PLATE_THICKNESS_M = 0.016
+# Three numbers each, in the order of `sensordata`.
+SENSORS = (
+    ("force", "sensor"),
+    ("torque", "sensor"),
+    ("framepos", "tcp"),
+    ("framezaxis", "tcp"),
+    ("framelinvel", "tcp"),
+    ("frameangvel", "tcp"),
+)
 _RINGS = 7  # of a spring
 
 _BLUE = [0.10, 0.36, 0.80, 1.0]
@@ -118,12 +127,12 @@ def _add_tool(spec: mujoco.MjSpec, settings: SimSettings) -> None:
     # Massless: a force on it acts on the tool, about the TCP.
     disc = tool.add_body(name="disc", pos=T_st.translation, explicitinertial=True, mass=0.0)
     disc.ipos = [0.0, 0.0, 0.0]
-    for name, kind in (("force", "mjSENS_FORCE"), ("torque", "mjSENS_TORQUE")):
+    for kind, site in SENSORS:
         spec.add_sensor(
-            name=name,
-            type=getattr(mujoco.mjtSensor, kind),
+            name=f"{site}_{kind}",
+            type=getattr(mujoco.mjtSensor, f"mjSENS_{kind.upper()}"),
             objtype=mujoco.mjtObj.mjOBJ_SITE,
-            objname="sensor",
+            objname=site,
         )
 
 

@@ -5,7 +5,7 @@ about the sensor origin. A hanging tool reads along gravity; an environment that
 reads in the direction of the push. (MuJoCo's force and torque sensors have the opposite sign.)
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from operator import ge
 from typing import Literal
@@ -16,6 +16,7 @@ from common.motion.frames import Array
 from sim.robot.settings import SimSettings
 
 _DRAWN_AT_ONCE = 100  # noise samples per draw: single draws cost seven times as much
+_NO_QUANTUM = 2.0**-60  # [N, N m]; a power of two, far below the last digit of a reading
 
 FtStatus = Literal["ok", "saturated", "fault"]
 
@@ -43,34 +44,29 @@ class FtSensor:
         self.wiring = np.eye(6)
         self.disturb: Callable[[FtSample], FtSample | None] = lambda sample: sample
         s = settings
-        noise = np.repeat([s.noise_force_N, s.noise_torque_Nm], 3)
-        self._noise = _normal(noise, np.random.default_rng(seed))
+        self._rng = np.random.default_rng(seed)
+        self._noise = np.repeat([s.noise_force_N, s.noise_torque_Nm], 3)
         self._bias = np.array([*s.bias_force_N, *s.bias_torque_Nm])
+        self._added = np.zeros((_DRAWN_AT_ONCE, 6))  # bias and noise of the present samples
         self._range = np.repeat([s.force_range_N, s.torque_range_Nm], 3)
         self._ranges = self._range.tolist()
         step = np.repeat([s.quantum_force_N, s.quantum_torque_Nm], 3)
-        self._rough = np.flatnonzero(step > 0.0)
-        self._step = step[self._rough]
+        self._step = np.where(step > 0.0, step, _NO_QUANTUM)
 
     def sample(self, *, force_N: Array, torque_Nm: Array) -> FtSample:
         """Return a sample of a true load [N, Nm], sensor axes and origin. Shapes (3,), (3,)."""
+        row = self._counter % _DRAWN_AT_ONCE
+        if row == 0:
+            self._added = self._bias + self._noise * self._rng.standard_normal(self._added.shape)
         self._counter += 1
-        value = self.wiring.dot(np.concatenate((force_N, torque_Nm))) + self._bias
-        value += next(self._noise)
+        value = self.wiring.dot(np.concatenate((force_N, torque_Nm))) + self._added[row]
         saturated = any(map(ge, map(abs, value.tolist()), self._ranges))
         if saturated:
             np.clip(value, -self._range, self._range, out=value)
-        if self._rough.size:
-            value[self._rough] = np.rint(value[self._rough] / self._step) * self._step
+        value = np.rint(value / self._step) * self._step
         return FtSample(
             force_N=value[:3],
             torque_Nm=value[3:],
             status="saturated" if saturated else "ok",
             counter=self._counter,
         )
-
-
-def _normal(size: Array, rng: np.random.Generator) -> Iterator[Array]:
-    """Yield normal noise with a standard deviation per channel, endlessly. Shape (6,)."""
-    while True:
-        yield from size * rng.standard_normal((_DRAWN_AT_ONCE, len(size)))

@@ -15,6 +15,8 @@ from forcemesh.messages import (
     Goal,
     GoalReport,
     GoalState,
+    Joints,
+    PoseRecord,
     RobotCommand,
     Speed,
     Trip,
@@ -30,7 +32,7 @@ class SimDriver:
     def __init__(self, cell: CellConfig, arm: SimArm, motion: MotionGenerator) -> None:
         """Start at rest."""
         self.goal = GoalReport()
-        self.sent: pin.SE3 | None = None  # last set point of the stream, flange in base
+        self.sent: PoseRecord | None = None  # last set point of the stream, flange in base
         self._arm, self._motion = arm, motion
         self._guard = LastCheck(cell, arm.kinematics.flange_pose)
         self._tracking = TrackingMonitor(cell)
@@ -83,10 +85,11 @@ class SimDriver:
         self._tracking.rest(self._arm.T_base_flange, moving=moving)
         return None
 
-    def watch(self, now_ns: int) -> Trip | None:
+    def watch(self, T_base_flange: pin.SE3, joint_rad: Joints, now_ns: int) -> Trip | None:
         """Check the measured arm state; called once per report, under permission."""
-        T, q = self._arm.T_base_flange, self._arm.q
-        return self._guard.arm(T, q, now_ns) or self._tracking.judge(T, q, now_ns)
+        return self._guard.arm(T_base_flange, joint_rad, now_ns) or self._tracking.judge(
+            T_base_flange, joint_rad, now_ns
+        )
 
     def _follow(self, command: RobotCommand, now_ns: int) -> Trip | None:
         if command.pose is None:
@@ -102,7 +105,7 @@ class SimDriver:
         if reason := self._motion.setpoint(T_target):
             return tripped("robot_refuses", reason)
         self._tracking.stream(T_target, now_ns)
-        self.sent = T_target
+        self.sent = command.pose
         return None
 
     def _pursue(self, goal: Goal, speed: Speed) -> None:

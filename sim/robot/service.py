@@ -81,7 +81,8 @@ class SimRobot:
                 is_new=verdict.is_new,
                 now_ns=now_ns,
             )
-            self._refuse(trip)
+            if trip is not None:
+                self._refuse(trip)
         if self.verdict.command is None:
             self._driver.hold(self.verdict.hold_reason)
         elapsed = (now_ns - self._start_ns) // TICK_NS - self.arm.ticks - self._ticks_lost
@@ -97,28 +98,28 @@ class SimRobot:
             self._trace.ticked()
         if self.arm.ticks % self._state_ticks:
             return
+        T_base_flange, joint_rad = self.arm.T_base_flange, joints(self.arm.q)
         if self.verdict.command is not None:
             at_ns = self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS
-            self._refuse(self._driver.watch(at_ns))
-        flange, sent, hold = record_of(self.arm.T_base_flange), self._driver.sent, self.verdict.hold
+            if (trip := self._driver.watch(T_base_flange, joint_rad, at_ns)) is not None:
+                self._refuse(trip)
+        flange, hold = record_of(T_base_flange), self.verdict.hold
         self._state.put(
             RobotState(
                 position_m=flange.position_m,
                 orientation_xyzw=flange.orientation_xyzw,
-                joint_rad=joints(self.arm.q),
+                joint_rad=joint_rad,
                 status=RobotStatus(ready=True, moving=self.arm.moving, held=hold is not None),
                 goal=self._driver.goal,
                 accepted=self.verdict.accepted,
-                sent=None if sent is None else record_of(sent),
+                sent=self._driver.sent,
                 hold=hold,
                 link=_LINK,
             )
         )
 
-    def _refuse(self, trip: Trip | None) -> None:
-        """End the lease when there is a trip."""
-        if trip is None:
-            return
+    def _refuse(self, trip: Trip) -> None:
+        """End the lease."""
         self._refusals += 1
         self.verdict = self._gate.revoke(trip)
         self._driver.hold(self.verdict.hold_reason)

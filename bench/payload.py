@@ -10,6 +10,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from rich.console import Console
 from rich.table import Table
 
@@ -33,7 +34,7 @@ from identification.model_selection import fitted_candidates
 from identification.payload_model import perpendicular_axes
 from identification.recording import Samples, read_recording
 from identification.static_poses import sort_into_poses
-from services.wrench.compensation import Wrench, compensate
+from services.wrench.compensation import Compensation, Wrench
 
 OTHER_POSES = 50
 ORIENTATIONS = 200
@@ -204,28 +205,31 @@ def _fit(name: str, samples: Samples, weight: Array) -> Payload:
     return payload_of(chosen.solution, poses.means.time_s)
 
 
-def with_cross(reading: Wrench, R: Array, p: Array, payload: Payload) -> Wrench:
+def with_cross(reading: Wrench, R: Array, p: Array, payload: Payload) -> tuple[Array, Array]:
     """Return the same wrench by numpy's cross product, for comparison of the cost."""
     R_true = R @ rotation_from_vector(np.array(payload.mounting_rotation_rad))
-    force, torque = residual(payload, R, force_N=reading.force_N, torque_Nm=reading.torque_Nm)
+    reading_N, reading_Nm = np.array(reading.force_N), np.array(reading.torque_Nm)
+    force, torque = residual(payload, R, force_N=reading_N, torque_Nm=reading_Nm)
     force, torque = R_true @ force, R_true @ torque
-    return Wrench(force, torque - np.cross(R @ p, force))
+    return force, torque - np.cross(R @ p, force)
 
 
 def cost_table() -> Table:
     """Return the processor time of one sample, the best of many rounds."""
     payload = truth(WORLDS["all of them"], np.random.default_rng(1))
-    reading = Wrench(np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.2, 0.3]))
+    reading = Wrench((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
     R, p = rotation_from_vector(np.array([0.3, -0.2, 0.9])), np.array([0.01, 0.0, 0.14])
+    T_base_flange = pin.SE3(R, np.zeros(3))
+    compensation = Compensation(payload, pin.SE3.Identity(), pin.SE3(np.eye(3), p))
     table = Table("compensation of one sample", "microseconds", title="cost, the best of 30 rounds")
 
-    def ours() -> Wrench:
-        return compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
+    def ours() -> object:
+        return compensation.at_tcp(reading, T_base_flange)
 
-    def crossed() -> Wrench:
+    def crossed() -> object:
         return with_cross(reading, R, p, payload)
 
-    for name, compensate_wrench in (("compensate", ours), ("with np.cross", crossed)):
+    for name, compensate_wrench in (("Compensation.at_tcp", ours), ("with np.cross", crossed)):
         best = min(timeit.repeat(compensate_wrench, number=500, repeat=30)) / 500
         table.add_row(name, f"{1e6 * best:.1f}")
     return table

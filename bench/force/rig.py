@@ -15,12 +15,13 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from common.config.payload import Payload
+from common.motion.convert import vec3
 from common.motion.frames import Array
 from common.motion.limits import Limits
 from common.motion.rate_limiter import CommandedMotion, at_rest, limit_motion
 from common.motion.setpoint_monitor import SPEED_MARGIN
-from services.wrench.compensation import Filter, Wrench, compensate, feed
-from services.wrench.plausibility import ReadingHistory, ReadingLimits, check_reading
+from services.wrench.compensation import Compensation, Filter, Wrench
+from services.wrench.plausibility import ReadingCheck, ReadingLimits
 from sim.robot.arm import SimArm
 from sim.robot.motion import MotionGenerator
 from sim.robot.settings import TICK_S, SimSettings
@@ -116,9 +117,6 @@ class ForceRig:
             self.arm.kinematics, self.arm.q, stream_m_s=SPEED_MARGIN * cell.limits.speed_m_s
         )
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
-        self._T_flange_sensor = cell.sensor.T_flange_sensor.pose
-        p = self._T_flange_sensor.inverse() * self._T_flange_tcp
-        self._p_sensor_tcp = np.asarray(p.translation)
         sim = cell.sim
         self.payload = Payload(
             mass_kg=sim.tool_mass_kg,
@@ -126,8 +124,9 @@ class ForceRig:
             bias_force_N=sim.bias_force_N,
             bias_torque_Nm=sim.bias_torque_Nm,
         )
+        self._T_flange_sensor = cell.sensor.T_flange_sensor.pose
         self._filter = Filter(cell.filter.median, cell.filter.lowpass_s)
-        self._bounds, self._history = ReadingLimits.of(cell), ReadingHistory()
+        self._check = ReadingCheck(ReadingLimits.of(cell))
         self._sensor_ticks = round(1.0 / cell.rates.sensor_hz / TICK_S)
         self._law_ticks = max(1, round(1.0 / cell.rates.control_hz / TICK_S))
         self._pace: CommandedMotion = at_rest(self.arm.T_base_flange)
@@ -146,16 +145,15 @@ class ForceRig:
         """Return the wrench about the TCP, base axes, as the wrench service would publish it."""
         output = self._filter.output
         assert output is not None  # noqa: S101 - the first ticks have filled it
-        return compensate(
-            Wrench(output[:3], output[3:]),
-            R_base_sensor=np.asarray((self.arm.T_base_flange * self._T_flange_sensor).rotation),
-            p_sensor_tcp_in_sensor=self._p_sensor_tcp,
-            payload=self.payload,
-        )
+        fx, fy, fz, mx, my, mz = output
+        reading = Wrench((fx, fy, fz), (mx, my, mz))
+        # Not prepared once: a scene changes the payload.
+        compensation = Compensation(self.payload, self._T_flange_sensor, self._T_flange_tcp)
+        return compensation.at_tcp(reading, self.arm.T_base_flange)
 
     def push_N(self) -> float:
         """Return the force that pushes the tool back along its axis."""
-        return -float(self.wrench().force_N @ self.arm.T_base_tcp.rotation[:, 2])
+        return -float(np.dot(self.wrench().force_N, self.arm.T_base_tcp.rotation[:, 2]))
 
     def press(self, force_N: float) -> None:
         """Press under position control until the plate pushes back with a force, then rest."""
@@ -192,8 +190,8 @@ class ForceRig:
         wrench, dt_s = self.wrench(), self._law_ticks * TICK_S
         T_let_through = self.T_base_tcp
         law_sample = LawSample(
-            wrench.force_N,
-            wrench.torque_Nm,
+            np.array(wrench.force_N),
+            np.array(wrench.torque_Nm),
             self.arm.T_base_tcp,
             T_let_through,
             self._limited,
@@ -207,11 +205,11 @@ class ForceRig:
     def _write(self, trace: Trace, t_s: float) -> None:
         wrench, T = self.wrench(), self.arm.T_base_tcp
         trace.t_s.append(t_s)
-        trace.force_N.append(wrench.force_N)
-        trace.torque_Nm.append(wrench.torque_Nm)
+        trace.force_N.append(np.array(wrench.force_N))
+        trace.torque_Nm.append(np.array(wrench.torque_Nm))
         trace.T_base_tcp.append(T)
         trace.lift_off_m.append(self.arm.lift_off_m)
-        trace.push_N.append(-float(wrench.force_N @ T.rotation[:, 2]))
+        trace.push_N.append(-float(np.dot(wrench.force_N, T.rotation[:, 2])))
 
     def _tick(self) -> None:
         while self._in_transit and self._in_transit[0][0] <= self.arm.ticks:
@@ -222,11 +220,11 @@ class ForceRig:
         if self.arm.ticks % self._sensor_ticks == 0:
             sample = self.arm.ft_sensor.disturb(self.arm.sample_ft())
             if sample is not None:
-                reading = np.concatenate((sample.force_N, sample.torque_Nm))
+                reading = (*vec3(sample.force_N), *vec3(sample.torque_Nm))
                 dt_s = self._sensor_ticks * TICK_S
-                self._history, _ = check_reading(self._history, reading, dt_s, self._bounds)
-                if self._history.counts:
-                    self._filter = feed(self._filter, reading, dt_s)
+                self._check.fault_of(reading, dt_s)
+                if self._check.accepted:
+                    self._filter.feed(reading, dt_s)
 
 
 def _nothing(_: ForceRig) -> None:

@@ -6,6 +6,7 @@ Both are accepted only at rest, without force feedback, and where they cannot hi
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +26,7 @@ from services.wrench.active_calibration import (
     initial_calibration,
     parse_calibration,
 )
-from services.wrench.compensation import Mounting
+from services.wrench.compensation import Compensation, Wrench
 from services.wrench.plausibility import NO_FAULT, WrenchFault
 
 WINDOW_S = 0.25
@@ -48,29 +49,30 @@ class RequestContext(NamedTuple):
 class CalibrationManager:
     """Active calibration, changed on request or refused with a reason."""
 
-    def __init__(self, cell: CellConfig, mounting: Mounting, now_ns: int) -> None:
+    def __init__(self, cell: CellConfig, now_ns: int) -> None:
         """Start with the calibration of the cell, or with the payload of its file."""
-        self.in_use: ActiveCalibration = initial_calibration(cell)
-        self.zero_since_ns = now_ns  # after a restart the age of the zero is unknown
         self._cell = cell
-        self._mounting = mounting
-        # The last readings, sensor axes, shape (6,), with the pose of the flange; cleared by a gap.
+        self._T_flange_sensor = cell.sensor.T_flange_sensor.pose
+        self._T_flange_tcp = cell.tool.T_flange_tcp.pose
+        self.in_use: ActiveCalibration = initial_calibration(cell)
+        self._activate(self.in_use, now_ns)  # after a restart the age of the zero is unknown
+        # The last readings (force, torque; sensor axes) with the flange's pose; cleared by a gap.
         self._window = round(WINDOW_S * cell.rates.sensor_hz)
-        self.recent: deque[tuple[Array, pin.SE3]] = deque(maxlen=self._window)
+        self.recent: deque[tuple[tuple[float, ...], pin.SE3]] = deque(maxlen=self._window)
 
     def tare(self, context: RequestContext, _: Empty) -> Reply:
         """Take the present reading as zero."""
         if (refused := self._refusal(context)) is not None:
             return refused
-        readings = [reading for reading, _ in self.recent]
-        R, force = self._R_base_sensor(context), self._cell.force
+        readings = [np.array(reading) for reading, _ in self.recent]
+        R = (context.T_base_flange * self._T_flange_sensor).rotation
+        force = self._cell.force
         payload, reply = tare(
             self.in_use.payload, readings, R, most_N=force.tare_max_N, most_Nm=force.tare_max_Nm
         )
         if reply.accepted:
             name = f"{self.in_use.origin}, tared"
-            self.in_use = replace(self.in_use, payload=payload, name=name)
-            self.zero_since_ns = context.now_ns
+            self._activate(replace(self.in_use, payload=payload, name=name), context.now_ns)
         return reply
 
     def calibrate(self, context: RequestContext, request: CalibrationRequest) -> Reply:
@@ -84,7 +86,10 @@ class CalibrationManager:
             return refusal("payload", new.objection)
         if (refused := self._refusal(context)) is not None:
             return refused
-        force_N, torque_Nm = self._residual(new.payload, self._R_base_sensor(context))
+        fx, fy, fz, mx, my, mz = np.mean([reading for reading, _ in self.recent], axis=0).tolist()
+        mean = Wrench((fx, fy, fz), (mx, my, mz))
+        left = self._compensation_of(new.payload).at_tcp(mean, context.T_base_flange)
+        force_N, torque_Nm = hypot(*left.force_N), hypot(*left.torque_Nm)
         most_N, most_Nm = self._cell.force.idle_max_N, self._cell.force.idle_max_Nm
         if force_N > most_N or torque_Nm > most_Nm:
             text = (
@@ -94,7 +99,7 @@ class CalibrationManager:
             )
             value, limit = (force_N, most_N) if force_N > most_N else (torque_Nm, most_Nm)
             return refusal("contact", text, value=value, limit=limit)
-        self.in_use, self.zero_since_ns = new, context.now_ns  # its bias is new too
+        self._activate(new, context.now_ns)
         text = f"calibration {found.revision} is in use: residual {force_N:.2f} N and "
         return Reply(accepted=True, text=f"{text}{torque_Nm:.3f} N m of the present reading")
 
@@ -110,14 +115,13 @@ class CalibrationManager:
         text = f"axes and signs are verified for calibration {self.in_use.name}"
         return Reply(accepted=True, text=text)
 
-    def _residual(self, payload: Payload, R_base_sensor: Array) -> tuple[float, float]:
-        """Return the residual force [N] and torque about the TCP [N m] of the present reading."""
-        mean = np.mean([reading for reading, _ in self.recent], axis=0)
-        residual_N, residual_Nm = residual(
-            payload, R_base_sensor, force_N=mean[:3], torque_Nm=mean[3:]
-        )
-        about_tcp_Nm = residual_Nm - np.cross(self._mounting.p_sensor_tcp_in_sensor, residual_N)
-        return float(np.linalg.norm(residual_N)), float(np.linalg.norm(about_tcp_Nm))
+    def _activate(self, calibration: ActiveCalibration, now_ns: int) -> None:
+        """Use a calibration whose bias dates from `now_ns`."""
+        self.in_use, self.zero_since_ns = calibration, now_ns
+        self.compensation = self._compensation_of(calibration.payload)
+
+    def _compensation_of(self, payload: Payload) -> Compensation:
+        return Compensation(payload, self._T_flange_sensor, self._T_flange_tcp)
 
     def _refusal(self, context: RequestContext) -> Reply | None:
         """Refuse with invalid inputs, with force feedback, and unless the flange is at rest."""
@@ -141,9 +145,6 @@ class CalibrationManager:
             f"within {WINDOW_S:g} s: wait until it is at rest"
         )
         return refusal("moving", text, value=value, limit=limit)
-
-    def _R_base_sensor(self, context: RequestContext) -> Array:
-        return np.asarray((context.T_base_flange * self._mounting.T_flange_sensor).rotation)
 
 
 def tare(

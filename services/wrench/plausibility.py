@@ -1,17 +1,16 @@
-"""Plausibility check of the sensor: not finite, saturated, frozen, jumped. Pure: state in and out.
+"""Plausibility check of the sensor: not finite, saturated, frozen, jumped. Pure.
 
 Each fault has its code in forcemesh/faults.py. A rejected reading is never replaced by zero force:
 a regulator that presses would press harder.
 """
 
 from dataclasses import dataclass
-from math import hypot, isfinite
+from math import dist, isfinite
 from typing import NamedTuple
 
 import numpy as np
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array
 
 SATURATED_FROM = 0.95  # of the range, on any axis: near its end a sensor is no longer linear
 FEWEST_REPEATS = 3  # a slow sensor may repeat its last reading
@@ -64,72 +63,72 @@ class ReadingLimits:
         )
 
 
-class ReadingHistory(NamedTuple):
-    """State of the check: the readings before this one."""
-
-    raw: Array | None = None  # the last reading
-    counts: bool = False  # whether it was accepted
-    taken: Array | None = None  # the last accepted reading
-    taken_s: float = 0.0  # its age
-    still_s: float = 0.0  # time for which the reading has been identical
-    repeats: int = 0  # number of repetitions
-    tame: int = WILD_APART  # readings since the last outlier
-    spikes: int = 0  # single outliers that were rejected
-
-
-def check_reading(
-    before: ReadingHistory, reading: Array, dt_s: float, bounds: ReadingLimits
-) -> tuple[ReadingHistory, WrenchFault]:
-    """Return the state after one more reading, and the fault of the sensor.
+class ReadingCheck:
+    """Check of each reading against the ones before it.
 
     A single outlier is rejected; the next reading decides whether it was a spike or a fault.
-
-    Args:
-        before: State of the check.
-        reading: Force [N] and torque [N m], sensor axes. Shape (6,).
-        dt_s: Time since the reading before.
-        bounds: Limits of plausible readings.
     """
-    values = reading.tolist()
-    same = before.raw is not None and values == before.raw.tolist()
-    after = before._replace(
-        raw=reading,
-        counts=False,
-        still_s=before.still_s + dt_s if same else 0.0,
-        repeats=before.repeats + 1 if same else 0,
-        taken_s=before.taken_s + dt_s,
-    )
-    # A number that is not finite is not below its limit either.
-    ranges = zip(values, bounds.range, strict=True)
-    if not all(abs(value) < SATURATED_FROM * full for value, full in ranges):
-        return after._replace(taken=None), _range_fault(values, bounds)
-    if 0.0 < bounds.frozen_s <= after.still_s and after.repeats >= FEWEST_REPEATS:
-        text = f"the sensor is frozen: the same six numbers for {after.still_s * 1e3:.0f} ms"
-        return after._replace(taken=None), WrenchFault("sensor_frozen", text)
-    change = (reading - (reading if after.taken is None else after.taken)).tolist()
-    force_N, torque_Nm = hypot(*change[:3]), hypot(*change[3:])
-    most_N, most_Nm = (
-        step + per_s * after.taken_s
-        for step, per_s in zip(bounds.step, bounds.step_per_s, strict=True)
-    )
-    if force_N <= most_N and torque_Nm <= most_Nm:
-        tame = min(after.tame + 1, WILD_APART)
-        return after._replace(counts=True, taken=reading, taken_s=0.0, tame=tame), NO_FAULT
-    if after.tame >= WILD_APART:
-        return after._replace(tame=0, spikes=after.spikes + 1), NO_FAULT
-    size, most, unit = (force_N, most_N, "N") if force_N > most_N else (torque_Nm, most_Nm, "N m")
-    text = f"the reading jumped by {size:.4g} {unit}, the limit for contact is {most:.4g} {unit}"
-    return after._replace(taken=None, tame=0), WrenchFault("sensor_jump", text)
 
+    def __init__(self, bounds: ReadingLimits) -> None:
+        """Begin without readings."""
+        self._bounds = bounds
+        self.spikes = 0  # single outliers that were rejected
+        self.clear()
 
-def _range_fault(values: list[float], bounds: ReadingLimits) -> WrenchFault:
-    """Return the fault of the first axis that is not finite or beyond its range."""
-    axis, unit, value, full = next(
-        (axis, unit, value, full)
-        for (axis, unit), value, full in zip(AXES, values, bounds.range, strict=True)
-        if not abs(value) < SATURATED_FROM * full
-    )
-    if not isfinite(value):
-        return WrenchFault("not_finite", f"{axis} of the sensor is not finite")
-    text = f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range"
-    return WrenchFault("sensor_saturated", f"{text} of {full:g} {unit} or beyond")
+    def clear(self) -> None:
+        """Forget the readings, not the number of spikes."""
+        self.accepted = False  # whether the last reading is used
+        self._last: tuple[float, ...] | None = None  # reading
+        self._repeats, self._still_s = 0, 0.0  # how often and how long it has been identical
+        self._reference: tuple[float, ...] | None = None  # the last accepted reading
+        self._reference_s = 0.0  # its age
+        self._calm = WILD_APART  # readings since the last outlier
+
+    def fault_of(self, reading: tuple[float, ...], dt_s: float) -> WrenchFault:
+        """Return the fault of the sensor after one more reading.
+
+        Args:
+            reading: Force [N] and torque [N m], sensor axes; six numbers.
+            dt_s: Time since the reading before.
+        """
+        bounds, same = self._bounds, reading == self._last
+        self._repeats = self._repeats + 1 if same else 0
+        self._still_s = self._still_s + dt_s if same else 0.0
+        self._reference_s += dt_s
+        self._last, self.accepted = reading, False
+        for (axis, unit), value, full in zip(AXES, reading, bounds.range, strict=True):
+            if not abs(value) < SATURATED_FROM * full:  # nor is a number that is not finite
+                self._reference = None
+                if not isfinite(value):
+                    return WrenchFault("not_finite", f"{axis} of the sensor is not finite")
+                text = f"{axis} reads {value:.4g} {unit}, {SATURATED_FROM:.0%} of its range"
+                return WrenchFault("sensor_saturated", f"{text} of {full:g} {unit} or beyond")
+        if 0.0 < bounds.frozen_s <= self._still_s and self._repeats >= FEWEST_REPEATS:
+            self._reference = None
+            text = f"the sensor is frozen: the same six numbers for {self._still_s * 1e3:.0f} ms"
+            return WrenchFault("sensor_frozen", text)
+        before = reading if self._reference is None else self._reference
+        force_N, torque_Nm = dist(reading[:3], before[:3]), dist(reading[3:], before[3:])
+        most_N, most_Nm = [
+            step + per_s * self._reference_s
+            for step, per_s in zip(bounds.step, bounds.step_per_s, strict=True)
+        ]
+        if force_N > most_N:
+            return self._outlier_fault(force_N, most_N, "N")
+        if torque_Nm > most_Nm:
+            return self._outlier_fault(torque_Nm, most_Nm, "N m")
+        self._calm = min(self._calm + 1, WILD_APART)
+        self.accepted, self._reference, self._reference_s = True, reading, 0.0
+        return NO_FAULT
+
+    def _outlier_fault(self, change: float, most: float, unit: str) -> WrenchFault:
+        """Count a single outlier as a spike; the next one soon after it is a fault."""
+        calm, self._calm = self._calm, 0
+        if calm >= WILD_APART:
+            self.spikes += 1
+            return NO_FAULT
+        self._reference = None
+        text = (
+            f"the reading jumped by {change:.4g} {unit}, the limit for contact is {most:.4g} {unit}"
+        )
+        return WrenchFault("sensor_jump", text)

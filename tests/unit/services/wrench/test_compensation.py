@@ -1,18 +1,21 @@
 """From the sensor's reading to the force of the environment: compensation, filter, tare."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from common.config.payload import Payload
+from common.motion.convert import vec3
 from common.motion.frames import GRAVITY_M_S2, rotation_from_vector
 from common.motion.weight import predict
 from services.wrench.calibration_manager import WEIGHT_SHARE, tare
-from services.wrench.compensation import Filter, Mounting, Wrench, compensate, feed
+from services.wrench.compensation import Compensation, Filter, Wrench
 from tests.fakes.bench import CELL
 
 NOTHING = Payload(
@@ -51,10 +54,19 @@ def reading_of(payload, R, p, force_N, torque_Nm):
     com_m, tcp_m = R @ np.array(payload.com_m), R @ p
     total_N = weight_N + force_N
     total_Nm = np.cross(com_m, weight_N) + torque_Nm + np.cross(tcp_m, force_N)
-    return Wrench(
-        R.T @ total_N + np.array(payload.bias_force_N),
-        R.T @ total_Nm + np.array(payload.bias_torque_Nm),
+    return SimpleNamespace(
+        force_N=R.T @ total_N + np.array(payload.bias_force_N),
+        torque_Nm=R.T @ total_Nm + np.array(payload.bias_torque_Nm),
     )
+
+
+def compensate(reading, *, R_base_sensor, p_sensor_tcp_in_sensor, payload):
+    """Return the compensated reading of a sensor whose axes are those of the flange."""
+    T_flange_tcp = pin.SE3(np.eye(3), p_sensor_tcp_in_sensor)
+    T_base_flange = pin.SE3(R_base_sensor, np.array([0.2, -0.4, 0.6]))  # irrelevant position
+    numbers = Wrench(vec3(np.array(reading.force_N)), vec3(np.array(reading.torque_Nm)))
+    found = Compensation(payload, pin.SE3.Identity(), T_flange_tcp).at_tcp(numbers, T_base_flange)
+    return SimpleNamespace(force_N=np.array(found.force_N), torque_Nm=np.array(found.torque_Nm))
 
 
 # --- frame and reference point --------------------------------------------------------------------
@@ -65,7 +77,10 @@ def test_power_is_the_same_at_the_sensor_and_at_the_tcp(f, t, turn, p, v_sensor,
     """F.v + M.w does not depend on axes or point, for any rigid motion of the tool."""
     R = rotation_from_vector(turn)
     at_tcp_in_base = compensate(
-        Wrench(f, t), R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=NOTHING
+        SimpleNamespace(force_N=f, torque_Nm=t),
+        R_base_sensor=R,
+        p_sensor_tcp_in_sensor=p,
+        payload=NOTHING,
     )
     v_tcp = v_sensor + np.cross(w, R @ p)
 
@@ -80,7 +95,8 @@ def test_power_is_the_same_with_a_rotated_sensor(f, t, turn, p, mounting) -> Non
     payload = NOTHING.model_copy(update={"mounting_rotation_rad": tuple(mounting.tolist())})
     R = rotation_from_vector(turn)
     R_true = R @ rotation_from_vector(mounting)
-    found = compensate(Wrench(f, t), R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
+    reading = SimpleNamespace(force_N=f, torque_Nm=t)
+    found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=payload)
 
     assert found.force_N == pytest.approx(R_true @ f, abs=1e-9)
     assert found.torque_Nm == pytest.approx(R_true @ t - np.cross(R @ p, R_true @ f), abs=1e-9)
@@ -123,8 +139,9 @@ def test_the_gain_of_an_axis_is_removed(
     R = rotation_from_vector(turn)
     true = reading_of(payload, R, p, force_N, torque_Nm)
     b_F, b_M = np.array(payload.bias_force_N), np.array(payload.bias_torque_Nm)
-    reading = Wrench(
-        (true.force_N - b_F) * force_gain + b_F, (true.torque_Nm - b_M) * torque_gain + b_M
+    reading = SimpleNamespace(
+        force_N=(true.force_N - b_F) * force_gain + b_F,
+        torque_Nm=(true.torque_Nm - b_M) * torque_gain + b_M,
     )
     known = payload.model_copy(update={"force_gain": force_gain, "torque_gain": torque_gain})
     found = compensate(reading, R_base_sensor=R, p_sensor_tcp_in_sensor=p, payload=known)
@@ -173,13 +190,20 @@ def test_each_common_mistake_is_detected(mutant) -> None:
 
 def test_the_lever_is_that_of_the_cell_file() -> None:
     """It is from the sensor's origin to the TCP, in sensor axes that are turned by 30 degrees."""
-    mounting = Mounting(CELL.sensor.T_flange_sensor.pose, CELL.tool.T_flange_tcp.pose)
-    assert mounting.p_sensor_tcp_in_sensor == pytest.approx([0.0, 0.0, 0.14])
-
-    aside = CELL.tool.T_flange_tcp.model_copy(update={"position_m": (0.1, 0.0, 0.16)}).pose
-    lever = Mounting(CELL.sensor.T_flange_sensor.pose, aside).p_sensor_tcp_in_sensor
     cos30, sin30 = math.cos(math.radians(30.0)), 0.5
-    assert lever == pytest.approx([0.1 * cos30, -0.1 * sin30, 0.14])
+    below = CELL.tool.T_flange_tcp
+    aside = below.model_copy(update={"position_m": (0.1, 0.0, 0.16)})
+    T_flange_sensor = CELL.sensor.T_flange_sensor.pose
+    R = T_flange_sensor.rotation
+    for T_flange_tcp, lever in (
+        (below.pose, [0.0, 0.0, 0.14]),
+        (aside.pose, [0.1 * cos30, -0.1 * sin30, 0.14]),
+    ):
+        compensation = Compensation(NOTHING, T_flange_sensor, T_flange_tcp)
+        for force_N in np.eye(3):
+            reading = Wrench(vec3(force_N), (0.0, 0.0, 0.0))
+            found = compensation.at_tcp(reading, pin.SE3.Identity())
+            assert found.torque_Nm == pytest.approx(-R @ np.cross(lever, force_N))
 
 
 # --- filter ---------------------------------------------------------------------------------------
@@ -189,9 +213,9 @@ def run(state: Filter, stream, dt_s: float = 0.002) -> list[np.ndarray]:
     """Feed samples; return the output after each."""
     outputs = []
     for sample in stream:
-        state = feed(state, np.asarray(sample), dt_s)
+        state.feed(tuple(np.asarray(sample).tolist()), dt_s)
         assert state.output is not None
-        outputs.append(state.output)
+        outputs.append(np.array(state.output))
     return outputs
 
 

@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 
 from common.config.load import load_cell
 from common.config.payload import Payload
+from common.motion.convert import vec3
 from common.motion.weight import predict
 from forcemesh import topics
 from forcemesh.errors import ConfigError
 from forcemesh.requests import MoveRequest
 from services.wrench.compensation import (
     AccelerationEstimator,
-    Mounting,
-    ReportedPose,
+    Compensation,
+    ReportedPosition,
     Wrench,
-    compensate,
 )
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
@@ -31,23 +31,22 @@ PAYLOAD = Payload(
     bias_force_N=(0.0, 0.0, 0.0),
     bias_torque_Nm=(0.0, 0.0, 0.0),
 )
-MOUNTING = Mounting(CELL.sensor.T_flange_sensor.pose, CELL.tool.T_flange_tcp.pose)
 PERIOD_NS = round(1e9 / CELL.rates.robot_hz)
 vectors = st.tuples(*[st.floats(-3.0, 3.0)] * 3).map(np.array)
 
 
-def reading(p_m: np.ndarray, seq: int, *, at_s: float | None = None) -> ReportedPose:
-    """Return the report of a flange that does not rotate."""
+def reading(p_m: np.ndarray, seq: int, *, at_s: float | None = None) -> ReportedPosition:
+    """Return the position of the centre of mass at a report."""
     stamp_ns = seq * PERIOD_NS if at_s is None else round(at_s * 1e9)
-    return ReportedPose(1, seq, stamp_ns, pin.SE3(np.eye(3), p_m))
+    return ReportedPosition(1, seq, stamp_ns, p_m)
 
 
-def estimate_of(poses: Sequence[ReportedPose | None]) -> AccelerationEstimator:
-    """Return the acceleration estimate of a motion."""
-    acceleration = AccelerationEstimator(CELL, MOUNTING)
-    for each in poses:
-        acceleration.update(each, PAYLOAD)
-    return acceleration
+def estimate_of(reports: Sequence[ReportedPosition | None]) -> np.ndarray:
+    """Return the estimated acceleration at the end of a motion."""
+    acceleration = AccelerationEstimator(CELL)
+    for report in reports:
+        acceleration.update(report)
+    return np.array(acceleration.now())
 
 
 @given(vectors, vectors, st.floats(0.5, 2.0))
@@ -58,7 +57,7 @@ def test_a_constant_acceleration_is_estimated_at_any_rate_of_the_robot(
     period_s = slower * PERIOD_NS / 1e9
     times = np.arange(30) * period_s
     path = [v * t + a * t * t / 2 for t in times]
-    found = estimate_of([reading(p, k, at_s=times[k]) for k, p in enumerate(path)]).now()
+    found = estimate_of([reading(p, k, at_s=times[k]) for k, p in enumerate(path)])
     assert found == pytest.approx(a, abs=1e-3)
 
 
@@ -66,20 +65,26 @@ def test_a_gap_another_writer_and_silence_restart_the_estimate() -> None:
     """Half of an old motion and half of a new one would be a jump."""
     path = [np.array([0.5 * (0.004 * k) ** 2 * 2.0, 0.0, 0.0]) for k in range(40)]
     known = [reading(p, k) for k, p in enumerate(path)]
-    assert estimate_of(known).now()[0] == pytest.approx(2.0, abs=1e-3)
-    assert estimate_of([*known[:20], *known[:3]]).now() == pytest.approx(0.0)
-    assert estimate_of([*known[:20], *known[30:32]]).now() == pytest.approx(0.0)
+    assert estimate_of(known)[0] == pytest.approx(2.0, abs=1e-3)
+    assert estimate_of([*known[:20], *known[:3]]) == pytest.approx(0.0)
+    assert estimate_of([*known[:20], *known[30:32]]) == pytest.approx(0.0)
     other = known[20]._replace(epoch=2)
-    assert estimate_of([*known[:20], other]).now() == pytest.approx(0.0)
-    assert estimate_of([*known[:20], None, *known[20:22]]).now() == pytest.approx(0.0)
-    assert estimate_of([*known[:20], known[19], known[19]]).now()[0] == pytest.approx(2.0, abs=1e-3)
+    assert estimate_of([*known[:20], other]) == pytest.approx(0.0)
+    assert estimate_of([*known[:20], None, *known[20:22]]) == pytest.approx(0.0)
+    assert estimate_of([*known[:20], known[19], known[19]])[0] == pytest.approx(2.0, abs=1e-3)
 
 
 def test_poses_with_constant_stamps_give_no_acceleration() -> None:
     """Constant stamps have no period."""
-    assert estimate_of(
-        [reading(np.zeros(3), k, at_s=1.0) for k in range(20)]
-    ).now() == pytest.approx(0.0)
+    assert estimate_of([reading(np.zeros(3), k, at_s=1.0) for k in range(20)]) == pytest.approx(0.0)
+
+
+def test_the_centre_of_mass_is_in_the_axes_of_the_true_sensor() -> None:
+    """Mounting correction first, then the pose of the sensor on the flange."""
+    payload = PAYLOAD.model_copy(update={"mounting_rotation_rad": (0.0, 0.0, np.pi / 2)})
+    T_flange_sensor = pin.SE3(pin.utils.rotate("x", np.pi / 2), np.array([0.0, 0.0, 0.1]))
+    compensation = Compensation(payload, T_flange_sensor, pin.SE3.Identity())
+    assert compensation.p_flange_com_in_flange == pytest.approx(np.array([-0.02, -0.05, 0.11]))
 
 
 @given(vectors, st.floats(-3.0, 3.0))
@@ -88,16 +93,12 @@ def test_the_effect_of_acceleration_is_removed(a: np.ndarray, angle: float) -> N
     R = pin.utils.rotate("x", angle)
     force, torque = predict(PAYLOAD, R)
     carried_N = -PAYLOAD.mass_kg * R.T @ a
-    sensed = Wrench(force + carried_N, torque + np.cross(PAYLOAD.com_m, carried_N))
-    residual = compensate(
-        sensed,
-        R_base_sensor=R,
-        p_sensor_tcp_in_sensor=np.array([0.0, 0.0, 0.14]),
-        payload=PAYLOAD.model_copy(),
-        a_com_m_s2=a,
-    )
-    assert residual.force_N == pytest.approx(0.0, abs=1e-9)
-    assert residual.torque_Nm == pytest.approx(0.0, abs=1e-9)
+    sensed = Wrench(vec3(force + carried_N), vec3(torque + np.cross(PAYLOAD.com_m, carried_N)))
+    T_flange_tcp = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.14]))
+    compensation = Compensation(PAYLOAD, pin.SE3.Identity(), T_flange_tcp)
+    residual = compensation.at_tcp(sensed, pin.SE3(R, np.zeros(3)), vec3(a))
+    assert residual.force_N == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert residual.torque_Nm == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
 def residual_rms_N(*, inertial: bool) -> float:

@@ -20,17 +20,16 @@ from forcemesh.bus import Reading
 from forcemesh.codec import Header
 from forcemesh.errors import ConfigError
 from forcemesh.faults import FAULTS
-from forcemesh.messages import RobotState, SensorWrench
+from forcemesh.messages import SensorWrench
 from forcemesh.requests import ArmRequest, MoveRequest
 from launch.virtual_cell import VirtualCell
 from services.wrench.plausibility import (
     NO_FAULT,
     WILD_APART,
-    ReadingHistory,
+    ReadingCheck,
     ReadingLimits,
-    check_reading,
 )
-from services.wrench.service import Pairing, pair, sensor_fault
+from services.wrench.service import Pairing, sensor_fault
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import CELL
 from tests.fakes.lab import Lab
@@ -53,10 +52,10 @@ def noise(rng: np.random.Generator) -> np.ndarray:
 
 def codes(readings: list[np.ndarray], bounds: ReadingLimits = BOUNDS) -> list[str]:
     """Return the code of each reading of a stream."""
-    history, found = ReadingHistory(), []
+    check, found = ReadingCheck(bounds), []
     for reading in readings:
-        history, fault = check_reading(history, reading, SENSOR_S, bounds)
-        assert history.counts or fault != NO_FAULT or history.spikes
+        fault = check.fault_of(tuple(reading.tolist()), SENSOR_S)
+        assert check.accepted or fault != NO_FAULT or check.spikes
         found.append(fault.code)
     return found
 
@@ -141,24 +140,24 @@ def test_a_step_larger_than_any_contact_is_a_fault_within_two_samples(direction,
 def test_a_single_spike_is_dropped_and_counted_and_a_second_one_is_a_fault() -> None:
     """The samples before and after it count; the spike reaches no filter."""
     spark = REST + np.array([2.0 * LARGEST[0], 0, 0, 0, 0, 0])
-    history = ReadingHistory()
+    check = ReadingCheck(BOUNDS)
     for number in range(3 * WILD_APART):
         wild = number % (WILD_APART + 2) == 5
         reading = spark if wild else REST + 0.01 * number
-        history, fault = check_reading(history, reading, SENSOR_S, BOUNDS)
+        fault = check.fault_of(tuple(reading.tolist()), SENSOR_S)
         assert fault == NO_FAULT
-        assert history.counts is not wild
-    assert history.spikes == 3
+        assert check.accepted is not wild
+    assert check.spikes == 3
     assert codes([REST, spark, REST + 0.01, REST, spark])[-1] == "sensor_jump"
 
 
 @given(st.lists(hnp.arrays(float, 6, elements=st.floats(allow_nan=True)), max_size=20))
 def test_every_reading_counts_is_reported_or_is_one_spike(readings) -> None:
     """For any readings nothing raises, and no two in a row are dropped without a report."""
-    history, unreported = ReadingHistory(), 0
+    check, unreported = ReadingCheck(BOUNDS), 0
     for reading in readings:
-        history, fault = check_reading(history, reading, SENSOR_S, BOUNDS)
-        unreported = 0 if history.counts or fault != NO_FAULT else unreported + 1
+        fault = check.fault_of(tuple(reading.tolist()), SENSOR_S)
+        unreported = 0 if check.accepted or fault != NO_FAULT else unreported + 1
         assert unreported <= 1
         assert fault == NO_FAULT or fault.code in FAULTS
 
@@ -174,12 +173,17 @@ EXACT = ReadingLimits(
 )
 
 
+def last_of(*readings: np.ndarray, period_s: float = PERIOD_S) -> tuple[ReadingCheck, str]:
+    """Return the check after these readings, and the code of the last one."""
+    check, fault = ReadingCheck(EXACT), NO_FAULT
+    for reading in readings:
+        fault = check.fault_of(tuple(reading.tolist()), period_s)
+    return check, fault.code
+
+
 def last_code(*readings: np.ndarray, period_s: float = PERIOD_S) -> str:
     """Return the code of the last of these readings."""
-    history, fault = ReadingHistory(), NO_FAULT
-    for reading in readings:
-        history, fault = check_reading(history, reading, period_s, EXACT)
-    return fault.code
+    return last_of(*readings, period_s=period_s)[1]
 
 
 def axis_reading(number: int, value: float) -> np.ndarray:
@@ -233,28 +237,23 @@ def test_the_largest_step_grows_with_the_time_since_the_last_reading_that_counte
     largest = step + per_s * (1 + lost) * PERIOD_S
     first, wild = axis_reading(number, -0.5 * step), [axis_reading(number, 4.5 * step)] * lost
     for change, counts in ((largest, True), (np.nextafter(largest, np.inf), False)):
-        history = ReadingHistory()
-        for reading in (first, *wild, first + axis_reading(number, change)):
-            history, _ = check_reading(history, reading, PERIOD_S, EXACT)
-        assert history.counts is counts
-        assert history.spikes == max(lost, not counts)
+        check, _ = last_of(first, *wild, first + axis_reading(number, change))
+        assert check.accepted is counts
+        assert check.spikes == max(lost, not counts)
 
 
 def test_the_largest_steps_of_force_and_torque_at_once_count() -> None:
     """Force and torque have separate limits; each uses the norm of its three axes."""
     force_N, torque_Nm = 16.0 + 64.0 * PERIOD_S, 2.0 + 8.0 * PERIOD_S
     both = axis_reading(0, force_N) + axis_reading(3, torque_Nm)
-    assert check_reading(
-        check_reading(ReadingHistory(), np.zeros(6), PERIOD_S, EXACT)[0], both, PERIOD_S, EXACT
-    )[0].counts
+    assert last_of(np.zeros(6), both)[0].accepted
     for addition in (
         axis_reading(1, 0.1 * force_N),
         axis_reading(2, 0.1 * force_N),
         axis_reading(4, 0.3),
         axis_reading(5, 0.3),
     ):
-        before = check_reading(ReadingHistory(), np.zeros(6), PERIOD_S, EXACT)[0]
-        assert not check_reading(before, both + addition, PERIOD_S, EXACT)[0].counts
+        assert not last_of(np.zeros(6), both + addition)[0].accepted
 
 
 @pytest.mark.parametrize(("calm", "code"), [(9, "sensor_jump"), (10, "")])
@@ -274,8 +273,20 @@ def test_ten_calm_readings_make_the_next_outlier_a_spike_again(
 
 def test_before_the_first_reading_nothing_counts() -> None:
     """Neither is a spike counted."""
-    assert not ReadingHistory().counts
-    assert ReadingHistory().spikes == 0
+    assert not ReadingCheck(EXACT).accepted
+    assert ReadingCheck(EXACT).spikes == 0
+
+
+def test_a_cleared_check_is_a_new_one_that_remembers_its_spikes() -> None:
+    """After a gap the first reading counts, and neither jump nor frozen time remains."""
+    wild, still = axis_reading(0, 90.0), [axis_reading(1, 1.0)] * 4
+    check, _ = last_of(*still, wild)
+    check.clear()
+    assert not check.accepted
+    for reading in (wild, wild, wild):
+        assert check.fault_of(tuple(reading.tolist()), PERIOD_S) == NO_FAULT
+        assert check.accepted
+    assert check.spikes == 1
 
 
 # --- on the bus -----------------------------------------------------------------------------------
@@ -342,9 +353,7 @@ def test_only_a_late_input_is_misaligned(stream: list[tuple[bool, int]]) -> None
     for is_robot, late_ms in stream:
         stamps[is_robot] = max(stamps) - late_ms * 1_000_000
         seqs[is_robot] += 1
-        sensor: Reading[SensorWrench] = Reading(None, header(seqs[0], stamps[0]), 0.0, "")
-        robot: Reading[RobotState] = Reading(None, header(seqs[1], stamps[1]), 0.0, "")
-        pairing = pair(pairing, sensor, robot)
+        pairing.update(header(seqs[0], stamps[0]), header(seqs[1], stamps[1]))
         apart_s = (stamps[not is_robot] - stamps[is_robot]) / 1e9
         assert pairing.apart_s == pytest.approx(apart_s)
 

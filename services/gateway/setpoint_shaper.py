@@ -32,6 +32,7 @@ NOTHING = 1e-12  # avoids a division by zero travel
 LEAST_SHARE = 0.25  # a smaller share of the travel waits while the window is not empty
 
 Place = Callable[[pin.SE3], Trip | None]
+Steps = tuple[float, float]  # from one set point to the next [m, rad]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,15 +49,6 @@ class CatchUp:
         return cls(speed_m_s, max(LATE_PERIODS / cell.rates.robot_hz, LATE_SETPOINT_S))
 
 
-@dataclass(frozen=True, slots=True)
-class Sent:
-    """One set point sent: its time, and its distance from the one before."""
-
-    at_ns: int
-    travel_m: float
-    turn_rad: float
-
-
 class SetpointShaper:
     """Stream of set points as sent to the controller."""
 
@@ -65,17 +57,17 @@ class SetpointShaper:
         limits: LimitsSection,
         place: Place,
         catch_up: CatchUp | None = None,
-        step: tuple[float, float] = (inf, inf),
+        step: Steps = (inf, inf),
     ) -> None:
         """Start with nothing sent. `place` checks interpolated poses, which no client commanded.
 
-        `step` is the largest distance between two set points [m, rad] that the controller accepts.
+        `step` is the largest distance between two set points that the controller accepts.
         """
         self._step = step
         self._speed = (limits.speed_m_s, radians(limits.speed_deg_s))
         self._accel = (limits.accel_m_s2, radians(limits.accel_deg_s2))
         self._place = place
-        self._sent: deque[Sent] = deque()  # in the last window
+        self._sent: deque[tuple[int, Steps]] = deque()  # in the last window, each with its time
         self.last: pin.SE3 | None = None  # pose sent last; None: the arm was moved otherwise
         self._flows = False  # a stream is active
         self._catch_up = catch_up or CatchUp()
@@ -89,7 +81,7 @@ class SetpointShaper:
 
     def seed(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Check the first set point of a stream, which can only be sent unchanged."""
-        if self.share(T_measured, now_ns) < 1.0:
+        if self._share(self._steps_to(T_measured), now_ns) < 1.0:
             return tripped("acceleration", "the arm is too far from the last set point sent")
         self._flows = True
         return None
@@ -101,21 +93,24 @@ class SetpointShaper:
 
     def release(self, T_target: pin.SE3, now_ns: int) -> pin.SE3 | None:
         """Return the pose to send now, `T_target` or one towards it; None: not yet."""
-        share = self.share(T_target, now_ns)
+        steps = self._steps_to(T_target)
+        share = self._share(steps, now_ns)
         if not self._flows or (share < LEAST_SHARE and self._sent):
             return None
-        share = min(share, self._share_behind(T_target, now_ns), self._share_of_step(T_target))
+        share = min(share, self._share_behind(steps[0], now_ns))
+        for step, most in zip(steps, self._step, strict=True):
+            share = min(share, most / max(step, NOTHING))
         T = T_target
         if share < 1.0 and self.last is not None:
             T = interpolated(self.last, T_target, share)
             if self._place(T) is not None:
                 return None
-        self._sent.append(Sent(now_ns, *_steps(self.last, T)))
+        self._sent.append((now_ns, (share * steps[0], share * steps[1])))
         self._sent_count += 1
         self.last, self._last_ns = T, now_ns if self._sent_count >= RUNS_FROM else None
         return T
 
-    def _share_behind(self, T: pin.SE3, now_ns: int) -> float:
+    def _share_behind(self, travel_m: float, now_ns: int) -> float:
         """Return the permitted share of the travel after a stall, 1 without one.
 
         Only the backlog is slow: a fast stream could otherwise never be caught up.
@@ -123,7 +118,6 @@ class SetpointShaper:
         if self._last_ns is None:
             return 1.0
         since_s = (now_ns - self._last_ns) / NS_PER_S
-        travel_m = _steps(self.last, T)[0]
         most_m = self._catch_up.speed_m_s * min(since_s, LATE_SETPOINT_S)
         if since_s > self._catch_up.late_s:
             self._backlog_m = travel_m
@@ -133,20 +127,20 @@ class SetpointShaper:
         self._backlog_m -= most_m
         return most_m / travel_m
 
-    def _share_of_step(self, T: pin.SE3) -> float:
-        """Return the share of the travel that is one step."""
-        steps = zip(_steps(self.last, T), self._step, strict=True)
-        return min(most / max(travel, NOTHING) for travel, most in steps)
-
-    def share(self, T: pin.SE3, now_ns: int) -> float:
+    def _share(self, steps: Steps, now_ns: int) -> float:
         """Return the share of the travel to a pose that may be sent now, 0 to 1."""
-        while self._sent and now_ns - self._sent[0].at_ns > WINDOW_NS:
+        while self._sent and now_ns - self._sent[0][0] > WINDOW_NS:
             self._sent.popleft()
-        used = (self._used("travel_m", now_ns), self._used("turn_rad", now_ns))
         share = 1.0
-        for step, (window, more), speed, accel in zip(
-            _steps(self.last, T), used, self._speed, self._accel, strict=True
+        for place, (step, speed, accel) in enumerate(
+            zip(steps, self._speed, self._accel, strict=True)
         ):
+            window = more = 0.0  # travel in the window; in the last 60 ms minus the 60 ms before
+            for at_ns, sent in self._sent:
+                age_ns = now_ns - at_ns
+                window += sent[place]
+                if age_ns < 2 * HALF_NS:
+                    more += sent[place] if age_ns < HALF_NS else -sent[place]
             room = min(
                 SPEED_MARGIN * speed * (WINDOW_S + LATE_SETPOINT_S) - window,
                 ACCEL_MARGIN * accel * HALF_S**2 + speed * (EARLY_S + LATE_SETPOINT_S) - more,
@@ -155,14 +149,6 @@ class SetpointShaper:
                 share = min(share, max(0.0, room) / max(step, NOTHING))
         return share
 
-    def _used(self, name: str, now_ns: int) -> tuple[float, float]:
-        """Return the travel in the window, and the last 60 ms minus the 60 ms before."""
-        sizes = [(now_ns - one.at_ns, float(getattr(one, name))) for one in self._sent]
-        newer = sum(size for age_ns, size in sizes if age_ns < HALF_NS)
-        older = sum(size for age_ns, size in sizes if HALF_NS <= age_ns < 2 * HALF_NS)
-        return sum(size for _, size in sizes), newer - older
-
-
-def _steps(T_from: pin.SE3 | None, T_to: pin.SE3) -> tuple[float, float]:
-    """Return travel [m] and rotation [rad] from one pose to another, zero from None."""
-    return (0.0, 0.0) if T_from is None else apart(T_from, T_to)
+    def _steps_to(self, T: pin.SE3) -> Steps:
+        """Return travel [m] and rotation [rad] from the last pose sent, zero without one."""
+        return (0.0, 0.0) if self.last is None else apart(self.last, T)

@@ -102,7 +102,7 @@ class PacketReader:
                 self._rest = b""
                 raise RemoteProtocolError(self._death)
             self._taken += 1
-            id_, com, param, a, b, c, d, e, f = (int(frame) for frame in chars.split())
+            id_, com, param, a, b, c, d, e, f = map(int, chars.split())
             packets.append(Packet(id_, com, param, (a, b, c, d, e, f)))
         return packets
 

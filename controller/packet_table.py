@@ -143,10 +143,6 @@ class Quantity(NamedTuple):
     si: float  # one unit in SI
     scale: str | int = 1  # packet units per unit: a name in `Scales`, or fixed
 
-    def per_unit(self, scales: Scales) -> int:
-        """Return packet units per unit."""
-        return int(getattr(scales, self.scale)) if isinstance(self.scale, str) else self.scale
-
 
 class PacketValue(NamedTuple):
     """One of the six numbers of a vector."""
@@ -179,7 +175,7 @@ class Row(NamedTuple):
 
 
 def _values(*groups: tuple[Quantity, str]) -> PacketValues:
-    """Return the values named in groups of one quantity each."""
+    """Return the values named in groups of one quantity each; a comma ends a name."""
     return tuple(
         PacketValue(name, quantity) for quantity, names in groups for name in names.split(", ")
     )
@@ -236,7 +232,7 @@ _COUNT = range(ID_FIRST)
 _CODE = range(-99_999, ID_FIRST)  # AS error codes are negative
 
 # fmt: off
-TABLE = {row.com: row for row in (
+TABLE: dict[int, Row] = {row.com: row for row in (
     Row(Com.MOVE_POSE,      range(1), _POSE,   "a) move to a pose", range(1)),
     Row(Com.MOVE_JOINTS,    range(1), _JOINTS, "b) move to joint angles", range(1)),
     Row(Com.MOVE_BY_JOINTS, range(1), _JOINTS, "c) move by joint angles", range(1)),
@@ -311,9 +307,8 @@ def greeted(param: int) -> tuple[int, int]:
 
 def known(com: int, param: int) -> Com:
     """Return the command of a packet. Raise RemoteProtocolError when it is not in the table."""
-    if com not in Com._value2member_map_:
+    if (row := TABLE.get(com)) is None:
         raise RemoteProtocolError(f"Com {com} is not a command of protocol {PROTOCOL_VERSION}")
-    row = TABLE[Com(com)]
     if param not in row.params:
         raise RemoteProtocolError(
             f"Param {param} of command {com} ({row.com.name}) must be 0 to {row.params[-1]}"

@@ -2,11 +2,11 @@
 
 from typing import Protocol
 
-from controller.packet_table import Status
+from controller.packet_table import FEEDBACK_BITS, MODES, Status
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RemoteProtocolError
 from forcemesh.faults import FAULTS, tripped
-from forcemesh.messages import Trip
+from forcemesh.messages import CONTROLLER_BITS, KawasakiStatus, LinkHealth, RobotStatus, Trip
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import REPORTS_TO_CONFIRM, ControllerReport
 from services.gateway.link import LinkEvents
@@ -69,21 +69,10 @@ class ControllerConnection:
         self._voided = 0  # consecutive reports with limits neither executed nor queued
         self._down()
 
-    @property
-    def reconnects(self) -> int:
-        """Number of reconnections."""
-        return max(0, self._wire.connections - 1)
-
-    @property
-    def is_ready(self) -> bool:
-        """Connected and greeted."""
-        return self._up and self.dialogue.ready
-
     def poll(self, now_ns: int) -> bool:
         """Serve the link; return whether a new pose with its joints was received."""
         events = self._wire.poll(now_ns)
         if events.opened:
-            self._up = True
             self.send(self.dialogue.connected(now_ns), now_ns)
         is_new = False
         try:
@@ -98,7 +87,7 @@ class ControllerConnection:
         # On a slower link a hold would arrive later than the controller's watchdog acts.
         in_flight, most_s = self.dialogue.window.receipts.in_flight, self._kept.watchdog_s
         age_s = (now_ns - in_flight[0][1]) / NS_PER_S if in_flight else 0.0
-        if self.is_ready and age_s > most_s:
+        if self.dialogue.ready and age_s > most_s:
             reason = f"a packet is in transit for {age_s * 1e3:.0f} ms, limit {most_s * 1e3:.0f} ms"
             self._wire.close(reason, now_ns)
             self._down()
@@ -117,7 +106,7 @@ class ControllerConnection:
 
     def link_fault(self, now_ns: int) -> str:
         """Return why the robot cannot be commanded, empty when it can."""
-        if not self.is_ready:
+        if not self.dialogue.ready:
             return self._wire.last_fault or "not connected to the controller yet"
         if self.measured is None:
             return "no pose from the controller yet"
@@ -126,32 +115,31 @@ class ControllerConnection:
             limit_ms = self._stale_after_s * 1e3
             return f"the controller's pose is {age_s * 1e3:.0f} ms old, limit {limit_ms:.0f} ms"
         is_starting_up = now_ns - self._greeted_ns < SET_UP_WITHIN_NS
-        if is_starting_up and not self.dialogue.is_set_up and not self.faults():
+        if is_starting_up and not self.dialogue.is_set_up and self.status.ready:
             return "the controller is receiving its limits"
         return ""
 
     def controller_fault(self) -> Trip | None:
         """Return the status bits that prevent motion."""
-        if faults := self.faults():
+        if faults := self.status.faults:
             return tripped(faults[0].code, "; ".join(fault.text for fault in faults))
         if not self.dialogue.is_set_up:
             return tripped("robot_program", "the controller's program does not execute its limits")
         return None
 
-    def faults(self) -> tuple[Trip, ...]:
-        """Return what keeps the controller from following commands, each as a fault."""
-        error = 0 if self.health is None else self.health.error_code
-        status = Status(0) if self.measured is None else self.measured.status
-        return tuple(
-            tripped(code, FAULTS[code].cause, value=error if code == "robot_error" else None)
-            for bit, (good, code) in FAULT_BITS.items()
-            if bool(status & bit) != good
+    def link_health(self) -> LinkHealth:
+        """Return the health of the link."""
+        return LinkHealth(
+            connected=self.dialogue.ready,
+            round_trip_s=self.dialogue.window.receipts.last_s,
+            reconnects=max(0, self._wire.connections - 1),
+            errors=self.errors,
         )
 
     def numbers(self, now_ns: int) -> dict[str, float]:
         """Return the measurements of this connection: times [s], rates [1/s]; none unknown."""
         found: dict[str, float | None] = {}
-        if self.is_ready:
+        if self.dialogue.ready:
             window = self.dialogue.window
             for name, trips in (("framed", window.receipts), ("taken", window.executions)):
                 spread = trips.spread(now_ns)
@@ -176,10 +164,11 @@ class ControllerConnection:
 
     def _down(self) -> None:
         """Forget what was received over a connection."""
-        self._up = False
+        self.dialogue.disconnected()
         self._pose: PoseReport | None = None
         self.measured: ControllerReport | None = None
         self.health: HealthReport | None = None
+        self.status = robot_status(Status(0), 0)
         self._samples, self._loops = Rate(), WrappingCounterRate(LOOPS_SPAN)
 
     def _take(self, event: Event, now_ns: int) -> bool:
@@ -189,6 +178,9 @@ class ControllerConnection:
             self._greeted_ns = now_ns
             self.send(self.dialogue.set_up(self._kept, now_ns), now_ns)
         elif isinstance(event, HealthReport):
+            if self.health is None or event.error_code != self.health.error_code:
+                bits = Status(0) if self.measured is None else self.measured.status
+                self.status = robot_status(bits, event.error_code)
             self.health = event
             self._loops.read(event.loop_count, now_ns)
             self._set_up_again(event, now_ns)
@@ -200,6 +192,9 @@ class ControllerConnection:
                     f"102 belongs to sample {event.counter}, the 101 before it to sample "
                     f"{self._pose.counter}: a packet is missing"
                 )
+            if self.measured is None or event.status != self.measured.status:
+                error_code = 0 if self.health is None else self.health.error_code
+                self.status = robot_status(event.status, error_code)
             self._samples.count(1, now_ns)
             self.measured = ControllerReport(
                 T_base_flange=self._pose.T_base_flange,
@@ -211,3 +206,21 @@ class ControllerConnection:
             )
             return True
         return False
+
+
+def robot_status(status: Status, error_code: int) -> RobotStatus:
+    """Return the status of any robot, with its faults, and the controller's own bits by name."""
+    faults = tuple(
+        tripped(code, FAULTS[code].cause, value=error_code if code == "robot_error" else None)
+        for bit, (good, code) in FAULT_BITS.items()
+        if bool(status & bit) != good
+    )
+    own = {name: bool(status & Status[name.upper()]) for name in CONTROLLER_BITS}
+    return RobotStatus(
+        ready=not faults,
+        moving=bool(status & Status.MOVING),
+        held=bool(status & Status.HELD),
+        feedback=next((m for m, bits in MODES.items() if status & FEEDBACK_BITS == bits), None),
+        faults=faults,
+        kawasaki=KawasakiStatus(**own, error_code=error_code),
+    )

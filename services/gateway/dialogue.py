@@ -62,7 +62,6 @@ class Dialogue:
         """Reset the state of one connection."""
         self._reader = PacketReader()
         self.ready = False  # both hellos are exchanged
-        self.status = _NO_BITS
         self._last_sent_ns = 0
         self._motion = self._hold = NONE_YET  # the last ones; a hold voids the motion before
         self._setting_up: tuple[Command, ...] = ()
@@ -70,11 +69,12 @@ class Dialogue:
         self._speed: Speed | None = None
         self._requested_bits = _NO_BITS  # requested force feedback
         self._was_running = False
+        self.feedback_reported = False  # by the newest report, in any mode
         self._reset_motion()
 
     def _reset_motion(self, sent_gains: tuple[Command, ...] = ()) -> None:
         """Reset the set-point stream and force feedback: nothing pending, no rounding carried."""
-        self._carry = PoseCarry()
+        self._carry = packets.NO_CARRY
         self._sent_gains = sent_gains
         # The controller's set point is zero after a hold, a stop and hello.
         self._sent_set_point = packets.force_set_point((0.0, 0.0, 0.0), self.scales)
@@ -84,6 +84,7 @@ class Dialogue:
     def _drop_pending(self) -> None:
         """Drop what was offered and is not sent: the newest of each kind."""
         self._set_point: pin.SE3 | None = None
+        self._encoded: tuple[Command, PoseCarry] | None = None  # of this pose and the present carry
         self._wrench: tuple[Command, ...] = ()
         self._centre: tuple[Command, ...] = ()
         self._gains: tuple[Command, ...] = ()
@@ -96,6 +97,10 @@ class Dialogue:
         self._is_open = True
         self._reset()
         return self._send(now_ns, packets.hello(self.scales, self._arm))
+
+    def disconnected(self) -> None:
+        """End a connection: nothing is sent before the next hello."""
+        self.ready = False
 
     def feed(self, data: bytes, now_ns: int) -> list[Event]:
         """Return the events contained in received bytes.
@@ -114,7 +119,7 @@ class Dialogue:
             events.append(event)
             if isinstance(event, PoseReport):
                 self.window.taken_up_to(event.taken_id, now_ns)
-                self.status = event.status
+                self.feedback_reported = bool(event.status & FEEDBACK_BITS)
                 if self._requested_bits and self._requested_bits in event.status:
                     self._was_running = True
                 elif self._was_running:  # the controller has ended it by itself
@@ -128,7 +133,7 @@ class Dialogue:
     @property
     def feedback_active(self) -> bool:
         """Whether force feedback is requested and not ended, or reported as running."""
-        return bool(self._requested_bits or self.status & FEEDBACK_BITS)
+        return self.feedback_reported or bool(self._requested_bits)
 
     @property
     def settled(self) -> bool:
@@ -169,7 +174,7 @@ class Dialogue:
 
     def move_to_pose(self, T_base_flange: pin.SE3, speed: Speed, now_ns: int) -> bytes:
         """Return command 1 as a goal, after its speeds if they have changed."""
-        command, _ = packets.pose(Com.MOVE_POSE, T_base_flange, self.scales, PoseCarry())
+        command, _ = packets.pose(Com.MOVE_POSE, T_base_flange, self.scales)
         return self._goal(command, speed, now_ns)
 
     def move_joints(self, com: Com, angles_rad: Joints, speed: Speed, now_ns: int) -> bytes:
@@ -204,7 +209,7 @@ class Dialogue:
     def offer_setpoint(self, T_base_flange: pin.SE3) -> None:
         """Store the newest pose of a stream. Raises LocalProtocolError when it does not fit."""
         self._refuse_during_feedback(Com.SET_POINT)
-        packets.pose(Com.SET_POINT, T_base_flange, self.scales, self._carry)
+        self._encoded = packets.pose(Com.SET_POINT, T_base_flange, self.scales, self._carry)
         self._set_point = T_base_flange
 
     def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
@@ -260,9 +265,12 @@ class Dialogue:
         T = None if T_target is None else self._pacing.release(T_target, now_ns)
         if T is None:
             return ()
-        command, self._carry = packets.pose(Com.SET_POINT, T, self.scales, self._carry)
+        encoded, self._encoded = self._encoded, None  # the next pose has another carry
         if T is T_target:
             self._set_point = None
+        if encoded is None or T is not T_target:
+            encoded = packets.pose(Com.SET_POINT, T, self.scales, self._carry)
+        command, self._carry = encoded
         return (command,)
 
     # --- inside -----------------------------------------------------------------------------------

@@ -1,11 +1,11 @@
 """Command driver: converts permitted commands to packets after the last limit check. No socket.
 
-A refusal is an exception, after which the caller holds. Packets that the dialogue has numbered are
+A refusal is a trip, after which the caller holds. Packets that the dialogue has numbered are
 sent at once, also when a refusal follows: IDs have no gaps.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
@@ -14,9 +14,10 @@ from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.last_check import LastCheck
 from common.motion.tracking import TrackingMonitor
-from controller.packet_table import FEEDBACK_BITS, Com, Status
+from controller.packet_table import Com, Status
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
+from forcemesh.errors import LocalProtocolError
 from forcemesh.faults import tripped
 from forcemesh.messages import (
     Feedback,
@@ -37,16 +38,7 @@ FEEDBACK_STARTS_WITHIN_S = 1.0
 CENTRE_STEP_M = 3e-3  # travel of the contact point below which no command is sent
 
 
-class TripError(Exception):
-    """A command is refused, or the arm is off its command; `trip` is the cause."""
-
-    def __init__(self, trip: Trip) -> None:
-        """Keep the trip, which ends the lease unchanged."""
-        self.trip = trip
-        super().__init__(trip.text)
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RunningFeedback:
     """Force feedback requested from the controller."""
 
@@ -104,18 +96,19 @@ class Driver:
             self._holding = True
             self._send(self._dialogue.hold(now_ns), now_ns)
 
-    def watch(self, measured: ControllerReport, now_ns: int) -> None:
-        """Check a new report under permission. Raises TripError as `obey`."""
+    def watch(self, measured: ControllerReport, now_ns: int) -> Trip | None:
+        """Check a new report under permission; return why the lease ends."""
         joint_rad, T = measured.joint_rad, measured.T_base_flange
-        _refuse(self._guard.arm(T, joint_rad, now_ns))
-        is_refused = bool(measured.status & Status.TARGET_REFUSED)
-        if is_refused and self._streaming and measured.taken >= self._stream_from:
-            raise TripError(tripped("robot_refuses", "the controller refused a set point"))
-        _refuse(self._tracking.judge(T, joint_rad, now_ns))
+        trip = self._guard.arm(T, joint_rad, now_ns)
+        is_refused = self._streaming and measured.status & Status.TARGET_REFUSED
+        if trip is None and is_refused and measured.taken >= self._stream_from:
+            trip = tripped("robot_refuses", "the controller refused a set point")
+        return trip or self._tracking.judge(T, joint_rad, now_ns)
 
     def follow_goal(self, measured: ControllerReport, now_ns: int) -> None:
         """Update the state of the goal from a report."""
-        self.track = goals.follow(self.track, measured, now_ns)
+        if self.track.report.state == "running":
+            self.track = goals.follow(self.track, measured, now_ns)
 
     def obey(
         self,
@@ -126,11 +119,11 @@ class Driver:
         wrench: Reading[WrenchAtTcp],
         is_new: bool,
         now_ns: int,
-    ) -> None:
-        """Execute a permitted command.
+    ) -> Trip | None:
+        """Execute a permitted command, or return why it is refused.
 
-        Raises TripError when it violates a limit of this cell or is not possible now, and
-        LocalProtocolError when it does not fit into a packet.
+        It violates a limit of this cell or is not possible now. Raises LocalProtocolError when it
+        does not fit into a packet.
         """
         if lease != self._lease:
             if not self._holding:  # the controller measures rotation from a hold, the guard here
@@ -139,22 +132,25 @@ class Driver:
             purpose = "all" if command.permission is None else command.permission.purpose
             self._guard.start(measured.T_base_flange, now_ns, purpose)
         self._holding = False
-        _refuse(self._guard.wrench(wrench.fresh, in_move=command.kind == "goal"))
+        trip = self._guard.wrench(wrench.fresh, in_move=command.kind == "goal")
+        if trip is not None:
+            return trip
         if command.kind != "setpoint":
             self._streaming = False
             self._shaper.end()
         if command.kind == "feedback":
-            self._obey_feedback(command, wrench, now_ns)
-            return
-        self._end_feedback(now_ns)
+            return self._obey_feedback(command, wrench, now_ns)
+        if self._running is not None:
+            self._end_feedback(now_ns)
+        if command.kind == "setpoint":
+            return self._stream(command, measured, now_ns) if is_new else None
         if command.kind == "goal" and command.goal is not None:
             self._pursue(command.goal, command.speed, measured, now_ns)
-        elif command.kind != "setpoint":
+        else:
             self._idle(now_ns)
             moving = bool(measured.status & Status.MOVING)
             self._tracking.rest(measured.T_base_flange, moving=moving)
-        elif is_new:
-            self._stream(command, measured, now_ns)
+        return None
 
     # --- goals and set points ---------------------------------------------------------------------
 
@@ -189,29 +185,35 @@ class Driver:
         if goal.kind == "pose" and goal.pose is not None:
             return self._dialogue.move_to_pose(pose_of(goal.pose), speed, now_ns)
         if goal.joint_rad is None:  # pragma: no cover - the guard has refused it before
-            raise TripError(tripped("malformed", f"a goal of kind {goal.kind} without its numbers"))
+            raise LocalProtocolError(f"a goal of kind {goal.kind} without its numbers")
         com = Com.MOVE_BY_JOINTS if goal.kind == "by" else Com.MOVE_JOINTS
         return self._dialogue.move_joints(com, goal.joint_rad, speed, now_ns)
 
-    def _stream(self, command: RobotCommand, measured: ControllerReport, now_ns: int) -> None:
+    def _stream(
+        self, command: RobotCommand, measured: ControllerReport, now_ns: int
+    ) -> Trip | None:
         """Offer a set point; the first of a stream is the measured pose, to avoid a jump."""
         if command.pose is None:
-            raise TripError(tripped("malformed", "a set point without a pose"))
+            return tripped("malformed", "a set point without a pose")
         if self._dialogue.feedback_active:  # still ending
-            return
+            return None
+        T_measured = measured.T_base_flange
         if not self._streaming:
             self._idle(now_ns)
-            _refuse(self._shaper.seed(measured.T_base_flange, now_ns))
-            _refuse(self._guard.seed(measured.T_base_flange, now_ns))
-            self._tracking.stream(measured.T_base_flange, now_ns)
+            trip = self._shaper.seed(T_measured, now_ns) or self._guard.seed(T_measured, now_ns)
+            if trip is not None:
+                return trip
+            self._tracking.stream(T_measured, now_ns)
             self._send(self._dialogue.set_speed(self._stream_speed, now_ns), now_ns)
-            self._dialogue.offer_setpoint(measured.T_base_flange)
+            self._dialogue.offer_setpoint(T_measured)
             self._send(self._dialogue.tick(now_ns, permitted=True), now_ns)
             self._streaming, self._stream_from = True, self._dialogue.window.last
         T_target = pose_of(command.pose)
-        _refuse(self._guard.setpoint(T_target, measured.T_base_flange, now_ns))
-        self._dialogue.offer_setpoint(T_target)
-        self._tracking.stream(T_target, now_ns)
+        trip = self._guard.setpoint(T_target, T_measured, now_ns)
+        if trip is None:
+            self._dialogue.offer_setpoint(T_target)
+            self._tracking.stream(T_target, now_ns)
+        return trip
 
     def _idle(self, now_ns: int) -> None:
         """Brake an active goal: the permission contains no motion."""
@@ -223,33 +225,30 @@ class Driver:
 
     def _obey_feedback(
         self, command: RobotCommand, wrench: Reading[WrenchAtTcp], now_ns: int
-    ) -> None:
+    ) -> Trip | None:
         feedback, permission, running = command.feedback, command.permission, self._running
         if feedback is None or permission is None or permission.host != "controller":
-            raise TripError(
-                tripped("host", "force feedback needs a permission for host controller")
-            )
+            return tripped("host", "force feedback needs a permission for host controller")
         if wrench.fresh is None or wrench.header is None:
-            raise TripError(tripped(wrench.code or "invalid", wrench.fault))
-        _refuse(self._guard.feedback(feedback))
+            return tripped(wrench.code or "invalid", wrench.fault)
+        if (trip := self._guard.feedback(feedback)) is not None:
+            return trip
         self._tracking.free()
         self._idle(now_ns)
         if running is None:
             self._start_feedback(feedback, now_ns)
         elif not self._dialogue.feedback_active:
-            raise TripError(
-                tripped("feedback", "the controller has ended force feedback by itself")
-            )
+            return tripped("feedback", "the controller has ended force feedback by itself")
         elif feedback.mode != running.feedback.mode:
             self._end_feedback(now_ns)
         else:
             if feedback.gains != running.feedback.gains:
                 self._dialogue.offer_gains(feedback.gains)
-            self._running = replace(
-                running, feedback=feedback, lever_m=self._move_centre(running, feedback)
-            )
+            running.lever_m = self._move_centre(running, feedback)
+            running.feedback = feedback
             sample = (wrench.header.epoch, wrench.header.seq)
-            self._feed_back(feedback, wrench.fresh, sample, now_ns - running.since_ns)
+            return self._feed_back(feedback, wrench.fresh, sample, now_ns - running.since_ns)
+        return None
 
     def _start_feedback(self, feedback: Feedback, now_ns: int) -> None:
         if self._dialogue.feedback_active:  # still ending
@@ -276,23 +275,18 @@ class Driver:
         return pin.SE3(T.rotation, T.translation + np.array(feedback.lever_m))
 
     def _end_feedback(self, now_ns: int) -> None:
-        if self._running is not None:
-            self._running = None
-            self._send(self._dialogue.stop_feedback(now_ns), now_ns)
+        self._running = None
+        self._send(self._dialogue.stop_feedback(now_ns), now_ns)
 
     def _feed_back(
         self, feedback: Feedback, wrench: WrenchAtTcp, sample: tuple[int, int], since_ns: int
-    ) -> None:
+    ) -> Trip | None:
         """Offer each sample once: the controller integrates every wrench it receives."""
-        if not self._dialogue.status & FEEDBACK_BITS:
+        if not self._dialogue.feedback_reported:
             if since_ns > FEEDBACK_STARTS_WITHIN_S * NS_PER_S:
-                raise TripError(tripped("feedback", "the controller did not start force feedback"))
+                return tripped("feedback", "the controller did not start force feedback")
         elif sample != self._last_wrench:
             self._last_wrench = sample
             setpoint_N = feedback.setpoint_force_N
             self._dialogue.offer_wrench(wrench.force_N, wrench.torque_Nm, setpoint_N)
-
-
-def _refuse(trip: Trip | None) -> None:
-    if trip is not None:
-        raise TripError(trip)
+        return None

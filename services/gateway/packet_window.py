@@ -136,7 +136,7 @@ class PacketWindow:
         back, the ID may denote a packet in flight, with a probability of one in 500 000; that
         packet then counts as arrived some milliseconds early.
         """
-        number = newest - (id_of(newest) - id_) % packet_table.ID_COUNT
+        number = newest - (ID_FIRST + newest - id_) % packet_table.ID_COUNT
         return number if number >= max(self._hello, known) else known
 
 

@@ -4,8 +4,9 @@ A command is a packet without its ID, which the dialogue assigns when it sends. 
 gives units and scales; O, A, T are used only here.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import isfinite
 
 import numpy as np
@@ -23,7 +24,9 @@ from controller.packet_table import (
     Com,
     FeedbackSwitch,
     GainKind,
+    PacketValue,
     Scales,
+    Six,
     Status,
     greeted,
     greeting,
@@ -53,6 +56,9 @@ class PoseCarry:
 
     error_m: Vec3 = (0.0, 0.0, 0.0)  # target minus sent
     oat: Oat | None = None
+
+
+NO_CARRY = PoseCarry()
 
 
 def unchanged(T_target: pin.SE3, now_ns: int) -> pin.SE3:  # noqa: ARG001 - as `Pacing.release`
@@ -103,16 +109,31 @@ SWITCHES = {
 }
 
 
-def encoded(com: Com, values: Iterable[float], scales: Scales, param: int = 0) -> Command:
+@lru_cache(maxsize=64)
+def _numbers(com: int, param: int, scales: Six) -> tuple[tuple[PacketValue, int], ...]:
+    """Return the values of a vector, each with its packet units per unit."""
+    named: dict[str | int, int] = dict(zip(Scales.model_fields, scales, strict=True))
+    return tuple(
+        (number, named.get(number.quantity.scale) or int(number.quantity.scale))
+        for number in TABLE[com].numbers(param)
+    )
+
+
+def encoded(com: Com, values: Sequence[float], scales: Scales, param: int = 0) -> Command:
     """Return a command from its values in SI, in the order of the packet table.
 
-    Raises LocalProtocolError, naming the quantity, for a value that is not finite or does not fit.
+    Raises LocalProtocolError for another number of values than the table has, and, naming the
+    quantity, for a value that is not finite or does not fit.
     """
-    vec = [0] * 6
-    for place, (value, number) in enumerate(zip(values, TABLE[com].numbers(param), strict=True)):
-        unit = number.quantity
-        scale = unit.per_unit(scales)
-        amount = value * unit.per_si
+    vec, numbers = [0] * 6, _numbers(com, param, scales.vec)
+    if len(values) != len(numbers):
+        names = "; ".join(number.name for number, _ in numbers)
+        raise LocalProtocolError(
+            f"command {com:d} has {len(numbers)} values ({names}), {len(values)} were given: "
+            "in the packet table a comma ends a name"
+        )
+    for place, (value, (number, scale)) in enumerate(zip(values, numbers, strict=True)):
+        amount = value * number.quantity.per_si
         if not isfinite(amount):
             raise LocalProtocolError(f"{number.label} is {amount}, it cannot be sent")
         vec[place] = round(amount * scale)
@@ -129,28 +150,27 @@ def encoded(com: Com, values: Iterable[float], scales: Scales, param: int = 0) -
 
 
 def pose(
-    com: Com, T_base_flange: pin.SE3, scales: Scales, carry: PoseCarry
+    com: Com, T: pin.SE3, scales: Scales, carry: PoseCarry = NO_CARRY, *, param: int = 0
 ) -> tuple[Command, PoseCarry]:
-    """Return command 1, a goal, or 13, one pose of a stream, and the state for the next pose.
+    """Return command 1, 11 or 13 with a pose, and the state for the next pose of a stream.
 
     One unit is 0.02 mm, which is 2 N at 1e5 N/m. The rounding error of this position is therefore
     added to the next one (first-order noise shaping): the mean is exact.
 
     Raises LocalProtocolError for a pose that is not finite or does not fit.
     """
-    _refuse_unless_finite(T_base_flange)
-    oat = oat_from_R(T_base_flange.rotation, carry.oat)
-    target_m = T_base_flange.translation + np.array(carry.error_m)
-    command = encoded(com, (*target_m.tolist(), *oat), scales)
-    x, y, z = (target_m - np.array(command.vec[:3]) / scales.position_per_mm * 1e-3).tolist()
-    return command, PoseCarry((x, y, z), oat)
+    if not is_finite_pose(T):
+        raise LocalProtocolError("the pose contains a number that is not finite: it is not sent")
+    oat, per_mm = oat_from_R(T.rotation, carry.oat), scales.position_per_mm
+    x, y, z = [p + error for p, error in zip(T.translation.tolist(), carry.error_m, strict=True)]
+    command = encoded(com, (x, y, z, *oat), scales, param)
+    sent_x, sent_y, sent_z = [units / per_mm * 1e-3 for units in command.vec[:3]]
+    return command, PoseCarry((x - sent_x, y - sent_y, z - sent_z), oat)
 
 
 def tcp(T_flange_tcp: pin.SE3, scales: Scales, point: CentreParam) -> Command:
     """Return command 11: the TCP, or only the centre of rotation of force feedback."""
-    _refuse_unless_finite(T_flange_tcp)
-    oat = oat_from_R(T_flange_tcp.rotation)
-    return encoded(Com.TCP, (*T_flange_tcp.translation.tolist(), *oat), scales, int(point))
+    return pose(Com.TCP, T_flange_tcp, scales, param=int(point))[0]
 
 
 def wrench(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> Command:
@@ -223,11 +243,6 @@ def set_up(kept: ControllerLimits, scales: Scales) -> tuple[Command, ...]:
         *(encoded(Com.LIMITS, values, scales, int(bank)) for bank, values in banks.items()),
         tcp(kept.T_flange_tcp, scales, CentreParam.TCP),
     )
-
-
-def _refuse_unless_finite(T: pin.SE3) -> None:
-    if not is_finite_pose(T):
-        raise LocalProtocolError("the pose contains a number that is not finite: it is not sent")
 
 
 # --- reports --------------------------------------------------------------------------------------
@@ -309,10 +324,8 @@ def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | H
         raise RemoteProtocolError(f"the controller sent a gateway command, {packet.com}")
     if com == Com.HELLO:
         raise RemoteProtocolError("the controller sent hello twice")
-    a, b, c, d, e, f = (
-        units / unit.per_unit(scales) * unit.si
-        for units, (_, unit) in zip(packet.vec, TABLE[com].numbers(0), strict=True)
-    )
+    numbers = zip(packet.vec, _numbers(com, 0, scales.vec), strict=True)
+    a, b, c, d, e, f = [units / scale * number.quantity.si for units, (number, scale) in numbers]
     if com == Com.HEALTH:
         return HealthReport(packet.param, int(a), b, int(c), d, ID_FIRST + int(e), f != 0)
     counter, status = unpack_status(packet.param)

@@ -9,23 +9,16 @@ from common.config.cell import CellConfig, GatewaySection
 from common.motion.convert import record_of, vec3
 from common.motion.last_check import MEASURED_SLACK_M, LastCheck
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
-from controller.packet_table import FEEDBACK_BITS, ID_COUNT, ID_FIRST, MODES, Status
+from controller.packet_table import ID_COUNT, ID_FIRST
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ConfigError, LocalProtocolError
 from forcemesh.faults import clipped, tripped
-from forcemesh.messages import (
-    CONTROLLER_BITS,
-    KawasakiStatus,
-    LinkHealth,
-    RobotState,
-    RobotStatus,
-    Trip,
-)
+from forcemesh.messages import RobotState
 from services.gateway.connection import ByteLink, ControllerConnection
 from services.gateway.dialogue import Dialogue
-from services.gateway.driver import Driver, TripError
+from services.gateway.driver import Driver
 from services.gateway.goals import ControllerReport
 from services.gateway.link import Link, LinkSettings
 from services.gateway.packets import ControllerLimits, Pacing
@@ -89,10 +82,11 @@ class Gateway:
 
     def counters(self) -> dict[str, int]:
         """Return the counters of superseded, refused and pending commands and of reconnections."""
+        link = self._connection.link_health()
         return {
             "command_superseded": self._command.counters.superseded,
-            "reconnects": self._connection.reconnects,
-            "protocol_errors": self._connection.errors,
+            "reconnects": link.reconnects,
+            "protocol_errors": link.errors,
             "refusals": self._refusals,
             "unexecuted": self._dialogue.window.unexecuted,
             "unacknowledged": self._dialogue.window.unacknowledged,
@@ -116,25 +110,17 @@ class Gateway:
         self.verdict = self._judge(now_ns, is_new=is_new)
         if self.verdict.command is None:
             self._driver.hold(self.verdict.hold_reason, now_ns)
-        since_ns, early_ns = now_ns - self._reported_ns, EARLY * self._state_period_ns
         measured = self._connection.measured
         if measured is not None:
             self._driver.follow_goal(measured, now_ns)
-        if self.fault and since_ns >= self._state_period_ns:
-            state = RobotState(
-                valid=False,
-                reason=self.fault[:400],
-                code=self._connection.code,
-                goal=self._driver.track.report,
-                hold=self.verdict.hold,
-                link=self._link_health(),
-            )
-        elif is_new and measured is not None and not self.fault and since_ns >= early_ns:
-            state = self._state_of(measured)
+        since_ns = now_ns - self._reported_ns
+        if self.fault:
+            is_due = since_ns >= self._state_period_ns
         else:
-            return
-        self._reported_ns = now_ns
-        self._state.put(state)
+            is_due = is_new and since_ns >= EARLY * self._state_period_ns
+        if is_due:
+            self._reported_ns = now_ns
+            self._state.put(self._robot_state())
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -142,7 +128,7 @@ class Gateway:
         """Execute a permitted command; any fault ends its lease."""
         verdict = self._gate.judge(self._command.read(now_ns), now_ns)
         measured = self._connection.measured
-        if not self._connection.is_ready:
+        if not self._dialogue.ready:
             self._driver.disconnected()
         if self.fault or measured is None:
             return self._gate.revoke(tripped(self._connection.code, self.fault))
@@ -152,7 +138,7 @@ class Gateway:
         if (controller_fault := self._connection.controller_fault()) is not None:
             return self._gate.revoke(controller_fault)
         try:
-            self._driver.obey(
+            trip = self._driver.obey(
                 command,
                 measured,
                 lease=(accepted.epoch, command.permission.lease),
@@ -160,16 +146,15 @@ class Gateway:
                 is_new=verdict.is_new,
                 now_ns=now_ns,
             )
-            self._connection.send(self._dialogue.tick(now_ns, permitted=True), now_ns)
-            if is_new:
-                self._driver.watch(measured, now_ns)
+            if trip is None:
+                self._connection.send(self._dialogue.tick(now_ns, permitted=True), now_ns)
+                trip = self._driver.watch(measured, now_ns) if is_new else None
         except LocalProtocolError as error:
-            self._refusals += 1
-            return self._gate.revoke(tripped("unsendable", str(error)))
-        except TripError as error:
-            self._refusals += 1
-            return self._gate.revoke(error.trip)
-        return verdict
+            trip = tripped("unsendable", str(error))
+        if trip is None:
+            return verdict
+        self._refusals += 1
+        return self._gate.revoke(trip)
 
     def _with_cause(self, verdict: GateDecision) -> GateDecision:
         """Put the controller's present fault, the cause, before the reason of the ended lease."""
@@ -180,45 +165,24 @@ class Gateway:
 
     # --- state ------------------------------------------------------------------------------------
 
-    def _state_of(self, measured: ControllerReport) -> RobotState:
-        flange, health = record_of(measured.T_base_flange), self._connection.health
-        sent = self._driver.sent
+    def _robot_state(self) -> RobotState:
+        measured, hold = self._connection.measured, self.verdict.hold
+        goal, link = self._driver.track.report, self._connection.link_health()
+        if self.fault or measured is None:
+            why, code = self.fault[:400], self._connection.code
+            return RobotState(valid=False, reason=why, code=code, goal=goal, hold=hold, link=link)
+        flange, sent = record_of(measured.T_base_flange), self._driver.sent
         return RobotState(
             position_m=flange.position_m,
             orientation_xyzw=flange.orientation_xyzw,
             joint_rad=measured.joint_rad,
-            status=robot_status(
-                measured.status,
-                0 if health is None else health.error_code,
-                self._connection.faults(),
-            ),
-            goal=self._driver.track.report,
+            status=self._connection.status,
+            goal=goal,
             accepted=self.verdict.accepted,
             sent=None if sent is None else record_of(sent),
-            hold=self.verdict.hold,
-            link=self._link_health(),
+            hold=hold,
+            link=link,
         )
-
-    def _link_health(self) -> LinkHealth:
-        return LinkHealth(
-            connected=self._connection.is_ready,
-            round_trip_s=self._dialogue.window.receipts.last_s,
-            reconnects=self._connection.reconnects,
-            errors=self._connection.errors,
-        )
-
-
-def robot_status(status: Status, error_code: int, faults: tuple[Trip, ...]) -> RobotStatus:
-    """Return the status of any robot, and the controller's own bits by name."""
-    own = {name: bool(status & Status[name.upper()]) for name in CONTROLLER_BITS}
-    return RobotStatus(
-        ready=not faults,
-        moving=bool(status & Status.MOVING),
-        held=bool(status & Status.HELD),
-        feedback=next((m for m, bits in MODES.items() if status & FEEDBACK_BITS == bits), None),
-        faults=faults,
-        kawasaki=KawasakiStatus(**own, error_code=error_code),
-    )
 
 
 def set_point_step(cell: CellConfig, section: GatewaySection) -> tuple[float, float]:

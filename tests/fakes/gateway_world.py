@@ -241,7 +241,7 @@ class GatewayWorld:
         is_refused = lease is None and any(packet.com not in UNPERMITTED for packet in packets)
         if is_refused and under is not None:
             self.judge.dead.add(under)
-        if (stopped or is_refused) and self.gateway._connection.is_ready:
+        if (stopped or is_refused) and self.gateway._dialogue.ready:
             assert packets, "the arm is not braked"
             assert packets[-1].com == Com.HOLD
 

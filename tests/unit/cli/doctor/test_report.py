@@ -25,9 +25,9 @@ from controller.packet_table import ID_FIRST, Com, Status, greeting
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.messages import Health, KawasakiStatus, LinkHealth, RobotState, RobotStatus
+from services.gateway.connection import robot_status
 from services.gateway.packet_window import Spread
 from services.gateway.packets import HealthReport, JointReport, PoseReport
-from services.gateway.service import robot_status
 from tests.fakes.arms import unknown_arm
 from tests.fakes.bench import DEMO
 from tests.fakes.robot_program import READY as RUNNING
@@ -248,7 +248,7 @@ def test_a_decimated_robot_state_is_not_slow_but_one_at_half_rate_is() -> None:
 @pytest.mark.parametrize("bit", list(Status), ids=lambda bit: bit.name)
 def test_the_status_of_a_robot_is_that_of_its_controller(bit: Status) -> None:
     """Each bit of the packet is in robot/state and round trips."""
-    assert status_of(robot_status(bit, 0, ())) == bit
+    assert status_of(robot_status(bit, 0)) == bit
 
 
 def test_exit_codes() -> None:

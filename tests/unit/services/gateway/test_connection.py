@@ -60,7 +60,7 @@ class ConnectionRig:
         """Connect, and answer the hello with itself."""
         self.receive(opened=True)
         self.receive(self.wire.sent)
-        assert self.connection.is_ready
+        assert self.dialogue.ready
         return self
 
     def report(self, counter: int = 1, status: Status = FIT) -> bool:
@@ -127,7 +127,7 @@ def test_halves_of_two_samples_close_the_link() -> None:
     other = encode(Packet(ID_FIRST, Com.JOINTS, pack_status(2, FIT)))
     assert not rig.receive(pose_report(ID_FIRST) + other)
     assert "a packet is missing" in rig.wire.last_fault
-    assert (rig.connection.errors, rig.connection.is_ready) == (1, False)
+    assert (rig.connection.errors, rig.dialogue.ready) == (1, False)
     assert "a packet is missing" in rig.connection.link_fault(0)
 
 
@@ -142,7 +142,7 @@ def test_measured_values_end_with_the_connection(ends: str) -> None:
         rig.connection.close(rig.now_ns)
         assert rig.wire.last_fault == "closed by the gateway"
     assert rig.connection.measured is None
-    assert not rig.connection.is_ready
+    assert not rig.dialogue.ready
     assert rig.connection.numbers(rig.now_ns) == {}
     with_fault = rig.connection.controller_fault()
     assert with_fault is not None

@@ -227,7 +227,7 @@ def carry(connection: ControllerConnection, dialogue: Dialogue, count: int) -> i
     while dialogue.window.last - first < count:
         if connection.poll(now_ns):
             now_ns += PERIOD_NS
-        if connection.is_ready:
+        if dialogue.ready:
             if not dialogue.window.unexecuted:
                 dialogue.offer_setpoint(at(dialogue.window.last % 100))
             connection.send(dialogue.tick(now_ns, permitted=True), now_ns)

@@ -212,6 +212,14 @@ def test_a_value_out_of_range_is_refused_with_quantity_and_range() -> None:
         packets.wrench((0, 0, 0), (0, 0, -200.0), SCALES)
 
 
+def test_another_number_of_values_than_the_table_has_is_refused_with_their_names() -> None:
+    """A comma in a name of the packet table makes two values of it: the names show it."""
+    for values in ((0.1,) * 3, (0.1,) * 5):
+        text = rf"command 5 has 4 values \(acceleration; .*; speed\), {len(values)} were given"
+        with pytest.raises(LocalProtocolError, match=text):
+            packets.encoded(Com.SPEEDS, values, SCALES)
+
+
 def test_a_gain_is_neither_clipped_nor_lost() -> None:
     """A gain that is too large is refused; one that is too small would be sent as zero."""
     with pytest.raises(LocalProtocolError, match="P gain x"):

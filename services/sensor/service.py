@@ -1,7 +1,6 @@
 """Sensor service: samples of a sensor driver in, `sensor/wrench` out."""
 
 import sys
-from dataclasses import dataclass, replace
 
 from common.config.cell import CellConfig
 from forcemesh import topics
@@ -23,45 +22,41 @@ RATE_WINDOW_NS = 250_000_000  # window in which the sensor's rate is measured
 DECIMATION_MARGIN = 2.05  # times the cell's rate: twice, plus tolerance of clocks and measurement
 
 
-@dataclass(frozen=True, slots=True)
 class Decimation:
-    """Selection of the samples to publish when the sensor is faster than needed."""
-
-    output_hz: float
-    rate_hz: float = 0.0  # 0 until measured
-    keep_every: int = 1
-    kept: int = 0  # number of the last sample kept
-    since: tuple[int, int] | None = None  # number and time [ns] at the start of the measurement
-
-
-def decimate(state: Decimation, number: int, now_ns: int) -> tuple[Decimation, bool]:
-    """Return the state after a sample, and whether to keep it.
+    """Selection of the samples to publish when the sensor is faster than needed.
 
     Up to twice the wanted rate every sample is kept, above it every n-th, counted by the sensor's
     sequence numbers: bursts on the network do not change the selection, and the next sample
     replaces a lost one.
     """
-    state = _measure(state, number, now_ns)
-    if number - state.kept < state.keep_every:
-        return state, False
-    return replace(state, kept=number), True
 
+    def __init__(self, output_hz: float) -> None:
+        """Keep every sample until the rate of the sensor is measured."""
+        self._output_hz = output_hz
+        self.rate_hz = 0.0  # 0 until measured
+        self.keep_every = 1
+        self._kept = 0  # number of the last sample kept
+        self._since: tuple[int, int] | None = (
+            None  # number and time [ns] at the measurement's start
+        )
 
-def pause(state: Decimation) -> Decimation:
-    """Restart the measurement after a gap; keep the ratio until it is done."""
-    return replace(state, since=None)
+    def pause(self) -> None:
+        """Restart the measurement after a gap; keep the ratio until it is done."""
+        self._since = None
 
-
-def _measure(state: Decimation, number: int, now_ns: int) -> Decimation:
-    if state.since is None:
-        return replace(state, since=(number, now_ns))
-    elapsed_ns = now_ns - state.since[1]
-    if elapsed_ns < RATE_WINDOW_NS:
-        return state
-    rate_hz = 1e9 * (number - state.since[0]) / elapsed_ns
-    ratio = rate_hz / state.output_hz
-    keep_every = 1 if ratio <= DECIMATION_MARGIN else round(ratio)
-    return replace(state, rate_hz=rate_hz, keep_every=keep_every, since=(number, now_ns))
+    def keeps(self, number: int, now_ns: int) -> bool:
+        """Return whether to keep a sample."""
+        first, since_ns = self._since or (number, now_ns)
+        if now_ns - since_ns >= RATE_WINDOW_NS:
+            self.rate_hz = 1e9 * (number - first) / (now_ns - since_ns)
+            ratio = self.rate_hz / self._output_hz
+            self.keep_every = 1 if ratio <= DECIMATION_MARGIN else round(ratio)
+            first, since_ns = number, now_ns
+        self._since = (first, since_ns)
+        if number - self._kept < self.keep_every:
+            return False
+        self._kept = number
+        return True
 
 
 class SensorDriver:
@@ -116,14 +111,13 @@ class SensorDriver:
         """Publish or drop a sample; a fault in a dropped one is published with the next."""
         silent = now_ns - self._sampled_ns > self._stale_after_ns // 2
         if silent:
-            self._decimation = pause(self._decimation)
+            self._decimation.pause()
         if silent or not self._about:  # the sensor's page may arrive after its first samples
             self._introduce()
         self._sampled_ns, self._counter = now_ns, sample.counter
         if self._worst is None or SEVERITY[sample.status] >= SEVERITY[self._worst.status]:
             self._worst = sample
-        self._decimation, is_kept = decimate(self._decimation, sample.counter, now_ns)
-        if is_kept:
+        if self._decimation.keeps(sample.counter, now_ns):
             worst, self._worst = self._worst, None
             self._put(sample if worst.status == "ok" else worst)
         else:

@@ -29,7 +29,7 @@ from services.sensor.rdt import (
     sample_of,
 )
 from services.sensor.rdt_status import MONITOR_CONDITIONS
-from services.sensor.service import Decimation, decimate, pause
+from services.sensor.service import Decimation
 
 SCALE = Scale(counts_per_N=10_000, counts_per_Nm=100_000, force_range_N=200, torque_range_Nm=8)
 PERIOD_NS = 2_000_000
@@ -256,7 +256,7 @@ def kept_hz(rate_hz: float, target_hz: float, *, lose: float = 0.0) -> tuple[flo
     for number in range(int(3 * rate_hz)):
         if rng.random() < lose:
             continue
-        state, is_kept = decimate(state, number, int(number * NS_PER_S / rate_hz))
+        is_kept = state.keeps(number, int(number * NS_PER_S / rate_hz))
         kept += is_kept and number >= rate_hz
     return kept / 2.0, state.keep_every
 
@@ -284,8 +284,8 @@ def test_pause_is_not_counted_as_a_low_rate() -> None:
     """After a gap the old divisor holds until the rate has been measured again."""
     state = Decimation(500.0)
     for number in range(7000):
-        state, _ = decimate(state, number, number * NS_PER_S // 7000)
-    state = pause(state)
+        state.keeps(number, number * NS_PER_S // 7000)
+    state.pause()
     for number in range(7000, 8000):
-        state, _ = decimate(state, number, 10 * NS_PER_S + number * NS_PER_S // 7000)
+        state.keeps(number, 10 * NS_PER_S + number * NS_PER_S // 7000)
         assert state.keep_every == 14

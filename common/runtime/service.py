@@ -11,8 +11,8 @@ import sys
 import threading
 import traceback
 from collections import deque
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -216,13 +216,14 @@ class Runner:
         self._clock = clock
         self._contain = contain
         self._fault = ""
+        self._trigger = service.trigger
         self._period_ns = round(service.period_s * NS_PER_S)
+        self._patience_ns = round(PATIENCE_PERIODS * self._period_ns)
         self._due_ns = clock.now_ns()
 
     def due(self, now_ns: int) -> bool:
         """Return whether the trigger has fired or the period has elapsed."""
-        trigger = self.service.trigger
-        return (trigger is not None and trigger.poll()) or now_ns >= self._due_ns
+        return (self._trigger is not None and self._trigger.poll()) or now_ns >= self._due_ns
 
     def step(self, now_ns: int) -> None:
         """Step once; a missed step is not repeated."""
@@ -233,8 +234,8 @@ class Runner:
         else:
             breakdown = self._contain.step(self.service, now_ns)
         self._fault = breakdown or self.service.fault
-        if self.service.trigger is not None:
-            self._due_ns = now_ns + round(PATIENCE_PERIODS * self._period_ns)
+        if self._trigger is not None:
+            self._due_ns = now_ns + self._patience_ns
         else:
             self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
         for reporter in self._reporters:
@@ -249,8 +250,7 @@ class Runner:
                 self.step(now_ns)
                 heartbeat.beat(now_ns, self._fault)
                 continue
-            trigger = self.service.trigger
-            pause = self._clock.sleep_s if trigger is None else trigger.wait
+            pause = self._clock.sleep_s if self._trigger is None else self._trigger.wait
             pause(min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S))
 
 
@@ -323,18 +323,11 @@ def stop_on_signals() -> threading.Event:
     return stop
 
 
-class exit_on_error:  # noqa: N801 - reads as a statement
-    """Context manager: end the process with one line on an error of forcemesh."""
-
-    def __init__(self, role: str) -> None:
-        """Store the role for the message."""
-        self._role = role
-
-    def __enter__(self) -> None:
-        """Do nothing."""
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Print an expected error to standard error and exit with code 2."""
-        if isinstance(error, ForcemeshError):
-            sys.stderr.write(f"{self._role}: {error}\n")
-            raise SystemExit(2)
+@contextmanager
+def exit_on_error(role: str) -> Iterator[None]:
+    """End the process with one line on standard error and code 2 on an error of forcemesh."""
+    try:
+        yield
+    except ForcemeshError as error:
+        sys.stderr.write(f"{role}: {error}\n")
+        raise SystemExit(2) from error

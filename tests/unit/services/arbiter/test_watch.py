@@ -48,7 +48,7 @@ def test_an_arm_whose_controller_reports_motion_does_not_rest() -> None:
     """Its time begins with the last such report."""
     world, rest = World(), RestWatch()
     for moving, rest_s in ((False, 0.0), (False, 0.1), (True, 0.0), (True, 0.0), (False, 0.1)):
-        world.change("robot", status=FIT.model_copy(update={"moving": moving}))
+        world.change("robot", status=FIT.replaced(moving=moving))
         assert updated(rest, world, 0.1) == rest_s
 
 

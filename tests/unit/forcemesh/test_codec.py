@@ -195,7 +195,8 @@ def test_a_value_that_has_no_form_on_the_bus_is_not_sent(value: Any) -> None:
 
 def test_a_number_beyond_floats_is_refused() -> None:
     """It cannot be received, only made in a program."""
-    with pytest.raises(MessageError, match=r"^WrenchAtTcp\.force_N\.0: number out of range, found 1"):
+    text = r"^WrenchAtTcp\.force_N\.0: number out of range, found 1"
+    with pytest.raises(MessageError, match=text):
         m.WrenchAtTcp.from_dict({"force_N": (10**400, 0.0, 0.0)})
 
 

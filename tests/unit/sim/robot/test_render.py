@@ -107,7 +107,7 @@ def test_the_camera_sees_the_whole_of_every_arm(arm):
     up = np.cross(right, forward)
     floor = robot.data.geom("floor").xpos * (0.0, 0.0, 1.0)
     for point in (*robot.data.xpos[1:], floor):
-        seen = point - (camera.lookat - camera.distance * forward)
-        half_height = np.tan(np.radians(robot.model.vis.global_.fovy) / 2.0) * (seen @ forward)
-        assert abs(seen @ up) < 0.95 * half_height
-        assert abs(seen @ right) < 0.95 * half_height * view["width_px"] / view["height_px"]
+        offset_m = point - (camera.lookat - camera.distance * forward)
+        half_height = np.tan(np.radians(robot.model.vis.global_.fovy) / 2.0) * (offset_m @ forward)
+        assert abs(offset_m @ up) < 0.95 * half_height
+        assert abs(offset_m @ right) < 0.95 * half_height * view["width_px"] / view["height_px"]

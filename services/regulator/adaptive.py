@@ -125,15 +125,10 @@ class AdaptiveState:
     measured: ContactTravel
     stiffness: list[Stiffness]
     response: list[ResponseShare]
+    k_N_m: Vector  # as seen by the commands
     since_report_s: float = 0.0  # since the last pose report
     tracking: SurfaceTracking = field(default_factory=SurfaceTracking)
     free_s: float = 0.0  # time without contact
-
-    @property
-    def k_N_m(self) -> list[float]:
-        """Stiffness as seen by the commands. Shape (3,)."""
-        pairs = zip(self.response, self.stiffness, strict=True)
-        return [response.share * stiffness.k_N_m for response, stiffness in pairs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,12 +150,13 @@ def begin(
     T_command: pin.SE3, T_measured: pin.SE3, k: Vector | None, settings: AdaptiveSettings
 ) -> AdaptiveState:
     """Return the state of a tool at rest; `k`: stiffness identified here before. Shape (3,)."""
-    assumed = (settings.stiffness.stiffest_N_m,) * 3
+    k_N_m = k or (settings.stiffness.stiffest_N_m,) * 3
     return AdaptiveState(
         ContactTravel(T_command.copy()),
         ContactTravel(T_measured.copy()),
-        [Stiffness(k_N_m, is_identified=k is not None) for k_N_m in k or assumed],
+        [Stiffness(axis_N_m, is_identified=k is not None) for axis_N_m in k_N_m],
         [ResponseShare() for _ in range(3)],
+        k_N_m,
     )
 
 
@@ -182,7 +178,9 @@ def step(
     R_base_tcp = sample.motion.T_base_tcp.rotation
     R_tcp_base: Rows = R_base_tcp.T.tolist()
     update_estimates(state, sample, R_tcp_base, settings)
-    k, model, in_contact = state.k_N_m, state.command.delay_model, state.free_s == 0.0
+    estimates = zip(state.response, state.stiffness, strict=True)
+    k = state.k_N_m = [response.share * stiffness.k_N_m for response, stiffness in estimates]
+    model, in_contact = state.command.delay_model, state.free_s == 0.0
     Ki, w = gain_for(k, settings, sample.dt_s)
     Ki = reduced_as_requested(Ki, sample.gains, R_tcp_base, settings)
     in_flight_m = rotated(R_tcp_base, plus(model.command, model.filtered, -1.0))

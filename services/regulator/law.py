@@ -137,8 +137,12 @@ def next_motion(
     speed_m_s: Vector = ZERO3
     approach_m_s = 0.0
     if sample.mode != "position":
+        last_Nm = before.error_torque_Nm or error_Nm
         Kp, Ki = gains.torque_p_rad_per_Nm, gains.torque_i_rad_per_Nms
-        step_rad = _pi_step(Kp, Ki, error_Nm, before.error_torque_Nm, dt_s=dt_s)
+        step_rad = [
+            p * (e - e_last) + i * e * dt_s
+            for p, i, e, e_last in zip(Kp, Ki, error_Nm, last_Nm, strict=True)
+        ]
         turn_rad = limit_norm(masked(step_rad, sample, 3), settings.speed_max_rad_s * dt_s)
         R_base_tcp = rotate_about_base_axes(R_base_tcp, np.array(turn_rad))
     if sample.mode != "orientation" and contact == "approach":
@@ -156,22 +160,17 @@ def next_motion(
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
 
 
-def _pi_step(
-    Kp: Vector, Ki: Vector, error: Vector, last: Vector | None, *, dt_s: float
-) -> list[float]:
-    """Return Kp (e - e_last) + Ki e dt. Shapes (3,)."""
-    rows = zip(Kp, Ki, error, last or error, strict=True)
-    return [p * (e - e_last) + i * e * dt_s for p, i, e, e_last in rows]
-
-
 def _yielding(
     sample: LawInput, settings: LawSettings, error_N: Vec3, integral_m_s: Vec3 | None
 ) -> Vec3:
     """Return the shift along the free axes, limited in speed and acceleration [m]. Shape (3,)."""
     before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    Ki = gains.force_i_m_per_Ns if integral_m_s is None else ZERO3
-    pi_m = _pi_step(gains.force_p_m_per_N, Ki, error_N, before.error_force_N, dt_s=dt_s)
-    step_m = plus(pi_m, integral_m_s or ZERO3, dt_s)
+    last_N = before.error_force_N or error_N
+    Kp, Ki_e = gains.force_p_m_per_N, integral_m_s or map(mul, gains.force_i_m_per_Ns, error_N)
+    step_m = [
+        p * (e - e_last) + i_e * dt_s
+        for p, i_e, e, e_last in zip(Kp, Ki_e, error_N, last_N, strict=True)
+    ]
     shift_m = limit_norm(masked(step_m, sample, 0), settings.speed_max_m_s * dt_s)
     before_m = plus(ZERO3, masked(before.speed_m_s, sample, 0), dt_s)
     change_m = limit_norm(plus(shift_m, before_m, -1.0), settings.accel_max_m_s2 * dt_s**2)

@@ -33,11 +33,21 @@ class SurfaceMotion:
     accel_m_s2: float = 0.0
     lag_s: float = 0.0  # lag of the speed estimate
 
-    def update(self, measured_m: float, dt_s: float, time_s: float) -> None:
-        """Update the estimate by a measured position `measured_m`; T is `time_s`."""
+    def update(
+        self, measured_m: float, dt_s: float, *, time_s: float, ahead_s: float, share: float
+    ) -> tuple[float, float]:
+        """Update the estimate; return travel [m] in a time to come and speed after it.
+
+        Args:
+            measured_m: Measured position.
+            dt_s: Time since the last one.
+            time_s: T.
+            ahead_s: The time to come.
+            share: Share of the acceleration that is used in it.
+        """
         if self.position_m is None:
             self.position_m, self.lag_s = measured_m, 2.0 * time_s
-            return
+            return 0.0, 0.0
         pole = exp(-dt_s / time_s)
         expected_m = self.position_m + self.speed_m_s * dt_s
         error_m = measured_m - expected_m
@@ -45,12 +55,9 @@ class SurfaceMotion:
         self.accel_m_s2 = pole * self.accel_m_s2 + (1.0 - pole) * gained_m_s / dt_s
         self.position_m = expected_m + (1.0 - pole * pole) * error_m
         self.speed_m_s += gained_m_s
-
-    def ahead(self, time_s: float, share: float) -> tuple[float, float]:
-        """Return travel [m] in a time and speed after it, with a share of the acceleration."""
         accel_m_s2 = share * self.accel_m_s2
-        travel_m = (self.speed_m_s + accel_m_s2 * (self.lag_s + 0.5 * time_s)) * time_s
-        return travel_m, self.speed_m_s + accel_m_s2 * (self.lag_s + time_s)
+        travel_m = (self.speed_m_s + accel_m_s2 * (self.lag_s + 0.5 * ahead_s)) * ahead_s
+        return travel_m, self.speed_m_s + accel_m_s2 * (self.lag_s + ahead_s)
 
 
 @dataclass(slots=True)
@@ -106,16 +113,18 @@ class SurfaceTracking:
         if not self.near:
             self.drift, self.steadiness, self.trim_m_s = SurfaceMotion(), 0.0, 0.0
             return 0.0, 0.0
-        time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
-        drift.update(filtered_travel_m + (force_N + inertial_N) / k_N_m, dt_s, time_s)
         is_steady = abs(error_N) < STEADY_N
         steadiness_s = STEADY_UP_S if is_steady else STEADY_DOWN_S
         self.steadiness += (is_steady - self.steadiness) * min(1.0, dt_s / steadiness_s)
+        surface_m = filtered_travel_m + (force_N + inertial_N) / k_N_m
+        time_s = max(DRIFT_TAUS * tau_s, DRIFT_LEAST_S, dt_s)
+        travel_m, speed_m_s = drift.update(
+            surface_m, dt_s, time_s=time_s, ahead_s=tau_s - dt_s, share=self.steadiness
+        )
         most_m_s = TRIM_SHARE * self.share * abs(drift.speed_m_s) + TRIM_LEAST_M_S
         trim_m_s = self.trim_m_s + Ki * error_N / (TRIM_TAUS * tau_s) * self.share * dt_s
         self.trim_m_s = min(max(trim_m_s, -most_m_s), most_m_s)
         root_N = k_N_m * tau_s * drift.speed_m_s
         height_N2 = root_N * root_N
         used_share = self.share * height_N2 / (height_N2 + DRIFT_NOISE_N**2)
-        travel_m, speed_m_s = drift.ahead(tau_s - dt_s, self.steadiness)
         return used_share * travel_m, used_share * speed_m_s + self.trim_m_s

@@ -81,7 +81,7 @@ class SetpointShaper:
 
     def seed(self, T_measured: pin.SE3, now_ns: int) -> Trip | None:
         """Check the first set point of a stream, which can only be sent unchanged."""
-        if self._share(self._steps_to(T_measured), now_ns) < 1.0:
+        if self.share(self._steps_to(T_measured), now_ns) < 1.0:
             return tripped("acceleration", "the arm is too far from the last set point sent")
         self._flows = True
         return None
@@ -94,12 +94,10 @@ class SetpointShaper:
     def release(self, T_target: pin.SE3, now_ns: int) -> pin.SE3 | None:
         """Return the pose to send now, `T_target` or one towards it; None: not yet."""
         steps = self._steps_to(T_target)
-        share = self._share(steps, now_ns)
+        share = self.share(steps, now_ns)
         if not self._flows or (share < LEAST_SHARE and self._sent):
             return None
-        share = min(share, self._share_behind(steps[0], now_ns))
-        for step, most in zip(steps, self._step, strict=True):
-            share = min(share, most / max(step, NOTHING))
+        share = min(share, self._share_behind(steps[0], now_ns), self._share_of_step(steps))
         T = T_target
         if share < 1.0 and self.last is not None:
             T = interpolated(self.last, T_target, share)
@@ -127,7 +125,11 @@ class SetpointShaper:
         self._backlog_m -= most_m
         return most_m / travel_m
 
-    def _share(self, steps: Steps, now_ns: int) -> float:
+    def _share_of_step(self, steps: Steps) -> float:
+        """Return the share of the travel that is one step."""
+        return min(most / max(step, NOTHING) for step, most in zip(steps, self._step, strict=True))
+
+    def share(self, steps: Steps, now_ns: int) -> float:
         """Return the share of the travel to a pose that may be sent now, 0 to 1."""
         while self._sent and now_ns - self._sent[0][0] > WINDOW_NS:
             self._sent.popleft()

@@ -231,6 +231,15 @@ def test_a_number_that_is_not_finite_is_a_trip_in_every_rule(bad: float) -> None
         assert [trip.code if trip else None for trip in trips] == ["not_finite"] * len(trips)
 
 
+@pytest.mark.parametrize("number", NOT_FINITE)
+def test_a_wrench_must_be_finite_where_no_ceiling_applies(number: float) -> None:
+    """As the limits for backing off: an infinite force is not below an infinite ceiling."""
+    limits, v = replace(LIMITS, force_N=math.inf, torque_Nm=math.inf), np.array([0.0, number, 0.0])
+    for trip in (check_wrench(limits, v, np.zeros(3)), check_wrench(limits, np.zeros(3), v)):
+        assert trip is not None
+        assert trip.code == "not_finite"
+
+
 @pytest.mark.parametrize("huge", HUGE)
 def test_a_huge_number_is_a_trip_that_can_be_sent(huge: float) -> None:
     """Finite numbers whose squares are not finite: the rule they broke, not an exception."""
@@ -255,6 +264,35 @@ def test_a_turn_of_exactly_the_limit_is_allowed(check: Any) -> None:
     for limit, rule in ((angle, None), (math.nextafter(angle, 0.0), check.__name__[6:])):
         trip = check(replace(LIMITS, step_rad=limit, tether_rad=limit), T_from, T_to)
         assert (trip and trip.code) == rule
+
+
+@pytest.mark.parametrize(
+    ("check", "far", "rotated"),
+    [
+        (
+            check_step,
+            "set point 30.0 mm away from the arm",
+            "set point 20.0 degrees away from the arm",
+        ),
+        (
+            check_tether,
+            "30 mm away from the pose at arming",
+            "rotated 20.0 degrees from the pose at arming, limits.tether_deg is 10",
+        ),
+    ],
+)
+def test_a_trip_for_a_distance_gives_millimetres_and_degrees(check, far, rotated) -> None:
+    """Numbers inside are in SI units."""
+    ten = math.radians(10.0)
+    limits = replace(LIMITS, step_m=0.01, tether_m=0.01, step_rad=ten, tether_rad=ten)
+    T_from = pose_at(CENTRE)
+    for T_to, text in (
+        (pose_at(CENTRE + np.array([0.0, 0.03, 0.0])), far),
+        (pose_at(CENTRE, [0.0, 0.0, 2.0 * ten]), rotated),
+    ):
+        trip = check(limits, T_from, T_to)
+        assert trip is not None
+        assert trip.text == text
 
 
 def test_a_plane_itself_is_inside_and_the_next_number_behind_it_is_not() -> None:
@@ -283,6 +321,8 @@ def test_angles_and_limits_that_do_not_pair_are_an_error(number: int) -> None:
     bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
     with pytest.raises(ValueError, match="zip"):
         bounds.measured(pose_at(CENTRE), MIDDLE, track)
+    with pytest.raises(ValueError, match="zip"):
+        _ = JointTrack(((0, np.zeros(6)), (10**9, np.zeros(number)))).speed_rad_s
     for limits in (
         replace(LIMITS, workspace_min_m=np.full(number - 3, -9.0)),
         replace(LIMITS, workspace_max_m=np.full(number - 3, 9.0)),

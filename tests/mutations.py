@@ -76,6 +76,7 @@ JUDGES = {
         "unit/services/regulator/test_guards_exact",
         "unit/services/regulator/test_guards",
         "unit/services/regulator/test_guards_oscillation",
+        "unit/services/regulator/test_guards_restart",
         "unit/common/motion/test_last_check_corners",
         "unit/services/regulator/test_service",
     ),

@@ -1,10 +1,30 @@
-"""One step of the regulator's monitors from a state that stays as it is."""
+"""Samples for the regulator's monitors, and one step of them from a state that stays as it is.
+
+The press axis is base -z: the tool points down unless a test turns it.
+"""
 
 from copy import deepcopy
 from dataclasses import replace
+from typing import Any
 
-from forcemesh.messages import Trip
+import numpy as np
+import pinocchio as pin
+
+from forcemesh.messages import ZERO3, Trip
 from services.regulator.guards import GuardSample, GuardSettings, GuardState, watch
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def guard_sample(
+    contact: Any, force_N: Any = (0.0, 0.0, 0.0), p_m: Any = (0.0, 0.0, 0.0), **changes: Any
+) -> GuardSample:
+    """Return one sample."""
+    T = pin.SE3(changes.pop("R", DOWN), np.array(p_m))
+    fields: dict[str, Any] = {"torque_Nm": ZERO3, "moved_m": ZERO3, "turned_rad": ZERO3}
+    fields |= {"error": (0.0,) * 6, "limited": (False,) * 3, "setpoint_N": 8.0}
+    fields |= {"presses": True, "rotates": False, "follows": False, "dt_s": 0.004} | changes
+    return GuardSample(force_N=force_N, T_base_tcp=T, contact=contact, **fields)
 
 
 def watched(

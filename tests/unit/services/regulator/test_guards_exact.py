@@ -19,14 +19,12 @@ from services.regulator.guards import (
     GuardSettings,
     GuardState,
     HalfWaves,
-    kept_over_restart,
 )
 from services.regulator.law import LawInput, LawMotion, start_at
 from tests.fakes.bench import CELL
-from tests.fakes.guard_steps import watched
+from tests.fakes.guard_steps import DOWN, guard_sample, watched
 from tuning.gain_rule import tune
 
-DOWN = np.diag([1.0, -1.0, -1.0])
 Z_ONLY = (False, False, True)
 NOT_Z = (True, True, False)
 GAINS = PiGains.of(tune(CELL).gains)
@@ -41,17 +39,6 @@ SETTINGS = GuardSettings(
     half_wave_shortest_s=0.016,
     half_wave_longest_s=0.25,
 )
-
-
-def guard_sample(
-    contact: Any, force_N: Any = (0.0, 0.0, 0.0), p_m: Any = (0.0, 0.0, 0.0), **changes: Any
-) -> GuardSample:
-    """Return one sample."""
-    T = pin.SE3(changes.pop("R", DOWN), np.array(p_m))
-    fields: dict[str, Any] = {"torque_Nm": ZERO3, "moved_m": ZERO3, "turned_rad": ZERO3}
-    fields |= {"error": (0.0,) * 6, "limited": (False,) * 3, "setpoint_N": 8.0}
-    fields |= {"presses": True, "rotates": False, "follows": False, "dt_s": 0.004} | changes
-    return GuardSample(force_N=force_N, T_base_tcp=T, contact=contact, **fields)
 
 
 def next_above(number: float) -> float:
@@ -408,59 +395,3 @@ def test_an_oscillation_is_reported_by_the_norm_of_the_force_error() -> None:
             swing = [HalfWaves(count=half_waves * (k == axis)) for k in range(6)]
             sample = guard_sample("contact", error=error)
             assert numbers(watched(GuardState(swing=swing), sample, SETTINGS)[1]) == expected
-
-
-# --- state kept over a change ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("first", "touched", "present", "lives_on"),
-    [
-        ("approach", False, "approach", False),
-        ("free", False, "free", False),
-        ("approach", True, "contact", True),
-        ("approach", True, "approach", True),
-        ("contact", True, "contact", True),
-        ("contact", True, "free", False),
-        ("contact", True, "approach", False),
-        ("free", True, "approach", False),
-    ],
-)
-def test_a_change_of_set_point_keeps_the_budgets_of_a_press(
-    first: Any, touched: bool, present: Any, lives_on: bool
-) -> None:
-    """Budgets continue from the first touch; a press begun in contact and now free starts anew."""
-    before = GuardState(
-        first=guard_sample(first),
-        began_free=first == "approach",
-        worked=guard_sample(present),
-        touched=touched,
-        found=True,
-        environment_work_J=0.02,
-        tool_work_J=0.03,
-        p_search_m=ZERO3,
-        swing=[HalfWaves(count=9) for _ in range(6)],
-    )
-    now = kept_over_restart(before)
-    kept = (now.first, now.worked, now.touched, now.environment_work_J, now.tool_work_J)
-    same = (before.first, before.worked, True, 0.02, 0.03)
-    assert kept == (same if lives_on else (None, None, False, 0.0, 0.0))
-    assert (now.found, now.p_search_m) == (False, None)
-    assert now.swing == [HalfWaves()] * 6
-    assert now.yielding is before.yielding
-
-
-def test_a_change_before_the_first_sample_carries_nothing() -> None:
-    """After two requests within one period no motion has occurred."""
-    now = kept_over_restart(GuardState())
-    nothing = (None, None, False, False, False, False, 0.0, 0.0)
-    assert (
-        now.first,
-        now.worked,
-        now.began_free,
-        now.touched,
-        now.verified,
-        now.found,
-        now.environment_work_J,
-        now.tool_work_J,
-    ) == nothing

@@ -3,37 +3,25 @@
 H25 not finite, H26 silent and frozen, H27 saturated, H33 wrench and pose apart in time.
 """
 
-from collections.abc import Callable
 from typing import Any
 
-import msgpack
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from bench.sensor_faults import Disturb, frozen
 from common.config.load import cell_from_tree
-from forcemesh import topics
-from forcemesh.bus import Reading
-from forcemesh.codec import Header
 from forcemesh.errors import ConfigError
 from forcemesh.faults import FAULTS
-from forcemesh.messages import SensorWrench
-from forcemesh.requests import ArmRequest, MoveRequest
-from launch.virtual_cell import VirtualCell
 from services.wrench.plausibility import (
     NO_FAULT,
     WILD_APART,
     ReadingCheck,
     ReadingLimits,
 )
-from services.wrench.service import Pairing, sensor_fault
-from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import CELL
-from tests.fakes.lab import Lab
-from tests.fakes.wrench_bench import REPORT_S, SENSOR_S, WrenchBench
+from tests.fakes.wrench_bench import SENSOR_S
 
 BOUNDS = ReadingLimits.of(CELL)
 REST = np.array([1.0, -2.0, 12.0, 0.1, 0.2, 0.3])
@@ -287,171 +275,3 @@ def test_a_cleared_check_is_a_new_one_that_remembers_its_spikes() -> None:
         assert check.fault_of(tuple(reading.tolist()), PERIOD_S) == NO_FAULT
         assert check.accepted
     assert check.spikes == 1
-
-
-# --- on the bus -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
-@pytest.mark.parametrize("field", ["force_N", "torque_Nm"])
-def test_raw_numbers_that_are_not_finite_are_reported_at_once(field: str, value: float) -> None:
-    """H25: another driver sends them in its bytes; the first sample is reported."""
-    bench = WrenchBench()
-    bench.settle()
-    bench.sensor = {field: (0.5, 12345.0, 0.5)}
-    put = bench.transport.publish
-
-    def intercept(key: str, _qos: Any) -> Callable[[bytes], None]:
-        send = put(key, _qos)
-
-        def change(data: bytes) -> None:
-            fields = msgpack.unpackb(data)
-            if fields.get(field) == [0.5, 12345.0, 0.5]:
-                fields[field] = [0.5, value, 0.5]
-            send(msgpack.packb(fields))
-
-        return change
-
-    bench.transport.publish = intercept  # type: ignore[method-assign]
-    bench.replace_writer(topics.SENSOR_WRENCH)
-    bench.step()
-    assert (bench.published().valid, bench.published().code) == (False, "not_finite")
-
-
-def test_a_pose_too_old_for_its_wrench_is_reported_as_misaligned() -> None:
-    """H33: poses arrive at their rate, but 60 ms late; silence of the robot has another code."""
-    bench = WrenchBench()
-    bench.settle()
-    waiting: list[tuple[int, bytes]] = []
-    put = bench.transport.publish
-
-    def late(key: str, _qos: Any) -> Callable[[bytes], None]:
-        send = put(key, _qos)
-
-        def delay(data: bytes) -> None:
-            now_ns = bench.clock.now_ns()
-            waiting.append((now_ns + 60_000_000, data))
-            while waiting and waiting[0][0] <= now_ns:
-                send(waiting.pop(0)[1])
-
-        return delay
-
-    bench.transport.publish = late  # type: ignore[method-assign]
-    bench.replace_writer(topics.ROBOT_STATE)
-    bench.transport.publish = put  # type: ignore[method-assign]
-    bench.pass_s(0.07)
-    found = bench.published()
-    assert (found.valid, found.code) == (False, "misaligned")
-    assert "60 ms apart, the limit is 50 ms" in found.reason
-
-
-@given(st.lists(st.tuples(st.booleans(), st.integers(0, 200)), min_size=1, max_size=30))
-@settings(max_examples=50)
-def test_only_a_late_input_is_misaligned(stream: list[tuple[bool, int]]) -> None:
-    """A silent input is never late: the gap is that of the last message."""
-    pairing, stamps, seqs = Pairing(), [0, 0], [1, 1]
-    for is_robot, late_ms in stream:
-        stamps[is_robot] = max(stamps) - late_ms * 1_000_000
-        seqs[is_robot] += 1
-        pairing.update(header(seqs[0], stamps[0]), header(seqs[1], stamps[1]))
-        apart_s = (stamps[not is_robot] - stamps[is_robot]) / 1e9
-        assert pairing.apart_s == pytest.approx(apart_s)
-
-
-def header(seq: int, stamp_ns: int) -> Any:
-    """Return a header of one clock."""
-    return Header(seq=seq, epoch=1, boot="one", stamp_ns=stamp_ns)
-
-
-# --- in the cell ----------------------------------------------------------------------------------
-
-
-def disturbed(**changes: Any) -> Disturb:
-    """Return a sensor disturbance that adds force or sets a status."""
-    added_N = np.array(changes.get("added_N", (0.0, 0.0, 0.0)))
-
-    def disturb(sample: FtSample) -> FtSample:
-        status = changes.get("status", sample.status)
-        return FtSample(sample.force_N + added_N, sample.torque_Nm, status, sample.counter)
-
-    return disturb
-
-
-FAULTY: dict[str, tuple[Callable[[], Disturb], str, float]] = {
-    "saturated bit": (lambda: disturbed(status="saturated"), "sensor_saturated", 0.010),
-    "near its range": (lambda: disturbed(added_N=(480.0, 0.0, 0.0)), "sensor_saturated", 0.010),
-    "own fault": (lambda: disturbed(status="fault"), "sensor_fault", 0.010),
-    "not finite": (lambda: disturbed(added_N=(np.nan, 0.0, 0.0)), "not_finite", 0.010),
-    "jump": (lambda: disturbed(added_N=(0.0, 250.0, 0.0)), "sensor_jump", 0.012),
-    "frozen": (frozen, "sensor_frozen", FREEZE_AT_MOST_S),
-    "silent": (
-        lambda: lambda _: None,
-        "sensor_silent",
-        CELL.stale_after_s(topics.SENSOR_WRENCH) + 0.01,
-    ),
-}
-
-
-@pytest.mark.parametrize("name", FAULTY)
-def test_every_fault_of_the_sensor_holds_the_pressing_arm_with_its_code(name: str) -> None:
-    """H25 to H27 while pressing: in time, by its code, without more force, and permanently."""
-    make, code, in_time_s = FAULTY[name]
-    lab = Lab()
-    lab.press()
-    before_N = float(np.linalg.norm(lab.cell.arm.true_wrench().force_N))
-    lab.cell.arm.ft_sensor.disturb = make()
-    took_s = lab.seconds_until(lambda: lab.now(lab.command).permission is None, in_time_s + 0.05)
-    assert took_s <= in_time_s
-    lab.cell.advance(0.06)
-    assert lab.status.state in {"FAULT", "HOLDING"}
-    named = {trip.code for trip in lab.status.trips}
-    if name == "silent":  # the arbiter may find the pose too far from the last sample first
-        named.add(lab.now(lab.wrench).code)
-    assert code in named
-    lab.cell.advance(0.3)
-    assert np.linalg.norm(lab.cell.arm.true_wrench().force_N) <= before_N + 1.0
-    lab.cell.arm.ft_sensor.disturb = lambda sample: sample
-    lab.cell.advance(1.0)
-    lab.assert_still(0.3)
-
-
-def test_a_single_wrong_sample_reaches_every_reader() -> None:
-    """The fault of one sample is published for as long as the topic's deadline lasts."""
-    bench = WrenchBench()
-    bench.settle()
-    bench.sensor = {"status": "fault"}
-    bench.step()
-    bench.sensor = {}
-    for _ in range(round(REPORT_S / SENSOR_S) - 1):
-        bench.step()
-        assert (bench.published().valid, bench.published().code) == (False, "sensor_fault")
-    bench.step(3)
-    assert bench.published().valid
-
-
-def test_collisions_at_the_speed_limit_are_no_sensor_faults() -> None:
-    """A move into the plate at 0.25 m/s ends by the force ceiling or in the plate."""
-    lab = Lab()
-    lab.lift()
-    lab.cell.advance(3.0)
-
-    lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=lab.target(z_m=-0.12), speed_m_s=0.25))
-    lab.cell.advance(2.0)
-    assert not [trip.code for trip in lab.status.trips if trip.code.startswith("sensor")]
-
-
-def test_a_silent_sensor_has_its_own_code() -> None:
-    """Missing and stale inputs are silence under any code of the reader."""
-    silent: Reading[SensorWrench] = Reading(None, None, 9.0, "stale", silent=True, code="stale")
-    assert sensor_fault(silent).code == "sensor_silent"
-
-
-def test_the_cell_starts_and_arms_with_the_checks_on() -> None:
-    """At rest there is no false fault, from the first sample on."""
-    cell = VirtualCell(CELL)
-    wrench = cell.client.reader(topics.WRENCH)
-    cell.advance(0.02)
-    for _ in range(100):
-        cell.advance(0.03)
-        assert wrench.read(cell.clock.now_ns()).fault == ""
-    assert cell.client.ask(topics.ARM, ArmRequest()).accepted

@@ -210,7 +210,7 @@ def goal_trip(
     """Check a goal against the path that this process has computed itself.
 
     Args:
-        own: Result of `plan` with this process's own readings.
+        expected: Result of `plan` with this process's own readings.
         T_from: Present flange pose in base.
         T_to: The goal, flange in base.
         speed: How fast.

@@ -38,13 +38,6 @@ def skew(v: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Return a x b. Shape (3,). In plain numbers: numpy's function takes ten times as long."""
-    ax, ay, az = a.tolist()
-    bx, by, bz = b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
-
-
 def length(vector: Array) -> float:
     """Return the norm; unlike numpy's it overflows only when the norm itself does."""
     return math.hypot(*vector.tolist())
@@ -197,8 +190,8 @@ def dot(a: Vector, b: Vector) -> float:
     return x * u + y * v + z * w
 
 
-def cross_product(a: Vector, b: Vector) -> Vec3:
-    """Return a x b; `cross` is the same for arrays."""
+def cross(a: Vector, b: Vector) -> Vec3:
+    """Return a x b."""
     x, y, z = a
     u, v, w = b
     return (y * w - z * v, z * u - x * w, x * v - y * u)

@@ -25,7 +25,7 @@ from common.config.cell import CellConfig
 from common.motion.frames import (
     Rows,
     Vector,
-    cross_product,
+    cross,
     dot,
     plus,
     rotate_about_base_axes,
@@ -154,7 +154,7 @@ def next_motion(
         shift_m = _yielding(sample, settings, error_N, integral_m_s)
         speed_m_s = plus(ZERO3, shift_m, 1.0 / dt_s)
         if lever_m is not None:
-            shift_m = plus(shift_m, cross_product(turn_rad, lever_m), -1.0)
+            shift_m = plus(shift_m, cross(turn_rad, lever_m), -1.0)
             shift_m = limit_norm(masked(shift_m, sample, 0), settings.speed_max_m_s * dt_s)
     T_base_tcp = pin.SE3(R_base_tcp, before.T_base_tcp.translation + shift_m)
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
@@ -197,7 +197,7 @@ def contact_of(sample: LawInput, press_axis: Vec3, touch_N: float) -> tuple[Cont
     square = dot(force_N, force_N)
     if square < touch_N * touch_N:
         return contact, ZERO3
-    lever_m = plus(ZERO3, cross_product(force_N, sample.torque_Nm), 1.0 / square)
+    lever_m = plus(ZERO3, cross(force_N, sample.torque_Nm), 1.0 / square)
     return contact, limit_norm(lever_m, LONGEST_CONTACT_LEVER_M)
 
 
@@ -211,7 +211,7 @@ def motion_between(
     moved_m: Vec3 = (T_to.translation - T_from.translation).tolist()
     turned_rad: Vec3 = rotation_between(T_from.rotation, T_to.rotation).tolist()
     if lever_m is not None:
-        moved_m = plus(moved_m, cross_product(turned_rad, lever_m))
+        moved_m = plus(moved_m, cross(turned_rad, lever_m))
     return moved_m, turned_rad
 
 

@@ -16,7 +16,7 @@ from common.motion.frames import (
     R_from_oat,
     R_from_quaternion,
     apart,
-    cross_product,
+    cross,
     dot,
     is_finite_pose,
     oat_from_R,
@@ -304,4 +304,4 @@ def test_plain_numbers_and_arrays_have_the_same_results(turn, v, w, times) -> No
     assert rotated(R.tolist(), v.tolist()) == pytest.approx(R @ v, abs=1e-12)
     assert plus(v.tolist(), w.tolist(), times) == pytest.approx(v + times * w, abs=1e-12)
     assert dot(v.tolist(), w.tolist()) == pytest.approx(v @ w, abs=1e-12)
-    assert cross_product(v.tolist(), w.tolist()) == pytest.approx(np.cross(v, w), abs=1e-12)
+    assert cross(v.tolist(), w.tolist()) == pytest.approx(np.cross(v, w), abs=1e-12)

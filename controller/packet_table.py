@@ -140,7 +140,6 @@ class Quantity(NamedTuple):
 
     unit: str
     per_si: float  # units per SI unit
-    si: float  # one unit in SI
     scale: str | int = 1  # packet units per unit: a name in `Scales`, or fixed
 
 
@@ -181,20 +180,20 @@ def _values(*groups: tuple[Quantity, str]) -> PacketValues:
     )
 
 
-_DEG_PER_RAD, _RAD_PER_DEG = 180.0 / pi, pi / 180.0
-_PLAIN = Quantity("", 1.0, 1.0)
-_MS = Quantity("ms", 1e3, 1e-3)
-_MM = Quantity("mm", 1e3, 1e-3, "position_per_mm")
-_MM_S = Quantity("mm/s", 1e3, 1e-3, "speed_per_mm_s")
-_DEG = Quantity("deg", _DEG_PER_RAD, _RAD_PER_DEG, "oat_per_deg")
-_JOINT = Quantity("deg", _DEG_PER_RAD, _RAD_PER_DEG, "joint_per_deg")
-_N = Quantity("N", 1.0, 1.0, "force_per_N")
-_NM = Quantity("N m", 1.0, 1.0, "torque_per_Nm")
-_PERCENT = Quantity("%", 1e2, 1e-2, PERCENT)
-_P_FORCE = Quantity("mm/N", 1e3, 1e-3, GAIN_P)
-_I_FORCE = Quantity("mm/(N s)", 1e3, 1e-3, GAIN_I)
-_P_TORQUE = Quantity("deg/(N m)", _DEG_PER_RAD, _RAD_PER_DEG, GAIN_P)
-_I_TORQUE = Quantity("deg/(N m s)", _DEG_PER_RAD, _RAD_PER_DEG, GAIN_I)
+_DEG_PER_RAD = 180.0 / pi
+_PLAIN = Quantity("", 1.0)
+_MS = Quantity("ms", 1e3)
+_MM = Quantity("mm", 1e3, "position_per_mm")
+_MM_S = Quantity("mm/s", 1e3, "speed_per_mm_s")
+_DEG = Quantity("deg", _DEG_PER_RAD, "oat_per_deg")
+_JOINT = Quantity("deg", _DEG_PER_RAD, "joint_per_deg")
+_N = Quantity("N", 1.0, "force_per_N")
+_NM = Quantity("N m", 1.0, "torque_per_Nm")
+_PERCENT = Quantity("%", 1e2, PERCENT)
+_P_FORCE = Quantity("mm/N", 1e3, GAIN_P)
+_I_FORCE = Quantity("mm/(N s)", 1e3, GAIN_I)
+_P_TORQUE = Quantity("deg/(N m)", _DEG_PER_RAD, GAIN_P)
+_I_TORQUE = Quantity("deg/(N m s)", _DEG_PER_RAD, GAIN_I)
 
 _POSE = (_values((_MM, "X, Y, Z"), (_DEG, "O, A, T")),)
 _JOINTS = (_values((_JOINT, "JT1, JT2, JT3, JT4, JT5, JT6")),)

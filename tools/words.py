@@ -42,7 +42,6 @@ ALLOWED = {
     ): "an ID in Zenoh's log",
     ("services/sensor/rdt_driver.py", "stranger"): "part of the code sensor_stranger",
     ("services/panel/scene.py", "look"): "an attribute of viser's camera",
-    ("sim/robot/render.py", "look"): "the point that a camera looks at, as viser calls it",
 }
 
 

@@ -92,7 +92,7 @@ def ours(world: SceneSettings) -> tuple[Release, Release]:
             if abs(rig.push_N() - setpoint_N) < 0.5 * BAND_N:
                 break
         rig.run(pilot, 0.3 + 2.0 / (5e-3 * world.stiffness_N_m))
-    stiffness_ratio = float(pilot.state.k[2]) / world.stiffness_N_m
+    stiffness_ratio = float(pilot.state.k_N_m[2]) / world.stiffness_N_m
     identified = release(rig, pilot, world, longest_s)
     return first, Release(
         identified.settling_s, identified.overshoot_pct, identified.tau_s, stiffness_ratio

@@ -153,7 +153,7 @@ def test_an_arm_that_leaves_its_path_is_detected(kind: str) -> None:
     if kind == "pose":
         rig.send("goal", goal=pose_goal(1, shifted(rig.T, z_m=0.05)))
     elif kind == "joints":
-        rig.send("goal", goal=goal(1, "joints", joint_rad=tuple(rig.joint_rad + 0.1)))
+        rig.send("goal", goal=goal(1, "joints", joint_rad=tuple((rig.joint_rad + 0.1).tolist())))
     rig.advance(0.1)
     assert rig.state.hold_code == ""
     wire.T = shifted(wire.T, x_m=0.015)

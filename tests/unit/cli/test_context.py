@@ -13,6 +13,7 @@ from cli.context import (
     USAGE,
     one_line_errors,
 )
+from forcemesh.client.ask import request_in_bounds
 from forcemesh.errors import (
     BusError,
     ConfigError,
@@ -54,7 +55,7 @@ def test_a_number_that_a_request_does_not_accept_is_wrong_usage(
 ) -> None:
     """One line names the number; it is not an internal error."""
     with pytest.raises(typer.Exit) as caught, one_line_errors():
-        ForceStartRequest(mode="position", setpoint_N=wrong)
+        request_in_bounds(ForceStartRequest(mode="position", setpoint_N=wrong))
     assert caught.value.exit_code == USAGE
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("setpoint_N: must be ")

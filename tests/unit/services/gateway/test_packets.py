@@ -228,10 +228,28 @@ def test_a_gain_is_neither_clipped_nor_lost() -> None:
         packets.gains(Gains(torque_i_rad_per_Nms=(0.0, 0.0, 1e-9)), SCALES)
 
 
-@pytest.mark.parametrize("name", Scales.model_fields)
+SCALE_ENDS = {
+    # The lower end is the coarsest unit that is still useful; the upper one lets this fit into
+    # 99 999 units, the largest number of the packet below zero:
+    "position_per_mm": (10, 99_999 // 1000),  # 1 m
+    "oat_per_deg": (100, 99_999 // 180),
+    "joint_per_deg": (50, 99_999 // 360),
+    "force_per_N": (1, 99_999 // 100),
+    "torque_per_Nm": (10, 99_999 // 10),
+    "speed_per_mm_s": (1, 250_000 // 250),  # never negative: 250 mm/s in half of 499 999
+}
+
+
+def test_every_scale_has_its_ends_here() -> None:
+    """A new scale needs a row."""
+    assert SCALE_ENDS.keys() == Scales.model_fields.keys()
+    assert {name: scale_ends(name) for name in SCALE_ENDS} == SCALE_ENDS
+
+
+@pytest.mark.parametrize("name", SCALE_ENDS)
 def test_scales_are_range_checked_at_both_ends(name: str) -> None:
     """Both bounds of every scale bind, and a hello with another value is refused."""
-    low, high = scale_ends(name)
+    low, high = SCALE_ENDS[name]
     for value in (low, high):
         requested = Scales(**{name: value})
         hello = packets.hello(requested, 1).packet(ID_FIRST)

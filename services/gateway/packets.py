@@ -325,7 +325,9 @@ def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | H
     if com == Com.HELLO:
         raise RemoteProtocolError("the controller sent hello twice")
     numbers = zip(packet.vec, _numbers(com, 0, scales.vec), strict=True)
-    a, b, c, d, e, f = [units / scale / number.quantity.per_si for units, (number, scale) in numbers]
+    a, b, c, d, e, f = [
+        units / scale / number.quantity.per_si for units, (number, scale) in numbers
+    ]
     if com == Com.HEALTH:
         return HealthReport(packet.param, int(a), b, int(c), d, ID_FIRST + int(e), f != 0)
     counter, status = unpack_status(packet.param)

@@ -34,6 +34,7 @@ JUDGES = {
         "unit/common/motion/test_limits_windows",
         "unit/common/motion/test_last_check",
         "unit/common/motion/test_last_check_corners",
+        "unit/services/arbiter/test_core_limits",
         "unit/services/arbiter/test_core",
     ),
     "common.motion.rate_limiter": (

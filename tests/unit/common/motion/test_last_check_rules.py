@@ -274,8 +274,9 @@ def test_a_straight_move_that_swings_the_tool_out_is_refused_though_its_end_is_i
 
 
 def test_a_move_of_the_joints_is_judged_by_where_the_tool_goes_where_that_is_known() -> None:
-    """Without the arm's geometry only the joints' ranges are."""
+    """Without the arm's geometry only the joints' ranges are. A pose beside them is not read."""
     turned = Goal(id=1, kind="joints", joint_rad=(1.0, 0.0, -1.5, 0.0, -1.5, 0.0))
+    both = turned.replaced(pose=record_of(DOWN))
 
     def flange_at(q: np.ndarray) -> pin.SE3:
         return shifted(DOWN, x_m=float(q[0]))
@@ -283,7 +284,8 @@ def test_a_move_of_the_joints_is_judged_by_where_the_tool_goes_where_that_is_kno
     for geometry, rule in ((None, ""), (flange_at, "workspace")):
         guard = LastCheck(load_cell(DEMO_CELL), geometry)
         guard.start(DOWN)
-        assert code(guard.goal(turned, Speed(), DOWN, JOINTS)) == rule
+        for goal in (turned, both):
+            assert code(guard.goal(goal, Speed(), DOWN, JOINTS)) == rule
 
 
 @pytest.mark.parametrize(

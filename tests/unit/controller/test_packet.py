@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from controller.packet import FRAME_NAMES, Packet, PacketReader, encode
 from controller.packet_table import (
     COMMANDS,
+    MODES,
     NO_ID,
     REPORTS,
     TABLE,
@@ -255,6 +256,23 @@ def test_ids_are_consecutive_and_go_round(id_: int) -> None:
     assert ID_FIRST <= next_id(NO_ID) <= ID_LAST
     with pytest.raises(LocalProtocolError, match="ID is"):
         encode(Packet(NO_ID, 12))
+
+
+def test_only_these_commands_wait_in_the_ring_of_the_program() -> None:
+    """The program executes them in order, after what waits before them; all others at once."""
+    rings = {row.com.name: len(row.ring) for row in TABLE.values() if row.ring}
+    assert rings == {
+        "MOVE_POSE": 1, "MOVE_JOINTS": 1, "MOVE_BY_JOINTS": 1, "SPEEDS": 1, "SET_POINT": 1,
+        "TCP": 2, "GAINS": 2, "FEEDBACK": 2, "LIMITS": 4,
+    }  # fmt: skip
+
+
+def test_each_mode_of_force_feedback_has_its_bits() -> None:
+    """Both is both."""
+    position, orientation = Status.POSITION_FEEDBACK, Status.ORIENTATION_FEEDBACK
+    both = position | orientation
+    bits = {"position": position, "orientation": orientation, "both": both}
+    assert bits == MODES
 
 
 def test_every_command_has_its_row() -> None:

@@ -85,6 +85,22 @@ def test_the_errors_of_a_sample_are_those_that_the_loop_controls(mode: Any) -> N
     assert first.error == (0.0,) * 6
 
 
+@pytest.mark.parametrize("mode", ["position", "orientation", "both"])
+@pytest.mark.parametrize("setpoint_N", [0.0, 5e-324, 8.0])
+def test_a_sample_presses_with_any_set_point_above_0_unless_it_only_turns(
+    mode: Any, setpoint_N: float
+) -> None:
+    """Whether it turns and follows is the mode's and the law's."""
+    T = pin.SE3(DOWN, np.zeros(3))
+    for law in (LawMotion(T), LawMotion(T, follows=True)):
+        sample = LawInput(ZERO3, ZERO3, setpoint_N, mode, 0.004, GAINS, law, T)
+        found = GuardSample.of(sample, law, T_before=T, wrench=WrenchAtTcp(), touched="")
+        assert found.presses == (mode != "orientation" and setpoint_N > 0.0)
+        assert found.rotates == (mode != "position")
+        assert found.follows == law.follows
+        assert (found.setpoint_N, found.dt_s) == (setpoint_N, 0.004)
+
+
 def test_the_motion_of_a_sample_is_that_of_the_point_of_contact() -> None:
     """Measured since the last sample, with the part of a rotation about the TCP."""
     T = pin.SE3(pin.utils.rotate("z", 0.1) @ DOWN, np.array([0.001, 0.002, 0.003]))

@@ -10,6 +10,7 @@ import pytest
 
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import ArmPurpose, RegulatorTarget, WrenchAtTcp
+from forcemesh.version import __version__
 from services.arbiter.preflight import CHECKS, PreflightContext, Terms, failed_checks, load_text
 from tests.fakes.arbiter_world import CELL, FIT, MOVE_DOWN, T_START, World, shifted
 from tests.fakes.bench import cell_with
@@ -54,6 +55,16 @@ def test_an_arm_that_has_just_moved_is_not_armed() -> None:
     assert refused_with(world) == ("moving", False)
     world.pass_s(0.04)
     assert world.core.arm(world.inputs()).accepted
+
+
+def test_a_process_of_another_version_prevents_arming() -> None:
+    """For every purpose; the refusal names the role and both versions."""
+    world = World().make_ready()
+    world.change("wrench/health", version="0.0.1")
+    world.tick()
+    assert refused_with(world) == ("version", False)
+    text = world.core.arm(world.inputs()).text
+    assert f"wrench runs version 0.0.1, here {__version__}" in text
 
 
 def test_an_arm_whose_controller_reports_motion_is_not_armed() -> None:

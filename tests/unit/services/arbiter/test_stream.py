@@ -11,12 +11,13 @@ from common.motion.convert import pose_of
 from common.motion.limits import ArmBounds, Limits
 from common.motion.rate_limiter import at_rest
 from forcemesh.faults import FAULTS, tripped
-from forcemesh.messages import WrenchAtTcp
+from forcemesh.messages import Trip, WrenchAtTcp
 from services.arbiter.stream import (
     REACTIONS,
     Stopping,
     Tick,
     begin_stop,
+    follow,
     retreat_limits,
     step_stop,
 )
@@ -50,6 +51,16 @@ def run(world: RobotWorld, velocity_m_s: tuple[float, float, float], periods: in
         world.stop_the_regulator()
         if world.core.state == "HOLDING":
             return
+
+
+def test_a_target_that_is_not_finite_ends_the_stream() -> None:
+    """It is refused as a place, and the motion does not follow it."""
+    bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
+    target = T_START.copy()
+    target.translation = np.array([np.nan, 0.5, 0.3])
+    trip = follow(at_rest(T_START), target, bounds, Tick(T_START, 0, DT_S))
+    assert isinstance(trip, Trip)
+    assert trip.code == "not_finite"
 
 
 # --- the table ------------------------------------------------------------------------------------

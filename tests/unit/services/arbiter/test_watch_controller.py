@@ -64,6 +64,14 @@ def test_a_monitor_speed_that_changes_while_pressing_holds(to: float) -> None:
     assert f"became {100 * to:g} %, it was 100 %" in trip.text
 
 
+@pytest.mark.parametrize(("change", "holds"), [(0.004, False), (-0.004, False), (0.006, True)])
+def test_half_a_percent_of_the_monitor_speed_is_rounding(change: float, holds: bool) -> None:
+    """The pendant sets whole percent."""
+    world = measured(World(), monitor_speed_fraction=0.9).make_active("regulator")
+    measured(world, monitor_speed_fraction=0.9 + change)
+    assert (world.tick().permission is None) == holds
+
+
 def test_a_monitor_speed_that_changes_in_a_move_is_accepted() -> None:
     """The move is slower then."""
     world = measured(World(), monitor_speed_fraction=1.0).make_active("operator")

@@ -42,6 +42,13 @@ def refused_with(world: World) -> tuple[str, bool]:
     return everything.code, world.core.arm(world.inputs(), "jog").accepted
 
 
+def residual_unit(world: World) -> str:
+    """Return the unit of the residual that the monitors have found."""
+    residual = world.inputs().watched.residual
+    assert residual is not None
+    return residual.unit
+
+
 # --- conditions of every motion ------------------------------------------------------------------
 
 
@@ -115,6 +122,7 @@ def test_a_residual_force_prevents_force_feedback_but_not_jog() -> None:
     assert "2.5 N are left" in line
     reply = world.core.arm(world.inputs())
     assert (reply.code, reply.value, reply.limit) == ("payload", IDLE_MAX_N + 0.5, IDLE_MAX_N)
+    assert residual_unit(world) == "N"
     assert world.core.arm(world.inputs(), "jog").accepted
 
 
@@ -202,6 +210,7 @@ def test_a_residual_torque_is_reported_like_a_force() -> None:
     world.pass_s(1.0)
     reply = world.core.arm(world.inputs())
     assert (reply.code, reply.limit) == ("payload", CELL.force.idle_max_Nm)
+    assert residual_unit(world) == "N m"
     assert reply.value == pytest.approx(over_Nm)
     assert "N m" in reply.text
 

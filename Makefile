@@ -84,7 +84,7 @@ readme: setup ## write what is generated from the code: docs/bus.md and other pa
 bench: setup ## measure the figures of docs/demo.md
 	@$(BIN)/python -m bench $(ARGS)
 
-bench-chain: setup ## the cell's chain beside bare forwarding processes: ARGS="--full --write" makes docs/chain.md
+bench-chain: setup ## the cell's chain compared with bare forwarding processes: ARGS="--full --write" makes docs/chain.md
 	@$(BIN)/python -m bench.chain $(ARGS)
 
 bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write makes docs/over-tcp.md

@@ -9,8 +9,6 @@ processor time of the hub and the latency of a message through it.
 """
 
 import argparse
-import json
-import multiprocessing
 import os
 import socket
 import time
@@ -25,11 +23,10 @@ import zenoh
 from rich.console import Console
 from rich.table import Table
 
-from common.bus.cell_bus import hub_settings
+from bench.bare_bus import be_the_hub, opened_session, started
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.topics import TOPICS
-from forcemesh.zenoh_settings import client_settings
 from tools.figures import replace_block
 
 DEMO = Path(__file__).parents[1] / "cells" / "demo.yaml"
@@ -111,7 +108,7 @@ def measure() -> dict[str, Measurement]:
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     cell = load_cell(DEMO, {"bus.endpoint": endpoint})
     found = {name: Measurement() for name in CONFIGURATIONS}
-    with _hub(cell) as pid, _session(cell) as writer, _session(cell) as reader:
+    with started(be_the_hub, cell) as pid, _session(cell) as writer, _session(cell) as reader:
         arrived: list[float] = []
 
         def record_arrival(sample: zenoh.Sample) -> None:
@@ -168,41 +165,13 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _opened(cell: CellConfig) -> zenoh.Session:
-    settings = client_settings(cell.bus.endpoint, "monitor", {})
-    give_up_s = time.monotonic() + 30.0
-    while True:
-        try:
-            return zenoh.open(zenoh.Config.from_json5(json.dumps(settings)))
-        except zenoh.ZError:
-            if time.monotonic() > give_up_s:
-                raise
-            time.sleep(0.1)
-
-
 @contextmanager
 def _session(cell: CellConfig) -> Iterator[zenoh.Session]:
-    session = _opened(cell)
+    session = opened_session(cell)
     try:
         yield session
     finally:
         session.close()
-
-
-def _be_the_hub(cell: CellConfig) -> None:
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(hub_settings(cell, cell.bus.endpoint)))):
-        time.sleep(3600.0)
-
-
-@contextmanager
-def _hub(cell: CellConfig) -> Iterator[int]:
-    process = multiprocessing.get_context("spawn").Process(target=_be_the_hub, args=(cell,))
-    process.start()
-    try:
-        yield process.pid or 0
-    finally:
-        process.terminate()
-        process.join()
 
 
 if __name__ == "__main__":

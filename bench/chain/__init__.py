@@ -1,1 +1,1 @@
-"""The chain from sensor to robot in real processes, beside processes that only forward messages."""
+"""The chain from sensor to robot in real processes, and processes that only forward messages."""

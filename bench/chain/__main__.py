@@ -1,7 +1,7 @@
-"""The cell's chain beside bare ones: `make bench-chain`, ARGS=--full, --json, --write, --check.
+"""The cell's chain compared with bare ones: `make bench-chain`; --full, --json, --write, --check.
 
 Cell and bare chains are measured in turn, several times, in one run; what is compared are ratios
-of medians. `--full` also varies rates, busy loops beside them, and SCHED_FIFO.
+of medians. `--full` also varies rates, busy loops at the same time, and SCHED_FIFO.
 """
 
 import argparse

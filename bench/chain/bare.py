@@ -4,27 +4,24 @@
 `tcp` go from each process to the next directly.
 """
 
-import json
 import multiprocessing
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
 from typing import Literal
 
 import numpy as np
 import zenoh
 import zmq
 
+from bench.bare_bus import be_the_hub, opened_session, started
 from bench.chain.load import Load, measured
-from common.bus.cell_bus import hub_settings
 from common.config.cell import CellConfig
 from common.motion.frames import Array
 from common.runtime.realtime import prepare_realtime
-from forcemesh.zenoh_settings import client_settings
 from tests.chaos.common_net import free_port
 
 Kind = Literal["zenoh", "pyzmq", "tcp"]
@@ -37,7 +34,7 @@ SIZE_B = 308  # a message of a cell
 STAMP = struct.Struct("<q")
 END = bytes(SIZE_B)
 ENDS, END_PAUSE_S = 5, 0.05  # Zenoh may drop one
-CONNECT_S = 20.0
+CONNECT_S = 30.0
 WARM_UP_S = 1.0
 
 
@@ -52,11 +49,11 @@ def run(
     with ExitStack() as exits:
         pids = {}
         if kind == "zenoh":
-            pids["hub"] = exits.enter_context(_started(_be_the_hub, cell, realtime))
+            pids["hub"] = exits.enter_context(started(be_the_hub, cell, realtime))
         for number in range(SINK, -1, -1):
             length_s = duration_s + 2.0 * WARM_UP_S
             plan = (kind, number, cell, ports, rate_hz, length_s, realtime, ready, ours[1])
-            pids[_name(number)] = exits.enter_context(_started(_be_a_stage, *plan))
+            pids[_name(number)] = exits.enter_context(started(_be_a_stage, *plan))
         ready.wait(CONNECT_S)
         time.sleep(WARM_UP_S)
         with measured(pids, load):
@@ -69,26 +66,6 @@ def run(
 
 def _name(number: int) -> str:
     return {0: "source", SINK: "sink"}.get(number, f"forwarder {number}")
-
-
-@contextmanager
-def _started(target: Callable[..., None], *arguments: object) -> Iterator[int]:
-    process: SpawnProcess = multiprocessing.get_context("spawn").Process(
-        target=target, args=arguments, daemon=True
-    )
-    process.start()
-    try:
-        yield process.pid or 0
-    finally:
-        process.terminate()
-        process.join()
-
-
-def _be_the_hub(cell: CellConfig, realtime: bool) -> None:  # noqa: FBT001 - of a process
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(hub_settings(cell, cell.bus.endpoint)))):
-        if realtime:
-            prepare_realtime()
-        time.sleep(3600.0)
 
 
 def _be_a_stage(  # noqa: PLR0917 - the plan of a process
@@ -141,8 +118,7 @@ def _emit(send: Send, rate_hz: float, length_s: float) -> None:
 def _by_zenoh(
     number: int, cell: CellConfig, _: list[int], exits: ExitStack
 ) -> tuple[Receive, Send]:
-    config = json.dumps(client_settings(cell.bus.endpoint, "monitor", {}))
-    session = exits.enter_context(_patiently(lambda: zenoh.open(zenoh.Config.from_json5(config))))
+    session = exits.enter_context(opened_session(cell))
     subscriber = session.declare_subscriber(f"bare/{number}", zenoh.handlers.RingChannel(1))
     publisher = session.declare_publisher(
         f"bare/{number + 1}",
@@ -155,17 +131,6 @@ def _by_zenoh(
         return subscriber.recv().payload.to_bytes()
 
     return receive, publisher.put
-
-
-def _patiently(connect: Callable[[], zenoh.Session]) -> zenoh.Session:
-    give_up_s = time.monotonic() + CONNECT_S
-    while True:
-        try:
-            return connect()
-        except zenoh.ZError:
-            if time.monotonic() > give_up_s:
-                raise
-            time.sleep(0.1)
 
 
 def _by_zmq(number: int, _: CellConfig, ports: list[int], exits: ExitStack) -> tuple[Receive, Send]:

@@ -34,12 +34,12 @@ class Case:
 
     def __str__(self) -> str:
         """Return the case in words."""
-        beside = f"{self.busy_loops} busy loops" if self.busy_loops else "quiet"
+        loops = f"{self.busy_loops} busy loops" if self.busy_loops else "quiet"
         priority = "SCHED_FIFO" if self.realtime else "without SCHED_FIFO"
-        return f"sensor {self.sensor_hz} Hz, control {self.control_hz} Hz, {beside}, {priority}"
+        return f"sensor {self.sensor_hz} Hz, control {self.control_hz} Hz, {loops}, {priority}"
 
     def cell(self) -> CellConfig:
-        """Return the cell at free ports, without a deadline that a busy machine would miss."""
+        """Return the cell with these rates, at a free port."""
         return load_cell(
             DEMO,
             {

@@ -54,7 +54,7 @@ def _threads(pid: int) -> Threads:
 
 @contextmanager
 def busy_loops(count: int) -> Iterator[None]:
-    """Run loops without waiting, at normal priority, beside the block."""
+    """Run loops without waiting, at normal priority, during the block."""
     spawn = multiprocessing.get_context("spawn")
     loops = [spawn.Process(target=_spin, daemon=True) for _ in range(count)]
     for loop in loops:

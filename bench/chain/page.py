@@ -20,7 +20,7 @@ def page(found: list[Comparison]) -> str:
     """Return the page as Markdown."""
     usual, *varied = found
     parts = [
-        "# From the sensor to the robot, beside processes that only forward messages",
+        "# From the sensor to the robot, compared with processes that only forward messages",
         _about(usual),
         "![Times from the sensor to the robot, and processor time by process](pictures/chain.png)",
         f"## {usual.case}",
@@ -43,7 +43,7 @@ def _about(each: Comparison) -> str:
         f"Its processor time leaves out MuJoCo's own steps, {each.engine_pct:.0f} % of a core. A "
         "bare chain is a source, three forwarders and a sink at the rate of control, without "
         "decoding. It begins when the source sends, the cell's when the sensor has its sample. A "
-        "client reads four topics of the cell meanwhile, which the hub forwards as well."
+        "client reads four topics of the cell at the same time, which the hub forwards as well."
     )
 
 

@@ -62,7 +62,7 @@ def _laid_over(picture: Pixels, arrow: Pixels) -> Pixels:
 def _camera(
     data: mujoco.MjData, view: dict[str, Any], contact_m: npt.NDArray[np.float64]
 ) -> mujoco.MjvCamera:
-    """Return a camera beside the arm that sees everything from the floor to the highest joint."""
+    """Return a camera next to the arm that sees everything from the floor to the highest joint."""
     points_m = np.vstack((data.xpos[1:], data.geom("floor").xpos * (0.0, 0.0, 1.0)))
     low_m, high_m = points_m.min(axis=0), points_m.max(axis=0)
     heading_deg = np.degrees(np.arctan2(contact_m[1], contact_m[0]))

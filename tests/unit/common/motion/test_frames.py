@@ -224,7 +224,7 @@ def test_a_quaternion_without_direction_is_no_orientation() -> None:
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("entry", range(12))
 def test_a_pose_with_one_number_that_is_not_finite_is_not_finite(number, entry) -> None:
-    """Each of its numbers, also beside a huge one, whose square overflows."""
+    """Each of its numbers, also next to a huge one, whose square overflows."""
     numbers = np.array([*np.eye(3).ravel(), 1.7e308, 0.0, -1.7e308])
     assert is_finite_pose(pin.SE3(numbers[:9].reshape(3, 3), numbers[9:]))
     numbers[entry] = number

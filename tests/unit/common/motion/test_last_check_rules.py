@@ -274,7 +274,7 @@ def test_a_straight_move_that_swings_the_tool_out_is_refused_though_its_end_is_i
 
 
 def test_a_move_of_the_joints_is_judged_by_where_the_tool_goes_where_that_is_known() -> None:
-    """Without the arm's geometry only the joints' ranges are. A pose beside them is not read."""
+    """Without the arm's geometry only the joints' ranges are. A pose in its goal is not read."""
     turned = Goal(id=1, kind="joints", joint_rad=(1.0, 0.0, -1.5, 0.0, -1.5, 0.0))
     both = turned.replaced(pose=record_of(DOWN))
 

@@ -60,9 +60,11 @@ def through(call: Call, owner: Any, *names: str) -> Iterator[None]:
     functions = {name: getattr(owner, name) for name in names}
     for name, function in functions.items():
         setattr(owner, name, lambda *given, function=function: call(function, *given))
-    yield
-    for name, function in functions.items():
-        setattr(owner, name, function)
+    try:
+        yield
+    finally:
+        for name, function in functions.items():
+            setattr(owner, name, function)
 
 
 # --- time -----------------------------------------------------------------------------------------

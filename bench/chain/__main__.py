@@ -45,6 +45,8 @@ def main() -> None:
         print(f"{case}", file=sys.stderr)
         rounds = options.rounds if case == USUAL else 1
         found.append(compare(case, rounds, options.seconds))
+        if not found[0].cells:
+            sys.exit(f"{USUAL}: the arm held in every round: {'; '.join(found[0].held)}")
     if options.json:
         print(json.dumps([each.numbers() for each in found], indent=1))
     else:

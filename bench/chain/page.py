@@ -118,6 +118,9 @@ def _cases(found: list[Comparison]) -> str:
         _row(["---", *["---:"] * 7]),
     ]
     for each in found:
+        if not each.cells:
+            lines.append(_row([str(each.case), f"held: {'; '.join(each.held)}", *[""] * 6]))
+            continue
         us = [f"{each.cell_us(at):.0f}" for at in (50.0, 99.0, 100.0)]
         ratios = [f"x {each.ratios()[name]:.2f}" for name in ("cpu", "p50", "p99")]
         lines.append(_row([str(each.case), f"{each.cell_cpu_pct():.0f}", *us, *ratios]))

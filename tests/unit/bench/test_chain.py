@@ -9,8 +9,9 @@ import pytest
 
 from bench.chain import bare
 from bench.chain.cell import CellRun
-from bench.chain.compare import KINDS, Case
+from bench.chain.compare import KINDS, Case, Comparison
 from bench.chain.load import Load, _threads, measured
+from bench.chain.page import page
 
 RATE_HZ, DURATION_S = 100.0, 0.5
 
@@ -51,3 +52,18 @@ def test_a_hop_is_the_difference_of_ages_of_the_same_sample() -> None:
     hops = {name: us.tolist() for name, us in CellRun(ages_us=ages).hops_us().items()}
     assert hops == {"sensor to wrench": [10.0, 11.0], "wrench to regulator": [20.0],
                     "regulator to robot": [9.0]}  # fmt: skip
+
+
+def test_a_case_in_which_the_arm_held_is_a_row_with_the_reason() -> None:
+    """It has no times of the cell; the case before it keeps its own."""
+    ages = {stage: {1: 10.0, 2: 30.0} for stage in ("wrench", "regulator", "arbiter", "robot")}
+    load = {"one": Load(20.0, 100.0, {"main": 20.0})}
+    bares = {kind: [(np.array([10.0, 20.0]), load)] for kind in KINDS}
+    pressed = CellRun(load=load, ages_us=ages)
+    usual = Comparison(Case(), [pressed], [], bares, engine_pct=5.0)
+    held = Comparison(Case(busy_loops=4), [], ["robot silent"], bares, engine_pct=5.0)
+    rows = [line for line in page([usual, held]).splitlines() if line.startswith("| sensor 500")]
+    assert [line.split("|")[2].strip() for line in rows] == ["15", "held: robot silent"]
+    assert len({line.count("|") for line in rows}) == 1
+    assert held.numbers() == {"case": usual.numbers()["case"] | {"busy_loops": 4},
+                              "held": ["robot silent"]}  # fmt: skip

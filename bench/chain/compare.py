@@ -101,10 +101,10 @@ class Comparison:
 
     def numbers(self) -> dict[str, Any]:
         """Return everything as plain numbers; without those of the cell if it never pressed."""
-        told = {"case": asdict(self.case), "held": self.held}
+        known = {"case": asdict(self.case), "held": self.held}
         if not self.cells:
-            return told
-        return told | {
+            return known
+        return known | {
             "ratios": self.ratios(),
             "engine_pct": self.engine_pct,
             "cell_cpu_pct": self.cell_cpu_pct(),

@@ -1,35 +1,28 @@
 """Health of every role and state of the arbiter, as a client receives them."""
 
-import time
 from collections.abc import Callable
 
 from common.config.cell import CellConfig
 from common.config.info import cell_info
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
-from forcemesh.client.roles import RoleHealth
-from forcemesh.messages import ArbiterStatus, Health, SensorWrench
+from forcemesh.client.roles import HEALTH_POLL_S, RoleHealth
+from forcemesh.clock import MonotonicClock, wait_until
+from forcemesh.messages import ArbiterStatus, Health
 
-HEALTH_POLL_S = 0.02
 HELPER_PERIODS = 1.5  # a running sidecar has published its health by then
 
 
-class CellView:
+class CellView(RoleHealth):
     """Subscriber to the health and arbiter status of one cell."""
 
     def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Subscribe. An external sensor publishes no health; its readings show that it is alive."""
-        self._clock = bus.clock
-        self.longest_wait_s = cell.stale_after_s(topics.HEALTH["hub"])
+        super().__init__(bus, cell_info(cell))
         self.helper_wait_s = HELPER_PERIODS / cell.rates.health_hz
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
-        self._roles = RoleHealth(bus, cell_info(cell))
         for name in (*topics.ROLES, *topics.HELPERS):
-            self._roles.health(name)
-
-    def health(self, role: str) -> Reading[Health] | Reading[SensorWrench]:
-        """Return the newest health of a role, evaluated now."""
-        return self._roles.health(role)
+            self.health(name)
 
     def fresh_health(self, role: str) -> Health | None:
         """Return the health of a role while it is fresh; of an external sensor there is none."""
@@ -43,7 +36,7 @@ class CellView:
 
     def arbiter(self) -> Reading[ArbiterStatus]:
         """Return the arbiter's newest status, evaluated now."""
-        return self._arbiter.read(self._clock.now_ns())
+        return self._arbiter.read(self.bus.clock.now_ns())
 
     def missing(self) -> list[str]:
         """Return why the cell is not ready: silent roles, an arbiter in BOOT."""
@@ -57,9 +50,4 @@ class CellView:
 
     def wait(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Poll until a condition holds; return False after the timeout."""
-        give_up_s = time.monotonic() + timeout_s
-        while not done():
-            if time.monotonic() >= give_up_s:
-                return False
-            time.sleep(HEALTH_POLL_S)
-        return True
+        return wait_until(MonotonicClock(), done, within_s=timeout_s, poll_s=HEALTH_POLL_S)

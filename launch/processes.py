@@ -8,18 +8,18 @@ import time
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from types import TracebackType
 
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import dump_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
+from forcemesh.client.roles import HEALTH_POLL_S
 from forcemesh.errors import BusError, ForcemeshError
 from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import HoldRequest
 from forcemesh.zenoh_settings import endpoint_of
-from launch.cell_view import HEALTH_POLL_S, CellView
+from launch.cell_view import CellView
 from launch.restart import RESTART_PAUSE_S, Restarter, RestartPolicy
 from launch.run_file import RunLog, read_run, writable_folder, write_atomically
 from launch.started_process import (
@@ -114,18 +114,18 @@ class Supervisor:
             write_atomically(self.cell_file, dump_cell(self._cell))
         self._stop_on_sigterm()
         try:
-            self._start_all()
+            self._watcher.start()
+            for process in self._processes:
+                self._raise_death()
+                pid = self.begin(process)
+                if "hub" in process.roles:
+                    self._connect(pid)
         except BaseException:
             self.stop()
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop everything."""
         self.stop()
 
@@ -209,14 +209,6 @@ class Supervisor:
         if is_main and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
             signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
             self._exits.callback(signal.signal, signal.SIGTERM, signal.SIG_DFL)
-
-    def _start_all(self) -> None:
-        self._watcher.start()
-        for process in self._processes:
-            self._raise_death()
-            pid = self.begin(process)
-            if "hub" in process.roles:
-                self._connect(pid)
 
     def begin(self, process: ProcessSpec) -> int:
         """Start a process; return its pid."""

@@ -1,53 +1,13 @@
-"""Requests of a client: each returns a reply or raises an exception with a remedy."""
+"""Bounds of a client's requests, and the remedies of refusals and stops."""
 
 from typing import TypeVar
 
-from forcemesh.bus import Bus
-from forcemesh.clock import NS_PER_S
-from forcemesh.errors import ArmStoppedError, DataError, MessageError, RefusedError
+from forcemesh.errors import ArmStoppedError, DataError, MessageError
 from forcemesh.faults import FAULTS
 from forcemesh.messages import ArbiterStatus
 from forcemesh.records import Record
-from forcemesh.requests import Reply
-from forcemesh.topics import Request
 
 Q = TypeVar("Q", bound=Record)
-
-ANSWER_S = 2.0
-ASK_AGAIN_S = 0.1
-TRANSIENT = ("not_ready", "moving", "wait")  # refusals that clear by waiting
-
-
-def ask(
-    bus: Bus,
-    request: Request[Q],
-    message: Q,
-    *,
-    within_s: float = 0.0,
-    answer_s: float = ANSWER_S,
-) -> Reply:
-    """Send a request and return the reply; repeat it while the refusal is transient.
-
-    Args:
-        bus: A client's access to the bus.
-        request: The row of forcemesh/topics.py.
-        message: The request.
-        within_s: Longest time of repetition [s].
-        answer_s: Longest wait for a reply [s].
-
-    Raises:
-        DataError: The request is out of its bounds; names argument and value.
-        RefusedError: The service refuses: code, text, remedy.
-        BusError: No reply within `answer_s`.
-    """
-    request_in_bounds(message)
-    give_up_ns = bus.clock.now_ns() + round(within_s * NS_PER_S)
-    while not (reply := bus.ask(request, message, answer_s)).accepted:
-        if reply.code not in TRANSIENT or bus.clock.now_ns() >= give_up_ns:
-            code, text, remedy = reply.code, reply.text, remedy_of(reply.code)
-            raise RefusedError(code, text, remedy=remedy, value=reply.value, limit=reply.limit)
-        bus.clock.sleep_s(ASK_AGAIN_S)
-    return reply
 
 
 def request_in_bounds(message: Q) -> Q:

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from math import hypot
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from forcemesh import topics
@@ -113,12 +112,7 @@ class Cell:
         """Return the client; it is closed on exit."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close; the arm continues with its last command."""
         self.close()
 
@@ -237,7 +231,11 @@ class Cell:
             NotValidError, LostError: As a feed.
             NotReachedError: Not ready within `within_s`; gives the reasons.
         """
-        if not self._shows(lambda s: s.operational or _is_ready(s), within_s):
+
+        def is_ready(status: ArbiterStatus) -> bool:
+            return status.operational or (status.state == "IDLE" and not status.not_ready)
+
+        if not self._shows(is_ready, within_s):
             status = self.status()
             why = "; ".join([*status.not_ready, *(trip.text for trip in status.trips)])
             raise NotReachedError(f"not ready after {within_s:g} s, {status.state}: {why}")
@@ -274,10 +272,6 @@ class Cell:
             return status is not None and condition(status)
 
         return wait_until(self.session.clock, fulfils, within_s=within_s, poll_s=POLL_S)
-
-
-def _is_ready(status: ArbiterStatus) -> bool:
-    return status.state == "IDLE" and not status.not_ready
 
 
 def connection_of(cell: Path | str | Reachable, name: str | None) -> Reachable:

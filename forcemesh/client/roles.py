@@ -16,8 +16,8 @@ class RoleHealth:
 
     def __init__(self, bus: Bus, info: CellInfo) -> None:
         """Prepare the feeds; an external sensor has no health topic, so its readings are used."""
-        self._bus = bus
-        self._longest_wait_s = info.stale_after_s(topics.HEALTH["hub"])
+        self.bus = bus
+        self.longest_wait_s = info.stale_after_s(topics.HEALTH["hub"])
         self.feeds: dict[str, Feed[Health] | Feed[SensorWrench]] = {
             name: Feed(bus, topic, LostError) for name, topic in topics.HEALTH.items()
         }
@@ -35,9 +35,9 @@ class RoleHealth:
             return tuple(role for role in topics.ROLES if self.health(role).silent)
 
         wait_until(
-            self._bus.clock,
+            self.bus.clock,
             lambda: not silent(),
-            within_s=self._longest_wait_s,
+            within_s=self.longest_wait_s,
             poll_s=HEALTH_POLL_S,
         )
         return silent()

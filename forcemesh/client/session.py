@@ -5,11 +5,11 @@ from typing import Any, TypeVar
 
 from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo
-from forcemesh.client.ask import ANSWER_S, ask
+from forcemesh.client.ask import remedy_of, request_in_bounds
 from forcemesh.client.feed import Feed
 from forcemesh.client.roles import RoleHealth
-from forcemesh.clock import Clock
-from forcemesh.errors import BusError, LostError
+from forcemesh.clock import NS_PER_S, Clock
+from forcemesh.errors import BusError, LostError, RefusedError
 from forcemesh.messages import Asker, Message
 from forcemesh.records import Record
 from forcemesh.requests import Reply
@@ -17,6 +17,10 @@ from forcemesh.topics import ROLES, Request, Topic
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
+
+ANSWER_S = 2.0
+ASK_AGAIN_S = 0.1
+TRANSIENT = ("not_ready", "moving", "wait")  # refusals that clear by waiting
 
 
 class ClientSession:
@@ -44,22 +48,32 @@ class ClientSession:
     def ask(
         self, request: Request[Q], message: Q, *, within_s: float = 0.0, answer_s: float = ANSWER_S
     ) -> Reply:
-        """Send a request to a service and return the reply.
+        """Send a request and return the reply; repeat it while the refusal is transient.
 
         Args:
             request: The row of forcemesh/topics.py.
             message: The request.
-            within_s: Longest time of repetition while the refusal is transient [s].
+            within_s: Longest time of repetition [s].
             answer_s: Longest wait for a reply [s].
 
         Raises:
+            DataError: The request is out of its bounds; names argument and value.
             RefusedError: The service refuses: code, text, remedy.
-            LostError: No reply; names the silent services.
+            LostError: No reply within `answer_s`; names the silent services.
         """
+        request_in_bounds(message)
+        give_up_ns = self.clock.now_ns() + round(within_s * NS_PER_S)
         try:
-            return ask(self.bus, request, message, within_s=within_s, answer_s=answer_s)
+            while not (reply := self.bus.ask(request, message, answer_s)).accepted:
+                if reply.code not in TRANSIENT or self.clock.now_ns() >= give_up_ns:
+                    code, text, remedy = reply.code, reply.text, remedy_of(reply.code)
+                    raise RefusedError(
+                        code, text, remedy=remedy, value=reply.value, limit=reply.limit
+                    )
+                self.clock.sleep_s(ASK_AGAIN_S)
         except BusError as error:
             raise self.lost(str(error)) from error
+        return reply
 
     def lost(self, text: str) -> LostError:
         """Return the exception of a missing message or reply: it names the silent services."""

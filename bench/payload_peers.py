@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from common.config.payload import DOWN, Payload
+from common.motion.convert import vec3
 from common.motion.frames import GRAVITY_M_S2, Array, vector_from_rotation
-from identification.estimates import vector
 from identification.payload_model import skew_matrices
 from identification.recording import Samples
 
@@ -74,11 +74,11 @@ def _payload(x: Array, down_in_base: Array, R_mount: Array) -> Payload:
     mass = max(float(x[0]), 1e-6)
     return Payload(
         mass_kg=mass,
-        com_m=vector(x[1:4] / mass),
-        bias_force_N=vector(x[4:7]),
-        bias_torque_Nm=vector(x[7:10]),
-        gravity_direction_in_base=vector(down_in_base),
-        mounting_rotation_rad=vector(vector_from_rotation(R_mount)),
+        com_m=vec3(x[1:4] / mass),
+        bias_force_N=vec3(x[4:7]),
+        bias_torque_Nm=vec3(x[7:10]),
+        gravity_direction_in_base=vec3(down_in_base),
+        mounting_rotation_rad=vec3(vector_from_rotation(R_mount)),
     )
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.config.payload import DOWN, BiasDrift, Payload
+from common.motion.convert import vec3
 from common.motion.frames import Array, R_from_quaternion, rotation_from_vector
 from common.motion.weight import bias_since_end, predict
-from identification.estimates import vector
 from identification.recording import Samples
 from identification.static_poses import carries_a_fit, sort_into_poses
 
@@ -57,12 +57,12 @@ def truth(world: CellErrors, rng: np.random.Generator) -> Payload:
         com_m=LEVEL.com_m,
         bias_force_N=LEVEL.bias_force_N,
         bias_torque_Nm=LEVEL.bias_torque_Nm,
-        gravity_direction_in_base=vector(rotation_from_vector(lean) @ np.array(DOWN)),
-        mounting_rotation_rad=vector(np.radians(world.mounting_deg) * axis / np.linalg.norm(axis)),
-        force_gain=vector(gains[0]),
-        torque_gain=vector(gains[1]),
+        gravity_direction_in_base=vec3(rotation_from_vector(lean) @ np.array(DOWN)),
+        mounting_rotation_rad=vec3(np.radians(world.mounting_deg) * axis / np.linalg.norm(axis)),
+        force_gain=vec3(gains[0]),
+        torque_gain=vec3(gains[1]),
         drift=BiasDrift(
-            start_s=0.0, end_s=DURATION_S, force_N=vector(drifts[0]), torque_Nm=vector(drifts[1])
+            start_s=0.0, end_s=DURATION_S, force_N=vec3(drifts[0]), torque_Nm=vec3(drifts[1])
         ),
     )
 

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from common.config.payload import BiasDrift, Payload
-from common.motion.frames import Array, vector_from_rotation
+from common.motion.convert import vec3
+from common.motion.frames import Array, length, vector_from_rotation
 from forcemesh.messages import Vec3
 from identification.least_squares import Solution
 from identification.payload_model import DRIFT_AT_END, PRIOR_STD, bias_at_end
@@ -72,20 +73,20 @@ def payload_of(solution: Solution, time_s: Array | None) -> Payload:
         drift = BiasDrift.model_construct(
             start_s=float(time_s.min()),
             end_s=float(time_s.max()),
-            force_N=vector(line_F),
-            torque_Nm=vector(line_M),
-            force_bend_N=vector(bend_F),
-            torque_bend_Nm=vector(bend_M),
+            force_N=vec3(line_F),
+            torque_Nm=vec3(line_M),
+            force_bend_N=vec3(bend_F),
+            torque_bend_Nm=vec3(bend_M),
         )
     return Payload.model_construct(
         mass_kg=m,
-        com_m=vector(h / max(m, 1e-12)),
-        bias_force_N=vector(state.linear[4:7] + d_F),
-        bias_torque_Nm=vector(state.linear[7:10] + d_M),
-        gravity_direction_in_base=vector(state.down_in_base),
-        mounting_rotation_rad=vector(vector_from_rotation(state.R_mount)),
-        force_gain=vector(state.gain[0]),
-        torque_gain=vector(state.gain[1]),
+        com_m=vec3(h / max(m, 1e-12)),
+        bias_force_N=vec3(state.linear[4:7] + d_F),
+        bias_torque_Nm=vec3(state.linear[7:10] + d_M),
+        gravity_direction_in_base=vec3(state.down_in_base),
+        mounting_rotation_rad=vec3(vector_from_rotation(state.R_mount)),
+        force_gain=vec3(state.gain[0]),
+        torque_gain=vec3(state.gain[1]),
         drift=drift,
     )
 
@@ -105,7 +106,7 @@ def deviations(solution: Solution) -> Deviations:
     for name, group in GROUPS.items():
         parts = of_group.get(group)
         if parts is not None:
-            found[name] = vector(parts) if len(parts) == 3 else float(np.linalg.norm(parts))
+            found[name] = vec3(parts) if len(parts) == 3 else length(parts)
     return Deviations(**found)
 
 
@@ -130,9 +131,3 @@ def parameters(payload: Payload, std: Deviations, solution: Solution) -> tuple[P
             rows = zip("xyz", value, deviation, amplified, strict=True)
             found += [Parameter(f"{name}.{a}", v, s, float(k), usual) for a, v, s, k in rows]
     return tuple(found)
-
-
-def vector(v: Array) -> Vec3:
-    """Return three numbers as a tuple."""
-    x, y, z = v.tolist()
-    return x, y, z

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.motion.frames import Array
+from common.motion.frames import Array, length
 from identification.payload_model import (
     LINEAR,
     PRIOR_STD,
@@ -110,7 +110,7 @@ def solve(poses: Poses, model: Model, start: State) -> Solution:
         before, noise = noise, _noise(residual, poses.weight, unknowns)
         # A rough convergence of the noise is enough: the directions converge long before it.
         settled = bool(np.all(np.abs(np.log(noise / before)) < 1e-2))
-        if settled and np.linalg.norm(step) < CONVERGED * (1.0 + np.linalg.norm(state.linear)):
+        if settled and length(step) < CONVERGED * (1.0 + length(state.linear)):
             converged = True
             break
     normal = _normal_equations(poses, model, state, noise, widths=widths, residual=residual)

@@ -9,7 +9,7 @@ import numpy as np
 from cli.calibration.gather import Gatherer, ReadingLostError
 from cli.terminal import ProgressOutput
 from common.bus.configured_cell import ConfiguredCell
-from common.motion.frames import Array
+from common.motion.frames import Array, length
 from forcemesh.clock import NS_PER_S
 from identification.errors import CalibrationError
 from identification.installation.payload import length_findings
@@ -21,6 +21,7 @@ from identification.installation.push import (
     PushDetector,
     PushRequest,
     PushResult,
+    cosine,
     judge_pushes,
 )
 from identification.installation.terms import (
@@ -33,7 +34,7 @@ PUSH_POLL_S = 0.002
 PUSH_WITHIN_S = 30.0  # for each push
 TRIES = 3
 PUSH_REST_S = 0.3
-SAME_DIRECTION_COSINE = 0.9  # cosine
+SAME_DIRECTION_COSINE = 0.9  # of two pushes for the same prompt
 FULL = {"push": 10.0, "twist": 0.5}  # full scale of the bar: N, N m
 PROMPTS = {
     ("+x", "push"): "push the tip of the tool along +x of the base with about 10 N, then let go",
@@ -78,7 +79,7 @@ class PushTest:
                 continue
             self._output.note(done.description)
             if done.cosine > LEAST_COSINE or (
-                last is not None and _have_same_direction(last, done)
+                last is not None and cosine(last.change, done.change) > SAME_DIRECTION_COSINE
             ):
                 return done
             last = done
@@ -134,7 +135,7 @@ class PushTest:
         unit, read = ("N", change[:3]) if request.action == "push" else ("N m", change[3:])
         x, y, z = R_base_sensor @ read
         text = f"{request.action} {request.name}: x {x:+6.2f}  y {y:+6.2f}  z {z:+6.2f} {unit}"
-        size = float(np.linalg.norm(read))
+        size = length(read)
         self._output.progress(min(size, FULL[request.action]), FULL[request.action], text)
 
     def _refuse_armed(self) -> None:
@@ -144,14 +145,6 @@ class PushTest:
                 f"the arm is {status.state}, but this test needs a person's hands on the tool: "
                 "`forcemesh hold`, then `forcemesh clear`"
             )
-
-
-def _have_same_direction(a: PushResult, b: PushResult) -> bool:
-    """Return whether two pushes for the same prompt have about the same direction."""
-    first, second = (d.change_N if d.request.action == "push" else d.change_Nm for d in (a, b))
-    return float(first @ second) > SAME_DIRECTION_COSINE * float(
-        np.linalg.norm(first) * np.linalg.norm(second)
-    )
 
 
 def _size_findings(done: list[PushResult]) -> list[InstallationFinding]:

@@ -179,6 +179,8 @@ class PlanOptions:
     poses: int = 10
     verify_poses: int = 4
     turn_rad: float = float(np.radians(120.0))  # largest rotation of joints 4 to 6 from the start
+    speed_m_s: float = 0.1  # of the moves
+    dwell_s: float = 0.5  # averaging time at a pose
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +190,7 @@ class CalibrationPlan:
     `q` has one row for each reachable pose; `fit` and `verify` are indices into it.
     """
 
+    options: PlanOptions
     route: JointRoute
     payload: Payload
     q: Array
@@ -248,6 +251,7 @@ def make_plan(
     route = JointRoute(inner, boundaries, q_start, hub)
     fit_order = _shortest_order(route, q, fit, hub)
     return CalibrationPlan(
+        options,
         route,
         payload,
         q,

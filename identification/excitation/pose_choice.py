@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.config.payload import Payload
+from common.motion.convert import vec3
 from common.motion.frames import Array, R_from_quaternion, quaternion_from_R
 from forcemesh.messages import Vec3
-from identification.estimates import vector
 from identification.least_squares import Solution, plain_conditioning
 from identification.payload_model import (
     LINEAR,
@@ -76,7 +76,7 @@ def next_pose(solution: Solution) -> NextPose:
     after = before - reduction[best, least_certain]
     return NextPose(
         quaternion=quaternion_from_R(R[best]),
-        down_in_sensor=vector(R[best].T @ solution.state.down_in_base),
+        down_in_sensor=vec3(R[best].T @ solution.state.down_in_base),
         parameter=_name(model, least_certain),
         std_before=float(np.sqrt(before)),
         std_after=float(np.sqrt(max(after, 0.0))),

@@ -12,7 +12,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from common.motion.frames import GRAVITY_M_S2, Array, skew
+from common.motion.frames import GRAVITY_M_S2, Array, length, skew
 from identification.payload_model import drift_shapes, gravity_in_sensor
 from identification.recording import Poses
 from identification.static_poses import angle
@@ -238,4 +238,4 @@ def free_gravity(poses: Poses) -> tuple[Array, float]:
     X = _centred(columns, poses).reshape(-1, 3)
     v, *_ = np.linalg.lstsq(X, F, rcond=1e-6)
     direction = v / max(float(np.linalg.norm(v)), 1e-12)
-    return np.asarray(direction, dtype=np.float64), float(np.linalg.norm(F - X @ v))
+    return np.asarray(direction, dtype=np.float64), length(F - X @ v)

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from common.motion.frames import Array
+from common.motion.frames import Array, length
 from identification.installation.axes import (
     driver_remedy,
     same,
@@ -69,12 +69,12 @@ class PushResult:
     @property
     def cosine(self) -> float:
         """Return the cosine between the requested and the measured direction."""
-        return _cosine(self.change, self.direction)
+        return cosine(self.change, self.direction)
 
     @property
     def size(self) -> float:
         """Return the size of the change [N or N m]."""
-        return float(np.linalg.norm(self.change))
+        return length(self.change)
 
     @property
     def description(self) -> str:
@@ -101,7 +101,7 @@ class PushDetector:
             time_s: Time of the sample, on any clock.
             change: Change of force [N] and torque [N m] from rest. Shape (6,).
         """
-        size = float(np.linalg.norm(change[:3] if self.action == "push" else change[3:]))
+        size = length(change[:3] if self.action == "push" else change[3:])
         if not self._samples and size < LEAST[self.action]:
             return None
         self._peak = max(self._peak, size)
@@ -128,7 +128,7 @@ def judge_pushes(
     pushes = [each for each in done if each.request.action == "push"]
 
     def cosines(W: Array) -> list[float]:
-        return [_cosine(W @ push.direction, push.change_N) for push in pushes]
+        return [cosine(W @ push.direction, push.change_N) for push in pushes]
 
     wiring: Array = max(SIGNED, key=lambda W: sum(cosines(W)))
     if min(cosines(wiring)) <= LEAST_COSINE:
@@ -145,8 +145,9 @@ def judge_pushes(
     return ([] if finding is None else [finding]), unidentified
 
 
-def _cosine(a: Array, b: Array) -> float:
-    return float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-12)
+def cosine(a: Array, b: Array) -> float:
+    """Return the cosine of the angle between two vectors; 0 when one of them is zero."""
+    return float(a @ b) / max(length(a) * length(b), 1e-12)
 
 
 def _torque_wirings(done: list[PushResult], expected: ExpectedInstallation) -> list[Array]:
@@ -162,10 +163,10 @@ def _torque_wirings(done: list[PushResult], expected: ExpectedInstallation) -> l
             continue
         else:
             moment = np.cross(expected.p_sensor_tcp_m, each.direction)
-            lever_m = float(np.linalg.norm(moment))
-        if lever_m >= LEVER_M and np.linalg.norm(each.change_Nm) >= MOMENT_NM:
+            lever_m = length(moment)
+        if lever_m >= LEVER_M and length(each.change_Nm) >= MOMENT_NM:
             pairs.append((moment, each.change_Nm))
-    return [W for W in SIGNED if all(_cosine(W @ t, r) > LEAST_MOMENT_COSINE for t, r in pairs)]
+    return [W for W in SIGNED if all(cosine(W @ t, r) > LEAST_MOMENT_COSINE for t, r in pairs)]
 
 
 def _finding(

@@ -7,7 +7,7 @@ import numpy as np
 
 from common.config.cell import CellConfig
 from common.config.payload import DOWN
-from common.motion.frames import Array
+from common.motion.frames import Array, length
 
 Verdict = Literal["right", "wrong", "cannot tell"]
 # A wrong axis, sign or unit; a wrong payload in the cell file; more readings are needed.
@@ -19,7 +19,7 @@ LONGEST_M = 2.0  # sensors and tools are closer to the flange
 
 def in_millimetres(length_m: Array) -> bool:
     """Return whether a vector of the cell file must be in millimetres."""
-    return bool(np.linalg.norm(length_m) > LONGEST_M)
+    return length(length_m) > LONGEST_M
 
 
 @dataclass(frozen=True, slots=True)

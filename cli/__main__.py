@@ -6,14 +6,14 @@ its validator's text; here they read like cell file errors.
 
 import os
 import sys
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable
 from types import TracebackType
 from typing import Annotated, Any
 
-import typer
+from typer import Abort, Exit, Option, Typer, echo
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
+from typer.main import get_command
 
 from cli import (
     config_verbs,
@@ -28,7 +28,7 @@ from cli import (
 )
 from cli.calibration.verb import calibrate
 from cli.check_axes.verb import check
-from cli.context import EXIT_CODES, INTERRUPTED, OK, exit_code_of
+from cli.context import EXIT_CODES, INTERRUPTED, OK, exit_code_of, print_note
 from cli.demo.verb import demo
 from cli.doctor.verb import doctor
 from cli.export import export, report
@@ -44,36 +44,27 @@ from forcemesh.errors import ForcemeshError, first_mistake
 class OneSentence(TyperGroup):
     """Root of the command line; prints at most one sentence for an error."""
 
-    def main(  # noqa: PLR0917 -- the signature is the base class's
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        windows_expand_args: bool = True,
-        **extra: Any,
-    ) -> Any:
+    def main(self, *args: Any, **options: Any) -> Any:
         """Run a verb; end the process with its exit code, after at most one sentence."""
-        run = partial(
-            super().main, args, prog_name, complete_var, False, windows_expand_args, **extra
-        )
-        if not standalone_mode:
-            return run()
+        is_standalone = options.get("standalone_mode", True)
+        options["standalone_mode"] = False
+        if not is_standalone:
+            return super().main(*args, **options)
         try:
-            code = run()
+            code = super().main(*args, **options)
         except TyperException as error:
-            _print_error(_usage(error))
+            print_note(_usage(error))
             sys.exit(error.exit_code)
-        except typer.Abort:
-            _print_error("interrupted: nothing was executed")
+        except Abort:
+            print_note("interrupted: nothing was executed")
             sys.exit(INTERRUPTED)
         except ForcemeshError as error:
-            _print_error(str(error))
+            print_note(str(error))
             sys.exit(exit_code_of(error))
         except OSError as error:
             if error.filename is None:
                 raise
-            _print_error(f"{error.filename}: cannot be used: {error.strerror}")
+            print_note(f"{error.filename}: cannot be used: {error.strerror}")
             sys.exit(exit_code_of(error))
         sys.exit(code if isinstance(code, int) else OK)
 
@@ -92,11 +83,7 @@ def _usage(error: TyperException) -> str:
     return f"{text}{end} see `{context.command_path} --help`"
 
 
-def _print_error(text: str) -> None:
-    typer.echo(text, err=True)
-
-
-app = typer.Typer(
+app = Typer(
     cls=OneSentence,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -105,55 +92,55 @@ app = typer.Typer(
     help="Open force control for Kawasaki arms. This is not a safety function.",
 )
 
-RUN, STATUS, MOVE, FORCE = "Cell", "Status", "Motion", "Force"
-RECORD = "Recordings"
+VERBS: dict[str, tuple[Callable[..., Any], ...]] = {  # by panel of the help
+    "Cell": (demo, verbs_run.up),
+    "Status": (panel, verbs_read.status, doctor, verbs_read.topics, verbs_watch.watch),
+    "Recordings": (replay, export, report),
+    "Motion": (
+        verbs_arm.arm,
+        verbs_arm.back_off,
+        verbs_arm.hold,
+        verbs_arm.clear,
+        verbs_move.jog,
+        verbs_move.retract,
+        verbs_arm.speed,
+    ),
+    "Skills": (skills.touch, skills.press, skills.follow, skills.align, skills.guide),
+    "Force": (verbs_force.tare, calibrate, tune),
+}
+GROUPS = {
+    "record": (record, "Recordings"),
+    "config": (config_verbs.config, "Cell"),
+    "pki": (pki.app, "Cell"),
+    "move": (verbs_move.move, "Motion"),
+    "force": (verbs_force.force, "Force"),
+    "check": (check, "Force"),
+    "payload": (payload.app, "Force"),
+    "bench": (verbs_run.bench, "Cell"),
+}
+WITH_NUMBERS = (verbs_move.jog, skills.press)  # their arguments may be negative
 
-app.command(rich_help_panel=RUN)(demo)
-app.command(rich_help_panel=RUN)(verbs_run.up)
-app.command(rich_help_panel=STATUS)(panel)
-app.add_typer(record, name="record", rich_help_panel=RECORD)
-app.command(rich_help_panel=RECORD)(replay)
-app.command(rich_help_panel=RECORD)(export)
-app.command(rich_help_panel=RECORD)(report)
-app.add_typer(config_verbs.config, name="config", rich_help_panel=RUN)
-app.add_typer(pki.app, name="pki", rich_help_panel=RUN)
-app.command(rich_help_panel=STATUS)(verbs_read.status)
-app.command(rich_help_panel=STATUS)(doctor)
-app.command(rich_help_panel=STATUS)(verbs_read.topics)
-app.command(rich_help_panel=STATUS)(verbs_watch.watch)
-app.command(rich_help_panel=MOVE)(verbs_arm.arm)
-app.command("back-off", rich_help_panel=MOVE)(verbs_arm.back_off)
-app.command(rich_help_panel=MOVE)(verbs_arm.hold)
-app.command(rich_help_panel=MOVE)(verbs_arm.clear)
-app.add_typer(verbs_move.move, name="move", rich_help_panel=MOVE)
-app.command(rich_help_panel=MOVE, context_settings=NEGATIVE_NUMBERS)(verbs_move.jog)
-app.command(rich_help_panel=MOVE)(verbs_move.retract)
-app.command(rich_help_panel=MOVE)(verbs_arm.speed)
-app.add_typer(verbs_force.force, name="force", rich_help_panel=FORCE)
-skills.add_to(app, "Skills")
-app.command(rich_help_panel=FORCE)(verbs_force.tare)
-app.command(rich_help_panel=FORCE)(calibrate)
-app.command(rich_help_panel=FORCE)(tune)
-app.add_typer(check, name="check", rich_help_panel=FORCE)
-app.add_typer(payload.app, name="payload", rich_help_panel=FORCE)
-app.add_typer(verbs_run.bench, name="bench", rich_help_panel=RUN)
+for panel_name, verbs in VERBS.items():
+    for verb in verbs:
+        settings = NEGATIVE_NUMBERS if verb in WITH_NUMBERS else None
+        app.command(rich_help_panel=panel_name, context_settings=settings)(verb)
+for group_name, (group, panel_name) in GROUPS.items():
+    app.add_typer(group, name=group_name, rich_help_panel=panel_name)
 
 
 def _print_version(requested: bool) -> None:
     if requested:
         from forcemesh.version import __version__
 
-        typer.echo(f"forcemesh {__version__}")
-        raise typer.Exit
+        echo(f"forcemesh {__version__}")
+        raise Exit
 
 
 @app.callback()
 def _options(
     version: Annotated[
         bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print it and exit."
-        ),
+        Option("--version", callback=_print_version, is_eager=True, help="Print it and exit."),
     ] = False,
 ) -> None:
     del version
@@ -175,7 +162,7 @@ def _report_in_one_line(
 def main() -> None:
     """Entry of the console script."""
     sys.excepthook = _report_in_one_line
-    typer.main.get_command(app)(prog_name="forcemesh")  # `app(...)` would set typer's own hook
+    get_command(app)(prog_name="forcemesh")  # `app(...)` would set typer's own hook
 
 
 if __name__ == "__main__":

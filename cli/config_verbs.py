@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
+from typer import Argument, Exit, Option, Typer, echo
 
 from cli.context import (
     USAGE,
@@ -15,11 +15,13 @@ from cli.context import (
     find_cell_file,
     one_line_errors,
 )
+from forcemesh.errors import ConfigError
+from forcemesh.patterns import CELL_NAME, WORDS
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
 
-config = typer.Typer(no_args_is_help=True, help="Cell files.")
+config = Typer(no_args_is_help=True, help="Cell files.")
 
 FOLDER = Path(__file__).resolve().parent.parent / "cells"
 TEMPLATES = {"sim": "demo.yaml", "tcp": "demo-tcp.yaml", "real": "rs007l-real.yaml"}
@@ -27,13 +29,12 @@ TEMPLATES = {"sim": "demo.yaml", "tcp": "demo-tcp.yaml", "real": "rs007l-real.ya
 
 @config.command("check")
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The cell file.")],
+    file: Annotated[Path, Argument(metavar="FILE", help="The cell file.")],
     as_json: JsonOption = False,
 ) -> None:
     """Check a cell file: report all errors at once, each with its path."""
     with one_line_errors():
         from common.config.load import cell_hash, load_cell
-        from forcemesh.errors import ConfigError
         from services.regulator.laws import refuse_unknown_law
         from services.sensor.driver_registry import refuse_unknown_driver
 
@@ -44,13 +45,13 @@ def check(
         except ConfigError as error:
             if as_json:
                 print(json.dumps({"file": str(file), "cell": None, "mistakes": error.mistakes}))
-                raise typer.Exit(USAGE) from None
+                raise Exit(USAGE) from None
             raise
     if as_json:
         known = {"file": str(file), "cell": cell.cell, "configuration": cell_hash(cell)}
         print(json.dumps({**known, "mistakes": []}))
         return
-    typer.echo(
+    echo(
         f"{file}: cell {cell.cell}, robot {cell.roles.robot}, sensor {cell.roles.sensor}, "
         f"configuration {cell_hash(cell)}: no errors"
     )
@@ -80,15 +81,13 @@ def show(as_json: JsonOption = False, cell: CellOption = None) -> None:
 
 @config.command("init")
 def init(
-    out: Annotated[Path, typer.Argument(metavar="FILE", help="The cell file to write.")],
+    out: Annotated[Path, Argument(metavar="FILE", help="The cell file to write.")],
     kind: Annotated[
         Literal["sim", "tcp", "real"],
-        typer.Option(help="sim: simulated arm; tcp: with emulated controller; real: RS007L."),
+        Option(help="sim: simulated arm; tcp: with emulated controller; real: RS007L."),
     ] = "real",
 ) -> None:
     """Write a commented template of a cell file; an existing file is not overwritten."""
-    from forcemesh.patterns import CELL_NAME, WORDS
-
     name = out.stem.lower()
     if re.match(CELL_NAME, name) is None:
         exit_with_error(f"{name!r} from FILE is not a cell name: a cell's name {WORDS[CELL_NAME]}")
@@ -101,7 +100,7 @@ def init(
         out.write_text(text, encoding="utf-8")
     except OSError as error:
         exit_with_error(f"{error.filename}: {error.strerror}")
-    typer.echo(f"{out} written: fill it in, then `forcemesh config check {out}`")
+    echo(f"{out} written: fill it in, then `forcemesh config check {out}`")
 
 
 def _rows(cell: "CellConfig") -> dict[str, dict[str, Any]]:

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
-import typer
+from typer import Abort, Exit, Option, confirm, echo
 
 from forcemesh.errors import (
     BusError,
@@ -20,13 +20,13 @@ from forcemesh.errors import (
     RefusedError,
     SetupError,
 )
+from forcemesh.requests import Reply
 
 if TYPE_CHECKING:
     from rich.status import Status
 
     from common.bus.configured_cell import ConfiguredCell
     from common.config.cell import CellConfig as CellFile
-    from forcemesh.requests import Reply
 
 OK, NOT_WELL, USAGE, REFUSED, NO_ANSWER, INTERRUPTED = 0, 1, 2, 3, 4, 130
 EXITS = {
@@ -63,14 +63,14 @@ CONNECT_PATIENCE_S = 1.0  # connection timeout; a running hub replies at once
 
 CellOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--cell",
         envvar=CELL_VARIABLE,
         metavar="FILE",
         help="Cell file; default: the running cell, else cells/demo.yaml.",
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on standard output.")]
+JsonOption = Annotated[bool, Option("--json", help="Print JSON on standard output.")]
 
 
 def exit_code_of(error: BaseException) -> int:
@@ -134,7 +134,7 @@ def live_cell(named: Path | None, *, ended: bool = False) -> "CellFile":
     except ConfigError as error:
         with suppress(ConfigError):
             cell = load_cell(path, {"calibration": None})
-            typer.echo(f"{error}\ncontinuing without the calibration", err=True)
+            print_note(f"{error}\ncontinuing without the calibration")
             return cell
         raise
 
@@ -160,21 +160,26 @@ def sentence_of(error: ForcemeshError) -> str:
     return str(error)
 
 
+def print_note(text: str) -> None:
+    """Print a text on standard error: a note, a warning, an error."""
+    echo(text, err=True)
+
+
 def answers_yes(question: str) -> bool:
     """Ask for confirmation on the terminal; end of input counts as no."""
     try:
-        return typer.confirm(question, err=True)
-    except typer.Abort as error:
+        return confirm(question, err=True)
+    except Abort as error:
         if isinstance(error.__context__, KeyboardInterrupt):
             exit_with_error("\ninterrupted: nothing was moved", INTERRUPTED)
-        typer.echo("\nno reply on standard input; --yes confirms without a question", err=True)
+        print_note("\nno reply on standard input; --yes confirms without a question")
         return False
 
 
 def exit_with_error(text: str, code: int = USAGE) -> NoReturn:
     """Print an error on standard error and end with an exit code, by default of wrong usage."""
-    typer.echo(text, err=True)
-    raise typer.Exit(code)
+    print_note(text)
+    raise Exit(code)
 
 
 @contextmanager
@@ -204,13 +209,11 @@ def confirmed(question: str, *, yes: bool) -> None:
 
 def print_reply(reply: "Reply") -> None:
     """Print the reply of a service."""
-    typer.echo(reply.text or "accepted")
+    echo(reply.text or "accepted")
 
 
-@contextmanager
-def waiting(text: str) -> "Iterator[Status]":
-    """Show a status line on standard error, if it is a terminal, while an operation runs."""
+def waiting(text: str) -> "Status":
+    """Return a status line on standard error, shown within its context if it is a terminal."""
     from rich.console import Console
 
-    with Console(stderr=True).status(text) as live:
-        yield live
+    return Console(stderr=True).status(text)

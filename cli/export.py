@@ -5,9 +5,9 @@ from csv import DictWriter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Option, echo
 
-from cli.context import exit_with_error, one_line_errors, waiting
+from cli.context import exit_with_error, one_line_errors, print_note, waiting
 from cli.replay import OnlyOption, RecordingArgument, chosen_topics, recorded_cell
 
 if TYPE_CHECKING:
@@ -23,13 +23,13 @@ NO_PYARROW = (
 def export(
     file: RecordingArgument,
     *,
-    csv: Annotated[bool, typer.Option("--csv", help="CSV; the default.")] = False,
+    csv: Annotated[bool, Option("--csv", help="CSV; the default.")] = False,
     parquet: Annotated[
-        bool, typer.Option("--parquet", help="Parquet; needs the extra `parquet`.")
+        bool, Option("--parquet", help="Parquet; needs the extra `parquet`.")
     ] = False,
     lerobot: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--lerobot",
             help="One table with LeRobot's columns and the wrench instead of one per topic.",
         ),
@@ -37,7 +37,7 @@ def export(
     only: OnlyOption = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FOLDER", help="Output folder; default: next to FILE."),
+        Option("--out", "-o", metavar="FOLDER", help="Output folder; default: next to FILE."),
     ] = None,
 ) -> None:
     """Export a recording as tables; the column names carry the units."""
@@ -60,9 +60,9 @@ def export(
         except OSError as error:
             exit_with_error(f"{folder}: cannot be written: {error.strerror}")
     for path, rows in written:
-        typer.echo(f"{path}: {rows} rows")
+        echo(f"{path}: {rows} rows")
     if not read.is_whole:
-        typer.echo("the recording is truncated: its recorder was killed", err=True)
+        print_note("the recording is truncated: its recorder was killed")
 
 
 def report(
@@ -70,9 +70,9 @@ def report(
     *,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Default: next to FILE."),
+        Option("--out", "-o", metavar="FILE", help="Default: next to FILE."),
     ] = None,
-    no_3d: Annotated[bool, typer.Option("--no-3d", help="Omit the 3D replay.")] = False,
+    no_3d: Annotated[bool, Option("--no-3d", help="Omit the 3D replay.")] = False,
 ) -> None:
     """Write a page with summary, plots, stops and their remedies, and the arm's motion in 3D."""
     with one_line_errors():
@@ -90,7 +90,7 @@ def report(
         with waiting("drawing"):
             scene = html("") if no_3d else scene_of(read, cell, content)
             write_page(page_of(read, content, scene), path)
-    typer.echo(f"{path}: {content.duration_s:.1f} s, {len(content.stops)} stops")
+    echo(f"{path}: {content.duration_s:.1f} s, {len(content.stops)} stops")
 
 
 def _topics(

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-import typer
+from typer import BadParameter
 
 # A vector may begin with a minus sign; without this it would be parsed as an option.
 NEGATIVE_NUMBERS = {"ignore_unknown_options": True}
@@ -27,10 +27,10 @@ SEVEN_JOINTS = VectorFormat((*JOINTS.names, "J7"), "degrees")
 
 
 def parse_vector(text: str, names: VectorFormat) -> tuple[float, ...]:
-    """Return the numbers of a vector. Raise typer.BadParameter for anything else."""
+    """Return the numbers of a vector. Raise BadParameter for anything else."""
     parts = [part.strip() for part in text.strip().strip("[]()").split(",")]
     if len(parts) != len(names.names):
-        raise typer.BadParameter(
+        raise BadParameter(
             f"{len(names.names)} numbers are needed, {names}, without spaces; "
             f"found {len(parts)}: {text!r}"
         )
@@ -45,18 +45,18 @@ def parse_gain(text: str | None, unit: str) -> tuple[float, float, float] | None
         text = ",".join([text] * 3)
     x, y, z = parse_vector(text, VectorFormat(("x", "y", "z"), unit))
     if min(x, y, z) < 0.0:
-        raise typer.BadParameter(f"a gain is zero or positive, found {text!r}")
+        raise BadParameter(f"a gain is zero or positive, found {text!r}")
     return (x, y, z)
 
 
 def parse_number(text: str, name: str) -> float:
-    """Return a finite number. Raise typer.BadParameter, by its name, for anything else."""
+    """Return a finite number. Raise BadParameter, by its name, for anything else."""
     try:
         number = float(text)
     except ValueError:
-        raise typer.BadParameter(f"{name} is not a number: {text!r}") from None
+        raise BadParameter(f"{name} is not a number: {text!r}") from None
     if not math.isfinite(number):
-        raise typer.BadParameter(f"{name} must be finite, found {text!r}")
+        raise BadParameter(f"{name} must be finite, found {text!r}")
     return number
 
 
@@ -66,6 +66,6 @@ def from_milli(number: float | None) -> float | None:
 
 
 def check_angle(angle_deg: float, name: str) -> None:
-    """Raise typer.BadParameter for an angle outside the range of any joint [degrees]."""
+    """Raise BadParameter for an angle outside the range of any joint [degrees]."""
     if abs(angle_deg) > MOST_DEG:
-        raise typer.BadParameter(f"{name} must be within {MOST_DEG:g} degrees, found {angle_deg:g}")
+        raise BadParameter(f"{name} must be within {MOST_DEG:g} degrees, found {angle_deg:g}")

@@ -4,13 +4,12 @@ import base64
 from collections.abc import Iterable, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from forcemesh.errors import DataError
 from services.panel.markup import Html, html, joined
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def write_page(page: Html, path: Path) -> None:
@@ -33,8 +32,6 @@ def table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> Html:
 
 def picture(text: str, figure: "Figure") -> Html:
     """Return a figure as an image with an alternative text; its letters are outlines."""
-    from matplotlib import rc_context
-
     out = BytesIO()
     with rc_context({"svg.hashsalt": "forcemesh"}):  # reproducible output
         figure.savefig(out, format="svg", metadata={"Date": None})

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from cli.context import CellOption, cell_of, find_cell_file, one_line_errors
 
@@ -10,22 +10,18 @@ WITHOUT_VARIABLE = "FORCEMESH_NO_PANEL"
 
 NoPanel = Annotated[
     bool,
-    typer.Option("--no-panel", envvar=WITHOUT_VARIABLE, help="Do not start the browser panel."),
+    Option("--no-panel", envvar=WITHOUT_VARIABLE, help="Do not start the browser panel."),
 ]
 
 
 def panel(
     *,
-    view_only: Annotated[
-        bool, typer.Option("--view-only", help="Read-only page: no actions.")
-    ] = False,
-    open_: Annotated[
-        bool, typer.Option("--open", help="Open it in this machine's browser.")
-    ] = False,
+    view_only: Annotated[bool, Option("--view-only", help="Read-only page: no actions.")] = False,
+    open_: Annotated[bool, Option("--open", help="Open it in this machine's browser.")] = False,
     host: Annotated[
-        str | None, typer.Option(help="Listen address; any but this machine requires a token.")
+        str | None, Option(help="Listen address; any but this machine requires a token.")
     ] = None,
-    port: Annotated[int | None, typer.Option(min=1, max=65535, help="Listen port.")] = None,
+    port: Annotated[int | None, Option(min=1, max=65535, help="Listen port.")] = None,
     cell: CellOption = None,
 ) -> None:
     """Serve the panel of a cell in the browser: arm, plots, force, moves, calibration, faults."""

@@ -3,39 +3,33 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
+from typer import Argument, Option, Typer
+
+from cli.context import exit_with_error, print_note
+from forcemesh.errors import DataError
 
 if TYPE_CHECKING:
     from identification.recording import WrenchAxes
 
-app = typer.Typer(no_args_is_help=True, help="Payload and sensor bias from recordings.")
+app = Typer(no_args_is_help=True, help="Payload and sensor bias from recordings.")
 
-
-class AxesOption(StrEnum):
-    """Axes of the wrench in a recording."""
-
-    AUTO = "auto"
-    SENSOR = "sensor"
-    BASE = "base"
-
-
+AxesOption = Literal["auto", "sensor", "base"]
 RecordingArgument = Annotated[
     Path,
-    typer.Argument(metavar="RECORDING", help="CSV with t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz."),
+    Argument(metavar="RECORDING", help="CSV with t,x,y,z,qx,qy,qz,qw,fx,fy,fz,tx,ty,tz."),
 ]
-Axes = Annotated[AxesOption, typer.Option(help="Axes of the recorded wrench; auto: detect.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+Axes = Annotated[AxesOption, Option(help="Axes of the recorded wrench; auto: detect.")]
+Json = Annotated[bool, Option("--json", help="Print one JSON object.")]
 
 
 @app.command()
 def fit(
     recording: RecordingArgument,
-    wrench_axes: Axes = AxesOption.AUTO,
-    out: Annotated[Path | None, typer.Option(help="Write the payload to this YAML file.")] = None,
+    wrench_axes: Axes = "auto",
+    out: Annotated[Path | None, Option(help="Write the payload to this YAML file.")] = None,
     as_json: Json = False,
 ) -> None:
     """Fit mass, centre of mass and bias from static poses, free of contact."""
@@ -58,11 +52,11 @@ def fit(
         if out is not None:
             save(found.payload, out)
     if reason:
-        _print_note(reason)
+        print_note(reason)
     for warning in report["warnings"]:
-        _print_note(f"warning: {warning}")
+        print_note(f"warning: {warning}")
     if out is not None:
-        _print_note(f"payload written to {out}")
+        print_note(f"payload written to {out}")
     if as_json:
         print(json.dumps(report, allow_nan=False))
     else:
@@ -72,8 +66,8 @@ def fit(
 @app.command()
 def check(
     recording: RecordingArgument,
-    payload: Annotated[Path, typer.Option(help="Payload file that `fit --out` wrote.")],
-    wrench_axes: Axes = AxesOption.AUTO,
+    payload: Annotated[Path, Option(help="Payload file that `fit --out` wrote.")],
+    wrench_axes: Axes = "auto",
     as_json: Json = False,
 ) -> None:
     """Print the force and torque that a payload leaves unexplained in a recording."""
@@ -88,7 +82,7 @@ def check(
             from identification.identify import axes_of
 
             axes, reason = axes_of(data, known)
-            _print_note(reason)
+            print_note(reason)
         report = check_report(data, axes, known)
         other_report = check_report(data, "sensor" if axes == "base" else "base", known)
     _warn_of_other_axes(report, other_report)
@@ -100,32 +94,23 @@ def check(
 
 def named_axes(option: AxesOption) -> "WrenchAxes | None":
     """Return the axes that an option names; None: detect them."""
-    if option is AxesOption.AUTO:
-        return None
-    return "sensor" if option is AxesOption.SENSOR else "base"
+    return None if option == "auto" else option
 
 
 @contextmanager
 def _one_line_errors() -> Iterator[None]:
     """Convert an error in the user's data to one line on standard error and exit code 2."""
-    from forcemesh.errors import DataError
-
     try:
         yield
     except DataError as error:
-        _print_note(f"error: {error}")
-        raise typer.Exit(2) from error
-
-
-def _print_note(text: str) -> None:
-    typer.echo(text, err=True)
+        exit_with_error(f"error: {error}")
 
 
 def _warn_of_other_axes(used_report: dict[str, Any], other_report: dict[str, Any]) -> None:
     """Warn when the axes that were not used explain the recording far better."""
     keys = ("residual_force_N_mean", "residual_torque_Nm_mean")
     if all(used_report[key] > 2.0 * other_report[key] for key in keys):
-        _print_note(
+        print_note(
             f"warning: residual {used_report[keys[0]]:.3g} N, {used_report[keys[1]]:.3g} N m in "
             f"{used_report['wrench_axes']} axes, but only {other_report[keys[0]]:.3g} N, "
             f"{other_report[keys[1]]:.3g} N m in {other_report['wrench_axes']} axes: "

@@ -9,7 +9,7 @@ import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Exit, Option, Typer, echo
 
 from cli.context import (
     NOT_WELL,
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from common.config.cell import CellConfig
     from common.security.pki import Pair
 
-app = typer.Typer(no_args_is_help=True, help="Certificates for a bus that other machines use.")
+app = Typer(no_args_is_help=True, help="Certificates for a bus that other machines use.")
 
 IMAGE_USER = 10001  # as in the Dockerfile
 DAYS = 365
@@ -31,7 +31,7 @@ WRITTEN = ("calibration", "recordings")  # as in docker-compose.yml
 
 FolderOption = Annotated[
     Path | None,
-    typer.Option(
+    Option(
         "--folder",
         envvar="FORCEMESH_PKI",
         metavar="DIR",
@@ -40,14 +40,14 @@ FolderOption = Annotated[
 ]
 HostOption = Annotated[
     list[str] | None,
-    typer.Option(
+    Option(
         "--host",
         metavar="NAME",
         help="Name or address of this machine for others; repeatable.",
     ),
 ]
-DaysOption = Annotated[int, typer.Option(min=1, max=3650, help="Validity [days].")]
-AgainOption = Annotated[bool, typer.Option("--again", help="Replace existing files.")]
+DaysOption = Annotated[int, Option(min=1, max=3650, help="Validity [days].")]
+AgainOption = Annotated[bool, Option("--again", help="Replace existing files.")]
 
 
 @app.command()
@@ -58,11 +58,11 @@ def init(
     again: AgainOption = False,
     authority: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Use the authority of this folder: shared by cells."),
+        Option(metavar="DIR", help="Use the authority of this folder: shared by cells."),
     ] = None,
     env: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the settings for docker compose to FILE (.env)."),
+        Option(metavar="FILE", help="Write the settings for docker compose to FILE (.env)."),
     ] = None,
     folder: FolderOption = None,
     cell: CellOption = None,
@@ -91,7 +91,7 @@ def init(
         for name in (*NAMES, PAGE):
             signer = of_page if name == PAGE else pair
             _issue_certificate(signer, name, loaded, pki_folder, hosts=host or [], days=days)
-        typer.echo(f"{pki_folder}: an authority and {len(NAMES)} certificates, {days} days")
+        echo(f"{pki_folder}: an authority and {len(NAMES)} certificates, {days} days")
         user = ":".join(map(str, _owner() or (os.getuid(), os.getgid())))
         lines = [f"FORCEMESH_PKI={pki_folder}", f"FORCEMESH_USER={user}"]
         if env is not None:
@@ -104,14 +104,14 @@ def init(
                 written.mkdir(exist_ok=True)
                 if (owner := _owner()) is not None and written.stat().st_uid == 0:
                     os.chown(written, *owner)
-        typer.echo("for docker compose, in the file .env: " + " ".join(lines))
+        echo("for docker compose, in the file .env: " + " ".join(lines))
 
 
 @app.command()
 def issue(
     name: Annotated[
         str,
-        typer.Argument(help="A role, operator, monitor, panel; panel-page for browsers (HTTPS)."),
+        Argument(help="A role, operator, monitor, panel; panel-page for browsers (HTTPS)."),
     ],
     *,
     host: HostOption = None,
@@ -119,7 +119,7 @@ def issue(
     again: AgainOption = False,
     to: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write to DIR, with the authority's certificate."),
+        Option(metavar="DIR", help="Write to DIR, with the authority's certificate."),
     ] = None,
     folder: FolderOption = None,
     cell: CellOption = None,
@@ -142,7 +142,7 @@ def issue(
         _issue_certificate(signer, name, loaded, target, hosts=host or [], days=days)
         if to is not None and not of_page:
             _copy_authority(pki_folder, target)
-        typer.echo(f"{target}/{name}.pem, {name}.key: {days} days")
+        echo(f"{target}/{name}.pem, {name}.key: {days} days")
 
 
 @app.command()
@@ -157,9 +157,9 @@ def check(folder: FolderOption = None, cell: CellOption = None) -> None:
     for finding in found:
         more_options = same if "forcemesh pki" in finding.remedy else ""
         remedy = f"  -> {finding.remedy}{more_options}" if finding.remedy else ""
-        typer.echo(f"{finding.verdict:5} {finding.name}: {finding.text}{remedy}")
+        echo(f"{finding.verdict:5} {finding.name}: {finding.text}{remedy}")
     if any(finding.verdict == "wrong" for finding in found):
-        raise typer.Exit(NOT_WELL)
+        raise Exit(NOT_WELL)
 
 
 def _cell_and_folder(cell: Path | None, folder: Path | None) -> tuple[CellConfig, Path]:

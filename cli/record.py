@@ -1,40 +1,38 @@
 """Verbs `record ...`: requests to the recorder, which `up` and `demo` start as a sidecar."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
+from typer import Argument, Exit, Option, Typer
 
 from cli.context import NOT_WELL, OK, CellOption, JsonOption, cell_of, print_reply
-
-if TYPE_CHECKING:
-    from forcemesh.messages import RecorderStatus
+from forcemesh import topics
+from forcemesh.errors import NotValidError
+from forcemesh.messages import RecorderStatus
+from forcemesh.requests import Empty, RecordRequest
 
 WITHOUT_VARIABLE = "FORCEMESH_NO_RECORDER"
 RECORDER_REPLY_S = 15.0  # it first writes its buffer, on a busy machine
 
-record = typer.Typer(
+record = Typer(
     no_args_is_help=True, help="Record every topic of a cell that is up, as an MCAP file."
 )
 
 NoRecorder = Annotated[
     bool,
-    typer.Option("--no-recorder", envvar=WITHOUT_VARIABLE, help="Do not start the recorder."),
+    Option("--no-recorder", envvar=WITHOUT_VARIABLE, help="Do not start the recorder."),
 ]
 
 
 @record.command("start")
 def record_start(
-    label: Annotated[str, typer.Argument(help="Part of the file name.")] = "",
+    label: Annotated[str, Argument(help="Part of the file name.")] = "",
     *,
     past: Annotated[
-        bool, typer.Option("--past", help="Include the minutes in the recorder's ring buffer.")
+        bool, Option("--past", help="Include the minutes in the recorder's ring buffer.")
     ] = False,
     cell: CellOption = None,
 ) -> None:
     """Record until `record stop`; a file at its size limit is followed by the next one."""
-    from forcemesh import topics
-    from forcemesh.requests import RecordRequest
-
     with cell_of(cell) as client:
         request = RecordRequest(label=label[:100], past=past)
         print_reply(client.ask(topics.RECORD_START, request, answer_s=RECORDER_REPLY_S))
@@ -43,9 +41,6 @@ def record_start(
 @record.command("stop")
 def record_stop(cell: CellOption = None) -> None:
     """End the recording; print its content and the lost messages."""
-    from forcemesh import topics
-    from forcemesh.requests import Empty
-
     with cell_of(cell) as client:
         print_reply(client.ask(topics.RECORD_STOP, Empty(), answer_s=RECORDER_REPLY_S))
 
@@ -53,9 +48,6 @@ def record_stop(cell: CellOption = None) -> None:
 @record.command("status")
 def record_status(as_json: JsonOption = False, cell: CellOption = None) -> None:
     """Show the recording, the lost messages, and the length of the ring buffer."""
-    from forcemesh import topics
-    from forcemesh.errors import NotValidError
-
     with cell_of(cell) as client:
         feed = client.feed(topics.RECORDER_STATUS)
         try:
@@ -63,7 +55,7 @@ def record_status(as_json: JsonOption = False, cell: CellOption = None) -> None:
         except NotValidError:
             status = feed.reading().message or topics.RECORDER_STATUS.message()
     print(status.as_json() if as_json else status_text(status))
-    raise typer.Exit(OK if status.valid else NOT_WELL)
+    raise Exit(OK if status.valid else NOT_WELL)
 
 
 def status_text(status: "RecorderStatus") -> str:

@@ -4,20 +4,18 @@ import csv
 import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
+from common.bus.configured_cell import ConfiguredCell
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError, LostError
+from forcemesh.messages import Message
+from forcemesh.topics import Topic
 from services.recorder.layout import layout_of
+from services.recorder.reading import RecordedFile, RecordedMessage
 from services.recorder.stamps import SequenceGaps
-
-if TYPE_CHECKING:
-    from common.bus.configured_cell import ConfiguredCell
-    from forcemesh.messages import Message
-    from forcemesh.topics import Topic
-    from services.recorder.reading import RecordedFile, RecordedMessage
 
 Row = dict[str, Any]
 TIME = "time_s"  # since the first message of the recording

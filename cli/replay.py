@@ -6,9 +6,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Exit, Option
 
-from cli.context import REFUSED, exit_with_error, one_line_errors
+from cli.context import REFUSED, exit_with_error, one_line_errors, print_note
+from forcemesh.topics import CLIENT, TOPICS
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
@@ -20,11 +21,11 @@ REPLAY_TICK_S = 0.02
 REPLAY_QUEUE = 4
 
 RecordingArgument = Annotated[
-    Path, typer.Argument(metavar="FILE", help="A recording, as `forcemesh record` writes it.")
+    Path, Argument(metavar="FILE", help="A recording, as `forcemesh record` writes it.")
 ]
 OnlyOption = Annotated[
     list[str] | None,
-    typer.Option("--only", metavar="TOPIC", help="Only this topic; repeatable."),
+    Option("--only", metavar="TOPIC", help="Only this topic; repeatable."),
 ]
 
 
@@ -33,26 +34,26 @@ def replay(
     *,
     only: OnlyOption = None,
     speed: Annotated[
-        float, typer.Option(min=0.01, max=100.0, help="Factor of the original speed.")
+        float, Option(min=0.01, max=100.0, help="Factor of the original speed.")
     ] = 1.0,
     port: Annotated[
         int | None,
-        typer.Option(min=1, max=65535, help="Port of its own hub; default: a free port."),
+        Option(min=1, max=65535, help="Port of its own hub; default: a free port."),
     ] = None,
     onto: Annotated[
         Path | None,
-        typer.Option(metavar="CELL", help="Use the hub of this cell file instead of its own hub."),
+        Option(metavar="CELL", help="Use the hub of this cell file instead of its own hub."),
     ] = None,
     name: Annotated[
-        str | None, typer.Option("--as", metavar="NAME", help="Publish under another cell name.")
+        str | None, Option("--as", metavar="NAME", help="Publish under another cell name.")
     ] = None,
     wait: Annotated[
         float,
-        typer.Option(min=0.0, max=3600.0, help="Delay before the start [s]: time to connect."),
+        Option(min=0.0, max=3600.0, help="Delay before the start [s]: time to connect."),
     ] = 0.0,
     to_service: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="ROLE",
             help="Feed only this service, in this process, and compare its output.",
         ),
@@ -81,7 +82,7 @@ def replay(
             with _bus_of(cell, port=port, onto=onto, topics=topics) as bus:
                 _play_recording(read, bus, topics, speed=speed, wait_s=wait)
         except KeyboardInterrupt:
-            raise typer.Exit(0) from None
+            raise Exit(0) from None
 
 
 def chosen_topics(only: list[str] | None) -> frozenset[str]:
@@ -108,7 +109,6 @@ def _bus_of(
     """Open an own hub, or connect to another one if no cell is running there."""
     from common.bus.cell_bus import open_bus, open_hub
     from common.config.load import dump_cell, load_cell
-    from forcemesh.topics import CLIENT
     from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 
     if onto is not None:
@@ -128,7 +128,7 @@ def _bus_of(
     write_atomically(path, dump_cell(host))
     try:
         with open_hub(host) as bus:
-            typer.echo(f"hub at {endpoint}; connect with --cell {path}", err=True)
+            print_note(f"hub at {endpoint}; connect with --cell {path}")
             yield bus
     finally:
         path.unlink(missing_ok=True)
@@ -137,8 +137,6 @@ def _bus_of(
 def _refuse_if_alive(bus: "Bus", topics: frozenset[str]) -> None:
     """End the verb when a topic already has a publisher: two writers are a fault."""
     import time
-
-    from forcemesh.topics import TOPICS
 
     chosen = [topic for topic in TOPICS if not topics or topic.key in topics]
     taps = {topic.key: bus.tap(topic, REPLAY_QUEUE) for topic in chosen}
@@ -175,7 +173,7 @@ def _play_recording(
         messages = chosen(read.raw_messages(), topics)
         count = play(messages, bus.transport, bus.cell, clock=bus.clock, speed=speed, shown=shown)
     truncation = "" if read.is_whole else "; the file is truncated: its recorder was killed"
-    typer.echo(f"{count} messages replayed{truncation}", err=True)
+    print_note(f"{count} messages replayed{truncation}")
 
 
 def free_port() -> int:

@@ -4,13 +4,14 @@ The service runs in this process on the clock of the recording. Requests are not
 effect shows as a difference.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cli.context import exit_with_error, waiting
 from cli.recording_tables import flat_fields
 from common.bus.memory_bus import MemoryTransport
+from common.config.cell import CellConfig
 from common.runtime.service import HealthReporter, Runner, Service
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
@@ -18,10 +19,10 @@ from forcemesh.codec import Header
 from forcemesh.messages import Message
 from forcemesh.recorded_messages import decode_recorded, readdressed
 from forcemesh.topics import TOPICS, Topic
-
-if TYPE_CHECKING:
-    from common.config.cell import CellConfig
-    from services.recorder.reading import RecordedBytes, RecordedFile
+from services.arbiter.service import ArbiterService
+from services.recorder.reading import RecordedBytes, RecordedFile
+from services.regulator.service import Regulator
+from services.wrench.service import WrenchService
 
 REPLAY_TICK_NS = 1_000_000
 SETTLES_NS = NS_PER_S  # filters start empty
@@ -31,10 +32,6 @@ Published = list[tuple[Header, Message]]
 
 def replay_to_service(read: "RecordedFile", cell: "CellConfig", role: str) -> None:
     """Feed a service and print the differences of its output."""
-    from services.arbiter.service import ArbiterService
-    from services.regulator.service import Regulator
-    from services.wrench.service import WrenchService
-
     makers: dict[str, Callable[[Bus, Any], Service]] = {
         "wrench": WrenchService,
         "regulator": Regulator,
@@ -48,9 +45,8 @@ def replay_to_service(read: "RecordedFile", cell: "CellConfig", role: str) -> No
             exit_with_error(f"{read.path}: the recording contains no message")
         output = service_output(messages, cell, role, make=makers[role], about=read.about)
     for topic in topics_written_by(role):
-        recorded = _decoded_messages(
-            [each.data for each in messages if each.topic == topic.key], topic
-        )
+        data = (each.data for each in messages if each.topic == topic.key)
+        recorded = _decoded_messages(data, topic)
         pairs = message_pairs(recorded, output[topic.key])
         print(f"{topic.key}: {len(output[topic.key])} published, {len(recorded)} recorded")
         print(f"  {len(pairs)} compared, without the first second")
@@ -94,13 +90,9 @@ def service_output(
         for each in batch:
             publishers[each.topic](readdressed(each.data, f"{cell.cell}/{each.topic}"))
         _step(runner, clock)
-    output: dict[str, Published] = {}
-    for key, topic in written.items():
-        data = []
-        while (raw := taps[key].take()) is not None:
-            data.append(raw)
-        output[key] = _decoded_messages(data, topic)
-    return output
+    return {
+        key: _decoded_messages(iter(taps[key].take, None), topic) for key, topic in written.items()
+    }
 
 
 def message_pairs(recorded: Published, published: Published) -> list[tuple[Message, Message]]:
@@ -144,5 +136,5 @@ def _step(runner: Runner, clock: ManualClock) -> None:
         runner.step(clock.now_ns())
 
 
-def _decoded_messages(data: list[bytes], topic: Topic[Any]) -> Published:
+def _decoded_messages(data: Iterable[bytes], topic: Topic[Any]) -> Published:
     return [decode_recorded(each, topic.message, topic.key) for each in data]

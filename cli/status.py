@@ -1,6 +1,7 @@
 """Status of a cell, from its bus and from the run file of its supervisor."""
 
 import time
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import TypedDict
 
@@ -80,11 +81,18 @@ def cell_status(cell: CellConfig, run: Run | None, only: str | None = None) -> C
         with open_bus(cell, topics.CLIENT, patience_s=CONNECT_WITHIN_S) as bus:
             view, arm = CellView(bus, cell), None if only else ArmView(bus, cell)
             started_s = time.monotonic()
-            view.wait(lambda: _is_received(view, expected), view.longest_wait_s)
+            needs_state = expected == set(topics.ROLES)
+            view.wait(
+                lambda: (
+                    _is_received(view, expected)
+                    and not (needs_state and view.arbiter().fresh is None)
+                ),
+                view.longest_wait_s,
+            )
             if arm is not None:  # also every sidecar
-                helpers = len(topics.HELPERS)
                 view.wait(
-                    lambda: len(_helpers(view)) == helpers and arm.is_complete(), view.helper_wait_s
+                    lambda: _is_received(view, topics.HELPERS) and arm.is_complete(),
+                    view.helper_wait_s,
                 )
             waited_s = time.monotonic() - started_s
             return _cell_status(cell, run, view, arm, waited_s=waited_s, only=only)
@@ -130,10 +138,9 @@ def exit_code(status: CellStatus) -> int:
     return NO_ANSWER if is_down else NOT_WELL
 
 
-def _is_received(view: CellView, expected: set[str]) -> bool:
-    """Return whether all expected health was received, and the arbiter's state."""
-    has_state = expected != set(topics.ROLES) or view.arbiter().fresh is not None
-    return has_state and all(view.health(role).message is not None for role in expected)
+def _is_received(view: CellView, names: Iterable[str]) -> bool:
+    """Return whether the health of all named processes was received."""
+    return all(view.health(name).message is not None for name in names)
 
 
 def _cell_status(
@@ -193,17 +200,11 @@ def restarts_of(run: Run | None) -> list[Restart]:
 def helpers_of(view: CellView | None, run: Run | None) -> tuple[str, ...]:
     """Return the sidecars that publish health, or that a running supervisor has started."""
     started = run if run is not None and run.live else None
-    publishing = _helpers(view)
     return tuple(
-        name for name in topics.HELPERS if name in publishing or (started and started.entry(name))
+        name
+        for name in topics.HELPERS
+        if (view is not None and _is_received(view, [name])) or (started and started.entry(name))
     )
-
-
-def _helpers(view: CellView | None) -> tuple[str, ...]:
-    """Return the sidecars that publish health; a cell is complete without them."""
-    if view is None:
-        return ()
-    return tuple(name for name in topics.HELPERS if view.health(name).message is not None)
 
 
 def _service(role: str, run: Run | None, view: CellView | None, waited_s: float) -> ServiceStatus:

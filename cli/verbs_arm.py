@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option, echo
 
 from cli.context import (
     INTERRUPTED,
@@ -12,30 +12,32 @@ from cli.context import (
     cell_of,
     confirmed,
     exit_with_error,
+    print_note,
     print_reply,
     waiting,
 )
 from cli.numbers import from_milli
+from forcemesh.errors import RefusedError
+from forcemesh.messages import Trip
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
-    from forcemesh.messages import Trip
 
 BACK_OFF_QUESTION = "the arm moves up to 20 mm at 5 mm/s, away from the contact: continue?"
 WITHOUT_FORCE_QUESTION = (
     "no force gives a direction: the tool moves 5 mm back along its own axis. "
     "Check the tool: is this path free?"
 )
-Percent = Annotated[float | None, typer.Option(min=0.1, max=100.0, help="Percent.")]
+Percent = Annotated[float | None, Option(min=0.1, max=100.0, help="Percent.")]
 
 
 def arm(
     jog: Annotated[
-        bool, typer.Option("--jog", help="For moves only: also without calibration or in contact.")
+        bool, Option("--jog", help="For moves only: also without calibration or in contact.")
     ] = False,
     wait: Annotated[
         float,
-        typer.Option(min=0.0, max=60.0, help="Longest wait for the preflight checks [s]."),
+        Option(min=0.0, max=60.0, help="Longest wait for the preflight checks [s]."),
     ] = 3.0,
     cell: CellOption = None,
 ) -> None:
@@ -46,10 +48,10 @@ def arm(
 
 def back_off(
     *,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask for confirmation.")] = False,
+    yes: Annotated[bool, Option("--yes", "-y", help="Do not ask for confirmation.")] = False,
     without_force: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--without-force",
             help="If no force gives a direction: 5 mm back along the tool's axis; check first.",
         ),
@@ -62,8 +64,6 @@ def back_off(
     rotation, until the load is below half of its limit; the arbiter computes the path. It stops
     when the force rises by 3 N. This is not a safety function.
     """
-    from forcemesh.errors import RefusedError
-
     with cell_of(cell) as client:
         confirmed(BACK_OFF_QUESTION, yes=yes)
         try:
@@ -71,14 +71,14 @@ def back_off(
         except RefusedError as error:
             if error.code != "no_direction" or yes:
                 raise
-            typer.echo(str(error), err=True)
+            print_note(str(error))
             confirmed(WITHOUT_FORCE_QUESTION, yes=False)
             end = _back_off_trip(client, without_force=True)
         is_loaded = client.load_N() is not None
     if end.code != "back_off":
         exit_with_error(f"not free yet: {end.text}", NOT_WELL)
     step = "arm for jog, then `forcemesh retract`" if is_loaded else "arm, when the path is free"
-    typer.echo(f"{end.text}; the arm holds: {step}")
+    echo(f"{end.text}; the arm holds: {step}")
 
 
 def _back_off_trip(client: "ConfiguredCell", *, without_force: bool) -> "Trip":
@@ -87,12 +87,11 @@ def _back_off_trip(client: "ConfiguredCell", *, without_force: bool) -> "Trip":
             return client.back_off(without_force=without_force)
     except KeyboardInterrupt:
         client.hold("backing off was interrupted")
-        typer.echo("interrupted: a hold was requested", err=True)
-        raise typer.Exit(INTERRUPTED) from None
+        exit_with_error("interrupted: a hold was requested", INTERRUPTED)
 
 
 def hold(
-    reason: Annotated[str, typer.Option(help="Reason shown to all clients.")] = "asked to hold",
+    reason: Annotated[str, Option(help="Reason shown to all clients.")] = "asked to hold",
     cell: CellOption = None,
 ) -> None:
     """Stop the motion and hold; always accepted. This is not a safety function."""
@@ -111,9 +110,7 @@ def speed(
     accel: Percent = None,
     decel: Percent = None,
     modular: Percent = None,
-    mechanical: Annotated[
-        float | None, typer.Option(min=0.001, max=5000.0, help="Speed [mm/s].")
-    ] = None,
+    mechanical: Annotated[float | None, Option(min=0.001, max=5000.0, help="Speed [mm/s].")] = None,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
@@ -136,7 +133,7 @@ def speed(
         print(now.as_json())
         return
     real_mm_s = 1e3 * now.mechanical_m_s * now.modular_fraction
-    typer.echo(
+    echo(
         f"later moves run at {real_mm_s:.1f} mm/s: mechanical {1e3 * now.mechanical_m_s:g} mm/s, "
         f"modular {100.0 * now.modular_fraction:g} %, accel {100.0 * now.accel_fraction:g} %, "
         f"decel {100.0 * now.decel_fraction:g} %"

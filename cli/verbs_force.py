@@ -2,19 +2,22 @@
 
 from typing import Annotated, Any, Literal
 
-import typer
+from typer import BadParameter, Option, Typer
 
 from cli.context import (
     CellOption,
     JsonOption,
     cell_of,
     exit_with_error,
+    print_note,
     print_reply,
     waiting,
 )
 from cli.numbers import NEGATIVE_NUMBERS, parse_gain
+from forcemesh.messages import Host, Mode, Preset
+from forcemesh.requests import ForceStartRequest, GainsRequest
 
-force = typer.Typer(no_args_is_help=True, help="Force feedback: start, stop, gains.")
+force = Typer(no_args_is_help=True, help="Force feedback: start, stop, gains.")
 
 
 OPTIONS = (  # of the verb `gains`, in the order of the record
@@ -27,18 +30,18 @@ AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 def known_law(law: str | None) -> str | None:
-    """Return the law of an option. Raises typer.BadParameter for one that does not exist."""
+    """Return the law of an option. Raises BadParameter for one that does not exist."""
     if law is not None:
         from services.regulator.laws import LAWS
 
         if law not in LAWS:
-            raise typer.BadParameter(f"must be {' or '.join(LAWS)}, found {law!r}")
+            raise BadParameter(f"must be {' or '.join(LAWS)}, found {law!r}")
     return law
 
 
 LawOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         callback=known_law,
         metavar="LAW",
         help="Control law: plain, adaptive, admittance (hand guiding) or an added one; default: "
@@ -46,8 +49,8 @@ LawOption = Annotated[
     ),
 ]
 PresetOption = Annotated[
-    Literal["gentle", "normal", "stiff"] | None,
-    typer.Option(
+    Preset | None,
+    Option(
         help="Gains: gentle is slow without overshoot, stiff rejects disturbances but overshoots."
     ),
 ]
@@ -64,33 +67,27 @@ def _axes(text: str) -> tuple[bool, bool, bool, bool, bool, bool]:
 
 
 def _gain(unit: str) -> Any:
-    return typer.Option(metavar="x,y,z", help=f"[{unit}]")
+    return Option(metavar="x,y,z", help=f"[{unit}]")
 
 
 @force.command("start")
 def force_start(
     *,
-    mode: Annotated[
-        Literal["position", "orientation", "both"], typer.Option(help="Controlled motion.")
-    ] = "position",
+    mode: Annotated[Mode, Option(help="Controlled motion.")] = "position",
     setpoint: Annotated[
-        float, typer.Option(min=0.0, help="Press force along the tool's axis [N].")
+        float, Option(min=0.0, help="Press force along the tool's axis [N].")
     ] = 0.0,
-    host: Annotated[
-        Literal["pc", "controller"], typer.Option(help="Host of the control loop.")
-    ] = "pc",
+    host: Annotated[Host, Option(help="Host of the control loop.")] = "pc",
     law: LawOption = None,
     preset: PresetOption = None,
     axes: Annotated[
         str,
-        typer.Option(help="Controlled axes, separated by commas: x, y, z, rotations rx, ry, rz."),
+        Option(help="Controlled axes, separated by commas: x, y, z, rotations rx, ry, rz."),
     ] = ",".join(AXES),
-    frame: Annotated[Literal["base", "tool"], typer.Option(help="Frame of the axes.")] = "base",
+    frame: Annotated[Literal["base", "tool"], Option(help="Frame of the axes.")] = "base",
     cell: CellOption = None,
 ) -> None:
     """Start force feedback; in free space the tool approaches along its axis until contact."""
-    from forcemesh.requests import ForceStartRequest
-
     request = ForceStartRequest(
         mode=mode,
         host=host,
@@ -127,8 +124,6 @@ def force_gains(
     Omitted gains keep their value, or take that of the preset. Without options the present gains
     are printed in the form of the options. While force feedback runs, gains change on a ramp.
     """
-    from forcemesh.requests import GainsRequest
-
     request = GainsRequest(
         preset=preset,
         force_p_m_per_N=parse_gain(force_p, "m/N"),
@@ -144,7 +139,7 @@ def force_gains(
         for (option, unit), gain in zip(OPTIONS, reply.gains.as_dict().values(), strict=True):
             print(f"{option} {','.join(f'{part:g}' for part in gain)}  # {unit}")
     if reply.text:
-        typer.echo(reply.text, err=True)
+        print_note(reply.text)
 
 
 def tare(cell: CellOption = None) -> None:

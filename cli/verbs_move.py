@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
+from typer import Argument, Option, Typer, echo
 
 from cli.context import (
     INTERRUPTED,
@@ -25,14 +25,14 @@ from cli.numbers import (
     parse_number,
     parse_vector,
 )
+from forcemesh.messages import MAY_MOVE, ZERO3, Asker, PoseRecord, RobotState
+from forcemesh.requests import MoveRequest
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
     from forcemesh.client import Move
-    from forcemesh.messages import Asker, RobotState
-    from forcemesh.requests import MoveRequest
 
-move = typer.Typer(
+move = Typer(
     no_args_is_help=True, help="Move the flange or the joints and wait for the end of the move."
 )
 
@@ -40,21 +40,19 @@ JOG_AXES = ("x", "y", "z", "rx", "ry", "rz", "j1", "j2", "j3", "j4", "j5", "j6",
 
 SpeedOption = Annotated[
     float | None,
-    typer.Option(
-        "--speed", min=0.001, max=5000.0, help="Speed [mm/s]; default: as set by `speed`."
-    ),
+    Option("--speed", min=0.001, max=5000.0, help="Speed [mm/s]; default: as set by `speed`."),
 ]
 CommanderOption = Annotated[
-    Literal["operator", "program"],
-    typer.Option("--as", help="Commander; an operator takes the arm from a program."),
+    Asker,
+    Option("--as", help="Commander; an operator takes the arm from a program."),
 ]
-Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask when the tool is loaded.")]
-NoWait = Annotated[bool, typer.Option("--no-wait", help="Do not wait for the end.")]
+Yes = Annotated[bool, Option("--yes", "-y", help="Do not ask when the tool is loaded.")]
+NoWait = Annotated[bool, Option("--no-wait", help="Do not wait for the end.")]
 
 
 @move.command("to", context_settings=NEGATIVE_NUMBERS)
 def move_to(
-    pose: Annotated[str, typer.Argument(metavar="X,Y,Z,O,A,T", help="Flange pose [mm, degrees].")],
+    pose: Annotated[str, Argument(metavar="X,Y,Z,O,A,T", help="Flange pose [mm, degrees].")],
     *,
     speed: SpeedOption = None,
     commander: CommanderOption = "operator",
@@ -66,8 +64,6 @@ def move_to(
     x, y, z, o, a, t = parse_vector(pose, POSE)
     from forcemesh.client.ask import request_in_bounds
     from forcemesh.client.rotations import from_oat_deg
-    from forcemesh.messages import PoseRecord
-    from forcemesh.requests import MoveRequest
 
     record = PoseRecord(
         position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=from_oat_deg((o, a, t))
@@ -80,61 +76,42 @@ def move_to(
     _request_move(request, cell, no_wait=no_wait, yes=yes)
 
 
-@move.command("joints", context_settings=NEGATIVE_NUMBERS)
-def move_joints(
-    joints: Annotated[str, typer.Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
-    *,
-    speed: SpeedOption = None,
-    commander: CommanderOption = "operator",
-    no_wait: NoWait = False,
-    yes: Yes = False,
-    cell: CellOption = None,
-) -> None:
-    """Move the joints to angles [degrees]."""
-    request = _joint_request("joints", joints, speed, commander)
-    _request_move(request, cell, no_wait=no_wait, yes=yes)
+def _add_joint_verb(kind: Literal["joints", "by"], summary: str) -> None:
+    """Add the verb of a kind of joint move to `move`."""
+
+    @move.command(kind, help=summary, context_settings=NEGATIVE_NUMBERS)
+    def verb(
+        joints: Annotated[str, Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
+        *,
+        speed: SpeedOption = None,
+        commander: CommanderOption = "operator",
+        no_wait: NoWait = False,
+        yes: Yes = False,
+        cell: CellOption = None,
+    ) -> None:
+        named = SEVEN_JOINTS if joints.count(",") == len(JOINTS.names) else JOINTS
+        angles_deg = parse_vector(joints, named)
+        for name, angle_deg in zip(named.names, angles_deg, strict=True):
+            check_angle(angle_deg, name)
+        joint_rad = tuple(math.radians(angle) for angle in angles_deg)
+        request = MoveRequest(
+            kind=kind, joint_rad=joint_rad, speed_m_s=from_milli(speed), commander=commander
+        )
+        _request_move(request, cell, no_wait=no_wait, yes=yes)
 
 
-@move.command("by", context_settings=NEGATIVE_NUMBERS)
-def move_by(
-    joints: Annotated[str, typer.Argument(metavar="J1,..,J6", help="Joint angles [degrees].")],
-    *,
-    speed: SpeedOption = None,
-    commander: CommanderOption = "operator",
-    no_wait: NoWait = False,
-    yes: Yes = False,
-    cell: CellOption = None,
-) -> None:
-    """Move the joints by angles [degrees] relative to their present position."""
-    request = _joint_request("by", joints, speed, commander)
-    _request_move(request, cell, no_wait=no_wait, yes=yes)
-
-
-def _joint_request(
-    kind: Literal["joints", "by"], joints: str, speed: float | None, commander: "Asker"
-) -> "MoveRequest":
-    named = SEVEN_JOINTS if joints.count(",") == len(JOINTS.names) else JOINTS
-    angles_deg = parse_vector(joints, named)
-    for name, angle_deg in zip(named.names, angles_deg, strict=True):
-        check_angle(angle_deg, name)
-    from forcemesh.requests import MoveRequest
-
-    joint_rad = tuple(math.radians(angle) for angle in angles_deg)
-    return MoveRequest(
-        kind=kind, joint_rad=joint_rad, speed_m_s=from_milli(speed), commander=commander
-    )
+_add_joint_verb("joints", "Move the joints to angles [degrees].")
+_add_joint_verb("by", "Move the joints by angles [degrees] relative to their present position.")
 
 
 def jog(
     axis: Annotated[
-        str, typer.Argument(metavar="AXIS", help="x, y, z, rx, ry, rz, or a joint: j1 to j7.")
+        str, Argument(metavar="AXIS", help="x, y, z, rx, ry, rz, or a joint: j1 to j7.")
     ],
-    distance: Annotated[
-        str, typer.Argument(metavar="BY", help="Distance [mm] or angle [degrees].")
-    ],
+    distance: Annotated[str, Argument(metavar="BY", help="Distance [mm] or angle [degrees].")],
     *,
     frame: Annotated[
-        Literal["base", "tool"], typer.Option(help="Frame of x, y, z; rotations are about the TCP.")
+        Literal["base", "tool"], Option(help="Frame of x, y, z; rotations are about the TCP.")
     ] = "base",
     speed: SpeedOption = None,
     yes: Yes = False,
@@ -149,8 +126,6 @@ def jog(
     amount = parse_number(distance, "BY")
     if axis not in "xyz":
         check_angle(amount, "BY")
-    from forcemesh.messages import ZERO3
-    from forcemesh.requests import MoveRequest
 
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
@@ -172,18 +147,13 @@ def jog(
 
 def retract(
     distance: Annotated[
-        float, typer.Argument(metavar="BY", min=0.1, max=200.0, help="Distance [mm].")
+        float, Argument(metavar="BY", min=0.1, max=200.0, help="Distance [mm].")
     ] = 10.0,
     *,
-    speed: Annotated[
-        float, typer.Option("--speed", min=0.001, max=50.0, help="Speed [mm/s].")
-    ] = 10.0,
+    speed: Annotated[float, Option("--speed", min=0.001, max=50.0, help="Speed [mm/s].")] = 10.0,
     cell: CellOption = None,
 ) -> None:
     """Leave a contact: stop force feedback, then move straight back along the tool's axis."""
-    from forcemesh.messages import MAY_MOVE
-    from forcemesh.requests import MoveRequest
-
     with cell_of(cell) as client:
         if client.target.reading().fresh is not None and client.status().state in MAY_MOVE:
             client.force.stop()
@@ -191,7 +161,7 @@ def retract(
         request = MoveRequest(kind="pose", pose=pose, speed_m_s=speed / 1e3)
         _wait_for_move(client, client.move.begin(request))
         load_N = client.load_N()
-        typer.echo("the tool is free" if load_N is None else f"residual load {load_N:.1f} N")
+        echo("the tool is free" if load_N is None else f"residual load {load_N:.1f} N")
 
 
 def _ask_when_loaded(client: "ConfiguredCell", *, yes: bool) -> None:
@@ -207,7 +177,7 @@ def _request_move(request: "MoveRequest", cell: Path | None, *, no_wait: bool, y
     with cell_of(cell) as client:
         _ask_when_loaded(client, yes=yes)
         goal = client.move.begin(request)
-        typer.echo(f"move accepted: goal {goal.id}")
+        echo(f"move accepted: goal {goal.id}")
         if not no_wait:
             _wait_for_move(client, goal)
 
@@ -222,10 +192,9 @@ def _wait_for_move(client: "ConfiguredCell", goal: "Move") -> None:
         try:
             robot = goal.wait(timeout_s=float("inf"), progress=show)
         except KeyboardInterrupt:
-            typer.echo("interrupted: a hold was requested", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+            exit_with_error("interrupted: a hold was requested", INTERRUPTED)
     took_s = (client.session.clock.now_ns() - began_ns) / 1e9
-    typer.echo(f"move finished in {took_s:.2f} s: flange at {_position_text(robot, 2)}")
+    echo(f"move finished in {took_s:.2f} s: flange at {_position_text(robot, 2)}")
 
 
 def _position_text(robot: "RobotState", digits: int) -> str:

@@ -3,7 +3,7 @@
 import json
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
+from typer import Exit, Option
 
 from cli.context import (
     NOT_WELL,
@@ -15,6 +15,10 @@ from cli.context import (
     live_cell,
     one_line_errors,
 )
+from forcemesh.faults import trip_text
+from forcemesh.messages import Trip
+from forcemesh.topics import HELPERS, REQUESTS, ROLES, TOPICS
+from services.panel.state_colours import NO_STATE, STATE_COLOURS
 
 if TYPE_CHECKING:
     from cli.status import CellStatus
@@ -25,9 +29,7 @@ def status(
     as_json: JsonOption = False,
     service: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME", help="Only report whether this role is alive (for health checks)."
-        ),
+        Option(metavar="NAME", help="Only report whether this role is alive (for health checks)."),
     ] = None,
     cell: CellOption = None,
 ) -> None:
@@ -38,7 +40,6 @@ def status(
     """
     with one_line_errors():
         from cli.status import cell_status, exit_code
-        from forcemesh.topics import HELPERS, ROLES
         from launch.run_file import read_run
 
         names = (*ROLES, *HELPERS)
@@ -50,19 +51,19 @@ def status(
         row = next(row for row in found["services"] if row["name"] == service)
         line = f"{service}: {'alive' if row['alive'] else row['fault']}"
         print(json.dumps(row) if as_json else line)
-        raise typer.Exit(OK if row["alive"] else NOT_WELL)
+        raise Exit(OK if row["alive"] else NOT_WELL)
     if as_json:
         print(json.dumps(found))
     else:
         _print_status(found)
-    raise typer.Exit(exit_code(found))
+    raise Exit(exit_code(found))
 
 
 def topics(
     as_json: JsonOption = False,
     schema: Annotated[
         bool,
-        typer.Option("--schema", help="JSON Schema of every topic and request; needs no cell."),
+        Option("--schema", help="JSON Schema of every topic and request; needs no cell."),
     ] = False,
     cell: CellOption = None,
 ) -> None:
@@ -88,9 +89,6 @@ def _print_status(found: "CellStatus") -> None:
     from cli.arm_readings import reading_lines
     from cli.status import FOR_PROGRAMS, describe_number, died_text
     from cli.tables import print_table, table_console
-    from forcemesh.faults import trip_text
-    from forcemesh.messages import Trip
-    from services.panel.state_colours import NO_STATE, STATE_COLOURS
 
     state = found["state"]
     colour = STATE_COLOURS.get(state, NO_STATE)
@@ -131,8 +129,6 @@ def _print_status(found: "CellStatus") -> None:
 
 def _bus_table(cell: "CellConfig") -> dict[str, Any]:
     """Return topics and requests with the rates of a cell, as a dict for JSON."""
-    from forcemesh.topics import REQUESTS, TOPICS
-
     return {
         "cell": cell.cell,
         "topics": [
@@ -167,7 +163,6 @@ def _print_bus_table(cell: "CellConfig") -> None:
     from rich.table import Table
 
     from cli.tables import print_table, table_console
-    from forcemesh.topics import REQUESTS, TOPICS
 
     topics = Table("topic", "writer", "readers", "rate", "stale after", "summary", title="topics")
     for topic in TOPICS:

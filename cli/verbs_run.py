@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Context, Exit, Option, Typer
 
 from cli.context import (
     CELL_VARIABLE,
@@ -20,15 +20,17 @@ from cli.context import (
     default_cell_file,
     exit_with_error,
     one_line_errors,
+    print_note,
 )
 from cli.panel import NoPanel
 from cli.record import NoRecorder
+from forcemesh.errors import ForcemeshError
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
     from launch.processes import Supervisor
 
-bench = typer.Typer(no_args_is_help=True, help="Benchmarks of the project; need its checkout.")
+bench = Typer(no_args_is_help=True, help="Benchmarks of the project; need its checkout.")
 
 ROOT = Path(__file__).resolve().parent.parent
 PASSED_ON = {"allow_extra_args": True, "ignore_unknown_options": True}
@@ -39,7 +41,7 @@ SLOW_S = 15.0
 def up(
     cell: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--cell",
             envvar=CELL_VARIABLE,
             metavar="FILE",
@@ -48,7 +50,7 @@ def up(
     ] = None,
     linger: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=0.0,
             help="Time to keep the others up when a process has failed for good [s]; default: "
             "until Ctrl-C, or 5 s if the cell was never ready.",
@@ -70,7 +72,6 @@ def up(
 
         path = cell or default_cell_file()
         loaded = load_cell(path)
-    from forcemesh.errors import ForcemeshError
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: stop.set())
@@ -93,7 +94,7 @@ def up(
             supervisor.stop()
     if supervisor.died:
         exit_with_error("; ".join(f"died: {died}" for died in supervisor.died), NOT_WELL)
-    typer.echo(f"cell {loaded.cell} is down", err=True)
+    print_note(f"cell {loaded.cell} is down")
 
 
 def _supervise(
@@ -117,22 +118,20 @@ def _supervise(
             ready = True
             supervisor.enable_restarts()
             when_ready()
-            typer.echo(f"cell {cell.cell} ({path}) is up; Ctrl-C stops it", err=True)
+            print_note(f"cell {cell.cell} ({path}) is up; Ctrl-C stops it")
         elif not ready and not is_slow_reported and elapsed_s > SLOW_S:
             is_slow_reported = True
-            typer.echo(f"after {elapsed_s:.0f} s still waiting: {'; '.join(lines)}", err=True)
+            print_note(f"after {elapsed_s:.0f} s still waiting: {'; '.join(lines)}")
 
 
 @bench.command("force", context_settings=PASSED_ON)
 def force(
-    context: typer.Context,
+    context: Context,
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="A few cases: about a minute.")] = False,
-    short: Annotated[
-        bool, typer.Option("--short", help="Fewer cases: a third of the time.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    write: Annotated[bool, typer.Option("--write", help="Write docs/force.md.")] = False,
+    quick: Annotated[bool, Option("--quick", help="A few cases: about a minute.")] = False,
+    short: Annotated[bool, Option("--short", help="Fewer cases: a third of the time.")] = False,
+    as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
+    write: Annotated[bool, Option("--write", help="Write docs/force.md.")] = False,
 ) -> None:
     """Benchmark how the laws release, hold, approach and track a force, against other laws.
 
@@ -150,4 +149,4 @@ def force(
         code = subprocess.run(command, env=environment, check=False).returncode
     except KeyboardInterrupt:
         code = INTERRUPTED
-    raise typer.Exit(code)
+    raise Exit(code)

@@ -1,20 +1,22 @@
 """Verb `watch`: one topic decoded live or into a file, or all topics with rate and age."""
 
+import difflib
 import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import typer
+from typer import Argument, Exit, Option, echo
 
 from cli.context import CellOption, cell_of, exit_with_error
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import Message
+from forcemesh.topics import TOPICS, Topic
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
     from forcemesh.client import Feed, Received
-    from forcemesh.messages import Message
-    from forcemesh.topics import Topic
 
 SILENCE_S = 3.0  # the slowest topic comes four times a second
 REFRESH_HZ = 10
@@ -31,15 +33,13 @@ class WatchEnd(NamedTuple):
 
 def _topics(typed: str) -> list[str]:
     """Return the topics with a prefix, for the shell's completion."""
-    from forcemesh.topics import TOPICS
-
     return [topic.key for topic in TOPICS if topic.key.startswith(typed)]
 
 
 def watch(
     topic: Annotated[
         str | None,
-        typer.Argument(
+        Argument(
             metavar="[TOPIC]",
             help="As listed by `forcemesh topics`; default: all, with rate and age.",
             autocompletion=_topics,
@@ -48,18 +48,18 @@ def watch(
     *,
     count: Annotated[
         int | None,
-        typer.Option(min=1, help="End after this number of messages or tables."),
+        Option(min=1, help="End after this number of messages or tables."),
     ] = None,
     seconds: Annotated[
         float | None,
-        typer.Option(min=0.1, help="End after this time [s]."),
+        Option(min=0.1, help="End after this time [s]."),
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object per line, header and message merged.")
+        bool, Option("--json", help="One JSON object per line, header and message merged.")
     ] = False,
     csv: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--csv",
             metavar="FILE",
             help="Write every message of the topic into a new file, one row each.",
@@ -88,15 +88,11 @@ def watch(
             else:
                 _show_topic(client.feed(row), end)
         except KeyboardInterrupt:
-            raise typer.Exit(0) from None
+            raise Exit(0) from None
 
 
 def find_topic(name: str) -> "Topic[Message]":
     """Return a topic by its name; an unknown name ends the verb with the nearest one."""
-    import difflib
-
-    from forcemesh.topics import TOPICS
-
     rows = {topic.key: topic for topic in TOPICS}
     if name not in rows:
         matches = difflib.get_close_matches(name, rows, n=1, cutoff=0.4)
@@ -125,7 +121,7 @@ def _write_csv(
         exit_with_error(f"{path} exists: choose the name of a new file")
     except OSError as error:
         exit_with_error(f"{path}: cannot be written: {error.strerror}")
-    typer.echo(f"{path}: {written.messages} messages of {topic.key}, {written.lost} lost")
+    echo(f"{path}: {written.messages} messages of {topic.key}, {written.lost} lost")
 
 
 # --- one topic ------------------------------------------------------------------------------------
@@ -182,8 +178,6 @@ def _watch_all(client: "ConfiguredCell", end: WatchEnd, as_json: bool) -> None:
     from rich.live import Live
 
     from cli.tables import table_console
-    from forcemesh.clock import NS_PER_S
-    from forcemesh.topics import TOPICS
 
     feeds = [client.feed(topic) for topic in TOPICS]
     _receive(client, feeds, FIRST_S)

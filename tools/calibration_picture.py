@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread, imsave
 
 from cli.calibration.page import attitudes, before_after, residual_bars
-from cli.calibration.wizard import CalibrationWizard, WizardTiming
+from cli.calibration.wizard import CalibrationWizard
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
 from common.config.load import load_cell
@@ -43,7 +43,7 @@ def calibrated(cell: CellConfig) -> Findings:
     world.advance(1.5)
     plan = make_plan(cell, ArmKinematics(cell.robot.model), world.arm.q, PlanOptions())
     client = ConfiguredCell(cell, bus=world.client)
-    wizard = CalibrationWizard(client, plan, timing=WizardTiming(0.1), output=Silence())
+    wizard = CalibrationWizard(client, plan, Silence())
     wizard.run()
     return findings_of(
         cell, evidence_of("arm", wizard.dwells, source=Path("demo.csv")), VerificationBounds()

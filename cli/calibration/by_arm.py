@@ -5,12 +5,12 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
-import typer
+from typer import echo
 
 from cli.calibration.drive import Drive, refuse_loaded_tool
 from cli.calibration.finish import Job, conclude, refuse_wrong_axes, save_readings
-from cli.calibration.wizard import BOTH, CalibrationWizard, WizardTiming, expected_s
-from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of
+from cli.calibration.wizard import BOTH, CalibrationWizard, expected_s
+from cli.context import INTERRUPTED, NOT_WELL, OK, answers_yes, exit_code_of, print_note
 from cli.doctor.pose import check_pose
 from cli.terminal import ProgressOutput, ignore_sigint, interrupt_on_signals, screen
 from common.bus.configured_cell import ConfiguredCell
@@ -33,8 +33,7 @@ MANUAL_REMEDY = "calibrate with --manual, which needs no arm model"
 class ArmOptions:
     """Options of an automatic calibration, and whether motion is confirmed already."""
 
-    plan_options: PlanOptions
-    timing: WizardTiming
+    plan: PlanOptions
     yes: bool = False
     free: bool = False  # the tool is in free space, whatever force is measured
 
@@ -101,17 +100,17 @@ def verify(job: Job, options: ArmOptions, cell: ConfiguredCell) -> int:
     if ended is not None:
         return ended
     verdict = judge_residual(active_residual(wizard.dwells), job.bounds)
-    typer.echo(f"calibration in use: {wizard.gatherer.active_calibration or 'not reported'}")
-    typer.echo(verdict.text)
+    echo(f"calibration in use: {wizard.gatherer.active_calibration or 'not reported'}")
+    echo(verdict.text)
     return OK if verdict.passed else NOT_WELL
 
 
 def calibration_plan(cell: ConfiguredCell, options: ArmOptions) -> CalibrationPlan:
     """Return the plan from the present pose. Raises CalibrationError with the remedy."""
-    arm = Drive(cell, options.timing.speed_m_s)
+    arm = Drive(cell, options.plan.speed_m_s)
     arm.refuse_unless_free()
     state, config = arm.at_rest(), cell.config
-    return make_plan(config, _model(config, state), np.array(state.joint_rad), options.plan_options)
+    return make_plan(config, _model(config, state), np.array(state.joint_rad), options.plan)
 
 
 def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
@@ -128,10 +127,7 @@ def _model(cell: CellConfig, state: RobotState) -> ArmKinematics:
 
 
 def motion_description(
-    cell: CellConfig,
-    plan: CalibrationPlan,
-    timing: WizardTiming,
-    purposes: tuple[Purpose, ...] = BOTH,
+    cell: CellConfig, plan: CalibrationPlan, purposes: tuple[Purpose, ...] = BOTH
 ) -> str:
     """Return the description of the motion, for confirmation."""
     low, high = (
@@ -146,11 +142,11 @@ def motion_description(
     count = f"{len(plan.verify)} poses"
     if purposes == BOTH:
         count = f"{len(plan.fit)} poses and {len(plan.verify)} to verify"
-    seconds = expected_s(plan, timing, purposes)
+    seconds = expected_s(plan, purposes)
     lines = [*plan.warnings]
     lines.append(
-        f"{count}, about {seconds:.0f} s at {1e3 * timing.speed_m_s:.0f} mm/s; gravity varies by "
-        f"{spread_deg(plan):.0f} degrees in sensor axes, expected condition number "
+        f"{count}, about {seconds:.0f} s at {1e3 * plan.options.speed_m_s:.0f} mm/s; gravity "
+        f"varies by {spread_deg(plan):.0f} degrees in sensor axes, expected condition number "
         f"{plan.conditioning:.1f}"
     )
     lines.append(
@@ -177,25 +173,24 @@ def confirm_and_drive(
 
     Raises CalibrationError when the motion is not confirmed.
     """
-    plan, timing = calibration_plan(cell, options), options.timing
-    typer.echo(motion_description(cell.config, plan, timing, purposes), err=True)
+    plan = calibration_plan(cell, options)
+    print_note(motion_description(cell.config, plan, purposes))
     if not options.yes and not answers_yes(question):
         raise CalibrationError("nothing was moved")
     with screen() as output:
-        return drive(cell, plan, timing, output=output, purposes=purposes, returns=returns)
+        return drive(cell, plan, output, purposes=purposes, returns=returns)
 
 
 def drive(
     cell: ConfiguredCell,
     plan: CalibrationPlan,
-    timing: WizardTiming,
-    *,
     output: ProgressOutput,
+    *,
     purposes: tuple[Purpose, ...] = BOTH,
     returns: bool = True,
 ) -> tuple[CalibrationWizard, int | None]:
     """Visit every pose, and return if so requested; return the exit code too if it ended early."""
-    wizard = CalibrationWizard(cell, plan, timing=timing, output=output)
+    wizard = CalibrationWizard(cell, plan, output)
     action = wizard.run if returns else wizard.measure
     return wizard, _run_guarded(wizard, lambda: action(purposes))
 

@@ -1,13 +1,10 @@
 """Motion client of the wizard: joint moves, hold, and the checks that the tool is free."""
 
-from collections.abc import Callable
-
-import numpy as np
-
+from cli.calibration.gather import Watch
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
 from common.motion.convert import joints
-from common.motion.frames import Array
+from common.motion.frames import Array, length
 from forcemesh import topics
 from forcemesh.client.ask import stopped_error
 from forcemesh.clock import wait_until
@@ -23,8 +20,6 @@ CONTACT_WITHIN_S = 1.0
 SLOWEST = 4.0  # timeout of a move: multiple of the expected duration, plus SLOWEST_S
 SLOWEST_S = 15.0
 POSE_REFUSALS = ("joint", "workspace", "tether", "goal_refused")  # refusals of this pose only
-
-Watch = Callable[[str], None]
 
 
 class Drive:
@@ -148,7 +143,7 @@ def refuse_relieved(before_N: Array, after_N: Array, lifted_m: float, cell: Cell
         lifted_m: Height of the lift [m].
         cell: Cell file with the contact threshold force.touch_N.
     """
-    change_N, limit_N = float(np.linalg.norm(after_N - before_N)), cell.force.touch_N
+    change_N, limit_N = length(after_N - before_N), cell.force.touch_N
     if change_N > limit_N:
         raise InContactError(
             f"the tool was in contact at the start: {change_N:.1f} N change while it was lifted by "

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import typer
+from typer import echo
 
 from cli.calibration.output_files import OutputFiles, back_up
 from cli.calibration.page import save_page
-from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED
+from cli.context import NO_ANSWER, NOT_WELL, OK, REFUSED, print_note
 from cli.payload_tables import print_fit
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
@@ -49,7 +49,7 @@ def calibrate_from_recording(
     refuse_wrong_installation(job, data, axes)
     chosen_axes, fit, reason = identify_recording(data, axes)
     if reason:
-        typer.echo(reason, err=True)
+        print_note(reason)
     verify = None
     if verification is not None:
         verify = sort_into_poses(read_recording(verification).samples(chosen_axes)).means
@@ -83,15 +83,14 @@ def refuse_wrong_installation(
     expected = ExpectedInstallation.of(job.cell)
     found = judge_recording(recording, axes, expected)[1]
     if expected.mass_kg is None and "mass_kg" in found.evidence:
-        typer.echo(
+        print_note(
             f"the measured tool mass is {found.evidence['mass_kg']:.3g} kg, the cell file has "
-            "none: check it. A wrong unit of force (kgf, pounds) is detectable only here",
-            err=True,
+            "none: check it. A wrong unit of force (kgf, pounds) is detectable only here"
         )
     if found.rejection_reason is None:
         return
     if job.force:
-        typer.echo(f"warning: {found.rejection_reason}", err=True)
+        print_note(f"warning: {found.rejection_reason}")
         return
     raise CalibrationError(
         f"{found.rejection_reason}; no calibration is made (`forcemesh check axes` shows more, "
@@ -109,9 +108,9 @@ def conclude(job: Job, evidence: Evidence, cell: ConfiguredCell | None) -> int:
     """
     found = findings_of(job.cell, evidence, job.bounds)
     for warning in found.report["warnings"]:
-        typer.echo(f"warning: {warning}", err=True)
+        print_note(f"warning: {warning}")
     print_fit(found.report)
-    typer.echo(found.verdict.text)
+    echo(found.verdict.text)
     return store_result(job, found, cell)
 
 
@@ -121,72 +120,65 @@ def store_result(job: Job, found: Findings, cell: ConfiguredCell | None) -> int:
     The last line reports whether the cell uses it; requested and not used is never exit code 0.
     """
     if found.verdict.passed is False and not job.force:
-        page = job.files.failed_page
+        page = job.files.calibration.with_suffix(".failed.html")  # a good report is kept
         save_page(found, page)
-        typer.echo(
-            "check for contact, a loose tool or cable, a wrong T_flange_sensor; --force writes it"
-        )
-        typer.echo(f"nothing was written or put into use; the report is {page}")
+        echo("check for contact, a loose tool or cable, a wrong T_flange_sensor; --force writes it")
+        echo(f"nothing was written or put into use; the report is {page}")
         return NOT_WELL
     if found.verdict.passed is False:
-        _write(job.files.unused, found)
-        typer.echo(_not_used_text(job.files, "it failed"))
-        return NOT_WELL
+        return _keep_unused(job.files, found, "it failed", NOT_WELL)
     if not job.use:
-        _write(job.files.unused, found)
-        typer.echo(_not_used_text(job.files, "only --use puts it into use"))
-        return OK
+        return _keep_unused(job.files, found, "only --use puts it into use", OK)
     objection = active_calibration(found.section, job.cell).objection
     if found.verdict.passed is None:
         objection = "no fresh pose has verified it (--verify-with, or --verify-poses above 0)"
     if objection:
-        _write(job.files.unused, found)
-        typer.echo(_not_used_text(job.files, objection))
-        return NOT_WELL
-    return _put_into_use(job, found, cell)
+        return _keep_unused(job.files, found, objection, NOT_WELL)
+    return _put_into_use(job.files, found, cell)
 
 
-def _put_into_use(job: Job, found: Findings, cell: ConfiguredCell | None) -> int:
+def _put_into_use(files: OutputFiles, found: Findings, cell: ConfiguredCell | None) -> int:
     """Send the result to the running cell; when accepted, write it for the next start too."""
-    files, revision = job.files, found.section.revision
     if cell is None:
         _write(files.calibration, found)
-        typer.echo(files.advice or "the cell is not up: it takes the file when it is started")
+        echo(files.advice or "the cell is not up: it takes the file when it is started")
         return OK
     try:
         reply = cell.calibrate(found.section.model_dump_json())
     except RefusedError as error:
-        _write(files.unused, found)
         reason = f"the running cell refused it ({error.code}): {error.text}"
-        typer.echo(_not_used_text(files, f"{reason}; it keeps its previous calibration"))
-        return REFUSED
+        return _keep_unused(files, found, f"{reason}; it keeps its previous calibration", REFUSED)
     except BusError as error:
         _write(files.unused, found)
-        typer.echo(
-            f"{error}; whether the cell uses calibration {revision} is not known: `forcemesh "
-            f"status` shows it; the file is {files.unused}"
+        echo(
+            f"{error}; whether the cell uses calibration {found.section.revision} is not known: "
+            f"`forcemesh status` shows it; the file is {files.unused}"
         )
         return NO_ANSWER
     _write(files.calibration, found)
     if files.advice:
-        typer.echo(f"{files.advice} after its next start as well")
-    typer.echo(reply.text)
+        echo(f"{files.advice} after its next start as well")
+    echo(reply.text)
     return OK
 
 
-def _not_used_text(files: OutputFiles, reason: str) -> str:
-    return f"the cell does not use it: {reason}; {files.advice or f'the file is {files.unused}'}"
+def _keep_unused(files: OutputFiles, found: Findings, reason: str, code: int) -> int:
+    """Write a result that the cell does not use, report the reason, and return the exit code."""
+    _write(files.unused, found)
+    advice = files.advice or f"the file is {files.unused}"
+    echo(f"the cell does not use it: {reason}; {advice}")
+    return code
 
 
 def _write(path: Path, found: Findings) -> None:
     """Write calibration and page; previous files are kept as `.before`."""
     back_up(path)
     found.section.save(path)
-    typer.echo(f"calibration {found.section.revision} written to {path}")
+    echo(f"calibration {found.section.revision} written to {path}")
     page = path.with_suffix(".html")
     back_up(page)
     save_page(found, page)
-    typer.echo(f"report: {page}")
+    echo(f"report: {page}")
 
 
 def save_readings(job: Job, dwells: Sequence[Dwell]) -> None:
@@ -197,4 +189,4 @@ def save_readings(job: Job, dwells: Sequence[Dwell]) -> None:
     back_up(path)
     save_dwells(dwells, path)
     count = sum(len(dwell) for dwell in dwells)
-    typer.echo(f"{count} readings at {len(dwells)} poses written to {path}", err=True)
+    print_note(f"{count} readings at {len(dwells)} poses written to {path}")

@@ -135,7 +135,6 @@ class Gatherer:
         if len(samples) < LEAST_READINGS:
             raise ReadingLostError(f"only {len(samples)} readings in {dwell_s:g} s")
         readings = np.array([sample.reading for sample in samples])
-        residual = np.mean(residuals, axis=0) if residuals else None
         at_ns = np.array([sample.at_ns - self._started_ns for sample in samples])
         return Dwell(
             purpose,
@@ -144,8 +143,7 @@ class Gatherer:
             np.array([sample.R_base_sensor for sample in samples]),
             readings[:, :3],
             readings[:, 3:],
-            None if residual is None else residual[:3],
-            None if residual is None else residual[3:],
+            *(np.split(np.mean(residuals, axis=0), 2) if residuals else (None, None)),
         )
 
     def _add_wrench(self, residuals: list[Array], sample: PoseSample) -> None:

@@ -29,11 +29,6 @@ class OutputFiles:
         """Path of the CSV file with the readings."""
         return self.calibration.with_suffix(".csv")
 
-    @property
-    def failed_page(self) -> Path:
-        """Path of the report of a failed run: it does not replace a good one."""
-        return self.calibration.with_suffix(".failed.html")
-
 
 def output_files(cell: CellConfig, cell_file: Path, out: Path | None) -> OutputFiles:
     """Return the paths of this cell's calibration.

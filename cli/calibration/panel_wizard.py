@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import IO, Annotated, Any
 
 import numpy as np
-import typer
+from typer import Exit, Option, run
 
 from cli.calibration import by_arm
 from cli.calibration.drive import refuse_loaded_tool
 from cli.calibration.finish import Job, store_result
 from cli.calibration.output_files import output_files
-from cli.calibration.wizard import WizardTiming
 from cli.context import CONNECT_PATIENCE_S, NOT_WELL, USAGE
 from cli.payload_tables import found_parameters
 from common.bus.configured_cell import ConfiguredCell
@@ -75,12 +74,10 @@ class JsonLineOutput:
 
 def main(
     *,
-    cell: Annotated[Path, typer.Option(help="The cell file.")],
-    poses: Annotated[int, typer.Option(min=6, max=40, help="Poses for the fit.")] = 10,
-    verify_poses: Annotated[
-        int, typer.Option(min=1, max=20, help="Further poses for verification.")
-    ] = 4,
-    speed: Annotated[float, typer.Option(min=1.0, max=1000.0, help="[mm/s]")] = 1e3 * SPEED_M_S,
+    cell: Annotated[Path, Option(help="The cell file.")],
+    poses: Annotated[int, Option(min=6, max=40, help="Poses for the fit.")] = 10,
+    verify_poses: Annotated[int, Option(min=1, max=20, help="Further poses for verification.")] = 4,
+    speed: Annotated[float, Option(min=1.0, max=1000.0, help="[mm/s]")] = 1e3 * SPEED_M_S,
 ) -> None:
     """Identify payload and sensor bias, verify them, write the cell's calibration."""
     output = JsonLineOutput(sys.stdout)
@@ -91,22 +88,23 @@ def main(
             output.write_object(error=str(error))
             code = USAGE
     output.write_object(end=code)
-    raise typer.Exit(code)
+    raise Exit(code)
 
 
 def _run(output: JsonLineOutput, path: Path, counts: tuple[int, int], speed_m_s: float) -> int:
     cell = load_cell(path, {"calibration": None})
     job = Job(cell, output_files(cell, path, None), VerificationBounds(), use=True)
-    timing = WizardTiming(min(speed_m_s, cell.limits.speed_m_s), DWELL_S)
-    options = by_arm.ArmOptions(PlanOptions(*counts, radians(TURN_DEG)), timing, yes=True)
+    speed_m_s = min(speed_m_s, cell.limits.speed_m_s)
+    plan_options = PlanOptions(*counts, radians(TURN_DEG), speed_m_s, DWELL_S)
+    options = by_arm.ArmOptions(plan_options, yes=True)
     with ConfiguredCell(cell, patience_s=CONNECT_PATIENCE_S) as client:
         refuse_loaded_tool(client)
         plan = by_arm.calibration_plan(client, options)
-        output.write_object(plan=by_arm.motion_description(cell, plan, timing))
+        output.write_object(plan=by_arm.motion_description(cell, plan))
         if sys.stdin.readline().strip() != "go":
             output.note("nothing was moved")
             return NOT_WELL
-        wizard, ended = by_arm.drive(client, plan, timing, output=output, returns=False)
+        wizard, ended = by_arm.drive(client, plan, output, returns=False)
         return by_arm.finish(
             job,
             wizard,
@@ -139,4 +137,4 @@ def _rounded(lengths: np.ndarray[Any, Any]) -> list[float]:
 
 
 if __name__ == "__main__":
-    typer.run(main)
+    run(main)

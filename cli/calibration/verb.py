@@ -5,7 +5,7 @@ from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Exit, Option
 
 from cli.context import (
     CONNECT_PATIENCE_S,
@@ -14,64 +14,60 @@ from cli.context import (
     find_cell_file,
     one_line_errors,
 )
-from cli.payload import Axes, AxesOption, named_axes
+from cli.payload import Axes, named_axes
 
 if TYPE_CHECKING:
     from cli.calibration.finish import Job
 
 USUAL_SPEED_MM_S = 100.0
 
-Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the workspace is free.")]
-Poses = Annotated[int, typer.Option(min=6, max=40, help="Poses for the fit.")]
+Yes = Annotated[bool, Option("--yes", help="Do not ask whether the workspace is free.")]
+Poses = Annotated[int, Option(min=6, max=40, help="Poses for the fit.")]
 VerifyPoses = Annotated[
-    int, typer.Option(min=0, max=20, help="Further poses for verification; 0 only with --manual.")
+    int, Option(min=0, max=20, help="Further poses for verification; 0 only with --manual.")
 ]
 SpeedOption = Annotated[
     float | None,
-    typer.Option(
+    Option(
         min=1.0, max=1000.0, help="Speed of the moves [mm/s]; default: 100, or less if limited."
     ),
 ]
-DwellOption = Annotated[
-    float, typer.Option(min=0.1, max=10.0, help="Averaging time at a pose [s].")
-]
+DwellOption = Annotated[float, Option(min=0.1, max=10.0, help="Averaging time at a pose [s].")]
 RotationOption = Annotated[
-    float, typer.Option(min=30.0, max=180.0, help="Largest rotation of joints 4 to 6 [deg].")
+    float, Option(min=30.0, max=180.0, help="Largest rotation of joints 4 to 6 [deg].")
 ]
-MaxForce = Annotated[float, typer.Option(min=0.001, help="Largest residual force [N].")]
-MaxTorque = Annotated[float, typer.Option(min=0.0001, help="Largest residual torque [N m].")]
+MaxForce = Annotated[float, Option(min=0.001, help="Largest residual force [N].")]
+MaxTorque = Annotated[float, Option(min=0.0001, help="Largest residual torque [N m].")]
 Force = Annotated[
-    bool, typer.Option("--force", help="Write a result that failed; it is never activated.")
+    bool, Option("--force", help="Write a result that failed; it is never activated.")
 ]
 Use = Annotated[
     bool,
-    typer.Option(
+    Option(
         "--use",
         help="Activate a result that passed; default when the arm moves and --out is not set.",
     ),
 ]
 Free = Annotated[
     bool,
-    typer.Option("--free", help="The tool is free although a force is measured: a new tool."),
+    Option("--free", help="The tool is free although a force is measured: a new tool."),
 ]
 Out = Annotated[
     Path | None,
-    typer.Option(
-        metavar="FILE", help="Write the result to FILE only; with --use also activate it."
-    ),
+    Option(metavar="FILE", help="Write the result to FILE only; with --use also activate it."),
 ]
-Manual = Annotated[bool, typer.Option("--manual", help="Do not move the arm: a person moves it.")]
+Manual = Annotated[bool, Option("--manual", help="Do not move the arm: a person moves it.")]
 AutoCapture = Annotated[
-    bool, typer.Option("--auto-capture", help="With --manual: capture each new pose automatically.")
+    bool, Option("--auto-capture", help="With --manual: capture each new pose automatically.")
 ]
 FromFile = Annotated[
-    Path | None, typer.Option("--from", metavar="CSV", help="Do not move the arm: use a recording.")
+    Path | None, Option("--from", metavar="CSV", help="Do not move the arm: use a recording.")
 ]
 VerifyWith = Annotated[
-    Path | None, typer.Option(metavar="CSV", help="With --from: recording for verification.")
+    Path | None, Option(metavar="CSV", help="With --from: recording for verification.")
 ]
 VerifyOnly = Annotated[
-    bool, typer.Option("--verify-only", help="Verify the active calibration of the cell; no fit.")
+    bool, Option("--verify-only", help="Verify the active calibration of the cell; no fit.")
 ]
 
 
@@ -102,7 +98,7 @@ def calibrate(
     from_file: FromFile = None,
     verify_with: VerifyWith = None,
     verify_only: VerifyOnly = False,
-    wrench_axes: Axes = AxesOption.AUTO,
+    wrench_axes: Axes = "auto",
     cell: CellOption = None,
 ) -> None:
     """Identify payload and sensor bias, verify them at further poses, activate them.
@@ -119,7 +115,7 @@ def calibrate(
         exit_with_error(f"{' and '.join(chosen)} cannot be combined: choose one")
     if from_file is None and verify_with is not None:
         exit_with_error("--verify-with requires --from: the wizard measures its own poses")
-    if from_file is None and wrench_axes is not AxesOption.AUTO:
+    if from_file is None and wrench_axes != "auto":
         exit_with_error("--wrench-axes requires --from: the wizard reads the sensor itself")
     if auto_capture and not manual:
         exit_with_error("--auto-capture requires --manual")
@@ -133,7 +129,7 @@ def calibrate(
         job = _job(find_cell_file(cell), out, (max_force, max_torque), force=force, uses=uses)
         if from_file is not None:
             axes = named_axes(wrench_axes)
-            raise typer.Exit(calibrate_from_recording(job, from_file, verify_with, axes))
+            raise Exit(calibrate_from_recording(job, from_file, verify_with, axes))
         if manual:
             run = _by_hand(job, (poses, verify_poses, dwell), auto_capture=auto_capture)
         else:
@@ -141,7 +137,7 @@ def calibrate(
             run = _by_arm(job, counts, speed, dwell, assured=(yes, free), verify_only=verify_only)
         with ConfiguredCell(job.cell, patience_s=CONNECT_PATIENCE_S) as client:
             code = run(client)
-    raise typer.Exit(code)
+    raise Exit(code)
 
 
 def _job(
@@ -182,7 +178,6 @@ def _by_arm(
 ) -> "partial[int]":
     """Return the calibration or the verification in which the arm moves."""
     from cli.calibration import by_arm
-    from cli.calibration.wizard import WizardTiming
     from identification.excitation.plan import PlanOptions
 
     poses, verify_poses, turn_deg = counts
@@ -193,7 +188,6 @@ def _by_arm(
         speed_mm_s = min(USUAL_SPEED_MM_S, limit_mm_s)
     elif speed_mm_s > limit_mm_s:
         exit_with_error(f"--speed {speed_mm_s:g}: limits.speed_m_s allows {limit_mm_s:g} mm/s")
-    timing = WizardTiming(speed_mm_s / 1e3, dwell_s)
-    plan_options = PlanOptions(poses, verify_poses, radians(turn_deg))
-    options = by_arm.ArmOptions(plan_options, timing, *assured)
+    plan_options = PlanOptions(poses, verify_poses, radians(turn_deg), speed_mm_s / 1e3, dwell_s)
+    options = by_arm.ArmOptions(plan_options, *assured)
     return partial(by_arm.verify if verify_only else by_arm.calibrate, job, options)

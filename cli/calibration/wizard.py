@@ -4,7 +4,6 @@ The wizard is an ordinary client of the cell, so it runs against real processes 
 virtual clock. The recorded readings stay in `dwells`, however the sequence ends.
 """
 
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
@@ -27,14 +26,6 @@ FREE_READ_S = 0.2  # long enough to detect contact above the sensor's noise
 RAMP_S = 0.5  # acceleration, deceleration and detection of the arrival
 
 
-@dataclass(frozen=True, slots=True)
-class WizardTiming:
-    """Speed of the arm and duration of a dwell."""
-
-    speed_m_s: float
-    dwell_s: float = 0.5
-
-
 class CalibrationWizard:
     """One calibration, from arming to the return to the start."""
 
@@ -42,19 +33,17 @@ class CalibrationWizard:
         self,
         cell: ConfiguredCell,
         plan: CalibrationPlan,
-        *,
-        timing: WizardTiming,
         output: ProgressOutput,
     ) -> None:
         """Subscribe; nothing moves before `run`."""
         self.plan = plan
         self.dwells: list[Dwell] = []
-        self._timing, self._cell, self._clock = timing, cell, cell.session.clock
+        self._cell, self._clock = cell, cell.session.clock
         self.output = output  # may be replaced for the return
-        self._drive = Drive(cell, timing.speed_m_s)
+        self._drive = Drive(cell, plan.options.speed_m_s)
         self.gatherer = Gatherer(cell)
         self._q: Array = plan.route.q_start
-        self._done_s, self._total_s = 0.0, expected_s(plan, timing)
+        self._done_s, self._total_s = 0.0, expected_s(plan)
         self._stage = ""
         self._begun = False
 
@@ -68,7 +57,7 @@ class CalibrationWizard:
 
     def measure(self, purposes: tuple[Purpose, ...] = BOTH) -> None:
         """Arm and visit every pose; the arm stays armed at the last one. Raises as `run`."""
-        self._total_s = expected_s(self.plan, self._timing, purposes)
+        self._total_s = expected_s(self.plan, purposes)
         self.gatherer.until_received()
         self._begun = True  # also when interrupted before the reply
         try:
@@ -132,7 +121,7 @@ class CalibrationWizard:
                     self._move_through([self._q])
                 continue
             visited.append(remaining[0])
-            self.dwells.append(self._read(purpose, self._timing.dwell_s))
+            self.dwells.append(self._read(purpose, self.plan.options.dwell_s))
 
     def _read(self, purpose: Purpose, duration_s: float) -> Dwell:
         began_ns = self._clock.now_ns()
@@ -150,7 +139,7 @@ class CalibrationWizard:
         """Move from stop to stop. Raises PoseRefusedError when one of them is refused."""
         for q in stops:
             length_m = self.plan.route.length_m(self._q, q)
-            expected_s = length_m / self._timing.speed_m_s + RAMP_S
+            expected_s = length_m / self.plan.options.speed_m_s + RAMP_S
             began_ns = self._clock.now_ns()
             report = partial(self._report_progress, began_ns=began_ns, expected_s=expected_s)
             self._drive.move_joints(q, length_m, report)
@@ -163,15 +152,13 @@ class CalibrationWizard:
         self.output.progress(min(done_s, self._total_s), self._total_s, f"{self._stage}: {text}")
 
 
-def expected_s(
-    plan: CalibrationPlan, timing: WizardTiming, purposes: tuple[Purpose, ...] = BOTH
-) -> float:
+def expected_s(plan: CalibrationPlan, purposes: tuple[Purpose, ...] = BOTH) -> float:
     """Return the approximate duration of a plan [s]."""
     route = plan.route
     places = [p for purpose in purposes for p in (plan.fit if purpose == "fit" else plan.verify)]
     stops = [route.q_start, route.hub, *(plan.q[place] for place in places), route.hub]
     travel_m = sum(route.length_m(a, b) for a, b in pairwise(stops))
     travel_m += route.length_m(route.hub, route.q_start)
-    moving_s = travel_m / timing.speed_m_s + RAMP_S * (len(stops) + 1)
+    moving_s = travel_m / plan.options.speed_m_s + RAMP_S * (len(stops) + 1)
     free_s = 2.0 * (STILLNESS_WINDOW_S + FREE_READ_S) if route.goals_to_hub(route.q_start) else 0.0
-    return moving_s + free_s + len(places) * (STILLNESS_WINDOW_S + timing.dwell_s)
+    return moving_s + free_s + len(places) * (STILLNESS_WINDOW_S + plan.options.dwell_s)

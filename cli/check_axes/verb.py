@@ -1,10 +1,11 @@
 """Verb `check axes`: comparison of the sensor installation with the cell file."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Exit, Option, Typer, echo
 
 from cli.context import (
     NOT_WELL,
@@ -15,15 +16,19 @@ from cli.context import (
     exit_with_error,
     find_cell_file,
     one_line_errors,
+    print_note,
 )
-from cli.payload import Axes, AxesOption
+from cli.payload import Axes, AxesOption, named_axes
+from forcemesh import topics
+from forcemesh.errors import RefusedError
+from forcemesh.requests import AxesRequest
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
     from common.config.cell import CellConfig
     from identification.installation.terms import ExpectedInstallation, Installation
 
-check = typer.Typer(no_args_is_help=True, help="Check the installation of a cell.")
+check = Typer(no_args_is_help=True, help="Check the installation of a cell.")
 
 POSES, SPEED_MM_S, DWELL_S = 6, 100.0, 0.3
 REPORT_WITHIN_S = 2.0
@@ -44,22 +49,18 @@ def axes(
     *,
     from_file: Annotated[
         Path | None,
-        typer.Option("--from", metavar="CSV", help="Do not move the arm: evaluate a recording."),
+        Option("--from", metavar="CSV", help="Do not move the arm: evaluate a recording."),
     ] = None,
-    push: Annotated[
-        bool, typer.Option("--push", help="Do not move the arm: push by hand.")
-    ] = False,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Do not ask whether the workspace is free.")
-    ] = False,
+    push: Annotated[bool, Option("--push", help="Do not move the arm: push by hand.")] = False,
+    yes: Annotated[bool, Option("--yes", help="Do not ask whether the workspace is free.")] = False,
     mass: Annotated[
         float | None,
-        typer.Option(min=0.001, help="True mass below the sensor [kg]; default: cell file."),
+        Option(min=0.001, help="True mass below the sensor [kg]; default: cell file."),
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=1.0, max=1000.0, help="Speed of the moves [mm/s].")
+        float, Option(min=1.0, max=1000.0, help="Speed of the moves [mm/s].")
     ] = SPEED_MM_S,
-    wrench_axes: Axes = AxesOption.AUTO,
+    wrench_axes: Axes = "auto",
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
@@ -70,7 +71,7 @@ def axes(
     """
     if push and from_file is not None:
         exit_with_error("--push and --from cannot be combined: choose one")
-    if wrench_axes is not AxesOption.AUTO and from_file is None:
+    if wrench_axes != "auto" and from_file is None:
         exit_with_error("--wrench-axes requires --from: otherwise the sensor itself is read")
     with one_line_errors():
         path = find_cell_file(cell)
@@ -82,11 +83,10 @@ def axes(
             else _by_arm(path, mass, speed, yes=yes)
         )
     print_installation(found, source, as_json=as_json)
-    raise typer.Exit(OK if found.verdict == "right" else NOT_WELL)
+    raise Exit(OK if found.verdict == "right" else NOT_WELL)
 
 
 def _expected_installation(cell: "CellConfig", mass_kg: float | None) -> "ExpectedInstallation":
-    from dataclasses import replace
 
     from identification.installation.terms import ExpectedInstallation
 
@@ -97,7 +97,6 @@ def _expected_installation(cell: "CellConfig", mass_kg: float | None) -> "Expect
 def _by_file(
     path: Path, recording: Path, option: AxesOption, mass_kg: float | None
 ) -> "tuple[Installation, str]":
-    from cli.payload import named_axes
     from common.config.load import load_cell
     from identification.installation.check import judge_recording
     from identification.recording import read_recording
@@ -126,19 +125,19 @@ def _by_arm(
     path: Path, mass_kg: float | None, speed_mm_s: float, *, yes: bool
 ) -> "tuple[Installation, str]":
     from cli.calibration import by_arm
-    from cli.calibration.wizard import WizardTiming
     from identification.dwells import samples_of
     from identification.excitation.plan import PlanOptions
     from identification.installation.check import judge_installation
 
     with cell_of(path) as cell:
         limit_mm_s = 1e3 * cell.config.limits.speed_m_s
-        timing = WizardTiming(min(speed_mm_s, limit_mm_s) / 1e3, DWELL_S)
-        options = by_arm.ArmOptions(PlanOptions(poses=POSES, verify_poses=0), timing, yes)
+        speed_m_s = min(speed_mm_s, limit_mm_s) / 1e3
+        plan_options = PlanOptions(POSES, 0, speed_m_s=speed_m_s, dwell_s=DWELL_S)
+        options = by_arm.ArmOptions(plan_options, yes)
         question = "is the workspace free, and may the arm move?"
         wizard, ended = by_arm.confirm_and_drive(cell, options, question=question)
         if ended is not None:
-            raise typer.Exit(ended)
+            raise Exit(ended)
         expected = _expected_installation(cell.config, mass_kg)
         found = judge_installation(samples_of(wizard.dwells), expected)
         _report_axes(cell, found)
@@ -147,10 +146,6 @@ def _by_arm(
 
 def _report_axes(cell: "ConfiguredCell", found: "Installation") -> None:
     """Report to the cell that its axes are right, which permits hand guiding."""
-    from forcemesh import topics
-    from forcemesh.errors import RefusedError
-    from forcemesh.requests import AxesRequest
-
     if found.verdict != "right":
         return
     wrench = cell.wrench.wait(REPORT_WITHIN_S).fresh
@@ -161,7 +156,7 @@ def _report_axes(cell: "ConfiguredCell", found: "Installation") -> None:
             text = cell.ask(topics.AXES, AxesRequest(calibration=wrench.calibration)).text
         except RefusedError as error:
             text = f"warning: {error.text}"
-    typer.echo(text, err=True)
+    print_note(text)
 
 
 def print_installation(found: "Installation", source: str, *, as_json: bool) -> None:
@@ -179,13 +174,13 @@ def print_installation(found: "Installation", source: str, *, as_json: bool) -> 
             "force_channels_show": None if wiring is None else wiring.tolist(),
             "evidence": found.evidence,
         }
-        typer.echo(json.dumps(report, allow_nan=False))
+        echo(json.dumps(report, allow_nan=False))
         return
-    typer.echo(f"{source}\n{HEADLINES[found.verdict]}")
+    echo(f"{source}\n{HEADLINES[found.verdict]}")
     for finding in found.findings:
-        typer.echo(f"  - {finding.text}\n    -> {finding.remedy}")
+        echo(f"  - {finding.text}\n    -> {finding.remedy}")
     for line in found.unidentified:
-        typer.echo(f"  not observed: {line}")
+        echo(f"  not observed: {line}")
     numbers = ", ".join(f"{name} {value:.4g}" for name, value in found.evidence.items())
     if numbers:
-        typer.echo(f"  ({numbers})")
+        echo(f"  ({numbers})")

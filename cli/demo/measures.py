@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from rich.table import Table
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from matplotlib.typing import HashableList
+from rich.table import Column, Table
 
 from cli.demo.scenario import (
     SETTLED_FORCE_N,
@@ -16,14 +19,10 @@ from cli.demo.scenario import (
     Trace,
 )
 from common.motion.contact_point import contact_point_m
-from common.motion.frames import Array
+from common.motion.frames import Array, length
+from common.motion.kinematics import ArmKinematics
 from sim.robot.plate import lift_off_m
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.typing import HashableList
-
-    from sim.robot.settings import SimSettings
+from sim.robot.settings import SimSettings
 
 FINAL_WINDOW_S = 0.5
 # Averages over 8 ms against the sensor's noise, without the first 15 ms, in which the inertia of
@@ -86,7 +85,7 @@ class Surface:
         The first axis is base x turned into the plane, the second one the normal times the first.
         """
         x = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
-        x /= np.linalg.norm(x)
+        x /= length(x)
         return np.asarray(
             (p_base_m - self.point_m) @ np.column_stack([x, np.cross(self.normal, x)])
         )
@@ -123,8 +122,8 @@ def measure(trace: Trace, plan: ScenarioPlan, surface: Surface, tau_s: float) ->
         peak_force_N=max(sample.force for sample in trace.press + work),
         settling_s=trace.settled_at_s,
         overshoot_pct=overshoot_pct(trace, plan, highest_m * surface.stiffness_N_m),
-        final_force_N=_length(np.mean([sample.force_N for sample in final], axis=0)),
-        final_torque_Nm=_length(np.mean([sample.torque_Nm for sample in final], axis=0)),
+        final_force_N=length(np.mean([sample.force_N for sample in final], axis=0)),
+        final_torque_Nm=length(np.mean([sample.torque_Nm for sample in final], axis=0)),
         misalignment_deg=surface.misalignment_deg(work[-1]),
         lift_off_mm=highest_m * 1e3,
         tau_s=tau_s,
@@ -185,10 +184,6 @@ def percentiles_us(ages_ns: list[int]) -> tuple[float, float] | None:
     return (p50, p99)
 
 
-def _length(vector: Array) -> float:
-    return float(np.linalg.norm(vector))
-
-
 # --- output ---------------------------------------------------------------------------------------
 
 
@@ -197,35 +192,42 @@ def table(result: Result, plan: ScenarioPlan, started: str) -> Table:
     force = f"|F - {plan.setpoint_N:g} N| <= {SETTLED_FORCE_N:g} N"
     torque = f"|M| <= {SETTLED_TORQUE_NM:g} N m"
     goal = {"position": force, "orientation": torque, "both": f"{force}, {torque}"}[plan.mode]
-    rows = Table(title=f"force feedback: {started}", title_justify="left")
-    rows.add_column("measure")
-    rows.add_column("value", justify="right")
-    rows.add_column("definition")
     settling = "not settled"
     if result.settling_s is not None:
         taus = result.settling_s / result.tau_s
         settling = f"{result.settling_s * 1e3:.0f} ms = {taus:.1f} tau"
-    rows.add_row("settled", "yes" if result.settled else "no", f"{goal} for 1 s")
-    rows.add_row("settling time", settling, "from the start of force feedback")
-    rows.add_row(
-        "overshoot", f"{result.overshoot_pct:.1f} %", "lift-off, or force beyond the set point"
-    )
-    rows.add_row("peak force", f"{result.peak_force_N:.1f} N", "including pressing")
-    rows.add_row("final force", f"{result.final_force_N:.2f} N", "mean of the last 0.5 s")
-    rows.add_row(
-        "final torque", f"{result.final_torque_Nm:.3f} N m", "mean of the last 0.5 s, about the TCP"
-    )
-    rows.add_row("misalignment", f"{result.misalignment_deg:.2f} deg", "tool axis to plate normal")
-    rows.add_row("tau", f"{result.tau_s * 1e3:.1f} ms", "delay and lag used by the gain rule")
+    rows = [
+        ("settled", "yes" if result.settled else "no", f"{goal} for 1 s"),
+        ("settling time", settling, "from the start of force feedback"),
+        ("overshoot", f"{result.overshoot_pct:.1f} %", "lift-off, or force beyond the set point"),
+        ("peak force", f"{result.peak_force_N:.1f} N", "including pressing"),
+        ("final force", f"{result.final_force_N:.2f} N", "mean of the last 0.5 s"),
+        (
+            "final torque",
+            f"{result.final_torque_Nm:.3f} N m",
+            "mean of the last 0.5 s, about the TCP",
+        ),
+        ("misalignment", f"{result.misalignment_deg:.2f} deg", "tool axis to plate normal"),
+        ("tau", f"{result.tau_s * 1e3:.1f} ms", "delay and lag used by the gain rule"),
+    ]
     for hop, (p50, p99) in result.hops_us.items():
-        rows.add_row(hop, f"{p50:.0f} / {p99:.0f} us", "hop latency, p50 / p99")
-    if result.chain_latency_us_p50 is not None and result.chain_latency_us_p99 is not None:
-        p50, p99 = result.chain_latency_us_p50, result.chain_latency_us_p99
-        rows.add_row("whole chain", f"{p50:.0f} / {p99:.0f} us", "sensor to robot, p50 / p99")
+        rows.append((hop, f"{p50:.0f} / {p99:.0f} us", "hop latency, p50 / p99"))
+    if result.chain_latency_us_p50 is not None:
+        chain = f"{result.chain_latency_us_p50:.0f} / {result.chain_latency_us_p99:.0f} us"
+        rows.append(("whole chain", chain, "sensor to robot, p50 / p99"))
     for name, label in LABELS.items():  # the others are in --json
         if name in result.robot_numbers:
-            rows.add_row(label, f"{result.robot_numbers[name]:.3g}", "from robot/health")
-    return rows
+            rows.append((label, f"{result.robot_numbers[name]:.3g}", "from robot/health"))
+    shown = Table(
+        "measure",
+        Column("value", justify="right"),
+        "definition",
+        title=f"force feedback: {started}",
+        title_justify="left",
+    )
+    for row in rows:
+        shown.add_row(*row)
+    return shown
 
 
 def pictured(trace: Trace, plan: ScenarioPlan) -> ScenarioSample:
@@ -239,7 +241,6 @@ def pictured(trace: Trace, plan: ScenarioPlan) -> ScenarioSample:
 
 def picture(settings: "SimSettings", surface: Surface, sample: ScenarioSample, path: Path) -> None:
     """Write a picture of the scene at one sample. Raises RenderUnavailable without EGL."""
-    from common.motion.kinematics import ArmKinematics
     from sim.robot.render import render_png
 
     arm, home_rad = ArmKinematics(settings.arm), settings.home_rad
@@ -251,8 +252,6 @@ def picture(settings: "SimSettings", surface: Surface, sample: ScenarioSample, p
 
 def plot(trace: Trace, plan: ScenarioPlan, surface: Surface, path: Path) -> None:
     """Write force, torque and height over time, and the contact on a tilted plate, as a PNG."""
-    from matplotlib.figure import Figure
-
     samples = trace.press + trace.work
     t_s = [sample.t_s for sample in samples]
     is_tilted = np.degrees(np.arccos(surface.normal[2])) > LEVEL_DEG
@@ -297,8 +296,6 @@ def _draw_torque(axes: "Axes", t_s: list[float], samples: list[ScenarioSample]) 
 
 def _draw_plane(axes: "Axes", trace: Trace, surface: Surface) -> None:
     """Draw the path of the contact and the disc at the end, in the plane of the plate."""
-    from matplotlib.patches import Circle
-
     for samples, colour, label in (
         (trace.work, "tab:red", "contact under force feedback"),
         (trace.press, "tab:gray", "contact while pressing"),

@@ -16,16 +16,19 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
+from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import Array
+from common.motion.frames import Array, length
 from forcemesh import topics
 from forcemesh.bus import Bus, Reader
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import Host, Mode
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, Reply
-from forcemesh.topics import Q, Request
+from forcemesh.topics import CLIENT, Q, Request
+from launch.processes import Supervisor
+from launch.sidecar import sidecars
 
 SAMPLE_S = 0.001
 READY_TIMEOUT_S = 20.0
@@ -76,12 +79,12 @@ class ScenarioSample:
     @property
     def force(self) -> float:
         """Magnitude of the force [N]."""
-        return float(np.linalg.norm(self.force_N))
+        return length(self.force_N)
 
     @property
     def torque(self) -> float:
         """Magnitude of the torque about the TCP [N m]."""
-        return float(np.linalg.norm(self.torque_Nm))
+        return length(self.torque_Nm)
 
 
 @dataclass(slots=True)
@@ -273,11 +276,6 @@ def play_real(
             `linger_s` before that, so that `forcemesh status` can be used.
         BusError: There was no reply, and no process died.
     """
-    from common.bus.cell_bus import open_bus
-    from forcemesh.topics import CLIENT
-    from launch.processes import Supervisor
-    from launch.sidecar import sidecars
-
     names = [name for name, is_on in (("recorder", recorder), ("panel", panel)) if is_on]
     with Supervisor(cell) as processes:
 

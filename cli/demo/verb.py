@@ -5,9 +5,9 @@ import tempfile
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Exit, Option
 
 from cli.context import NOT_WELL, OK, default_cell_file, exit_code_of, exit_with_error
 from cli.numbers import from_milli
@@ -15,6 +15,7 @@ from cli.panel import NoPanel
 from cli.record import NoRecorder
 from cli.verbs_force import known_law
 from forcemesh.errors import ForcemeshError
+from forcemesh.messages import Host, Mode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,22 +28,22 @@ PLATE = "Plate and robot"
 JOB = "Task"
 
 # fmt: off
-CellFile = Annotated[Path | None, typer.Option("--cell", metavar="FILE", help="Cell file with a section `sim`; default: cells/demo.yaml.")]
-ModeOption = Annotated[Literal["position", "orientation", "both"], typer.Option("--mode", rich_help_panel=JOB, help="Motion controlled by force feedback.")]
-Setpoint = Annotated[float | None, typer.Option("--setpoint", rich_help_panel=JOB, help="Final press force [N]; default: 0, in mode both 10.")]
-Force = Annotated[float, typer.Option("--force", rich_help_panel=JOB, help="Initial press force [N].")]
-HostOption = Annotated[Literal["pc", "controller"], typer.Option("--host", rich_help_panel=JOB, help="Host of the control loop.")]
-LawOption = Annotated[str | None, typer.Option("--law", metavar="LAW", callback=known_law, rich_help_panel=JOB, help="Control law: plain, adaptive, or an added one; default: the cell file's.")]
-Stiffness = Annotated[float | None, typer.Option("--stiffness", rich_help_panel=PLATE, help="Plate stiffness [N/m].")]
-DelayMs = Annotated[float | None, typer.Option("--delay-ms", rich_help_panel=PLATE, help="Controller delay [ms].")]
-TiltDeg = Annotated[float | None, typer.Option("--tilt-deg", rich_help_panel=PLATE, help="Plate tilt [deg]; default: 0, in modes orientation and both 5.")]
-Seed = Annotated[int | None, typer.Option("--seed", rich_help_panel=PLATE, help="Seed of the sensor noise.")]
-AsStepMs = Annotated[float | None, typer.Option("--as-step-ms", rich_help_panel=PLATE, help="Emulated controller: duration of one AS step [ms].")]
-Pessimistic = Annotated[bool, typer.Option("--pessimistic", rich_help_panel=PLATE, help="Emulated controller: worst case wherever AS behaviour is unknown.")]
-Virtual = Annotated[bool, typer.Option("--virtual", help="Run in one process on a virtual clock, faster than real time.")]
-Linger = Annotated[float, typer.Option("--linger", min=0.0, help="Time that the cell stays up after a failure [s].")]
-Out = Annotated[Path, typer.Option("--out", help="Output folder for plot and picture.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
+CellFile = Annotated[Path | None, Option("--cell", metavar="FILE", help="Cell file with a section `sim`; default: cells/demo.yaml.")]
+ModeOption = Annotated[Mode, Option("--mode", rich_help_panel=JOB, help="Motion controlled by force feedback.")]
+Setpoint = Annotated[float | None, Option("--setpoint", rich_help_panel=JOB, help="Final press force [N]; default: 0, in mode both 10.")]
+Force = Annotated[float, Option("--force", rich_help_panel=JOB, help="Initial press force [N].")]
+HostOption = Annotated[Host, Option("--host", rich_help_panel=JOB, help="Host of the control loop.")]
+LawOption = Annotated[str | None, Option("--law", metavar="LAW", callback=known_law, rich_help_panel=JOB, help="Control law: plain, adaptive, or an added one; default: the cell file's.")]
+Stiffness = Annotated[float | None, Option("--stiffness", rich_help_panel=PLATE, help="Plate stiffness [N/m].")]
+DelayMs = Annotated[float | None, Option("--delay-ms", rich_help_panel=PLATE, help="Controller delay [ms].")]
+TiltDeg = Annotated[float | None, Option("--tilt-deg", rich_help_panel=PLATE, help="Plate tilt [deg]; default: 0, in modes orientation and both 5.")]
+Seed = Annotated[int | None, Option("--seed", rich_help_panel=PLATE, help="Seed of the sensor noise.")]
+AsStepMs = Annotated[float | None, Option("--as-step-ms", rich_help_panel=PLATE, help="Emulated controller: duration of one AS step [ms].")]
+Pessimistic = Annotated[bool, Option("--pessimistic", rich_help_panel=PLATE, help="Emulated controller: worst case wherever AS behaviour is unknown.")]
+Virtual = Annotated[bool, Option("--virtual", help="Run in one process on a virtual clock, faster than real time.")]
+Linger = Annotated[float, Option("--linger", min=0.0, help="Time that the cell stays up after a failure [s].")]
+Out = Annotated[Path, Option("--out", help="Output folder for plot and picture.")]
+AsJson = Annotated[bool, Option("--json", help="Print one JSON object on standard output.")]
 # fmt: on
 
 
@@ -98,11 +99,11 @@ def demo(
         _print_error(screen, error)
         if as_json:
             print(json.dumps({"settled": False, "error": str(error)}))
-        raise typer.Exit(exit_code_of(error)) from None
+        raise Exit(exit_code_of(error)) from None
     result = report(screen, cell, plan, trace=trace, out=out)
     if as_json:
         print(json.dumps(asdict(result)))
-    raise typer.Exit(OK if result.settled else NOT_WELL)
+    raise Exit(OK if result.settled else NOT_WELL)
 
 
 def _print_error(screen: "Console", error: ForcemeshError) -> None:

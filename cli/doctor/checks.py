@@ -1,18 +1,15 @@
 """Checks of `forcemesh doctor` as pure functions from findings to report lines."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES, CheckResult
+from controller.packet import VecInt
 from controller.packet_table import PROTOCOL_VERSION, Scales, Status
-from forcemesh.messages import Health
+from forcemesh.bus import Reading
+from forcemesh.messages import Health, SensorWrench
 from forcemesh.version import __version__
-
-if TYPE_CHECKING:
-    from controller.packet import VecInt
-    from forcemesh.bus import Reading
-    from forcemesh.messages import SensorWrench
-    from services.gateway.packet_window import Spread
+from services.gateway.packet_window import Spread
 
 SLOW_BELOW = 0.9  # of the rate in the cell file
 
@@ -153,10 +150,10 @@ def check_error_code(code: int | None) -> ReportLine:
         return passed("error code", "0")
     if code < 0:
         return finding("error code", "FAIL", f"{code}: AS error", "error.as")
-    fault = FAULTS.get(code)
-    if fault is None:
+    if code not in FAULTS:
         return finding("error code", "WARN", f"{code}", "error.unknown")
-    return ReportLine("error code", fault.result, f"{code}: {fault.text}", fault.remedy)
+    text, result, remedy = FAULTS[code]
+    return ReportLine("error code", result, f"{code}: {text}", remedy)
 
 
 def check_loops(hz: float | None) -> ReportLine:

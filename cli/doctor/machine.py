@@ -11,18 +11,16 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cli.doctor.checks import ReportLine, finding, passed, skipped
+from common.config.cell import CellConfig, SensorSection
 from common.runtime.realtime import PRIORITY
 from forcemesh.version import __version__
 from forcemesh.zenoh_settings import endpoint_of
 from services.sensor.driver_registry import unknown_driver
 from services.sensor.rdt import RdtCommand, RdtRecord, parse, request
 from services.sensor.rdt_status import is_good, status_text
-
-if TYPE_CHECKING:
-    from common.config.cell import CellConfig, SensorSection
+from services.wrench.active_calibration import active_calibration
 
 PACKAGES = ("eclipse-zenoh", "msgpack", "msgspec", "numpy", "pin", "pydantic")
 PROBE_SLEEPS = 50
@@ -94,8 +92,6 @@ def check_ports(in_use: dict[str, bool], *, is_up: bool) -> ReportLine:
 
 def check_calibration(cell: "CellConfig", now: dt.datetime) -> ReportLine:
     """Check whether payload and bias are known, match this tool, and are recent."""
-    from services.wrench.active_calibration import active_calibration
-
     found = cell.calibration
     if found is None:
         if cell.payload.weighs:

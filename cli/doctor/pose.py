@@ -9,15 +9,15 @@ explains the deviation is reported.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import degrees, radians
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from cli.doctor.checks import ReportLine, finding, passed
 from common.config.cell import CellConfig
-from common.motion.frames import Array, oat_from_R
+from common.motion.frames import Array, apart, oat_from_R
 from common.motion.kinematics import ArmKinematics
 from controller.packet_table import Scales
 from forcemesh.messages import Joints
@@ -26,8 +26,7 @@ SLACK = 2.0  # times the rounding: the controller's trigonometry is single preci
 SMALL_M, SMALL_RAD = 1e-3, radians(0.1)  # below: geometry of this arm, not a frame error
 
 
-@dataclass(frozen=True, slots=True)
-class Tolerance:
+class Tolerance(NamedTuple):
     """Position and rotation tolerance of a pose."""
 
     position_m: float
@@ -49,12 +48,6 @@ def rounding(q: Array, scales: Scales, arm: ArmKinematics) -> Tolerance:
     return Tolerance(SLACK * position_m, SLACK * rotation_rad)
 
 
-def distance(T_a: pin.SE3, T_b: pin.SE3) -> Tolerance:
-    """Return the distance between two poses [m], [rad]."""
-    rotation_rad = float(np.linalg.norm(pin.log3(T_a.rotation.T @ T_b.rotation)))
-    return Tolerance(float(np.linalg.norm(T_a.translation - T_b.translation)), rotation_rad)
-
-
 def check_pose(
     cell: CellConfig, T_reported: pin.SE3, joint_rad: Joints, arm: ArmKinematics
 ) -> ReportLine:
@@ -62,7 +55,7 @@ def check_pose(
     q = np.array(joint_rad)
     section = cell.gateway if cell.roles.robot == "gateway" else None
     T_model, limit = arm.flange_pose(q), rounding(q, section or Scales(), arm)
-    difference = distance(T_model, T_reported)
+    difference = Tolerance(*apart(T_model, T_reported))
     found = (
         f"{1e3 * difference.position_m:.3f} mm and {degrees(difference.rotation_rad):.4f} deg from "
         f"the model, rounding gives {1e3 * limit.position_m:.3f} mm and "
@@ -74,7 +67,7 @@ def check_pose(
         return finding("pose", "WARN", found, "pose.small")
     tolerance = Tolerance(limit.position_m + SMALL_M, limit.rotation_rad + SMALL_RAD)
     for text, remedy, T_explained in _explanations(cell, T_model, q, arm):
-        if _is_below(distance(T_explained, T_reported), tolerance):
+        if _is_below(Tolerance(*apart(T_explained, T_reported)), tolerance):
             return finding("pose", "FAIL", f"{found}: {text}", remedy)
     text, remedy = _likely_frame(T_model, T_reported, tolerance)
     return finding("pose", "FAIL", f"{found}: {text}", remedy)

@@ -113,33 +113,25 @@ BITS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerFault:
-    """Fault code of 103: cause, severity now, and remedy."""
-
-    text: str
-    result: CheckResult
-    remedy: str
-
-
-FAULTS = {
-    1: ControllerFault("no valid packet for the watchdog's limit", "WARN", "check the load of the PC and the cable; arm again"),
-    2: ControllerFault("no new wrench for the watchdog's limit", "WARN", "check the sensor, then arm again"),
-    3: ControllerFault("fm.main was held or stopped, or the motors went off", "WARN", "MOTOR ON, RUN; arm again on the PC"),
-    4: ControllerFault("an invalid or unexpected packet", "WARN", "check whether a second client uses that port"),
-    5: ControllerFault("64 packets were queued and not read", "FAIL", "fm.main hangs: RUN, or EXECUTE fm.main"),
-    6: ControllerFault("force feedback reached the travel limit", "WARN", "limits.tether_m; the next motion clears it"),
-    7: ControllerFault("the force was above the limit", "WARN", "limits.force_N; retract; the next motion clears it"),
-    8: ControllerFault("TOOL or BASE is not NULL any more", "FAIL", "restart fm.main: it sets both to NULL"),
-    9: ControllerFault("a target of force feedback is out of reach", "WARN", "jog away; the next motion clears it"),
-    10: ControllerFault("a pose or joint does not fit into a packet", "FAIL", "lower gateway.position_per_mm or joint_per_deg"),
-    11: ControllerFault("the port could not be opened", "FAIL", "it is retried each second; else switch the controller off and on"),
-    12: ControllerFault("a PC program had ended and was restarted", "WARN", "PCSTATUS 1:, 2:, 3: show which and why; please report it"),
-    13: ControllerFault("a motion command arrived before all limits", "WARN", "the gateway sends them: arm again; please report it"),
-    14: ControllerFault("the TCP would leave the workspace limits", "WARN", "limits.workspace_min_m, workspace_max_m; `forcemesh back-off`"),
-    15: ControllerFault("the tool would rotate farther than allowed since the last hold", "WARN", "limits.tether_deg; hold, then continue"),
-    16: ControllerFault("a set point is too far from the previous one", "FAIL", "gateway.segment_s; a packet may be corrupted"),
-    17: ControllerFault("a speed above the limit", "FAIL", "limits.speed_m_s; a packet may be corrupted"),
-    18: ControllerFault("a client at another address than fm.peer", "WARN", "if this PC: write its address into fm.peer"),
+# Fault codes of 103: cause, severity now, and remedy.
+FAULTS: dict[int, tuple[str, CheckResult, str]] = {
+    1: ("no valid packet for the watchdog's limit", "WARN", "check the load of the PC and the cable; arm again"),
+    2: ("no new wrench for the watchdog's limit", "WARN", "check the sensor, then arm again"),
+    3: ("fm.main was held or stopped, or the motors went off", "WARN", "MOTOR ON, RUN; arm again on the PC"),
+    4: ("an invalid or unexpected packet", "WARN", "check whether a second client uses that port"),
+    5: ("64 packets were queued and not read", "FAIL", "fm.main hangs: RUN, or EXECUTE fm.main"),
+    6: ("force feedback reached the travel limit", "WARN", "limits.tether_m; the next motion clears it"),
+    7: ("the force was above the limit", "WARN", "limits.force_N; retract; the next motion clears it"),
+    8: ("TOOL or BASE is not NULL any more", "FAIL", "restart fm.main: it sets both to NULL"),
+    9: ("a target of force feedback is out of reach", "WARN", "jog away; the next motion clears it"),
+    10: ("a pose or joint does not fit into a packet", "FAIL", "lower gateway.position_per_mm or joint_per_deg"),
+    11: ("the port could not be opened", "FAIL", "it is retried each second; else switch the controller off and on"),
+    12: ("a PC program had ended and was restarted", "WARN", "PCSTATUS 1:, 2:, 3: show which and why; please report it"),
+    13: ("a motion command arrived before all limits", "WARN", "the gateway sends them: arm again; please report it"),
+    14: ("the TCP would leave the workspace limits", "WARN", "limits.workspace_min_m, workspace_max_m; `forcemesh back-off`"),
+    15: ("the tool would rotate farther than allowed since the last hold", "WARN", "limits.tether_deg; hold, then continue"),
+    16: ("a set point is too far from the previous one", "FAIL", "gateway.segment_s; a packet may be corrupted"),
+    17: ("a speed above the limit", "FAIL", "limits.speed_m_s; a packet may be corrupted"),
+    18: ("a client at another address than fm.peer", "WARN", "if this PC: write its address into fm.peer"),
 }
 # fmt: on

@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-import typer
+from typer import Exit, echo
 
 from cli.context import (
     NO_ANSWER,
@@ -17,6 +17,7 @@ from cli.context import (
     one_line_errors,
     waiting,
 )
+from forcemesh.errors import ConfigError
 
 if TYPE_CHECKING:
     from cli.doctor.checks import ReportLine
@@ -36,7 +37,6 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
     with one_line_errors():
         from cli.doctor.checks import finding, passed
         from common.config.load import cell_hash, load_cell
-        from forcemesh.errors import ConfigError
 
         path, name = find_cell_file(cell), None
         try:
@@ -48,7 +48,7 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
 
             name, lines = loaded.cell, [passed("cell file", f"{path}, {cell_hash(loaded)}")]
             if not as_json:
-                typer.echo(f"cell {name} ({path}): checking, a few seconds")
+                echo(f"cell {name} ({path}): checking, a few seconds")
             with waiting("this PC, the sensor, the robot or the bus"):
                 lines += check_cell(loaded)
     code = exit_code(lines)
@@ -62,7 +62,7 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
         print(json.dumps(report))
     else:
         print_lines(lines)
-    raise typer.Exit(code)
+    raise Exit(code)
 
 
 def exit_code(lines: "list[ReportLine]") -> int:

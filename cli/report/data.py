@@ -3,8 +3,9 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
@@ -15,11 +16,8 @@ from forcemesh.recorded_messages import decode_recorded
 from forcemesh.topics import TOPICS
 from services.panel.readout import Readout
 from services.panel.watch import Snapshot
+from services.recorder.reading import RecordedFile
 from services.recorder.stamps import SequenceGaps
-
-if TYPE_CHECKING:
-    from common.config.cell import CellConfig
-    from services.recorder.reading import RecordedFile
 
 REPORT_POINTS = 3000  # of a plot: more than the pixels of a screen
 STOPPED = ("HOLDING", "FAULT")

@@ -4,17 +4,17 @@ from contextlib import redirect_stdout
 from datetime import UTC, datetime
 from io import StringIO
 from statistics import median_high
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from cli.pages import picture, table
+from cli.replay import free_port
+from cli.report.data import ReportContent, sampled_snapshots
+from common.config.cell import CellConfig
 from forcemesh.client.ask import remedy_of
 from services.panel.markup import Html, filled_page, html, joined
 from services.panel.state_colours import NO_STATE, STATE_COLOURS
-
-if TYPE_CHECKING:
-    from cli.report.data import ReportContent
-    from common.config.cell import CellConfig
-    from services.recorder.reading import RecordedFile
+from services.recorder.reading import RecordedFile
 
 # Title, and the lines with their colours.
 PLOTS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
@@ -119,7 +119,6 @@ def _plots(content: "ReportContent") -> Html:
 
 
 def _plot(content: "ReportContent", title: str, lines: list[tuple[str, str]]) -> Html:
-    from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 2.3), layout="constrained")
     figure.patch.set_alpha(0.0)
@@ -153,8 +152,6 @@ def scene_of(read: "RecordedFile", cell: "CellConfig", content: "ReportContent")
     """Return the panel's view of the arm's motion, played by the page itself, without a server."""
     import viser
 
-    from cli.replay import free_port
-    from cli.report.data import sampled_snapshots
     from services.panel.scene import Scene
 
     with redirect_stdout(StringIO()):  # it prints a greeting in any case

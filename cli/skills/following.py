@@ -15,10 +15,10 @@ from cli.skills.contact_monitor import (
     no_progress,
     stop_force_at_end,
 )
-from cli.skills.pressing import BAND_N, STEADY_S, ForceSettings
+from cli.skills.pressing import BAND_N, STEADY_S
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import vec3
-from common.motion.frames import Array
+from common.motion.frames import Array, length
 from common.motion.limits import Limits, check_workspace
 from forcemesh import topics
 from forcemesh.errors import DataError
@@ -52,9 +52,8 @@ class FollowResult:
 
 @dataclass(frozen=True, slots=True)
 class PathParameters:
-    """Force, speed and placement of a path."""
+    """Speed and placement of a path."""
 
-    force_N: float
     speed_m_s: float
     from_here: bool = False  # shift the path so that it starts at the tool
     flat: bool = False  # orient the tool along the surface
@@ -64,8 +63,8 @@ def follow(
     cell: ConfiguredCell,
     points: Sequence[Array],
     parameters: PathParameters,
+    request: ForceStartRequest,
     *,
-    settings: ForceSettings,
     within_s: float,
     progress: ReportProgress = no_progress,
 ) -> FollowResult:
@@ -74,8 +73,8 @@ def follow(
     Args:
         cell: An armed cell.
         points: Of the TCP in base [m], each of shape (3,); their height is ignored.
-        parameters: Force and speed.
-        settings: Law and gains; default: the adaptive law.
+        parameters: Speed and placement.
+        request: Press force, law and gains; default: the adaptive law.
         within_s: Longest time until the force is reached [s].
         progress: Receives the progress.
 
@@ -90,24 +89,21 @@ def follow(
     placed = _placed_points(points, start.translation, start.rotation[:, 2], parameters)
     limits = Limits.of(cell.config)
     remaining_m = _remaining_m(placed, start.translation, start.rotation[:, 2], limits)
-    request = ForceStartRequest(
+    start_request = request.replaced(
         mode="both" if parameters.flat else "position",
-        setpoint_N=parameters.force_N,
-        law=settings.law or "adaptive",
-        preset=settings.preset,
+        law=request.law or "adaptive",
         axes=FLAT_AXES if parameters.flat else PRESS_AXES,
         frame="tool",
     )
+    force_N = request.setpoint_N
     with stop_force_at_end(cell):
-        cell.force.begin(request)
-        pressed = Debounce(
-            lambda sample: abs(sample.press_N - parameters.force_N) <= BAND_N, STEADY_S
-        )
+        cell.force.begin(start_request)
+        pressed = Debounce(lambda sample: abs(sample.press_N - force_N) <= BAND_N, STEADY_S)
         monitor.until(pressed, within_s=within_s, label="pressing")
         samples = _follow_points(
             cell, monitor, placed, parameters=parameters, remaining_m=remaining_m
         )
-    return _follow_result(samples, parameters, remaining_m[0])
+    return _follow_result(samples, force_N, remaining_m[0])
 
 
 def _placed_points(
@@ -117,7 +113,7 @@ def _placed_points(
     if parameters.from_here:
         return [point - points[0] + p_tcp_m for point in points]
     offset = points[0] - p_tcp_m
-    distance_m = float(np.linalg.norm(offset - (offset @ axis) * axis))
+    distance_m = length(offset - (offset @ axis) * axis)
     if distance_m > START_TOLERANCE_M:
         text = f"the path starts {1e3 * distance_m:.0f} mm away from the tool"
         raise DataError(f"{text}: move there first, or start at the tool with --from-here")
@@ -133,7 +129,7 @@ def _remaining_m(points: list[Array], p_tcp_m: Array, axis: Array, limits: Limit
             raise DataError(f"point {number} of the path: {trip.text}")
     lengths_m = [0.0]
     for a, b in pairwise(reversed(lateral)):
-        lengths_m.append(lengths_m[-1] + float(np.linalg.norm(b - a)))
+        lengths_m.append(lengths_m[-1] + length(b - a))
     if lengths_m[-1] < LEAST_M:
         raise DataError("the path has no length across the tool's axis; its height is ignored")
     return lengths_m[::-1]
@@ -173,11 +169,9 @@ def _follow_points(
             return samples
 
 
-def _follow_result(
-    samples: list[ContactSample], parameters: PathParameters, length_m: float
-) -> FollowResult:
+def _follow_result(samples: list[ContactSample], force_N: float, length_m: float) -> FollowResult:
     began_s = samples[0].t_s
-    errors_N = np.array([abs(sample.press_N - parameters.force_N) for sample in samples])
+    errors_N = np.array([abs(sample.press_N - force_N) for sample in samples])
     is_counted = np.array([sample.t_s - began_s > BEGINNING_S for sample in samples])
     counted = errors_N[is_counted] if is_counted.any() else errors_N
     is_in_contact = [sample.contact == "contact" for sample in samples]
@@ -186,7 +180,7 @@ def _follow_result(
     return FollowResult(
         length_mm=1e3 * length_m,
         took_s=samples[-1].t_s - began_s,
-        setpoint_N=parameters.force_N,
+        setpoint_N=force_N,
         mean_error_N=float(counted.mean()),
         peak_error_N=float(errors_N.max()),
         contacts_lost=sum(a and not b for a, b in pairwise(is_in_contact)),

@@ -6,9 +6,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
-from cli.context import INTERRUPTED, cell_of
+from cli.context import INTERRUPTED, cell_of, exit_with_error, print_note
+from forcemesh.errors import ForcemeshError
 
 if TYPE_CHECKING:
     from cli.skills.contact_monitor import ReportProgress
@@ -25,13 +24,12 @@ LOADED = "the tool is already loaded with {:.1f} N: `forcemesh retract` leaves a
 def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportProgress]]":
     """Connect and show a progress bar; Ctrl-C, a closed terminal and SIGTERM hold the arm."""
     from cli.terminal import ignore_sigint, interrupt_on_signals
-    from forcemesh.errors import ForcemeshError
 
     with cell_of(named) as cell:
         if cell.status().commander == "regulator":
-            typer.echo(ALREADY_RUNNING, err=True)
+            print_note(ALREADY_RUNNING)
         elif (load_N := cell.load_N()) is not None:
-            typer.echo(LOADED.format(load_N), err=True)
+            print_note(LOADED.format(load_N))
         try:
             with progress_bar() as progress, interrupt_on_signals():
                 yield cell, progress
@@ -42,8 +40,7 @@ def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportP
                     cell.hold("a verb was interrupted")
                 except ForcemeshError as error:
                     text = f"no reply to the hold request: {error}"
-            typer.echo(f"interrupted: {text}", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+            exit_with_error(f"interrupted: {text}", INTERRUPTED)
 
 
 @contextmanager

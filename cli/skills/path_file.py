@@ -14,7 +14,15 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, Oat, R_from_oat, oat_from_R, pose, rotation_between
+from common.motion.frames import (
+    Array,
+    Oat,
+    R_from_oat,
+    length,
+    oat_from_R,
+    pose,
+    rotation_between,
+)
 from forcemesh.errors import DataError
 
 POINT = ("x_mm", "y_mm", "z_mm")
@@ -78,9 +86,9 @@ def _deviation_m(poses: Sequence[pin.SE3], first: int, last: int, at: int) -> fl
     segment = np.concatenate((segment_m, ARM_M * rotation))
     offset_m = T.translation - a.translation
     offset = np.concatenate((offset_m, ARM_M * rotation_between(a.rotation, T.rotation)))
-    length = float(segment @ segment)
-    share = min(max(float(offset @ segment) / length, 0.0), 1.0) if length > 0.0 else 0.0
-    return float(np.linalg.norm(offset - share * segment))
+    square = float(segment @ segment)
+    share = min(max(float(offset @ segment) / square, 0.0), 1.0) if square > 0.0 else 0.0
+    return length(offset - share * segment)
 
 
 def _rows(path: Path, names: tuple[str, ...]) -> list[tuple[float, ...]]:

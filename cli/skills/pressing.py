@@ -17,10 +17,10 @@ from cli.skills.contact_monitor import (
 )
 from cli.skills.path_file import thinned
 from common.bus.configured_cell import ConfiguredCell
-from common.motion.convert import record_of
-from common.motion.frames import rotation_between
+from common.motion.convert import record_of, vec3
+from common.motion.frames import length, rotation_between
 from forcemesh.errors import NotReachedError
-from forcemesh.messages import Mode, Preset, Vec3
+from forcemesh.messages import Mode, Vec3
 from forcemesh.requests import ForceStartRequest
 
 BAND_N, BAND_NM = 1.0, 0.1
@@ -29,14 +29,6 @@ STEADY_S = 0.3
 TOUCH_S = 120.0
 RETRACT_M_S = 0.02
 RECORD_S = 0.02  # between two poses of a guided path
-
-
-@dataclass(frozen=True, slots=True)
-class ForceSettings:
-    """Law and gain preset of force feedback."""
-
-    law: str | None = None  # None: the cell file's
-    preset: Preset | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,27 +100,26 @@ def touch(
     if retract_m > 0.0:
         speed_m_s = min(RETRACT_M_S, cell.config.limits.speed_m_s)
         cell.jog(shift_m=(0.0, 0.0, -retract_m), axes="tool", speed_m_s=speed_m_s)
-    x, y, z = (1e3 * float(part) for part in last.T_base_tcp.translation)
-    return TouchResult((x, y, z), max(0.0, 1e3 * _axial_travel_m(start, last)), peak_N)
+    tcp_mm = vec3(1e3 * last.T_base_tcp.translation)
+    return TouchResult(tcp_mm, max(0.0, 1e3 * _axial_travel_m(start, last)), peak_N)
 
 
 def press(
     cell: ConfiguredCell,
+    request: ForceStartRequest,
     *,
-    force_N: float,
     hold_s: float,
     within_s: float,
-    settings: ForceSettings,
     progress: ReportProgress = no_progress,
 ) -> PressHoldResult:
-    """Press along the tool's axis until the force is reached, and hold it for a period.
+    """Press along the tool's axis until the requested force is reached, and hold it for a period.
 
     Raises NotReachedError when it is not reached within `within_s`, or not held until the end;
     else as `touch`.
     """
-    monitor = ContactMonitor(cell, progress)
+    monitor, force_N = ContactMonitor(cell, progress), request.setpoint_N
     with stop_force_at_end(cell):
-        cell.force.begin(_start_request(force_N, "position", settings))
+        cell.force.begin(request)
         condition = Debounce(lambda samples: _presses_with(samples, force_N), STEADY_S)
         samples = monitor.until(condition, within_s=within_s, label="pressing")
         since_s = condition.since_s or 0.0
@@ -153,39 +144,32 @@ def press(
 
 def align(
     cell: ConfiguredCell,
+    request: ForceStartRequest,
     *,
-    force_N: float,
     within_s: float,
-    settings: ForceSettings,
     progress: ReportProgress = no_progress,
 ) -> AlignResult:
     """Press and rotate about the TCP until no torque is left, so that the face lies flat.
 
-    Raises as `press`.
+    The request is of mode `both`. Raises as `press`.
     """
     monitor = ContactMonitor(cell, progress)
     start = monitor.tcp_pose()
 
     def is_flat(sample: ContactSample) -> bool:
-        is_torque_free = float(np.linalg.norm(sample.torque_Nm)) <= BAND_NM
-        return is_torque_free and _presses_with(sample, force_N)
+        is_torque_free = length(sample.torque_Nm) <= BAND_NM
+        return is_torque_free and _presses_with(sample, request.setpoint_N)
 
     with stop_force_at_end(cell):
-        cell.force.begin(_start_request(force_N, "both", settings))
+        cell.force.begin(request)
         condition = Debounce(is_flat, STEADY_S)
         samples = monitor.until(condition, within_s=within_s, label="laying flat")
     turned = rotation_between(start.rotation, samples[-1].T_base_tcp.rotation)
     return AlignResult(
-        turned_deg=degrees(float(np.linalg.norm(turned))),
+        turned_deg=degrees(length(turned)),
         reached_s=max(0.0, (condition.since_s or 0.0) - _first_contact_s(samples)),
         force_N=samples[-1].press_N,
-        torque_Nm=float(np.linalg.norm(samples[-1].torque_Nm)),
-    )
-
-
-def _start_request(force_N: float, mode: Mode, settings: ForceSettings) -> ForceStartRequest:
-    return ForceStartRequest(
-        mode=mode, setpoint_N=force_N, law=settings.law, preset=settings.preset
+        torque_Nm=length(samples[-1].torque_Nm),
     )
 
 
@@ -251,7 +235,7 @@ def guide(
         if not recording.times_s or sample.t_s - recording.times_s[-1] >= RECORD_S:
             recording.times_s.append(sample.t_s)
             recording.poses.append(sample.T_base_tcp * T_tcp_flange)
-        recording.peak_N = max(recording.peak_N, float(np.linalg.norm(sample.force_N)))
+        recording.peak_N = max(recording.peak_N, length(sample.force_N))
         return sample.t_s >= seconds or is_finished()
 
     with stop_force_at_end(cell):

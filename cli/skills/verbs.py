@@ -5,44 +5,37 @@ import sys
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-import typer
+from typer import Argument, Option, echo
 
-from cli.context import CellOption, JsonOption, exit_with_error
-from cli.numbers import NEGATIVE_NUMBERS, from_milli
+from cli.context import CellOption, JsonOption, exit_with_error, print_note
+from cli.numbers import from_milli
 from cli.skills.force_session import force_session
 from cli.verbs_force import LawOption, PresetOption
+from forcemesh.messages import Mode
+from forcemesh.requests import ForceStartRequest
 
 NO_HAND = 600.0
 
 WithinOption = Annotated[
-    float, typer.Option("--timeout", min=1.0, help="Longest time until the force is reached [s].")
+    float, Option("--timeout", min=1.0, help="Longest time until the force is reached [s].")
 ]
 
 
-def add_to(app: typer.Typer, panel: str) -> None:
-    """Add these verbs to the command line."""
-    for verb in (touch, press, follow, align, guide):
-        settings = NEGATIVE_NUMBERS if verb is press else None
-        app.command(rich_help_panel=panel, context_settings=settings)(verb)
-
-
 def _print_result(as_json: bool, result: Any, text: str) -> None:
-    typer.echo(json.dumps(asdict(result)) if as_json else text)
+    echo(json.dumps(asdict(result)) if as_json else text)
 
 
 def touch(
     *,
-    force: Annotated[
-        float, typer.Option(min=0.5, help="Target press force of the approach [N].")
-    ] = 5.0,
+    force: Annotated[float, Option(min=0.5, help="Target press force of the approach [N].")] = 5.0,
     within: Annotated[
         float | None,
-        typer.Option(min=0.1, help="Longest travel [mm]; default: force.search_m."),
+        Option(min=0.1, help="Longest travel [mm]; default: force.search_m."),
     ] = None,
     back: Annotated[
-        float, typer.Option(min=0.0, max=100.0, help="Distance to retract afterwards [mm].")
+        float, Option(min=0.0, max=100.0, help="Distance to retract afterwards [mm].")
     ] = 0.0,
     as_json: JsonOption = False,
     cell: CellOption = None,
@@ -67,9 +60,9 @@ def touch(
 
 
 def press(
-    force: Annotated[float, typer.Argument(metavar="NEWTON", min=0.5, help="Press force [N].")],
+    force: Annotated[float, Argument(metavar="NEWTON", min=0.5, help="Press force [N].")],
     *,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Holding time [s].")] = 2.0,
+    seconds: Annotated[float, Option(min=0.0, help="Holding time [s].")] = 2.0,
     timeout: WithinOption = 30.0,
     law: LawOption = None,
     preset: PresetOption = None,
@@ -77,25 +70,18 @@ def press(
     cell: CellOption = None,
 ) -> None:
     """Press along the tool's axis, hold the force; print its mean, ripple and peak."""
+    request = ForceStartRequest(mode="position", setpoint_N=force, law=law, preset=preset)
     with force_session(cell) as (client, progress):
         from cli.skills import pressing
 
-        settings = pressing.ForceSettings(law, preset)
-        held = pressing.press(
-            client,
-            force_N=force,
-            hold_s=seconds,
-            within_s=timeout,
-            settings=settings,
-            progress=progress,
-        )
+        held = pressing.press(client, request, hold_s=seconds, within_s=timeout, progress=progress)
     text = f"mean force {held.mean_N:.2f} N, ripple {held.ripple_N:.2f} N, peak {held.peak_N:.1f} N"
     _print_result(as_json, held, f"{text}; reached {held.reached_s:.2f} s after first contact")
 
 
 def align(
     *,
-    force: Annotated[float, typer.Option(min=5.0, help="Press force [N].")] = 10.0,
+    force: Annotated[float, Option(min=5.0, help="Press force [N].")] = 10.0,
     timeout: WithinOption = 30.0,
     law: LawOption = None,
     preset: PresetOption = None,
@@ -103,13 +89,11 @@ def align(
     cell: CellOption = None,
 ) -> None:
     """Lay the tool's face flat: press and rotate about the TCP until no torque is left."""
+    request = ForceStartRequest(mode="both", setpoint_N=force, law=law, preset=preset)
     with force_session(cell) as (client, progress):
         from cli.skills import pressing
 
-        settings = pressing.ForceSettings(law, preset)
-        flat = pressing.align(
-            client, force_N=force, within_s=timeout, settings=settings, progress=progress
-        )
+        flat = pressing.align(client, request, within_s=timeout, progress=progress)
     text = f"rotated by {flat.turned_deg:.2f} degrees in {flat.reached_s:.2f} s of contact"
     _print_result(
         as_json, flat, f"{text}; final force {flat.force_N:.1f} N, torque {flat.torque_Nm:.3f} N m"
@@ -117,15 +101,15 @@ def align(
 
 
 def follow(
-    path: Annotated[Path, typer.Argument(metavar="PATH.csv", help="TCP: columns x_mm,y_mm,z_mm.")],
+    path: Annotated[Path, Argument(metavar="PATH.csv", help="TCP: columns x_mm,y_mm,z_mm.")],
     *,
-    force: Annotated[float, typer.Option(min=0.5, help="Press force [N].")] = 10.0,
-    speed: Annotated[float, typer.Option(min=0.1, help="Speed along the path [mm/s].")] = 20.0,
+    force: Annotated[float, Option(min=0.5, help="Press force [N].")] = 10.0,
+    speed: Annotated[float, Option(min=0.1, help="Speed along the path [mm/s].")] = 20.0,
     from_here: Annotated[
-        bool, typer.Option("--from-here", help="Shift the path so that it starts at the tool.")
+        bool, Option("--from-here", help="Shift the path so that it starts at the tool.")
     ] = False,
     flat: Annotated[
-        bool, typer.Option("--flat", help="Orient the tool along the surface: face flat.")
+        bool, Option("--flat", help="Orient the tool along the surface: face flat.")
     ] = False,
     timeout: WithinOption = 30.0,
     law: LawOption = None,
@@ -135,17 +119,16 @@ def follow(
 ) -> None:
     """Follow a path at constant force along the tool's axis; default law: adaptive."""
     with force_session(cell) as (client, progress):
-        from cli.skills import following, path_file, pressing
+        from cli.skills import following, path_file
 
         limit_mm_s = 1e3 * client.config.force.speed_max_m_s
         if speed > limit_mm_s:
             exit_with_error(f"--speed {speed:g}: force.speed_max_m_s allows {limit_mm_s:g} mm/s")
-        parameters = following.PathParameters(force, speed / 1e3, from_here, flat)
         done = following.follow(
             client,
             path_file.read_points(path),
-            parameters,
-            settings=pressing.ForceSettings(law, preset),
+            following.PathParameters(speed / 1e3, from_here, flat),
+            ForceStartRequest(mode="position", setpoint_N=force, law=law, preset=preset),
             within_s=timeout,
             progress=progress,
         )
@@ -157,26 +140,24 @@ def follow(
 
 def guide(
     *,
-    mode: Annotated[
-        Literal["position", "orientation", "both"], typer.Option(help="Guided motion.")
-    ] = "position",
+    mode: Annotated[Mode, Option(help="Guided motion.")] = "position",
     seconds: Annotated[
-        float, typer.Option(min=0.5, help="Longest time [s]; Enter ends it earlier.")
+        float, Option(min=0.5, help="Longest time [s]; Enter ends it earlier.")
     ] = NO_HAND,
     record: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Record the flange path to FILE.")
+        Path | None, Option(metavar="FILE", help="Record the flange path to FILE.")
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="With --record: replace an existing file.")
+        bool, Option("--overwrite", help="With --record: replace an existing file.")
     ] = False,
     playback: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Play back a recorded path.")
+        Path | None, Option(metavar="FILE", help="Play back a recorded path.")
     ] = None,
     speed: Annotated[
-        float | None, typer.Option(min=0.1, max=5000.0, help="Playback speed [mm/s].")
+        float | None, Option(min=0.1, max=5000.0, help="Playback speed [mm/s].")
     ] = None,
     tolerance: Annotated[
-        float, typer.Option(min=0.05, help="Largest deviation of the playback [mm].")
+        float, Option(min=0.05, help="Largest deviation of the playback [mm].")
     ] = 1.0,
     cell: CellOption = None,
 ) -> None:
@@ -198,7 +179,7 @@ def guide(
             count = pressing.play_back(
                 client, poses, progress, tolerance_m=tolerance / 1e3, speed_m_s=speed_m_s
             )
-            typer.echo(f"playback finished: {count} poses of {len(poses)} recorded")
+            echo(f"playback finished: {count} poses of {len(poses)} recorded")
             return
         guided = pressing.GuidedPath()
         try:
@@ -213,8 +194,8 @@ def guide(
         finally:
             if record is not None and guided.poses:
                 path_file.write_poses(record, guided.times_s, guided.poses)
-                typer.echo(f"{len(guided.poses)} poses written to {record}", err=True)
-    typer.echo(f"guided along {guided.length_mm:.0f} mm, peak force {guided.peak_N:.1f} N")
+                print_note(f"{len(guided.poses)} poses written to {record}")
+    echo(f"guided along {guided.length_mm:.0f} mm, peak force {guided.peak_N:.1f} N")
 
 
 def _check_record(path: Path | None, *, overwrite: bool) -> None:

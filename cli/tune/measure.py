@@ -12,7 +12,6 @@ from math import ceil
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from cli.skills.contact_monitor import (
     ContactMonitor,
@@ -89,8 +88,8 @@ class TuningMeasurement:
         """Read the start pose; nothing moves yet. Raises LostError, NotValidError."""
         self._cell, self._trial, self._progress = cell, trial, progress
         self._clock = cell.session.clock
-        self._T_flange_tcp = cell.config.tool.T_flange_tcp.pose
         self._start = pose_of(cell.state())
+        self._T_base_tcp = self._start * cell.config.tool.T_flange_tcp.pose  # at the start
         self.readings = Readings()
 
     def check(self) -> None:
@@ -111,7 +110,7 @@ class TuningMeasurement:
             DataError: The records determine no delay, or a different one each time.
             NotReachedError: The steps leave the workspace, or take too long.
         """
-        T = self._start * self._T_flange_tcp
+        T = self._T_base_tcp
         axes = (T.rotation[:, 0], T.rotation[:, 1])
         request, laps = self._lap(T.translation, axes)
         rounds = self.readings.rounds
@@ -125,7 +124,7 @@ class TuningMeasurement:
                         f"twice within {1e3 * servo.REPEATS_S:g} ms: reduce the load of this "
                         "machine (`forcemesh doctor` checks it and the link), then tune again"
                     )
-                recorder = MotionRecorder(self._cell, self._T_flange_tcp)
+                recorder = MotionRecorder(self._cell)
                 recorder.record_for(REST_S)
                 self._cell.ask(topics.FORCE_PATH, request)
                 self._record_steps(recorder, laps, f"steps in free space, round {len(rounds) + 1}")
@@ -249,7 +248,7 @@ class TuningMeasurement:
         monitor.until(settled, within_s=LEVEL_WITHIN_S, label=label)
         read = Debounce(lambda _: True, READ_S)
         samples = monitor.until(read, within_s=2.0, label=label)
-        T = self._start * self._T_flange_tcp
+        T = self._T_base_tcp
         place_m = np.mean([sample.T_base_tcp.translation for sample in samples], axis=0)
         travel_m = float((place_m - T.translation) @ T.rotation[:, 2])
         return travel_m, float(np.mean([sample.press_N for sample in samples]))
@@ -258,9 +257,9 @@ class TuningMeasurement:
 class MotionRecorder:
     """Recorder of commands and poses with their stamps."""
 
-    def __init__(self, cell: ConfiguredCell, T_flange_tcp: pin.SE3) -> None:
+    def __init__(self, cell: ConfiguredCell) -> None:
         """Subscribe."""
-        self._clock, self._T_flange_tcp = cell.session.clock, T_flange_tcp
+        self._clock, self._T_flange_tcp = cell.session.clock, cell.config.tool.T_flange_tcp.pose
         self._period_s = 1.0 / cell.config.rates.control_hz
         self._command = cell.session.bus.reader(topics.ROBOT_COMMAND)
         self._robot = cell.session.bus.reader(topics.ROBOT_STATE)

@@ -1,22 +1,19 @@
 """Output of a tuning: lines of text, a figure, and a file that a cell file may include."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from cli.calibration.output_files import back_up
+from cli.tune.measure import Readings
 from common.config.cell import CellConfig
 from forcemesh.errors import DataError
 from tuning.advice import Advice, MeasuredCell, RatedGain, refusal_reason, remarks
 from tuning.margins import frequencies, release_response, response
 from tuning.servo import SIGMAS, Servo
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from cli.tune.measure import Readings
 
 HEAD = """\
 # Measured by `forcemesh tune`: these values override those of a cell file that has the key
@@ -116,8 +113,6 @@ def _yaml(sections: dict[str, dict[str, float]]) -> str:
 
 def save_figure(path: Path, readings: "Readings", advices: list[Advice], title: str) -> None:
     """Write the figure. Raises DataError when that is not possible."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
     figure.suptitle(title)
     cells = figure.subplots(2, 2)

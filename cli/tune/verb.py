@@ -4,37 +4,35 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Exit, Option, echo
 
-from cli.context import NOT_WELL, OK, CellOption, JsonOption, exit_with_error
+from cli.context import NOT_WELL, OK, CellOption, JsonOption, exit_with_error, print_note
 from cli.skills.force_session import force_session
+from forcemesh.messages import Gains
 
 if TYPE_CHECKING:
     from common.bus.configured_cell import ConfiguredCell
-    from forcemesh.messages import Gains
     from tuning.advice import Advice, MeasuredCell
 
 SMALLEST_STEP_MM, LEAST_N = 0.5, 3.0
 
 Step = Annotated[
-    float, typer.Option(min=SMALLEST_STEP_MM, max=10.0, help="Step size in free space [mm].")
+    float, Option(min=SMALLEST_STEP_MM, max=10.0, help="Step size in free space [mm].")
 ]
-Force = Annotated[float, typer.Option(min=LEAST_N, help="Maximum press force [N].")]
-NoPress = Annotated[
-    bool, typer.Option("--no-press", help="Steps only; stiffness from the cell file.")
-]
+Force = Annotated[float, Option(min=LEAST_N, help="Maximum press force [N].")]
+NoPress = Annotated[bool, Option("--no-press", help="Steps only; stiffness from the cell file.")]
 NoController = Annotated[
-    bool, typer.Option("--no-controller", help="Skip the controller's own force feedback.")
+    bool, Option("--no-controller", help="Skip the controller's own force feedback.")
 ]
-Apply = Annotated[bool, typer.Option("--apply", help="Set the recommended gains, on a ramp.")]
+Apply = Annotated[bool, Option("--apply", help="Set the recommended gains, on a ramp.")]
 ForHost = Annotated[
-    str, typer.Option("--for", metavar="HOST", help="With --apply: loop host, pc or controller.")
+    str, Option("--for", metavar="HOST", help="With --apply: loop host, pc or controller.")
 ]
 Write = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Write a file for the key `tuning` of the cell file."),
+    Option(metavar="FILE", help="Write a file for the key `tuning` of the cell file."),
 ]
-Report = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Write a PNG figure.")]
+Report = Annotated[Path | None, Option("--out", metavar="FILE", help="Write a PNG figure.")]
 
 
 def tune(
@@ -76,23 +74,23 @@ def tune(
         advices = _advices(client, measured, gains)
         sections = cell_file_sections(config, measured, advices)
         if as_json:
-            typer.echo(json.dumps(as_dict(config, measured, advices, sections)))
+            echo(json.dumps(as_dict(config, measured, advices, sections)))
         else:
-            typer.echo("\n".join(output.report_lines(config, measured, advices, sections)))
+            echo("\n".join(output.report_lines(config, measured, advices, sections)))
         if out is not None:
             title = f"{config.cell}: tau {1e3 * advices[0].tau_s:.1f} ms"
             output.save_figure(out, readings, advices, title)
-            typer.echo(f"picture: {out}", err=True)
+            print_note(f"picture: {out}")
         if refusal := refusal_reason(config, measured, advices):
             exit_with_error(f"nothing is recommended, written or set: {refusal}", NOT_WELL)
         if write is not None:
             output.save_sections(write, sections)
             advice = f"set `tuning: {write}`, relative to its folder, in the cell file to use it"
-            typer.echo(f"written to {write}; {advice}", err=True)
+            print_note(f"written to {write}; {advice}")
         if apply:
             _apply(client, advices, for_host)
         first = advices[0].force_now.margins
-    raise typer.Exit(OK if first.stable else NOT_WELL)
+    raise Exit(OK if first.stable else NOT_WELL)
 
 
 def _refuse_wrong_options(
@@ -141,4 +139,4 @@ def _apply(client: "ConfiguredCell", advices: "list[Advice]", host: str) -> None
     client.force.gains(
         force_i_m_per_Ns=gains.force_i_m_per_Ns, torque_i_rad_per_Nms=gains.torque_i_rad_per_Nms
     )
-    typer.echo(f"gains for loop host {host} set until the regulator ends", err=True)
+    print_note(f"gains for loop host {host} set until the regulator ends")

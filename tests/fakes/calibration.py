@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cli.calibration.wizard import CalibrationWizard, WizardTiming
+from cli.calibration.wizard import CalibrationWizard
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
 from common.config.load import load_cell
@@ -20,7 +20,7 @@ QUICK: dict[str, Any] = {
     "limits.speed_m_s": 1.0,  # the cell file's own limit would take minutes of virtual time
     "rates": HALF_RATES,
 }
-FAST = WizardTiming(speed_m_s=0.8, dwell_s=0.3)
+FAST: dict[str, Any] = {"poses": 6, "verify_poses": 2, "speed_m_s": 0.8, "dwell_s": 0.3}
 
 
 def demo_cell(**overrides: Any) -> CellConfig:
@@ -82,11 +82,9 @@ class CalibrationLab:
 
     def plan(self, **options: Any) -> CalibrationPlan:
         """Return a plan from the present pose."""
-        plan_options = PlanOptions(**{"poses": 6, "verify_poses": 2, **options})
+        plan_options = PlanOptions(**{**FAST, **options})
         return planned(self.cell, tuple(self.world.arm.q.tolist()), plan_options)
 
-    def wizard(
-        self, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
-    ) -> CalibrationWizard:
+    def wizard(self, plan: CalibrationPlan | None = None) -> CalibrationWizard:
         """Return a wizard at its first stage."""
-        return CalibrationWizard(self.client, plan or self.plan(), timing=pace, output=self.notes)
+        return CalibrationWizard(self.client, plan or self.plan(), self.notes)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cli.calibration.by_arm import drive
-from cli.calibration.wizard import CalibrationWizard, WizardTiming
+from cli.calibration.wizard import CalibrationWizard
 from cli.context import INTERRUPTED
 from common.config.load import load_cell
 from common.config.payload import Payload
@@ -22,7 +22,7 @@ from identification.excitation.plan import CalibrationPlan
 from identification.verification import VerificationBounds
 from sim.robot.ft_sensor import FtSample
 from tests.fakes.bench import DEMO
-from tests.fakes.calibration import FAST, HOME_RAD, QUICK, CalibrationLab, demo_cell
+from tests.fakes.calibration import HOME_RAD, QUICK, CalibrationLab, demo_cell
 
 TRUTH = Payload(
     mass_kg=1.0,
@@ -43,10 +43,10 @@ def status_of(lab: CalibrationLab) -> ArbiterStatus:
 
 
 def driven(
-    lab: CalibrationLab, plan: CalibrationPlan | None = None, pace: WizardTiming = FAST
+    lab: CalibrationLab, plan: CalibrationPlan | None = None
 ) -> tuple[CalibrationWizard, int | None]:
     """Run the wizard to its end; return it with its exit code."""
-    return drive(lab.client, plan or lab.plan(**FEW), pace, output=lab.notes)
+    return drive(lab.client, plan or lab.plan(**FEW), lab.notes)
 
 
 def mean_residual(payload: Payload, count: int = 200) -> tuple[float, float]:
@@ -63,10 +63,7 @@ def mean_residual(payload: Payload, count: int = 200) -> tuple[float, float]:
 def test_a_complete_run_identifies_the_payload_and_returns_to_its_start(tmp_path):
     """Ten poses with sensor noise leave 0.02 N and 1 mN m; state and pose are the initial ones."""
     lab = CalibrationLab()
-    plan = lab.plan(poses=10, verify_poses=2)
-    wizard = CalibrationWizard(
-        lab.client, plan, timing=WizardTiming(speed_m_s=0.8, dwell_s=0.5), output=lab.notes
-    )
+    wizard = lab.wizard(lab.plan(poses=10, verify_poses=2, dwell_s=0.5))
     wizard.run()
 
     evidence = evidence_of("arm", wizard.dwells, source=tmp_path / "a.csv")
@@ -292,11 +289,11 @@ def test_a_pose_that_the_controller_refuses_is_replaced():
     cell = load_cell(DEMO.with_name("demo-tcp.yaml"), {"calibration": None})
     lab = CalibrationLab(cell)
     lab.world.advance(0.8)  # the gateway greets the controller first
-    plan = lab.plan(**FEW)
+    plan = lab.plan(**FEW, speed_m_s=0.25)
     farthest = max(plan.fit, key=lambda place: abs(plan.q[place][5]))
     arm = lab.world.arm.kinematics
     arm.lower_rad[5], arm.upper_rad[5] = np.array([-1.0, 1.0]) * (abs(plan.q[farthest][5]) - 1e-3)
-    wizard, ended = driven(lab, plan, WizardTiming(speed_m_s=0.25, dwell_s=0.3))
+    wizard, ended = driven(lab, plan)
     assert ended is None, lab.notes.lines
     assert len(dwells_of_purpose(wizard.dwells, "fit")) == 6
     assert farthest in wizard.plan.refused

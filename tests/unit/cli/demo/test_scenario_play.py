@@ -42,8 +42,8 @@ def play(monkeypatch: pytest.MonkeyPatch, supervisor: FakeSupervisor) -> Forceme
     def fail(_scenario: object) -> None:
         raise BusError(NO_REPLY)
 
-    monkeypatch.setattr("launch.processes.Supervisor", lambda _cell: supervisor)
-    monkeypatch.setattr("common.bus.cell_bus.open_bus", lambda *_: nullcontext())
+    monkeypatch.setattr(scenario, "Supervisor", lambda _cell: supervisor)
+    monkeypatch.setattr(scenario, "open_bus", lambda *_: nullcontext())
     monkeypatch.setattr(scenario, "Scenario", lambda *_, **__: type("S", (), {"run": fail})())
     with pytest.raises(ForcemeshError) as caught:
         scenario.play_real(load_cell(DEMO), ScenarioPlan(), lambda *_: None, 7.0)

@@ -158,10 +158,10 @@ def test_fault_codes_are_those_of_the_program() -> None:
         int(code) for code in re.findall(r"^\| (\d+) \|", text.split("## Faults")[1], re.MULTILINE)
     }
     assert listed == set(FAULTS)
-    for code, fault in FAULTS.items():
+    for code, (text, result, remedy) in FAULTS.items():
         line = checks.check_error_code(code)
-        assert (line.result, line.remedy) == (fault.result, fault.remedy)
-        assert line.found == f"{code}: {fault.text}"
+        assert (line.result, line.remedy) == (result, remedy)
+        assert line.found == f"{code}: {text}"
 
 
 @given(st.integers(-99_999, 999_999))

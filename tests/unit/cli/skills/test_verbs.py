@@ -1,6 +1,7 @@
 """Skills on a whole cell in virtual time: results, refusals and stops."""
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,11 +10,11 @@ from cli.context import INTERRUPTED
 from cli.skills import following, force_session, pressing
 from cli.skills.contact_monitor import no_progress
 from cli.skills.path_file import read_poses, write_poses
-from cli.skills.pressing import ForceSettings
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from common.motion.convert import pose_of
 from forcemesh.errors import ArmStoppedError, DataError, NotReachedError
+from forcemesh.requests import ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from tests.fakes.axes_checked import axes_are_checked
 from tests.fakes.bench import CELL, DEMO, HALF_RATES
@@ -38,6 +39,11 @@ class SkillCell:
     def p_tcp(self) -> np.ndarray:
         """Return the true position of the TCP."""
         return np.array(self.world.arm.T_base_tcp.translation)
+
+
+def start_request(setpoint_N: float, **options: Any) -> ForceStartRequest:
+    """Return a start request with a press force [N], by default of mode position."""
+    return ForceStartRequest(**{"mode": "position", "setpoint_N": setpoint_N, **options})
 
 
 @pytest.fixture
@@ -85,14 +91,13 @@ def test_press_holds_a_force_and_align_then_aligns_the_face() -> None:
     tilted = SkillCell(**{"sim.tilt_deg": 4.0})
     held = pressing.press(
         tilted.client,
-        force_N=10.0,
+        start_request(10.0, law="adaptive", preset="gentle"),
         hold_s=0.5,
         within_s=20.0,
-        settings=ForceSettings("adaptive", "gentle"),
     )
     assert held.mean_N == pytest.approx(10.0, abs=0.5)
     assert held.ripple_N < 0.5
-    flat = pressing.align(tilted.client, force_N=10.0, within_s=20.0, settings=ForceSettings())
+    flat = pressing.align(tilted.client, start_request(10.0, mode="both"), within_s=20.0)
     assert flat.turned_deg == pytest.approx(4.0, abs=1.0)
     assert flat.torque_Nm <= pressing.BAND_NM
     tilted.world.advance(0.5)
@@ -102,7 +107,7 @@ def test_press_holds_a_force_and_align_then_aligns_the_face() -> None:
 def test_a_small_force_is_not_held_without_contact(cell: SkillCell) -> None:
     """A force near zero is no press, neither for the skill nor for the client."""
     with pytest.raises(NotReachedError):
-        pressing.press(cell.client, force_N=0.9, hold_s=0.1, within_s=0.3, settings=ForceSettings())
+        pressing.press(cell.client, start_request(0.9), hold_s=0.1, within_s=0.3)
     with pytest.raises(NotReachedError, match=r"0\.9 N were not reached"):
         cell.client.force.press(0.9, within_s=0.3)
 
@@ -119,10 +124,9 @@ def test_a_force_changed_by_another_client_was_not_held(cell: SkillCell) -> None
     ):
         pressing.press(
             cell.client,
-            force_N=10.0,
+            start_request(10.0, law="adaptive"),
             hold_s=3.0,
             within_s=20.0,
-            settings=ForceSettings("adaptive"),
             progress=change_setpoint,
         )
 
@@ -131,8 +135,8 @@ def test_follow_keeps_the_force_on_a_path(cell: SkillCell) -> None:
     """20 mm in 70 points, more than one request holds: in contact on the whole path."""
     path = [np.array([0.0, y, 0.1]) for y in np.linspace(0.0, 0.02, 70)]
     start = cell.p_tcp()
-    parameters = following.PathParameters(8.0, 0.02, from_here=True)
-    done = following.follow(cell.client, path, parameters, settings=ForceSettings(), within_s=20.0)
+    parameters = following.PathParameters(0.02, from_here=True)
+    done = following.follow(cell.client, path, parameters, start_request(8.0), within_s=20.0)
     moved = cell.p_tcp() - start
     assert 1e3 * moved[:2] == pytest.approx([0.0, 20.0], abs=0.3)
     assert done.length_mm == pytest.approx(20.0)
@@ -145,16 +149,14 @@ def test_follow_keeps_the_force_on_a_path(cell: SkillCell) -> None:
     ):
         points = [np.array(point) for point in wrong]
         with pytest.raises(DataError, match=problem):
-            following.follow(
-                cell.client, points, parameters, settings=ForceSettings(), within_s=5.0
-            )
+            following.follow(cell.client, points, parameters, start_request(8.0), within_s=5.0)
     far = [cell.p_tcp() + np.array([1.0, 0.0, 0.0])]
     with pytest.raises(DataError, match="starts 1000 mm away from the tool"):
         following.follow(
             cell.client,
             far,
-            following.PathParameters(8.0, 0.02),
-            settings=ForceSettings(),
+            following.PathParameters(0.02),
+            start_request(8.0),
             within_s=5.0,
         )
 
@@ -200,12 +202,7 @@ def test_a_hold_by_another_client_ends_a_skill_with_its_reason(cell: SkillCell) 
 
     with pytest.raises(ArmStoppedError, match="the test requested it"):
         pressing.press(
-            cell.client,
-            force_N=10.0,
-            hold_s=1.0,
-            within_s=20.0,
-            settings=ForceSettings(),
-            progress=hold_arm,
+            cell.client, start_request(10.0), hold_s=1.0, within_s=20.0, progress=hold_arm
         )
 
 
@@ -216,14 +213,7 @@ def test_a_press_names_a_frozen_service(cell: SkillCell) -> None:
         cell.world.runners.pop("wrench", None)
 
     with pytest.raises(ArmStoppedError, match=r"the arm was stopped.*wrench"):
-        pressing.press(
-            cell.client,
-            force_N=8.0,
-            hold_s=2.0,
-            within_s=5.0,
-            settings=ForceSettings(),
-            progress=freeze,
-        )
+        pressing.press(cell.client, start_request(8.0), hold_s=2.0, within_s=5.0, progress=freeze)
 
 
 def test_ctrl_c_holds_the_arm(cell: SkillCell, monkeypatch) -> None:

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cli.calibration import by_arm
-from cli.calibration.wizard import WizardTiming
 from common.config.load import load_cell
 from common.config.payload import Payload
 from common.motion.convert import joints, record_of
@@ -312,12 +311,11 @@ def test_an_arm_without_a_model_is_refused():
 
 def test_the_motion_description_gives_the_box_and_its_limitations(plan):
     """It has numbers in millimetres, the duration, and that only the box is known."""
-    description = by_arm.motion_description(cell_with(planes=[WALL]), plan, WizardTiming(0.1))
+    description = by_arm.motion_description(cell_with(planes=[WALL]), plan)
     assert "x -400 .. 400, y 200 .. 800, z -200 .. 600 mm" in description
     assert "and 1 plane(s)" in description
     assert "above z = 217 mm" in description
     assert "10 poses and 4 to verify" in description
     assert "other obstacles are unknown" in description
-    assert "4 poses, about" in by_arm.motion_description(
-        cell_with(), plan, WizardTiming(0.1), purposes=("verify",)
-    )
+    verification = by_arm.motion_description(cell_with(), plan, purposes=("verify",))
+    assert "4 poses, about" in verification

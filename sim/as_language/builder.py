@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 from lark import Token, Transformer, v_args
 
@@ -18,8 +18,7 @@ ONE = syntax.Number(1.0)
 SPELLINGS = {"=<": "<=", "=>": ">=", "!=": "<>"}
 
 
-@dataclass(frozen=True, slots=True)
-class ParsedLine:
+class ParsedLine(NamedTuple):
     """One line: its label and its statement (None: label only, or empty line)."""
 
     label: str | None
@@ -88,7 +87,7 @@ class LineBuilder(Transformer[Token, ParsedLine]):
 
     def if_goto(self, condition: Expression, label: Token) -> Statement:
         """`IF c GOTO 10`."""
-        return syntax.Goto(short_name(label), condition)
+        return self.goto(label, condition)
 
     def goto(self, label: Token, condition: Expression | None = None) -> Statement:
         """`GOTO 10 IF c`."""

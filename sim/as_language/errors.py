@@ -4,54 +4,85 @@ Texts follow appendix 4 of the AS Language Reference Manual.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from forcemesh.errors import ForcemeshError
 from sim.as_language.syntax import Position
 
-# fmt: off
-TEXTS = {
-    "P0100": "Illegal input data", "P0101": "Too many arguments", "P0108": "Syntax error",
-    "P0109": "Invalid statement", "P0111": "Cannot use in this mode",
-    "P0113": "Not a program instruction", "P0114": "Illegal expression",
-    "P0115": "Illegal function", "P0116": "Illegal argument of function",
-    "P0117": "Invalid variable (or program) name", "P0118": "Illegal variable type",
-    "P0119": "Incorrect array suffix", "P0120": "Unbalanced parentheses",
-    "P0121": "Binary operator expected", "P0132": "Not an array variable",
-    "P0133": "Array variable: its elements need an index", "P0137": "Wrong number of arguments",
-    "P0138": "Argument types do not match", "P0140": "Structure is not closed by END",
-    "P0141": "END without a structure", "P0142": "ELSE without IF", "P0143": "UNTIL without DO",
-    "P0144": "DO is not closed by UNTIL", "P0145": "VALUE or ANY outside of CASE",
-    "P0146": "Label is defined twice", "P0147": "Structures overlap",
-    "P0150": "Variable is of another type", "P0151": "Program does not exist",
-    "P1000": "Motor power is off", "P1001": "Teach mode", "P1002": "Teach lock is on",
-    "P1009": "A program is running already", "P1013": "Cannot execute in error state",
-    "P1014": "Program is already in use", "P1019": "PC program is running",
-    "E0101": "Nonexistent label", "E0102": "Variable is not defined",
-    "E0103": "Location is not defined", "E0104": "String variable is not defined",
-    "E0105": "Program or label does not exist", "E0106": "Value is out of range",
-    "E0107": "No array suffix", "E0108": "Division by zero", "E0109": "Floating point overflow",
-    "E0110": "String is too long", "E0111": "Cannot execute an instruction that is not supported",
-    "E0112": "CALL is nested too deep",
-    "E1095": "Cannot execute motion instruction in PC program",
-    "E4007": "Receiving data is too long (MAX=255 characters)",
-    "E4019": "Socket open failure", "E4020": "Socket close failure",
-    "E4021": "Communication error", "E4022": "Message is too long",
-    "E4023": "Cannot reach the host", "E4024": "Communication time out error",
-    "E4025": "Connection aborted", "E4026": "No buffer space", "E4027": "Bad socket",
-    "E4054": "Ethernet board is not installed", "E4055": "Cannot create a socket",
-    "E4056": "Port is not in LISTEN", "E4057": "Illegal socket ID",
-    "E6007": "Position is out of the motion range", "E6008": "Cannot be reached in this posture",
-    "E6016": "Cannot move through a singular point",
-}
-# fmt: on
+TEXTS = dict(
+    line.split(" ", 1)
+    for line in """\
+P0100 Illegal input data
+P0101 Too many arguments
+P0108 Syntax error
+P0109 Invalid statement
+P0111 Cannot use in this mode
+P0113 Not a program instruction
+P0114 Illegal expression
+P0115 Illegal function
+P0116 Illegal argument of function
+P0117 Invalid variable (or program) name
+P0118 Illegal variable type
+P0119 Incorrect array suffix
+P0120 Unbalanced parentheses
+P0121 Binary operator expected
+P0132 Not an array variable
+P0133 Array variable: its elements need an index
+P0137 Wrong number of arguments
+P0138 Argument types do not match
+P0140 Structure is not closed by END
+P0141 END without a structure
+P0142 ELSE without IF
+P0143 UNTIL without DO
+P0144 DO is not closed by UNTIL
+P0145 VALUE or ANY outside of CASE
+P0146 Label is defined twice
+P0147 Structures overlap
+P0150 Variable is of another type
+P0151 Program does not exist
+P1000 Motor power is off
+P1001 Teach mode
+P1002 Teach lock is on
+P1009 A program is running already
+P1013 Cannot execute in error state
+P1014 Program is already in use
+P1019 PC program is running
+E0101 Nonexistent label
+E0102 Variable is not defined
+E0103 Location is not defined
+E0104 String variable is not defined
+E0105 Program or label does not exist
+E0106 Value is out of range
+E0107 No array suffix
+E0108 Division by zero
+E0109 Floating point overflow
+E0110 String is too long
+E0111 Cannot execute an instruction that is not supported
+E0112 CALL is nested too deep
+E1095 Cannot execute motion instruction in PC program
+E4007 Receiving data is too long (MAX=255 characters)
+E4019 Socket open failure
+E4020 Socket close failure
+E4021 Communication error
+E4022 Message is too long
+E4023 Cannot reach the host
+E4024 Communication time out error
+E4025 Connection aborted
+E4026 No buffer space
+E4027 Bad socket
+E4054 Ethernet board is not installed
+E4055 Cannot create a socket
+E4056 Port is not in LISTEN
+E4057 Illegal socket ID
+E6007 Position is out of the motion range
+E6008 Cannot be reached in this posture
+E6016 Cannot move through a singular point""".splitlines()
+)
 # Numbers of the manual; codes that only this emulator uses are listed in docs/as-emulator.md
 # ("codes of our own").
 
 
-@dataclass(frozen=True, slots=True)
-class SyntaxMistake:
+class SyntaxMistake(NamedTuple):
     """One mistake in a file: position, code, the text found and the text expected."""
 
     where: Position

@@ -158,39 +158,21 @@ def _variable(variable: Variable, *, location: bool) -> Read:
 
 def store(variable: Variable) -> Store:
     """Compile to a writer of a variable or element (P0150, P0132, P0133)."""
-    key, names_of, indices = _place_of(variable)
+    cell_of = _cell_of(variable)
     # Types that need no check while unchanged: only integers may need conversion.
     plain = () if variable.kind == "@" else (float, str, Transformation, Joints)
 
-    def store_scalar(context: EvaluationContext, value: Value) -> None:
-        names_here = names_of(context)
-        cell = names_here.get(key)
-        if cell.__class__ is not VariableCell:
-            cell = names_here.scalar(key)
+    def run(context: EvaluationContext, value: Value) -> None:
+        cell = cell_of(context)
         if value.__class__ is cell.value.__class__ and value.__class__ in plain:
             cell.value = value
         else:
             cell.value = converted(variable, cell.value, value)
 
-    if indices is None:
-        return store_scalar
-
-    def store_element(context: EvaluationContext, value: Value) -> None:
-        array = names_of(context).get(key)
-        if array.__class__ is not Array:
-            array = names_of(context).array(key)
-        cell = array.cell(indices(context))
-        if value.__class__ is cell.value.__class__ and value.__class__ in plain:
-            cell.value = value
-        else:
-            cell.value = converted(variable, cell.value, value)
-
-    return store_element
+    return run
 
 
-def refer(
-    expression: Expression | None,
-) -> ReadOf[VariableCell | Array | None]:
+def refer(expression: Expression | None) -> ReadOf[VariableCell | Array | None]:
     """Compile an argument of CALL: a variable by reference, or a new cell with a value.
 
     The cell or array of a variable is created if it is missing.
@@ -202,9 +184,14 @@ def refer(
     if not isinstance(expression, Variable):
         read = value_of(expression)
         return lambda context: VariableCell(read(context))
-    key, names_of, indices = _place_of(expression)
-    if expression.whole:
-        return lambda context: names_of(context).array(key)
+    if not expression.whole:
+        return _cell_of(expression)
+    key, names_of, _ = _place_of(expression)
+    return lambda context: names_of(context).array(key)
+
+
+def _cell_of(variable: Variable) -> ReadOf[VariableCell]:
+    key, names_of, indices = _place_of(variable)
     if indices is None:
         return lambda context: names_of(context).scalar(key)
     return lambda context: names_of(context).array(key).cell(indices(context))

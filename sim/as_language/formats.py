@@ -38,9 +38,6 @@ def layout(
             text = f"unknown format /{item.code}; use /D /E /F /G /H /I /C /S /X"
             parts.append(refuse("P0108", text))
     feed = not any(isinstance(item, Format) and item.code == "S" for item in items)
-    if len(parts) == 1:
-        only = parts[0]
-        return lambda context: (only(context), feed)
     return lambda context: ("".join([part(context) for part in parts]), feed)
 
 

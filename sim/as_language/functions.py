@@ -12,7 +12,6 @@ import inspect
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -48,16 +47,17 @@ TYPES: dict[str, tuple[tuple[type, ...], str]] = {
 MOST = 25  # arguments of a function that takes any number of them
 
 
-@dataclass(frozen=True, slots=True)
-class FunctionSignature:
+class AsFunction:
     """One function: argument types, defaults of the optional ones, computation."""
 
-    compute: Callable[..., Value]
-    types: str
-    of_machine: bool
-    required: int
-    most: int
-    defaults: tuple[Any, ...]
+    def __init__(self, types: str, compute: Callable[..., Value], most: int = MOST) -> None:
+        """Read the defaults; `most` limits the arguments of one that takes any number of them."""
+        self.compute, self.of_machine = compute, types.startswith("m")
+        parameters = list(inspect.signature(compute).parameters.values())[self.of_machine :]
+        self.defaults = tuple(p.default for p in parameters if p.kind is not p.VAR_POSITIONAL)
+        self.required = sum(default is inspect.Parameter.empty for default in self.defaults)
+        self.types = types.removeprefix("m").removesuffix("*")
+        self.most = most if types.endswith("*") else len(self.types)
 
     def check_count(self, name: str, count: int) -> None:
         """Reject a wrong number of arguments (P0101, P0116)."""
@@ -111,17 +111,6 @@ class FunctionSignature:
             return compute(checked)
 
         return run_one
-
-
-def function(types: str, compute: Callable[..., Value], most: int = MOST) -> FunctionSignature:
-    """Return a function; `most` limits the arguments of one that takes any number of them."""
-    of_machine = types.startswith("m")
-    parameters = list(inspect.signature(compute).parameters.values())[of_machine:]
-    defaults = tuple(p.default for p in parameters if p.kind is not p.VAR_POSITIONAL)
-    required = sum(default is inspect.Parameter.empty for default in defaults)
-    letters = types.removeprefix("m").removesuffix("*")
-    count = most if types.endswith("*") else len(letters)
-    return FunctionSignature(compute, letters, of_machine, required, count, defaults)
 
 
 # --- numbers --------------------------------------------------------------------------------------
@@ -182,28 +171,28 @@ def _joint(value: float) -> int:
 
 
 NUMBER_FUNCTIONS = {
-    "ABS": function("r", abs),
-    "SQRT": function("r", square_root),
-    "SIN": function("r", sine),
-    "COS": function("r", lambda degrees: sine(degrees + 90.0)),
-    "ATAN2": function("rr", lambda y, x: single(math.degrees(math.atan2(y, x)))),
-    "PI": function("", lambda: single(math.pi)),
-    "INT": function("r", lambda value: float(math.trunc(value))),
-    "ROUND": function("r", rounded),
-    "MAXVAL": function("r*", lambda first, *others: max((first, *others))),
-    "MINVAL": function("r*", lambda first, *others: min((first, *others))),
-    "RANDOM": function("m", lambda machine: single(machine.random())),
-    "SIG": function("mr*", are_on),
-    "BITS": function("mrr", bits("BITS", 16)),
-    "BITS32": function("mrr", bits("BITS32", 32)),
-    "SWITCH": function("mw", lambda machine, name: truth(machine.switch(name))),
-    "EXISTPGM": function("mw", lambda machine, name: truth(machine.has_program(name.lower()))),
-    "TASK": function("mr", lambda machine, number: float(machine.task_state(int(number)))),
-    "ERROR": function("mr", lambda machine, _=0.0: float(machine.error_number())),
-    "TIMER": function("mr", lambda machine, number: single(machine.timer_s(int(number)))),
-    "MSPEED": function("mr", lambda machine, _=0.0: single(machine.monitor_speed_percent())),
-    "IQARM": function("mr", lambda machine, n: single(machine.motor_current_A(_joint(n)))),
-    "TRQNM": function("mr", lambda machine, n: single(machine.motor_torque_Nm(_joint(n)))),
+    "ABS": AsFunction("r", abs),
+    "SQRT": AsFunction("r", square_root),
+    "SIN": AsFunction("r", sine),
+    "COS": AsFunction("r", lambda degrees: sine(degrees + 90.0)),
+    "ATAN2": AsFunction("rr", lambda y, x: single(math.degrees(math.atan2(y, x)))),
+    "PI": AsFunction("", lambda: single(math.pi)),
+    "INT": AsFunction("r", lambda value: float(math.trunc(value))),
+    "ROUND": AsFunction("r", rounded),
+    "MAXVAL": AsFunction("r*", lambda first, *others: max((first, *others))),
+    "MINVAL": AsFunction("r*", lambda first, *others: min((first, *others))),
+    "RANDOM": AsFunction("m", lambda machine: single(machine.random())),
+    "SIG": AsFunction("mr*", are_on),
+    "BITS": AsFunction("mrr", bits("BITS", 16)),
+    "BITS32": AsFunction("mrr", bits("BITS32", 32)),
+    "SWITCH": AsFunction("mw", lambda machine, name: truth(machine.switch(name))),
+    "EXISTPGM": AsFunction("mw", lambda machine, name: truth(machine.has_program(name.lower()))),
+    "TASK": AsFunction("mr", lambda machine, number: float(machine.task_state(int(number)))),
+    "ERROR": AsFunction("mr", lambda machine, _=0.0: float(machine.error_number())),
+    "TIMER": AsFunction("mr", lambda machine, number: single(machine.timer_s(int(number)))),
+    "MSPEED": AsFunction("mr", lambda machine, _=0.0: single(machine.monitor_speed_percent())),
+    "IQARM": AsFunction("mr", lambda machine, n: single(machine.motor_current_A(_joint(n)))),
+    "TRQNM": AsFunction("mr", lambda machine, n: single(machine.motor_torque_Nm(_joint(n)))),
 }
 
 
@@ -223,8 +212,8 @@ def shift(
     return transformation(place.x + dx, place.y + dy, place.z + dz, place.o, place.a, place.t)
 
 
-def _about(axis: tuple[float, float, float], degrees: float) -> Transformation:
-    return transformation_of(pin.SE3(pin.exp3(np.array(axis) * math.radians(degrees)), np.zeros(3)))
+def _about(axis: str, degrees: float) -> Transformation:
+    return transformation_of(pin.SE3(pin.utils.rotate(axis, math.radians(degrees)), np.zeros(3)))
 
 
 def frame(
@@ -263,27 +252,27 @@ def in_range(machine: MachineInterface, pose: Pose, near: Joints | None = None) 
 
 
 POSE_FUNCTIONS = {
-    "HERE": function("m", lambda machine: machine.here()),
-    "#HERE": function("m", lambda machine: machine.here_joints()),
-    "DEST": function("m", lambda machine: machine.destination()),
-    "#DEST": function("m", lambda machine: machine.destination_joints()),
-    "#HOME": function("mr", lambda machine, number=1.0: machine.home_joints(int(number))),
-    "BASE": function("m", lambda machine: machine.base()),
-    "TOOL": function("m", lambda machine: machine.tool()),
-    "NULL": function("", Transformation),
-    "TRANS": function("r*", transformation, most=6),
-    "#PPOINT": function("r*", joints, most=6),
-    "SHIFT": function("trrr", shift),
-    "RX": function("r", lambda degrees: _about((1.0, 0.0, 0.0), degrees)),
-    "RY": function("r", lambda degrees: _about((0.0, 1.0, 0.0), degrees)),
-    "RZ": function("r", lambda degrees: _about((0.0, 0.0, 1.0), degrees)),
-    "FRAME": function("tttt", frame),
-    "DX": function("mp", lambda machine, pose: _place(machine, pose).x),
-    "DY": function("mp", lambda machine, pose: _place(machine, pose).y),
-    "DZ": function("mp", lambda machine, pose: _place(machine, pose).z),
-    "DEXT": function("pr", component),
-    "DISTANCE": function("mpp", distance),
-    "INRANGE": function("mpj", in_range),
+    "HERE": AsFunction("m", lambda machine: machine.here()),
+    "#HERE": AsFunction("m", lambda machine: machine.here_joints()),
+    "DEST": AsFunction("m", lambda machine: machine.destination()),
+    "#DEST": AsFunction("m", lambda machine: machine.destination_joints()),
+    "#HOME": AsFunction("mr", lambda machine, number=1.0: machine.home_joints(int(number))),
+    "BASE": AsFunction("m", lambda machine: machine.base()),
+    "TOOL": AsFunction("m", lambda machine: machine.tool()),
+    "NULL": AsFunction("", Transformation),
+    "TRANS": AsFunction("r*", transformation, most=6),
+    "#PPOINT": AsFunction("r*", joints, most=6),
+    "SHIFT": AsFunction("trrr", shift),
+    "RX": AsFunction("r", lambda degrees: _about("x", degrees)),
+    "RY": AsFunction("r", lambda degrees: _about("y", degrees)),
+    "RZ": AsFunction("r", lambda degrees: _about("z", degrees)),
+    "FRAME": AsFunction("tttt", frame),
+    "DX": AsFunction("mp", lambda machine, pose: _place(machine, pose).x),
+    "DY": AsFunction("mp", lambda machine, pose: _place(machine, pose).y),
+    "DZ": AsFunction("mp", lambda machine, pose: _place(machine, pose).z),
+    "DEXT": AsFunction("pr", component),
+    "DISTANCE": AsFunction("mpp", distance),
+    "INRANGE": AsFunction("mpj", in_range),
 }
 
 
@@ -377,22 +366,22 @@ def error_of(number: float) -> str:
 
 
 TEXT_FUNCTIONS = {
-    "LEN": function("s", lambda characters: float(len(characters))),
-    "ASC": function("sr", code_at),
-    "$CHR": function("r", character),
-    "$SPACE": function("r", lambda count: text(" " * min(max(int(count), 0), 256))),
-    "$LEFT": function("sr", lambda characters, count: characters[: max(int(count), 0)]),
-    "$RIGHT": function("sr", right),
-    "$MID": function("srr", middle),
-    "INSTR": function("xss", instr),
-    "VAL": function("sr", value_of),
-    "$ERROR": function("r", error_of),
-    "$ERRORS": function("s", lambda code: error_text(code.strip().upper())),
-    "$DATE": function("mr", lambda machine, _=0.0: machine.date()),
-    "$TIME": function("mr", lambda machine, _=0.0: machine.time()),
+    "LEN": AsFunction("s", lambda characters: float(len(characters))),
+    "ASC": AsFunction("sr", code_at),
+    "$CHR": AsFunction("r", character),
+    "$SPACE": AsFunction("r", lambda count: text(" " * min(max(int(count), 0), 256))),
+    "$LEFT": AsFunction("sr", lambda characters, count: characters[: max(int(count), 0)]),
+    "$RIGHT": AsFunction("sr", right),
+    "$MID": AsFunction("srr", middle),
+    "INSTR": AsFunction("xss", instr),
+    "VAL": AsFunction("sr", value_of),
+    "$ERROR": AsFunction("r", error_of),
+    "$ERRORS": AsFunction("s", lambda code: error_text(code.strip().upper())),
+    "$DATE": AsFunction("mr", lambda machine, _=0.0: machine.date()),
+    "$TIME": AsFunction("mr", lambda machine, _=0.0: machine.time()),
 }
 
-FUNCTIONS: Mapping[str, FunctionSignature] = {
+FUNCTIONS: Mapping[str, AsFunction] = {
     **TEXT_FUNCTIONS,
     **NUMBER_FUNCTIONS,
     **POSE_FUNCTIONS,

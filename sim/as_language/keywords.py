@@ -4,38 +4,41 @@ Sources: AS Language Reference Manual (chapters 6, 7, 9, appendix 5) and, for ke
 name only, the keyword lists of public editors.
 """
 
+from collections.abc import Iterable
 
-def _words(text: str) -> frozenset[str]:
+
+def words(text: str) -> frozenset[str]:
+    """Return the words of a text."""
     return frozenset(text.split())
 
 
-OPERATORS = frozenset({"AND", "OR", "XOR", "NOT", "BAND", "BOR", "BXOR", "COM", "MOD"})
+OPERATORS = words("AND OR XOR NOT BAND BOR BXOR COM MOD")
 CONSTANTS = {"TRUE": -1.0, "ON": -1.0, "FALSE": 0.0, "OFF": 0.0}
 
 # First word -> terminal of the grammar. All other known words are INSTRUCTION.
 STATEMENTS = {
-    "POINT": "_POINT", "HERE": "_HERE", "DECOMPOSE": "_DECOMPOSE", "IF": "_IF", "GOTO": "_GOTO",
-    "ELSE": "_ELSE", "WHILE": "_WHILE", "DO": "_DO", "UNTIL": "_UNTIL", "FOR": "_FOR",
-    "CASE": "CASE", "SCASE": "CASE", "VALUE": "_VALUE", "SVALUE": "_VALUE", "ANY": "_ANY",
-    "END": "_END", "CALL": "_CALL", "SCALL": "_SCALL", "RETURN": "_RETURN", "PRINT": "PRINT",
-    "TYPE": "PRINT", "ON": "ON", "ONI": "ON",
+    word: f"_{word}"
+    for word in words("""
+        POINT HERE DECOMPOSE IF GOTO ELSE WHILE DO UNTIL FOR VALUE ANY END CALL SCALL RETURN
+        """)
+} | {
+    "CASE": "CASE", "SCASE": "CASE", "SVALUE": "_VALUE", "PRINT": "PRINT", "TYPE": "PRINT",
+    "ON": "ON", "ONI": "ON",
 }  # fmt: skip
 
 # Context-dependent keywords: keywords inside these statements, names elsewhere.
 INNER = {
-    "_IF": frozenset({"THEN", "GOTO"}), "_GOTO": frozenset({"IF"}), "_WHILE": frozenset({"DO"}),
-    "_FOR": frozenset({"TO", "STEP"}), "CASE": frozenset({"OF"}),
-    "ON": frozenset({"CALL", "GOTO"}), "INSTRUCTION": frozenset({"TILL"}),
+    "_IF": words("THEN GOTO"), "_GOTO": words("IF"), "_WHILE": words("DO"),
+    "_FOR": words("TO STEP"), "CASE": words("OF"), "ON": words("CALL GOTO"),
+    "INSTRUCTION": words("TILL"),
 }  # fmt: skip
 
 # Instructions whose first argument (after `n:`) names a program.
-TAKES_PROGRAM = frozenset(
-    {"PCEXECUTE", "EXECUTE", "ONE", "MC EXECUTE", "PRIME", "PCSTEP", "MC PRIME"}
-)
-TAKES_TASK_NUMBER = frozenset({"PCEXECUTE", "PCABORT", "PCEND", "PCKILL", "PCCONTINUE"})
+TAKES_PROGRAM = words("PCEXECUTE EXECUTE ONE PRIME PCSTEP") | {"MC EXECUTE", "MC PRIME"}
+TAKES_TASK_NUMBER = words("PCEXECUTE PCABORT PCEND PCKILL PCCONTINUE")
 
 # Instructions other than STATEMENTS that the emulator executes; all others are only parsed.
-EMULATED = _words("""
+EMULATED = words("""
     JMOVE LMOVE HMOVE JAPPRO LAPPRO JDEPART LDEPART HOME DRIVE DRAW TDRAW DELAY STABLE
     SPEED ACCURACY ACCEL DECEL BREAK BRAKE MVWAIT BASE TOOL WEIGHT
     LEFTY RIGHTY ABOVE BELOW UWRIST DWRIST
@@ -44,7 +47,7 @@ EMULATED = _words("""
     TCP_LISTEN TCP_ACCEPT TCP_CONNECT TCP_SEND TCP_RECV TCP_CLOSE TCP_END_LISTEN SWITCH
     """) | {"MC ABORT", "MC CONTINUE", "MC ERESET", "MC EXECUTE", "MC HOLD", "MC SPEED"}
 
-_OTHERS = _words("""
+_OTHERS = words("""
     ABSDRIVE ALIGN ALONE ASSUME ATTACH BITS32 BSPEED C1MOVE C2MOVE CLAMP CLOSE CLOSEI CLOSES
     CVLMOVE CVHMOVE CVJMOVE CVLAPPRO CVLDEPART CVWAIT CVSET CVRESET CVSCALE CVPOS CVSPEED
     DEFSIG DETACH DLYSIG ENVCHKRATE EXECUTE EXTCALL FHERE FJMOVE FLMOVE FTOOL GUNOFF GUNON
@@ -65,15 +68,17 @@ SHORT = {"CA": "CALL", "SI": "SIGNAL", "TW": "TWAIT", "TY": "TYPE", "PCEX": "PCE
          "EXEC": "EXECUTE", "ACCU": "ACCURACY", "DECO": "DECOMPOSE", "SP": "SPEED"}  # fmt: skip
 
 # Functions that may be written without parentheses, and functions with bare names as arguments.
-WITHOUT_ARGUMENTS = _words("""
+WITHOUT_ARGUMENTS = words("""
     PI RANDOM NULL HERE #HERE DEST #DEST #HOME BASE TOOL ERROR MSPEED MSPEED2
     $DATE $TIME $TIME_MS TIME_MS PRIORITY
     """)
-WORD_ARGUMENTS = frozenset({"SWITCH", "EXISTPGM"})
+WORD_ARGUMENTS = words("SWITCH EXISTPGM")
 
-UNITS = frozenset({"MM/S", "MM/MIN", "CM/S", "CM/MIN", "DEG/S", "DEG/MIN", "M/S", "M/MIN"})
+# POINT/X and similar: letters of the components of the transformation that are copied.
+POINT_PARTS = words("X Y Z O A T OAT")
+UNITS = words("MM/S MM/MIN CM/S CM/MIN DEG/S DEG/MIN M/S M/MIN")
 
-MONITOR = ("ABORT", "CONTINUE", "ERESET", "EXECUTE", "HOLD", "SPEED", "PRIME")
+MONITOR = words("ABORT CONTINUE ERESET EXECUTE HOLD SPEED PRIME")
 
 
 def instruction(word: str) -> str | None:
@@ -81,7 +86,7 @@ def instruction(word: str) -> str | None:
     upper = word.upper()
     if upper in STATEMENTS or upper in KNOWN:
         return upper
-    return SHORT.get(upper) or _only((*STATEMENTS, *KNOWN), upper)
+    return SHORT.get(upper) or _only(KNOWN | STATEMENTS.keys(), upper)
 
 
 def monitor_command(word: str) -> str | None:
@@ -89,7 +94,7 @@ def monitor_command(word: str) -> str | None:
     return _only(MONITOR, word.upper())
 
 
-def _only(names: tuple[str, ...], beginning: str) -> str | None:
+def _only(names: Iterable[str], beginning: str) -> str | None:
     if len(beginning) < 2:
         return None
     longer = sorted(

@@ -7,7 +7,6 @@ function, label, program or name.
 
 import re
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
 from functools import cache, lru_cache
 from itertools import zip_longest
 from pathlib import Path
@@ -19,6 +18,7 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedToken
 from sim.as_language import keywords, syntax
 from sim.as_language.builder import LineBuilder, ParsedLine
 from sim.as_language.errors import AsError
+from sim.as_language.syntax import Node
 
 GRAMMAR = Path(__file__).with_name("grammar.lark")
 DEEPEST = 100
@@ -30,19 +30,17 @@ MISTAKES = (UnexpectedCharacters, UnexpectedToken, AsError)
 LEAF_NODES = (syntax.Number, syntax.Text, syntax.Word, syntax.Format)
 
 # Tokens that complete an operand: a word after them is not an operand.
-OPERAND_ENDS = frozenset(
-    {"NUMBER", "BASED", "STRING", "NAME", "TEXT_NAME", "SIGIL_NAME", "_RPAR", "_RSQB", "PROGRAM",
-     "TARGET"}
-)  # fmt: skip
+OPERAND_ENDS = keywords.words(
+    "NUMBER BASED STRING NAME TEXT_NAME SIGIL_NAME _RPAR _RSQB PROGRAM TARGET"
+)
 # Tokens that begin an operand, as far as they are not keywords.
-OPERANDS = frozenset(
-    {"NUMBER", "BASED", "STRING", "NAME", "TEXT_NAME", "SIGIL_NAME", "FUNCTION", "TEXT_FUNCTION",
-     "_LPAR"}
-)  # fmt: skip
+OPERANDS = keywords.words(
+    "NUMBER BASED STRING NAME TEXT_NAME SIGIL_NAME FUNCTION TEXT_FUNCTION _LPAR"
+)
 # Words after which an operand begins.
-BEFORE_OPERAND = keywords.OPERATORS | {"IF", "TO", "STEP", "BY", "TILL"}
+BEFORE_OPERAND = keywords.OPERATORS | keywords.words("IF TO STEP BY TILL")
 OPENING, CLOSING = {"_LPAR", "_LSQB", "_HASH_BRACKET"}, {"_RPAR", "_RSQB"}
-WORDLIKE = frozenset({"NAME", "TEXT_NAME", "SIGIL_NAME"})
+WORDLIKE = keywords.words("NAME TEXT_NAME SIGIL_NAME")
 # Tokens that are a sign and a name after an operand: `a/b2` has no format, `a^b1` no binary number.
 JOINED = {"FORMAT": "SLASH", "BASED": "CARET"}
 
@@ -108,12 +106,10 @@ def _refuse_depth(statement: object) -> None:
     raise AsError("P0114", f"the expression is nested deeper than {DEEPEST} levels")
 
 
-def _children(node: object) -> list[object]:
-    if isinstance(node, tuple):
-        return list(node)
-    if not is_dataclass(node) or isinstance(node, LEAF_NODES):
-        return []
-    return [getattr(node, field.name) for field in fields(node)]
+def _children(node: object) -> tuple[object, ...]:
+    if isinstance(node, Node) and not isinstance(node, LEAF_NODES):
+        return node.parts()
+    return node if isinstance(node, tuple) else ()
 
 
 # --- diagnostics ----------------------------------------------------------------------------------
@@ -165,24 +161,20 @@ class TokenClassifier:
         """Convert the lexer tokens of one line to grammar tokens."""
         tokens = list(stream)
         if _has_label(tokens):
-            yield _retyped(tokens.pop(0), "LABEL")
+            yield tokens.pop(0).update("LABEL")
             if tokens and tokens[0].type == "_COLON":
                 del tokens[0]
         tokens = _split_joined(tokens)
         if not tokens or tokens[0].type != "NAME" or _is_assignment(tokens):
             yield from _rest(tokens, frozenset())
         elif _is_switch(tokens):
-            yield _retyped(tokens[0], "_SWITCH")
+            yield tokens[0].update("_SWITCH")
             yield from tokens[:-1]
-            yield _retyped(tokens[-1], "ONOFF")
+            yield tokens[-1].update("ONOFF")
         else:
             keyword, rest = _keyword(tokens)
             yield keyword
             yield from _behind(keyword, rest)
-
-
-def _retyped(token: Token, kind: str, value: str | None = None) -> Token:
-    return Token.new_borrow_pos(kind, token.value if value is None else value, token)
 
 
 def _has_label(tokens: list[Token]) -> bool:
@@ -206,7 +198,7 @@ def _split_joined(tokens: list[Token]) -> list[Token]:
             and last.type in OPERAND_ENDS
             and last.upper() not in BEFORE_OPERAND
         ):
-            result.append(_retyped(token, JOINED[token.type], token[0]))
+            result.append(token.update(JOINED[token.type], token[0]))
             result.append(Token("NAME", token[1:], column=(token.column or 0) + 1))
         else:
             result.append(token)
@@ -241,11 +233,11 @@ def _keyword(tokens: list[Token]) -> tuple[Token, list[Token]]:
     if first.upper() == "MC" and rest and rest[0].type == "NAME":
         command = keywords.monitor_command(rest[0])
         name = f"?MC {rest[0].upper()}" if command is None else f"MC {command}"
-        return _retyped(first, "INSTRUCTION", name), rest[1:]
+        return first.update("INSTRUCTION", name), rest[1:]
     known = keywords.instruction(first)
     if known is None:
-        return _retyped(first, "INSTRUCTION", f"?{first.upper()}"), rest
-    return _retyped(first, keywords.STATEMENTS.get(known, "INSTRUCTION"), known), rest
+        return first.update("INSTRUCTION", f"?{first.upper()}"), rest
+    return first.update(keywords.STATEMENTS.get(known, "INSTRUCTION"), known), rest
 
 
 def _behind(keyword: Token, rest: list[Token]) -> Iterator[Token]:
@@ -253,15 +245,15 @@ def _behind(keyword: Token, rest: list[Token]) -> Iterator[Token]:
     if keyword.type in {"_POINT", "ON", "INSTRUCTION"}:
         match rest:
             case [Token(type="FORMAT") as part, *rest]:
-                yield _retyped(part, "PART")
+                yield part.update("PART")
             case [Token(type="SLASH") as slash, Token(type="NAME") as name, *rest]:
-                yield _retyped(slash, "PART", f"/{name}")
+                yield slash.update("PART", f"/{name}")
     if keyword.type == "_GOTO" and rest and rest[0].type in {"NAME", "NUMBER"}:
-        rest[0] = _retyped(rest[0], "TARGET")
+        rest[0] = rest[0].update("TARGET")
     elif keyword.type == "_CALL" or keyword.value in keywords.TAKES_PROGRAM:
         at = 2 if len(rest) > 1 and rest[1].type == "_COLON" else 0
         if at < len(rest) and rest[at].type == "NAME":
-            rest[at] = _retyped(rest[at], "PROGRAM")
+            rest[at] = rest[at].update("PROGRAM")
     words = keyword.type == "INSTRUCTION"
     yield from _rest(
         _join_units(rest) if words else rest,
@@ -276,7 +268,7 @@ def _join_units(tokens: list[Token]) -> list[Token]:
     while tokens:
         three = "".join(tokens[:3]).upper()
         if three in keywords.UNITS:
-            result.append(_retyped(tokens[0], "NAME", three))
+            result.append(tokens[0].update("NAME", three))
             tokens = tokens[3:]
         else:
             result.append(tokens[0])
@@ -308,4 +300,4 @@ def _rest(tokens: list[Token], inner: frozenset[str], *, words: bool = False) ->
                 kind = "TEXT_FUNCTION" if kind == "TEXT_NAME" else "FUNCTION"
         depth = max(0, depth + (kind in OPENING) - (kind in CLOSING))
         previous = kind
-        yield token if kind == token.type else _retyped(token, kind)
+        yield token.update(kind)

@@ -7,11 +7,11 @@ import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
+from typing import NamedTuple
 
-from forcemesh.errors import DataError
 from sim.as_language import keywords, syntax
 from sim.as_language.errors import SyntaxMistake
 from sim.as_language.lint_rules import (
@@ -24,7 +24,7 @@ from sim.as_language.lint_rules import (
     task_traps,
 )
 from sim.as_language.memory import key_of
-from sim.as_language.parser import examine
+from sim.as_language.parser import examine, text_of
 from sim.as_language.special_functions import ALL_NAMES
 from sim.as_language.syntax import (
     SIGNIFICANT_CHARACTERS,
@@ -41,14 +41,13 @@ NAME = re.compile(r"\.?[$#@&]?[A-Za-z][A-Za-z0-9_.]*", re.ASCII)
 NO_CODE = re.compile(r'"[^"]*"|\'.|;.*')
 RESERVED = keywords.KNOWN | keywords.OPERATORS | keywords.STATEMENTS.keys() | ALL_NAMES
 # Instructions that write into their arguments.
-WRITERS = frozenset(
-    {"TCP_LISTEN", "TCP_ACCEPT", "TCP_CONNECT", "TCP_SEND", "TCP_RECV", "TCP_CLOSE",
-     "TCP_END_LISTEN", "TCP_STATUS", "TCP_ISLINK", "UDP_SENDTO", "UDP_RECVFROM", "PROMPT"}
-)  # fmt: skip
+WRITERS = keywords.words("""
+    TCP_LISTEN TCP_ACCEPT TCP_CONNECT TCP_SEND TCP_RECV TCP_CLOSE TCP_END_LISTEN TCP_STATUS
+    TCP_ISLINK UDP_SENDTO UDP_RECVFROM PROMPT
+    """)
 
 
-@dataclass(frozen=True, slots=True)
-class LintReport:
+class LintReport(NamedTuple):
     """Result of a check: parsed file, mistakes and findings."""
 
     source: SourceFile
@@ -79,17 +78,12 @@ def check_text(text: str, name: str = "text") -> LintReport:
 
 def check_file(path: Path, *, strict: bool) -> int:
     """Print the report on a file; return the exit code."""
-    try:
-        text = path.read_bytes().decode("latin-1")
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from None
-    report = check_text(text, str(path))
+    report = check_text(text_of(path), str(path))
     source, code = report.source, report.exit_code(strict=strict)
-    for line in (*report.mistakes, *report.findings):
-        sys.stdout.write(f"{line}\n")
-    for section in source.skipped:
-        sys.stdout.write(f"{section.where}: skipped: section {section.name}\n")
-    sys.stdout.write(f"{source.name}: {_summary(report)}{VERDICTS[code]}\n")
+    skipped = (f"{each.where}: skipped: section {each.name}" for each in source.skipped)
+    summary = f"{source.name}: {_summary(report)}{VERDICTS[code]}"
+    lines = (*report.mistakes, *report.findings, *skipped, summary)
+    sys.stdout.writelines(f"{line}\n" for line in lines)
     return code
 
 
@@ -170,8 +164,6 @@ def _written(statement: syntax.Statement) -> Iterator[tuple[int, str]]:
             yield id(result), "real"
         case syntax.Instruction(name=name, arguments=arguments) if name in WRITERS:
             yield from ((id(item), "passed") for item in arguments)
-        case _:
-            pass
 
 
 def _judge(names: dict[str, Uses], dot: str) -> Iterator[LintFinding]:
@@ -186,7 +178,7 @@ def _judge(names: dict[str, Uses], dot: str) -> Iterator[LintFinding]:
         if not dot and key.upper() in RESERVED:
             texts["reserved"] = "is a reserved word of AS (P0117)"
         for rule, text in texts.items():
-            yield replace(uses.first, rule=rule, text=f"{name} {text}")
+            yield uses.first._replace(rule=rule, text=f"{name} {text}")
 
 
 # --- lines ----------------------------------------------------------------------------------------

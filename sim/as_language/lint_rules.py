@@ -5,7 +5,7 @@ its name and a message. Across programs: subroutines shared by tasks, invalid CA
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from typing import NamedTuple
 
 from sim.as_language import keywords, syntax
 from sim.as_language.errors import AsError
@@ -17,6 +17,7 @@ from sim.as_language.syntax import (
     Binary,
     Expression,
     FunctionCall,
+    Node,
     Number,
     Position,
     Program,
@@ -25,11 +26,10 @@ from sim.as_language.syntax import (
 )
 
 # Rules for what the emulator parses but cannot execute.
-NOT_EXECUTED = frozenset({"instruction", "function", "format"})
+NOT_EXECUTED = keywords.words("instruction function format")
 
 
-@dataclass(frozen=True, slots=True)
-class LintFinding:
+class LintFinding(NamedTuple):
     """One finding: an unsupported construct or a warning."""
 
     where: Position
@@ -60,9 +60,9 @@ def nodes(node: object) -> Iterator[object]:
         top = stack.pop()
         if isinstance(top, tuple):
             stack.extend(reversed(top))
-        elif is_dataclass(top) and not isinstance(top, type):
+        elif isinstance(top, Node):
             yield top
-            stack.extend(getattr(top, field.name) for field in reversed(fields(top)))
+            stack.extend(reversed(top.parts()))
 
 
 def steps(source: SourceFile) -> Iterator[tuple[Program, ProgramStep]]:
@@ -74,8 +74,7 @@ def steps(source: SourceFile) -> Iterator[tuple[Program, ProgramStep]]:
 
 # --- steps ----------------------------------------------------------------------------------------
 
-TRUTHS = frozenset({"SIG", "SWITCH"})
-POINT_PARTS = frozenset({"", "X", "Y", "Z", "OAT", "O", "A", "T"})
+TRUTHS = keywords.words("SIG SWITCH")
 LAYOUT = frozenset({*WRITERS, *OPTIONAL, "C", "S", "X"})
 ONE = Number(1.0)
 # Argument index of time-out (1 to 60 s) and port (8192 to 65535) of each TCP instruction.
@@ -114,12 +113,10 @@ def _unsupported(node: object) -> Found:
                 FUNCTIONS[name].check_count(name, len(arguments))
             except AsError as error:
                 yield error.code, error.detail
-        case syntax.PointStatement(part=part) if part not in POINT_PARTS:
+        case syntax.PointStatement(part=part) if part and part not in keywords.POINT_PARTS:
             yield "instruction", f"POINT/{part}"
         case syntax.Format(code=code) if code not in LAYOUT:
             yield "format", f"unknown format: /{code}"
-        case _:
-            pass
 
 
 def _expression(node: object, flags: set[str]) -> Found:
@@ -136,8 +133,6 @@ def _expression(node: object, flags: set[str]) -> Found:
             yield "optional-format", f"/{code} is an option of the controller"
         case FunctionCall("VAL", (syntax.Text(value), *_)) if not _is_number(value):
             yield "val", f"the result of VAL for {value!a} is not documented"
-        case _:
-            pass
     if _is_compared_with_1(node, flags):
         text = "TRUE is -1: compared with 1 it is never equal"
         yield "true-is-minus-1", f"{text}; write the condition alone, or == TRUE"
@@ -159,8 +154,6 @@ def _statement(program: Program, step: ProgramStep, node: object) -> Found:
                 yield "tcp-port", f"ports are 8192 to 65535, not {port:g}"
         case _ if step.label == "any" and node is step.statement:
             yield "any-label", "ANY: without a blank before the colon is a label"
-        case _:
-            pass
 
 
 def _constant(arguments: tuple[Expression | None, ...], index: int | None) -> float | None:
@@ -208,11 +201,11 @@ def _is_number(value: str) -> bool:
 
 # --- programs -------------------------------------------------------------------------------------
 
-MOTION = frozenset(
-    {"JMOVE", "LMOVE", "HMOVE", "JAPPRO", "LAPPRO", "JDEPART", "LDEPART", "HOME", "DRIVE", "DRAW",
-     "TDRAW", "ALIGN", "XMOVE", "C1MOVE", "C2MOVE", "DELAY", "STABLE", "MVWAIT", "ONI"}
-)  # fmt: skip
-FRAMES = frozenset({"BASE", "TOOL"})
+MOTION = keywords.words("""
+    JMOVE LMOVE HMOVE JAPPRO LAPPRO JDEPART LDEPART HOME DRIVE DRAW TDRAW ALIGN XMOVE C1MOVE C2MOVE
+    DELAY STABLE MVWAIT ONI
+    """)
+FRAMES = keywords.words("BASE TOOL")
 
 
 def task_traps(source: SourceFile) -> Iterator[LintFinding]:
@@ -239,8 +232,6 @@ def _called(program: Program) -> Iterator[str]:
                 yield name
             case syntax.Instruction(name="ONE" | "ON" | "ONI", arguments=arguments):
                 yield from (item.name for item in arguments if isinstance(item, syntax.Word))
-            case _:
-                pass
 
 
 def _background(source: SourceFile) -> set[str]:
@@ -250,8 +241,6 @@ def _background(source: SourceFile) -> set[str]:
         match step.statement:
             case syntax.Instruction(name="PCEXECUTE", arguments=(_, syntax.Word(name), *_)):
                 found.add(name)
-            case _:
-                pass
     return found
 
 
@@ -313,5 +302,3 @@ def _forbidden(program: Program, root: str) -> Iterator[LintFinding]:
                 case syntax.Instruction(name=name) | FunctionCall(name=name) if name in FRAMES:
                     text = f"{name} cannot be used in PC program {root}"
                     yield at(program, step, "pc-frame", text)
-                case _:
-                    pass

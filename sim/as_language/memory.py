@@ -63,14 +63,17 @@ class Array:
 
     def indices(self, dimension: int = 1) -> list[int]:
         """Return the indices of the defined elements in a dimension, unordered."""
-        found = [index for index, cell in self.cells.items() if cell.value is not None]
-        tuples = [index if isinstance(index, tuple) else (index,) for index in found]
+        tuples = [
+            index if isinstance(index, tuple) else (index,)
+            for index, cell in self.cells.items()
+            if cell.value is not None
+        ]
         return [index[dimension - 1] for index in tuples if len(index) >= dimension]
 
     @property
     def defined(self) -> bool:
         """Whether any element has a value."""
-        return any(cell.value is not None for cell in self.cells.values())
+        return bool(self.indices())
 
 
 class Namespace(dict[str, VariableCell | Array]):
@@ -113,10 +116,8 @@ class Namespace(dict[str, VariableCell | Array]):
         """Return the value under a spelling, such as `$s` or `x[1,2]`; None if it is undefined."""
         key, numbers = _parts(spelling)
         entry = self.get(key)
-        if isinstance(entry, Array):
-            entry = entry.cells.get(index_of(numbers)) if numbers else None
-        elif numbers:
-            return None
+        if numbers:
+            entry = entry.cells.get(index_of(numbers)) if isinstance(entry, Array) else None
         return None if entry is None else entry.value
 
     def write(self, spelling: str, value: Value) -> None:
@@ -154,10 +155,8 @@ def index_of(numbers: Sequence[float]) -> Index:
 
 def following(index: Index, count: int) -> Index:
     """Return the index `count` elements further in the last dimension."""
-    if isinstance(index, int):
-        further = index + count
-        return further if further <= LARGEST_INDEX else index_of([further])
-    return index_of([*index[:-1], index[-1] + count])
+    *others, last = index if isinstance(index, tuple) else (index,)
+    return index_of([*others, last + count])
 
 
 def spelled(variable: Variable, index: Index) -> str:

@@ -6,10 +6,12 @@ skipped and listed. Bytes are Latin-1: one character is one byte.
 """
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+from msgspec.structs import replace
 
 from forcemesh.errors import DataError
 from sim.as_language import syntax
@@ -50,11 +52,15 @@ CLOSED_BY = {"IF": "END", "WHILE": "END", "FOR": "END", "CASE": "END", "DO": "UN
 
 def load(path: Path) -> SourceFile:
     """Parse a file; raise `AsSyntaxError` with every mistake, `DataError` if it cannot be read."""
+    return parse(text_of(path), str(path))
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file; raise `DataError` if it cannot be read."""
     try:
-        text = path.read_bytes().decode("latin-1")
+        return path.read_bytes().decode("latin-1")
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from None
-    return parse(text, str(path))
 
 
 def parse(text: str, name: str = "text") -> SourceFile:

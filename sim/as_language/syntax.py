@@ -30,30 +30,39 @@ in full. A variable's `kind` is "" (real or transformation), "$", "#" or "@".
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from typing import dataclass_transform
+
+import msgspec
 
 UNRESOLVED = -1
 SIGNIFICANT_CHARACTERS = 15
 
+
+@dataclass_transform(frozen_default=True, field_specifiers=(msgspec.field,))
+class Node(msgspec.Struct, frozen=True):
+    """Part of a syntax tree: a value, compared by its fields."""
+
+    def parts(self) -> tuple[object, ...]:
+        """Return the values of the fields."""
+        return msgspec.structs.astuple(self)
+
+
 # --- expressions ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
+class Number(Node):
     """A real: 8.5E3, ^B101, ^HC1, 'A, TRUE, OFF. Already rounded to single precision."""
 
     value: float
 
 
-@dataclass(frozen=True, slots=True)
-class Text:
+class Text(Node):
     """A string literal, without its quotes. One character is one byte (Latin-1)."""
 
     value: str
 
 
-@dataclass(frozen=True, slots=True)
-class Variable:
+class Variable(Node):
     """A variable or one array element: `x`, `.x`, `$s[1]`, `.#j`, `@n[1,2]`.
 
     `whole` is True for `a[]`, the array itself (an argument of CALL or a parameter).
@@ -71,16 +80,14 @@ class Variable:
         return f"{'.' if self.local else ''}{self.kind}{self.name}"
 
 
-@dataclass(frozen=True, slots=True)
-class Unary:
+class Unary(Node):
     """An operator before its operand: "-", "NOT" or "COM"."""
 
     operator: str
     operand: Expression
 
 
-@dataclass(frozen=True, slots=True)
-class Binary:
+class Binary(Node):
     """An operator between its operands.
 
     ^ * / MOD + - < <= == <> >= > BAND BOR BXOR AND OR XOR; `=<`, `=>` and `!=` are stored as
@@ -92,8 +99,7 @@ class Binary:
     right: Expression
 
 
-@dataclass(frozen=True, slots=True)
-class FunctionCall:
+class FunctionCall(Node):
     """A function with its arguments, `None` if one is omitted: TRANS(1,,3), PI, $LEFT($s,1).
 
     SHIFT(p BY x,y,z) holds (p, x, y, z). SWITCH(CP) and the EXIST functions hold `Word`s.
@@ -103,15 +109,13 @@ class FunctionCall:
     arguments: tuple[Expression | None, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class JointLiteral:
+class JointLiteral(Node):
     """Joint values written out: #[j1,...,j6]."""
 
     values: tuple[Expression, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Format:
+class Format(Node):
     """A format of PRINT, TYPE or $ENCODE: /F5.2 is ("F", 5, 2), /S is ("S", None, None)."""
 
     code: str
@@ -119,15 +123,13 @@ class Format:
     decimals: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Word:
+class Word(Node):
     """A bare name that is not a variable: a program, a switch, a keyword. Lower case."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class Reference:
+class Reference(Node):
     """`&p` or `.&p[,]`: an argument of CALL marked as a transformation."""
 
     variable: Variable
@@ -150,21 +152,18 @@ Expression = (
 # --- statements -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Comment:
+class Comment(Node):
     """A comment line: a step without effect."""
 
 
-@dataclass(frozen=True, slots=True)
-class Assign:
+class Assign(Node):
     """`x = 1`, `$s = "a"`, `@n[2] = 3`. Not `TIMER(1)=0`: an Instruction."""
 
     target: Variable
     value: Expression
 
 
-@dataclass(frozen=True, slots=True)
-class PointStatement:
+class PointStatement(Node):
     """`POINT p = expr`, `POINT #j = trans, #configuration`, `POINT/X p = q`.
 
     `part` is "" or one of X Y Z OAT O A T (also EXT and similar: not executed).
@@ -176,60 +175,52 @@ class PointStatement:
     configuration: Expression | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Here:
+class Here(Node):
     """`HERE p`, `HERE #p`, `HERE a+b` (defines the rightmost, relative to the rest)."""
 
     target: Variable
     relative_to: Expression | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Decompose:
+class Decompose(Node):
     """`DECOMPOSE arr[k] = pose`: six reals from element k on."""
 
     target: Variable
     value: Expression
 
 
-@dataclass(frozen=True, slots=True)
-class If:
+class If(Node):
     """`IF condition THEN`."""
 
     condition: Expression
     false_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class Else:
+class Else(Node):
     """`ELSE`: jumps to its END when reached from above."""
 
     end_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class While:
+class While(Node):
     """`WHILE condition DO`; `false_at` is the step after its END."""
 
     condition: Expression
     false_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class Do:
+class Do(Node):
     """`DO`: no effect; jump target of its UNTIL."""
 
 
-@dataclass(frozen=True, slots=True)
-class Until:
+class Until(Node):
     """`UNTIL condition`: false jumps to its DO at `false_at`."""
 
     condition: Expression
     false_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class For:
+class For(Node):
     """`FOR v = start TO stop STEP step`.
 
     Start is assigned, stop and step are evaluated once; the test precedes the body, END adds the
@@ -243,16 +234,14 @@ class For:
     false_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class Branch:
+class Branch(Node):
     """One VALUE or SVALUE of a CASE: its values and the step after it."""
 
     values: tuple[Expression, ...]
     body_at: int
 
 
-@dataclass(frozen=True, slots=True)
-class CaseStatement:
+class CaseStatement(Node):
     """`CASE x OF` or (`text` True) `SCASE $x OF`; `default_at` is after ANY, or at the END."""
 
     selector: Expression
@@ -261,31 +250,27 @@ class CaseStatement:
     default_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class Value:
+class Value(Node):
     """`VALUE 1,2:` or `SVALUE "a":`: jumps to the END when reached from above."""
 
     values: tuple[Expression, ...]
     end_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class Any:
+class Any(Node):
     """`ANY :`, the default branch."""
 
     end_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class End:
+class End(Node):
     """`END` of an IF, WHILE, FOR or CASE; `start_at` is the step that opened it."""
 
     of: str = ""
     start_at: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class Goto:
+class Goto(Node):
     """`GOTO label`, `GOTO label IF condition`, `IF condition GOTO label`."""
 
     label: str
@@ -293,29 +278,25 @@ class Goto:
     target: int = UNRESOLVED
 
 
-@dataclass(frozen=True, slots=True)
-class CallStatement:
+class CallStatement(Node):
     """`CALL prog(a, &b, 1+2)`. A Variable or Reference is passed by reference."""
 
     program: str
     arguments: tuple[Expression | None, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Scall:
+class Scall(Node):
     """`SCALL $name, result`: the name is in a string; result gets the error code."""
 
     program: Expression
     result: Variable | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Return:
+class Return(Node):
     """`RETURN`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Print:
+class Print(Node):
     """`PRINT 2: items` or `TYPE items`; items are expressions and `Format`s."""
 
     name: str
@@ -323,8 +304,7 @@ class Print:
     device: Expression | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Instruction:
+class Instruction(Node):
     """Any other instruction: full upper-case name, arguments in order, words in order.
 
     SPEED 30 MM/S ALWAYS   ("SPEED", (30,), ("MM/S", "ALWAYS"))
@@ -357,8 +337,7 @@ Statement = (
 # --- files ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Position:
+class Position(Node):
     """Position in a file: file and line (from 1)."""
 
     file: str
@@ -368,8 +347,7 @@ class Position:
         return f"{self.file}:{self.line}"
 
 
-@dataclass(frozen=True, slots=True)
-class ProgramStep:
+class ProgramStep(Node):
     """One step of a program; `number` counts from 1, as in the controller's messages."""
 
     number: int
@@ -379,19 +357,17 @@ class ProgramStep:
     label: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Program:
+class Program(Node):
     """A program; `labels` maps a label ("10", "accept") to the index of its step."""
 
     name: str
     parameters: tuple[Variable, ...]
     steps: tuple[ProgramStep, ...]
     where: Position
-    labels: Mapping[str, int] = field(default_factory=dict)
+    labels: Mapping[str, int] = msgspec.field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class DataValue:
+class DataValue(Node):
     """One line of a data section; `variable` may hold Number indices.
 
     `value` is one real, one string, or the numbers of a pose (.TRANS, .JOINTS; at least six).
@@ -402,24 +378,21 @@ class DataValue:
     where: Position
 
 
-@dataclass(frozen=True, slots=True)
-class SkippedSection:
+class SkippedSection(Node):
     """A skipped section: its name (".ROBOTDATA1") and position."""
 
     name: str
     where: Position
 
 
-@dataclass(frozen=True, slots=True)
-class Remark:
+class Remark(Node):
     """A construct that the parser accepted with a warning."""
 
     where: Position
     text: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SourceFile:
+class SourceFile(Node, eq=False):
     """A whole file: programs by name in file order, data, skipped sections.
 
     The parser returns the same object for the same text; compiled programs are cached by it.

@@ -72,8 +72,9 @@ def singles(six: Six) -> Six:
     try:
         return _read_six(_write_six(*six))
     except (OverflowError, struct.error):
-        a, b, c, d, e, f = six
-        return (single(a), single(b), single(c), single(d), single(e), single(f))
+        for number in six:
+            single(number)  # raises for the one that is out of range
+        raise
 
 
 def truth(condition: bool) -> float:  # noqa: FBT001 (a value, not an option)
@@ -100,15 +101,13 @@ def joints(*numbers: float) -> Joints:
 
 def se3_of(place: Transformation) -> pin.SE3:
     """Return the pose [m] of a transformation."""
-    oat = Oat(math.radians(place.o), math.radians(place.a), math.radians(place.t))
+    oat = Oat(*map(math.radians, place[3:]))
     return pose((place.x * MM, place.y * MM, place.z * MM), R_from_oat(oat))
 
 
 def transformation_of(T: pin.SE3, previous: Transformation | None = None) -> Transformation:
     """Return the transformation of a pose [m]; at a pole O keeps its previous value, else 0."""
-    before = None
-    if previous is not None:
-        before = Oat(*(math.radians(angle) for angle in (previous.o, previous.a, previous.t)))
+    before = None if previous is None else Oat(*map(math.radians, previous[3:]))
     o, a, t = oat_from_R(T.rotation, before)
     x, y, z = T.translation.tolist()
     return transformation(x / MM, y / MM, z / MM, math.degrees(o), math.degrees(a), math.degrees(t))
@@ -125,5 +124,5 @@ def inverse(place: Transformation) -> Transformation:
 
 
 def _six(numbers: tuple[float, ...]) -> Six:
-    a, b, c, d, e, f = numbers if len(numbers) == 6 else (*numbers, *ZEROS)[:6]
+    a, b, c, d, e, f = (*numbers, *ZEROS)[:6]
     return (a, b, c, d, e, f)

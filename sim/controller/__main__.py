@@ -11,18 +11,12 @@ from sim.as_language.lint import check_file
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Check or run a file; return the exit code."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if "--check" in words or "--strict" in words:
-        return _check(words)
-    return _run(words)
+    given = _parser().parse_args(arguments)
+    if not (given.check or given.strict):
+        # Imported here: only a run needs the arm and the bus.
+        from sim.controller.run import run  # noqa: PLC0415
 
-
-def _check(words: list[str]) -> int:
-    parser = argparse.ArgumentParser(prog="python -m sim.controller")
-    parser.add_argument("--check", action="store_true", help="parse and lint only")
-    parser.add_argument("--strict", action="store_true", help="findings are errors (exit code 1)")
-    parser.add_argument("file", type=Path, help="the .as or .pg file")
-    given = parser.parse_args(words)
+        return run(given)
     try:
         return check_file(given.file, strict=given.strict)
     except ForcemeshError as error:
@@ -30,17 +24,32 @@ def _check(words: list[str]) -> int:
         return 2
 
 
-def _run(words: list[str]) -> int:
-    # Imported here: only a run needs the arm and the bus.
-    from sim.controller import run  # noqa: PLC0415
-
-    parser = argparse.ArgumentParser(
-        prog="python -m sim.controller",
-        epilog="--check FILE [--strict] parses the file and lists findings without running it",
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m sim.controller")
+    parser.add_argument("file", type=Path, help="the .as or .pg file")
+    parser.add_argument("--check", action="store_true",
+                        help="parse the file and list findings without running it")  # fmt: skip
+    parser.add_argument("--strict", action="store_true",
+                        help="check: findings are errors (exit code 1)")  # fmt: skip
+    parser.add_argument("--program", metavar="NAME", help="program to EXECUTE (default: main,"
+                        " else the one named as the file, else the first)")  # fmt: skip
+    parser.add_argument("--port", type=int, metavar="N",
+                        help="listen on this port instead of the program's")  # fmt: skip
+    parser.add_argument("--address", default="127.0.0.1", help="listen on this address only")
+    parser.add_argument("--cell", metavar="FILE",
+                        help="drive this cell's simulated arm, publish its sensor")  # fmt: skip
+    parser.add_argument("--step-ms", type=float, metavar="X",
+                        help="processor time per AS step (default: cell's, or 0.5)")  # fmt: skip
+    parser.add_argument(
+        "--speed",
+        type=float,
+        default=100.0,
+        metavar="PERCENT",
+        help="monitor speed (default %(default)s; a real controller starts at 10)",
     )
-    parser.add_argument("file", help="the .as or .pg file")
-    run.add_arguments(parser)
-    return run.run(parser.parse_args(words))
+    parser.add_argument("--pessimistic", action="store_true",
+                        help="take the worse answer to every open question")  # fmt: skip
+    return parser
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass
 
 from common.config.cell_sim import SimSection
-from forcemesh.clock import NS_PER_S
 
 SHORTEST_STEP_S = 1e-6
 DEFAULT_STEP_S = 0.0005
@@ -31,11 +30,6 @@ class Behaviour:
         """Raise ValueError for a step time out of range."""
         if not SHORTEST_STEP_S <= self.step_s <= 1.0:
             raise ValueError(f"step time is {self.step_s:g} s, must be within 1e-6 .. 1 s")
-
-    @property
-    def step_ns(self) -> int:
-        """Processor time of one step [ns]."""
-        return round(self.step_s * NS_PER_S)
 
     def timeout_s(self, asked_s: float) -> float:
         """Return the effective time-out of a TCP instruction [s]."""

@@ -5,10 +5,12 @@ A statement that is no instruction has a function here: control flow, CALL, PRIN
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from typing import Any
 
 from sim.as_language import expressions
 from sim.as_language import syntax as s
 from sim.as_language.errors import AsError, refuse
+from sim.as_language.keywords import POINT_PARTS
 from sim.as_language.memory import bind
 from sim.as_language.syntax import Program, SourceFile
 from sim.as_language.values import Joints, Transformation, Value, compose, inverse, single
@@ -21,11 +23,6 @@ INSTRUCTIONS: Mapping[str, Action] = {
     **instructions_tasks.INSTRUCTIONS,
     **instructions_tcp.INSTRUCTIONS,
 }
-# POINT/X and similar: components of the transformation that are copied.
-_PARTS = {
-    "X": ("x",), "Y": ("y",), "Z": ("z",), "O": ("o",), "A": ("a",), "T": ("t",),
-    "OAT": ("o", "a", "t"),
-}  # fmt: skip
 
 
 @lru_cache(maxsize=8)
@@ -92,16 +89,13 @@ def _test(statement: s.If | s.While | s.Until, at: int) -> Op:
 
 def _goto(statement: s.Goto, at: int) -> Op:
     """Compile GOTO; a missing label fails when it is executed (E0101)."""
-    target = statement.target
-    jump = _jump_to(target)
-    if target == s.UNRESOLVED:
+    jump = _jump_to(statement.target)
+    if statement.target == s.UNRESOLVED:
         jump = refuse("E0101", f"GOTO {statement.label}")
     if statement.condition is None:
         return jump
     condition = expressions.number_of(statement.condition)
-    if target == s.UNRESOLVED:
-        return lambda task: jump(task) if condition(task) else at + 1
-    return lambda task: target if condition(task) else at + 1
+    return lambda task: jump(task) if condition(task) else at + 1
 
 
 def _for(statement: s.For, at: int) -> Op:
@@ -235,7 +229,7 @@ def _print(statement: s.Print, at: int) -> Op:
 def _assign(statement: s.Assign, at: int) -> Op:
     """Compile `x = 1`, `$s = "a"`, `@n = 3`."""
     of = expressions.text_of if statement.target.kind == "$" else expressions.number_of
-    return _stored(statement.target, of(statement.value), at)
+    return _stored(expressions.store(statement.target), of(statement.value), at)
 
 
 def _point(statement: s.PointStatement, at: int) -> Op:
@@ -246,36 +240,31 @@ def _point(statement: s.PointStatement, at: int) -> Op:
         read = _part(statement)
     else:
         read = expressions.place_of(statement.value)
-    return _stored(statement.target, read, at)
+    return _stored(expressions.store(statement.target), read, at)
 
 
 def _here(statement: s.Here, at: int) -> Op:
     """Compile HERE p, HERE #j and HERE a+p: current pose from the encoders."""
+    store = expressions.store(statement.target)
     if statement.target.kind == "#":
-        return _stored(statement.target, lambda task: task.machine.here_joints(), at)
+        return _stored(store, lambda task: task.machine.here_joints(), at)
     relative = expressions.place_of(statement.relative_to) if statement.relative_to else None
 
     def here(task: Task) -> Transformation:
         place = task.machine.here()
         return compose(inverse(relative(task)), place) if relative else place
 
-    return _stored(statement.target, here, at)
+    return _stored(store, here, at)
 
 
 def _decompose(statement: s.Decompose, at: int) -> Op:
     """Compile DECOMPOSE x[k] = pose: six reals from element k on."""
-    store, value = expressions.store_row(statement.target), expressions.pose_of(statement.value)
-
-    def run(task: Task) -> int:
-        store(task, value(task).numbers())
-        return at + 1
-
-    return run
+    value = expressions.pose_of(statement.value)
+    store = expressions.store_row(statement.target)
+    return _stored(store, lambda task: value(task).numbers(), at)
 
 
-def _stored(target: s.Variable, value: Callable[[Task], Value], at: int) -> Op:
-    store = expressions.store(target)
-
+def _stored(store: Callable[[Task, Any], None], value: Callable[[Task], Any], at: int) -> Op:
     def run(task: Task) -> int:
         store(task, value(task))
         return at + 1
@@ -303,17 +292,16 @@ def _joints(statement: s.PointStatement) -> Callable[[Task], Value]:
 def _part(statement: s.PointStatement) -> Callable[[Task], Value]:
     """Return the target with components of a pose; an undefined target starts from zero."""
     value, old = expressions.place_of(statement.value), expressions.place_of(statement.target)
-    names = _PARTS.get(statement.part)
 
     def read(task: Task) -> Transformation:
-        if names is None:
+        if statement.part not in POINT_PARTS:
             raise AsError("E0111", f"POINT/{statement.part}")
         source = value(task)
         try:
             before = old(task)
         except AsError:
             before = Transformation()
-        return before._replace(**{name: getattr(source, name) for name in names})
+        return before._replace(**{name: getattr(source, name) for name in statement.part.lower()})
 
     return read
 

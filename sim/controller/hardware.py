@@ -9,6 +9,7 @@ import pinocchio as pin
 from common.motion.frames import Array
 from forcemesh.clock import NS_PER_S
 from sim.as_language.errors import AsError
+from sim.as_language.keywords import words
 from sim.controller.behaviour import Behaviour
 from sim.controller.motion_queue import MotionQueue, Ticket
 from sim.controller.motion_requests import MotionRequest, MotionSettings
@@ -26,15 +27,14 @@ INPUTS = range(1001, 1961)
 INTERNAL = range(2001, 2961)
 # Switches that programs set, with their factory setting. CP takes effect here; the others are only
 # stored. Not in this table: switches that only report a state (`TaskControl.reports`).
-FACTORY_SWITCHES = {
-    "cp": True, "check.hold": False, "messages": True, "screen": True, "oxpreset": False,
-    "prefetch.sigins": False, "qtool": False, "rep_once": False, "rps": False, "stp_once": False,
-    "autostart.pc": False, "autostart2.pc": False, "autostart3.pc": False, "autostart4.pc": False,
-    "autostart5.pc": False, "errstart.pc": False, "dispio_01": False, "hold.step": False,
-    "wait.nozer": False, "trace": False, "singular": True, "abs.speed": False, "slow_start": False,
-    "after.wait.tmr": False, "udp_send_nobind": False, "udp_emsg": False, "flexcomp": False,
-    "disable_interrupt": False,
-}  # fmt: skip
+FACTORY_SWITCHES = dict.fromkeys(words("cp messages screen singular"), True) | dict.fromkeys(
+    words("""
+        check.hold oxpreset prefetch.sigins qtool rep_once rps stp_once autostart.pc autostart2.pc
+        autostart3.pc autostart4.pc autostart5.pc errstart.pc dispio_01 hold.step wait.nozer trace
+        abs.speed slow_start after.wait.tmr udp_send_nobind udp_emsg flexcomp disable_interrupt
+        """),
+    False,
+)
 
 
 class Signals:
@@ -83,11 +83,9 @@ class Signals:
 
     def tick(self, now_ns: int) -> None:
         """End the pulses that are due."""
-        if self._pulses:
-            due = [number for end_ns, number in self._pulses if end_ns <= now_ns]
-            self._pulses = [pulse for pulse in self._pulses if pulse[0] > now_ns]
-            for number in due:
-                self.set(-number)
+        for pulse in [pulse for pulse in self._pulses if pulse[0] <= now_ns]:
+            self._pulses.remove(pulse)
+            self.set(-pulse[1])
 
 
 class Robot:
@@ -105,8 +103,6 @@ class Robot:
         self.T_base_shift = pin.SE3.Identity()  # BASE
         self.T_flange_tcp = pin.SE3.Identity()  # TOOL
         self.motor_power = True
-        self._arrived_at = -1
-        self._arrived = True
         self._commanded_at = -_SETTLED_TICKS  # tick of the last change of the command
 
     # --- position ---------------------------------------------------------------------------------
@@ -122,11 +118,7 @@ class Robot:
 
     def destination(self) -> pin.SE3:
         """Return the TOOL's pose in BASE at the end of the newest motion, or at rest."""
-        return self.pose_of(self.q_destination())
-
-    def q_destination(self) -> Array:
-        """Return the joint angles at the end of the newest motion [rad]. Shape (6,)."""
-        return self.queue.q_end
+        return self.pose_of(self.queue.q_end)
 
     def pose_of(self, q: Array) -> pin.SE3:
         """Return the TOOL's pose in BASE at joint angles [rad]."""
@@ -143,10 +135,7 @@ class Robot:
     @property
     def arrived(self) -> bool:
         """Whether the arm has reached its last command, within the motion's ACCURACY."""
-        if self._arrived_at != self.arm.ticks:
-            self._arrived_at = self.arm.ticks
-            self._arrived = not self.queue.is_moving and self._is_near()
-        return self._arrived and not self.queue.is_moving
+        return not self.queue.is_moving and self._is_near()
 
     @property
     def moving(self) -> bool:

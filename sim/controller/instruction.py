@@ -13,8 +13,7 @@ apply to omitted ones. `types` has one letter for each:
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from sim.as_language import expressions
 from sim.as_language.errors import AsError
@@ -26,8 +25,7 @@ Act = Callable[..., Wait | None]
 Read = Callable[[Task], Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Action:
+class Action(NamedTuple):
     """Function of an instruction, the types of its arguments, and the tasks that may execute it."""
 
     act: Act

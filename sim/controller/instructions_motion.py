@@ -55,7 +55,7 @@ def home(task: Task, number: float = 1.0) -> Wait | None:
 
 def drive(task: Task, joint: float, angle_deg: float, speed: float = 100.0) -> Wait | None:
     """DRIVE jt,deg[,speed]: one joint, relative; the speed is a % of monitor speed."""
-    q = task.hardware.robot.q_destination().copy()
+    q = task.hardware.robot.queue.q_end.copy()
     number = int(checked(joint, 1, len(q), "the joint of DRIVE"))
     q[number - 1] += np.radians(angle_deg)
     return _queue(task, "joint", q=q, speed=ProgramSpeed(percent(speed, "the speed of DRIVE")))
@@ -116,11 +116,9 @@ def mvwait(task: Task, left_mm: float, words: Words) -> Wait:
     return lambda _: queue.remaining_m() <= left_m
 
 
-def _null(_: Task) -> Transformation:
-    return Transformation()
-
-
-def frame(name: str, task: Task, place: Callable[[Task], Transformation] = _null) -> Wait | None:
+def frame(
+    name: str, task: Task, place: Callable[[Task], Transformation] = lambda _: Transformation()
+) -> Wait | None:
     """BASE t and TOOL t; without t the frame is cleared. Both break CP."""
 
     def apply(task: Task) -> None:

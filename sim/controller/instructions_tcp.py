@@ -8,7 +8,6 @@ from sim.as_language.errors import AsError
 from sim.as_language.values import NUMBER, Value
 from sim.controller.instruction import Action, until
 from sim.controller.motion_requests import checked
-from sim.controller.network import Octets
 from sim.controller.tasks import Task, Wait
 from sim.controller.tcp import DEFAULT_TIMEOUT_S, ELEMENT_CHARS, PORTS, Operation, TcpResult
 
@@ -58,9 +57,8 @@ def connect(
     """TCP_CONNECT socket,port,ip[k][,timeout]."""
     octets = _row(peer(task, 4), NUMBER, "TCP_CONNECT needs numbers")
     a, b, c, d = (int(checked(octet, 0, 255, "an octet of ip")) for octet in octets)
-    address: Octets = (a, b, c, d)
     number = int(checked(port, 1, 65535, "port"))
-    operation = task.hardware.tcp.connect(address, number, _end_ns(task, timeout_s))
+    operation = task.hardware.tcp.connect((a, b, c, d), number, _end_ns(task, timeout_s))
     return _wait_for(task, store, operation)
 
 

@@ -7,6 +7,8 @@ tick. The caller controls time: `advance` runs up to a given time and stops.
 """
 
 from collections.abc import Callable
+from itertools import cycle, islice
+from time import gmtime, strftime
 
 import numpy as np
 
@@ -66,16 +68,10 @@ class Machine:
         for task in self.tasks:
             task.machine = MachineView(task)
         self.steps = 0
-        self._step_ns = self.hardware.behaviour.step_ns
+        self._step_ns = round(self.hardware.behaviour.step_s * NS_PER_S)
         self.ns_lost = 0
         self._next_tick_ns = now_ns + TICK_NS
-        # For each first task: all tasks in order, each with the index of its successor.
-        count = len(self.tasks)
-        self._orders = tuple(
-            tuple((self.tasks[(first + k) % count], (first + k + 1) % count) for k in range(count))
-            for first in range(count)
-        )
-        self._next_order = 0
+        self._turns = cycle(self.tasks)
         self._offset_ns = 0  # real clock minus controller time
 
     @property
@@ -118,7 +114,7 @@ class Machine:
         """Execute one step of every ready task; without any, advance to the next tick."""
         hardware, step_ns, idle = self.hardware, self._step_ns, True
         if hardware.now_ns >= hardware.stalled_until_ns:
-            for task, next_order in self._orders[self._next_order]:
+            for task in islice(self._turns, len(self.tasks)):
                 if not task.ready:
                     continue
                 idle = False
@@ -128,8 +124,7 @@ class Machine:
                 if hardware.now_ns >= self._next_tick_ns:
                     self._pass_ticks()
                 if hardware.now_ns >= until_ns:
-                    self._next_order = next_order
-                    return
+                    return  # the next round begins with the next task
         if idle:
             hardware.now_ns = min(self._next_tick_ns, until_ns)
             self._pass_ticks()
@@ -230,7 +225,7 @@ class MachineView:
 
     def destination_joints(self) -> Joints:
         """#DEST."""
-        return _degrees(self._robot.q_destination())
+        return _degrees(self._robot.queue.q_end)
 
     def home_joints(self, number: float) -> Joints:
         """#HOME; the second home is the same as the first. Raises AsError E0106."""
@@ -253,7 +248,7 @@ class MachineView:
 
     def joints_of(self, place: Transformation, configuration: Joints | None = None) -> Joints:
         """Return joint values for a pose. Raises AsError E6007, E6008, E6016."""
-        near = self._robot.q_destination()
+        near = self._robot.queue.q_end
         if configuration is not None:
             near = np.radians(configuration.values)
         return _degrees(self._robot.joints_of(se3_of(place), near))
@@ -324,8 +319,7 @@ class MachineView:
 
     def time(self) -> str:
         """$TIME: since power-on."""
-        seconds = int(self._hardware.timer_s(0))
-        return f"{seconds // 3600 % 24:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+        return strftime("%H:%M:%S", gmtime(self._hardware.timer_s(0)))
 
     def has_program(self, name: str) -> bool:
         """EXISTPGM."""

@@ -78,7 +78,7 @@ class MotionQueue:
         """Stop and discard the active motions; also the motion ahead unless kept."""
         self.fail()
         self._end_pause()
-        if self.ahead is not None and not keep_ahead:
+        if not keep_ahead:
             self.drop_ahead()
 
     def drop_ahead(self) -> None:
@@ -91,21 +91,20 @@ class MotionQueue:
         for _, ticket in self._active:
             ticket.state = "dropped"
         self._active.clear()
-        self._end_pause()
-        self.drop_ahead()
+        self.brake(keep_ahead=False)
         self.q_command = np.array(q, dtype=float)
         self.q_end = self.q_command
 
     # --- time -------------------------------------------------------------------------------------
 
-    def tick(self, dt_s: float, *, arrived: bool) -> Array:
-        """Advance by one tick and return the joint command [rad]. Shape (6,).
+    def tick(self, dt_s: float, *, arrived: bool) -> None:
+        """Advance by one tick.
 
         `arrived`: the arm has reached its last command. Raises AsError if a motion cannot be
         continued; all active motions are then braked or discarded.
         """
         if not self.busy:
-            return self.q_command
+            return
         feed = 0.0 if self.held else self.monitor_fraction
         try:
             for segment, _ in self._active:
@@ -117,7 +116,6 @@ class MotionQueue:
             if self._pause_s <= 1e-9:
                 self._end_pause("finished")
         self._try_start(arrived=arrived)
-        return self.q_command
 
     def _gather(self) -> None:
         """Add the displacements; remove completed segments."""

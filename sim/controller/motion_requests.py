@@ -1,8 +1,7 @@
 """Motion requests of a program: target, speed, accuracy and ramps, with their ranges and units."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import pinocchio as pin
 
@@ -28,8 +27,7 @@ UNITS_M_S = {
 SpeedUnit = Literal["%", "M/S", "S"]
 
 
-@dataclass(frozen=True, slots=True)
-class ProgramSpeed:
+class ProgramSpeed(NamedTuple):
     """Program speed: a percentage, metres per second, or the duration of the motion in seconds."""
 
     value: float = 100.0
@@ -50,19 +48,17 @@ class ProgramSpeed:
         return min(1.0, full_speed_s / self.value)
 
 
-@dataclass(frozen=True, slots=True)
-class MotionParameters:
+class MotionParameters(NamedTuple):
     """Motion parameters: snapshot of the program's settings at the step of the motion."""
 
+    T_flange_tcp: pin.SE3
     speed: ProgramSpeed = ProgramSpeed()
     accuracy_m: float = 0.001
     accel_fraction: float = 1.0
     decel_fraction: float = 1.0
-    T_flange_tcp: pin.SE3 | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class MotionRequest:
+class MotionRequest(NamedTuple):
     """One motion. Exactly one of the targets is set, or `pause_s` for DELAY and STABLE."""
 
     kind: Literal["linear", "joint", "pause"]
@@ -80,10 +76,6 @@ class MotionSettings:
         self._always: dict[str, Any] = {}
         self._next: dict[str, Any] = {}
 
-    def reset(self) -> None:
-        """Restore the defaults at the start of a program."""
-        self._always, self._next = {}, {}
-
     def change(self, field: str, value: Any, *, always: bool) -> None:
         """Set one field of `MotionParameters`, permanently or for the next motion only."""
         self._next.pop(field, None)
@@ -91,9 +83,9 @@ class MotionSettings:
 
     def take(self, T_flange_tcp: pin.SE3, speed: ProgramSpeed | None = None) -> MotionParameters:
         """Return the parameters of the motion to be queued, optionally with its own speed."""
-        manner = MotionParameters(**{**self._always, **self._next})
+        manner = MotionParameters(T_flange_tcp, **(self._always | self._next))
         self._next = {}
-        return replace(manner, T_flange_tcp=T_flange_tcp, speed=speed or manner.speed)
+        return manner if speed is None else manner._replace(speed=speed)
 
 
 def checked(value: float, least: float, most: float, name: str) -> float:

@@ -7,13 +7,13 @@ HOLD caps the rate at zero; BRAKE does too and ends the segment.
 """
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, rotation_between, rotation_from_vector
+from common.motion.frames import Array, apart, interpolated
 from common.motion.kinematics import ArmKinematics, IkResult
 from common.motion.paths import TURN_RADIUS_M, JointPath, MotionPath
 from sim.as_language.errors import AsError
@@ -43,8 +43,7 @@ _SAMPLES = (4, 200)
 _SHORTEST = 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class Ramp:
+class Ramp(NamedTuple):
     """Rates of a segment per unit of its extent: cap [1/s], accel, decel, brake [1/s^2]."""
 
     cap: float
@@ -61,12 +60,11 @@ class Segment:
         self.path, self.ramp = path, ramp
         self.q_from, self.q_to = q_from, q_to
         self.q: Array = q_from
-        self.share, self.rate = 0.0, 0.0
+        self.rate = 0.0
         self.slowing = False  # deceleration at the end of the path has begun
         self.braking = False
         self.done = bool(np.abs(q_to - q_from).max() < _SHORTEST)
-        if self.done:
-            self.share = 1.0
+        self.share = float(self.done)
 
     @property
     def covered(self) -> Array:
@@ -129,9 +127,7 @@ def joint_target(kinematics: ArmKinematics, motion: MotionRequest, q_near: Array
         return motion.q
     if motion.T_base_tcp is None:
         return q_near
-    goal = motion.T_base_tcp
-    if motion.manner.T_flange_tcp is not None:
-        goal = goal * motion.manner.T_flange_tcp.inverse()
+    goal = motion.T_base_tcp * motion.manner.T_flange_tcp.inverse()
     return inverse(kinematics, goal, q_near)
 
 
@@ -153,14 +149,13 @@ def _inverse(kinematics: ArmKinematics, pose_bytes: bytes, q_bytes: bytes) -> Ik
     first = kinematics.solve(T_base_flange, q_near, jump_rad=_WHOLE_TURN_RAD)
     if first.q is not None or "out of reach" in first.reason:
         return first
-    found: list[Array] = []
-    for start in _STARTS_DEG:
-        result = kinematics.solve(T_base_flange, np.radians(start), jump_rad=_WHOLE_TURN_RAD)
-        if result.q is not None:
-            found.append(result.q)
-    if not found:
-        return first
-    return IkResult(min(found, key=lambda q: float(np.abs(q - q_near).max())))
+    results = (
+        kinematics.solve(T_base_flange, np.radians(start), jump_rad=_WHOLE_TURN_RAD)
+        for start in _STARTS_DEG
+    )
+    found = [result.q for result in results if result.q is not None]
+    q = min(found, key=lambda q: float(np.abs(q - q_near).max()), default=None)
+    return first if q is None else IkResult(q)
 
 
 def reach_error(reason: str) -> AsError:
@@ -175,7 +170,7 @@ def reach_error(reason: str) -> AsError:
 
 
 def _linear(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> Segment:
-    tool = motion.manner.T_flange_tcp or pin.SE3.Identity()
+    tool = motion.manner.T_flange_tcp
     T_from = kinematics.flange_pose(q_from) * tool
     T_to = motion.T_base_tcp
     if T_to is None:
@@ -224,19 +219,12 @@ class TcpLine:
         self.kinematics = kinematics
         self._T_tcp_flange = T_flange_tcp.inverse()
         self._from, self._to = T_from, T_to
-        self._travel_m = T_to.translation - T_from.translation
-        self._rotation = rotation_between(T_from.rotation, T_to.rotation)
-        self.extent_m = max(
-            float(np.linalg.norm(self._travel_m)),
-            TURN_RADIUS_M * float(np.linalg.norm(self._rotation)),
-        )
+        travel_m, turn_rad = apart(T_from, T_to)
+        self.extent_m = max(travel_m, TURN_RADIUS_M * turn_rad)
 
     def at(self, share: float, q_near: Array) -> IkResult:
         """Return the joint angles at path parameter `share`, near q_near; the end is exact."""
-        T_base_tcp = self._to
-        if share < 1.0:
-            R = rotation_from_vector(share * self._rotation) @ self._from.rotation
-            T_base_tcp = pin.SE3(R, self._from.translation + share * self._travel_m)
+        T_base_tcp = interpolated(self._from, self._to, share) if share < 1.0 else self._to
         return self.kinematics.solve(T_base_tcp * self._T_tcp_flange, q_near, jump_rad=JUMP_RAD)
 
     def walk(self, q_from: Array) -> Array:

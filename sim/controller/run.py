@@ -4,10 +4,10 @@
 """
 
 import argparse
-import sys
 import threading
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from common.bus.cell_bus import open_bus
@@ -34,36 +34,14 @@ from sim.netft.feed import server_of
 from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S, SimSettings
 
-LOOPBACK_ADDRESS = "127.0.0.1"
 TICKS_BETWEEN_CHECKS = 20
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a run to a parser that already takes the file."""
-    parser.add_argument("--program", metavar="NAME", help="program to EXECUTE (default: main,"
-                        " else the one named as the file, else the first)")  # fmt: skip
-    parser.add_argument("--port", type=int, metavar="N",
-                        help="listen on this port instead of the program's")  # fmt: skip
-    parser.add_argument("--address", default=LOOPBACK_ADDRESS, help="listen on this address only")
-    parser.add_argument("--cell", metavar="FILE",
-                        help="drive this cell's simulated arm, publish its sensor")  # fmt: skip
-    parser.add_argument("--step-ms", type=float, metavar="X",
-                        help="processor time per AS step (default: cell's, or 0.5)")  # fmt: skip
-    parser.add_argument(
-        "--speed",
-        type=float,
-        default=100.0,
-        metavar="PERCENT",
-        help="monitor speed (default %(default)s; a real controller starts at 10)",
-    )
-    parser.add_argument("--pessimistic", action="store_true",
-                        help="take the worse answer to every open question")  # fmt: skip
+print_line = partial(print, flush=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the file of a parsed command line until it ends; return the exit code."""
     with exit_on_error("controller"):
-        source = load(Path(arguments.file))
+        source = load(arguments.file)
         behaviour = behaviour_of(arguments)
         run_it = run_in_cell if arguments.cell else run_alone
         return run_it(source, arguments, behaviour, stop_on_signals())
@@ -168,10 +146,8 @@ def default_program(source: SourceFile) -> str:
     """
     if not source.programs:
         raise ConfigError(source.name, ["there is no program in this file"])
-    for name in ("main", Path(source.name).stem.lower()):
-        if name in source.programs:
-            return name
-    return next(iter(source.programs))
+    usual = ("main", Path(source.name).stem.lower(), *source.programs)
+    return next(name for name in usual if name in source.programs)
 
 
 class ChangeLogger:
@@ -206,9 +182,3 @@ class ChangeLogger:
         if self._last_state.get(what, "") != state:
             self._last_state[what] = state
             print_line(f"{what}: {state or 'none'}")
-
-
-def print_line(line: str) -> None:
-    """Print a line and flush."""
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()

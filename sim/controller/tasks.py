@@ -7,7 +7,7 @@ accesses all state through its task.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from forcemesh.clock import NS_PER_S
 from sim.as_language.errors import AsError
@@ -15,6 +15,7 @@ from sim.as_language.machine_api import MachineInterface
 from sim.as_language.memory import Locals, Namespace
 from sim.as_language.syntax import Program, ProgramStep
 from sim.controller.hardware import Hardware
+from sim.controller.motion_requests import MotionSettings
 
 ROBOT = 1
 PC_PROGRAMS = range(1001, 1006)
@@ -28,8 +29,7 @@ Wait = Callable[[int], bool]
 """Wait condition of a step: polled every millisecond with the time [ns]; True ends the wait."""
 
 
-@dataclass(frozen=True, slots=True)
-class Compiled:
+class Compiled(NamedTuple):
     """Program with one operation for each step."""
 
     program: Program
@@ -57,8 +57,7 @@ class StackFrame:
     handles: AsError | None = None  # called by ONE for this error
 
 
-@dataclass(frozen=True, slots=True)
-class ProgramStop:
+class ProgramStop(NamedTuple):
     """Cause and position of a program stop."""
 
     error: AsError
@@ -257,7 +256,7 @@ class TaskControl:
 
     # --- robot program ----------------------------------------------------------------------------
 
-    def execute(self, name: str, *, cycles: int = 1, step: int = 1) -> None:
+    def execute(self, name: str, *, cycles: int = 1) -> None:
         """EXECUTE. Raises AsError P1000, P1001, P1002, P1009, P1013, P1014, E0105."""
         task = self.robot_task
         if task.state in ("running", "ending") or (self.held and task.state == "held"):
@@ -266,9 +265,9 @@ class TaskControl:
         self.program(name)
         task.set_state("idle")
         program = self.unused_program(name, task)
-        self.hardware.motion_settings.reset()
+        self.hardware.motion_settings = MotionSettings()
         self.hardware.motions = 0
-        task.start(program, cycles=cycles, step=step)
+        task.start(program, cycles=cycles, step=1)
         if self.held:
             task.set_state("held")
 

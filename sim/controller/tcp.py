@@ -5,8 +5,10 @@ a poll function: it returns None until completion, so it blocks only its own tas
 sockets belong to the controller, not to a program: they survive an abort.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from itertools import count
+from typing import NamedTuple
 
 from sim.controller.network import ByteStream, Listener, Network, Octets
 
@@ -26,8 +28,7 @@ DEFAULT_TIMEOUT_S = 1.0
 NO_PEER: Octets = (0, 0, 0, 0)
 
 
-@dataclass(frozen=True, slots=True)
-class TcpResult:
+class TcpResult(NamedTuple):
     """Result of an operation: its code (or socket), and received data."""
 
     code: int
@@ -39,6 +40,19 @@ Operation = Callable[[int], TcpResult | None]
 """Poll function of an operation at a time [ns]: the outcome, or None while in progress."""
 
 
+def _poll(attempt: Callable[[], TcpResult | None], end_ns: float) -> Operation:
+    """Return an operation that repeats an attempt until it has a result, or time is up."""
+
+    def poll(now_ns: int) -> TcpResult | None:
+        try:
+            result = attempt()
+        except OSError:
+            return TcpResult(ABORTED)
+        return TcpResult(TIMED_OUT) if result is None and now_ns >= end_ns else result
+
+    return poll
+
+
 class TcpUnit:
     """Listeners and sockets of the controller."""
 
@@ -48,7 +62,7 @@ class TcpUnit:
         self._endless_send = send_ignores_timeout
         self._listeners: dict[int, Listener] = {}
         self._streams: dict[int, ByteStream] = {}
-        self._next = 1
+        self._numbers = count(1)
 
     @property
     def listening(self) -> tuple[int, ...]:
@@ -100,19 +114,14 @@ class TcpUnit:
     def accept(self, port: int, end_ns: int) -> Operation:
         """Wait for a connection: the code is the socket's number, or negative."""
 
-        def poll(now_ns: int) -> TcpResult | None:
+        def attempt() -> TcpResult | None:
             listener = self._listeners.get(port)
             if listener is None:
                 return TcpResult(NOT_LISTENING)
-            try:
-                stream = listener.accept()
-            except OSError:
-                return TcpResult(ABORTED)
-            if stream is not None:
-                return TcpResult(self._add(stream), stream.peer)
-            return TcpResult(TIMED_OUT) if now_ns >= end_ns else None
+            stream = listener.accept()
+            return None if stream is None else TcpResult(self._add(stream), stream.peer)
 
-        return poll
+        return _poll(attempt, end_ns)
 
     def connect(self, peer: Octets, port: int, end_ns: int) -> Operation:
         """Connect to a server: the code is the socket's number, or negative."""
@@ -141,21 +150,16 @@ class TcpUnit:
         if len(rest) > BYTES_PER_CALL:
             return lambda _: TcpResult(TOO_LONG)
 
-        def poll(now_ns: int) -> TcpResult | None:
+        def attempt() -> TcpResult | None:
             nonlocal rest
             stream = self._streams.get(number)
             if stream is None:
                 return TcpResult(BAD_SOCKET)
-            try:
-                rest = rest[stream.send(rest) :] if rest else rest
-            except OSError:
-                return TcpResult(ABORTED)
-            if not rest:
-                return TcpResult(OK)
-            late = now_ns >= end_ns and not self._endless_send
-            return TcpResult(TIMED_OUT) if late else None
+            if rest:
+                rest = rest[stream.send(rest) :]
+            return None if rest else TcpResult(OK)
 
-        return poll
+        return _poll(attempt, math.inf if self._endless_send else end_ns)
 
     def receive(self, number: int, end_ns: int, *, longest: int) -> Operation:
         """Wait for bytes, cut into elements of at most `longest` characters.
@@ -163,23 +167,20 @@ class TcpUnit:
         After the peer has closed, the code is 0 and there is no element.
         """
 
-        def poll(now_ns: int) -> TcpResult | None:
+        def attempt() -> TcpResult | None:
             stream = self._streams.get(number)
             if stream is None:
                 return TcpResult(BAD_SOCKET)
-            try:
-                data = stream.receive(BYTES_PER_CALL)
-            except OSError:
-                return TcpResult(ABORTED)
+            data = stream.receive(BYTES_PER_CALL)
             if data is None:
-                return TcpResult(TIMED_OUT) if now_ns >= end_ns else None
+                return None
             text = data.decode("latin-1")
             cuts = range(0, len(text), longest)
             return TcpResult(OK, elements=tuple(text[at : at + longest] for at in cuts))
 
-        return poll
+        return _poll(attempt, end_ns)
 
     def _add(self, stream: ByteStream) -> int:
-        number, self._next = self._next, self._next + 1
+        number = next(self._numbers)
         self._streams[number] = stream
         return number

@@ -1,10 +1,10 @@
 """Command `python -m sim.netft`: streams a constant wrench with noise until SIGTERM or Ctrl-C."""
 
 import argparse
-import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from sim.netft.sensor import NetftSensor
 from sim.netft.server import FAULTS, PAGE, NetftServer
 
 MOST_BEHIND = 50  # records; a process delayed for longer drops samples instead
+print_line = partial(print, flush=True)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -97,12 +98,6 @@ def run(
             server.measured(sample())
             due_ns += period_ns
         time.sleep(max(0, due_ns - time.monotonic_ns()) / NS_PER_S)
-
-
-def print_line(line: str) -> None:
-    """Print a line and flush."""
-    sys.stdout.write(line + "\n")
-    sys.stdout.flush()
 
 
 if __name__ == "__main__":

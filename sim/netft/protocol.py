@@ -6,7 +6,7 @@ Source: ATI 9620-05-Net F/T (UDP with RDT) and 9610-05-Ethernet Axia chapter 11 
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 from xml.sax.saxutils import escape
 
 HEADER = 0x1234
@@ -35,8 +35,7 @@ def record(rdt_sequence: int, ft_sequence: int, status: int, counts: Sequence[in
     return struct.pack(">III6i", *numbers, *held)
 
 
-@dataclass(frozen=True, slots=True)
-class About:
+class About(NamedTuple):
     """Identity and scaling of a sensor, as shown on its page."""
 
     product: str = "forcemesh Net F/T simulator"

@@ -68,10 +68,7 @@ class NetftSensor:
 
     def receive(self, data: bytes, client: Address) -> None:
         """Process a request; an invalid one is ignored, as by a real sensor."""
-        asked = command_of(data)
-        if asked is None:
-            return
-        command, count = asked
+        command, count = command_of(data) or (None, 0)
         if command == START:
             self.client, self._rdt_sequence, self._held = client, 0, []
             self._remaining = count or None

@@ -87,7 +87,6 @@ class NetftServer:
 
 
 class _PageServer(ThreadingHTTPServer):
-    daemon_threads = True
     request_queue_size = 16
 
     def __init__(self, where: tuple[str, int], owner: NetftServer) -> None:

@@ -10,7 +10,7 @@
 """
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -111,7 +111,7 @@ def _record(bench: AsBench, executed: list[ProgramStep]) -> None:
 
     def recorded(compiled: Compiled) -> Compiled:
         ops = map(recording, compiled.steps, compiled.ops)
-        return replace(compiled, ops=tuple(ops))
+        return compiled._replace(ops=tuple(ops))
 
     machine = bench.machine
     machine.control.programs = {

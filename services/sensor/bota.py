@@ -7,7 +7,6 @@ sensor's own stamps, and is counted as lost.
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, Protocol
 
 from common.config.cell import SensorSection
@@ -71,10 +70,9 @@ class BotaDriver:
 
     def silence_fault(self) -> SensorFault:
         """Return why no sample is received."""
-        if self._fault:
-            return SensorFault("sensor_silent", f"{self.where}: {self._fault}")
-        if self._last_us is None:
-            return SensorFault("sensor_silent", f"{self.where}: nothing received")
+        if self._fault or self._last_us is None:
+            text = self._fault or "nothing received"
+            return SensorFault("sensor_silent", f"{self.where}: {text}")
         return SensorFault("sensor_stalled", f"{self.where}: its stamp stays at {self._last_us} us")
 
     def close(self) -> None:
@@ -123,14 +121,14 @@ class BotaDriver:
             fault = SensorFault("sensor_fault", text)
         elif now_ns < self._fault_until_ns:
             fault = SensorFault("sensor_restarted", "the sensor's stamps restarted")
-        if fault.code:
-            return fault_sample(*fault, counter=self._number, stamp_ns=now_ns)
         ranges = (self._sensor.force_range_N, self._sensor.torque_range_Nm)
-        sample = judged(_vec3(frame.force), _vec3(frame.torque), *ranges)
+        sample = fault_sample(*fault)
+        if not fault.code:
+            sample = judged(_vec3(frame.force), _vec3(frame.torque), *ranges)
         if frame.status.overrange and sample.status == "ok":
             text = "the sensor reports that it is beyond its range"
-            sample = replace(sample, status="saturated", reason=text, code="sensor_saturated")
-        return replace(sample, counter=self._number, stamp_ns=now_ns)
+            sample = sample._replace(status="saturated", reason=text, code="sensor_saturated")
+        return sample._replace(counter=self._number, stamp_ns=now_ns)
 
 
 def _vec3(numbers: Sequence[float]) -> Vec3:

@@ -5,7 +5,6 @@ It also holds the checks that are common to every make.
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isfinite
 from typing import Literal, NamedTuple, Protocol
 
@@ -27,8 +26,7 @@ class SensorFault(NamedTuple):
 NO_FAULT = SensorFault("", "")
 
 
-@dataclass(frozen=True, slots=True)
-class SensorSample:
+class SensorSample(NamedTuple):
     """Reading in SI units, sensor axes, about the sensor's origin, with its status."""
 
     force_N: Vec3
@@ -40,8 +38,7 @@ class SensorSample:
     stamp_ns: int = 0  # time of reception, monotonic clock
 
 
-@dataclass(frozen=True, slots=True)
-class Info:
+class Info(NamedTuple):
     """Identity of the sensor; an empty text is unknown."""
 
     model: str
@@ -79,9 +76,9 @@ class SensorInterface(Protocol):
         """Stop the stream and release the connection."""
 
 
-def fault_sample(code: str, reason: str, *, counter: int = 0, stamp_ns: int = 0) -> SensorSample:
+def fault_sample(code: str, reason: str) -> SensorSample:
     """Return a sample with a fault and no reading."""
-    return SensorSample(ZERO3, ZERO3, "fault", reason, code, counter, stamp_ns)
+    return SensorSample(ZERO3, ZERO3, "fault", reason, code)
 
 
 def judged(
@@ -104,9 +101,8 @@ def refused_unless_finite(sample: SensorSample) -> SensorSample:
     for (axis, _), value in zip(AXES, sample.force_N + sample.torque_Nm, strict=True):
         if not isfinite(value):
             text = f"{axis} reads {value}: not finite"
-            return fault_sample(
-                "sensor_fault", text, counter=sample.counter, stamp_ns=sample.stamp_ns
-            )
+            fault = fault_sample("sensor_fault", text)
+            return fault._replace(counter=sample.counter, stamp_ns=sample.stamp_ns)
     return sample
 
 

@@ -9,7 +9,7 @@ import http.client
 import socket
 import threading
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError
@@ -26,8 +26,7 @@ FETCH_AGAIN_S = 1.0
 MOST_PAGE_BYTES = 200_000
 
 
-@dataclass(frozen=True, slots=True)
-class ReceivedDatagrams:
+class ReceivedDatagrams(NamedTuple):
     """Datagrams received since the last poll, oldest first."""
 
     datagrams: list[bytes]

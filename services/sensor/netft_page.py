@@ -7,12 +7,11 @@ Source: ATI 9610-05-Ethernet Axia chapter 11, unit codes in section 10.5.
 
 import math
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from common.config.cell import SensorSection
 from forcemesh.errors import DataError
 from services.sensor.driver import NO_FAULT, Info, SensorFault
-from services.sensor.rdt import Scale
 
 PATH = "/netftapi2.xml"
 SAME_COUNTS = 1e-3  # relative tolerance of two scales: more is not rounding
@@ -33,8 +32,7 @@ FORCE_CODES = {1: "lbf", 2: "N", 3: "klbf", 4: "kN", 5: "kgf", 6: "gf"}
 TORQUE_CODES = {1: "lbf-in", 2: "lbf-ft", 3: "Nm", 4: "N-mm", 5: "kgf-cm", 6: "kN-m"}
 
 
-@dataclass(frozen=True, slots=True)
-class SettingsPage:
+class SettingsPage(NamedTuple):
     """Settings of the sensor, in SI units."""
 
     counts_per_N: float
@@ -56,7 +54,7 @@ def parse(text: str) -> SettingsPage:
     found = {name.lower(): value.strip() for name, value in ELEMENT.findall(text)}
     force_unit, in_N = _unit(found, "fu", FORCE_UNITS, FORCE_CODES)
     torque_unit, in_Nm = _unit(found, "tu", TORQUE_UNITS, TORQUE_CODES)
-    ratings = [_rating(part) for part in RATINGS.split(found.get("cfgmr", ""))]
+    ratings = [_number(part) for part in RATINGS.split(found.get("cfgmr", ""))]
     is_whole = len(ratings) == 6 and all(0.0 < rating < math.inf for rating in ratings)
     return SettingsPage(
         counts_per_N=_counts(found, "cfgcpf") / in_N,
@@ -70,15 +68,12 @@ def parse(text: str) -> SettingsPage:
     )
 
 
-def scale_of(sensor: SensorSection, page: SettingsPage | None = None) -> Scale:
-    """Return calibration and range: the page's counts if there is one, else the cell file's."""
-    source = sensor if page is None else page
-    return Scale(
-        counts_per_N=source.counts_per_N,
-        counts_per_Nm=source.counts_per_Nm,
-        force_range_N=sensor.force_range_N,
-        torque_range_Nm=sensor.torque_range_Nm,
-    )
+def scale_of(sensor: SensorSection, page: SettingsPage | None = None) -> SensorSection:
+    """Return the settings of the sensor, with the page's counts if there is one."""
+    if page is None:
+        return sensor
+    counts = {"counts_per_N": page.counts_per_N, "counts_per_Nm": page.counts_per_Nm}
+    return sensor.model_copy(update=counts)
 
 
 def disagreement(sensor: SensorSection, page: SettingsPage) -> SensorFault:
@@ -120,8 +115,8 @@ def info_of(sensor: SensorSection, page: SettingsPage | None) -> Info:
     )
 
 
-def _rating(text: str) -> float:
-    """Return the range of an axis in the page's unit, 0 if the page has no number."""
+def _number(text: str) -> float:
+    """Return the number that a text holds, 0 if it holds none."""
     try:
         return float(text)
     except ValueError:
@@ -129,10 +124,7 @@ def _rating(text: str) -> float:
 
 
 def _counts(found: dict[str, str], name: str) -> float:
-    try:
-        counts = float(found[name])
-    except (KeyError, ValueError):
-        counts = 0.0
+    counts = _number(found.get(name, ""))
     if not 0.0 < counts < 1e15:
         raise DataError(f"no count of {name} in the sensor's page: {found.get(name, 'missing')!r}")
     return counts

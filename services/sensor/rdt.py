@@ -9,12 +9,13 @@ Source: ATI, Network Force/Torque Sensor System manual 9620-05-Net F/T, chapter 
 """
 
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Literal
+from typing import Literal, NamedTuple
 
+from common.config.cell import SensorSection
 from services.sensor.driver import NO_FAULT, SensorFault, SensorSample, fault_sample, judged
-from services.sensor.rdt_status import ERROR_BIT, SATURATION_BITS, is_good, status_text
+from services.sensor.rdt_status import SATURATION_BITS, bits_of, is_good, status_text
 
 REQUEST = struct.Struct(">HHI")  # header, command, number of records (0: endless)
 RECORD = struct.Struct(">III6i")  # rdt_sequence, ft_sequence, status, Fx Fy Fz Tx Ty Tz
@@ -40,8 +41,7 @@ class RdtCommand(IntEnum):
     START = 0x0002  # real-time stream
 
 
-@dataclass(frozen=True, slots=True)
-class RdtRecord:
+class RdtRecord(NamedTuple):
     """One record as received."""
 
     rdt_sequence: int
@@ -66,25 +66,15 @@ def parse(datagram: bytes) -> RdtRecord | None:
 # --- sample of a record ---------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """Calibration and range of the sensor; one range for the three forces, one for the torques."""
-
-    counts_per_N: float
-    counts_per_Nm: float
-    force_range_N: float
-    torque_range_Nm: float
-
-
-def sample_of(record: RdtRecord, scale: Scale) -> SensorSample:
+def sample_of(record: RdtRecord, scale: SensorSection) -> SensorSample:
     """Return the sample of a record, in N and N m.
 
     A saturated axis distorts the others too, so the whole sample is invalid. Its values are kept:
     they show which axis it was.
     """
     if not is_good(record.status):
-        bits = {bit for bit in range(ERROR_BIT) if record.status >> bit & 1}
-        is_load = bool(bits) and bits <= SATURATION_BITS
+        bits = bits_of(record.status)
+        is_load = bits and SATURATION_BITS.issuperset(bits)
         code = "sensor_saturated" if is_load else "sensor_fault"
         return fault_sample(code, status_text(record.status))
     fx, fy, fz, tx, ty, tz = record.counts
@@ -98,7 +88,7 @@ def sample_of(record: RdtRecord, scale: Scale) -> SensorSample:
 Kind = Literal["sample", "repeated", "duplicate", "reordered"]  # only a sample is published
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Tally:
     """Counts since the start of the process."""
 
@@ -110,7 +100,7 @@ class Tally:
     restarts: int = 0  # the sensor restarted its sequence without a request
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RdtStream:
     """State of a stream: its newest record, and the gaps before it."""
 
@@ -119,65 +109,55 @@ class RdtStream:
     number: int = 0  # of the newest record since the process started, losses included
     still_records: int = 0  # with the same six counts as the newest
     still_since_ns: int = 0
-    tally: Tally = Tally()
+    tally: Tally = field(default_factory=Tally)
 
+    def follow(self, record: RdtRecord, now_ns: int) -> Kind:
+        """Advance by a record; return its kind. Only the newest record is a sample."""
+        tally, newest = self.tally, self.newest
+        tally.records += 1
+        if newest is None:
+            return self._begin(record, now_ns)
+        ahead = signed(record.rdt_sequence - newest.rdt_sequence)
+        is_later_sample = signed(record.ft_sequence - newest.ft_sequence) > 0
+        if not -LATE_WINDOW < ahead < JUMP or (ahead <= 0 and is_later_sample):
+            tally.restarts += 1
+            return self._begin(record, now_ns)
+        if ahead > 0:
+            return self._continue(record, newest, ahead, now_ns)
+        bit = 1 << -ahead
+        if not self.missing & bit:
+            tally.duplicates += 1
+            return "duplicate"
+        self.missing &= ~bit
+        tally.reordered += 1
+        tally.lost -= 1
+        return "reordered"
 
-def follow(stream: RdtStream, record: RdtRecord, now_ns: int) -> tuple[RdtStream, Kind]:
-    """Return the stream after a record, and its kind. Only the newest record is a sample."""
-    tally = replace(stream.tally, records=stream.tally.records + 1)
-    newest = stream.newest
-    if newest is None:
-        return _begin(stream, record, tally, now_ns), "sample"
-    ahead = signed(record.rdt_sequence - newest.rdt_sequence)
-    is_later_sample = signed(record.ft_sequence - newest.ft_sequence) > 0
-    if not -LATE_WINDOW < ahead < JUMP or (ahead <= 0 and is_later_sample):
-        tally = replace(tally, restarts=tally.restarts + 1)
-        return _begin(stream, record, tally, now_ns), "sample"
-    if ahead > 0:
-        return _continued(stream, record, tally, now_ns)
-    bit = 1 << -ahead
-    if stream.missing & bit:
-        tally = replace(tally, reordered=tally.reordered + 1, lost=tally.lost - 1)
-        return replace(stream, missing=stream.missing & ~bit, tally=tally), "reordered"
-    tally = replace(tally, duplicates=tally.duplicates + 1)
-    return replace(stream, tally=tally), "duplicate"
+    def frozen_fault(self, now_ns: int) -> SensorFault:
+        """Return the fault of a constant reading while samples are counted."""
+        still_ns = now_ns - self.still_since_ns
+        if self.still_records < FROZEN_RECORDS or still_ns < FROZEN_AFTER_NS:
+            return NO_FAULT
+        text = f"the sensor is frozen: {self.still_records} samples without a trace of noise"
+        return SensorFault("sensor_frozen", text)
 
+    def _begin(self, record: RdtRecord, now_ns: int) -> Kind:
+        self.newest, self.missing, self.number = record, 0, self.number + 1
+        self.still_records, self.still_since_ns = 1, now_ns
+        return "sample"
 
-def frozen_fault(stream: RdtStream, now_ns: int) -> SensorFault:
-    """Return the fault of a constant reading while samples are counted."""
-    still_ns = now_ns - stream.still_since_ns
-    if stream.still_records < FROZEN_RECORDS or still_ns < FROZEN_AFTER_NS:
-        return NO_FAULT
-    text = f"the sensor is frozen: {stream.still_records} samples without a trace of noise"
-    return SensorFault("sensor_frozen", text)
-
-
-def _begin(stream: RdtStream, record: RdtRecord, tally: Tally, now_ns: int) -> RdtStream:
-    return RdtStream(record, 0, stream.number + 1, 1, now_ns, tally)
-
-
-def _continued(
-    stream: RdtStream, record: RdtRecord, tally: Tally, now_ns: int
-) -> tuple[RdtStream, Kind]:
-    newest = stream.newest or record
-    ahead = signed(record.rdt_sequence - newest.rdt_sequence)
-    gap = ((1 << ahead) - 1) & ~1  # bits of the records between the two
-    missing = (stream.missing << ahead | gap) & ((1 << LATE_WINDOW) - 1)
-    tally = replace(tally, lost=tally.lost + ahead - 1)
-    is_repeated = record.ft_sequence == newest.ft_sequence
-    if is_repeated:
-        tally = replace(tally, repeated=tally.repeated + 1)
-    # A sensor that repeats a sample is stalled, not frozen: its constant reading is not counted.
-    is_unchanged = record.counts == newest.counts
-    followed = RdtStream(
-        newest=record,
-        missing=missing,
-        number=stream.number + ahead,
-        still_records=stream.still_records + (not is_repeated) if is_unchanged else 1,
-        still_since_ns=stream.still_since_ns if is_unchanged else now_ns,
-        tally=tally,
-    )
-    return followed, "repeated" if is_repeated else "sample"
+    def _continue(self, record: RdtRecord, newest: RdtRecord, ahead: int, now_ns: int) -> Kind:
+        gap = ((1 << ahead) - 1) & ~1  # bits of the records between the two
+        self.missing = (self.missing << ahead | gap) & ((1 << LATE_WINDOW) - 1)
+        self.newest, self.number = record, self.number + ahead
+        self.tally.lost += ahead - 1
+        is_repeated = record.ft_sequence == newest.ft_sequence
+        self.tally.repeated += is_repeated
+        if record.counts != newest.counts:
+            self.still_records, self.still_since_ns = 1, now_ns
+        else:  # a sensor that repeats a sample is stalled, not frozen: it is not counted
+            self.still_records += not is_repeated
+        return "repeated" if is_repeated else "sample"
 
 
 def signed(difference: int) -> int:
@@ -188,30 +168,28 @@ def signed(difference: int) -> int:
 # --- quality of the stream ------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class Quality:
-    """Tallies of one to two windows ago, and of at most one window ago."""
+    """Rates of losses, disorder and copies over the last one to two windows of a stream."""
 
-    older: Tally = Tally()
-    older_place: int = 0
-    newer: Tally = Tally()
-    newer_place: int = 0
+    def __init__(self) -> None:
+        """Start at the beginning of a stream."""
+        self._older = self._newer = (0, Tally())  # place of the stream and its counts there
 
-    def moved_on(self, tally: Tally, place: int) -> "Quality":
-        """Return the window after the records up to a place of the stream."""
-        if place - self.newer_place < QUALITY_WINDOW:
-            return self
-        return Quality(self.newer, self.newer_place, tally, place)
+    def move_on(self, stream: RdtStream) -> None:
+        """Take the records received so far into the window."""
+        if stream.number - self._newer[0] >= QUALITY_WINDOW:
+            self._older, self._newer = self._newer, (stream.number, replace(stream.tally))
 
-    def rate_fault(self, tally: Tally, place: int) -> SensorFault:
+    def rate_fault(self, stream: RdtStream) -> SensorFault:
         """Return the fault of the records in the window."""
-        places = place - self.older_place
+        (place, before), tally = self._older, stream.tally
+        places = stream.number - place
         if places < LEAST_RECORDS:
             return NO_FAULT
         shares = (
-            ("sensor_lossy", "were lost", tally.lost - self.older.lost),
-            ("sensor_disorder", "arrived out of order", tally.reordered - self.older.reordered),
-            ("sensor_copies", "arrived twice", tally.duplicates - self.older.duplicates),
+            ("sensor_lossy", "were lost", tally.lost - before.lost),
+            ("sensor_disorder", "arrived out of order", tally.reordered - before.reordered),
+            ("sensor_copies", "arrived twice", tally.duplicates - before.duplicates),
         )
         for code, what, count in shares:
             if count > BAD_SHARE * places:

@@ -1,7 +1,7 @@
 """RDT driver for ATI Net F/T, ATI Axia and OnRobot: records of one stream in, samples out."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 
 from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
@@ -13,8 +13,6 @@ from services.sensor.rdt import (
     RdtRecord,
     RdtStream,
     continues,
-    follow,
-    frozen_fault,
     meaning_of_break,
     parse,
     sample_of,
@@ -109,11 +107,11 @@ class RdtDriver:
             self._silence = SensorFault("sensor_stranger", text)
             return None
         if self._asked is not None and not self._continues(record):
-            self._stream = replace(self._stream, newest=None)  # it may start anywhere
+            self._stream.newest = None  # it may start anywhere
         restarts = self._stream.tally.restarts
-        self._stream, kind = follow(self._stream, record, now_ns)
+        kind = self._stream.follow(record, now_ns)
         self._classify_break(record, now_ns, is_new=self._stream.tally.restarts > restarts)
-        self._quality = self._quality.moved_on(self._stream.tally, self._stream.number)
+        self._quality.move_on(self._stream)
         if kind == "repeated":
             text = f"the sensor is stalled: ft_sequence stays at {record.ft_sequence}"
             self._silence = SensorFault("sensor_stalled", text)
@@ -131,7 +129,6 @@ class RdtDriver:
 
     def _sample(self, record: RdtRecord, now_ns: int) -> SensorSample:
         """Return the sample of a record, or its first fault in order of severity."""
-        number = self._stream.number
         if self._scale is None or self._page_fault.code:
             sample = fault_sample(*(self._page_fault if self._page_fault.code else BEING_READ))
         else:
@@ -139,11 +136,11 @@ class RdtDriver:
         if sample.status == "ok":
             causes = (
                 self._held_fault if now_ns < self._held_until_ns else NO_FAULT,
-                frozen_fault(self._stream, now_ns),
-                self._quality.rate_fault(self._stream.tally, number),
+                self._stream.frozen_fault(now_ns),
+                self._quality.rate_fault(self._stream),
             )
             sample = next((fault_sample(*cause) for cause in causes if cause.code), sample)
-        return replace(sample, counter=number, stamp_ns=now_ns)
+        return sample._replace(counter=self._stream.number, stamp_ns=now_ns)
 
     def _classify_break(self, record: RdtRecord, now_ns: int, *, is_new: bool) -> None:
         """Classify the first record of a new stream; store the newest one."""
@@ -151,8 +148,8 @@ class RdtDriver:
         if self._continues(record):
             asked = None  # the stream resumed by itself, independent of the request
         if last is not None and (asked is not None or is_new):
-            at_once = asked is not None and asked[1] == 1
-            at_once = at_once and now_ns - (asked or (0, 0))[0] <= AT_ONCE_S * NS_PER_S
+            asked_ns, unanswered = asked or (0, 0)
+            at_once = unanswered == 1 and now_ns - asked_ns <= AT_ONCE_S * NS_PER_S
             fault = meaning_of_break(
                 last,
                 record,

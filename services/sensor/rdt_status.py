@@ -43,8 +43,13 @@ def is_good(status: int) -> bool:
     return status == HEALTHY or status in MONITOR_CONDITIONS
 
 
+def bits_of(status: int) -> list[int]:
+    """Return the numbers of the bits set in a status word, without the error bit."""
+    return [bit for bit in range(ERROR_BIT) if status >> bit & 1]
+
+
 def status_text(status: int) -> str:
     """Return a status word with the names of its bits."""
-    bits = [bit for bit in range(ERROR_BIT) if status >> bit & 1]
-    names = ", ".join(NAMES.get(bit, f"bit {bit}") for bit in bits) or "an unnamed error"
+    names = ", ".join(NAMES.get(bit, f"bit {bit}") for bit in bits_of(status))
+    names = names or "an unnamed error"
     return f"the sensor reports status 0x{status:08X}: {names}"

@@ -9,8 +9,7 @@ Source: Robotiq, FT 300-S instruction manual, sections on Modbus RTU and the dat
 import struct
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from common.config.cell import SensorSection
 from forcemesh.clock import NS_PER_S
@@ -46,8 +45,7 @@ def start() -> bytes:
     return request + crc16(request)
 
 
-@dataclass(frozen=True, slots=True)
-class RobotiqFrame:
+class RobotiqFrame(NamedTuple):
     """One reading, with the number of unframed bytes before it."""
 
     force_N: Vec3
@@ -189,7 +187,7 @@ class RobotiqDriver:
         sample = judged(read.force_N, read.torque_Nm, *ranges)
         if sample.status == "ok" and losses.code:
             sample = fault_sample(*losses)
-        return replace(sample, counter=self._number, stamp_ns=now_ns)
+        return sample._replace(counter=self._number, stamp_ns=now_ns)
 
     # --- the line ---------------------------------------------------------------------------------
 

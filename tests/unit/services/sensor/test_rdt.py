@@ -8,6 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.config.cell import SensorSection
+from common.config.cell_terms import FrameSection
 from forcemesh.clock import NS_PER_S
 from services.sensor.driver import NO_FAULT
 from services.sensor.rdt import (
@@ -21,9 +23,6 @@ from services.sensor.rdt import (
     RdtCommand,
     RdtRecord,
     RdtStream,
-    Scale,
-    follow,
-    frozen_fault,
     parse,
     request,
     sample_of,
@@ -31,7 +30,13 @@ from services.sensor.rdt import (
 from services.sensor.rdt_status import MONITOR_CONDITIONS
 from services.sensor.service import Decimation
 
-SCALE = Scale(counts_per_N=10_000, counts_per_Nm=100_000, force_range_N=200, torque_range_Nm=8)
+SCALE = SensorSection(
+    T_flange_sensor=FrameSection(position_m=(0.0, 0.0, 0.0)),
+    counts_per_N=10_000,
+    counts_per_Nm=100_000,
+    force_range_N=200,
+    torque_range_Nm=8,
+)
 PERIOD_NS = 2_000_000
 
 uint32 = st.integers(0, SEQUENCES - 1)
@@ -54,7 +59,7 @@ def follow_all(
     stream = stream or RdtStream()
     kinds: list[Kind] = []
     for place, item in enumerate(records):
-        stream, kind = follow(stream, item, place * PERIOD_NS)
+        kind = stream.follow(item, place * PERIOD_NS)
         kinds.append(kind)
     return stream, kinds
 
@@ -231,19 +236,19 @@ def test_reading_without_noise_is_frozen(count: int, period_ns: int) -> None:
     """Six equal counts for the minimum time and number are frozen; one other count ends it."""
     stream, faults = RdtStream(), []
     for number in range(count):
-        stream, _ = follow(stream, record(number, counts=(5,) * 6), number * period_ns)
-        faults.append(frozen_fault(stream, number * period_ns).code)
+        stream.follow(record(number, counts=(5,) * 6), number * period_ns)
+        faults.append(stream.frozen_fault(number * period_ns).code)
     since = max(FROZEN_RECORDS - 1, math.ceil(FROZEN_AFTER_NS / period_ns))
     assert faults == ["" if place < since else "sensor_frozen" for place in range(count)]
-    stream, _ = follow(stream, record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
-    assert frozen_fault(stream, count * period_ns) == NO_FAULT
+    stream.follow(record(count, counts=(5, 5, 5, 5, 5, 6)), count * period_ns)
+    assert stream.frozen_fault(count * period_ns) == NO_FAULT
 
 
 def test_stalled_sensor_is_not_called_frozen() -> None:
     """Repeats of one sample are a stall, which has another cause than frozen readings."""
     repeats = [record(number, ft=5, counts=(5,) * 6) for number in range(100)]
     stream, _ = follow_all([*repeats, record(100, ft=6, counts=(5,) * 6)])
-    assert frozen_fault(stream, 101 * PERIOD_NS) == NO_FAULT
+    assert stream.frozen_fault(101 * PERIOD_NS) == NO_FAULT
 
 
 # --- decimation -----------------------------------------------------------------------------------

@@ -1,7 +1,6 @@
 """A reading of any driver that is not finite: a fault of the sensor, no numbers, no error."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import inf, nan
 
 import pytest
@@ -24,7 +23,7 @@ class BrokenDriver(PluggedDriver):
     def read(self, now_ns: int) -> Sequence[SensorSample]:
         """Return the reading."""
         (sample,) = super().read(now_ns)
-        return [replace(sample, force_N=self.force_N)]
+        return [sample._replace(force_N=self.force_N)]
 
 
 @pytest.mark.parametrize("number", [nan, inf, -inf])

@@ -16,6 +16,11 @@ NAME = "forcemesh.Frames"
 LENGTH_DELIMITED = 2
 PACKED = bytes([1 << 3 | LENGTH_DELIMITED])  # number and type of the only field
 LONGEST_HEAD = 11  # with a length of 64 bits
+# Schema of the message above, as MCAP requires: the FileDescriptorSet that Google's package writes.
+DESCRIPTOR = (
+    b'\nE\n\x16forcemesh/frames.proto\x12\tforcemesh"\x18\n\x06Frames\x12\x0e'
+    b"\n\x06packed\x18\x01 \x01(\x0cb\x06proto3"
+)
 
 
 class Frame(NamedTuple):
@@ -66,25 +71,7 @@ def wrap(packed: bytes) -> bytes:
 
 def unwrap(message: bytes) -> bytes:
     """Return the bytes of a message. Raises ValueError if it is another one, or truncated."""
-    length = 0
-    for place, byte in enumerate(message[1:LONGEST_HEAD]):
-        length |= (byte & 0x7F) << 7 * place
-        if byte < 0x80:
-            packed = message[place + 2 :]
-            if message.startswith(PACKED) and len(packed) == length:
-                return packed
-            break
+    for at in range(len(PACKED) + 1, min(len(message), LONGEST_HEAD) + 1):
+        if message[:at] == PACKED + varint(len(message) - at):
+            return message[at:]
     raise ValueError("not a message of frames")
-
-
-def descriptor() -> bytes:
-    """Return the schema as a FileDescriptorSet, as MCAP requires."""
-    optional_bytes = b"\x18\x01\x20\x01\x28\x0c"  # number 1, label optional, type bytes
-    field = _part(2, _part(1, b"packed") + optional_bytes)
-    file = _part(1, b"forcemesh/frames.proto") + _part(2, b"forcemesh")
-    file += _part(4, _part(1, b"Frames") + field) + _part(12, b"proto3")
-    return _part(1, file)
-
-
-def _part(number: int, data: bytes) -> bytes:
-    return varint(number << 3 | LENGTH_DELIMITED) + varint(len(data)) + data

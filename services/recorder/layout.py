@@ -10,9 +10,8 @@ created here once, which is four times as fast as decoding into maps.
 
 import types
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -47,8 +46,10 @@ class Quaternion(msgspec.Struct, gc=False):
     w: float
 
 
-@dataclass(frozen=True, slots=True)
-class FieldLayout:
+VECTORS = {3: Vector, 4: Quaternion}
+
+
+class FieldLayout(NamedTuple):
     """Type of a field: its schema, the type it is decoded to, and the conversion if any."""
 
     schema: dict[str, Any]
@@ -140,14 +141,18 @@ def _kind(annotation: Any) -> FieldLayout:
 
 def _tuple(args: tuple[Any, ...]) -> FieldLayout:
     """Return the kind of a tuple: an object for a vector, else a list."""
-    if set(args) == {float} and len(args) == 3:
-        return FieldLayout(_parts("xyz"), tuple[float, float, float], lambda v: Vector(*v))
-    if set(args) == {float} and len(args) == 4:
-        return FieldLayout(
-            _parts("xyzw"), tuple[float, float, float, float], lambda v: Quaternion(*v)
-        )
+    schema: dict[str, Any]
+    vector = VECTORS.get(len(args)) if set(args) == {float} else None
+    if vector is not None:
+        names, number = vector.__struct_fields__, {"type": "number"}
+        schema = {
+            "type": "object",
+            "properties": dict.fromkeys(names, number),
+            "required": list(names),
+        }
+        return FieldLayout(schema, tuple[args], lambda numbers: vector(*numbers))  # type: ignore[valid-type]
     item = _kind(args[0])
-    schema: dict[str, Any] = {"type": "array", "items": item.schema}
+    schema = {"type": "array", "items": item.schema}
     part: Any = item.read_as
     read_as: Any = tuple[part, ...]
     if args[-1] is not Ellipsis:
@@ -157,12 +162,3 @@ def _tuple(args: tuple[Any, ...]) -> FieldLayout:
     return FieldLayout(
         schema, read_as, change and (lambda values: [change(value) for value in values])
     )
-
-
-def _parts(names: str) -> dict[str, Any]:
-    number = {"type": "number"}
-    return {
-        "type": "object",
-        "properties": dict.fromkeys(names, number),
-        "required": list(names),
-    }

@@ -7,7 +7,8 @@ the recorder's CPU budget; here it is one. All other records are written by that
 import struct
 import zlib
 from collections import defaultdict
-from typing import BinaryIO
+from collections.abc import Sequence
+from typing import Any, BinaryIO
 
 import zstandard
 from mcap import records
@@ -36,7 +37,6 @@ class McapWriter:
         self._schemas: list[records.Schema] = []
         self._channels: list[records.Channel] = []
         self._counts: dict[int, int] = defaultdict(int)
-        self._first_ns, self._last_ns = 0, 0
         self._chunks: list[records.ChunkIndex] = []
         self._attached: list[records.AttachmentIndex] = []
         self._metadata: list[records.MetadataIndex] = []
@@ -79,19 +79,11 @@ class McapWriter:
 
     def add_attachment(self, name: str, media_type: str, data: bytes, at_ns: int) -> None:
         """Write an attachment."""
-        made = records.Attachment(
-            create_time=at_ns, log_time=at_ns, name=name, media_type=media_type, data=data
-        )
-        offset, length = self._put(made)
-        index = records.AttachmentIndex(
-            offset=offset,
-            length=length,
-            create_time=at_ns,
-            log_time=at_ns,
-            data_size=len(data),
-            name=name,
-            media_type=media_type,
-        )
+        about: dict[str, Any] = {
+            "create_time": at_ns, "log_time": at_ns, "name": name, "media_type": media_type,
+        }  # fmt: skip
+        offset, length = self._put(records.Attachment(**about, data=data))
+        index = records.AttachmentIndex(**about, offset=offset, length=length, data_size=len(data))
         self._attached.append(index)
 
     def flush(self) -> None:
@@ -107,15 +99,15 @@ class McapWriter:
         start = self.bytes
         summary = RecordBuilder()
         offsets = []
-        groups: tuple[tuple[Opcode, list[records.McapRecord]], ...] = (
-            (Opcode.SCHEMA, list(self._schemas)),
-            (Opcode.CHANNEL, list(self._channels)),
-            (Opcode.STATISTICS, [self._statistics()]),
-            (Opcode.CHUNK_INDEX, list(self._chunks)),
-            (Opcode.ATTACHMENT_INDEX, list(self._attached)),
-            (Opcode.METADATA_INDEX, list(self._metadata)),
-        )
-        for opcode, group in groups:
+        groups: dict[Opcode, Sequence[records.McapRecord]] = {
+            Opcode.SCHEMA: self._schemas,
+            Opcode.CHANNEL: self._channels,
+            Opcode.STATISTICS: [self._statistics()],
+            Opcode.CHUNK_INDEX: self._chunks,
+            Opcode.ATTACHMENT_INDEX: self._attached,
+            Opcode.METADATA_INDEX: self._metadata,
+        }
+        for opcode, group in groups.items():
             begin = summary.count
             for record in group:
                 record.write(summary)
@@ -145,34 +137,28 @@ class McapWriter:
 
     def _write_chunk(self) -> None:
         body = b"".join(self._body)
-        first_ns = min(min(times[::2]) for times in self._times.values())
-        last_ns = max(max(times[::2]) for times in self._times.values())
-        chunk = records.Chunk(
-            compression="zstd",
-            data=zstandard.compress(body, LEVEL),
-            message_start_time=first_ns,
-            message_end_time=last_ns,
-            uncompressed_crc=zlib.crc32(body),
-            uncompressed_size=len(body),
+        about: dict[str, Any] = {
+            "compression": "zstd",
+            "message_start_time": min(min(times[::2]) for times in self._times.values()),
+            "message_end_time": max(max(times[::2]) for times in self._times.values()),
+            "uncompressed_size": len(body),
+        }
+        data = zstandard.compress(body, LEVEL)
+        start, length = self._put(
+            records.Chunk(**about, data=data, uncompressed_crc=zlib.crc32(body))
         )
-        start, length = self._put(chunk)
         index = records.ChunkIndex(
-            message_start_time=first_ns,
-            message_end_time=last_ns,
+            **about,
             chunk_start_offset=start,
             chunk_length=length,
             message_index_offsets={},
             message_index_length=0,
-            compression=chunk.compression,
-            compressed_size=len(chunk.data),
-            uncompressed_size=len(body),
+            compressed_size=len(data),
         )
         for channel, times in self._times.items():
             index.message_index_offsets[channel] = self.bytes
             index.message_index_length += self._write_message_index(channel, times)
             self._counts[channel] += len(times) // 2
-        self._first_ns = min(first_ns, self._first_ns) if self._chunks else first_ns
-        self._last_ns = max(last_ns, self._last_ns)
         self._chunks.append(index)
         self._body, self.waiting_B = [], 0
         self._times.clear()
@@ -189,8 +175,8 @@ class McapWriter:
             channel_message_counts=dict(self._counts),
             chunk_count=len(self._chunks),
             message_count=sum(self._counts.values()),
-            message_start_time=self._first_ns,
-            message_end_time=self._last_ns,
+            message_start_time=min((c.message_start_time for c in self._chunks), default=0),
+            message_end_time=max((c.message_end_time for c in self._chunks), default=0),
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )

@@ -70,8 +70,9 @@ class RecordedFile:
         self.events: list[Event] = []
         self._cell_file: bytes | None = None
         self._channels: dict[int, records.Channel] = {}
-        for _ in self._records(stop=lambda: bool(self._channels)):
-            pass
+        for record in self._records():
+            if isinstance(record, records.Chunk) and self._channels:
+                break
         if not self.about:
             raise DataError(f"{path}: not a forcemesh recording: the metadata are missing")
 
@@ -123,7 +124,7 @@ class RecordedFile:
             raise DataError(text) from error
 
     def _message_records(self) -> Iterator[tuple[records.Channel, int, bytes]]:
-        for record in self._records(stop=lambda: False):
+        for record in self._records():
             if not isinstance(record, records.Chunk):
                 continue
             try:
@@ -139,7 +140,7 @@ class RecordedFile:
                     yield self._channels[channel], log_ns, data
                 at += 9 + length
 
-    def _records(self, stop: Callable[[], bool]) -> Iterator[records.McapRecord]:
+    def _records(self) -> Iterator[records.McapRecord]:
         """Yield records up to the end of the file, or to its truncation."""
         self.events, self.is_whole = [], False
         try:
@@ -153,8 +154,6 @@ class RecordedFile:
                     yield record
                     if isinstance(record, records.DataEnd):
                         self.is_whole = True
-                        return
-                    if isinstance(record, records.Chunk) and stop():
                         return
             except BROKEN_OFF as error:
                 if not self._channels:

@@ -20,7 +20,7 @@ from forcemesh.faults import clipped
 from forcemesh.topics import TOPICS
 from forcemesh.version import __version__
 from services.recorder.folder import file_name, folder_of, forget_oldest, free_bytes, new_file
-from services.recorder.frames import ENCODING, HEAD, NAME, Frame, descriptor, wrap
+from services.recorder.frames import DESCRIPTOR, ENCODING, HEAD, NAME, Frame, wrap
 from services.recorder.layout import Layout, layout_of, schema_of
 from services.recorder.mcap_writer import McapWriter
 from services.recorder.ring_buffer import Block
@@ -36,7 +36,7 @@ FLUSH_NS = NS_PER_S // 2  # half of the data that a kill may lose
 CHUNK_B = 8_000_000  # limit of a chunk, reached when the pre-trigger memory is written
 SEQUENCE = 2**32
 
-FRAMES_SCHEMA = (NAME, ENCODING, descriptor())
+FRAMES_SCHEMA = (NAME, ENCODING, DESCRIPTOR)
 SCHEMAS = [
     (topic.message.__name__, "jsonschema", json.dumps(schema_of(topic)).encode())
     for topic in TOPICS

@@ -48,8 +48,7 @@ class RingBuffer:
 
     def reaches_s(self, now_ns: int) -> float:
         """Return the age of the oldest block [s]."""
-        oldest = self._blocks[0].first_ns if self._blocks else None
-        return 0.0 if oldest is None else (now_ns - oldest) / NS_PER_S
+        return (now_ns - self._blocks[0].first_ns) / NS_PER_S if self._blocks else 0.0
 
     def blocks(self) -> list[Block]:
         """Return all blocks, the oldest first."""

@@ -32,7 +32,7 @@ def message_type(schema: bytes) -> Any:
 def test_bytes_of_any_size_are_a_protobuf_message(size: int) -> None:
     """They are encoded as Google's package encodes them, and both decoders read them."""
     packed = bytes(range(256)) * (size // 256) + b"x" * (size % 256)
-    theirs = message_type(frames.descriptor())
+    theirs = message_type(frames.DESCRIPTOR)
     assert theirs.FromString(frames.wrap(packed)).packed == packed
     assert frames.unwrap(frames.wrap(packed)) == packed
     if packed:  # protobuf omits empty fields

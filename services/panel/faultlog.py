@@ -2,15 +2,14 @@
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from forcemesh.messages import ArbiterStatus, Trip
 
 FAULTS_KEPT = 50
 
 
-@dataclass(frozen=True, slots=True)
-class Happened:
+class Happened(NamedTuple):
     """Log entry: a trip at the time at which this panel first received it."""
 
     at: str  # wall clock, as text

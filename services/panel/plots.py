@@ -4,8 +4,8 @@ The values of the last seconds are in a ring buffer with fixed memory.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -55,8 +55,7 @@ LABELS = {"press": "normal force"}  # where the legend has another name than the
 WIDE, DASHED = {"press", "chain"}, {"set point", "target"}
 
 
-@dataclass(frozen=True, slots=True)
-class PlotKind:
+class PlotKind(NamedTuple):
     """Title, series and axis range of one plot."""
 
     title: str
@@ -78,10 +77,8 @@ class PlotHistory:
 
     def __init__(self, names: tuple[str, ...], points: int = HISTORY_POINTS) -> None:
         """Create an empty buffer."""
-        self._column = {name: column for column, name in enumerate(names)}
-        self._time_s = np.full(points, np.nan)
-        self._values = np.full((points, len(names)), np.nan)
-        self._next = 0
+        self._names = names
+        self._samples = np.full((points, 1 + len(names)), np.nan)  # the newest one is the last
         self._count = 0
 
     def __len__(self) -> int:
@@ -89,13 +86,9 @@ class PlotHistory:
 
     def add(self, time_s: float, values: Mapping[str, float]) -> None:
         """Add a sample, overwriting the oldest one when full; missing names are gaps."""
-        row = self._next
-        self._time_s[row] = time_s
-        self._values[row] = np.nan
-        for name, value in values.items():
-            self._values[row, self._column[name]] = value
-        self._next = (row + 1) % len(self._time_s)
-        self._count = min(self._count + 1, len(self._time_s))
+        self._samples[:-1] = self._samples[1:]
+        self._samples[-1] = (time_s, *(values.get(name, np.nan) for name in self._names))
+        self._count = min(self._count + 1, len(self._samples))
 
     def series(self, names: tuple[str, ...], now_s: float) -> tuple[Series, ...]:
         """Return times relative to now [s], oldest first, and the named values, of equal length.
@@ -105,13 +98,13 @@ class PlotHistory:
         if self._count < 2:
             edge = np.array([-HISTORY_WINDOW_S, 0.0])
             return (edge, *(np.full(2, np.nan) for _ in names))
-        order = (self._next - self._count + np.arange(self._count)) % len(self._time_s)
-        values = self._values[order]
-        return (self._time_s[order] - now_s, *(values[:, self._column[name]] for name in names))
+        times_s, *columns = self._samples[-self._count :].T
+        named = dict(zip(self._names, columns, strict=True))
+        return (times_s - now_s, *(named[name] for name in names))
 
     def clear(self) -> None:
         """Remove all samples: data before a pause does not continue after it."""
-        self._next = self._count = 0
+        self._count = 0
 
 
 class Span:

@@ -1,6 +1,6 @@
 """Plotted values, derived from received messages: force, set point, errors, latency. Pure."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,20 +20,17 @@ LATENCIES = ("chain",)
 NAMES = (*FORCES, *TORQUES, *ERRORS, *LATENCIES)
 
 
-@dataclass(frozen=True, slots=True)
-class Tool:
+class Tool(NamedTuple):
     """Pose of the tool and the wrench at it, in base axes."""
 
     p_tcp_m: Array  # shape (3,)
     R_base_tcp: Array  # shape (3, 3)
-    force_N: Array | None  # shape (3,)
-    torque_Nm: Array | None  # shape (3,)
+    force_N: Array  # shape (3,), zero if unknown
+    torque_Nm: Array  # shape (3,), zero if unknown
 
     @property
     def contact_m(self) -> Array:
         """Point at which the force acts, in base [m]; the TCP if it is unknown. Shape (3,)."""
-        if self.force_N is None or self.torque_Nm is None:
-            return self.p_tcp_m
         return self.p_tcp_m + contact_point_m(self.R_base_tcp, self.force_N, self.torque_Nm)
 
 
@@ -48,14 +45,14 @@ class Readout:
         self._setpoint_N: float | None = None
         self._taken: tuple[int, int] | None = None
 
-    def tool(self, robot: RobotState, wrench: WrenchAtTcp | None) -> Tool:
+    def tool(self, robot: RobotState, wrench: WrenchAtTcp) -> Tool:
         """Return the pose of the tool and the wrench at it."""
         T_base_tcp = pose_of(robot) * self._T_flange_tcp
         return Tool(
             p_tcp_m=np.asarray(T_base_tcp.translation),
             R_base_tcp=np.asarray(T_base_tcp.rotation),
-            force_N=None if wrench is None else np.array(wrench.force_N),
-            torque_Nm=None if wrench is None else np.array(wrench.torque_Nm),
+            force_N=np.array(wrench.force_N),
+            torque_Nm=np.array(wrench.torque_Nm),
         )
 
     def numbers(self, snapshot: Snapshot) -> dict[str, float]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import viser
 from mjviser import ViserMujocoScene
 
@@ -18,7 +19,7 @@ from common.config.cell import CellConfig
 from common.config.cell_sim import SimSection
 from common.motion.frames import Array, quaternion_from_R
 from common.motion.kinematics import ArmKinematics
-from forcemesh.messages import RobotState
+from forcemesh.messages import RobotState, WrenchAtTcp
 from services.panel.readout import Readout, Tool
 from services.panel.viewer import put
 from services.panel.watch import Snapshot
@@ -73,7 +74,7 @@ class Scene:
         robot = snapshot.robot.fresh
         if robot is None:
             return
-        tool = self._readout.tool(robot, snapshot.wrench.fresh)
+        tool = self._readout.tool(robot, snapshot.wrench.fresh or WrenchAtTcp())
         with self._server.atomic():
             if self._has_moved(robot):
                 self._place(robot, tool)
@@ -96,18 +97,18 @@ class Scene:
 
     def _draw_wrench(self, tool: Tool) -> None:
         """Draw the force from the contact, in the direction in which it pushes the tool."""
-        force_N = np.zeros(3) if tool.force_N is None else tool.force_N
-        torque_Nm = np.zeros(3) if tool.torque_Nm is None else tool.torque_Nm
-        strong, turning = float(np.linalg.norm(force_N)), float(np.linalg.norm(torque_Nm))
+        arrow_m = M_PER_N * tool.force_N
+        strong = float(np.linalg.norm(tool.force_N))
+        turning = float(np.linalg.norm(tool.torque_Nm))
         put(self._force, visible=strong > LEAST_N)
         put(self._torque, visible=turning > LEAST_NM)
         put(self._label, visible=strong > LEAST_N)
         if strong > LEAST_N:
-            self._force.points = _arrow(tool.contact_m, M_PER_N * force_N)
-            self._label.position = tool.contact_m + 0.5 * M_PER_N * force_N + LABEL_M
+            self._force.points = _arrow(tool.contact_m, arrow_m)
+            self._label.position = tool.contact_m + 0.5 * arrow_m + LABEL_M
             put(self._label, text=f"{strong:.1f} N")
         if turning > LEAST_NM:
-            self._torque.points = _arrow(tool.p_tcp_m, M_PER_NM * torque_Nm)
+            self._torque.points = _arrow(tool.p_tcp_m, M_PER_NM * tool.torque_Nm)
 
     def _draw_touch(self, snapshot: Snapshot, tool: Tool) -> None:
         """Show the contact surface at the tool while the regulator reports contact."""
@@ -227,10 +228,9 @@ def _add_plate(world: mujoco.MjsBody, sim: SimSection, p_tcp_m: Array) -> None:
     middle = [x, y + thick * math.sin(tilt), z - thick * math.cos(tilt)]
     top = z - 0.085
     _show(world, BOX, [*PLATE_HALF_M], pos=middle, rgba=GREEN, quat=quat)
-    for sx in (-0.05, 0.05):
-        for sy in (-0.05, 0.05):
-            spring = [x + sx, y + sy, (top + z - 0.016) / 2]
-            _show(world, CYLINDER, [0.009, (z - 0.016 - top) / 2, 0], pos=spring, rgba=STEEL)
+    for sx, sy in product((-0.05, 0.05), repeat=2):
+        spring = [x + sx, y + sy, (top + z - 0.016) / 2]
+        _show(world, CYLINDER, [0.009, (z - 0.016 - top) / 2, 0], pos=spring, rgba=STEEL)
     height = top - FLOOR_Z_M
     _show(world, BOX, [0.09, 0.09, 0.010], pos=[x, y, top - 0.010], rgba=DARK)
     _show(world, BOX, [0.035, 0.035, height / 2], pos=[x, y, FLOOR_Z_M + height / 2], rgba=STEEL)
@@ -252,10 +252,8 @@ def _show(
 
 def _R_with_z(z: Array) -> Array:
     """Return any rotation whose z axis points along a unit vector. Shape (3, 3)."""
-    helper = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
-    x = np.cross(helper, z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), z)
+    return np.asarray(turn.toRotationMatrix())
 
 
 def _wxyz(R: Array) -> Wxyz:

@@ -7,7 +7,7 @@ only in the browser that requested it.
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import viser
 
@@ -33,8 +33,7 @@ FRAME = '<div class="fm-prose">{}</div>'
 MARKS = {"done": "✔", "refused": "✖", "stopped": "✖", "no answer": "⚠"}
 
 
-@dataclass(frozen=True, slots=True)
-class RequestOutcome:
+class RequestOutcome(NamedTuple):
     """Result of a request: outcome and text."""
 
     word: Literal["done", "refused", "stopped", "no answer"]

@@ -1,8 +1,9 @@
 """Bus client of the panel: connected only while a page is open."""
 
+import math
 import threading
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig as CellFile
@@ -13,23 +14,17 @@ from forcemesh.errors import BusError
 from forcemesh.messages import (
     ArbiterStatus,
     Health,
-    Message,
     RegulatorTarget,
     RobotCommand,
     RobotState,
     SensorWrench,
     WrenchAtTcp,
 )
-from forcemesh.topics import Topic
-
-M = TypeVar("M", bound=Message)
 
 RECONNECT_S = 1.0  # between two attempts to reach the hub
 
 
-def no_reading(topic: Topic[M]) -> Reading[M]:
-    """Return the reading of a topic without subscription: missing."""
-    return Reading(None, None, float("inf"), f"{topic.key} missing", silent=True, code="missing")
+NO_READING: Reading[Any] = Reading(None, None, math.inf, "missing", silent=True, code="missing")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +33,12 @@ class Snapshot:
 
     now_ns: int = 0
     hub_fault: str = "not connected: no page was open"
-    robot: Reading[RobotState] = field(default_factory=lambda: no_reading(topics.ROBOT_STATE))
-    wrench: Reading[WrenchAtTcp] = field(default_factory=lambda: no_reading(topics.WRENCH))
-    sensor: Reading[SensorWrench] = field(default_factory=lambda: no_reading(topics.SENSOR_WRENCH))
-    target: Reading[RegulatorTarget] = field(
-        default_factory=lambda: no_reading(topics.REGULATOR_TARGET)
-    )
-    command: Reading[RobotCommand] = field(default_factory=lambda: no_reading(topics.ROBOT_COMMAND))
-    arbiter: Reading[ArbiterStatus] = field(
-        default_factory=lambda: no_reading(topics.ARBITER_STATUS)
-    )
+    robot: Reading[RobotState] = NO_READING
+    wrench: Reading[WrenchAtTcp] = NO_READING
+    sensor: Reading[SensorWrench] = NO_READING
+    target: Reading[RegulatorTarget] = NO_READING
+    command: Reading[RobotCommand] = NO_READING
+    arbiter: Reading[ArbiterStatus] = NO_READING
     health: dict[str, Reading[Health] | Reading[SensorWrench]] = field(default_factory=dict)
 
 

@@ -169,7 +169,9 @@ class _GainsForm:
             "Preset", get_args(Preset), hint="Gain rule for this cell's stiffest contact."
         )
         self._rows = {
-            field: gui.add_vector3(label, (0.0, 0.0, 0.0), min=(0.0, 0.0, 0.0), step=0.001)
+            field: SyncedField(
+                gui.add_vector3(label, (0.0, 0.0, 0.0), min=(0.0, 0.0, 0.0), step=0.001)
+            )
             for field, label, _ in GAIN_ROWS
         }
         viewer.button(
@@ -181,7 +183,6 @@ class _GainsForm:
             icon=viser.Icon.CHECK,
             hint="Gains of base x, y, z.",
         )
-        self._followed = {field: SyncedField(handle) for field, handle in self._rows.items()}
         self._are_read, self._read_at_ns = False, 0
         preset.on_click(
             lambda _event: viewer.do(
@@ -200,7 +201,7 @@ class _GainsForm:
         with suppress(ForcemeshError):
             gains = self._viewer.watch.client.force.gains()
             for field, shown in in_rows(gains).items():
-                self._followed[field].follow(shown)
+                self._rows[field].follow(shown)
             self._are_read = True
 
     def _read(self, cell: Cell) -> str:
@@ -211,7 +212,7 @@ class _GainsForm:
         if not self._are_read:  # the zeros of an unread form must not be applied
             return f"{self._read(cell)}: change them, then apply"
         request = {
-            field: tuple(float(part) * unit for part in self._rows[field].value)
+            field: tuple(float(part) * unit for part in self._rows[field].handle.value)
             for field, _, unit in GAIN_ROWS
         }
         return self._set(cell, request)
@@ -225,8 +226,8 @@ class _GainsForm:
 
     def _show(self, gains: Gains) -> None:
         for field, shown in in_rows(gains).items():
-            put(self._rows[field], value=shown)
-            self._followed[field].follow(shown)
+            put(self._rows[field].handle, value=shown)
+            self._rows[field].follow(shown)
         self._are_read = True
 
 

@@ -231,10 +231,13 @@ def _add_plate(world: mujoco.MjsBody, sim: SimSection, p_tcp_m: Array) -> None:
     for sx, sy in product((-0.05, 0.05), repeat=2):
         spring = [x + sx, y + sy, (top + z - 0.016) / 2]
         _show(world, CYLINDER, [0.009, (z - 0.016 - top) / 2, 0], pos=spring, rgba=STEEL)
-    height = top - FLOOR_Z_M
-    _show(world, BOX, [0.09, 0.09, 0.010], pos=[x, y, top - 0.010], rgba=DARK)
-    _show(world, BOX, [0.035, 0.035, height / 2], pos=[x, y, FLOOR_Z_M + height / 2], rgba=STEEL)
-    _show(world, BOX, [0.11, 0.11, 0.010], pos=[x, y, FLOOR_Z_M + 0.010], rgba=DARK)
+    half = (top - FLOOR_Z_M) / 2
+    for width, height, centre, rgba in (
+        (0.09, 0.010, top - 0.010, DARK),
+        (0.035, half, FLOOR_Z_M + half, STEEL),
+        (0.11, 0.010, FLOOR_Z_M + 0.010, DARK),
+    ):
+        _show(world, BOX, [width, width, height], pos=[x, y, centre], rgba=rgba)
 
 
 def _show(
@@ -246,8 +249,8 @@ def _show(
     rgba: list[float],
     quat: Wxyz = (1.0, 0.0, 0.0, 0.0),
 ) -> None:
-    geom = body.add_geom(type=kind, size=size, pos=pos, rgba=rgba, quat=quat)
-    geom.contype, geom.conaffinity, geom.group = 0, 0, 1
+    drawn_only = {"contype": 0, "conaffinity": 0, "group": 1}
+    body.add_geom(type=kind, size=size, pos=pos, rgba=rgba, quat=quat, **drawn_only)
 
 
 def _R_with_z(z: Array) -> Array:

@@ -20,6 +20,7 @@ MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log tim
 MESSAGE_OPCODE = int(Opcode.MESSAGE)
 MESSAGE_HEAD_B = MESSAGE.size - 9  # counted in its length, before the data
 LEVEL = 1  # of zstd: higher levels cost more and do not compress this data further
+MESSAGE_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of its entries
 FOOTER_HEAD = struct.Struct("<BQQQ")
 FOOTER_B = 8 + 8 + 4
 
@@ -157,16 +158,13 @@ class McapWriter:
         )
         for channel, times in self._times.items():
             index.message_index_offsets[channel] = self.bytes
-            index.message_index_length += self._write_message_index(channel, times)
+            entries = struct.pack(f"<{len(times)}Q", *times)
+            head = MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries))
+            index.message_index_length += self._write(head + entries)
             self._counts[channel] += len(times) // 2
         self._chunks.append(index)
         self._body, self.waiting_B = [], 0
         self._times.clear()
-
-    def _write_message_index(self, channel: int, times: list[int]) -> int:
-        entries = struct.pack(f"<{len(times)}Q", *times)
-        head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries))
-        return self._write(head + entries)
 
     def _statistics(self) -> records.Statistics:
         return records.Statistics(

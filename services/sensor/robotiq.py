@@ -141,15 +141,15 @@ class RobotiqDriver:
 
     def silence_fault(self) -> SensorFault:
         """Return why no sample is received."""
+        code, text = "sensor_silent", "nothing received: check power and sensor.device"
         if self._fault:
-            return SensorFault("sensor_silent", f"{self.where}: {self._fault}")
-        if self._framer.skipped >= FEWEST_STRANGE_BYTES:
+            text = self._fault
+        elif self._framer.skipped >= FEWEST_STRANGE_BYTES:
+            code = "sensor_stranger"
             text = f"{self._framer.skipped} bytes received without a frame of an FT 300"
-            return SensorFault("sensor_stranger", f"{self.where}: {text}")
-        if self._is_late:
-            return SensorFault("overrun", f"{self.where}: readings waited too long to be read")
-        text = f"{self.where}: nothing received: check power and sensor.device"
-        return SensorFault("sensor_silent", text)
+        elif self._is_late:
+            code, text = "overrun", "readings waited too long to be read"
+        return SensorFault(code, f"{self.where}: {text}")
 
     def close(self) -> None:
         """Stop the stream and close the line."""

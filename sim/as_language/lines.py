@@ -119,12 +119,9 @@ def _explained(text: str, error: UnexpectedCharacters | UnexpectedToken | AsErro
     """Convert an error of Lark into an AS code, a message and a column."""
     if isinstance(error, AsError):
         return error
-    if isinstance(error, UnexpectedCharacters):
-        return _bad_character(text[error.column - 1], error.column)
-    return _bad_token(text, error)
-
-
-def _bad_character(found: str, column: int) -> AsError:
+    if isinstance(error, UnexpectedToken):
+        return _bad_token(text, error)
+    found, column = text[error.column - 1], error.column
     if found == '"':
         return AsError("P0108", "the string that starts here is not closed by a quote", column)
     if not found.isascii():

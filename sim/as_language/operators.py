@@ -102,16 +102,6 @@ def negate(value: Value) -> Value:
     raise AsError("P0114", f"- cannot be applied to {plain(value)}")
 
 
-def logical_not(value: Value) -> Value:
-    """Return TRUE for 0, else FALSE."""
-    return truth(_number("NOT", value) == 0)
-
-
-def complement(value: Value) -> Value:
-    """Invert all 32 bits."""
-    return _word(~_bits("COM", value), value)
-
-
 def _relation(sign: str, compare: Callable[[Any, Any], bool]) -> BinaryOperation:
     def relate(left: Value, right: Value) -> Value:
         kind = left.__class__
@@ -155,8 +145,10 @@ BINARY: dict[str, BinaryOperation] = {
     "BXOR": _bitwise("BXOR", operator.xor), **RELATIONS, **LOGIC,
 }  # fmt: skip
 UNARY: dict[str, Callable[[Value], Value]] = {
-    "-": negate, "NOT": logical_not, "COM": complement,
-}  # fmt: skip
+    "-": negate,
+    "NOT": lambda value: truth(_number("NOT", value) == 0),
+    "COM": lambda value: _word(~_bits("COM", value), value),
+}
 
 
 def _result(number: float) -> float:

@@ -152,18 +152,22 @@ Expression = (
 # --- statements -----------------------------------------------------------------------------------
 
 
-class Comment(Node):
+class Statement(Node):
+    """One statement of a program."""
+
+
+class Comment(Statement):
     """A comment line: a step without effect."""
 
 
-class Assign(Node):
+class Assign(Statement):
     """`x = 1`, `$s = "a"`, `@n[2] = 3`. Not `TIMER(1)=0`: an Instruction."""
 
     target: Variable
     value: Expression
 
 
-class PointStatement(Node):
+class PointStatement(Statement):
     """`POINT p = expr`, `POINT #j = trans, #configuration`, `POINT/X p = q`.
 
     `part` is "" or one of X Y Z OAT O A T (also EXT and similar: not executed).
@@ -175,52 +179,52 @@ class PointStatement(Node):
     configuration: Expression | None = None
 
 
-class Here(Node):
+class Here(Statement):
     """`HERE p`, `HERE #p`, `HERE a+b` (defines the rightmost, relative to the rest)."""
 
     target: Variable
     relative_to: Expression | None = None
 
 
-class Decompose(Node):
+class Decompose(Statement):
     """`DECOMPOSE arr[k] = pose`: six reals from element k on."""
 
     target: Variable
     value: Expression
 
 
-class If(Node):
+class If(Statement):
     """`IF condition THEN`."""
 
     condition: Expression
     false_at: int = UNRESOLVED
 
 
-class Else(Node):
+class Else(Statement):
     """`ELSE`: jumps to its END when reached from above."""
 
     end_at: int = UNRESOLVED
 
 
-class While(Node):
+class While(Statement):
     """`WHILE condition DO`; `false_at` is the step after its END."""
 
     condition: Expression
     false_at: int = UNRESOLVED
 
 
-class Do(Node):
+class Do(Statement):
     """`DO`: no effect; jump target of its UNTIL."""
 
 
-class Until(Node):
+class Until(Statement):
     """`UNTIL condition`: false jumps to its DO at `false_at`."""
 
     condition: Expression
     false_at: int = UNRESOLVED
 
 
-class For(Node):
+class For(Statement):
     """`FOR v = start TO stop STEP step`.
 
     Start is assigned, stop and step are evaluated once; the test precedes the body, END adds the
@@ -241,7 +245,7 @@ class Branch(Node):
     body_at: int
 
 
-class CaseStatement(Node):
+class CaseStatement(Statement):
     """`CASE x OF` or (`text` True) `SCASE $x OF`; `default_at` is after ANY, or at the END."""
 
     selector: Expression
@@ -250,27 +254,27 @@ class CaseStatement(Node):
     default_at: int = UNRESOLVED
 
 
-class Value(Node):
+class Value(Statement):
     """`VALUE 1,2:` or `SVALUE "a":`: jumps to the END when reached from above."""
 
     values: tuple[Expression, ...]
     end_at: int = UNRESOLVED
 
 
-class Any(Node):
+class Any(Statement):
     """`ANY :`, the default branch."""
 
     end_at: int = UNRESOLVED
 
 
-class End(Node):
+class End(Statement):
     """`END` of an IF, WHILE, FOR or CASE; `start_at` is the step that opened it."""
 
     of: str = ""
     start_at: int = UNRESOLVED
 
 
-class Goto(Node):
+class Goto(Statement):
     """`GOTO label`, `GOTO label IF condition`, `IF condition GOTO label`."""
 
     label: str
@@ -278,25 +282,25 @@ class Goto(Node):
     target: int = UNRESOLVED
 
 
-class CallStatement(Node):
+class CallStatement(Statement):
     """`CALL prog(a, &b, 1+2)`. A Variable or Reference is passed by reference."""
 
     program: str
     arguments: tuple[Expression | None, ...] = ()
 
 
-class Scall(Node):
+class Scall(Statement):
     """`SCALL $name, result`: the name is in a string; result gets the error code."""
 
     program: Expression
     result: Variable | None = None
 
 
-class Return(Node):
+class Return(Statement):
     """`RETURN`."""
 
 
-class Print(Node):
+class Print(Statement):
     """`PRINT 2: items` or `TYPE items`; items are expressions and `Format`s."""
 
     name: str
@@ -304,7 +308,7 @@ class Print(Node):
     device: Expression | None = None
 
 
-class Instruction(Node):
+class Instruction(Statement):
     """Any other instruction: full upper-case name, arguments in order, words in order.
 
     SPEED 30 MM/S ALWAYS   ("SPEED", (30,), ("MM/S", "ALWAYS"))
@@ -326,12 +330,6 @@ class Instruction(Node):
     arguments: tuple[Expression | None, ...] = ()
     modifiers: tuple[str, ...] = ()
     unknown: bool = False
-
-
-Statement = (
-    Comment | Assign | PointStatement | Here | Decompose | If | Else | While | Do | Until | For |
-    CaseStatement | Value | Any | End | Goto | CallStatement | Scall | Return | Print | Instruction
-)  # fmt: skip
 
 
 # --- files ----------------------------------------------------------------------------------------

@@ -151,12 +151,6 @@ class Robot:
         still = not arm.moving or np.abs(arm.q - self.queue.q_command).max() < _STANDING_RAD
         return bool(still) or arm.ticks - self._commanded_at > _SETTLED_TICKS
 
-    def move(self, motion: MotionRequest) -> Ticket:
-        """Queue a motion. Raises AsError: P1000, E6007, E6008, E6016."""
-        if not self.motor_power:
-            raise AsError("P1000")
-        return self.queue.offer(motion, arrived=self.arrived)
-
     def power(self, *, on: bool) -> None:
         """Switch the motors; off: active motions are braked and discarded."""
         if on and not self.motor_power:
@@ -241,9 +235,12 @@ class Hardware:
         self.stalled_until_ns = self.now_ns + round(duration_s * NS_PER_S)
 
     def move(self, motion: MotionRequest) -> Ticket:
-        """Queue a motion of the robot program. Raises AsError."""
-        self.robot.queue.continuous_path = self.switches["cp"]
-        ticket = self.robot.move(motion)
+        """Queue a motion of the robot program. Raises AsError: P1000, E6007, E6008, E6016."""
+        robot = self.robot
+        if not robot.motor_power:
+            raise AsError("P1000")
+        robot.queue.continuous_path = self.switches["cp"]
+        ticket = robot.queue.offer(motion, arrived=robot.arrived)
         self.motions += 1
         if self.motions in self.behaviour.stall_at_motions:
             self.stall(self.behaviour.planning_stall_s)

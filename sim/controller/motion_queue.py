@@ -166,12 +166,13 @@ class MotionQueue:
     def _may_start(self, ticket: Ticket, *, arrived: bool) -> bool:
         if self._pausing is not None:
             return False
+        blends = self.continuous_path and ticket.motion.kind != "pause"
         if not self._active:
-            return arrived or (self.continuous_path and ticket.motion.kind != "pause")
+            return arrived or blends
         segment, running = self._active[-1]
-        if not self.continuous_path or ticket.motion.kind == "pause" or segment.braking:
+        if not blends or segment.braking or not segment.slowing:
             return False
-        return segment.slowing and self._remaining_m(segment) <= running.motion.manner.accuracy_m
+        return self._remaining_m(segment) <= running.motion.manner.accuracy_m
 
     def _remaining_m(self, segment: Segment) -> float:
         here, end = (self._kinematics.flange_pose(q) for q in (segment.q, segment.q_to))

@@ -15,7 +15,6 @@ from common.bus.configured_cell import ConfiguredCell
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.config.load import cell_from_tree
-from common.motion.convert import joints
 from common.motion.frames import (
     Array,
     Oat,
@@ -153,7 +152,7 @@ class Stage(FaultCell):
         self.last_ns = 0
         sensor = self.world.arm.ft_sensor
         if mistake.of_sensor and hidden:
-            sensor.disturb = tared_sensor(self.world.arm.sample_ft(), mistake.wiring)
+            sensor.disturb = tared_sensor(self.world.arm.ft_sensor.sample(), mistake.wiring)
         else:
             sensor.wiring = mistake.wiring
         self.world.advance(1.6)
@@ -163,7 +162,7 @@ class Stage(FaultCell):
         drive = Drive(ConfiguredCell(self.world.cell, bus=self.world.client), SPEED_M_S)
         drive.arm()
         q = drive.state().joint_rad + np.radians(TURN_DEG)
-        request = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=SPEED_M_S)
+        request = MoveRequest(kind="joints", joint_rad=tuple(q.tolist()), speed_m_s=SPEED_M_S)
         self.ask(topics.MOVE, request)
         self.world.advance(6.0, lambda: bool(np.abs(drive.state().joint_rad - q).max() < 1e-3))
         drive.release()

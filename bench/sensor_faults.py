@@ -133,7 +133,7 @@ def wiring(number: int) -> Outcome:
     """Tare, apply one of these wirings to the force axes, and press."""
     world = FaultCell("sim", gap_m=0.001, stiffness_N_m=STIFF_N_M)
     sensor, wired = world.world.arm.ft_sensor, wirings()[number]
-    rest = world.world.arm.sample_ft()
+    rest = world.world.arm.ft_sensor.sample()
 
     def disturb(sample: FtSample) -> FtSample:
         force_N = rest.force_N + wired @ (sample.force_N - rest.force_N)

@@ -218,7 +218,7 @@ class ForceRig:
         self.arm.command_joints(self._motion.tick(TICK_S))
         self.arm.step()
         if self.arm.ticks % self._sensor_ticks == 0:
-            sample = self.arm.ft_sensor.disturb(self.arm.sample_ft())
+            sample = self.arm.ft_sensor.disturb(self.arm.ft_sensor.sample())
             if sample is not None:
                 reading = (*vec3(sample.force_N), *vec3(sample.torque_Nm))
                 dt_s = self._sensor_ticks * TICK_S

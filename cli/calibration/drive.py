@@ -3,8 +3,7 @@
 from cli.calibration.gather import Watch
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
-from common.motion.convert import joints
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.client.ask import stopped_error
 from forcemesh.clock import wait_until
@@ -93,7 +92,7 @@ class Drive:
         Raises PoseRefusedError when only this goal is not possible, ArmStoppedError when the arm
         was stopped, RefusedError when no motion is allowed.
         """
-        request = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=self._speed_m_s)
+        request = MoveRequest(kind="joints", joint_rad=tuple(q.tolist()), speed_m_s=self._speed_m_s)
         timeout_s = SLOWEST * length_m / self._speed_m_s + SLOWEST_S
         try:
             self._cell.move.begin(request).wait(timeout_s, lambda _state: watch("moving"))

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, apart, is_finite_pose, length
+from common.motion.frames import Array, apart, is_finite_pose
 from common.motion.limits import Limits, check_workspace, real_speed_m_s
 from forcemesh.faults import tripped
 from forcemesh.messages import Speed, Trip, WrenchAtTcp
@@ -57,7 +57,7 @@ class BackOffPlan:
             "workspace": "straight back into the workspace",
             "blind": "back along the tool's axis, without a force to follow",
         }
-        travel_mm, most_mm_s = 1e3 * length(self.travel_m), 1e3 * SPEED_M_S
+        travel_mm, most_mm_s = 1e3 * hypot(*self.travel_m), 1e3 * SPEED_M_S
         return f"{travel_mm:.1f} mm {texts[self.kind]}, at most {most_mm_s:g} mm/s"
 
 
@@ -110,7 +110,7 @@ def _direct_path(
         )
         return tripped("already", text, value=force_N, limit=ENDS_BELOW * limits.force_N, unit="N")
     direction = _inside(limits, np.asarray(T_base_tcp.translation)) - T_base_tcp.translation
-    return BackOffPlan("workspace", direction * min(1.0, LONGEST_BACK_OFF_M / length(direction)))
+    return BackOffPlan("workspace", direction * min(1.0, LONGEST_BACK_OFF_M / hypot(*direction)))
 
 
 def _plan_by_force(T_base_tcp: pin.SE3, force: Array, force_N: float) -> BackOffPlan | Trip:
@@ -138,13 +138,13 @@ def _not_outward(limits: Limits, p: Array, travel: Array) -> Array:
     """Return a path without its small outward part on an axis that is outside."""
     low, high = p < limits.workspace_min_m, p > limits.workspace_max_m
     outward = (low & (travel < 0.0)) | (high & (travel > 0.0))
-    little = np.abs(travel) < OUTWARD_SHARE * length(travel)
+    little = np.abs(travel) < OUTWARD_SHARE * hypot(*travel)
     return np.where(outward & little, 0.0, travel)
 
 
 def _inside_part(limits: Limits, T_base_tcp: pin.SE3, path: BackOffPlan) -> BackOffPlan | Trip:
     """Return the part of a path that leads no farther outside, or why that is too short."""
-    travel_m = length(path.travel_m)
+    travel_m = hypot(*path.travel_m)
     for share in np.linspace(1.0, 0.0, 41):
         T = pin.SE3(T_base_tcp.rotation, T_base_tcp.translation + share * path.travel_m)
         if check_workspace(limits, T) is None:
@@ -223,7 +223,7 @@ def goal_trip(
         return tripped("speed", text, value=real_m_s, limit=SPEED_M_S, unit="m/s")
     if not is_finite_pose(T_to):
         return tripped("not_finite", "the goal is not finite")
-    travel, expected_m = T_to.translation - T_from.translation, length(expected.travel_m)
+    travel, expected_m = T_to.translation - T_from.translation, hypot(*expected.travel_m)
     travel_m, turn_rad = apart(T_from, T_to)
     if turn_rad > SAME_TURN_RAD:
         text = f"backing off would rotate the tool by {degrees(turn_rad):.2f} degrees"
@@ -298,7 +298,7 @@ class BackOffState:
     def moved(self, T_base_flange: pin.SE3, now_ns: int) -> Trip | None:
         """Check travel and speed of the arm, and whether the force falls."""
         time_s = max(0, now_ns - self.since_ns) * 1e-9
-        travel_m = length(T_base_flange.translation - self.T_start.translation)
+        travel_m = hypot(*(T_base_flange.translation - self.T_start.translation))
         most_m = LATE_M + FAST * SPEED_M_S * time_s
         if travel_m > most_m:
             text = f"the arm moved {travel_m * 1e3:.1f} mm within {time_s:.1f} s while backing off"

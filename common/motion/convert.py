@@ -4,18 +4,13 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.frames import Array, unit_quaternion
-from forcemesh.messages import Joints, PoseRecord, RobotState, Vec3
+from forcemesh.messages import PoseRecord, RobotState, Vec3
 
 
 def vec3(array: Array) -> Vec3:
     """Return an array of three numbers as a message tuple."""
     x, y, z = array.tolist()
     return (x, y, z)
-
-
-def joints(array: Array) -> Joints:
-    """Return an array of one number for each joint as a message tuple."""
-    return tuple(array.tolist())
 
 
 def record_of(T: pin.SE3) -> PoseRecord:

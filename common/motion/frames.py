@@ -6,7 +6,7 @@
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -36,18 +36,6 @@ def skew(v: Array) -> Array:
     """Return [v]x, so that `skew(v) @ w == cross(v, w)`. Shape (3,) to (3, 3)."""
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def length(vector: Array) -> float:
-    """Return the norm; unlike numpy's it overflows only when the norm itself does."""
-    return math.hypot(*vector.tolist())
-
-
-def is_finite(numbers: Iterable[float]) -> bool:
-    """Return whether every number is finite; plain numbers are faster for short lists."""
-    numbers = tuple(numbers)
-    # The sum is not finite if one number is not; if the sum overflows, each number is checked.
-    return math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers))
 
 
 def rotation_from_vector(rotation_vector: Array) -> Array:

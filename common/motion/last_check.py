@@ -21,8 +21,8 @@ from common.motion.limits import (
     ArmBounds,
     JointTrack,
     Limits,
+    check_apart,
     check_speed,
-    check_step,
     check_wrench,
     joint_goal,
 )
@@ -93,7 +93,7 @@ class LastCheck:
         """Check a set point; an accepted one consumes its share of the stream budget."""
         return (
             self.place(T_target)
-            or check_step(self._limits, T_measured, T_target)
+            or check_apart("step", self._limits, T_measured, T_target)
             or self._monitor.check(T_target, now_ns)
         )
 

@@ -5,20 +5,43 @@ field of `Limits`, its check, and its place in `ArmBounds`, which both processes
 """
 
 from dataclasses import dataclass
-from math import degrees, hypot, radians
+from math import degrees, hypot, isfinite, radians
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import Array, apart, is_finite, is_finite_pose
+from common.motion.frames import Array, apart, is_finite_pose
 from forcemesh.faults import tripped
 from forcemesh.messages import Goal, Joints, Speed, Trip, Vec3
 
 MEASURED_SLACK_RAD = radians(0.5)  # of measured joints: rounding of reports, settling
 JOINT_WINDOW_S = 0.1  # averaging window of joint speeds: samples repeat and have jitter
 NS_PER_S = 1_000_000_000
+
+
+class ApartTexts(NamedTuple):
+    """Texts of a limit on the distance and the angle between two poses."""
+
+    names: str  # of the poses
+    far: str  # with the distance [mm]
+    rotated: str  # with the angle and its limit [degrees]
+
+
+APART = {
+    "step": ApartTexts(
+        "the set point or the arm's pose",
+        "set point {:.1f} mm away from the arm",
+        "set point {:.1f} degrees away from the arm",
+    ),
+    "tether": ApartTexts(
+        "the pose",
+        "{:.0f} mm away from the pose at arming",
+        "rotated {:.1f} degrees from the pose at arming, limits.tether_deg is {:g}",
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,74 +122,35 @@ def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
     return None
 
 
-def check_step(limits: Limits, T_from: pin.SE3, T_to: pin.SE3) -> Trip | None:
-    """Refuse a set point too far from the robot's pose."""
-    return _check_apart(
-        "step",
-        T_from,
-        T_to,
-        limit_m=limits.step_m,
-        limit_rad=limits.step_rad,
-        names="the set point or the arm's pose",
-        far="set point {:.1f} mm away from the arm",
-        rotated="set point {:.1f} degrees away from the arm",
-    )
-
-
-def check_tether(limits: Limits, T_armed: pin.SE3, T_base_flange: pin.SE3) -> Trip | None:
-    """Refuse a flange pose too far from the pose at arming."""
-    return _check_apart(
-        "tether",
-        T_armed,
-        T_base_flange,
-        limit_m=limits.tether_m,
-        limit_rad=limits.tether_rad,
-        names="the pose",
-        far="{:.0f} mm away from the pose at arming",
-        rotated="rotated {:.1f} degrees from the pose at arming, limits.tether_deg is {:g}",
-    )
-
-
-def _check_apart(
-    code: str,
-    T_from: pin.SE3,
-    T_to: pin.SE3,
-    *,
-    limit_m: float,
-    limit_rad: float,
-    names: str,
-    far: str,
-    rotated: str,
+def check_apart(
+    code: Literal["step", "tether"], limits: Limits, T_from: pin.SE3, T_to: pin.SE3
 ) -> Trip | None:
-    """Refuse poses that are farther apart than a distance or an angle."""
+    """Refuse a pose too far from another: a set point from the arm, or a flange from its arming."""
+    texts = APART[code]
     if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
-        return _not_finite(names)
+        return _not_finite(texts.names)
+    limit_m, limit_rad = limits.step_m, limits.step_rad
+    if code == "tether":
+        limit_m, limit_rad = limits.tether_m, limits.tether_rad
     distance_m, angle_rad = apart(T_from, T_to)
     if distance_m > limit_m:
-        text = far.format(distance_m * 1e3)
+        text = texts.far.format(distance_m * 1e3)
         return tripped(code, text, value=distance_m, limit=limit_m, unit="m")
     if angle_rad > limit_rad:
-        text = rotated.format(degrees(angle_rad), degrees(limit_rad))
+        text = texts.rotated.format(degrees(angle_rad), degrees(limit_rad))
         return tripped(code, text, value=angle_rad, limit=limit_rad, unit="rad")
     return None
-
-
-def check_joint_count(limits: Limits, joint_rad: Joints | Array) -> Trip | None:
-    """Refuse joint angles of another arm: one for each joint of the cell file."""
-    count, expected = len(joint_rad), len(limits.joint_min_rad)
-    if count == expected:
-        return None
-    text = f"{count} joint angles, the arm of the cell file has {expected} joints"
-    return tripped("joint_count", text, value=count, limit=expected)
 
 
 def check_joints(
     limits: Limits, joint_rad: Joints | Array, *, slack_rad: float = 0.0
 ) -> Trip | None:
-    """Refuse joint angles outside the arm's range, with a tolerance."""
-    if (trip := check_joint_count(limits, joint_rad)) is not None:
-        return trip
-    if not is_finite(joint_rad):
+    """Refuse joint angles of another arm, or outside the arm's range, with a tolerance."""
+    count, expected = len(joint_rad), len(limits.joint_min_rad)
+    if count != expected:
+        text = f"{count} joint angles, the arm of the cell file has {expected} joints"
+        return tripped("joint_count", text, value=count, limit=expected)
+    if not all(map(isfinite, joint_rad)):
         return _not_finite("a joint angle")
     bounds = (limits.joint_min_rad.tolist(), limits.joint_max_rad.tolist())
     for number, (angle, lowest, highest) in enumerate(zip(joint_rad, *bounds, strict=True), 1):
@@ -196,7 +180,7 @@ def check_wrench(limits: Limits, force_N: Vec3 | Array, torque_Nm: Vec3 | Array)
     force, torque = hypot(*force_N), hypot(*torque_Nm)
     if force < limits.force_N and torque < limits.torque_Nm:
         return None  # and every number is finite
-    if not (is_finite(force_N) and is_finite(torque_Nm)):
+    if not all(map(isfinite, (*force_N, *torque_Nm))):
         return _not_finite("the wrench")
     if force > limits.force_N:
         text = f"force {force:.1f} N is above the ceiling"
@@ -253,8 +237,8 @@ class ArmBounds:
     def place(self, T_base_flange: pin.SE3) -> Trip | None:
         """Check a flange pose: its TCP in the workspace, the flange within the tether."""
         limits, T_base_tcp = self.limits, T_base_flange * self.T_flange_tcp
-        return check_workspace(limits, T_base_tcp) or check_tether(
-            limits, self.T_armed, T_base_flange
+        return check_workspace(limits, T_base_tcp) or check_apart(
+            "tether", limits, self.T_armed, T_base_flange
         )
 
     def goal(self, goal: Goal, joint_rad: Joints | Array) -> Trip | None:
@@ -265,8 +249,9 @@ class ArmBounds:
             return self.place(pose_of(goal.pose))
         if goal.joint_rad is None:
             return tripped("malformed", f"a move of kind {goal.kind} needs joint_rad")
-        trip = check_joint_count(self.limits, goal.joint_rad)
-        return trip or check_joints(self.limits, joint_goal(goal, joint_rad))
+        if len(goal.joint_rad) != len(self.limits.joint_min_rad):
+            return check_joints(self.limits, goal.joint_rad)  # refused by their number
+        return check_joints(self.limits, joint_goal(goal, joint_rad))
 
     def measured(
         self,
@@ -285,7 +270,7 @@ class ArmBounds:
         trip = trip or self.place(T_base_flange)
         if trip is not None or (speed_rad_s := track.speed_rad_s) is None:
             return trip
-        if not is_finite(speed_rad_s):
+        if not all(map(isfinite, speed_rad_s)):
             return _not_finite("a joint's speed")
         both = zip(map(abs, speed_rad_s), self.limits.joint_speed_rad_s.tolist(), strict=True)
         for number, (speed, fastest) in enumerate(both, start=1):

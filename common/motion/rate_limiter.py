@@ -27,14 +27,9 @@ class CommandedMotion:
     """A commanded flange pose and its velocity, in base axes."""
 
     T_base_flange: pin.SE3
-    T_target: pin.SE3  # target of this period
+    T_target: pin.SE3  # target of this period; once it is reached, the same object as the pose
     speeds: Speeds
     lags: bool = False  # behind the target by more than acceleration explains
-
-    @property
-    def is_at_target(self) -> bool:
-        """Whether the pose equals the target."""
-        return self.T_base_flange is self.T_target
 
     @property
     def is_at_rest(self) -> bool:
@@ -68,7 +63,7 @@ def limit_motion(
     most = (limits.speed_m_s, limits.speed_rad_s)
     most_change = (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s)
     needed = allowed = _speeds_between(before.T_base_flange, T_target, dt_s)
-    if not before.is_at_target:  # there is a distance to close
+    if before.T_base_flange is not before.T_target:  # there is a distance to close
         of_target = _limited(REST, _speeds_between(before.T_target, T_target, dt_s), most)
         braked = tuple(map(_braked_within, map(dist, of_target, needed), most_change))
         allowed = _limited(of_target, needed, braked)

@@ -10,12 +10,13 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import hypot
 from operator import attrgetter
 from typing import Any
 
 import pinocchio as pin
 
-from common.motion.frames import apart, length, rotation_between
+from common.motion.frames import apart, rotation_between
 from common.motion.limits import Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
@@ -119,8 +120,8 @@ class SetpointMonitor:
         more_m = step.path_m - 2.0 * middle.path_m + first.path_m
         more_rad = step.path_rad - 2.0 * middle.path_rad + first.path_rad
         for change, most, accel in (
-            (max(length(change_m), more_m), most_m, limits.accel_m_s2),
-            (max(length(change_rad), more_rad), most_rad, limits.accel_rad_s2),
+            (max(hypot(*change_m.tolist()), more_m), most_m, limits.accel_m_s2),
+            (max(hypot(*change_rad.tolist()), more_rad), most_rad, limits.accel_rad_s2),
         ):
             if change > most:
                 text = "acceleration of the set points is above the limit"

@@ -7,14 +7,14 @@ The motion of force feedback in the controller is unknown to the gateway, so it 
 
 from collections import deque
 from itertools import pairwise
-from math import degrees, radians
+from math import degrees, hypot, radians
 from typing import Literal
 
 import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, apart, length, rotation_between
+from common.motion.frames import Array, apart, rotation_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Joints, Trip
 
@@ -76,10 +76,24 @@ class TrackingMonitor:
 
     def judge(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
         """Check a report; call it once for each."""
+        poses, T = self._poses, T_measured
+        away_m = away_rad = 0.0  # to the nearest commanded pose
         if self._joints is not None:
-            away_m, away_rad = 0.0, _distance_to_segment(*self._joints, np.array(joint_rad))
-        else:
-            away_m, away_rad = self._away(T_measured, now_ns)
+            away_rad = _distance_to_segment(*self._joints, np.array(joint_rad))
+        elif poses:
+            # The last pose before the delay was still valid at its start.
+            start_ns = now_ns - self._delay_ns
+            while self._motion == "stream" and len(poses) > 1 and poses[1][0] <= start_ns:
+                poses.popleft()
+            away_m, away_rad = apart(poses[-1][1], T)
+        # Newest first: it nearly always matches, and the rest need no check.
+        for (_, b), (_, a) in pairwise(reversed(poses)):
+            if away_m <= self._limit_m and away_rad <= self._limit_rad:
+                break
+            away_m = min(away_m, _distance_to_segment(a.translation, b.translation, T.translation))
+            line_rad = rotation_between(a.rotation, b.rotation)
+            turned_rad = rotation_between(a.rotation, T.rotation)
+            away_rad = min(away_rad, _distance_to_segment(np.zeros(3), line_rad, turned_rad))
         if away_m <= self._limit_m and away_rad <= self._limit_rad:
             self._off = 0
             return None
@@ -92,30 +106,10 @@ class TrackingMonitor:
         text = f"the arm is {degrees(away_rad):.1f} degrees away from its commanded pose"
         return tripped("tracking", text, value=away_rad, limit=self._limit_rad, unit="rad")
 
-    def _away(self, T: pin.SE3, now_ns: int) -> tuple[float, float]:
-        """Return distance [m] and angle [rad] to the nearest commanded pose."""
-        poses = self._poses
-        if not poses:
-            return 0.0, 0.0
-        if self._motion == "stream":
-            # The last pose before the delay was still valid at its start.
-            while len(poses) > 1 and now_ns - poses[1][0] >= self._delay_ns:
-                poses.popleft()
-        away_m, away_rad = apart(poses[-1][1], T)
-        # Newest first: it nearly always matches, and the rest need no check.
-        for (_, b), (_, a) in pairwise(reversed(poses)):
-            if away_m <= self._limit_m and away_rad <= self._limit_rad:
-                break
-            away_m = min(away_m, _distance_to_segment(a.translation, b.translation, T.translation))
-            line_rad = rotation_between(a.rotation, b.rotation)
-            turned_rad = rotation_between(a.rotation, T.rotation)
-            away_rad = min(away_rad, _distance_to_segment(np.zeros(3), line_rad, turned_rad))
-        return away_m, away_rad
-
 
 def _distance_to_segment(a: Array, b: Array, point: Array) -> float:
     """Return the distance of a point from a line segment."""
     segment = b - a
     square = float(segment @ segment)
     share = 0.0 if square == 0.0 else min(1.0, max(0.0, float((point - a) @ segment) / square))
-    return length(point - a - share * segment)
+    return hypot(*(point - a - share * segment))

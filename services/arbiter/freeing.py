@@ -11,7 +11,6 @@ import pinocchio as pin
 from common.motion import back_off
 from common.motion.back_off import BackOffPlan, BackOffState
 from common.motion.convert import pose_of, record_of
-from common.motion.frames import length
 from common.motion.last_check import MEASURED_SLACK_M
 from common.motion.limits import ArmBounds, Limits
 from forcemesh.faults import tripped
@@ -55,7 +54,7 @@ class Freeing:
 
     def _progress(self, T: pin.SE3, wrench: WrenchAtTcp | None) -> str:
         """Return the tool's travel and the present force as a text."""
-        travel_mm = 1e3 * length(T.translation - self.run.T_start.translation)
+        travel_mm = 1e3 * hypot(*(T.translation - self.run.T_start.translation))
         force = "force unknown" if wrench is None else f"{hypot(*wrench.force_N):.1f} N now"
         return f"{travel_mm:.1f} mm, {force}"
 

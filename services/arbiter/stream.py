@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from common.config.cell import ForceSection
 from common.motion.frames import is_finite_pose
-from common.motion.limits import NS_PER_S, ArmBounds, Limits, check_step, check_workspace
+from common.motion.limits import NS_PER_S, ArmBounds, Limits, check_apart, check_workspace
 from common.motion.rate_limiter import CommandedMotion, brake, limit_motion, resting_place
 from forcemesh.faults import clipped
 from forcemesh.messages import Trip, WrenchAtTcp
@@ -61,7 +61,7 @@ def follow(
     after = limit_motion(limits, motion, T_target, tick.dt_s)
     return (
         bounds.place(resting_place(limits, after))
-        or check_step(limits, tick.T_measured, after.T_base_flange)
+        or check_apart("step", limits, tick.T_measured, after.T_base_flange)
         or after
     )
 
@@ -119,7 +119,9 @@ def step_stop(stopping: Stopping, bounds: ArmBounds, tick: Tick) -> Stopping:
     slow = replace(bounds.limits, speed_m_s=stopping.speed_m_s)
     motion = limit_motion(slow, stopping.motion, stopping.T_back, tick.dt_s)
     late = tick.now_ns - stopping.since_ns > RETREAT_WITHIN_S * NS_PER_S
-    done = late or (motion.is_at_rest and motion.is_at_target) or bounds.place(motion.T_base_flange)
+    T_reached = motion.T_base_flange
+    is_over = motion.is_at_rest and T_reached is motion.T_target
+    done = late or is_over or bounds.place(T_reached)
     if not done:
         return replace(stopping, motion=motion)
     left_m = np.linalg.norm(stopping.T_back.translation - stopping.motion.T_base_flange.translation)

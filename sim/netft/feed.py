@@ -22,7 +22,7 @@ class RdtFeed:
         """Handle one tick of the arm: take a sample if due."""
         if self._arm.ticks % self._ticks:
             return
-        sample = self._arm.ft_sensor.disturb(self._arm.sample_ft())
+        sample = self._arm.ft_sensor.disturb(self._arm.ft_sensor.sample())
         if sample is not None:
             self._server.measured(np.concatenate((sample.force_N, sample.torque_Nm)).tolist())
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, is_finite
+from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
 from forcemesh.errors import SimulationError
 from sim.robot.engine import mujoco
-from sim.robot.ft_sensor import FtSample, FtSensor
+from sim.robot.ft_sensor import FtSensor
 from sim.robot.plate import Disc, SprungPlate, lift_off_m
 from sim.robot.scene import build_model, plate_at_rest
 from sim.robot.settings import TICK_S, SimSettings
@@ -123,7 +123,6 @@ class SimArm:
         self.model = build_model(settings)
         self.data = mujoco.MjData(self.model)
         self.plate = PlateContact(self.model, self.data, settings)
-        self.ft_sensor = FtSensor(settings, seed=seed)
         self.ticks = 0
         home = settings.home_rad
         violation = self.kinematics.limit_violation(home)
@@ -133,7 +132,8 @@ class SimArm:
         # Views of the state: MuJoCo never reallocates it.
         self._q: Array = self.data.qpos[: self.kinematics.joints]
         self._speed_rad_s: Array = self.data.qvel[: self.kinematics.joints]
-        self._ctrl, self._on_tool = self.data.ctrl, self.data.sensordata[:6]
+        self._ctrl = self.data.ctrl
+        self.ft_sensor = FtSensor(settings, self.data.sensordata[:6], seed=seed)
         self._line = SetPointLine(
             home, delay_ticks=settings.delay_ticks, smoothing_ticks=settings.smoothing_ticks
         )
@@ -194,7 +194,7 @@ class SimArm:
         if q is self._taken and not q.flags.writeable:
             return
         command = np.array(q, dtype=float)
-        if command.shape != self._q.shape or not is_finite(command.tolist()):
+        if command.shape != self._q.shape or not all(map(math.isfinite, command.tolist())):
             raise SimulationError(f"joint command must be {len(self._q)} finite angles, got {q}")
         violation = self.kinematics.limit_violation(command)
         if violation:
@@ -204,7 +204,9 @@ class SimArm:
     def step(self) -> None:
         """Advance by one millisecond. Raises SimulationError if the simulation diverged."""
         self._ctrl[:] = self._line.push(self._command)
-        self.advance()
+        mujoco.mj_step1(self.model, self.data)
+        self.plate.act()
+        mujoco.mj_step2(self.model, self.data)
         self.ticks += 1
         if not any(self._warnings.tolist()):
             return
@@ -215,17 +217,6 @@ class SimArm:
                     f"the simulation diverged at {self.time_s:.3f} s ({kind.name[7:]}):"
                     " reduce contact stiffness, time step or command acceleration"
                 )
-
-    def advance(self) -> None:
-        """Advance by one time step of the model, without new set points."""
-        mujoco.mj_step1(self.model, self.data)
-        self.plate.act()
-        mujoco.mj_step2(self.model, self.data)
-
-    def sample_ft(self) -> FtSample:
-        """Return a new sample of the force/torque sensor for the last step."""
-        load = -self._on_tool  # MuJoCo: robot on tool; a real sensor: tool on robot
-        return self.ft_sensor.sample(force_N=load[:3], torque_Nm=load[3:])
 
     def true_wrench(self) -> TrueWrench:
         """Return the wrench of the plate and of applied forces on the tool, for the last step."""

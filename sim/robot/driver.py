@@ -23,7 +23,7 @@ from forcemesh.messages import (
     WrenchAtTcp,
 )
 from sim.robot.arm import SimArm
-from sim.robot.motion import MotionGenerator
+from sim.robot.motion import BUSY, MotionGenerator
 
 
 class SimDriver:
@@ -46,7 +46,7 @@ class SimDriver:
         self._tracking.free()
         if self.goal.state == "running":
             self.goal = self.goal.replaced(state="refused", reason=reason)
-        if not self._seeded and not self._motion.busy and not self._arm.moving:
+        if not self._seeded and self._motion.state not in BUSY and not self._arm.moving:
             self._motion.reseed(self._arm.q)
             self._seeded = True
 
@@ -81,7 +81,7 @@ class SimDriver:
             return None
         if self._motion.state == "running":  # the permission contains no motion
             self._motion.brake()
-        moving = self._motion.busy or self._arm.moving
+        moving = self._motion.state in BUSY or self._arm.moving
         self._tracking.rest(self._arm.T_base_flange, moving=moving)
         return None
 
@@ -113,7 +113,7 @@ class SimDriver:
             reason = self._start(goal, speed)
             state: GoalState = "refused" if reason else "running"
             self.goal = GoalReport(id=goal.id, state=state, reason=reason)
-        elif self.goal.state == "running" and not self._motion.busy:
+        elif self.goal.state == "running" and self._motion.state not in BUSY:
             if self._motion.state == "refused":
                 update = {"state": "refused", "reason": self._motion.reason}
                 self.goal = self.goal.replaced(**update)

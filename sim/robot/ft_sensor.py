@@ -38,9 +38,15 @@ class FtSensor:
     in transit; None: the sample is lost).
     """
 
-    def __init__(self, settings: SimSettings, *, seed: int) -> None:
-        """Seed the noise generator."""
-        self._counter = 0
+    def __init__(self, settings: SimSettings, on_tool: Array, *, seed: int) -> None:
+        """Seed the noise generator.
+
+        Args:
+            settings: Bias, noise, quantisation and range.
+            on_tool: View of MuJoCo's sensors: load of the robot on the tool [N, N m]. Shape (6,).
+            seed: Of the noise.
+        """
+        self._counter, self._on_tool = 0, on_tool
         self.wiring = np.eye(6)
         self.disturb: Callable[[FtSample], FtSample | None] = lambda sample: sample
         s = settings
@@ -53,13 +59,13 @@ class FtSensor:
         step = np.repeat([s.quantum_force_N, s.quantum_torque_Nm], 3)
         self._step = np.where(step > 0.0, step, _NO_QUANTUM)
 
-    def sample(self, *, force_N: Array, torque_Nm: Array) -> FtSample:
-        """Return a sample of a true load [N, Nm], sensor axes and origin. Shapes (3,), (3,)."""
+    def sample(self) -> FtSample:
+        """Return a new sample of the present load: tool on robot, the opposite of MuJoCo's."""
         row = self._counter % _DRAWN_AT_ONCE
         if row == 0:
             self._added = self._bias + self._noise * self._rng.standard_normal(self._added.shape)
         self._counter += 1
-        value = self.wiring.dot(np.concatenate((force_N, torque_Nm))) + self._added[row]
+        value = self.wiring.dot(-self._on_tool) + self._added[row]
         saturated = any(map(ge, map(abs, value.tolist()), self._ranges))
         if saturated:
             np.clip(value, -self._range, self._range, out=value)

@@ -27,7 +27,8 @@ ACCEL_M_S2 = 2.0  # at 100 percent
 BRAKE_M_S2 = 2.5  # from 250 mm/s to standstill in 100 ms
 STREAM_JUMP_RAD = 0.35  # largest joint change of one streamed pose
 _SHRINKS = 8  # attempts to find a step that keeps the joints' speed limits
-_BUSY = "a goal is active: brake first"
+BUSY = ("running", "braking")  # states with a goal
+_REFUSED_BUSY = "a goal is active: brake first"
 
 
 class MotionGenerator:
@@ -53,11 +54,6 @@ class MotionGenerator:
         self.state: MotionState = "idle"
         self.reason = ""  # why the last goal was aborted
 
-    @property
-    def busy(self) -> bool:
-        """Whether a goal is active or being braked."""
-        return self.state in ("running", "braking")
-
     def reseed(self, q: Array) -> None:
         """Discard every motion and hold q [rad]. Shape (n,)."""
         self.q_command = np.array(q, dtype=float)
@@ -65,8 +61,8 @@ class MotionGenerator:
 
     def start_pose(self, T_base_flange: pin.SE3, speed: Speed) -> str:
         """Start a linear motion of the flange with uniform rotation about one axis."""
-        if self.busy:
-            return _BUSY
+        if self.state in BUSY:
+            return _REFUSED_BUSY
         if not np.isfinite(T_base_flange.homogeneous).all():
             return "the pose contains a number that is not finite"
         path = LinearPath(self._kinematics, self.q_command, T_base_flange)
@@ -74,8 +70,8 @@ class MotionGenerator:
 
     def start_joints(self, q_goal: Array, speed: Speed) -> str:
         """Start a synchronised motion to joint angles [rad]. Shape (n,)."""
-        if self.busy:
-            return _BUSY
+        if self.state in BUSY:
+            return _REFUSED_BUSY
         goal = np.array(q_goal, dtype=float)
         if not np.isfinite(goal).all():
             return "the joint goal contains a number that is not finite"
@@ -84,8 +80,8 @@ class MotionGenerator:
 
     def setpoint(self, T_base_flange: pin.SE3) -> str:
         """Follow a streamed pose from the next tick on; it replaces an older one."""
-        if self.busy:
-            return _BUSY
+        if self.state in BUSY:
+            return _REFUSED_BUSY
         result = self._kinematics.solve(T_base_flange, self.q_command, jump_rad=STREAM_JUMP_RAD)
         if result.q is None:
             return result.reason
@@ -114,7 +110,7 @@ class MotionGenerator:
 
         Shape (n,).
         """
-        if self.busy:
+        if self.state in BUSY:
             self._follow(dt_s)
         elif self.state == "stream" and self._stream_s > 0.0:
             if self._stream_s <= dt_s:
@@ -133,7 +129,7 @@ class MotionGenerator:
         return ""
 
     def _follow(self, dt_s: float) -> None:
-        assert self._path is not None  # noqa: S101 - busy means that there is one
+        assert self._path is not None  # noqa: S101 - a busy state has one
         self._share_speed = self._next_share_speed(self._path.extent_m, dt_s)
         step = self._share_speed * dt_s
         share, result = step_along(self._path, self._share, self.q_command, step=step, dt_s=dt_s)

@@ -97,12 +97,12 @@ class SprungPlate:
         (x, y, z), (bx, by, _) = disc.centre_m, disc.back
         if z - disc.radius_m * math.hypot(bx, by) >= 0.0 and self.rests:
             return ContactWrench()
+        # Midpoint rule of the spring-dampers: force k (x1 - kept x0); `kept` is the unloaded decay.
         rate = self.relaxation_s / dt_s + 0.5
         k, k_tilt = rate * self.stiffness_N_m, rate * self.tilt_stiffness_Nm_rad
         kept = 1.0 - 1.0 / rate
-        rule = _Midpoint(k, k_tilt, kept, dt_s)
         free_m, free_x, free_y = kept * self.travel_m, kept * self.slope[0], kept * self.slope[1]
-        squeeze = _Squeeze(disc, rule, free_m, (free_x, free_y))
+        squeeze = _Squeeze(disc, k, k_tilt, free_m, (free_x, free_y))
         normal_N, arm = 0.0, _ORIGIN
         if max(abs(x), abs(y)) <= HALF_SIDE_M:
             gap_m, _, _ = squeeze.at(0.0)
@@ -112,46 +112,31 @@ class SprungPlate:
         self.travel_m, give = free_m - normal_N / k, normal_N / k_tilt
         ax, ay, az = arm
         self.slope = (free_x - give * (x + ax), free_y - give * (y + ay))
-        fx, fy, twist_Nm = self._rub(disc, arm, normal_N, rule)
-        fx, fy, fz = fx - normal_N * self.slope[0], fy - normal_N * self.slope[1], normal_N
-        torque = (ay * fz - az * fy, az * fx - ax * fz, ax * fy - ay * fx + twist_Nm)
-        return ContactWrench((fx, fy, fz), torque, normal_N)
-
-    def _rub(self, disc: Disc, arm: Vector3, normal_N: float, rule: "_Midpoint") -> Vector3:
-        """Apply stick or slip friction; return its force [N, N] and torque [Nm] on the disc."""
-        (vx, vy, _), (wx, wy, wz), (ax, ay, az) = disc.velocity_m_s, disc.turn_rad_s, arm
-        vx, vy = vx + wy * az - wz * ay, vy + wz * ax - wx * az  # at the centre of pressure
-        (zx, zy), psi, (k, k_tilt, kept, dt_s) = self.shear_m, self.twist_rad, rule
-        fx = -k * (zx + dt_s * vx - kept * zx)
-        fy = -k * (zy + dt_s * vy - kept * zy)
-        twist_Nm = -k_tilt * (psi + dt_s * wz - kept * psi)
-        limit_N = self.friction * normal_N
+        # Friction within the plane, at the centre of pressure: stick, or slip at the limit.
+        (vx, vy, _), (wx, wy, wz), (zx, zy) = disc.velocity_m_s, disc.turn_rad_s, self.shear_m
+        fx = -k * (zx + dt_s * (vx + wy * az - wz * ay) - kept * zx)
+        fy = -k * (zy + dt_s * (vy + wz * ax - wx * az) - kept * zy)
+        twist_Nm = -k_tilt * (self.twist_rad + dt_s * wz - kept * self.twist_rad)
         lever_m = math.sqrt(max(0.0, disc.radius_m**2 - ax * ax - ay * ay - az * az))
         if lever_m < LEAST_LEVER_M:
             twist_Nm, lever_m = 0.0, 1.0  # a disc on its edge transmits no twist torque
-        used_N = math.hypot(fx, fy, twist_Nm / lever_m)
+        limit_N, used_N = self.friction * normal_N, math.hypot(fx, fy, twist_Nm / lever_m)
         if used_N > limit_N:
             share = limit_N / used_N
             fx, fy, twist_Nm = share * fx, share * fy, share * twist_Nm
         self.shear_m = (kept * zx - fx / k, kept * zy - fy / k)
-        self.twist_rad = kept * psi - twist_Nm / k_tilt
-        return fx, fy, twist_Nm
-
-
-class _Midpoint(NamedTuple):
-    """Midpoint rule of spring-dampers: force k (x1 - kept x0); `kept` is the unloaded decay."""
-
-    k: float
-    k_tilt: float
-    kept: float
-    dt_s: float
+        self.twist_rad = kept * self.twist_rad - twist_Nm / k_tilt
+        fx, fy, fz = fx - normal_N * self.slope[0], fy - normal_N * self.slope[1], normal_N
+        torque = (ay * fz - az * fy, az * fx - ax * fz, ax * fy - ay * fx + twist_Nm)
+        return ContactWrench((fx, fy, fz), torque, normal_N)
 
 
 class _Squeeze(NamedTuple):
     """Projection on the gap constraint: one equation for the normal force, monotonic in it."""
 
     disc: Disc
-    rule: _Midpoint
+    k: float  # of the midpoint rule [N/m]
+    k_tilt: float  # [N m/rad]
     free_m: float  # deflection of the unloaded plate at the end of the step
     free_slope: Vector2
 
@@ -161,7 +146,7 @@ class _Squeeze(NamedTuple):
         (x, y, z), (bx, by, bz) = self.disc.centre_m, self.disc.back
         normal_N = 0.0
         if abs(bz) >= 0.1:  # initial guess: the disc lies flat
-            normal_N = self.rule.k * (self.free_m - z - (bx * x + by * y) / bz)
+            normal_N = self.k * (self.free_m - z - (bx * x + by * y) / bz)
         for _ in range(NEWTON_STEPS):
             if not low < normal_N <= high:
                 normal_N = 0.5 * (low + high)
@@ -176,7 +161,7 @@ class _Squeeze(NamedTuple):
     def at(self, normal_N: float) -> tuple[float, float, Vector3]:
         """Return gap, its derivative by the force, and the centre of pressure [m, m/N, m]."""
         (x, y, z), (bx, by, bz), _, _, r = self.disc
-        (k, k_tilt, _, _), (free_x, free_y) = self.rule, self.free_slope
+        k, k_tilt, (free_x, free_y) = self.k, self.k_tilt, self.free_slope
         give, travel_m = normal_N / k_tilt, self.free_m - normal_N / k
         # The relative tilt is q - give bz arm. On an edge the arm is the rim's lowest point, along
         # q. If that would tilt the disc beyond flat, it lies flat with its arm within the rim.

@@ -1,8 +1,9 @@
 """Simulated robot on the bus: implements the keys of the gateway and of the sensor."""
 
+from math import isfinite
+
 from common.config.cell import CellConfig
-from common.motion.convert import joints, record_of, vec3
-from common.motion.frames import is_finite
+from common.motion.convert import record_of
 from common.motion.permission import NO_COMMAND_YET, CommandGate
 from common.motion.setpoint_monitor import SPEED_MARGIN
 from forcemesh import topics
@@ -15,6 +16,7 @@ from forcemesh.messages import (
     RobotStatus,
     SensorWrench,
     Trip,
+    Vec3,
 )
 from sim.robot.arm import SimArm
 from sim.robot.driver import SimDriver
@@ -98,7 +100,7 @@ class SimRobot:
             self._trace.ticked()
         if self.arm.ticks % self._state_ticks:
             return
-        T_base_flange, joint_rad = self.arm.T_base_flange, joints(self.arm.q)
+        T_base_flange, joint_rad = self.arm.T_base_flange, tuple(self.arm.q.tolist())
         if self.verdict.command is not None:
             at_ns = self._start_ns + (self.arm.ticks + self._ticks_lost) * TICK_NS
             if (trip := self._driver.watch(T_base_flange, joint_rad, at_ns)) is not None:
@@ -141,12 +143,13 @@ class SensorFeed:
         """
         if self._arm.ticks % self._ticks:
             return
-        sample = self._arm.ft_sensor.disturb(self._arm.sample_ft())
+        sample = self._arm.ft_sensor.disturb(self._arm.ft_sensor.sample())
         if sample is None:
             return
-        force_N, torque_Nm = vec3(sample.force_N), vec3(sample.torque_Nm)
+        force_N: Vec3 = tuple(sample.force_N.tolist())
+        torque_Nm: Vec3 = tuple(sample.torque_Nm.tolist())
         status, code, reason = sample.status, SENSOR_CODES[sample.status], ""
-        if not is_finite(force_N + torque_Nm):
+        if not all(map(isfinite, force_N + torque_Nm)):
             force_N = torque_Nm = ZERO3
             status, code, reason = "fault", "not_finite", "the sensor reading is not finite"
         elif status != "ok":

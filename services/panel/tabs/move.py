@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import viser
 
-from common.motion.convert import joints, pose_of, record_of
+from common.motion.convert import pose_of, record_of
 from common.motion.frames import Oat, R_from_oat, oat_from_R, pose
 from forcemesh.client import Cell, RefusedError
 from forcemesh.clock import NS_PER_S
@@ -180,7 +180,7 @@ class _Jog:
         step_deg = self._signed_step(arrow)
         by = np.zeros(self._count)
         by[int(joint[1:]) - 1] = math.radians(step_deg)
-        request = MoveRequest(kind="by", joint_rad=joints(by))
+        request = MoveRequest(kind="by", joint_rad=tuple(by.tolist()))
         self._move(f"{joint} by {step_deg:+g} degrees", lambda _cell: request)
 
     def _signed_step(self, arrow: str) -> float:
@@ -203,7 +203,7 @@ def _add_joints(viewer: Viewer, move: RequestMove) -> None:
 
     def start() -> None:
         angles = [float(field.value) for field in fields]
-        request = MoveRequest(kind="joints", joint_rad=joints(np.radians(angles)))
+        request = MoveRequest(kind="joints", joint_rad=tuple(np.radians(angles).tolist()))
         text = "All joints move to " + ", ".join(f"{angle:g}" for angle in angles) + " degrees."
         what = "Move the joints"
         viewer.confirm(what, paragraphs(text), "Move now", lambda: move(what, lambda _: request))

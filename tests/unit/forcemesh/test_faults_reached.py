@@ -19,7 +19,7 @@ from common.motion.limits import (
     ArmBounds,
     JointTrack,
     Limits,
-    check_step,
+    check_apart,
     check_workspace,
 )
 from common.motion.setpoint_monitor import SetpointMonitor
@@ -242,7 +242,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "robot_refuses":    from_a_bare_arm,
     "joint":            lambda: ask_armed((topics.MOVE, FAR)),
     "joint_count":      lambda: ask_armed((topics.MOVE, OTHER_ARM)),
-    "step":             lambda: ruled(check_step(LIMITS, HERE, BEYOND)),
+    "step":             lambda: ruled(check_apart("step", LIMITS, HERE, BEYOND)),
     "tether":           lambda: ruled(BOUNDS.place(UPSIDE_DOWN)),
     "speed":            lambda: ask_armed((topics.SPEED, Speed(mechanical_m_s=4.0))),
     "rate":             lambda: ruled(flood_commands()),

@@ -12,7 +12,6 @@ from cli.context import INTERRUPTED
 from cli.terminal import typed_line
 from common.config.calibration import CalibrationSection
 from common.config.load import load_cell
-from common.motion.convert import joints
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.requests import ArmRequest, MoveRequest
@@ -53,7 +52,7 @@ class Person:
         return None if isinstance(verb, float) else str(verb)
 
     def _jog(self, q: np.ndarray) -> None:
-        goal = MoveRequest(kind="joints", joint_rad=joints(q), speed_m_s=0.9)
+        goal = MoveRequest(kind="joints", joint_rad=tuple(q.tolist()), speed_m_s=0.9)
         reply = self.lab.bus.ask(topics.MOVE, goal)
         if not reply.accepted:  # the previous move has not quite ended: request again
             assert reply.code == "busy", reply.text

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,15 @@ from common.motion.limits import (
     JointTrack,
     Limits,
     Plane,
+    check_apart,
     check_joints,
-    check_step,
-    check_tether,
     check_workspace,
     check_wrench,
 )
 from forcemesh.messages import Trip
 from tests.fakes.arbiter_world import pose_at
+
+check_step, check_tether = partial(check_apart, "step"), partial(check_apart, "tether")
 
 DEMO_CELL = Path(__file__).resolve().parents[4] / "cells" / "demo.yaml"
 CELL = load_cell(DEMO_CELL)
@@ -261,7 +263,7 @@ def test_a_turn_of_exactly_the_limit_is_allowed(check: Any) -> None:
     """To the last digit of the angle that is computed."""
     T_from, T_to = pose_at(CENTRE), pose_at(CENTRE, [0.1, -0.05, 0.07])
     _, angle = apart(T_from, T_to)
-    for limit, rule in ((angle, None), (math.nextafter(angle, 0.0), check.__name__[6:])):
+    for limit, rule in ((angle, None), (math.nextafter(angle, 0.0), check.args[0])):
         trip = check(replace(LIMITS, step_rad=limit, tether_rad=limit), T_from, T_to)
         assert (trip and trip.code) == rule
 

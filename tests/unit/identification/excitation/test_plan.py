@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from cli.calibration import by_arm
 from common.config.load import load_cell
 from common.config.payload import Payload
-from common.motion.convert import joints, record_of
+from common.motion.convert import record_of
 from common.motion.frames import GRAVITY_M_S2, R_from_quaternion, skew
 from common.motion.kinematics import ArmKinematics
 from common.motion.weight import predict, residual
@@ -282,7 +282,7 @@ def state_with(T_reported) -> RobotState:
     return RobotState(
         position_m=record.position_m,
         orientation_xyzw=record.orientation_xyzw,
-        joint_rad=joints(HOME_RAD),
+        joint_rad=tuple(HOME_RAD.tolist()),
     )
 
 

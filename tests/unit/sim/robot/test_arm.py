@@ -150,7 +150,7 @@ def test_the_hanging_tool_pulls_the_sensor_with_gravity():
         attitudes += 1
         R_base_sensor = arm.T_base_flange.rotation @ settings.T_flange_sensor.rotation
         pull = R_base_sensor.T @ np.array([0.0, 0.0, -weight])
-        sample = arm.sample_ft()
+        sample = arm.ft_sensor.sample()
         assert sample.force_N == pytest.approx(pull, abs=1e-4)
         assert sample.torque_Nm == pytest.approx(np.cross(settings.tool_com_m, pull), abs=1e-4)
 
@@ -159,7 +159,7 @@ def test_pressing_reads_as_the_plate_pushing_the_robot():
     """In contact the sensor reads weight plus the plate's true wrench, moved to its origin."""
     settings = SimSettings(**QUIET, tilt_deg=10.0)
     arm = pressed(SimArm(settings, seed=0), 0.001)
-    truth, sample = arm.true_wrench(), arm.sample_ft()
+    truth, sample = arm.true_wrench(), arm.ft_sensor.sample()
     assert truth.force_N[2] > 5.0  # up: the environment pushes the robot
     R = arm.T_base_flange.rotation @ settings.T_flange_sensor.rotation
     pull = R.T @ np.array([0.0, 0.0, -settings.tool_mass_kg * GRAVITY_M_S2])
@@ -174,12 +174,12 @@ def test_a_push_at_the_tool_adds_its_own_force_to_the_reading():
     settings = SimSettings(**QUIET)
     arm = SimArm(settings, seed=0)
     run(arm, 0.1)
-    before = arm.sample_ft().force_N
+    before = arm.ft_sensor.sample().force_N
     push = np.array([3.0, -4.0, 5.0])
     arm.data.xfrc_applied[arm.model.body("tool").id][:3] = push
     run(arm, 0.5)
     R = arm.T_base_flange.rotation @ settings.T_flange_sensor.rotation
-    assert R @ (arm.sample_ft().force_N - before) == pytest.approx(push, abs=0.01)
+    assert R @ (arm.ft_sensor.sample().force_N - before) == pytest.approx(push, abs=0.01)
     assert arm.true_wrench().force_N == pytest.approx(push)
 
 
@@ -240,7 +240,7 @@ def test_the_whole_arm_is_deterministic_by_seed():
         rows = []
         for _ in range(100):
             arm.step()
-            rows.append(np.concatenate((arm.q, arm.sample_ft().force_N)))
+            rows.append(np.concatenate((arm.q, arm.ft_sensor.sample().force_N)))
         return np.array(rows)
 
     assert np.array_equal(trace(4), trace(4))

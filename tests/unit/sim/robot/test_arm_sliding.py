@@ -14,6 +14,7 @@ import pytest
 
 from common.motion.frames import rotation_between
 from sim.robot.arm import SimArm
+from sim.robot.engine import mujoco
 from sim.robot.settings import TICK_S, SimSettings
 from tests.fakes.long import long
 from tests.fakes.sim_truth import energy_J
@@ -59,7 +60,9 @@ def slide(stiffness_N_m: float, *, steps: int = 1, bob_m: float = 0.0) -> Slide:
         arm.command_joints(q)
         arm.step()
         for _ in range(steps - 1):
-            arm.advance()
+            mujoco.mj_step1(arm.model, arm.data)
+            arm.plate.act()
+            mujoco.mj_step2(arm.model, arm.data)
         rows.append(arm.true_wrench().force_N)
     forces = np.array(rows)[LEAD_IN_TICKS:]
     return Slide(forces[:, 2], np.hypot(forces[:, 0], forces[:, 1]))

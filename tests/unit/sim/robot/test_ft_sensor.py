@@ -8,6 +8,7 @@ from sim.robot.settings import SimSettings
 
 FORCE = np.array([10.0, -20.0, 30.0])
 TORQUE = np.array([0.5, -0.25, 1.0])
+ON_TOOL = -np.concatenate((FORCE, TORQUE))  # as MuJoCo's sensors read this load
 CLEAN = {
     "noise_force_N": 0.0,
     "noise_torque_Nm": 0.0,
@@ -18,8 +19,8 @@ CLEAN = {
 
 def many(settings: SimSettings, count: int, seed: int = 0) -> np.ndarray:
     """Return readings of the one load, force then torque. Shape (count, 6)."""
-    sensor = FtSensor(settings, seed=seed)
-    samples = [sensor.sample(force_N=FORCE, torque_Nm=TORQUE) for _ in range(count)]
+    sensor = FtSensor(settings, ON_TOOL, seed=seed)
+    samples = [sensor.sample() for _ in range(count)]
     return np.array([np.concatenate((s.force_N, s.torque_Nm)) for s in samples])
 
 
@@ -68,7 +69,7 @@ def test_beyond_the_range_a_sample_is_saturated(axis, sign):
     for share, status in ((0.99, "ok"), (1.01, "saturated")):
         load = np.zeros(6)
         load[axis] = sign * share * (100.0 if axis < 3 else 5.0)
-        sample = FtSensor(settings, seed=0).sample(force_N=load[:3], torque_Nm=load[3:])
+        sample = FtSensor(settings, -load, seed=0).sample()
         assert sample.status == status
         assert max(abs(sample.force_N)) <= 100.0
         assert max(abs(sample.torque_Nm)) <= 5.0
@@ -76,6 +77,6 @@ def test_beyond_the_range_a_sample_is_saturated(axis, sign):
 
 def test_samples_are_counted_from_one():
     """The counter shows a lost sample."""
-    sensor = FtSensor(SimSettings(), seed=0)
-    counts = [sensor.sample(force_N=FORCE, torque_Nm=TORQUE).counter for _ in range(3)]
+    sensor = FtSensor(SimSettings(), ON_TOOL, seed=0)
+    counts = [sensor.sample().counter for _ in range(3)]
     assert counts == [1, 2, 3]

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from common.motion.frames import rotation_between
 from common.motion.kinematics import ArmKinematics
 from forcemesh.messages import Speed
-from sim.robot.motion import ACCEL_M_S2, MotionGenerator
+from sim.robot.motion import ACCEL_M_S2, BUSY, MotionGenerator
 
 ARM = ArmKinematics("rs007l")
 HOME = np.radians([0.0, 0.0, -90.0, 0.0, -90.0, 0.0])
@@ -39,7 +39,7 @@ def moved(move: np.ndarray, turn: np.ndarray | None = None) -> pin.SE3:
 def finish(motion: MotionGenerator) -> np.ndarray:
     """Tick until the goal ends. Returns the joint commands, the first one before it."""
     rows = [motion.q_command]
-    while motion.busy:
+    while motion.state in BUSY:
         rows.append(motion.tick(DT_S))
         assert len(rows) < 60_000, "the goal never ends"
     return np.array(rows)

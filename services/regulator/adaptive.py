@@ -181,8 +181,9 @@ def step(
     estimates = zip(state.response, state.stiffness, strict=True)
     k = state.k_N_m = [response.share * stiffness.k_N_m for response, stiffness in estimates]
     model, in_contact = state.command.delay_model, state.free_s == 0.0
-    Ki, w = gain_for(k, settings, sample.dt_s)
-    Ki = reduced_as_requested(Ki, sample.gains, R_tcp_base, settings)
+    squares = [[x * x for x in row] for row in R_tcp_base]
+    requested_Ki = rotated(squares, sample.gains.force_i_m_per_Ns)
+    Ki, w = gain_for(k, requested_Ki, settings, sample.dt_s)
     in_flight_m = rotated(R_tcp_base, plus(model.command, model.filtered, -1.0))
     inertia_kg = INERTIA_SHARE * settings.inertia_kg
     inertial_N = rotated(R_tcp_base, plus(ZERO3, model.acceleration, inertia_kg))
@@ -219,16 +220,6 @@ def step(
     return state, motion
 
 
-def reduced_as_requested(
-    Ki: Vector, gains: PiGains, R_tcp_base: Rows, settings: AdaptiveSettings
-) -> list[float]:
-    """Return the gain times requested gain over rule gain, at most 1, along the tool's axes."""
-    squares = [[x * x for x in row] for row in R_tcp_base]
-    requested = rotated(squares, gains.force_i_m_per_Ns)
-    rule = settings.plain_gain_m_per_Ns
-    return [gain * min(share / rule, 1.0) for gain, share in zip(Ki, requested, strict=True)]
-
-
 def controller_gain(
     state: AdaptiveState, gains: PiGains, R_base_tcp: Array, settings: AdaptiveSettings
 ) -> Vec3:
@@ -238,9 +229,13 @@ def controller_gain(
     to the estimated stiffness.
     """
     cap_m_per_Ns = INERTIA_MARGIN * settings.inertia_cap_m_per_Ns
-    Ki = [min(LOOP_GAIN / (k * settings.tau_s), cap_m_per_Ns) for k in state.k_N_m]
-    Ki = reduced_as_requested(Ki, gains, R_base_tcp.T.tolist(), settings)
-    return rotated((R_base_tcp * R_base_tcp).tolist(), Ki)
+    squares, rule = R_base_tcp * R_base_tcp, settings.plain_gain_m_per_Ns
+    requested_Ki = rotated(squares.T.tolist(), gains.force_i_m_per_Ns)
+    Ki = [
+        min(LOOP_GAIN / (k * settings.tau_s), cap_m_per_Ns) * min(requested / rule, 1.0)
+        for k, requested in zip(state.k_N_m, requested_Ki, strict=True)
+    ]
+    return rotated(squares.tolist(), Ki)
 
 
 def update_estimates(
@@ -281,11 +276,14 @@ def update_estimates(
             state.response[axis].update(values, stiffness.k_N_m, dt_s=dt_s, settings=fit)
 
 
-def gain_for(k: Vector, settings: AdaptiveSettings, dt_s: float) -> tuple[list[float], list[float]]:
-    """Return integral gain and prediction weight along each axis. Shapes (3,).
+def gain_for(
+    k: Vector, requested_Ki: Vector, settings: AdaptiveSettings, dt_s: float
+) -> tuple[list[float], list[float]]:
+    """Return integral gain and prediction weight along each axis of the tool. Shapes (3,).
 
     Half the sample period is part of the loop delay, so a late sample lowers the gain; a slow loop
-    tolerates less inertia compensation and less prediction.
+    tolerates less inertia compensation and less prediction. A requested gain below the gain rule's
+    reduces the gain by the same share.
     """
     tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
     slowness = min(max((dt_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
@@ -294,13 +292,13 @@ def gain_for(k: Vector, settings: AdaptiveSettings, dt_s: float) -> tuple[list[f
     loop = LOOP_GAIN + (settings.loop - LOOP_GAIN) * (1.0 - slowness)
     fade_range = max(1.0 - slowness, LEAST_FADE) * (settings.full_prediction_loop - LOOP_GAIN)
     Ki, w = [], []
-    for k_N_m in k:
+    for k_N_m, requested in zip(k, requested_Ki, strict=True):
         gain = min(loop / (k_N_m * tau_s), margin * settings.inertia_cap_m_per_Ns)
         share = (k_N_m * gain * tau_s - LOOP_GAIN) / fade_range
         weight = min(max(share, 0.0), settings.largest_prediction_weight)
         if k_N_m < settings.softest_N_m:  # not measured: the plain law's gain, without prediction
             gain, weight = min(gain, settings.plain_gain_m_per_Ns), 0.0
-        Ki.append(gain)
+        Ki.append(gain * min(requested / settings.plain_gain_m_per_Ns, 1.0))
         w.append(weight)
     return Ki, w
 

@@ -229,12 +229,9 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
         idle_N=settings.idle_N,
         idle_Nm=settings.idle_Nm,
     )
-    return (
-        (None if now.touched else touch_trip)
-        or _force_trip(now, sample, settings, pushed_back_N=pushed_back_N)
-        or now.yielding.trip(force_tool_N, sample.limited, rotates=sample.rotates)
-        or _motion_trip(now, sample, press_axis, settings)
-    )
+    if touch_trip is not None and not now.touched:
+        return touch_trip
+    return _monitor_trip(now, sample, settings, force_tool_N)
 
 
 def _count_work(now: GuardState, sample: GuardSample, press_axis: Vector) -> None:
@@ -280,17 +277,19 @@ def _first_touch(
     return False, tripped("sensor_sign", text, value=back_N, limit=least_N, unit="N")
 
 
-def _force_trip(
-    now: GuardState, sample: GuardSample, settings: GuardSettings, *, pushed_back_N: float
+def _monitor_trip(
+    now: GuardState, sample: GuardSample, settings: GuardSettings, force_tool_N: Vec3
 ) -> Trip | None:
-    """Check a press: passivity, and the force while the tool turns on unverified torques.
+    """Return the trip of the first of these monitors that fires; the force is along tool axes.
 
-    The environment cannot return more work than it received, and the force must not keep rising.
+    - A press is passive: the environment cannot return more work than it received.
+    - The force of a press must not keep rising while the tool turns on unverified torques.
+    - Travel along unverified axes and in a search for contact is limited.
+    - The force does not oscillate.
     """
-    if not sample.presses:
-        return None
+    pushed_back_N, presses = -force_tool_N[2], sample.presses
     more_J = now.environment_work_J - (1.0 + SWUNG_PART) * now.tool_work_J
-    if now.began_free and more_J > settings.environment_work_J:
+    if presses and now.began_free and more_J > settings.environment_work_J:
         text = (
             f"the contact did {now.environment_work_J * 1e3:.0f} mJ of work on the tool and "
             f"received {now.tool_work_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, "
@@ -299,23 +298,19 @@ def _force_trip(
         limit_J = settings.environment_work_J
         return tripped("sensor_sign", text, value=more_J, limit=limit_J, unit="J")
     limit_N = (1.0 + RISE_PART) * sample.setpoint_N + settings.touch_N
-    if sample.rotates and any(sample.limited) and now.found and pushed_back_N > limit_N:
+    turns_unverified = presses and sample.rotates and any(sample.limited)
+    if turns_unverified and now.found and pushed_back_N > limit_N:
         text = (
             f"the force rose to {pushed_back_N:.1f} N while the tool turned, limit {limit_N:.1f} N:"
             " a sign or an axis of the torque is wrong, or a person pushes; run `forcemesh check "
             "axes`, once for each calibration"
         )
         return tripped("sensor_sign", text, value=pushed_back_N, limit=limit_N, unit="N")
-    return None
-
-
-def _motion_trip(
-    now: GuardState, sample: GuardSample, press_axis: Vector, settings: GuardSettings
-) -> Trip | None:
-    """Check the travel of a search for contact, and that the force does not oscillate."""
-    if now.p_search_m is not None:
-        p_m: Vec3 = sample.T_base_tcp.translation.tolist()
-        travel_m = dot(plus(p_m, now.p_search_m, -1.0), press_axis)
+    trip = now.yielding.trip(force_tool_N, sample.limited, rotates=sample.rotates)
+    if trip is None and now.p_search_m is not None:
+        T = sample.T_base_tcp
+        searched_m = plus(T.translation.tolist(), now.p_search_m, -1.0)
+        travel_m = dot(searched_m, T.rotation[:, 2].tolist())
         limit_m = settings.lost_m if now.touched else settings.search_m
         if now.touched and sample.limited[2] and not now.began_free:
             # A wrong axis may look like a lost contact.
@@ -324,8 +319,8 @@ def _motion_trip(
             cause = "contact was lost and not found again" if now.touched else "no contact"
             text = f"{cause} within {limit_m * 1e3:g} mm"
             return tripped("travel", text, value=travel_m, limit=limit_m, unit="m")
-    if max(swing.count for swing in now.swing) < HALF_WAVES:
-        return None
-    height_N = hypot(*sample.error[:3])
-    text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
-    return tripped("oscillation", text, value=height_N, unit="N")
+    if trip is None and max(swing.count for swing in now.swing) >= HALF_WAVES:
+        height_N = hypot(*sample.error[:3])
+        text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
+        return tripped("oscillation", text, value=height_N, unit="N")
+    return trip

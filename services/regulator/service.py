@@ -14,6 +14,7 @@ from forcemesh.bus import Bus, Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import refusal
 from forcemesh.messages import (
+    OPERATIONAL,
     ZERO3,
     Feedback,
     Gains,
@@ -38,8 +39,8 @@ from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
 from services.regulator.refusals import refused_axes, refused_guide, refused_path, refused_start
 from services.regulator.session import (
+    MOVERS,
     ForceSession,
-    active_commander,
     describe,
     first_setpoint_N,
     move,
@@ -105,7 +106,18 @@ class Regulator:
             change.reply(Reply(accepted=True, text=text, gains=self._gains))
         for path in self._paths.take_all():
             path.reply(self._follow_path(path.request))
-        self._stop_unless_allowed()
+        if self._session is not None:  # it ends when the arbiter holds, and does not resume
+            status = self._arbiter.read(now_ns)
+            if (arbiter := status.fresh) is None:
+                self._end(status.fault)
+            elif arbiter.state not in OPERATIONAL:
+                self._end(f"the arbiter is {arbiter.state}")
+            elif arbiter.lease != self._session.lease:  # held and armed again between two readings
+                self._end("the arm was armed again")
+            elif movers := [
+                mover for mover in (arbiter.commander, arbiter.next_commander) if mover in MOVERS
+            ]:
+                self._end(f"the {movers[0]} commands the arm")
         self._target.put(self._propose(wrench, robot), wrench.origin)
 
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:
@@ -237,21 +249,6 @@ class Regulator:
 
     def _use_gains(self, gains: Gains) -> None:
         self._gains, self._pi_gains = gains, PiGains.of(gains)
-
-    def _stop_unless_allowed(self) -> None:
-        """End the session when the arbiter holds: nothing resumes by itself after a hold."""
-        if self._session is None:
-            return
-        status = self._arbiter.read(self._now_ns)
-        arbiter = status.fresh
-        if arbiter is None:
-            self._end(status.fault)
-        elif not arbiter.operational:
-            self._end(f"the arbiter is {arbiter.state}")
-        elif arbiter.lease != self._session.lease:  # held and armed again between two readings
-            self._end("the arm was armed again")
-        elif commander := active_commander(arbiter):
-            self._end(f"the {commander} commands the arm")
 
     def _end(self, reason: str) -> None:
         if (session := self._session) is not None:

@@ -1,5 +1,7 @@
 """Measured range: outside that of the adaptive law the plain law runs, with a message."""
 
+from math import inf
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -39,7 +41,7 @@ def test_the_map_gives_the_softest_contact_of_the_law(loop_hz, delay_ms, softest
 def test_below_its_softest_contact_the_gain_is_the_plain_laws(loop_hz, delay_s, k_N_m) -> None:
     """Below it the law predicts nothing; above it the gain is the adaptive one."""
     settings = AdaptiveSettings.of(cell_at(loop_hz, delay_s))
-    Ki, w = gain_for([k_N_m] * 3, settings, 1.0 / loop_hz)
+    Ki, w = gain_for([k_N_m] * 3, [inf] * 3, settings, 1.0 / loop_hz)
     if k_N_m < settings.softest_N_m:
         assert max(Ki) <= settings.plain_gain_m_per_Ns * (1.0 + 1e-12)
         assert not any(w)

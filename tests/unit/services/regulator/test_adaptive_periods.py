@@ -1,6 +1,7 @@
 """The adaptive law uses the period of each sample instead of the cell's nominal one."""
 
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import pytest
@@ -18,6 +19,9 @@ def at_rate(control_hz: float) -> CellConfig:
     return CELL.model_copy(update={"rates": rates})
 
 
+RULE = [inf] * 3  # requested gains that reduce nothing
+
+
 def settings_for_any_contact(cell: CellConfig) -> AdaptiveSettings:
     """Return the law's settings that include the softest contact."""
     return replace(AdaptiveSettings.of(cell), softest_N_m=0.0)
@@ -30,8 +34,8 @@ def test_a_late_sample_has_the_gain_of_a_loop_with_that_period(rate_hz, k_N_m) -
     This concerns the adaptive gain. The nominal rate decides which contacts have the plain gain.
     """
     k, dt_s = [k_N_m] * 3, 1.0 / rate_hz
-    of_sample = gain_for(k, settings_for_any_contact(at_rate(250.0)), dt_s)
-    of_cell = gain_for(k, settings_for_any_contact(at_rate(rate_hz)), dt_s)
+    of_sample = gain_for(k, RULE, settings_for_any_contact(at_rate(250.0)), dt_s)
+    of_cell = gain_for(k, RULE, settings_for_any_contact(at_rate(rate_hz)), dt_s)
     for one, other in zip(of_sample, of_cell, strict=True):
         assert one == pytest.approx(other, rel=1e-9)
 
@@ -41,5 +45,5 @@ def test_a_longer_period_has_a_lower_gain(one_s, other_s, k_N_m) -> None:
     """The gain decreases over all periods."""
     settings = AdaptiveSettings.of(CELL)
     sooner_s, later_s = sorted((one_s, other_s))
-    soon, late = (gain_for([k_N_m] * 3, settings, t)[0] for t in (sooner_s, later_s))
+    soon, late = (gain_for([k_N_m] * 3, RULE, settings, t)[0] for t in (sooner_s, later_s))
     assert (np.array(late) <= np.array(soon) + 1e-15).all()

@@ -26,7 +26,6 @@ from forcemesh.messages import (
     RobotState,
     Speed,
     Trip,
-    WrenchAtTcp,
 )
 from forcemesh.requests import MoveRequest, Reply
 from services.arbiter import freeing
@@ -45,6 +44,8 @@ from services.arbiter.stream import (
     step_stop,
 )
 
+OWN_HOLDS = ("hold", "no_lease")  # repeated from the arbiter: the new lease is not received yet
+ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
 LONGEST_GAP_PERIODS = 3.0  # longest period, in nominal ones, over which set points advance
 
 
@@ -132,35 +133,32 @@ class Arbiter:
             clears=what_next(self.state, not_ready, self._armed_for),
         )
 
-    def _limit_trip(self, robot: RobotState, inputs: Inputs, tick: Tick) -> Trip | None:
+    def _trip(self, robot: RobotState, inputs: Inputs, tick: Tick) -> Trip | None:
         """Check the measured arm, its load, and what robot and regulator report."""
-        wrench, trip = inputs.wrench.fresh, None
-        streams = self.state == "ACTIVE" and self._commanders.ownership.motion is not None
+        wrench, ownership, trip = inputs.wrench.fresh, self._commanders.ownership, None
+        streams = self.state == "ACTIVE" and ownership.motion is not None
         bounds = self._stream_bounds if streams else self._bounds
         if wrench is not None:
             trip = check_wrench(bounds.limits, wrench.force_N, wrench.torque_Nm)
-        return (
-            trip
-            or bounds.measured(tick.T_measured, robot.joint_rad, self._joints)
-            or self._load_trip(tick, wrench)
-            or input_checks.robot_trip(inputs, self._lease_since_ns)
-            or self._feedback_trip(inputs)
-        )
-
-    def _load_trip(self, tick: Tick, wrench: WrenchAtTcp | None) -> Trip | None:
-        """Check the rise of the load: a move may add little to it, backing off even less."""
+        trip = trip or bounds.measured(tick.T_measured, robot.joint_rad, self._joints)
+        if trip is not None:
+            return trip
+        # The rise of the load: a move may add little to it, backing off even less.
         if self._freeing is not None:
-            return self._freeing.watch(tick.T_measured, wrench, tick.now_ns)
-        if self._commanders.ownership.goal is None or wrench is None or not wrench.calibrated:
+            trip = self._freeing.watch(tick.T_measured, wrench, tick.now_ns)
+        elif ownership.goal is None or wrench is None or not wrench.calibrated:
             self._load = None
-            return None
-        self._load, trip = in_move(self._cells.limits, self._load, wrench)
-        return trip
-
-    def _feedback_trip(self, inputs: Inputs) -> Trip | None:
-        """Check whether the regulator gave up, or what it relies on has changed."""
-        if self._commanders.ownership.commander != "regulator":
-            return None
+        else:
+            self._load, trip = in_move(self._cells.limits, self._load, wrench)
+        # A robot that still holds under a valid permission: its own checks found a cause.
+        leased_s = (inputs.now_ns - self._lease_since_ns) / NS_PER_S
+        if trip is None and robot.hold is not None and leased_s >= ROBOT_ANSWERS_WITHIN_S:
+            code, text = robot.hold.code, f"the robot holds: {robot.hold.text}"
+            code = code if code in FAULTS and code not in OWN_HOLDS else "robot_holds"
+            value, limit, unit = robot.hold.value, robot.hold.limit, robot.hold.unit
+            trip = tripped(code, text, value=value, limit=limit, unit=unit)
+        if trip is not None or ownership.commander != "regulator":
+            return trip
         target = inputs.target.message
         if target is None or target.valid or target.mode is None:
             return inputs.watched.feedback
@@ -170,7 +168,7 @@ class Arbiter:
 
     def _move_on(self, robot: RobotState, inputs: Inputs, tick: Tick) -> RobotCommand | None:
         """Check the limits; return the commander's command or the stop's, None for a hold."""
-        trip = self._limit_trip(robot, inputs, tick)
+        trip = self._trip(robot, inputs, tick)
         if trip is None and self._stopping is None:
             target = inputs.target.fresh if self._armed_for == "all" else None
             step = self._commanders.step(robot, target, self._bounds, tick, trips=self.trips)

@@ -6,7 +6,6 @@ from typing import Any
 
 from common.runtime.overruns import MOST_OVERRUNS
 from forcemesh.bus import Reading
-from forcemesh.clock import NS_PER_S
 from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import (
     Health,
@@ -20,9 +19,6 @@ from forcemesh.messages import (
 Writers = dict[str, int]  # topic: epoch of its publisher
 
 COMMANDING = ("robot", "sensor", "wrench", "regulator")  # roles whose loops motion depends on
-
-OWN_HOLDS = ("hold", "no_lease")  # repeated from the arbiter: the new lease is not received yet
-ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,19 +169,3 @@ def replaced_trips(inputs: Inputs, at_arming: Writers) -> list[Trip]:
         return []
     text = f"the publisher of {', '.join(replaced)} has changed since arming"
     return [tripped("writer", text)]
-
-
-def robot_trip(inputs: Inputs, lease_since_ns: int) -> Trip | None:
-    """Return why the robot holds under a valid permission: its own checks found a cause."""
-    robot = inputs.robot.fresh
-    since_s = (inputs.now_ns - lease_since_ns) / NS_PER_S
-    if robot is None or robot.hold is None or since_s < ROBOT_ANSWERS_WITHIN_S:
-        return None
-    hold = robot.hold
-    return tripped(
-        hold.code if hold.code in FAULTS and hold.code not in OWN_HOLDS else "robot_holds",
-        f"the robot holds: {hold.text}",
-        value=hold.value,
-        limit=hold.limit,
-        unit=hold.unit,
-    )

@@ -16,7 +16,8 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import MoveRequest, Reply
 from services.arbiter.commanders import REST_S, SETTLE_WITHIN_S
-from services.arbiter.inputs import OWN_HOLDS, ROBOT_ANSWERS_WITHIN_S, Inputs
+from services.arbiter.core import OWN_HOLDS, ROBOT_ANSWERS_WITHIN_S
+from services.arbiter.inputs import Inputs
 from services.arbiter.preflight import PREFLIGHT_S
 from services.arbiter.stream import RETREAT_WITHIN_S
 from tests.fakes.arbiter_product import (

@@ -85,11 +85,11 @@ def service_output(
     for at_ns, batch in groupby(replayed, key=lambda each: each.at_ns - offset_ns):
         while at_ns - clock.now_ns() > REPLAY_TICK_NS:
             clock.advance_ns(REPLAY_TICK_NS)
-            _step(runner, clock)
+            runner.step(clock.now_ns())
         clock.advance_ns(max(at_ns - clock.now_ns(), 0))
         for each in batch:
             publishers[each.topic](readdressed(each.data, f"{cell.cell}/{each.topic}"))
-        _step(runner, clock)
+        runner.step(clock.now_ns())
     return {
         key: _decoded_messages(iter(taps[key].take, None), topic) for key, topic in written.items()
     }
@@ -129,11 +129,6 @@ def field_differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
     }
     found |= {name: f"differs in {count} messages" for name, count in counts.items()}
     return found or {"all fields": "equal"}
-
-
-def _step(runner: Runner, clock: ManualClock) -> None:
-    if runner.due(clock.now_ns()):
-        runner.step(clock.now_ns())
 
 
 def _decoded_messages(data: Iterable[bytes], topic: Topic[Any]) -> Published:

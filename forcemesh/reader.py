@@ -100,7 +100,10 @@ class Reader(Generic[M]):
         self._suspicion = 0  # leaky counter: +1 per bad, -1 per good message
 
     def poll(self) -> bool:
-        """Process the received payload; return whether a newer message was accepted."""
+        """Process the received payload; return whether a newer message was accepted.
+
+        Repeated messages are dropped, and those of a publisher that was replaced.
+        """
         data = self._source.take()
         if data is None:
             return False
@@ -115,7 +118,33 @@ class Reader(Generic[M]):
                 self._broken = error
             self._suspect()
             return False
-        return self._accept(header, message)
+        now_ns = self._clock.now_ns()
+        if header.epoch in self._retired_epochs:  # the replaced publisher is still alive
+            self.counters.retired += 1
+            self._conflict_until_ns = now_ns + CONFLICT_NS
+            return False
+        if self._last is not None:
+            last = self._last[1]
+            if header.epoch != last.epoch:
+                self._retired_epochs.append(last.epoch)
+                if now_ns - self._received_ns < RESTART_S * NS_PER_S:
+                    self.counters.overlaps += 1
+                    self._conflict_until_ns = now_ns + CONFLICT_NS
+            elif header.seq <= last.seq:
+                self.counters.repeated += 1
+                self._suspect()
+                return False
+            else:
+                self.counters.superseded += header.seq - last.seq - 1
+        self.counters.received += 1
+        self._suspicion = max(self._suspicion - 1, 0)
+        self._broken = None
+        self._last = (message, header)
+        self._received_ns = self._since_ns = now_ns
+        if header.boot == self._clock.boot:
+            # After a freeze the newest message waiting in the channel has just arrived and is old.
+            self._since_ns = min(now_ns, header.stamp_ns)
+        return True
 
     def wait(self, timeout_s: float) -> None:
         """Sleep until a message arrives, at most for `timeout_s` [s]."""
@@ -148,36 +177,6 @@ class Reader(Generic[M]):
         return Reading(
             message, header, age_s, fault, silent=code == "stale", code=code, conflict=conflict
         )
-
-    def _accept(self, header: Header, message: M) -> bool:
-        """Store a message; drop repeated ones, and those of a publisher that was replaced."""
-        now_ns = self._clock.now_ns()
-        if header.epoch in self._retired_epochs:  # the replaced publisher is still alive
-            self.counters.retired += 1
-            self._conflict_until_ns = now_ns + CONFLICT_NS
-            return False
-        if self._last is not None:
-            last = self._last[1]
-            if header.epoch != last.epoch:
-                self._retired_epochs.append(last.epoch)
-                if now_ns - self._received_ns < RESTART_S * NS_PER_S:
-                    self.counters.overlaps += 1
-                    self._conflict_until_ns = now_ns + CONFLICT_NS
-            elif header.seq <= last.seq:
-                self.counters.repeated += 1
-                self._suspect()
-                return False
-            else:
-                self.counters.superseded += header.seq - last.seq - 1
-        self.counters.received += 1
-        self._suspicion = max(self._suspicion - 1, 0)
-        self._broken = None
-        self._last = (message, header)
-        self._received_ns = self._since_ns = now_ns
-        if header.boot == self._clock.boot:
-            # After a freeze the newest message waiting in the channel has just arrived and is old.
-            self._since_ns = min(now_ns, header.stamp_ns)
-        return True
 
     def _suspect(self) -> None:
         self._suspicion = min(self._suspicion + 1, 2 * BAD_MESSAGES)

@@ -92,8 +92,7 @@ class VirtualCell:
             self.clock.advance_ns(STEP_NS)
             now_ns = self.clock.now_ns()
             for runner in list(self.runners.values()):
-                if runner.due(now_ns):
-                    runner.step(now_ns)
+                runner.step(now_ns)
 
     def kill(self, role: str) -> None:
         """End a process: it is not stepped any more."""

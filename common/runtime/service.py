@@ -221,12 +221,14 @@ class Runner:
         self._patience_ns = round(PATIENCE_PERIODS * self._period_ns)
         self._due_ns = clock.now_ns()
 
-    def due(self, now_ns: int) -> bool:
-        """Return whether the trigger has fired or the period has elapsed."""
-        return (self._trigger is not None and self._trigger.poll()) or now_ns >= self._due_ns
+    def step(self, now_ns: int) -> bool:
+        """Step once if the trigger has fired or the period has elapsed; return whether it has.
 
-    def step(self, now_ns: int) -> None:
-        """Step once; a missed step is not repeated."""
+        A missed step is not repeated.
+        """
+        has_fired = self._trigger is not None and self._trigger.poll()
+        if not has_fired and now_ns < self._due_ns:
+            return False
         lateness_s = max(0, now_ns - self._due_ns) / NS_PER_S
         if self._contain is None:
             self.service.step(now_ns)
@@ -240,14 +242,14 @@ class Runner:
             self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
         for reporter in self._reporters:
             reporter.stepped(now_ns, lateness_s, self.service, breakdown)
+        return True
 
     def run(self, stop: threading.Event) -> None:
         """Step whenever due until stopped; write a heartbeat for the container's health check."""
         heartbeat = heartbeat_of_this_process()
         while not stop.is_set():
             now_ns = self._clock.now_ns()
-            if self.due(now_ns):
-                self.step(now_ns)
+            if self.step(now_ns):
                 heartbeat.beat(now_ns, self._fault)
                 continue
             pause = self._clock.sleep_s if self._trigger is None else self._trigger.wait

@@ -111,8 +111,7 @@ class Rig:
         while self.clock.now_ns() < end_ns:
             self.clock.sleep_s(0.001)
             self._arbitrate(self.clock.now_ns())
-            if self._runner.due(self.clock.now_ns()):
-                self._runner.step(self.clock.now_ns())
+            self._runner.step(self.clock.now_ns())
             if self._reader.poll():
                 message = self._reader.read(self.clock.now_ns()).message
                 assert message is not None

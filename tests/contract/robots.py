@@ -50,7 +50,7 @@ class Emulated:
         machine.pendant.monitor_speed(100.0)
         machine.pendant.execute("fm.main")
         runner = Runner(self.controller, [], bus.clock)
-        return Both(lock_step(bus, cell, self.network), advance_service(runner))
+        return Both(lock_step(bus, cell, self.network), runner.step)
 
     @property
     def machine(self) -> Machine:
@@ -83,11 +83,6 @@ class Both:
         """Step the controller, then the gateway."""
         self._controller(now_ns)
         self.gateway.step(now_ns)
-
-
-def advance_service(runner: Runner) -> Callable[[int], object]:
-    """Return a function that advances a service with a period of its own to a time."""
-    return lambda now_ns: runner.step(now_ns) if runner.due(now_ns) else None
 
 
 def lock_step(bus: Bus, cell: CellConfig, network: MemoryNetwork) -> Gateway:

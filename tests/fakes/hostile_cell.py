@@ -31,7 +31,7 @@ from sim.controller.network import LockStepLink, Network, SocketNetwork
 from sim.controller.service import ControllerSensor
 from sim.controller.tasks import Compiled, Op
 from tests.contract.rig import Rig, gateway_cell, pose_goal, shifted
-from tests.contract.robots import PROGRAM, Both, advance_service
+from tests.contract.robots import PROGRAM, Both
 from tests.fakes.controller import PORT
 from tests.fakes.hostile_proxy import HostileProxy
 from tests.fakes.hostile_stream import Hop
@@ -77,7 +77,7 @@ class HostileCell:
         self.gateway = Gateway(bus, cell, self.wire)
         controller = self._controller(bus, cell, self.network)
         self.machine.after_tick.append(lambda: self.network.pump(self.machine.now_ns))
-        return Both(self.gateway, advance_service(Runner(controller, [], bus.clock)))
+        return Both(self.gateway, Runner(controller, [], bus.clock).step)
 
     def _controller(self, bus: Bus, cell: CellConfig, network: Network) -> ControllerSensor:
         self.controller = ControllerSensor(
@@ -210,7 +210,7 @@ class SocketCell(HostileCell):
         self._stack.callback(self.gateway.close)
         controller = self._controller(bus, cell, self.sockets)
         self._stack.callback(controller.close)
-        return Both(self.gateway, advance_service(Runner(controller, [], bus.clock)))
+        return Both(self.gateway, Runner(controller, [], bus.clock).step)
 
     @property
     def hops(self) -> list[Hop]:

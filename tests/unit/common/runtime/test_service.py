@@ -321,12 +321,12 @@ def test_a_message_wakes_the_service() -> None:
     worker.trigger = line.bus("wrench").reader(topics.SENSOR_WRENCH)
     sensor = line.bus("sensor").publisher(topics.SENSOR_WRENCH)
     runner = Runner(worker, [], line.clock)
-    runner.step(line.clock.now_ns())
-    assert not runner.due(line.clock.now_ns())
+    assert runner.step(line.clock.now_ns())
+    assert not runner.step(line.clock.now_ns())
     for counter in range(3):
         sensor.put(SensorWrench(counter=counter))
-    assert runner.due(line.clock.now_ns())
-    assert not runner.due(line.clock.now_ns())
+    assert runner.step(line.clock.now_ns())
+    assert not runner.step(line.clock.now_ns())
 
 
 # --- its own health report ------------------------------------------------------------------------

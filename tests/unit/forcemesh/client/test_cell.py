@@ -126,8 +126,8 @@ def test_a_move_that_returned_may_be_followed_by_the_next_at_once(
 ) -> None:
     """Also where the arbiter receives the arrival after the client, as on a busy machine."""
     arbiter = lab.cell.runners["arbiter"]
-    due = arbiter.due
-    monkeypatch.setattr(arbiter, "due", lambda now_ns: now_ns % SELDOM_NS == 0 and due(now_ns))
+    step = arbiter.step
+    monkeypatch.setattr(arbiter, "step", lambda now_ns: now_ns % SELDOM_NS == 0 and step(now_ns))
     x_m, y_m, z_m = cell.state().position_m
     for number in range(8):
         cell.move.to((x_m, y_m, z_m + 0.001 * (1 + number % 2)))

@@ -81,6 +81,12 @@ class SocketListener:
         listening.setblocking(False)  # noqa: FBT003 - the library's own signature
         self._socket = listening
 
+    @property
+    def port(self) -> int:
+        """The port number."""
+        port: int = self._socket.getsockname()[1]
+        return port
+
     def accept(self) -> SocketStream | None:
         """Return a new connection, or None."""
         try:
@@ -107,9 +113,9 @@ class SocketNetwork:
     def listen(self, port: int) -> SocketListener:
         """Open a port. Raises OSError if it is in use."""
         real = port if self._port is None else self._port
-        listening = socket.create_server((self._address, real), backlog=5)
-        self.bound[port] = listening.getsockname()[1]
-        return SocketListener(listening)
+        listener = SocketListener(socket.create_server((self._address, real), backlog=5))
+        self.bound[port] = listener.port
+        return listener
 
     def connect(self, peer: Octets, port: int) -> SocketStream:
         """Start a connection; it is established later (`ready`). Raises OSError."""
@@ -132,7 +138,8 @@ class MemoryStream:
         self.partner: MemoryStream | None = None
         self.closed = False
         self.cut = False  # a reset instead of an end
-        self._inbox = bytearray()
+        self._inbox: deque[bytes] = deque()
+        self._held = 0
 
     def ready(self) -> bool:
         """Return True: in-memory streams are established at once."""
@@ -144,19 +151,24 @@ class MemoryStream:
             raise ConnectionResetError("the connection was reset")
         if not self._inbox:
             return b"" if self.partner is None or self.partner.closed else None
-        data = bytes(self._inbox[:most])
-        del self._inbox[:most]
-        return data
+        data = b"".join(self._inbox)
+        self._inbox.clear()
+        head, rest = data[:most], data[most:]
+        if rest:
+            self._inbox.append(rest)
+        self._held = len(rest)
+        return head
 
     def send(self, data: bytes) -> int:
         """Send as much as the buffer accepts; return the number of bytes. Raises OSError."""
         other = self.partner
         if self.cut or self.closed or other is None or other.closed:
             raise ConnectionResetError("the connection was reset")
-        inbox = other._inbox  # noqa: SLF001 - its own kind
-        accepted = data[: WIRE_BYTES - len(inbox)]
-        inbox += accepted
-        return len(accepted)
+        count = min(len(data), WIRE_BYTES - other._held)  # noqa: SLF001 - its own kind
+        if count > 0:
+            other._inbox.append(data[:count])  # noqa: SLF001
+            other._held += count  # noqa: SLF001
+        return max(0, count)
 
     def close(self) -> None:
         """Close both directions; data already sent can still be read."""
@@ -245,20 +257,17 @@ class LockStepLink(Generic[Events]):
     def poll(self, now_ns: int) -> Events:
         """Connect if due, receive, send the rest; return the events."""
         opened, data = False, b""
-        try:
-            if self._stream is None and not self._lost and now_ns >= self._next_attempt_ns:
+        if self._stream is None and not self._lost and now_ns >= self._next_attempt_ns:
+            try:
                 self._stream = self._network.dial(self._port)
+            except OSError as error:
+                self.close(str(error), now_ns)
+            else:
                 self.connections += 1
                 opened = True
-            if self._stream is not None:
-                received = self._stream.receive(RECEIVE_BYTES)
-                data = received or b""
-                if received == b"":
-                    self.close("closed by the controller", now_ns)
-                else:
-                    self._flush(self._stream)
-        except OSError as error:
-            self.close(str(error), now_ns)
+        if self._stream is not None:
+            data = self._receive(now_ns)
+            self._flush(now_ns)
         lost, self._lost = self._lost, ""
         return self._make_events(opened, data, lost)
 
@@ -267,10 +276,7 @@ class LockStepLink(Generic[Events]):
         if self._stream is None:
             return False
         self._rest += data
-        try:
-            self._flush(self._stream)
-        except OSError as error:
-            self.close(str(error), now_ns)
+        self._flush(now_ns)
         return self._stream is not None
 
     def greeted(self) -> None:
@@ -285,9 +291,24 @@ class LockStepLink(Generic[Events]):
         self._stream, self._rest = None, b""
         self._next_attempt_ns = now_ns + round(PAUSE_S * NS_PER_S)
 
-    def _flush(self, stream: MemoryStream) -> None:
-        if self._rest:
-            self._rest = self._rest[stream.send(self._rest) :]
+    def _receive(self, now_ns: int) -> bytes:
+        assert self._stream is not None  # noqa: S101 - checked by the caller
+        try:
+            data = self._stream.receive(RECEIVE_BYTES)
+        except OSError as error:
+            self.close(str(error), now_ns)
+            return b""
+        if data == b"":
+            self.close("closed by the controller", now_ns)
+        return data or b""
+
+    def _flush(self, now_ns: int) -> None:
+        if self._stream is None or not self._rest:
+            return
+        try:
+            self._rest = self._rest[self._stream.send(self._rest) :]
+        except OSError as error:
+            self.close(str(error), now_ns)
 
 
 ByteStream = SocketStream | MemoryStream

@@ -145,7 +145,7 @@ def recommended(loop: Loop, bandwidth_rad_s: float) -> Loop:
     loop = loop.with_gain(_rule_gain(loop, bandwidth_rad_s))
     while True:
         found = margins(loop)
-        if found.stable and found.phase_deg >= LEAST_PHASE_DEG and found.gain >= LEAST_GAIN:
+        if found.stable and found.phase_deg >= LEAST_PHASE_DEG and found.gain_margin >= LEAST_GAIN:
             return loop
         loop = loop.with_gain(GAIN_REDUCTION * loop.gain)
 

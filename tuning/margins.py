@@ -55,7 +55,7 @@ class Margins:
 
     stable: bool
     phase_deg: float  # phase margin
-    gain: float  # gain margin: allowed factor of the gain, or of the stiffness
+    gain_margin: float  # allowed factor of the gain, or of the stiffness
     delay_s: float  # delay margin: delay that may be added
     crossover_rad_s: float
 
@@ -86,7 +86,9 @@ def frequencies(loop: Loop) -> Array:
 def margins(loop: Loop) -> Margins:
     """Return the margins from L on a frequency grid (Nyquist criterion)."""
     if loop.gain <= 0.0:
-        return Margins(stable=True, phase_deg=90.0, gain=inf, delay_s=inf, crossover_rad_s=0.0)
+        return Margins(
+            stable=True, phase_deg=90.0, gain_margin=inf, delay_s=inf, crossover_rad_s=0.0
+        )
     w = frequencies(loop)
     L = response(loop, w)
     size, phase = np.abs(L), np.unwrap(np.angle(L))
@@ -94,7 +96,9 @@ def margins(loop: Loop) -> Margins:
     turned = float(np.diff(np.unwrap(np.angle(1.0 + L))[[0, -1]])[0])
     stable = abs(turned - 0.5 * pi) < 0.5 * pi and size[-1] < 1.0
     if not stable:
-        return Margins(stable=False, phase_deg=0.0, gain=0.0, delay_s=0.0, crossover_rad_s=0.0)
+        return Margins(
+            stable=False, phase_deg=0.0, gain_margin=0.0, delay_s=0.0, crossover_rad_s=0.0
+        )
     log_size = np.log(size)
     crossings = _crossings(log_size)
     lead = np.mod(_at(phase, crossings) + pi, 2.0 * pi)
@@ -108,7 +112,7 @@ def margins(loop: Loop) -> Margins:
     return Margins(
         stable=True,
         phase_deg=degrees(float(symmetric[least])),
-        gain=float(min((g for g in sign_changes if g > 1.0), default=inf)),
+        gain_margin=float(min((g for g in sign_changes if g > 1.0), default=inf)),
         delay_s=float(np.min(lead / at)),
         crossover_rad_s=float(at[least]),
     )

@@ -92,7 +92,7 @@ def _verdict(rated: RatedGain) -> str:
         settling = f"settles in {forecast.settling_s:.2f} s"
     return (
         f"{settling}, overshoot {forecast.overshoot_pct:.0f} %; margins: phase "
-        f"{found.phase_deg:.0f} degrees, gain x {found.gain:.1f}, delay "
+        f"{found.phase_deg:.0f} degrees, gain x {found.gain_margin:.1f}, delay "
         f"{1e3 * found.delay_s:.0f} ms"
     )
 

@@ -51,7 +51,7 @@ def test_recommended_gains_are_stable_with_the_stated_margins(
     for one in (advised(found).force, advised(found).torque):
         assert one.margins.stable
         assert one.margins.phase_deg >= advice.LEAST_PHASE_DEG
-        assert one.margins.gain >= advice.LEAST_GAIN
+        assert one.margins.gain_margin >= advice.LEAST_GAIN
         assert one.forecast.overshoot_pct < 6.0
         loop = one.loop
         later = Loop(
@@ -64,12 +64,12 @@ def test_recommended_gains_are_stable_with_the_stated_margins(
         )
         assert margins(later).stable
         stiffer = Loop(
-            0.9 * one.margins.gain * loop.stiffness,
+            0.9 * one.margins.gain_margin * loop.stiffness,
             loop.gain,
             loop.delay_s,
             loop.lag_s,
             loop.filter_s,
-            0.9 * one.margins.gain * loop.inertia,
+            0.9 * one.margins.gain_margin * loop.inertia,
         )
         assert margins(stiffer).stable
 
@@ -120,6 +120,15 @@ def test_a_gain_that_is_unstable_for_the_measured_cell_is_reported() -> None:
     plain = advice.as_dict(CELL, without_press, [advised(without_press, force_now=0.0)], {})
     assert plain["hosts"]["pc"]["position_now"]["delay_s"] is None
     assert plain["tau_s"] == pytest.approx(advised(without_press).tau_s)
+
+
+def test_the_output_has_the_gain_and_its_margin_under_different_names() -> None:
+    """The gain of the present cell is the one that was given."""
+    found = advised(MeasuredCell(SERVO, SPRING), force_now=2e-3)
+    output = advice.as_dict(CELL, MeasuredCell(SERVO, SPRING), [found], {})
+    now = output["hosts"]["pc"]["position_now"]
+    assert now["gain"] == 2e-3
+    assert now["gain_margin"] == found.force_now.margins.gain_margin
 
 
 def test_the_slower_host_sets_the_delay_of_the_cell_file() -> None:

@@ -53,8 +53,8 @@ def test_the_gain_margin_is_the_factor_that_keeps_a_loop_stable(loop: Loop) -> N
     found = margins(loop)
     if not found.stable:
         return
-    assert margins(loop.with_gain(0.97 * found.gain * loop.gain)).stable
-    assert not margins(loop.with_gain(1.03 * found.gain * loop.gain)).stable
+    assert margins(loop.with_gain(0.97 * found.gain_margin * loop.gain)).stable
+    assert not margins(loop.with_gain(1.03 * found.gain_margin * loop.gain)).stable
     w = frequencies(loop)
     size = np.abs(response(loop, w))
     assert np.interp(found.crossover_rad_s, w, size) == pytest.approx(1.0, abs=0.02)
@@ -68,7 +68,7 @@ def test_a_pure_delay_has_the_margins_of_the_textbook(delay_s: float, log_k: flo
     """Integrator with dead time: the limit is pi/2, the phase margin 90 degrees minus c."""
     k = 10.0**log_k
     found = margins(Loop(k, 0.45 / (k * delay_s), delay_s, 0.0, 0.0, 0.0))
-    assert found.gain == pytest.approx(0.5 * pi / 0.45, rel=2e-3)
+    assert found.gain_margin == pytest.approx(0.5 * pi / 0.45, rel=2e-3)
     assert found.phase_deg == pytest.approx(90.0 - np.degrees(0.45), abs=0.2)
     assert found.delay_s == pytest.approx(delay_s * (0.5 * pi / 0.45 - 1.0), rel=5e-3)
     assert not margins(Loop(k, 1.6 / (k * delay_s), delay_s, 0.0, 0.0, 0.0)).stable

@@ -173,4 +173,6 @@ def test_a_line_of_an_unknown_instruction_is_kept_unread() -> None:
 def test_an_unknown_instruction_with_arguments_is_parsed_and_marked() -> None:
     """The check lists it; executing it is an error."""
     assert statement("WIBBLE 1,x") == Instruction("WIBBLE", (ONE, X), unknown=True)
-    assert statement("MC ZPOWER ON").unknown  # type: ignore[union-attr]
+    monitor_command = statement("MC ZPOWER ON")
+    assert isinstance(monitor_command, Instruction)
+    assert monitor_command.unknown

@@ -1,13 +1,14 @@
 """Payload parameters of a fit, each with its standard deviation."""
 
 from dataclasses import dataclass
+from math import hypot
 from typing import Any
 
 import numpy as np
 
 from common.config.payload import BiasDrift, Payload
 from common.motion.convert import vec3
-from common.motion.frames import Array, length, vector_from_rotation
+from common.motion.frames import Array, vector_from_rotation
 from forcemesh.messages import Vec3
 from identification.least_squares import Solution
 from identification.payload_model import DRIFT_AT_END, PRIOR_STD, bias_at_end
@@ -106,7 +107,7 @@ def deviations(solution: Solution) -> Deviations:
     for name, group in GROUPS.items():
         parts = of_group.get(group)
         if parts is not None:
-            found[name] = vec3(parts) if len(parts) == 3 else length(parts)
+            found[name] = vec3(parts) if len(parts) == 3 else hypot(*parts)
     return Deviations(**found)
 
 

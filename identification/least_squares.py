@@ -6,11 +6,12 @@ from the evidence: the probability of the readings under the model with its unkn
 """
 
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
 
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 from identification.payload_model import (
     LINEAR,
     PRIOR_STD,
@@ -110,7 +111,7 @@ def solve(poses: Poses, model: Model, start: State) -> Solution:
         before, noise = noise, _noise(residual, poses.weight, unknowns)
         # A rough convergence of the noise is enough: the directions converge long before it.
         settled = bool(np.all(np.abs(np.log(noise / before)) < 1e-2))
-        if settled and length(step) < CONVERGED * (1.0 + length(state.linear)):
+        if settled and hypot(*step) < CONVERGED * (1.0 + hypot(*state.linear)):
             converged = True
             break
     normal = _normal_equations(poses, model, state, noise, widths=widths, residual=residual)

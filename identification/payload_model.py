@@ -19,7 +19,6 @@ import pinocchio as pin
 from common.motion.frames import (
     GRAVITY_M_S2,
     Array,
-    length,
     rotation_from_vector,
     skew,
     vector_from_rotation,
@@ -221,12 +220,12 @@ def extra_parameters(state: State, model: Model) -> dict[str, Array]:
 def updated_state(state: State, step: Array, model: Model) -> State:
     """Return the state after a step of the unknowns, in the order of the Jacobian's columns."""
     parts = {name: step[place] for name, place in model.places.items()}
-    turn_rad = length(step[LINEAR : LINEAR + 2 * model.tilt + 3 * model.mounting])
+    turn_rad = math.hypot(*step[LINEAR : LINEAR + 2 * model.tilt + 3 * model.mounting])
     shorter = LARGEST_TURN_RAD / max(turn_rad, LARGEST_TURN_RAD)
     down, R_mount = state.down_in_base, state.R_mount
     if model.tilt:
         down = rotation_from_vector(perpendicular_axes(down) @ parts["tilt"] * shorter) @ down
-        down = down / length(down)
+        down = down / math.hypot(*down)
     if model.mounting:
         R_mount = R_mount @ rotation_from_vector(parts["mounting"] * shorter)
     errors = state.errors.copy()

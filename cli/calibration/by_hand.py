@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from cli.calibration.gather import READINGS_POLL_S, Gatherer, ReadingLostError
 from cli.context import INTERRUPTED, NOT_WELL
 from cli.terminal import ProgressOutput, screen
 from common.bus.configured_cell import ConfiguredCell
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError, ForcemeshError
 from identification.dwells import Dwell, Purpose, dwells_of_purpose, samples_of
@@ -173,7 +174,7 @@ class PoseRecorder:
             self._output.progress(recorded, count, waits_for)
             return
         x, y, z = -newest.R_base_sensor[2, :]
-        force_N = length(newest.reading[:3])
+        force_N = hypot(*newest.reading[:3])
         state = f"waiting for {waits_for}" if waits_for else "at rest"
         gravity = f"gravity ({x:.1f}, {y:.1f}, {z:.1f})"
         text = f"{recorded} of {count} poses | {gravity} | {force_N:.1f} N | {state}"

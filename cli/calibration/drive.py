@@ -1,5 +1,7 @@
 """Motion client of the wizard: joint moves, hold, and the checks that the tool is free."""
 
+from math import hypot
+
 from cli.calibration.gather import Watch
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
@@ -142,7 +144,7 @@ def refuse_relieved(before_N: Array, after_N: Array, lifted_m: float, cell: Cell
         lifted_m: Height of the lift [m].
         cell: Cell file with the contact threshold force.touch_N.
     """
-    change_N, limit_N = length(after_N - before_N), cell.force.touch_N
+    change_N, limit_N = hypot(*after_N - before_N), cell.force.touch_N
     if change_N > limit_N:
         raise InContactError(
             f"the tool was in contact at the start: {change_N:.1f} N change while it was lifted by "

@@ -4,12 +4,14 @@ It only reads, so that it is the same with a real arm and in a cell on a virtual
 not be armed: a person's hands are on the tool.
 """
 
+from math import hypot
+
 import numpy as np
 
 from cli.calibration.gather import Gatherer, ReadingLostError
 from cli.terminal import ProgressOutput
 from common.bus.configured_cell import ConfiguredCell
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 from forcemesh.clock import NS_PER_S
 from identification.errors import CalibrationError
 from identification.installation.payload import length_findings
@@ -135,7 +137,7 @@ class PushTest:
         unit, read = ("N", change[:3]) if request.action == "push" else ("N m", change[3:])
         x, y, z = R_base_sensor @ read
         text = f"{request.action} {request.name}: x {x:+6.2f}  y {y:+6.2f}  z {z:+6.2f} {unit}"
-        size = length(read)
+        size = hypot(*read)
         self._output.progress(min(size, FULL[request.action]), FULL[request.action], text)
 
     def _refuse_armed(self) -> None:

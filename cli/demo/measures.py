@@ -1,6 +1,7 @@
 """Measures of a trace of the main task, with their table, plot and picture."""
 
 from dataclasses import dataclass
+from math import hypot
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from cli.demo.scenario import (
     Trace,
 )
 from common.motion.contact_point import contact_point_m
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
 from sim.robot.plate import lift_off_m
 from sim.robot.settings import SimSettings
@@ -85,7 +86,7 @@ class Surface:
         The first axis is base x turned into the plane, the second one the normal times the first.
         """
         x = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
-        x /= length(x)
+        x /= hypot(*x)
         return np.asarray(
             (p_base_m - self.point_m) @ np.column_stack([x, np.cross(self.normal, x)])
         )
@@ -122,8 +123,8 @@ def measure(trace: Trace, plan: ScenarioPlan, surface: Surface, tau_s: float) ->
         peak_force_N=max(sample.force for sample in trace.press + work),
         settling_s=trace.settled_at_s,
         overshoot_pct=overshoot_pct(trace, plan, highest_m * surface.stiffness_N_m),
-        final_force_N=length(np.mean([sample.force_N for sample in final], axis=0)),
-        final_torque_Nm=length(np.mean([sample.torque_Nm for sample in final], axis=0)),
+        final_force_N=hypot(*np.mean([sample.force_N for sample in final], axis=0)),
+        final_torque_Nm=hypot(*np.mean([sample.torque_Nm for sample in final], axis=0)),
         misalignment_deg=surface.misalignment_deg(work[-1]),
         lift_off_mm=highest_m * 1e3,
         tau_s=tau_s,

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from rich.progress import Progress as Bar
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Bus, Reader
 from forcemesh.clock import NS_PER_S
@@ -79,12 +80,12 @@ class ScenarioSample:
     @property
     def force(self) -> float:
         """Magnitude of the force [N]."""
-        return length(self.force_N)
+        return hypot(*self.force_N)
 
     @property
     def torque(self) -> float:
         """Magnitude of the torque about the TCP [N m]."""
-        return length(self.torque_Nm)
+        return hypot(*self.torque_Nm)
 
 
 @dataclass(slots=True)

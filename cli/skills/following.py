@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import hypot
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +19,7 @@ from cli.skills.contact_monitor import (
 from cli.skills.pressing import BAND_N, STEADY_S
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import vec3
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from forcemesh import topics
 from forcemesh.errors import DataError
@@ -113,7 +114,7 @@ def _placed_points(
     if parameters.from_here:
         return [point - points[0] + p_tcp_m for point in points]
     offset = points[0] - p_tcp_m
-    distance_m = length(offset - (offset @ axis) * axis)
+    distance_m = hypot(*offset - (offset @ axis) * axis)
     if distance_m > START_TOLERANCE_M:
         text = f"the path starts {1e3 * distance_m:.0f} mm away from the tool"
         raise DataError(f"{text}: move there first, or start at the tool with --from-here")
@@ -129,7 +130,7 @@ def _remaining_m(points: list[Array], p_tcp_m: Array, axis: Array, limits: Limit
             raise DataError(f"point {number} of the path: {trip.text}")
     lengths_m = [0.0]
     for a, b in pairwise(reversed(lateral)):
-        lengths_m.append(lengths_m[-1] + length(b - a))
+        lengths_m.append(lengths_m[-1] + hypot(*b - a))
     if lengths_m[-1] < LEAST_M:
         raise DataError("the path has no length across the tool's axis; its height is ignored")
     return lengths_m[::-1]

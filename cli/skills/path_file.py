@@ -8,7 +8,7 @@ Lines that begin with # and other columns are ignored.
 
 import csv
 from collections.abc import Iterable, Sequence
-from math import degrees, isfinite, radians
+from math import degrees, hypot, isfinite, radians
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,6 @@ from common.motion.frames import (
     Array,
     Oat,
     R_from_oat,
-    length,
     oat_from_R,
     pose,
     rotation_between,
@@ -88,7 +87,7 @@ def _deviation_m(poses: Sequence[pin.SE3], first: int, last: int, at: int) -> fl
     offset = np.concatenate((offset_m, ARM_M * rotation_between(a.rotation, T.rotation)))
     square = float(segment @ segment)
     share = min(max(float(offset @ segment) / square, 0.0), 1.0) if square > 0.0 else 0.0
-    return length(offset - share * segment)
+    return hypot(*offset - share * segment)
 
 
 def _rows(path: Path, names: tuple[str, ...]) -> list[tuple[float, ...]]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import degrees
+from math import degrees, hypot
 
 import numpy as np
 import pinocchio as pin
@@ -18,7 +18,7 @@ from cli.skills.contact_monitor import (
 from cli.skills.path_file import thinned
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import record_of, vec3
-from common.motion.frames import length, rotation_between
+from common.motion.frames import rotation_between
 from forcemesh.errors import NotReachedError
 from forcemesh.messages import Mode, Vec3
 from forcemesh.requests import ForceStartRequest
@@ -157,7 +157,7 @@ def align(
     start = monitor.tcp_pose()
 
     def is_flat(sample: ContactSample) -> bool:
-        is_torque_free = length(sample.torque_Nm) <= BAND_NM
+        is_torque_free = hypot(*sample.torque_Nm) <= BAND_NM
         return is_torque_free and _presses_with(sample, request.setpoint_N)
 
     with stop_force_at_end(cell):
@@ -166,10 +166,10 @@ def align(
         samples = monitor.until(condition, within_s=within_s, label="laying flat")
     turned = rotation_between(start.rotation, samples[-1].T_base_tcp.rotation)
     return AlignResult(
-        turned_deg=degrees(length(turned)),
+        turned_deg=degrees(hypot(*turned)),
         reached_s=max(0.0, (condition.since_s or 0.0) - _first_contact_s(samples)),
         force_N=samples[-1].press_N,
-        torque_Nm=length(samples[-1].torque_Nm),
+        torque_Nm=hypot(*samples[-1].torque_Nm),
     )
 
 
@@ -235,7 +235,7 @@ def guide(
         if not recording.times_s or sample.t_s - recording.times_s[-1] >= RECORD_S:
             recording.times_s.append(sample.t_s)
             recording.poses.append(sample.T_base_tcp * T_tcp_flange)
-        recording.peak_N = max(recording.peak_N, length(sample.force_N))
+        recording.peak_N = max(recording.peak_N, hypot(*sample.force_N))
         return sample.t_s >= seconds or is_finished()
 
     with stop_force_at_end(cell):

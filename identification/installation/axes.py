@@ -8,7 +8,6 @@ from common.motion.frames import (
     Array,
     Oat,
     R_from_oat,
-    length,
     oat_from_R,
     rotation_from_vector,
     vector_from_rotation,
@@ -43,16 +42,16 @@ def com_side(com_m: Array, expected: ExpectedInstallation) -> int:
     Both the known payload and the TCP count. Either may be that of another tool, so one that
     agrees is enough.
     """
-    lever_m = length(com_m)
+    lever_m = math.hypot(*com_m)
     if lever_m <= LEVER_LEAST_M:
         return 0
     cosines = [
-        float(com_m @ known) / (lever_m * length(known))
+        float(com_m @ known) / (lever_m * math.hypot(*known))
         for known, least_m in (
             (expected.com_m, LEVER_LEAST_M),
             (expected.p_sensor_tcp_m, TOOL_LEAST_M),
         )
-        if known is not None and length(known) >= least_m
+        if known is not None and math.hypot(*known) >= least_m
     ]
     sides = {int(np.sign(cosine)) for cosine in cosines if abs(cosine) > SIDE_COSINE}
     return 1 if 1 in sides else min(sides, default=0)
@@ -111,7 +110,7 @@ def _most_likely(fits: tuple[TorqueFit, ...], expected: ExpectedInstallation) ->
 
     def likelihood(fit: TorqueFit) -> tuple[bool, float, float]:
         known = expected.com_m
-        agrees = known is not None and length(fit.com_m - known) <= COM_M
+        agrees = known is not None and math.hypot(*fit.com_m - known) <= COM_M
         return agrees, float(np.trace(fit.wiring)), -fit.rms_Nm
 
     return max(fits, key=likelihood)
@@ -231,7 +230,7 @@ def _wrong_rows(wiring: Array) -> list[tuple[str, str, str]]:
 def rotation_text(R: Array) -> str:
     """Return a rotation as "90 degrees about z"."""
     angle, axis = math.degrees(turn_angle(R)), vector_from_rotation(R)
-    axis = axis / length(axis)
+    axis = axis / math.hypot(*axis)
     largest = int(np.argmax(np.abs(axis)))
     if abs(axis[largest]) > 0.99:
         sign = "" if axis[largest] > 0.0 else "-"

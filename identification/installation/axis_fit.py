@@ -9,10 +9,11 @@ part of a mounting that is not a multiple of 90 degrees. Both problems are solve
 
 from dataclasses import dataclass
 from itertools import permutations, product
+from math import hypot
 
 import numpy as np
 
-from common.motion.frames import GRAVITY_M_S2, Array, length, skew
+from common.motion.frames import GRAVITY_M_S2, Array, skew
 from identification.payload_model import drift_shapes, gravity_in_sensor
 from identification.recording import Poses
 from identification.static_poses import angle
@@ -238,4 +239,4 @@ def free_gravity(poses: Poses) -> tuple[Array, float]:
     X = _centred(columns, poses).reshape(-1, 3)
     v, *_ = np.linalg.lstsq(X, F, rcond=1e-6)
     direction = v / max(float(np.linalg.norm(v)), 1e-12)
-    return np.asarray(direction, dtype=np.float64), length(F - X @ v)
+    return np.asarray(direction, dtype=np.float64), hypot(*F - X @ v)

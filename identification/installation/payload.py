@@ -1,8 +1,10 @@
 """Comparison of measured weight and lever with those of the cell file, and wrong units. Pure."""
 
+from math import hypot
+
 import numpy as np
 
-from common.motion.frames import GRAVITY_M_S2, Array, length
+from common.motion.frames import GRAVITY_M_S2, Array
 from identification.installation.terms import (
     ExpectedInstallation,
     InstallationFinding,
@@ -97,8 +99,8 @@ def lever_finding(
         uncertainty_m: Lever of the weight that would explain the residual of the torques.
         expected: Expected installation; its centre of mass may be unknown.
     """
-    lever_m, known = length(com_m), expected.com_m
-    known_m = 0.0 if known is None else length(known)
+    lever_m, known = hypot(*com_m), expected.com_m
+    known_m = 0.0 if known is None else hypot(*known)
     if known_m >= LEVER_KNOWN_M:
         factor = unit_factor(lever_m / known_m, TORQUE_UNITS)
         if factor is not None:
@@ -114,7 +116,7 @@ def lever_finding(
         text = f"the centre of mass would be {lever_m:.3g} m from the sensor: {units}"
         divisor = " or ".join(f"{f:.4g}" for f in factors) or "what its manual says"
         return InstallationFinding("torque_unit", text, f"divide the torques by {divisor}")
-    if known is None or length(com_m - known) <= max(COM_M, SURE_TIMES * uncertainty_m):
+    if known is None or hypot(*com_m - known) <= max(COM_M, SURE_TIMES * uncertainty_m):
         return None
     text = (
         f"the centre of mass is at {_millimetres(com_m)} mm, but the cell file says "

@@ -5,11 +5,12 @@ unsteady. The reading before it is subtracted, so weight, bias and calibration d
 """
 
 from dataclasses import dataclass, field
+from math import hypot
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 from identification.installation.axes import (
     driver_remedy,
     same,
@@ -74,7 +75,7 @@ class PushResult:
     @property
     def size(self) -> float:
         """Return the size of the change [N or N m]."""
-        return length(self.change)
+        return hypot(*self.change)
 
     @property
     def description(self) -> str:
@@ -101,7 +102,7 @@ class PushDetector:
             time_s: Time of the sample, on any clock.
             change: Change of force [N] and torque [N m] from rest. Shape (6,).
         """
-        size = length(change[:3] if self.action == "push" else change[3:])
+        size = hypot(*change[:3] if self.action == "push" else change[3:])
         if not self._samples and size < LEAST[self.action]:
             return None
         self._peak = max(self._peak, size)
@@ -147,7 +148,7 @@ def judge_pushes(
 
 def cosine(a: Array, b: Array) -> float:
     """Return the cosine of the angle between two vectors; 0 when one of them is zero."""
-    return float(a @ b) / max(length(a) * length(b), 1e-12)
+    return float(a @ b) / max(hypot(*a) * hypot(*b), 1e-12)
 
 
 def _torque_wirings(done: list[PushResult], expected: ExpectedInstallation) -> list[Array]:
@@ -163,8 +164,8 @@ def _torque_wirings(done: list[PushResult], expected: ExpectedInstallation) -> l
             continue
         else:
             moment = np.cross(expected.p_sensor_tcp_m, each.direction)
-            lever_m = length(moment)
-        if lever_m >= LEVER_M and length(each.change_Nm) >= MOMENT_NM:
+            lever_m = hypot(*moment)
+        if lever_m >= LEVER_M and hypot(*each.change_Nm) >= MOMENT_NM:
             pairs.append((moment, each.change_Nm))
     return [W for W in SIGNED if all(cosine(W @ t, r) > LEAST_MOMENT_COSINE for t, r in pairs)]
 

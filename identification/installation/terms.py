@@ -1,13 +1,14 @@
 """Expected installation from the cell file, findings, and result of the check. Pure."""
 
 from dataclasses import dataclass, field, replace
+from math import hypot
 from typing import Literal
 
 import numpy as np
 
 from common.config.cell import CellConfig
 from common.config.payload import DOWN
-from common.motion.frames import Array, length
+from common.motion.frames import Array
 
 Verdict = Literal["right", "wrong", "cannot tell"]
 # A wrong axis, sign or unit; a wrong payload in the cell file; more readings are needed.
@@ -19,7 +20,7 @@ LONGEST_M = 2.0  # sensors and tools are closer to the flange
 
 def in_millimetres(length_m: Array) -> bool:
     """Return whether a vector of the cell file must be in millimetres."""
-    return length(length_m) > LONGEST_M
+    return hypot(*length_m) > LONGEST_M
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,7 @@ NS_PER_MS = 1_000_000
 HELD_ID = 4  # index of the ID in the program's health
 
 Row = list[float]
+ANY_SIDE = (0.83, 0.41, 0.29, 0.23)  # normal of a plane that no orientation of a run lies in
 
 
 class Kept(NamedTuple):
@@ -96,7 +97,7 @@ def status(record: m.ArbiterStatus) -> Content:
 def robot(record: m.RobotState) -> Content:
     """Return the pose of the arm, the pose sent to it, and the cause of a hold."""
     numbers = {"joints": [*(record.joint_rad or (0.0,) * 6)]} | _pose("sent", record.sent)
-    numbers["flange"] = [*record.position_m, *record.orientation_xyzw]
+    numbers["flange"] = [*record.position_m, *_one_sign(record.orientation_xyzw)]
     status, own = record.status, record.status.kawasaki or m.KawasakiStatus()
     ready = status.kawasaki is None and status.ready
     bits = [ready or bit for bit in (own.motor_power, own.repeat_mode, own.teach_lock_off)]
@@ -109,6 +110,15 @@ def robot(record: m.RobotState) -> Content:
     return Content(
         numbers, (flags, own.error_code, goal, record.hold_code, taken, record.link.connected)
     )
+
+
+def _one_sign(quaternion: m.Quaternion) -> Row:
+    """Return the quaternion, or its negative, which is the same rotation.
+
+    With w > 0, as published, rounding decides the sign of the flange above a tool that points down.
+    """
+    side = sum(part * axis for part, axis in zip(quaternion, ANY_SIDE, strict=True))
+    return [math.copysign(1.0, side) * part for part in quaternion]
 
 
 def _pose(name: str, pose: m.PoseRecord | None) -> dict[str, Row]:

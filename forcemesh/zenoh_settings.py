@@ -13,7 +13,7 @@ from forcemesh.topics import HELPERS
 ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
 ENDPOINT = r"[a-z-]+/\S+"
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"
-ONE_THREAD = "(rx: (worker_threads: 1), app: (handover: rx))"
+ONE_THREAD = "(rx: (worker_threads: 1), app: (handover: rx), tx: (handover: rx))"
 CONNECT_ATTEMPT_MS = 500
 ROOM_B = 4_000_000  # doubled by the kernel for its overhead
 LEASE_MS = 500
@@ -25,10 +25,10 @@ WAITING = {"real_time": 16, "data": 16}
 BATCH_B = 8192
 
 
-def listen_with_one_thread() -> None:
-    """Configure Zenoh to receive with one thread instead of three; call it before its first use.
+def use_one_thread() -> None:
+    """Configure Zenoh to receive and send with one thread instead of four, before its first use.
 
-    A process that reads all topics and publishes little saves a third of the receiving cost.
+    Each message wakes most of the four; `make bench-chain` shows threads and wake-ups.
     """
     os.environ.setdefault(RUNTIME_VARIABLE, ONE_THREAD)
 

@@ -34,6 +34,7 @@ from forcemesh.faults import clipped, tripped
 from forcemesh.messages import Health, Trip
 from forcemesh.topics import HEALTH
 from forcemesh.version import __version__
+from forcemesh.zenoh_settings import use_one_thread
 
 LONGEST_PAUSE_S = 0.05  # longer waits would delay the stop of the process
 PATIENCE_PERIODS = 1.5  # a triggered service without input steps after this many periods
@@ -281,6 +282,7 @@ def main(
         if implementation is not None:
             for role in roles:
                 refuse_other_implementation(cell, role, implementation)
+        use_one_thread()
         bus = exits.enter_context(connect(cell, roles[0]))
         exits.callback(give_up_realtime_priority)
         service = make_service(bus, cell)

@@ -1,4 +1,4 @@
-"""The recorder's bus settings: buffers for seconds, and one receiving thread."""
+"""Bus settings of services: buffers for seconds where nothing may be lost, and one thread."""
 
 import os
 from typing import Any
@@ -13,7 +13,7 @@ from forcemesh.zenoh_settings import (
     ONE_THREAD,
     RUNTIME_VARIABLE,
     client_settings,
-    listen_with_one_thread,
+    use_one_thread,
     with_room,
 )
 from tests.fakes.bench import CELL
@@ -61,8 +61,8 @@ def test_the_environments_number_of_threads_takes_precedence(
 ) -> None:
     """The default is one thread."""
     monkeypatch.delenv(RUNTIME_VARIABLE, raising=False)
-    listen_with_one_thread()
+    use_one_thread()
     assert os.environ[RUNTIME_VARIABLE] == ONE_THREAD
     monkeypatch.setenv(RUNTIME_VARIABLE, "mine")
-    listen_with_one_thread()
+    use_one_thread()
     assert os.environ[RUNTIME_VARIABLE] == "mine"

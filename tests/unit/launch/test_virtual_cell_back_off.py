@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import typer
 
-from cli import verbs_arm
+from cli import context, verbs_arm
 from cli.context import REFUSED, confirmed
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
@@ -104,7 +104,7 @@ def test_without_a_confirmation_the_command_is_refused(
             raise typer.Abort
         return False
 
-    monkeypatch.setattr(typer, "confirm", asked)
+    monkeypatch.setattr(context, "confirm", asked)
     with pytest.raises(typer.Exit) as ended:
         confirmed("may it?", yes=False)
     assert ended.value.exit_code == REFUSED

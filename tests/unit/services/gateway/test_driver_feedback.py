@@ -116,3 +116,20 @@ def test_feedback_that_the_controller_ended_by_itself_needs_a_new_lease(cell: Fe
     cell.controller.end_feedback()
     assert cell.commands_after() == [(Com.HOLD, 0)]
     assert cell.world.codes >= {"feedback"}
+
+
+def test_no_set_point_is_sent_until_feedback_has_ended(cell: FeedbackCell) -> None:
+    """The stop is sent first; the set point that came with it is left out."""
+    world = cell.world
+    cell.controller.notes.clear()
+    world.send(world.permitted("setpoint", pose=world.shifted(0.0, 0.0, 0.0)))
+    world.live(1)
+    assert (Com.SET_POINT, 0) not in cell.controller.notes
+    assert world.gateway.verdict.hold_code == ""
+
+
+def test_a_set_point_without_a_pose_ends_the_lease(cell: FeedbackCell) -> None:
+    """Its code is `malformed`."""
+    cell.world.send(cell.world.permitted("setpoint"))
+    cell.world.live(2)
+    assert "malformed" in cell.world.codes

@@ -258,13 +258,18 @@ def test_ids_are_consecutive_and_go_round(id_: int) -> None:
         encode(Packet(NO_ID, 12))
 
 
-def test_only_these_commands_wait_in_the_ring_of_the_program() -> None:
-    """The program executes them in order, after what waits before them; all others at once."""
-    rings = {row.com.name: len(row.ring) for row in TABLE.values() if row.ring}
-    assert rings == {
-        "MOVE_POSE": 1, "MOVE_JOINTS": 1, "MOVE_BY_JOINTS": 1, "SPEEDS": 1, "SET_POINT": 1,
-        "TCP": 2, "GAINS": 2, "FEEDBACK": 2, "LIMITS": 4,
-    }  # fmt: skip
+RINGS = {
+    "MOVE_POSE": 1, "MOVE_JOINTS": 1, "MOVE_BY_JOINTS": 1, "SPEEDS": 1, "SET_POINT": 1,
+    "TCP": 2, "GAINS": 2, "FEEDBACK": 2, "LIMITS": 4,
+}  # fmt: skip
+AT_ONCE = {"WRENCH", "HOLD", "HELLO", "HEARTBEAT", "FORCE_SET_POINT"}
+
+
+def test_these_commands_wait_in_the_ring_of_the_program() -> None:
+    """The program executes them in order, after what waits before them; the others at once."""
+    rings = {row.com.name: len(row.ring) for row in TABLE.values()}
+    assert {name: rings[name] for name in RINGS} == RINGS
+    assert {name for name in AT_ONCE if rings[name]} == set()
 
 
 def test_each_mode_of_force_feedback_has_its_bits() -> None:

@@ -3,7 +3,7 @@
 import types
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from msgspec.structs import fields
+from msgspec.structs import asdict, fields
 
 from forcemesh import topics
 from forcemesh.bus import Reading
@@ -102,7 +102,7 @@ def texts_of(message: Any) -> list[str]:
     if isinstance(message, str):
         return [message]
     if isinstance(message, Record):
-        return [one for value in message.__dict__.values() for one in texts_of(value)]
+        return [one for value in asdict(message).values() for one in texts_of(value)]
     if isinstance(message, tuple):
         return [one for value in message for one in texts_of(value)]
     return []

@@ -108,7 +108,8 @@ class Scene:
 
     def _record_joints(self, sample: zenoh.Sample) -> None:
         _, state = decode(sample.payload.to_bytes(), RobotState)
-        self.joints.append(state.joint_rad)
+        if state.joint_rad:  # a gateway without a controller has none
+            self.joints.append(state.joint_rad)
 
 
 SendAttack = Callable[[zenoh.Session, Scene], None]

@@ -13,7 +13,7 @@ from forcemesh.faults import refusal, refused
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.laws import LAWS
-from services.regulator.session import MOVERS, ForceSession
+from services.regulator.session import ForceSession, active_commander
 from services.regulator.tcp_path import MOST_PATH_POINTS, component_across
 
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
@@ -50,9 +50,8 @@ def refused_start(
     if arbiter.armed_for != "all":
         purpose = "jog" if arbiter.armed_for == "jog" else "backing off"
         return refusal("not_armed", f"armed for {purpose} alone: hold, then arm for all")
-    movers = [mover for mover in (arbiter.commander, arbiter.next_commander) if mover in MOVERS]
-    if movers:
-        text = f"the {movers[0]} commands the arm: wait for the move to end, or hold"
+    if commander := active_commander(arbiter):
+        text = f"the {commander} commands the arm: wait for the move to end, or hold"
         return refusal("busy", text)
     return refusal(worse.code, worse.fault) if worse.fault else None
 

@@ -39,8 +39,8 @@ from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
 from services.regulator.refusals import refused_axes, refused_guide, refused_path, refused_start
 from services.regulator.session import (
-    MOVERS,
     ForceSession,
+    active_commander,
     describe,
     first_setpoint_N,
     move,
@@ -114,10 +114,8 @@ class Regulator:
                 self._end(f"the arbiter is {arbiter.state}")
             elif arbiter.lease != self._session.lease:  # held and armed again between two readings
                 self._end("the arm was armed again")
-            elif movers := [
-                mover for mover in (arbiter.commander, arbiter.next_commander) if mover in MOVERS
-            ]:
-                self._end(f"the {movers[0]} commands the arm")
+            elif commander := active_commander(arbiter):
+                self._end(f"the {commander} commands the arm")
         self._target.put(self._propose(wrench, robot), wrench.origin)
 
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from common.motion.frames import dot
 from forcemesh.codec import Header
-from forcemesh.messages import Gains, RegulatorTarget, Vec3
+from forcemesh.messages import ArbiterStatus, Gains, RegulatorTarget, Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.gains import PiGains
 from services.regulator.guards import GuardState
@@ -112,6 +112,12 @@ def describe(session: ForceSession) -> str:
         f"force feedback is on: mode {request.mode}, set point {request.setpoint_N:g} N, "
         f"law {session.law}{preset}, on {host}"
     )
+
+
+def active_commander(arbiter: ArbiterStatus) -> str:
+    """Return the commander that moves the arm or is next, empty if only the regulator may."""
+    both = (arbiter.commander, arbiter.next_commander)
+    return next((commander for commander in both if commander in MOVERS), "")
 
 
 def next_path(before: TcpPath | None, request: PathRequest) -> TcpPath:

@@ -156,7 +156,7 @@ class ZenohSource:
         """Sleep until a message arrives, at most for a time [s]."""
         if self._receiver is None:  # only waiting needs a thread
             self._receiver = ReceiverThread(self._subscriber.recv, self._room)
-        self._receiver.arrived.wait(timeout_s)
+        self._receiver.wait(timeout_s)
 
 
 class ReceiverThread:
@@ -164,7 +164,10 @@ class ReceiverThread:
 
     def __init__(self, receive: Callable[[], zenoh.Sample], room: int = 1) -> None:
         """Receive until the session is closed."""
-        self.arrived = threading.Event()
+        # A lock that is free while a sample waits. An Event is written in Python and hands the
+        # interpreter over several times for each sample: 10 % of a core and 3 ms of the chain's p99.
+        self._nothing = threading.Lock()
+        self._nothing.acquire()
         self._receive = receive
         self._newest: deque[zenoh.Sample] = deque(maxlen=room)
         self._thread = threading.Thread(target=self._listen, daemon=True)
@@ -174,10 +177,14 @@ class ReceiverThread:
         """Join the thread: if it is still in Zenoh when Python exits, the process aborts."""
         self._thread.join(LONGEST_END_S)
 
+    def wait(self, timeout_s: float) -> None:
+        """Sleep until a sample arrives, at most for a time [s]."""
+        self._nothing.acquire(timeout=max(0.0, timeout_s))
+
     def take(self) -> bytes | None:
         """Return the next payload once."""
         # First: a concurrent arrival causes a spurious wake-up, never a lost one.
-        self.arrived.clear()
+        self._nothing.acquire(blocking=False)
         try:
             return self._newest.popleft().payload.to_bytes()
         except IndexError:
@@ -187,7 +194,8 @@ class ReceiverThread:
         with suppress(zenoh.ZError):
             while True:
                 self._newest.append(self._receive())
-                self.arrived.set()
+                if self._nothing.locked():  # only this thread releases it
+                    self._nothing.release()
 
 
 @dataclass(slots=True)

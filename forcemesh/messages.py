@@ -25,6 +25,10 @@ Gain = Annotated[float, Meta(ge=0.0, le=LARGEST)]  # a negative gain would push 
 Gain3 = tuple[Gain, Gain, Gain]
 Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
 Text = Annotated[str, Meta(max_length=500)]
+MAX_ITEMS = 64  # of any list or map
+Texts = Annotated[tuple[Text, ...], Meta(max_length=MAX_ITEMS)]
+Counters = Annotated[dict[str, int], Meta(max_length=MAX_ITEMS)]
+Numbers = Annotated[dict[str, Finite], Meta(max_length=MAX_ITEMS)]
 
 Mode = Literal["position", "orientation", "both"]
 Host = Literal["pc", "controller"]
@@ -70,6 +74,9 @@ class Trip(Record):
     unit: Text = ""  # of value and limit, empty while the text names it
 
 
+Trips = Annotated[tuple[Trip, ...], Meta(max_length=MAX_ITEMS)]
+
+
 class KawasakiStatus(Record):
     """Status bits of a Kawasaki controller beyond those of any robot, and its error."""
 
@@ -93,7 +100,7 @@ class RobotStatus(Record):
     moving: bool = False
     held: bool = False
     feedback: Mode | None = None  # force feedback that runs inside the controller
-    faults: tuple[Trip, ...] = ()  # what keeps it from being ready
+    faults: Trips = ()  # what keeps it from being ready
     kawasaki: KawasakiStatus | None = None  # None for other robots
 
 
@@ -277,8 +284,8 @@ class ArbiterStatus(Message):
     lease: int = 0
     ownership: int = 0  # of the present owner under this lease
     armed_for: Purpose = "all"
-    trips: tuple[Trip, ...] = ()
-    not_ready: tuple[Text, ...] = ()  # reasons why arming would be refused
+    trips: Trips = ()
+    not_ready: Texts = ()  # reasons why arming would be refused
     clears: Text = ""
 
     @property
@@ -315,9 +322,9 @@ class Health(Message):
     lateness_p99_s: Finite = 0.0
     overruns: int = 0  # periods far too long, within the last second
     longest_gap_s: Finite = 0.0  # between two steps, within the last second
-    counters: dict[str, int] = field(default_factory=dict)
+    counters: Counters = field(default_factory=dict)
     # measured, units in the names; unknown values are omitted
-    numbers: dict[str, Finite] = field(default_factory=dict)
+    numbers: Numbers = field(default_factory=dict)
     version: Text = ""
     config_hash: Text = ""
     fault: Text = ""

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from msgspec import Meta, structs
 
 from forcemesh import messages as m
-from forcemesh.codec import MAX_ITEMS, SCHEMA_VERSION, Header, Version
+from forcemesh.codec import SCHEMA_VERSION, Header, Version
 from forcemesh.errors import MessageError
+from forcemesh.messages import MAX_ITEMS
 from forcemesh.patterns import NO_BREAK
 from forcemesh.records import Record
 from forcemesh.requests import ForceStartRequest, MoveRequest
@@ -110,8 +111,27 @@ def fits_record(fields: dict[str, Any], kind: type[Record]) -> bool:
     )
 
 
+def known(value: Any, kind: Any) -> Any:
+    """Return a value without the fields that no record has."""
+    args = [arg for arg in get_args(kind) if arg is not type(None)]
+    if get_origin(kind) in (Annotated, Union, types.UnionType):
+        return known(value, args[0])
+    if get_origin(kind) is tuple and isinstance(value, tuple | list):
+        return [known(each, args[0]) for each in value]
+    if isinstance(kind, type) and issubclass(kind, Record) and isinstance(value, dict):
+        hints = get_type_hints(kind, include_extras=True)
+        return {name: known(each, hints[name]) for name, each in value.items() if name in hints}
+    return value
+
+
 def expected(data: bytes, kind: type[Record]) -> bool:
-    """Return whether bytes are a message or request of a type."""
+    """Return whether bytes are a message or request of a type.
+
+    What a message has in fields that no record has is not judged.
+    """
+    if issubclass(kind, m.Message):
+        fields = msgpack.unpackb(data)
+        data = msgpack.packb(known(fields, Header) | known(fields, kind))
     limits = {"max_array_len": MAX_ITEMS, "max_map_len": MAX_ITEMS, "max_bin_len": 0}
     try:
         fields = msgpack.unpackb(data, use_list=False, max_ext_len=0, **limits)

@@ -248,13 +248,14 @@ class Runner:
     def run(self, stop: threading.Event) -> None:
         """Step whenever due until stopped; write a heartbeat for the container's health check."""
         heartbeat = heartbeat_of_this_process()
+        pause = self._clock.sleep_s if self._trigger is None else self._trigger.wait
         while not stop.is_set():
             now_ns = self._clock.now_ns()
             if self.step(now_ns):
                 heartbeat.beat(now_ns, self._fault)
-                continue
-            pause = self._clock.sleep_s if self._trigger is None else self._trigger.wait
-            pause(min((self._due_ns - now_ns) / NS_PER_S, LONGEST_PAUSE_S))
+                now_ns = self._clock.now_ns()
+            if (left_s := (self._due_ns - now_ns) / NS_PER_S) > 0.0:
+                pause(min(left_s, LONGEST_PAUSE_S))
 
 
 def main(

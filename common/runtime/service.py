@@ -1,6 +1,6 @@
 """Runner of services: the same object in its own process or in a cell on a virtual clock.
 
-A service runs on its trigger (a newer message of its main input) or, without one, on its period, so
+A service runs on its trigger (a newer message of its main input), on its period, or on both, so
 that it always publishes. Each step reads a snapshot, computes and publishes.
 """
 
@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
@@ -62,6 +62,13 @@ class Service(Protocol):
 
     def counters(self) -> dict[str, int]:
         """Return the counters for the health message."""
+
+
+@runtime_checkable
+class Periodic(Protocol):
+    """A service that keeps its period exactly, with steps in between on its trigger."""
+
+    on_period: Literal[True]
 
 
 @runtime_checkable
@@ -218,6 +225,7 @@ class Runner:
         self._contain = contain
         self._fault = ""
         self._trigger = service.trigger
+        self._on_period = self._trigger is None or isinstance(service, Periodic)
         self._period_ns = round(service.period_s * NS_PER_S)
         self._patience_ns = round(PATIENCE_PERIODS * self._period_ns)
         self._due_ns = clock.now_ns()
@@ -228,7 +236,8 @@ class Runner:
         A missed step is not repeated.
         """
         has_fired = self._trigger is not None and self._trigger.poll()
-        if not has_fired and now_ns < self._due_ns:
+        is_due = now_ns >= self._due_ns
+        if not has_fired and not is_due:
             return False
         lateness_s = max(0, now_ns - self._due_ns) / NS_PER_S
         if self._contain is None:
@@ -237,9 +246,9 @@ class Runner:
         else:
             breakdown = self._contain.step(self.service, now_ns)
         self._fault = breakdown or self.service.fault
-        if self._trigger is not None:
+        if not self._on_period:
             self._due_ns = now_ns + self._patience_ns
-        else:
+        elif is_due:
             self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
         for reporter in self._reporters:
             reporter.stepped(now_ns, lateness_s, self.service, breakdown)

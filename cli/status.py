@@ -16,7 +16,8 @@ from forcemesh.messages import ArbiterStatus, Health
 from launch.cell_view import CellView
 from launch.run_file import ProcessRecord, Run
 
-FOR_PROGRAMS = ("put_max_s", "tare_age_h")  # in --json alone: shown elsewhere, or for a long test
+# In --json alone: shown elsewhere, or for a long test.
+FOR_PROGRAMS = ("processor_fraction", "put_max_s", "tare_age_h")
 # Of numbers whose names do not say it; of the others the name itself is the text.
 NUMBER_TEXTS = {
     "framed_round_trip_p50": "network round trip (median)",
@@ -41,6 +42,7 @@ class ServiceStatus(TypedDict):
     rate_hz: float | None
     age_s: float | None
     fault: str
+    late: str  # how often and why its loop was late within the last second, empty if it was not
     numbers: dict[str, float]  # measured by the role, from its health
 
 
@@ -121,6 +123,14 @@ def describe_number(name: str, number: float) -> str:
             text = NUMBER_TEXTS.get(quantity, quantity.replace("_", " "))
             return f"{text} {scale * number:.1f} {unit}"
     return f"{name} {number:.6g}"
+
+
+def late_text(health: Health) -> str:
+    """Return how often a loop was late within the last second, and why; empty if it was not."""
+    if not health.overruns:
+        return ""
+    times = f"late {health.overruns} times within a second, by {1e3 * health.longest_gap_s:.0f} ms"
+    return f"{times}: {health.late_cause}" if health.late_cause else times
 
 
 def is_well(status: CellStatus) -> bool:
@@ -218,6 +228,7 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
         rate_hz=None,
         age_s=None,
         fault=ended or f"{process}no hub responds",
+        late="",
         numbers={},
     )
     if view is None:
@@ -229,6 +240,7 @@ def _service(role: str, run: Run | None, view: CellView | None, waited_s: float)
     if isinstance(message, Health):
         row["pid"], row["rate_hz"] = message.pid, round(message.rate_hz, 1)
         row["numbers"] = {} if reading.fault else message.numbers
+        row["late"] = "" if reading.fault else late_text(message)
     row["alive"] = not reading.fault and not _has_died(role, run)
     if row["alive"]:
         row["fault"] = message.fault if isinstance(message, Health) else ""

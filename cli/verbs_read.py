@@ -109,18 +109,21 @@ def _print_status(found: "CellStatus") -> None:
     ):
         for line in lines:
             console.print(f"  {label:<12} {line}", markup=False, soft_wrap=True)
-    table = Table("role", "pid", "alive", "loop", "age", "fault")
+    table = Table("role", "pid", "alive", "loop", "processor", "age", "fault")
     for row in found["services"]:
         table.add_row(
             row["name"],
             str(row["pid"] or "-"),
             "[green]yes[/]" if row["alive"] else "[red]no[/]",
             "-" if row["rate_hz"] is None else f"{row['rate_hz']:.1f} Hz",
+            f"{100.0 * used:.0f} %" if (used := row["numbers"].get("processor_fraction")) else "-",
             "-" if row["age_s"] is None else f"{1e3 * row['age_s']:.0f} ms",
             row["fault"],
         )
     print_table(console, table)
     for row in found["services"]:
+        if row["late"]:
+            console.print(f"  {row['name']}: {row['late']}", markup=False, soft_wrap=True)
         shown = sorted(item for item in row["numbers"].items() if item[0] not in FOR_PROGRAMS)
         if shown:
             text = ", ".join(describe_number(*item) for item in shown)

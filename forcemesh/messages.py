@@ -322,6 +322,7 @@ class Health(Message):
     lateness_p99_s: Finite = 0.0
     overruns: int = 0  # periods far too long, within the last second
     longest_gap_s: Finite = 0.0  # between two steps, within the last second
+    late_cause: Text = ""  # of the last overrun within this second
     counters: Counters = field(default_factory=dict)
     # measured, units in the names; unknown values are omitted
     numbers: Numbers = field(default_factory=dict)

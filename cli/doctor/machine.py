@@ -7,6 +7,7 @@ import socket
 import statistics
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -15,6 +16,7 @@ from pathlib import Path
 from cli.doctor.checks import ReportLine, finding, passed, skipped
 from common.config.cell import CellConfig, SensorSection
 from common.runtime.realtime import PRIORITY
+from forcemesh.messages import Health
 from forcemesh.version import __version__
 from forcemesh.zenoh_settings import endpoint_of
 from services.sensor.driver_registry import unknown_driver
@@ -25,6 +27,7 @@ from services.wrench.active_calibration import active_calibration
 PACKAGES = ("eclipse-zenoh", "msgpack", "msgspec", "numpy", "pin", "pydantic")
 PROBE_SLEEPS = 50
 PROBE_SLEEP_S = 0.001
+BUSY_ABOVE = 0.7  # of what there is: bursts and other work need the rest
 LATE_WAKE_S = 0.01  # half of the shortest deadline
 OLDEST_YEAR = 2024  # a clock that was never set starts in 1970
 OLD_DAYS = 365
@@ -74,6 +77,23 @@ def check_priority(*, is_granted: bool) -> ReportLine:
         return passed("real-time priority", f"granted: SCHED_FIFO {PRIORITY}")
     found = "not granted: CPU load can delay a message past its deadline; the arm then holds"
     return finding("real-time priority", "WARN", found, "priority")
+
+
+def check_processor(health: Mapping[str, Health], cores: int, limit: float) -> ReportLine:
+    """Check whether the processes of a cell leave room, and the real-time ones to the kernel.
+
+    Args:
+        health: Of each process on this PC, by its role.
+        cores: Of this PC.
+        limit: Share of a core that the kernel allows real-time processes.
+    """
+    used = {role: each.numbers.get("processor_fraction", 0.0) for role, each in health.items()}
+    realtime = sum(used[role] for role, each in health.items() if each.counters.get("realtime"))
+    text = f"the cell uses {sum(used.values()):.2f} of {cores} cores, {realtime:.2f} in real time"
+    found = f"{text}; the kernel allows {limit:.2f} of each"
+    if realtime > BUSY_ABOVE * limit * cores or max(used.values(), default=0.0) > BUSY_ABOVE:
+        return finding("processor", "WARN", found, "processor")
+    return passed("processor", found)
 
 
 def check_ports(in_use: dict[str, bool], *, is_up: bool) -> ReportLine:
@@ -129,6 +149,18 @@ def can_set_realtime_priority() -> bool:
     thread.start()
     thread.join()
     return granted
+
+
+def realtime_limit(folder: Path = Path("/proc/sys/kernel")) -> float:
+    """Return the share of a core that the kernel allows real-time processes; 1 without a limit."""
+    try:
+        runtime, period = (
+            int((folder / f"sched_rt_{word}_us").read_text("ascii"))
+            for word in ("runtime", "period")
+        )
+    except (OSError, ValueError):
+        return 1.0
+    return 1.0 if runtime < 0 else runtime / period
 
 
 def _versions() -> dict[str, str]:

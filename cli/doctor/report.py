@@ -1,5 +1,6 @@
 """Checks of a cell by `forcemesh doctor`, from the findings on its link or its bus."""
 
+import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -32,7 +33,7 @@ from cli.doctor.checks import (
     skipped,
 )
 from cli.doctor.link import ReceivedReports, Visit, visit_controller
-from cli.doctor.machine import machine_lines, sensor_line
+from cli.doctor.machine import check_processor, machine_lines, realtime_limit, sensor_line
 from cli.doctor.pose import check_pose
 from cli.status import helpers_of
 from common.bus.cell_bus import open_bus
@@ -88,6 +89,7 @@ def check_cell(cell: CellConfig) -> list[ReportLine]:
     lines.append(sensor_line(cell, is_up=is_up))
     section = cell.gateway if cell.roles.robot == "gateway" else None
     if found is not None and (has_run or found.robot is not None or section is None):
+        lines.append(_processor_line(found, is_here=has_run))
         return [*lines, *bus_lines(cell, found)]
     if has_run:
         text = "the cell is up, but its hub does not respond"
@@ -219,6 +221,18 @@ def bus_lines(cell: CellConfig, found: ObservedCell) -> list[ReportLine]:
     lines.append(check_error_code((state.status.kawasaki or KawasakiStatus()).error_code))
     lines.append(_state_pose(cell, state))
     return [*lines, *_number_lines(cell, cell.gateway, found.robot)]
+
+
+def _processor_line(found: ObservedCell, *, is_here: bool) -> ReportLine:
+    """Return the line on the processor time of a cell that runs on this PC."""
+    if not is_here:
+        return skipped("processor", "the cell's processes were not started by a supervisor here")
+    health = {
+        role: reading.fresh
+        for role, reading in found.roles.items()
+        if isinstance(reading.fresh, Health)
+    }
+    return check_processor(health, os.cpu_count() or 1, realtime_limit())
 
 
 def unused_lines(cell: CellConfig, skip: tuple[str, ...] = ()) -> list[ReportLine]:

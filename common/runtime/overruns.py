@@ -48,7 +48,7 @@ class Overruns:
         """Register a step."""
         gap_s = 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NS_PER_S
         self._last_ns, self.gap_s = now_ns, gap_s
-        if self._allowed_s is not None and gap_s > self._allowed_s:
+        if self.is_late:
             self._late_ns.append(now_ns)
         while self._peaks and self._peaks[-1][1] <= gap_s:
             self._peaks.pop()
@@ -58,6 +58,11 @@ class Overruns:
             self._peaks.popleft()
         while self._late_ns and self._late_ns[0] < oldest_ns:
             self._late_ns.popleft()
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the latest gap was too long."""
+        return self._allowed_s is not None and self.gap_s > self._allowed_s
 
     @property
     def count(self) -> int:

@@ -19,6 +19,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import cell_hash, load_cell
+from common.runtime.account import ProcessorAccount
 from common.runtime.heartbeat import heartbeat_of_this_process
 from common.runtime.overruns import Overruns, allowed_gap_s
 from common.runtime.realtime import (
@@ -109,8 +110,8 @@ class Stoppable(Protocol):
 class HealthReporter:
     """Publisher of the health of a bus's role, from the role's own loop."""
 
-    def __init__(self, bus: Bus, cell: CellConfig) -> None:
-        """Prepare the constant fields."""
+    def __init__(self, bus: Bus, cell: CellConfig, account: ProcessorAccount | None = None) -> None:
+        """Prepare the constant fields; of a process's roles, the first has its account."""
         self._transport = bus.transport
         self._publisher = bus.publisher(HEALTH[bus.role])
         self._period_ns = round(NS_PER_S / cell.rates.health_hz)
@@ -119,6 +120,7 @@ class HealthReporter:
         self._since_ns = bus.clock.now_ns()
         self._lateness_s: deque[float] = deque(maxlen=LATENESS_WINDOW)
         self._overruns = Overruns(allowed_gap_s(cell, bus.role))
+        self._account, self._late_cause = account, ""
         self._config_hash = cell_hash(cell)
         self._breakdown = ""
 
@@ -139,6 +141,10 @@ class HealthReporter:
         self._steps += 1
         self._lateness_s.append(lateness_s)
         self._overruns.stepped(now_ns)
+        if self._account is not None:
+            if self._overruns.is_late:
+                self._late_cause = self._account.cause_of(self._overruns.gap_s)
+            self._account.stepped()
         if now_ns < self._next_ns:
             return
         self._next_ns = now_ns + self._period_ns
@@ -151,6 +157,8 @@ class HealthReporter:
         numbers = service.numbers(now_ns) if isinstance(service, HasNumbers) else {}
         if isinstance(self._transport, Metered):  # the longest put since the last report
             numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
+        if self._account is not None:
+            numbers = {**numbers, "processor_fraction": self._account.fraction()}
         self._publisher.put(
             Health(
                 valid=not breakdown,
@@ -161,6 +169,7 @@ class HealthReporter:
                 lateness_p99_s=late[int(0.99 * (len(late) - 1))],
                 overruns=self._overruns.count,
                 longest_gap_s=self._overruns.longest_s,
+                late_cause=self._late_cause if self._overruns.count else "",
                 counters={**rights, **service.counters()},
                 numbers=numbers,
                 fault=breakdown or service.fault,
@@ -298,8 +307,8 @@ def main(
         service = make_service(bus, cell)
         if isinstance(service, Closable):
             exits.callback(service.close)
-        buses = [bus, *(bus.playing(role) for role in roles[1:])]
-        reporters = [HealthReporter(each, cell) for each in buses]
+        reporters = [HealthReporter(bus, cell, ProcessorAccount())]
+        reporters += [HealthReporter(bus.playing(role), cell) for role in roles[1:]]
         runner = Runner(service, reporters, bus.clock, contain=Containment(roles[0]))
         if realtime:
             prepare_realtime()

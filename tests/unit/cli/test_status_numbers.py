@@ -80,7 +80,7 @@ def test_status_shows_them_for_people_and_for_programs(cell: CellConfig, tmp_pat
         text = output_of(publisher, ["status", "--cell", str(path)])
     rows = {row["name"]: row["numbers"] for row in report["services"]}
     assert rows["robot"] == NUMBERS
-    assert set(rows["hub"]) | set(rows["arbiter"]) <= {"put_max_s"}  # measured by every process
+    assert set(rows["hub"]) | set(rows["arbiter"]) <= {"processor_fraction", "put_max_s"}
     line = next(line for line in text.splitlines() if line.startswith("  robot: "))
     assert line == (
         "  robot: network round trip (median) 12.3 ms, monitor speed 10.0 %, "

@@ -95,6 +95,7 @@ ELSEWHERE = {
     "reports.broken",
     "versions",
     "priority",
+    "processor",
     "ports",
     "calibration",
     "calibration.old",

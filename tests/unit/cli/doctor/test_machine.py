@@ -4,6 +4,7 @@ import datetime as dt
 import socket
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,11 +17,13 @@ from cli.doctor.machine import (
     check_device,
     check_ports,
     check_priority,
+    check_processor,
     check_stream_of,
     check_versions,
     is_local,
     listen,
     machine_lines,
+    realtime_limit,
     sensor_line,
 )
 from common.config.calibration import CalibrationSection, Residuals
@@ -204,3 +207,38 @@ def test_the_sensor_is_started_and_stopped(netft: tuple[int, list[int]]) -> None
     port, _ = netft
     found = listen("127.0.0.1", port, 0.5)
     assert (found.records, found.newest is not None) == (20, True)
+
+
+# --- processor time -------------------------------------------------------------------------------
+
+
+def using(**shares: float) -> dict[str, Health]:
+    """Return the health of processes with real-time priority that use so much of a core."""
+    return {
+        role: Health(numbers={"processor_fraction": share}, counters={"realtime": 1})
+        for role, share in shares.items()
+    }
+
+
+def test_a_cell_leaves_room_on_every_core() -> None:
+    """Together within the kernel's limit for real time, and no loop near a whole core."""
+    assert judged(check_processor(using(robot=0.6, arbiter=0.7), 2, 0.95)) == ("PASS", False)
+    assert judged(check_processor(using(robot=0.7, arbiter=0.7), 2, 0.95)) == ("WARN", True)
+    assert judged(check_processor(using(robot=0.7, arbiter=0.7), 4, 0.95)) == ("PASS", False)
+    assert judged(check_processor(using(robot=0.8), 8, 0.95)) == ("WARN", True)
+    ordinary = {"robot": Health(numbers={"processor_fraction": 0.7})}
+    line = check_processor(using(arbiter=0.7) | ordinary, 2, 0.95)
+    text = "the cell uses 1.40 of 2 cores, 0.70 in real time; the kernel allows 0.95 of each"
+    assert (line.result, line.found) == ("PASS", text)
+    assert check_processor({"robot": Health()}, 2, 1.0).result == "PASS"  # of an older version
+
+
+@pytest.mark.parametrize(("runtime", "limit"), [("950000", 0.95), ("-1", 1.0), ("", 1.0)])
+def test_the_kernels_limit_for_real_time_is_read(
+    tmp_path: Path, runtime: str, limit: float
+) -> None:
+    """Minus one means that there is none."""
+    (tmp_path / "sched_rt_runtime_us").write_text(runtime)
+    (tmp_path / "sched_rt_period_us").write_text("1000000")
+    assert realtime_limit(tmp_path) == limit
+    assert realtime_limit(tmp_path / "elsewhere") == 1.0

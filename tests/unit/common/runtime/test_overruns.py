@@ -1,5 +1,7 @@
 """Overruns of a loop: counted over a second, judged by the cell's deadlines."""
 
+from typing import Any, cast
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,6 +12,7 @@ from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
+from forcemesh.messages import Health
 from forcemesh.topics import ROLES
 from tests.fakes.bench import CELL
 
@@ -103,3 +106,47 @@ def test_health_reports_overruns_and_the_longest_gap() -> None:
     report = health.read(clock.now_ns()).message
     assert report is not None
     assert report.overruns == 0
+
+
+class FixedAccount:
+    """An account that always knows the same."""
+
+    def __init__(self) -> None:
+        """Count the steps."""
+        self.steps = 0
+
+    def stepped(self) -> None:
+        """Note a step."""
+        self.steps += 1
+
+    def cause_of(self, gap_s: float) -> str:
+        """Name the gap, so that a test can check it."""
+        return f"cause of {gap_s:g} s, after {self.steps} steps"
+
+    def fraction(self) -> float:
+        """Return a share."""
+        return 0.25
+
+
+def test_health_names_the_cause_of_the_latest_overrun_for_a_second() -> None:
+    """And the share of a core of the process."""
+    transport, clock, account = MemoryTransport(), ManualClock(), FixedAccount()
+    bus = Bus("wrench", CELL.cell, transport, CELL, clock)
+    health = Bus(topics.CLIENT, CELL.cell, transport, CELL, clock).reader(topics.HEALTH["wrench"])
+    reporter = HealthReporter(bus, CELL, cast("Any", account))
+
+    def step(after_s: float) -> Health:
+        clock.sleep_s(after_s)
+        reporter.stepped(clock.now_ns(), 0.0, SlowService(clock))
+        message = health.read(clock.now_ns()).message
+        assert message is not None
+        return message
+
+    assert step(0.0).late_cause == ""
+    step(0.2)
+    found = step(0.3)
+    assert found.late_cause == "cause of 0.3 s, after 2 steps"
+    assert found.numbers["processor_fraction"] == 0.25
+    for _ in range(900):
+        found = step(0.002)
+    assert (found.overruns, found.late_cause) == (0, "")

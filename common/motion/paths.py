@@ -33,7 +33,7 @@ class JointPath:
         self._from, self._travel = q_from.copy(), q_to - q_from
         self.kinematics = kinematics
         fastest_m = max(
-            float(np.linalg.norm((kinematics.jacobian(self._q(s)) @ self._travel)[:3]))
+            math.hypot(*(kinematics.jacobian(self._q(s)) @ self._travel)[:3])
             for s in np.linspace(0.0, 1.0, 21)
         )
         self.extent_m = max(fastest_m, TURN_RADIUS_M * float(abs(self._travel).max()))

@@ -9,15 +9,14 @@ echoed, and leases and turns of one arbiter only increase: a command of an earli
 and ends the lease, because only an unexpected publisher would send it.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from forcemesh.bus import Reading
 from forcemesh.faults import FAULTS, clipped, tripped
 from forcemesh.messages import Accepted, RobotCommand, Trip
 
 
-@dataclass(frozen=True, slots=True)
-class GateDecision:
+class GateDecision(NamedTuple):
     """Decision of the gate: execute a command, or hold for a reason."""
 
     command: RobotCommand | None

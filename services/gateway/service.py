@@ -1,6 +1,5 @@
 """Gateway service: the role `robot`, implemented by a Kawasaki controller over TCP."""
 
-from dataclasses import replace
 from math import radians
 
 import numpy as np
@@ -161,7 +160,7 @@ class Gateway:
         if (controller_fault := self._connection.controller_fault()) is None:
             return verdict
         text = clipped(f"{controller_fault.text}; {verdict.hold_reason}")
-        return replace(verdict, hold=controller_fault.replaced(text=text))
+        return verdict._replace(hold=controller_fault.replaced(text=text))
 
     # --- state ------------------------------------------------------------------------------------
 

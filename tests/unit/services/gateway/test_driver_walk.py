@@ -4,7 +4,6 @@ The check is in tests/fakes/gateway_world.py: no motion without a valid permissi
 ended lease, the first set point at the arm's pose, IDs without a gap, holds with a reason.
 """
 
-from dataclasses import replace
 from math import inf, nan
 from typing import Any
 
@@ -304,7 +303,7 @@ def hold_without_code(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         CommandGate,
         "_refuse",
-        lambda gate, why: replace(original_refuse(gate, why), hold=why.replaced(code="")),
+        lambda gate, why: original_refuse(gate, why)._replace(hold=why.replaced(code="")),
     )
 
 

@@ -1,9 +1,8 @@
 """Conversion between tuples of messages and arrays and poses of the maths."""
 
-import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import Array, unit_quaternion
+from common.motion.frames import Array, numbers_of, pose_at, unit_quaternion
 from forcemesh.messages import PoseRecord, RobotState, Vec3
 
 
@@ -15,12 +14,10 @@ def vec3(array: Array) -> Vec3:
 
 def record_of(T: pin.SE3) -> PoseRecord:
     """Return a pose as a message record."""
-    px, py, pz, x, y, z, w = pin.SE3ToXYZQUAT(T).tolist()
-    quaternion = (-x, -y, -z, -w) if w < 0.0 else (x, y, z, w)
-    return PoseRecord(position_m=(px, py, pz), orientation_xyzw=quaternion)
+    position_m, orientation_xyzw = numbers_of(T)
+    return PoseRecord(position_m=position_m, orientation_xyzw=orientation_xyzw)
 
 
 def pose_of(record: PoseRecord | RobotState) -> pin.SE3:
     """Return the pose of a message record."""
-    quaternion = unit_quaternion(*record.orientation_xyzw)
-    return pin.XYZQUATToSE3(np.array(record.position_m + quaternion))
+    return pose_at(record.position_m, unit_quaternion(*record.orientation_xyzw))

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from forcemesh.messages import Vec3
+from forcemesh.messages import ZERO3, Quaternion, Vec3
 
 Array = npt.NDArray[np.float64]
 
@@ -75,22 +75,17 @@ def apart(T_from: pin.SE3, T_to: pin.SE3) -> tuple[float, float]:
 
 def interpolated(T_from: pin.SE3, T_to: pin.SE3, share: float) -> pin.SE3:
     """Return a pose on a straight line with uniform rotation about one axis; share is 0 to 1."""
-    rotation = rotation_between(T_from.rotation, T_to.rotation)
-    R = rotate_about_base_axes(T_from.rotation, share * rotation)
-    return pin.SE3(R, T_from.translation + share * (T_to.translation - T_from.translation))
+    return moved(T_from, speeds_between(T_from, T_to, 1.0), share)
 
 
 def quaternion_from_R(R: Array) -> tuple[float, float, float, float]:
     """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation matrix."""
-    x, y, z, w = pin.Quaternion(R).coeffs().tolist()
-    sign = -1.0 if w < 0.0 else 1.0
-    return (sign * x, sign * y, sign * z, sign * w)
+    return numbers_of(pin.SE3(R, np.zeros(3)))[1]
 
 
 def R_from_quaternion(xyzw: tuple[float, float, float, float] | Array) -> Array:
     """Return the rotation matrix of a quaternion (x, y, z, w), normalised by `unit_quaternion`."""
-    x, y, z, w = unit_quaternion(*map(float, xyzw))
-    return np.asarray(pin.Quaternion(w, x, y, z).toRotationMatrix())
+    return np.asarray(pose_at(ZERO3, unit_quaternion(*map(float, xyzw))).rotation)
 
 
 def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
@@ -98,10 +93,8 @@ def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, floa
 
     A zero quaternion gives NaN, which every limit refuses, not the identity.
     """
-    # Divided first: squares overflow long before the numbers do.
-    largest = max(abs(x), abs(y), abs(z), abs(w)) or math.nan
-    x, y, z, w = x / largest, y / largest, z / largest, w / largest
-    size = math.sqrt((x * x + z * z) + (y * y + w * w))
+    x, y, z, w = 0.5 * x, 0.5 * y, 0.5 * z, 0.5 * w  # of any finite numbers the length is finite
+    size = math.hypot(x, y, z, w) or math.nan
     return (x / size, y / size, z / size, w / size)
 
 
@@ -155,6 +148,7 @@ def _wrap(angle_rad: float) -> float:
 
 Vector = Sequence[float]  # three of them
 Rows = Sequence[Vector]  # a rotation matrix, row by row
+Speeds = tuple[Vec3, Vec3]  # speed [m/s] and angular speed [rad/s], in base axes
 
 
 def rotated(R: Rows, v: Vector) -> Vec3:
@@ -183,3 +177,46 @@ def cross(a: Vector, b: Vector) -> Vec3:
     x, y, z = a
     u, v, w = b
     return (y * w - z * v, z * u - x * w, x * v - y * u)
+
+
+def numbers_of(T: pin.SE3) -> tuple[Vec3, Quaternion]:
+    """Return position and unit quaternion x, y, z, w of a pose, w >= 0."""
+    px, py, pz, x, y, z, w = pin.SE3ToXYZQUAT(T).tolist()
+    return (px, py, pz), (-x, -y, -z, -w) if w < 0.0 else (x, y, z, w)
+
+
+def pose_at(position_m: Vec3, unit_xyzw: Quaternion) -> pin.SE3:
+    """Return the pose of a position [m] and a unit quaternion."""
+    return pin.XYZQUATToSE3([*position_m, *unit_xyzw])
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the quaternion of the rotation a b: b first."""
+    x, y, z, w = a
+    i, j, k, s = b
+    return (
+        w * i + x * s + y * k - z * j,
+        w * j + y * s + z * i - x * k,
+        w * k + z * s + x * j - y * i,
+        w * s - x * i - y * j - z * k,
+    )
+
+
+def speeds_between(T_from: pin.SE3, T_to: pin.SE3, time_s: float) -> Speeds:
+    """Return the constant speeds that lead from one pose to another in a time."""
+    (p_from, (x, y, z, w)), (p_to, q_to) = numbers_of(T_from), numbers_of(T_to)
+    i, j, k, s = product(q_to, (-x, -y, -z, w))  # the turn, about base axes
+    size = math.hypot(i, j, k)
+    rate = 2.0 * math.atan2(math.copysign(size, s), abs(s)) / (size or 1.0) / time_s
+    u, v, w = plus(p_to, p_from, -1.0)
+    return (u / time_s, v / time_s, w / time_s), (rate * i, rate * j, rate * k)
+
+
+def moved(T: pin.SE3, speeds: Speeds, time_s: float) -> pin.SE3:
+    """Return a pose after a time at constant speeds: translation, then rotation."""
+    (p, q), (speed, (x, y, z)) = numbers_of(T), speeds
+    rate = math.hypot(x, y, z)
+    half = 0.5 * time_s * rate
+    share = math.sin(half) / (rate or 1.0)
+    turn = (share * x, share * y, share * z, math.cos(half))
+    return pose_at(plus(p, speed, time_s), product(turn, q))

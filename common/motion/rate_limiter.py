@@ -4,26 +4,22 @@ Excess speed and acceleration are clipped, not refused. Translation and rotation
 same factor, so a tool that rotates about its tip still does so.
 """
 
-from dataclasses import dataclass, replace
 from math import dist, hypot, sqrt
+from typing import NamedTuple
 
-import numpy as np
 import pinocchio as pin
 
-from common.motion.frames import apart, rotate_about_base_axes, rotation_between
+from common.motion.frames import Speeds, apart, moved, plus, speeds_between
 from common.motion.limits import Limits
 from forcemesh.messages import ZERO3
 
 AT_REST = 1e-9  # m/s and rad/s
 SAME_INSTANT_S = 1e-6  # shorter periods do not move the pose
 
-# Speed [m/s] and angular speed [rad/s], in base axes; shape (2, 3).
-Speeds = tuple[tuple[float, ...], ...]
 REST: Speeds = (ZERO3, ZERO3)
 
 
-@dataclass(frozen=True, slots=True)
-class CommandedMotion:
+class CommandedMotion(NamedTuple):
     """A commanded flange pose and its velocity, in base axes."""
 
     T_base_flange: pin.SE3
@@ -59,19 +55,19 @@ def limit_motion(
         dt_s: Time since the last period.
     """
     if dt_s < SAME_INSTANT_S:
-        return replace(before, T_target=T_target)
+        return before._replace(T_target=T_target)
     most = (limits.speed_m_s, limits.speed_rad_s)
     most_change = (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s)
-    needed = allowed = _speeds_between(before.T_base_flange, T_target, dt_s)
+    needed = allowed = speeds_between(before.T_base_flange, T_target, dt_s)
     if before.T_base_flange is not before.T_target:  # there is a distance to close
-        of_target = _limited(REST, _speeds_between(before.T_target, T_target, dt_s), most)
+        of_target = _limited(REST, speeds_between(before.T_target, T_target, dt_s), most)
         braked = tuple(map(_braked_within, map(dist, of_target, needed), most_change))
         allowed = _limited(of_target, needed, braked)
     allowed = _limited(REST, allowed, most)
     reached = _limited(before.speeds, allowed, most_change)
     if reached is allowed and max(map(dist, reached, needed)) <= AT_REST:
         return CommandedMotion(T_target, T_target, needed)
-    T = _moved(before.T_base_flange, reached, dt_s)
+    T = moved(before.T_base_flange, reached, dt_s)
     left_m, left_rad = apart(T, T_target)
     lag_m = limits.speed_m_s * max(dt_s, 0.5 * limits.speed_m_s / limits.accel_m_s2)
     lag_rad = limits.speed_rad_s * max(dt_s, 0.5 * limits.speed_rad_s / limits.accel_rad_s2)
@@ -81,14 +77,14 @@ def limit_motion(
 def brake(limits: Limits, before: CommandedMotion, dt_s: float) -> CommandedMotion:
     """Return the next pose of the fastest stop."""
     reached = _limited(before.speeds, REST, (limits.accel_m_s2 * dt_s, limits.accel_rad_s2 * dt_s))
-    return CommandedMotion(_moved(before.T_base_flange, reached, dt_s), before.T_target, reached)
+    return CommandedMotion(moved(before.T_base_flange, reached, dt_s), before.T_target, reached)
 
 
 def resting_place(limits: Limits, motion: CommandedMotion) -> pin.SE3:
     """Return the flange pose at the end of braking from now."""
     speed, angular = motion.speeds
     half_s = 0.5 * max(hypot(*speed) / limits.accel_m_s2, hypot(*angular) / limits.accel_rad_s2)
-    return _moved(motion.T_base_flange, motion.speeds, half_s)
+    return moved(motion.T_base_flange, motion.speeds, half_s)
 
 
 def _braked_within(speed: float, change: float) -> float:
@@ -112,18 +108,5 @@ def _limited(start: Speeds, end: Speeds, most: tuple[float, ...]) -> Speeds:
             share = min(share, largest / size)
     if share == 1.0:
         return end
-    reached = np.array(start) + share * np.subtract(end, start)
-    return tuple(map(tuple, reached.tolist()))
-
-
-def _speeds_between(T_from: pin.SE3, T_to: pin.SE3, dt_s: float) -> Speeds:
-    """Return the constant speeds that lead from one pose to another in a time."""
-    translation = T_to.translation - T_from.translation
-    rotation = rotation_between(T_from.rotation, T_to.rotation)
-    return tuple(tuple(x / dt_s for x in row.tolist()) for row in (translation, rotation))
-
-
-def _moved(T: pin.SE3, speeds: Speeds, time_s: float) -> pin.SE3:
-    """Return a pose after a time at constant speeds: translation, then rotation."""
-    translation, rotation = np.array(speeds) * time_s
-    return pin.SE3(rotate_about_base_axes(T.rotation, rotation), T.translation + translation)
+    (v, w), (v_end, w_end) = start, end
+    return plus(v, plus(v_end, v, -1.0), share), plus(w, plus(w_end, w, -1.0), share)

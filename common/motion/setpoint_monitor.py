@@ -9,14 +9,13 @@ leases, so that a flood of new ones gains nothing.
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from math import hypot
+from math import dist
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 import pinocchio as pin
 
-from common.motion.frames import apart, rotation_between
+from common.motion.frames import apart, speeds_between
 from common.motion.limits import Limits
 from forcemesh.faults import tripped
 from forcemesh.messages import Trip
@@ -31,8 +30,7 @@ S_PER_NS = 1e-9
 _TIME_OF: Callable[[Any], int] = attrgetter("at_ns")
 
 
-@dataclass(frozen=True, slots=True)
-class StreamStep:
+class StreamStep(NamedTuple):
     """One commanded pose: time, and length of the commanded path up to it."""
 
     at_ns: int
@@ -65,7 +63,7 @@ class SetpointMonitor:
             return self.check(T_measured, now_ns)
         # Earlier poses are of another motion: only their path counts.
         steps = self._steps or [StreamStep(now_ns, T_measured)]
-        self._steps = deque(replace(step, T=T_measured) for step in steps)
+        self._steps = deque(step._replace(T=T_measured) for step in steps)
         self._last_ns = now_ns
         return None
 
@@ -79,6 +77,7 @@ class SetpointMonitor:
         start, newest = steps[0], steps[-1]
         travel_m, turn_rad = apart(newest.T, T_target)
         step = StreamStep(now_ns, T_target, newest.path_m + travel_m, newest.path_rad + turn_rad)
+        path_m, path_rad = step.path_m - start.path_m, step.path_rad - start.path_rad
         since_ns = now_ns if self._budget_at_ns is None else self._budget_at_ns
         time_s = SPEED_MARGIN * max(0, now_ns - since_ns) * S_PER_NS
         budget_m = min(self._budget_m + limits.speed_m_s * time_s, limits.step_m)
@@ -89,39 +88,36 @@ class SetpointMonitor:
         if turn_rad > budget_rad:
             return tripped("speed", text, limit=limits.speed_rad_s, unit="rad/s")
         for value, speed, unit in (
-            (step.path_m - start.path_m, limits.speed_m_s, "m"),
-            (step.path_rad - start.path_rad, limits.speed_rad_s, "rad"),
+            (path_m, limits.speed_m_s, "m"),
+            (path_rad, limits.speed_rad_s, "rad"),
         ):
             most = speed * (SPEED_MARGIN * WINDOW_S)
             if value > most:
                 text = f"longer path in {WINDOW_S * 1e3:g} ms than the speed limit allows"
                 return tripped("rate", text, value=value, limit=most, unit=unit)
-        trip = self._acceleration_trip(step)
-        if trip is None:
-            self._budget_m, self._budget_rad = budget_m - travel_m, budget_rad - turn_rad
-            self._budget_at_ns = self._last_ns = now_ns
-            steps.append(step)
-        return trip
+        # The path of the whole window is at least the change between its parts.
+        is_fast = path_m > self._change_m or path_rad > self._change_rad
+        if is_fast and (trip := self._acceleration_trip(step)) is not None:
+            return trip
+        self._budget_m, self._budget_rad = budget_m - travel_m, budget_rad - turn_rad
+        self._budget_at_ns = self._last_ns = now_ns
+        steps.append(step)
+        return None
 
     def _acceleration_trip(self, step: StreamStep) -> Trip | None:
         """Compare the last 60 ms with the 60 ms before: mean velocity, and length of the path."""
         limits, steps = self._limits, self._steps
-        most_m, most_rad = self._change_m, self._change_rad
         middle, first = (  # in force at that time, or the oldest
             steps[max(0, bisect_right(steps, step.at_ns - age_ns, key=_TIME_OF) - 1)]
             for age_ns in (HALF_NS, 2 * HALF_NS)
         )
-        if step.path_m - first.path_m <= most_m and step.path_rad - first.path_rad <= most_rad:
-            return None  # the path of both halves is at least the change between them
-        change_m = step.T.translation - 2.0 * middle.T.translation + first.T.translation
-        change_rad = rotation_between(middle.T.rotation, step.T.rotation) - rotation_between(
-            first.T.rotation, middle.T.rotation
-        )
+        halves = (speeds_between(first.T, middle.T, 1.0), speeds_between(middle.T, step.T, 1.0))
+        change_m, change_rad = map(dist, *halves)
         more_m = step.path_m - 2.0 * middle.path_m + first.path_m
         more_rad = step.path_rad - 2.0 * middle.path_rad + first.path_rad
         for change, most, accel in (
-            (max(hypot(*change_m.tolist()), more_m), most_m, limits.accel_m_s2),
-            (max(hypot(*change_rad.tolist()), more_rad), most_rad, limits.accel_rad_s2),
+            (max(change_m, more_m), self._change_m, limits.accel_m_s2),
+            (max(change_rad, more_rad), self._change_rad, limits.accel_rad_s2),
         ):
             if change > most:
                 text = "acceleration of the set points is above the limit"

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, apart, rotation_between
+from common.motion.frames import Array, apart, speeds_between
 from forcemesh.faults import tripped
 from forcemesh.messages import Joints, Trip
 
@@ -79,7 +79,8 @@ class TrackingMonitor:
         poses, T = self._poses, T_measured
         away_m = away_rad = 0.0  # to the nearest commanded pose
         if self._joints is not None:
-            away_rad = _distance_to_segment(*self._joints, np.array(joint_rad))
+            from_rad, to_rad = self._joints
+            away_rad = _distance_to_segment(to_rad - from_rad, joint_rad - from_rad)
         elif poses:
             # The last pose before the delay was still valid at its start.
             start_ns = now_ns - self._delay_ns
@@ -90,10 +91,10 @@ class TrackingMonitor:
         for (_, b), (_, a) in pairwise(reversed(poses)):
             if away_m <= self._limit_m and away_rad <= self._limit_rad:
                 break
-            away_m = min(away_m, _distance_to_segment(a.translation, b.translation, T.translation))
-            line_rad = rotation_between(a.rotation, b.rotation)
-            turned_rad = rotation_between(a.rotation, T.rotation)
-            away_rad = min(away_rad, _distance_to_segment(np.zeros(3), line_rad, turned_rad))
+            ends = map(np.array, speeds_between(a, b, 1.0))
+            places = map(np.array, speeds_between(a, T, 1.0))
+            off_m, off_rad = map(_distance_to_segment, ends, places)
+            away_m, away_rad = min(away_m, off_m), min(away_rad, off_rad)
         if away_m <= self._limit_m and away_rad <= self._limit_rad:
             self._off = 0
             return None
@@ -107,9 +108,8 @@ class TrackingMonitor:
         return tripped("tracking", text, value=away_rad, limit=self._limit_rad, unit="rad")
 
 
-def _distance_to_segment(a: Array, b: Array, point: Array) -> float:
-    """Return the distance of a point from a line segment."""
-    segment = b - a
-    square = float(segment @ segment)
-    share = 0.0 if square == 0.0 else min(1.0, max(0.0, float((point - a) @ segment) / square))
-    return hypot(*(point - a - share * segment))
+def _distance_to_segment(end: Array, point: Array) -> float:
+    """Return the distance of a point from a line segment, both from its start."""
+    square = end @ end
+    share = 0.0 if square == 0.0 else min(1.0, max(0.0, point @ end / square))
+    return hypot(*(point - share * end))

@@ -12,11 +12,10 @@ Only set points that the regulator streams can fade or retract: any other motion
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import ForceSection
-from common.motion.frames import is_finite_pose
+from common.motion.frames import apart, dot, is_finite_pose
 from common.motion.limits import NS_PER_S, ArmBounds, Limits, check_apart, check_workspace
 from common.motion.rate_limiter import CommandedMotion, brake, limit_motion, resting_place
 from forcemesh.faults import clipped
@@ -104,7 +103,7 @@ def begin_stop(
         return None
     T = motion.T_base_flange
     press_axis = (T * bounds.T_flange_tcp).rotation[:, 2]
-    if float(np.array(wrench.force_N) @ press_axis) >= 0.0:
+    if dot(wrench.force_N, press_axis) >= 0.0:
         return None
     travel_m, speed_m_s = section.retreat_m, section.retreat_m_s
     T_back = pin.SE3(T.rotation, T.translation - travel_m * press_axis)
@@ -124,7 +123,7 @@ def step_stop(stopping: Stopping, bounds: ArmBounds, tick: Tick) -> Stopping:
     done = late or is_over or bounds.place(T_reached)
     if not done:
         return replace(stopping, motion=motion)
-    left_m = np.linalg.norm(stopping.T_back.translation - stopping.motion.T_base_flange.translation)
+    left_m, _ = apart(stopping.motion.T_base_flange, stopping.T_back)
     text = f"{stopping.trip.text}; the tool went back {(stopping.travel_m - left_m) * 1e3:.1f} mm"
     trip = stopping.trip.replaced(text=clipped(text))
     return replace(stopping, trip=trip, done=True)

@@ -6,6 +6,7 @@ sent at once, also when a refusal follows: IDs have no gaps.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import dist
 
 import numpy as np
 import pinocchio as pin
@@ -263,7 +264,7 @@ class Driver:
 
     def _move_centre(self, running: RunningFeedback, feedback: Feedback) -> Vec3:
         """Offer the contact point as centre of rotation when it has moved; return the lever."""
-        travel_m = np.linalg.norm(np.array(feedback.lever_m) - np.array(running.lever_m))
+        travel_m = dist(feedback.lever_m, running.lever_m)
         if travel_m < CENTRE_STEP_M:
             return running.lever_m
         self._dialogue.offer_centre(self._centre(feedback))

@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 from math import degrees
 
-import numpy as np
 from pydantic import ValidationError
 
 from common.config.calibration import CalibrationSection
 from common.config.cell import CellConfig
 from common.config.cell_terms import FrameSection
 from common.config.payload import Payload
-from common.motion.frames import rotation_between
+from common.motion.frames import apart
 from forcemesh.errors import DataError, first_mistake
 
 SAME_M, SAME_DEG = 1e-4, 0.1  # tolerance for a pose that was typed again
@@ -117,9 +116,8 @@ def _too_heavy(mass_kg: float, cell: CellConfig) -> str:
 
 
 def _apart(then: FrameSection, now: FrameSection) -> str:
-    away_m = float(np.linalg.norm(then.pose.translation - now.pose.translation))
-    turn_rad = rotation_between(then.pose.rotation, now.pose.rotation)
-    turned_deg = degrees(float(np.linalg.norm(turn_rad)))
+    away_m, turn_rad = apart(then.pose, now.pose)
+    turned_deg = degrees(turn_rad)
     if away_m <= SAME_M and turned_deg <= SAME_DEG:
         return ""
     return f"{away_m * 1e3:.1f} mm and {turned_deg:.1f} degrees"

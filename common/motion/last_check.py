@@ -6,7 +6,7 @@ Every rule returns a `Trip`; an accepted command is within all limits.
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import inf
+from math import hypot, inf
 
 import numpy as np
 import pinocchio as pin
@@ -125,11 +125,11 @@ class LastCheck:
         """Check a request for force feedback in the controller, which limits its own speeds."""
         if self._refusal is not None:
             return self._refusal
-        setpoint_N = float(np.linalg.norm(feedback.setpoint_force_N))
+        setpoint_N = hypot(*feedback.setpoint_force_N)
         if setpoint_N > self._setpoint_max_N:
             text = f"a set point of {setpoint_N:.1f} N"
             return tripped("setpoint", text, value=setpoint_N, limit=self._setpoint_max_N, unit="N")
-        lever_m = float(np.linalg.norm(feedback.lever_m))
+        lever_m = hypot(*feedback.lever_m)
         if lever_m > LONGEST_CENTRE_M:
             text = f"centre of rotation {lever_m * 1e3:.0f} mm away from the TCP"
             return tripped("malformed", text, value=lever_m, limit=LONGEST_CENTRE_M, unit="m")
@@ -157,7 +157,7 @@ class LastCheck:
 
     def arm(self, T_measured: pin.SE3, joint_rad: Joints | Array, now_ns: int) -> Trip | None:
         """Check pose and joint speeds of the arm; call it for every report."""
-        self._joints = self._joints.after(now_ns, joint_rad)
+        self._joints.add(now_ns, joint_rad)
         trip = self._wide.measured(
             T_measured, joint_rad, self._joints, speed_margin=JOINT_SPEED_MARGIN
         )

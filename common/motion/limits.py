@@ -4,7 +4,8 @@ Every check returns a `Trip` with the rule, the finding, the value and the limit
 field of `Limits`, its check, and its place in `ArmBounds`, which both processes use.
 """
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from math import degrees, hypot, isfinite, radians
 from typing import Literal, NamedTuple
 
@@ -13,12 +14,12 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import Array, apart, is_finite_pose
+from common.motion.frames import Array, apart, dot, is_finite_pose, plus
 from forcemesh.faults import tripped
 from forcemesh.messages import Goal, Joints, Speed, Trip, Vec3
 
 MEASURED_SLACK_RAD = radians(0.5)  # of measured joints: rounding of reports, settling
-JOINT_WINDOW_S = 0.1  # averaging window of joint speeds: samples repeat and have jitter
+JOINT_WINDOW_NS = 100_000_000  # averaging window of joint speeds: samples repeat and have jitter
 NS_PER_S = 1_000_000_000
 
 
@@ -107,15 +108,15 @@ def check_workspace(limits: Limits, T_base_tcp: pin.SE3) -> Trip | None:
     """Refuse a TCP outside the box or behind a plane, or a pose that is not finite."""
     if not is_finite_pose(T_base_tcp):
         return _not_finite("the pose")
-    p = T_base_tcp.translation
+    p = T_base_tcp.translation.tolist()
     bounds = (limits.workspace_min_m.tolist(), limits.workspace_max_m.tolist())
-    for axis, value, low, high in zip("xyz", p.tolist(), *bounds, strict=True):
+    for axis, value, low, high in zip("xyz", p, *bounds, strict=True):
         if not low <= value <= high:
             broken = low if value < low else high
             text = f"TCP {axis} = {value * 1e3:.1f} mm is outside the workspace"
             return tripped("workspace", text, value=value, limit=broken, unit="m")
     for number, plane in enumerate(limits.planes, start=1):
-        beyond_m = float((plane.point_m - p) @ plane.normal)
+        beyond_m = dot(plus(plane.point_m.tolist(), p, -1.0), plane.normal.tolist())
         if beyond_m > 0.0:
             text = f"TCP is {beyond_m * 1e3:.1f} mm behind plane {number}"
             return tripped("workspace", text, value=-beyond_m, limit=0.0, unit="m")
@@ -126,13 +127,15 @@ def check_apart(
     code: Literal["step", "tether"], limits: Limits, T_from: pin.SE3, T_to: pin.SE3
 ) -> Trip | None:
     """Refuse a pose too far from another: a set point from the arm, or a flange from its arming."""
-    texts = APART[code]
-    if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
-        return _not_finite(texts.names)
     limit_m, limit_rad = limits.step_m, limits.step_rad
     if code == "tether":
         limit_m, limit_rad = limits.tether_m, limits.tether_rad
     distance_m, angle_rad = apart(T_from, T_to)
+    if distance_m < limit_m and angle_rad < limit_rad:
+        return None  # and every number is finite
+    texts = APART[code]
+    if not (is_finite_pose(T_from) and is_finite_pose(T_to)):
+        return _not_finite(texts.names)
     if distance_m > limit_m:
         text = texts.far.format(distance_m * 1e3)
         return tripped(code, text, value=distance_m, limit=limit_m, unit="m")
@@ -150,13 +153,12 @@ def check_joints(
     if count != expected:
         text = f"{count} joint angles, the arm of the cell file has {expected} joints"
         return tripped("joint_count", text, value=count, limit=expected)
-    if not all(map(isfinite, joint_rad)):
-        return _not_finite("a joint angle")
     bounds = (limits.joint_min_rad.tolist(), limits.joint_max_rad.tolist())
     for number, (angle, lowest, highest) in enumerate(zip(joint_rad, *bounds, strict=True), 1):
-        low, high = lowest - slack_rad, highest + slack_rad
-        if not low <= angle <= high:
-            broken = low if angle < low else high
+        if not lowest - slack_rad <= angle <= highest + slack_rad:
+            if not all(map(isfinite, joint_rad)):
+                return _not_finite("a joint angle")
+            broken = lowest - slack_rad if angle < lowest else highest + slack_rad
             text = f"joint {number} = {degrees(angle):.1f} degrees is out of its range"
             return tripped("joint", text, value=float(angle), limit=broken, unit="rad")
     return None
@@ -198,32 +200,30 @@ def _not_finite(what: str) -> Trip:
 # --- the limits of an armed arm -------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class JointTrack:
     """Measured joint angles of the last tenth of a second: time [ns] and angles [rad]."""
 
-    samples: tuple[tuple[int, Joints | Array], ...] = ()
+    samples: deque[tuple[int, Joints | Array]] = field(default_factory=deque)
 
-    def after(self, stamp_ns: int, joint_rad: Joints | Array) -> "JointTrack":
-        """Return the track with one more sample; a sample that is not newer changes nothing."""
-        if self.samples and stamp_ns <= self.samples[-1][0]:
-            return self
-        samples = (*self.samples, (stamp_ns, tuple(joint_rad)))
-        first_ns = stamp_ns - round(JOINT_WINDOW_S * NS_PER_S)
-        while len(samples) > 1 and samples[1][0] <= first_ns:
-            samples = samples[1:]
-        return JointTrack(samples)
+    def add(self, stamp_ns: int, joint_rad: Joints | Array) -> None:
+        """Add a sample; one that is not newer changes nothing."""
+        samples = self.samples
+        if not samples or stamp_ns > samples[-1][0]:
+            samples.append((stamp_ns, tuple(joint_rad)))
+            while len(samples) > 1 and samples[1][0] <= stamp_ns - JOINT_WINDOW_NS:
+                samples.popleft()
 
     @property
-    def speed_rad_s(self) -> tuple[float, ...] | None:
+    def speed_rad_s(self) -> list[float] | None:
         """Mean speed of each joint over the window; None before the window is full."""
         if not self.samples:
             return None
         (from_ns, q_from), (to_ns, q_to) = self.samples[0], self.samples[-1]
-        time_s = (to_ns - from_ns) / NS_PER_S
-        if time_s < JOINT_WINDOW_S:
+        if to_ns - from_ns < JOINT_WINDOW_NS:
             return None
-        return tuple([(end - start) / time_s for start, end in zip(q_from, q_to, strict=True)])
+        time_s = (to_ns - from_ns) / NS_PER_S
+        return [(end - start) / time_s for start, end in zip(q_from, q_to, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,11 +270,11 @@ class ArmBounds:
         trip = trip or self.place(T_base_flange)
         if trip is not None or (speed_rad_s := track.speed_rad_s) is None:
             return trip
-        if not all(map(isfinite, speed_rad_s)):
-            return _not_finite("a joint's speed")
         both = zip(map(abs, speed_rad_s), self.limits.joint_speed_rad_s.tolist(), strict=True)
         for number, (speed, fastest) in enumerate(both, start=1):
-            if speed / fastest > speed_margin:
+            if not speed / fastest <= speed_margin:
+                if not all(map(isfinite, speed_rad_s)):
+                    return _not_finite("a joint's speed")
                 text = f"joint {number} turns at {degrees(speed):.0f} degrees/s"
                 return tripped("joint_speed", text, value=speed, limit=fastest, unit="rad/s")
         return None

@@ -100,7 +100,7 @@ class Arbiter:
             if faults or robot is None or header is None or unknown:
                 self.stop("fault", *faults)
             else:
-                self._joints = self._joints.after(header.stamp_ns, robot.joint_rad)
+                self._joints.add(header.stamp_ns, robot.joint_rad)
                 dt_s = 0.0 if before is None else (now_ns - before.now_ns) / NS_PER_S
                 tick = Tick(pose_of(robot), now_ns, min(dt_s, self._longest_gap_s))
                 command = self._move_on(robot, inputs, tick)
@@ -155,8 +155,7 @@ class Arbiter:
         if trip is None and robot.hold is not None and leased_s >= ROBOT_ANSWERS_WITHIN_S:
             code, text = robot.hold.code, f"the robot holds: {robot.hold.text}"
             code = code if code in FAULTS and code not in OWN_HOLDS else "robot_holds"
-            value, limit, unit = robot.hold.value, robot.hold.limit, robot.hold.unit
-            trip = tripped(code, text, value=value, limit=limit, unit=unit)
+            trip = robot.hold.replaced(code=code, rule=FAULTS[code].rule, text=clipped(text))
         if trip is not None or ownership.commander != "regulator":
             return trip
         target = inputs.target.message

@@ -4,6 +4,7 @@ A code that nothing can bring about is either a mistake of the dictionary or a c
 bites. What is listed here goes through the public cores and services, on a virtual clock.
 """
 
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -211,7 +212,7 @@ NOWHERE = pin.SE3(np.eye(3), np.full(3, np.nan))
 INSIDE = pin.SE3(np.eye(3), 0.5 * (LIMITS.workspace_min_m + LIMITS.workspace_max_m))
 UPSIDE_DOWN = pin.SE3(pin.utils.rotate("x", np.pi), INSIDE.translation)
 BOUNDS = ArmBounds(LIMITS, pin.SE3.Identity(), INSIDE)
-RACING = JointTrack(((0, np.zeros(6)), (10**9, np.full(6, 99.0))))
+RACING = JointTrack(deque([(0, np.zeros(6)), (10**9, np.full(6, 99.0))]))
 
 # fmt: off
 REACHED: dict[str, Callable[[], str]] = {

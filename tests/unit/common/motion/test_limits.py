@@ -1,6 +1,7 @@
 """Limits: exact at their boundary, blind nowhere, and an answer, never an exception."""
 
 import math
+from collections import deque
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -319,12 +320,12 @@ def test_angles_and_limits_that_do_not_pair_are_an_error(number: int) -> None:
     trip = check_joints(LIMITS, np.zeros(number))
     assert trip is not None
     assert (trip.code, trip.value, trip.limit) == ("joint_count", number, 6)
-    track = JointTrack(((0, np.zeros(number)), (10**9, np.zeros(number))))
+    track = JointTrack(deque([(0, np.zeros(number)), (10**9, np.zeros(number))]))
     bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
     with pytest.raises(ValueError, match="zip"):
         bounds.measured(pose_at(CENTRE), MIDDLE, track)
     with pytest.raises(ValueError, match="zip"):
-        _ = JointTrack(((0, np.zeros(6)), (10**9, np.zeros(number)))).speed_rad_s
+        _ = JointTrack(deque([(0, np.zeros(6)), (10**9, np.zeros(number))])).speed_rad_s
     for limits in (
         replace(LIMITS, workspace_min_m=np.full(number - 3, -9.0)),
         replace(LIMITS, workspace_max_m=np.full(number - 3, 9.0)),

@@ -1,6 +1,7 @@
 """Limits over time or at a wall: joint speeds, planes; and the ceilings."""
 
 import math
+from collections import deque
 
 import numpy as np
 import pinocchio as pin
@@ -23,10 +24,10 @@ JOINT_WINDOW_S, JOINT_WINDOW_NS = 0.1, 100_000_000  # as docs/arbitration.md has
 # --- windows --------------------------------------------------------------------------------------
 
 
-def check_joint_speed(speed_rad_s: np.ndarray | tuple[float, ...]) -> Trip | None:
+def check_joint_speed(speed_rad_s: np.ndarray | list[float]) -> Trip | None:
     """Check an arm that is within all limits but that of its joint speeds."""
     bounds = ArmBounds(LIMITS, pin.SE3.Identity(), pose_at(CENTRE))
-    track = JointTrack(((0, np.zeros(6)), (10**9, tuple(speed_rad_s))))
+    track = JointTrack(deque([(0, np.zeros(6)), (10**9, tuple(speed_rad_s))]))
     return bounds.measured(pose_at(CENTRE), np.zeros(6), track)
 
 
@@ -41,7 +42,7 @@ def test_a_joint_s_speed_is_from_the_last_sample_that_is_a_tenth_of_a_second_old
         for number in range(known + 1):
             stamp_ns = 10**9 + number * period_ms * 1_000_000
             assert (track.speed_rad_s is not None) == (number > back)
-            track = track.after(stamp_ns, np.full(6, 0.5 + (number == known)))
+            track.add(stamp_ns, np.full(6, 0.5 + (number == known)))
         speed = track.speed_rad_s
         if known < back:
             assert speed is None
@@ -51,10 +52,12 @@ def test_a_joint_s_speed_is_from_the_last_sample_that_is_a_tenth_of_a_second_old
 
 def test_a_joint_s_speed_is_known_after_a_tenth_of_a_second_to_the_nanosecond() -> None:
     """A shorter time would make more of rounding and jitter."""
-    track = JointTrack().after(10**9, np.zeros(6))
-    assert track.after(10**9 + JOINT_WINDOW_NS - 1, np.ones(6)).speed_rad_s is None
-    speed = track.after(10**9 + JOINT_WINDOW_NS, np.ones(6)).speed_rad_s
-    assert speed == pytest.approx(np.full(6, 10.0))
+    track = JointTrack()
+    track.add(10**9, np.zeros(6))
+    track.add(10**9 + JOINT_WINDOW_NS - 1, np.ones(6))
+    assert track.speed_rad_s is None
+    track.add(10**9 + JOINT_WINDOW_NS, np.ones(6))
+    assert track.speed_rad_s == pytest.approx(np.full(6, 10.0))
 
 
 @settings(max_examples=40)
@@ -71,7 +74,7 @@ def test_joint_speed_is_right_though_samples_repeat(joint, share, repeats) -> No
         q = np.zeros(6)
         q[joint] = speed * stamp_ns * 1e-9
         for _ in range(count):
-            track = track.after(stamp_ns, q)
+            track.add(stamp_ns, q)
             stamp_ns += 4_000_000
             speeds.append(track.speed_rad_s)
     known = [found[joint] for found in speeds if found is not None]
@@ -88,9 +91,9 @@ def test_joint_speed_is_right_though_samples_repeat(joint, share, repeats) -> No
 
 def test_a_sample_that_is_published_again_with_its_stamp_changes_nothing() -> None:
     """Nor does an older one: time never goes back."""
-    track = JointTrack().after(10**9, np.zeros(6)).after(2 * 10**9, np.ones(6))
-    assert track.after(2 * 10**9, np.full(6, 9.0)) is track
-    assert track.after(10**9 + 1, np.full(6, 9.0)) is track
+    track = JointTrack()
+    for stamp_ns, angle_rad in ((10**9, 0.0), (2 * 10**9, 1.0), (2 * 10**9, 9.0), (10**9 + 1, 9.0)):
+        track.add(stamp_ns, np.full(6, angle_rad))
     assert track.speed_rad_s == pytest.approx(np.ones(6))
 
 

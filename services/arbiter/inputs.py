@@ -1,8 +1,9 @@
 """Snapshot of the arbiter's inputs, and the faults visible in one snapshot. Pure."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Any, NamedTuple
 
 from common.runtime.overruns import MOST_OVERRUNS
 from forcemesh.bus import Reading
@@ -21,14 +22,16 @@ Writers = dict[str, int]  # topic: epoch of its publisher
 COMMANDING = ("robot", "sensor", "wrench", "regulator")  # roles whose loops motion depends on
 
 
-@dataclass(frozen=True, slots=True)
-class Watched:
+class Watched(NamedTuple):
     """Faults found over several snapshots (watch.py)."""
 
-    faults: tuple[Trip, ...] = ()  # they end motion
+    faults: Sequence[Trip] = ()  # they end motion
     rest_s: float = inf  # time for which the arm has been at rest
     residual: Trip | None = None  # residual force in free space
     feedback: Trip | None = None  # why running force feedback must end
+
+
+NOTHING_FOUND = Watched()
 
 
 @dataclass(slots=True)
@@ -41,7 +44,7 @@ class Inputs:
     wrench: Reading[WrenchAtTcp]
     target: Reading[RegulatorTarget]
     health: dict[str, Reading[Health]]
-    watched: Watched = Watched()
+    watched: Watched = NOTHING_FOUND
 
     @property
     def streams(self) -> dict[str, Reading[Any]]:
@@ -74,28 +77,28 @@ def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
         inputs: The snapshot.
         blind: To back off without a measured force: sensor and wrench may be missing.
     """
+    readings = inputs.streams
+    rivals, lost, overruns = [], [], []
+    for role, reading in inputs.health.items():
+        if reading.fault or reading.conflict:
+            readings[f"{role}/health"] = reading
+        # The arbiter's own overruns are measured directly.
+        if (
+            role in COMMANDING
+            and (health := reading.fresh) is not None
+            and health.overruns > MOST_OVERRUNS
+        ):
+            overruns.append(overrun_trip(role, health.overruns, health.longest_gap_s))
     not_required = set(FORCE_TOPICS) if blind else set()
     if not blind and inputs.sensor.fault and _repeats_sensor_fault(inputs):
         not_required.add("wrench")
     if not inputs.target.silent:
         not_required.add("regulator/target")
-    readings = inputs.streams | {
-        f"{role}/health": reading for role, reading in inputs.health.items()
-    }
-    rivals, lost = [], []
     for topic, reading in readings.items():
         if reading.conflict:
             rivals.append(tripped("two_writers", f"two processes write {topic}"))
         if reading.fault and topic not in not_required:
             lost.append(_lost(reading, is_sensor=reading is inputs.sensor))
-    # The arbiter's own overruns are measured directly.
-    overruns = [
-        overrun_trip(role, health.overruns, health.longest_gap_s)
-        for role, reading in inputs.health.items()
-        if role in COMMANDING
-        and (health := reading.fresh) is not None
-        and health.overruns > MOST_OVERRUNS
-    ]
     return [*rivals, *lost, *overruns, *inputs.watched.faults]
 
 
@@ -159,11 +162,11 @@ def predecessor_trips(inputs: Inputs) -> tuple[Trip, ...]:
 
 def replaced_trips(inputs: Inputs, at_arming: Writers) -> list[Trip]:
     """Return the inputs whose publisher has changed since arming."""
+    streams = inputs.streams
     replaced = [
         topic
-        for topic, reading in inputs.streams.items()
-        if topic in at_arming
-        and (reading.header is None or reading.header.epoch != at_arming[topic])
+        for topic, epoch in at_arming.items()
+        if (header := streams[topic].header) is None or header.epoch != epoch
     ]
     if not replaced:
         return []

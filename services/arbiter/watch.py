@@ -11,7 +11,7 @@ from common.runtime.overruns import ALLOWED_SHARE, MOST_OVERRUNS, Overruns, allo
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
 from forcemesh.faults import tripped
-from forcemesh.messages import Quaternion, Trip, Vec3
+from forcemesh.messages import RobotState, Trip
 from services.arbiter.inputs import Inputs, Watched, overrun_trip
 
 REST_POSITION_M = 2e-4
@@ -40,17 +40,17 @@ class InputMonitors:
 
     def update(self, inputs: Inputs) -> None:
         """Add the findings of all monitors to the snapshot."""
-        self._overruns.stepped(inputs.now_ns)
-        faults = [self._alignment.update(inputs)]
-        if self._overruns.gap_s > STALL_S:
-            text = (
-                f"the arbiter itself stalled for {self._overruns.gap_s:.1f} s and received nothing"
-            )
+        overruns = self._overruns
+        overruns.stepped(inputs.now_ns)
+        misaligned = self._alignment.update(inputs)
+        faults = [] if misaligned is None else [misaligned]
+        if overruns.gap_s > STALL_S:
+            text = f"the arbiter itself stalled for {overruns.gap_s:.1f} s and received nothing"
             faults.append(tripped("overrun", text))
-        if self._overruns.count > MOST_OVERRUNS:
-            faults.append(overrun_trip("arbiter", self._overruns.count, self._overruns.longest_s))
+        if overruns.count > MOST_OVERRUNS:
+            faults.append(overrun_trip("arbiter", overruns.count, overruns.longest_s))
         inputs.watched = Watched(
-            faults=tuple(filter(None, faults)),
+            faults,
             rest_s=self._rest.update(inputs),
             residual=self._residual.update(inputs),
             feedback=self._feedback.update(inputs),
@@ -62,7 +62,7 @@ class RestWatch:
 
     def __init__(self) -> None:
         """Start without a time at rest."""
-        self._anchor: tuple[Vec3, Quaternion] | None = None  # position, and unit quaternion
+        self._anchor: RobotState | None = None
         self._since_ns = 0
 
     def update(self, inputs: Inputs) -> float:
@@ -75,14 +75,15 @@ class RestWatch:
         if robot is None:
             self._anchor = None
             return 0.0
-        position_m, (x, y, z, w) = robot.position_m, unit_quaternion(*robot.orientation_xyzw)
-        if self._anchor is not None and not robot.status.moving:
-            place, turn = self._anchor
+        anchor = self._anchor
+        if anchor is not None and not robot.status.moving:
+            turn = unit_quaternion(*anchor.orientation_xyzw)
+            x, y, z, w = unit_quaternion(*robot.orientation_xyzw)
             chord = min(dist(turn, (x, y, z, w)), dist(turn, (-x, -y, -z, -w)))
             # A pose that is not finite never rests: its comparisons are false.
-            if dist(place, position_m) <= REST_POSITION_M and chord <= REST_CHORD:
+            if dist(anchor.position_m, robot.position_m) <= REST_POSITION_M and chord <= REST_CHORD:
                 return (inputs.now_ns - self._since_ns) / NS_PER_S
-        self._anchor, self._since_ns = (position_m, (x, y, z, w)), inputs.now_ns
+        self._anchor, self._since_ns = robot, inputs.now_ns
         return 0.0
 
 

@@ -6,7 +6,7 @@ the arbiter, so a walk needs no thousands of periods.
 """
 
 from collections import deque
-from dataclasses import dataclass, field, is_dataclass, replace
+from dataclasses import dataclass, field, is_dataclass
 from functools import cache, lru_cache
 from typing import Any
 
@@ -220,7 +220,7 @@ class Product:
             wrench=self._reading("wrench"),
             target=self._reading("target"),
             health={"regulator": self._reading("health")},
-            watched=replace(watched, rest_s=0.0) if self.moving else watched,
+            watched=watched._replace(rest_s=0.0) if self.moving else watched,
         )
 
     # --- one period -------------------------------------------------------------------------------

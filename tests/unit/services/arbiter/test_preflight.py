@@ -1,6 +1,5 @@
 """Conditions for arming, for all purposes or for jog only."""
 
-from dataclasses import replace
 from math import nextafter
 from typing import Any
 
@@ -338,7 +337,7 @@ def test_an_arm_rests_after_a_fifth_of_a_second_or_three_reports(
     terms = Terms.of(world.cell)
     for rest_s in (needed_s, nextafter(needed_s, 0.0)):
         inputs = world.inputs()
-        inputs.watched = replace(inputs.watched, rest_s=rest_s)
+        inputs.watched = inputs.watched._replace(rest_s=rest_s)
         found = failed_checks(inputs, terms, inputs.now_ns - NS_PER_S, "back_off")
         values = [(trip.code, trip.value, trip.limit, trip.unit) for trip in found]
         assert values == ([] if rest_s == needed_s else [("moving", rest_s, needed_s, "s")])

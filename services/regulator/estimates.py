@@ -20,7 +20,6 @@ arm and one: an arm that does not follow its commands can never make the contact
 """
 
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
 from math import exp, sqrt
 
 from common.motion.frames import Vector
@@ -52,25 +51,24 @@ class FitSettings:
 
 
 class Moments:
-    """Weighted means and centred sums of products of n quantities; advanced in place."""
+    """Weighted means and centred sums of products of two quantities; advanced in place."""
 
-    def __init__(self, n: int) -> None:
+    def __init__(self) -> None:
         """Start before the first sample."""
         self.weight = 0.0
-        self.mean = [0.0] * n
-        self.sums = [0.0] * (n * (n + 1) // 2)  # of each pair, in the order of their indices
+        self._means = 0.0, 0.0
+        self._sums = 0.0, 0.0, 0.0
 
-    def add(self, values: Vector, forgetting: float) -> None:
-        """Add one more sample of the n values."""
+    def add(self, x: float, y: float, forgetting: float) -> tuple[float, float, float]:
+        """Add one more sample of both; return the sums of x x, x y and y y."""
         before = forgetting * self.weight
         weight = self.weight = before + 1.0
-        off = [value - mean for value, mean in zip(values, self.mean, strict=True)]
-        self.mean = [mean + x / weight for mean, x in zip(self.mean, off, strict=True)]
-        part, pairs = before / weight, combinations_with_replacement(off, 2)
-        self.sums = [
-            forgetting * product + part * x * y
-            for product, (x, y) in zip(self.sums, pairs, strict=True)
-        ]
+        (mean_x, mean_y), (xx, xy, yy), part = self._means, self._sums, before / weight
+        u, v = x - mean_x, y - mean_y
+        self._means = mean_x + u / weight, mean_y + v / weight
+        xx, xy, yy = forgetting * xx, forgetting * xy, forgetting * yy
+        self._sums = xx + part * u * u, xy + part * u * v, yy + part * v * v
+        return self._sums
 
 
 class Stiffness:
@@ -80,7 +78,7 @@ class Stiffness:
         """Start at the stiffest contact, or at a stiffness identified before."""
         self.k_N_m = k_N_m
         self.is_identified = is_identified  # not only bounded
-        self._moments = Moments(2)
+        self._moments = Moments()
 
     def update(
         self,
@@ -101,9 +99,9 @@ class Stiffness:
             may_soften: Whether the law caused the travel. While a moving surface is tracked, travel
                 without force carries no stiffness information.
         """
-        moments = self._moments
-        moments.add((travel_m, force_N), exp(-dt_s / settings.memory_s))
-        weight, (travel_square, product, force_square) = moments.weight, moments.sums
+        forgetting, moments = exp(-dt_s / settings.memory_s), self._moments
+        travel_square, product, force_square = moments.add(travel_m, force_N, forgetting)
+        weight = moments.weight
         moved = travel_square > weight * LEAST_TRAVEL_M**2
         if not (moved and product < 0.0 and weight > FEW_SAMPLES):
             return
@@ -133,7 +131,7 @@ class ResponseShare:
     def __init__(self) -> None:
         """Start with a rigid arm."""
         self.share = 1.0
-        self._moments = Moments(3)
+        self._travel_speed, self._travel_force, self._speed_force = (Moments() for _ in range(3))
 
     def update(self, values: Vector, k_N_m: float, *, dt_s: float, settings: FitSettings) -> None:
         """Update the estimate by one more sample in contact.
@@ -144,10 +142,13 @@ class ResponseShare:
             dt_s: Time since the last sample.
             settings: Memory and noise.
         """
-        moments = self._moments
-        moments.add(values, exp(-dt_s / settings.memory_s))
-        weight = moments.weight
-        travel_square, product, travel_force, speed_square, speed_force, force_square = moments.sums
+        (travel_m, speed_m_s, force_N), forgetting = values, exp(-dt_s / settings.memory_s)
+        travel_square, product, speed_square = self._travel_speed.add(
+            travel_m, speed_m_s, forgetting
+        )
+        _, travel_force, force_square = self._travel_force.add(travel_m, force_N, forgetting)
+        _, speed_force, _ = self._speed_force.add(speed_m_s, force_N, forgetting)
+        weight = self._travel_speed.weight
         square = travel_square * speed_square - product * product
         moved = travel_square > weight * LEAST_TRAVEL_M**2
         is_informative = moved and square > PARALLEL_N * travel_square * speed_square

@@ -62,7 +62,7 @@ class LawRunner:
             self._gains,
             motion,
             law_sample.T_base_tcp,
-            R_base_task=motion.T_base_tcp.rotation.tolist(),
+            frame="tool",
             axes=(not led, not led, True, True, True, True),
         )
         self.state, motion = self._law.step(self.state, sample, self._settings)

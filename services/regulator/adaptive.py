@@ -27,8 +27,8 @@ import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, Rows, Vector, apart, plus, rotated
-from forcemesh.messages import ZERO3, Vec3
+from common.motion.frames import Rows, Vector, apart, plus, product, rotated, rotated_back, scaled
+from forcemesh.messages import Vec3
 from services.regulator.delay_model import ContactTravel, DelayModelSettings
 from services.regulator.estimates import FitSettings, ResponseShare, Stiffness
 from services.regulator.gains import PiGains
@@ -175,19 +175,17 @@ def step(
 
     Requested force integral gains below the gain rule's reduce this law's gain.
     """
-    R_base_tcp = sample.motion.T_base_tcp.rotation
-    R_tcp_base: Rows = R_base_tcp.T.tolist()
-    update_estimates(state, sample, R_tcp_base, settings)
+    R_base_tcp = sample.R_base_tcp
+    update_estimates(state, sample, settings)
     estimates = zip(state.response, state.stiffness, strict=True)
     k = state.k_N_m = [response.share * stiffness.k_N_m for response, stiffness in estimates]
     model, in_contact = state.command.delay_model, state.free_s == 0.0
-    squares = [[x * x for x in row] for row in R_tcp_base]
-    requested_Ki = rotated(squares, sample.gains.force_i_m_per_Ns)
+    requested_Ki = rotated_back(squared(R_base_tcp), sample.gains.force_i_m_per_Ns)
     Ki, w = gain_for(k, requested_Ki, settings, sample.dt_s)
-    in_flight_m = rotated(R_tcp_base, plus(model.command, model.filtered, -1.0))
+    in_flight_m = rotated_back(R_base_tcp, plus(model.command, model.filtered, -1.0))
     inertia_kg = INERTIA_SHARE * settings.inertia_kg
-    inertial_N = rotated(R_tcp_base, plus(ZERO3, model.acceleration, inertia_kg))
-    force_N, drift_m_s = rotated(R_tcp_base, sample.force_N), 0.0
+    inertial_N = rotated_back(R_base_tcp, scaled(model.acceleration, inertia_kg))
+    force_N, drift_m_s = rotated_back(R_base_tcp, sample.force_N), 0.0
     error_N = [  # F' - F_set
         force + inertial * (stiffness >= settings.softest_N_m) - weight * stiffness * travel_m
         for force, inertial, weight, stiffness, travel_m in zip(
@@ -214,14 +212,14 @@ def step(
     plain = settings.in_contact if in_contact else settings.plain
     Ki = limit_gain_for_braking(Ki, error_N, k, settings.brake_m_s2)
     x, y, z = soft_deadband(error_N, plain.deadband_N)
-    speed_m_s = rotated(R_base_tcp.tolist(), (Ki[0] * x, Ki[1] * y, Ki[2] * z + drift_m_s))
+    speed_m_s = rotated(R_base_tcp, (Ki[0] * x, Ki[1] * y, Ki[2] * z + drift_m_s))
     motion = next_motion(sample, plain, speed_m_s)
     motion.follows = state.tracking.near
     return state, motion
 
 
 def controller_gain(
-    state: AdaptiveState, gains: PiGains, R_base_tcp: Array, settings: AdaptiveSettings
+    state: AdaptiveState, gains: PiGains, R_base_tcp: Rows, settings: AdaptiveSettings
 ) -> Vec3:
     """Return the integral gains of the host controller, base axes [m/(N s)]. Shape (3,).
 
@@ -229,18 +227,22 @@ def controller_gain(
     to the estimated stiffness.
     """
     cap_m_per_Ns = INERTIA_MARGIN * settings.inertia_cap_m_per_Ns
-    squares, rule = R_base_tcp * R_base_tcp, settings.plain_gain_m_per_Ns
-    requested_Ki = rotated(squares.T.tolist(), gains.force_i_m_per_Ns)
+    squares, rule = squared(R_base_tcp), settings.plain_gain_m_per_Ns
+    requested_Ki = rotated_back(squares, gains.force_i_m_per_Ns)
     Ki = [
         min(LOOP_GAIN / (k * settings.tau_s), cap_m_per_Ns) * min(requested / rule, 1.0)
         for k, requested in zip(state.k_N_m, requested_Ki, strict=True)
     ]
-    return rotated(squares.tolist(), Ki)
+    return rotated(squares, Ki)
 
 
-def update_estimates(
-    state: AdaptiveState, sample: LawInput, R_tcp_base: Rows, settings: AdaptiveSettings
-) -> None:
+def squared(R: Rows) -> Rows:
+    """Return the squares of a rotation matrix: they turn a value along each axis, as a gain."""
+    a, b, c = R
+    return product(a, a), product(b, b), product(c, c)
+
+
+def update_estimates(state: AdaptiveState, sample: LawInput, settings: AdaptiveSettings) -> None:
     """Update travel, stiffness and response estimates by this sample.
 
     Between two reports the measured pose is older than the force: paired with it, a stiff contact
@@ -249,10 +251,10 @@ def update_estimates(
     """
     motion, dt_s, fit = sample.motion, sample.dt_s, settings.stiffness
     command, report_s = state.command, state.since_report_s + dt_s
-    command.follow(motion.T_base_tcp, motion, dt_s, settings.delay_model)
+    command.follow(motion.T_base_tcp, sample, dt_s, settings.delay_model)
     state.since_report_s = report_s
     if sample.pose_is_new:
-        state.measured.follow(sample.T_measured, motion, report_s, settings.wrench_filter)
+        state.measured.follow(sample.T_measured, sample, report_s, settings.wrench_filter)
         state.since_report_s = 0.0
     if hypot(*sample.force_N) <= settings.touch_N:
         state.free_s += dt_s
@@ -263,8 +265,9 @@ def update_estimates(
         return
     state.free_s, model, tracks = 0.0, command.delay_model, state.tracking.near
     inertia_kg = IDENTIFICATION_INERTIA_SHARE * settings.inertia_kg
-    forces_N = rotated(R_tcp_base, plus(sample.force_N, model.acceleration, inertia_kg))
-    speeds_m_s, travels_m = rotated(R_tcp_base, model.speed), state.measured.filtered_travel_m
+    R_base_tcp, travels_m = sample.R_base_tcp, state.measured.filtered_travel_m
+    forces_N = rotated_back(R_base_tcp, plus(sample.force_N, model.acceleration, inertia_kg))
+    speeds_m_s = rotated_back(R_base_tcp, model.speed)
     for axis, force_N in enumerate(forces_N):
         stiffness = state.stiffness[axis]
         if sample.pose_is_new:

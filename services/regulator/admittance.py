@@ -19,7 +19,7 @@ from math import exp, hypot
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Vector, plus, rotated
+from common.motion.frames import Vector, plus, rotated, rotated_back
 from forcemesh.messages import ZERO3, Vec3
 from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 from services.regulator.law import (
@@ -95,9 +95,8 @@ def step(
     state: AdmittanceState, sample: LawInput, settings: AdmittanceSettings
 ) -> tuple[AdmittanceState, LawMotion]:
     """Advance the state; return it and the motion. The PI law's torque gains turn the tool."""
-    R_base_tcp = sample.motion.T_base_tcp.rotation
-    plain, dt_s = settings.plain, sample.dt_s
-    force_N = rotated(R_base_tcp.T.tolist(), sample.force_N)
+    R_base_tcp, plain, dt_s = sample.R_base_tcp, settings.plain, sample.dt_s
+    force_N = rotated_back(R_base_tcp, sample.force_N)
     _update_stiffness(state, sample, force_N, settings)
     damping_Ns_m = [k_N_m * settings.tau_s / LOOP_GAIN for k_N_m in state.k_N_m]
     drag_N = [D * v for D, v in zip(damping_Ns_m, state.speed_m_s, strict=True)]
@@ -110,7 +109,7 @@ def step(
     ]
     state.speed_m_s = limit_norm(speed_m_s, plain.speed_max_m_s)
     guided = replace(sample, gains=replace(sample.gains, force_p_m_per_N=ZERO3))
-    return state, next_motion(guided, plain, rotated(R_base_tcp.tolist(), state.speed_m_s))
+    return state, next_motion(guided, plain, rotated(R_base_tcp, state.speed_m_s))
 
 
 def _update_stiffness(
@@ -120,7 +119,7 @@ def _update_stiffness(
     dt_s, T, model = sample.dt_s, sample.T_measured, state.measured
     moved_m: Vec3 = (T.translation - state.T_measured.translation).tolist()
     model.follow(plus(model.command, moved_m), dt_s, settings.wrench_filter)
-    travel_m = rotated(sample.motion.T_base_tcp.rotation.T.tolist(), model.filtered)
+    travel_m = rotated_back(sample.R_base_tcp, model.filtered)
     state.T_measured = T
     share = 1.0 - exp(-dt_s / RECENT_S)
     for axis in range(3):

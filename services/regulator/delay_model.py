@@ -18,9 +18,9 @@ from math import ceil, exp
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Rows, Vector, plus, rotated
+from common.motion.frames import Vector, plus, rotated_back, scaled
 from forcemesh.messages import ZERO3, Vec3
-from services.regulator.law import LawMotion, motion_between
+from services.regulator.law import LawInput, motion_between
 
 INSTANT_S = 1e-5  # a shorter lag counts as zero
 SUBSTEP_S = 0.001  # three lags in series are accurate enough in steps of a millisecond
@@ -68,30 +68,30 @@ class LoopDelayModel:
         if command != self.command:
             sent.append((self.now_s, command))
         steps = max(1, ceil(dt_s / SUBSTEP_S - 1e-9))
-        step_s, executed = dt_s / steps, []
+        step_s, (a, b, c), (d, e, f), (g, h, i) = dt_s / steps, self.first, self.arm, self.filtered
+        lagging, filtering = _share(step_s, half_s), _share(step_s, filter_s)
         for number in range(steps):
             due_s = self.now_s + (number + 0.5) * step_s - settings.delay_s
             while len(sent) > 1 and sent[1][0] <= due_s:
                 sent.popleft()
-            executed.append(sent[0][1])
-        lagging, filtering = (
-            1.0 if lag_s <= INSTANT_S else 1.0 - exp(-step_s / lag_s)
-            for lag_s in (half_s, filter_s)
-        )
-        axes = []
-        for axis, before in enumerate(self.filtered):
-            first, arm, filtered = self.first[axis], self.arm[axis], before
-            for position in executed:
-                first += lagging * (position[axis] - first)
-                arm += lagging * (first - arm)
-                filtered += filtering * (arm - filtered)
-            speed, acceleration = (filtered - before) / dt_s, 0.0
-            if min(filter_s, half_s) > INSTANT_S:
-                speed = (arm - filtered) / filter_s
-                acceleration = ((first - arm) / half_s - speed) / filter_s
-            axes.append((first, arm, filtered, speed, acceleration))
-        self.first, self.arm, self.filtered, self.speed, self.acceleration = zip(*axes, strict=True)
+            x, y, z = sent[0][1]
+            a, b, c = a + lagging * (x - a), b + lagging * (y - b), c + lagging * (z - c)
+            d, e, f = d + lagging * (a - d), e + lagging * (b - e), f + lagging * (c - f)
+            g, h, i = g + filtering * (d - g), h + filtering * (e - h), i + filtering * (f - i)
+        first, arm, filtered = (a, b, c), (d, e, f), (g, h, i)
+        if min(filter_s, half_s) > INSTANT_S:
+            self.speed = scaled(plus(arm, filtered, -1.0), 1.0 / filter_s)
+            change = plus(scaled(plus(first, arm, -1.0), 1.0 / half_s), self.speed, -1.0)
+            self.acceleration = scaled(change, 1.0 / filter_s)
+        else:
+            self.speed = scaled(plus(filtered, self.filtered, -1.0), 1.0 / dt_s)
+        self.first, self.arm, self.filtered = first, arm, filtered
         self.command, self.now_s = command, self.now_s + dt_s
+
+
+def _share(step_s: float, lag_s: float) -> float:
+    """Return the share of a change that passes a first-order lag in one step."""
+    return 1.0 if lag_s <= INSTANT_S else 1.0 - exp(-step_s / lag_s)
 
 
 @dataclass(slots=True)
@@ -103,13 +103,12 @@ class ContactTravel:
     filtered_travel_m: Vec3 = ZERO3  # travel that the filtered force belongs to, tool axes
 
     def follow(
-        self, T_base_tcp: pin.SE3, motion: LawMotion, dt_s: float, settings: DelayModelSettings
+        self, T_base_tcp: pin.SE3, sample: LawInput, dt_s: float, settings: DelayModelSettings
     ) -> None:
         """Add the travel to a pose that was constant for the last `dt_s`."""
         model, before_m = self.delay_model, self.delay_model.filtered
-        moved_m, _ = motion_between(self.T_base_tcp, T_base_tcp, motion.lever_m)
+        moved_m, _ = motion_between(self.T_base_tcp, T_base_tcp, sample.motion.lever_m)
         model.follow(plus(model.command, moved_m), dt_s, settings)
-        R_tcp_base: Rows = motion.T_base_tcp.rotation.T.tolist()
-        travel_m = rotated(R_tcp_base, plus(model.filtered, before_m, -1.0))
+        travel_m = rotated_back(sample.R_base_tcp, plus(model.filtered, before_m, -1.0))
         self.filtered_travel_m = plus(self.filtered_travel_m, travel_m)
         self.T_base_tcp = T_base_tcp

@@ -20,7 +20,7 @@ from math import copysign, hypot
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Rows, Vector, dot, plus, rotated
+from common.motion.frames import Vector, dot, plus, rotated_back
 from forcemesh.faults import tripped
 from forcemesh.messages import ZERO3, Trip, Vec3, WrenchAtTcp
 from services.regulator import unverified_axes
@@ -82,8 +82,8 @@ class HalfWaves:
     before_last: float = 0.0  # of the one before it, with this sign
     count: int = 0  # consecutive half waves that did not decay
 
-    def update(self, error: float, dt_s: float, least: float, settings: GuardSettings) -> None:
-        """Add one more sample.
+    def update(self, error: float, dt_s: float, least: float, settings: GuardSettings) -> int:
+        """Add one more sample; return the number of half waves that did not decay.
 
         Args:
             error: Error of force [N] or torque [N m] beyond its deadband.
@@ -93,13 +93,14 @@ class HalfWaves:
         """
         if error == 0.0 or error * self.side > 0.0:
             self.height, self.age_s = max(self.height, abs(error)), self.age_s + dt_s
-            return
+            return self.count
         if self.side != 0.0:
             in_time = settings.half_wave_shortest_s <= self.age_s <= settings.half_wave_longest_s
             persists = self.height >= max(least, HALF_WAVE_KEPT * self.before_last)
             self.count = self.count + 1 if in_time and persists else 0
             self.before_last, self.last = self.last, self.height
         self.side, self.height, self.age_s = copysign(1.0, error), abs(error), 0.0
+        return self.count
 
 
 def no_swing() -> list[HalfWaves]:
@@ -203,8 +204,8 @@ def kept_over_restart(before: GuardState) -> GuardState:
 
 def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
     """Advance the state by one sample; return the trip of the first monitor that fired."""
-    R_tcp_base: Rows = sample.T_base_tcp.rotation.T.tolist()
-    force_tool_N, press_axis = rotated(R_tcp_base, sample.force_N), R_tcp_base[2]
+    x, y, z = R_base_tcp = sample.T_base_tcp.rotation.tolist()
+    force_tool_N, press_axis = rotated_back(R_base_tcp, sample.force_N), (x[2], y[2], z[2])
     pushed_back_N = -force_tool_N[2]
     _count_work(now, sample, press_axis)
     now.first = first = now.first or sample
@@ -216,12 +217,13 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
         now.p_search_m = None
     elif now.p_search_m is None:
         now.p_search_m = sample.T_base_tcp.translation.tolist()
-    for number, swing in enumerate(now.swing):
-        least, error = settings.half_wave[number], sample.error[number]
+    half_waves = [
         swing.update(error, sample.dt_s, least, settings)
+        for swing, error, least in zip(now.swing, sample.error, settings.half_wave, strict=True)
+    ]
     now.yielding.update(
-        R_tcp_base,
-        moved_m=sample.moved_m,
+        force_tool_N,
+        moved_tool_m=rotated_back(R_base_tcp, sample.moved_m),
         turned_rad=sample.turned_rad,
         force_N=sample.force_N,
         torque_Nm=sample.torque_Nm,
@@ -231,7 +233,7 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
     )
     if touch_trip is not None and not now.touched:
         return touch_trip
-    return _monitor_trip(now, sample, settings, force_tool_N)
+    return _monitor_trip(now, sample, settings, force_tool_N, half_waves=max(half_waves))
 
 
 def _count_work(now: GuardState, sample: GuardSample, press_axis: Vector) -> None:
@@ -278,7 +280,12 @@ def _first_touch(
 
 
 def _monitor_trip(
-    now: GuardState, sample: GuardSample, settings: GuardSettings, force_tool_N: Vec3
+    now: GuardState,
+    sample: GuardSample,
+    settings: GuardSettings,
+    force_tool_N: Vec3,
+    *,
+    half_waves: int,
 ) -> Trip | None:
     """Return the trip of the first of these monitors that fires; the force is along tool axes.
 
@@ -319,7 +326,7 @@ def _monitor_trip(
             cause = "contact was lost and not found again" if now.touched else "no contact"
             text = f"{cause} within {limit_m * 1e3:g} mm"
             return tripped("travel", text, value=travel_m, limit=limit_m, unit="m")
-    if trip is None and max(swing.count for swing in now.swing) >= HALF_WAVES:
+    if trip is None and half_waves >= HALF_WAVES:
         height_N = hypot(*sample.error[:3])
         text = f"the force oscillates and does not settle, the force error is {height_N:.1f} N now"
         return tripped("oscillation", text, value=height_N, unit="N")

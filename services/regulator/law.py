@@ -13,9 +13,8 @@ integral part: every law is `step(state, sample, settings) -> (state, motion)`, 
 Positive force is exerted by the environment on the robot; yielding means moving along it.
 """
 
-from dataclasses import dataclass, replace
-from math import hypot, inf
-from operator import mul
+from dataclasses import dataclass, field, replace
+from math import atan2, copysign, hypot, inf
 from typing import Literal
 
 import numpy as np
@@ -28,9 +27,11 @@ from common.motion.frames import (
     cross,
     dot,
     plus,
+    product,
     rotate_about_base_axes,
     rotated,
-    rotation_between,
+    rotated_back,
+    scaled,
 )
 from forcemesh.messages import ZERO3, Mode, Vec3
 from services.regulator.gains import PiGains
@@ -102,9 +103,16 @@ class LawInput:
     gains: PiGains
     motion: LawMotion  # so far; its pose is the last command after the arbiter's limits
     T_measured: pin.SE3  # of the TCP in base
-    R_base_task: Rows | None = None  # task frame of `axes`; None: base
+    frame: Literal["base", "tool"] = "base"  # task frame of `axes`
     axes: tuple[bool, ...] = ALL_AXES  # free axes of the task frame: x y z, about x y z
     pose_is_new: bool = True  # the robot has reported a pose since the last sample
+    R_base_tcp: Rows = field(init=False)  # of the motion so far
+    press_axis: Vec3 = field(init=False)  # the tool's z axis, base axes
+
+    def __post_init__(self) -> None:
+        """Convert the orientation once for all that use it."""
+        x, y, z = self.R_base_tcp = self.motion.T_base_tcp.rotation.tolist()
+        self.press_axis = (x[2], y[2], z[2])
 
 
 def start_at(T_base_tcp: pin.SE3) -> LawMotion:
@@ -125,59 +133,54 @@ def next_motion(
     A law around this one gives `integral_m_s` [m/s] in place of Ki e, base axes.
     """
     before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    R_base_tcp = before.T_base_tcp.rotation
-    press_axis: Vec3 = R_base_tcp[:, 2].tolist()
+    T_base_tcp, press_axis = before.T_base_tcp.copy(), sample.press_axis
     # The contact pushes against the press axis.
     error_N = plus(sample.force_N, press_axis, sample.setpoint_N)
     error_N = soft_deadband(error_N, settings.deadband_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
-    contact, lever_m = contact_of(sample, press_axis, settings.touch_N)
+    contact, lever_m = contact_of(sample, settings.touch_N)
     turn_rad: Vector = ZERO3
     shift_m: Vector = ZERO3
     speed_m_s: Vector = ZERO3
     approach_m_s = 0.0
     if sample.mode != "position":
-        last_Nm = before.error_torque_Nm or error_Nm
-        Kp, Ki = gains.torque_p_rad_per_Nm, gains.torque_i_rad_per_Nms
-        step_rad = [
-            p * (e - e_last) + i * e * dt_s
-            for p, i, e, e_last in zip(Kp, Ki, error_Nm, last_Nm, strict=True)
-        ]
+        change_Nm = plus(error_Nm, before.error_torque_Nm or error_Nm, -1.0)
+        step_rad = product(gains.torque_p_rad_per_Nm, change_Nm)
+        step_rad = plus(step_rad, product(gains.torque_i_rad_per_Nms, error_Nm), dt_s)
         turn_rad = limit_norm(masked(step_rad, sample, 3), settings.speed_max_rad_s * dt_s)
-        R_base_tcp = rotate_about_base_axes(R_base_tcp, np.array(turn_rad))
+        T_base_tcp.rotation = rotate_about_base_axes(T_base_tcp.rotation, np.array(turn_rad))
     if sample.mode != "orientation" and contact == "approach":
         faster_m_s = before.approach_m_s + settings.approach_accel_m_s2 * dt_s
         approach_m_s = min(faster_m_s, settings.approach_m_s)
-        speed_m_s = masked(plus(ZERO3, press_axis, approach_m_s), sample, 0)
-        shift_m = plus(ZERO3, speed_m_s, dt_s)
+        speed_m_s = masked(scaled(press_axis, approach_m_s), sample, 0)
+        shift_m = scaled(speed_m_s, dt_s)
     elif sample.mode != "orientation":
         shift_m = _yielding(sample, settings, error_N, integral_m_s)
-        speed_m_s = plus(ZERO3, shift_m, 1.0 / dt_s)
+        speed_m_s = scaled(shift_m, 1.0 / dt_s)
         if lever_m is not None:
             shift_m = plus(shift_m, cross(turn_rad, lever_m), -1.0)
             shift_m = limit_norm(masked(shift_m, sample, 0), settings.speed_max_m_s * dt_s)
-    T_base_tcp = pin.SE3(R_base_tcp, before.T_base_tcp.translation + shift_m)
+    T_base_tcp.translation += shift_m
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
 
 
 def _yielding(
     sample: LawInput, settings: LawSettings, error_N: Vec3, integral_m_s: Vec3 | None
-) -> Vec3:
+) -> Vector:
     """Return the shift along the free axes, limited in speed and acceleration [m]. Shape (3,)."""
     before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    last_N = before.error_force_N or error_N
-    Kp, Ki_e = gains.force_p_m_per_N, integral_m_s or map(mul, gains.force_i_m_per_Ns, error_N)
-    step_m = [
-        p * (e - e_last) + i_e * dt_s
-        for p, i_e, e, e_last in zip(Kp, Ki_e, error_N, last_N, strict=True)
-    ]
+    change_N = plus(error_N, before.error_force_N or error_N, -1.0)
+    step_m = product(gains.force_p_m_per_N, change_N)
+    step_m = plus(step_m, integral_m_s or product(gains.force_i_m_per_Ns, error_N), dt_s)
     shift_m = limit_norm(masked(step_m, sample, 0), settings.speed_max_m_s * dt_s)
-    before_m = plus(ZERO3, masked(before.speed_m_s, sample, 0), dt_s)
+    if settings.accel_max_m_s2 == inf:
+        return shift_m
+    before_m = scaled(masked(before.speed_m_s, sample, 0), dt_s)
     change_m = limit_norm(plus(shift_m, before_m, -1.0), settings.accel_max_m_s2 * dt_s**2)
     return plus(before_m, change_m)
 
 
-def contact_of(sample: LawInput, press_axis: Vec3, touch_N: float) -> tuple[Contact, Vector | None]:
+def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Vector | None]:
     """Return the contact state and, in mode both, the vector from the TCP to the contact [m].
 
     The state is a force threshold with hysteresis, below it approach or free. The vector ends at
@@ -190,14 +193,14 @@ def contact_of(sample: LawInput, press_axis: Vec3, touch_N: float) -> tuple[Cont
     if before.contact == "contact":
         threshold_N *= RELEASE_FRACTION
     contact: Contact = "approach" if presses else "free"
-    if -dot(force_N, press_axis) > threshold_N:
+    if -dot(force_N, sample.press_axis) > threshold_N:
         contact = "contact"
     if sample.mode != "both":
         return contact, None
     square = dot(force_N, force_N)
     if square < touch_N * touch_N:
         return contact, ZERO3
-    lever_m = plus(ZERO3, cross(force_N, sample.torque_Nm), 1.0 / square)
+    lever_m = scaled(cross(force_N, sample.torque_Nm), 1.0 / square)
     return contact, limit_norm(lever_m, LONGEST_CONTACT_LEVER_M)
 
 
@@ -208,8 +211,14 @@ def motion_between(
 
     With a lever the travel is that of the contact point, which a rotation about the TCP moves too.
     """
-    moved_m: Vec3 = (T_to.translation - T_from.translation).tolist()
-    turned_rad: Vec3 = rotation_between(T_from.rotation, T_to.rotation).tolist()
+    before, after = pin.SE3ToXYZQUATtuple(T_from), pin.SE3ToXYZQUATtuple(T_to)
+    moved_m = plus(after[:3], before[:3], -1.0)
+    # The unit quaternion (p, q) from one orientation to the other; both signs are the same turn.
+    u, v = before[3:6], after[3:6]
+    p = before[6] * after[6] + dot(u, v)
+    q = plus(plus(cross(u, v), v, before[6]), u, -after[6])
+    size = hypot(*q)
+    turned_rad = scaled(q, 2.0 * atan2(copysign(size, p), abs(p)) / (size or 1.0))
     if lever_m is not None:
         moved_m = plus(moved_m, cross(turned_rad, lever_m))
     return moved_m, turned_rad
@@ -220,16 +229,17 @@ def masked(motion: Vector, sample: LawInput, first: int) -> Vector:
     free = sample.axes[first : first + 3]
     if all(free):
         return motion
-    R = sample.R_base_task or IDENTITY
-    return rotated(R, list(map(mul, rotated([*zip(*R, strict=True)], motion), free)))
+    R = sample.R_base_tcp if sample.frame == "tool" else IDENTITY
+    return rotated(R, product(rotated_back(R, motion), free))
 
 
 def soft_deadband(error: Vector, width: float) -> Vec3:
     """Shorten a vector by `width`, to zero when it is shorter: continuous, direction kept."""
-    return plus(error, limit_norm(error, width), -1.0)
+    size = hypot(*error)
+    return scaled(error, 1.0 - width / size) if size > width else ZERO3
 
 
 def limit_norm(vector: Vector, longest: float) -> Vector:
     """Shorten a vector to at most `longest`, direction kept."""
     size = hypot(*vector)
-    return vector if size <= longest else plus(ZERO3, vector, longest / size)
+    return vector if size <= longest else scaled(vector, longest / size)

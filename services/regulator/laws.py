@@ -13,7 +13,7 @@ from typing import Any
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Array, Vector
+from common.motion.frames import Rows, Vector
 from forcemesh.errors import ConfigError
 from forcemesh.messages import Vec3
 from services.regulator import adaptive, admittance
@@ -40,7 +40,7 @@ class Law:
     # Stiffness of the present contact, kept for a start in place.
     identified: Callable[[Any, Any], ContactStiffness | None] = lambda _, __: None
     # Integral gains of the host controller, base axes; None: those requested.
-    controller_gain: Callable[[Any, PiGains, Array, Any], Vec3 | None] = lambda *_: None
+    controller_gain: Callable[[Any, PiGains, Rows, Any], Vec3 | None] = lambda *_: None
 
 
 LAWS: dict[str, Law] = {

@@ -10,12 +10,13 @@ Commands added meanwhile came from forces that the arm had not changed yet: the 
 oldest command of the window and restarts from there.
 """
 
+from collections import deque
 from dataclasses import dataclass, field
-
-import pinocchio as pin
+from math import acos, dist
+from operator import mul
 
 from common.config.cell import CellConfig
-from common.motion.frames import apart
+from forcemesh.messages import PoseRecord
 
 REPORTS, SAMPLES = 2.0, 2.0
 SAME_M, SAME_RAD = 1e-5, 1e-4  # tolerance between a sent pose and its command
@@ -23,10 +24,11 @@ SAME_M, SAME_RAD = 1e-5, 1e-4  # tolerance between a sent pose and its command
 
 @dataclass(slots=True)
 class CommandHistory:
-    """Commands of the last window, oldest first: age [s], and pose of the TCP in base."""
+    """Commands of the last window, oldest first: time [s], and pose of the flange in base."""
 
     window_s: float
-    commands: list[tuple[float, pin.SE3]] = field(default_factory=list)
+    commands: deque[tuple[float, PoseRecord]] = field(default_factory=deque)
+    now_s: float = 0.0
 
     @classmethod
     def of(cls, cell: CellConfig) -> "CommandHistory":
@@ -35,30 +37,39 @@ class CommandHistory:
         reports_s = REPORTS / cell.rates.robot_hz
         return cls(loop_s + reports_s + SAMPLES / cell.rates.control_hz)
 
-    def lags(self, T_base_tcp: pin.SE3, dt_s: float, T_sent: pin.SE3 | None) -> bool:
+    def lags(self, command: PoseRecord, dt_s: float, sent: PoseRecord | None) -> bool:
         """Add a command; return whether the sent pose is behind every command of the window.
 
         Args:
-            T_base_tcp: The command.
+            command: The command.
             dt_s: Time since the last one.
-            T_sent: Pose that the robot has sent last; None: unknown, which is no lag.
+            sent: Pose that the robot has sent last; None: unknown, which is no lag.
         """
-        older = [(age_s + dt_s, T) for age_s, T in self.commands if age_s + dt_s <= self.window_s]
-        self.commands = [*older, (0.0, T_base_tcp)]
-        if T_sent is None:
+        self.now_s += dt_s
+        commands = self.commands
+        while commands and commands[0][0] < self.now_s - self.window_s:
+            commands.popleft()
+        commands.append((self.now_s, command))
+        if sent is None:
             return False
-        behind_m, behind_rad = apart(T_base_tcp, T_sent)
+        behind_m, behind_rad = _apart(command, sent)
         is_behind, is_turned = behind_m > SAME_M, behind_rad > SAME_RAD
-        for _, T in older:  # the oldest one is mostly far enough from the newest
+        for _, older in commands:  # the oldest one is mostly far enough from the newest
             if not is_behind and not is_turned:
                 break
-            distance_m, angle_rad = apart(T_base_tcp, T)
+            distance_m, angle_rad = _apart(command, older)
             is_behind = is_behind and behind_m > distance_m + SAME_M
             is_turned = is_turned and behind_rad > angle_rad + SAME_RAD
         return is_behind or is_turned
 
-    def restart(self) -> pin.SE3:
+    def restart(self) -> PoseRecord:
         """Keep only the oldest command, which should have been sent by now; return it."""
-        _, T_oldest = self.commands[0]
-        self.commands = [(0.0, T_oldest)]
-        return T_oldest
+        _, oldest = self.commands[0]
+        self.commands = deque([(self.now_s, oldest)])
+        return oldest
+
+
+def _apart(a: PoseRecord, b: PoseRecord) -> tuple[float, float]:
+    """Return distance [m] and angle [rad] between two poses, the angle to 1e-7."""
+    half_cosine = abs(sum(map(mul, a.orientation_xyzw, b.orientation_xyzw)))
+    return dist(a.position_m, b.position_m), 2.0 * acos(min(half_cosine, 1.0))

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of, vec3
-from common.motion.frames import rotated
+from common.motion.frames import rotated_back
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.clock import NS_PER_S
@@ -150,15 +150,14 @@ class Regulator:
     def _valid_target(self, session: ForceSession) -> RegulatorTarget:
         request, motion = session.request, session.motion
         T, path, pose, feedback = motion.T_base_tcp, session.path, None, None
-        T_base_flange, press_axis = T * self._T_tcp_flange, T.rotation[:, 2]
+        T_base_flange = T * self._T_tcp_flange
         if request.host == "pc":
             pose = record_of(T_base_flange)
         else:
-            R_flange_base = T_base_flange.rotation.T.tolist()
             feedback = Feedback(
                 mode=request.mode,
-                setpoint_force_N=vec3(-session.setpoint_N * press_axis),
-                lever_m=rotated(R_flange_base, motion.lever_m or ZERO3),
+                setpoint_force_N=vec3(-session.setpoint_N * T.rotation[:, 2]),
+                lever_m=rotated_back(T_base_flange.rotation.tolist(), motion.lever_m or ZERO3),
                 gains=session.sent or self._gains,
             )
         return RegulatorTarget(
@@ -171,7 +170,7 @@ class Regulator:
             contact=motion.contact,
             error_force_N=motion.error_force_N or ZERO3,
             error_torque_Nm=motion.error_torque_Nm or ZERO3,
-            path_left_m=None if path is None else remaining_m(path, T.translation, press_axis),
+            path_left_m=remaining_m(path, T.translation, T.rotation[:, 2]) if path else None,
         )
 
     def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:
@@ -193,29 +192,28 @@ class Regulator:
     ) -> Trip | None:
         """Advance the session by one sample: law, path, monitors, and the controller's gains."""
         request, before, settings = session.request, session.motion, self._settings[session.law]
-        T_commanded, command = before.T_base_tcp, self._command.read(self._now_ns).fresh
-        if command is not None and command.pose is not None:
-            # The arbiter's limits may delay the law's command.
-            T_commanded = pose_of(command.pose) * self._T_flange_tcp
+        command = self._command.read(self._now_ns).fresh
+        if command is None or command.pose is None:
+            pose = record_of(before.T_base_tcp * self._T_tcp_flange)
+        else:  # the arbiter's limits may delay the law's command
+            pose = command.pose
             if command.limited:
-                before = back_calculate(before, T_commanded)  # anti-windup
+                before = back_calculate(before, pose_of(pose) * self._T_flange_tcp)  # anti-windup
         session.setpoint_N = self._ramped_setpoint_N(session, dt_s)
         if session.gains is not self._pi_gains:
             session.gains = session.gains.ramped(self._pi_gains, dt_s)
-        is_tool_frame = request.frame == "tool"
         sample = LawInput(
             wrench.force_N, wrench.torque_Nm, setpoint_N=session.setpoint_N, mode=request.mode,
             dt_s=dt_s, gains=session.gains, motion=before, T_measured=T_measured,
-            R_base_task=before.T_base_tcp.rotation.tolist() if is_tool_frame else None,
-            axes=request.axes, pose_is_new=pose_is_new,
+            frame=request.frame, axes=request.axes, pose_is_new=pose_is_new,
         )  # fmt: skip
         move(
-            session, sample, settings=settings, T_commanded=T_commanded,
-            T_sent=None if robot.sent is None else pose_of(robot.sent) * self._T_flange_tcp,
+            session, sample, command=pose, sent=robot.sent,
+            T_flange_tcp=self._T_flange_tcp, settings=settings,
             speed_max_m_s=self._cell.force.speed_max_m_s,
         )  # fmt: skip
         if request.host == "controller":
-            R_base_tcp = session.motion.T_base_tcp.rotation
+            R_base_tcp = session.motion.T_base_tcp.rotation.tolist()
             Ki = LAWS[session.law].controller_gain(
                 session.state, self._pi_gains, R_base_tcp, settings
             )

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from common.motion.convert import pose_of
 from common.motion.frames import dot
 from forcemesh.codec import Header
-from forcemesh.messages import ArbiterStatus, Gains, RegulatorTarget, Vec3
+from forcemesh.messages import ArbiterStatus, Gains, PoseRecord, RegulatorTarget, Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.gains import PiGains
 from services.regulator.guards import GuardState
@@ -45,8 +46,9 @@ def move(
     session: ForceSession,
     sample: LawInput,
     *,
-    T_commanded: pin.SE3,
-    T_sent: pin.SE3 | None,
+    command: PoseRecord,
+    sent: PoseRecord | None,
+    T_flange_tcp: pin.SE3,
     settings: Any,
     speed_max_m_s: float,
 ) -> None:
@@ -55,16 +57,16 @@ def move(
     Behind a stalled link the session restarts at the oldest command: newer ones were not sent.
     """
     law, commanded = LAWS[session.law], session.commanded
-    if not commanded.lags(T_commanded, sample.dt_s, T_sent):
+    if not commanded.lags(command, sample.dt_s, sent):
         session.state, session.motion = law.step(session.state, sample, settings)
         if session.path is not None:
             _move_along(session, session.path, sample, most_m=speed_max_m_s * sample.dt_s)
     elif session.path is not None:  # the pending commands contain path motion
         session.motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
     else:
-        session.motion = back_calculate(sample.motion, commanded.restart())
+        T_base_tcp = pose_of(commanded.restart()) * T_flange_tcp
+        session.motion = back_calculate(sample.motion, T_base_tcp)
         if law.predicts:  # the commands were not sent, so the predicted force does not occur
-            T_base_tcp = session.motion.T_base_tcp
             session.state = law.begin(T_base_tcp, sample.T_measured, None, settings)
             session.motion.follows = False
 

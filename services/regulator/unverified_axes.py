@@ -13,9 +13,8 @@ verified by `forcemesh check axes`, the one along the tool also by a touch from 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, hypot
-from operator import mul
 
-from common.motion.frames import Rows, Vector, dot, plus, rotated
+from common.motion.frames import Vector, dot, product, scaled
 from forcemesh.faults import tripped
 from forcemesh.messages import ZERO3, Trip, Vec3
 
@@ -37,9 +36,9 @@ class YieldTravel:
 
     def update(
         self,
-        R_tcp_base: Rows,
+        force_tool_N: Vec3,
         *,
-        moved_m: Vec3,
+        moved_tool_m: Vec3,
         turned_rad: Vec3,
         force_N: Vec3,
         torque_Nm: Vec3,
@@ -50,28 +49,26 @@ class YieldTravel:
         """Add one more period.
 
         Args:
-            R_tcp_base: Orientation of the base in the tool, row by row.
-            moved_m: Travel of the contact point in this period, base axes.
+            force_tool_N: Force of the environment on the tool, the tool's axes.
+            moved_tool_m: Travel of the contact point in this period, the tool's axes.
             turned_rad: Rotation in this period, base axes.
-            force_N: Of the environment on the tool, base axes.
+            force_N: The same force, base axes.
             torque_Nm: About the TCP, base axes.
             limited: Axes whose travel is limited.
             idle_N: Force below which the tool is idle.
             idle_Nm: Torque below which it is idle.
         """
-        force, step_m = rotated(R_tcp_base, force_N), rotated(R_tcp_base, moved_m)
-        size, travel_m = [abs(axis_N) for axis_N in force], [0.0] * 3
-        is_idle = hypot(*map(mul, force, limited)) <= idle_N
-        if not is_idle:
-            for axis, step in enumerate(step_m):
-                yielded_m = abs(step) if force[axis] * step > 0.0 else -abs(step)
+        size_N, travel_m = [*map(abs, force_tool_N)], [0.0] * 3
+        if hypot(*product(force_tool_N, limited)) > idle_N:
+            for axis, step_m in enumerate(moved_tool_m):
+                yielded_m = abs(step_m) if force_tool_N[axis] * step_m > 0.0 else -abs(step_m)
                 travel_m[axis] = max(self.travel_m[axis] + yielded_m, 0.0)
                 if travel_m[axis] > 0.0:
-                    size[axis] = max(self.most_N[axis], size[axis])
-        self.travel_m, self.most_N = travel_m, size
+                    size_N[axis] = max(self.most_N[axis], size_N[axis])
+        self.travel_m, self.most_N = travel_m, size_N
         spin_Nm = torque_Nm
         if (square := dot(force_N, force_N)) > idle_N**2:
-            spin_Nm = plus(ZERO3, force_N, dot(torque_Nm, force_N) / square)
+            spin_Nm = scaled(force_N, dot(torque_Nm, force_N) / square)
         spin = hypot(*spin_Nm)
         turn_rad = self.turn_rad + dot(turned_rad, spin_Nm) / spin if spin > idle_Nm else 0.0
         self.turn_rad = max(turn_rad, 0.0)
@@ -79,7 +76,7 @@ class YieldTravel:
     def trip(self, force_tool_N: Vec3, limited: Flags, *, rotates: bool) -> Trip | None:
         """Return why force feedback must end, if it must; `force_tool_N` along the tool's axes."""
         # Before the travel that the force allows.
-        too_far = hypot(*map(mul, self.travel_m, limited)) > LIMIT_M
+        too_far = hypot(*product(self.travel_m, limited)) > LIMIT_M
         too_turned = rotates and self.turn_rad > LIMIT_RAD and any(limited)
         if not too_far and not too_turned:
             return None

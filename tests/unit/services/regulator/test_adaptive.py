@@ -216,7 +216,7 @@ def test_each_part_can_be_switched_off(without) -> None:
 def test_a_masked_axis_does_not_move(force_N, axes, frame) -> None:
     """Masked axes of the task frame do not move; the others do."""
     R = START.rotation if frame == "tool" else np.eye(3)
-    sample = replace(pushed(force_N), axes=axes, R_base_task=R.tolist())
+    sample = replace(pushed(force_N), axes=axes, frame=frame)
     end, _ = run([sample])[-1]
     moved = R.T @ (end.T_base_tcp.translation - START.translation)
     assert moved[~np.array(axes[:3])] == pytest.approx(0.0, abs=1e-15)

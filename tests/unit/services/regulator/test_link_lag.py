@@ -1,6 +1,6 @@
 """The lag of a link: late commands freeze the law, commands in time never do."""
 
-from copy import copy
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from common.motion.convert import record_of
 from common.motion.frames import rotation_from_vector
 from forcemesh import topics
+from forcemesh.messages import UNIT_QUATERNION, ZERO3, PoseRecord
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.link_lag import CommandHistory
 from tests.fakes.arbiter_world import T_START
@@ -32,27 +33,27 @@ def test_commands_within_the_window_never_lag(steps, late) -> None:
     for x, y, z, turn in steps:
         T = pin.SE3(rotation_from_vector(np.array([0.0, 0.0, turn])) @ T.rotation, T.translation)
         T.translation = T.translation + np.array([x, y, z])
-        sent.append(T)
+        sent.append(record_of(T))
         is_known = late <= WINDOW and late < len(sent)
-        assert not commanded.lags(T, PERIOD_S, sent[-1 - late] if is_known else None)
+        assert not commanded.lags(sent[-1], PERIOD_S, sent[-1 - late] if is_known else None)
 
 
 def test_an_unsent_command_beyond_the_window_lags_until_it_is_sent() -> None:
     """Only the first pose of a steady motion was sent; after the rest was sent nothing lags."""
-    T = pin.SE3.Identity()
+    first = command = PoseRecord(position_m=ZERO3, orientation_xyzw=UNIT_QUATERNION)
     commanded = CommandHistory.of(CELL)
-    assert not commanded.lags(T, PERIOD_S, T)
+    assert not commanded.lags(command, PERIOD_S, command)
     for number in range(1, 3 * WINDOW):
-        T = pin.SE3(T.rotation, T.translation + np.array([0.0, 0.0, 1e-4]))
-        assert commanded.lags(T, PERIOD_S, pin.SE3.Identity()) == (number > WINDOW)
+        command = command.replaced(position_m=(0.0, 0.0, 1e-4 * number))
+        assert commanded.lags(command, PERIOD_S, first) == (number > WINDOW)
         if number > WINDOW:  # a restart keeps the unsent commands
-            again = copy(commanded)
+            again = deepcopy(commanded)
             oldest = again.restart()
             assert oldest == commanded.commands[0][1]
-            assert copy(again).lags(T, PERIOD_S, pin.SE3.Identity())
-            assert not copy(again).lags(oldest, PERIOD_S, oldest)
+            assert deepcopy(again).lags(command, PERIOD_S, first)
+            assert not deepcopy(again).lags(oldest, PERIOD_S, oldest)
             assert again.restart() == oldest
-    assert not commanded.lags(T, PERIOD_S, T)
+    assert not commanded.lags(command, PERIOD_S, command)
 
 
 def test_the_law_freezes_while_nothing_is_sent_and_continues_from_there() -> None:

@@ -294,14 +294,15 @@ def gain_for(
     margin = fast_margin + (slow_margin - fast_margin) * slowness
     loop = LOOP_GAIN + (settings.loop - LOOP_GAIN) * (1.0 - slowness)
     fade_range = max(1.0 - slowness, LEAST_FADE) * (settings.full_prediction_loop - LOOP_GAIN)
+    cap, rule = margin * settings.inertia_cap_m_per_Ns, settings.plain_gain_m_per_Ns
     Ki, w = [], []
     for k_N_m, requested in zip(k, requested_Ki, strict=True):
-        gain = min(loop / (k_N_m * tau_s), margin * settings.inertia_cap_m_per_Ns)
+        gain = min(loop / (k_N_m * tau_s), cap)
         share = (k_N_m * gain * tau_s - LOOP_GAIN) / fade_range
         weight = min(max(share, 0.0), settings.largest_prediction_weight)
         if k_N_m < settings.softest_N_m:  # not measured: the plain law's gain, without prediction
-            gain, weight = min(gain, settings.plain_gain_m_per_Ns), 0.0
-        Ki.append(gain * min(requested / settings.plain_gain_m_per_Ns, 1.0))
+            gain, weight = min(gain, rule), 0.0
+        Ki.append(gain * min(requested / rule, 1.0))
         w.append(weight)
     return Ki, w
 

@@ -19,7 +19,7 @@ from math import exp, hypot
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Vector, plus, rotated, rotated_back
+from common.motion.frames import Vector, plus, product, rotated, rotated_back, scaled
 from forcemesh.messages import ZERO3, Vec3
 from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 from services.regulator.law import (
@@ -98,8 +98,8 @@ def step(
     R_base_tcp, plain, dt_s = sample.R_base_tcp, settings.plain, sample.dt_s
     force_N = rotated_back(R_base_tcp, sample.force_N)
     _update_stiffness(state, sample, force_N, settings)
-    damping_Ns_m = [k_N_m * settings.tau_s / LOOP_GAIN for k_N_m in state.k_N_m]
-    drag_N = [D * v for D, v in zip(damping_Ns_m, state.speed_m_s, strict=True)]
+    damping_Ns_m = scaled(state.k_N_m, settings.tau_s / LOOP_GAIN)
+    drag_N = product(damping_Ns_m, state.speed_m_s)
     width_N = max(plain.deadband_N - NARROWS * hypot(*drag_N), NARROWEST * plain.deadband_N)
     push_N = soft_deadband(force_N, width_N)
     share = dt_s / settings.mass_kg

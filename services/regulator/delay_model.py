@@ -69,29 +69,27 @@ class LoopDelayModel:
             sent.append((self.now_s, command))
         steps = max(1, ceil(dt_s / SUBSTEP_S - 1e-9))
         step_s, (a, b, c), (d, e, f), (g, h, i) = dt_s / steps, self.first, self.arm, self.filtered
-        lagging, filtering = _share(step_s, half_s), _share(step_s, filter_s)
+        lagging, filtering = [
+            1.0 if lag_s <= INSTANT_S else 1.0 - exp(-step_s / lag_s)
+            for lag_s in (half_s, filter_s)
+        ]
         for number in range(steps):
             due_s = self.now_s + (number + 0.5) * step_s - settings.delay_s
             while len(sent) > 1 and sent[1][0] <= due_s:
                 sent.popleft()
-            x, y, z = sent[0][1]
+            x, y, z = sent[0][1]  # after half the lag a, b, c; after all of it d, e, f
             a, b, c = a + lagging * (x - a), b + lagging * (y - b), c + lagging * (z - c)
             d, e, f = d + lagging * (a - d), e + lagging * (b - e), f + lagging * (c - f)
             g, h, i = g + filtering * (d - g), h + filtering * (e - h), i + filtering * (f - i)
-        first, arm, filtered = (a, b, c), (d, e, f), (g, h, i)
+        before, self.filtered = self.filtered, (g, h, i)
+        self.first, self.arm = (a, b, c), (d, e, f)
         if min(filter_s, half_s) > INSTANT_S:
-            self.speed = scaled(plus(arm, filtered, -1.0), 1.0 / filter_s)
-            change = plus(scaled(plus(first, arm, -1.0), 1.0 / half_s), self.speed, -1.0)
-            self.acceleration = scaled(change, 1.0 / filter_s)
+            self.speed = scaled(plus(self.arm, self.filtered, -1.0), 1.0 / filter_s)
+            arm_speed = scaled(plus(self.first, self.arm, -1.0), 1.0 / half_s)
+            self.acceleration = scaled(plus(arm_speed, self.speed, -1.0), 1.0 / filter_s)
         else:
-            self.speed = scaled(plus(filtered, self.filtered, -1.0), 1.0 / dt_s)
-        self.first, self.arm, self.filtered = first, arm, filtered
+            self.speed = scaled(plus(self.filtered, before, -1.0), 1.0 / dt_s)
         self.command, self.now_s = command, self.now_s + dt_s
-
-
-def _share(step_s: float, lag_s: float) -> float:
-    """Return the share of a change that passes a first-order lag in one step."""
-    return 1.0 if lag_s <= INSTANT_S else 1.0 - exp(-step_s / lag_s)
 
 
 @dataclass(slots=True)

@@ -156,21 +156,13 @@ class GuardSample:
         # A wrong torque turns the tool into its contact, and the force then pushes it back along
         # every axis: while the tool may turn, a touch alone exempts no axis.
         is_touched = touched == wrench.calibration.removesuffix(TARED) and not rotates
+        limited = (unchecked, unchecked, unchecked and not is_touched)
+        contact, presses = law.contact if moves else "free", moves and sample.setpoint_N > 0.0
         return cls(
-            sample.force_N,
-            sample.torque_Nm,
-            sample.T_measured,
-            moved_m,
-            turned_rad,
-            contact=law.contact if moves else "free",
-            error=(*error_N, *error_Nm),
-            limited=(unchecked, unchecked, unchecked and not is_touched),
-            setpoint_N=sample.setpoint_N,
-            presses=moves and sample.setpoint_N > 0.0,
-            rotates=rotates,
-            follows=law.follows,
-            dt_s=sample.dt_s,
-        )
+            sample.force_N, sample.torque_Nm, sample.T_measured, moved_m, turned_rad, contact,
+            (*error_N, *error_Nm), limited, sample.setpoint_N, presses, rotates, law.follows,
+            sample.dt_s,
+        )  # fmt: skip
 
 
 @dataclass(slots=True)

@@ -40,7 +40,6 @@ Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
 LONGEST_CONTACT_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
 ALL_AXES = (True,) * 6
-IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PROBE_N = 5.0  # overshoot of the first touch, which verifies the signs and must stay gentle
 APPROACH_INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
@@ -229,8 +228,10 @@ def masked(motion: Vector, sample: LawInput, first: int) -> Vector:
     free = sample.axes[first : first + 3]
     if all(free):
         return motion
-    R = sample.R_base_tcp if sample.frame == "tool" else IDENTITY
-    return rotated(R, product(rotated_back(R, motion), free))
+    if sample.frame == "base":
+        return product(motion, free)
+    R_base_tcp = sample.R_base_tcp
+    return rotated(R_base_tcp, product(rotated_back(R_base_tcp, motion), free))
 
 
 def soft_deadband(error: Vector, width: float) -> Vec3:

@@ -52,15 +52,14 @@ class CommandHistory:
         commands.append((self.now_s, command))
         if sent is None:
             return False
-        behind_m, behind_rad = _apart(command, sent)
-        is_behind, is_turned = behind_m > SAME_M, behind_rad > SAME_RAD
-        for _, older in commands:  # the oldest one is mostly far enough from the newest
-            if not is_behind and not is_turned:
-                break
-            distance_m, angle_rad = _apart(command, older)
-            is_behind = is_behind and behind_m > distance_m + SAME_M
-            is_turned = is_turned and behind_rad > angle_rad + SAME_RAD
-        return is_behind or is_turned
+        for apart, same in ((_distance_m, SAME_M), (_angle_rad, SAME_RAD)):
+            behind = apart(command, sent) - same
+            for _, each in commands:  # the oldest one is mostly far enough from the newest
+                if behind <= apart(command, each):
+                    break
+            else:
+                return True
+        return False
 
     def restart(self) -> PoseRecord:
         """Keep only the oldest command, which should have been sent by now; return it."""
@@ -69,7 +68,9 @@ class CommandHistory:
         return oldest
 
 
-def _apart(a: PoseRecord, b: PoseRecord) -> tuple[float, float]:
-    """Return distance [m] and angle [rad] between two poses, the angle to 1e-7."""
-    half_cosine = abs(sum(map(mul, a.orientation_xyzw, b.orientation_xyzw)))
-    return dist(a.position_m, b.position_m), 2.0 * acos(min(half_cosine, 1.0))
+def _distance_m(a: PoseRecord, b: PoseRecord) -> float:
+    return dist(a.position_m, b.position_m)
+
+
+def _angle_rad(a: PoseRecord, b: PoseRecord) -> float:  # to 1e-7
+    return 2.0 * acos(min(abs(sum(map(mul, a.orientation_xyzw, b.orientation_xyzw))), 1.0))

@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of, vec3
-from common.motion.frames import rotated_back
+from common.motion.frames import dot, product, rotated_back
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.clock import NS_PER_S
@@ -203,9 +203,8 @@ class Regulator:
         if session.gains is not self._pi_gains:
             session.gains = session.gains.ramped(self._pi_gains, dt_s)
         sample = LawInput(
-            wrench.force_N, wrench.torque_Nm, setpoint_N=session.setpoint_N, mode=request.mode,
-            dt_s=dt_s, gains=session.gains, motion=before, T_measured=T_measured,
-            frame=request.frame, axes=request.axes, pose_is_new=pose_is_new,
+            wrench.force_N, wrench.torque_Nm, session.setpoint_N, request.mode, dt_s,
+            session.gains, before, T_measured, request.frame, request.axes, pose_is_new,
         )  # fmt: skip
         move(
             session, sample, command=pose, sent=robot.sent,
@@ -237,7 +236,7 @@ class Regulator:
         if session.request.host == "controller" and session.motion.contact == "approach":
             press_axis = session.motion.T_base_tcp.rotation[:, 2].tolist()
             Ki = (session.sent or self._gains).force_i_m_per_Ns
-            gain = sum(x * x * Ki_axis for x, Ki_axis in zip(press_axis, Ki, strict=True))
+            gain = dot(product(press_axis, press_axis), Ki)
             if gain > 0.0:
                 target_N = min(target_N, self._settings["plain"].approach_m_s / gain)
         step_N = self._cell.force.setpoint_ramp_N_s * dt_s

@@ -119,7 +119,7 @@ def describe(session: ForceSession) -> str:
 def active_commander(arbiter: ArbiterStatus) -> str:
     """Return the commander that moves the arm or is next, empty if only the regulator may."""
     both = (arbiter.commander, arbiter.next_commander)
-    return next((commander for commander in both if commander in MOVERS), "")
+    return next(filter(MOVERS.__contains__, both), "")
 
 
 def next_path(before: TcpPath | None, request: PathRequest) -> TcpPath:

@@ -44,8 +44,8 @@ def from_rotation_vector(rotation_rad: Vec3) -> Quaternion:
     """Return the unit quaternion of a rotation vector [rad]."""
     angle = math.hypot(*rotation_rad)
     share = 0.5 if angle < 1e-9 else math.sin(angle / 2.0) / angle
-    x, y, z = (share * part for part in rotation_rad)
-    return unit((x, y, z, math.cos(angle / 2.0)))
+    x, y, z = rotation_rad
+    return (share * x, share * y, share * z, math.cos(angle / 2.0))
 
 
 def from_oat_deg(oat_deg: Vec3) -> Quaternion:

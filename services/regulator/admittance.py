@@ -103,11 +103,11 @@ def step(
     width_N = max(plain.deadband_N - NARROWS * hypot(*drag_N), NARROWEST * plain.deadband_N)
     push_N = soft_deadband(force_N, width_N)
     share = dt_s / settings.mass_kg
-    speed_m_s = [
+    x, y, z = [
         (v + share * F) / (1.0 + share * D)
         for v, F, D in zip(state.speed_m_s, push_N, damping_Ns_m, strict=True)
     ]
-    state.speed_m_s = limit_norm(speed_m_s, plain.speed_max_m_s)
+    state.speed_m_s = limit_norm((x, y, z), plain.speed_max_m_s)
     guided = replace(sample, gains=replace(sample.gains, force_p_m_per_N=ZERO3))
     return state, next_motion(guided, plain, rotated(R_base_tcp, state.speed_m_s))
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass, field, replace
 from math import atan2, copysign, hypot, inf
 from typing import Literal
 
-import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
@@ -28,11 +27,12 @@ from common.motion.frames import (
     dot,
     plus,
     product,
-    rotate_about_base_axes,
     rotated,
     rotated_back,
     scaled,
+    unit_quaternion,
 )
+from forcemesh.client.rotations import from_rotation_vector, inverse, times
 from forcemesh.messages import ZERO3, Mode, Vec3
 from services.regulator.gains import PiGains
 
@@ -85,7 +85,7 @@ class LawMotion:
     error_torque_Nm: Vec3 | None = None
     contact: Contact = "free"
     approach_m_s: float = 0.0  # present speed of the approach
-    speed_m_s: Vector = ZERO3  # commanded by force control, base axes
+    speed_m_s: Vec3 = ZERO3  # commanded by force control, base axes
     lever_m: Vector | None = None  # from the TCP to the contact point, base axes; mode both
     follows: bool = False  # tracks a moving surface along the press axis
 
@@ -132,22 +132,21 @@ def next_motion(
     A law around this one gives `integral_m_s` [m/s] in place of Ki e, base axes.
     """
     before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    T_base_tcp, press_axis = before.T_base_tcp.copy(), sample.press_axis
+    x, y, z, *q = pin.SE3ToXYZQUATtuple(before.T_base_tcp)
+    press_axis = sample.press_axis
     # The contact pushes against the press axis.
     error_N = plus(sample.force_N, press_axis, sample.setpoint_N)
     error_N = soft_deadband(error_N, settings.deadband_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
     contact, lever_m = contact_of(sample, settings.touch_N)
-    turn_rad: Vector = ZERO3
-    shift_m: Vector = ZERO3
-    speed_m_s: Vector = ZERO3
+    turn_rad = shift_m = speed_m_s = ZERO3
     approach_m_s = 0.0
     if sample.mode != "position":
         change_Nm = plus(error_Nm, before.error_torque_Nm or error_Nm, -1.0)
         step_rad = product(gains.torque_p_rad_per_Nm, change_Nm)
         step_rad = plus(step_rad, product(gains.torque_i_rad_per_Nms, error_Nm), dt_s)
         turn_rad = limit_norm(masked(step_rad, sample, 3), settings.speed_max_rad_s * dt_s)
-        T_base_tcp.rotation = rotate_about_base_axes(T_base_tcp.rotation, np.array(turn_rad))
+        q = times(from_rotation_vector(turn_rad), q)
     if sample.mode != "orientation" and contact == "approach":
         faster_m_s = before.approach_m_s + settings.approach_accel_m_s2 * dt_s
         approach_m_s = min(faster_m_s, settings.approach_m_s)
@@ -159,13 +158,14 @@ def next_motion(
         if lever_m is not None:
             shift_m = plus(shift_m, cross(turn_rad, lever_m), -1.0)
             shift_m = limit_norm(masked(shift_m, sample, 0), settings.speed_max_m_s * dt_s)
-    T_base_tcp.translation += shift_m
+    # Without the norm, a rotation of 90 to 120 degrees multiplies the rounding error of every step.
+    T_base_tcp = pin.XYZQUATToSE3(plus((x, y, z), shift_m) + unit_quaternion(*q))
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
 
 
 def _yielding(
     sample: LawInput, settings: LawSettings, error_N: Vec3, integral_m_s: Vec3 | None
-) -> Vector:
+) -> Vec3:
     """Return the shift along the free axes, limited in speed and acceleration [m]. Shape (3,)."""
     before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
     change_N = plus(error_N, before.error_force_N or error_N, -1.0)
@@ -212,18 +212,16 @@ def motion_between(
     """
     before, after = pin.SE3ToXYZQUATtuple(T_from), pin.SE3ToXYZQUATtuple(T_to)
     moved_m = plus(after[:3], before[:3], -1.0)
-    # The unit quaternion (p, q) from one orientation to the other; both signs are the same turn.
-    u, v = before[3:6], after[3:6]
-    p = before[6] * after[6] + dot(u, v)
-    q = plus(plus(cross(u, v), v, before[6]), u, -after[6])
-    size = hypot(*q)
-    turned_rad = scaled(q, 2.0 * atan2(copysign(size, p), abs(p)) / (size or 1.0))
+    x, y, z, w = times(after[3:], inverse(before[3:]))
+    size = hypot(x, y, z)
+    angle = 2.0 * atan2(copysign(size, w), abs(w))  # q and -q are the same rotation
+    turned_rad = scaled((x, y, z), angle / (size or 1.0))
     if lever_m is not None:
         moved_m = plus(moved_m, cross(turned_rad, lever_m))
     return moved_m, turned_rad
 
 
-def masked(motion: Vector, sample: LawInput, first: int) -> Vector:
+def masked(motion: Vec3, sample: LawInput, first: int) -> Vec3:
     """Return a motion without its parts along the locked axes of the task frame."""
     free = sample.axes[first : first + 3]
     if all(free):
@@ -240,7 +238,7 @@ def soft_deadband(error: Vector, width: float) -> Vec3:
     return scaled(error, 1.0 - width / size) if size > width else ZERO3
 
 
-def limit_norm(vector: Vector, longest: float) -> Vector:
+def limit_norm(vector: Vec3, longest: float) -> Vec3:
     """Shorten a vector to at most `longest`, direction kept."""
     size = hypot(*vector)
     return vector if size <= longest else scaled(vector, longest / size)

@@ -274,6 +274,21 @@ def test_a_pull_is_no_contact() -> None:
         assert run([sample(force, setpoint_N=10.0)], GAINS, SETTINGS)[-1].contact == "approach"
 
 
+@each_mode
+@pytest.mark.parametrize("angle_rad", [0.0, 1.6, 1.9, 2.05, math.pi])
+def test_the_orientation_stays_a_rotation(mode, angle_rad) -> None:
+    """For any number of steps, wherever the tool points: rounding errors do not grow."""
+    T = pin.SE3(rotation_from_vector(angle_rad * np.array([0.6, 0.0, 0.8])), np.zeros(3))
+    law, item = start_at(T), sample((0.0, 0.0, 1.0), (0.1, -0.2, 0.1), mode=mode)
+    for _ in range(200):
+        law = step(law, item, WITH_P, SETTINGS)
+    R = law.T_base_tcp.rotation
+    product = R @ R.T
+
+    assert product == pytest.approx(np.eye(3), abs=1e-12)
+    assert mode != "position" or pytest.approx(T.rotation, abs=1e-12) == R
+
+
 # --- the point of contact -------------------------------------------------------------------------
 
 

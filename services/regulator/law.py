@@ -32,7 +32,7 @@ from common.motion.frames import (
     scaled,
     unit_quaternion,
 )
-from forcemesh.client.rotations import from_rotation_vector, inverse, times
+from forcemesh.client.rotations import from_rotation_vector, times
 from forcemesh.messages import ZERO3, Mode, Vec3
 from services.regulator.gains import PiGains
 
@@ -212,7 +212,8 @@ def motion_between(
     """
     before, after = pin.SE3ToXYZQUATtuple(T_from), pin.SE3ToXYZQUATtuple(T_to)
     moved_m = plus(after[:3], before[:3], -1.0)
-    x, y, z, w = times(after[3:], inverse(before[3:]))
+    x, y, z, w = before[3:]
+    x, y, z, w = times(after[3:], (-x, -y, -z, w))
     size = hypot(x, y, z)
     angle = 2.0 * atan2(copysign(size, w), abs(w))  # q and -q are the same rotation
     turned_rad = scaled((x, y, z), angle / (size or 1.0))

@@ -2,7 +2,7 @@
 
 import pinocchio as pin
 
-from common.motion.frames import Array, numbers_of, pose_at, unit_quaternion
+from common.motion.frames import Array, numbers_of, pose_at
 from forcemesh.messages import PoseRecord, RobotState, Vec3
 
 
@@ -20,4 +20,4 @@ def record_of(T: pin.SE3) -> PoseRecord:
 
 def pose_of(record: PoseRecord | RobotState) -> pin.SE3:
     """Return the pose of a message record."""
-    return pose_at(record.position_m, unit_quaternion(*record.orientation_xyzw))
+    return pose_at(record.position_m, record.orientation_xyzw)

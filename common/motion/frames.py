@@ -85,7 +85,8 @@ def quaternion_from_R(R: Array) -> tuple[float, float, float, float]:
 
 def R_from_quaternion(xyzw: tuple[float, float, float, float] | Array) -> Array:
     """Return the rotation matrix of a quaternion (x, y, z, w), normalised by `unit_quaternion`."""
-    return np.asarray(pose_at(ZERO3, unit_quaternion(*map(float, xyzw))).rotation)
+    x, y, z, w = map(float, xyzw)
+    return np.asarray(pose_at(ZERO3, (x, y, z, w)).rotation)
 
 
 def unit_quaternion(x: float, y: float, z: float, w: float) -> tuple[float, float, float, float]:
@@ -201,16 +202,19 @@ def cross(a: Vector, b: Vector) -> Vec3:
 
 def numbers_of(T: pin.SE3) -> tuple[Vec3, Quaternion]:
     """Return position and unit quaternion x, y, z, w of a pose, w >= 0."""
-    px, py, pz, x, y, z, w = pin.SE3ToXYZQUAT(T).tolist()
+    px, py, pz, x, y, z, w = pin.SE3ToXYZQUATtuple(T)
     return (px, py, pz), (-x, -y, -z, -w) if w < 0.0 else (x, y, z, w)
 
 
-def pose_at(position_m: Vec3, unit_xyzw: Quaternion) -> pin.SE3:
-    """Return the pose of a position [m] and a unit quaternion."""
-    return pin.XYZQUATToSE3([*position_m, *unit_xyzw])
+def pose_at(position_m: Vec3, xyzw: Quaternion) -> pin.SE3:
+    """Return the pose of a position [m] and a quaternion, normalised by `unit_quaternion`.
+
+    Without that, a rotation of 90 to 120 degrees multiplies the rounding error at every conversion.
+    """
+    return pin.XYZQUATToSE3(position_m + unit_quaternion(*xyzw))
 
 
-def product(a: Quaternion, b: Quaternion) -> Quaternion:
+def composed(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return the quaternion of the rotation a b: b first."""
     x, y, z, w = a
     i, j, k, s = b
@@ -225,7 +229,7 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
 def speeds_between(T_from: pin.SE3, T_to: pin.SE3, time_s: float) -> Speeds:
     """Return the constant speeds that lead from one pose to another in a time."""
     (p_from, (x, y, z, w)), (p_to, q_to) = numbers_of(T_from), numbers_of(T_to)
-    i, j, k, s = product(q_to, (-x, -y, -z, w))  # the turn, about base axes
+    i, j, k, s = composed(q_to, (-x, -y, -z, w))  # the turn, about base axes
     size = math.hypot(i, j, k)
     rate = 2.0 * math.atan2(math.copysign(size, s), abs(s)) / (size or 1.0) / time_s
     u, v, w = plus(p_to, p_from, -1.0)
@@ -239,4 +243,4 @@ def moved(T: pin.SE3, speeds: Speeds, time_s: float) -> pin.SE3:
     half = 0.5 * time_s * rate
     share = math.sin(half) / (rate or 1.0)
     turn = (share * x, share * y, share * z, math.cos(half))
-    return pose_at(plus(p, speed, time_s), product(turn, q))
+    return pose_at(plus(p, speed, time_s), composed(turn, q))

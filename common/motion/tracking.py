@@ -110,6 +110,6 @@ class TrackingMonitor:
 
 def _distance_to_segment(end: Array, point: Array) -> float:
     """Return the distance of a point from a line segment, both from its start."""
-    square = end @ end
-    share = 0.0 if square == 0.0 else min(1.0, max(0.0, point @ end / square))
+    square = float(end @ end)
+    share = 0.0 if square == 0.0 else min(1.0, max(0.0, float(point @ end) / square))
     return hypot(*(point - share * end))

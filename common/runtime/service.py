@@ -19,10 +19,10 @@ from typing import Any, Literal, Protocol, runtime_checkable
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import cell_hash, load_cell
-from common.runtime.account import ProcessorAccount
 from common.runtime.heartbeat import heartbeat_of_this_process
 from common.runtime.overruns import Overruns, allowed_gap_s
 from common.runtime.realtime import (
+    ProcessorAccount,
     give_up_realtime_priority,
     has_realtime_priority,
     is_memory_locked,

@@ -14,7 +14,7 @@ Positive force is exerted by the environment on the robot; yielding means moving
 """
 
 from dataclasses import dataclass, field, replace
-from math import atan2, copysign, hypot, inf
+from math import hypot, inf
 from typing import Literal
 
 import pinocchio as pin
@@ -25,14 +25,14 @@ from common.motion.frames import (
     Vector,
     cross,
     dot,
+    moved,
     plus,
     product,
     rotated,
     rotated_back,
     scaled,
-    unit_quaternion,
+    speeds_between,
 )
-from forcemesh.client.rotations import from_rotation_vector, times
 from forcemesh.messages import ZERO3, Mode, Vec3
 from services.regulator.gains import PiGains
 
@@ -132,7 +132,6 @@ def next_motion(
     A law around this one gives `integral_m_s` [m/s] in place of Ki e, base axes.
     """
     before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    x, y, z, *q = pin.SE3ToXYZQUATtuple(before.T_base_tcp)
     press_axis = sample.press_axis
     # The contact pushes against the press axis.
     error_N = plus(sample.force_N, press_axis, sample.setpoint_N)
@@ -146,7 +145,6 @@ def next_motion(
         step_rad = product(gains.torque_p_rad_per_Nm, change_Nm)
         step_rad = plus(step_rad, product(gains.torque_i_rad_per_Nms, error_Nm), dt_s)
         turn_rad = limit_norm(masked(step_rad, sample, 3), settings.speed_max_rad_s * dt_s)
-        q = times(from_rotation_vector(turn_rad), q)
     if sample.mode != "orientation" and contact == "approach":
         faster_m_s = before.approach_m_s + settings.approach_accel_m_s2 * dt_s
         approach_m_s = min(faster_m_s, settings.approach_m_s)
@@ -158,8 +156,7 @@ def next_motion(
         if lever_m is not None:
             shift_m = plus(shift_m, cross(turn_rad, lever_m), -1.0)
             shift_m = limit_norm(masked(shift_m, sample, 0), settings.speed_max_m_s * dt_s)
-    # Without the norm, a rotation of 90 to 120 degrees multiplies the rounding error of every step.
-    T_base_tcp = pin.XYZQUATToSE3(plus((x, y, z), shift_m) + unit_quaternion(*q))
+    T_base_tcp = moved(before.T_base_tcp, (shift_m, turn_rad), 1.0)
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
 
 
@@ -210,13 +207,7 @@ def motion_between(
 
     With a lever the travel is that of the contact point, which a rotation about the TCP moves too.
     """
-    before, after = pin.SE3ToXYZQUATtuple(T_from), pin.SE3ToXYZQUATtuple(T_to)
-    moved_m = plus(after[:3], before[:3], -1.0)
-    x, y, z, w = before[3:]
-    x, y, z, w = times(after[3:], (-x, -y, -z, w))
-    size = hypot(x, y, z)
-    angle = 2.0 * atan2(copysign(size, w), abs(w))  # q and -q are the same rotation
-    turned_rad = scaled((x, y, z), angle / (size or 1.0))
+    moved_m, turned_rad = speeds_between(T_from, T_to, 1.0)
     if lever_m is not None:
         moved_m = plus(moved_m, cross(turned_rad, lever_m))
     return moved_m, turned_rad

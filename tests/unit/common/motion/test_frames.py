@@ -19,6 +19,7 @@ from common.motion.frames import (
     cross,
     dot,
     is_finite_pose,
+    moved,
     oat_from_R,
     plus,
     pose,
@@ -30,7 +31,7 @@ from common.motion.frames import (
     skew,
     vector_from_rotation,
 )
-from forcemesh.messages import PoseRecord
+from forcemesh.messages import ZERO3, PoseRecord
 
 angles = st.floats(-math.pi, math.pi)
 tilts = st.floats(0.0, math.pi)
@@ -305,3 +306,12 @@ def test_plain_numbers_and_arrays_have_the_same_results(turn, v, w, times) -> No
     assert plus(v.tolist(), w.tolist(), times) == pytest.approx(v + times * w, abs=1e-12)
     assert dot(v.tolist(), w.tolist()) == pytest.approx(v @ w, abs=1e-12)
     assert cross(v.tolist(), w.tolist()) == pytest.approx(np.cross(v, w), abs=1e-12)
+
+
+@given(st.floats(-3.1, 3.1))
+def test_a_pose_that_moves_in_many_steps_stays_a_rotation(angle_rad: float) -> None:
+    """Rounding errors do not grow from step to step, wherever the tool points."""
+    T = pin.SE3(rotation_from_vector(angle_rad * np.array([0.6, 0.0, 0.8])), np.zeros(3))
+    for _ in range(200):
+        T = moved(T, (ZERO3, (0.1, -0.2, 0.1)), 0.004)
+    assert T.rotation @ T.rotation.T == pytest.approx(np.eye(3), abs=1e-12)

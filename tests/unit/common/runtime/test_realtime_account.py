@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime import account
-from common.runtime.account import OTHERS, OWN_WORK, REALTIME, STOPPED, ProcessorAccount
+from common.runtime import realtime
+from common.runtime.realtime import OTHERS, OWN_WORK, REALTIME, STOPPED, ProcessorAccount
 
 GAP_S = 0.04
 
@@ -16,7 +16,7 @@ def schedstat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The kernel's count, with 5 s of waiting so far."""
     path = tmp_path / "schedstat"
     path.write_text("77 5000000000 9\n")
-    monkeypatch.setattr(account, "SCHEDSTAT", path)
+    monkeypatch.setattr(realtime, "SCHEDSTAT", path)
     return path
 
 
@@ -41,7 +41,7 @@ def test_waiting_for_a_processor_is_the_work_of_others(
     schedstat: Path, monkeypatch: pytest.MonkeyPatch, *, is_realtime: bool, cause: str
 ) -> None:
     """With real-time priority only other real-time work, or the kernel's limit, can be it."""
-    monkeypatch.setattr(account, "has_realtime_priority", lambda: is_realtime)
+    monkeypatch.setattr(realtime, "has_realtime_priority", lambda: is_realtime)
     found = ProcessorAccount()
     found.stepped()
     found.stepped()

@@ -21,6 +21,7 @@ from sim.controller.network import LockStepLink, MemoryNetwork
 from sim.controller.service import ControllerSensor
 from sim.robot.arm import SimArm
 from sim.robot.service import SimRobot
+from sim.robot.settings import TICK_S
 
 STEP_NS = 1_000_000
 PROGRAM = Path(__file__).resolve().parent.parent / "controller" / "forcemesh.as"
@@ -68,6 +69,7 @@ class VirtualCell:
     def _add_sim(self) -> SimArm:
         bus = self._bus("robot")
         robot = SimRobot(bus, self.cell)
+        robot.period_s = TICK_S  # whoever observes the arm sees every tick
         self._add("robot", robot, bus, bus.playing("sensor"))
         return robot.arm
 

@@ -1,4 +1,4 @@
-"""Real time for the processes of a control loop: SCHED_FIFO priority, locked memory, and its account.
+"""Real time for the processes of a control loop: priority, locked memory, processor account.
 
 A page fault to swap costs a control loop milliseconds. Why a step was late is known from the time
 that its thread ran, and from the time that it could have run but waited for a processor: Linux

@@ -51,7 +51,7 @@ from services.regulator.unverified_axes import YieldTravel
 from tuning.gain_rule import instability, tune
 
 STOPPED = "stopped"
-LONGEST_GAP_PERIODS = 3.0  # longest time between samples that is integrated
+LATE_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
 
 
 class Regulator:
@@ -62,6 +62,9 @@ class Regulator:
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
+        self._late_s = LATE_PERIODS / min(cell.rates.control_hz, cell.rates.sensor_hz)
+        self._has_fast_sensor = cell.rates.sensor_hz >= cell.rates.control_hz
+        self._late_report_s = LATE_PERIODS / min(cell.rates.control_hz, cell.rates.robot_hz)
         refuse_unknown_law(cell, f"cell {cell.cell}")
         self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
         self._guards = GuardSettings.of(cell)
@@ -135,12 +138,17 @@ class Regulator:
             session.motion.T_base_tcp = T_measured
         stamp_ns = wrench.header.stamp_ns
         gap_s = (stamp_ns - session.last_sample_ns) / NS_PER_S
-        if gap_s > 0.0:  # integrate once per sample, over the time between the samples' stamps
+        # A wrench may repeat a sample: one of a silent sensor says nothing about the last commands.
+        is_repeated = wrench.origin is not None and wrench.origin == session.origin
+        if gap_s > 0.0 and not (is_repeated and self._has_fast_sensor):
+            # Integrate once per sample, over the time between the samples' stamps.
             pose_is_new = robot.header is not session.report
+            is_late = gap_s > self._late_s or robot.age_s > self._late_report_s
             session.last_sample_ns, session.report = stamp_ns, robot.header
+            session.origin = wrench.origin
             trip = self._advance(
                 session, fresh, arm, T_measured=T_measured, pose_is_new=pose_is_new,
-                dt_s=min(gap_s, LONGEST_GAP_PERIODS * self.period_s),
+                dt_s=min(gap_s, LATE_PERIODS * self.period_s), is_late=is_late,
             )  # fmt: skip
             if trip is not None:
                 return self._fail(session, trip.code, trip.text)
@@ -189,14 +197,16 @@ class Regulator:
         T_measured: pin.SE3,
         pose_is_new: bool,
         dt_s: float,
+        is_late: bool,
     ) -> Trip | None:
         """Advance the session by one sample: law, path, monitors, and the controller's gains."""
         request, before, settings = session.request, session.motion, self._settings[session.law]
-        command = self._command.read(self._now_ns).fresh
+        released = self._command.read(self._now_ns)
+        command = released.fresh
         if command is None or command.pose is None:
             pose = record_of(before.T_base_tcp * self._T_tcp_flange)
         else:  # the arbiter's limits may delay the law's command
-            pose = command.pose
+            pose, is_late = command.pose, is_late or released.age_s > self._late_s
             if command.limited:
                 before = back_calculate(before, pose_of(pose) * self._T_flange_tcp)  # anti-windup
         session.setpoint_N = self._ramped_setpoint_N(session, dt_s)
@@ -207,7 +217,7 @@ class Regulator:
             session.gains, before, T_measured, request.frame, request.axes, pose_is_new,
         )  # fmt: skip
         move(
-            session, sample, command=pose, sent=robot.sent,
+            session, sample, command=pose, sent=robot.sent, is_late=is_late,
             T_flange_tcp=self._T_flange_tcp, settings=settings,
             speed_max_m_s=self._cell.force.speed_max_m_s,
         )  # fmt: skip

@@ -10,6 +10,7 @@ from common.motion.convert import pose_of
 from common.motion.frames import dot
 from forcemesh.codec import Header
 from forcemesh.messages import ArbiterStatus, Gains, PoseRecord, RegulatorTarget, Vec3
+from forcemesh.reader import Origin
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.gains import PiGains
 from services.regulator.guards import GuardState
@@ -37,6 +38,7 @@ class ForceSession:
     commanded: CommandHistory  # recent commands, with the PC as host
     path: TcpPath | None = None  # path across the tool's axis, if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
+    origin: Origin | None = None  # sensor sample of the last wrench
     report: Header | None = None  # of the robot's last one
     T_measured: pin.SE3 | None = None  # of the TCP, at the last sample
     failed: RegulatorTarget | None = None  # latched: an input failed, or a monitor tripped
@@ -48,23 +50,27 @@ def move(
     *,
     command: PoseRecord,
     sent: PoseRecord | None,
+    is_late: bool,
     T_flange_tcp: pin.SE3,
     settings: Any,
     speed_max_m_s: float,
 ) -> None:
-    """Advance the session by one sample: law and path, or rest while the link lags.
+    """Advance the session by one sample: law and path, or rest while an input or the link is late.
 
-    Behind a stalled link the session restarts at the oldest command: newer ones were not sent.
+    A late input does not tell what the commands have done: more of them would add up to a step.
+    The session then restarts at the released command, behind a stalled link at the oldest one:
+    newer ones were not sent.
     """
     law, commanded = LAWS[session.law], session.commanded
-    if not commanded.lags(command, sample.dt_s, sent):
+    lags = commanded.lags(command, sample.dt_s, sent)
+    if not lags and not is_late:
         session.state, session.motion = law.step(session.state, sample, settings)
         if session.path is not None:
             _move_along(session, session.path, sample, most_m=speed_max_m_s * sample.dt_s)
     elif session.path is not None:  # the pending commands contain path motion
         session.motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
     else:
-        T_base_tcp = pose_of(commanded.restart()) * T_flange_tcp
+        T_base_tcp = pose_of(commanded.restart() if lags else command) * T_flange_tcp
         session.motion = back_calculate(sample.motion, T_base_tcp)
         if law.predicts:  # the commands were not sent, so the predicted force does not occur
             session.state = law.begin(T_base_tcp, sample.T_measured, None, settings)

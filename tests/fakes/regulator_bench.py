@@ -41,6 +41,7 @@ class RegulatorBench(Bench):
         self.robot = good_messages(CELL)["robot"]
         self.command = RobotCommand(kind="idle")
         self.silent: set[str] = set()
+        self.origin = Origin(77, 8)  # a new sample each period
         self.before_step = self._publish_all
         self.out = self.watch(topics.REGULATOR_TARGET)
 
@@ -51,9 +52,11 @@ class RegulatorBench(Bench):
             (topics.ROBOT_STATE, self.robot),
             (topics.ROBOT_COMMAND, self.command),
         )
+        if topics.SENSOR_WRENCH.key not in self.silent:
+            self.origin = Origin(self.origin.stamp_ns + 4_000_000, self.origin.seq + 1)
         for topic, message in messages:
             if topic.key not in self.silent:
-                self.put(topic, message, Origin(77, 8) if topic is topics.WRENCH else None)
+                self.put(topic, message, self.origin if topic is topics.WRENCH else None)
 
     def push(self, force_N=(0.0, 0.0, 0.0), torque_Nm=(0.0, 0.0, 0.0)) -> None:
         """Apply a force of the environment from now on."""

@@ -12,7 +12,7 @@ from forcemesh import topics
 from forcemesh.messages import ArbiterStatus, RobotCommand, RobotState, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest
 from tests.fakes.arbiter_world import T_START
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, cell_with
 from tests.fakes.regulator_bench import (
     KI,
     PERIOD_S,
@@ -89,16 +89,55 @@ def test_the_same_sample_is_integrated_once(bench: RegulatorBench) -> None:
     assert bench.published().pose == before
 
 
-def test_a_gap_is_not_integrated_over(bench: RegulatorBench) -> None:
-    """After lost samples at most three periods of motion are added."""
+@pytest.mark.parametrize("topic", [topics.SENSOR_WRENCH, topics.WRENCH, topics.ROBOT_STATE])
+def test_it_rests_while_an_input_is_late_and_after_a_gap(
+    bench: RegulatorBench, topic: topics.Topic[Any]
+) -> None:
+    """What came in says nothing about the last commands: more of them would add up to a step."""
     before = bench.T_base_tcp().translation[2]
-    bench.silent = {topics.WRENCH.key}
+    bench.silent = {topic.key}
     bench.step(15)
+    assert bench.published().valid
+    rest = bench.T_base_tcp().translation[2]
+    period_m = (10.0 - CELL.force.deadband_N) * KI * PERIOD_S * (1.0 + 1e-9)
+    assert rest - before <= 3.0 * period_m
     bench.silent = set()
     bench.step()
-    moved = bench.T_base_tcp().translation[2] - before
-    assert moved <= (10.0 - CELL.force.deadband_N) * KI * 3.0 * PERIOD_S * (1.0 + 1e-9)
-    assert moved > 0.0
+    assert bench.T_base_tcp().translation[2] - rest <= period_m
+    bench.step()
+    assert bench.T_base_tcp().translation[2] > rest
+
+
+@pytest.mark.parametrize(("control_hz", "rests"), [(250, True), (500, False)])
+def test_a_sensor_slower_than_control_may_repeat_its_sample(
+    control_hz: int, *, rests: bool
+) -> None:
+    """Its last sample is used until the next one; of a faster sensor a repetition is silence."""
+    bench = RegulatorBench(cell_with(rates__control_hz=control_hz, rates__sensor_hz=250))
+    bench.push((0.0, 0.0, 10.0))
+    bench.pass_s(0.1)
+    assert bench.start().accepted
+    bench.step(5)
+    before = bench.T_base_tcp().translation[2]
+    bench.silent = {topics.SENSOR_WRENCH.key}
+    bench.step(2)
+    assert (bench.T_base_tcp().translation[2] == before) == rests
+
+
+def test_it_continues_from_the_released_command_while_the_arbiter_is_late(
+    bench: RegulatorBench,
+) -> None:
+    """Commands that the arbiter has not released do not add up."""
+    bench.command = RobotCommand(kind="setpoint", pose=bench.published().pose)
+    bench.step()
+    released = bench.T_base_tcp().translation[2]
+    bench.silent = {topics.ROBOT_COMMAND.key}
+    bench.step(15)
+    period_m = (10.0 - CELL.force.deadband_N) * KI * PERIOD_S
+    assert abs(bench.T_base_tcp().translation[2] - released) <= period_m * (1.0 + 1e-9)
+    bench.silent = set()
+    bench.step(2)
+    assert bench.T_base_tcp().translation[2] != released
 
 
 # --- the arbiter ----------------------------------------------------------------------------------

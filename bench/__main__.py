@@ -16,6 +16,7 @@ from bench import (
     recorder,
     sensor_faults,
     settling,
+    stalls,
     steps,
     subscriptions,
 )
@@ -32,15 +33,17 @@ PARTS: dict[str, Callable[[], Table]] = {
     "panel": panel.table,
     "recorder": recorder.table,
     "subscriptions": subscriptions.table,
+    "stalls": stalls.table,
     "steps": steps.table,
     "instructions": steps.instructions_table,
 }
-WRITERS: dict[str, Callable[[], None]] = {"settling": settling.write}
+WRITERS: dict[str, Callable[[], None]] = {"settling": settling.write, "stalls": stalls.write}
 ON_REQUEST = {
     "installations",
     "instructions",
     "panel",
     "recorder",
+    "stalls",
     "subscriptions",
 }  # long, or with a browser
 

@@ -17,7 +17,7 @@ from forcemesh.records import Record
 SCHEMA_VERSION = 3  # forcemesh/recorded_messages.py has the history
 MAX_BYTES = 4096
 
-UNFIT = (msgspec.MsgspecError, ArithmeticError, RecursionError, TypeError, ValueError)
+MISTAKES = (msgspec.MsgspecError, ArithmeticError, RecursionError, TypeError, ValueError)
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=float)  # numpy's floats
 
 R = TypeVar("R", bound=Record)
@@ -50,7 +50,7 @@ def encode(header: Header, message: Message) -> bytes:
     """Return the bytes of a header and a message. Raise MessageError when a value is wrong."""
     try:  # a constructor checks nothing
         checked = msgspec.msgpack.decode(_ENCODER.encode(message), type=type(message))
-    except UNFIT:
+    except MISTAKES:
         checked = message.from_dict(message.as_dict())
     return pack(asdict(header) | asdict(checked))
 
@@ -66,7 +66,7 @@ def decode(data: bytes, message_type: type[M], address: str | None = None) -> tu
             header = msgspec.msgpack.decode(data, type=Header)
             if header.v == SCHEMA_VERSION and address in (None, header.topic):
                 return header, msgspec.msgpack.decode(data, type=message_type)
-        except UNFIT:
+        except MISTAKES:
             pass
     fields = unpack(data)  # more slowly, with the field that is wrong
     header = Header.from_dict(fields)

@@ -69,7 +69,7 @@ class VirtualCell:
     def _add_sim(self) -> SimArm:
         bus = self._bus("robot")
         robot = SimRobot(bus, self.cell)
-        robot.period_s = TICK_S  # whoever observes the arm sees every tick
+        robot.period_s = TICK_S  # an observer of the arm sees every tick
         self._add("robot", robot, bus, bus.playing("sensor"))
         return robot.arm
 

@@ -88,7 +88,8 @@ def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
             and (health := reading.fresh) is not None
             and health.overruns > MOST_OVERRUNS
         ):
-            overruns.append(overrun_trip(role, health.overruns, health.longest_gap_s))
+            count, gap_s, cause = health.overruns, health.longest_gap_s, health.late_cause
+            overruns.append(overrun_trip(role, count, gap_s, cause))
     not_required = set(FORCE_TOPICS) if blind else set()
     if not blind and inputs.sensor.fault and _repeats_sensor_fault(inputs):
         not_required.add("wrench")
@@ -102,9 +103,10 @@ def missing(inputs: Inputs, *, blind: bool = False) -> list[Trip]:
     return [*rivals, *lost, *overruns, *inputs.watched.faults]
 
 
-def overrun_trip(role: str, overruns: int, longest_gap_s: float) -> Trip:
-    """Return the trip of a loop with repeated overruns."""
+def overrun_trip(role: str, overruns: int, longest_gap_s: float, cause: str = "") -> Trip:
+    """Return the trip of a loop with repeated overruns, with the cause if its process knows it."""
     text = f"{role} was late {overruns} times within a second, by {longest_gap_s * 1e3:.0f} ms"
+    text = f"{text}: {cause}" if cause else text
     return tripped("overrun", text, value=overruns, limit=MOST_OVERRUNS)
 
 

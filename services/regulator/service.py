@@ -51,7 +51,7 @@ from services.regulator.unverified_axes import YieldTravel
 from tuning.gain_rule import instability, tune
 
 STOPPED = "stopped"
-LATE_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
+LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the law rests
 
 
 class Regulator:
@@ -62,9 +62,9 @@ class Regulator:
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
-        self._late_s = LATE_PERIODS / min(cell.rates.control_hz, cell.rates.sensor_hz)
+        self._late_s = LATE_INPUT_PERIODS / min(cell.rates.control_hz, cell.rates.sensor_hz)
         self._has_fast_sensor = cell.rates.sensor_hz >= cell.rates.control_hz
-        self._late_report_s = LATE_PERIODS / min(cell.rates.control_hz, cell.rates.robot_hz)
+        self._late_report_s = LATE_INPUT_PERIODS / min(cell.rates.control_hz, cell.rates.robot_hz)
         refuse_unknown_law(cell, f"cell {cell.cell}")
         self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
         self._guards = GuardSettings.of(cell)
@@ -148,7 +148,7 @@ class Regulator:
             session.origin = wrench.origin
             trip = self._advance(
                 session, fresh, arm, T_measured=T_measured, pose_is_new=pose_is_new,
-                dt_s=min(gap_s, LATE_PERIODS * self.period_s), is_late=is_late,
+                dt_s=min(gap_s, LATE_INPUT_PERIODS * self.period_s), is_late=is_late,
             )  # fmt: skip
             if trip is not None:
                 return self._fail(session, trip.code, trip.text)

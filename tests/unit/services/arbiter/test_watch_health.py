@@ -20,20 +20,21 @@ HEALTH_S = CELL.deadlines.health_s
 # --- overruns (H08) -------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(("cause", "why"), [("", ""), ("others ran", ": others ran")])
 @pytest.mark.parametrize("role", COMMANDING)
 def test_a_loop_that_is_late_repeatedly_is_a_fault_with_its_name(
-    cell: Cellmates, role: str
+    cell: Cellmates, role: str, cause: str, why: str
 ) -> None:
     """Three times in a second are allowed; once more ends motion, with the numbers."""
     cell.arm()
     cell.change(f"{role}/health", overruns=MOST_OVERRUNS, longest_gap_s=0.08)
     cell.pass_s(1.0)
     assert cell.last_status().state == "ARMED"
-    cell.change(f"{role}/health", overruns=MOST_OVERRUNS + 1)
+    cell.change(f"{role}/health", overruns=MOST_OVERRUNS + 1, late_cause=cause)
     cell.step()
     (trip,) = cell.last_status().trips
     assert (trip.code, trip.value, trip.limit) == ("overrun", 4.0, 3.0)
-    assert trip.text == f"{role} was late 4 times within a second, by 80 ms"
+    assert trip.text == f"{role} was late 4 times within a second, by 80 ms{why}"
     cell.change(f"{role}/health", overruns=0)
     cell.pass_s(1.1)
     assert cell.last_status().state == "FAULT"

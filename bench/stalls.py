@@ -1,0 +1,193 @@
+"""Force while processes stand still, on the virtual clock: `python -m bench stalls`.
+
+The arm presses on the plate, later the set point goes to zero. From shortly before the touch on,
+one process or all of them stand still again and again: which one, how long and when is drawn from
+the seed. A process that stands still neither reads nor publishes; then it finds the newest message
+of each topic.
+"""
+
+import random
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from math import hypot
+from pathlib import Path
+
+from rich.table import Table
+
+from bench.settling import lines
+from cli.demo.cell import DemoOverrides, demo_cell
+from common.bus.configured_cell import ConfiguredCell
+from common.runtime.service import Runner
+from forcemesh.clock import NS_PER_S
+from forcemesh.messages import OPERATIONAL, Law
+from launch.virtual_cell import VirtualCell
+from tools.figures import replace_block
+
+ROOT = Path(__file__).resolve().parent.parent
+CELL = ROOT / "cells" / "demo.yaml"
+SEEDS = 250  # of each case
+SETPOINT_N = 20.0
+TOUCH_SHARE = 0.5  # of the set point: from this press on the tool must not lift off
+READY_S, APPROACH_S, PRESS_S, RELEASE_S, HELD_S = 1.8, 5.0, 1.5, 1.0, 0.5
+NEAR_M = 0.002  # from the plate the stalls begin
+OBSERVE_S = 0.05
+PROCESSES = ("robot", "wrench", "regulator", "arbiter", "all")
+STALLS_MS = (
+    (10, 30, 60),
+    (10, 30, 60, 120),
+)  # of even and odd seeds: the longest mostly ends in a hold
+PAUSE_S = (0.15, 0.6)  # between two stalls
+MOST_PRESS, MOST_LIFT = 1.3, 0.05  # of the set point
+
+
+@dataclass(frozen=True, slots=True)
+class StallCase:
+    """A law and the contact that it presses on."""
+
+    law: Law
+    stiffness_N_m: float
+    delay_ms: float
+
+    def __str__(self) -> str:
+        """Return the case in words."""
+        return f"{self.law}, {self.stiffness_N_m:.0f} N/m, delay {self.delay_ms:g} ms"
+
+
+CASES = [StallCase(law, *contact) for law, contact in product(
+    ("plain", "adaptive"), ((2e4, 10.0), (2.8e4, 41.0)))]  # fmt: skip
+
+
+@dataclass(slots=True)
+class StalledRun:
+    """Extremes of a run, in set points; lift-off is the true distance times the stiffness."""
+
+    press: float = 0.0
+    lift: float = 0.0
+    held: bool = False
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the force has stayed within its promises."""
+        return self.press <= MOST_PRESS and self.lift <= MOST_LIFT
+
+
+class Stalls:
+    """Lets processes of a virtual cell stand still, one stall after the other."""
+
+    def __init__(self, world: VirtualCell, draw: Callable[[], tuple[int, str, int]]) -> None:
+        """Gate every process; `draw` returns the pause before a stall [ns], who, how long [ns]."""
+        self._draw, self._until_ns = draw, 0
+        self._next(world.clock.now_ns())
+        for role, runner in world.runners.items():
+            self._gate(role, runner)
+
+    def _next(self, now_ns: int) -> None:
+        pause_ns, self._who, duration_ns = self._draw()
+        self._from_ns = now_ns + pause_ns
+        self._until_ns = self._from_ns + duration_ns
+
+    def _gate(self, role: str, runner: Runner) -> None:
+        step = runner.step
+
+        def gated(now_ns: int) -> bool:
+            if now_ns >= self._until_ns:
+                self._next(now_ns)
+            stands = now_ns >= self._from_ns and self._who in (role, "all")
+            return not stands and step(now_ns)
+
+        runner.step = gated  # type: ignore[method-assign]
+
+
+def drawn(seed: int) -> Callable[[], tuple[int, str, int]]:
+    """Return the stalls of a seed."""
+    rng, stalls_ms = random.Random(seed), STALLS_MS[seed % 2]  # noqa: S311 - no secret
+
+    def draw() -> tuple[int, str, int]:
+        pause_ns = round(rng.uniform(*PAUSE_S) * NS_PER_S)
+        return pause_ns, rng.choice(PROCESSES), rng.choice(stalls_ms) * 1_000_000
+
+    return draw
+
+
+def play(case: StallCase, draw: Callable[[], tuple[int, str, int]]) -> StalledRun:
+    """Press and release under stalls; after a hold the force is observed for a while."""
+    trial = DemoOverrides(
+        stiffness_N_m=case.stiffness_N_m, delay_s=case.delay_ms / 1e3, law=case.law
+    )
+    world, found = VirtualCell(demo_cell(CELL, trial)), StalledRun()
+    client = ConfiguredCell(world.cell, commander="operator", bus=world.client)
+    world.advance(READY_S)
+    client.tare()
+    client.arm()
+    client.force.start(SETPOINT_N)
+    world.advance(APPROACH_S, lambda: world.arm.lift_off_m < NEAR_M)
+    Stalls(world, draw)
+    _observe(world, client, found, for_s=PRESS_S)
+    if not found.held:
+        client.force.set(0.0)
+        _observe(world, client, found, for_s=RELEASE_S)
+    return found
+
+
+def _observe(
+    world: VirtualCell, client: ConfiguredCell, found: StalledRun, *, for_s: float
+) -> None:
+    """Let time pass and note the extremes; end a while after a hold."""
+
+    def note() -> bool:
+        arm = world.arm
+        found.press = max(found.press, hypot(*arm.true_wrench().force_N.tolist()) / SETPOINT_N)
+        if found.press > TOUCH_SHARE:
+            found.lift = max(found.lift, arm.lift_off_m * stiffness_N_m / SETPOINT_N)
+        return False
+
+    stiffness_N_m = world.arm.settings.stiffness_N_m
+    end_ns = world.clock.now_ns() + round(for_s * NS_PER_S)
+    while world.clock.now_ns() < end_ns:
+        world.advance(OBSERVE_S, note)
+        if not found.held and client.status().state not in OPERATIONAL:
+            found.held = True
+            end_ns = world.clock.now_ns() + round(HELD_S * NS_PER_S)
+
+
+def _run(job: tuple[StallCase, int]) -> StalledRun:
+    case, seed = job
+    return play(case, drawn(seed))
+
+
+def rows() -> list[list[str]]:
+    """Run every case with every seed; return a row for each case."""
+    found = []
+    with ProcessPoolExecutor() as pool:
+        for case in CASES:
+            runs = list(pool.map(_run, [(case, seed) for seed in range(SEEDS)], chunksize=5))
+            found.append([
+                str(case),
+                str(len(runs)),
+                str(sum(run.held for run in runs)),
+                f"{100.0 * max(run.press for run in runs):.0f} %",
+                f"{100.0 * max(run.lift for run in runs):.1f} %",
+                str(sum(not run.is_good for run in runs)),
+            ])  # fmt: skip
+    return found
+
+
+HEAD = ["law and contact", "runs", "held", "largest press", "largest lift-off", "beyond"]
+
+
+def table() -> Table:
+    """Run, and return the table for the terminal."""
+    shown = Table(title="press and release while processes stand still", title_justify="left")
+    for name in HEAD:
+        shown.add_column(name)
+    for row in rows():
+        shown.add_row(*row)
+    return shown
+
+
+def write() -> None:
+    """Run, and write the table into docs/realtime.md."""
+    text = "\n".join(lines([HEAD, ["---", *["---:"] * 5], *rows()]))
+    replace_block(ROOT / "docs" / "realtime.md", "stalls", text, 'make bench ARGS="stalls --write"')

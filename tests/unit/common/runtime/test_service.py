@@ -5,7 +5,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -312,6 +312,36 @@ def test_a_newer_message_wakes_its_service_and_silence_does_so_too() -> None:
     patience_ms = round(1e3 * PATIENCE_PERIODS * 0.1)
     assert run_until(worker, clock, 5) == [0, 30, 70, 70 + patience_ms, 70 + 2 * patience_ms]
     assert max(trigger.waits_s) <= LONGEST_PAUSE_S
+
+
+class PeriodicWorker(Worker):
+    """A service that keeps its period, whatever wakes it in between."""
+
+    on_period: Literal[True] = True
+
+
+def test_a_service_on_its_period_keeps_the_beat_between_messages() -> None:
+    """A message makes one step more; the next beat is where it would have been."""
+    clock = ManualClock()
+    worker = PeriodicWorker(clock, period_s=0.1)
+    start_ns = clock.now_ns()
+    worker.trigger = Trigger(clock, [start_ns + at * MS for at in (30, 170)])
+    assert run_until(worker, clock, 6) == [0, 30, 100, 170, 200, 300]
+
+
+class SlowWorker(Worker):
+    """A service whose steps take longer than its period."""
+
+    def step(self, now_ns: int) -> None:
+        """Take three periods."""
+        super().step(now_ns)
+        self._clock.sleep_s(3.0 * self.period_s)
+
+
+def test_a_service_that_is_late_steps_again_at_once() -> None:
+    """Without a pause, and without making up for what it missed."""
+    clock = ManualClock()
+    assert run_until(SlowWorker(clock, period_s=0.1), clock, 3) == [0, 300, 600]
 
 
 def test_a_message_wakes_the_service() -> None:

@@ -34,10 +34,8 @@ READY_S, APPROACH_S, PRESS_S, RELEASE_S, HELD_S = 1.8, 5.0, 1.5, 1.0, 0.5
 NEAR_M = 0.002  # from the plate the stalls begin
 OBSERVE_S = 0.05
 PROCESSES = ("robot", "wrench", "regulator", "arbiter", "all")
-STALLS_MS = (
-    (10, 30, 60),
-    (10, 30, 60, 120),
-)  # of even and odd seeds: the longest mostly ends in a hold
+# Of even and odd seeds: the longest stall mostly ends in a hold.
+STALLS_MS = ((10, 30, 60), (10, 30, 60, 120))
 PAUSE_S = (0.15, 0.6)  # between two stalls
 MOST_PRESS, MOST_LIFT = 1.3, 0.05  # of the set point
 

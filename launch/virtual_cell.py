@@ -21,7 +21,6 @@ from sim.controller.network import LockStepLink, MemoryNetwork
 from sim.controller.service import ControllerSensor
 from sim.robot.arm import SimArm
 from sim.robot.service import SimRobot
-from sim.robot.settings import TICK_S
 
 STEP_NS = 1_000_000
 PROGRAM = Path(__file__).resolve().parent.parent / "controller" / "forcemesh.as"
@@ -69,7 +68,7 @@ class VirtualCell:
     def _add_sim(self) -> SimArm:
         bus = self._bus("robot")
         robot = SimRobot(bus, self.cell)
-        robot.period_s = TICK_S  # an observer of the arm sees every tick
+        robot.wake_ticks = 1  # an observer of the arm sees every tick
         self._add("robot", robot, bus, bus.playing("sensor"))
         return robot.arm
 

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
@@ -66,10 +66,12 @@ class Service(Protocol):
 
 
 @runtime_checkable
-class Periodic(Protocol):
-    """A service that keeps its period exactly, with steps in between on its trigger."""
+class Scheduled(Protocol):
+    """A service that says itself when it must step next; its trigger adds steps in between."""
 
-    on_period: Literal[True]
+    @property
+    def due_ns(self) -> int:
+        """Time of the next step."""
 
 
 @runtime_checkable
@@ -234,7 +236,7 @@ class Runner:
         self._contain = contain
         self._fault = ""
         self._trigger = service.trigger
-        self._on_period = self._trigger is None or isinstance(service, Periodic)
+        self._scheduled = service if isinstance(service, Scheduled) else None
         self._period_ns = round(service.period_s * NS_PER_S)
         self._patience_ns = round(PATIENCE_PERIODS * self._period_ns)
         self._due_ns = clock.now_ns()
@@ -245,8 +247,7 @@ class Runner:
         A missed step is not repeated.
         """
         has_fired = self._trigger is not None and self._trigger.poll()
-        is_due = now_ns >= self._due_ns
-        if not has_fired and not is_due:
+        if not has_fired and now_ns < self._due_ns:
             return False
         lateness_s = max(0, now_ns - self._due_ns) / NS_PER_S
         if self._contain is None:
@@ -255,10 +256,12 @@ class Runner:
         else:
             breakdown = self._contain.step(self.service, now_ns)
         self._fault = breakdown or self.service.fault
-        if not self._on_period:
-            self._due_ns = now_ns + self._patience_ns
-        elif is_due:
+        if self._scheduled is not None:  # a step that broke off has not moved it on
+            self._due_ns = now_ns + self._period_ns if breakdown else self._scheduled.due_ns
+        elif self._trigger is None:
             self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
+        else:
+            self._due_ns = now_ns + self._patience_ns
         for reporter in self._reporters:
             reporter.stepped(now_ns, lateness_s, self.service, breakdown)
         return True

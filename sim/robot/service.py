@@ -1,7 +1,6 @@
 """Simulated robot on the bus: implements the keys of the gateway and of the sensor."""
 
 from math import gcd, isfinite
-from typing import Literal
 
 from common.config.cell import CellConfig
 from common.motion.convert import record_of
@@ -43,8 +42,6 @@ class SimRobot:
     made up, which is cheaper than waking for each.
     """
 
-    on_period: Literal[True] = True
-
     def __init__(self, bus: Bus, cell: CellConfig) -> None:
         """Build the arm of this cell and claim the robot and sensor topics as publisher."""
         self.fault = ""
@@ -63,8 +60,19 @@ class SimRobot:
         self._wrench = bus.reader(topics.WRENCH)
         self._state = bus.publisher(topics.ROBOT_STATE)
         self._sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
-        self.period_s = TICK_S * gcd(self._state_ticks, self._sensor.ticks)
+        self.wake_ticks = gcd(self._state_ticks, self._sensor.ticks)
         self._trace = trace_from_environment(self.arm, bus.clock)
+
+    @property
+    def period_s(self) -> float:
+        """Time from one message to the next [s]."""
+        return self.wake_ticks * TICK_S
+
+    @property
+    def due_ns(self) -> int:
+        """Time of the tick of the next message: one grid for ticks and messages."""
+        next_tick = (self.arm.ticks // self.wake_ticks + 1) * self.wake_ticks
+        return self._start_ns + (next_tick + self._ticks_lost) * TICK_NS
 
     def counters(self) -> dict[str, int]:
         """Return the counters of dropped messages and lost time."""

@@ -5,7 +5,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import pytest
 
@@ -314,19 +314,42 @@ def test_a_newer_message_wakes_its_service_and_silence_does_so_too() -> None:
     assert max(trigger.waits_s) <= LONGEST_PAUSE_S
 
 
-class PeriodicWorker(Worker):
-    """A service that keeps its period, whatever wakes it in between."""
+class ScheduledWorker(Worker):
+    """A service that is due every 100 ms, 30 ms after its start."""
 
-    on_period: Literal[True] = True
+    def __init__(self, clock: ManualClock) -> None:
+        """Keep the grid of the start."""
+        super().__init__(clock, period_s=0.1)
+        self._start_ns = clock.now_ns()
+
+    @property
+    def due_ns(self) -> int:
+        """The next of its times after the last step."""
+        last_ns = (self.steps_ns or [self._start_ns])[-1] - self._start_ns
+        periods = (last_ns // MS + 70) // 100
+        return self._start_ns + (30 + 100 * periods) * MS
 
 
-def test_a_service_on_its_period_keeps_the_beat_between_messages() -> None:
-    """A message makes one step more; the next beat is where it would have been."""
+def test_a_scheduled_service_steps_at_its_own_times_and_on_messages() -> None:
+    """A message makes one step more; the next one is when the service says."""
     clock = ManualClock()
-    worker = PeriodicWorker(clock, period_s=0.1)
+    worker = ScheduledWorker(clock)
     start_ns = clock.now_ns()
-    worker.trigger = Trigger(clock, [start_ns + at * MS for at in (30, 170)])
-    assert run_until(worker, clock, 6) == [0, 30, 100, 170, 200, 300]
+    worker.trigger = Trigger(clock, [start_ns + at * MS for at in (50, 170)])
+    assert run_until(worker, clock, 7) == [0, 30, 50, 130, 170, 230, 330]
+
+
+def test_a_scheduled_service_that_breaks_off_is_due_after_a_period() -> None:
+    """It did not come to its next time, and would be stepped without a pause."""
+    clock = ManualClock()
+    worker = ScheduledWorker(clock)
+    worker.error = ValueError("broken")
+    start_ns = clock.now_ns()
+    containment = Containment("robot", lambda text: None)
+    runner = Runner(worker, [], clock, contain=containment)
+    assert runner.step(start_ns)
+    assert not runner.step(start_ns + 99 * MS)
+    assert runner.step(start_ns + 100 * MS)
 
 
 class SlowWorker(Worker):

@@ -219,6 +219,7 @@ class RegulatorTarget(Message):
     error_force_N: Vec3 = ZERO3
     error_torque_Nm: Vec3 = ZERO3
     path_left_m: Finite | None = None  # remaining length of the path
+    wrench_stamp_ns: int | None = None  # stamp of the wrench that the pose follows
 
 
 class Speed(Record):

@@ -27,7 +27,7 @@ from forcemesh.messages import (
     Trip,
 )
 from forcemesh.requests import Reply
-from services.arbiter.stream import Tick, follow
+from services.arbiter.stream import SampleClock, Tick, follow
 
 # fmt: off
 RANKS: dict[Commander, int] = {
@@ -60,6 +60,7 @@ class Ownership:
     goal: Goal | None = None
     speed: Speed | None = None  # of this goal
     motion: CommandedMotion | None = None  # of the regulator's set points, if streamed
+    clock: SampleClock | None = None  # of them
 
     def next(self) -> "Ownership":
         """Return the next ownership period, without an owner yet."""
@@ -214,10 +215,10 @@ class Commanders:
         self, target: RegulatorTarget | None, bounds: ArmBounds, tick: Tick
     ) -> CommandStep:
         """Follow the regulator; set points of a stopped one are braked first."""
-        motion = self.ownership.motion
+        ownership, motion = self.ownership, self.ownership.motion
         if target is None and motion is not None and not motion.is_at_rest:
-            motion = brake(bounds.limits, motion, tick.dt_s)
-        elif target is None or target.host != self.ownership.host:
+            motion, ownership.clock = brake(bounds.limits, motion, tick.dt_s), None
+        elif target is None or target.host != ownership.host:
             return self._end()
         elif motion is None and target.feedback is not None:
             return CommandStep("feedback", feedback=target.feedback)
@@ -225,9 +226,14 @@ class Commanders:
             text = "the regulator's target contains no command"
             return CommandStep(stop=tripped("regulator", text))
         else:
-            followed = follow(motion, pose_of(target.pose), bounds, tick)
+            clock, stamp_ns, dt_s = ownership.clock, target.wrench_stamp_ns, tick.dt_s
+            if clock is not None and stamp_ns is not None:
+                ownership.clock, dt_s = clock.next(stamp_ns, tick.now_ns, tick.longest_s)
+            elif stamp_ns is not None:
+                ownership.clock = SampleClock(stamp_ns, tick.now_ns)
+            followed = follow(motion, pose_of(target.pose), bounds, tick, dt_s=dt_s)
             if isinstance(followed, Trip):
                 return CommandStep(stop=followed)
             motion = followed
-        self.ownership.motion = motion
+        ownership.motion = motion
         return CommandStep("setpoint", pose=record_of(motion.T_base_flange), limited=motion.lags)

@@ -102,7 +102,8 @@ class Arbiter:
             else:
                 self._joints.add(header.stamp_ns, robot.joint_rad)
                 dt_s = 0.0 if before is None else (now_ns - before.now_ns) / NS_PER_S
-                tick = Tick(pose_of(robot), now_ns, min(dt_s, self._longest_gap_s))
+                longest_s = self._longest_gap_s
+                tick = Tick(pose_of(robot), now_ns, min(dt_s, longest_s), longest_s)
                 command = self._move_on(robot, inputs, tick)
         if command is not None:
             return command

@@ -17,7 +17,7 @@ import pinocchio as pin
 from common.config.cell import ForceSection
 from common.motion.frames import apart, dot, is_finite_pose
 from common.motion.limits import NS_PER_S, ArmBounds, Limits, check_apart, check_workspace
-from common.motion.rate_limiter import CommandedMotion, brake, limit_motion, resting_place
+from common.motion.rate_limiter import CommandedMotion, at_rest, brake, limit_motion, resting_place
 from forcemesh.faults import clipped
 from forcemesh.messages import Trip, WrenchAtTcp
 
@@ -44,20 +44,54 @@ class Tick(NamedTuple):
     T_measured: pin.SE3
     now_ns: int
     dt_s: float
+    longest_s: float  # a set point that stood for longer has brought the arm to rest
+
+
+class SampleClock(NamedTuple):
+    """Time base of the regulator's set points: the stamps of the wrenches that they follow.
+
+    The arbiter wakes up to a period earlier or later than on average. By its own clock a smooth
+    motion would accelerate and brake all the time, and the limits would deform it.
+    """
+
+    stamp_ns: int  # of the wrench of the last set point
+    now_ns: int  # of the arbiter, then
+    lead_s: float = 0.0  # of the stamps over the arbiter's clock
+
+    def next(self, stamp_ns: int, now_ns: int, longest_s: float) -> tuple["SampleClock", float]:
+        """Return the clock at the next set point, and the time since the last one [s].
+
+        Stamps only run forward, and ahead of the arbiter's clock by `longest_s` at most: wrong ones
+        would allow any speed.
+        """
+        newest_ns = max(stamp_ns, self.stamp_ns)
+        gap_s = (newest_ns - self.stamp_ns) / NS_PER_S
+        lead_s = max(self.lead_s + gap_s - (now_ns - self.now_ns) / NS_PER_S, -longest_s)
+        excess_s = max(lead_s - longest_s, 0.0)
+        return SampleClock(newest_ns, now_ns, lead_s - excess_s), max(gap_s - excess_s, 0.0)
 
 
 def follow(
-    motion: CommandedMotion, T_target: pin.SE3, bounds: ArmBounds, tick: Tick
+    motion: CommandedMotion, T_target: pin.SE3, bounds: ArmBounds, tick: Tick, *, dt_s: float
 ) -> CommandedMotion | Trip:
     """Return the motion towards a target pose, or the limit that it violates.
 
     Speed and acceleration are limited; from every accepted set point the arm can be braked inside
     the bounds.
+
+    Args:
+        motion: Up to the last set point.
+        T_target: Target of the flange in base.
+        bounds: Limits of the arm.
+        tick: This period.
+        dt_s: Time since the last set point; 0 when the target is still the same one.
     """
     limits = bounds.limits
     if not is_finite_pose(T_target):
         return check_workspace(limits, T_target) or motion
-    after = limit_motion(limits, motion, T_target, tick.dt_s)
+    if dt_s > tick.longest_s:
+        motion, dt_s = at_rest(motion.T_base_flange), tick.longest_s
+    after = limit_motion(limits, motion, T_target, dt_s) if dt_s > 0.0 else motion
     return (
         bounds.place(resting_place(limits, after))
         or check_apart("step", limits, tick.T_measured, after.T_base_flange)

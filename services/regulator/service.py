@@ -179,6 +179,7 @@ class Regulator:
             error_force_N=motion.error_force_N or ZERO3,
             error_torque_Nm=motion.error_torque_Nm or ZERO3,
             path_left_m=remaining_m(path, T.translation, T.rotation[:, 2]) if path else None,
+            wrench_stamp_ns=session.last_sample_ns,
         )
 
     def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:

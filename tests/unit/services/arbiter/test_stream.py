@@ -58,7 +58,8 @@ def test_a_target_that_is_not_finite_ends_the_stream() -> None:
     bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
     target = T_START.copy()
     target.translation = np.array([np.nan, 0.5, 0.3])
-    trip = follow(at_rest(T_START), target, bounds, Tick(T_START, 0, DT_S))
+    tick = Tick(T_START, 0, DT_S, DT_S)
+    trip = follow(at_rest(T_START), target, bounds, tick, dt_s=DT_S)
     assert isinstance(trip, Trip)
     assert trip.code == "not_finite"
 
@@ -326,7 +327,7 @@ def run_stop(stopping: Stopping, end_s: float) -> tuple[Stopping, float]:
     period = 0
     while not stopping.done and period * DT_S < end_s:
         period += 1
-        moment = Tick(T_START, period * PERIOD_NS, DT_S)
+        moment = Tick(T_START, period * PERIOD_NS, DT_S, DT_S)
         stopping = step_stop(stopping, BOUNDS, moment)
     return stopping, period * DT_S
 

@@ -56,8 +56,8 @@ def ramp(gaps_ns: list[int]) -> list[tuple[int, float]]:
         dt_s = gap_ns / 1e9
         change_m_s = USED * LIMITS.accel_m_s2 * dt_s
         is_up = number < len(gaps_ns) // 2
-        wanted_m_s = speed_m_s + change_m_s if is_up else max(speed_m_s - change_m_s, 0.0)
-        speed_m_s = min(wanted_m_s, 0.9 * LIMITS.speed_m_s)
+        next_m_s = speed_m_s + change_m_s if is_up else max(speed_m_s - change_m_s, 0.0)
+        speed_m_s = min(next_m_s, 0.9 * LIMITS.speed_m_s)
         height_m, stamp_ns = height_m + speed_m_s * dt_s, stamp_ns + gap_ns
         path.append((stamp_ns, height_m))
     return path

@@ -19,6 +19,7 @@ REMEDIES = {
     "clock.late": "other load on this PC: stop it, or grant real-time priority; a virtual machine may be the cause itself",
     "priority": "grant CAP_SYS_NICE, or `rtprio 20` in /etc/security/limits.d, and log in again; with containers docker-compose.realtime.yml (docs/install.md)",
     "processor": "take other work from this PC, give it more cores, or lower rates.control_hz and rates.sensor_hz; beyond the kernel's limit real-time processes stop for up to 50 ms (docs/realtime.md)",
+    "latency": "prepare the PC as docs/realtime.md says: priority, clock and idle states, cores of its own, a kernel with PREEMPT_RT; on a virtual machine its host decides",
     "ports": "stop that program, or choose another port in the cell file (bus.endpoint)",
     "calibration": "`forcemesh calibrate`; until then only `forcemesh arm --jog` permits moves; force feedback is refused, or as accurate as the numbers in the cell file",
     "calibration.old": "`forcemesh calibrate --verify-only` checks whether it is still valid",

@@ -2,9 +2,9 @@
 
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from typer import Exit, echo
+from typer import Exit, Option, echo
 
 from cli.context import (
     NO_ANSWER,
@@ -22,12 +22,16 @@ from forcemesh.errors import ConfigError
 if TYPE_CHECKING:
     from cli.doctor.checks import ReportLine
 
+LATENCY_HELP = "Also measure for so long how late each core wakes a process, as cyclictest [s]."
+Latency = Annotated[
+    float, Option("--latency", min=0.0, max=86_400.0, metavar="SECONDS", help=LATENCY_HELP)
+]
 COLOURS = {"PASS": "green", "WARN": "yellow", "FAIL": "red", "SKIP": "dim"}
 # A FAIL of one of these means that no peer was reached.
 CONNECTION_CHECKS = ("address", "hello", "bus")
 
 
-def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
+def doctor(latency_s: Latency = 0.0, as_json: JsonOption = False, cell: CellOption = None) -> None:
     """Check this PC, sensor and controller, with remedies; the arm does not move.
 
     It checks versions, clock, priority, ports and calibration and requests the sensor's stream.
@@ -51,6 +55,12 @@ def doctor(as_json: JsonOption = False, cell: CellOption = None) -> None:
                 echo(f"cell {name} ({path}): checking, a few seconds")
             with waiting("this PC, the sensor, the robot or the bus"):
                 lines += check_cell(loaded)
+            if latency_s > 0.0:
+                from cli.doctor.latency import latency_lines
+
+                if not as_json:
+                    echo(f"each core: {latency_s:g} s")
+                lines += latency_lines(loaded, latency_s)
     code = exit_code(lines)
     if as_json:
         report = {

@@ -95,6 +95,7 @@ ELSEWHERE = {
     "reports.broken",
     "versions",
     "priority",
+    "latency",
     "processor",
     "ports",
     "calibration",

@@ -5,7 +5,7 @@ SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pe
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from common.config.arm import UNKNOWN_ARM, RobotSection, arm_names
 from common.config.calibration import CalibrationSection
@@ -17,7 +17,7 @@ from controller.packet_table import Scales
 from forcemesh.connection import BusSection, ConfigSection
 from forcemesh.messages import Vec3
 from forcemesh.patterns import CELL_NAME, LAW_NAME
-from forcemesh.topics import Topic
+from forcemesh.topics import HELPERS, ROLES, Topic
 from forcemesh.units import (
     COUNTS_MOST,
     LONGEST_SENSOR_LEVER_M,
@@ -237,6 +237,9 @@ class GatewaySection(Scales):
     heartbeat_s: float = Field(0.04, gt=0.0, le=0.1)
 
 
+Cores = Annotated[tuple[Annotated[int, Field(ge=0, le=1023)], ...], Field(min_length=1)]
+
+
 class CellConfig(ConfigSection):
     """One robot cell."""
 
@@ -247,6 +250,7 @@ class CellConfig(ConfigSection):
     roles: RolesSection
     rates: Rates = Rates()
     deadlines: Deadlines = Deadlines()
+    cores: dict[str, Cores] = Field({})  # processor cores of a role's process; without an entry all
     robot: RobotSection
     sensor: SensorSection
     tool: ToolSection
@@ -295,6 +299,14 @@ class CellConfig(ConfigSection):
         if noiseless and self.sensor.frozen_s > 0.0:
             raise ValueError("sensor.frozen_s must be 0: the simulated sensor has no noise")
         return self
+
+    @field_validator("cores")
+    @classmethod
+    def _cores_are_of_roles(cls, cores: dict[str, Cores]) -> dict[str, Cores]:
+        valid = (*ROLES, *HELPERS)
+        if unknown := [role for role in cores if role not in valid]:
+            raise ValueError(f"{', '.join(unknown)}: not a role, valid: {', '.join(valid)}")
+        return cores
 
     @model_validator(mode="after")
     def _set_point_is_below_the_ceiling(self) -> "CellConfig":

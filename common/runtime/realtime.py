@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ConfigError
 
 PRIORITY = 20  # above ordinary processes, below kernel threads and sound servers
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4  # <sys/mman.h>
@@ -55,6 +56,21 @@ def take_realtime_priority(priority: int = PRIORITY) -> bool:
     except (AttributeError, OSError):
         return False
     return True
+
+
+def bind_to_cores(cores: tuple[int, ...]) -> None:
+    """Bind this process, and what it starts from now on, to processor cores.
+
+    Raises:
+        ConfigError: A core does not exist, or this process may not use it.
+    """
+    existing, bound = f"this PC has {os.cpu_count()}, from 0 on", set[int]()
+    with suppress(AttributeError, OSError):
+        os.sched_setaffinity(0, cores)
+        bound = os.sched_getaffinity(0)  # the kernel leaves out those that it does not have
+    if missing := sorted(set(cores) - bound):
+        text = f"core {', '.join(map(str, missing))} cannot be used: {existing}"
+        raise ConfigError("cores", [text])
 
 
 def give_up_realtime_priority() -> None:

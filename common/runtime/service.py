@@ -23,6 +23,7 @@ from common.runtime.heartbeat import heartbeat_of_this_process
 from common.runtime.overruns import Overruns, allowed_gap_s
 from common.runtime.realtime import (
     ProcessorAccount,
+    bind_to_cores,
     give_up_realtime_priority,
     has_realtime_priority,
     is_memory_locked,
@@ -304,6 +305,8 @@ def main(
         if implementation is not None:
             for role in roles:
                 refuse_other_implementation(cell, role, implementation)
+        if roles[0] in cell.cores:
+            bind_to_cores(cell.cores[roles[0]])
         use_one_thread()
         bus = exits.enter_context(connect(cell, roles[0]))
         exits.callback(give_up_realtime_priority)

@@ -176,6 +176,15 @@ def test_a_role_of_the_simulation_needs_its_section(role: str) -> None:
     assert line == "a role is sim, so a section `sim` is needed"
 
 
+def test_cores_are_of_roles_that_exist() -> None:
+    """A misspelt role would run anywhere, without a word."""
+    assert changed({"cores": {"arbiter": [1], "recorder": [0, 1]}}).cores["arbiter"] == (1,)
+    (line,) = mistakes({"cores": {"arbitre": [1]}})
+    assert line.startswith("cores: arbitre: not a role, valid: hub, robot,")
+    (line,) = mistakes({"cores": {"arbiter": []}})
+    assert line.startswith("cores.arbiter: must hold at least 1")
+
+
 def test_an_external_robot_has_no_simulated_sensor() -> None:
     """The simulated sensor is on the simulated arm, which would then be a second one."""
     (line,) = mistakes({"roles.robot": "external"})

@@ -102,3 +102,51 @@ def test_the_loop_is_spared_in_its_order(monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr(owner, name, lambda name=name: order.append(name))
     realtime.prepare_realtime()
     assert order == ["collect", "freeze", "lock_memory", "take_realtime_priority"]
+
+
+def test_a_service_is_bound_to_the_cores_of_its_role(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before it opens the bus, whose threads inherit them; without an entry, none."""
+    order: list[object] = []
+
+    @contextmanager
+    def connect(_: object, role: str):
+        order.append(role)
+        raise KeyboardInterrupt
+        yield
+
+    cell = CELL.model_copy(update={"cores": {"arbiter": (1, 3)}})
+    monkeypatch.setattr(service, "bind_to_cores", order.append)
+    monkeypatch.setattr(service, "cell_from_arguments", lambda _: cell)
+    for role in ("arbiter", "regulator"):
+        with pytest.raises(KeyboardInterrupt):
+            service.main(role, lambda *_: None, connect=connect)  # type: ignore[arg-type]
+    assert order == [(1, 3), "arbiter", "regulator"]
+
+
+BINDS = """
+import os, sys
+from common.runtime.realtime import bind_to_cores
+from forcemesh.errors import ConfigError
+
+first, count = min(os.sched_getaffinity(0)), os.cpu_count()
+bind_to_cores((first,))
+print(os.sched_getaffinity(0) == {first})
+for cores in ((first, 1000), (1000,)):
+    try:
+        bind_to_cores(cores)
+    except ConfigError as error:
+        print(error)
+"""
+
+
+def test_a_core_that_does_not_exist_is_named() -> None:
+    """The kernel binds to the others in silence, or to none."""
+    found = subprocess.run(
+        [sys.executable, "-c", BINDS],
+        cwd=Path(__file__).parents[4],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    text = f"cores: core 1000 cannot be used: this PC has {os.cpu_count()}, from 0 on"
+    assert found == ["True", text, text]

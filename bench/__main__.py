@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import (
+    demos,
     emulator,
     faults,
     installations,
@@ -34,11 +35,17 @@ PARTS: dict[str, Callable[[], Table]] = {
     "recorder": recorder.table,
     "subscriptions": subscriptions.table,
     "stalls": stalls.table,
+    "demos": demos.table,
     "steps": steps.table,
     "instructions": steps.instructions_table,
 }
-WRITERS: dict[str, Callable[[], None]] = {"settling": settling.write, "stalls": stalls.write}
+WRITERS: dict[str, Callable[[], None]] = {
+    "settling": settling.write,
+    "stalls": stalls.write,
+    "demos": demos.write,
+}
 ON_REQUEST = {
+    "demos",
     "installations",
     "instructions",
     "panel",

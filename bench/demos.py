@@ -1,0 +1,181 @@
+"""The demo with the adaptive law, in real processes beside other work: `python -m bench demos`.
+
+Each run is `forcemesh demo --law adaptive --json` as a user starts it. What runs at the same time:
+loops without waiting, builds that start processes and read files, and the processes of another
+cell. Without real-time priority the right to it is taken away (by util-linux).
+"""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.table import Table
+
+from bench.chain.load import busy_loops
+from bench.settling import lines
+from common.config.load import load_cell
+from launch.processes import Supervisor
+from tests.chaos.common_net import free_port
+from tools.figures import replace_block
+
+ROOT = Path(__file__).resolve().parent.parent
+DEMO = ROOT / "cells" / "demo.yaml"
+RUNS = 20  # of each case
+BUSY_LOOPS, BUILDS = 4, 2
+WITHIN_S = 180.0  # of one demo: a hold or its own timeouts end it before
+READY_S = 60.0
+ROOTS_OWN = ("setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice")
+A_USERS = ("prlimit", "--rtprio=0")
+
+
+@dataclass(frozen=True, slots=True)
+class DemoCase:
+    """What runs beside the demo, and with which priority it runs."""
+
+    loops: bool = False
+    builds: bool = False
+    cell: bool = False
+    realtime: bool = True
+
+    def __str__(self) -> str:
+        """Return the case in words."""
+        names = {
+            f"{BUSY_LOOPS} busy loops": self.loops,
+            f"{BUILDS} builds": self.builds,
+            "another cell, not armed": self.cell,
+        }
+        beside = ", ".join(name for name, is_there in names.items() if is_there) or "nothing"
+        return f"{beside}; {'SCHED_FIFO' if self.realtime else 'ordinary priority'}"
+
+
+CASES = [
+    DemoCase(),
+    DemoCase(loops=True),
+    DemoCase(builds=True),
+    DemoCase(cell=True),
+    DemoCase(loops=True, builds=True, cell=True),
+    DemoCase(loops=True, builds=True, cell=True, realtime=False),
+]
+
+
+@dataclass(slots=True)
+class DemoResults:
+    """Results of the runs of a case."""
+
+    settled: int = 0
+    overshoot_pct: list[float] = field(default_factory=list)  # of those that settled
+    settling_s: list[float] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)  # why the others ended
+
+    def add(self, printed: str) -> None:
+        """Add the output of a demo; one without JSON is a failure with its last line."""
+        try:
+            found = json.loads(printed)
+        except ValueError:
+            self.failures.append((printed.strip().splitlines() or ["no output"])[-1])
+            return
+        if not found["settled"]:
+            self.failures.append(found.get("error", "the force did not settle"))
+            return
+        self.settled += 1
+        self.overshoot_pct.append(found["overshoot_pct"])
+        self.settling_s.append(found["settling_s"])
+
+
+@contextmanager
+def building() -> Iterator[None]:
+    """Compile the tree again and again during the block, as a build does."""
+    stop = threading.Event()
+
+    def build(folder: str) -> None:
+        arguments = [sys.executable, "-X", f"pycache_prefix={folder}", "-m", "compileall", "-qf"]
+        for package in itertools.cycle(("common", "sim", "services", "cli", "forcemesh")):
+            if stop.is_set():
+                return
+            subprocess.run([*arguments, str(ROOT / package)], check=True)
+
+    with tempfile.TemporaryDirectory() as folder:
+        threads = [threading.Thread(target=build, args=(folder,)) for _ in range(BUILDS)]
+        for thread in threads:
+            thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            for thread in threads:
+                thread.join()
+
+
+@contextmanager
+def beside(case: DemoCase) -> Iterator[None]:
+    """Run a case's other work during the block."""
+    with ExitStack() as exits:
+        if case.cell:
+            endpoint = f"tcp/127.0.0.1:{free_port()}"
+            other = load_cell(DEMO, {"cell": "beside", "bus.endpoint": endpoint})
+            exits.enter_context(Supervisor(other)).wait_ready(READY_S)
+        exits.enter_context(busy_loops(BUSY_LOOPS if case.loops else 0))
+        if case.builds:
+            exits.enter_context(building())
+        yield
+
+
+def play(case: DemoCase, runs: int = RUNS) -> DemoResults:
+    """Run the demo in a case, again and again."""
+    words = [sys.executable, "-m", "cli", "demo", "--law", "adaptive", "--json", "--no-panel"]
+    if not case.realtime:
+        words = [*(ROOTS_OWN if os.geteuid() == 0 else A_USERS), *words]
+    found = DemoResults()
+    with tempfile.TemporaryDirectory() as out, beside(case):
+        for _ in range(runs):
+            done = subprocess.run(
+                [*words, "--out", out],
+                capture_output=True, text=True, check=False, cwd=ROOT, timeout=WITHIN_S,
+            )  # fmt: skip
+            found.add(done.stdout or done.stderr)
+    return found
+
+
+HEAD = ["beside the demo", "runs", "settled", "held", "largest overshoot", "longest settling"]
+
+
+def rows(runs: int = RUNS) -> list[list[str]]:
+    """Run every case; return a row for each, and print why a run did not settle."""
+    found = []
+    for case in CASES:
+        results = play(case, runs)
+        for failure in results.failures:
+            sys.stderr.write(f"{case}: {failure}\n")
+        found.append([
+            str(case),
+            str(runs),
+            str(results.settled),
+            str(len(results.failures)),
+            f"{max(results.overshoot_pct, default=0.0):.1f} %",
+            f"{1e3 * max(results.settling_s, default=0.0):.0f} ms",
+        ])  # fmt: skip
+    return found
+
+
+def table() -> Table:
+    """Run, and return the table for the terminal."""
+    shown = Table(title="demos with the adaptive law beside other work", title_justify="left")
+    for name in HEAD:
+        shown.add_column(name)
+    for row in rows():
+        shown.add_row(*row)
+    return shown
+
+
+def write() -> None:
+    """Run, and write the table into docs/realtime.md."""
+    text = "\n".join(lines([HEAD, ["---", *["---:"] * 5], *rows()]))
+    replace_block(ROOT / "docs" / "realtime.md", "demos", text, 'make bench ARGS="demos --write"')

@@ -104,7 +104,7 @@ robot's own process enforces them again (`common/motion/last_check.py`).
 | `joint_speed_share` of `robot.joint_speed_max_deg_s` | measured joints, mean of 100 ms | fade, hold |
 | `step_m`, `step_deg` | from the measured pose to the set point | hold |
 | `speed_m_s`, `speed_deg_s` | set points; the requested speed of moves | limited; refused |
-| `accel_m_s2`, `accel_deg_s2` | set points | limited: the set points catch up later |
+| `accel_m_s2`, `accel_deg_s2` | set points, over the time between the wrenches that they follow | limited: the set points catch up later |
 | the same speed over any 250 ms, with a margin of a quarter | set points: independent of the command rate | hold (`rate`) |
 | `tether_m`, `tether_deg` | the flange, from where it was armed | hold or fade; refused |
 | `force_N`, `torque_Nm` | the wrench at the TCP, magnitude of the vector | hold, or retreat |

@@ -52,24 +52,17 @@ class CommandHistory:
         commands.append((self.now_s, command))
         if sent is None:
             return False
-        for apart, same in ((_distance_m, SAME_M), (_angle_rad, SAME_RAD)):
-            behind = apart(command, sent) - same
-            for _, each in commands:  # the oldest one is mostly far enough from the newest
-                if behind <= apart(command, each):
-                    break
-            else:
-                return True
-        return False
+        p_m, behind_m = command.position_m, dist(command.position_m, sent.position_m) - SAME_M
+        behind_rad = _angle_rad(command, sent) - SAME_RAD
+        # The oldest one is mostly far enough from the newest.
+        lags = all(dist(p_m, each.position_m) < behind_m for _, each in commands)
+        return lags or all(_angle_rad(command, each) < behind_rad for _, each in commands)
 
     def restart(self) -> PoseRecord:
         """Keep only the oldest command, which should have been sent by now; return it."""
         _, oldest = self.commands[0]
         self.commands = deque([(self.now_s, oldest)])
         return oldest
-
-
-def _distance_m(a: PoseRecord, b: PoseRecord) -> float:
-    return dist(a.position_m, b.position_m)
 
 
 def _angle_rad(a: PoseRecord, b: PoseRecord) -> float:  # to 1e-7

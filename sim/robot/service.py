@@ -54,7 +54,7 @@ class SimRobot:
         self._driver = SimDriver(cell, self.arm, self._motion)
         self._refusals = 0
         self._state_ticks = max(1, round(1.0 / cell.rates.robot_hz / TICK_S))
-        self._start_ns = bus.clock.now_ns()
+        self.due_ns = self._start_ns = bus.clock.now_ns()
         self._ticks_lost = 0
         self.trigger = self._command = bus.reader(topics.ROBOT_COMMAND)
         self._wrench = bus.reader(topics.WRENCH)
@@ -67,12 +67,6 @@ class SimRobot:
     def period_s(self) -> float:
         """Time from one message to the next [s]."""
         return self.wake_ticks * TICK_S
-
-    @property
-    def due_ns(self) -> int:
-        """Time of the tick of the next message: one grid for ticks and messages."""
-        next_tick = (self.arm.ticks // self.wake_ticks + 1) * self.wake_ticks
-        return self._start_ns + (next_tick + self._ticks_lost) * TICK_NS
 
     def counters(self) -> dict[str, int]:
         """Return the counters of dropped messages and lost time."""
@@ -107,6 +101,9 @@ class SimRobot:
             self._driver.hold(self.verdict.hold_reason)
         if elapsed > 0:
             self._tick()
+        # The tick of the next message: ticks and messages have one grid.
+        next_tick = (self.arm.ticks // self.wake_ticks + 1) * self.wake_ticks
+        self.due_ns = self._start_ns + (next_tick + self._ticks_lost) * TICK_NS
 
     def _tick(self) -> None:
         self.arm.command_joints(self._motion.tick(TICK_S))

@@ -264,6 +264,10 @@ class CellConfig(ConfigSection):
     gateway: GatewaySection | None = None
     sim: SimSection | None = None
 
+    def __hash__(self) -> int:
+        """Return the hash of the name, which equal cells share: a table of cores has none."""
+        return hash(self.cell)
+
     @model_validator(mode="after")
     def _roles_have_their_sections(self) -> "CellConfig":
         if self.roles.robot == "gateway" and self.gateway is None:

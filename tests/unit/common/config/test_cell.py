@@ -179,6 +179,8 @@ def test_a_role_of_the_simulation_needs_its_section(role: str) -> None:
 def test_cores_are_of_roles_that_exist() -> None:
     """A misspelt role would run anywhere, without a word."""
     assert changed({"cores": {"arbiter": [1], "recorder": [0, 1]}}).cores["arbiter"] == (1,)
+    # A cell is a key of caches.
+    assert len({changed({"cores": {"arbiter": [1]}}), changed({}), changed({})}) == 2
     (line,) = mistakes({"cores": {"arbitre": [1]}})
     assert line.startswith("cores: arbitre: not a role, valid: hub, robot,")
     (line,) = mistakes({"cores": {"arbiter": []}})

@@ -148,20 +148,20 @@ HEAD = ["beside the demo", "runs", "settled", "held", "largest overshoot", "long
 
 
 def rows(runs: int = RUNS) -> list[list[str]]:
-    """Run every case; return a row for each, and print why a run did not settle."""
+    """Run every case; return a row for each, print it, and why a run did not settle."""
     found = []
     for case in CASES:
         results = play(case, runs)
-        for failure in results.failures:
-            sys.stderr.write(f"{case}: {failure}\n")
-        found.append([
+        row = [
             str(case),
             str(runs),
             str(results.settled),
             str(len(results.failures)),
             f"{max(results.overshoot_pct, default=0.0):.1f} %",
             f"{1e3 * max(results.settling_s, default=0.0):.0f} ms",
-        ])  # fmt: skip
+        ]
+        sys.stderr.write("".join(f"{line}\n" for line in (" | ".join(row), *results.failures)))
+        found.append(row)
     return found
 
 

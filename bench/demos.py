@@ -20,11 +20,9 @@ from pathlib import Path
 from rich.table import Table
 
 from bench.chain.load import busy_loops
-from bench.settling import lines
 from common.config.load import load_cell
 from launch.processes import Supervisor
 from tests.chaos.common_net import free_port
-from tools.figures import replace_block
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMO = ROOT / "cells" / "demo.yaml"
@@ -173,9 +171,3 @@ def table() -> Table:
     for row in rows():
         shown.add_row(*row)
     return shown
-
-
-def write() -> None:
-    """Run, and write the table into docs/realtime.md."""
-    text = "\n".join(lines([HEAD, ["---", *["---:"] * 5], *rows()]))
-    replace_block(ROOT / "docs" / "realtime.md", "demos", text, 'make bench ARGS="demos --write"')

@@ -93,6 +93,7 @@ JUDGES = {
     ),
     "services.arbiter.stream": (
         "unit/services/arbiter/test_stream",
+        "unit/services/arbiter/test_stream_clock",
         "unit/services/arbiter/test_service",
     ),
     "services.arbiter.watch": (

@@ -91,7 +91,7 @@ def follow(
         return check_workspace(limits, T_target) or motion
     if dt_s > tick.longest_s:
         motion, dt_s = at_rest(motion.T_base_flange), tick.longest_s
-    after = limit_motion(limits, motion, T_target, dt_s) if dt_s > 0.0 else motion
+    after = limit_motion(limits, motion, T_target, dt_s)
     return (
         bounds.place(resting_place(limits, after))
         or check_apart("step", limits, tick.T_measured, after.T_base_flange)

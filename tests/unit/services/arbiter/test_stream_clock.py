@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -86,6 +87,27 @@ def test_stamps_never_allow_more_than_the_speed_for_the_time_that_has_passed(
         height_m = follower.step(wake_ns, stamp_ns, 1.0)
     most_s = (follower.now_ns + 2 * LONGEST_NS) / 1e9
     assert height_m <= LIMITS.speed_m_s * most_s + 1e-9
+
+
+def passed_ms(clock: SampleClock, steps: int, *, stamp_ms: int, now_ms: int) -> float:
+    """Return the time that a clock gives for steps of these lengths [ms]."""
+    total_s = 0.0
+    for _ in range(steps):
+        stamp_ns, now_ns = clock.stamp_ns + stamp_ms * MS, clock.now_ns + now_ms * MS
+        clock, dt_s = clock.next(stamp_ns, now_ns, LONGEST_NS / 1e9)
+        total_s += dt_s
+    return 1e3 * total_s
+
+
+def test_fast_stamps_gain_the_lead_and_no_more() -> None:
+    """Twice as fast as the arbiter's clock, twenty steps of it; after a silence as much again."""
+    longest_ms = LONGEST_NS / MS
+    clock = SampleClock(5_000 * MS, 3_000 * MS)
+    assert passed_ms(clock, 20, stamp_ms=8, now_ms=4) == pytest.approx(80.0 + longest_ms)
+    silent, _ = clock.next(clock.stamp_ns, clock.now_ns + 500 * MS, LONGEST_NS / 1e9)
+    assert passed_ms(silent, 20, stamp_ms=8, now_ms=4) == pytest.approx(80.0 + 2.0 * longest_ms)
+    assert passed_ms(clock, 20, stamp_ms=4, now_ms=4) == pytest.approx(80.0)
+    assert passed_ms(clock, 20, stamp_ms=3, now_ms=4) == pytest.approx(60.0)
 
 
 def test_a_target_that_stood_for_long_has_brought_the_arm_to_rest() -> None:

@@ -1,4 +1,4 @@
-"""The demo with the adaptive law, in real processes beside other work: `python -m bench demos`.
+"""The demo with the adaptive law, in real processes during other work: `python -m bench demos`.
 
 Each run is `forcemesh demo --law adaptive --json` as a user starts it. What runs at the same time:
 loops without waiting, builds that start processes and read files, and the processes of another
@@ -36,7 +36,7 @@ A_USERS = ("prlimit", "--rtprio=0")
 
 @dataclass(frozen=True, slots=True)
 class DemoCase:
-    """What runs beside the demo, and with which priority it runs."""
+    """What runs at the same time as the demo, and with which priority the demo runs."""
 
     loops: bool = False
     builds: bool = False
@@ -50,8 +50,8 @@ class DemoCase:
             f"{BUILDS} builds": self.builds,
             "another cell, not armed": self.cell,
         }
-        beside = ", ".join(name for name, is_there in names.items() if is_there) or "nothing"
-        return f"{beside}; {'SCHED_FIFO' if self.realtime else 'ordinary priority'}"
+        others = ", ".join(name for name, is_there in names.items() if is_there) or "nothing"
+        return f"{others}; {'SCHED_FIFO' if self.realtime else 'ordinary priority'}"
 
 
 CASES = [
@@ -113,12 +113,12 @@ def building() -> Iterator[None]:
 
 
 @contextmanager
-def beside(case: DemoCase) -> Iterator[None]:
+def other_work(case: DemoCase) -> Iterator[None]:
     """Run a case's other work during the block."""
     with ExitStack() as exits:
         if case.cell:
             endpoint = f"tcp/127.0.0.1:{free_port()}"
-            other = load_cell(DEMO, {"cell": "beside", "bus.endpoint": endpoint})
+            other = load_cell(DEMO, {"cell": "other", "bus.endpoint": endpoint})
             exits.enter_context(Supervisor(other)).wait_ready(READY_S)
         exits.enter_context(busy_loops(BUSY_LOOPS if case.loops else 0))
         if case.builds:
@@ -132,7 +132,7 @@ def play(case: DemoCase, runs: int = RUNS) -> DemoResults:
     if not case.realtime:
         words = [*(ROOTS_OWN if os.geteuid() == 0 else A_USERS), *words]
     found = DemoResults()
-    with tempfile.TemporaryDirectory() as out, beside(case):
+    with tempfile.TemporaryDirectory() as out, other_work(case):
         for _ in range(runs):
             done = subprocess.run(
                 [*words, "--out", out],
@@ -142,7 +142,7 @@ def play(case: DemoCase, runs: int = RUNS) -> DemoResults:
     return found
 
 
-HEAD = ["beside the demo", "runs", "settled", "held", "largest overshoot", "longest settling"]
+HEAD = ["other work; priority", "runs", "settled", "held", "largest overshoot", "longest settling"]
 
 
 def rows(runs: int = RUNS) -> list[list[str]]:
@@ -165,7 +165,7 @@ def rows(runs: int = RUNS) -> list[list[str]]:
 
 def table() -> Table:
     """Run, and return the table for the terminal."""
-    shown = Table(title="demos with the adaptive law beside other work", title_justify="left")
+    shown = Table(title="demos with the adaptive law during other work", title_justify="left")
     for name in HEAD:
         shown.add_column(name)
     for row in rows():

@@ -1,4 +1,4 @@
-"""Demos beside other work: what is started, and how results are counted."""
+"""Demos during other work: what is started, and how results are counted."""
 
 import json
 import os
@@ -9,7 +9,7 @@ import threading
 import pytest
 
 from bench import demos
-from bench.demos import A_USERS, CASES, ROOTS_OWN, DemoCase, DemoResults, beside, play
+from bench.demos import A_USERS, CASES, ROOTS_OWN, DemoCase, DemoResults, other_work, play
 
 GOOD = {"settled": True, "overshoot_pct": 2.5, "settling_s": 0.12}
 ASKS_FOR_PRIORITY = """
@@ -86,7 +86,7 @@ def test_other_work_runs_until_the_end_of_the_block(monkeypatch: pytest.MonkeyPa
             enough.set()
 
     monkeypatch.setattr("subprocess.run", run)
-    with beside(DemoCase(builds=True)):
+    with other_work(DemoCase(builds=True)):
         assert enough.wait(timeout=60.0)
     count = len(started)
     assert not any("build" in thread.name for thread in threading.enumerate())

@@ -31,15 +31,20 @@ print(policies())
 """
 
 
-def test_all_threads_go_first_or_the_machine_does_not_grant_it() -> None:
-    """Also those that existed before; and none does any more once it is given up."""
-    found = subprocess.run(
-        [sys.executable, "-c", PRINTS_ITS_POLICIES],
+def printed_by(program: str) -> list[str]:
+    """Run a program in a process of its own; return the lines that it prints."""
+    return subprocess.run(
+        [sys.executable, "-c", program],
         cwd=Path(__file__).parents[4],
         capture_output=True,
         text=True,
         check=True,
     ).stdout.splitlines()
+
+
+def test_all_threads_go_first_or_the_machine_does_not_grant_it() -> None:
+    """Also those that existed before; and none does any more once it is given up."""
+    found = printed_by(PRINTS_ITS_POLICIES)
     first, other = os.SCHED_FIFO, os.SCHED_OTHER
     assert found[0] in (f"True [{first}]", f"False [{other}]")
     assert found[1] == f"[{other}]"
@@ -141,12 +146,6 @@ for cores in ((first, 1000), (1000,)):
 
 def test_a_core_that_does_not_exist_is_named() -> None:
     """The kernel binds to the others in silence, or to none."""
-    found = subprocess.run(
-        [sys.executable, "-c", BINDS],
-        cwd=Path(__file__).parents[4],
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout.splitlines()
+    found = printed_by(BINDS)
     text = f"cores: core 1000 cannot be used: this PC has {os.cpu_count()}, from 0 on"
     assert found == ["True", text, text]

@@ -20,9 +20,11 @@ from pathlib import Path
 from rich.table import Table
 
 from bench.chain.load import busy_loops
+from bench.tables import as_markdown, on_screen
 from common.config.load import load_cell
 from launch.processes import Supervisor
 from tests.chaos.common_net import free_port
+from tools.figures import replace_block
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMO = ROOT / "cells" / "demo.yaml"
@@ -165,9 +167,10 @@ def rows(runs: int = RUNS) -> list[list[str]]:
 
 def table() -> Table:
     """Run, and return the table for the terminal."""
-    shown = Table(title="demos with the adaptive law during other work", title_justify="left")
-    for name in HEAD:
-        shown.add_column(name)
-    for row in rows():
-        shown.add_row(*row)
-    return shown
+    return on_screen("demos with the adaptive law during other work", HEAD, rows())
+
+
+def write() -> None:
+    """Run, and write the table into docs/realtime.md."""
+    text = as_markdown(HEAD, rows())
+    replace_block(ROOT / "docs" / "realtime.md", "demos", text, 'make bench ARGS="demos --write"')

@@ -29,6 +29,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from bench.panel_browser import one_browser
+from bench.tables import on_screen
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import dump_cell, load_cell
 from forcemesh.errors import ForcemeshError
@@ -92,12 +93,8 @@ def phases() -> list[Phase]:
 
 def table(found: list[Phase] | None = None) -> Table:
     """Return the phases as a table."""
-    rows = Table(title="the panel of a cell that presses", title_justify="left")
-    for head in HEADS:
-        rows.add_column(head, justify="left" if head == HEADS[0] else "right")
-    for phase in phases() if found is None else found:
-        rows.add_row(*_cells(phase))
-    return rows
+    rows = map(_cells, phases() if found is None else found)
+    return on_screen("the panel of a cell that presses", HEADS, rows)
 
 
 HEADS = ("clients", "panel, % of a core", "kB/s to a reader", "late periods", "missed deadlines")

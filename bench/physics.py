@@ -5,6 +5,7 @@ from time import thread_time_ns
 import numpy as np
 from rich.table import Table
 
+from bench.tables import on_screen
 from sim.robot.arm import SimArm
 from sim.robot.engine import mujoco
 from sim.robot.settings import SimSettings
@@ -57,17 +58,13 @@ def engine_us() -> float:
 
 def table() -> Table:
     """Return median and worst round for a free tool, one flat on the plate and one on its edge."""
-    rows = Table(
-        title=f"CPU time of a tick of physics and contact, us: at most {MOST_US:g}",
-        title_justify="left",
-    )
-    for name in ("tool", "median", "worst round"):
-        rows.add_column(name, justify="left" if name == "tool" else "right")
+    rows = []
     for name, tilt_deg, push_N in (
         ("free", 0.0, 0.0),
         ("flat on the plate", 0.0, PRESS_N),
         ("on its edge", 10.0, PRESS_N),
     ):
         found = costs_us(arm_at(tilt_deg, push_N))
-        rows.add_row(name, f"{np.median(found):.1f}", f"{max(found):.1f}")
-    return rows
+        rows.append([name, f"{np.median(found):.1f}", f"{max(found):.1f}"])
+    title = f"CPU time of a tick of physics and contact, us: at most {MOST_US:g}"
+    return on_screen(title, ("tool", "median", "worst round"), rows)

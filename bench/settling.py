@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 from rich.table import Table
 
+from bench.tables import as_markdown, on_screen
 from cli.demo.cell import DEFAULT_SETPOINT_N, DEFAULT_TILT_DEG, DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import Result, measure
 from cli.demo.scenario import ScenarioPlan, play_virtual
@@ -65,28 +66,17 @@ def rows(found: dict[Case, Result], modes: Sequence[Mode] = MODES) -> list[list[
     ]
 
 
+HEAD = ["settling time, in tau, overshoot", *(f"delay {delay_ms} ms" for delay_ms in DELAYS_MS)]
+
+
 def table() -> Table:
     """Measure, and return the table for the terminal."""
-    shown = Table(title="release from 30 N: settling time, in tau, overshoot", title_justify="left")
-    shown.add_column("mode, stiffness")
-    for delay_ms in DELAYS_MS:
-        shown.add_column(f"delay {delay_ms} ms", justify="right")
-    for row in rows(results()):
-        shown.add_row(*row)
-    return shown
-
-
-def lines(table: list[list[str]]) -> list[str]:
-    """Return rows as Markdown."""
-    return [f"| {' | '.join(row)} |" for row in table]
+    return on_screen("release from 30 N", HEAD, rows(results()))
 
 
 def write() -> None:
     """Measure and write the table into docs/demo.md."""
-    found = results()
-    head = ["settling time, in tau, overshoot", *(f"delay {delay_ms} ms" for delay_ms in DELAYS_MS)]
-    shown = [head, ["---", *("---:" for _ in DELAYS_MS)], *rows(found)]
-    text = "\n".join(lines(shown))
+    text = as_markdown(HEAD, rows(results()))
     replace_block(ROOT / "docs" / "demo.md", "settling", text, 'make bench ARGS="settling --write"')
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from rich.table import Table
 
-from bench.settling import lines
+from bench.tables import as_markdown, on_screen
 from cli.demo.cell import DemoOverrides, demo_cell
 from common.bus.configured_cell import ConfiguredCell
 from common.runtime.service import Runner
@@ -177,15 +177,10 @@ HEAD = ["law and contact", "runs", "held", "largest press", "largest lift-off", 
 
 def table() -> Table:
     """Run, and return the table for the terminal."""
-    shown = Table(title="press and release while processes stand still", title_justify="left")
-    for name in HEAD:
-        shown.add_column(name)
-    for row in rows():
-        shown.add_row(*row)
-    return shown
+    return on_screen("press and release while processes stand still", HEAD, rows())
 
 
 def write() -> None:
     """Run, and write the table into docs/realtime.md."""
-    text = "\n".join(lines([HEAD, ["---", *["---:"] * 5], *rows()]))
+    text = as_markdown(HEAD, rows())
     replace_block(ROOT / "docs" / "realtime.md", "stalls", text, 'make bench ARGS="stalls --write"')

@@ -24,6 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.bare_bus import be_the_hub, opened_session, started
+from bench.tables import as_markdown, on_screen
 from common.config.cell import CellConfig
 from common.config.load import load_cell
 from forcemesh.topics import TOPICS
@@ -73,23 +74,14 @@ def rows(found: dict[str, Measurement]) -> list[list[str]]:
 
 def table() -> Table:
     """Measure, and return the table."""
-    result = Table(*COLUMNS)
-    for row in rows(measure()):
-        result.add_row(*row)
-    return result
+    return on_screen("cost of a client's subscriptions", COLUMNS, rows(measure()))
 
 
 def markdown(found: dict[str, Measurement]) -> str:
     """Return the measurements as Markdown for the page."""
     rounds = f"{ROUNDS} rounds of {RATE_HZ * ROUND_S:.0f} messages"
-    lines = [
-        f"{os.cpu_count()} cores, medians of {rounds}; 1.00 is one subscription of one session:",
-        "",
-        f"| {' | '.join(COLUMNS)} |",
-        "|---|---:|---:|---:|",
-        *(f"| {' | '.join(row)} |" for row in rows(found)),
-    ]
-    return "\n".join(lines)
+    about = f"{os.cpu_count()} cores, medians of {rounds}; 1.00 is one subscription of one session:"
+    return f"{about}\n\n{as_markdown(COLUMNS, rows(found))}"
 
 
 def main() -> None:

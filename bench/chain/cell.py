@@ -17,7 +17,7 @@ from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Bus
-from forcemesh.messages import Health, Law
+from forcemesh.messages import OPERATIONAL, Health, Law
 from launch.processes import Supervisor
 
 PRESS_N, BAND_N = 15.0, 1.0
@@ -70,33 +70,32 @@ def run(cell: CellConfig, duration_s: float, *, law: Law, realtime: bool) -> Cel
         if not realtime:
             for pid in pids.values():
                 _give_up_realtime(pid)
-        client.arm(within_s=WITHIN_S)
-        client.force.start(PRESS_N, law=law)
-        if not _in_contact(client):
-            found.held = _why(client)
+        press(client, law)
+        found.held = why_held(client)
+        if found.held:
             return found
         before = _dropped(reading() for reading in health.values())
         with measured(pids, found.load):
             _watch(watch, duration_s, found)
         after = _dropped(reading() for reading in health.values())
         found.dropped = {name: count - before[name] for name, count in after.items()}
-        if client.status().state != "ACTIVE":
-            found.held = _why(client)
+        found.held = why_held(client)
     return found
 
 
-def _in_contact(client: ConfiguredCell) -> bool:
-    """Wait until the arm presses; False if it holds first."""
-    while abs(client.force.pressed_N() - PRESS_N) > BAND_N:
-        if client.status().state not in ("ARMED", "SETTLING", "ACTIVE"):
-            return False
+def press(client: ConfiguredCell, law: Law) -> None:
+    """Arm, and wait until the arm presses or holds. Raise ForcemeshError when it is not armed."""
+    client.arm(within_s=WITHIN_S)
+    client.force.start(PRESS_N, law=law)
+    while not why_held(client) and abs(client.force.pressed_N() - PRESS_N) > BAND_N:
         time.sleep(0.1)
-    return True
 
 
-def _why(client: ConfiguredCell) -> str:
-    """Return the trips of a hold, or the state."""
+def why_held(client: ConfiguredCell) -> str:
+    """Return why an arm that was armed holds: the trips, or the state; empty if it moves."""
     status = client.status()
+    if status.state in OPERATIONAL:
+        return ""
     return "; ".join(trip.text for trip in status.trips) or status.state
 
 

@@ -13,7 +13,9 @@ from forcemesh.topics import HELPERS
 ENDPOINT_VARIABLE = "FORCEMESH_ENDPOINT"
 ENDPOINT = r"[a-z-]+/\S+"
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"
-ONE_THREAD = "(rx: (worker_threads: 1), app: (handover: rx), tx: (handover: rx))"
+ONE_THREAD = (
+    "(rx: (worker_threads: 1), app: (handover: rx), tx: (handover: rx), acc: (handover: rx))"
+)
 CONNECT_ATTEMPT_MS = 500
 ROOM_B = 4_000_000  # doubled by the kernel for its overhead
 LEASE_MS = 500
@@ -26,9 +28,10 @@ BATCH_B = 8192
 
 
 def use_one_thread() -> None:
-    """Configure Zenoh to receive and send with one thread instead of four, before its first use.
+    """Configure Zenoh to receive and send with one thread instead of five, before its first use.
 
-    Each message wakes most of the four; `make bench-chain` shows threads and wake-ups.
+    Each message wakes most of the five; `make bench-chain` shows threads and wake-ups. In the hub,
+    a connection wakes the thread that accepted it for each message, besides the one that reads it.
     """
     os.environ.setdefault(RUNTIME_VARIABLE, ONE_THREAD)
 

@@ -42,7 +42,8 @@ def _about(each: Comparison) -> str:
         "ratios. The cell presses with the adaptive law, with its hub, without panel and recorder. "
         f"Its processor time leaves out MuJoCo's own steps, {each.engine_pct:.0f} % of a core. A "
         "bare chain is a source, three forwarders and a sink at the rate of control, without "
-        "decoding. It begins when the source sends, the cell's when the sensor has its sample. A "
+        "decoding, with Zenoh's own number of threads. It begins when the source sends, the cell's "
+        "when the sensor has its sample. A "
         "client reads four topics of the cell at the same time, which the hub forwards as well."
     )
 

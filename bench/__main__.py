@@ -39,11 +39,7 @@ PARTS: dict[str, Callable[[], Table]] = {
     "steps": steps.table,
     "instructions": steps.instructions_table,
 }
-WRITERS: dict[str, Callable[[], None]] = {
-    "settling": settling.write,
-    "stalls": stalls.write,
-    "demos": demos.write,
-}
+WRITERS: dict[str, Callable[[], None]] = {"settling": settling.write, "stalls": stalls.write}
 ON_REQUEST = {
     "demos",
     "installations",

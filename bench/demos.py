@@ -20,11 +20,10 @@ from pathlib import Path
 from rich.table import Table
 
 from bench.chain.load import busy_loops
-from bench.tables import as_markdown, on_screen
+from bench.tables import on_screen
 from common.config.load import load_cell
 from launch.processes import Supervisor
 from tests.chaos.common_net import free_port
-from tools.figures import replace_block
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMO = ROOT / "cells" / "demo.yaml"
@@ -168,9 +167,3 @@ def rows(runs: int = RUNS) -> list[list[str]]:
 def table() -> Table:
     """Run, and return the table for the terminal."""
     return on_screen("demos with the adaptive law during other work", HEAD, rows())
-
-
-def write() -> None:
-    """Run, and write the table into docs/realtime.md."""
-    text = as_markdown(HEAD, rows())
-    replace_block(ROOT / "docs" / "realtime.md", "demos", text, 'make bench ARGS="demos --write"')

@@ -13,6 +13,8 @@ from bench.chain.page import CHAINS
 
 mpl.use("Agg")
 
+PCT_PER_LETTER = 1.4  # of a name within a bar, at this size
+
 
 def draw(found: Comparison, path: Path) -> None:
     """Draw the share of samples that took longer than a time, and bars of processor time."""
@@ -33,7 +35,7 @@ def draw(found: Comparison, path: Path) -> None:
         for role in runs[0]:
             share = median(run[role].cpu_pct for run in runs)
             load.barh(place, share, left=left, edgecolor="white")
-            if share > 4.0:
+            if share > PCT_PER_LETTER * len(role):
                 load.text(left + share / 2, place, role, ha="center", va="center", fontsize=7)
             left += share
     load.set_yticks(range(len(bars)), list(bars), fontsize=8)

@@ -36,6 +36,7 @@ class ForceSession:
     last_sample_ns: int
     watch: GuardState
     commanded: CommandHistory  # recent commands, with the PC as host
+    rest_s: float = 0.0  # until the commands released before a late input have arrived
     path: TcpPath | None = None  # path across the tool's axis, if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
     origin: Origin | None = None  # sensor sample of the last wrench
@@ -59,11 +60,15 @@ def move(
 
     A late input does not tell what the commands have done: more of them would add up to a step.
     The session then restarts at the released command, behind a stalled link at the oldest one:
-    newer ones were not sent.
+    newer ones were not sent. A law that predicts does not know what is still on its way, so it
+    rests until that has arrived.
     """
     law, commanded = LAWS[session.law], session.commanded
     lags = commanded.lags(command, sample.dt_s, sent)
-    if not lags and not is_late:
+    session.rest_s = max(0.0, session.rest_s - sample.dt_s)
+    if (lags or is_late) and law.predicts and session.path is None:
+        session.rest_s = commanded.window_s
+    if not lags and not is_late and session.rest_s == 0.0:
         session.state, session.motion = law.step(session.state, sample, settings)
         if session.path is not None:
             _move_along(session, session.path, sample, most_m=speed_max_m_s * sample.dt_s)

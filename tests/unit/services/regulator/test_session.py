@@ -11,6 +11,7 @@ from common.motion.frames import rotation_from_vector
 from forcemesh import topics
 from forcemesh.messages import ArbiterStatus, RobotCommand, RobotState, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest
+from services.regulator.link_lag import CommandHistory
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.regulator_bench import (
@@ -105,6 +106,26 @@ def test_it_rests_while_an_input_is_late_and_after_a_gap(
     bench.step()
     assert bench.T_base_tcp().translation[2] - rest <= period_m
     bench.step()
+    assert bench.T_base_tcp().translation[2] > rest
+
+
+@pytest.mark.parametrize("delay_s", [0.01, 0.04])
+def test_a_law_that_predicts_rests_until_the_released_commands_have_arrived(delay_s: float) -> None:
+    """Found: its model starts anew, so what is still on its way would be commanded once more."""
+    cell = cell_with(robot__delay_s=delay_s)
+    bench = RegulatorBench(cell)
+    bench.push((0.0, 0.0, 10.0))
+    bench.pass_s(0.1)
+    assert bench.start(POSITION.replaced(law="adaptive")).accepted
+    bench.pass_s(0.2)
+    bench.silent = {topics.WRENCH.key}
+    bench.step(6)
+    bench.silent = set()
+    bench.step()
+    rest = bench.T_base_tcp().translation[2]
+    bench.pass_s(delay_s)
+    assert bench.T_base_tcp().translation[2] == rest
+    bench.pass_s(CommandHistory.of(cell).window_s)
     assert bench.T_base_tcp().translation[2] > rest
 
 

@@ -60,7 +60,7 @@ class ScaleRun:
     cells: int
     subscribers: int
     load: dict[str, Load] = field(default_factory=dict)  # by cell and process
-    longest_gap_s: float = 0.0  # between two steps of any loop
+    longest_gap_s: float = 0.0  # between two steps of any loop of the chain
     late: str = ""  # the first loop that was late, or why an arm held; empty: none
 
     def cpu_pct(self, of: str = "") -> float:
@@ -140,8 +140,9 @@ def _observe(clients: list[ConfiguredCell], duration_s: float, found: ScaleRun) 
 
 
 def note(found: ScaleRun, role: str, health: Health) -> None:
-    """Note the longest gap of a loop, and the first overrun."""
-    found.longest_gap_s = max(found.longest_gap_s, health.longest_gap_s)
+    """Note the longest gap of a loop of the chain, which the hub's is not, and the first overrun."""
+    if role != "hub":
+        found.longest_gap_s = max(found.longest_gap_s, health.longest_gap_s)
     if health.overruns and not found.late:
         found.late = f"{role} was late: {health.late_cause}"
 

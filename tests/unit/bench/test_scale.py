@@ -31,6 +31,7 @@ def test_costs_are_the_slopes_of_the_runs_that_held() -> None:
 def test_a_run_is_late_by_its_first_overrun_and_keeps_the_longest_gap() -> None:
     """Every report of health is noted."""
     found = ScaleRun(1, 0)
+    note(found, "hub", health(longest_gap_s=0.05))
     note(found, "robot", health(longest_gap_s=0.004))
     assert (found.longest_gap_s, found.late) == (0.004, "")
     note(found, "arbiter", health(longest_gap_s=0.09, overruns=1, late_cause="other processes ran"))

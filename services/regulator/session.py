@@ -75,7 +75,9 @@ def move(
     elif session.path is not None:  # the pending commands contain path motion
         session.motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
     else:
-        T_base_tcp = pose_of(commanded.restart() if lags else command) * T_flange_tcp
+        T_base_tcp = session.motion.T_base_tcp  # at rest: where the rest began
+        if lags or is_late:
+            T_base_tcp = pose_of(commanded.restart() if lags else command) * T_flange_tcp
         session.motion = back_calculate(sample.motion, T_base_tcp)
         if law.predicts:  # the commands were not sent, so the predicted force does not occur
             session.state = law.begin(T_base_tcp, sample.T_measured, None, settings)

@@ -140,7 +140,7 @@ def _observe(clients: list[ConfiguredCell], duration_s: float, found: ScaleRun) 
 
 
 def note(found: ScaleRun, role: str, health: Health) -> None:
-    """Note the longest gap of a loop of the chain, which the hub's is not, and the first overrun."""
+    """Note the longest gap of a loop of the chain, without the hub's, and the first overrun."""
     if role != "hub":
         found.longest_gap_s = max(found.longest_gap_s, health.longest_gap_s)
     if health.overruns and not found.late:

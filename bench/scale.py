@@ -4,7 +4,7 @@ Every cell is simulated in real processes, senses at 500 Hz and presses on its p
 is a session of its own that receives every message of the first cell. A cell holds its deadlines if
 no loop was late and the arm never held.
 
-    python -m bench.scale --write                        the table of docs/realtime.md
+    python -m bench.scale                                every case
     python -m bench.scale --cells 2 --seconds 600        one case
 """
 
@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.markdown import Markdown
 
 from bench.bare_bus import opened_session, started
-from bench.chain.cell import WITHIN_S, press, why_held
+from bench.chain.cell import PRESSING, WITHIN_S, press, why_held
 from bench.chain.load import Load, measured
 from bench.tables import as_markdown
 from common.bus.configured_cell import ConfiguredCell
@@ -34,11 +34,8 @@ from forcemesh.messages import Health
 from forcemesh.zenoh_settings import ENDPOINT_VARIABLE
 from launch.processes import Supervisor
 from tests.chaos.common_net import free_port
-from tools.figures import replace_block
 
-ROOT = Path(__file__).resolve().parent.parent
-DEMO = ROOT / "cells" / "demo.yaml"
-COMMAND = "python -m bench.scale --write"
+DEMO = Path(__file__).resolve().parent.parent / "cells" / "demo.yaml"
 SECONDS = 20.0
 OBSERVE_S = 0.25  # a fourth of the time for which a late step stays in the health
 CASES = ((1, 0), (1, 10), (1, 25), (1, 50), (2, 0), (3, 0))  # cells, subscribers of the first
@@ -134,7 +131,7 @@ def _observe(clients: list[ConfiguredCell], duration_s: float, found: ScaleRun) 
         for client in clients:
             for role in OF_PROCESSES:
                 note(found, role, client.feed(topics.HEALTH[role])())
-            if held := why_held(client):
+            if held := why_held(client, (PRESSING,)):
                 found.late = f"an arm held: {held}"
                 return
 
@@ -161,32 +158,28 @@ def cost(runs: list[ScaleRun], count: str) -> float | None:
     return float(np.polyfit(counts, [each.cpu_pct() for each in kept], 1)[0])
 
 
-def page(runs: list[ScaleRun]) -> str:
+def page(runs: list[ScaleRun], duration_s: float) -> str:
     """Return the table and the fitted costs as Markdown."""
     text = [as_markdown(HEAD, [each.row for each in runs])]
     fitted = {count[:-1]: cost(runs, count) for count in ("cells", "subscribers")}
     costs = [f"{pct:.1f} % of a core for each {one}" for one, pct in fitted.items() if pct]
     text += ["", f"By least squares over the runs that held: {', '.join(costs)}."] if costs else []
-    return "\n".join([f"{os.cpu_count()} cores, {SECONDS:g} s each.", "", *text])
+    return "\n".join([f"{os.cpu_count()} cores, {duration_s:g} s each.", "", *text])
 
 
 def main() -> None:
-    """Print the table, or write it."""
+    """Measure, and print the table."""
     parser = argparse.ArgumentParser(prog="python -m bench.scale", description=__doc__)
     parser.add_argument("--cells", type=int, help="only this number of cells")
     parser.add_argument("--subscribers", type=int, default=0, help="of the first cell")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of each measurement")
-    parser.add_argument("--write", action="store_true", help="write it into docs/realtime.md")
     options = parser.parse_args()
     os.environ.pop(ENDPOINT_VARIABLE, None)
     runs = []
     for cells, subscribers in [(options.cells, options.subscribers)] if options.cells else CASES:
         runs.append(run(cells, subscribers, options.seconds))
         sys.stderr.write(f"{' | '.join(runs[-1].row)}\n")
-    if options.write:
-        replace_block(ROOT / "docs" / "realtime.md", "scale", page(runs), COMMAND)
-    else:
-        Console().print(Markdown(page(runs)))
+    Console().print(Markdown(page(runs, options.seconds)))
 
 
 if __name__ == "__main__":

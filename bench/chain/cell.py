@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,10 +17,11 @@ from common.config.cell import CellConfig
 from common.motion.frames import Array
 from forcemesh import topics
 from forcemesh.bus import Bus
-from forcemesh.messages import OPERATIONAL, Health, Law
+from forcemesh.messages import OPERATIONAL, ArbiterState, Health, Law
 from launch.processes import Supervisor
 
 PRESS_N, BAND_N = 15.0, 1.0
+PRESSING: ArbiterState = "ACTIVE"
 POLL_S = 0.0005
 WITHIN_S = 60.0
 STAGES: dict[str, topics.Topic[Any]] = {
@@ -79,7 +80,7 @@ def run(cell: CellConfig, duration_s: float, *, law: Law, realtime: bool) -> Cel
             _watch(watch, duration_s, found)
         after = _dropped(reading() for reading in health.values())
         found.dropped = {name: count - before[name] for name, count in after.items()}
-        found.held = why_held(client)
+        found.held = why_held(client, (PRESSING,))
     return found
 
 
@@ -91,10 +92,10 @@ def press(client: ConfiguredCell, law: Law) -> None:
         time.sleep(0.1)
 
 
-def why_held(client: ConfiguredCell) -> str:
-    """Return why an arm that was armed holds: the trips, or the state; empty if it moves."""
+def why_held(client: ConfiguredCell, expected: Collection[ArbiterState] = OPERATIONAL) -> str:
+    """Return why the state is not an expected one: the trips, or the state; empty if it is."""
     status = client.status()
-    if status.state in OPERATIONAL:
+    if status.state in expected:
         return ""
     return "; ".join(trip.text for trip in status.trips) or status.state
 

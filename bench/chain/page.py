@@ -43,8 +43,8 @@ def _about(each: Comparison) -> str:
         f"Its processor time leaves out MuJoCo's own steps, {each.engine_pct:.0f} % of a core. A "
         "bare chain is a source, three forwarders and a sink at the rate of control, without "
         "decoding, with Zenoh's own number of threads. It begins when the source sends, the cell's "
-        "when the sensor has its sample. A "
-        "client reads four topics of the cell at the same time, which the hub forwards as well."
+        "when the sensor has its sample. A client reads four topics of the cell at the same time, "
+        "which the hub forwards as well."
     )
 
 

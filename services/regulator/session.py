@@ -60,15 +60,16 @@ def move(
 
     A late input does not tell what the commands have done: more of them would add up to a step.
     The session then restarts at the released command, behind a stalled link at the oldest one:
-    newer ones were not sent. A law that predicts does not know what is still on its way, so it
-    rests until that has arrived.
+    newer ones were not sent. A law that predicts starts without the commands in flight, so it
+    rests until they have arrived.
     """
     law, commanded = LAWS[session.law], session.commanded
     lags = commanded.lags(command, sample.dt_s, sent)
+    is_late = is_late or lags
     session.rest_s = max(0.0, session.rest_s - sample.dt_s)
-    if (lags or is_late) and law.predicts and session.path is None:
+    if is_late and law.predicts and session.path is None:
         session.rest_s = commanded.window_s
-    if not lags and not is_late and session.rest_s == 0.0:
+    if not is_late and session.rest_s == 0.0:
         session.state, session.motion = law.step(session.state, sample, settings)
         if session.path is not None:
             _move_along(session, session.path, sample, most_m=speed_max_m_s * sample.dt_s)
@@ -76,7 +77,7 @@ def move(
         session.motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
     else:
         T_base_tcp = session.motion.T_base_tcp  # at rest: where the rest began
-        if lags or is_late:
+        if is_late:
             T_base_tcp = pose_of(commanded.restart() if lags else command) * T_flange_tcp
         session.motion = back_calculate(sample.motion, T_base_tcp)
         if law.predicts:  # the commands were not sent, so the predicted force does not occur

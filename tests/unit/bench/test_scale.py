@@ -42,10 +42,11 @@ def test_a_run_is_late_by_its_first_overrun_and_keeps_the_longest_gap() -> None:
 def test_the_page_has_a_row_for_each_run_and_the_costs() -> None:
     """A run that never pressed has no processor time."""
     runs = [measured_run(1, 0, 10.0), measured_run(2, 0, 20.0), ScaleRun(3, 0, late="no hub")]
-    text = page(runs)
+    text = page(runs, 600.0)
+    assert "600 s each" in text
     assert "| 2, 0 | 100 | 20 | 0 ms | all held |" in text
     assert "| 3, 0 | - | - | 0 ms | no hub |" in text
     assert text.endswith(
         "By least squares over the runs that held: 50.0 % of a core for each cell."
     )
-    assert "least squares" not in page(runs[2:])
+    assert "least squares" not in page(runs[2:], 20.0)

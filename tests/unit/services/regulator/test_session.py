@@ -111,7 +111,7 @@ def test_it_rests_while_an_input_is_late_and_after_a_gap(
 
 @pytest.mark.parametrize("delay_s", [0.01, 0.04])
 def test_a_law_that_predicts_rests_until_the_released_commands_have_arrived(delay_s: float) -> None:
-    """Found: its model starts anew, so what is still on its way would be commanded once more."""
+    """Found: its model starts anew, so the travel in flight would be commanded twice."""
     cell = cell_with(robot__delay_s=delay_s)
     bench = RegulatorBench(cell)
     bench.push((0.0, 0.0, 10.0))

@@ -39,7 +39,11 @@ PARTS: dict[str, Callable[[], Table]] = {
     "steps": steps.table,
     "instructions": steps.instructions_table,
 }
-WRITERS: dict[str, Callable[[], None]] = {"settling": settling.write, "stalls": stalls.write}
+WRITERS: dict[str, Callable[[], None]] = {
+    "settling": settling.write,
+    "stalls": stalls.write,
+    "demos": demos.write,
+}
 ON_REQUEST = {
     "demos",
     "installations",

@@ -19,11 +19,13 @@ from pathlib import Path
 
 from rich.table import Table
 
+from bench import scale
 from bench.chain.load import busy_loops
-from bench.tables import on_screen
+from bench.tables import as_markdown, on_screen
 from common.config.load import load_cell
 from launch.processes import Supervisor
 from tests.chaos.common_net import free_port
+from tools.figures import replace_block
 
 ROOT = Path(__file__).resolve().parent.parent
 DEMO = ROOT / "cells" / "demo.yaml"
@@ -164,6 +166,24 @@ def rows(runs: int = RUNS) -> list[list[str]]:
     return found
 
 
+def pressed_throughout() -> str:
+    """Press for ten minutes during everything else at once; return what happened in a sentence."""
+    case = next(each for each in CASES if each.loops and each.builds and each.cell)
+    with other_work(case):
+        found = scale.run(scale.ScaleCase(1, duration_s=scale.LONG_S))
+    return (
+        f"Pressing for {scale.LONG_S / 60.0:g} minutes during {case}: "
+        f"{found.late or 'no hold and no late loop'}; "
+        f"longest gap between two steps {1e3 * found.longest_gap_s:.0f} ms."
+    )
+
+
 def table() -> Table:
     """Run, and return the table for the terminal."""
     return on_screen("demos with the adaptive law during other work", HEAD, rows())
+
+
+def write() -> None:
+    """Run, and write the table and the long press into docs/realtime.md."""
+    text = f"{as_markdown(HEAD, rows())}\n\n{pressed_throughout()}"
+    replace_block(ROOT / "docs" / "realtime.md", "demos", text, 'make bench ARGS="demos --write"')

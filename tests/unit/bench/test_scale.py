@@ -3,14 +3,14 @@
 import pytest
 
 from bench.chain.load import Load
-from bench.scale import ScaleRun, cost, note, page
+from bench.scale import ScaleCase, ScaleRun, cost, note, page
 from forcemesh.messages import Health
 
 
 def measured_run(cells: int, subscribers: int, hub_pct: float, late: str = "") -> ScaleRun:
     """Return a run whose hub takes so much, and whose robot takes 40 % for each cell."""
     load = {"one hub": Load(hub_pct, 0.0, {}), "one robot": Load(40.0 * cells, 0.0, {})}
-    return ScaleRun(cells, subscribers, load, late=late)
+    return ScaleRun(ScaleCase(cells, subscribers), load, late=late)
 
 
 def health(**values: float | str) -> Health:
@@ -30,7 +30,7 @@ def test_costs_are_the_slopes_of_the_runs_that_held() -> None:
 
 def test_a_run_is_late_by_its_first_overrun_and_keeps_the_longest_gap() -> None:
     """Every report of health is noted."""
-    found = ScaleRun(1, 0)
+    found = ScaleRun(ScaleCase(1))
     note(found, "hub", health(longest_gap_s=0.05))
     note(found, "robot", health(longest_gap_s=0.004))
     assert (found.longest_gap_s, found.late) == (0.004, "")
@@ -40,13 +40,16 @@ def test_a_run_is_late_by_its_first_overrun_and_keeps_the_longest_gap() -> None:
 
 
 def test_the_page_has_a_row_for_each_run_and_the_costs() -> None:
-    """A run that never pressed has no processor time."""
-    runs = [measured_run(1, 0, 10.0), measured_run(2, 0, 20.0), ScaleRun(3, 0, late="no hub")]
-    text = page(runs, 600.0)
-    assert "600 s each" in text
-    assert "| 2, 0 | 100 | 20 | 0 ms | all held |" in text
-    assert "| 3, 0 | - | - | 0 ms | no hub |" in text
+    """A run that never pressed has no processor time; cells in a tree have a table of their own."""
+    runs = [measured_run(1, 0, 10.0), measured_run(2, 0, 20.0)]
+    runs += [ScaleRun(ScaleCase(3, duration_s=600.0), late="no hub")]
+    text = page(runs)
+    assert "| 2, 0, 20 | 100 | 20 | 0 ms | all held |" in text
+    assert "| 3, 0, 600 | - | - | 0 ms | no hub |" in text
     assert text.endswith(
         "By least squares over the runs that held: 50.0 % of a core for each cell."
     )
-    assert "least squares" not in page(runs[2:], 20.0)
+    assert "least squares" not in page(runs[2:])
+    assert "tree" not in text
+    tree = ScaleRun(ScaleCase(4, tree=True), top_hz=500.0)
+    assert "| 4 | - | - | 0 ms | 500 Hz | all held |" in page([*runs, tree])

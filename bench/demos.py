@@ -101,7 +101,8 @@ def building() -> Iterator[None]:
         for package in itertools.cycle(("common", "sim", "services", "cli", "forcemesh")):
             if stop.is_set():
                 return
-            subprocess.run([*arguments, str(ROOT / package)], check=True)
+            command = [*arguments, str(ROOT / package)]
+            subprocess.run(command, check=True, start_new_session=True)
 
     with tempfile.TemporaryDirectory() as folder:
         threads = [threading.Thread(target=build, args=(folder,)) for _ in range(BUILDS)]

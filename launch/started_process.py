@@ -62,7 +62,11 @@ class ProcessExit:
 
 
 class ChildProcess:
-    """Child process with its own session, so that Ctrl-C reaches its supervisor only."""
+    """Child process in a process group of its own, so that Ctrl-C reaches its supervisor only.
+
+    It stays in its supervisor's session: Linux divides the processor between sessions, and a
+    process alone in one was seen to wait for 0.1 s (docs/decisions/029).
+    """
 
     def __init__(self, process: ProcessSpec, cell_file: Path, write_line: WriteLine) -> None:
         """Start the process. It dies with the calling thread."""
@@ -84,7 +88,7 @@ class ChildProcess:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            start_new_session=True,
+            process_group=0,
         )
         self.pid = self._popen.pid
         self._pump = threading.Thread(target=self._pump_lines, daemon=True)
@@ -104,7 +108,7 @@ class ChildProcess:
         self._signal(signal.SIGTERM)
 
     def finish(self, patience_s: float) -> None:
-        """Wait for its end, then kill the rest of its session; close its output."""
+        """Wait for its end, then kill the rest of its group; close its output."""
         with suppress(subprocess.TimeoutExpired):
             self._popen.wait(max(patience_s, 0.0))
         self._signal(signal.SIGKILL)

@@ -15,6 +15,7 @@ from common.bus.cell_bus import open_bus
 from common.bus.configured_cell import ConfiguredCell
 from common.config.cell import CellConfig
 from common.motion.frames import Array
+from common.runtime.realtime import request_short_slices
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.messages import OPERATIONAL, ArbiterState, Health, Law
@@ -131,5 +132,7 @@ def _dropped(healths: Iterable[Health]) -> dict[str, int]:
 
 
 def _give_up_realtime(pid: int) -> None:
+    """Leave a process what it would have without the right to real-time priority."""
     for task in Path(f"/proc/{pid}/task").iterdir():
         os.sched_setscheduler(int(task.name), os.SCHED_OTHER, os.sched_param(0))
+    request_short_slices(pid)

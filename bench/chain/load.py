@@ -54,7 +54,11 @@ def _threads(pid: int) -> Threads:
 
 @contextmanager
 def busy_loops(count: int) -> Iterator[None]:
-    """Run loops without waiting, at normal priority, during the block."""
+    """Run loops without waiting, at normal priority, in sessions of their own during the block.
+
+    Programs that a person starts elsewhere are in other sessions, between which Linux divides the
+    processor (sched_autogroup).
+    """
     spawn = multiprocessing.get_context("spawn")
     loops = [spawn.Process(target=_spin, daemon=True) for _ in range(count)]
     for loop in loops:
@@ -68,5 +72,6 @@ def busy_loops(count: int) -> Iterator[None]:
 
 
 def _spin() -> None:
+    os.setsid()
     while True:
         pass

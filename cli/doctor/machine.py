@@ -75,7 +75,10 @@ def check_priority(*, is_granted: bool) -> ReportLine:
     """Check whether the services get real-time priority."""
     if is_granted:
         return passed("real-time priority", f"granted: SCHED_FIFO {PRIORITY}")
-    found = "not granted: CPU load can delay a message past its deadline; the arm then holds"
+    found = (
+        "not granted: CPU load can delay a message past its deadline; the arm then holds. Short "
+        "time slices are requested instead (from Linux 6.12 on)"
+    )
     return finding("real-time priority", "WARN", found, "priority")
 
 

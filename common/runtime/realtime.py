@@ -8,7 +8,9 @@ counts both (`/proc/thread-self/schedstat`, Documentation/scheduler/sched-stats.
 import ctypes
 import gc
 import os
+import platform
 import resource
+import struct
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +21,13 @@ from forcemesh.errors import ConfigError
 PRIORITY = 20  # above ordinary processes, below kernel threads and sound servers
 MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT = 1, 2, 4  # <sys/mman.h>
 CAP_IPC_LOCK = 14  # <linux/capability.h>
+SLICE_NS = 500_000  # about a step; by measurement (docs/decisions/029)
+SCHED_SETATTR = {
+    "x86_64": 314,
+    "aarch64": 274,
+}  # <asm/unistd.h>
+SCHED_ATTR = struct.Struct("=IIQiIQQQ")  # <linux/sched/types.h>: slice in the field sched_runtime
+SCHED_FLAG_KEEP_POLICY = 0x08  # <linux/sched.h>
 SCHEDSTAT = Path("/proc/thread-self/schedstat")  # ran [ns], waited [ns], times
 OWN_WORK = "its own step took that long"
 STOPPED = "it was stopped, or waited for memory or a disk"
@@ -48,14 +57,31 @@ def take_realtime_priority(priority: int = PRIORITY) -> bool:
 
     Call it after start-up: starting takes tenths of a second of CPU time, which at this priority
     would be taken from loops that already run. Threads started later inherit the priority. Without
-    the right (CAP_SYS_NICE or an rtprio limit) the process keeps its priority; its health reports
-    that.
+    the right (CAP_SYS_NICE or an rtprio limit) the process keeps its priority, which its health
+    reports, and requests short time slices.
     """
     try:
         _set_all_threads(os.SCHED_FIFO, priority)
     except (AttributeError, OSError):
+        request_short_slices(os.getpid())
         return False
     return True
+
+
+def request_short_slices(pid: int) -> None:
+    """Request short time slices for all threads of a process; it needs no right.
+
+    From Linux 6.12 on a woken thread goes before one with longer slices, while it has used less
+    than its share of the processor (Documentation/scheduler/sched-eevdf.rst). Others ignore it.
+    """
+    number = SCHED_SETATTR.get(platform.machine())
+    for thread in _threads(pid) if number else ():
+        with suppress(ProcessLookupError):  # the thread has ended
+            nice = os.getpriority(os.PRIO_PROCESS, thread)
+            attributes = SCHED_ATTR.pack(
+                SCHED_ATTR.size, 0, SCHED_FLAG_KEEP_POLICY, nice, 0, SLICE_NS, 0, 0
+            )
+            ctypes.CDLL(None).syscall(number, thread, attributes, 0)
 
 
 def bind_to_cores(cores: tuple[int, ...]) -> None:
@@ -110,9 +136,13 @@ def is_memory_locked() -> bool:
 
 
 def _set_all_threads(policy: int, priority: int) -> None:
-    for thread in Path("/proc/self/task").iterdir():
+    for thread in _threads(os.getpid()):
         with suppress(ProcessLookupError):  # the thread has ended
-            os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
+            os.sched_setscheduler(thread, policy, os.sched_param(priority))
+
+
+def _threads(pid: int) -> list[int]:
+    return [int(thread.name) for thread in Path(f"/proc/{pid}/task").iterdir()]
 
 
 def _may_lock_without_limit() -> bool:

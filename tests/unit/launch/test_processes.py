@@ -95,12 +95,13 @@ def test_the_cell_file_offers_the_implementations_of_the_table(row: Role) -> Non
 
 
 def test_processes_run_under_the_supervisor_and_none_is_left_after_it(cell: CellConfig) -> None:
-    """Each process has its own session and an entry in the run file; the file is removed last."""
+    """Each has its own group, in the same session, and is in the run file, which goes last."""
     with Supervisor(cell, DEMO, processes=[python("wrench", SLEEPER), python("robot", SLEEPER)]):
         pids = pids_of(cell)
         assert len(pids) == 2
         assert all(is_alive(pid, None) for pid in pids)
-        assert [os.getsid(pid) for pid in pids] == pids
+        assert [os.getpgid(pid) for pid in pids] == pids
+        assert {os.getsid(pid) for pid in pids} == {os.getsid(0)}
     assert not any(is_alive(pid, None) for pid in pids)
     assert read_run(cell.cell) is None
 
@@ -221,7 +222,7 @@ def test_a_hub_that_exits_ends_the_wait_at_once(cell: CellConfig) -> None:
 
 
 def test_a_process_that_will_not_end_is_killed_with_its_children(cell: CellConfig) -> None:
-    """SIGTERM first, then SIGKILL for the whole session: no orphans."""
+    """SIGTERM first, then SIGKILL for the whole group: no orphans."""
     output: list[str] = []
     parent = (
         "import subprocess, sys; "

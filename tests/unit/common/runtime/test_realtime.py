@@ -30,6 +30,30 @@ give_up_realtime_priority()
 print(policies())
 """
 
+# Without the right to real-time priority; sched_getattr(2) is one system call after sched_setattr.
+PRINTS_ITS_SLICES = """
+import ctypes, os, platform, threading
+from common.runtime import realtime
+
+def refuse(policy, priority):
+    raise PermissionError
+realtime._set_all_threads = refuse
+waits = threading.Event()
+def start():
+    threading.Thread(target=waits.wait, daemon=True).start()
+os.nice(5)
+start()
+print(realtime.take_realtime_priority())
+start()
+number = realtime.SCHED_SETATTR[platform.machine()] + 1
+for thread in realtime._threads(os.getpid()):
+    found = ctypes.create_string_buffer(realtime.SCHED_ATTR.size)
+    ctypes.CDLL(None).syscall(number, thread, found, len(found), 0)
+    _, policy, _, nice, _, slice_ns, _, _ = realtime.SCHED_ATTR.unpack(found)
+    print(policy, nice, slice_ns)
+"""
+SLICES_SINCE = (6, 12)  # Linux
+
 
 def printed_by(program: str) -> list[str]:
     """Run a program in a process of its own; return the lines that it prints."""
@@ -48,6 +72,22 @@ def test_all_threads_go_first_or_the_machine_does_not_grant_it() -> None:
     first, other = os.SCHED_FIFO, os.SCHED_OTHER
     assert found[0] in (f"True [{first}]", f"False [{other}]")
     assert found[1] == f"[{other}]"
+
+
+def test_without_the_right_all_threads_request_short_time_slices() -> None:
+    """Those of before and those to come; policy and nice value are kept."""
+    version = tuple(int(part) for part in os.uname().release.split(".")[:2])
+    granted_ns = realtime.SLICE_NS if version >= SLICES_SINCE else 0
+    taken, *threads = printed_by(PRINTS_ITS_SLICES)
+    assert taken == "False"
+    assert threads == [f"{os.sched_getscheduler(0)} {os.nice(0) + 5} {granted_ns}"] * 3
+
+
+def test_where_the_call_is_not_known_nothing_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On another processor its number is another one."""
+    monkeypatch.setattr(realtime.platform, "machine", lambda: "riscv64")
+    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda _: pytest.fail("a call"))
+    realtime.request_short_slices(os.getpid())
 
 
 def test_a_service_goes_first_only_while_it_works(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,9 +59,6 @@ class DemoCase:
 
 CASES = [
     DemoCase(),
-    DemoCase(loops=True),
-    DemoCase(builds=True),
-    DemoCase(cell=True),
     DemoCase(loops=True, builds=True, cell=True),
     DemoCase(loops=True, builds=True, cell=True, realtime=False),
 ]

@@ -1,7 +1,9 @@
 """Priority of processes: one that works goes first, one that starts or ends does not."""
 
+import ctypes
 import gc
 import os
+import platform
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -85,8 +87,8 @@ def test_without_the_right_all_threads_request_short_time_slices() -> None:
 
 def test_where_the_call_is_not_known_nothing_is_requested(monkeypatch: pytest.MonkeyPatch) -> None:
     """On another processor its number is another one."""
-    monkeypatch.setattr(realtime.platform, "machine", lambda: "riscv64")
-    monkeypatch.setattr(realtime.ctypes, "CDLL", lambda _: pytest.fail("a call"))
+    monkeypatch.setattr(platform, "machine", lambda: "riscv64")
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: pytest.fail("a call"))
     realtime.request_short_slices(os.getpid())
 
 

@@ -38,6 +38,7 @@ PARTS: dict[str, Callable[[], Table]] = {
     "demos": demos.table,
     "steps": steps.table,
     "instructions": steps.instructions_table,
+    "virtual": steps.virtual_table,
 }
 WRITERS: dict[str, Callable[[], None]] = {
     "settling": settling.write,

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rich.table import Table
 
+from bench.tables import on_screen
 from common.config.load import load_cell
 from controller.packet import ZERO_VEC, Packet, VecInt, encode
 from controller.packet_table import (
@@ -250,30 +251,23 @@ def _cost(
 
 def table() -> Table:
     """Return steps per second for every loop, and the load of the shipped program."""
-    rows = Table(title="AS emulator: steps/s of one core", title_justify="left")
-    rows.add_column("program")
-    rows.add_column("steps/s", justify="right")
-    rows.add_column("made", justify="right")
-    rows.add_column("one core", justify="right")
-    for name, body in LOOPS.items():
-        rows.add_row(name, f"{loop_cost(body).steps_per_s:.0f}", "", "")
+    rows = [[name, f"{loop_cost(body).steps_per_s:.0f}", "", ""] for name, body in LOOPS.items()]
     for name, feedback in (("forcemesh.as, idle", False), ("forcemesh.as, force feedback", True)):
         cost = shipped_cost(feedback=feedback)
         made, share = cost.steps / cost.virtual_s, 100 * cost.all_s / cost.virtual_s
-        rows.add_row(name, f"{cost.steps_per_s:.0f}", f"{made:.0f}", f"{share:.1f} %")
-    return rows
+        rows.append([name, f"{cost.steps_per_s:.0f}", f"{made:.0f}", f"{share:.1f} %"])
+    head = ("program", "steps/s", "made", "one core")
+    return on_screen("AS emulator: steps/s of one core", head, rows)
 
 
 def pace_table() -> Table:
     """Return report and loop rates of the shipped program by step time, in virtual time."""
-    rows = Table(title="forcemesh.as: a second of virtual time", title_justify="left")
-    rows.add_column("step time")
-    for column in ("samples, idle", "samples, force feedback", "turns of its loop"):
-        rows.add_column(column, justify="right")
+    rows = []
     for step_s in STEPS_S:
         (idle, _), (running, turns) = pace(step_s, feedback=False), pace(step_s, feedback=True)
-        rows.add_row(f"{step_s * 1e3:g} ms", *(f"{rate:.0f}" for rate in (idle, running, turns)))
-    return rows
+        rows.append([f"{step_s * 1e3:g} ms", *(f"{rate:.0f}" for rate in (idle, running, turns))])
+    head = ("step time", "samples, idle", "samples, force feedback", "turns of its loop")
+    return on_screen("forcemesh.as: a second of virtual time", head, rows)
 
 
 def pace(step_s: float, *, feedback: bool) -> tuple[float, float]:

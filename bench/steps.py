@@ -74,15 +74,15 @@ def through(call: Call, owner: Any, *names: str) -> Iterator[None]:
 
 def table() -> Table:
     """Return a row for each part: its budget and its times."""
-    rows = Table(title="a step while the arm presses, CPU time in us", title_justify="left")
-    for name in ("part", "budget", "median", "lowest", "in loops"):
-        rows.add_column(name, justify="left" if name == "part" else "right")
+    rows = []
     for name, part in PARTS.items():
         steps_us, loops_us = times_us(part)
         median_us, loop_us = statistics.median(steps_us), statistics.median(loops_us)
         times = (part.budget_us, median_us, min(steps_us))
-        rows.add_row(name, *(f"{time_us:.0f}" for time_us in times), f"{median_us / loop_us:.1f}")
-    return rows
+        in_loops = f"{median_us / loop_us:.1f}"
+        rows.append([name, *(f"{time_us:.0f}" for time_us in times), in_loops])
+    head = ("part", "budget", "median", "lowest", "in loops")
+    return on_screen("a step while the arm presses, CPU time in us", head, rows)
 
 
 @dataclass
@@ -146,15 +146,14 @@ def _loop() -> None:
 
 def instructions_table() -> Table:
     """Return a row for each part: its instructions."""
-    rows = Table(title="a step while the arm presses, thousand instructions", title_justify="left")
-    rows.add_column("part")
-    rows.add_column("instructions", justify="right")
+    rows = []
     for name, part in PARTS.items():
         counted = _instructions(name)
         if (part.role, part.cell) == ("robot", "demo.yaml"):
             counted -= _instructions(name, *PHYSICS)
-        rows.add_row(name, f"{counted / 1e3:.0f}")
-    return rows
+        rows.append([name, f"{counted / 1e3:.0f}"])
+    title = "a step while the arm presses, thousand instructions"
+    return on_screen(title, ("part", "instructions"), rows)
 
 
 def _instructions(*words: str) -> int:

@@ -185,7 +185,7 @@ def test_ci_runs_the_commands_that_a_person_runs() -> None:
         r"^\s*(?:part|timeout --kill-after=60 \$left) (make .*)$", text, re.MULTILINE
     )
     first = ["check", "whole-runs", "demo", "test", "test-long", "coverage", "mutate"]
-    targets = [*first, "chaos", "test-browser"]
+    targets = [*first, "bench-chain", "chaos", "test-browser"]
     assert [call.split()[1] for call in calls[:-1]] == targets
     assert calls[-1] == "make compose-test ARGS=--optional ||"
     assert run("bash", "-n", script).returncode == 0

@@ -1,9 +1,10 @@
 """Force while processes stand still, on the virtual clock: `python -m bench stalls`.
 
-The arm presses on the plate, later the set point goes to zero. From shortly before the touch on,
-one process or all of them stand still again and again: which one, how long and when is drawn from
-the seed. A process that stands still neither reads nor publishes; then it finds the newest message
-of each topic.
+The arm presses on the plate. It releases by a set point of zero, or is stopped and started again
+with that set point; then the request falls into a stall. From shortly before the touch on, one
+process or all of them stand still again and again: which one, how long and when is drawn from the
+seed. A process that stands still neither reads nor publishes; then it finds the newest message of
+each topic.
 """
 
 import random
@@ -37,6 +38,10 @@ PROCESSES = ("robot", "wrench", "regulator", "arbiter", "all")
 # Of even and odd seeds: the longest stall mostly ends in a hold.
 STALLS_MS = ((10, 30, 60), (10, 30, 60, 120))
 PAUSE_S = (0.15, 0.6)  # between two stalls
+# Of the seeds in turn: time from the beginning of a stall to the start that releases; None: the
+# running force feedback releases.
+START_LEADS_S = (None, None, None, None, -0.006, -0.002, 0.0, 0.012)
+REST_S = 0.3  # between its stop and its start
 MOST_PRESS, MOST_LIFT = 1.3, 0.05  # of the set point
 
 
@@ -86,6 +91,11 @@ class Stalls:
         self._from_ns = now_ns + pause_ns
         self._until_ns = self._from_ns + duration_ns
 
+    def begin(self, from_ns: int) -> None:
+        """Let the next stall begin at a time."""
+        self._until_ns += from_ns - self._from_ns
+        self._from_ns = from_ns
+
     def _gate(self, role: str, runner: Runner) -> None:
         step = runner.step
 
@@ -109,8 +119,17 @@ def drawn(seed: int) -> Callable[[], tuple[int, str, int]]:
     return draw
 
 
-def play(case: StallCase, draw: Callable[[], tuple[int, str, int]]) -> StalledRun:
-    """Press and release under stalls; after a hold the force is observed for a while."""
+def play(
+    case: StallCase, draw: Callable[[], tuple[int, str, int]], start_lead_s: float | None = None
+) -> StalledRun:
+    """Press and release under stalls; after a hold the force is observed for a while.
+
+    Args:
+        case: Law and contact.
+        draw: Returns the pause before a stall [ns], who stands still, and how long [ns].
+        start_lead_s: Time from the beginning of a stall to the start that releases [s], negative
+            if the start is first; None: the running force feedback releases.
+    """
     trial = DemoOverrides(
         stiffness_N_m=case.stiffness_N_m, delay_s=case.delay_ms / 1e3, law=case.law
     )
@@ -121,10 +140,15 @@ def play(case: StallCase, draw: Callable[[], tuple[int, str, int]]) -> StalledRu
     client.arm()
     client.force.start(SETPOINT_N)
     world.advance(APPROACH_S, lambda: world.arm.lift_off_m < NEAR_M)
-    Stalls(world, draw)
+    stalls = Stalls(world, draw)
     _observe(world, client, found, for_s=PRESS_S)
+    if start_lead_s is not None and not found.held:
+        client.force.stop()
+        _observe(world, client, found, for_s=REST_S)
+        stalls.begin(world.clock.now_ns() + round(max(0.0, -start_lead_s) * NS_PER_S))
+        _observe(world, client, found, for_s=max(0.0, start_lead_s))
     if not found.held:
-        client.force.set(0.0)
+        client.force.start(0.0) if start_lead_s is not None else client.force.set(0.0)
         _observe(world, client, found, for_s=RELEASE_S)
     return found
 
@@ -144,7 +168,8 @@ def _observe(
     stiffness_N_m = world.arm.settings.stiffness_N_m
     end_ns = world.clock.now_ns() + round(for_s * NS_PER_S)
     while world.clock.now_ns() < end_ns:
-        world.advance(OBSERVE_S, note)
+        left_s = (end_ns - world.clock.now_ns()) / NS_PER_S
+        world.advance(min(OBSERVE_S, left_s), note)
         if not found.held and client.status().state not in OPERATIONAL:
             found.held = True
             end_ns = world.clock.now_ns() + round(HELD_S * NS_PER_S)
@@ -152,7 +177,7 @@ def _observe(
 
 def _run(job: tuple[StallCase, int]) -> StalledRun:
     case, seed = job
-    return play(case, drawn(seed))
+    return play(case, drawn(seed), START_LEADS_S[seed % len(START_LEADS_S)])
 
 
 def rows() -> list[list[str]]:

@@ -77,6 +77,7 @@ class Regulator:
         self._session: ForceSession | None = None
         self._stop_reason = STOPPED
         self._now_ns = 0
+        self._put_ns = 0, 0  # of the last two targets
         self._wrench = bus.reader(topics.WRENCH)
         self._robot = bus.reader(topics.ROBOT_STATE)
         self._command = bus.reader(topics.ROBOT_COMMAND)
@@ -120,6 +121,7 @@ class Regulator:
             elif commander := active_commander(arbiter):
                 self._end(f"the {commander} commands the arm")
         self._target.put(self._propose(wrench, robot), wrench.origin)
+        self._put_ns = self._put_ns[1], now_ns
 
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:
         session, fresh, arm = self._session, wrench.fresh, robot.fresh
@@ -204,10 +206,13 @@ class Regulator:
         request, before, settings = session.request, session.motion, self._settings[session.law]
         released = self._command.read(self._now_ns)
         command = released.fresh
+        if command is not None and request.host == "pc":  # also before its first set point
+            unanswered_s = (self._now_ns - self._put_ns[0]) / NS_PER_S
+            is_late = is_late or released.age_s > unanswered_s  # two targets without an answer
         if command is None or command.pose is None:
             pose = record_of(before.T_base_tcp * self._T_tcp_flange)
         else:  # the arbiter's limits may delay the law's command
-            pose, is_late = command.pose, is_late or released.age_s > self._late_s
+            pose = command.pose
             if command.limited:
                 before = back_calculate(before, pose_of(pose) * self._T_flange_tcp)  # anti-windup
         session.setpoint_N = self._ramped_setpoint_N(session, dt_s)

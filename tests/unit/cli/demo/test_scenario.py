@@ -1,6 +1,7 @@
-"""Demo before any start: refusals, and the law that its table names."""
+"""Demo: refusals before any start, the law that its table names, an arbiter that seems silent."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -9,9 +10,18 @@ from cli.__main__ import app
 from cli.demo import scenario
 from cli.demo.cell import DemoOverrides, check_plan, demo_cell, surface_of
 from cli.demo.measures import measure, table
-from cli.demo.scenario import ScenarioPlan
+from cli.demo.scenario import SILENT_READINGS, Scenario, ScenarioPlan
+from forcemesh import topics
+from forcemesh.bus import Bus
 from forcemesh.errors import ConfigError
+from forcemesh.faults import refusal
+from forcemesh.messages import ArbiterStatus
+from forcemesh.reader import Reader, Reading
+from forcemesh.requests import Reply
+from forcemesh.topics import Request
+from launch.virtual_cell import VirtualCell
 from tests.fakes.bench import DEMO
+from tests.fakes.long import long
 from tuning.gain_rule import tune
 
 
@@ -63,3 +73,59 @@ def test_a_set_point_that_the_mode_does_not_hold_is_refused() -> None:
     with pytest.raises(ConfigError, match="holds no force"):
         check_plan(cell, ScenarioPlan(mode="orientation", setpoint_N=5.0))
     check_plan(cell, ScenarioPlan(mode="orientation"))
+
+
+class SilentReader:
+    """A reader that finds its topic silent at some readings, though its publisher is well."""
+
+    def __init__(self, reader: Reader[ArbiterStatus], readings: int) -> None:
+        """Silence begins after some readings."""
+        self._reader, self._readings = reader, iter(range(20 + readings))
+
+    def read(self, now_ns: int) -> Reading[ArbiterStatus]:
+        """Return the reading, silent or not."""
+        reading = self._reader.read(now_ns)
+        if next(self._readings, 0) < 20:
+            return reading
+        return reading._replace(fault="arbiter/status stale: 540 ms old", silent=True)
+
+
+@pytest.mark.parametrize("readings", [long(1), SILENT_READINGS, SILENT_READINGS + 1])
+def test_a_demo_that_did_not_run_itself_does_not_call_the_arbiter_silent(readings: int) -> None:
+    """Found: during other work the demo ended with `the arbiter is silent`, and the arm was well.
+
+    Messages that came while it did not run are delivered after its first readings.
+    """
+    world = VirtualCell(demo_cell(DEMO, DemoOverrides()))
+    plan = ScenarioPlan(press_N=10.0, settled_for_s=0.2)
+    run = Scenario(world.client, plan, check=lambda: None, progress=lambda *_: None)
+    run._until_ready()
+    run._arbiter = SilentReader(run._arbiter, readings)  # type: ignore[assignment]
+    if readings <= SILENT_READINGS:
+        assert run.run().settled_at_s is not None
+        return
+    with pytest.raises(scenario.ScenarioError, match="540 ms old"):
+        run.run()
+
+
+@pytest.mark.parametrize("refusals", [2, long(1_000_000)])
+def test_a_request_that_came_too_early_is_repeated(
+    monkeypatch: pytest.MonkeyPatch, refusals: int
+) -> None:
+    """Found: during other work a tare was refused with `repeat the request`: the demo ended."""
+    world = VirtualCell(demo_cell(DEMO, DemoOverrides()))
+    plan = ScenarioPlan(press_N=10.0, settled_for_s=0.2)
+    ask, left = Bus.ask, iter(range(refusals))
+
+    def early(bus: Bus, request: Request[Any], message: Any) -> Reply:
+        if request is topics.TARE and next(left, None) is not None:
+            return refusal("wait", "not enough samples yet: repeat the request")
+        return ask(bus, request, message)
+
+    monkeypatch.setattr(Bus, "ask", early)
+    run = Scenario(world.client, plan, check=lambda: None, progress=lambda *_: None)
+    if refusals == 2:
+        assert run.run().settled_at_s is not None
+        return
+    with pytest.raises(scenario.ScenarioError, match="repeat the request"):
+        run.run()

@@ -60,6 +60,7 @@ E0110 String is too long
 E0111 Cannot execute an instruction that is not supported
 E0112 CALL is nested too deep
 E1095 Cannot execute motion instruction in PC program
+E1117 Process time over
 E4007 Receiving data is too long (MAX=255 characters)
 E4019 Socket open failure
 E4020 Socket close failure

@@ -1,11 +1,11 @@
-"""Static check of a file (`--check`): its report, and the rules on lines and names.
+"""Static check of files (`--check`): the reports, and the rules on lines and names.
 
 Rules on lines and names: characters, length, variables that are never defined.
 """
 
 import re
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
@@ -36,6 +36,7 @@ from sim.as_language.syntax import (
 )
 
 VERDICTS = ("", "; strict: findings are errors", "; it does not parse")  # by exit code
+SUFFIXES = (".as", ".pg")
 LONGEST_LINE = 100
 NAME = re.compile(r"\.?[$#@&]?[A-Za-z][A-Za-z0-9_.]*", re.ASCII)
 NO_CODE = re.compile(r'"[^"]*"|\'.|;.*')
@@ -53,6 +54,16 @@ class LintReport(NamedTuple):
     source: SourceFile
     mistakes: tuple[SyntaxMistake, ...]
     findings: tuple[LintFinding, ...]
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of all programs."""
+        return sum(len(program.steps) for program in self.source.programs.values())
+
+    @property
+    def not_executed(self) -> list[LintFinding]:
+        """Findings of what the emulator parses but cannot execute."""
+        return [finding for finding in self.findings if finding.kind == "not executed"]
 
     def exit_code(self, *, strict: bool) -> int:
         """Return 2 if the file does not parse, 1 for findings in strict mode, else 0."""
@@ -87,12 +98,43 @@ def check_file(path: Path, *, strict: bool) -> int:
     return code
 
 
+def check_folder(folder: Path, *, least_share: float) -> int:
+    """Print what of the AS files in a folder and below it parses and is executed.
+
+    Args:
+        folder: With files *.as and *.pg.
+        least_share: Share of the files that must parse.
+
+    Returns:
+        The exit code: 1 if fewer files parse, 2 if there are none.
+    """
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES)
+    reports = [check_text(text_of(path), str(path)) for path in paths if path.is_file()]
+    if not reports:
+        sys.stderr.write(f"{folder}: there is no file {' or '.join(SUFFIXES)} in it\n")
+        return 2
+    broken = [report for report in reports if report.mistakes]
+    words = Counter(each.text for report in reports for each in report.not_executed)
+    lines = [
+        *(f"{each.mistakes[0]}; {len(each.mistakes)} in this file" for each in broken),
+        *(f"{count:6} times not executed: {text}" for text, count in words.most_common()),
+    ]
+    parsed = len(reports) - len(broken)
+    share, steps = parsed / len(reports), sum(report.steps for report in reports)
+    lines.append(
+        f"{folder}: {parsed} of {len(reports)} files parse, {100.0 * share:.1f} %, at least "
+        f"{100.0 * least_share:g} % shall; {sum(words.values())} words in {steps} steps are not "
+        "executed"
+    )
+    sys.stdout.writelines(f"{line}\n" for line in lines)
+    return int(share < least_share)
+
+
 def _summary(report: LintReport) -> str:
     source = report.source
-    steps = sum(len(program.steps) for program in source.programs.values())
-    unsupported = sum(finding.kind == "not executed" for finding in report.findings)
+    unsupported = len(report.not_executed)
     counts = {
-        "programs": len(source.programs), "steps": steps, "data values": len(source.data),
+        "programs": len(source.programs), "steps": report.steps, "data values": len(source.data),
         "skipped sections": len(source.skipped), "mistakes": len(report.mistakes),
         "not executed": unsupported, "warnings": len(report.findings) - unsupported,
     }  # fmt: skip

@@ -1,35 +1,44 @@
-"""Behaviour of the emulated controller where the manuals are ambiguous.
+"""Behaviour of the emulated controller where the manuals are ambiguous, or a setting decides.
 
 Each field is one open question. The defaults are the interpretation that public AS programs rely
 on; `pessimistic` selects the worse one of each. A program that passes with both is independent of
-the answers.
+the answers. A file like the ones that a probe of a real controller writes has the section
+`behaviour` with these fields.
 """
 
 import math
-from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
 
 from common.config.cell_sim import SimSection
+from forcemesh.connection import ConfigSection
+from forcemesh.yaml_file import read_yaml, validated
 
-SHORTEST_STEP_S = 1e-6
 DEFAULT_STEP_S = 0.0005
 
 
-@dataclass(frozen=True, slots=True)
-class Behaviour:
+class Behaviour(ConfigSection):
     """Interpreter speed and the answers to the open questions."""
 
-    step_s: float = DEFAULT_STEP_S  # one AS step of one task; all tasks share one processor
+    # One AS step of one task; all tasks share one processor.
+    step_s: float = Field(DEFAULT_STEP_S, ge=1e-6, le=1.0)
     whole_second_timeouts: bool = False  # a TCP time-out of 0.2 s becomes 1 s
     brake_keeps_prefetched: bool = False  # the motion queued behind the braked one starts
-    timer_grain_s: float = 0.0  # resolution of TIMER
+    timer_grain_s: float = Field(0.0, ge=0.0, le=1.0)  # resolution of TIMER
     send_ignores_timeout: bool = False  # TCP_SEND waits forever for a peer that does not read
-    planning_stall_s: float = 0.0  # no task executes a step while the robot program plans
+    # No task executes a step while the robot program plans.
+    planning_stall_s: float = Field(0.0, ge=0.0, le=10.0)
     stall_at_motions: tuple[int, ...] = ()  # motions of a run with a stall, counted from 1
-
-    def __post_init__(self) -> None:
-        """Raise ValueError for a step time out of range."""
-        if not SHORTEST_STEP_S <= self.step_s <= 1.0:
-            raise ValueError(f"step time is {self.step_s:g} s, must be within 1e-6 .. 1 s")
+    # A shorter motion that blends into the next one is error E1117.
+    least_segment_s: float = Field(0.0, ge=0.0, le=1.0)
+    # Motions that a program may have beyond the active one, with the one at whose step it waits.
+    motions_ahead: int = Field(1, ge=1, le=4)
+    joint_seconds_ignored: bool = False  # SPEED in seconds is 100 % in a joint motion
+    abs_speed: bool = False  # ABS.SPEED is ON at power-on
+    tcp_error_stands: bool = False  # a broken connection is a standing error and ends the program
+    pc_error_stops_robot: bool = False  # an error of a PC program also stops the robot program
 
     def timeout_s(self, asked_s: float) -> float:
         """Return the effective time-out of a TCP instruction [s]."""
@@ -42,6 +51,21 @@ class Behaviour:
         if self.timer_grain_s <= 0.0:
             return elapsed_s
         return math.floor(elapsed_s / self.timer_grain_s + 1e-9) * self.timer_grain_s
+
+    def changed(self, **fields: Any) -> "Behaviour":
+        """Return a copy with other answers. Raise ValueError for one out of range."""
+        return Behaviour(**(self.model_dump() | fields))
+
+
+class ControllerProbe(ConfigSection):
+    """File of a probed controller: how it behaves."""
+
+    behaviour: Behaviour = Behaviour()
+
+
+def behaviour_like(path: Path) -> Behaviour:
+    """Return the behaviour in the file of a probe. Raise ConfigError with all its mistakes."""
+    return validated(ControllerProbe, read_yaml(path, str(path)), str(path)).behaviour
 
 
 def pessimistic(step_s: float = DEFAULT_STEP_S) -> Behaviour:
@@ -59,4 +83,4 @@ def pessimistic(step_s: float = DEFAULT_STEP_S) -> Behaviour:
 
 def behaviour_in(sim: SimSection) -> Behaviour:
     """Return the behaviour of the emulated controller of a simulated cell."""
-    return (pessimistic if sim.as_pessimistic else Behaviour)(step_s=sim.as_step_s)
+    return pessimistic(sim.as_step_s) if sim.as_pessimistic else Behaviour(step_s=sim.as_step_s)

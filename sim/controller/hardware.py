@@ -12,7 +12,12 @@ from sim.as_language.errors import AsError
 from sim.as_language.keywords import words
 from sim.controller.behaviour import Behaviour
 from sim.controller.motion_queue import MotionQueue, Ticket
-from sim.controller.motion_requests import MotionRequest, MotionSettings
+from sim.controller.motion_requests import (
+    MotionParameters,
+    MotionRequest,
+    MotionSettings,
+    ProgramSpeed,
+)
 from sim.controller.network import Network
 from sim.controller.planner import inverse
 from sim.controller.tcp import TcpUnit
@@ -95,11 +100,16 @@ class Robot:
     pose of a program is the TOOL frame in the BASE frame, T_base_shift_tcp here.
     """
 
-    def __init__(self, arm: SimArm) -> None:
+    def __init__(self, arm: SimArm, behaviour: Behaviour) -> None:
         """Connect to an arm at rest."""
         self.arm = arm
         self.kinematics = arm.kinematics
-        self.queue = MotionQueue(arm.kinematics, arm.q)
+        self.queue = MotionQueue(
+            arm.kinematics,
+            arm.q,
+            motions_ahead=behaviour.motions_ahead,
+            least_segment_s=behaviour.least_segment_s,
+        )
         self.T_base_shift = pin.SE3.Identity()  # BASE
         self.T_flange_tcp = pin.SE3.Identity()  # TOOL
         self.motor_power = True
@@ -162,7 +172,7 @@ class Robot:
     def tick(self) -> None:
         """Advance by one millisecond. Raises AsError if a motion cannot be continued."""
         try:
-            waits = self.queue.ahead is not None and not self.queue.is_moving
+            waits = self.queue.is_ahead and not self.queue.is_moving
             self.queue.tick(TICK_S, arrived=waits and self.arrived)
         except AsError:
             self.queue.fail()
@@ -202,12 +212,12 @@ class Hardware:
         self.print_line = print_line
         self.now_ns = now_ns
         self.stalled_until_ns = 0
-        self.robot = Robot(arm)
+        self.robot = Robot(arm, behaviour)
         self.motion_settings = MotionSettings()
         self.motions = 0  # of this run of the robot program
         self.tcp = TcpUnit(network, send_ignores_timeout=behaviour.send_ignores_timeout)
         self.signals = Signals()
-        self.switches = dict(FACTORY_SWITCHES)
+        self.switches = FACTORY_SWITCHES | {"abs.speed": behaviour.abs_speed}
         self.repeat_mode = True
         self.teach_lock = False
         self.emergency = False
@@ -240,8 +250,19 @@ class Hardware:
         if not robot.motor_power:
             raise AsError("P1000")
         robot.queue.continuous_path = self.switches["cp"]
+        motion = motion._replace(manner=self._with_speed(motion))
         ticket = robot.queue.offer(motion, arrived=robot.arrived)
         self.motions += 1
         if self.motions in self.behaviour.stall_at_motions:
             self.stall(self.behaviour.planning_stall_s)
         return ticket
+
+    def _with_speed(self, motion: MotionRequest) -> MotionParameters:
+        """Return the parameters of a motion as switches and behaviour interpret its speed."""
+        manner = motion.manner
+        if manner.speed.unit == "M/S" and self.switches["abs.speed"]:
+            return manner._replace(absolute=True)
+        has_seconds = motion.kind == "joint" and manner.speed.unit == "S"
+        if has_seconds and self.behaviour.joint_seconds_ignored:
+            return manner._replace(speed=ProgramSpeed())
+        return manner

@@ -149,7 +149,7 @@ def _queue(
     speed: ProgramSpeed | None = None,
     pause_s: float = 0.0,
 ) -> Wait | None:
-    """Queue a motion to joint angles or a TOOL pose in BASE, and wait until it starts.
+    """Queue a motion to joint angles or a TOOL pose in BASE; wait until the queue has room again.
 
     Its own speed does not use up SPEED.
     """
@@ -157,7 +157,8 @@ def _queue(
     manner = hardware.motion_settings.take(hardware.robot.T_flange_tcp, speed)
     T_base_tcp = None if T is None else hardware.robot.T_base_shift * T
     ticket = hardware.move(MotionRequest(kind, manner, T_base_tcp=T_base_tcp, q=q, pause_s=pause_s))
-    return until(lambda _: ticket.state != "waiting")
+    queue = hardware.robot.queue
+    return until(lambda _: ticket.state != "waiting" or not queue.is_full)
 
 
 def _translation_z(distance_mm: float) -> pin.SE3:

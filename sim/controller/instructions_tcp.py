@@ -9,7 +9,14 @@ from sim.as_language.values import NUMBER, Value
 from sim.controller.instruction import Action, until
 from sim.controller.motion_requests import checked
 from sim.controller.tasks import Task, Wait
-from sim.controller.tcp import DEFAULT_TIMEOUT_S, ELEMENT_CHARS, PORTS, Operation, TcpResult
+from sim.controller.tcp import (
+    ABORTED,
+    DEFAULT_TIMEOUT_S,
+    ELEMENT_CHARS,
+    PORTS,
+    Operation,
+    TcpResult,
+)
 
 _MOST_ELEMENTS = 4096
 _LONGEST_TIMEOUT_S = 3600.0
@@ -120,7 +127,10 @@ def _wait_for(
     operation: Operation,
     finish: Callable[[TcpResult], None] = lambda _: None,
 ) -> Wait | None:
-    """Store the code as soon as the operation has completed; until then, poll it."""
+    """Store the code as soon as the operation has completed; until then, poll it.
+
+    Raises AsError E4025 for a broken connection where that is a standing error.
+    """
 
     def ends(now_ns: int) -> bool:
         outcome = operation(now_ns)
@@ -128,6 +138,8 @@ def _wait_for(
             return False
         store(task, outcome.code)
         finish(outcome)
+        if outcome.code == ABORTED and task.hardware.behaviour.tcp_error_stands:
+            raise AsError("E4025")
         return True
 
     return until(ends, task.hardware.now_ns)

@@ -1,10 +1,11 @@
-"""Motion queue of the robot program: one active motion, one ahead, superposed while blending.
+"""Motion queue of the robot program: one active motion, others ahead, superposed while blending.
 
 CP ON: the next motion starts once the active one is within its ACCURACY and decelerating; the
 two displacements are added in joint space. CP OFF: it starts when the arm has arrived. The program
-waits at the next motion's step until then ("one motion ahead").
+waits at the next motion's step until then ("one motion ahead"), or while the queue is full.
 """
 
+from collections import deque
 from typing import Literal
 
 import numpy as np
@@ -21,22 +22,38 @@ TicketState = Literal["waiting", "under way", "finished", "dropped"]
 class Ticket:
     """State of a queued motion."""
 
-    def __init__(self, motion: MotionRequest) -> None:
-        """Create the ticket of a motion that has not started."""
-        self.motion = motion
+    def __init__(self, motion: MotionRequest, q_to: Array) -> None:
+        """Create the ticket of a motion that has not started; it ends at q_to [rad]. Shape (6,)."""
+        self.motion, self.q_to = motion, q_to
         self.state: TicketState = "waiting"
 
 
 class MotionQueue:
     """Motion queue with one joint command per tick. Open loop: the caller passes `arrived`."""
 
-    def __init__(self, kinematics: ArmKinematics, q_start: Array) -> None:
-        """Start at rest at q_start [rad]. Shape (6,)."""
+    def __init__(
+        self,
+        kinematics: ArmKinematics,
+        q_start: Array,
+        *,
+        motions_ahead: int = 1,
+        least_segment_s: float = 0.0,
+    ) -> None:
+        """Start at rest at q_start [rad]. Shape (6,).
+
+        Args:
+            kinematics: Kinematics of the arm.
+            q_start: Joint angles [rad]. Shape (6,).
+            motions_ahead: Motions that a program may have beyond the active one, with the one at
+                whose step it waits.
+            least_segment_s: Least planned duration of a motion that blends into the next one [s].
+        """
         self._kinematics = kinematics
+        self._motions_ahead, self._least_segment_s = motions_ahead, least_segment_s
         self._active: list[tuple[Segment, Ticket]] = []
         self._pause_s = 0.0
         self._pausing: Ticket | None = None
-        self.ahead: Ticket | None = None
+        self._waiting: deque[Ticket] = deque()  # not started, in order
         self.continuous_path = True
         self.monitor_fraction = 0.1
         self.held = False
@@ -50,7 +67,17 @@ class MotionQueue:
     @property
     def busy(self) -> bool:
         """Whether a motion is active or queued."""
-        return self.is_moving or self.ahead is not None
+        return self.is_moving or self.is_ahead
+
+    @property
+    def is_ahead(self) -> bool:
+        """Whether a motion is queued that has not started."""
+        return bool(self._waiting)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the program waits at the step of the newest motion."""
+        return len(self._waiting) >= self._motions_ahead
 
     @property
     def is_moving(self) -> bool:
@@ -62,9 +89,9 @@ class MotionQueue:
 
         Raises AsError if its target cannot be reached from the end of the last motion.
         """
-        ticket = Ticket(motion)
-        joint_target(self._kinematics, motion, self.q_end)
-        self.ahead = ticket
+        q_from = self._waiting[-1].q_to if self._waiting else self.q_end
+        ticket = Ticket(motion, joint_target(self._kinematics, motion, q_from))
+        self._waiting.append(ticket)
         self._try_start(arrived=arrived)
         return ticket
 
@@ -75,16 +102,17 @@ class MotionQueue:
     # --- stopping ---------------------------------------------------------------------------------
 
     def brake(self, *, keep_ahead: bool) -> None:
-        """Stop and discard the active motions; also the motion ahead unless kept."""
+        """Stop and discard the active motions; also the motions ahead unless kept."""
         self.fail()
         self._end_pause()
         if not keep_ahead:
             self.drop_ahead()
 
     def drop_ahead(self) -> None:
-        """Discard the motion ahead."""
-        if self.ahead is not None:
-            self.ahead.state, self.ahead = "dropped", None
+        """Discard the motions ahead."""
+        for ticket in self._waiting:
+            ticket.state = "dropped"
+        self._waiting.clear()
 
     def reseed(self, q: Array) -> None:
         """Discard all motions and hold q [rad], after the motors were off. Shape (6,)."""
@@ -146,13 +174,15 @@ class MotionQueue:
     # --- starting ---------------------------------------------------------------------------------
 
     def _try_start(self, *, arrived: bool) -> None:
-        if self.ahead is None or self.held or not self._may_start(self.ahead, arrived=arrived):
+        if not self._waiting or self.held or not self._may_start(self._waiting[0], arrived=arrived):
             return
-        ticket, motion = self.ahead, self.ahead.motion
+        ticket = self._waiting[0]
+        motion = ticket.motion
         if motion.kind == "pause":
             self._pause_s, self._pausing = motion.pause_s, ticket
         else:
             try:
+                self._refuse_short_segment()
                 segment = plan(self._kinematics, motion, self.q_end)
             except AsError:
                 self.drop_ahead()
@@ -161,7 +191,17 @@ class MotionQueue:
                 self._base = self.q_command
             self._active.append((segment, ticket))
             self.q_end = segment.q_to
-        ticket.state, self.ahead, self.last = "under way", None, motion
+        self._waiting.popleft()
+        ticket.state, self.last = "under way", motion
+
+    def _refuse_short_segment(self) -> None:
+        """Raise AsError E1117 if the active motion is too short to blend into the next one."""
+        if not self._active:
+            return
+        planned_s = self._active[-1][0].planned_s(self.monitor_fraction)
+        if planned_s < self._least_segment_s:
+            least = f"a motion that blends needs {1e3 * self._least_segment_s:.0f} ms"
+            raise AsError("E1117", f"planned for {1e3 * planned_s:.1f} ms, {least}")
 
     def _may_start(self, ticket: Ticket, *, arrived: bool) -> bool:
         if self._pausing is not None:

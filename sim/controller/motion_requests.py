@@ -56,6 +56,7 @@ class MotionParameters(NamedTuple):
     accuracy_m: float = 0.001
     accel_fraction: float = 1.0
     decel_fraction: float = 1.0
+    absolute: bool = False  # ABS.SPEED: a speed in MM/S is not scaled by the monitor speed
 
 
 class MotionRequest(NamedTuple):

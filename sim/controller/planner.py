@@ -44,12 +44,21 @@ _SHORTEST = 1e-9
 
 
 class Ramp(NamedTuple):
-    """Rates of a segment per unit of its extent: cap [1/s], accel, decel, brake [1/s^2]."""
+    """Rates of a segment per unit of its extent: cap [1/s], accel, decel, brake [1/s^2].
+
+    `absolute_below` is the rate of full speed where the monitor speed scales only that (ABS.SPEED),
+    else 0.
+    """
 
     cap: float
     accel: float
     decel: float
     brake: float
+    absolute_below: float = 0.0
+
+    def fed(self, feed: float) -> float:
+        """Return the cap at a monitor speed, as a fraction [1/s]."""
+        return min(self.cap, self.absolute_below * feed) if self.absolute_below else self.cap * feed
 
 
 class Segment:
@@ -70,6 +79,10 @@ class Segment:
     def covered(self) -> Array:
         """Joint displacement so far [rad]. Shape (6,)."""
         return self.q - self.q_from
+
+    def planned_s(self, feed: float) -> float:
+        """Return the duration at program speed times monitor speed, without ramps [s]."""
+        return 1.0 / self.ramp.fed(feed)
 
     def tick(self, dt_s: float, feed: float) -> None:
         """Advance; `feed` is the monitor speed as a fraction, zero while held.
@@ -96,7 +109,7 @@ class Segment:
         half = 0.5 * ramp.decel * dt_s
         stopping = max(math.sqrt(half * half + 2.0 * ramp.decel * (1.0 - self.share)) - half, half)
         faster = self.rate + ramp.accel * dt_s
-        capped = max(ramp.cap * feed, self.rate - ramp.brake * dt_s)
+        capped = max(ramp.fed(feed), self.rate - ramp.brake * dt_s)
         self.slowing = stopping <= min(faster, capped)
         return max(0.0, min(faster, capped, stopping))
 
@@ -181,6 +194,8 @@ def _linear(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> 
     q_to = line.walk(q_from)
     cap = min(motion.manner.speed.linear_m_s(line.extent_m), LINEAR_MAX_M_S) / line.extent_m
     ramp = _ramp(motion.manner, cap, LINEAR_ACCEL_M_S2 / line.extent_m)
+    if motion.manner.absolute:
+        ramp = ramp._replace(absolute_below=LINEAR_MAX_M_S / line.extent_m)
     return Segment(line, ramp, q_from=q_from, q_to=q_to)
 
 

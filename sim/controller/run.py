@@ -6,7 +6,6 @@
 import argparse
 import threading
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -23,10 +22,11 @@ from common.runtime.service import (
 )
 from forcemesh.clock import Clock, MonotonicClock
 from forcemesh.errors import ConfigError
+from forcemesh.yaml_file import validated
 from sim.as_language.errors import AsError
 from sim.as_language.parser import load
 from sim.as_language.syntax import SourceFile
-from sim.controller.behaviour import Behaviour, behaviour_in, pessimistic
+from sim.controller.behaviour import Behaviour, behaviour_in, behaviour_like, pessimistic
 from sim.controller.machine import Machine
 from sim.controller.network import SocketNetwork
 from sim.controller.service import ControllerNetft, ControllerSensor, EmulatedController
@@ -48,17 +48,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def behaviour_of(arguments: argparse.Namespace) -> Behaviour:
-    """Return the behaviour of the cell, or the default, with the command-line options applied.
+    """Return the behaviour of a probe, of the cell, or the default, with the options applied.
 
-    Raises ConfigError for a step time out of range.
+    Raises ConfigError for a step time out of range, and for mistakes in the file of the probe.
     """
     sim = load_cell(arguments.cell).sim if arguments.cell else None
     usual = Behaviour() if sim is None else behaviour_in(sim)
+    if arguments.like is not None:
+        usual = behaviour_like(arguments.like)
     step_s = usual.step_s if arguments.step_ms is None else float(arguments.step_ms) * 1e-3
-    try:
-        return pessimistic(step_s) if arguments.pessimistic else replace(usual, step_s=step_s)
-    except ValueError as error:
-        raise ConfigError("command line", [str(error)]) from error
+    usual = pessimistic() if arguments.pessimistic else usual
+    return validated(Behaviour, usual.model_dump() | {"step_s": step_s}, "command line")
 
 
 def run_alone(

@@ -337,6 +337,8 @@ class TaskControl:
                 return
         task.stop = self.error = stop
         task.set_state("stopped" if task.is_robot else "idle")
-        if task.is_robot:
+        if task.is_robot or self.hardware.behaviour.pc_error_stops_robot:
             self.hardware.robot.queue.brake(keep_ahead=False)
+            if self.robot_task.state == "running":
+                self.robot_task.set_state("stopped")
         self.hardware.print_line(f"error: {stop}")

@@ -87,7 +87,7 @@ def test_silence_stops_a_motion_within_the_limit_and_latches(behaviour: Behaviou
     assert standing_s(talk) < WATCHDOG_S + BRAKE_S
     assert talk.value("fm.fault") == 1
     assert any(p.param & Status.WATCHDOG_LATCHED for p in talk.received(Com.POSE))
-    assert talk.robot.queue.ahead is None
+    assert not talk.robot.queue.is_ahead
     comes_back_held(talk)
 
 

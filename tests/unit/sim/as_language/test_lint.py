@@ -124,6 +124,43 @@ def test_the_exit_code_reports_whether_the_file_parses(
     assert words in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("options", "code"), [([], 1), (["--share", "66"], 0)])
+def test_a_folder_needs_a_share_of_files_that_parse(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], code: int
+) -> None:
+    """In all folders below it; words that are not executed are counted, the most frequent first."""
+    (tmp_path / "below").mkdir()
+    (tmp_path / "notes.txt").write_text("no program")
+    (tmp_path / "a.as").write_text(".PROGRAM a()\nXMOVE p TILL 1\nXMOVE q TILL 1\nALIGN\n.END\n")
+    (tmp_path / "below" / "B.PG").write_text(CLEAN)
+    (tmp_path / "c.as").write_text(CLEAN.replace("= 1", "="))
+    assert main(["--check", *options, str(tmp_path)]) == code
+    broken, often, once, summary = capsys.readouterr().out.splitlines()
+    assert "c.as:" in broken
+    assert "2 times not executed: instruction that is not emulated: XMOVE" in often
+    assert "1 times not executed: instruction that is not emulated: ALIGN" in once
+    assert "2 of 3 files parse, 66.7 %" in summary
+    assert "3 words in 6 steps are not executed" in summary
+
+
+@pytest.mark.parametrize("share", ["nan", "101", "-1", "most"])
+def test_a_share_that_is_no_percentage_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], share: str
+) -> None:
+    """Not-a-number would let every folder pass."""
+    with pytest.raises(SystemExit):
+        main(["--check", "--share", share, str(tmp_path)])
+    assert "argument --share" in capsys.readouterr().err
+
+
+def test_a_folder_without_as_files_is_exit_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It would otherwise pass with nothing read."""
+    assert main(["--check", str(tmp_path)]) == 2
+    assert "there is no file .as or .pg in it" in capsys.readouterr().err
+
+
 def test_a_missing_file_is_one_line_and_exit_code_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

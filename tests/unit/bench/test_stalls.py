@@ -47,6 +47,14 @@ def test_a_start_during_a_stall_does_not_lift_off(
     assert found.press > 0.9
 
 
+@pytest.mark.parametrize("process", ["wrench", "all"])
+def test_a_start_on_stale_data_is_refused_and_the_arm_stays(process: str) -> None:
+    """Found: the bench ended with the refusal."""
+    found = play(CASES[2], once(1e3, process, 0.12), 0.115)
+    assert found.held
+    assert found.is_good, found
+
+
 @pytest.mark.parametrize("seed", [0, 1, *(long(seed) for seed in range(2, 12))])
 @pytest.mark.parametrize("case", CASES[2:], ids=str)
 def test_processes_that_wake_a_little_late_change_nothing(case: StallCase, seed: int) -> None:

@@ -42,7 +42,7 @@ SETTLED_TORQUE_NM = 0.1
 SETTLED_FOR_S = 1.0
 REFRESH_S = 0.05
 # Readings of a silent arbiter, one a sample: a demo that did not run itself reads before its bus
-# has delivered what came meanwhile.
+# has delivered the messages of that time.
 SILENT_READINGS = 50
 
 Check = Callable[[], None]

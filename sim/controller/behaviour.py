@@ -8,7 +8,6 @@ the answers. A file like the ones that a probe of a real controller writes has t
 
 import math
 from pathlib import Path
-from typing import Any
 
 from pydantic import Field
 
@@ -51,10 +50,6 @@ class Behaviour(ConfigSection):
         if self.timer_grain_s <= 0.0:
             return elapsed_s
         return math.floor(elapsed_s / self.timer_grain_s + 1e-9) * self.timer_grain_s
-
-    def changed(self, **fields: Any) -> "Behaviour":
-        """Return a copy with other answers. Raise ValueError for one out of range."""
-        return Behaviour(**(self.model_dump() | fields))
 
 
 class ControllerProbe(ConfigSection):

@@ -19,7 +19,7 @@ SERVER = program(
 
 def changed(**fields: Any) -> Behaviour:
     """Return a quick controller with other answers."""
-    return FAST.changed(**fields)
+    return Behaviour(**(FAST.model_dump() | fields))
 
 
 def stream(step_mm: float, speed_mm_s: float, *, cp: str = "CP ON") -> str:

@@ -19,6 +19,10 @@ class SimSection(ConfigSection):
     as_step_s: float = Field(0.0001, ge=1e-6, le=0.01)  # of the emulated controller's programs
     netft: bool = False  # the emulated controller serves its sensor over RDT at sensor.port
     as_pessimistic: bool = False  # worst-case reading where the controller manuals are unclear
+    # Of the emulated controller: a shorter motion that blends into the next one is error E1117, and
+    # motions that it takes from a program ahead.
+    as_least_segment_s: float = Field(0.03, ge=0.0, le=1.0)
+    as_motions_ahead: int | None = Field(None, ge=1, le=4)  # none: 1, and 3 if pessimistic
     stiffness_N_m: float = Field(2e4, ge=1e3, le=2e5)  # of the plate
     tilt_stiffness_Nm_rad: float | None = Field(None, gt=0.0, le=1e4)
     tilt_deg: float = Field(0.0, ge=0.0, le=20.0)

@@ -15,7 +15,7 @@ from sim.as_language.values import MAX_CHARACTERS, single
 
 Argument = Expression | None
 ONE = syntax.Number(1.0)
-SPELLINGS = {"=<": "<=", "=>": ">=", "!=": "<>"}
+SPELLINGS = {"=<": "<=", "=>": ">=", "!=": "<>", "%": "MOD"}
 
 
 class ParsedLine(NamedTuple):
@@ -70,14 +70,18 @@ class LineBuilder(Transformer[Token, ParsedLine]):
     def point(
         self,
         part: Token | None,
-        target: Expression,
-        value: Expression,
+        place: Expression,
+        value: Expression | None = None,
         configuration: Expression | None = None,
     ) -> Statement:
-        """`POINT/X p = q, #c`."""
-        return syntax.PointStatement(
-            _variable(target), value, "" if part is None else part[1:].upper(), configuration
-        )
+        """`POINT/X p = q, #c`, `POINT a+b = c`; `POINT p` is an instruction."""
+        if value is None:
+            return syntax.Instruction("POINT", (place,), () if part is None else (part.upper(),))
+        relative_to = None
+        if isinstance(place, syntax.Binary) and place.operator == "+":
+            relative_to, place = place.left, place.right
+        letters = "" if part is None else part[1:].upper()
+        return syntax.PointStatement(_variable(place), value, letters, configuration, relative_to)
 
     def here(self, place: Expression) -> Statement:
         """`HERE a+b`."""
@@ -113,10 +117,12 @@ class LineBuilder(Transformer[Token, ParsedLine]):
         """`PRINT 2: "x",1`."""
         return syntax.Print(keyword.value, _given(items), device)
 
-    def switch(self, name: Token, number: Expression | None, state: Token) -> Statement:
-        """`CP ON`, `RTC_SW 1: ON`."""
-        numbers = () if number is None else (number,)
-        return syntax.Instruction("SWITCH", (syntax.Word(name.lower()), *numbers), (state.upper(),))
+    def switch(self, *items: Token | Expression) -> Statement:
+        """`CP ON`, `CP, QTOOL OFF`, `RTC_SW 1: ON`."""
+        *names, state = [item for item in items if isinstance(item, Token)]
+        robots = [f"{item.value:g}:" for item in items if isinstance(item, syntax.Number)]
+        arguments = tuple(syntax.Word(name.lower()) for name in names)
+        return syntax.Instruction("SWITCH", arguments, (*robots, state.upper()))
 
     def on(self, keyword: Token, part: Token | None, *items: Argument | Token) -> Statement:
         """`ON/ERR 1001 CALL p,10`, `ON 1001 GOTO 10`, `XMOVE/ERR p TILL 1001`."""
@@ -135,6 +141,11 @@ class LineBuilder(Transformer[Token, ParsedLine]):
         arguments = _given(tuple(item for item in items if not isinstance(item, Token)))
         if number is None and name in keywords.TAKES_TASK_NUMBER:
             number = ONE
+        if isinstance(number, syntax.Number) and name.startswith("MC "):
+            words.append(f"{number.value:g}:")  # the number of a robot
+            number = None
+        if name == "PROMPT":
+            number = None  # the number of a device: all share one terminal
         if number is not None:
             arguments = (number, *arguments)
         return syntax.Instruction(name, arguments, tuple(words), unknown=keyword[0] == "?")
@@ -202,8 +213,9 @@ class LineBuilder(Transformer[Token, ParsedLine]):
     def function(self, name: Token, *arguments: Argument) -> Expression:
         """`LEN($s)`."""
         upper, given = name.upper(), _given(arguments)
-        if upper in keywords.WORD_ARGUMENTS:
-            given = tuple(as_word(argument) for argument in given)
+        word = keywords.WORD_ARGUMENTS.get(upper)
+        if word is not None:
+            given = (*given[:word], *map(as_word, given[word : word + 1]), *given[word + 1 :])
         return syntax.FunctionCall(upper, given)
 
     def joint_literal(self, *values: Expression) -> Expression:

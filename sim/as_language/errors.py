@@ -14,6 +14,7 @@ TEXTS = dict(
     for line in """\
 P0100 Illegal input data
 P0101 Too many arguments
+P0104 Illegal robot number
 P0108 Syntax error
 P0109 Invalid statement
 P0111 Cannot use in this mode
@@ -44,6 +45,7 @@ P1000 Motor power is off
 P1001 Teach mode
 P1002 Teach lock is on
 P1009 A program is running already
+P1011 Cannot continue this program. Use EXECUTE
 P1013 Cannot execute in error state
 P1014 Program is already in use
 P1019 PC program is running
@@ -59,9 +61,17 @@ E0109 Floating point overflow
 E0110 String is too long
 E0111 Cannot execute an instruction that is not supported
 E0112 CALL is nested too deep
+E1070 ON/ONI signal is already input
+E1071 XMOVE signal is already input
+E1075 Illegal clamp number
 E1095 Cannot execute motion instruction in PC program
+E1097 Missing C1MOVE or C2MOVE instruction
+E1098 C1MOVE instruction required before C2MOVE
+E1099 Unable to create arc path, check positions of the 3 points
 E1117 Process time over
+E1184 Illegal configuration for motion
 E4007 Receiving data is too long (MAX=255 characters)
+E4012 Waiting for input of PROMPT. Connect input device
 E4019 Socket open failure
 E4020 Socket close failure
 E4021 Communication error

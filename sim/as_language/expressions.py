@@ -33,13 +33,26 @@ from sim.as_language.memory import (
 )
 from sim.as_language.operators import BINARY, UNARY
 from sim.as_language.special_functions import (
+    A_PROGRAM,
+    DATA_TYPES,
     EXISTS,
     EXTREMES,
+    NAMED,
     exists,
     extreme_index,
+    named_value,
 )
 from sim.as_language.syntax import Expression, FunctionCall, Variable
-from sim.as_language.values import NUMBER, Joints, Pose, Transformation, Value, joints, text
+from sim.as_language.values import (
+    NUMBER,
+    Joints,
+    Pose,
+    Transformation,
+    Value,
+    joints,
+    text,
+    truth,
+)
 
 ZERO, ONE = syntax.Number(0.0), syntax.Number(1.0)
 
@@ -315,6 +328,8 @@ def _function(call: FunctionCall) -> Read:
         return _decode(call)
     if call.name in EXISTS or call.name in EXTREMES:
         return _lookup(call)
+    if call.name in NAMED or call.name == "EXISTDATA":
+        return _named(call)
     function = FUNCTIONS.get(call.name)
     if function is None:
         return refuse("P0115", f"{call.name} is not emulated")
@@ -369,8 +384,34 @@ def _lookup(call: FunctionCall) -> Read:
         local = name.startswith("EXISTLOCAL") or found.startswith(".")
         names = context.locals if local else context.globals
         if name in EXISTS:
-            return exists(name, found, names)
+            return exists(EXISTS[name], found, names)
         return extreme_index(name, found, int(dimension_of(context)), names)
+
+    return run
+
+
+def _named(call: FunctionCall) -> Read:
+    """Compile STRTOPOS, STRTOVAL and EXISTDATA: of a string with the name of a variable."""
+    name = call.name
+    match call.arguments:
+        case (item,) if item is not None and name != "EXISTDATA":
+            letter = ""
+        case (item, syntax.Word(letter)) if item is not None and name == "EXISTDATA":
+            pass
+        case _:
+            return refuse("P0116", f"{name} takes a string; EXISTDATA also P, T, R, S, I or G")
+    if letter and letter != A_PROGRAM and letter not in DATA_TYPES:
+        return refuse("P0116", f"EXISTDATA: the type is P, T, R, S, I or G, not {letter.upper()}")
+    spelling = text_of(item)
+
+    def run(context: EvaluationContext) -> Value:
+        found = spelling(context)
+        names = context.locals if found.startswith(".") else context.globals
+        if letter == A_PROGRAM:
+            return truth(context.machine.has_program(found.lower()))
+        if letter:
+            return exists(DATA_TYPES[letter], found, names)
+        return named_value(name, found, names)
 
     return run
 

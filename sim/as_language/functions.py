@@ -163,6 +163,13 @@ def bits(name: str, most: int) -> Callable[[MachineInterface, float, float], flo
     return compute
 
 
+def system_data(
+    machine: MachineInterface, keyword: str, first: float = 1.0, second: float = 1.0
+) -> float:
+    """SYSDATA(keyword,opt1,opt2)."""
+    return single(machine.system_number(keyword.lower(), int(first), int(second)))
+
+
 def _joint(value: float) -> int:
     joint = int(value)
     if joint not in JOINTS:
@@ -187,9 +194,12 @@ NUMBER_FUNCTIONS = {
     "BITS32": AsFunction("mrr", bits("BITS32", 32)),
     "SWITCH": AsFunction("mw", lambda machine, name: truth(machine.switch(name))),
     "EXISTPGM": AsFunction("mw", lambda machine, name: truth(machine.has_program(name.lower()))),
+    "WHICHTASK": AsFunction("ms", lambda machine, name: float(machine.task_of(name.lower()))),
     "TASK": AsFunction("mr", lambda machine, number: float(machine.task_state(int(number)))),
     "ERROR": AsFunction("mr", lambda machine, _=0.0: float(machine.error_number())),
     "TIMER": AsFunction("mr", lambda machine, number: single(machine.timer_s(int(number)))),
+    "UTIMER": AsFunction("mr", lambda machine, zero: single(machine.user_timer_s(zero))),
+    "SYSDATA": AsFunction("mwrr", system_data),
     "MSPEED": AsFunction("mr", lambda machine, _=0.0: single(machine.monitor_speed_percent())),
     "IQARM": AsFunction("mr", lambda machine, n: single(machine.motor_current_A(_joint(n)))),
     "TRQNM": AsFunction("mr", lambda machine, n: single(machine.motor_torque_Nm(_joint(n)))),
@@ -379,6 +389,8 @@ TEXT_FUNCTIONS = {
     "$ERRORS": AsFunction("s", lambda code: error_text(code.strip().upper())),
     "$DATE": AsFunction("mr", lambda machine, _=0.0: machine.date()),
     "$TIME": AsFunction("mr", lambda machine, _=0.0: machine.time()),
+    "$TIME_MS": AsFunction("mr", lambda machine, _=0.0: machine.time_ms()),
+    "$SYSDATA": AsFunction("mwr", lambda machine, word, _=1.0: machine.system_text(word.lower())),
 }
 
 FUNCTIONS: Mapping[str, AsFunction] = {

@@ -23,8 +23,14 @@ from sim.as_language.syntax import Node
 GRAMMAR = Path(__file__).with_name("grammar.lark")
 DEEPEST = 100
 UNREAD = re.compile(
-    r"\s*((?P<label>\d+)\s+)?(?P<word>[A-Za-z][\w.]*)(?P<rest>\s+(?![=\[\s]).*|[^\s\w.=\[].*)?$",
+    r"\s*((?P<label>\d+)\s+)?(?P<word>[A-Za-z][\w.]*)(?P<rest>\s+(?![=\[\s]).*|[^\s\w.=\[$].*)?$",
     re.ASCII,
+)
+# A block step of the pendant: speed, accuracy, timer, tool, clamps, signals, joint values.
+BLOCK_STEP = re.compile(
+    r"\s*((?P<label>\d+)\s+)?(?P<word>" + "|".join(sorted(keywords.BLOCK_STEPS)) + r")\s+"
+    r"(?P<rest>(SPEED\s*)?\d[^;]*#\[[^;]*\]\s*(;.*)?)",
+    re.ASCII | re.IGNORECASE,
 )
 MISTAKES = (UnexpectedCharacters, UnexpectedToken, AsError)
 LEAF_NODES = (syntax.Number, syntax.Text, syntax.Word, syntax.Format)
@@ -59,6 +65,10 @@ def parse_line(text: str) -> ParsedLine:
 
     Cached by text: programs repeat lines, and versions of a program share most of them.
     """
+    block = BLOCK_STEP.fullmatch(text)
+    if block is not None:
+        rest = syntax.Text(block["rest"].strip())
+        return ParsedLine(block["label"], syntax.Instruction(block["word"].upper(), (rest,)))
     try:
         line = cast("ParsedLine", _lark().parse(text, start="line"))
     except MISTAKES as error:
@@ -215,8 +225,10 @@ def _is_assignment(tokens: list[Token]) -> bool:
 
 
 def _is_switch(tokens: list[Token]) -> bool:
-    """Return whether the line is a switch statement: `CP ON` or `RTC_SW 1: ON`."""
+    """Return whether the line is a switch statement: `CP, QTOOL ON` or `RTC_SW 1: ON`."""
     *others, last = [token.type for token in tokens[1:]] or [""]
+    while others[:2] == ["_COMMA", "NAME"]:
+        others = others[2:]
     return (
         last == "NAME"
         and tokens[-1].upper() in {"ON", "OFF"}
@@ -243,7 +255,7 @@ def _behind(keyword: Token, rest: list[Token]) -> Iterator[Token]:
         match rest:
             case [Token(type="FORMAT") as part, *rest]:
                 yield part.update("PART")
-            case [Token(type="SLASH") as slash, Token(type="NAME") as name, *rest]:
+            case [Token(type="SLASH") as slash, Token(type="NAME" | "NUMBER") as name, *rest]:
                 yield slash.update("PART", f"/{name}")
     if keyword.type == "_GOTO" and rest and rest[0].type in {"NAME", "NUMBER"}:
         rest[0] = rest[0].update("TARGET")

@@ -105,7 +105,12 @@ def _unsupported(node: object) -> Found:
     match node:
         case syntax.Instruction(name=name, unknown=unknown) if name not in keywords.EMULATED:
             what = "unknown instruction" if unknown else "instruction that is not emulated"
-            yield "instruction", f"{what}: {name}"
+            block = name in keywords.BLOCK_STEPS and not unknown
+            yield "instruction", f"{'block step of the pendant' if block else what}: {name}"
+        case syntax.Instruction("SWITCH", names):
+            for name in (item.name for item in names if isinstance(item, syntax.Word)):
+                if name not in keywords.SWITCHES:
+                    yield "instruction", f"unknown switch: {name.upper()}"
         case FunctionCall(name=name) if name not in ALL_NAMES:
             yield "function", f"unknown function: {name}"
         case FunctionCall(name=name, arguments=arguments) if name in FUNCTIONS:

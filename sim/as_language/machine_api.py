@@ -69,11 +69,23 @@ class MachineInterface(Protocol):
     def task_state(self, number: int) -> int:
         """Return TASK: 0 not running, 1 running, 2 held, 3 waiting for the end of a motion."""
 
+    def task_of(self, name: str) -> int:
+        """Return WHICHTASK: the number of the task that is in a program (lower case), or -1."""
+
     def error_number(self) -> int:
         """Return ERROR: 0, or -3xxxx for Exxxx and so on (`AsError.number`)."""
 
     def timer_s(self, number: int) -> float:
         """Return TIMER 0 to 10 [s]; TIMER 0 is the time since the controller started."""
+
+    def user_timer_s(self, zero_ms: float) -> float:
+        """Return UTIMER [s], of an integer variable that the instruction UTIMER has set."""
+
+    def system_number(self, keyword: str, first: int, second: int) -> float:
+        """Return SYSDATA of a keyword (lower case); P0116 for an unknown one."""
+
+    def system_text(self, keyword: str) -> str:
+        """Return $SYSDATA of a keyword (lower case); P0116 for an unknown one."""
 
     def random(self) -> float:
         """Return a number in [0, 1) (RANDOM)."""
@@ -83,6 +95,9 @@ class MachineInterface(Protocol):
 
     def time(self) -> str:
         """Return $TIME."""
+
+    def time_ms(self) -> str:
+        """Return $TIME_MS."""
 
     def has_program(self, name: str) -> bool:
         """Return whether a program of that name (lower case) is loaded (EXISTPGM)."""

@@ -137,7 +137,10 @@ Locals = Namespace
 def _parts(spelling: str) -> tuple[str, list[float]]:
     key, _, rest = spelling.lower().partition("[")
     indices = rest.rstrip("] ")
-    return key, [float(number) for number in indices.split(",")] if indices else []
+    try:
+        return key, [float(number) for number in indices.split(",")] if indices else []
+    except ValueError:
+        raise AsError("P0119", f"{spelling}: an index must be a number") from None
 
 
 def key_of(variable: Variable) -> str:

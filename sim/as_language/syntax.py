@@ -170,13 +170,15 @@ class Assign(Statement):
 class PointStatement(Statement):
     """`POINT p = expr`, `POINT #j = trans, #configuration`, `POINT/X p = q`.
 
-    `part` is "" or one of X Y Z OAT O A T (also EXT and similar: not executed).
+    `POINT a+b = c` defines the rightmost, relative to the rest. `part` is "" or one of X Y Z OAT O
+    A T (also EXT and 7 to 18: not executed).
     """
 
     target: Variable
     value: Expression
     part: str = ""
     configuration: Expression | None = None
+    relative_to: Expression | None = None
 
 
 class Here(Statement):
@@ -314,9 +316,11 @@ class Instruction(Statement):
     SPEED 30 MM/S ALWAYS   ("SPEED", (30,), ("MM/S", "ALWAYS"))
     PCEXECUTE 2: p,-1      ("PCEXECUTE", (2, Word p, -1)); without a number: 1 (Number)
     PCABORT 2:, PCEND 2:   ("PCABORT", (2,))
-    MC EXECUTE p,-1        ("MC EXECUTE", (Word p, -1))
+    MC EXECUTE p,-1        ("MC EXECUTE", (Word p, -1)); MC SPEED 1: 5 has (5,) and ("1:",)
     TIMER 1 = 0, TIMER(1)=0  ("TIMER", (1, 0))
-    CP ON                  ("SWITCH", (Word cp,), ("ON",)); RTC_SW 1: ON has (Word, 1)
+    CP ON                  ("SWITCH", (Word cp,), ("ON",)); RTC_SW 1: ON has ("1:", "ON")
+    JOINT SPEED9 ...       ("JOINT", (Text,)): a block step of the pendant, its text unparsed
+    POINT p                ("POINT", (p,)): the monitor command, which asks for the numbers
     XMOVE/ERR p TILL s     ("XMOVE", (p, s), ("/ERR", "TILL"))
     ON s CALL p, 10        ("ON", (s, Word p, 10), ("CALL",)); with GOTO the label is a Word
     ONE p, IGNORE s        ("ONE", (Word p,)), ("IGNORE", (s,))

@@ -57,10 +57,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="PERCENT",
         help="monitor speed (default %(default)s; a real controller starts at 10)",
     )
-    parser.add_argument("--like", type=Path, metavar="FILE",
-                        help="behave as in this file's section `behaviour`")  # fmt: skip
-    parser.add_argument("--pessimistic", action="store_true",
-                        help="take the worse answer to every open question")  # fmt: skip
+    answers = parser.add_mutually_exclusive_group()
+    answers.add_argument("--like", type=Path, metavar="FILE",
+                         help="behave as the controller of this probe.yaml")  # fmt: skip
+    answers.add_argument("--pessimistic", action="store_true",
+                         help="take the worse answer to every open question")  # fmt: skip
     return parser
 
 

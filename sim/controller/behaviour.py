@@ -12,6 +12,7 @@ from pathlib import Path
 from pydantic import Field
 
 from common.config.cell_sim import SimSection
+from common.config.probe import ProbeSections
 from forcemesh.connection import ConfigSection
 from forcemesh.yaml_file import read_yaml, validated
 
@@ -32,6 +33,12 @@ class Behaviour(ConfigSection):
     stall_at_motions: tuple[int, ...] = ()  # motions of a run with a stall, counted from 1
     # A shorter motion that blends into the next one is error E1117.
     least_segment_s: float = Field(0.0, ge=0.0, le=1.0)
+    # A slower SPEED in mm/s is this one: percentages begin at 0.01.
+    least_speed_m_s: float = Field(0.0, ge=0.0, le=0.01)
+    # A motion reaches its own speed after this time at 100 % of ACCEL; 0: a constant acceleration.
+    accel_time_s: float = Field(0.0, ge=0.0, le=1.0)
+    # No task executes a step during this time of each motion.
+    segment_planning_s: float = Field(0.0, ge=0.0, le=0.1)
     # Motions that a program may have beyond the active one, with the one at whose step it waits.
     motions_ahead: int = Field(1, ge=1, le=4)
     joint_seconds_ignored: bool = False  # SPEED in seconds is 100 % in a joint motion
@@ -52,8 +59,8 @@ class Behaviour(ConfigSection):
         return math.floor(elapsed_s / self.timer_grain_s + 1e-9) * self.timer_grain_s
 
 
-class ControllerProbe(ConfigSection):
-    """File of a probed controller: how it behaves."""
+class ControllerProbe(ProbeSections):
+    """File of a probed controller, with the fields of the emulated one in its behaviour."""
 
     behaviour: Behaviour = Behaviour()
 
@@ -73,9 +80,21 @@ def pessimistic(step_s: float = DEFAULT_STEP_S) -> Behaviour:
         send_ignores_timeout=True,
         planning_stall_s=1.0,
         stall_at_motions=(1,),
+        least_segment_s=0.03,
+        least_speed_m_s=0.0012,
+        accel_time_s=0.2,
+        segment_planning_s=0.002,
+        motions_ahead=3,
+        joint_seconds_ignored=True,
+        abs_speed=True,
+        tcp_error_stands=True,
+        pc_error_stops_robot=True,
     )
 
 
 def behaviour_in(sim: SimSection) -> Behaviour:
     """Return the behaviour of the emulated controller of a simulated cell."""
-    return pessimistic(sim.as_step_s) if sim.as_pessimistic else Behaviour(step_s=sim.as_step_s)
+    usual = pessimistic(sim.as_step_s) if sim.as_pessimistic else Behaviour(step_s=sim.as_step_s)
+    ahead = usual.motions_ahead if sim.as_motions_ahead is None else sim.as_motions_ahead
+    chosen = {"least_segment_s": sim.as_least_segment_s, "motions_ahead": ahead}
+    return usual.model_copy(update=chosen)

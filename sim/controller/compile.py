@@ -10,18 +10,28 @@ from typing import Any
 from sim.as_language import expressions
 from sim.as_language import syntax as s
 from sim.as_language.errors import AsError, refuse
-from sim.as_language.keywords import POINT_PARTS
+from sim.as_language.keywords import BLOCK_STEPS, POINT_PARTS
 from sim.as_language.memory import bind
 from sim.as_language.syntax import Program, SourceFile
 from sim.as_language.values import Joints, Transformation, Value, compose, inverse, single
-from sim.controller import instructions_motion, instructions_tasks, instructions_tcp
+from sim.controller import (
+    instructions_motion,
+    instructions_paths,
+    instructions_signals,
+    instructions_tasks,
+    instructions_tcp,
+    instructions_udp,
+)
 from sim.controller.instruction import Action, compile_instruction
 from sim.controller.tasks import Compiled, Op, Task
 
 INSTRUCTIONS: Mapping[str, Action] = {
     **instructions_motion.INSTRUCTIONS,
+    **instructions_paths.INSTRUCTIONS,
+    **instructions_signals.INSTRUCTIONS,
     **instructions_tasks.INSTRUCTIONS,
     **instructions_tcp.INSTRUCTIONS,
+    **instructions_udp.INSTRUCTIONS,
 }
 
 
@@ -59,6 +69,8 @@ def _compile(statement: s.Statement, at: int) -> Op:
         if action is not None:
             return compile_instruction(action, statement, at)
         known = "unknown" if statement.unknown else "not emulated"
+        if statement.name in BLOCK_STEPS:
+            known = "a block step of the pendant, which is not emulated"
         return refuse("E0111", f"{statement.name} is {known}")
     except AsError as error:
         return refuse(error.code, error.detail)
@@ -239,7 +251,7 @@ def _point(statement: s.PointStatement, at: int) -> Op:
     elif statement.part:
         read = _part(statement)
     else:
-        read = expressions.place_of(statement.value)
+        read = _relative(statement)
     return _stored(expressions.store(statement.target), read, at)
 
 
@@ -289,9 +301,18 @@ def _joints(statement: s.PointStatement) -> Callable[[Task], Value]:
     return read
 
 
+def _relative(statement: s.PointStatement) -> Callable[[Task], Transformation]:
+    """Return the pose of a POINT, relative to the rest of a compound target if it has one."""
+    value = expressions.place_of(statement.value)
+    if statement.relative_to is None:
+        return value
+    rest = expressions.place_of(statement.relative_to)
+    return lambda task: compose(inverse(rest(task)), value(task))
+
+
 def _part(statement: s.PointStatement) -> Callable[[Task], Value]:
     """Return the target with components of a pose; an undefined target starts from zero."""
-    value, old = expressions.place_of(statement.value), expressions.place_of(statement.target)
+    value, old = _relative(statement), expressions.place_of(statement.target)
 
     def read(task: Task) -> Transformation:
         if statement.part not in POINT_PARTS:

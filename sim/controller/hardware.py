@@ -1,7 +1,10 @@
 """Hardware of the emulated controller: arm, sockets, signals, switches, timers. No programs."""
 
+import math
 import random
+from collections import deque
 from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -9,7 +12,7 @@ import pinocchio as pin
 from common.motion.frames import Array
 from forcemesh.clock import NS_PER_S
 from sim.as_language.errors import AsError
-from sim.as_language.keywords import words
+from sim.as_language.keywords import SWITCHES
 from sim.controller.behaviour import Behaviour
 from sim.controller.motion_queue import MotionQueue, Ticket
 from sim.controller.motion_requests import (
@@ -21,25 +24,25 @@ from sim.controller.motion_requests import (
 from sim.controller.network import Network
 from sim.controller.planner import inverse
 from sim.controller.tcp import TcpUnit
+from sim.controller.udp import UdpUnit
 from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S
 
 _STANDING_RAD = 2e-5  # of every joint: the arm has reached its command
 _SETTLED_TICKS = 500  # limit for an arm that vibrates in contact
+NO_STEP = -1
 TIMERS = range(11)
+CLAMPS = range(1, 9)
 OUTPUTS = range(1, 961)
 INPUTS = range(1001, 1961)
 INTERNAL = range(2001, 2961)
-# Switches that programs set, with their factory setting. CP takes effect here; the others are only
-# stored. Not in this table: switches that only report a state (`TaskControl.reports`).
-FACTORY_SWITCHES = dict.fromkeys(words("cp messages screen singular"), True) | dict.fromkeys(
-    words("""
-        check.hold oxpreset prefetch.sigins qtool rep_once rps stp_once autostart.pc autostart2.pc
-        autostart3.pc autostart4.pc autostart5.pc errstart.pc dispio_01 hold.step wait.nozer trace
-        abs.speed slow_start after.wait.tmr udp_send_nobind udp_emsg flexcomp disable_interrupt
-        """),
-    False,
-)
+# SINGULAR: JT5 closer to zero than this is an error on a TCP path; the manual's example.
+STRAIGHT_WRIST_RAD = math.radians(5.0)
+# SLOW_START: program speed of the first motion; set by SLOW_REPEAT, whose default is unknown.
+SLOW_REPEAT_PERCENT = 10.0
+
+
+ClampState = Literal["open", "closed", "off"]
 
 
 class Signals:
@@ -214,14 +217,24 @@ class Hardware:
         self.stalled_until_ns = 0
         self.robot = Robot(arm, behaviour)
         self.motion_settings = MotionSettings()
+        self.arc: Any = None  # a C1MOVE that waits for the next point of its circle
         self.motions = 0  # of this run of the robot program
+        self.motion_step = NO_STEP  # step of the last motion instruction
+        self.is_slow = True  # the next motion is the first one after a start or restart
         self.tcp = TcpUnit(network, send_ignores_timeout=behaviour.send_ignores_timeout)
+        self.udp = UdpUnit(network)
         self.signals = Signals()
-        self.switches = FACTORY_SWITCHES | {"abs.speed": behaviour.abs_speed}
+        self.switches = SWITCHES | {"abs.speed": behaviour.abs_speed}
+        self.registered_tool = pin.SE3.Identity()  # that of the selected tool number, Aux. 0304
+        self.clamps: dict[int, ClampState] = {}
+        self.at_next_motion: list[Callable[[], None]] = []  # OPEN, CLOSE, RELAX
+        self._when: list[tuple[Callable[[], bool], Callable[[], None]]] = []
+        self.keyboard: deque[str] | None = None  # lines typed for PROMPT; None: not connected
         self.repeat_mode = True
         self.teach_lock = False
         self.emergency = False
         self.random = random.Random(1)  # noqa: S311 - RANDOM, the same sequence in every run
+        self._power_on_ns = now_ns
         self._timer_zeros_ns = [now_ns for _ in TIMERS]
         self._line = ""  # pending output of PRINT with /S
 
@@ -240,9 +253,50 @@ class Hardware:
         """Set a timer [s]."""
         self._timer_zeros_ns[number] = self.now_ns - round(value_s * NS_PER_S)
 
+    @property
+    def uptime_ms(self) -> int:
+        """Time since power-on [ms]."""
+        return (self.now_ns - self._power_on_ns) // 1_000_000
+
+    def close_sockets(self) -> None:
+        """Release every port and connection: the controller is switched off."""
+        self.tcp.close_all()
+        self.udp.close_all()
+
     def stall(self, duration_s: float) -> None:
         """Suspend all tasks for a duration: the processor plans a motion."""
         self.stalled_until_ns = self.now_ns + round(duration_s * NS_PER_S)
+
+    def when(self, condition: Callable[[], bool], act: Callable[[], None]) -> None:
+        """Act once, in the first millisecond in which a condition is true, or now."""
+        if condition():
+            act()
+        else:
+            self._when.append((condition, act))
+
+    def tick(self) -> None:
+        """End the pulses that are due, and do what waits for a condition."""
+        self.signals.tick(self.now_ns)
+        if self._when:
+            waiting, self._when = self._when, []
+            for condition, act in waiting:
+                self.when(condition, act)
+
+    @staticmethod
+    def clamp(value: float) -> int:
+        """Return the number of a clamp. Raises AsError E1075."""
+        if int(value) not in CLAMPS:
+            raise AsError("E1075", f"clamp {int(value)}; clamps are 1 to {CLAMPS[-1]}")
+        return int(value)
+
+    def set_clamp(self, number: int, state: ClampState) -> None:
+        """Set a clamp and report it: which signals drive it is a setting of the controller."""
+        self.clamps[number] = state
+        self.print_line(f"clamp {number}: {state}")
+
+    def interrupt_motion(self, *, keep_ahead: bool = False) -> None:
+        """Brake the arm as BRAKE, XMOVE and ONI do, with CHG_INTERRUPT_DECEL as DECEL says."""
+        self.robot.queue.brake(keep_ahead=keep_ahead, by_decel=self.switches["chg_interrupt_decel"])
 
     def move(self, motion: MotionRequest) -> Ticket:
         """Queue a motion of the robot program. Raises AsError: P1000, E6007, E6008, E6016."""
@@ -253,15 +307,28 @@ class Hardware:
         motion = motion._replace(manner=self._with_speed(motion))
         ticket = robot.queue.offer(motion, arrived=robot.arrived)
         self.motions += 1
+        planning_s = self.behaviour.segment_planning_s
+        self.is_slow = False
         if self.motions in self.behaviour.stall_at_motions:
-            self.stall(self.behaviour.planning_stall_s)
+            planning_s = max(planning_s, self.behaviour.planning_stall_s)
+        self.stall(planning_s)
         return ticket
 
     def _with_speed(self, motion: MotionRequest) -> MotionParameters:
         """Return the parameters of a motion as switches and behaviour interpret its speed."""
-        manner = motion.manner
-        if manner.speed.unit == "M/S" and self.switches["abs.speed"]:
-            return manner._replace(absolute=True)
+        switches = self.switches
+        manner = motion.manner._replace(accel_time_s=self.behaviour.accel_time_s)
+        if motion.kind == "linear":
+            manner = manner._replace(
+                straight_wrist_rad=STRAIGHT_WRIST_RAD if switches["singular"] else 0.0,
+                keeps_configuration=not switches["conf_variable"],
+            )
+        if self.is_slow and switches["slow_start"]:
+            return manner._replace(speed=manner.speed.at_most(SLOW_REPEAT_PERCENT))
+        if manner.speed.unit == "M/S":
+            speed_m_s = max(manner.speed.value, self.behaviour.least_speed_m_s)
+            speed = ProgramSpeed(speed_m_s, "M/S")
+            return manner._replace(speed=speed, absolute=switches["abs.speed"])
         has_seconds = motion.kind == "joint" and manner.speed.unit == "S"
         if has_seconds and self.behaviour.joint_seconds_ignored:
             return manner._replace(speed=ProgramSpeed())

@@ -10,7 +10,9 @@ import pinocchio as pin
 from common.motion.frames import Array
 from sim.as_language.errors import AsError
 from sim.as_language.values import Joints, Pose, Transformation, se3_of
+from sim.controller.hardware import ClampState, Hardware
 from sim.controller.instruction import Action, at_rest, until
+from sim.controller.motion_queue import Ticket
 from sim.controller.motion_requests import (
     MotionRequest,
     ProgramSpeed,
@@ -25,11 +27,10 @@ Kind = Literal["linear", "joint", "pause"]
 _LONGEST_ACCURACY_MM = 5000.0
 
 
-def move(kind: Kind, task: Task, goal: Pose) -> Wait | None:
-    """LMOVE p, JMOVE p and HMOVE p (as LMOVE)."""
-    if isinstance(goal, Joints):
-        return _queue(task, kind, q=np.radians(goal.values))
-    return _queue(task, kind, T=se3_of(goal))
+def move(kind: Kind, task: Task, goal: Pose, clamp: float | None = None) -> Wait | None:
+    """LMOVE p[,clamp], JMOVE p[,clamp] and HMOVE p[,clamp] (as LMOVE)."""
+    _refuse_open_arc(task)
+    return queue_motions(task, goal_request(task, kind, goal), clamp=clamp)
 
 
 def approach(kind: Kind, task: Task, goal: Pose, distance_mm: float) -> Wait | None:
@@ -91,7 +92,7 @@ def speed(task: Task, value: float, words: Words, *more: float | None) -> None:
 
 def accuracy(task: Task, value_mm: float, words: Words) -> None:
     """ACCURACY mm [ALWAYS] [FINE]."""
-    accuracy_m = checked(value_mm, 0.01, _LONGEST_ACCURACY_MM, "ACCURACY") * 1e-3
+    accuracy_m = checked(value_mm, 0.0, _LONGEST_ACCURACY_MM, "ACCURACY") * 1e-3
     _set(task, "accuracy_m", accuracy_m, words)
 
 
@@ -103,7 +104,7 @@ def ramp(name: str, task: Task, value: float, words: Words) -> None:
 def brake(task: Task) -> Wait | None:
     """BRAKE: stop at once. Only the robot program waits for standstill."""
     hardware = task.hardware
-    hardware.robot.queue.brake(keep_ahead=hardware.behaviour.brake_keeps_prefetched)
+    hardware.interrupt_motion(keep_ahead=hardware.behaviour.brake_keeps_prefetched)
     return at_rest(task) if task.is_robot else None
 
 
@@ -153,12 +154,69 @@ def _queue(
 
     Its own speed does not use up SPEED.
     """
+    _refuse_open_arc(task)
+    return queue_motions(task, request(task, kind, q=q, T=T, speed=speed, pause_s=pause_s))
+
+
+def request(
+    task: Task,
+    kind: Kind,
+    *,
+    q: Array | None = None,
+    T: pin.SE3 | None = None,
+    speed: ProgramSpeed | None = None,
+    pause_s: float = 0.0,
+) -> MotionRequest:
+    """Return a motion to joint angles [rad] or a TOOL pose in BASE, with the program's settings."""
     hardware = task.hardware
+    hardware.motion_step = task.step_index + 1
     manner = hardware.motion_settings.take(hardware.robot.T_flange_tcp, speed)
     T_base_tcp = None if T is None else hardware.robot.T_base_shift * T
-    ticket = hardware.move(MotionRequest(kind, manner, T_base_tcp=T_base_tcp, q=q, pause_s=pause_s))
+    return MotionRequest(kind, manner, T_base_tcp=T_base_tcp, q=q, pause_s=pause_s)
+
+
+def goal_request(task: Task, kind: Kind, goal: Pose) -> MotionRequest:
+    """Return a motion to a location of a program."""
+    if isinstance(goal, Joints):
+        return request(task, kind, q=np.radians(goal.values))
+    return request(task, kind, T=se3_of(goal))
+
+
+def offer(task: Task, motion: MotionRequest) -> Ticket:
+    """Queue a motion; OPEN and CLOSE before it act when it starts."""
+    hardware = task.hardware
+    ticket = hardware.move(motion)
+    actions, hardware.at_next_motion = hardware.at_next_motion, []
+    for action in actions:
+        hardware.when(lambda: ticket.state != "waiting", action)
+    return ticket
+
+
+def queue_motions(task: Task, *motions: MotionRequest, clamp: float | None = None) -> Wait | None:
+    """Queue motions; wait until the queue has room again. The clamp acts at the end of the last."""
+    hardware = task.hardware
+    number = None if clamp is None else hardware.clamp(abs(clamp))
+    ticket = [offer(task, motion) for motion in motions][-1]
+    if number is not None and clamp is not None:
+        clamp_at_end(hardware, ticket, number, "closed" if clamp > 0 else "open")
     queue = hardware.robot.queue
     return until(lambda _: ticket.state != "waiting" or not queue.is_full)
+
+
+def clamp_at_end(hardware: Hardware, ticket: Ticket, number: int, state: ClampState) -> None:
+    """Set a clamp when a motion has ended, unless it was dropped."""
+
+    def act() -> None:
+        if ticket.state == "finished":
+            hardware.set_clamp(number, state)
+
+    hardware.when(lambda: ticket.state in ("finished", "dropped"), act)
+
+
+def _refuse_open_arc(task: Task) -> None:
+    if task.hardware.arc is not None:
+        task.hardware.arc = None
+        raise AsError("E1097", "C1MOVE must be followed by C1MOVE or C2MOVE")
 
 
 def _translation_z(distance_mm: float) -> pin.SE3:
@@ -173,9 +231,9 @@ _OfRobot = partial(Action, only="robot")
 _POSTURES = ("LEFTY", "RIGHTY", "ABOVE", "BELOW", "UWRIST", "DWRIST")
 
 INSTRUCTIONS = {
-    "LMOVE": _OfRobot(partial(move, "linear"), "p"),
-    "HMOVE": _OfRobot(partial(move, "linear"), "p"),
-    "JMOVE": _OfRobot(partial(move, "joint"), "p"),
+    "LMOVE": _OfRobot(partial(move, "linear"), "pn"),
+    "HMOVE": _OfRobot(partial(move, "linear"), "pn"),
+    "JMOVE": _OfRobot(partial(move, "joint"), "pn"),
     "LAPPRO": _OfRobot(partial(approach, "linear"), "pr"),
     "JAPPRO": _OfRobot(partial(approach, "joint"), "pr"),
     "LDEPART": _OfRobot(partial(depart, "linear"), "r"),

@@ -1,10 +1,12 @@
-"""Instructions for tasks, signals and time: PCEXECUTE, MC, HALT, ONE, WAIT, SIGNAL, TIMER."""
+"""Instructions for tasks and time: PCEXECUTE, MC, HALT, ONE, WAIT, TIMER, PROMPT, switches."""
 
 from collections.abc import Callable
 from functools import partial
 
 from forcemesh.clock import NS_PER_S
 from sim.as_language.errors import AsError
+from sim.as_language.functions import DECIMAL, value_of
+from sim.as_language.values import Value
 from sim.controller.hardware import TIMERS
 from sim.controller.instruction import Action, at_rest, until
 from sim.controller.motion_requests import checked, percent
@@ -74,6 +76,16 @@ def mc_execute(task: Task, name: str, cycles: float = 1.0) -> None:
     task.control.execute(name, cycles=_cycles(cycles))
 
 
+def mc_prime(task: Task, name: str, cycles: float = 1.0) -> None:
+    """MC PRIME prog[,cycles]: MC CONTINUE starts it."""
+    task.control.prime(name, cycles=_cycles(cycles))
+
+
+def mc_zpower(task: Task, on: float) -> None:
+    """MC ZPOWER ON and OFF: the motors."""
+    task.control.motor_power(on=on != 0.0)
+
+
 def mc_speed(task: Task, value: float) -> None:
     """MC SPEED %: the monitor speed."""
     task.hardware.robot.queue.monitor_fraction = percent(value, "MC SPEED") / 100.0
@@ -87,7 +99,7 @@ def _pc_number(value: float) -> int:
     return int(checked(value, 1, len(PC_PROGRAMS), "PC program number"))
 
 
-# --- waits, signals, timers -----------------------------------------------------------------------
+# --- waits, timers, switches ----------------------------------------------------------------------
 
 
 def wait(task: Task, condition: Callable[[Task], float]) -> Wait | None:
@@ -102,52 +114,62 @@ def twait(task: Task, duration_s: float) -> Wait:
     return lambda now_ns: now_ns >= end_ns
 
 
-def swait(task: Task, *numbers: float) -> Wait | None:
-    """SWAIT s1,s2,..: wait until all are in the given state; negative means OFF."""
-    signals = task.hardware.signals
-    awaited = [signals.existing(number) for number in numbers]
-    return until(lambda _: all(signals.holds(signal) for signal in awaited))
-
-
-def signal(task: Task, *numbers: float) -> None:
-    """SIGNAL s1,s2,..: switch on, or off with a negative number."""
-    signals = task.hardware.signals
-    for number in [signals.settable(number) for number in numbers]:
-        signals.set(number)
-
-
-def pulse(task: Task, number: float, duration_s: float = 0.2) -> None:
-    """PULSE s,t: on for t seconds; does not wait."""
-    hardware = task.hardware
-    on = hardware.signals.settable(number)
-    on_s = checked(duration_s, 0.0, 3600.0, "PULSE")
-    hardware.signals.pulse(on, hardware.now_ns + round(on_s * NS_PER_S))
-
-
-def bits(task: Task, first: float, count: float, value: float) -> None:
-    """BITS s,n = v: the low n bits of v on signals s, s+1, ..."""
-    signals = task.hardware.signals
-    for k in range(int(checked(count, 1, 16, "the number of signals in BITS"))):
-        number = signals.settable(int(first) + k)
-        signals.set(number if int(value) >> k & 1 else -number)
-
-
-def reset(task: Task) -> None:
-    """RESET: switch every output off."""
-    task.hardware.signals.reset_outputs()
-
-
 def timer(task: Task, number: float, value_s: float) -> None:
     """TIMER n = s."""
     number = int(checked(number, 1, TIMERS[-1], "the number of TIMER"))
     task.hardware.set_timer(number, value_s)
 
 
-def switch(task: Task, name: str, words: tuple[str, ...]) -> None:
-    """`name ON` and `name OFF`."""
-    if name not in task.hardware.switches:
-        raise AsError("P0111", f"the switch {name.upper()} cannot be set by a program")
-    task.hardware.switches[name] = "ON" in words
+def utimer(task: Task, store: Callable[[Task, float], None], value_s: float) -> None:
+    """UTIMER @t = s: the variable holds the time [ms] since power-on at which UTIMER(@t) was 0."""
+    store(task, task.hardware.uptime_ms - round(checked(value_s, 0.0, 2**31 - 1, "UTIMER") * 1e3))
+
+
+def prompt(
+    task: Task, text: str, *variables: tuple[str, Callable[[Task, Value], None]]
+) -> Wait | None:
+    """PROMPT "text",x,..: print the text, wait for a line of the keyboard, store it.
+
+    A string variable takes the line; others take its numbers, 0 where there is none. Raises AsError
+    E4012 without a keyboard, P0100 for a line that is not of numbers.
+    """
+    hardware = task.hardware
+    if hardware.keyboard is None:
+        raise AsError("E4012")
+    hardware.print(f"{text}>", feed=True)
+
+    def reads(_: int) -> bool:
+        if not hardware.keyboard:
+            return False
+        line = hardware.keyboard.popleft()
+        words = iter(line.replace(",", " ").split())
+        for kind, store in variables:
+            store(task, line if kind == "$" else _number_in(next(words, "0")))
+        return True
+
+    return until(reads)
+
+
+def panel(task: Task, window: float, *values: object) -> None:
+    """IFPWPRINT and IFPWOVERWRITE w,row,column,..="text",..: reported, there is no panel."""
+    lines = (value for value in values if isinstance(value, str))
+    task.hardware.print_line(f"panel, window {int(window)}: {' | '.join(lines)}")
+
+
+def _number_in(word: str) -> float:
+    """Return a number that was typed. Raises AsError P0100."""
+    if not (DECIMAL.fullmatch(word) or word[:2].upper() in ("^H", "^B")):
+        raise AsError("P0100", f"PROMPT: {word!a} is not a number")
+    return value_of(word)
+
+
+def switch(task: Task, words: tuple[str, ...], *names: str) -> None:
+    """`name,.. ON` and `name,.. OFF`."""
+    switches = task.hardware.switches
+    for name in names:
+        if name not in switches:
+            raise AsError("P0111", f"the switch {name.upper()} cannot be set by a program")
+    switches.update(dict.fromkeys(names, "ON" in words))
 
 
 _OfPc = partial(Action, only="pc")
@@ -166,16 +188,17 @@ INSTRUCTIONS = {
     "MC EXECUTE": _OfPc(mc_execute, "wr"),
     "MC ABORT": _OfPc(partial(mc, TaskControl.abort)),
     "MC HOLD": _OfPc(partial(mc, TaskControl.hold)),
-    "MC CONTINUE": _OfPc(partial(mc, TaskControl.resume)),
+    "MC CONTINUE": _OfPc(partial(mc, TaskControl.continue_program)),
     "MC ERESET": _OfPc(partial(mc, TaskControl.reset_error)),
+    "MC PRIME": _OfPc(mc_prime, "wr"),
     "MC SPEED": _OfPc(mc_speed, "r"),
+    "MC ZPOWER": _OfPc(mc_zpower, "r"),
     "WAIT": Action(wait, "R"),
     "TWAIT": Action(twait, "r"),
-    "SWAIT": Action(swait, "r*"),
-    "SIGNAL": Action(signal, "r*"),
-    "PULSE": Action(pulse, "rr"),
-    "BITS": Action(bits, "rrr"),
-    "RESET": Action(reset),
     "TIMER": Action(timer, "rr"),
-    "SWITCH": Action(switch, "wm"),
+    "UTIMER": Action(utimer, "ir"),
+    "PROMPT": Action(prompt, "tk*"),
+    "IFPWPRINT": Action(panel, "ry*"),
+    "IFPWOVERWRITE": Action(panel, "ry*"),
+    "SWITCH": Action(switch, "mw*"),
 }

@@ -8,6 +8,7 @@ from sim.as_language.errors import AsError
 from sim.as_language.values import NUMBER, Value
 from sim.controller.instruction import Action, until
 from sim.controller.motion_requests import checked
+from sim.controller.network import Octets
 from sim.controller.tasks import Task, Wait
 from sim.controller.tcp import (
     ABORTED,
@@ -28,12 +29,12 @@ ReadRow = Callable[[Task, int], list[Value]]
 
 def listen(task: Task, store: Store, port: float) -> None:
     """TCP_LISTEN ret,port."""
-    store(task, task.hardware.tcp.listen(_port(port)))
+    store(task, task.hardware.tcp.listen(port_of(port)))
 
 
 def end_listen(task: Task, store: Store, port: float) -> None:
     """TCP_END_LISTEN ret,port."""
-    store(task, task.hardware.tcp.end_listen(_port(port)))
+    store(task, task.hardware.tcp.end_listen(port_of(port)))
 
 
 def close(task: Task, store: Store, number: float) -> None:
@@ -54,19 +55,18 @@ def accept(
         if store_peer is not None and outcome.code > 0:
             store_peer(task, [float(octet) for octet in outcome.peer])
 
-    end_ns = _end_ns(task, timeout_s)
-    return _wait_for(task, store, task.hardware.tcp.accept(_port(port), end_ns), finish)
+    end_ns = end_of_wait_ns(task, timeout_s)
+    return wait_for(task, store, task.hardware.tcp.accept(port_of(port), end_ns), finish)
 
 
 def connect(
     task: Task, store: Store, port: float, peer: ReadRow, timeout_s: float = DEFAULT_TIMEOUT_S
 ) -> Wait | None:
     """TCP_CONNECT socket,port,ip[k][,timeout]."""
-    octets = _row(peer(task, 4), NUMBER, "TCP_CONNECT needs numbers")
-    a, b, c, d = (int(checked(octet, 0, 255, "an octet of ip")) for octet in octets)
     number = int(checked(port, 1, 65535, "port"))
-    operation = task.hardware.tcp.connect((a, b, c, d), number, _end_ns(task, timeout_s))
-    return _wait_for(task, store, operation)
+    octets = octets_of(peer(task, 4))
+    operation = task.hardware.tcp.connect(octets, number, end_of_wait_ns(task, timeout_s))
+    return wait_for(task, store, operation)
 
 
 def send(
@@ -78,10 +78,9 @@ def send(
     timeout_s: float = DEFAULT_TIMEOUT_S,
 ) -> Wait | None:
     """TCP_SEND ret,socket,$a[k],n[,timeout]."""
-    n = int(checked(count, 1, _MOST_ELEMENTS, "the number of elements"))
-    strings = _row(elements(task, n), str, "TCP_SEND needs strings")
-    operation = task.hardware.tcp.send(int(number), strings, _end_ns(task, timeout_s))
-    return _wait_for(task, store, operation)
+    strings = strings_of(elements(task, count_of(count)), "TCP_SEND needs strings")
+    operation = task.hardware.tcp.send(int(number), strings, end_of_wait_ns(task, timeout_s))
+    return wait_for(task, store, operation)
 
 
 def receive(
@@ -100,16 +99,35 @@ def receive(
         store_text(task, outcome.elements)
 
     chars = int(checked(longest, 1, ELEMENT_CHARS, "the longest element"))
-    end_ns = _end_ns(task, timeout_s)
+    end_ns = end_of_wait_ns(task, timeout_s)
     operation = task.hardware.tcp.receive(int(number), end_ns, longest=chars)
-    return _wait_for(task, store, operation, finish)
+    return wait_for(task, store, operation, finish)
 
 
-def _port(value: float) -> int:
+def port_of(value: float) -> int:
+    """Return a port of the controller. Raises AsError E0106."""
     return int(checked(value, PORTS.start, PORTS.stop - 1, "port"))
 
 
-def _end_ns(task: Task, timeout_s: float) -> int:
+def count_of(value: float) -> int:
+    """Return a number of elements to send. Raises AsError E0106."""
+    return int(checked(value, 1, _MOST_ELEMENTS, "the number of elements"))
+
+
+def octets_of(values: list[Any]) -> Octets:
+    """Return an IP address. Raises AsError P0118, E0106."""
+    numbers = _row(values, NUMBER, "an IP address needs numbers")
+    a, b, c, d = (int(checked(number, 0, 255, "an octet of ip")) for number in numbers)
+    return a, b, c, d
+
+
+def strings_of(values: list[Any], reason: str) -> list[str]:
+    """Return the elements to send. Raises AsError P0118."""
+    return _row(values, str, reason)
+
+
+def end_of_wait_ns(task: Task, timeout_s: float) -> int:
+    """Return the time at which a time-out ends [ns]. Raises AsError E0106."""
     asked_s = checked(timeout_s, 0.0, _LONGEST_TIMEOUT_S, "the time-out")
     hardware = task.hardware
     return hardware.now_ns + round(hardware.behaviour.timeout_s(asked_s) * NS_PER_S)
@@ -121,7 +139,7 @@ def _row(values: list[Any], kind: type | tuple[type, ...], reason: str) -> list[
     raise AsError("P0118", reason)
 
 
-def _wait_for(
+def wait_for(
     task: Task,
     store: Store,
     operation: Operation,

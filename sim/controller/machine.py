@@ -6,6 +6,7 @@ nothing; its condition is polled every millisecond. If no task is ready, time ad
 tick. The caller controls time: `advance` runs up to a given time and stops.
 """
 
+from collections import deque
 from collections.abc import Callable
 from itertools import cycle, islice
 from time import gmtime, strftime
@@ -16,7 +17,7 @@ from common.motion.frames import Array
 from forcemesh.clock import NS_PER_S
 from sim.as_language.errors import AsError
 from sim.as_language.memory import Namespace
-from sim.as_language.syntax import SourceFile
+from sim.as_language.syntax import SIGNIFICANT_CHARACTERS, SourceFile
 from sim.as_language.values import (
     Joints,
     Pose,
@@ -28,8 +29,10 @@ from sim.as_language.values import (
 from sim.controller.behaviour import Behaviour
 from sim.controller.compile import compile_file
 from sim.controller.hardware import TIMERS, Hardware
+from sim.controller.interrupts import poll
 from sim.controller.motion_requests import checked
 from sim.controller.network import Network
+from sim.controller.system_data import system_number, system_text
 from sim.controller.tasks import Task, TaskControl
 from sim.robot.arm import SimArm
 from sim.robot.settings import TICK_S
@@ -38,6 +41,7 @@ TICK_NS = round(TICK_S * NS_PER_S)
 MOST_TICKS_BEHIND = 50  # a process delayed for longer drops time instead of catching up
 FACTORY_MONITOR_SPEED_PERCENT = 10.0
 OUT_OF_REACH = 32768
+NO_TASK = -1
 _TASK_STATES = {"idle": 0, "running": 1, "held": 2, "stopped": 2, "ending": 3}
 
 
@@ -147,7 +151,9 @@ class Machine:
             self.robot_task.set_state("idle")
         for observer in self.after_tick:
             observer()
-        self.hardware.signals.tick(self.hardware.now_ns)
+        self.hardware.tick()
+        if self.control.interrupts:
+            poll(self.control)
 
 
 class Pendant:
@@ -159,13 +165,7 @@ class Pendant:
         # ABORT; ERESET; HOLD/RUN to HOLD; HOLD/RUN to RUN and cycle start (P1000 to P1013).
         self.abort, self.error_reset = control.abort, control.reset_error
         self.hold, self.run = control.hold, control.resume
-
-    def motor_power(self, *, on: bool) -> None:
-        """Switch the motors; off holds the program. Inhibited by a pressed emergency stop."""
-        if not on:
-            self.hold()
-        if not (on and self._hardware.emergency):
-            self._hardware.robot.power(on=on)
+        self.motor_power = control.motor_power
 
     def repeat(self) -> None:
         """Turn the switch to REPEAT; a held program stays held."""
@@ -190,6 +190,27 @@ class Pendant:
     def release_emergency_stop(self) -> None:
         """Release the emergency stop; this starts no motion."""
         self._hardware.emergency = False
+
+    def external_hold(self, *, on: bool) -> None:
+        """Switch the external HOLD input; off resumes the program, unless CYCLE.STOP is ON.
+
+        Raises AsError as `run`.
+        """
+        if on:
+            self.hold()
+        elif not self._hardware.switches["cycle.stop"]:
+            self.run()
+
+    def tool_button(self) -> None:
+        """Operate the function button of a tool: with QTOOL it replaces TOOL by that tool."""
+        if self._hardware.switches["qtool"]:
+            self._hardware.robot.T_flange_tcp = self._hardware.registered_tool
+
+    def type_line(self, text: str) -> None:
+        """Type a line at the keyboard of the terminal, which is connected with it: for PROMPT."""
+        if self._hardware.keyboard is None:
+            self._hardware.keyboard = deque()
+        self._hardware.keyboard.append(text)
 
     def execute(self, name: str, *, cycles: int = 1) -> None:
         """Select a program and start it. Raises AsError P1000 to P1014."""
@@ -287,9 +308,13 @@ class MachineView:
         """SWITCH. Raises AsError P0116."""
         if name in self._control.reports:
             return self._control.reports[name]()
-        if name not in self._hardware.switches:
-            raise AsError("P0116", f"there is no switch {name.upper()}")
-        return self._hardware.switches[name]
+        switches = self._hardware.switches
+        if name in switches:
+            return switches[name]
+        for longer, is_on in switches.items():  # a name has 15 significant characters
+            if longer[:SIGNIFICANT_CHARACTERS] == name:
+                return is_on
+        raise AsError("P0116", f"there is no switch {name.upper()}")
 
     def task_state(self, number: int) -> int:
         """TASK. Raises AsError E0106."""
@@ -298,16 +323,35 @@ class MachineView:
             raise AsError("E0106", f"TASK({number}): 1 is the robot program, 1001 to 1005 are PC")
         return _TASK_STATES[states[number]]
 
+    def task_of(self, name: str) -> int:
+        """WHICHTASK: also of a subroutine that the task called, and of a held program."""
+        for task in self._control.tasks:
+            if any(frame.program.name == name[:SIGNIFICANT_CHARACTERS] for frame in task.frames):
+                return task.number
+        return NO_TASK
+
     def error_number(self) -> int:
         """ERROR: of the step that a ONE program handles, otherwise the one pending ERESET."""
         for frame in reversed(self._task.frames):
             if frame.handles is not None:
                 return frame.handles.number
-        return 0 if self._control.error is None else self._control.error.error.number
+        return self._control.error_number
 
     def timer_s(self, number: int) -> float:
         """TIMER. Raises AsError E0106."""
         return self._hardware.timer_s(int(checked(number, 0, TIMERS[-1], "the number of TIMER")))
+
+    def user_timer_s(self, zero_ms: float) -> float:
+        """UTIMER."""
+        return (self._hardware.uptime_ms - zero_ms) * 1e-3
+
+    def system_number(self, keyword: str, first: int, second: int) -> float:
+        """SYSDATA. Raises AsError P0116, P0104, E0106."""
+        return system_number(self._control, keyword, first, second)
+
+    def system_text(self, keyword: str) -> str:
+        """$SYSDATA. Raises AsError P0116."""
+        return system_text(self._control, keyword)
 
     def random(self) -> float:
         """RANDOM: the same sequence in every run."""
@@ -320,6 +364,11 @@ class MachineView:
     def time(self) -> str:
         """$TIME: since power-on."""
         return strftime("%H:%M:%S", gmtime(self._hardware.timer_s(0)))
+
+    def time_ms(self) -> str:
+        """$TIME_MS: since power-on."""
+        whole_s, ms = divmod(self._hardware.uptime_ms, 1000)
+        return f"{strftime('%H:%M:%S', gmtime(whole_s))}.{ms:03d}"
 
     def has_program(self, name: str) -> bool:
         """EXISTPGM."""

@@ -89,11 +89,15 @@ class MotionQueue:
 
         Raises AsError if its target cannot be reached from the end of the last motion.
         """
-        q_from = self._waiting[-1].q_to if self._waiting else self.q_end
-        ticket = Ticket(motion, joint_target(self._kinematics, motion, q_from))
+        ticket = Ticket(motion, joint_target(self._kinematics, motion, self.q_newest))
         self._waiting.append(ticket)
         self._try_start(arrived=arrived)
         return ticket
+
+    @property
+    def q_newest(self) -> Array:
+        """Joint angles at the end of the newest motion, also one that waits [rad]. Shape (6,)."""
+        return self._waiting[-1].q_to if self._waiting else self.q_end
 
     def remaining_m(self) -> float:
         """Return the remaining distance of the newest motion's command [m]."""
@@ -101,9 +105,14 @@ class MotionQueue:
 
     # --- stopping ---------------------------------------------------------------------------------
 
-    def brake(self, *, keep_ahead: bool) -> None:
-        """Stop and discard the active motions; also the motions ahead unless kept."""
+    def brake(self, *, keep_ahead: bool, by_decel: bool = False) -> None:
+        """Stop and discard the active motions; also the motions ahead unless kept.
+
+        `by_decel`: with the DECEL of the motions instead of the largest deceleration.
+        """
         self.fail()
+        for segment, _ in self._active if by_decel else ():
+            segment.ramp = segment.ramp._replace(brake=segment.ramp.decel)
         self._end_pause()
         if not keep_ahead:
             self.drop_ahead()

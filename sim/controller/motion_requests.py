@@ -6,6 +6,7 @@ from typing import Any, Literal, NamedTuple
 import pinocchio as pin
 
 from common.motion.frames import Array
+from common.motion.paths import TURN_RADIUS_M
 from sim.as_language.errors import AsError
 from sim.as_language.values import single
 
@@ -14,6 +15,7 @@ LINEAR_MAX_M_S = 2.0
 # 100 % of ACCEL and DECEL: linear, and as the time of a joint to its full speed.
 LINEAR_ACCEL_M_S2 = 2.0
 JOINT_ACCEL_TIME_S = 0.3
+LINEAR_TURN_MAX_RAD_S = LINEAR_MAX_M_S / TURN_RADIUS_M  # of the same, its rotation: 100 %
 BRAKE_FACTOR = 1.25  # deceleration of BRAKE and HOLD relative to 100 %: 2.5 m/s^2
 
 LEAST_PERCENT, MOST_PERCENT = 0.01, 100.0
@@ -33,11 +35,29 @@ class ProgramSpeed(NamedTuple):
     value: float = 100.0
     unit: SpeedUnit = "%"
 
-    def linear_m_s(self, extent_m: float) -> float:
-        """Return the speed of a linear motion of this extent [m/s]."""
-        if self.unit == "%":
-            return LINEAR_MAX_M_S * self.value / 100.0
-        return self.value if self.unit == "M/S" else extent_m / self.value
+    def at_most(self, percent: float) -> "ProgramSpeed":
+        """Return the speed, or a percentage if that is slower; seconds always become it."""
+        full = {"%": 100.0, "M/S": LINEAR_MAX_M_S, "S": 0.0}[self.unit]
+        slow = ProgramSpeed(percent)
+        return slow if self.unit == "S" or self.value > full * percent / 100.0 else self
+
+    @property
+    def linear_share(self) -> float:
+        """Fraction of the full speed of a linear motion; not of a speed in seconds."""
+        full = 100.0 if self.unit == "%" else LINEAR_MAX_M_S
+        return min(1.0, self.value / full)
+
+    def linear_s(self, travel_m: float, turn_rad: float) -> float:
+        """Return the duration of a linear motion without its ramps [s].
+
+        A speed is that of the TCP: the rotation then has 100 % of its own speed, or the same
+        percentage.
+        """
+        if self.unit == "S":
+            return self.value
+        turn_share = self.linear_share if self.unit == "%" else 1.0
+        travel_s = travel_m / (self.linear_share * LINEAR_MAX_M_S)
+        return max(travel_s, turn_rad / (turn_share * LINEAR_TURN_MAX_RAD_S))
 
     def joint_fraction(self, full_speed_s: float) -> float:
         """Return the fraction of full joint speed, for a motion that takes `full_speed_s` at 1."""
@@ -57,6 +77,9 @@ class MotionParameters(NamedTuple):
     accel_fraction: float = 1.0
     decel_fraction: float = 1.0
     absolute: bool = False  # ABS.SPEED: a speed in MM/S is not scaled by the monitor speed
+    accel_time_s: float = 0.0  # to the motion's own speed at 100 %; 0: a constant acceleration
+    straight_wrist_rad: float = 0.0  # SINGULAR: JT5 may not come closer to zero on a TCP path
+    keeps_configuration: bool = False  # CONF_VARIABLE OFF: of the joint values of a TCP path's end
 
 
 class MotionRequest(NamedTuple):
@@ -67,6 +90,7 @@ class MotionRequest(NamedTuple):
     T_base_tcp: pin.SE3 | None = None
     q: Array | None = None
     pause_s: float = 0.0
+    circle_m: Array | None = None  # linear: on the arc whose circle goes through this point, too
 
 
 class MotionSettings:

@@ -102,6 +102,38 @@ class SocketListener:
             self._socket.close()
 
 
+class SocketDatagrams:
+    """A UDP port of this host."""
+
+    def __init__(self, bound: socket.socket) -> None:
+        """Take over a bound socket."""
+        bound.setblocking(False)  # noqa: FBT003 - the library's own signature
+        self._socket = bound
+
+    @property
+    def port(self) -> int:
+        """The port number."""
+        port: int = self._socket.getsockname()[1]
+        return port
+
+    def send(self, data: bytes, peer: Octets, port: int) -> None:
+        """Send a datagram. Raises OSError."""
+        self._socket.sendto(data, (".".join(map(str, peer)), port))
+
+    def receive(self, most: int) -> tuple[bytes, Octets] | None:
+        """Return a datagram and its sender, or None."""
+        try:
+            data, address = self._socket.recvfrom(most)
+        except BlockingIOError:
+            return None
+        a, b, c, d = (int(octet) for octet in address[0].split("."))
+        return data, (a, b, c, d)
+
+    def close(self) -> None:
+        """Release the port."""
+        self._socket.close()
+
+
 class SocketNetwork:
     """Sockets of this host. `port` replaces every port that a program opens."""
 
@@ -109,6 +141,7 @@ class SocketNetwork:
         """Listen on one address only, "" for all of this host; port 0: any free port."""
         self._address, self._port = address, port
         self.bound: dict[int, int] = {}  # the program's port -> the real one
+        self.bound_udp: dict[int, int] = {}
 
     def listen(self, port: int) -> SocketListener:
         """Open a port. Raises OSError if it is in use."""
@@ -116,6 +149,20 @@ class SocketNetwork:
         listener = SocketListener(socket.create_server((self._address, real), backlog=5))
         self.bound[port] = listener.port
         return listener
+
+    def datagrams(self, port: int) -> SocketDatagrams:
+        """Bind a UDP port; 0 is any free one, of all addresses. Raises OSError if it is in use."""
+        bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        real = port if self._port is None else self._port
+        try:
+            bound.bind((self._address, real) if port else ("", 0))
+        except OSError:
+            bound.close()
+            raise
+        datagrams = SocketDatagrams(bound)
+        if port:
+            self.bound_udp[port] = datagrams.port
+        return datagrams
 
     def connect(self, peer: Octets, port: int) -> SocketStream:
         """Start a connection; it is established later (`ready`). Raises OSError."""
@@ -200,12 +247,41 @@ class MemoryListener:
         self._network.listeners.pop(self._port, None)
 
 
+class MemoryDatagrams:
+    """A UDP port of a MemoryNetwork."""
+
+    def __init__(self, network: "MemoryNetwork", port: int) -> None:
+        """Bind the port."""
+        self._network, self.port = network, port
+        self.inbox: deque[tuple[bytes, Octets]] = deque()
+
+    def send(self, data: bytes, peer: Octets, port: int) -> None:
+        """Send a datagram: to a port of the controller itself, or to the client."""
+        if peer == LOOPBACK and port in self._network.bound_udp:
+            self._network.cast(port, data)
+        else:
+            self._network.sent.append((data, peer, port))
+
+    def receive(self, most: int) -> tuple[bytes, Octets] | None:
+        """Return a datagram and its sender, or None; what is longer than `most` is cut."""
+        if not self.inbox:
+            return None
+        data, peer = self.inbox.popleft()
+        return data[:most], peer
+
+    def close(self) -> None:
+        """Release the port."""
+        self._network.bound_udp.pop(self.port, None)
+
+
 class MemoryNetwork:
     """In-memory network: both ends in one process, for a controller in lock step with a client."""
 
     def __init__(self) -> None:
         """Start without open ports."""
         self.listeners: dict[int, MemoryListener] = {}
+        self.bound_udp: dict[int, MemoryDatagrams] = {}
+        self.sent: deque[tuple[bytes, Octets, int]] = deque()  # datagrams for a client
 
     def listen(self, port: int) -> MemoryListener:
         """Open a port. Raises OSError if it is in use."""
@@ -213,6 +289,20 @@ class MemoryNetwork:
             raise OSError(f"port {port} is in use")
         self.listeners[port] = MemoryListener(self, port)
         return self.listeners[port]
+
+    def datagrams(self, port: int) -> MemoryDatagrams:
+        """Bind a UDP port; 0 is one that receives nothing. Raises OSError if it is in use."""
+        if port in self.bound_udp:
+            raise OSError(f"UDP port {port} is in use")
+        near = MemoryDatagrams(self, port)
+        if port:
+            self.bound_udp[port] = near
+        return near
+
+    def cast(self, port: int, data: bytes, peer: Octets = LOOPBACK) -> None:
+        """Send a datagram to the controller, as a client; without a bound port it is lost."""
+        if port in self.bound_udp:
+            self.bound_udp[port].inbox.append((data, peer))
 
     def connect(self, peer: Octets, port: int) -> MemoryStream:
         """Connect to a port of this network. Raises OSError if it is not open."""
@@ -312,5 +402,6 @@ class LockStepLink(Generic[Events]):
 
 
 ByteStream = SocketStream | MemoryStream
+Datagrams = SocketDatagrams | MemoryDatagrams
 Listener = SocketListener | MemoryListener
 Network = SocketNetwork | MemoryNetwork

@@ -41,6 +41,8 @@ JUMP_RAD = 0.6  # between two samples; a larger change means another kinematic b
 _SAMPLE_M = 0.01
 _SAMPLES = (4, 200)
 _SHORTEST = 1e-9
+_WRIST = 4  # JT5
+_LEAST_ARC = 1e-4  # sine of the angle at the first of three points of a circle
 
 
 class Ramp(NamedTuple):
@@ -188,15 +190,29 @@ def _linear(kinematics: ArmKinematics, motion: MotionRequest, q_from: Array) -> 
     T_to = motion.T_base_tcp
     if T_to is None:
         T_to = kinematics.flange_pose(joint_target(kinematics, motion, q_from)) * tool
-    line = TcpLine(kinematics, T_flange_tcp=tool, T_from=T_from, T_to=T_to)
+    if motion.circle_m is None:
+        line = TcpLine(kinematics, T_flange_tcp=tool, T_from=T_from, T_to=T_to)
+    else:
+        line = TcpArc(
+            kinematics, T_flange_tcp=tool, T_from=T_from, T_to=T_to, other_m=motion.circle_m
+        )
     if line.extent_m < _LEAST_EXTENT:
         return Segment(line, _ZERO_LENGTH, q_from=q_from, q_to=q_from)
-    q_to = line.walk(q_from)
-    cap = min(motion.manner.speed.linear_m_s(line.extent_m), LINEAR_MAX_M_S) / line.extent_m
+    q_to = line.walk(q_from, motion.manner.straight_wrist_rad)
+    if motion.manner.keeps_configuration and motion.q is not None:
+        _refuse_other_configuration(q_to, motion.q)
+    longest = LINEAR_MAX_M_S / line.extent_m
+    cap = min(1.0 / motion.manner.speed.linear_s(line.travel_m, line.turn_rad), longest)
     ramp = _ramp(motion.manner, cap, LINEAR_ACCEL_M_S2 / line.extent_m)
     if motion.manner.absolute:
-        ramp = ramp._replace(absolute_below=LINEAR_MAX_M_S / line.extent_m)
+        ramp = ramp._replace(absolute_below=longest)
     return Segment(line, ramp, q_from=q_from, q_to=q_to)
+
+
+def _refuse_other_configuration(q_to: Array, q_asked: Array) -> None:
+    """Raise AsError E1184 if a path does not end in the joint angles that were asked for."""
+    if np.abs(q_to - q_asked).max() > JUMP_RAD:
+        raise AsError("E1184", "the target is in another configuration, and CONF_VARIABLE is OFF")
 
 
 def _joint(
@@ -216,10 +232,11 @@ def _joint(
 
 
 def _ramp(manner: MotionParameters, cap: float, full_accel: float) -> Ramp:
+    ramp_accel = min(full_accel, cap / manner.accel_time_s) if manner.accel_time_s else full_accel
     return Ramp(
         cap=cap,
-        accel=manner.accel_fraction * full_accel,
-        decel=manner.decel_fraction * full_accel,
+        accel=manner.accel_fraction * ramp_accel,
+        decel=manner.decel_fraction * ramp_accel,
         brake=BRAKE_FACTOR * full_accel,
     )
 
@@ -234,16 +251,22 @@ class TcpLine:
         self.kinematics = kinematics
         self._T_tcp_flange = T_flange_tcp.inverse()
         self._from, self._to = T_from, T_to
-        travel_m, turn_rad = apart(T_from, T_to)
-        self.extent_m = max(travel_m, TURN_RADIUS_M * turn_rad)
+        self.travel_m, self.turn_rad = apart(T_from, T_to)
+        self.extent_m = max(self.travel_m, TURN_RADIUS_M * self.turn_rad)
 
     def at(self, share: float, q_near: Array) -> IkResult:
         """Return the joint angles at path parameter `share`, near q_near; the end is exact."""
-        T_base_tcp = interpolated(self._from, self._to, share) if share < 1.0 else self._to
+        T_base_tcp = self._pose(share) if share < 1.0 else self._to
         return self.kinematics.solve(T_base_tcp * self._T_tcp_flange, q_near, jump_rad=JUMP_RAD)
 
-    def walk(self, q_from: Array) -> Array:
-        """Check the whole path; return the joints at its end. Raises AsError as `inverse`."""
+    def _pose(self, share: float) -> pin.SE3:
+        return interpolated(self._from, self._to, share)
+
+    def walk(self, q_from: Array, straight_wrist_rad: float = 0.0) -> Array:
+        """Check the whole path; return the joints at its end.
+
+        Raises AsError as `inverse`, and E6007 where JT5 is closer to zero than a limit.
+        """
         count = min(max(_SAMPLES[0], math.ceil(self.extent_m / _SAMPLE_M)), _SAMPLES[1])
         q = q_from
         for k in range(1, count + 1):
@@ -251,4 +274,63 @@ class TcpLine:
             if result.q is None:
                 raise reach_error(f"after {100 * k // count} % of the path: {result.reason}")
             q = result.q
+            if abs(q[_WRIST]) < straight_wrist_rad:
+                angle = f"JT5 at {math.degrees(q[_WRIST]):.1f} deg after {100 * k // count} %"
+                raise AsError("E6007", f"{angle} of the path: the wrist is straight (SINGULAR)")
         return q
+
+
+class TcpArc(TcpLine):
+    """Circular TCP path with uniform rotation; path parameter in 0..1."""
+
+    def __init__(
+        self,
+        kinematics: ArmKinematics,
+        *,
+        T_flange_tcp: pin.SE3,
+        T_from: pin.SE3,
+        T_to: pin.SE3,
+        other_m: Array,
+    ) -> None:
+        """Set the ends, and a point of the circle outside of the arc [m]. Shape (3,).
+
+        Raises AsError E1099 if the three points are on a line.
+        """
+        super().__init__(kinematics, T_flange_tcp=T_flange_tcp, T_from=T_from, T_to=T_to)
+        start_m, end_m = T_from.translation, T_to.translation
+        self._center_m = circle_center_m(start_m, end_m, other_m)
+        self._x = start_m - self._center_m
+        self._y = np.cross(_unit(np.cross(end_m - start_m, other_m - start_m)), self._x)
+        end_rad, other_rad = self._angle_rad(end_m), self._angle_rad(other_m)
+        self._turn_rad = end_rad if end_rad < other_rad else end_rad - _WHOLE_TURN_RAD
+        self.travel_m = abs(self._turn_rad) * float(np.linalg.norm(self._x))
+        self.extent_m = max(self.extent_m, self.travel_m)
+
+    def _angle_rad(self, point_m: Array) -> float:
+        """Return the angle of a point of the circle from the start, in 0 .. 2 pi."""
+        off = point_m - self._center_m
+        return math.atan2(float(off @ self._y), float(off @ self._x)) % _WHOLE_TURN_RAD
+
+    def _pose(self, share: float) -> pin.SE3:
+        angle = share * self._turn_rad
+        T = super()._pose(share)
+        point_m = self._center_m + math.cos(angle) * self._x + math.sin(angle) * self._y
+        return pin.SE3(T.rotation, point_m)
+
+
+def circle_center_m(a: Array, b: Array, c: Array) -> Array:
+    """Return the center of the circle through three points [m]. Shapes (3,).
+
+    Raises AsError E1099 if two are equal, or all are on a line.
+    """
+    u, v = b - a, c - a
+    normal = np.cross(u, v)
+    area = float(normal @ normal)
+    if area < _LEAST_ARC**2 * float(u @ u) * float(v @ v) or area < _LEAST_EXTENT**4:
+        raise AsError("E1099", "the three points of the circle are on a line")
+    toward = float(u @ u) * np.cross(v, normal) - float(v @ v) * np.cross(u, normal)
+    return a + toward / (2.0 * area)
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)

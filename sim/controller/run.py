@@ -75,7 +75,7 @@ def run_alone(
         print_line=print_line,
     )
     with ExitStack() as exits:
-        exits.callback(machine.tcp.close_all)
+        exits.callback(machine.hardware.close_sockets)
         start(machine, source, arguments)
         watch = ChangeLogger(machine, network)
         machine.skip_to(clock.now_ns())
@@ -83,7 +83,7 @@ def run_alone(
             machine.catch_up(clock.now_ns())
             watch.follow()
             clock.sleep_s(TICK_S)
-    return 1 if machine.stops else 0
+    return 0 if machine.control.error is None else 1
 
 
 def run_in_cell(
@@ -176,7 +176,8 @@ class ChangeLogger:
         for port in machine.tcp.listening:
             self._note(f"port {port}", f"listening on {self._network.bound.get(port, port)}")
         self._note("sockets", ", ".join(str(n) for n in machine.tcp.sockets))
-        self.alive = any(task.state != "idle" for task in machine.tasks) and not machine.stops
+        # A program that an error has stopped is continued by another program or not at all.
+        self.alive = any(task.state not in ("idle", "stopped") for task in machine.tasks)
 
     def _note(self, what: str, state: str) -> None:
         if self._last_state.get(what, "") != state:

@@ -70,7 +70,7 @@ class EmulatedController:
 
     def close(self) -> None:
         """Switch the controller off."""
-        self.machine.tcp.close_all()
+        self.machine.hardware.close_sockets()
 
 
 class ControllerSensor(EmulatedController):

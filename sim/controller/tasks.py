@@ -7,14 +7,14 @@ accesses all state through its task.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from forcemesh.clock import NS_PER_S
 from sim.as_language.errors import AsError
 from sim.as_language.machine_api import MachineInterface
 from sim.as_language.memory import Locals, Namespace
 from sim.as_language.syntax import Program, ProgramStep
-from sim.controller.hardware import Hardware
+from sim.controller.hardware import NO_STEP, Hardware
 from sim.controller.motion_requests import MotionSettings
 
 ROBOT = 1
@@ -91,6 +91,9 @@ class Task:
         self.stop: ProgramStop | None = None
         self.scan_s = 0.0  # PCSCAN: minimum cycle time
         self.began_ns = 0  # start of this cycle
+        self.branching = False  # to the program of an interrupt
+        self.masked: set[int] = set()  # RUNMASK
+        self._lit: set[int] = set()  # signals to switch on again when the program continues
         self.ready = False
         self.waiting = False
         self._wait: Wait | None = None
@@ -118,16 +121,29 @@ class Task:
         self.frames = [StackFrame(program, pc=step - 1)]
         self.main, self.cycles = program.name, cycles
         self.handler, self.stop, self._wait, self.scan_s = "", None, None, 0.0
+        self.branching = False
+        self.masked.clear()
+        self._lit.clear()
         self.began_ns = self.hardware.now_ns
         self.set_state("running")
 
     def set_state(self, state: TaskState) -> None:
         """Change the state; the wait condition is kept unless the program has ended."""
+        if self.masked and (state == "running") != (self.state == "running"):
+            self._mask(on=state == "running")
         self.state = state
         if state in ("idle", "ending"):
             self.frames, self._wait = [], None
         self.ready = state == "running" and self._wait is None
         self.waiting = state == "running" and self._wait is not None
+
+    def _mask(self, *, on: bool) -> None:
+        """Switch the signals of RUNMASK off, or those on again that were on."""
+        signals = self.hardware.signals
+        if not on:
+            self._lit = {number for number in self.masked if signals.holds(number)}
+        for number in self._lit:
+            signals.set(number if on else -number)
 
     def wait(self, wait: Wait) -> None:
         """Suspend the task until a condition is true."""
@@ -227,6 +243,7 @@ class TaskControl:
         self.held = False
         self.error: ProgramStop | None = None  # latched until ERESET
         self.stops: list[ProgramStop] = []
+        self.interrupts: list[Any] = []  # ON and ONI, see `interrupts`
         self.reports: dict[str, Callable[[], bool]] = {  # switches that programs cannot set
             "power": lambda: hardware.robot.motor_power,
             "repeat": lambda: hardware.repeat_mode,
@@ -254,22 +271,33 @@ class TaskControl:
                     raise AsError("P1014", f"{program.name} is active in {whose}")
         return program
 
+    @property
+    def error_number(self) -> int:
+        """Number of the error that is pending ERESET, or 0."""
+        return 0 if self.error is None else self.error.error.number
+
     # --- robot program ----------------------------------------------------------------------------
 
     def execute(self, name: str, *, cycles: int = 1) -> None:
         """EXECUTE. Raises AsError P1000, P1001, P1002, P1009, P1013, P1014, E0105."""
+        self._refuse_start()
+        self.prime(name, cycles=cycles)
+        if not self.held:
+            self.robot_task.set_state("running")
+
+    def prime(self, name: str, *, cycles: int = 1) -> None:
+        """PRIME: prepare a program, which CONTINUE starts. Raises AsError P1009, P1014, E0105."""
         task = self.robot_task
         if task.state in ("running", "ending") or (self.held and task.state == "held"):
             raise AsError("P1009", task.main)
-        self._refuse_start()
         self.program(name)
         task.set_state("idle")
         program = self.unused_program(name, task)
         self.hardware.motion_settings = MotionSettings()
-        self.hardware.motions = 0
+        self.hardware.motions, self.hardware.arc = 0, None
+        self.hardware.motion_step, self.hardware.is_slow = NO_STEP, True
         task.start(program, cycles=cycles, step=1)
-        if self.held:
-            task.set_state("held")
+        task.set_state("held")
 
     def abort(self) -> None:
         """ABORT: finish the active motion, then end the program."""
@@ -284,12 +312,25 @@ class TaskControl:
             self.robot_task.set_state("held")
 
     def resume(self) -> None:
-        """CONTINUE: resume after HOLD, PAUSE or an error. Raises AsError as `execute`."""
+        """Run: end HOLD; resume a program that waits for it. Raises AsError as `execute`."""
         self._refuse_start()
         self.held = self.hardware.robot.queue.held = False
         if self.robot_task.state in ("held", "stopped"):
-            self.robot_task.stop = None
+            self.robot_task.stop, self.hardware.is_slow = None, True
             self.robot_task.set_state("running")
+
+    def continue_program(self) -> None:
+        """CONTINUE: after HOLD, PAUSE, PRIME or an error. Raises AsError P1011, or as `execute`."""
+        if self.robot_task.state == "idle":
+            raise AsError("P1011")
+        self.resume()
+
+    def motor_power(self, *, on: bool) -> None:
+        """Switch the motors; off holds the program. Inhibited by a pressed emergency stop."""
+        if not on:
+            self.hold()
+        if not (on and self.hardware.emergency):
+            self.hardware.robot.power(on=on)
 
     def reset_error(self) -> None:
         """ERESET."""

@@ -36,21 +36,30 @@ class TcpResult(NamedTuple):
     elements: tuple[str, ...] = ()
 
 
+class TcpStatus(NamedTuple):
+    """Row of TCP_STATUS: a listener or a socket."""
+
+    port: int
+    socket: int
+    code: int = OK  # of the last error
+    peer: Octets = NO_PEER
+
+
 Operation = Callable[[int], TcpResult | None]
 """Poll function of an operation at a time [ns]: the outcome, or None while in progress."""
 
 
-def _poll(attempt: Callable[[], TcpResult | None], end_ns: float) -> Operation:
+def poll(attempt: Callable[[], TcpResult | None], end_ns: float) -> Operation:
     """Return an operation that repeats an attempt until it has a result, or time is up."""
 
-    def poll(now_ns: int) -> TcpResult | None:
+    def attempted(now_ns: int) -> TcpResult | None:
         try:
             result = attempt()
         except OSError:
             return TcpResult(ABORTED)
         return TcpResult(TIMED_OUT) if result is None and now_ns >= end_ns else result
 
-    return poll
+    return attempted
 
 
 class TcpUnit:
@@ -62,6 +71,8 @@ class TcpUnit:
         self._endless_send = send_ignores_timeout
         self._listeners: dict[int, Listener] = {}
         self._streams: dict[int, ByteStream] = {}
+        self._ports: dict[int, int] = {}  # of each socket: that of its listener, or of its peer
+        self._codes: dict[int, int] = {}  # of each socket: its last error
         self._numbers = count(1)
 
     @property
@@ -73,6 +84,14 @@ class TcpUnit:
     def sockets(self) -> tuple[int, ...]:
         """Socket numbers in use."""
         return tuple(self._streams)
+
+    def status(self) -> list[TcpStatus]:
+        """Return the listeners, with socket 0, and the sockets."""
+        listeners = [TcpStatus(port, 0) for port in self._listeners]
+        return listeners + [
+            TcpStatus(self._ports[number], number, self._codes.get(number, OK), stream.peer)
+            for number, stream in self._streams.items()
+        ]
 
     # --- immediate --------------------------------------------------------------------------------
 
@@ -99,6 +118,8 @@ class TcpUnit:
         stream = self._streams.pop(number, None)
         if stream is None:
             return BAD_SOCKET
+        self._ports.pop(number)
+        self._codes.pop(number, None)
         stream.close()
         return OK
 
@@ -119,9 +140,9 @@ class TcpUnit:
             if listener is None:
                 return TcpResult(NOT_LISTENING)
             stream = listener.accept()
-            return None if stream is None else TcpResult(self._add(stream), stream.peer)
+            return None if stream is None else TcpResult(self._add(stream, port), stream.peer)
 
-        return _poll(attempt, end_ns)
+        return poll(attempt, end_ns)
 
     def connect(self, peer: Octets, port: int, end_ns: int) -> Operation:
         """Connect to a server: the code is the socket's number, or negative."""
@@ -130,10 +151,10 @@ class TcpUnit:
         except OSError:
             return lambda _: TcpResult(CANNOT_REACH)
 
-        def poll(now_ns: int) -> TcpResult | None:
+        def established(now_ns: int) -> TcpResult | None:
             try:
                 if stream.ready():
-                    return TcpResult(self._add(stream), peer)
+                    return TcpResult(self._add(stream, port), peer)
             except OSError:
                 stream.close()
                 return TcpResult(CANNOT_REACH)
@@ -142,7 +163,7 @@ class TcpUnit:
             stream.close()
             return TcpResult(TIMED_OUT)
 
-        return poll
+        return established
 
     def send(self, number: int, elements: Sequence[str], end_ns: int) -> Operation:
         """Send strings without separators; at most 4096 bytes."""
@@ -155,11 +176,14 @@ class TcpUnit:
             stream = self._streams.get(number)
             if stream is None:
                 return TcpResult(BAD_SOCKET)
-            if rest:
-                rest = rest[stream.send(rest) :]
+            try:
+                rest = rest[stream.send(rest) :] if rest else rest
+            except OSError:
+                self._codes[number] = ABORTED
+                raise
             return None if rest else TcpResult(OK)
 
-        return _poll(attempt, math.inf if self._endless_send else end_ns)
+        return poll(attempt, math.inf if self._endless_send else end_ns)
 
     def receive(self, number: int, end_ns: int, *, longest: int) -> Operation:
         """Wait for bytes, cut into elements of at most `longest` characters.
@@ -171,16 +195,20 @@ class TcpUnit:
             stream = self._streams.get(number)
             if stream is None:
                 return TcpResult(BAD_SOCKET)
-            data = stream.receive(BYTES_PER_CALL)
+            try:
+                data = stream.receive(BYTES_PER_CALL)
+            except OSError:
+                self._codes[number] = ABORTED
+                raise
             if data is None:
                 return None
             text = data.decode("latin-1")
             cuts = range(0, len(text), longest)
             return TcpResult(OK, elements=tuple(text[at : at + longest] for at in cuts))
 
-        return _poll(attempt, end_ns)
+        return poll(attempt, end_ns)
 
-    def _add(self, stream: ByteStream) -> int:
+    def _add(self, stream: ByteStream, port: int) -> int:
         number = next(self._numbers)
-        self._streams[number] = stream
+        self._streams[number], self._ports[number] = stream, port
         return number

@@ -6,7 +6,7 @@
 ; refused: P1000            EXECUTE is refused
 ; mistake: P0120 7          the file does not parse: code and line; all of them
 ; runs: demo                the program to execute; main by default
-; pendant: motors off       before EXECUTE; also: teach, teach lock
+; pendant: motors off       before EXECUTE; also: teach, teach lock, types 12
 """
 
 import re
@@ -122,6 +122,8 @@ def _record(bench: AsBench, executed: list[ProgramStep]) -> None:
 def _at_the_pendant(pendant: Pendant, act: str) -> None:
     if act == "motors off":
         pendant.motor_power(on=False)
+    elif act.startswith("types "):
+        pendant.type_line(act.removeprefix("types "))
     elif act == "teach":
         pendant.teach()
     else:

@@ -19,8 +19,10 @@ RULES = [
     ("SIG(1001)", -1.0), ("SIG(1002)", 0.0), ("SIG(-1002)", -1.0), ("SIG(1001,-1002)", -1.0),
     ("SIG(1001,1002)", 0.0), ("BITS(1001,3)", 5.0), ("BITS32(1001,3)", 5.0),
     ("SWITCH(CP)", -1.0), ("SWITCH(POWER)", 0.0), ("NOT SWITCH(POWER) AND SWITCH(cp)", -1.0),
-    ("TASK(1)", 1.0), ("TASK(1001)", 0.0), ("TIMER(3)", 1.5), ("ERROR", -34024.0),
+    ("TASK(1)", 1.0), ("TASK(1001)", 0.0), ('WHICHTASK("main")', 1.0),
+    ('WHICHTASK("MAIN")', 1.0), ('WHICHTASK("p")', -1.0), ("TIMER(3)", 1.5), ("ERROR", -34024.0),
     ("MSPEED", 10.0), ("IQARM(2)", float(np.float32(0.2))), ("TRQNM(4)", 0.5),
+    ("UTIMER(@t)", 2.0), ("SYSDATA(STEP)", 3.0), ("SYSDATA(MTR.CURR,1,4)", 5.0),
     ("EXISTPGM(main)", -1.0), ("EXISTPGM(missing)", 0.0),
 ]  # fmt: skip
 
@@ -28,7 +30,7 @@ RULES = [
 @pytest.mark.parametrize(("text", "expected"), RULES)
 def test_each_function_gives_the_documented_value(text: str, expected: float) -> None:
     """Angles in degrees, conditions as -1 and 0, SIG as AND of its signals."""
-    bench = AsLanguage()
+    bench = AsLanguage("@t = 3000")
     bench.signals.update({1001, 1003})
     bench.errors.append(-34024)
     assert bench(text) == expected

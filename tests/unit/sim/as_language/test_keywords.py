@@ -36,7 +36,7 @@ def test_the_page_lists_every_name_once(title: str, known: set[str]) -> None:
 
 def test_the_example_of_the_page_is_the_output_of_the_check() -> None:
     """Two findings of the example, word for word."""
-    body = ["x = 1"] * 8 + ["y = NOT x == 2", "x = 1", "XMOVE HERE TILL 1001"]
+    body = ["x = 1"] * 8 + ["y = NOT x == 2", "x = 1", "GUNON 1,50"]
     text = "\n".join([".SYSDATA", ".END", "", ".PROGRAM main", *body, ".END"])
     for finding in check_text(text, "press.as").findings:
         sentence = str(finding).split(": ", 1)[1]

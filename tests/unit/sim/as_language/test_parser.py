@@ -45,7 +45,10 @@ INSTRUCTIONS = [
     ("BITS 1,2 = x", Instruction("BITS", (ONE, TWO, X))),
     ("CP ON", Instruction("SWITCH", (Word("cp"),), ("ON",))),
     ("prefetch.sigins off", Instruction("SWITCH", (Word("prefetch.sigins"),), ("OFF",))),
-    ("RTC_SW 1: ON", Instruction("SWITCH", (Word("rtc_sw"), ONE), ("ON",))),
+    ("CP, QTOOL OFF", Instruction("SWITCH", (Word("cp"), Word("qtool")), ("OFF",))),
+    ("RTC_SW 1: ON", Instruction("SWITCH", (Word("rtc_sw"),), ("1:", "ON"))),
+    ("POINT p", Instruction("POINT", (P,))),
+    ("POINT/X p", Instruction("POINT", (P,), ("/X",))),
     ("PCEXECUTE 2: p.a,-1",
      Instruction("PCEXECUTE", (TWO, Word("p.a"), Unary("-", ONE)))),
     ("PCEXECUTE p", Instruction("PCEXECUTE", (ONE, Word("p")))),
@@ -53,9 +56,14 @@ INSTRUCTIONS = [
     ("PCEND", Instruction("PCEND", (ONE,))),
     ("MC EXECUTE p,2", Instruction("MC EXECUTE", (Word("p"), TWO))),
     ("MC SPEED 2", Instruction("MC SPEED", (TWO,))),
+    ("MC SPEED 2: 1", Instruction("MC SPEED", (ONE,), ("2:",))),
+    ("MC ZPOWER ON", Instruction("MC ZPOWER", (Number(-1.0),))),
     ("MC HOLD", Instruction("MC HOLD")),
     ("ONE p", Instruction("ONE", (Word("p"),))),
     ("ON 1 CALL p,2", Instruction("ON", (ONE, Word("p"), TWO), ("CALL",))),
+    ("ON 1 GOTO 10,2", Instruction("ON", (ONE, Word("10"), TWO), ("GOTO",))),
+    ("DELETE/R x", Instruction("DELETE", (X,), ("/R",))),
+    ("SETHOME 1,#j", Instruction("SETHOME", (ONE, Variable("#", "j")))),
     ("ONI/ERR 1 GOTO 10", Instruction("ONI", (ONE, Word("10")), ("/ERR", "GOTO"))),
     ("XMOVE/LVL p TILL 2", Instruction("XMOVE", (P, TWO), ("/LVL", "TILL"))),
     ("TCP_RECV x,1,$s[2],p,1", Instruction("TCP_RECV", (
@@ -81,6 +89,9 @@ STATEMENTS = [
     ("POINT p = x", syntax.PointStatement(P, X)),
     ("POINT/OAT p = x", syntax.PointStatement(P, X, "OAT")),
     ("POINT/X p = x", syntax.PointStatement(P, X, "X")),
+    ("POINT/7 p = x", syntax.PointStatement(P, X, "7")),
+    ("POINT p+x+q = p",
+     syntax.PointStatement(Variable("", "q"), P, relative_to=Binary("+", P, X))),
     ("POINT #j = p,#k", syntax.PointStatement(Variable("#", "j"), P, "", Variable("#", "k"))),
     ("HERE #j", syntax.Here(Variable("#", "j"))),
     ("HERE p+x+q", syntax.Here(Variable("", "q"), Binary("+", P, X))),
@@ -144,6 +155,7 @@ def test_keywords_may_be_shortened(short: str, full: str) -> None:
         ("2^-1", Binary("^", TWO, Unary("-", ONE))),
         ("a =< b", Binary("<=", Variable("", "a"), Variable("", "b"))),
         ("a != b", Binary("<>", Variable("", "a"), Variable("", "b"))),
+        ("a % b", Binary("MOD", Variable("", "a"), Variable("", "b"))),
         ("to + step", Binary("+", Variable("", "to"), Variable("", "step"))),
         ("a.b", Variable("", "a.b")),
         ("';", Number(59.0)),
@@ -161,18 +173,46 @@ def test_the_meaning_of_a_word_depends_on_its_place(text: str, expected: syntax.
 
 
 def test_a_line_of_an_unknown_instruction_is_kept_unread() -> None:
-    """Teach steps of real backups: no list of arguments, and no reason to refuse the file."""
-    line = "  JOINT SPEED9 ACCU1 TIMER0 (OFF,0,0,O) OX= WX= #[36.46,37.6] ;"
+    """Options of a real backup: no list of arguments, and no reason to refuse the file."""
+    found = statement("  WELD JOB9 WIRE= (OFF,0,O) #[36.46,37.6] ;")
+    assert found == Instruction("WELD", (Text("JOB9 WIRE= (OFF,0,O) #[36.46,37.6] ;"),),
+                                unknown=True)  # fmt: skip
+
+
+@pytest.mark.parametrize("word", ["JOINT", "linear", "CIR1", "CIR2"])
+@pytest.mark.parametrize(
+    "rest",
+    ["SPEED9 ACCU1 TIMER0 TOOL1 WORK0 CLAMP1 (OFF,0,0,O) 2 (ON,0,0,C) OX= WX= #[1,-2.5,3] ;up",
+     "30.0 ACCU1 TIMER0 TOOL1 WORK0 CLAMP OX=84,-85 WX=1001 #[1,2,3,4,5,6,-2000]",
+     "SPEED3 ACCU1 TIMER0 TOOL1 WORK0 GROUP0  CLAMP1 (OFF,0,0,O) OX= WX=  YO=^H0,^H0 #[1,2]"],
+)  # fmt: skip
+def test_a_block_step_of_the_pendant_is_known_and_kept_unread(word: str, rest: str) -> None:
+    """With clamps, signals and values of further axes; a label may stand before it."""
+    assert statement(f"  {word} {rest}") == Instruction(word.upper(), (Text(rest),))
+    assert parse_line(f"10 {word} {rest}").label == "10"
+
+
+@pytest.mark.parametrize("line", ["joint = 1", "JOINT SPEED9 ACCU1", "CALL joint", "cir1[2] = 3"])
+def test_the_words_of_block_steps_are_names_elsewhere(line: str) -> None:
+    """Without joint values it is an unknown instruction at most."""
     found = statement(line)
-    assert isinstance(found, Instruction)
-    assert found.unknown
-    assert found.name == "JOINT"
-    assert found.arguments == (Text("SPEED9 ACCU1 TIMER0 (OFF,0,0,O) OX= WX= #[36.46,37.6] ;"),)
+    assert not isinstance(found, Instruction) or found.unknown
+
+
+@pytest.mark.parametrize(
+    ("short", "full"),
+    [("IF x == 1", "IF x == 1 THEN"), ("WHILE SIG(-1)", "WHILE SIG(-1) DO"),
+     ("CASE x", "CASE x OF"), ("SCASE $s", "SCASE $s OF"), ("VALUE 1,2", "VALUE 1,2:"),
+     ('SVALUE "a"', 'SVALUE "a":'), ("ANY", "ANY :")],
+)  # fmt: skip
+def test_words_at_the_end_of_a_line_may_be_left_out(short: str, full: str) -> None:
+    """Public programs, also generated ones, are written so; of ANY the manual says it."""
+    assert statement(short) == statement(full)
 
 
 def test_an_unknown_instruction_with_arguments_is_parsed_and_marked() -> None:
     """The check lists it; executing it is an error."""
     assert statement("WIBBLE 1,x") == Instruction("WIBBLE", (ONE, X), unknown=True)
-    monitor_command = statement("MC ZPOWER ON")
+    monitor_command = statement("MC DIRECTORY 1")
     assert isinstance(monitor_command, Instruction)
     assert monitor_command.unknown

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
+from common.config.cell_sim import SimSection
 from forcemesh.errors import ConfigError
-from sim.controller.behaviour import Behaviour, behaviour_like
+from sim.controller.behaviour import Behaviour, behaviour_in, behaviour_like
 from tests.fakes.as_bench import FAST, AsBench, program
 from tests.fakes.as_trace import SQUARE, Trace
 
@@ -39,7 +40,10 @@ def test_values_out_of_range_are_refused(values: dict[str, Any]) -> None:
 def test_the_file_of_a_probe_gives_its_behaviour(tmp_path: Path) -> None:
     """Fields that it does not name have their defaults."""
     path = tmp_path / "probe.yaml"
-    path.write_text("behaviour: {least_segment_s: 0.03, motions_ahead: 3}\n")
+    path.write_text(
+        "probe: 1\ncontroller: F60\nresults: {error: {value: null, why: x}}\n"
+        "behaviour: {least_segment_s: 0.03, motions_ahead: 3}\n"
+    )
     assert behaviour_like(path) == Behaviour(least_segment_s=0.03, motions_ahead=3)
 
 
@@ -163,6 +167,58 @@ def test_a_program_may_switch_abs_speed_off() -> None:
         trace = Trace(bench)
         bench.run()
         assert trace.speed_mm_s.max() == pytest.approx(reached_mm_s, rel=0.02)
+
+
+def test_a_speed_in_mm_s_is_the_tcps_and_its_rotation_has_its_own() -> None:
+    """A pure turn is not slowed by MM/S; with a way the way decides, unless the turn is longer."""
+
+    def took_s(speed: str, motion: str) -> float:
+        lines = ("HERE p", speed, motion, "BREAK", "t = TIMER(0)")
+        return float(AsBench(program(*lines)).run().value("t"))
+
+    assert took_s("SPEED 1 MM/S", "LMOVE p+RZ(10)") < 1.0
+    assert took_s("SPEED 2 S", "LMOVE p+RZ(10)") == pytest.approx(2.0, abs=0.2)
+    assert took_s("SPEED 10 MM/S", "LMOVE p+TRANS(0,0,-20)+RZ(5)") == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("asked_mm_s", "reached_mm_s"), [(2.0, 2.0), (0.1, 1.2)])
+def test_a_speed_below_the_least_is_the_least(asked_mm_s: float, reached_mm_s: float) -> None:
+    """Percentages begin at 0.01: 1.2 mm/s of 12 m/s."""
+    lines = ("HERE p", f"SPEED {asked_mm_s} MM/S", "LMOVE SHIFT(p BY 1,0,0)", "BREAK")
+    bench = AsBench(program(*lines), changed(least_speed_m_s=0.0012))
+    trace = Trace(bench)
+    bench.run()
+    assert trace.speed_mm_s.max() == pytest.approx(reached_mm_s, rel=0.05)
+
+
+def test_an_acceleration_by_time_makes_a_small_motion_slow() -> None:
+    """From rest to rest within s at a speed of s / t: twice the root of t times the ramp's time."""
+    lines = ("HERE p", "SPEED 10 MM/S", "LMOVE SHIFT(p BY 0.3,0,0)", "BREAK", "t = TIMER(0)")
+    at_once = AsBench(program(*lines)).run().value("t")
+    by_time = AsBench(program(*lines), changed(accel_time_s=0.2)).run().value("t")
+    assert by_time - at_once == pytest.approx(2.0 * (0.03 * 0.2) ** 0.5 - 0.045, abs=0.01)
+
+
+def test_planning_takes_the_time_of_all_tasks() -> None:
+    """Each motion costs a program of the PC as well."""
+    main = program("PCEXECUTE 1: other", *SQUARE, "DRIVE 1,2", "DRIVE 1,2", "BREAK")
+    other = program("k = 0", "again:", "k = k+1", "GOTO again", name="other")
+    slowed = changed(step_s=1e-3, segment_planning_s=0.05)
+    counts = [
+        AsBench(main + other, behaviour).start() for behaviour in (changed(step_s=1e-3), slowed)
+    ]
+    for bench in counts:
+        bench.advance(0.5)
+    turns = counts[0].value("k") - counts[1].value("k")
+    assert turns == pytest.approx(100 / 3, abs=5)  # of three steps each
+
+
+def test_a_simulated_cell_chooses_its_controller() -> None:
+    """Least segment and motions ahead are the cell's, with either reading of the manual."""
+    kind = behaviour_in(SimSection(as_least_segment_s=0.016, as_motions_ahead=2))
+    worse = behaviour_in(SimSection(as_pessimistic=True))
+    assert (kind.least_segment_s, kind.motions_ahead, kind.abs_speed) == (0.016, 2, False)
+    assert (worse.least_segment_s, worse.motions_ahead, worse.abs_speed) == (0.03, 3, True)
 
 
 # --- errors ---------------------------------------------------------------------------------------

@@ -178,3 +178,14 @@ def test_goto_to_a_missing_label_is_e0101() -> None:
     bench = AsBench(program("x = 1", "", "GOTO nowhere"))
     assert bench.fail().code == "E0101"
     assert bench.stopped_at == ("main", 2)
+
+
+def test_point_defines_the_rightmost_of_a_compound_location() -> None:
+    """Relative to the rest, as HERE does; a component of it, too. An undefined rest is E0103."""
+    bench = ran("POINT a = TRANS(100,0,0,90)", "POINT c = TRANS(10,20,30,40,50,60)",
+                "POINT a+b = c", "POINT d = a+b", "x = DISTANCE(c,d)", "POINT/Z a+b = TRANS(0,0,7)",
+                "z = DZ(b)", "y = DX(b)")  # fmt: skip
+    assert bench.value("x") == pytest.approx(0.0, abs=1e-3)
+    assert bench.value("z") == pytest.approx(7.0, abs=1e-4)
+    assert bench.value("y") == pytest.approx(20.0, abs=1e-4)
+    assert AsBench(program("POINT q+b = NULL")).fail().code == "E0103"

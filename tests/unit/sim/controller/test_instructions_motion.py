@@ -28,7 +28,7 @@ def test_a_whole_linear_move_at_tool_down_keeps_tool_down() -> None:
 
 def test_a_move_through_the_pole_goes_straight_and_turns_evenly() -> None:
     """From A = 170 on one side to 170 on the other: O jumps by 180 degrees, the arm does not."""
-    bench = AsBench(program("HERE p", "SPEED 50 MM/S ALWAYS", "LMOVE p+RX(10)", "BREAK",
+    bench = AsBench(program("HERE p", "SPEED 1.5 S ALWAYS", "LMOVE p+RX(10)", "BREAK",
                             "LMOVE p+RX(-10)", "BREAK"))  # fmt: skip
     trace, last = Trace(bench), None
     steps: list[float] = []

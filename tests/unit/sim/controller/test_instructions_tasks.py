@@ -217,10 +217,10 @@ def test_an_error_in_the_handler_stops_the_program() -> None:
 
 def test_an_instruction_without_emulation_gives_its_name_program_and_step() -> None:
     """E0111 when the step is reached, not before."""
-    bench = AsBench(program("x = 1", "XMOVE HERE TILL 1001"))
+    bench = AsBench(program("x = 1", "GUNON 1,50"))
     error = bench.fail()
     assert error.code == "E0111"
-    assert "XMOVE" in str(error)
+    assert "GUNON" in str(error)
     assert (bench.value("x"), bench.stopped_at) == (1, ("main", 2))
 
 
@@ -249,3 +249,81 @@ def test_the_same_program_gives_the_same_run() -> None:
     assert [first.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")] == [
         second.value(n) for n in ("t", "x[0]", "x[1]", "x[2]")
     ]
+
+
+def test_whichtask_names_the_task_that_is_in_a_program() -> None:
+    """A held program, too: who executes its slot anew would replace it; an ended one is free."""
+    other = program("PAUSE", name="a_name_with_over_15_characters")
+    bench = AsBench(program('$name = "a_name_with_over_15_characters"', "a = WHICHTASK($name)",
+                            "PCEXECUTE 4: a_name_with_over_15_characters", "TWAIT 0.1",
+                            "s = TASK(1004)", "b = WHICHTASK($name)", "PCABORT 4:",
+                            "c = WHICHTASK($name)") + other).run()  # fmt: skip
+    assert [bench.value(name) for name in "abcs"] == [-1, 1004, -1, 2]
+
+
+def boss_of(*lines: str, main: str = program("x = 1")) -> AsBench:
+    """A PC program with these steps, run for a second beside a robot program."""
+    bench = AsBench(main + program(*lines, name="boss"))
+    bench.machine.control.start_pc(1, "boss")
+    bench.advance(1.0)
+    return bench
+
+
+def test_mc_ereset_and_mc_continue_resume_where_an_error_stopped_the_robot_program() -> None:
+    """Before ERESET nothing starts (P1013); after it the failed step is executed again."""
+    main = program("n = 0", "n = n+1", "y = 1/d", "z = n")
+    bench = boss_of("d = 0", "MC EXECUTE main", "WAIT TASK(1) == 2", "e = ERROR", "ONE note",
+                    "MC CONTINUE", "MC EXECUTE main", "MC ERESET", "f = ERROR", "d = 4",
+                    "MC CONTINUE", "WAIT TASK(1) == 0",
+                    main=main + program("g = ERROR", "RETURNE", name="note"))  # fmt: skip
+    assert bench.codes == ["E0108", "P1013", "P1013"]
+    assert [bench.value(name) for name in "efgyz"] == [-30108, 0, -11013, 0.25, 1]
+
+
+def test_mc_ereset_resets_an_error_that_a_pc_program_left() -> None:
+    """The robot program continues all the time, unless such an error stops it."""
+    count = program("WHILE TRUE DO", "TWAIT 0.01", "n = n+1", "END")
+    for stops in (False, True):
+        bench = AsBench(count + program("x = 1/0", name="bad")
+                        + program("WAIT SWITCH(ERROR)", "a = TASK(1)", "MC ERESET",
+                                  "IF a == 2 THEN", "MC CONTINUE", "END", "TWAIT 0.1", "b = n",
+                                  "TWAIT 0.1", "c = TASK(1)", name="boss"),
+                        Behaviour(step_s=2e-5, pc_error_stops_robot=stops))  # fmt: skip
+        bench.machine.memory.write("n", 0.0)
+        bench.start()
+        bench.machine.control.start_pc(1, "boss")
+        bench.machine.control.start_pc(2, "bad")
+        bench.advance(0.5)
+        assert bench.codes == ["E0108"]
+        assert [bench.value(name) for name in "ac"] == [2 if stops else 1, 1]
+        assert bench.value("n") > bench.value("b") > 0
+
+
+def test_mc_continue_without_a_program_to_continue_is_p1011() -> None:
+    """An ended program must be executed anew."""
+    assert boss_of("MC CONTINUE").codes == ["P1011"]
+
+
+def test_mc_prime_prepares_a_program_that_mc_continue_starts() -> None:
+    """Nothing is executed before; the cycles are those of PRIME."""
+    bench = boss_of("n = 0", "MC PRIME main,3", "TWAIT 0.1", "a = n", "MC CONTINUE",
+                    "WAIT TASK(1) == 0", main=program("n = n+1"))  # fmt: skip
+    assert bench.codes == []
+    assert [bench.value(name) for name in "an"] == [0, 3]
+
+
+def test_mc_zpower_switches_the_motors_and_off_holds_the_program() -> None:
+    """An emergency stop that is pressed keeps them off."""
+    bench = boss_of("MC ZPOWER OFF", "a = SWITCH(POWER)", "b = SWITCH(RUN)", "MC ZPOWER ON",
+                    "c = SWITCH(POWER)")  # fmt: skip
+    assert [bench.value(name) for name in "abc"] == [0, 0, -1]
+    bench.pendant.emergency_stop()
+    bench.machine.control.start_pc(1, "boss")
+    bench.advance(0.5)
+    assert bench.value("c") == 0
+
+
+def test_a_monitor_command_may_name_robot_1_and_no_other() -> None:
+    """P0104."""
+    assert boss_of("MC SPEED 1: 35", "a = MSPEED").value("a") == 35
+    assert boss_of("MC SPEED 2: 35").codes == ["P0104"]

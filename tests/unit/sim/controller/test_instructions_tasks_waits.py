@@ -1,5 +1,7 @@
 """Waiting, timers, signals, switches, PRINT, and values out of range."""
 
+from collections import deque
+
 import pytest
 
 from sim.controller.behaviour import pessimistic
@@ -99,3 +101,68 @@ def test_print_goes_to_every_listener_and_s_keeps_the_line_open() -> None:
     """Lines come whole."""
     bench = AsBench(program('TYPE /S, "a"', 'PRINT 2: "b"', 'TYPE "c"')).run()
     assert bench.printed == ["ab", "c"]
+
+
+def test_user_timers_run_in_integer_variables() -> None:
+    """Globals, locals and elements alike, from the value that the instruction gives."""
+    bench = AsBench(program("UTIMER @a = 0", "UTIMER .@b[2] = 10", "TWAIT 0.5", "x = UTIMER(@a)",
+                            "y = UTIMER(.@b[2])", "UTIMER @a = 3",
+                            "z = UTIMER(@a)")).run()  # fmt: skip
+    assert [bench.value(name) for name in "xyz"] == pytest.approx([0.5, 10.5, 3.0], abs=0.002)
+
+
+@pytest.mark.parametrize(("line", "code"), [("UTIMER a = 0", "P0118"), ("UTIMER @a = -1", "E0106")])
+def test_a_user_timer_is_an_integer_variable_and_no_negative_time(line: str, code: str) -> None:
+    """A real cannot hold it."""
+    assert AsBench(program(line)).fail().code == code
+
+
+def test_time_ms_is_the_time_with_milliseconds() -> None:
+    """Since power-on, as $TIME."""
+    bench = AsBench(program("TWAIT 1.25", "$t = $TIME_MS")).run()
+    assert bench.value("$t") == "00:00:01.250"
+
+
+def typed(line: str, *steps: str) -> AsBench:
+    """Run steps that wait for a line of the keyboard, which comes after 0.1 s."""
+    bench = AsBench(program(*steps))
+    bench.machine.hardware.keyboard = deque()
+    bench.start().advance(0.1)
+    assert bench.task.state == "running"
+    bench.pendant.type_line(line)
+    bench.advance(0.1)
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("line", "values"),
+    [("1 2", (1, 2)), ("1.5, -2E1,7", (1.5, -20)), ("^HFF", (255, 0)), ("", (0, 0))],
+)
+def test_prompt_reads_numbers_that_are_typed(line: str, values: tuple[float, float]) -> None:
+    """Blanks or commas between them, 0 for those that are missing, the rest is ignored."""
+    bench = typed(line, 'PROMPT 2: "how many", a, b[3]')
+    assert bench.printed == ["how many>"]
+    assert (bench.value("a"), bench.value("b[3]")) == values
+
+
+def test_prompt_reads_a_whole_line_into_a_string() -> None:
+    """Blanks and commas included."""
+    assert typed("ab, c 1", 'PROMPT "name", $s').value("$s") == "ab, c 1"
+
+
+def test_prompt_refuses_letters_for_a_number_and_a_missing_keyboard() -> None:
+    """P0100 and E4012 stop the program."""
+    assert typed("abc", 'PROMPT "how many", a').codes == ["P0100"]
+    assert AsBench(program('PROMPT "how many", a')).fail().code == "E4012"
+
+
+def test_text_for_a_window_of_the_panel_is_reported() -> None:
+    """Its number and strings; row, column and colours are read and have no effect."""
+    bench = AsBench(program('IFPWPRINT 1 = "ready"', 'IFPWOVERWRITE 2,1,,7,10 = "part "+"A", "ok"'))
+    assert bench.run().printed == ["panel, window 1: ready", "panel, window 2: part A | ok"]
+
+
+@pytest.mark.parametrize("line", ["PROMPT", "IFPWPRINT", "XMOVE HERE", "UDP_RECVFROM r"])
+def test_an_argument_that_is_left_out_is_p0100(line: str) -> None:
+    """Also before arguments of any number."""
+    assert AsBench(program(line)).fail().code in ("P0100", "P0118")

@@ -19,6 +19,7 @@ from sim.controller.tcp import (
     TIMED_OUT,
     TOO_LONG,
     TcpResult,
+    TcpStatus,
     TcpUnit,
 )
 
@@ -281,3 +282,18 @@ def test_two_clients_of_one_listener_have_a_socket_each(world: TcpBench) -> None
     a.send(b"aa")
     assert world.received(first).elements == ("aa",)
     assert world.received(second).elements == ("bb",)
+
+
+def test_status_lists_listeners_with_socket_0_and_sockets_with_their_last_error(
+    world: TcpBench,
+) -> None:
+    """A socket keeps the port of its listener; a closed one is gone."""
+    assert world.tcp.status() == []
+    number, peer = world.accepted()
+    assert world.tcp.status() == [TcpStatus(PORT, 0), TcpStatus(PORT, number, OK, LOOPBACK)]
+    peer.reset()
+    assert until(world.tcp.receive(number, NS_PER_S, longest=255)).code == ABORTED
+    assert world.tcp.status()[1] == TcpStatus(PORT, number, ABORTED, LOOPBACK)
+    world.tcp.close(number)
+    world.tcp.end_listen(PORT)
+    assert world.tcp.status() == []

@@ -62,6 +62,8 @@ LIMITS: dict[Bank, VecInt] = {
     ),  # 150 deg, 10 N m, 20 mm, 10 deg, 250 mm/s
     Bank.LOWER_CORNER: (-50_000, 0, -10_000, 0, 0, 0),
     Bank.UPPER_CORNER: (50_000, 60_000, 60_000, 0, 0, 0),
+    Bank.SEGMENT: (30, 12, 0, 0, 0, 0),  # 30 ms, 1.2 mm/s
+    Bank.JOINT_SPEED: (92_500, 77_500, 102_500, 137_500, 137_500, 250_000),
 }
 GAINS_I: VecInt = (250, 250, 250, 250, 250, 250)  # 0.05 mm/(N s), 0.05 deg/(N m s)
 SAMPLE = f" {Com.POSE:06d} ".encode("ascii")

@@ -1,5 +1,5 @@
 .PROGRAM fm.main() ;robot program: EXECUTE fm.main. Command processor, see README.md
-  ; forcemesh, the program inside the controller. Protocol 2.
+  ; forcemesh, the program inside the controller. Protocol 3.
   ; This is not a safety function. Load, start and stop: README.md beside this file.
   ; fm.main  robot program: takes 1-3, 5, 6, 7 (start), 10, 11, 13 from the ring; moves
   ; fm.send  PC program 1: sends 101, 102, 103 without end
@@ -10,10 +10,13 @@
   ; behind RETURN, because a line with only a comment is a step.
   CALL fm.config
   CALL fm.begin
+  IF fm.other<>0 GOTO other
   CALL fm.init
   TOOL NULL
   BASE NULL
   CP ON
+  ABS.SPEED OFF ;the monitor speed scales every speed
+  QTOOL OFF ;or the pendant would replace TOOL
   SPEED 10 MM/S ALWAYS ;of force feedback, until command 10
   ACCURACY fm.accur ALWAYS
   ACCEL 100 ALWAYS
@@ -40,6 +43,9 @@ turn:
   CALL fm.tick
   IF fm.quit==0 GOTO turn
   CALL fm.leave
+  RETURN
+other: ;never aborted: it may guard something else
+  PRINT "forcemesh needs PC programs 1, 2 and 3: another program is in",fm.other
 .END
 .PROGRAM fm.config() ;what may be changed for a cell
   fm.port=49152 ;TCP port that is listened on, 8192 to 65535
@@ -54,23 +60,18 @@ turn:
   fm.peer[3]=0
   fm.peer[4]=0
 .END
-.PROGRAM fm.begin() ;stop what an earlier run left; keep TOOL, BASE and CP for fm.leave
-  IF TASK(1001)<>0 THEN
-    PCABORT 1:
-  END
-  IF TASK(1002)<>0 THEN
-    PCABORT 2:
-  END
-  IF TASK(1003)<>0 THEN
-    PCABORT 3:
-  END
-  TIMER 6=0
-  WAIT ((TASK(1001)<>1) AND (TASK(1002)<>1) AND (TASK(1003)<>1)) OR (TIMER(6)>5)
+.PROGRAM fm.begin() ;stop what an earlier run left; keep TOOL, BASE and switches for fm.leave
+  fm.other=0
+  CALL fm.end.pc
   IF EXISTREAL("fm.sock")==0 THEN
     fm.sock=0
   END
-  IF EXISTREAL("fm.saved")==0 THEN
+  IF (EXISTREAL("fm.saved")==0) OR (EXISTREAL("fm.qtool0")==0) THEN
     fm.saved=0
+  END
+  IF EXISTREAL("fm.eres")==0 THEN
+    fm.eres=0 ;errors of the connection that fm.watch has reset
+    fm.eresu=0 ;the last of them that was reported
   END
   CALL fm.frames
   ; An aborted run leaves TOOL and BASE null and fm.saved set: then the ones it kept are right.
@@ -78,8 +79,35 @@ turn:
     POINT fm.tool0=TOOL
     POINT fm.base0=BASE
     fm.cp0=ABS(SWITCH(CP))
+    fm.abs0=ABS(SWITCH(ABS.SPEED))
+    fm.qtool0=ABS(SWITCH(QTOOL))
     fm.saved=1
   END
+.END
+.PROGRAM fm.end.pc() ;end our PC programs; fm.other: where another program is, or 0
+  IF TASK(1001)<>0 THEN
+    IF WHICHTASK("fm.send")==1001 THEN
+      PCABORT 1:
+    ELSE
+      fm.other=1
+    END
+  END
+  IF TASK(1002)<>0 THEN
+    IF WHICHTASK("fm.recv")==1002 THEN
+      PCABORT 2:
+    ELSE
+      fm.other=2
+    END
+  END
+  IF TASK(1003)<>0 THEN
+    IF WHICHTASK("fm.watch")==1003 THEN
+      PCABORT 3:
+    ELSE
+      fm.other=3
+    END
+  END
+  TIMER 6=0
+  WAIT (fm.other<>0) OR ((TASK(1001)<>1) AND (TASK(1002)<>1) AND (TASK(1003)<>1)) OR (TIMER(6)>5)
 .END
 .PROGRAM fm.init() ;every global gets its value here, before the PC programs start
   ; written by fm.recv
@@ -120,10 +148,10 @@ turn:
   fm.ack=-1 ;the fm.hseq+fm.wseq that was obeyed
   fm.rel=-1 ;the fm.hseq+fm.wseq after which something was let move: HELD ends
   fm.refd=0 ;not 0: the last target was refused; above 1: the fault that says why
-  fm.set=0 ;banks of command 10 that came: 1, 2, 4, 8; 16: command 11
+  fm.set=0 ;banks of command 10 that came: 1, 2, 4, 8, 16, 32; 64: command 11
   fm.setc=-1 ;fm.conn of the connection on which they came
   fm.stream=-1 ;the fm.hseq+fm.wseq under which fm.p0 was the last motion
-  fm.mode=0 ;force feedback: 1 position + 2 orientation
+  fm.mode=0 ;force feedback: 1 ForceFeedBackPosition + 2 ForceFeedBackOrientation
   fm.ffe=-1 ;the fm.hseq+fm.wseq+fm.stopn under which it started
   fm.ask=0 ;times that fm.main asked the watchdog to hold
   fm.wu=0 ;the last fm.wn that was used
@@ -133,6 +161,9 @@ turn:
   fm.null=1 ;1: TOOL and BASE are null
   fm.t0=0 ;TIMER(10) at the last iteration
   fm.v=50 ;program speed of commands 1 to 3 and 13 [mm/s]
+  fm.tnext=0 ;TIMER(5) at which the next segment may be given
+  fm.short=0 ;1: the last segment was too short to blend: BREAK comes before the next
+  fm.turned=0 ;turn of force feedback since the last segment [deg]
   $fm.oat="" ;O, A, T of the last command 1 or 13
   ; written by fm.recv at a hello and by fm.take: ID of the last command taken
   fm.taken=0
@@ -150,12 +181,16 @@ turn:
   fm.lset=0 ;from one set point to the next [mm]
   fm.scos=1 ;the same, cosine of half the turn
   fm.lfast=50 ;highest program speed [mm/s]
+  fm.tmove=0.03 ;least time of a motion that blends into the next one [s]
+  fm.vmin=1.2 ;slowest program speed that the controller keeps [mm/s]
   fm.any=ABS(fm.peer[1]+fm.peer[2]+fm.peer[3]+fm.peer[4]==0) ;1: any address may connect
   POINT fm.tcp=NULL ;command 11: the tool centre point, in the flange frame
   POINT fm.ctr=NULL ;command 11: the point to turn about, in the flange frame
   POINT fm.in=NULL ;the robot base, seen from the middle of the box
   POINT fm.a0=NULL ;where the flange was at the first motion after a hold
   POINT fm.p0=NULL ;the last set point that was let move
+  POINT fm.s0=NULL ;the end of the last segment
+  POINT fm.from=NULL ;where a turn is measured from
   POINT fm.r0=NULL ;orientation at the start
   POINT fm.q0=NULL ;from the point to the flange, with that orientation
   POINT fm.rot=NULL ;rotation since the start, base axes
@@ -174,6 +209,7 @@ turn:
     fm.h[.i]=0 ;1-3: half of its size
     fm.d[.i]=0 ;1-3: displacement since the start [mm]
     fm.c[.i]=0 ;1-3: the point to turn about at the start [mm]
+    fm.jmax[.i]=100 ;speeds of the joints at 100 % [deg/s]
   END
   FOR .i=1 TO 4
     fm.ip[.i]=0 ;address of the peer
@@ -193,7 +229,7 @@ turn:
   ; every Com but hello, every Param: fm.recv finds them by place
   $fm.coms="000004 000013 000001 000002 000003 000005 000006 "
   $fm.coms=$fm.coms+"000010 000011 000012 000008 000007 000014 "
-  $fm.pars="000000 000001 000002 000003 "
+  $fm.pars="000000 000001 000002 000003 000004 000005 "
 .END
 .PROGRAM fm.halt() ;a hold came: forget what was under way; old ring entries show by their tag
   fm.ack=fm.hseq+fm.wseq
@@ -219,6 +255,10 @@ turn:
     fm.fault=12
     PCEXECUTE 1: fm.send
   END
+  IF fm.eres<>fm.eresu THEN ;why they had ended
+    fm.eresu=fm.eres
+    fm.fault=19
+  END
 .END
 .PROGRAM fm.frames() ;fm.null=1 when TOOL and BASE are null
   POINT .a=TOOL
@@ -231,17 +271,7 @@ turn:
 .END
 .PROGRAM fm.leave() ;end the PC programs and the connection, put back what was changed
   BREAK
-  IF TASK(1002)<>0 THEN
-    PCABORT 2:
-  END
-  IF TASK(1001)<>0 THEN
-    PCABORT 1:
-  END
-  IF TASK(1003)<>0 THEN
-    PCABORT 3:
-  END
-  TIMER 6=0
-  WAIT ((TASK(1001)<>1) AND (TASK(1002)<>1) AND (TASK(1003)<>1)) OR (TIMER(6)>5)
+  CALL fm.end.pc
   IF fm.sock>0 THEN
     TCP_CLOSE .r,fm.sock
     fm.sock=0
@@ -261,6 +291,12 @@ none:
   BASE fm.base0
   IF fm.cp0==0 THEN
     CP OFF
+  END
+  IF fm.abs0<>0 THEN
+    ABS.SPEED ON
+  END
+  IF fm.qtool0<>0 THEN
+    QTOOL ON
   END
   SPEED 100 ALWAYS
   ACCURACY 1 ALWAYS
@@ -287,7 +323,7 @@ fresh:
   fm.mode=fm.mode*ABS(fm.hseq+fm.wseq+fm.stopn==fm.ffe) ;stopped meanwhile
   IF (.cmd>3) AND (.cmd<>13) GOTO obey
   IF fm.mode<>0 GOTO refuse
-  IF (fm.set<>31) OR (fm.setc<>fm.conn) GOTO not.set
+  IF (fm.set<>127) OR (fm.setc<>fm.conn) GOTO not.set
 obey:
   CASE .cmd OF
   VALUE 1,13: ;move to a pose, straight; 13: one of a stream
@@ -297,7 +333,9 @@ obey:
       CALL fm.release(.e,.bad)
     END
     IF (.cmd==13) AND (fm.stream<>.e) THEN ;a stream begins where the arm is
+      CALL fm.fresh
       HERE fm.p0
+      POINT fm.s0=fm.p0
       $fm.oat=""
     END
     .turns=ABS($MID(.$q,43,20)<>$fm.oat)
@@ -308,13 +346,25 @@ obey:
     POINT fm.p0=fm.p
     fm.stream=.e-(.e+1)*ABS(.cmd==1)
     WAIT (fm.bdone==.e) OR (fm.hseq+fm.wseq<>.e)
-    SPEED fm.v MM/S
-    IF .turns<>0 THEN
-      $fm.oat=$MID(.$q,43,20)
-      CALL fm.turn
+    IF .cmd==13 THEN
+      CALL fm.ready(.e)
+      POINT fm.from=fm.s0
+      CALL fm.angle(.a)
+      CALL fm.pace(.a,fm.v,.bad)
+      IF .bad<>0 GOTO done ;too little: it goes with the next one
+    ELSE
+      BREAK ;a short one would not blend in time
+      SPEED fm.v MM/S
+      IF .turns<>0 THEN
+        CALL fm.turn
+      END
     END
+    $fm.oat=$MID(.$q,43,20)
     IF fm.hseq+fm.wseq<>.e GOTO done
     LMOVE fm.p
+    IF .cmd==13 THEN
+      CALL fm.gone(.e)
+    END
   VALUE 2,3: ;move to joint angles, by joint angles
     IF .cmd==3 THEN ;from where the joints are when the motion before has ended
       WAIT (fm.bdone==.e) OR (fm.hseq+fm.wseq<>.e)
@@ -343,7 +393,7 @@ obey:
     $fm.oat=""
     fm.stream=-1
     BREAK ;the way counts from where the arm is
-    CALL fm.pace(.bad)
+    CALL fm.jpace(.bad)
     fm.refd=.bad
     IF .bad<>0 GOTO done
     IF fm.hseq+fm.wseq<>.e GOTO done
@@ -377,7 +427,7 @@ integral:
     fm.ki[6]=.v[6]/5000
     fm.taken=.id
   VALUE 10: ;limits, a bank for each Param; before all of them came nothing moves
-    IF (fm.set==31) AND (fm.setc==fm.conn) GOTO refuse ;told once: no packet changes them
+    IF (fm.set==127) AND (fm.setc==fm.conn) GOTO refuse ;told once: no packet changes them
     .b=VAL($MID(.$q,20,1))
     CASE .b OF
     VALUE 0: ;of force feedback, and the watchdog's
@@ -409,17 +459,27 @@ integral:
       fm.b[4]=.v[1]/fm.sp
       fm.b[5]=.v[2]/fm.sp
       fm.b[6]=.v[3]/fm.sp
+    VALUE 4: ;what this controller can execute as a stream
+      IF (.v[1]<1) OR (.v[1]>1000) OR (.v[2]<0) OR (.v[2]>fm.sv*100) GOTO refuse
+      fm.tmove=.v[1]/1000
+      fm.vmin=MAXVAL(.v[2]/fm.sv,0.1)
+    VALUE 5: ;speeds of the joints at 100 %
+      IF MINVAL(.v[1],.v[2],.v[3],.v[4],.v[5],.v[6])<1 GOTO refuse
+      FOR .i=1 TO 6
+        fm.jmax[.i]=.v[.i]/fm.sj
+      END
     END
     .b=2^.b
     GOTO came
   VALUE 11: ;Param 0: the TCP. Both: the point that force feedback turns about
     IF $MID(.$q,20,1)=="1" GOTO centre
-    IF (fm.set==31) AND (fm.setc==fm.conn) GOTO refuse
+    IF (fm.set==127) AND (fm.setc==fm.conn) GOTO refuse
     POINT fm.tcp=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp)
-    .b=16
+    .b=64
 centre:
     POINT fm.ctr=TRANS(.v[1]/fm.sp,.v[2]/fm.sp,.v[3]/fm.sp)
-    POINT fm.q0=fm.r0-fm.ctr
+    POINT .m=-fm.ctr
+    POINT fm.q0=fm.r0+.m
     IF fm.mode<>0 THEN ;the arm stays: the same pose, told by where this point is
       POINT .c=fm.p+fm.ctr
       DECOMPOSE .x[1]=.c
@@ -446,7 +506,7 @@ came: ;a part of what has to come before anything moves
   RETURN
 begin7: ;command 7, Param 0 or 1; one that came before a stop is void
   IF .n<>fm.stopn GOTO done
-  IF (fm.set<>31) OR (fm.setc<>fm.conn) GOTO not.set
+  IF (fm.set<>127) OR (fm.setc<>fm.conn) GOTO not.set
   WAIT (fm.bdone==.e) OR (fm.hseq+fm.wseq<>.e)
   IF fm.hseq+fm.wseq<>.e GOTO done
   IF fm.rel<>.e THEN
@@ -455,7 +515,6 @@ begin7: ;command 7, Param 0 or 1; one that came before a stop is void
     IF .bad<>0 GOTO refuse
   END
   IF (fm.mode==0) OR (.e+.n<>fm.ffe) THEN ;not both: the first of them
-    BREAK
     fm.stream=-1
     $fm.oat=""
     CALL fm.seed
@@ -509,11 +568,13 @@ inside:
   IF DISTANCE(fm.p0,fm.p)>fm.lset GOTO too.far
 turn:
   IF .turns==0 GOTO done
-  POINT .d=-fm.a0+fm.p
+  POINT .m=-fm.a0
+  POINT .d=.m+fm.p
   DECOMPOSE .x[1]=.d
   IF ABS(COS(.x[5]/2)*COS((.x[4]+.x[6])/2))<fm.lcos GOTO turned
   IF .com<>13 GOTO done
-  POINT .d=-fm.p0+fm.p
+  POINT .m=-fm.p0
+  POINT .d=.m+fm.p
   DECOMPOSE .x[1]=.d
   IF ABS(COS(.x[5]/2)*COS((.x[4]+.x[6])/2))<fm.scos GOTO too.far
 done:
@@ -538,17 +599,67 @@ too.far:
   ; The cosine of half the angle of a rotation O, A, T is cos(A/2) cos((O+T)/2).
 .END
 .PROGRAM fm.turn() ;where a turn takes longer than the way, MM/S alone would not limit it
-  HERE .h
-  POINT .d=-.h+fm.p
-  DECOMPOSE .x[1]=.d
-  .s=SQRT(.x[1]*.x[1]+.x[2]*.x[2]+.x[3]*.x[3])
-  .w=MINVAL(1,ABS(COS(.x[5]/2)*COS((.x[4]+.x[6])/2)))
-  .a=2*ATAN2(SQRT(1-.w*.w),.w)
-  IF (.a*fm.lever>.s) AND (.a*fm.lever>0.1*fm.v) THEN ;0.1 s is the shortest that SPEED takes
-    SPEED .a*fm.lever/fm.v S
+  HERE fm.from
+  CALL fm.angle(.a)
+  IF .a*fm.lever>DISTANCE(fm.from,fm.p) THEN
+    SPEED MINVAL(3600,MAXVAL(0.1,.a*fm.lever/fm.v)) S ;what SPEED takes
   END
 .END
-.PROGRAM fm.pace(.bad) ;JMOVE takes MM/S for a share of the joints' full speed: give it the time
+.PROGRAM fm.angle(.a) ;the turn from fm.from to fm.p [deg]
+  POINT .m=-fm.from
+  POINT .d=.m+fm.p
+  DECOMPOSE .x[1]=.d
+  .s=COS(.x[5]/2)*SIN((.x[4]+.x[6])/2)
+  .a=2*ATAN2(SQRT(SIN(.x[5]/2)*SIN(.x[5]/2)+.s*.s),ABS(COS(.x[5]/2)*COS((.x[4]+.x[6])/2)))
+.END
+.PROGRAM fm.fresh() ;no segment goes before the next one: the arm stands
+  BREAK
+  fm.tnext=0
+  fm.short=0
+  fm.turned=0
+.END
+.PROGRAM fm.ready(.e) ;until the next segment may be given
+  WAIT (TIMER(5)>=fm.tnext) OR (fm.hseq+fm.wseq<>.e)
+  IF fm.short<>0 THEN
+    BREAK
+    fm.short=0
+  END
+.END
+.PROGRAM fm.gone(.e) ;until the segment is the present motion; the controller may take more ahead
+  WAIT (DISTANCE(DEST,fm.s0)<0.002) OR (fm.hseq+fm.wseq<>.e) OR (TIMER(5)>1)
+  TIMER 5=0
+.END
+.PROGRAM fm.pace(.a,.v,.few) ;SPEED from fm.s0 to fm.p, a turn of .a; .few=1: too little to move
+  .m=MAXVAL(MSPEED,1)/100 ;what the pendant leaves of .v; the time of a segment stays
+  .s=DISTANCE(fm.s0,fm.p)
+  .t=MAXVAL(1.02*fm.tmove,.s/(.v*.m),.a*fm.lever/(.v*.m))
+  .few=0
+  IF .s>=fm.vmin*.t*.m GOTO way
+  IF .a*fm.lever>MAXVAL(.s,0.02) GOTO turn
+  .few=ABS((.s<0.003) OR (TIMER(5)<0.3))
+  IF .few<>0 GOTO done
+  SPEED fm.vmin MM/S
+  fm.short=1
+  GOTO given
+turn: ;no way that MM/S could time
+  .t=MAXVAL(.t,0.1/.m)
+  SPEED .t*.m S
+  GOTO given
+way:
+  SPEED .s/(.t*.m) MM/S
+given:
+  fm.tnext=.t
+  fm.turned=0
+  POINT fm.s0=fm.p
+  TIMER 5=0
+done:
+  RETURN
+  ; A controller that plans a segment in less than about 30 ms stops with E1117. So what comes
+  ; meanwhile is left to the next segment, and each gets the speed that makes it last fm.tmove.
+  ; One that is too short for the slowest speed waits, or is followed by BREAK: it blends into
+  ; nothing.
+.END
+.PROGRAM fm.jpace(.bad) ;in percent: JMOVE takes MM/S for a share, and seconds may not be kept
   HERE .p
   POINT .w=fm.in+.p+fm.tcp
   DECOMPOSE .y[1]=.w
@@ -558,9 +669,11 @@ too.far:
   DECOMPOSE .a[1]=.#a
   DECOMPOSE .b[1]=#fm.j
   .t=0
+  .f=0 ;time that the joints need at 100 %
   FOR .i=1 TO 6
     .b[.i]=.b[.i]-.a[.i]
     .t=MAXVAL(.t,ABS(.b[.i])*fm.lever)
+    .f=MAXVAL(.f,ABS(.b[.i])/fm.jmax[.i])
   END
   .s=0
   FOR .i=1 TO 8 ;the way of the flange is bent: the longest of eight stretches counts
@@ -577,15 +690,18 @@ too.far:
   END
   .bad=14*ABS(.o>.out+0.05) ;on its way it would leave the box, or leave it farther
   IF .bad<>0 GOTO done
-  SPEED MINVAL(3600,MAXVAL(0.1,.s/fm.v,.t/fm.v)) S ;what SPEED takes
+  .t=MAXVAL(0.1,.s/fm.v,.t/fm.v)
+  SPEED MINVAL(100,MAXVAL(0.01,100*.f/.t)) ;what SPEED takes
 done:
   RETURN
 .END
 .PROGRAM fm.seed() ;force feedback starts from where the arm is
+  CALL fm.fresh
   HERE fm.p
   DECOMPOSE .x[1]=fm.p
   POINT fm.r0=TRANS(0,0,0,.x[4],.x[5],.x[6])
-  POINT fm.q0=fm.r0-fm.ctr
+  POINT .m=-fm.ctr
+  POINT fm.q0=fm.r0+.m
   POINT .c=fm.p+fm.ctr
   DECOMPOSE .x[1]=.c
   FOR .i=1 TO 3
@@ -593,13 +709,15 @@ done:
     fm.d[.i]=0
   END
   POINT fm.rot=NULL
+  POINT fm.s0=fm.p
   fm.wu=fm.wn
   TIMER 10=0
   fm.t0=0
-  SPEED fm.lspeed MM/S ALWAYS
 .END
 .PROGRAM fm.step() ;force feedback: a new wrench, a new target, again and again
-again: ;one whole bank: the reading, and what it is above the set point
+again:
+  CALL fm.ready(fm.ack)
+copy: ;one whole bank: the reading, and what it is above the set point
   .n=fm.wn
   .b=fm.wb
   .zb=fm.zb
@@ -613,7 +731,7 @@ again: ;one whole bank: the reading, and what it is above the set point
   .f[5]=(fm.w[.b,5]-fm.w[.zb,5])/fm.sm
   .f[6]=(fm.w[.b,6]-fm.w[.zb,6])/fm.sm
 copied:
-  IF (fm.wn<>.n) OR (fm.zb<>.zb) GOTO again
+  IF (fm.wn<>.n) OR (fm.zb<>.zb) GOTO copy
   fm.wu=.n
   IF (fm.mode==0) OR (fm.hseq+fm.wseq+fm.stopn<>fm.ffe) GOTO over
   IF (.fn>fm.lforce*fm.sf) OR (.tn>fm.ltorque*fm.sm) GOTO pushed
@@ -651,6 +769,7 @@ rotate:
   POINT .u=TRANS(0,0,0,.o,.p,0)
   POINT .m=-.u
   POINT fm.rot=.u+RZ(.a)+.m+fm.rot
+  fm.turned=fm.turned+.a
 aim:
   POINT fm.p=TRANS(fm.c[1]+fm.d[1],fm.c[2]+fm.d[2],fm.c[3]+fm.d[3])+fm.rot+fm.q0
   IF INRANGE(fm.p)<>0 GOTO no.reach
@@ -658,12 +777,19 @@ aim:
   DECOMPOSE .e[1]=.c
   IF MAXVAL(ABS(.e[1])-fm.h[1],ABS(.e[2])-fm.h[2],ABS(.e[3])-fm.h[3])>0 GOTO outside
   IF fm.mode==1 GOTO go
-  POINT .d=-fm.a0+fm.p
+  POINT .m=-fm.a0
+  POINT .d=.m+fm.p
   DECOMPOSE .e[1]=.d
   IF ABS(COS(.e[5]/2)*COS((.e[4]+.e[6])/2))<fm.lcos GOTO turned
 go:
+  IF fm.tnext>0 GOTO paced
+  IF DISTANCE(fm.s0,fm.p)>fm.lstep+20*fm.turned GOTO leap ;the first one, with 1 m of lever
+paced:
+  CALL fm.pace(fm.turned,fm.lspeed,.few)
+  IF .few<>0 GOTO done
   IF fm.hseq+fm.wseq+fm.stopn<>fm.ffe GOTO over
   LMOVE fm.p
+  CALL fm.gone(fm.ack)
 done:
   WAIT (fm.wn<>fm.wu) OR (fm.rh<>fm.rt) OR (fm.hseq+fm.wseq<>fm.ack) OR (TIMER(6)>0.5)
   IF (fm.wn==fm.wu) OR (fm.rh<>fm.rt) OR (TIMER(6)>0.5) GOTO back
@@ -687,6 +813,9 @@ over:
   fm.mode=0
   fm.wu=fm.wn
   RETURN
+leap:
+  fm.fault=16
+  GOTO give.up
 too.far:
   fm.fault=6
   GOTO give.up
@@ -850,7 +979,7 @@ cut:
   VALUE 108,115,122,129: ;13, 1, 2, 3
     .k=2
     GOTO vector
-  VALUE 136,143,843,150,850,1550,2250,157,857: ;5, 6, 10, 11: they arm nothing
+  VALUE 136,143,843,150,850,1550,2250,2950,3650,157,857: ;5, 6, 10, 11: they arm nothing
     .k=3
     GOTO vector
   VALUE 178,878: ;7, start
@@ -964,7 +1093,7 @@ lost: ;hold, close, and listen for the next
   fm.sock=0
   GOTO accept
   ; The key of a packet: 1, 8, 15 and so on for 4, 13, 1, 2, 3, 5, 6, 10, 11, 12, 8, 7, 14, and
-  ; 100, 800, 1500, 2200 for Param 0 to 3; a match in between is no VALUE.
+  ; 100, 800 and so on to 3600 for Param 0 to 5; a match in between is no VALUE.
   ; A number is right when it ends where its space belongs (the
   ; places add up to 273), when a sign or a digit below 5 leads, and when "1" with the other five
   ; is 100000 or more: anything but digits would end the number for VAL before. 5 to 9 begin an
@@ -996,7 +1125,7 @@ lost: ;hold, close, and listen for the next
   fm.taken=.v[0]
   fm.framed=.v[0]
   fm.hid=.v[0]-500000
-  $fm.hi[1]=$LEFT(.$q,7)+"000009 "+$RIGHT($ENCODE(/I7,1002000+fm.num),6)+" "
+  $fm.hi[1]=$LEFT(.$q,7)+"000009 "+$RIGHT($ENCODE(/I7,1003000+fm.num),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sp),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.so),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sj),6)+" "
@@ -1004,7 +1133,7 @@ lost: ;hold, close, and listen for the next
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sm),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sv),6)+" "
   TCP_SEND .r,fm.sock,$fm.hi[1],1,1
-  IF (.r<0) OR (.v[2]<>2000+fm.num) GOTO done ;another version, another arm: told ours
+  IF (.r<0) OR (.v[2]<>3000+fm.num) GOTO done ;another version, another arm: told ours
   $fm.next=$RIGHT($ENCODE(/I7,1500000+(fm.framed+1) MOD 500000),6)+" "
   fm.lack=fm.lat
   fm.link=1
@@ -1103,6 +1232,14 @@ look:
   .x=.x+ABS(.j[4]-.j[14])+ABS(.j[5]-.j[15])+ABS(.j[6]-.j[16])
   DECOMPOSE .j[11]=.#j
   .mov=ABS(.x>fm.still*.d)
+  .e=-34000-ERROR ;19 to 57 are of the connection
+  IF SWITCH(ERROR) AND (.e>18) AND (.e<58) AND (fm.hseq+fm.wseq<>fm.rel) THEN ;while held only
+    MC ERESET
+    fm.eres=(fm.eres+1) MOD 1000000
+    IF (TASK(1)<>1) AND (TASK(1)<>3) THEN ;the error has stopped fm.main as well
+      MC EXECUTE fm.main
+    END
+  END
   .h=ABS(SWITCH(POWER))+2*ABS(SWITCH(REPEAT))+4*(1-ABS(SWITCH(TEACH_LOCK)))+16*.mov
   fm.hw=.h+8*ABS(((TASK(1)==1) OR (TASK(1)==3)) AND SWITCH(RUN))+1024*ABS(SWITCH(ERROR))
   .quiet=(.quiet+1)*ABS(fm.sbeat==.beat)

@@ -16,7 +16,7 @@ from forcemesh.messages import Mode
 
 Six = tuple[int, int, int, int, int, int]
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 ARMS = 1000  # numbers of an arm: Param of hello is version * 1000 + number
 
 # An ID is at least ID_FIRST and every other number of a packet is less: see `controller.packet`.
@@ -71,6 +71,8 @@ class Bank(IntEnum):
     MOTION = 1
     LOWER_CORNER = 2
     UPPER_CORNER = 3
+    SEGMENT = 4
+    JOINT_SPEED = 5
 
 
 class CentreParam(IntEnum):
@@ -81,7 +83,10 @@ class CentreParam(IntEnum):
 
 
 class FeedbackSwitch(IntEnum):
-    """Param of command 7; POSITION and ORIENTATION add up to both, STOP stops both."""
+    """Param of command 7; POSITION and ORIENTATION add up to both, STOP stops both.
+
+    The specification's ForceFeedBackPosition and ForceFeedBackOrientation.
+    """
 
     POSITION = 0
     ORIENTATION = 1
@@ -155,6 +160,11 @@ class PacketValue(NamedTuple):
         unit = self.quantity.unit
         return f"{self.name} [{unit}]" if unit else self.name
 
+    def units(self, scales: Scales) -> int:
+        """Return the packet units per unit."""
+        scale = self.quantity.scale
+        return int(getattr(scales, scale)) if isinstance(scale, str) else scale
+
 
 PacketValues = tuple[PacketValue, ...]
 
@@ -187,6 +197,7 @@ _MM = Quantity("mm", 1e3, "position_per_mm")
 _MM_S = Quantity("mm/s", 1e3, "speed_per_mm_s")
 _DEG = Quantity("deg", _DEG_PER_RAD, "oat_per_deg")
 _JOINT = Quantity("deg", _DEG_PER_RAD, "joint_per_deg")
+_JOINT_S = Quantity("deg/s", _DEG_PER_RAD, "joint_per_deg")
 _N = Quantity("N", 1.0, "force_per_N")
 _NM = Quantity("N m", 1.0, "torque_per_Nm")
 _PERCENT = Quantity("%", 1e2, PERCENT)
@@ -219,6 +230,8 @@ _LIMITS = (
     ),
     _values((_MM, "lower X, lower Y, lower Z")),
     _values((_MM, "upper X, upper Y, upper Z")),
+    _values((_MS, "least segment"), (_MM_S, "least speed")),
+    _values((_JOINT_S, "JT1 speed, JT2 speed, JT3 speed, JT4 speed, JT5 speed, JT6 speed")),
 )  # fmt: skip
 _HEALTH = (
     _values(
@@ -239,12 +252,12 @@ TABLE: dict[int, Row] = {row.com: row for row in (
     Row(Com.SPEEDS,         range(1), _SPEEDS, "e) speeds and accelerations", range(1)),
     Row(Com.GAINS,          range(2), _GAINS,
         "f) gains: 0 proportional, 1 integral", range(2)),
-    Row(Com.FEEDBACK,       range(3), _NONE,   "g) feedback: 0 position, 1 orientation, 2 stop",
-        range(2)),
+    Row(Com.FEEDBACK,       range(3), _NONE,
+        "g) 0 ForceFeedBackPosition, 1 ForceFeedBackOrientation, 2 stop", range(2)),
     Row(Com.HOLD,           range(1), _NONE,   "hold now"),
     Row(Com.HELLO,          _COUNT,   _SCALES, "first packet, both ways; version * 1000 + arm"),
-    Row(Com.LIMITS,         range(4), _LIMITS, "limits that the controller enforces itself",
-        range(4)),
+    Row(Com.LIMITS,         range(6), _LIMITS, "limits that the controller enforces itself",
+        range(6)),
     Row(Com.TCP,            range(2), _POSE,   "flange frame: 0 TCP, 1 centre of rotation",
         range(2)),
     Row(Com.HEARTBEAT,      range(1), _NONE,   "keep-alive, when nothing else is sent"),

@@ -20,6 +20,7 @@ from forcemesh.messages import MAY_MOVE
 from forcemesh.requests import HoldRequest
 from forcemesh.zenoh_settings import endpoint_of
 from launch.cell_view import CellView
+from launch.controller_program import program_file, write_program
 from launch.restart import RESTART_PAUSE_S, Restarter, RestartPolicy
 from launch.run_file import RunLog, read_run, writable_folder, write_atomically
 from launch.started_process import (
@@ -33,7 +34,6 @@ from launch.started_process import (
 # The sensor `sim` with a gateway is on the arm of the emulated controller, which executes the
 # program that users load into theirs.
 EMULATOR = "sim.controller"
-ARGUMENTS = {EMULATOR: ("controller/forcemesh.as",)}
 WATCH_S = 0.02
 # Long, for a busy machine: a process that cannot start dies, which ends the wait at once.
 UP_WITHIN_S = 120.0
@@ -59,7 +59,7 @@ def processes_of(cell: CellConfig) -> tuple[ProcessSpec, ...]:
             # It implements no role of the bus: gateway and driver reach it over TCP and UDP.
             roles_of[EMULATOR] = ("controller",)
     return tuple(
-        ProcessSpec(module, roles, arguments=ARGUMENTS.get(module, ()))
+        ProcessSpec(module, roles, arguments=(program_file(cell),) if module == EMULATOR else ())
         for module, roles in roles_of.items()
     )
 
@@ -112,6 +112,7 @@ class Supervisor:
             )
         if self._is_file_generated:
             write_atomically(self.cell_file, dump_cell(self._cell))
+        write_program(self._cell)
         self._stop_on_sigterm()
         try:
             self._watcher.start()

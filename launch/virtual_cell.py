@@ -1,7 +1,6 @@
 """Virtual cell: the services of a simulated cell in one process on a virtual clock."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
@@ -10,20 +9,20 @@ from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S, ManualClock
 from forcemesh.errors import ConfigError
 from forcemesh.topics import CLIENT
+from launch.controller_program import program_of
 from services.arbiter.service import ArbiterService
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from services.hub.service import Hub
 from services.regulator.service import Regulator
 from services.wrench.service import WrenchService
-from sim.as_language.parser import load
+from sim.as_language.parser import parse
 from sim.controller.network import LockStepLink, MemoryNetwork
 from sim.controller.service import ControllerSensor
 from sim.robot.arm import SimArm
 from sim.robot.service import SimRobot
 
 STEP_NS = 1_000_000
-PROGRAM = Path(__file__).resolve().parent.parent / "controller" / "forcemesh.as"
 NOT_SIMULATED = "roles.sensor: only a simulated cell can run in lock step, so it must be sim"
 
 
@@ -78,9 +77,10 @@ class VirtualCell:
             raise ConfigError(self.cell.cell, [NOT_SIMULATED])
         network, sensor_bus, bus = MemoryNetwork(), self._bus("sensor"), self._bus("robot")
         controller = ControllerSensor(sensor_bus, self.cell, network)
-        controller.machine.load(load(PROGRAM))
+        program = program_of(self.cell)
+        controller.machine.load(parse(program.text))
         controller.machine.pendant.monitor_speed(100.0)
-        controller.machine.pendant.execute("fm.main")
+        controller.machine.pendant.execute(program.start)
         self._add("sensor", controller, sensor_bus)
         wire = LockStepLink(network, self.cell.gateway.port, LinkEvents)
         self._add("robot", Gateway(bus, self.cell, wire), bus)

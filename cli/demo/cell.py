@@ -17,6 +17,9 @@ from sim.robot.settings import SimSettings
 DEFAULT_TILT_DEG = {"position": 0.0, "orientation": 5.0, "both": 5.0}
 DEFAULT_SETPOINT_N = {"position": 0.0, "orientation": 0.0, "both": 10.0}
 LEAST_PRESS_N = 5.0
+# Further delay of a controller that reaches the speed of a motion 0.2 s after its start: a segment
+# planned for 30 ms takes 0.16 s, and the next one begins in its middle.
+PESSIMISTIC_DELAY_S = 0.134
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +32,8 @@ class DemoOverrides:
     seed: int | None = None
     as_step_s: float | None = None
     pessimistic: bool = False
+    least_segment_s: float | None = None  # of the controller and of its program's motions
+    motions_ahead: int | None = None
     law: Law | None = None
 
 
@@ -46,7 +51,8 @@ def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
         overrides["force.law"] = trial.law
     if trial.seed is not None:
         overrides["sim.seed"] = trial.seed
-    if trial.as_step_s is not None or trial.pessimistic:
+    controller = (trial.as_step_s, trial.least_segment_s, trial.motions_ahead)
+    if trial.pessimistic or any(value is not None for value in controller):
         overrides |= _controller_overrides(load_cell(path), trial)
     if trial.delay_s is not None:
         plain = load_cell(path, overrides)
@@ -68,18 +74,26 @@ def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
 def _controller_overrides(plain: CellConfig, trial: DemoOverrides) -> dict[str, object]:
     """Return the overrides for another speed of the emulated controller.
 
-    The delay of its program and the rate of its reports scale with the step.
+    The delay of its program and the rate of its reports scale with the step. A pessimistic one
+    accelerates by time: its segments take longer than they are planned for.
     """
     if plain.sim is None or plain.roles.robot != "gateway":
         text = "--as-step-ms and --pessimistic need a cell with an emulated controller"
         raise ConfigError(plain.cell, [f"{text}, such as cells/demo-tcp.yaml"])
     ratio = 1.0 if trial.as_step_s is None else trial.as_step_s / plain.sim.as_step_s
-    return {
+    slower_s = PESSIMISTIC_DELAY_S if trial.pessimistic else 0.0
+    overrides: dict[str, object] = {
         "sim.as_step_s": plain.sim.as_step_s * ratio,
         "sim.as_pessimistic": trial.pessimistic or plain.sim.as_pessimistic,
-        "robot.delay_s": plain.robot.delay_s * ratio,
+        "robot.delay_s": plain.robot.delay_s * ratio + slower_s,
         "rates.robot_hz": plain.rates.robot_hz / ratio,
     }
+    if trial.least_segment_s is not None:
+        overrides["sim.as_least_segment_s"] = trial.least_segment_s
+        overrides["gateway.least_segment_s"] = trial.least_segment_s
+    if trial.motions_ahead is not None:
+        overrides["sim.as_motions_ahead"] = trial.motions_ahead
+    return overrides
 
 
 def plate_of(cell: CellConfig) -> SimSettings:

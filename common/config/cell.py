@@ -13,7 +13,9 @@ from common.config.cell_helpers import PanelSection, RecorderSection
 from common.config.cell_sim import SimSection
 from common.config.cell_terms import Fraction, FrameSection, Positive
 from common.config.payload import Payload
+from controller import plain
 from controller.packet_table import Scales
+from controller.plain import PlainSection
 from forcemesh.connection import BusSection, ConfigSection
 from forcemesh.messages import Vec3
 from forcemesh.patterns import CELL_NAME, LAW_NAME
@@ -27,6 +29,8 @@ from forcemesh.units import (
 SHORTEST_DEADLINE_PERIODS = 3.0
 SLOWEST_INERTIAL_HZ = 100.0
 PACKET_JOINTS = 6  # in a packet of the controller
+# A value that many times above what the cell allows is in another unit; less is refused at arming.
+UNIT_SLIP = 100.0
 SETPOINT_SHARE = 0.7  # of the ceiling: leaves room for overshoot and for a hold after it
 USUAL_FORCE_N = 50.0  # above these two a risk assessment must be named
 USUAL_SPEED_M_S = 0.25
@@ -232,9 +236,22 @@ class GatewaySection(Scales):
     # Longest time between two set points that the controller accepts; within it none moves farther
     # than limits.speed_m_s allows; the controller refuses one that does.
     segment_s: float = Field(0.1, ge=0.02, le=1.0)
+    # Least planned time of a motion that blends into the next one: with less the controller may
+    # stop with E1117 (process time over). `forcemesh probe` measures it.
+    least_segment_s: float = Field(0.03, ge=0.002, le=0.5)
+    # Slowest program speed that the controller keeps: 0.01 % of 12 m/s.
+    least_speed_m_s: float = Field(0.0012, ge=0.0001, le=0.01)
     max_unexecuted_setpoints: int = Field(1, ge=1, le=10)
     watchdog_s: float = Field(0.25, ge=0.1, le=2.0)
     heartbeat_s: float = Field(0.04, gt=0.0, le=0.1)
+    # Command 4 also while the loop runs on the PC, rates.status_hz times a second: for a display
+    # or a log in the controller. No motion follows from it.
+    send_wrench: bool = False
+    # plain: the specification's packet, spoken by controller/plain.as, which has no protection:
+    # no watchdog, hold, limits, test of reach, hello, check of IDs, status or address of the PC
+    # (docs/controller.md). The limits of the cell file must be lower, see controller/plain.py.
+    protocol: Literal["forcemesh", "plain"] = "forcemesh"
+    plain: PlainSection = PlainSection()  # characters and scales of that packet
 
 
 Cores = Annotated[tuple[Annotated[int, Field(ge=0, le=1023)], ...], Field(min_length=1)]
@@ -324,6 +341,17 @@ class CellConfig(ConfigSection):
         return self
 
     @model_validator(mode="after")
+    def _approach_is_no_other_unit(self) -> "CellConfig":
+        value, most = self.force.approach_m_s, UNIT_SLIP * self.approach_limit_m_s
+        if value > most:
+            asked = question("approach_m_s", value, most)
+            raise ValueError(
+                f"force.approach_m_s is {value:g}: stiffness and delay of this cell allow "
+                f"{self.approach_limit_m_s:.2g}{asked}"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _sensor_carries_its_numbers(self) -> "CellConfig":
         payloads = [("payload", self.payload)]
         if self.calibration is not None:
@@ -352,6 +380,19 @@ class CellConfig(ConfigSection):
                     f"sensor.{name} is {counts:g}: a reading of 32 bits would end at "
                     f"{COUNTS_MOST / counts:.3g}, the range is {most:g}{asked}"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _plain_is_bounded(self) -> "CellConfig":
+        if self.gateway is None or self.gateway.protocol != "plain":
+            return self
+        limits = {
+            name: getattr(getattr(self, section), field)
+            for name in plain.MOST
+            for section, field in (name.split("."),)
+        }
+        if mistake := plain.terms_mistake(self.robot.hosts, limits):
+            raise ValueError(mistake)
         return self
 
     @property

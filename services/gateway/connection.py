@@ -36,11 +36,19 @@ FAULT_BITS = {
 class ByteLink(Protocol):
     """Byte transport: a socket, or the emulator in lock step."""
 
-    connections: int
-    last_fault: str
+    @property
+    def connections(self) -> int:
+        """Number of connections opened so far."""
+
+    @property
+    def last_fault(self) -> str:
+        """Why the last connection or attempt ended."""
 
     def poll(self, now_ns: int) -> LinkEvents:
-        """Return the events since the last poll."""
+        """Return the events since the last poll.
+
+        Raises RemoteProtocolError for data that are no packets, if the link is one that parses.
+        """
 
     def send(self, data: bytes, now_ns: int) -> bool:
         """Queue bytes for sending."""
@@ -71,11 +79,11 @@ class ControllerConnection:
 
     def poll(self, now_ns: int) -> bool:
         """Serve the link; return whether a new pose with its joints was received."""
-        events = self._wire.poll(now_ns)
-        if events.opened:
-            self.send(self.dialogue.connected(now_ns), now_ns)
-        is_new = False
+        is_new, events = False, LinkEvents()
         try:
+            events = self._wire.poll(now_ns)
+            if events.opened:
+                self.send(self.dialogue.connected(now_ns), now_ns)
             for event in self.dialogue.feed(events.data, now_ns) if events.data else ():
                 is_new |= self._take(event, now_ns)
         except RemoteProtocolError as error:
@@ -84,8 +92,11 @@ class ControllerConnection:
             self._down()
         if events.lost:
             self._down()
-        # On a slower link a hold would arrive later than the controller's watchdog acts.
-        in_flight, most_s = self.dialogue.window.receipts.in_flight, self._kept.watchdog_s
+        # On a slower link a hold would arrive later than the controller's watchdog acts. Before its
+        # limits are executed nothing moves, and a slow controller may take long to read them.
+        in_flight = self.dialogue.window.receipts.in_flight
+        is_set_up = self.dialogue.is_set_up
+        most_s = self._kept.watchdog_s if is_set_up else SET_UP_WITHIN_NS / NS_PER_S
         age_s = (now_ns - in_flight[0][1]) / NS_PER_S if in_flight else 0.0
         if self.dialogue.ready and age_s > most_s:
             reason = f"a packet is in transit for {age_s * 1e3:.0f} ms, limit {most_s * 1e3:.0f} ms"

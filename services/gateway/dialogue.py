@@ -218,6 +218,11 @@ class Dialogue:
         set_point = packets.force_set_point(setpoint_N, self.scales)
         self._wrench = (set_point, packets.wrench(force_N, torque_Nm, self.scales))
 
+    def show_wrench(self, force_N: Vec3, torque_Nm: Vec3) -> None:
+        """Store the newest wrench for a display in the controller: no force feedback uses it."""
+        self._refuse_during_feedback(Com.WRENCH)
+        self._wrench = (self._sent_set_point, packets.wrench(force_N, torque_Nm, self.scales))
+
     def offer_centre(self, T_flange_tcp: pin.SE3) -> None:
         """Store the newest centre of rotation of force feedback."""
         self._refuse_without_feedback("whose centre could be moved")

@@ -32,7 +32,7 @@ from forcemesh.messages import (
 )
 from services.gateway import goals
 from services.gateway.dialogue import Dialogue
-from services.gateway.goals import ControllerReport, Track
+from services.gateway.goals import REACH, ControllerReport, Reach, Track
 from services.gateway.setpoint_shaper import SetpointShaper
 
 FEEDBACK_STARTS_WITHIN_S = 1.0
@@ -59,8 +59,10 @@ class Driver:
         *,
         guard: LastCheck,
         shaper: SetpointShaper,
+        reach: Reach = REACH,
     ) -> None:
         """Start in hold, with nothing sent; `send` takes bytes and the time [ns]."""
+        self._reach = reach
         self._dialogue = dialogue
         self._send = send
         self._guard = guard
@@ -76,6 +78,9 @@ class Driver:
         self._holding = True  # every connection begins with hello and hold
         self._lease: tuple[int, int] | None = None
         self._last_wrench: tuple[int, int] | None = None
+        self._shows_wrench = cell.gateway is not None and cell.gateway.send_wrench
+        self._show_period_ns = round(NS_PER_S / cell.rates.status_hz)
+        self._shown_ns = 0
 
     @property
     def sent(self) -> pin.SE3 | None:
@@ -144,7 +149,10 @@ class Driver:
         if self._running is not None:
             self._end_feedback(now_ns)
         if command.kind == "setpoint":
-            return self._stream(command, measured, now_ns) if is_new else None
+            trip = self._stream(command, measured, now_ns) if is_new else None
+            if trip is None and self._shows_wrench:
+                self._show(wrench.fresh, now_ns)
+            return trip
         if command.kind == "goal" and command.goal is not None:
             self._pursue(command.goal, command.speed, measured, now_ns)
         else:
@@ -174,7 +182,8 @@ class Driver:
         else:
             self._send(self._goal_bytes(goal, speed, now_ns), now_ns)
             self._shaper.moved_otherwise()
-            track = goals.sent(goal, self._dialogue.window.last, measured.joint_rad, now_ns)
+            packet, start_rad = self._dialogue.window.last, measured.joint_rad
+            track = goals.sent(goal, packet, start_rad, now_ns, reach=self._reach)
             if track.T_target is not None:
                 self._tracking.line(measured.T_base_flange, track.T_target)
             else:
@@ -215,6 +224,13 @@ class Driver:
             self._dialogue.offer_setpoint(T_target)
             self._tracking.stream(T_target, now_ns)
         return trip
+
+    def _show(self, wrench: WrenchAtTcp | None, now_ns: int) -> None:
+        """Offer the wrench of a loop on the PC for a display, at the rate of a status."""
+        is_due = now_ns - self._shown_ns >= self._show_period_ns
+        if wrench is not None and is_due and not self._dialogue.feedback_active:
+            self._shown_ns = now_ns
+            self._dialogue.show_wrench(wrench.force_N, wrench.torque_Nm)
 
     def _idle(self, now_ns: int) -> None:
         """Brake an active goal: the permission contains no motion."""

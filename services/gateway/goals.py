@@ -1,6 +1,7 @@
 """Goal tracking: state of a goal from the IDs and status bits of the controller's reports. Pure."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -13,12 +14,20 @@ from forcemesh.messages import Goal, GoalReport, GoalState, Joints
 from services.gateway.packet_window import NONE_YET
 
 NO_GOAL = GoalReport()
-REACHED_M = 5e-4
-REACHED_RAD = 3e-3
 EXECUTION_WITHIN_NS = 2_000_000_000
 # Debounce: the controller does not read ID and status of a report at one instant.
 REPORTS_TO_CONFIRM = 2
 STOPPED_SHORT_NS = 500_000_000  # time at rest away from the target
+
+
+class Reach(NamedTuple):
+    """Largest distance from the target at which a goal is done."""
+
+    position_m: float = 5e-4
+    rotation_rad: float = 3e-3
+
+
+REACH = Reach()
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +55,7 @@ class Track:
     candidate: GoalState = "running"  # state by the last report
     counter: int = -1  # of the last report evaluated
     agreeing: int = 0  # consecutive reports with the same state
+    reach: Reach = REACH
 
     @property
     def in_progress(self) -> bool:
@@ -63,9 +73,9 @@ def refused(goal: Goal, reason: str) -> Track:
     return Track(GoalReport(id=goal.id, state="refused", reason=reason[:400]))
 
 
-def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int) -> Track:
+def sent(goal: Goal, packet: int, joint_rad: Joints, now_ns: int, *, reach: Reach = REACH) -> Track:
     """Return a goal whose packet was sent while the joints were at `joint_rad` [rad]."""
-    track = Track(GoalReport(id=goal.id, state="running"), packet, sent_ns=now_ns)
+    track = Track(GoalReport(id=goal.id, state="running"), packet, sent_ns=now_ns, reach=reach)
     if goal.kind == "pose" and goal.pose is not None:
         return replace(track, T_target=pose_of(goal.pose))
     return replace(track, joint_target_rad=tuple(joint_goal(goal, joint_rad).tolist()))
@@ -116,11 +126,11 @@ def _missing(track: Track, measured: ControllerReport) -> str:
     """Return the distance to the target as a text, empty when it is reached."""
     if track.T_target is not None:
         distance_m, turn_rad = apart(measured.T_base_flange, track.T_target)
-        if distance_m <= REACHED_M and turn_rad <= REACHED_RAD:
+        if distance_m <= track.reach.position_m and turn_rad <= track.reach.rotation_rad:
             return ""
         return f"{distance_m * 1e3:.2f} mm and {np.degrees(turn_rad):.2f} degrees"
     rotations = np.array(measured.joint_rad) - np.array(
         track.joint_target_rad or measured.joint_rad
     )
     turn_rad = float(np.abs(rotations).max())
-    return "" if turn_rad <= REACHED_RAD else f"{np.degrees(turn_rad):.2f} degrees"
+    return "" if turn_rad <= track.reach.rotation_rad else f"{np.degrees(turn_rad):.2f} degrees"

@@ -97,6 +97,10 @@ class ControllerLimits:
     lower_m: Vec3  # the box of the TCP, base axes
     upper_m: Vec3
     T_flange_tcp: pin.SE3
+    # of this controller and arm
+    least_segment_s: float  # of a motion that blends into the next one
+    least_speed_m_s: float  # that it executes
+    joint_speed_rad_s: Joints  # at 100 %
 
 
 HOLD = Command(Com.HOLD)
@@ -233,11 +237,13 @@ def set_up(kept: ControllerLimits, scales: Scales) -> tuple[Command, ...]:
     lowest_m, highest_m = (
         value / scales.position_per_mm * 1e-3 for value in (VALUE_MIN, VALUE_MAX)
     )  # of the poses that a packet can hold: no corner need be farther out
-    banks = {
+    banks: dict[Bank, Sequence[float]] = {
         Bank.FEEDBACK: feedback,
         Bank.MOTION: motion,
         Bank.LOWER_CORNER: np.clip(kept.lower_m, lowest_m, highest_m).tolist(),
         Bank.UPPER_CORNER: np.clip(kept.upper_m, lowest_m, highest_m).tolist(),
+        Bank.SEGMENT: (kept.least_segment_s, kept.least_speed_m_s),
+        Bank.JOINT_SPEED: kept.joint_speed_rad_s,
     }
     return (
         *(encoded(Com.LIMITS, values, scales, int(bank)) for bank, values in banks.items()),

@@ -18,9 +18,10 @@ from forcemesh.messages import RobotState
 from services.gateway.connection import ByteLink, ControllerConnection
 from services.gateway.dialogue import Dialogue
 from services.gateway.driver import Driver
-from services.gateway.goals import ControllerReport
+from services.gateway.goals import REACH, ControllerReport
 from services.gateway.link import Link, LinkSettings
 from services.gateway.packets import ControllerLimits, Pacing
+from services.gateway.plain_link import PlainLink, reach_of
 from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
 
 STEP_S = 0.002  # longest time that a report of the controller waits in the socket
@@ -55,14 +56,17 @@ class Gateway:
         # A restarted process must not attribute echoes of its predecessor's IDs to itself.
         last_id = ID_FIRST + bus.epoch % ID_COUNT
         self._dialogue = Dialogue(section, pacing, arm=section.arm, last_id=last_id)
+        wire, reach = wire or Link(LinkSettings(section.host, section.port)), REACH
+        if section.protocol == "plain":
+            wire, reach = PlainLink(wire, cell, section), reach_of(section.plain)
         self._connection = ControllerConnection(
-            wire or Link(LinkSettings(section.host, section.port)),
+            wire,
             self._dialogue,
             kept,
             stale_after_s=cell.stale_after_s(topics.ROBOT_STATE),
         )
         self._driver = Driver(
-            cell, self._dialogue, self._connection.send, guard=guard, shaper=shaper
+            cell, self._dialogue, self._connection.send, guard=guard, shaper=shaper, reach=reach
         )
         self._gate = CommandGate()
         self.verdict = NO_COMMAND_YET  # command that is executed now, or why none is
@@ -216,4 +220,7 @@ def controller_limits(cell: CellConfig, section: GatewaySection) -> ControllerLi
         lower_m=vec3(np.array(limits.workspace_min_m) - WORKSPACE_MARGIN_M),
         upper_m=vec3(np.array(limits.workspace_max_m) + WORKSPACE_MARGIN_M),
         T_flange_tcp=cell.tool.T_flange_tcp.pose,
+        least_segment_s=section.least_segment_s,
+        least_speed_m_s=section.least_speed_m_s,
+        joint_speed_rad_s=tuple(np.radians(cell.robot.joint_speed_max_deg_s).tolist()),
     )

@@ -51,7 +51,7 @@ class WizardProcess:
     def __init__(self, cell_file: Path) -> None:
         """Prepare; no process is started."""
         self.progress = Progress()
-        self._cell_file = cell_file
+        self.cell_file = cell_file
         self._child: subprocess.Popen[str] | None = None
         self._listener: threading.Thread | None = None
         self._lock = threading.Lock()
@@ -63,7 +63,7 @@ class WizardProcess:
                 return "a calibration is already running"
             self.progress = Progress(phase="planning")
             options = ("--poses", poses, "--verify-poses", verify_poses, "--speed", speed_mm_s)
-            words = ("-m", MODULE, "--cell", self._cell_file.resolve(), *options)
+            words = ("-m", MODULE, "--cell", self.cell_file.resolve(), *options)
             self._child = subprocess.Popen(
                 [sys.executable, *(str(word) for word in words)],
                 cwd=ROOT,

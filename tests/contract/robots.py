@@ -33,8 +33,12 @@ GOOD = Behaviour(step_s=1e-4)  # a controller with time for the program
 class Emulated:
     """A rig whose robot is the gateway and the emulated controller, which is stepped first."""
 
-    def __init__(self, behaviour: Behaviour = GOOD, host: Host = "controller") -> None:
-        changes = {"rates.robot_hz": 60, "sim.gap_m": 0.1, "gateway.watchdog_s": 0.25}
+    def __init__(
+        self, behaviour: Behaviour = GOOD, host: Host = "controller", **overrides: object
+    ) -> None:
+        changes: dict[str, object] = {
+            "rates.robot_hz": 60, "sim.gap_m": 0.1, "gateway.watchdog_s": 0.25, **overrides
+        }  # fmt: skip
         self.network = MemoryNetwork()
         self.controller: ControllerSensor | None = None
         self._behaviour = behaviour

@@ -27,7 +27,7 @@ from tests.fakes.hostile_cell import QUICK, Accepted, watch_program
 WELL_FORMED = re.compile(rb"[5-9][0-9]{5} (?:(?:-[0-9]{5}|[0-4][0-9]{5}) ){8}")
 NO_VECTOR = {Com.FEEDBACK, Com.HOLD, Com.HEARTBEAT}
 OURS = {com for com in TABLE if com < Com.POSE}
-HELLO_PARAM = 2001  # version 2, arm 1
+HELLO_PARAM = 3001  # version 3, arm 1
 HELLO = Packet(700_700, Com.HELLO, HELLO_PARAM, (50, 500, 250, 100, 1000, 10))
 DIALOGUE = (
     HELLO,

@@ -136,11 +136,11 @@ def test_version_and_scales_are_reported_although_they_end_the_visit() -> None:
     """The hello is kept for the report; nothing more is sent."""
     other = (60, 500, 250, 100, 1000, 10)
     with FakeController() as controller:
-        controller.tantrums.greeting = 3001
+        controller.tantrums.greeting = 2001
         found = visit(controller.port)
         assert (found.hello_outcome, found.reports) == ("answered", None)
         assert found.hello is not None
-        assert found.hello.param == 3001
+        assert found.hello.param == 2001
         assert controller.wait_for(lambda: len(controller.errors) == 1)
         controller.tantrums.greeting, controller.tantrums.scales = greeting(1), other
         found = visit(controller.port)

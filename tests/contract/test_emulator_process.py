@@ -10,14 +10,16 @@ import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
-from common.config.load import load_cell
+from common.config.load import dump_cell, load_cell
 from common.runtime.service import Runner
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
 from forcemesh.topics import SENSOR_WRENCH
 from sim.as_language.parser import parse
+from sim.controller.behaviour import behaviour_like
 from sim.controller.network import MemoryNetwork
 from sim.controller.service import ControllerSensor
+from tests.chaos.common_net import free_port
 from tests.fakes.as_bench import program
 
 pytestmark = pytest.mark.realtime
@@ -94,6 +96,52 @@ def test_an_error_is_reported_with_its_place(
     assert "Traceback" not in done.stderr
     if code == 1:
         assert "program main, step 2: y = 1/0" in done.stdout
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    ("lines", "code"),
+    [((), 1), (("PCEXECUTE 2: reset", "TWAIT 0.1"), 0)],
+    ids=["standing", "reset"],
+)
+def test_a_program_that_goes_on_after_an_error_is_not_ended(
+    lines: tuple[str, ...], code: int, tmp_path: Path
+) -> None:
+    """An error of a PC program ends that one; the exit code is that of the error at the end."""
+    main = program("PCEXECUTE 1: bad", "TWAIT 0.2", *lines, 'TYPE "after"')
+    others = program("x = 1/0", name="bad") + program("MC ERESET", name="reset")
+    file = tmp_path / "on.as"
+    file.write_text(main + others, encoding="ascii")
+    done = subprocess.run(command(str(file)), cwd=ROOT, capture_output=True, text=True,
+                          timeout=DEADLINE_S, check=False)  # fmt: skip
+    assert "program bad, step 1: x = 1/0" in done.stdout
+    assert "after" in done.stdout
+    assert done.returncode == code
+
+
+@pytest.mark.processes
+def test_a_process_like_a_probe_is_probed_over_a_socket(tmp_path: Path) -> None:
+    """Stage a of `forcemesh probe`, and the file that it writes."""
+    port, out, cell = free_port(), tmp_path / "probe.yaml", tmp_path / "cell.yaml"
+    like = tmp_path / "like.yaml"
+    like.write_text("behaviour: {step_s: 0.0008, timer_grain_s: 0.02}\n")
+    cell.write_text(dump_cell(load_cell(ROOT / "cells/demo-tcp.yaml", {"gateway.port": port})))
+    text = (ROOT / "controller" / "fmprobe.as").read_text("ascii").replace("fp.dur=1", "fp.dur=0.3")
+    (tmp_path / "fmprobe.as").write_text(text, "ascii")
+    words = command(str(tmp_path / "fmprobe.as"), "--port", str(port), "--like", str(like))
+    with subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        while "stage.a" not in process.stdout.readline():
+            pass
+        done = subprocess.run(
+            [sys.executable, "-m", "cli", "probe", "--to", "a", "--cell", cell, "--out", out],
+            cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False,
+        )  # fmt: skip
+        process.terminate()
+    assert done.returncode == 0, done.stderr
+    found = behaviour_like(out)
+    assert found.step_s == pytest.approx(0.0008, rel=0.1)
+    assert found.timer_grain_s == pytest.approx(0.02, rel=0.1)
 
 
 def demo_cell() -> CellConfig:

@@ -45,7 +45,15 @@ MOTION: VecInt = (87_500, 100_000, 1_000, 5_000, 10_000, 0)
 LOWER: VecInt = (-99_999, -99_999, -99_999, 0, 0, 0)  # no walls
 UPPER: VecInt = (499_999, 499_999, 499_999, 0, 0, 0)
 NO_TCP: VecInt = ZERO_VEC  # the flange itself
-SET_UP = ((Bank.MOTION, MOTION), (Bank.LOWER_CORNER, LOWER), (Bank.UPPER_CORNER, UPPER))
+SEGMENT: VecInt = (30, 12, 0, 0, 0, 0)  # 30 ms, 1.2 mm/s
+JOINT_SPEED: VecInt = (92_500, 77_500, 102_500, 137_500, 137_500, 250_000)  # 370 deg/s and so on
+SET_UP = (
+    (Bank.MOTION, MOTION),
+    (Bank.LOWER_CORNER, LOWER),
+    (Bank.UPPER_CORNER, UPPER),
+    (Bank.SEGMENT, SEGMENT),
+    (Bank.JOINT_SPEED, JOINT_SPEED),
+)
 BEAT_S = 0.04
 TICK_NS = 1_000_000
 CHUNK = 65_536
@@ -182,12 +190,13 @@ class Talk:
         lower: VecInt = LOWER,
         upper: VecInt = UPPER,
         tcp: VecInt = NO_TCP,
+        segment: VecInt = SEGMENT,
     ) -> None:
         """Connect, send hello, wait for the stream of reports, `set_up`."""
         self.greet(id_=id_, scales=scales)
         self.wait(lambda: self.received(Com.HEALTH), beat=False)
         if limits is not None:
-            self.set_up(limits, motion=motion, lower=lower, upper=upper, tcp=tcp)
+            self.set_up(limits, motion=motion, lower=lower, upper=upper, tcp=tcp, segment=segment)
 
     def set_up(
         self,
@@ -197,9 +206,10 @@ class Talk:
         lower: VecInt = LOWER,
         upper: VecInt = UPPER,
         tcp: VecInt = NO_TCP,
+        segment: VecInt = SEGMENT,
     ) -> None:
         """Send each setting needed before a motion once; wait until all are executed."""
-        for bank, vec in enumerate((limits, motion, lower, upper)):
+        for bank, vec in enumerate((limits, motion, lower, upper, segment, JOINT_SPEED)):
             self.send(Com.LIMITS, bank, vec)
         self.do(Com.TCP, CentreParam.TCP, tcp)
 

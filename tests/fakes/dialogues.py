@@ -19,6 +19,7 @@ KEPT = ControllerLimits(
     turn_rad=2.0, torque_Nm=10.0, set_point_m=0.02, set_point_rad=0.1, fastest_m_s=0.25,
     lower_m=(-0.5, 0.0, -0.1), upper_m=(0.5, 1.0, 0.9),
     T_flange_tcp=pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.16])),
+    least_segment_s=0.03, least_speed_m_s=0.0012, joint_speed_rad_s=(3.0, 3.0, 3.0, 6.0, 6.0, 9.0),
 )  # fmt: skip
 JOINTS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 SPEED = Speed()

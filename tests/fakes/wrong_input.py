@@ -109,6 +109,11 @@ ROWS: tuple[tuple[str, int, str], ...] = (
     ("replay BAD", USAGE, "not a recording"),
     ("replay BAD --speed 0", USAGE, "must be at least 0.01"),
     ("bench now", USAGE, "No such command 'now'"),
+    ("bringup now", USAGE, "Got unexpected extra argument(s) (now)"),
+    ("bringup --again lunch", USAGE, "lunch"),
+    ("probe now", USAGE, "Got unexpected extra argument(s) (now)"),
+    ("probe --to d", USAGE, "'d' is not one of 'a', 'b', 'c'"),
+    ("probe --out .", USAGE, "--out .: is a folder; name a file"),
     ("nonsense", USAGE, "No such command 'nonsense'"),
     ("move sideways", USAGE, "No such command 'sideways'"),
 )

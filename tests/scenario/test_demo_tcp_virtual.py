@@ -52,14 +52,14 @@ def test_the_main_job_settles_over_tcp(host, mode, stiffness_N_m, as_step_s, pes
 
 @pytest.mark.long
 def test_the_gateway_reports_the_loop_rate_of_the_program():
-    """About 60 times a second at the demo's step time, by its own counter, and 2.4 times slower."""
+    """Once a segment of 30 ms and when it only waits, by its own counter; fewer with slow steps."""
     fast = run_demo("controller", "position", DemoOverrides(), settled_for_s=5.0).robot_numbers
     slow = run_demo(
         "controller", "position", DemoOverrides(as_step_s=0.0003), settled_for_s=5.0
     ).robot_numbers
 
-    assert 50.0 <= fast["program_loop_hz"] <= 75.0
-    assert fast["program_loop_hz"] / slow["program_loop_hz"] == pytest.approx(2.4, rel=0.35)
+    assert 30.0 <= fast["program_loop_hz"] <= 50.0
+    assert 10.0 <= slow["program_loop_hz"] < 0.8 * fast["program_loop_hz"]
     assert fast["sender_hz"] > slow["sender_hz"] > 10.0
     assert 0.0 < fast["framed_round_trip_p50_s"] <= fast["framed_round_trip_p99_s"] < 0.25
     assert fast["taken_round_trip_p50_s"] < slow["taken_round_trip_p50_s"]

@@ -1,11 +1,15 @@
-"""Calibrate tab: plan, one confirmation, progress, residuals at each pose."""
+"""Calibrate tab: plan, one confirmation, progress, residuals at each pose; the bring-up ladder."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import viser
 from viser import uplot
 
+from common.config.evidence import ladder, read_evidence
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import ConfigError
 from services.panel.markup import Html, html, joined, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Prose, RequestOutcome, Viewer, put
@@ -13,6 +17,8 @@ from services.panel.watch import Snapshot
 from services.panel.wizard import Progress
 
 REPORT_HEIGHT = 150
+LADDER_PERIOD_S = 2.0  # it is read from files
+MARKS = {"passed": "✔", "changed": "↻", "failed": "✖", "open": "·"}
 WORDS: dict[str, Html | str] = {
     "idle": "Identifies payload and sensor bias: the arm visits poses inside the workspace.",
     "planning": "planning …",
@@ -53,8 +59,9 @@ def build(viewer: Viewer) -> Refresh:
     plotted: Progress | None = None
     plot: viser.GuiUplotHandle | None = None
     notes = Prose(gui, html(""))
+    show_ladder = _add_ladder(viewer)
 
-    def refresh(_snapshot: Snapshot) -> None:
+    def refresh(snapshot: Snapshot) -> None:
         nonlocal asked, plot, plotted
         now = wizard.progress
         if asked and now.phase == "asking":
@@ -67,6 +74,7 @@ def build(viewer: Viewer) -> Refresh:
         put(bar, visible=is_moving, value=100.0 * now.share)
         state.show(paragraphs(f"running: {now.text}" if is_moving else WORDS[now.phase]))
         notes.show(notes_of(now))
+        show_ladder(snapshot)
         if now.left and now is not plotted:
             plotted = now
             if plot is not None:
@@ -116,6 +124,39 @@ def notes_of(now: Progress) -> Html:
     rows = joined(html("<tr>{}</tr>", joined(row)) for row in cells)
     head = html("<tr><th>parameter</th><th>value</th><th>±</th></tr>")
     return html("<p><b>{}</b></p><table>{}{}</table>{}", now.left["verdict"], head, rows, notes)
+
+
+def _add_ladder(viewer: Viewer) -> Refresh:
+    """Add the steps of the bring-up, for a cell with a controller; return their refresh."""
+    if viewer.cell.gateway is None:
+        return lambda _snapshot: None
+    with viewer.gui.add_folder("Bring-up", expand_by_default=False):
+        rows, read_ns = Prose(viewer.gui, html("")), 0
+
+    def refresh(snapshot: Snapshot) -> None:
+        nonlocal read_ns
+        if not read_ns or snapshot.now_ns - read_ns >= LADDER_PERIOD_S * NS_PER_S:
+            read_ns = snapshot.now_ns
+            rows.show(ladder_text(viewer.wizard.cell_file))
+
+    return refresh
+
+
+def ladder_text(cell_file: Path) -> Html:
+    """Return the steps of the bring-up with their states, and the next one."""
+    try:
+        rows = ladder(cell_file, read_evidence(cell_file))
+    except ConfigError as error:
+        return paragraphs(f"⚠ {error}")
+    if not rows:
+        return paragraphs(html("no evidence: <code>forcemesh bringup</code> walks the ladder"))
+    lines = [
+        html("{} <b>{}</b> {} {}", MARKS[row.state], row.name, row.state, row.detail)
+        for row in rows
+    ]
+    following = next((row.name for row in rows if row.state != "passed"), None)
+    end = "all steps have passed" if following is None else f"next: {following}"
+    return paragraphs(*lines, end)
 
 
 TAB = Tab(30, "Calibrate", viser.Icon.TARGET, build)

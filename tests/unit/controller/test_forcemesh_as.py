@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from controller.packet_table import COMMANDS, GAIN_I, GAIN_P, TABLE, Com
+from controller.packet_table import COMMANDS, GAIN_I, GAIN_P, TABLE, Bank, Com
 from sim.as_language.lint import check_text
 from tests.fakes.controller_talk import codes_of
 
@@ -21,9 +21,9 @@ BY_HAND = {"fm.restore"}  # a person may EXECUTE it when no task runs
 
 # Instructions of the E series manual (90209-1022), chapters 6 and 10, and of the TCP/IP manual.
 INSTRUCTIONS = """
-    ACCEL ACCURACY BASE BRAKE BREAK CALL CASE CP DECEL DECOMPOSE ELSE END FOR GOTO HERE IF JMOVE
-    LMOVE PCABORT PCEXECUTE POINT RETURN SPEED TCP_ACCEPT TCP_CLOSE TCP_END_LISTEN TCP_LISTEN
-    TCP_RECV TCP_SEND TIMER TOOL TWAIT VALUE WAIT WHILE
+    ABS.SPEED ACCEL ACCURACY BASE BRAKE BREAK CALL CASE CP DECEL DECOMPOSE ELSE END FOR GOTO HERE
+    IF JMOVE LMOVE MC PCABORT PCEXECUTE POINT PRINT QTOOL RETURN SPEED TCP_ACCEPT TCP_CLOSE
+    TCP_END_LISTEN TCP_LISTEN TCP_RECV TCP_SEND TIMER TOOL TWAIT VALUE WAIT WHILE
 """
 DOCUMENTED = set(INSTRUCTIONS.split())
 NOT_IN_PC_PROGRAMS = {"LMOVE", "JMOVE", "BASE", "TOOL", "BREAK", "PCEXECUTE", "PCABORT"}
@@ -85,7 +85,9 @@ def variables() -> Iterator[tuple[str, str, bool]]:
     """Yield every use of a global variable: sigil, name, whether it is indexed."""
     for lines in programs().values():
         for line in map(without_strings, lines):
-            for sigil, name, bracket in NAME.findall(re.sub(r"^CALL [\w.]+|: fm\.\w+", "", line)):
+            for sigil, name, bracket in NAME.findall(
+                re.sub(r"^(CALL|MC EXECUTE) [\w.]+|: fm\.\w+", "", line)
+            ):
                 yield sigil, name, bool(bracket)
 
 
@@ -93,7 +95,7 @@ def instruction_words() -> Iterator[tuple[str, str]]:
     """Yield (program, instruction word) for each line that is no assignment and no label."""
     for program, lines in programs().items():
         for line in lines:
-            word = re.match(r"[A-Z_]+\b", without_strings(line))
+            word = re.match(r"[A-Z_.]+\b", without_strings(line))
             if word and not re.match(r"[\w.$#\[\],]+=", line):
                 yield program, word[0]
 
@@ -122,6 +124,12 @@ def test_emulator_parses_the_file_and_knows_no_trap_in_it() -> None:
     assert report.exit_code(strict=True) == 0, [str(finding) for finding in report.findings]
 
 
+def test_the_page_for_users_has_the_number_of_programs() -> None:
+    """Who loads the file compares it with DIRECTORY/P."""
+    page = (ROOT / "docs" / "connect-your-kawasaki.md").read_text(encoding="utf-8")
+    assert f"lists {len(programs())} programs that begin with `fm.`" in page
+
+
 def test_every_instruction_is_documented_and_none_is_an_option() -> None:
     """An instruction outside of the manual, or an option, may be missing in a controller."""
     assert {word for _, word in instruction_words()} <= DOCUMENTED
@@ -130,6 +138,16 @@ def test_every_instruction_is_documented_and_none_is_an_option() -> None:
         "no /K, no /L; /S is of MM/S"
     )
     assert "!=" not in code
+
+
+def test_the_only_monitor_commands_reset_an_error_and_start_the_program_anew() -> None:
+    """MC is forbidden in robot programs; CONTINUE would go on with an interrupted motion."""
+    found = [
+        (name, command)
+        for name, lines in programs().items()
+        for command in re.findall(r"^MC (.*)$", "\n".join(lines), re.MULTILINE)
+    ]
+    assert found == [("fm.watch", "ERESET"), ("fm.watch", "EXECUTE fm.main")]
 
 
 # --- names ----------------------------------------------------------------------------------------
@@ -215,7 +233,7 @@ def test_each_motion_is_tested_for_reach_and_for_a_hold_right_before() -> None:
         for i in moves:
             assert lines[i - 1].startswith("IF fm.hseq+fm.wseq"), lines[i - 1]
             target = lines[i].split()[1]
-            assert any(f"INRANGE({target})" in line for line in lines[i - 24 : i])
+            assert any(f"INRANGE({target})" in line for line in lines[i - 34 : i])
 
 
 def test_changed_settings_are_kept_and_put_back() -> None:
@@ -250,7 +268,7 @@ def test_receiver_knows_every_command_with_every_param() -> None:
         [(4, 0)],
         [(12, 0)],
         [(13, 0), (1, 0), (2, 0), (3, 0)],
-        [(5, 0), (6, 0), (6, 1), (10, 0), (10, 1), (10, 2), (10, 3), (11, 0), (11, 1)],
+        [(5, 0), (6, 0), (6, 1), *((10, bank) for bank in Bank), (11, 0), (11, 1)],
         [(7, 0), (7, 1)],
         [(7, 2)],
         [(14, 0)],

@@ -8,10 +8,17 @@ from controller.packet_table import ID_FIRST, Com, Status
 from sim.as_language.errors import AsError
 from sim.controller.behaviour import Behaviour
 from sim.controller.machine import Machine
-from tests.fakes.controller_talk import LIMITS, PORT, Talk, moving, still
+from tests.fakes.controller_talk import LIMITS, PORT, TEXT, Talk, moving, parsed, still
 
 TOOL = pin.SE3(pin.utils.rotate("x", 0.3), np.array([0.01, -0.02, 0.15]))
 BASE = pin.SE3(pin.utils.rotate("z", -0.5), np.array([0.1, 0.2, -0.3]))
+GUARD = """.PROGRAM guard()
+  guarding=1
+  WHILE guarding==1 DO
+    TWAIT 0.01
+  END
+.END
+"""
 PC_PROGRAMS = {"fm.send": 1, "fm.recv": 2, "fm.watch": 3}
 
 
@@ -28,6 +35,33 @@ def are_the_users(machine: Machine) -> bool:
     return same and not machine.hardware.switches["cp"]
 
 
+# --- another program in our slot ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_another_program_in_a_slot_is_reported_and_never_aborted(number: int) -> None:
+    """It may guard something: fm.main ends and changes nothing; after its end fm.main starts."""
+
+    def occupied(machine: Machine) -> None:
+        users_frames(machine)
+        machine.load(parsed(TEXT + GUARD))
+        machine.control.start_pc(number, "guard")
+
+    lines: list[str] = []
+    talk = Talk(prepare=occupied)
+    talk.machine.hardware.print_line = lines.append
+    talk.live(1.0)
+    assert talk.machine.tasks[number].state == "running"
+    assert talk.machine.robot_task.state == "idle"
+    assert are_the_users(talk.machine)
+    assert f"another program is in {number}" in " ".join(" ".join(lines).split())
+    talk.machine.memory.write("guarding", 0.0)
+    talk.live(0.1)
+    talk.pendant.execute("fm.main")
+    talk.hello()
+    assert talk.status & Status.PROGRAM_RUNNING
+
+
 # --- a PC program ends ----------------------------------------------------------------------------
 
 
@@ -36,7 +70,7 @@ def test_a_pc_program_that_an_error_ends_is_started_again(
     program: str, behaviour: Behaviour
 ) -> None:
     """Within a second; the arm stands, fault 12 once the error is reset; a hello, and it moves."""
-    talk = moving(Talk(behaviour))
+    talk = moving(Talk(behaviour.model_copy(update={"pc_error_stops_robot": False})))
     task = talk.machine.tasks[PC_PROGRAMS[program]]
     assert task.main == program
     talk.machine.control.failed(task, AsError("E0102"))

@@ -112,7 +112,7 @@ def test_hello_is_answered_with_its_id_version_and_scales_then_reports_follow(id
         HELLO.replace(b"500000", b"000000"),
         HELLO.replace(b"500000", b"-00005"),
         HELLO.replace(b"001000", b"500000"),
-        HELLO.replace(b"002001", b"502001"),
+        HELLO.replace(b"003001", b"503001"),
         encode(Packet(ID_FIRST, Com.HELLO, -1, SCALES)),
         encode(Packet(ID_FIRST, Com.HELLO, HELLO_PARAM, (50, 500, 250, 100, 1000, -10))),
         HELLO[:-1] + b"0",
@@ -133,7 +133,7 @@ def test_first_packet_that_is_no_hello_closes_the_connection_unanswered(data: by
 
 
 @pytest.mark.parametrize(
-    "param", [0, 1, 999, 1001, 3001, HELLO_PARAM - 1, HELLO_PARAM + 1, 499_999]
+    "param", [0, 1, 999, 1001, 2001, HELLO_PARAM - 1, HELLO_PARAM + 1, 499_999]
 )
 def test_a_client_of_another_version_or_arm_receives_ours_and_is_disconnected(param: int) -> None:
     """The PC can report which end is older, or the other arm; none of it counts as a hello."""
@@ -225,9 +225,9 @@ def test_a_fault_that_comes_while_a_motion_is_taken_is_reported() -> None:
         talk.live(0.07 + phase * 1e-4)
         talk.id = ID_FIRST
         talk.write(SET_UP_PACKETS)
-        talk.id += 5
+        talk.id += 7
         talk.send(Com.MOVE_JOINTS, 0, (0, 0, -22_500, 0, -22_500, 0))
-        talk.wait(lambda: talk.framed == ID_FIRST + 6, 1.0, beat=False)
+        talk.wait(lambda: talk.framed == ID_FIRST + 8, 1.0, beat=False)
         talk.send(Com.MOVE_JOINTS, 1)
         talk.wait(lambda: talk.closed, 1.0, beat=False)
         assert talk.value("fm.fault") == 4, phase

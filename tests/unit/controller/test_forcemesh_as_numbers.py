@@ -135,16 +135,17 @@ def test_each_gain_is_of_its_own_axis_and_kind(axis: int, kind: str) -> None:
     scale = (SCALES[3], SCALES[4])[axis // 3]
     load = PUSH[axis] / scale
     mode = 1 + axis // 3
+    times = 25 if kind == "proportional" else 125
     if kind == "proportional":
         talk.start_feedback(mode, gains_p=one_hot(axis, 100_000 if axis > 2 else 25_000))
         expected = load * (0.2 if axis > 2 else 0.05)
     else:
         talk.start_feedback(mode, gains_i=one_hot(axis, 5_000 if axis > 2 else 500))
-        expected = load * (1.0 if axis > 2 else 0.1) * 0.5  # half a second
+        expected = load * (1.0 if axis > 2 else 0.1) * 2.5  # seconds
     push(talk, 3, (0,) * 6)
     start = talk.T_mm
-    push(talk, 25, PUSH)
-    push(talk, 3, PUSH if kind == "proportional" else (0,) * 6)
+    push(talk, times, PUSH)
+    push(talk, 8, PUSH if kind == "proportional" else (0,) * 6)
     moved = np.zeros(6)
     moved[:3] = talk.T_mm.translation - start.translation
     moved[3:] = np.degrees(rotation_between(start.rotation, talk.T_mm.rotation))

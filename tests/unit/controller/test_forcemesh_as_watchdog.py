@@ -282,3 +282,44 @@ def test_an_error_stop_is_latched_and_needs_ereset_and_execute(behaviour: Behavi
     z = talk.height_mm()
     talk.move_up(10.0)
     talk.wait(lambda: talk.height_mm() > z + 9.9)
+
+
+# --- errors that stand ----------------------------------------------------------------------------
+
+
+def pull_the_cable(talk: Talk) -> None:
+    """Break the connection during a motion; the error is reset while the arm stands."""
+    talk.hello()
+    z, before = talk.height_mm(), talk.value("fm.eres")
+    talk.move_up(20.0)
+    talk.wait(lambda: talk.height_mm() > z + 2.0)
+    talk.stream.reset()
+    assert standing_s(talk) < WATCHDOG_S + BRAKE_S + 0.5
+    talk.wait(lambda: talk.value("fm.eresu") == before + 1, beat=False)
+    assert talk.value("fm.fault") == 19
+    assert talk.machine.control.error is None
+    assert talk.height_mm() < z + 20.0
+
+
+@pytest.mark.parametrize("stops_robot", [False, True])
+def test_after_each_pulled_cable_the_link_returns_without_the_pendant(
+    behaviour: Behaviour, stops_robot: bool
+) -> None:
+    """Also where a broken connection is a standing error, and where that stops every program."""
+    standing = {"tcp_error_stands": True, "pc_error_stops_robot": stops_robot}
+    talk = Talk(behaviour.model_copy(update=standing))
+    for pulled in range(1, 6):
+        pull_the_cable(talk)
+        assert talk.value("fm.eresu") == pulled
+
+
+def test_an_error_of_the_program_stays_the_pendants(behaviour: Behaviour) -> None:
+    """Only errors of the connection are reset, though the arm is held."""
+    talk = Talk(behaviour.model_copy(update={"pc_error_stops_robot": False}))
+    talk.hello()
+    sender = talk.machine.tasks[1]
+    talk.machine.control.failed(sender, AsError("E0108"))
+    talk.live(2.0, beat=True)
+    assert talk.value("fm.eres") == 0
+    assert talk.status & Status.ERROR
+    assert str(talk.machine.control.error).startswith("(E0108)")

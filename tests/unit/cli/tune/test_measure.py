@@ -100,7 +100,7 @@ def test_the_controllers_own_loop_is_measured_too() -> None:
     assert found is not None
     assert 0.03 < found.tau_s < 1.5 * cell.client.config.loop_delay_s
     assert len(readings.responses) >= 2
-    assert 0.04 < readings.arm.sum_s < 0.08
+    assert 0.04 < readings.arm.sum_s < 0.12  # a step waits for a segment, and is one or two
 
 
 def test_steps_that_never_repeat_are_refused_after_five_rounds(monkeypatch) -> None:

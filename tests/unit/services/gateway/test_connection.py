@@ -111,7 +111,7 @@ def test_limits_that_a_hold_of_the_controller_has_voided_are_sent_again() -> Non
     for _ in range(3):
         rig.receive(joint_report(last_id(rig.dialogue)) + encode(Packet(ID_FIRST, Com.HEALTH, 0)))
     sent = [packet.com for packet in packets(rig.wire.sent)[before:]]
-    assert sent == [Com.HOLD, *[Com.LIMITS] * 4, Com.TCP]
+    assert sent == [Com.HOLD, *[Com.LIMITS] * 6, Com.TCP]
 
 
 def test_half_a_sample_is_none() -> None:
@@ -168,6 +168,23 @@ def test_numbers_are_measured_values_only() -> None:
 
 def test_after_hello_come_hold_and_limits() -> None:
     """The controller's ring is emptied, and its own limits are set."""
-    set_up = [Com.LIMITS] * 4 + [Com.TCP]
+    set_up = [Com.LIMITS] * 6 + [Com.TCP]
     rig = ConnectionRig().greet()
     assert [packet.com for packet in packets(rig.wire.sent)] == [Com.HELLO, Com.HOLD, *set_up]
+
+
+@pytest.mark.parametrize(("set_up", "closed_after_s"), [(False, 1.0), (True, 0.25)])
+def test_a_packet_may_be_longer_in_transit_before_the_limits_are_executed(
+    set_up: bool, closed_after_s: float
+) -> None:
+    """A slow controller reads its limits in its own time; from then on a hold must be in time."""
+    rig = ConnectionRig().greet()
+    if set_up:
+        last = last_id(rig.dialogue)
+        rig.receive(pose_report(last) + joint_report(last))
+        rig.connection.send(rig.dialogue.hold(rig.now_ns), rig.now_ns)
+    begun_ns = rig.now_ns
+    for elapsed_s in (0.9 * closed_after_s, 1.1 * closed_after_s):
+        rig.now_ns = begun_ns + round(1e3 * elapsed_s) * MS
+        rig.receive()
+        assert (rig.connection.code == "link_slow") == (elapsed_s > closed_after_s)

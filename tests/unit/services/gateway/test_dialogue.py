@@ -58,9 +58,9 @@ def test_reports_become_events() -> None:
 @pytest.mark.parametrize(
     "first",
     [
-        Packet(ID_FIRST, 9, 1, SCALES.vec), Packet(ID_FIRST, 9, 3001, SCALES.vec),
-        Packet(ID_FIRST, 9, 2002, SCALES.vec), Packet(ID_FIRST, 101, 0), Packet(ID_FIRST, 9, 2001),
-        Packet(ID_FIRST, 9, 2001, (60, 500, 250, 100, 1000, 10)),
+        Packet(ID_FIRST, 9, 1, SCALES.vec), Packet(ID_FIRST, 9, 2001, SCALES.vec),
+        Packet(ID_FIRST, 9, 3002, SCALES.vec), Packet(ID_FIRST, 101, 0), Packet(ID_FIRST, 9, 3001),
+        Packet(ID_FIRST, 9, 3001, (60, 500, 250, 100, 1000, 10)),
     ],
 )  # fmt: skip
 def test_a_controller_that_does_not_agree_is_refused(first: Packet) -> None:
@@ -235,7 +235,7 @@ def test_hold_is_command_8_and_cancels_all_motion() -> None:
 def test_a_hold_that_voids_the_limits_sends_them_again() -> None:
     """Nothing moves before the controller has the limits; after that a hold is command 8 alone."""
     dialogue = greeted()
-    set_up = [(10, 0), (10, 1), (10, 2), (10, 3), (11, 0)]
+    set_up = [(10, 0), (10, 1), (10, 2), (10, 3), (10, 4), (10, 5), (11, 0)]
     assert coms(dialogue.set_up(KEPT, 0)) == [(8, 0), *set_up]
     dialogue.feed(pose_report(last_id(dialogue) - 1), 0)
     assert not dialogue.is_set_up

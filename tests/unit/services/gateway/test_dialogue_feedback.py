@@ -124,6 +124,20 @@ def test_a_set_point_whose_wrench_was_not_sent_is_sent_with_the_next() -> None:
     assert [(packet.com, packet.vec[2]) for packet in sent] == [(14, 600), (4, 300)]
 
 
+def test_a_wrench_for_a_display_is_sent_while_no_feedback_runs() -> None:
+    """Command 4 alone, without a set point; refused while force feedback would use it."""
+    dialogue = greeted()
+    dialogue.show_wrench((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
+    (sent,) = packets(dialogue.tick(0, permitted=True))
+    assert (sent.com, sent.vec) == (4, (100, 200, 300, 100, 200, 300))
+    assert dialogue.tick(0, permitted=True) == b""
+    dialogue.show_wrench((9.0, 0.0, 0.0), NONE)
+    assert dialogue.tick(0, permitted=False) == b""
+    assert dialogue.tick(0, permitted=True) == b""
+    with pytest.raises(LocalProtocolError, match="feedback"):
+        in_feedback().show_wrench((1.0, 0.0, 0.0), NONE)
+
+
 def test_the_centre_of_rotation_is_updated_one_at_a_time() -> None:
     """Command 11 goes to running feedback, the newest when the one before has been taken."""
     dialogue = in_feedback()

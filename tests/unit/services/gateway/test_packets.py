@@ -144,7 +144,8 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
         step_m=0.002, step_rad=radians(1), speed_m_s=0.05, travel_m=0.1, force_N=60.0,
         watchdog_s=0.25, turn_rad=radians(150.5), torque_Nm=10.0, set_point_m=0.02,
         set_point_rad=radians(6.0), fastest_m_s=0.25, lower_m=(-0.4, 0.2, -0.2),
-        upper_m=(0.4, 0.8, 12.0), T_flange_tcp=T,
+        upper_m=(0.4, 0.8, 12.0), T_flange_tcp=T, least_segment_s=0.03, least_speed_m_s=0.0012,
+        joint_speed_rad_s=tuple(radians(deg) for deg in (370, 310, 410, 550, 550, 1000)),
     )  # fmt: skip
     banks = packets.set_up(kept, SCALES)
     expected = [
@@ -161,12 +162,14 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
         (packets.start_feedback("orientation")[0], (7, 1, (0,) * 6)),
         (packets.STOP_FEEDBACK, (7, 2, (0,) * 6)),
         (packets.HOLD, (8, 0, (0,) * 6)),
-        (packets.hello(SCALES, 7), (9, 2007, (50, 500, 250, 100, 1000, 10))),
+        (packets.hello(SCALES, 7), (9, 3007, (50, 500, 250, 100, 1000, 10))),
         (banks[0], (10, 0, (100, 500, 500, 5000, 6000, 250))),
         (banks[1], (10, 1, (75_250, 10_000, 1000, 3000, 2500, 0))),
         (banks[2], (10, 2, (-20_000, 10_000, -10_000, 0, 0, 0))),
         (banks[3], (10, 3, (20_000, 40_000, 499_999, 0, 0, 0))),
-        (banks[4], (11, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
+        (banks[4], (10, 4, (30, 12, 0, 0, 0, 0))),
+        (banks[5], (10, 5, (92_500, 77_500, 102_500, 137_500, 137_500, 250_000))),
+        (banks[6], (11, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
         (packets.tcp(T, SCALES, CentreParam.CENTRE),
             (11, 1, (5000, -10000, 15000, 5000, 45000, -10000))),
         (packets.pose(Com.SET_POINT, T, SCALES, PoseCarry())[0],
@@ -178,7 +181,7 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
         packet = over_the_wire(command)
         assert (packet.com, packet.param, packet.vec) == numbers
     assert [command.param for command in packets.start_feedback("both")] == [0, 1]
-    assert len(banks) == 5
+    assert len(banks) == 7
     assert {command.com for command, _ in expected} == set(range(1, 15))
 
 
@@ -266,14 +269,14 @@ def test_the_controllers_hello_must_agree() -> None:
     good = packets.hello(SCALES, 7).packet(ID_FIRST)
     assert packets.parse_hello(good, SCALES, 7) == packets.HelloReceived()
     for param, message in (
-        (1, "protocol 1, this gateway 2: load controller/forcemesh.as"),
-        (3007, "protocol 3, this gateway 2: load"),
-        (2008, r"arm 8, the cell file's gateway\.arm is 7: are cables .* swapped"),
+        (1, "protocol 1, this gateway 3: load controller/forcemesh.as"),
+        (2007, "protocol 2, this gateway 3: load"),
+        (3008, r"arm 8, the cell file's gateway\.arm is 7: are cables .* swapped"),
     ):
         with pytest.raises(RemoteProtocolError, match=message):
             packets.parse_hello(Packet(ID_FIRST, 9, param, good.vec), SCALES, 7)
     with pytest.raises(RemoteProtocolError, match="position_per_mm asked 50, has 60"):
-        packets.parse_hello(Packet(ID_FIRST, 9, 2007, (60, *good.vec[1:])), SCALES, 7)
+        packets.parse_hello(Packet(ID_FIRST, 9, 3007, (60, *good.vec[1:])), SCALES, 7)
     with pytest.raises(RemoteProtocolError, match="must be hello"):
         packets.parse_hello(Packet(ID_FIRST, 101, 0, good.vec), SCALES, 7)
 

@@ -39,7 +39,7 @@ def test_after_hello_the_controller_gets_hold_and_limits(cell: GatewayCell) -> N
     """Nothing else is sent without permission, and this does not latch the controller."""
     cell.rig.advance(1.2)  # longer than the watchdog
     sent = [packet.com for packet in cell.controller.of(*Com)]
-    assert sent == [Com.HELLO, Com.HOLD, *[Com.LIMITS] * 4, Com.TCP]
+    assert sent == [Com.HELLO, Com.HOLD, *[Com.LIMITS] * 6, Com.TCP]
     assert (cell.controller.connections, cell.controller.errors) == (1, [])
     assert cell.controller.robot.watchdog_s == pytest.approx(1.0)
 
@@ -167,8 +167,8 @@ def test_a_frozen_controller_is_detected_before_its_socket_closes(cell: GatewayC
 @pytest.mark.parametrize(
     ("tantrum", "message"),
     [
-        ({"greeting": 1}, "protocol 1, this gateway 2: load controller/forcemesh.as"),
-        ({"greeting": 2002}, "arm 2, the cell file's gateway.arm is 1"),
+        ({"greeting": 1}, "protocol 1, this gateway 3: load controller/forcemesh.as"),
+        ({"greeting": 3002}, "arm 2, the cell file's gateway.arm is 1"),
         ({"scales": (60, 500, 250, 100, 1000, 10)}, "position_per_mm asked 50, has 60"),
     ],
 )

@@ -34,7 +34,7 @@ def test_the_controller_gets_centre_and_gains_then_the_start_then_set_point_and_
 ) -> None:
     """11, 6, 6, 7, 14, and then 4 with the measured newtons and newton metres in base axes."""
     start_feedback(cell)
-    assert cell.coms()[7:13] == [
+    assert cell.coms()[9:15] == [
         Com.TCP, Com.GAINS, Com.GAINS, Com.FEEDBACK, Com.FORCE_SET_POINT, Com.WRENCH,
     ]  # fmt: skip
     assert cell.controller.robot.tcp == (0, 0, 160 * 50, 0, 0, 0)

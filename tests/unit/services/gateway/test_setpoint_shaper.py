@@ -171,3 +171,18 @@ def test_a_backlog_after_a_stall_is_sent_slowly_and_the_stream_then_continues() 
     ]
     assert speeds_m_s[2] <= 0.01 + 1e-9  # right after the stall
     assert distance_m(sent[-1][1], shifted(DOWN, x_m=-5e-5 * times_ms[-1])) < 1e-9
+
+
+def test_a_pause_within_the_delay_of_the_controller_is_no_stall() -> None:
+    """Segments that are slower than the reports are its pace: a set point of 80 ms goes whole."""
+    slow = load_cell(DEMO_CELL, {"robot.delay_s": 0.12})
+    for cell, share in ((CELL, 0.5), (slow, 1.0)):
+        shaper, now_ns, T = SetpointShaper(LIMITS, accept_any, CatchUp.of(cell)), 0, DOWN
+        sent: pin.SE3 | None = None
+        assert shaper.seed(DOWN, 0) is None
+        for _ in range(5):
+            now_ns += 80 * MS
+            T = shifted(T, z_m=0.002)
+            sent = shaper.release(T, now_ns)
+        assert sent is not None
+        assert (sent is T) == (share == 1.0)

@@ -1,0 +1,176 @@
+"""Protocol plain: the specification's packet to the letter, beside the one of `controller.packet`.
+
+Nine numbers of six characters, 63 characters with a space after each or 54 without, IDs from 1,
+commands 1 to 7, reports 101 and 102 with Param 0, no hello. `controller/plain.as` is its other end.
+NOT_PROTECTED is the protection that it gives up; decision 030 has the reasons for our own packet.
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from controller.packet import FRAME_CHARS, FRAME_NAMES, FRAMES, Packet
+from controller.packet_table import GAIN_I, GAIN_P, PERCENT, Com, PacketValue
+from forcemesh.connection import ConfigSection
+from forcemesh.errors import LocalProtocolError, RemoteProtocolError
+
+PROGRAM = Path(__file__).with_name("plain.as")
+START = "pl.main"
+ID_LAST = 999_999  # then 1 again
+VALUE_MIN, VALUE_MAX = -99_999, 999_999
+COMMANDS = range(1, 8)  # a) to g) of the specification
+REPORTS = (Com.POSE, Com.JOINTS)
+
+# Protection of forcemesh.as that plain.as does not have. docs/controller.md has this list.
+NOT_PROTECTED = (
+    "no watchdog: during silence a motion in progress continues to its end",
+    "no hold: it is a joint rotation by zero; RUN on the pendant resumes an interrupted motion",
+    "no limits in the controller: no box, step, speed, travel, turn, force or torque ceiling",
+    "no test of reach: a target out of reach is an error stop of AS",
+    "no hello: neither version, number of the arm nor scales are compared",
+    "no check of IDs, and no number that marks the first frame: lost frames are not detected",
+    "no status: motor power, mode, teach lock, errors and monitor speed are unknown to the PC",
+    "no address of the PC: any client may connect",
+    "TOOL and BASE stay NULL when the program ends",
+)
+
+
+# Most of the cell file's limits, with their units. Below the usual 50 N and 250 mm/s: after a fault
+# of the PC nothing in the controller stops a motion or a press, so a smaller speed and force are
+# what remains of the protection.
+MOST = {
+    "limits.force_N": (30.0, "N"),
+    "limits.torque_Nm": (5.0, "N m"),
+    "limits.speed_m_s": (0.1, "m/s"),
+    "force.speed_max_m_s": (0.02, "m/s"),
+}
+HOST = "controller"  # set points of a loop on the PC have no command in it
+
+
+def terms_mistake(hosts: tuple[str, ...], limits: Mapping[str, float]) -> str:
+    """Return why a cell with these hosts and limits may not use protocol plain; empty: it may.
+
+    `limits` has the fields of MOST.
+    """
+    if hosts != (HOST,):
+        return (
+            "gateway.protocol is plain, which has no command for a stream of set points: "
+            f"robot.hosts must be [{HOST}], found [{', '.join(hosts)}]"
+        )
+    for name, (most, unit) in MOST.items():
+        if limits[name] > most:
+            return (
+                f"gateway.protocol is plain, with which the controller checks nothing: {name} is "
+                f"{limits[name]:g} {unit}, at most {most:g} {unit} is allowed"
+            )
+    return ""
+
+
+class PlainSection(ConfigSection):
+    """Packet of protocol plain: characters, and packet units per unit. No hello compares them.
+
+    1 everywhere is the specification: whole mm, degrees, N, N m, mm/s and percent. pl.config of
+    controller/plain.as has the same numbers: `python -m launch.controller_program CELL` writes it.
+    """
+
+    packet_chars: Literal[54, 63] = 63  # without and with a space after each number
+    position_per_mm: int = Field(1, ge=1, le=99)
+    oat_per_deg: int = Field(1, ge=1, le=555)
+    joint_per_deg: int = Field(1, ge=1, le=277)
+    force_per_N: int = Field(1, ge=1, le=999)
+    torque_per_Nm: int = Field(1, ge=1, le=9999)
+    speed_per_mm_s: int = Field(1, ge=1, le=1000)
+    per_percent: int = Field(1, ge=1, le=100)
+    gain_p: int = Field(1, ge=1, le=500_000)  # per mm/N and per deg/(N m)
+    gain_i: int = Field(1, ge=1, le=500_000)  # per mm/(N s) and per deg/(N m s)
+
+    def units(self, number: PacketValue) -> int:
+        """Return the packet units per unit of a number in the packet table."""
+        scale = number.quantity.scale
+        name = scale if isinstance(scale, str) else _FIXED[scale]
+        units: int = getattr(self, name)
+        return units
+
+
+_FIXED = {PERCENT: "per_percent", GAIN_P: "gain_p", GAIN_I: "gain_i"}
+# Variables of pl.config by the field of PlainSection; `w` is the width of a number.
+_VARIABLES = {
+    "position_per_mm": "sp", "oat_per_deg": "so", "joint_per_deg": "sj", "force_per_N": "sf",
+    "torque_per_Nm": "sm", "speed_per_mm_s": "sv", "per_percent": "sc", "gain_p": "sg",
+    "gain_i": "si",
+}  # fmt: skip
+
+
+def encode(packet: Packet, packet_chars: int) -> bytes:
+    """Return the characters of a packet.
+
+    Raises LocalProtocolError when a number does not fit into six characters; none is clipped.
+    """
+    for name, value in zip(FRAME_NAMES, packet.frames, strict=True):
+        low, high = (1, ID_LAST) if name == "ID" else (VALUE_MIN, VALUE_MAX)
+        if not low <= value <= high:
+            raise LocalProtocolError(f"{name} is {value}, it must be {low} to {high}")
+    gap = " " * (packet_chars // FRAMES - FRAME_CHARS)
+    return "".join(f"{value:06d}{gap}" for value in packet.frames).encode("ascii")
+
+
+class PlainReader:
+    """Parser of a stream of reports; after the first malformed packet every call fails."""
+
+    def __init__(self, packet_chars: int) -> None:
+        """Begin at the first character of a stream."""
+        self._chars = packet_chars
+        gap = b" " * (packet_chars // FRAMES - FRAME_CHARS)
+        self._packet = re.compile(rb"(?:(?:-[0-9]{5}|[0-9]{6})%b){9}" % gap)
+        self._rest = b""
+        self._death = ""
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """Return the reports that are now complete.
+
+        Raises RemoteProtocolError at a malformed packet, one that is no report, and ever after.
+        """
+        if self._death:
+            raise RemoteProtocolError(self._death)
+        self._rest += data
+        packets = []
+        while len(self._rest) >= self._chars:
+            chars, self._rest = self._rest[: self._chars], self._rest[self._chars :]
+            packets.append(self._parse(chars))
+        return packets
+
+    def _parse(self, chars: bytes) -> Packet:
+        width = self._chars // FRAMES
+        if self._packet.fullmatch(chars):
+            numbers = [int(chars[at : at + FRAME_CHARS]) for at in range(0, self._chars, width)]
+            id_, com, param, a, b, c, d, e, f = numbers
+            if com in REPORTS and param == 0 and id_ >= 0:
+                return Packet(id_, com, param, (a, b, c, d, e, f))
+        shown = chars.decode("ascii", "backslashreplace")
+        self._death = (
+            f"{shown!r} is not a report of protocol plain: nine numbers in {self._chars} "
+            f"characters, Com 101 or 102, Param 0; is gateway.plain.packet_chars 9 times pl.w of "
+            "pl.config, and does the controller run plain.as?"
+        )
+        raise RemoteProtocolError(self._death)
+
+
+def program(settings: PlainSection, centre_mm: tuple[float, float, float], port: int) -> str:
+    """Return plain.as with the numbers of a cell in its pl.config.
+
+    Args:
+        settings: Characters and scales.
+        centre_mm: The point that ForceFeedBackOrientation turns about, in the flange frame [mm].
+        port: TCP port that it listens on.
+    """
+    values: dict[str, float] = {name: getattr(settings, f) for f, name in _VARIABLES.items()}
+    values |= dict(zip(("tx", "ty", "tz"), centre_mm, strict=True))
+    values |= {"w": settings.packet_chars // FRAMES, "port": port}
+    text = PROGRAM.read_text(encoding="ascii")
+    for name, value in values.items():
+        line = re.compile(rf"^(  pl\.{name}=)[0-9]+\b", re.MULTILINE)
+        text = line.sub(rf"\g<1>{value:g}", text)
+    return text

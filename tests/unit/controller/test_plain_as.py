@@ -1,0 +1,296 @@
+"""controller/plain.as: what can be read off the file, and behaviour beyond the client's test."""
+
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from controller.packet import Packet
+from controller.packet_table import Com
+from controller.plain import PROGRAM, START, PlainSection, encode, program
+from sim.as_language.lint import check_text
+from sim.controller.behaviour import pessimistic
+from sim.controller.network import MemoryNetwork
+from tests.fakes.plain_client import PlainClient
+from tests.fakes.plain_controller import PORT, QUICK, TEXT, PlainController
+from tools.tree import ROOT
+
+WORDS = ("ForceFeedBackPosition", "ForceFeedBackOrientation")
+
+
+def code() -> list[str]:
+    """Return the lines without comments."""
+    return [line.split(";")[0].strip() for line in TEXT.splitlines()]
+
+
+def test_the_file_is_plain_ascii_and_the_emulator_finds_nothing_in_it() -> None:
+    """At most 100 columns; strict: no mistake, nothing it cannot execute, no warning."""
+    assert TEXT.isascii()
+    assert [line for line in TEXT.splitlines() if len(line) > 100] == []
+    report = check_text(TEXT, PROGRAM.name)
+    assert report.exit_code(strict=True) == 0, [str(finding) for finding in report.findings]
+
+
+def test_no_name_is_longer_than_as_reads_and_none_is_of_the_other_program() -> None:
+    """15 characters; both programs may be in one controller."""
+    names = set(re.findall(r"\b(?:pl|fm)\.[a-z0-9.]+", TEXT)) | set(
+        re.findall(r"(?m)^\.PROGRAM ([\w.]+)", TEXT)
+    )
+    assert [name for name in names if len(name) > 15] == []
+    assert [name for name in names if name.startswith("fm.")] == []
+    assert {word.lower()[:15] for word in WORDS} < names
+
+
+@pytest.mark.parametrize("word", WORDS)
+@pytest.mark.parametrize(
+    "path",
+    ["controller/plain.as", "controller/forcemesh.as", "controller/README.md",
+     "controller/packet_table.py", "docs/controller.md"],
+)  # fmt: skip
+def test_the_words_of_the_specification_are_where_a_reader_of_it_searches(path, word) -> None:
+    """ForceFeedBackPosition and ForceFeedBackOrientation."""
+    assert word in (ROOT / path).read_text(encoding="utf-8")
+
+
+def test_no_subroutine_is_shared_by_two_tasks_and_pc_programs_only_brake() -> None:
+    """AS refuses a subroutine that another task is in, and motions in PC programs."""
+    bodies = dict(re.findall(r"(?ms)^\.PROGRAM ([\w.]+)\(.*?\)(.*?)^\.END", TEXT))
+    for task in ("pl.send", "pl.recv"):
+        assert not re.search(r"(?m)^\s*(CALL|LMOVE|JMOVE|BREAK|TOOL|BASE)\b", bodies[task])
+    assert set(re.findall(r"(?m)^\s*PCEXECUTE \d: ([\w.]+)", TEXT)) == {"pl.send", "pl.recv"}
+
+
+# --- behaviour ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def client():
+    """A client of a fine-scaled program, over a plate 3 mm below the tool."""
+    made = PlainClient(FINE, gap_m=0.003, stiffness_N_m=3000.0, tilt_deg=3.0)
+    yield made
+    made.close()
+
+
+FINE = PlainSection(
+    position_per_mm=50, oat_per_deg=500, joint_per_deg=250, force_per_N=100, torque_per_Nm=1000,
+    gain_p=1000, gain_i=1000,
+)  # fmt: skip
+
+
+def test_orientation_feedback_turns_the_tool_onto_a_tilted_plate(client) -> None:
+    """Both, Param 0 and 1: 10 N, and no moment about the point of pl.tx, pl.ty, pl.tz."""
+    client.send(Com.GAINS, 1, (1000, 1000, 1000, 30_000, 30_000, 30_000))
+    client.send(Com.FEEDBACK, 0)
+    client.press(10.0, 4.0)
+    _, before = client.controller.wrench()
+    client.send(Com.FEEDBACK, 1)
+    client.press(10.0, 8.0)
+    force, torque = client.controller.wrench()
+    assert client.controller.value("pl.mode") == 3
+    assert force[2] == pytest.approx(10.0, abs=1.0)
+    assert float(np.linalg.norm(torque)) < 0.3 * float(np.linalg.norm(before))
+    assert float(np.linalg.norm(torque)) < 0.02
+    tool = client.controller.arm.T_base_tcp.rotation[:, 2]
+    assert np.degrees(np.arccos(-tool @ client.controller.arm.plate.normal)) < 0.3
+
+
+def test_the_proportional_gain_acts_on_the_change_of_the_force(client) -> None:
+    """1 mm/N: a step of 2 N displaces by 2 mm, and the first reading by nothing."""
+    z = client.height_mm()
+    client.send(Com.GAINS, 0, (1000, 1000, 1000, 0, 0, 0))
+    client.send(Com.FEEDBACK, 0)
+    for force in (500, 700, 700):
+        client.do(Com.WRENCH, 0, (0, 0, force, 0, 0, 0))
+    client.controller.until(lambda: not client.controller.arm.moving)
+    assert client.height_mm() - z == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_silence_is_not_made_up_for(client) -> None:
+    """A reading is integrated over pl.dtmax, 0.1 s, at most: 1 mm/(N s), 5 N, 3 s: 0.5 mm."""
+    z = client.height_mm()
+    client.send(Com.GAINS, 1, (1000, 1000, 1000, 0, 0, 0))
+    client.send(Com.FEEDBACK, 0)
+    client.do(Com.WRENCH, 0, (0, 0, 500, 0, 0, 0))
+    client.advance(3.0)
+    client.do(Com.WRENCH, 0, (0, 0, 500, 0, 0, 0))
+    client.advance(0.5)
+    assert client.height_mm() - z == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_motion_ends_force_feedback(client) -> None:
+    """Two never command the arm: a reading after a command 3 moves nothing."""
+    client.send(Com.FEEDBACK, 0)
+    client.do(Com.MOVE_BY_JOINTS, 0, (0, 0, 0, 0, 0, 0))
+    assert client.controller.value("pl.mode") == 0
+
+
+@pytest.mark.parametrize(
+    ("com", "param", "id_"),
+    [(0, 0, 1), (8, 0, 1), (101, 0, 1), (1, 1, 1), (6, 2, 1), (7, 3, 1), (7, -1, 1), (4, 1, 1)],
+)
+def test_what_is_no_command_of_the_specification_ends_the_connection(client, com, param, id_):
+    """Com 1 to 7; Param 0, but 0 and 1 of command 6, and 0 to 2 of command 7."""
+    client.write(encode(Packet(id_, com, param), 63))
+    client.until_closed()
+    assert any("not a packet of commands 1 to 7" in line for line in client.controller.printed)
+
+
+@pytest.mark.parametrize("frame", range(9))
+@pytest.mark.parametrize("text", ["+00001", "00E005", "0000 1", "00001x"])
+def test_wrong_characters_are_found_in_every_number(client, frame, text) -> None:
+    """Also a power of ten, which VAL would read, and a space within a number."""
+    numbers = ["000001", "000004", *7 * ["000000"]]
+    numbers[frame] = text
+    client.write("".join(f"{number} " for number in numbers).encode())
+    client.until_closed()
+
+
+@pytest.mark.parametrize("place", range(6, 63, 7))
+def test_each_space_is_needed(client, place) -> None:
+    """A packet that is one character off is no packet."""
+    data = bytearray(encode(Packet(1, Com.WRENCH), 63))
+    data[place : place + 1] = b"0"
+    client.write(bytes(data))
+    client.until_closed()
+
+
+def test_an_id_below_one_ends_the_connection(client) -> None:
+    """IDs are from 1."""
+    client.write(b"000000 " + encode(Packet(1, 4), 63)[7:])
+    client.until_closed()
+
+
+def test_commands_that_are_not_taken_end_the_connection(client) -> None:
+    """The robot program is held on the pendant: 31 wait, the next one is too many."""
+    client.controller.machine.pendant.hold()
+    for _ in range(40):
+        client.send(Com.WRENCH)
+    client.until_closed()
+    assert any("32 commands wait" in line for line in client.controller.printed)
+
+
+@pytest.mark.parametrize("com", [Com.MOVE_POSE, Com.FEEDBACK])
+def test_a_command_of_a_connection_that_has_ended_is_void(client, com) -> None:
+    """Held on the pendant when it came: after RUN it starts nothing."""
+    client.controller.machine.pendant.hold()
+    client.send(com, 0, client.shifted(z=50.0))
+    client.advance(0.2)
+    client.hang_up()
+    client.advance(0.2)
+    z = client.height_mm()
+    client.controller.machine.pendant.run()
+    client.advance(1.0)
+    assert client.height_mm() == pytest.approx(z, abs=0.01)
+    assert client.controller.value("pl.mode") == 0
+
+
+@pytest.mark.parametrize("worse", [False, True], ids=["kind", "pessimistic"])
+def test_the_arm_stops_at_the_end_of_a_connection_in_both_readings_of_the_manual(worse) -> None:
+    """Force feedback in a long slow step, the next one waiting: it stops within 0.1 s."""
+    behaviour = pessimistic(QUICK.step_s) if worse else QUICK
+    client = PlainClient(FINE, behaviour=behaviour, gap_m=0.1)
+    client.do(Com.MOVE_BY_JOINTS, 0, (250, 0, 0, 0, 0, 0))  # the first motion is planned
+    client.advance(2.0)
+    client.send(Com.SPEEDS, 0, (100, 100, 100, 10, 0, 0))
+    client.send(Com.GAINS, 1, (30_000, 30_000, 30_000, 0, 0, 0))
+    client.send(Com.FEEDBACK, 0)
+    for _ in range(4):
+        client.send(Com.WRENCH, 0, (0, 0, 2000, 0, 0, 0))
+        client.advance(0.05)
+    z = client.height_mm()
+    client.advance(0.5)
+    assert client.height_mm() > z + 2.0
+    client.hang_up()
+    client.advance(0.1)
+    q = client.controller.arm.q
+    client.advance(1.0)
+    assert np.abs(client.controller.arm.q - q).max() < 1e-5
+    client.close()
+
+
+def test_force_feedback_does_not_go_on_with_the_next_client(client) -> None:
+    """It is off: a reading of another connection moves nothing."""
+    client.send(Com.GAINS, 1, (1000, 1000, 1000, 0, 0, 0))
+    client.do(Com.FEEDBACK, 0)
+    client.hang_up()
+    client.advance(0.2)
+    client.dial()
+    client.advance(0.1)
+    assert client.controller.value("pl.mode") == 0
+
+
+def test_a_client_that_does_not_read_loses_its_connection() -> None:
+    """The sender's time-out is the end of the connection, also without a character from it."""
+    network = MemoryNetwork()
+    controller = PlainController(memory=network)
+    stream = network.dial(PORT)
+    controller.until(lambda: controller.value("pl.link") == 1)
+    controller.until(lambda: controller.value("pl.lost") == 1)
+    assert stream.receive(100)
+    controller.close()
+
+
+def test_the_speed_is_mechanical_times_modular(client) -> None:
+    """100 mm/s times 30 %; the program's own speed before."""
+    client.send(Com.SPEEDS, 0, (100, 100, 30, 100, 0, 0))
+    client.do(Com.MOVE_POSE, 0, client.shifted(z=60.0))
+    client.advance(0.5)
+    z = client.height_mm()
+    client.advance(1.0)
+    assert client.height_mm() - z == pytest.approx(30.0, abs=0.5)
+
+
+def test_a_rotation_by_zero_stops_without_going_back(client) -> None:
+    """The joints count from rest, not from where they were when it came."""
+    client.send(Com.SPEEDS, 0, (100, 100, 100, 250, 0, 0))
+    client.do(Com.MOVE_POSE, 0, client.shifted(z=150.0))
+    client.advance(0.4)
+    client.send(Com.MOVE_BY_JOINTS)
+    heights = []
+    for _ in range(200):
+        client.advance(0.002)
+        heights.append(client.height_mm())
+    assert heights[-1] > heights[0] + 1.0
+    assert max(heights) - heights[-1] < 0.1
+
+
+def test_the_tool_turns_about_the_point_of_the_configuration(client) -> None:
+    """The TCP, 160 mm from the flange, stays where it is while the tool turns by degrees."""
+    client.do(Com.MOVE_POSE, 0, client.shifted(z=60.0))
+    client.controller.until(lambda: not client.controller.arm.moving)
+    before = client.controller.arm.T_base_tcp
+    client.send(Com.GAINS, 1, (0, 0, 0, 30_000, 30_000, 30_000))
+    client.send(Com.FEEDBACK, 1)
+    for _ in range(60):
+        client.send(Com.WRENCH, 0, (0, 0, 0, 100, -60, 40))
+        client.advance(0.02)
+    client.controller.until(lambda: not client.controller.arm.moving)
+    after = client.controller.arm.T_base_tcp
+    turn = pin.log3(after.rotation @ before.rotation.T)
+    assert float(np.degrees(np.linalg.norm(turn))) > 3.0
+    axis = np.array([0.1, -0.06, 0.04])
+    assert turn @ axis == pytest.approx(np.linalg.norm(turn) * np.linalg.norm(axis), rel=1e-3)
+    assert np.abs(after.translation - before.translation).max() < 2e-4
+
+
+def test_a_scale_that_the_pose_does_not_fit_sends_nothing() -> None:
+    """Never clipped: the terminal names it, and no report comes."""
+    text = program(FINE, (0.0, 0.0, 0.0), 49152).replace("  pl.sj=250 ", "  pl.sj=9999 ")
+    client = PlainClient(FINE, text=text)
+    client.advance(0.5)
+    assert client.reports == []
+    assert any("does not fit into six characters" in line for line in client.controller.printed)
+    client.close()
+
+
+def test_it_can_be_started_again_after_an_abort(client) -> None:
+    """The tasks and the sockets of the run before are ended."""
+    client.controller.machine.pendant.abort()
+    client.advance(0.1)
+    client.controller.machine.pendant.execute(START)
+    client.until_closed()
+    client.advance(0.5)
+    client.dial()
+    client.advance(0.5)
+    assert client.reports

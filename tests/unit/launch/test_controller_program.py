@@ -1,0 +1,84 @@
+"""The program of a cell's controller: as it ships, or with the numbers of the cell file."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from common.config.load import load_cell
+from controller.plain import PROGRAM, START
+from launch.controller_program import (
+    SHIPPED,
+    is_plain,
+    main,
+    program_file,
+    program_of,
+    write_program,
+)
+from launch.processes import EMULATOR, processes_of
+from launch.run_file import FOLDER_VARIABLE
+from sim.as_language.parser import parse
+from tools.tree import ROOT
+
+CELLS = ROOT / "cells"
+PLAIN, TCP, SIM = (load_cell(CELLS / f"{name}.yaml") for name in ("demo-plain", "demo-tcp", "demo"))
+
+
+def test_our_protocol_has_the_program_that_ships() -> None:
+    """Unchanged, from the project's folder."""
+    text, start = program_of(TCP)
+    assert (text, start) == ((ROOT / SHIPPED).read_text(encoding="ascii"), "fm.main")
+    assert program_file(TCP) == SHIPPED
+    assert not is_plain(TCP)
+    assert not is_plain(SIM)
+
+
+def test_protocol_plain_has_the_numbers_of_its_cell() -> None:
+    """Scales, width, port and the tool centre point in the flange frame [mm]."""
+    text, start = program_of(PLAIN)
+    assert start == START
+    assert start in parse(text).programs
+    numbers = dict(re.findall(r"(?m)^  pl\.(\w+)=(\S+) ?", text))
+    expected = {"sp": "98", "so": "500", "sj": "250", "si": "5000", "sg": "100000", "tz": "160"}
+    assert expected.items() <= numbers.items()
+    assert text != PROGRAM.read_text(encoding="ascii")
+
+
+def test_the_emulated_controller_executes_the_program_of_its_cell(tmp_path, monkeypatch) -> None:
+    """Written beside the run file when the cell is started; a cell of ours writes nothing."""
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    for cell in (PLAIN, TCP):
+        (emulator,) = (each for each in processes_of(cell) if each.module == EMULATOR)
+        assert emulator.arguments == (program_file(cell),)
+        write_program(cell)
+    assert Path(program_file(PLAIN)).read_text(encoding="ascii") == program_of(PLAIN).text
+    assert [path.name for path in tmp_path.iterdir()] == ["demo-plain-plain.as"]
+
+
+def test_the_command_prints_the_program_of_a_cell_file(capsys) -> None:
+    """To be loaded into a controller."""
+    assert main([str(CELLS / "demo-plain.yaml")]) == 0
+    assert capsys.readouterr().out == program_of(PLAIN).text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [([], "one argument is needed: a cell file"), (["no.yaml"], "no.yaml"),
+     ([str(CELLS / "demo.yaml")], "gateway: the section is missing")],
+)  # fmt: skip
+def test_wrong_arguments_are_one_line(arguments, text, capsys) -> None:
+    """Exit code 2, nothing on standard output."""
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert text in err
+
+
+@pytest.mark.processes
+def test_it_is_a_command() -> None:
+    """As docs/controller.md has it."""
+    words = [sys.executable, "-m", "launch.controller_program", "cells/demo-plain.yaml"]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout == program_of(PLAIN).text

@@ -21,14 +21,14 @@ endif
 
 # The tests of the modules that `make coverage` measures, without those that only repeat their ways.
 COVERED_BY = $(addprefix tests/unit/,services/arbiter services/gateway services/regulator \
-  services/wrench common/motion common/runtime common/config controller/test_packet.py \
+  services/wrench common/motion common/runtime common/config controller/test_packet.py controller/test_plain.py \
   tuning/test_measured_range.py tuning/test_gain_rule.py) $(wildcard tests/unit/forcemesh/test_*.py)
 NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_a_rule or dead_end or every_fault_of_the_sensor \
   or judge_finds or judge_detects or no_command_gets_past or wall_that_vanishes or four_times_stiffer \
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
+.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -48,6 +48,9 @@ test: setup ## run every test, then show the largest files and functions: ARGS="
 
 test-long: setup ## run the tests that make test leaves out
 	@LONG=1 PYTHON=$(BIN)/python tools/test.sh $(ARGS)
+
+test-bringup: setup ## walk the whole bring-up against the emulator, with two planted mistakes: five minutes
+	@$(BIN)/python -m pytest -q -m ladder tests/scenario/test_bringup_processes.py $(ARGS)
 
 test-browser: setup ## drive the panel in /usr/bin/chromium against a simulated cell; pictures into out/
 	@$(BIN)/python -m pytest -q -m browser tests/browser $(ARGS)

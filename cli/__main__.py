@@ -26,6 +26,7 @@ from cli import (
     verbs_run,
     verbs_watch,
 )
+from cli.bringup.verb import bringup
 from cli.calibration.verb import calibrate
 from cli.check_axes.verb import check
 from cli.context import EXIT_CODES, INTERRUPTED, OK, exit_code_of, print_note
@@ -34,6 +35,7 @@ from cli.doctor.verb import doctor
 from cli.export import export, report
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
+from cli.probe.verb import probe
 from cli.record import record
 from cli.replay import replay
 from cli.skills import verbs as skills
@@ -93,8 +95,8 @@ app = Typer(
 )
 
 VERBS: dict[str, tuple[Callable[..., Any], ...]] = {  # by panel of the help
-    "Cell": (demo, verbs_run.up),
-    "Status": (panel, verbs_read.status, doctor, verbs_read.topics, verbs_watch.watch),
+    "Cell": (demo, verbs_run.up, bringup),
+    "Status": (panel, verbs_read.status, doctor, probe, verbs_read.topics, verbs_watch.watch),
     "Recordings": (replay, export, report),
     "Motion": (
         verbs_arm.arm,

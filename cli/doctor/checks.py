@@ -6,12 +6,14 @@ from typing import Literal
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES, CheckResult
 from controller.packet import VecInt
 from controller.packet_table import PROTOCOL_VERSION, Scales, Status
+from controller.plain import NOT_PROTECTED
 from forcemesh.bus import Reading
 from forcemesh.messages import Health, SensorWrench
 from forcemesh.version import __version__
 from services.gateway.packet_window import Spread
 
 SLOW_BELOW = 0.9  # of the rate in the cell file
+SPEED_TOLERANCE = 0.02  # of the monitor speed: it is reported in whole percent
 
 Opened = Literal["open", "unresolved", "refused", "silent", "unreachable"]
 HelloOutcome = Literal["answered", "silent", "closed", "garbled"]
@@ -81,6 +83,12 @@ def check_protocol(version: int) -> ReportLine:
         return passed("protocol", f"version {version}")
     found = f"the controller uses version {version}, this PC {PROTOCOL_VERSION}"
     return finding("protocol", "FAIL", found, "protocol")
+
+
+def check_plain() -> ReportLine:
+    """Warn of protocol plain, with the protection that it gives up."""
+    text = f"protocol plain, without: {'; '.join(NOT_PROTECTED)}"
+    return finding("protection", "WARN", text, "plain")
 
 
 def check_arm(number: int, expected: int) -> ReportLine:
@@ -165,13 +173,28 @@ def check_loops(hz: float | None) -> ReportLine:
     return passed("program loop", f"{hz:.1f} cycles/s (about 2 when idle, plus one per command)")
 
 
-def check_monitor_speed(fraction: float | None) -> ReportLine:
-    """Check the pendant's speed: it scales every other speed."""
+def check_monitor_speed(
+    fraction: float | None, measured_percent: float | None = None
+) -> ReportLine:
+    """Check the pendant's speed, which scales every other speed.
+
+    Args:
+        fraction: Monitor speed now, None without a report.
+        measured_percent: The one at which robot.delay_s was measured, None if not recorded [%].
+            A lower one makes the loop slower than its gains allow for.
+    """
     if fraction is None:
         return finding("monitor speed", "WARN", "unknown: no 103 received", "error.none")
     found = f"{100.0 * fraction:g} %"
     if fraction <= 0.0:
         return finding("monitor speed", "FAIL", found, "monitor speed.zero")
+    if measured_percent is not None:
+        found += f"; robot.delay_s was measured at {measured_percent:g} %"
+        if 100.0 * fraction < (1.0 - SPEED_TOLERANCE) * measured_percent:
+            return finding("monitor speed", "FAIL", found, "monitor speed.lower")
+        if 100.0 * fraction > (1.0 + SPEED_TOLERANCE) * measured_percent:
+            return finding("monitor speed", "WARN", found, "monitor speed.higher")
+        return passed("monitor speed", found)
     if fraction < 1.0:
         return finding("monitor speed", "WARN", found, "monitor speed.slow")
     return passed("monitor speed", found)

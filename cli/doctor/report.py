@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import or_
@@ -21,6 +21,7 @@ from cli.doctor.checks import (
     check_loops,
     check_monitor_speed,
     check_peer,
+    check_plain,
     check_protocol,
     check_role,
     check_round_trip,
@@ -74,10 +75,16 @@ DECIMATED_BELOW = 0.6
 CONNECTION_CHECKS = ("address", "hello", "protocol", "arm", "scales")
 REST = ("sender", "status bits", "error code", "pose", "program loop", "monitor speed",
         "peer", "round trip", "left behind")  # fmt: skip
+UNREPORTED = ("status bits", "error code", "program loop", "monitor speed", "peer")  # of plain
 
 
-def check_cell(cell: CellConfig) -> list[ReportLine]:
-    """Check this PC and the sensor; then the bus when the cell is up, else the link."""
+def check_cell(cell: CellConfig, measured_percent: float | None = None) -> list[ReportLine]:
+    """Check this PC and the sensor; then the bus when the cell is up, else the link.
+
+    Args:
+        cell: The cell.
+        measured_percent: Monitor speed at which robot.delay_s was measured, if recorded [%].
+    """
     run, found = read_run(cell.cell), observe_cell(cell)
     has_run = run is not None and run.live
     is_up, endpoint = has_run or found is not None, endpoint_of(cell)
@@ -90,15 +97,17 @@ def check_cell(cell: CellConfig) -> list[ReportLine]:
     section = cell.gateway if cell.roles.robot == "gateway" else None
     if found is not None and (has_run or found.robot is not None or section is None):
         lines.append(_processor_line(found, is_here=has_run))
-        return [*lines, *bus_lines(cell, found)]
+        return [*lines, *bus_lines(cell, found, measured_percent)]
     if has_run:
         text = "the cell is up, but its hub does not respond"
         return [*lines, finding("bus", "FAIL", text, "bus")]
     if section is None:
         no_hub = finding("bus", "FAIL", "no hub responds: the cell is not up", "bus.down")
         return [*lines, no_hub, *unused_lines(cell)]
+    if section.protocol == "plain":
+        return [*lines, check_plain(), *_unreported((*CONNECTION_CHECKS, *REST))]
     visit = visit_controller(section.host, section.port, section, arm=section.arm)
-    lines += link_lines(cell, section, visit)
+    lines += link_lines(cell, section, visit, measured_percent)
     return [*lines, skipped("processes", "the cell is not up: the link itself was checked")]
 
 
@@ -134,7 +143,9 @@ def observe_cell(cell: CellConfig, watch_s: float = OBSERVED_S) -> ObservedCell 
         return None
 
 
-def link_lines(cell: CellConfig, section: GatewaySection, found: Visit) -> list[ReportLine]:
+def link_lines(
+    cell: CellConfig, section: GatewaySection, found: Visit, measured_percent: float | None = None
+) -> list[ReportLine]:
     """Return the lines of a visit to the controller; unreached checks are listed as skipped."""
     endpoint = f"{section.host}:{section.port}"
     lines = [
@@ -153,14 +164,17 @@ def link_lines(cell: CellConfig, section: GatewaySection, found: Visit) -> list[
         lines += [check_protocol(version), check_arm(number, section.arm)]
         lines.append(check_scales(section, found.hello.vec))
     if found.reports is not None:
-        return [*lines, *_controller_lines(cell, section, found.reports)]
+        return [*lines, *_controller_lines(cell, section, found.reports, measured_percent)]
     done = {line.check for line in lines}
     missing = [check for check in (*CONNECTION_CHECKS, *REST) if check not in done]
     return [*lines, *(skipped(check, "not checked: see above") for check in missing)]
 
 
 def _controller_lines(
-    cell: CellConfig, section: GatewaySection, reports: ReceivedReports
+    cell: CellConfig,
+    section: GatewaySection,
+    reports: ReceivedReports,
+    measured_percent: float | None,
 ) -> list[ReportLine]:
     stale_after_s = cell.stale_after_s(topics.ROBOT_STATE)
     lines = []
@@ -186,14 +200,18 @@ def _controller_lines(
         *lines,
         check_error_code(None if health is None else health.error_code),
         check_loops(reports.loop_hz),
-        check_monitor_speed(None if health is None else health.monitor_speed_fraction),
+        check_monitor_speed(
+            None if health is None else health.monitor_speed_fraction, measured_percent
+        ),
         check_peer(any_peer=None if health is None else health.any_peer),
         check_round_trip(reports.round_trip, section.watchdog_s),
         check_goodbye(reports.held),
     ]
 
 
-def bus_lines(cell: CellConfig, found: ObservedCell) -> list[ReportLine]:
+def bus_lines(
+    cell: CellConfig, found: ObservedCell, measured_percent: float | None = None
+) -> list[ReportLine]:
     """Return the lines of a cell that is up, from the reports of its gateway on the bus."""
     config_hash = cell_hash(cell)
     lines = [check_role(role, health, config_hash) for role, health in found.roles.items()]
@@ -207,6 +225,8 @@ def bus_lines(cell: CellConfig, found: ObservedCell) -> list[ReportLine]:
     if cell.gateway is None or cell.roles.robot != "gateway":
         lines += unused_lines(cell, skip=("pose",))
         return [*lines, _state_pose(cell, found.state)]
+    if cell.gateway.protocol == "plain":
+        lines.append(check_plain())
     skip_reason = "the cell is up and its gateway uses the only connection: read from the bus"
     lines += [skipped(check, skip_reason) for check in (*CONNECTION_CHECKS, "left behind")]
     state = found.state
@@ -217,10 +237,20 @@ def bus_lines(cell: CellConfig, found: ObservedCell) -> list[ReportLine]:
         return [*lines, *(skipped(check, "no reports: see link") for check in rest)]
     times = f"{state.link.reconnects} reconnects, {state.link.errors} protocol errors"
     lines.append(passed("link", f"connected; {times}"))
+    if cell.gateway.protocol == "plain":
+        numbers = _number_lines(cell, cell.gateway, found.robot, measured_percent)
+        read = [line for line in numbers if line.check not in UNREPORTED]
+        return [*lines, _state_pose(cell, state), *read, *_unreported(UNREPORTED)]
     lines += check_status(status_of(state.status))
     lines.append(check_error_code((state.status.kawasaki or KawasakiStatus()).error_code))
     lines.append(_state_pose(cell, state))
-    return [*lines, *_number_lines(cell, cell.gateway, found.robot)]
+    return [*lines, *_number_lines(cell, cell.gateway, found.robot, measured_percent)]
+
+
+def _unreported(checks: Iterable[str]) -> list[ReportLine]:
+    """Return a line for each check that protocol plain has no report for."""
+    reason = "not reported by protocol plain, which has no hello"
+    return [skipped(check, reason) for check in checks]
 
 
 def _processor_line(found: ObservedCell, *, is_here: bool) -> ReportLine:
@@ -255,7 +285,10 @@ def status_of(robot: RobotStatus) -> Status:
 
 
 def _number_lines(
-    cell: CellConfig, section: GatewaySection, robot: Health | None
+    cell: CellConfig,
+    section: GatewaySection,
+    robot: Health | None,
+    measured_percent: float | None,
 ) -> list[ReportLine]:
     """Check the measurements of the gateway."""
     numbers = {} if robot is None else robot.numbers
@@ -275,7 +308,7 @@ def _number_lines(
             stale_after_s=cell.stale_after_s(topics.ROBOT_STATE),
         ),
         check_loops(numbers.get("program_loop_hz")),
-        check_monitor_speed(numbers.get("monitor_speed_fraction")),
+        check_monitor_speed(numbers.get("monitor_speed_fraction"), measured_percent),
         check_peer(any_peer=None if any_peer is None else bool(any_peer)),
         round_trip,
     ]

@@ -20,7 +20,10 @@ from cli.context import (
 from forcemesh.errors import ConfigError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from cli.doctor.checks import ReportLine
+    from common.config.cell import CellConfig
 
 LATENCY_HELP = "Also measure for so long how late each core wakes a process, as cyclictest [s]."
 Latency = Annotated[
@@ -40,6 +43,7 @@ def doctor(latency_s: Latency = 0.0, as_json: JsonOption = False, cell: CellOpti
     """
     with one_line_errors():
         from cli.doctor.checks import finding, passed
+        from common.config.evidence import measured_monitor_speed
         from common.config.load import cell_hash, load_cell
 
         path, name = find_cell_file(cell), None
@@ -51,10 +55,11 @@ def doctor(latency_s: Latency = 0.0, as_json: JsonOption = False, cell: CellOpti
             from cli.doctor.report import check_cell
 
             name, lines = loaded.cell, [passed("cell file", f"{path}, {cell_hash(loaded)}")]
+            lines += _probe_lines(path, loaded)
             if not as_json:
                 echo(f"cell {name} ({path}): checking, a few seconds")
             with waiting("this PC, the sensor, the robot or the bus"):
-                lines += check_cell(loaded)
+                lines += check_cell(loaded, measured_monitor_speed(path))
             if latency_s > 0.0:
                 from cli.doctor.latency import latency_lines
 
@@ -73,6 +78,17 @@ def doctor(latency_s: Latency = 0.0, as_json: JsonOption = False, cell: CellOpti
     else:
         print_lines(lines)
     raise Exit(code)
+
+
+def _probe_lines(path: "Path", cell: "CellConfig") -> "list[ReportLine]":
+    """Return the rows of the probe that the cell file names, none without one."""
+    from datetime import UTC, datetime
+
+    from cli.doctor.probe import probe_lines
+    from common.config.load import probe_file, read_probe
+
+    file = probe_file(path)
+    return [] if file is None else probe_lines(cell, read_probe(file), now=datetime.now(UTC))
 
 
 def exit_code(lines: "list[ReportLine]") -> int:

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from common.config.cell_terms import Angle
+from common.config.probe import MotionsAhead
 from forcemesh.connection import ConfigSection
 from forcemesh.messages import Host
 from forcemesh.units import SLOWEST_DEG_S, joints_in_radians
@@ -118,6 +119,7 @@ class RobotSection(JointLimits):
     delay_s: float = Field(0.0, ge=0.0, le=0.5)  # dead time from command to first motion
     lag_s: float = Field(0.012, gt=0.0, le=0.5)  # lag (area method) of servo and smoothing
     bandwidth_rad_s: float = Field(150.0, gt=0.0, le=5000.0)  # -3 dB of the same
+    motions_ahead: MotionsAhead = 1  # that the controller takes from a program
 
     @model_validator(mode="before")
     @classmethod

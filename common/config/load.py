@@ -9,6 +9,7 @@ from typing import Any
 import yaml
 
 from common.config.cell import CellConfig
+from common.config.probe import ProbeFile
 from forcemesh.errors import ConfigError
 from forcemesh.yaml_file import read_yaml, validated
 
@@ -41,6 +42,7 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     source = str(path)
     tree = read_yaml(path, source)
     if isinstance(tree, dict):
+        _take_probe(tree, path)
         _take_tuning(tree, path, source)
         for dotted, value in (overrides or {}).items():
             _set(tree, dotted, value, source)
@@ -60,6 +62,28 @@ def calibration_file(path: Path) -> Path | None:
     return _calibration_file(tree, path) if isinstance(tree, dict) else None
 
 
+def probe_file(path: Path) -> Path | None:
+    """Return the path of a cell file's probe.yaml, None when the cell file names none.
+
+    Raises:
+        ConfigError: The cell file cannot be read.
+    """
+    path = _followed(path)
+    tree = read_yaml(path, str(path))
+    return _probe_file(tree, path) if isinstance(tree, dict) else None
+
+
+def read_probe(path: Path) -> ProbeFile:
+    """Return the content of a probe.yaml. Raise ConfigError, which lists every mistake."""
+    return validated(ProbeFile, read_yaml(path, str(path)), str(path))
+
+
+def _probe_file(tree: dict[str, Any], path: Path) -> Path | None:
+    robot = tree.get("robot")
+    named = robot.get("probe") if isinstance(robot, dict) else None
+    return path.parent / named if isinstance(named, str) else None
+
+
 def _followed(path: Path) -> Path:
     return path.resolve() if path.is_symlink() else path
 
@@ -67,6 +91,30 @@ def _followed(path: Path) -> Path:
 def _calibration_file(tree: dict[str, Any], path: Path) -> Path | None:
     named = tree.get("calibration")
     return path.parent / named if isinstance(named, str) else None
+
+
+def _take_probe(tree: dict[str, Any], path: Path) -> None:
+    """Override values of the cell file with those measured by `forcemesh probe`.
+
+    Its delay is that of a motion alone, without the line and the loop of the program: it replaces
+    a shorter one only. The whole loop is measured by `forcemesh tune`.
+    """
+    file = _probe_file(tree, path)
+    if file is None:
+        return
+    probe = read_probe(file)
+    del tree["robot"]["probe"]
+    for name, measured in (("robot", probe.robot), ("gateway", probe.gateway)):
+        if isinstance(tree.get(name), dict):
+            before = tree[name].get("delay_s")
+            tree[name] |= measured.model_dump(exclude_none=True)
+            delays_s = [each for each in (before, tree[name].get("delay_s")) if _is_number(each)]
+            if delays_s:
+                tree[name]["delay_s"] = max(delays_s)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _take_tuning(tree: dict[str, Any], path: Path, source: str) -> None:

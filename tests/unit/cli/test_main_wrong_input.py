@@ -50,7 +50,7 @@ WORDS = {
 }
 NEEDS_NO_HUB = (
     *("topics", "config show", "pki init", "pki check", "pki issue"),
-    *("status", "demo", "up"),  # tested elsewhere
+    *("status", "demo", "up", "probe", "bringup"),  # tested elsewhere
 )
 
 

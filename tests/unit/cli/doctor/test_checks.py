@@ -42,7 +42,7 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_hello("silent", "", 5.0), "FAIL", "hello.silent"),
     (checks.check_hello("closed", "reset", 0.1), "FAIL", "hello.closed"),
     (checks.check_hello("garbled", "packet 1", 0.1), "FAIL", "hello.garbled"),
-    (checks.check_protocol(2), "PASS", ""),
+    (checks.check_protocol(3), "PASS", ""),
     (checks.check_protocol(1), "FAIL", "protocol"),
     (checks.check_arm(1, 1), "PASS", ""),
     (checks.check_arm(2, 1), "FAIL", "arm"),
@@ -69,9 +69,17 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_monitor_speed(0.1), "WARN", "monitor speed.slow"),
     (checks.check_monitor_speed(0.0), "FAIL", "monitor speed.zero"),
     (checks.check_monitor_speed(None), "WARN", "error.none"),
+    (checks.check_monitor_speed(None, 50.0), "WARN", "error.none"),
+    (checks.check_monitor_speed(0.0, 50.0), "FAIL", "monitor speed.zero"),
+    (checks.check_monitor_speed(0.25, 50.0), "FAIL", "monitor speed.lower"),
+    (checks.check_monitor_speed(0.48, 50.0), "FAIL", "monitor speed.lower"),
+    (checks.check_monitor_speed(0.495, 50.0), "PASS", ""),
+    (checks.check_monitor_speed(0.505, 50.0), "PASS", ""),
+    (checks.check_monitor_speed(0.52, 50.0), "WARN", "monitor speed.higher"),
     (checks.check_round_trip(Spread(0.01, 0.03), 0.25), "PASS", ""),
     (checks.check_round_trip(Spread(0.01, 0.13), 0.25), "WARN", "round trip.long"),
     (checks.check_round_trip(None, 0.25), "FAIL", "round trip.none"),
+    (checks.check_plain(), "WARN", "plain"),
     (checks.check_goodbye(held=True), "PASS", ""),
     (checks.check_goodbye(held=False), "WARN", "goodbye"),
     (checks.check_role("wrench", FRESH, "this"), "PASS", ""),
@@ -117,8 +125,9 @@ def test_each_finding_has_its_result_and_its_remedy(
 def test_every_remedy_is_reached() -> None:
     """Every listed remedy is given by some check."""
     here = {remedy for _, _, remedy in CASES if remedy}
-    pose = {key for key in REMEDIES if key.startswith(("pose.", "sensor.", "clock."))}
-    assert here | pose | ELSEWHERE == set(REMEDIES)
+    prefixes = ("pose.", "sensor.", "clock.", "probe.")
+    elsewhere = {key for key in REMEDIES if key.startswith(prefixes)}
+    assert here | elsewhere | ELSEWHERE == set(REMEDIES)
     assert all(REMEDIES.values())
 
 

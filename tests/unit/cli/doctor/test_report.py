@@ -11,8 +11,10 @@ from cli.doctor.remedies import REMEDIES
 from cli.doctor.report import (
     CONNECTION_CHECKS,
     REST,
+    UNREPORTED,
     ObservedCell,
     bus_lines,
+    check_cell,
     link_lines,
     status_of,
     unused_lines,
@@ -22,6 +24,7 @@ from common.config.load import cell_hash, load_cell
 from common.motion.kinematics import ArmKinematics
 from controller.packet import Packet
 from controller.packet_table import ID_FIRST, Com, Status, greeting
+from controller.plain import NOT_PROTECTED
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.messages import Health, KawasakiStatus, LinkHealth, RobotState, RobotStatus
@@ -35,6 +38,7 @@ from tests.fakes.robot_program import READY as RUNNING
 CELLS = DEMO.parent
 TCP = load_cell(CELLS / "demo-tcp.yaml")
 SIM = load_cell(CELLS / "demo.yaml")
+PLAIN = load_cell(CELLS / "demo-plain.yaml", {"bus.endpoint": "tcp/127.0.0.1:1"})
 assert TCP.gateway is not None
 SECTION, SCALES = TCP.gateway, TCP.gateway
 READY = RUNNING | Status.HELD
@@ -121,7 +125,7 @@ VISITS = {
     "silent": (Visit(hello_outcome="silent"), "hello", NO_ANSWER),
     "garbled": (Visit(hello_outcome="garbled"), "hello", NO_ANSWER),
     "version": (
-        Visit(hello_outcome="answered", hello=Packet(ID_FIRST, 9, 3001, SCALES.vec)),
+        Visit(hello_outcome="answered", hello=Packet(ID_FIRST, 9, 2001, SCALES.vec)),
         "protocol",
         NOT_WELL,
     ),
@@ -191,6 +195,34 @@ def test_a_running_cell_is_observed_on_the_bus() -> None:
     assert set(marks.values()) == {"PASS", "SKIP"}
     assert {*PROCESSES, *STATUS_CHECKS, "link", "robot/state"} <= set(marks)
     assert doctor.exit_code(lines) == OK
+
+
+def test_the_monitor_speed_is_compared_with_that_of_the_measured_delay() -> None:
+    """On the link and on the bus alike: a lower one fails, with both numbers."""
+    for lines in (
+        link_lines(TCP, SECTION, a_visit(good_reports()), 100.0),
+        bus_lines(TCP, observed(TCP, a_state(), NUMBERS), 100.0),
+    ):
+        assert words(lines)["monitor speed"] == "PASS"
+    slow = NUMBERS | {"monitor_speed_fraction": 0.5}
+    lines = bus_lines(TCP, observed(TCP, a_state(), slow), 100.0)
+    (line,) = (line for line in lines if line.check == "monitor speed")
+    assert (line.result, line.found) == ("FAIL", "50 %; robot.delay_s was measured at 100 %")
+    assert doctor.exit_code(lines) == NOT_WELL
+
+
+def test_protocol_plain_warns_of_the_protection_that_it_gives_up() -> None:
+    """What it does not report is skipped, whether the cell is up or not; the rest is judged."""
+    lines = bus_lines(PLAIN, observed(PLAIN, a_state(), NUMBERS))
+    marks = words(lines)
+    (warning,) = (line for line in lines if line.check == "protection")
+    assert all(text in warning.found for text in NOT_PROTECTED)
+    assert {marks[check] for check in (*UNREPORTED, *CONNECTION_CHECKS)} == {"SKIP"}
+    assert (marks["protection"], marks["pose"], marks["sender"]) == ("WARN", "PASS", "PASS")
+    assert not STATUS_CHECKS & set(marks)
+    down = words(check_cell(PLAIN))
+    assert down["protection"] == "WARN"
+    assert {down[check] for check in (*CONNECTION_CHECKS, *REST)} == {"SKIP"}
 
 
 def test_unknown_numbers_are_not_invented() -> None:

@@ -65,6 +65,16 @@ def run(path: Path) -> tuple[int, dict[str, str]]:
     return result.exit_code, {line["check"]: line["result"] for line in report["lines"]}
 
 
+def test_the_probe_that_a_cell_file_names_has_rows(cell_file: Callable[..., Path]) -> None:
+    """Before anything is connected, so also without a controller."""
+    path = cell_file(free_port())
+    (path.parent / "probe.yaml").write_text("results: {switch.qtool: {value: -1}}\n")
+    path.write_text(path.read_text().replace("\nrobot:\n", "\nrobot:\n  probe: probe.yaml\n"))
+    words = run(path)[1]
+    assert words["QTOOL"] == "WARN"
+    assert words["probe"] == "WARN"
+
+
 def test_a_healthy_controller_is_exit_code_0(cell_file: Callable[..., Path]) -> None:
     """The fake arm has the model's lengths: pose and joints agree."""
     with FakeController(rate_hz=50.0) as controller:

@@ -10,7 +10,14 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from common.config.cell import CellConfig
-from common.config.load import calibration_file, cell_from_tree, cell_hash, dump_cell, load_cell
+from common.config.load import (
+    calibration_file,
+    cell_from_tree,
+    cell_hash,
+    dump_cell,
+    load_cell,
+    probe_file,
+)
 from forcemesh.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -334,3 +341,78 @@ def test_a_named_file_is_in_the_folder_of_the_cell_file_and_not_of_a_link(tmp_pa
 
     assert load_cell(link).robot.delay_s == 0.033
     assert calibration_file(link) == calibration_file(file)
+
+
+# --- probe ----------------------------------------------------------------------------------------
+
+
+def with_probe(folder: Path, text: str, **robot: Any) -> Path:
+    """Write a probe, and the demo's cell file that names it; return the cell file."""
+    (folder / "probe.yaml").write_text(text, encoding="utf-8")
+    named = tree()
+    named["robot"] |= {"probe": "probe.yaml"} | robot
+    path = folder / "cell.yaml"
+    path.write_text(yaml.safe_dump(named), encoding="utf-8")
+    return path
+
+
+def test_a_cell_takes_what_the_probe_of_its_controller_measured(tmp_path: Path) -> None:
+    """Null stays as the file has it; a dumped cell has the values and needs no probe."""
+    text = (
+        "robot: {delay_s: 0.021, lag_s: null, motions_ahead: 3}\n"
+        "gateway: {least_segment_s: 0.027, least_speed_m_s: null}\n"
+    )
+    path = with_probe(tmp_path, text, lag_s=0.033, delay_s=0.001)
+    assert load_cell(path).gateway is None
+    path.write_text(path.read_text() + "gateway: {least_speed_m_s: 0.002}\n", encoding="utf-8")
+    robot, gateway = load_cell(path).robot, load_cell(path).gateway
+    assert (robot.delay_s, robot.lag_s, robot.motions_ahead) == (0.021, 0.033, 3)
+    assert gateway is not None
+    assert (gateway.least_segment_s, gateway.least_speed_m_s) == (0.027, 0.002)
+    assert probe_file(path) == tmp_path / "probe.yaml"
+    copy = tmp_path / "copy.yaml"
+    copy.write_text(dump_cell(load_cell(path)), encoding="utf-8")
+    assert load_cell(copy) == load_cell(path)
+    assert probe_file(copy) is None
+
+
+@pytest.mark.parametrize(("before_s", "loaded_s"), [(0.01, 0.021), (0.1, 0.1), (True, 0.021)])
+def test_the_delay_of_a_probe_replaces_a_shorter_one_only(
+    tmp_path: Path, before_s: object, loaded_s: float
+) -> None:
+    """It is that of a motion alone, and a loop with too short a delay is unstable."""
+    path = with_probe(tmp_path, "robot: {delay_s: 0.021}\n", delay_s=before_s)
+    assert load_cell(path).robot.delay_s == loaded_s
+
+
+def test_tuning_is_measured_later_than_the_probe_and_wins(tmp_path: Path) -> None:
+    """It measured the whole loop."""
+    path = with_probe(tmp_path, "robot: {delay_s: 0.021}\n")
+    (tmp_path / "tuning.yaml").write_text("robot: {delay_s: 0.05}\n", encoding="utf-8")
+    path.write_text(path.read_text() + "tuning: tuning.yaml\n", encoding="utf-8")
+    assert load_cell(path).robot.delay_s == 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("robot: {delay: 1}\n", "robot.delay: unknown name; did you mean delay_s?"),
+        ("robot: {delay_s: soon}\n", "robot.delay_s: must be a number"),
+        ("probe: 2\n", "probe: "),
+        ("[]\n", "must hold a map of sections"),
+    ],
+)
+def test_a_mistake_in_a_probe_names_its_file(tmp_path: Path, text: str, words: str) -> None:
+    """As those of a cell file."""
+    with pytest.raises(ConfigError) as refused:
+        load_cell(with_probe(tmp_path, text))
+    assert words in str(refused.value)
+    assert "probe.yaml" in str(refused.value)
+
+
+def test_a_cell_file_that_holds_nothing_has_no_probe(tmp_path: Path) -> None:
+    """Nor has one whose section robot is no section."""
+    path = tmp_path / "cell.yaml"
+    for text in ("[]\n", "robot: 1\n", "cell: x\n"):
+        path.write_text(text, encoding="utf-8")
+        assert probe_file(path) is None

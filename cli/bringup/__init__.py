@@ -1,0 +1,1 @@
+"""Verb `bringup`: the ladder from a new controller to a recorded press."""

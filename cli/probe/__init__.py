@@ -1,0 +1,1 @@
+"""Verb `probe`: measurement of a controller by controller/fmprobe.as."""

@@ -1,0 +1,166 @@
+"""`forcemesh probe`: questions, files and exit codes, on a controller in lock step."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from cli.context import INTERRUPTED, NOT_WELL, OK, REFUSED, USAGE
+from cli.probe import verb as probe_verb
+from common.config.load import dump_cell, load_cell, read_probe
+from sim.controller.behaviour import Behaviour
+from tests.fakes.probed_controller import TEXT, ProbedController
+from tests.fakes.verb_calls import run
+from tools.tree import ROOT
+
+BEHAVIOUR = Behaviour(step_s=5e-4, least_segment_s=0.08)
+
+
+@pytest.fixture
+def cell_file(tmp_path: Path) -> Path:
+    """A cell with a controller."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(load_cell(ROOT / "cells" / "demo-tcp.yaml")))
+    return path
+
+
+def connected(monkeypatch: pytest.MonkeyPatch, text: str = TEXT) -> ProbedController:
+    """Return a controller to which the verb connects."""
+    controller = ProbedController(BEHAVIOUR, text=text)
+    monkeypatch.setattr(probe_verb, "_connect", lambda _: controller.link())
+    return controller
+
+
+def test_all_stages_write_a_file_that_cell_and_emulator_read(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a yes; a previous file is kept, and the program on the controller ends."""
+    controller = connected(monkeypatch)
+    controller.permit_motion()
+    out = tmp_path / "probe.yaml"
+    out.write_text("before\n")
+    done = run("probe", "--cell", cell_file, "--out", out, "--controller", "F60", text="y\n")
+    assert done.exit_code == OK, done.output
+    assert "lines of forcemesh.as give what they must" in done.stdout
+    assert (tmp_path / "probe.before.yaml").read_text() == "before\n"
+    file = read_probe(out)
+    assert (file.controller, file.address) == ("F60", "127.0.0.1:49152")
+    assert file.stages == ("a", "b", "c")
+    assert file.gateway.least_segment_s == pytest.approx(0.08, rel=0.1)
+    assert file.gateway.least_speed_m_s == pytest.approx(0.0004, rel=0.1)
+    assert controller.advance(3.0, lambda: controller.machine.robot_task.state == "idle")
+    cell = yaml.safe_load(cell_file.read_text())
+    cell["robot"]["probe"] = "probe.yaml"
+    cell_file.write_text(yaml.safe_dump(cell))
+    gateway = load_cell(cell_file).gateway
+    assert gateway is not None
+    assert gateway.least_segment_s == file.gateway.least_segment_s
+
+
+def test_without_a_yes_nothing_moves_and_the_rest_is_written(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code: refused."""
+    controller = connected(monkeypatch)
+    controller.permit_motion()
+    out = tmp_path / "new" / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, text="n\n")
+    assert done.exit_code == REFUSED
+    assert "nothing has moved" in done.output
+    assert "emergency stop" in done.output
+    assert read_probe(out).stages == ("a", "b")
+    assert controller.machine.hardware.motions == 0
+
+
+def test_what_was_measured_before_a_failure_is_written(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here the variable on the controller was not set; the reason is the last line."""
+    connected(monkeypatch)
+    out = tmp_path / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, "--yes")
+    assert done.exit_code == NOT_WELL
+    assert "must type fp.ok=1" in done.output.splitlines()[-1]
+    assert read_probe(out).stages == ("a", "b")
+
+
+def test_a_program_of_another_version_is_refused(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is written."""
+    connected(monkeypatch, TEXT.replace('$fp.n="probe"\n  fp.v=1', '$fp.n="probe"\n  fp.v=2'))
+    out = tmp_path / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out)
+    assert done.exit_code == NOT_WELL
+    assert "load this version's fmprobe.as" in done.output
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(("to", "stages"), [("a", ("a",)), ("b", ("a", "b"))])
+def test_the_last_stage_can_be_chosen(
+    to: str, stages: tuple[str, ...], cell_file: Path, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Then nothing is asked; a line that differs is a failure."""
+    connected(monkeypatch, TEXT.replace("ROUND(-5.662)", "-5"))
+    out = tmp_path / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, "--to", to, "--yes")
+    assert done.exit_code == NOT_WELL
+    assert "DIFFERS line.round: expected -6, found -5" in done.output
+    assert read_probe(out).stages == stages
+
+
+def test_an_interruption_closes_the_connection(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So the program permits no further motion; nothing is written."""
+    controller = connected(monkeypatch)
+    controller.permit_motion()
+
+    def interrupt(text: str) -> None:
+        if text.startswith("line"):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(probe_verb, "print_note", interrupt)
+    out = tmp_path / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, "--yes")
+    assert done.exit_code == INTERRUPTED
+    controller.advance(1.0)
+    assert controller.machine.memory.read("fp.go") == 0
+    assert not out.exists()
+
+
+def test_a_mistake_is_one_sentence(cell_file: Path, tmp_path: Path) -> None:
+    """A cell without a controller, a folder as the file, a file that cannot be written."""
+    done = run("probe", "--cell", ROOT / "cells" / "demo.yaml")
+    assert done.exit_code == USAGE
+    assert "gateway: the section is missing" in done.output
+    done = run("probe", "--cell", cell_file, "--out", tmp_path)
+    assert done.exit_code == USAGE
+    assert "is a folder; name a file" in done.output
+
+
+def test_a_controller_that_is_not_there_is_an_error(
+    cell_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With its address and the remedy."""
+    monkeypatch.setattr("cli.probe.link.LINK_WITHIN_S", 0.2)
+    text = cell_file.read_text().replace("port: 49152", "port: 8193")
+    cell_file.write_text(text)
+    done = run("probe", "--cell", cell_file)
+    assert done.exit_code == NOT_WELL
+    assert "127.0.0.1:8193: no connection" in done.output
+    assert "EXECUTE fp.main" in done.output
+
+
+def test_a_file_that_cannot_be_written_is_an_error(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The table has been printed all the same."""
+    connected(monkeypatch)
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
+    assert done.exit_code == USAGE
+    assert "cannot be written" in done.output
+    assert "steps.alone_hz" in done.output

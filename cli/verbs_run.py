@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -28,6 +27,7 @@ from forcemesh.errors import ForcemeshError
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
+    from common.runtime.stop import StopEvent
     from launch.processes import Supervisor
 
 bench = Typer(no_args_is_help=True, help="Benchmarks of the project; need its checkout.")
@@ -64,17 +64,16 @@ def up(
 
     A process that dies is restarted and the arm held; after repeated deaths it is not restarted.
     """
-    stop = threading.Event()
     with one_line_errors():
         from common.config.load import load_cell
+        from common.runtime.stop import stop_on_signals
         from launch.processes import Supervisor
         from launch.sidecar import SIDECARS, sidecars
 
         path = cell or default_cell_file()
         loaded = load_cell(path)
 
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: stop.set())
+    stop = stop_on_signals(signal.SIGHUP)
     try:
         supervisor = Supervisor(loaded, path, stop=stop).__enter__()
     except ForcemeshError as error:
@@ -102,7 +101,7 @@ def _supervise(
     cell: "CellConfig",
     path: Path,
     *,
-    stop: threading.Event,
+    stop: "StopEvent",
     when_ready: Callable[[], None],
 ) -> None:
     """Wait for the end: Ctrl-C, or a death. Report once that the cell is ready, or what is missing.

@@ -6,9 +6,7 @@ that it always publishes. Each step reads a snapshot, computes and publishes.
 
 import argparse
 import os
-import signal
 import sys
-import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -29,6 +27,7 @@ from common.runtime.realtime import (
     is_memory_locked,
     prepare_realtime,
 )
+from common.runtime.stop import StopEvent, stop_on_signals
 from forcemesh.bus import Bus, Reader
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import ConfigError, ForcemeshError
@@ -267,7 +266,7 @@ class Runner:
             reporter.stepped(now_ns, lateness_s, self.service, breakdown)
         return True
 
-    def run(self, stop: threading.Event) -> None:
+    def run(self, stop: StopEvent) -> None:
         """Step whenever due until stopped; write a heartbeat for the container's health check."""
         heartbeat = heartbeat_of_this_process()
         pause = self._clock.sleep_s if self._trigger is None else self._trigger.wait
@@ -342,14 +341,6 @@ def cell_from_arguments(role: str) -> CellConfig:
     parser.add_argument("--cell", required=True, metavar="FILE", help="the cell file")
     with exit_on_error(role):
         return load_cell(parser.parse_args().cell)
-
-
-def stop_on_signals() -> threading.Event:
-    """Return the event that SIGTERM and SIGINT set."""
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
-    return stop
 
 
 @contextmanager

@@ -7,7 +7,8 @@ import webbrowser
 from pathlib import Path
 
 from common.config.load import load_cell
-from common.runtime.service import exit_on_error, stop_on_signals
+from common.runtime.service import exit_on_error
+from common.runtime.stop import stop_on_signals
 from services.panel.access import context_of, door_of
 
 NICE = 10  # drawing may be late, control must not be

@@ -4,7 +4,6 @@
 """
 
 import argparse
-import threading
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -18,8 +17,8 @@ from common.runtime.service import (
     Runner,
     exit_on_error,
     refuse_other_implementation,
-    stop_on_signals,
 )
+from common.runtime.stop import StopEvent, stop_on_signals
 from forcemesh.clock import Clock, MonotonicClock
 from forcemesh.errors import ConfigError
 from forcemesh.yaml_file import validated
@@ -62,7 +61,7 @@ def behaviour_of(arguments: argparse.Namespace) -> Behaviour:
 
 
 def run_alone(
-    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
+    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: StopEvent
 ) -> int:
     """Run with a private arm; end when no program runs."""
     clock: Clock = MonotonicClock()
@@ -87,7 +86,7 @@ def run_alone(
 
 
 def run_in_cell(
-    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: threading.Event
+    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: StopEvent
 ) -> int:
     """Run as the controller of a cell, with the sensor on its arm; end on a signal."""
     cell = load_cell(arguments.cell)

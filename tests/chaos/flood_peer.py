@@ -13,7 +13,7 @@ import zenoh
 
 from common.config.cell import CellConfig
 from common.config.load import load_cell
-from common.runtime.service import stop_on_signals
+from common.runtime.stop import stop_on_signals
 from forcemesh import topics
 from forcemesh.zenoh_settings import endpoint_of
 

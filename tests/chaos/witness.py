@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from common.runtime.realtime import PRIORITY, take_realtime_priority
-from common.runtime.service import stop_on_signals
+from common.runtime.stop import stop_on_signals
 from forcemesh.clock import NS_PER_S
 from tests.chaos.common_net import child
 

@@ -1,7 +1,6 @@
 """The process around a service: its start, its triggers, its end, its reports."""
 
 import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,8 +19,8 @@ from common.runtime.service import (
     Runner,
     cell_from_arguments,
     exit_on_error,
-    stop_on_signals,
 )
+from common.runtime.stop import StopEvent, stop_on_signals
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
@@ -275,7 +274,7 @@ MS = 1_000_000
 
 def run_until(worker: Worker, clock: ManualClock, steps: int) -> list[int]:
     """Run a service for so many steps; return when they were, from the start on [ms]."""
-    stop, start_ns = threading.Event(), clock.now_ns()
+    stop, start_ns = StopEvent(), clock.now_ns()
     whole = worker.step
 
     def step(now_ns: int) -> None:

@@ -1,12 +1,12 @@
 """Simulated robot as a service: when its messages are published."""
 
-import threading
 
 import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.runtime.service import Runner
+from common.runtime.stop import StopEvent
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
@@ -34,7 +34,7 @@ class PublishTimes:
 
     def offsets_ns(self, count: int) -> list[int]:
         """Return how long after a multiple of its period each message was published [ns]."""
-        stop, step = threading.Event(), self.robot.step
+        stop, step = StopEvent(), self.robot.step
         published_ns: list[int] = []
 
         def noted(now_ns: int) -> None:

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from cli.context import CONNECT_PATIENCE_S
 from common.bus.configured_cell import ConfiguredCell
-from common.config.evidence import names_file
-from common.config.load import cell_hash, load_cell
+from common.config.load import CALIBRATION, PROBE, TUNING, cell_hash, load_cell, named_file
 from forcemesh.errors import BusError
 from launch.run_file import read_run
 
@@ -74,21 +73,21 @@ def cell_down(found: Situation) -> str:
 
 def probe_named(found: Situation) -> str:
     """Require that the cell file takes the values of the probe."""
-    return _named(found, "robot.probe", "set `probe: probe.yaml` in the section robot")
+    return _named(found, PROBE, "set `probe: probe.yaml` in the section robot")
 
 
 def calibration_named(found: Situation) -> str:
     """Require that the cell file names its calibration."""
     name = f"../calibration/{found.cell_file.stem}.yaml"
-    return _named(found, "calibration", f"set `calibration: {name}`")
+    return _named(found, CALIBRATION, f"set `calibration: {name}`")
 
 
 def tuning_named(found: Situation) -> str:
     """Require that the cell file takes the values of the tuning."""
-    return _named(found, "tuning", "set `tuning: tuning.yaml`")
+    return _named(found, TUNING, "set `tuning: tuning.yaml`")
 
 
 def _named(found: Situation, key: str, remedy: str) -> str:
-    if names_file(found.cell_file, key):
+    if named_file(found.cell_file, key) is not None:
         return ""
     return f"{found.cell_file} does not name a file as {key}: {remedy}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.config.cell import CellConfig
-from common.config.load import calibration_file
+from common.config.load import CALIBRATION, named_file
 from forcemesh.errors import DataError
 
 
@@ -36,7 +36,7 @@ def output_files(cell: CellConfig, cell_file: Path, out: Path | None) -> OutputF
     The path in the cell file; else `calibration/<cell>.yaml` in the current folder.
     Raises ConfigError when the cell file cannot be read.
     """
-    named = calibration_file(cell_file)
+    named = named_file(cell_file, CALIBRATION)
     named = None if named is None else Path(os.path.normpath(named))
     if named is not None and (out is None or named.resolve() == out.resolve()):
         return OutputFiles(named)

@@ -85,9 +85,9 @@ def _probe_lines(path: "Path", cell: "CellConfig") -> "list[ReportLine]":
     from datetime import UTC, datetime
 
     from cli.doctor.probe import probe_lines
-    from common.config.load import probe_file, read_probe
+    from common.config.load import PROBE, named_file, read_probe
 
-    file = probe_file(path)
+    file = named_file(path, PROBE)
     return [] if file is None else probe_lines(cell, read_probe(file), now=datetime.now(UTC))
 
 

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field
 
-from common.config.load import calibration_file, probe_file, read_probe
+from common.config.load import CALIBRATION, PROBE, TUNING, named_file, read_probe, value_at
 from forcemesh.connection import ConfigSection
 from forcemesh.errors import ConfigError, DataError
 from forcemesh.yaml_file import read_yaml, validated
@@ -122,7 +122,7 @@ def input_hashes(cell_file: Path, names: Iterable[str]) -> dict[str, str]:
         if name in files:
             data = files[name].read_bytes() if files[name].is_file() else b""
         else:
-            data = json.dumps(_part(tree, name), sort_keys=True, default=str).encode()
+            data = json.dumps(value_at(tree, name), sort_keys=True, default=str).encode()
         hashes[name] = hashlib.sha256(data).hexdigest()[:HASH_CHARS]
     return hashes
 
@@ -132,19 +132,13 @@ def named_files(cell_file: Path) -> dict[str, Path]:
 
     Raises ConfigError when the cell file cannot be read.
     """
-    folder, tree = cell_file.resolve().parent, _tree(cell_file)
-    tuning, calibration = tree.get("tuning"), calibration_file(cell_file)
+    folder, calibration = cell_file.resolve().parent, named_file(cell_file, CALIBRATION)
     return {
-        "probe": probe_file(cell_file) or folder / PROBE_NAME,
-        "tuning": folder / (tuning if isinstance(tuning, str) else TUNING_NAME),
+        "probe": named_file(cell_file, PROBE) or folder / PROBE_NAME,
+        "tuning": named_file(cell_file, TUNING) or folder / TUNING_NAME,
         **({} if calibration is None else {"calibration": calibration}),
         **{name: PROGRAMS / name for name in ("fmprobe.as", "forcemesh.as")},
     }
-
-
-def names_file(cell_file: Path, dotted: str) -> bool:
-    """Return whether the cell file names a file by this key, such as `robot.probe`."""
-    return isinstance(_part(_tree(cell_file), dotted), str)
 
 
 def measured_monitor_speed(cell_file: Path) -> float | None:
@@ -153,11 +147,11 @@ def measured_monitor_speed(cell_file: Path) -> float | None:
     With a file `tuning` it is that of the step that wrote this file, else that of the probe.
     Raises ConfigError.
     """
-    if names_file(cell_file, "tuning"):
+    if named_file(cell_file, TUNING) is not None:
         step = read_evidence(cell_file).steps.get(TUNE_STEP, StepEvidence())
         is_of_this_file = step.inputs.get("tuning") == input_hashes(cell_file, ["tuning"])["tuning"]
         return step.numbers.get(MONITOR_SPEED) if is_of_this_file else None
-    file = probe_file(cell_file)
+    file = named_file(cell_file, PROBE)
     if file is None or (probe := read_probe(file)).robot.delay_s is None:
         return None
     return probe.number("mspeed")
@@ -167,10 +161,4 @@ def _tree(cell_file: Path) -> dict[str, Any]:
     tree = read_yaml(cell_file.resolve(), str(cell_file))
     if not isinstance(tree, dict):
         raise ConfigError(str(cell_file), ["the file must hold a map of sections"])
-    return tree
-
-
-def _part(tree: Any, dotted: str) -> Any:
-    for key in dotted.split("."):
-        tree = tree.get(key) if isinstance(tree, dict) else None
     return tree

@@ -13,6 +13,8 @@ from common.config.probe import ProbeFile
 from forcemesh.errors import ConfigError
 from forcemesh.yaml_file import read_yaml, validated
 
+CALIBRATION, PROBE, TUNING = "calibration", "robot.probe", "tuning"  # keys of files
+
 TUNED = (  # fields permitted in the file that a cell file names as `tuning`
     "robot.delay_s",
     "robot.lag_s",
@@ -46,31 +48,23 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
         _take_tuning(tree, path, source)
         for dotted, value in (overrides or {}).items():
             _set(tree, dotted, value, source)
-        if (calibration := _calibration_file(tree, path)) is not None:
+        if (calibration := _named(tree, path, CALIBRATION)) is not None:
             tree["calibration"] = _read_calibration(calibration) if calibration.exists() else None
     return cell_from_tree(tree, source)
 
 
-def calibration_file(path: Path) -> Path | None:
-    """Return the path of a cell file's calibration, None when the cell file names none.
+def named_file(cell_file: Path, key: str) -> Path | None:
+    """Return the path that a cell file names by a key, relative to its folder; None without one.
+
+    Args:
+        cell_file: The cell file, or a link to it.
+        key: Key of a file, by its dotted path: CALIBRATION, PROBE or TUNING.
 
     Raises:
         ConfigError: The cell file cannot be read.
     """
-    path = _followed(path)
-    tree = read_yaml(path, str(path))
-    return _calibration_file(tree, path) if isinstance(tree, dict) else None
-
-
-def probe_file(path: Path) -> Path | None:
-    """Return the path of a cell file's probe.yaml, None when the cell file names none.
-
-    Raises:
-        ConfigError: The cell file cannot be read.
-    """
-    path = _followed(path)
-    tree = read_yaml(path, str(path))
-    return _probe_file(tree, path) if isinstance(tree, dict) else None
+    path = _followed(cell_file)
+    return _named(read_yaml(path, str(path)), path, key)
 
 
 def read_probe(path: Path) -> ProbeFile:
@@ -78,19 +72,20 @@ def read_probe(path: Path) -> ProbeFile:
     return validated(ProbeFile, read_yaml(path, str(path)), str(path))
 
 
-def _probe_file(tree: dict[str, Any], path: Path) -> Path | None:
-    robot = tree.get("robot")
-    named = robot.get("probe") if isinstance(robot, dict) else None
-    return path.parent / named if isinstance(named, str) else None
+def value_at(tree: Any, dotted: str) -> Any:
+    """Return the value at a dotted path of a parsed file, None where there is none."""
+    for part in dotted.split("."):
+        tree = tree.get(part) if isinstance(tree, dict) else None
+    return tree
+
+
+def _named(tree: Any, path: Path, key: str) -> Path | None:
+    name = value_at(tree, key)
+    return path.parent / name if isinstance(name, str) else None
 
 
 def _followed(path: Path) -> Path:
     return path.resolve() if path.is_symlink() else path
-
-
-def _calibration_file(tree: dict[str, Any], path: Path) -> Path | None:
-    named = tree.get("calibration")
-    return path.parent / named if isinstance(named, str) else None
 
 
 def _take_probe(tree: dict[str, Any], path: Path) -> None:
@@ -99,7 +94,7 @@ def _take_probe(tree: dict[str, Any], path: Path) -> None:
     Its delay is that of a motion alone, without the line and the loop of the program: it replaces
     a shorter one only. The whole loop is measured by `forcemesh tune`.
     """
-    file = _probe_file(tree, path)
+    file = _named(tree, path, PROBE)
     if file is None:
         return
     probe = read_probe(file)
@@ -119,9 +114,10 @@ def _is_number(value: object) -> bool:
 
 def _take_tuning(tree: dict[str, Any], path: Path, source: str) -> None:
     """Override values of the cell file with those measured by `forcemesh tune`."""
-    if not isinstance(tree.get("tuning"), str):
+    file = _named(tree, path, TUNING)
+    if file is None:
         return
-    file = path.parent / tree.pop("tuning")
+    del tree[TUNING]
     measured = read_yaml(file, str(file))
     sections = measured.values() if isinstance(measured, dict) else [None]
     if not all(isinstance(section, dict) for section in sections):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from common.config.calibration import CalibrationSection, Residuals
 from common.config.cell_terms import FrameSection
-from common.config.load import calibration_file, cell_hash, dump_cell, load_cell
+from common.config.load import CALIBRATION, cell_hash, dump_cell, load_cell, named_file
 from common.config.payload import Payload
 from forcemesh.errors import ConfigError, DataError
 
@@ -50,7 +50,7 @@ def test_a_cell_file_names_its_calibration(tmp_path: Path) -> None:
     """The calibration is found from the cell file's folder, wherever the program was started."""
     path = cell_with(tmp_path, calibration())
     assert load_cell(path).calibration == calibration()
-    assert calibration_file(path) == path.parent / "../calibration/demo.yaml"
+    assert named_file(path, CALIBRATION) == path.parent / "../calibration/demo.yaml"
 
 
 def test_without_the_file_there_is_no_calibration(tmp_path: Path) -> None:
@@ -64,7 +64,7 @@ def test_a_cell_written_out_keeps_its_calibration(tmp_path: Path) -> None:
     copy = tmp_path / "copy.yaml"
     copy.write_text(dump_cell(cell), encoding="utf-8")
     assert load_cell(copy) == cell
-    assert calibration_file(copy) is None
+    assert named_file(copy, CALIBRATION) is None
 
 
 def test_a_newer_calibration_is_no_other_configuration(tmp_path: Path) -> None:

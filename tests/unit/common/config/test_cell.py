@@ -9,7 +9,14 @@ import pytest
 import yaml
 
 from common.config.cell import FARTHEST_WORKSPACE_M, SETPOINT_SHARE, SLOWEST_INERTIAL_HZ, CellConfig
-from common.config.load import TUNED, calibration_file, cell_from_tree, dump_cell, load_cell
+from common.config.load import (
+    CALIBRATION,
+    TUNED,
+    cell_from_tree,
+    dump_cell,
+    load_cell,
+    named_file,
+)
 from forcemesh.errors import ConfigError
 from forcemesh.units import COUNTS_MOST, LONGEST_SENSOR_LEVER_M, SLOWEST_DEG_S
 
@@ -328,8 +335,8 @@ def test_a_calibration_that_is_not_there_yet_is_none(named: Callable[[str, str],
     file = named("calibration", "")
     (file.parent / "named.yaml").unlink()
     assert load_cell(file).calibration is None
-    assert calibration_file(file) == file.parent / "named.yaml"
-    assert calibration_file(named("tuning", "{}")) is None
+    assert named_file(file, CALIBRATION) == file.parent / "named.yaml"
+    assert named_file(named("tuning", "{}"), CALIBRATION) is None
 
 
 def test_a_file_that_is_nested_too_deep_is_no_cell_file(tmp_path: Path) -> None:

@@ -11,12 +11,13 @@ from pydantic import BaseModel
 
 from common.config.cell import CellConfig
 from common.config.load import (
-    calibration_file,
+    CALIBRATION,
+    PROBE,
     cell_from_tree,
     cell_hash,
     dump_cell,
     load_cell,
-    probe_file,
+    named_file,
 )
 from forcemesh.errors import ConfigError
 
@@ -340,7 +341,7 @@ def test_a_named_file_is_in_the_folder_of_the_cell_file_and_not_of_a_link(tmp_pa
     link.symlink_to(file)
 
     assert load_cell(link).robot.delay_s == 0.033
-    assert calibration_file(link) == calibration_file(file)
+    assert named_file(link, CALIBRATION) == named_file(file, CALIBRATION)
 
 
 # --- probe ----------------------------------------------------------------------------------------
@@ -369,11 +370,11 @@ def test_a_cell_takes_what_the_probe_of_its_controller_measured(tmp_path: Path) 
     assert (robot.delay_s, robot.lag_s, robot.motions_ahead) == (0.021, 0.033, 3)
     assert gateway is not None
     assert (gateway.least_segment_s, gateway.least_speed_m_s) == (0.027, 0.002)
-    assert probe_file(path) == tmp_path / "probe.yaml"
+    assert named_file(path, PROBE) == tmp_path / "probe.yaml"
     copy = tmp_path / "copy.yaml"
     copy.write_text(dump_cell(load_cell(path)), encoding="utf-8")
     assert load_cell(copy) == load_cell(path)
-    assert probe_file(copy) is None
+    assert named_file(copy, PROBE) is None
 
 
 @pytest.mark.parametrize(("before_s", "loaded_s"), [(0.01, 0.021), (0.1, 0.1), (True, 0.021)])
@@ -415,4 +416,4 @@ def test_a_cell_file_that_holds_nothing_has_no_probe(tmp_path: Path) -> None:
     path = tmp_path / "cell.yaml"
     for text in ("[]\n", "robot: 1\n", "cell: x\n"):
         path.write_text(text, encoding="utf-8")
-        assert probe_file(path) is None
+        assert named_file(path, PROBE) is None

@@ -17,6 +17,8 @@ from forcemesh.messages import (
 )
 from forcemesh.requests import Empty, ForceStartRequest, MoveRequest
 from launch.virtual_cell import VirtualCell
+from sim.controller.machine import Machine
+from sim.controller.service import ControllerSensor
 from tests.fakes.bench import HALF_CELL
 
 PRESS_N = 20.0
@@ -48,6 +50,13 @@ class Lab:
     def now(self, reader: Any) -> Any:
         """Return the newest message of a reader, however old."""
         return reader.read(self.cell.clock.now_ns()).message
+
+    @property
+    def machine(self) -> Machine:
+        """The emulated controller, of a cell over TCP."""
+        service = self.cell.runners["sensor"].service
+        assert isinstance(service, ControllerSensor)
+        return service.machine
 
     @property
     def state(self) -> RobotState:

@@ -13,9 +13,7 @@ from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import Host
 from forcemesh.requests import Empty, ForceStartRequest
-from sim.controller.machine import Machine
 from sim.controller.network import MemoryNetwork, MemoryStream
-from sim.controller.service import ControllerSensor
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
@@ -24,13 +22,6 @@ TCP_CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo-tcp.y
 PULLS = 100
 FOUND_S, BACK_S = 6.0, 8.0
 STANDING = {"tcp_error_stands": True, "pc_error_stops_robot": True}
-
-
-def machine_of(lab: Lab) -> Machine:
-    """The emulated controller of a lab."""
-    service = lab.cell.runners["sensor"].service
-    assert isinstance(service, ControllerSensor)
-    return service.machine
 
 
 def press(lab: Lab, host: Host) -> None:
@@ -57,7 +48,7 @@ def test_the_arm_holds_each_time_and_the_link_returns_without_the_pendant(
     dialled = MemoryNetwork.dial
     monkeypatch.setattr(MemoryNetwork, "dial", dial)
     lab = Lab(TCP_CELL)
-    machine = machine_of(lab)
+    machine = lab.machine
     machine.hardware.behaviour = machine.hardware.behaviour.model_copy(update=STANDING)
     for _ in range(PULLS):
         press(lab, host)

@@ -14,8 +14,7 @@ from common.motion.convert import vec3
 from forcemesh import topics
 from forcemesh.messages import Host
 from forcemesh.requests import ForceStartRequest
-from sim.controller.machine import Machine, Pendant
-from sim.controller.service import ControllerSensor
+from sim.controller.machine import Pendant
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
 TCP_CELL = load_cell(Path(__file__).resolve().parents[4] / "cells" / "demo-tcp.yaml")
@@ -27,13 +26,6 @@ CUTS = {
     "emergency stop": lambda pendant: pendant.emergency_stop(),
     "motor power off": lambda pendant: pendant.motor_power(on=False),
 }
-
-
-def machine_of(lab: Lab) -> Machine:
-    """The emulated controller of a lab."""
-    service = lab.cell.runners["sensor"].service
-    assert isinstance(service, ControllerSensor)
-    return service.machine
 
 
 def reset(pendant: Pendant) -> None:
@@ -70,7 +62,7 @@ def test_power_that_goes_while_it_presses_is_not_made_up_for_when_it_comes_back(
     """Held at once and under its name; after the reset held; armed again it stands where it is."""
     lab = Lab(TCP_CELL)
     press(lab, host)
-    machine = machine_of(lab)
+    machine = lab.machine
     CUTS[cut](machine.pendant)
     lab.seconds_until(lambda: not lab.status.operational, HELD_S)
     lab.seconds_until(lambda: lab.state.hold_code == "robot_motors", NAMED_S)

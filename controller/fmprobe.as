@@ -85,7 +85,7 @@ taken:
   fp.cnt=0 ;motion instructions that were passed
   fp.snap=0 ;of them after half a second
   fp.w=0
-  fp.gap=0 ;longest time between two looks of fp.guard [s]
+  fp.gap=0 ;longest time between two passes of fp.guard [s]
   POINT fp.p0=NULL
   POINT #fp.j0=#HERE
   FOR .i=1 TO 6
@@ -889,7 +889,7 @@ done:
     CALL fp.put
   END
   GOTO done
-first: ;the first motion of this run: no way to go
+first: ;the first motion of this run: no travel
   $fp.n="gap.moved"
   fp.v=fp.moved
   CALL fp.put
@@ -1138,7 +1138,7 @@ watch: ;while the arm moves
 seen:
   TWAIT 0.01
   GOTO look
-stopped: ;an error has stopped the robot program: reset and go on if it is one of ours
+stopped: ;an error has stopped the robot program: reset, continue if it is the probe's
   .bad=0
   fp.rerr=ERROR
   fp.nstop=fp.nstop+1

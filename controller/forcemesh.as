@@ -351,7 +351,7 @@ obey:
       POINT fm.from=fm.s0
       CALL fm.angle(.a)
       CALL fm.pace(.a,fm.v,.bad)
-      IF .bad<>0 GOTO done ;too little: it goes with the next one
+      IF .bad<>0 GOTO done ;too little: it is added to the next one
     ELSE
       BREAK ;a short one would not blend in time
       SPEED fm.v MM/S
@@ -427,7 +427,7 @@ integral:
     fm.ki[6]=.v[6]/5000
     fm.taken=.id
   VALUE 10: ;limits, a bank for each Param; before all of them came nothing moves
-    IF (fm.set==127) AND (fm.setc==fm.conn) GOTO refuse ;told once: no packet changes them
+    IF (fm.set==127) AND (fm.setc==fm.conn) GOTO refuse ;reported once: no packet changes them
     .b=VAL($MID(.$q,20,1))
     CASE .b OF
     VALUE 0: ;of force feedback, and the watchdog's
@@ -641,7 +641,7 @@ too.far:
   SPEED fm.vmin MM/S
   fm.short=1
   GOTO given
-turn: ;no way that MM/S could time
+turn: ;no travel that MM/S could time
   .t=MAXVAL(.t,0.1/.m)
   SPEED .t*.m S
   GOTO given
@@ -654,7 +654,7 @@ given:
   TIMER 5=0
 done:
   RETURN
-  ; A controller that plans a segment in less than about 30 ms stops with E1117. So what comes
+  ; A controller that plans a segment in less than about 30 ms stops with E1117. So what is received
   ; meanwhile is left to the next segment, and each gets the speed that makes it last fm.tmove.
   ; One that is too short for the slowest speed waits, or is followed by BREAK: it blends into
   ; nothing.
@@ -1133,7 +1133,7 @@ lost: ;hold, close, and listen for the next
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sm),6)+" "
   $fm.hi[1]=$fm.hi[1]+$RIGHT($ENCODE(/I7,1000000+fm.sv),6)+" "
   TCP_SEND .r,fm.sock,$fm.hi[1],1,1
-  IF (.r<0) OR (.v[2]<>3000+fm.num) GOTO done ;another version, another arm: told ours
+  IF (.r<0) OR (.v[2]<>3000+fm.num) GOTO done ;another version, another arm: ours is reported
   $fm.next=$RIGHT($ENCODE(/I7,1500000+(fm.framed+1) MOD 500000),6)+" "
   fm.lack=fm.lat
   fm.link=1

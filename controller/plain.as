@@ -20,7 +20,7 @@
   PCEXECUTE 2: pl.recv
 turn:
   WAIT (pl.rh<>pl.rt) OR (pl.lost<>pl.seen)
-  IF pl.lost<>pl.seen THEN ;the connection has ended: nothing goes on
+  IF pl.lost<>pl.seen THEN ;the connection has ended: nothing continues
     BRAKE
     pl.seen=pl.lost
     pl.mode=0

@@ -1,4 +1,4 @@
-"""Protocol plain: the specification's packet to the letter, beside the one of `controller.packet`.
+"""Protocol plain: the specification's packet to the letter, an alternative to `controller.packet`.
 
 Nine numbers of six characters, 63 characters with a space after each or 54 without, IDs from 1,
 commands 1 to 7, reports 101 and 102 with Param 0, no hello. `controller/plain.as` is its other end.

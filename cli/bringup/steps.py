@@ -117,7 +117,7 @@ STEPS = (
         "hold`, after the network cable was pulled (within 250 ms), and after HOLD then RUN on "
         "the pendant, which must not continue it? Did you `forcemesh clear` afterwards?",
         needs=(cell_up,),
-        remedy="do not go on: report it with a recording (docs/recordings.md)",
+        remedy="do not continue: report it with a recording (docs/recordings.md)",
     ),
     BringupStep(
         "axes",

@@ -1,4 +1,4 @@
-"""Verb `bringup`: walk the ladder of docs/connect-your-kawasaki.md, keep evidence, go on."""
+"""Verb `bringup`: walk the ladder of docs/connect-your-kawasaki.md, keep evidence, continue."""
 
 import shlex
 from dataclasses import replace
@@ -45,11 +45,11 @@ def bringup(
     yes: Yes = False,
     cell: CellOption = None,
 ) -> None:
-    """Walk the ladder from a new controller to a recorded press; go on where it was.
+    """Walk the ladder from a new controller to a recorded press; continue where it stopped.
 
     docs/connect-your-kawasaki.md describes each step. Every step asks before it begins; what passed
-    is kept beside the cell file, and is no longer passed when its inputs change. This is not a
-    safety function.
+    is kept in the folder of the cell file, and is no longer passed when its inputs change. This is
+    not a safety function.
     """
     with one_line_errors():
         path = find_cell_file(cell)

@@ -31,7 +31,7 @@ from common.config.probe import (
 )
 from sim.controller.behaviour import Behaviour
 
-SHORT_S = 0.2  # asked of TCP_RECV; a time-out of whole seconds is 1 s
+SHORT_S = 0.2  # time-out given to TCP_RECV; a time-out of whole seconds is 1 s
 LEAST_PLANNING_S = 1.5e-3  # what a motion without travel takes by itself is below
 LEAST_STALL_S = 0.05  # a longer gap of a PC program during a motion instruction is a stall
 MOST_EMULATED_AHEAD = 4

@@ -80,7 +80,7 @@ class MotionTrace:
 def trace_of(samples: Sequence[tuple[float, float]], travel_mm: float) -> MotionTrace | None:
     """Return when and how fast a motion passes its middle, and how round its beginning is.
 
-    A line through the middle of the trace meets the start at the mean delay. The area between the
+    A line through the middle of the trace crosses the start at the mean delay. The area between the
     trace and that line is half the speed times the variance of the delay: tau^2 for a lag tau.
 
     Args:

@@ -1,4 +1,4 @@
-"""Stages of the probe: what is asked of controller/fmprobe.as, and in which order.
+"""Stages of the probe: the commands to controller/fmprobe.as in their order.
 
 The program has the primitives and their limits; the order and the search are here.
 """
@@ -68,7 +68,7 @@ class Found:
 
 
 def stage_a(link: ProbeLink, found: Found) -> None:
-    """Read the results that the program has had before a client came.
+    """Read the results that the program has had before a client connected.
 
     Raises:
         ProbeError: The program reports another version, or has not finished.

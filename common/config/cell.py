@@ -247,7 +247,7 @@ class GatewaySection(Scales):
     # Command 4 also while the loop runs on the PC, rates.status_hz times a second: for a display
     # or a log in the controller. No motion follows from it.
     send_wrench: bool = False
-    # plain: the specification's packet, spoken by controller/plain.as, which has no protection:
+    # plain: the specification's packet, of controller/plain.as, which has no protection:
     # no watchdog, hold, limits, test of reach, hello, check of IDs, status or address of the PC
     # (docs/controller.md). The limits of the cell file must be lower, see controller/plain.py.
     protocol: Literal["forcemesh", "plain"] = "forcemesh"

@@ -1,8 +1,8 @@
 """Evidence of a bring-up: which step of the ladder has passed when, and with which files.
 
-`forcemesh bringup` writes it beside the cell file as `<cell file>.bringup.yaml`; doctor and panel
-read it. A step is no longer passed when a part of the cell file or a file that it depends on has
-changed: the evidence has a hash of each.
+`forcemesh bringup` writes it into the folder of the cell file as `<cell file>.bringup.yaml`; doctor
+and panel read it. A step is no longer passed when a part of the cell file or a file that it depends
+on has changed: the evidence has a hash of each.
 """
 
 import hashlib
@@ -60,7 +60,7 @@ class LadderRow:
 
 
 def evidence_file(cell_file: Path) -> Path:
-    """Return the path of a cell's evidence: beside the real cell file."""
+    """Return the path of a cell's evidence: in the folder of the real cell file."""
     real = cell_file.resolve()
     return real.with_name(f"{real.stem}.bringup.yaml")
 
@@ -128,7 +128,7 @@ def input_hashes(cell_file: Path, names: Iterable[str]) -> dict[str, str]:
 
 
 def named_files(cell_file: Path) -> dict[str, Path]:
-    """Return the files that a step may depend on; probe and tuning have a default beside the cell.
+    """Return the files that a step may depend on; probe and tuning have a default in its folder.
 
     Raises ConfigError when the cell file cannot be read.
     """

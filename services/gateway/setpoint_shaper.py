@@ -46,7 +46,7 @@ class CatchUp:
     def of(cls, cell: CellConfig) -> "CatchUp":
         """Return the settings of a cell: the catch-up speed is that of an approach.
 
-        A pause within the delay of the controller is its own pace and no stall.
+        A pause within the delay of the controller is its own pacing and no stall.
         """
         speed_m_s = min(cell.force.approach_m_s, cell.approach_limit_m_s)
         late_s = max(LATE_PERIODS / cell.rates.robot_hz, LATE_SETPOINT_S, cell.robot.delay_s)

@@ -320,7 +320,7 @@ class Instruction(Statement):
     TIMER 1 = 0, TIMER(1)=0  ("TIMER", (1, 0))
     CP ON                  ("SWITCH", (Word cp,), ("ON",)); RTC_SW 1: ON has ("1:", "ON")
     JOINT SPEED9 ...       ("JOINT", (Text,)): a block step of the pendant, its text unparsed
-    POINT p                ("POINT", (p,)): the monitor command, which asks for the numbers
+    POINT p                ("POINT", (p,)): the monitor command, which prompts for the numbers
     XMOVE/ERR p TILL s     ("XMOVE", (p, s), ("/ERR", "TILL"))
     ON s CALL p, 10        ("ON", (s, Word p, 10), ("CALL",)); with GOTO the label is a Word
     ONE p, IGNORE s        ("ONE", (Word p,)), ("IGNORE", (s,))

@@ -72,7 +72,7 @@ class Bench:
             assert line, self.controller.communicate()
 
     def start_cell(self) -> None:
-        """Start the cell anew, as the page asks for after each change of its file."""
+        """Start the cell anew, as the page requires after each change of its file."""
         self.stop(self.cell)
         self.cell = self._start("-m", "cli", "up", "--no-panel", "--cell", self.file)
         wait_for(self.cell, "is up")
@@ -85,7 +85,7 @@ class Bench:
             process.communicate(timeout=PATIENCE_S)
 
     def bringup(self, *, fails_at: str = "") -> str:
-        """Walk; return what is printed. Again where tune says that this machine has other work."""
+        """Walk; return what is printed. Again where tune reports other work."""
         for tries_left in reversed(range(TRIES)):
             walk = self._start("-m", "cli", "bringup", "--yes", "--cell", self.file)
             printed, wrong = walk.communicate(timeout=PATIENCE_S)

@@ -136,7 +136,7 @@ def test_stages_a_and_b_move_nothing_and_leave_everything_as_it_was() -> None:
 
 
 def test_stage_c_ends_where_it_began_and_restores_cp() -> None:
-    """Within 6 mm on the way, always above the start."""
+    """Within 6 mm on the path, always above the start."""
     controller = ProbedController(Behaviour(step_s=5e-4, least_segment_s=0.07))
     machine = controller.machine
     machine.hardware.switches["cp"] = False
@@ -228,7 +228,7 @@ def without_one() -> str:
 
 
 def test_an_e1117_that_one_does_not_catch_is_reset_by_the_guard() -> None:
-    """The robot program starts again, and the search goes on."""
+    """The robot program starts again, and the search continues."""
     behaviour = Behaviour(step_s=5e-4, least_segment_s=0.07, motions_ahead=2)
     controller = ProbedController(behaviour, text=without_one())
     found = file_of(probed(controller)).behaviour

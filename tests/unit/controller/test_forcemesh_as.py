@@ -141,7 +141,7 @@ def test_every_instruction_is_documented_and_none_is_an_option() -> None:
 
 
 def test_the_only_monitor_commands_reset_an_error_and_start_the_program_anew() -> None:
-    """MC is forbidden in robot programs; CONTINUE would go on with an interrupted motion."""
+    """MC is forbidden in robot programs; CONTINUE would resume an interrupted motion."""
     found = [
         (name, command)
         for name, lines in programs().items()

@@ -47,7 +47,7 @@ def test_protocol_plain_has_the_numbers_of_its_cell() -> None:
 
 
 def test_the_emulated_controller_executes_the_program_of_its_cell(tmp_path, monkeypatch) -> None:
-    """Written beside the run file when the cell is started; a cell of ours writes nothing."""
+    """Written into the run file's folder when the cell starts; a cell of ours writes nothing."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
     for cell in (PLAIN, TCP):
         (emulator,) = (each for each in processes_of(cell) if each.module == EMULATOR)

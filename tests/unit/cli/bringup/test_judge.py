@@ -37,7 +37,7 @@ FAILED = Outcome("tune", 1, "first\n\x1b[2Krefused (busy): stop that first\n")
 
 @pytest.fixture
 def cell_file(tmp_path: Path) -> Path:
-    """A cell with a controller, a probe beside it."""
+    """A cell with a controller, a probe in its folder."""
     path = tmp_path / "lab.yaml"
     tree = yaml.safe_load(dump_cell(load_cell(ROOT / "cells" / "demo-tcp.yaml")))
     path.write_text(yaml.safe_dump(tree | {"calibration": "made.yaml"}))

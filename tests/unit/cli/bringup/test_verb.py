@@ -1,4 +1,4 @@
-"""`forcemesh bringup`: what it asks, runs, keeps, and where it goes on."""
+"""`forcemesh bringup`: what it asks, runs, keeps, and where it continues."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -77,7 +77,7 @@ def states(lab: Lab) -> list[str]:
     return [line.split()[3] for line in done.stdout.splitlines() if line[2:4].strip().isdigit()]
 
 
-def test_it_goes_on_where_it_was(lab: Lab) -> None:
+def test_it_continues_where_it_stopped(lab: Lab) -> None:
     """A step that needs the running cell fails with the command that starts it."""
     done = run("bringup", "--cell", lab.file, text="y\ny\n")
     assert done.exit_code == NOT_WELL
@@ -157,7 +157,7 @@ def test_a_press_at_a_lower_monitor_speed_than_measured_is_refused(lab: Lab) -> 
     assert run("bringup", "--yes", "--cell", lab.file).exit_code == OK
 
 
-def test_a_changed_input_and_again_make_a_step_come_again(lab: Lab) -> None:
+def test_a_changed_input_and_again_make_a_step_due_again(lab: Lab) -> None:
     """Later steps that do not depend on it stay passed."""
     lab.is_up = False
     run("bringup", "--yes", "--cell", lab.file)

@@ -134,7 +134,7 @@ def test_a_program_that_does_not_reply_is_an_error(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_reply_that_does_not_end_is_an_error(controller: ProbedController) -> None:
-    """It says how much came."""
+    """It reports how much was received."""
     link = controller.link()
     with pytest.raises(ProbeError, match=r"`idle`: [0-9]+ lines and no `done idle` in 1 s"):
         link.command("idle", 1.0)

@@ -88,7 +88,7 @@ def test_delay_and_lag_come_back_from_a_trace(delay_s: float, lag: float, ramp: 
 def test_a_trace_that_shows_no_motion_gives_nothing(
     given_samples: list[tuple[float, float]],
 ) -> None:
-    """Too few samples in the middle, or an arm that goes the other way."""
+    """Too few samples in the middle, or an arm that moves in the other direction."""
     assert trace_of(given_samples, TRAVEL_MM) is None
 
 

@@ -30,7 +30,7 @@ PROBE = "robot: {delay_s: 0.1}\nresults: {mspeed: {value: 10.0, unit: '%'}}\n"
 
 @pytest.fixture
 def cell_file(tmp_path: Path) -> Path:
-    """A cell file with a probe beside it."""
+    """A cell file with a probe in its folder."""
     path = tmp_path / "lab.yaml"
     path.write_text(yaml.safe_dump(TREE))
     (tmp_path / "probe.yaml").write_text(PROBE)
@@ -43,7 +43,7 @@ def passed(cell_file: Path, *names: str, **numbers: float) -> StepEvidence:
 
 
 def test_what_is_written_is_read(cell_file: Path) -> None:
-    """Beside the cell file, in the order of the steps; without a file nothing has passed."""
+    """In the cell file's folder, in the order of the steps; without a file nothing has passed."""
     assert read_evidence(cell_file) == BringupEvidence()
     steps = {"b": passed(cell_file, "gateway", delay_s=0.1), "a": StepEvidence()}
     save_evidence(cell_file, BringupEvidence(steps=steps))
@@ -54,7 +54,7 @@ def test_what_is_written_is_read(cell_file: Path) -> None:
 
 
 def test_a_link_to_a_cell_file_has_the_evidence_of_the_real_one(cell_file: Path) -> None:
-    """Files that it names are beside the real one as well."""
+    """Files that it names are in the folder of the real one as well."""
     link = cell_file.with_name("link.yaml")
     link.symlink_to(cell_file)
     assert evidence_file(link) == evidence_file(cell_file)

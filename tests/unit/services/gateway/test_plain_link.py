@@ -1,4 +1,4 @@
-"""The link of protocol plain: IDs and echoes both ways, status, holds, and wrong reports."""
+"""The link of protocol plain: IDs and echoes, status, holds, and wrong reports."""
 
 import pytest
 

@@ -206,7 +206,7 @@ def test_the_words_of_block_steps_are_names_elsewhere(line: str) -> None:
      ('SVALUE "a"', 'SVALUE "a":'), ("ANY", "ANY :")],
 )  # fmt: skip
 def test_words_at_the_end_of_a_line_may_be_left_out(short: str, full: str) -> None:
-    """Public programs, also generated ones, are written so; of ANY the manual says it."""
+    """Public programs, also generated ones, are written so; of ANY the manual states it."""
     assert statement(short) == statement(full)
 
 

@@ -47,7 +47,7 @@ def test_every_step_is_shown_with_its_state_and_what_is_next(cell_file: Path) ->
 
 
 def test_a_wrong_evidence_file_is_reported(cell_file: Path) -> None:
-    """The page goes on."""
+    """The page continues without it."""
     evidence_file(cell_file).write_text("bringup: 2\n")
     assert "⚠" in ladder_text(cell_file)
 

@@ -19,7 +19,7 @@ def probe_lines(cell: CellConfig, probe: ProbeFile, *, now: datetime) -> list[Re
         probe: Content of the file that the cell file names as `robot.probe`.
         now: The time, with its zone.
     """
-    lines = [_age(probe, now)]
+    lines = [_age(probe, now), *_address(cell, probe)]
     if probe.lines:
         lines.append(_lines(probe))
     lines += [*_switches(probe), *_slots(probe)]
@@ -45,6 +45,18 @@ def _age(probe: ProbeFile, now: datetime) -> ReportLine:
     if "c" not in probe.stages:
         return finding("probe", "WARN", text, "probe.motion")
     return passed("probe", text)
+
+
+def _address(cell: CellConfig, probe: ProbeFile) -> Iterator[ReportLine]:
+    """Compare the address of the controller that was measured with that of the cell."""
+    if cell.gateway is None or not probe.address:
+        return
+    address = f"{cell.gateway.host}:{cell.gateway.port}"
+    if probe.address == address:
+        yield passed("probe address", address)
+    else:
+        found = f"measured at {probe.address}; the cell file has {address}"
+        yield finding("probe address", "WARN", found, "probe.address")
 
 
 def _lines(probe: ProbeFile) -> ReportLine:

@@ -74,6 +74,7 @@ REMEDIES = {
     "stream.silent": "its writer does not publish: see its role",
     "stream.slow": "the PC is overloaded, or the source is slower than the cell file expects: see rates",
     "probe.old": "`forcemesh probe` again, after a change of controller, software or option at once",
+    "probe.address": "another controller: `forcemesh probe` with this one; the same one at a new address: no action",
     "probe.motion": "stage c of `forcemesh probe` measures delay, lag and the least segment",
     "probe.lines": "do not start forcemesh.as on this controller: report the lines and the AS version (ID)",
     "probe.abs.speed": "ABS.SPEED OFF on the terminal: with ON the 10 % of commissioning protect nothing",

@@ -82,6 +82,14 @@ def test_pc_programs_in_use_and_standing_errors_are_warnings() -> None:
     assert "TCP errors" not in results(with_numbers(behaviour__tcp_error_stands=0.0))
 
 
+def test_a_probe_of_another_address_is_a_warning() -> None:
+    """It may be that of another controller."""
+    assert "probe address" not in results(GOOD)
+    here = GOOD.model_copy(update={"address": "127.0.0.1:49152"})
+    assert results(here)["probe address"] == "PASS"
+    assert results(here, cell(gateway__host="192.168.0.2"))["probe address"] == "WARN"
+
+
 @pytest.mark.parametrize(
     ("least_s", "robot_hz", "result"),
     [(0.03, 30.0, "PASS"), (0.03, 60.0, "WARN"), (None, 60.0, "PASS")],
@@ -101,6 +109,7 @@ def test_every_remedy_of_a_probe_is_reached() -> None:
     flawed = with_numbers(**switches, task__1=1.0, behaviour__tcp_error_stands=1.0).model_copy(
         update={
             "stages": ("a", "b"),
+            "address": "192.168.0.9:49152",
             "lines": {"a": LineCheck(expected="1", found="2", same=False)},
             "gateway": ProbedGateway(least_segment_s=0.4),
         }

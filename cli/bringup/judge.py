@@ -131,11 +131,13 @@ def judge_doctor(_cell_file: Path, outcomes: Sequence[Outcome]) -> Judgement:
 
 
 def judge_installation(cell_file: Path, outcomes: Sequence[Outcome]) -> Judgement:
-    """Fail with the findings of the installation check and their corrections."""
+    """Fail with the findings of the installation check, or with what it could not observe."""
     report = outcomes[0].report
     if not report:
         return by_exit_code(cell_file, outcomes)
     found = [f"{each['text']} -> {each['remedy']}" for each in report["findings"]]
+    if not found and outcomes[0].code != OK:
+        found = [f"{report['verdict']}: {'; '.join(report['not_shown'])}"]
     echo(f"{report['source']}\n{report['verdict']}")
     return Judgement("; ".join(found), _rounded(report["evidence"]))
 

@@ -123,13 +123,16 @@ def test_the_doctor_fails_with_every_failed_check(cell_file: Path) -> None:
 def test_the_installation_fails_with_its_findings(cell_file: Path) -> None:
     """Each with its correction; the evidence is kept."""
     report: dict[str, Any] = {"verdict": "right", "source": "six poses", "findings": [],
-                              "evidence": {"mass_kg": 1.00042}}  # fmt: skip
+                              "not_shown": [], "evidence": {"mass_kg": 1.00042}}  # fmt: skip
     assert judge_installation(cell_file, [Outcome("check axes", 0, "", report)]) == Judgement(
         "", {"mass_kg": 1.0}
     )
     wrong = report | {"findings": [{"text": "the tool weighs 1 kg", "remedy": "write it"}]}
     judged = judge_installation(cell_file, [Outcome("check axes", 1, "", wrong)])
     assert judged.why == "the tool weighs 1 kg -> write it"
+    unclear = report | {"verdict": "cannot tell", "not_shown": ["the sign of fz", "the mass"]}
+    judged = judge_installation(cell_file, [Outcome("check axes", 1, "", unclear)])
+    assert judged.why == "cannot tell: the sign of fz; the mass"
 
 
 def test_a_press_keeps_its_numbers(cell_file: Path) -> None:

@@ -66,7 +66,7 @@ STEPS = (
     ),
     BringupStep(
         "load",
-        ("fmprobe.as", "gateway.port"),
+        ("fmprobe.as", "gateway.host", "gateway.port"),
         needs=(cell_down,),
         question="is controller/fmprobe.as loaded, with fp.port {port}, does DIRECTORY/P list 44 "
         "programs fp., and is the last line after EXECUTE fp.main `stage.a 1`?",
@@ -139,7 +139,7 @@ STEPS = (
     ),
     BringupStep(
         "tune",
-        ("robot", "tool", "contact", "calibration", "tuning"),
+        ("gateway", "robot", "tool", "contact", "calibration", "tuning"),
         ("tare", "arm --wait 10", "tune --no-controller --write {tuning}"),
         needs=NEEDED_BEFORE_CONTACT,
         judge=judge_tuning,
@@ -148,7 +148,7 @@ STEPS = (
     ),
     BringupStep(
         "press",
-        ("robot", "tool", "contact", "force", "limits", "calibration", "tuning"),
+        ("gateway", "robot", "tool", "contact", "force", "limits", "calibration", "tuning"),
         ("tare", "arm --wait 10", "press 5 --json", "retract"),
         needs=(*NEEDED_BEFORE_CONTACT, tuning_named),
         judge=judge_press,

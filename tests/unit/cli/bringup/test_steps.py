@@ -3,17 +3,19 @@
 import re
 import shlex
 from string import Formatter
+from typing import Any
 
 import pytest
 import typer.main
 
 from cli.__main__ import app
-from cli.bringup.steps import PAGE, STEPS, BringupStep
+from cli.bringup.steps import BY_NAME, PAGE, STEPS, BringupStep
 from common.config.cell import CellConfig
 from common.config.evidence import PROGRAMS
 from tools.tree import ROOT
 
 TEXT = (ROOT / PAGE).read_text(encoding="utf-8")
+COMMANDS = sorted(set(re.findall(r"(?:`|^)forcemesh ([^`\n#]+)", TEXT, re.MULTILINE)))
 FILES = ("probe", "calibration", "tuning")
 
 
@@ -41,6 +43,24 @@ def test_every_command_of_a_step_is_on_the_page_and_on_the_command_line(step: Br
             verb = getattr(verb, "commands", {}).get(word, verb)
         assert not hasattr(verb, "commands")
     assert ("The arm moves" in section or "the arm moves" in section) == step.moves
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_of_the_page_has_its_options(command: str) -> None:
+    """A verb of the command line, and options that it has."""
+    verb: Any = typer.main.get_command(app)
+    words = shlex.split(command)
+    while words and words[0] in getattr(verb, "commands", {}):
+        verb = verb.commands[words.pop(0)]
+    assert not hasattr(verb, "commands")
+    options = {option for each in verb.params for option in each.opts}
+    assert {word for word in words if word.startswith("--")} <= options
+
+
+@pytest.mark.parametrize("name", ["network", "load", "probe", "start", "jog", "tune", "press"])
+def test_another_controller_makes_a_step_due(name: str) -> None:
+    """What was loaded into the one before or measured with it holds for that one alone."""
+    assert {"gateway", "gateway.host"} & set(BY_NAME[name].inputs)
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)

@@ -104,18 +104,25 @@ class SocketWire:
 class ProbeLink:
     """Dialogue with the probe program."""
 
-    def __init__(self, dial: Callable[[], Wire], place: str, wait: Callable[[float], None]) -> None:
+    def __init__(
+        self,
+        dial: Callable[[], Wire],
+        place: str,
+        wait: Callable[[float], None],
+        now_s: Callable[[], float],
+    ) -> None:
         """Connect to the program.
 
         Args:
             dial: Opens a connection. Raises OSError.
             place: Its address, for messages.
             wait: Lets time pass between attempts to connect [s].
+            now_s: Clock that limits these attempts [s].
 
         Raises:
             ProbeError: Nothing accepts the connection.
         """
-        self._dial, self._place, self._wait = dial, place, wait
+        self._dial, self._place, self._wait, self._now_s = dial, place, wait, now_s
         self.reopen()
 
     def reopen(self) -> None:
@@ -125,7 +132,8 @@ class ProbeLink:
             ProbeError: It does not reply in LINK_WITHIN_S.
         """
         reason: Exception | str = ""
-        for _ in range(round(LINK_WITHIN_S / PAUSE_S)):
+        end_s = self._now_s() + LINK_WITHIN_S
+        while self._now_s() < end_s:
             try:
                 self._rest, self.wire = b"", self._dial()
                 self.command("echo", ATTEMPT_S)

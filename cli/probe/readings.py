@@ -23,7 +23,7 @@ class ProbeReadings:
     failed: dict[str, int] = field(default_factory=dict)
     checks: dict[str, LineCheck] = field(default_factory=dict)
     samples: list[tuple[float, float]] = field(default_factory=list)  # time [s], travel [mm]
-    strange: list[str] = field(default_factory=list)
+    malformed: list[str] = field(default_factory=list)  # lines that are no result
 
     @classmethod
     def of(cls, lines: Iterable[str]) -> "ProbeReadings":
@@ -33,7 +33,7 @@ class ProbeReadings:
             try:
                 found._take(line)
             except ValueError:
-                found.strange.append(line)
+                found.malformed.append(line)
         return found
 
     def _take(self, line: str) -> None:
@@ -45,27 +45,41 @@ class ProbeReadings:
         if name.startswith("line."):
             self._check(name, rest)
         elif name == "s":
-            time_s, travel_mm = map(float, rest)
+            time_s, travel_mm = map(_finite, rest)
             self.samples.append((time_s, travel_mm))
         elif rest[:1] == ["?"]:
-            self.failed[name] = int(float(rest[1]))
+            self.failed[name] = _code(rest)
         else:
-            (value,) = map(float, rest)
+            (value,) = map(_finite, rest)
             self.numbers.setdefault(name, []).append(value)
 
     def _check(self, name: str, rest: Sequence[str]) -> None:
         expected, *values = rest
         if values[:1] == ["?"]:
-            code = f"error {int(float(values[1]))}"
+            code = f"error {_code(values)}"
             self.checks[name] = LineCheck(expected=expected, found=code, same=False)
             return
-        (value,) = map(float, values)
+        (value,) = map(_finite, values)
         same = abs(value - float(expected)) <= SAME_VALUE
         self.checks[name] = LineCheck(expected=expected, found=f"{value:.8g}", same=same)
 
     def get(self, name: str) -> float | None:
         """Return the last value of a name, None without one."""
         return self.numbers[name][-1] if self.numbers.get(name) else None
+
+
+def _finite(text: str) -> float:
+    """Return a number. Raises ValueError for another text, also for inf and nan."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
+
+
+def _code(words: Sequence[str]) -> int:
+    """Return the error code in the words `? code`. Raises ValueError."""
+    _, code = words
+    return int(_finite(code))
 
 
 @dataclass(frozen=True, slots=True)

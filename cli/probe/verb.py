@@ -1,5 +1,6 @@
 """Verb `probe`: measure a controller with controller/fmprobe.as, and write its fingerprint."""
 
+import os
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -65,7 +66,7 @@ def probe(
     and on the controller's terminal. This is not a safety function.
     """
     with one_line_errors():
-        _refuse_folder(out)
+        _refuse_unwritable(out)
         gateway = _gateway(find_cell_file(cell))
         from cli.probe.fingerprint import fingerprint
 
@@ -92,7 +93,7 @@ def _gateway(path: Path) -> "GatewaySection":
     from common.config.load import load_cell
     from forcemesh.errors import ConfigError
 
-    gateway = load_cell(path).gateway
+    gateway = load_cell(path, with_files=False).gateway
     if gateway is None:
         raise ConfigError(
             str(path), ["gateway: the section is missing: it has the controller's address"]
@@ -109,6 +110,7 @@ def _connect(gateway: "GatewaySection") -> "ProbeLink":
         lambda: SocketWire(gateway.host, gateway.port),
         f"{gateway.host}:{gateway.port}",
         time.sleep,
+        time.monotonic,
     )
 
 
@@ -142,6 +144,8 @@ def _run_stages(link: "ProbeLink", found: "Found", to: str, *, unplug: bool, yes
     from cli.probe.stages import stage_a, stage_b, stage_c
 
     stage_a(link, found)
+    for line in found.still.malformed:
+        print_note(f"stage a: not a result: {line}")
     print_note("stage a: read")
     if to == "a":
         return True
@@ -159,12 +163,16 @@ def _run_stages(link: "ProbeLink", found: "Found", to: str, *, unplug: bool, yes
 # --- output ---------------------------------------------------------------------------------------
 
 
-def _refuse_folder(path: Path) -> None:
-    """Raise DataError before anything is measured if the file cannot be one."""
+def _refuse_unwritable(path: Path) -> None:
+    """Raise DataError before anything is measured if the file cannot be written."""
     from forcemesh.errors import DataError
 
     if path.is_dir():
         raise DataError(f"--out {path}: is a folder; name a file, such as {path / 'probe.yaml'}")
+    folder = next(each for each in path.absolute().parents if each.exists())
+    place = path if path.exists() and os.access(folder, os.W_OK) else folder
+    if not (folder.is_dir() and os.access(place, os.W_OK)):
+        raise DataError(f"--out {path}: {place} cannot be written; choose another place")
 
 
 def report_lines(file: "ProbeFile") -> list[str]:

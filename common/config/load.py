@@ -30,12 +30,16 @@ RENAMED = {  # keys of older cell files, still read
 }
 
 
-def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> CellConfig:
+def load_cell(
+    path: Path | str, overrides: dict[str, Any] | None = None, *, with_files: bool = True
+) -> CellConfig:
     """Read a cell file.
 
     Args:
         path: The YAML file, or a link to it: files that it names are next to the real file.
         overrides: Values that replace the file's, by dotted path ("sim.tilt_deg").
+        with_files: Take the files that it names. Without, they may be missing or wrong, for a verb
+            that writes one of them.
 
     Raises:
         ConfigError: The file cannot be read or holds mistakes; all of them are listed.
@@ -44,6 +48,8 @@ def load_cell(path: Path | str, overrides: dict[str, Any] | None = None) -> Cell
     source = str(path)
     tree = read_yaml(path, source)
     if isinstance(tree, dict):
+        if not with_files:
+            _drop_files(tree)
         _take_probe(tree, path)
         _take_tuning(tree, path, source)
         for dotted, value in (overrides or {}).items():
@@ -88,6 +94,14 @@ def _followed(path: Path) -> Path:
     return path.resolve() if path.is_symlink() else path
 
 
+def _drop_files(tree: dict[str, Any]) -> None:
+    for key in (CALIBRATION, PROBE, TUNING):
+        *section, name = key.split(".")
+        values = value_at(tree, section[0]) if section else tree
+        if isinstance(values, dict):
+            values.pop(name, None)
+
+
 def _take_probe(tree: dict[str, Any], path: Path) -> None:
     """Override values of the cell file with those measured by `forcemesh probe`.
 
@@ -97,7 +111,7 @@ def _take_probe(tree: dict[str, Any], path: Path) -> None:
     file = _named(tree, path, PROBE)
     if file is None:
         return
-    probe = read_probe(file)
+    probe = _read_probe(file)
     del tree["robot"]["probe"]
     for name, measured in (("robot", probe.robot), ("gateway", probe.gateway)):
         if isinstance(tree.get(name), dict):
@@ -106,6 +120,15 @@ def _take_probe(tree: dict[str, Any], path: Path) -> None:
             delays_s = [each for each in (before, tree[name].get("delay_s")) if _is_number(each)]
             if delays_s:
                 tree[name]["delay_s"] = max(delays_s)
+
+
+def _read_probe(file: Path) -> ProbeFile:
+    try:
+        return read_probe(file)
+    except ConfigError as error:
+        remedy = f"measure it with `forcemesh probe`, or take {PROBE} out of the cell file"
+        mistakes = [f"{what}; {remedy}" for what in error.mistakes]
+        raise ConfigError(str(file), mistakes) from error
 
 
 def _is_number(value: object) -> bool:

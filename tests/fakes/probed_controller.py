@@ -30,7 +30,7 @@ class MemoryWire:
 
     def now_s(self) -> float:
         """Return the virtual time [s]."""
-        return self._controller.machine.now_ns / NS_PER_S
+        return self._controller.now_s()
 
     def wait(self, duration_s: float) -> None:
         """Advance the controller."""
@@ -96,7 +96,11 @@ class ProbedController:
 
     def link(self) -> ProbeLink:
         """Connect as `forcemesh probe` does."""
-        return ProbeLink(lambda: MemoryWire(self), "the controller", self.wait)
+        return ProbeLink(lambda: MemoryWire(self), "the controller", self.wait, self.now_s)
+
+    def now_s(self) -> float:
+        """Return the virtual time [s]."""
+        return self.machine.now_ns / NS_PER_S
 
     def wait(self, duration_s: float) -> None:
         """Advance by a time."""

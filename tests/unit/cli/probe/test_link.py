@@ -2,6 +2,7 @@
 
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -41,7 +42,7 @@ def echo(connection: socket.socket) -> None:
 
 def opened(port: int) -> ProbeLink:
     """Connect as the verb does."""
-    return ProbeLink(lambda: SocketWire("127.0.0.1", port), "here", lambda _: None)
+    return ProbeLink(lambda: SocketWire("127.0.0.1", port), "here", lambda _: None, time.monotonic)
 
 
 @pytest.fixture
@@ -112,6 +113,23 @@ def test_a_port_without_a_listener_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(socket, "socket", ToItself)
     with pytest.raises(ProbeError, match="nothing listens on port"):
         opened(1)
+
+
+def test_a_host_that_does_not_reply_is_given_up_in_time() -> None:
+    """Each attempt takes its whole time-out there, as with a wrong address."""
+    now_s = 0.0
+
+    def wait(duration_s: float) -> None:
+        nonlocal now_s
+        now_s += duration_s
+
+    def dial() -> SocketWire:
+        wait(probe_link.ATTEMPT_S)
+        raise TimeoutError("timed out")
+
+    with pytest.raises(ProbeError, match="here: no connection: timed out"):
+        ProbeLink(dial, "here", wait, lambda: now_s)
+    assert now_s <= probe_link.LINK_WITHIN_S + probe_link.ATTEMPT_S + probe_link.PAUSE_S
 
 
 # --- replies --------------------------------------------------------------------------------------

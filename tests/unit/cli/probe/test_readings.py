@@ -37,7 +37,7 @@ def test_a_value_survives_the_line(value: float, name: str) -> None:
     """As AS prints a number: eight digits."""
     found = ProbeReadings.of([f"{name}  {value:.8g}"])
     assert found.get(name) == pytest.approx(value, rel=1e-7, abs=1e-9)
-    assert not found.strange
+    assert not found.malformed
 
 
 def test_a_line_of_each_kind_is_read() -> None:
@@ -57,11 +57,15 @@ def test_a_line_of_each_kind_is_read() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("line", ["a", "a b", "", "s 1", "line.x", "line.x 1 y", "b ? x", "a 1 2"])
-def test_a_line_that_is_none_is_kept_as_strange(line: str) -> None:
+@pytest.mark.parametrize(
+    "line",
+    ["a", "a b", "", "s 1", "line.x", "line.x 1 y", "b ? x", "a 1 2", "b ?", "line.x 1 ?",
+     "b ? inf", "a nan", "a inf", "s 1 nan", "line.x 1 inf"],
+)  # fmt: skip
+def test_a_line_that_is_no_result_is_kept_as_malformed(line: str) -> None:
     """It gives no value and no error."""
     found = ProbeReadings.of([line, "a 1"])
-    assert found.strange == [line]
+    assert found.malformed == [line]
     assert found.numbers == {"a": [1.0]}
 
 

@@ -1,5 +1,6 @@
 """`forcemesh probe`: questions, files and exit codes, on a controller in lock step."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -153,11 +154,57 @@ def test_a_controller_that_is_not_there_is_an_error(
     assert "EXECUTE fp.main" in done.output
 
 
+@pytest.mark.parametrize("missing", ["folder", "right"])
+def test_a_place_that_cannot_be_written_is_refused_before_anything_is_measured(
+    missing: str, cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arm would move for nothing."""
+    controller = connected(monkeypatch)
+    out = tmp_path / "place" / "probe.yaml"
+    if missing == "folder":
+        out.parent.write_text("")
+    else:
+        out.parent.mkdir()
+        monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
+    before = controller.machine.now_ns
+    done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
+    assert done.exit_code == USAGE
+    assert f"--out {out}: {out.parent} cannot be written" in done.output
+    assert controller.machine.now_ns == before
+
+
+def test_a_cell_file_that_names_a_missing_or_wrong_probe_can_be_measured(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The verb writes that file, and needs only the address; the tuning comes later too."""
+    connected(monkeypatch)
+    cell = yaml.safe_load(cell_file.read_text())
+    cell["robot"]["probe"] = "probe.yaml"
+    cell_file.write_text(yaml.safe_dump(cell | {"tuning": "gone.yaml", "calibration": "no.yaml"}))
+    (tmp_path / "no.yaml").write_text("{")
+    out = tmp_path / "probe.yaml"
+    for _ in range(2):
+        assert run("probe", "--cell", cell_file, "--out", out, "--to", "a").exit_code == OK
+        assert read_probe(out).stages == ("a",)
+        out.write_text("probe: 99\n")
+
+
+def test_a_line_that_is_no_result_is_shown(
+    cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is in no file."""
+    connected(monkeypatch, TEXT.replace('$fp.n="mspeed"', '$fp.n="m speed"'))
+    out = tmp_path / "probe.yaml"
+    done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")
+    assert "stage a: not a result: m speed" in done.stderr
+
+
 def test_a_file_that_cannot_be_written_is_an_error(
     cell_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The table has been printed all the same."""
     connected(monkeypatch)
+    monkeypatch.setattr(probe_verb, "_refuse_unwritable", lambda _: None)
     (tmp_path / "file").write_text("")
     out = tmp_path / "file" / "probe.yaml"
     done = run("probe", "--cell", cell_file, "--out", out, "--to", "a")

@@ -165,13 +165,18 @@ def print_note(text: str) -> None:
     echo(text, err=True)
 
 
-def answers_yes(question: str) -> bool:
-    """Ask for confirmation on the terminal; end of input counts as no."""
+def answers_yes(question: str, interruption: str = "interrupted: nothing was moved") -> bool:
+    """Ask for confirmation on the terminal; end of input counts as no.
+
+    Args:
+        question: What is to be confirmed.
+        interruption: Printed at Ctrl-C, which ends the verb.
+    """
     try:
         return confirm(question, err=True)
     except Abort as error:
         if isinstance(error.__context__, KeyboardInterrupt):
-            exit_with_error("\ninterrupted: nothing was moved", INTERRUPTED)
+            exit_with_error(f"\n{interruption}", INTERRUPTED)
         print_note("\nno reply on standard input; --yes confirms without a question")
         return False
 

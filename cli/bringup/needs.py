@@ -34,7 +34,7 @@ Need = Callable[[Situation], str]  # what is missing with its remedy, empty if n
 
 def situation_of(cell_file: Path) -> Situation:
     """Ask a cell that is up for its configuration and monitor speed. Raises ConfigError."""
-    cell = load_cell(cell_file, {"calibration": None})
+    cell = load_cell(cell_file, with_files=False)
     try:
         with ConfiguredCell(cell, patience_s=CONNECT_PATIENCE_S) as client:
             arbiter = client.health("arbiter").wait(HEALTH_WITHIN_S).message

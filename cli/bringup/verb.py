@@ -86,7 +86,7 @@ def _read(path: Path, again: str | None) -> "BringupEvidence":
 def _refuse_wrong_cell(path: Path, *, yes: bool) -> None:
     from common.config.load import load_cell
 
-    cell = load_cell(path, {"calibration": None})
+    cell = load_cell(path, with_files=False)
     if cell.gateway is None:
         exit_with_error(f"{path} has no section `gateway`: a bring-up is that of a controller")
     if yes and cell.sim is None:
@@ -128,6 +128,7 @@ class Walk:
         from common.config.evidence import ladder, save_evidence
 
         rows = show_ladder(self._path, evidence)
+        save_evidence(self._path, evidence)  # what cannot be written is found before the arm moves
         while (name := next_step(rows)) is not None:
             done = self._attempt(BY_NAME[name])
             if done is None:
@@ -202,7 +203,9 @@ class Walk:
         question = f"{step.name}: {self._filled(step.question)}"
         if self._yes:
             echo(question)
-        return self._yes or answers_yes(question)
+        return self._yes or answers_yes(
+            question, f"interrupted: {step.name} is not confirmed; its evidence is unchanged"
+        )
 
     def _judged(self, step: "BringupStep") -> "Judgement":
         from cli.bringup.judge import Judgement, run_command
@@ -224,7 +227,7 @@ class Walk:
         from common.config.evidence import named_files
         from common.config.load import load_cell
 
-        gateway = load_cell(self._path, {"calibration": None}).gateway
+        gateway = load_cell(self._path, with_files=False).gateway
         values = {name: getattr(gateway, name, "") for name in ("host", "port", "arm")}
         files = {name: shlex.quote(str(file)) for name, file in named_files(self._path).items()}
         yes = " --yes" if self._yes else ""

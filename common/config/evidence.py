@@ -85,6 +85,7 @@ def save_evidence(cell_file: Path, evidence: BringupEvidence) -> None:
 
 def ladder(cell_file: Path, evidence: BringupEvidence) -> list[LadderRow]:
     """Return every step with its present state. Raises ConfigError for a wrong cell file."""
+    _tree(cell_file)  # also where no step has passed
     return [row_of(cell_file, name, step) for name, step in evidence.steps.items()]
 
 

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from typer import Abort
 
 from cli.bringup import judge, needs, steps
 from cli.bringup.judge import Judgement, Outcome
 from cli.bringup.needs import RunningCell, Situation
 from cli.bringup.steps import BringupStep
-from cli.context import NOT_WELL, OK, REFUSED, USAGE
+from cli.context import INTERRUPTED, NOT_WELL, OK, REFUSED, USAGE
 from common.config.evidence import evidence_file, read_evidence
 from common.config.load import cell_hash, dump_cell, load_cell
 from tests.fakes.verb_calls import run
@@ -200,3 +201,59 @@ def test_a_mistake_is_one_sentence(lab: Lab) -> None:
     assert "has no section `gateway`" in done.output
     evidence_file(lab.file).write_text("bringup: 2\n")
     assert run("bringup", "--cell", lab.file).exit_code == USAGE
+    done = run("bringup", "--status", "--cell", lab.file.with_name("gone.yaml"))
+    assert done.exit_code == USAGE
+    assert "gone.yaml: no such file" in done.output
+
+
+def test_evidence_that_cannot_be_written_is_refused_before_a_step(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder without the right, a full disk: the arm would move for nothing."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "write_text", refuse)
+    done = run("bringup", "--yes", "--cell", lab.file)
+    assert done.exit_code == USAGE
+    assert "lab.bringup.yaml: cannot be written: Permission denied" in done.output
+    assert "there?" not in done.output
+
+
+def test_a_probe_that_is_missing_can_be_measured(lab: Lab) -> None:
+    """Though the cell file names it already; a step that needs its values has the remedy."""
+    tree = yaml.safe_load(lab.file.read_text())
+    tree["robot"]["probe"] = "probe.yaml"
+    lab.file.write_text(yaml.safe_dump(tree))
+    lab.situation = lambda file: Situation(file, None)  # type: ignore[method-assign]
+    done = run("bringup", "--cell", lab.file, text="y\ny\n")
+    assert lab.ran == [f"probe --out {lab.file.parent / 'probe.yaml'}"]
+    assert "FAIL tune: the cell is not up" in done.output
+    done = run("config", "check", lab.file)
+    assert done.exit_code == USAGE
+    assert "measure it with `forcemesh probe`, or take robot.probe out" in done.output
+
+
+def test_an_interruption_after_a_motion_reports_no_rest(
+    lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The question after the commands: the arm has moved; the step stays as it was."""
+    lab.is_up = True
+    lab.file.with_name("lab.bringup.yaml").write_text(
+        "steps:\n" + "".join(f"  {n}: {{passed_at: 2026-11-27}}\n" for n in ("network", "probe"))
+    )
+
+    def interrupt(*_: object, **__: object) -> bool:
+        if not lab.ran:
+            return True
+        error = Abort()
+        error.__context__ = KeyboardInterrupt()
+        raise error
+
+    monkeypatch.setattr("cli.context.confirm", interrupt)
+    done = run("bringup", "--cell", lab.file)
+    assert (done.exit_code, lab.ran) == (INTERRUPTED, ["arm", "tune"])
+    assert "interrupted: tune is not confirmed" in done.output
+    assert "nothing was moved" not in done.output
+    assert states(lab)[2] == "open"

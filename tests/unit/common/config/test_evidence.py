@@ -143,3 +143,6 @@ def test_a_wrong_file_is_one_message(cell_file: Path) -> None:
     cell_file.write_text("[1]\n")
     with pytest.raises(ConfigError, match="map of sections"):
         input_hashes(cell_file, ["gateway"])
+    cell_file.unlink()
+    with pytest.raises(ConfigError, match="no such file"):
+        ladder(cell_file, BringupEvidence())

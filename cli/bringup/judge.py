@@ -114,11 +114,11 @@ def by_exit_code(_cell_file: Path, outcomes: Sequence[Outcome]) -> Judgement:
     return Judgement(f"`forcemesh {failed.command}`: {failed.last_line}, exit code {failed.code}")
 
 
-def judge_doctor(_cell_file: Path, outcomes: Sequence[Outcome]) -> Judgement:
+def judge_doctor(cell_file: Path, outcomes: Sequence[Outcome]) -> Judgement:
     """Fail with every check that failed, but those that a later step makes pass."""
     lines = [ReportLine(**row) for row in outcomes[0].report.get("lines", ())]
     if not lines:
-        return by_exit_code(_cell_file, outcomes)
+        return by_exit_code(cell_file, outcomes)
     print_lines(lines)
     failed = [f"{line.check}: {line.found} -> {line.remedy}" for line in lines
               if line.result == "FAIL" and line.check not in LATER]  # fmt: skip

@@ -125,10 +125,10 @@ class Walk:
     def until_stopped(self, evidence: "BringupEvidence") -> int:
         """Walk on from the first step that has not passed; return the exit code."""
         from cli.bringup.steps import BY_NAME
-        from common.config.evidence import ladder, save_evidence
+        from common.config.evidence import ladder, read_evidence, save_evidence
 
         rows = show_ladder(self._path, evidence)
-        save_evidence(self._path, evidence)  # what cannot be written is found before the arm moves
+        save_evidence(self._path, read_evidence(self._path))  # a refusal comes before any motion
         while (name := next_step(rows)) is not None:
             done = self._attempt(BY_NAME[name])
             if done is None:

@@ -115,13 +115,13 @@ def input_hashes(cell_file: Path, names: Iterable[str]) -> dict[str, str]:
             too.
 
     Raises:
-        ConfigError: The cell file cannot be read.
+        ConfigError: The cell file or one of the files cannot be read.
     """
     tree, files = _tree(cell_file), named_files(cell_file)
     hashes = {}
     for name in names:
         if name in files:
-            data = files[name].read_bytes() if files[name].is_file() else b""
+            data = _content(files[name])
         else:
             data = json.dumps(value_at(tree, name), sort_keys=True, default=str).encode()
         hashes[name] = hashlib.sha256(data).hexdigest()[:HASH_CHARS]
@@ -156,6 +156,13 @@ def measured_monitor_speed(cell_file: Path) -> float | None:
     if file is None or (probe := read_probe(file)).robot.delay_s is None:
         return None
     return probe.number("mspeed")
+
+
+def _content(file: Path) -> bytes:
+    try:
+        return file.read_bytes() if file.is_file() else b""
+    except OSError as error:
+        raise ConfigError(str(file), [f"cannot be read: {error.strerror}"]) from error
 
 
 def _tree(cell_file: Path) -> dict[str, Any]:

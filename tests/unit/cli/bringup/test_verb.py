@@ -171,6 +171,9 @@ def test_a_changed_input_and_again_make_a_step_due_again(lab: Lab) -> None:
     lab.is_up, lab.ran = False, []
     assert run("bringup", "--yes", "--cell", lab.file).exit_code == OK
     assert len(lab.ran) == 1
+    done = run("bringup", "--again", "probe", "--cell", lab.file, text="n\n")
+    assert (done.exit_code, len(lab.ran)) == (REFUSED, 1)
+    assert states(lab) == ["passed"] * 4
     run("bringup", "--again", "probe", "--yes", "--cell", lab.file)
     assert len(lab.ran) == 2
 

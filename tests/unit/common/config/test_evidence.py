@@ -92,6 +92,19 @@ def test_a_step_is_changed_when_one_of_its_files_is(cell_file: Path) -> None:
         assert [part for part in files if hashes[-1][part] != hashes[-2][part]] == [name]
 
 
+def test_a_file_that_cannot_be_read_is_one_message(
+    cell_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The panel shows it; it must not end with it."""
+
+    def refuse(_: Path) -> bytes:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "read_bytes", refuse)
+    with pytest.raises(ConfigError, match=r"probe\.yaml: cannot be read: Permission denied"):
+        input_hashes(cell_file, ["gateway", "probe"])
+
+
 def test_a_failed_step_has_its_reason_and_an_open_one_nothing(cell_file: Path) -> None:
     """A step that has failed since it passed is failed."""
     steps = {"a": StepEvidence(passed_at=NOW, failed_at=NOW, why="off"), "b": StepEvidence()}

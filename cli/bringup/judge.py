@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 from typer import echo
 
-from cli.context import OK
+from cli.context import NOT_WELL, OK
 from cli.doctor.checks import ReportLine
 from cli.doctor.verb import print_lines
 from common.config.evidence import MONITOR_SPEED, named_files
@@ -96,11 +96,22 @@ def run_command(command: str, cell_file: Path, run: RunCommand) -> Outcome:
             run(words)
         except SystemExit as end:
             code = end.code
-    report: dict[str, Any] = {}
-    if as_json:
-        with contextlib.suppress(ValueError):
-            report = json.loads(out.kept)
-    return Outcome(command, code if isinstance(code, int) else OK, out.kept + err.kept, report)
+    code, text = code if isinstance(code, int) else OK, out.kept + err.kept
+    if not as_json:
+        return Outcome(command, code, text)
+    report = _report_in(out.kept)
+    if not report and code == OK:  # nothing to judge: the step must not pass
+        return Outcome(command, NOT_WELL, f"{text}\nno report")
+    return Outcome(command, code, text, report)
+
+
+def _report_in(text: str) -> dict[str, Any]:
+    """Return the report of --json, empty without one."""
+    try:
+        report = json.loads(text)
+    except ValueError:
+        return {}
+    return report if isinstance(report, dict) else {}
 
 
 # --- judges ---------------------------------------------------------------------------------------

@@ -75,13 +75,17 @@ def test_a_command_gets_the_cell_file_and_its_output_is_shown_and_kept(
 def test_a_report_is_kept_and_not_shown(
     cell_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A command that ends with an error before its report has none."""
+    """A command that ends with an error before its report has none; without one none passes."""
     done = run_command("press 5 --json", cell_file, ending(0, json.dumps(PRESS)))
     assert done.report == PRESS
     assert capsys.readouterr().out == ""
     done = run_command("press 5 --json", cell_file, ending(4, "", "no reply\n"))
     assert (done.code, done.report, done.last_line) == (4, {}, "no reply")
     assert run_command("tare", cell_file, ending(None)).code == 0
+    for text in ("", "a note\n{}", "[]"):
+        done = run_command("check axes --json", cell_file, ending(0, text))
+        assert (done.code, done.report) == (1, {})
+        assert judge_installation(cell_file, [done]).why.endswith("no report, exit code 1")
 
 
 def test_a_stream_without_a_terminal_is_none() -> None:

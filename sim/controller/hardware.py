@@ -130,8 +130,12 @@ class Robot:
         return self.pose_of(self.arm.q)
 
     def destination(self) -> pin.SE3:
-        """Return the TOOL's pose in BASE at the end of the newest motion, or at rest."""
+        """Return the TOOL's pose in BASE at the end of the newest started motion, or at rest."""
         return self.pose_of(self.queue.q_end)
+
+    def start_of_next(self) -> pin.SE3:
+        """Return the TOOL's pose in BASE at the end of the newest motion, also one that waits."""
+        return self.pose_of(self.queue.q_newest)
 
     def pose_of(self, q: Array) -> pin.SE3:
         """Return the TOOL's pose in BASE at joint angles [rad]."""

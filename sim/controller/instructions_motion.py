@@ -44,7 +44,7 @@ def approach(kind: Kind, task: Task, goal: Pose, distance_mm: float) -> Wait | N
 
 def depart(kind: Kind, task: Task, distance_mm: float) -> Wait | None:
     """LDEPART d and JDEPART d: d [mm] back along the tool's -Z."""
-    T = task.hardware.robot.destination()
+    T = task.hardware.robot.start_of_next()
     return _queue(task, kind, T=T * _translation_z(-distance_mm))
 
 
@@ -56,7 +56,7 @@ def home(task: Task, number: float = 1.0) -> Wait | None:
 
 def drive(task: Task, joint: float, angle_deg: float, speed: float = 100.0) -> Wait | None:
     """DRIVE jt,deg[,speed]: one joint, relative; the speed is a % of monitor speed."""
-    q = task.hardware.robot.queue.q_end.copy()
+    q = task.hardware.robot.queue.q_newest.copy()
     number = int(checked(joint, 1, len(q), "the joint of DRIVE"))
     q[number - 1] += np.radians(angle_deg)
     return _queue(task, "joint", q=q, speed=ProgramSpeed(percent(speed, "the speed of DRIVE")))
@@ -70,7 +70,7 @@ def draw(axes: str, task: Task, words: Words, *numbers: float | None) -> Wait | 
     x, y, z, rx, ry, rz, speed = (*numbers, *(None,) * 7)[:7]
     rotation = _rotation("x", rx) @ _rotation("y", ry) @ _rotation("z", rz)
     travel = np.array([x or 0.0, y or 0.0, z or 0.0]) * 1e-3
-    T = task.hardware.robot.destination()
+    T = task.hardware.robot.start_of_next()
     if axes == "tool":
         goal = T * pin.SE3(rotation, travel)
     else:

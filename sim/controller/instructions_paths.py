@@ -116,7 +116,7 @@ def xmove(task: Task, goal: Pose, words: Words, signal: float) -> Wait | None:
 
 def align(task: Task) -> Wait | None:
     """ALIGN: turn the tool about the TCP until its Z is parallel to the nearest base axis."""
-    T = task.hardware.robot.destination()
+    T = task.hardware.robot.start_of_next()
     z = T.rotation[:, 2]
     axis = np.zeros(3)
     nearest = int(np.abs(z).argmax())

@@ -58,7 +58,7 @@ class MotionQueue:
         self.monitor_fraction = 0.1
         self.held = False
         self.q_command: Array = np.array(q_start, dtype=float)
-        self.q_end: Array = self.q_command  # end of the last queued motion
+        self.q_end: Array = self.q_command  # end of the motion that started last
         self._base: Array = self.q_command  # base of the displacements of the active segments
         self.last: MotionRequest | None = None
 

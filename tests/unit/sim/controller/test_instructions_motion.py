@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.fakes.as_bench import AsBench, program
+from tests.fakes.as_bench import FAST, AsBench, program
 from tests.fakes.as_trace import SQUARE, Trace
 
 
@@ -134,6 +134,23 @@ def test_the_program_runs_one_motion_ahead() -> None:
     assert bench.value("a") < 0.02
     assert bench.value("b") == pytest.approx(0.5, abs=0.06)
     assert bench.value("c") == pytest.approx(1.07, abs=0.08)
+
+
+@pytest.mark.parametrize(
+    "relative",
+    ["LDEPART 10", "JDEPART 10", "DRAW 0,10,0", "TDRAW 0,10,0,0,0,5", "DRIVE 6,10", "ALIGN"],
+)
+def test_a_relative_motion_starts_from_the_end_of_the_motions_ahead(relative: str) -> None:
+    """It ends where it ends after a BREAK. DEST is the end of the motion that is under way."""
+    moves = ("LMOVE SHIFT(p BY 20,0,0)+RX(5)", "LMOVE SHIFT(p BY 20,0,20)+RX(10)")
+    ends = []
+    for waits in ("BREAK", "POINT d = DEST"):
+        bench = AsBench(program(*SQUARE, *moves, waits, relative, "BREAK", "POINT #e = #DEST"),
+                        FAST.model_copy(update={"motions_ahead": 4})).run()  # fmt: skip
+        ends.append(bench.value("#e").values)
+    assert ends[1] == pytest.approx(ends[0], abs=1e-3)
+    off_mm = bench.value("d").x - bench.value("p").x, bench.value("d").z - bench.value("p").z
+    assert off_mm == pytest.approx((20.0, 0.0), abs=0.1)
 
 
 def test_a_stream_of_short_moves_is_faster_with_cp_and_accuracy() -> None:

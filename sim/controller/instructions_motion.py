@@ -29,7 +29,6 @@ _LONGEST_ACCURACY_MM = 5000.0
 
 def move(kind: Kind, task: Task, goal: Pose, clamp: float | None = None) -> Wait | None:
     """LMOVE p[,clamp], JMOVE p[,clamp] and HMOVE p[,clamp] (as LMOVE)."""
-    _refuse_open_arc(task)
     return queue_motions(task, goal_request(task, kind, goal), clamp=clamp)
 
 
@@ -39,19 +38,19 @@ def approach(kind: Kind, task: Task, goal: Pose, distance_mm: float) -> Wait | N
         T = task.hardware.robot.pose_of(np.radians(goal.values))
     else:
         T = se3_of(goal)
-    return _queue(task, kind, T=T * _translation_z(-distance_mm))
+    return queue_motions(task, request(task, kind, T=T * _translation_z(-distance_mm)))
 
 
 def depart(kind: Kind, task: Task, distance_mm: float) -> Wait | None:
     """LDEPART d and JDEPART d: d [mm] back along the tool's -Z."""
     T = task.hardware.robot.start_of_next()
-    return _queue(task, kind, T=T * _translation_z(-distance_mm))
+    return queue_motions(task, request(task, kind, T=T * _translation_z(-distance_mm)))
 
 
 def home(task: Task, number: float = 1.0) -> Wait | None:
     """HOME and HOME n: a joint motion to #HOME; the second home is the same as the first."""
     checked(number, 1, 2, "HOME")
-    return _queue(task, "joint", q=task.hardware.robot.arm.settings.home_rad)
+    return queue_motions(task, request(task, "joint", q=task.hardware.robot.arm.settings.home_rad))
 
 
 def drive(task: Task, joint: float, angle_deg: float, speed: float = 100.0) -> Wait | None:
@@ -59,7 +58,8 @@ def drive(task: Task, joint: float, angle_deg: float, speed: float = 100.0) -> W
     q = task.hardware.robot.queue.q_newest.copy()
     number = int(checked(joint, 1, len(q), "the joint of DRIVE"))
     q[number - 1] += np.radians(angle_deg)
-    return _queue(task, "joint", q=q, speed=ProgramSpeed(percent(speed, "the speed of DRIVE")))
+    own = ProgramSpeed(percent(speed, "the speed of DRIVE"))
+    return queue_motions(task, request(task, "joint", q=q, speed=own))
 
 
 def draw(axes: str, task: Task, words: Words, *numbers: float | None) -> Wait | None:
@@ -75,12 +75,14 @@ def draw(axes: str, task: Task, words: Words, *numbers: float | None) -> Wait | 
         goal = T * pin.SE3(rotation, travel)
     else:
         goal = pin.SE3(rotation @ T.rotation, T.translation + travel)
-    return _queue(task, "linear", T=goal, speed=None if speed is None else speed_of(speed, words))
+    own = None if speed is None else speed_of(speed, words)
+    return queue_motions(task, request(task, "linear", T=goal, speed=own))
 
 
 def pause(name: str, task: Task, duration_s: float) -> Wait | None:
     """DELAY s and STABLE s: the arm dwells, then the next motion starts."""
-    return _queue(task, "pause", pause_s=checked(duration_s, 0.0, 3600.0, name))
+    pause_s = checked(duration_s, 0.0, 3600.0, name)
+    return queue_motions(task, request(task, "pause", pause_s=pause_s))
 
 
 def speed(task: Task, value: float, words: Words, *more: float | None) -> None:
@@ -141,23 +143,6 @@ def _set(task: Task, field: str, value: object, words: Words) -> None:
     task.hardware.motion_settings.change(field, value, always="ALWAYS" in words)
 
 
-def _queue(
-    task: Task,
-    kind: Kind,
-    *,
-    q: Array | None = None,
-    T: pin.SE3 | None = None,
-    speed: ProgramSpeed | None = None,
-    pause_s: float = 0.0,
-) -> Wait | None:
-    """Queue a motion to joint angles or a TOOL pose in BASE; wait until the queue has room again.
-
-    Its own speed does not use up SPEED.
-    """
-    _refuse_open_arc(task)
-    return queue_motions(task, request(task, kind, q=q, T=T, speed=speed, pause_s=pause_s))
-
-
 def request(
     task: Task,
     kind: Kind,
@@ -166,20 +151,28 @@ def request(
     T: pin.SE3 | None = None,
     speed: ProgramSpeed | None = None,
     pause_s: float = 0.0,
+    of_arc: bool = False,
 ) -> MotionRequest:
-    """Return a motion to joint angles [rad] or a TOOL pose in BASE, with the program's settings."""
+    """Return a motion to joint angles [rad] or a TOOL pose in BASE, with the program's settings.
+
+    Its own speed does not use up SPEED. Raises AsError E1097 if a C1MOVE waits for the next point
+    of its arc and this is none.
+    """
     hardware = task.hardware
+    if hardware.arc is not None and not of_arc:
+        hardware.arc = None
+        raise AsError("E1097", "C1MOVE must be followed by C1MOVE or C2MOVE")
     hardware.motion_step = task.step_index + 1
     manner = hardware.motion_settings.take(hardware.robot.T_flange_tcp, speed)
     T_base_tcp = None if T is None else hardware.robot.T_base_shift * T
     return MotionRequest(kind, manner, T_base_tcp=T_base_tcp, q=q, pause_s=pause_s)
 
 
-def goal_request(task: Task, kind: Kind, goal: Pose) -> MotionRequest:
-    """Return a motion to a location of a program."""
+def goal_request(task: Task, kind: Kind, goal: Pose, *, of_arc: bool = False) -> MotionRequest:
+    """Return a motion to a location of a program. Raises AsError E1097 as `request`."""
     if isinstance(goal, Joints):
-        return request(task, kind, q=np.radians(goal.values))
-    return request(task, kind, T=se3_of(goal))
+        return request(task, kind, q=np.radians(goal.values), of_arc=of_arc)
+    return request(task, kind, T=se3_of(goal), of_arc=of_arc)
 
 
 def offer(task: Task, motion: MotionRequest) -> Ticket:
@@ -211,12 +204,6 @@ def clamp_at_end(hardware: Hardware, ticket: Ticket, number: int, state: ClampSt
             hardware.set_clamp(number, state)
 
     hardware.when(lambda: ticket.state in ("finished", "dropped"), act)
-
-
-def _refuse_open_arc(task: Task) -> None:
-    if task.hardware.arc is not None:
-        task.hardware.arc = None
-        raise AsError("E1097", "C1MOVE must be followed by C1MOVE or C2MOVE")
 
 
 def _translation_z(distance_mm: float) -> pin.SE3:

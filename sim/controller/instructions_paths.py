@@ -41,7 +41,7 @@ class ArcPoint(NamedTuple):
 def c1move(task: Task, goal: Pose, clamp: float | None = None) -> Wait | None:
     """C1MOVE p: an arc to p, on the circle through p and the points before and after it."""
     hardware = task.hardware
-    pending = _arc_through(hardware, goal_request(task, "linear", goal))
+    pending = _arc_through(hardware, goal_request(task, "linear", goal, of_arc=True))
     motion, before = pending
     if before is None:
         hardware.arc = ArcPoint(motion, _position_m(hardware, None))
@@ -56,7 +56,7 @@ def c2move(task: Task, goal: Pose, clamp: float | None = None) -> Wait | None:
     start = hardware.arc
     if start is None:
         raise AsError("E1098")
-    motion, before = _arc_through(hardware, goal_request(task, "linear", goal))
+    motion, before = _arc_through(hardware, goal_request(task, "linear", goal, of_arc=True))
     hardware.arc = None
     assert before is not None  # noqa: S101 - there is a point to start from
     return queue_motions(task, before, motion._replace(circle_m=start.start_m), clamp=clamp)

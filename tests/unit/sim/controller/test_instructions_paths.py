@@ -90,8 +90,8 @@ def test_an_arc_turns_the_tool_evenly_to_the_orientation_of_its_points() -> None
 
 def test_a_motion_after_c1move_alone_is_e1097_and_c2move_alone_e1098() -> None:
     """The pair belongs together; the next program starts without a point."""
-    assert codes(f"C1MOVE {at(20, 20)}", f"LMOVE {at(40, 0)}") == ["E1097"]
-    assert codes(f"C1MOVE {at(20, 20)}", "DELAY 1") == ["E1097"]
+    for motion in (f"LMOVE {at(40, 0)}", f"XMOVE {at(40, 0)} TILL 2001", "ALIGN", "DELAY 1"):
+        assert codes(f"C1MOVE {at(20, 20)}", motion) == ["E1097"]
     assert codes(f"C2MOVE {at(20, 20)}") == ["E1098"]
     bench = AsBench(program(*SQUARE, f"C1MOVE {at(20, 20)}")
                     + program(f"LMOVE {at(5, 0)}", "BREAK", name="next_one"))  # fmt: skip

@@ -88,8 +88,9 @@ POINT_PARTS = words("X Y Z O A T OAT")
 UNITS = words("MM/S MM/MIN CM/S CM/MIN DEG/S DEG/MIN M/S M/MIN")
 
 # Switches that programs set, with their factory setting. ABS.SPEED, CHG_INTERRUPT_DECEL,
-# CONF_VARIABLE, CP, CYCLE.STOP, QTOOL, SINGULAR, SLOW_START and UDP_SEND_NOBIND take effect; the
-# others are only stored. Not in this table: switches that only report a state, such as POWER.
+# CONF_VARIABLE, CP, CYCLE.STOP, PREFETCH.SIGINS, QTOOL, SINGULAR, SLOW_START and UDP_SEND_NOBIND
+# take effect; the others are only stored. Not in this table: switches that only report a state,
+# such as POWER.
 SWITCHES = dict.fromkeys(
     words("""
         conf_variable cp dest_cirint disp.exestep messages no_sjisconv ox.preout qtool screen

@@ -155,6 +155,11 @@ class Robot:
         return not self.queue.is_moving and self._is_near()
 
     @property
+    def axes_coincide(self) -> bool:
+        """Whether the newest motion has reached its end, within its ACCURACY."""
+        return self.queue.axes_coincide(arrived=self.arrived)
+
+    @property
     def moving(self) -> bool:
         """Whether a motion is active or queued, or the arm is not at rest."""
         return self.queue.busy or not self.at_rest

@@ -43,6 +43,7 @@ class Action(NamedTuple):
     act: Act
     types: str = ""
     only: Literal["robot", "pc", ""] = ""
+    with_signals: bool = False  # a signal or TWAIT: PREFETCH.SIGINS decides when it is executed
 
 
 def compile_instruction(action: Action, statement: Instruction, at: int) -> Op:
@@ -61,6 +62,23 @@ def compile_instruction(action: Action, statement: Instruction, at: int) -> Op:
         if wait is not None:
             task.wait(wait)
         return at + 1
+
+    return _after_motion(run, at) if action.with_signals else run
+
+
+def _after_motion(op: Op, at: int) -> Op:
+    """Return an operation that PREFETCH.SIGINS OFF delays until the robot program's axes coincide.
+
+    Its step is then executed again. A PC program has no motion to wait for.
+    """
+
+    def run(task: Task) -> int:
+        hardware = task.hardware
+        robot = hardware.robot
+        if not task.is_robot or hardware.switches["prefetch.sigins"] or robot.axes_coincide:
+            return op(task)
+        task.wait(lambda _: robot.axes_coincide)
+        return at
 
     return run
 

@@ -106,16 +106,19 @@ def ignore_signal(task: Task, number: float) -> None:
     ignore(task, task.hardware.signals.existing(number))
 
 
+# Those that wait for the motion before them with PREFETCH.SIGINS OFF: TWAIT is one as well.
+_Synchronized = partial(Action, with_signals=True)
+
 INSTRUCTIONS = {
-    "SWAIT": Action(swait, "r*"),
-    "SIGNAL": Action(signal, "r*"),
-    "PULSE": Action(pulse, "rr"),
-    "DLYSIG": Action(dlysig, "rr"),
-    "BITS": Action(partial(bits, "BITS", 16), "rrr"),
-    "BITS32": Action(partial(bits, "BITS32", 32), "rrr"),
+    "SWAIT": _Synchronized(swait, "r*"),
+    "SIGNAL": _Synchronized(signal, "r*"),
+    "PULSE": _Synchronized(pulse, "rr"),
+    "DLYSIG": _Synchronized(dlysig, "rr"),
+    "BITS": _Synchronized(partial(bits, "BITS", 16), "rrr"),
+    "BITS32": _Synchronized(partial(bits, "BITS32", 32), "rrr"),
     "SOUT": Action(sout, "rs"),
-    "RESET": Action(reset),
-    "RUNMASK": Action(runmask, "rr"),
+    "RESET": _Synchronized(reset),
+    "RUNMASK": _Synchronized(runmask, "rr"),
     "ON": Action(partial(on, "ON"), "rmwn"),
     "ONI": Action(partial(on, "ONI"), "rmwn", only="robot"),
     "IGNORE": Action(ignore_signal, "r"),

@@ -194,7 +194,7 @@ INSTRUCTIONS = {
     "MC SPEED": _OfPc(mc_speed, "r"),
     "MC ZPOWER": _OfPc(mc_zpower, "r"),
     "WAIT": Action(wait, "R"),
-    "TWAIT": Action(twait, "r"),
+    "TWAIT": Action(twait, "r", with_signals=True),
     "TIMER": Action(timer, "rr"),
     "UTIMER": Action(utimer, "ir"),
     "PROMPT": Action(prompt, "tk*"),

@@ -99,6 +99,13 @@ class MotionQueue:
         """Joint angles at the end of the newest motion, also one that waits [rad]. Shape (6,)."""
         return self._waiting[-1].q_to if self._waiting else self.q_end
 
+    def axes_coincide(self, *, arrived: bool) -> bool:
+        """Return whether the newest motion has reached its end: the next one could start.
+
+        With CP ON its command is within ACCURACY and decelerating; with CP OFF the arm has arrived.
+        """
+        return not self._waiting and self._may_start(blends=self.continuous_path, arrived=arrived)
+
     def remaining_m(self) -> float:
         """Return the remaining distance of the newest motion's command [m]."""
         return self._remaining_m(self._active[-1][0]) if self._active else 0.0
@@ -183,10 +190,13 @@ class MotionQueue:
     # --- starting ---------------------------------------------------------------------------------
 
     def _try_start(self, *, arrived: bool) -> None:
-        if not self._waiting or self.held or not self._may_start(self._waiting[0], arrived=arrived):
+        if not self._waiting or self.held:
             return
         ticket = self._waiting[0]
         motion = ticket.motion
+        blends = self.continuous_path and motion.kind != "pause"
+        if not self._may_start(blends=blends, arrived=arrived):
+            return
         if motion.kind == "pause":
             self._pause_s, self._pausing = motion.pause_s, ticket
         else:
@@ -212,10 +222,9 @@ class MotionQueue:
             least = f"a motion that blends needs {1e3 * self._least_segment_s:.0f} ms"
             raise AsError("E1117", f"planned for {1e3 * planned_s:.1f} ms, {least}")
 
-    def _may_start(self, ticket: Ticket, *, arrived: bool) -> bool:
+    def _may_start(self, *, blends: bool, arrived: bool) -> bool:
         if self._pausing is not None:
             return False
-        blends = self.continuous_path and ticket.motion.kind != "pause"
         if not self._active:
             return arrived or blends
         segment, running = self._active[-1]

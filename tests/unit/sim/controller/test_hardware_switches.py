@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.fakes.as_bench import AsBench, program
+from tests.fakes.as_bench import FAST, AsBench, program
 from tests.fakes.as_trace import SQUARE, Trace
 
 STRAIGHT = "#[0,0,-90,0,-3,0]"  # JT5 within 5 degrees of zero
@@ -21,8 +21,9 @@ def test_the_factory_settings_are_those_of_the_manual() -> None:
                          "c = SWITCH(QTOOL)", "d = SWITCH(SINGULAR)")).run()  # fmt: skip
     assert [on.value(name) for name in "abcd"] == [-1, -1, -1, -1]
     off = AsBench(program("a = SWITCH(ABS.SPEED)", "b = SWITCH(CHG_INTERRUPT_DECEL)",
-                          "c = SWITCH(CYCLE.STOP)", "d = SWITCH(SLOW_START)")).run()  # fmt: skip
-    assert [off.value(name) for name in "abcd"] == [0, 0, 0, 0]
+                          "c = SWITCH(CYCLE.STOP)", "d = SWITCH(SLOW_START)",
+                          "e = SWITCH(PREFETCH.SIGINS)")).run()  # fmt: skip
+    assert [off.value(name) for name in "abcde"] == [0, 0, 0, 0, 0]
 
 
 def test_several_switches_are_set_in_one_line_or_none() -> None:
@@ -135,6 +136,64 @@ def test_chg_interrupt_decel_lets_decel_weaken_an_interruption(by: str) -> None:
     assert braking_mm("OFF", 10, by) == pytest.approx(2.0, abs=0.3)
     assert braking_mm("ON", 100, by) == pytest.approx(2.5, abs=0.3)
     assert braking_mm("ON", 10, by) == pytest.approx(25.0, abs=1.5)
+
+
+# --- PREFETCH.SIGINS ------------------------------------------------------------------------------
+
+WITH_SIGNALS = ("SWAIT -1", "SIGNAL 1", "TWAIT 0", "PULSE 1,0.1", "DLYSIG 1,0.1", "RUNMASK 1",
+                "RESET", "BITS 1,4=5", "BITS32 1,4=5")  # fmt: skip
+
+
+@pytest.mark.parametrize("step", [*WITH_SIGNALS, "SOUT 1 = -1", "WAIT TRUE", "OPENS 1", "n = 1"])
+def test_prefetch_sigins_off_delays_signals_and_twait_until_the_axes_coincide(step: str) -> None:
+    """50 mm at 100 mm/s: half a second, less 1 mm. ON, and for other steps, it costs no time."""
+    for switch, is_early in (("OFF", step not in WITH_SIGNALS), ("ON", True)):
+        bench = AsBench(program(f"PREFETCH.SIGINS {switch}", *SQUARE, ASIDE.replace("80", "50"),
+                                step, "t = TIMER(0)", "BREAK", "u = TIMER(0)")).run()  # fmt: skip
+        assert bench.value("t") == pytest.approx(0.01 if is_early else 0.53, abs=0.02)
+        assert bench.value("u") == pytest.approx(0.55, abs=0.02)
+
+
+@pytest.mark.parametrize(("cp", "at_mm"), [("CP ON", 77.5), ("CP OFF", 80.0)])
+def test_a_signal_that_waits_for_the_axes_leaves_the_motions_blended(cp: str, at_mm: float) -> None:
+    """It comes when the next motion may start: with CP ON within ACCURACY and decelerating."""
+    bench = AsBench(program(cp, *SQUARE, "ACCURACY 20 ALWAYS", ASIDE, "SIGNAL 1",
+                            "LMOVE SHIFT(p BY 80,80,0)", "BREAK"))  # fmt: skip
+    trace, where_mm = Trace(bench), []
+    signals = bench.machine.hardware.signals
+    bench.machine.hardware.when(lambda: signals.holds(1), lambda: where_mm.append(travel_mm(trace)))
+    bench.run()
+    assert where_mm == pytest.approx([at_mm], abs=0.5)
+    misses = np.linalg.norm(trace.mm - trace.mm[0] - [80.0, 0.0, 0.0], axis=1)
+    assert (misses.min() > 0.1) == (cp == "CP ON")
+
+
+@pytest.mark.parametrize("ahead", [1, 4])
+def test_a_signal_waits_for_every_motion_before_it(ahead: int) -> None:
+    """Also for those that the controller has taken ahead, and for a pause."""
+    behaviour = FAST.model_copy(update={"motions_ahead": ahead})
+    bench = AsBench(program(*SQUARE, ASIDE, "LMOVE p", "DELAY 0.3", "SIGNAL 1", "t = TIMER(0)"),
+                    behaviour).run()  # fmt: skip
+    assert bench.value("t") == pytest.approx(1.97, abs=0.1)
+
+
+def test_signals_and_twait_of_a_pc_program_never_wait_for_the_arm() -> None:
+    """Its steps belong to no motion."""
+    bench = AsBench(
+        program(*SQUARE, "PCEXECUTE 1: pc", ASIDE, "BREAK")
+        + program("SIGNAL 1", "TWAIT 0.1", "t = TIMER(0)", name="pc")
+    ).run()
+    assert bench.value("t") == pytest.approx(0.1, abs=0.02)
+
+
+def test_a_signal_that_waits_is_set_after_an_interrupt() -> None:
+    """ONI brakes the motion, calls its program and returns to the step that waited."""
+    bench = AsBench(program(*SQUARE, "ONI 2001 CALL serve", ASIDE, "SIGNAL 1", "n = SIG(1)")
+                    + program("early = SIG(1)", name="serve")).start()  # fmt: skip
+    bench.advance(0.3)
+    bench.machine.hardware.signals.set(2001)
+    bench.advance(2.0)
+    assert (bench.value("early"), bench.value("n")) == (0, -1)
 
 
 # --- CYCLE.STOP, QTOOL ----------------------------------------------------------------------------

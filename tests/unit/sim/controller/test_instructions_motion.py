@@ -143,13 +143,15 @@ def test_the_program_runs_one_motion_ahead() -> None:
 def test_a_relative_motion_starts_from_the_end_of_the_motions_ahead(relative: str) -> None:
     """It ends where it ends after a BREAK. DEST is the end of the motion that is under way."""
     moves = ("LMOVE SHIFT(p BY 20,0,0)+RX(5)", "LMOVE SHIFT(p BY 20,0,20)+RX(10)")
-    ends = []
-    for waits in ("BREAK", "POINT d = DEST"):
-        bench = AsBench(program(*SQUARE, *moves, waits, relative, "BREAK", "POINT #e = #DEST"),
-                        FAST.model_copy(update={"motions_ahead": 4})).run()  # fmt: skip
-        ends.append(bench.value("#e").values)
-    assert ends[1] == pytest.approx(ends[0], abs=1e-3)
-    off_mm = bench.value("d").x - bench.value("p").x, bench.value("d").z - bench.value("p").z
+    behaviour = FAST.model_copy(update={"motions_ahead": 4})
+    waits, ahead = (
+        AsBench(program(*SQUARE, *moves, step, relative, "BREAK", "POINT #e = #DEST"),
+                behaviour).run()
+        for step in ("BREAK", "POINT d = DEST")
+    )  # fmt: skip
+    assert ahead.value("#e").values == pytest.approx(waits.value("#e").values, abs=1e-3)
+    start, destination = ahead.value("p"), ahead.value("d")
+    off_mm = destination.x - start.x, destination.z - start.z
     assert off_mm == pytest.approx((20.0, 0.0), abs=0.1)
 
 

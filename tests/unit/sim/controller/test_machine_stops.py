@@ -46,6 +46,7 @@ def test_brake_in_the_robot_program_waits_for_the_stop() -> None:
     bench = AsBench(
         program(
             *SQUARE,
+            "PREFETCH.SIGINS ON",
             "LMOVE SHIFT(p BY 100,0,0)",
             "TWAIT 0.3",
             "BRAKE",

@@ -24,6 +24,9 @@ class Behaviour(ConfigSection):
 
     # One AS step of one task; all tasks share one processor.
     step_s: float = Field(DEFAULT_STEP_S, ge=1e-6, le=1.0)
+    # A dear step, such as one with $ENCODE or TRANS, costs as much as this many others. The table
+    # is `compile.DEAR`. The manual says only that steps differ: no figure of a controller is known.
+    dear_step_factor: float = Field(1.0, ge=1.0, le=1000.0)
     whole_second_timeouts: bool = False  # a TCP time-out of 0.2 s becomes 1 s
     brake_keeps_prefetched: bool = False  # the motion queued behind the braked one starts
     timer_grain_s: float = Field(0.0, ge=0.0, le=1.0)  # resolution of TIMER
@@ -74,6 +77,7 @@ def pessimistic(step_s: float = DEFAULT_STEP_S) -> Behaviour:
     """Return the pessimistic answer to every open question, with the given step time."""
     return Behaviour(
         step_s=step_s,
+        dear_step_factor=4.0,
         whole_second_timeouts=True,
         brake_keeps_prefetched=True,
         timer_grain_s=0.016,
@@ -96,5 +100,9 @@ def behaviour_in(sim: SimSection) -> Behaviour:
     """Return the behaviour of the emulated controller of a simulated cell."""
     usual = pessimistic(sim.as_step_s) if sim.as_pessimistic else Behaviour(step_s=sim.as_step_s)
     ahead = usual.motions_ahead if sim.as_motions_ahead is None else sim.as_motions_ahead
-    chosen = {"least_segment_s": sim.as_least_segment_s, "motions_ahead": ahead}
+    chosen = {
+        "least_segment_s": sim.as_least_segment_s,
+        "motions_ahead": ahead,
+        "dear_step_factor": sim.as_dear_step_factor,
+    }
     return usual.model_copy(update=chosen)

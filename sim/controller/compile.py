@@ -10,7 +10,8 @@ from typing import Any
 from sim.as_language import expressions
 from sim.as_language import syntax as s
 from sim.as_language.errors import AsError, refuse
-from sim.as_language.keywords import BLOCK_STEPS, POINT_PARTS
+from sim.as_language.keywords import BLOCK_STEPS, POINT_PARTS, words
+from sim.as_language.lint_rules import nodes
 from sim.as_language.memory import bind
 from sim.as_language.syntax import Program, SourceFile
 from sim.as_language.values import Joints, Transformation, Value, compose, inverse, single
@@ -34,6 +35,14 @@ INSTRUCTIONS: Mapping[str, Action] = {
     **instructions_udp.INSTRUCTIONS,
 }
 
+# Dear steps: sockets, trigonometry, text from and to numbers, arithmetic of poses, the arm's pose.
+DEAR = words("""
+    TCP_LISTEN TCP_ACCEPT TCP_CONNECT TCP_SEND TCP_RECV TCP_CLOSE TCP_END_LISTEN TCP_STATUS
+    UDP_SENDTO UDP_RECVFROM
+    SIN COS ATAN2 SQRT $ENCODE $DECODE VAL TRANS SHIFT RX RY RZ FRAME DISTANCE INRANGE HERE #HERE
+    """)
+DEAR_STATEMENTS = (s.PointStatement, s.Here, s.Print)
+
 
 @lru_cache(maxsize=8)
 def compile_file(source: SourceFile) -> Mapping[str, Compiled]:
@@ -52,13 +61,37 @@ def _compile_program(program: Program) -> Compiled:
 
     def when_reached(at: int) -> Op:
         def run(task: Task) -> int:
-            op = ops[at] = _compile(program.steps[at].statement, at)
+            statement = program.steps[at].statement
+            op = _compile(statement, at)
+            op = ops[at] = _dear(op) if is_dear(statement) else op
             return op(task)
 
         return run
 
     ops += map(when_reached, range(len(program.steps)))
     return Compiled(program, ops)
+
+
+def is_dear(statement: s.Statement) -> bool:
+    """Return whether a step costs more than an assignment: an instruction or function of `DEAR`.
+
+    Further ones in the same step do not count.
+    """
+    return isinstance(statement, DEAR_STATEMENTS) or any(
+        isinstance(node, s.Instruction | s.FunctionCall) and node.name in DEAR
+        for node in nodes(statement)
+    )
+
+
+def _dear(op: Op) -> Op:
+    """Return an operation that costs the processor time of a dear step."""
+
+    def run(task: Task) -> int:
+        after = op(task)
+        task.hardware.now_ns += task.hardware.dear_step_ns
+        return after
+
+    return run
 
 
 def _compile(statement: s.Statement, at: int) -> Op:

@@ -224,6 +224,8 @@ class Hardware:
         self.print_line = print_line
         self.now_ns = now_ns
         self.stalled_until_ns = 0
+        # Of a dear step, beyond what every step costs.
+        self.dear_step_ns = round(behaviour.step_s * (behaviour.dear_step_factor - 1.0) * NS_PER_S)
         self.robot = Robot(arm, behaviour)
         self.motion_settings = MotionSettings()
         self.arc: Any = None  # a C1MOVE that waits for the next point of its circle

@@ -1,9 +1,10 @@
 """Emulated controller: hardware, tasks, memory and pendant, on one clock; its view by a task.
 
 One processor executes all tasks in turn, one step each, and a robot tick every millisecond. Every
-step costs the same processor time. A waiting task (TWAIT, WAIT, SWAIT, TCP_*, a motion) costs
-nothing; its condition is polled every millisecond. If no task is ready, time advances to the next
-tick. The caller controls time: `advance` runs up to a given time and stops.
+step costs the same processor time, a dear one (`compile.DEAR`) a multiple of it. A waiting task
+(TWAIT, WAIT, SWAIT, TCP_*, a motion) costs nothing; its condition is polled every millisecond. If
+no task is ready, time advances to the next tick. The caller controls time: `advance` runs up to a
+given time and stops.
 """
 
 from collections import deque

@@ -215,10 +215,47 @@ def test_planning_takes_the_time_of_all_tasks() -> None:
 
 def test_a_simulated_cell_chooses_its_controller() -> None:
     """Least segment and motions ahead are the cell's, with either reading of the manual."""
-    kind = behaviour_in(SimSection(as_least_segment_s=0.016, as_motions_ahead=2))
+    kind = behaviour_in(SimSection(as_least_segment_s=0.016, as_motions_ahead=2,
+                                   as_dear_step_factor=2.0))  # fmt: skip
     worse = behaviour_in(SimSection(as_pessimistic=True))
     assert (kind.least_segment_s, kind.motions_ahead, kind.abs_speed) == (0.016, 2, False)
+    assert (kind.dear_step_factor, worse.dear_step_factor) == (2.0, 1.0)
     assert (worse.least_segment_s, worse.motions_ahead, worse.abs_speed) == (0.03, 3, True)
+
+
+# --- cost of a step -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("step", "dear"),
+    [("x = SIN(1)", True), ("IF COS(x) > 2 THEN\nEND", True), ("$s = $ENCODE(/I6,x)", True),
+     ("x = VAL($s)", True), ("POINT q = p", True), ("POINT q = p+TRANS(1)", True),
+     ("HERE q", True), ("x = DX(HERE)", True), ("PRINT x", True), ("TCP_CLOSE r,1", True),
+     ("CALL sub(ATAN2(x,1))", True),
+     ("x = x*2+1", False), ("IF x > 2 THEN\nEND", False),
+     ('$s = $s+"a"', False), ("$s = $MID($s,2)", False),
+     ("x = ABS(SIG(1))", False), ("CALL sub(x)", False), ("SIGNAL 1", False)],
+)  # fmt: skip
+def test_a_dear_step_costs_its_factor_and_every_other_step_one(step: str, dear: bool) -> None:
+    """Also within an expression; the time is the same in each run of the step."""
+    times = []
+    for factor in (1.0, 11.0):
+        lines = ("x = 1", '$s = "1"', "HERE p", "FOR k = 1 TO 40", step, "END", "t = TIMER(0)")
+        bench = AsBench(program(*lines) + program("RETURN", name="sub").replace("()", "(.a)"),
+                        changed(step_s=1e-4, dear_step_factor=factor)).run()  # fmt: skip
+        times.append(bench.value("t"))
+    first_s = 1e-3  # HERE, before the loop
+    assert times[1] - times[0] == pytest.approx(first_s + 40 * 1e-3 * dear, abs=1e-5)
+
+
+def test_the_tasks_share_the_processor_that_a_dear_step_occupies() -> None:
+    """A PC program is delayed by those of the robot program."""
+    counts = []
+    for factor in (1.0, 9.0):
+        robot = program("PCEXECUTE 1: pc", "WHILE TIMER(0) < 0.5 DO", "x = SIN(1)", "END")
+        pc = program("n = 0", "WHILE TRUE DO", "n = n+1", "END", name="pc")
+        counts.append(AsBench(robot + pc, changed(dear_step_factor=factor)).run().value("n"))
+    assert counts[1] == pytest.approx(counts[0] / (1.0 + 8.0 / 6.0), rel=0.02)
 
 
 # --- errors ---------------------------------------------------------------------------------------

@@ -189,3 +189,24 @@ def test_point_defines_the_rightmost_of_a_compound_location() -> None:
     assert bench.value("z") == pytest.approx(7.0, abs=1e-4)
     assert bench.value("y") == pytest.approx(20.0, abs=1e-4)
     assert AsBench(program("POINT q+b = NULL")).fail().code == "E0103"
+
+
+@pytest.mark.parametrize(
+    ("lines", "code"),
+    [(("HERE p", "POINT/EXT q = p"), "E0111"), (("MVWAIT 1 S",), "E0111"),
+     (("SPEED 5 DEG/S",), "E0111"), (("x = SWITCH(WIBBLE)",), "P0116"),
+     (("x = TASK(7)",), "E0106"), (("GOTO 5", "FOR i = 1 TO 2", "5 x = 1", "END"), "P0141")],
+)  # fmt: skip
+def test_a_step_that_cannot_be_executed_stops_with_its_code(
+    lines: tuple[str, ...], code: str
+) -> None:
+    """Options of a controller, names that do not exist, and a loop that GOTO has entered."""
+    assert AsBench(program(*lines)).fail().code == code
+
+
+def test_joint_values_are_a_goal_of_lappro_and_a_configuration_of_point() -> None:
+    """20 mm before a place 50 mm below is 30 mm below."""
+    bench = ran("HERE p", "POINT #q = SHIFT(p BY 0,0,-50)", "POINT #r = p,#q",
+                "e = DISTANCE(#r,p)", "LAPPRO #q,20", "BREAK", "d = DISTANCE(DEST,p)")  # fmt: skip
+    assert bench.value("d") == pytest.approx(30.0, abs=0.01)
+    assert bench.value("e") == pytest.approx(0.0, abs=0.01)

@@ -17,7 +17,8 @@ class SimSection(ConfigSection):
     delay_s: float = Field(0.010, ge=0.0, le=0.2)  # of the controller, whole milliseconds
     smoothing_s: float = Field(0.008, ge=0.001, le=0.1)  # of its set points
     as_step_s: float = Field(0.0001, ge=1e-6, le=0.01)  # of the emulated controller's programs
-    as_dear_step_factor: float = Field(1.0, ge=1.0, le=1000.0)  # of those with $ENCODE, TRANS ..
+    # Of its steps with $ENCODE, TRANS and the like; none: 1, and 4 if pessimistic.
+    as_dear_step_factor: float | None = Field(None, ge=1.0, le=1000.0)
     netft: bool = False  # the emulated controller serves its sensor over RDT at sensor.port
     as_pessimistic: bool = False  # worst-case reading where the controller manuals are unclear
     # Of the emulated controller: a shorter motion that blends into the next one is error E1117, and

@@ -99,10 +99,6 @@ def pessimistic(step_s: float = DEFAULT_STEP_S) -> Behaviour:
 def behaviour_in(sim: SimSection) -> Behaviour:
     """Return the behaviour of the emulated controller of a simulated cell."""
     usual = pessimistic(sim.as_step_s) if sim.as_pessimistic else Behaviour(step_s=sim.as_step_s)
-    ahead = usual.motions_ahead if sim.as_motions_ahead is None else sim.as_motions_ahead
-    chosen = {
-        "least_segment_s": sim.as_least_segment_s,
-        "motions_ahead": ahead,
-        "dear_step_factor": sim.as_dear_step_factor,
-    }
-    return usual.model_copy(update=chosen)
+    chosen = {"motions_ahead": sim.as_motions_ahead, "dear_step_factor": sim.as_dear_step_factor}
+    chosen = {name: value for name, value in chosen.items() if value is not None}
+    return usual.model_copy(update=chosen | {"least_segment_s": sim.as_least_segment_s})

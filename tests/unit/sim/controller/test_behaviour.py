@@ -219,7 +219,7 @@ def test_a_simulated_cell_chooses_its_controller() -> None:
                                    as_dear_step_factor=2.0))  # fmt: skip
     worse = behaviour_in(SimSection(as_pessimistic=True))
     assert (kind.least_segment_s, kind.motions_ahead, kind.abs_speed) == (0.016, 2, False)
-    assert (kind.dear_step_factor, worse.dear_step_factor) == (2.0, 1.0)
+    assert (kind.dear_step_factor, worse.dear_step_factor) == (2.0, 4.0)
     assert (worse.least_segment_s, worse.motions_ahead, worse.abs_speed) == (0.03, 3, True)
 
 

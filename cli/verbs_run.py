@@ -27,7 +27,7 @@ from forcemesh.errors import ForcemeshError
 
 if TYPE_CHECKING:
     from common.config.cell import CellConfig
-    from common.runtime.stop import StopEvent
+    from common.runtime.stop import StopSignal
     from launch.processes import Supervisor
 
 bench = Typer(no_args_is_help=True, help="Benchmarks of the project; need its checkout.")
@@ -101,7 +101,7 @@ def _supervise(
     cell: "CellConfig",
     path: Path,
     *,
-    stop: "StopEvent",
+    stop: "StopSignal",
     when_ready: Callable[[], None],
 ) -> None:
     """Wait for the end: Ctrl-C, or a death. Report once that the cell is ready, or what is missing.

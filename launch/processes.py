@@ -12,7 +12,7 @@ from pathlib import Path
 from common.bus.cell_bus import open_bus
 from common.config.cell import CellConfig
 from common.config.load import dump_cell
-from common.runtime.stop import StopEvent
+from common.runtime.stop import StopSignal
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.client.roles import HEALTH_POLL_S
@@ -77,7 +77,7 @@ class Supervisor:
         cell_file: Path | None = None,
         *,
         processes: Sequence[ProcessSpec] | None = None,
-        stop: StopEvent | None = None,
+        stop: StopSignal | None = None,
         write_line: WriteLine = write_stderr_line,
     ) -> None:
         """Prepare. Without a cell file the cell is written next to the run file."""
@@ -87,7 +87,7 @@ class Supervisor:
         self._cell = cell
         self._is_file_generated = cell_file is None
         self._processes = processes_of(cell) if processes is None else tuple(processes)
-        self._stop = stop or StopEvent()
+        self._stop = stop or StopSignal()
         self._write_line = write_line
         self._running: list[ChildProcess] = []
         self._stopping = threading.Event()

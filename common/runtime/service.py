@@ -27,7 +27,7 @@ from common.runtime.realtime import (
     is_memory_locked,
     prepare_realtime,
 )
-from common.runtime.stop import StopEvent, stop_on_signals
+from common.runtime.stop import StopSignal, stop_on_signals
 from forcemesh.bus import Bus, Reader
 from forcemesh.clock import NS_PER_S, Clock
 from forcemesh.errors import ConfigError, ForcemeshError
@@ -266,7 +266,7 @@ class Runner:
             reporter.stepped(now_ns, lateness_s, self.service, breakdown)
         return True
 
-    def run(self, stop: StopEvent) -> None:
+    def run(self, stop: StopSignal) -> None:
         """Step whenever due until stopped; write a heartbeat for the container's health check."""
         heartbeat = heartbeat_of_this_process()
         pause = self._clock.sleep_s if self._trigger is None else self._trigger.wait

@@ -7,7 +7,7 @@ import signal
 ENDING_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
-class StopEvent:
+class StopSignal:
     """Event that a signal handler may set.
 
     `threading.Event` may not be set by one: a handler runs in the main thread, which may itself
@@ -43,9 +43,9 @@ class StopEvent:
         return self._is_set
 
 
-def stop_on_signals(*more: signal.Signals) -> StopEvent:
+def stop_on_signals(*more: signal.Signals) -> StopSignal:
     """Return the event that SIGTERM, SIGINT and further signals set."""
-    stop = StopEvent()
+    stop = StopSignal()
     for number in (*ENDING_SIGNALS, *more):
         signal.signal(number, lambda *_: stop.set())
     return stop

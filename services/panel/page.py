@@ -12,7 +12,7 @@ import viser
 
 from common.config.cell import CellConfig
 from common.runtime.heartbeat import heartbeat_of_this_process
-from common.runtime.stop import StopEvent
+from common.runtime.stop import StopSignal
 from forcemesh.clock import NS_PER_S
 from services.panel.access import Door, context_of
 from services.panel.faultlog import FaultLog
@@ -71,7 +71,7 @@ class PanelPage:
         self.server.on_client_disconnect(self._disconnected)
         gate.ready = True
 
-    def run(self, stop: StopEvent) -> None:
+    def run(self, stop: StopSignal) -> None:
         """Update the page while a browser is connected; otherwise wait, off the bus."""
         plots_ns = forms_ns = 0
         heartbeat = heartbeat_of_this_process()

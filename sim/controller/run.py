@@ -18,7 +18,7 @@ from common.runtime.service import (
     exit_on_error,
     refuse_other_implementation,
 )
-from common.runtime.stop import StopEvent, stop_on_signals
+from common.runtime.stop import StopSignal, stop_on_signals
 from forcemesh.clock import Clock, MonotonicClock
 from forcemesh.errors import ConfigError
 from forcemesh.yaml_file import validated
@@ -61,7 +61,7 @@ def behaviour_of(arguments: argparse.Namespace) -> Behaviour:
 
 
 def run_alone(
-    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: StopEvent
+    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: StopSignal
 ) -> int:
     """Run with a private arm; end when no program runs."""
     clock: Clock = MonotonicClock()
@@ -86,7 +86,7 @@ def run_alone(
 
 
 def run_in_cell(
-    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: StopEvent
+    source: SourceFile, arguments: argparse.Namespace, behaviour: Behaviour, stop: StopSignal
 ) -> int:
     """Run as the controller of a cell, with the sensor on its arm; end on a signal."""
     cell = load_cell(arguments.cell)

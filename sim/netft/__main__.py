@@ -9,7 +9,7 @@ import numpy as np
 
 from common.runtime.realtime import prepare_realtime
 from common.runtime.service import exit_on_error
-from common.runtime.stop import StopEvent, stop_on_signals
+from common.runtime.stop import StopSignal, stop_on_signals
 from forcemesh.clock import NS_PER_S
 from sim.netft.protocol import FORCE_UNITS, TORQUE_UNITS, About
 from sim.netft.sensor import NetftSensor
@@ -85,7 +85,7 @@ def main() -> None:
 
 
 def run(
-    server: NetftServer, sample: Callable[[], list[float]], rate_hz: float, stop: StopEvent
+    server: NetftServer, sample: Callable[[], list[float]], rate_hz: float, stop: StopSignal
 ) -> None:
     """Sample at a rate until a stop signal; a delay is made up for, up to MOST_BEHIND records."""
     period_ns = round(NS_PER_S / rate_hz)

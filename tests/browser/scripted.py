@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from common.config.load import load_cell
-from common.runtime.stop import StopEvent
+from common.runtime.stop import StopSignal
 from forcemesh.bus import Reading
 from forcemesh.clock import MonotonicClock
 from services.panel import page as page_module
@@ -57,7 +57,7 @@ class ScriptedWatch:
 def served(monkeypatch, watch: ScriptedWatch, progress: Progress | None = None) -> Iterator[str]:
     """Serve a panel of this watch; yield its address."""
     monkeypatch.setattr(page_module, "CellMonitor", lambda _cell: watch)
-    port, stop = free_port(), StopEvent()
+    port, stop = free_port(), StopSignal()
     page = page_module.PanelPage(load_cell(CELL), CELL, Door("127.0.0.1", port))
     if progress is not None:
         page._wizard.progress = progress

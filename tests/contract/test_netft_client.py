@@ -15,7 +15,7 @@ import pynetft
 import pytest
 
 from common.config.load import load_cell
-from common.runtime.stop import StopEvent
+from common.runtime.stop import StopSignal
 from forcemesh.bus import Bus
 from forcemesh.clock import MonotonicClock
 from forcemesh.codec import decode
@@ -43,7 +43,7 @@ def wrench_number(place: int) -> list[float]:
 @contextmanager
 def streaming(about: About = FITTING) -> Iterator[NetftServer]:
     """A sensor that measures 1000 samples a second in a thread."""
-    server, stop = NetftServer(NetftSensor(about)), StopEvent()
+    server, stop = NetftServer(NetftSensor(about)), StopSignal()
 
     def live() -> None:
         place = 0

@@ -9,7 +9,7 @@ import pytest
 
 from common.runtime.heartbeat import LINE_B, Heartbeat, line, since_boot_s
 from common.runtime.service import Runner
-from common.runtime.stop import StopEvent
+from common.runtime.stop import StopSignal
 
 ROOT = Path(__file__).resolve().parents[4]
 SCRIPT = ROOT / "common" / "runtime" / "alive.sh"
@@ -120,7 +120,7 @@ class SingleStep:
 
     period_s, trigger, fault = 1e-3, None, "stale"
 
-    def __init__(self, stop: StopEvent) -> None:
+    def __init__(self, stop: StopSignal) -> None:
         """Store the event that stops it."""
         self._stop = stop
 
@@ -136,6 +136,6 @@ class SingleStep:
 def test_the_loop_that_does_the_work_beats(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The file that the environment names gets the beats, with the service's own fault."""
     monkeypatch.setenv("FORCEMESH_HEARTBEAT", str(tmp_path / "alive"))
-    stop = StopEvent()
+    stop = StopSignal()
     Runner(SingleStep(stop), [], Clock()).run(stop)
     assert judged(tmp_path / "alive") == (1, "stale")

@@ -20,7 +20,7 @@ from common.runtime.service import (
     cell_from_arguments,
     exit_on_error,
 )
-from common.runtime.stop import StopEvent, stop_on_signals
+from common.runtime.stop import StopSignal, stop_on_signals
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
@@ -274,7 +274,7 @@ MS = 1_000_000
 
 def run_until(worker: Worker, clock: ManualClock, steps: int) -> list[int]:
     """Run a service for so many steps; return when they were, from the start on [ms]."""
-    stop, start_ns = StopEvent(), clock.now_ns()
+    stop, start_ns = StopSignal(), clock.now_ns()
     whole = worker.step
 
     def step(now_ns: int) -> None:

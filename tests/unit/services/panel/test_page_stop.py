@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from common.config.load import load_cell
-from common.runtime.stop import StopEvent
+from common.runtime.stop import StopSignal
 from forcemesh.errors import BusError
 from forcemesh.requests import Reply
 from services.panel import page as page_module
@@ -37,7 +37,7 @@ class ReachableMonitor(CellMonitor):
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return a running panel without a browser."""
-    cell, stop = load_cell(CELL), StopEvent()
+    cell, stop = load_cell(CELL), StopSignal()
     monkeypatch.setattr(page_module, "CellMonitor", ReachableMonitor)
     page = page_module.PanelPage(cell, CELL, Door("127.0.0.1", free_port()))
     thread = threading.Thread(target=page.run, args=[stop])

@@ -1,12 +1,11 @@
 """Simulated robot as a service: when its messages are published."""
 
-
 import pytest
 
 from common.bus.memory_bus import MemoryTransport
 from common.config.cell import CellConfig
 from common.runtime.service import Runner
-from common.runtime.stop import StopEvent
+from common.runtime.stop import StopSignal
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import ManualClock
@@ -34,7 +33,7 @@ class PublishTimes:
 
     def offsets_ns(self, count: int) -> list[int]:
         """Return how long after a multiple of its period each message was published [ns]."""
-        stop, step = StopEvent(), self.robot.step
+        stop, step = StopSignal(), self.robot.step
         published_ns: list[int] = []
 
         def noted(now_ns: int) -> None:

@@ -208,16 +208,16 @@ def _receive(client: "ConfiguredCell", feeds: "list[Feed[Any]]", for_s: float) -
 
 def _topic_row(client: "ConfiguredCell", feed: "Feed[Message]") -> dict[str, Any]:
     reading = feed.reading()
-    rate_hz = feed.rate_hz
+    rate_hz, occasional = feed.rate_hz, feed.topic.occasional
     return {
         "topic": feed.topic.key,
         "writer": feed.topic.writer,
         "rate_hz": None if rate_hz is None else round(rate_hz, 1),
-        "expected_hz": client.config.rate_hz(feed.topic),
+        "expected_hz": None if occasional else client.config.rate_hz(feed.topic),
         "age_s": None if reading.message is None else round(reading.age_s, 4),
-        "stale_after_s": client.config.stale_after_s(feed.topic),
+        "stale_after_s": None if occasional else client.config.stale_after_s(feed.topic),
         "seq": None if reading.header is None else reading.header.seq,
-        "fault": reading.fault,
+        "fault": "" if occasional and reading.silent else reading.fault,
     }
 
 
@@ -235,9 +235,9 @@ def _topic_table(client: "ConfiguredCell", rows: list[dict[str, Any]]) -> Any:
             f"[{colour}]{row['topic']}[/]",
             row["writer"],
             "-" if row["rate_hz"] is None else f"{row['rate_hz']:.1f} Hz",
-            f"{row['expected_hz']:g} Hz",
+            "-" if row["expected_hz"] is None else f"{row['expected_hz']:g} Hz",
             "-" if row["age_s"] is None else f"{1e3 * row['age_s']:.1f} ms",
-            f"{1e3 * row['stale_after_s']:.0f} ms",
+            "-" if row["stale_after_s"] is None else f"{1e3 * row['stale_after_s']:.0f} ms",
             row["fault"],
         )
     return table

@@ -17,7 +17,8 @@ from forcemesh.messages import Message
 from forcemesh.reader import LONGEST_FAULT, Origin, Reader, Reading, Source
 from forcemesh.records import Record
 from forcemesh.requests import Reply
-from forcemesh.topics import CLIENT, HELPERS, Qos, Request, Topic
+from forcemesh.served_requests import ServedRequests, name_of_this_process
+from forcemesh.topics import CLIENT, HELPERS, SERVED, Qos, Request, Topic
 
 __all__ = [
     "LONGEST_FAULT",
@@ -119,6 +120,7 @@ class Incoming(Generic[Q]):
     request: Q
     call: Call
     fault: str = ""  # why it could not be decoded, if it is served anyway
+    served: Callable[[Reply], None] = lambda _: None  # publishes it with its reply
 
     def reply(self, reply: Reply) -> None:
         """Send the reply; for a request that could not be decoded, add the decoding error."""
@@ -127,14 +129,23 @@ class Incoming(Generic[Q]):
             refused_reply = refusal("malformed", text)
             reply = refused_reply.replaced(accepted=reply.accepted)
         self.call.answer(encode_record(reply))
+        self.served(reply)
 
 
 class Inbox(Generic[Q]):
     """The requests of one row of the table, for the service that serves it."""
 
-    def __init__(self, request: Request[Q], source: CallSource, *, cell: str) -> None:
-        """Wrap the source of one request of a cell."""
+    def __init__(
+        self,
+        request: Request[Q],
+        source: CallSource,
+        *,
+        cell: str,
+        served: ServedRequests | None = None,
+    ) -> None:
+        """Wrap the source of one request of a cell; `served` publishes each with its reply."""
         self._request = request
+        self._served = served
         self._address = f"{cell}/{request.key}"
         self._source = source
 
@@ -149,13 +160,24 @@ class Inbox(Generic[Q]):
         for _ in range(MOST_AT_ONCE):
             if (call := self._source.take()) is None:
                 return
+            request: Q | None
             try:
-                yield Incoming(decode_record(call.data, self._request.message, self._address), call)
+                request, fault = decode_record(call.data, self._request.message, self._address), ""
             except MessageError as error:
-                if self._request.unreadable is None:
-                    call.answer(encode_record(refusal("malformed", str(error))))
-                else:
-                    yield Incoming(self._request.unreadable, call, str(error))
+                request, fault = self._request.unreadable, str(error)
+            served = self._publisher_of(call.data, None if fault else request, fault)
+            if request is None:
+                reply = refusal("malformed", fault)
+                call.answer(encode_record(reply))
+                served(reply)
+            else:
+                yield Incoming(request, call, fault, served)
+
+    def _publisher_of(self, data: bytes, request: Q | None, fault: str) -> Callable[[Reply], None]:
+        """Return the function that publishes a request with its reply."""
+        if self._served is None:
+            return lambda _: None
+        return self._served.taken(self._request.key, data, request, fault)
 
 
 class FixedReply:
@@ -190,6 +212,12 @@ class Bus:
     timing: Timing
     clock: Clock
     epoch: int = field(default_factory=lambda: secrets.randbits(62))
+    _served: ServedRequests | None = field(default=None, init=False)
+
+    @property
+    def requests_served(self) -> int | None:
+        """The number of requests served since the start, None for a role that serves none."""
+        return None if self._served is None else self._served.count
 
     def playing(self, role: str) -> "Bus":
         """Return the access of another role of the same process."""
@@ -224,14 +252,18 @@ class Bus:
         if request.server != self.role:
             raise BusError(f"{self.role} does not serve {request.key}: {request.server} does")
         source = self.transport.serve(f"{self.cell}/{request.key}")
-        return Inbox(request, source, cell=self.cell)
+        if self._served is None:
+            self._served = ServedRequests(self.publisher(SERVED[self.role]).put, self.clock)
+        return Inbox(request, source, cell=self.cell, served=self._served)
 
     def ask(self, request: Request[Q], message: Q, timeout_s: float = 2.0) -> Reply:
         """Send a request and return the reply. Raise BusError after the timeout."""
         if self.role != CLIENT:
             raise BusError(f"only clients send requests, {self.role} is not a client")
         key = f"{self.cell}/{request.key}"
-        data = self.transport.ask(key, encode_record(message, key), timeout_s)
+        data = self.transport.ask(
+            key, encode_record(message, key, name_of_this_process()), timeout_s
+        )
         if data is None:
             raise BusError(f"{request.server} did not answer {key} within {timeout_s:g} s")
         return decode_record(data, Reply)

@@ -75,10 +75,11 @@ def decode(data: bytes, message_type: type[M], address: str | None = None) -> tu
     return header, message_type.from_dict(fields)
 
 
-def encode_record(record: Record, address: str = "") -> bytes:
-    """Return the bytes of a request, with its address, or of a reply: without a header."""
+def encode_record(record: Record, address: str = "", sender: str = "") -> bytes:
+    """Return the bytes of a request, with its address and sender, or of a reply: no header."""
     checked = record.from_dict(record.as_dict())
-    return pack(asdict(Version(topic=address)) | asdict(checked))
+    head = asdict(Version(topic=address)) | ({"sender": sender} if sender else {})
+    return pack(head | asdict(checked))
 
 
 def decode_record(data: bytes, record_type: type[R], address: str = "") -> R:

@@ -13,6 +13,7 @@ from forcemesh.messages import (
     Gains,
     Host,
     Law,
+    Message,
     Mode,
     PoseRecord,
     Preset,
@@ -151,3 +152,20 @@ class Reply(Record):
     value: Finite | None = None
     limit: Finite | None = None
     gains: Gains | None = None  # present gains of the regulator; in the reply to a gains request
+
+
+class ServedRequest(Message):
+    """`<role>/requests`: one request that a role has served, with its reply.
+
+    Published only when there is one. A request beyond the bounds of forcemesh/served_requests.py is
+    counted, not published.
+    """
+
+    request: Text = ""  # its key: request/arm
+    sender: Text = ""  # program, process and host that sent it, by its own account
+    payload: str = ""  # its fields as JSON; of one that cannot be decoded, its bytes in hexadecimal
+    payload_bytes: int = 0  # length of `payload`, which is empty if it is too long
+    fault: Text = ""  # why it cannot be decoded
+    received_ns: int = 0  # when the role took it from its queue, before it was served
+    reply: Reply | None = None
+    skipped: int = 0  # requests since the last message that were served and not published

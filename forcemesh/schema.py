@@ -25,8 +25,8 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 NOTE = (
     "A payload is one flat MessagePack map. Keys are <cell>/<topic> to subscribe to and "
     "<cell>/<request> to query with a payload; the response is a `reply`. The field `topic` holds "
-    "the full address; a request may omit it. SI units, given in the names. Fields that are not "
-    "listed are ignored."
+    "the full address; a request may omit it, and may name its `sender`. SI units, given in the "
+    "names. Fields that are not listed are ignored."
 )
 
 

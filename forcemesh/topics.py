@@ -48,6 +48,7 @@ class Topic(Generic[M]):
     readers: tuple[str, ...]
     qos: Qos
     summary: str
+    occasional: bool = False  # published when something happens: its silence is no fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +123,21 @@ def _health_of(role: Role) -> Topic[m.Health]:
     )
 
 
-HEALTH = {row.name: _health_of(row) for row in ROLE_TABLE}
-TOPICS: tuple[Topic[m.Message], ...] = tuple(
-    value for value in (*globals().values(), *HEALTH.values()) if isinstance(value, Topic)
-)
+def _requests_of(role: str) -> Topic[q.ServedRequest]:
+    summary = "each request that this role has served, with its reply, when there is one"
+    return Topic(
+        f"{role}/requests", q.ServedRequest, "status", "status", role, (CLIENT,), "report", summary,
+        occasional=True,
+    )  # fmt: skip
+
+
 REQUESTS: tuple[Request[Record], ...] = tuple(
     value for value in list(globals().values()) if isinstance(value, Request)
+)
+HEALTH = {row.name: _health_of(row) for row in ROLE_TABLE}
+SERVED = {role: _requests_of(role) for role in dict.fromkeys(row.server for row in REQUESTS)}
+TOPICS: tuple[Topic[m.Message], ...] = tuple(
+    value
+    for value in (*globals().values(), *HEALTH.values(), *SERVED.values())
+    if isinstance(value, Topic)
 )

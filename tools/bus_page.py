@@ -17,7 +17,8 @@ def bus_table() -> str:
     ]
     for topic in TOPICS:
         readers = ", ".join(topic.readers)
-        row = (f"`{topic.key}`", topic.writer, readers, topic.rate, topic.deadline, topic.summary)
+        rate, deadline = ("-", "-") if topic.occasional else (topic.rate, topic.deadline)
+        row = (f"`{topic.key}`", topic.writer, readers, rate, deadline, topic.summary)
         lines.append(f"| {' | '.join(row)} |")
     lines += ["", "| request | server | effect |", "|---|---|---|"]
     for request in REQUESTS:

@@ -115,6 +115,7 @@ class HealthReporter:
     def __init__(self, bus: Bus, cell: CellConfig, account: ProcessorAccount | None = None) -> None:
         """Prepare the constant fields; of a process's roles, the first has its account."""
         self._transport = bus.transport
+        self._bus = bus
         self._publisher = bus.publisher(HEALTH[bus.role])
         self._period_ns = round(NS_PER_S / cell.rates.health_hz)
         self._next_ns = 0
@@ -152,10 +153,12 @@ class HealthReporter:
         self._next_ns = now_ns + self._period_ns
         elapsed_s = max(now_ns - self._since_ns, 1) / NS_PER_S
         late = sorted(self._lateness_s)
-        rights = {
+        counters = {
             "realtime": int(has_realtime_priority()),
             "memory_locked": int(is_memory_locked()),
         }
+        if (served := self._bus.requests_served) is not None:
+            counters["requests"] = served
         numbers = service.numbers(now_ns) if isinstance(service, HasNumbers) else {}
         if isinstance(self._transport, Metered):  # the longest put since the last report
             numbers = {**numbers, "put_max_s": self._transport.longest_put_s(self._since_ns)}
@@ -172,7 +175,7 @@ class HealthReporter:
                 overruns=self._overruns.count,
                 longest_gap_s=self._overruns.longest_s,
                 late_cause=self._late_cause if self._overruns.count else "",
-                counters={**rights, **service.counters()},
+                counters={**counters, **service.counters()},
                 numbers=numbers,
                 fault=breakdown or service.fault,
                 version=__version__,

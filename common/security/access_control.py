@@ -70,7 +70,7 @@ def rate_limits(cell: CellConfig) -> list[dict[str, Any]]:
             "freq": REPORT_ROOM * cell.rate_hz(topic),
         }
         for topic in TOPICS
-        if topic.qos == "report"
+        if topic.qos == "report" and not topic.occasional  # two at once are no flood
     ]
     questions = [
         {"key_expr": f"{cell.cell}/{request.key}", "freq": QUESTIONS_HZ}

@@ -350,6 +350,16 @@ def test_watch_without_a_topic_shows_the_rate_of_every_topic() -> None:
     assert (rows["wrench"]["rate_hz"], rows["wrench"]["age_s"]) == (None, None)
 
 
+@pytest.mark.usefixtures("services")
+def test_watch_shows_no_fault_of_a_topic_that_is_published_only_when_something_happens() -> None:
+    """Without a request the silence of its topic is not a fault, and it has no rate."""
+    found = json.loads(run("watch", "--count", "1", "--json").stdout)
+    row = {row["topic"]: row for row in found["topics"]}["arbiter/requests"]
+    assert (row["fault"], row["expected_hz"], row["stale_after_s"]) == ("", None, None)
+    lines = run("watch", "--count", "1").stdout.splitlines()
+    assert not any("missing" in line for line in lines if "arbiter/requests" in line)
+
+
 def test_a_client_serves_many_threads_at_once(services: StandIn, cell_file: Path) -> None:
     """As with buttons and plots of a panel: every request has its reply, every reading is valid."""
     with ConfiguredCell(cell_file) as cell, ThreadPoolExecutor(8) as pool:

@@ -19,6 +19,7 @@ from forcemesh.topics import (
     HELPERS,
     REQUESTS,
     ROLES,
+    SERVED,
     TOPICS,
     Request,
     Topic,
@@ -80,7 +81,7 @@ REALISTIC: dict[str, m.Message] = {
 def test_every_row_of_the_module_is_in_the_tables_once() -> None:
     """A row that a service could import but that no test has would escape every rule below."""
     rows = [value for value in vars(topics).values() if isinstance(value, Topic | Request)]
-    rows += HEALTH.values()
+    rows += [*HEALTH.values(), *SERVED.values()]
 
     assert {id(row) for row in rows} == {id(row) for row in ROWS}
     assert len(ROWS) == len({id(row) for row in ROWS})
@@ -146,6 +147,14 @@ def test_every_role_reports_its_health(role: str) -> None:
 
     assert (row.key, row.writer, row.message) == (f"{role}/health", role, m.Health)
     assert ("arbiter" in row.readers) == (role != "arbiter")
+
+
+def test_exactly_the_roles_with_requests_publish_what_they_serve() -> None:
+    """Without a row of its own a request would be in no recording; only clients read it."""
+    assert set(SERVED) == {row.server for row in REQUESTS}
+    for role, row in SERVED.items():
+        assert (row.key, row.writer, row.readers) == (f"{role}/requests", role, (CLIENT,))
+    assert {topic.key for topic in TOPICS if topic.occasional} == {r.key for r in SERVED.values()}
 
 
 @pytest.mark.parametrize("helper", HELPERS)

@@ -46,14 +46,21 @@ from services.arbiter.stream import (
 
 OWN_HOLDS = ("hold", "no_lease")  # repeated from the arbiter: the new lease is not received yet
 ROBOT_ANSWERS_WITHIN_S = 0.3  # a robot that still holds after this does not accept the lease
+FIRST_NUMBERS = (0, 0)  # lease and ownership
 LONGEST_GAP_PERIODS = 3.0  # longest period, in nominal ones, over which set points advance
 
 
 class Arbiter:
     """State machine of the arm: one commander, arm and hold, limits, deadlines."""
 
-    def __init__(self, cell: CellConfig, *, command_deadline_s: float) -> None:
-        """Start in BOOT without inputs."""
+    def __init__(
+        self,
+        cell: CellConfig,
+        *,
+        command_deadline_s: float,
+        numbers: tuple[int, int] = FIRST_NUMBERS,
+    ) -> None:
+        """Start in BOOT without inputs, after a lease and an ownership number."""
         self.state: ArbiterState = "BOOT"
         self.trips: tuple[Trip, ...] = ()
         self._deadline_s = command_deadline_s
@@ -66,7 +73,7 @@ class Arbiter:
         self._stopping: Stopping | None = None
         self._speed = Speed()
         self._joints = JointTrack()
-        self._lease = 0
+        self._lease, self._commanders.ownership.number = numbers
         self._lease_since_ns = 0
         self._armed_for: Purpose = "all"
         self._writers: input_checks.Writers = {}  # publishers of the inputs at arming
@@ -85,7 +92,7 @@ class Arbiter:
         self._good_since_ns = None if lost else self._good_since_ns or now_ns
         self._blind_since_ns = None if lost_blind else self._blind_since_ns or now_ns
         if self.state == "BOOT" and not lost:
-            self.trips = input_checks.predecessor_trips(inputs)
+            self.trips = () if self._lease else input_checks.predecessor_trips(inputs)
             self.state = after(self.state, "ready")
         self._commanders.update(robot, now_ns)
         command = None

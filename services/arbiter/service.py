@@ -9,7 +9,7 @@ from forcemesh.bus import Bus, Inbox
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import ArbiterState, Trip
 from forcemesh.requests import Reply
-from services.arbiter.core import Arbiter
+from services.arbiter.core import FIRST_NUMBERS, Arbiter
 from services.arbiter.inputs import Inputs
 from services.arbiter.watch import InputMonitors
 
@@ -17,11 +17,20 @@ from services.arbiter.watch import InputMonitors
 class ArbiterService:
     """Service that passes on one commander's motion, and publishes the reason when it does not."""
 
-    def __init__(self, bus: Bus, cell: CellConfig) -> None:
-        """Open the topics and requests of this role."""
+    def __init__(
+        self, bus: Bus, cell: CellConfig, *, numbers: tuple[int, int] = FIRST_NUMBERS
+    ) -> None:
+        """Open the topics and requests of this role.
+
+        Args:
+            bus: Bus of the cell.
+            cell: The cell.
+            numbers: Lease and ownership number of before, in a replay; a process starts with 0.
+        """
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
-        core = Arbiter(cell, command_deadline_s=cell.stale_after_s(topics.ROBOT_COMMAND))
+        deadline_s = cell.stale_after_s(topics.ROBOT_COMMAND)
+        core = Arbiter(cell, command_deadline_s=deadline_s, numbers=numbers)
         self._core = core
         self._watch = InputMonitors(cell)
         self._robot = bus.reader(topics.ROBOT_STATE)

@@ -57,8 +57,14 @@ LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the l
 class Regulator:
     """Service that publishes proposed poses while force feedback runs, otherwise valid=False."""
 
-    def __init__(self, bus: Bus, cell: CellConfig) -> None:
-        """Open the topics of this role and tune the gains for this cell."""
+    def __init__(self, bus: Bus, cell: CellConfig, *, stop_reason: str = STOPPED) -> None:
+        """Open the topics of this role and tune the gains for this cell.
+
+        Args:
+            bus: Bus of the cell.
+            cell: The cell.
+            stop_reason: Published until force feedback starts; in a replay that of before.
+        """
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
         self._cell = cell
@@ -75,7 +81,7 @@ class Regulator:
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._T_tcp_flange = self._T_flange_tcp.inverse()
         self._session: ForceSession | None = None
-        self._stop_reason = STOPPED
+        self._stop_reason = stop_reason
         self._now_ns = 0
         self._put_ns = 0, 0  # of the last two targets
         self._wrench = bus.reader(topics.WRENCH)

@@ -2,7 +2,8 @@
 
 from forcemesh.faults import tripped
 from forcemesh.messages import Accepted
-from tests.fakes.arbiter_world import World
+from services.arbiter.core import Arbiter
+from tests.fakes.arbiter_world import DEADLINE_S, World
 
 
 def test_a_new_arbiter_reports_that_another_one_commanded_before():
@@ -23,3 +24,21 @@ def test_a_new_arbiter_reports_that_another_one_commanded_before():
 def test_the_first_arbiter_of_a_robot_reports_no_restart():
     """Without an earlier accepted command nothing was interrupted."""
     assert World().make_ready().core.status().trips == ()
+
+
+def test_an_arbiter_that_continues_earlier_leases_is_no_restart():
+    """In a replay: the next lease and ownership number follow those of before."""
+    world = World()
+    world.core = Arbiter(world.cell, command_deadline_s=DEADLINE_S, numbers=(3, 8))
+    world.change("robot", accepted=Accepted(epoch=7, seq=90, at_ns=1, ownership=8))
+    status = world.make_ready().core.status()
+    assert (status.trips, status.lease, status.ownership) == ((), 3, 8)
+    assert world.core.arm(world.inputs()).accepted
+    status = world.core.status()
+    assert (status.lease, status.ownership) == (4, 9)
+
+
+def test_a_process_begins_without_a_lease():
+    """Only a replay gives other numbers."""
+    status = World().core.status()
+    assert (status.lease, status.ownership) == (0, 0)

@@ -42,6 +42,12 @@ def flat_fields(fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield path, fields
 
 
+def shortened(value: Any, longest: int) -> str:
+    """Return a value as text of at most so many characters, dots in place of the rest."""
+    text = str(value)
+    return text if len(text) <= longest else f"{text[: longest - 3]}..."
+
+
 def first_ns(read: "RecordedFile") -> int:
     """Return when a recording begins. Raise DataError when it is empty."""
     begin = min((message.at_ns for message in read.messages()), default=None)

@@ -13,6 +13,7 @@ from forcemesh.codec import Header
 from forcemesh.errors import DataError, MessageError
 from forcemesh.messages import ArbiterStatus, Message, Trip
 from forcemesh.recorded_messages import decode_recorded
+from forcemesh.requests import ServedRequest
 from forcemesh.topics import TOPICS
 from services.panel.readout import Readout
 from services.panel.watch import Snapshot
@@ -76,6 +77,7 @@ class ReportContent:
     series: dict[str, list[float]] = field(default_factory=dict)
     states: list[tuple[float, str]] = field(default_factory=list)  # since when, of the arbiter
     stops: list[StopEvent] = field(default_factory=list)
+    requests: list[tuple[float, ServedRequest]] = field(default_factory=list)  # time [s]
     statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     force_max_N: float = 0.0
     torque_max_Nm: float = 0.0
@@ -125,6 +127,9 @@ def _snapshots(
             content.unreadable += 1
             continue
         content.statistics.setdefault(raw.topic, TopicStatistics()).add(header, raw.at_ns)
+        if isinstance(message, ServedRequest):
+            at_s = (raw.at_ns - content.begin_ns) / NS_PER_S
+            content.requests.append((at_s, message))
         if raw.topic in PLACES:
             reading = Reading(message, header, 0.0, "" if message.valid else message.reason or "-")
             changes: Any = {PLACES[raw.topic]: reading}

@@ -8,6 +8,7 @@ from statistics import median_high
 from matplotlib.figure import Figure
 
 from cli.pages import picture, table
+from cli.recording_tables import shortened
 from cli.replay import free_port
 from cli.report.data import ReportContent, sampled_snapshots
 from common.config.cell import CellConfig
@@ -31,6 +32,8 @@ LABELS = {"press": "measured"}
 GREY = "#868e96"
 FASTEST_HZ = 20.0  # of the 3D replay
 MOST_FRAMES = 4000
+MOST_LISTED = 200
+LONGEST_CELL = 120  # characters of a table's cell
 SPAN = '<span title="{}" style="flex:{} 0 0;{}">{}</span>'
 REPLAY = (
     '<h2>Replay</h2><p class="sub">Drag to rotate, scroll to zoom; the bar below plays and '
@@ -53,6 +56,7 @@ def page_of(read: "RecordedFile", content: "ReportContent", scene: Html) -> Html
         cards=_cards(content),
         states=_states(content),
         stops=_stops(content),
+        requests=_requests(content),
         plots=_plots(content),
         scene=scene,
         topics=_topics(content),
@@ -99,6 +103,26 @@ def _stops(content: "ReportContent") -> Html:
         remedy = html("<br>Remedy: {}", advice) if advice else ""
         lines.append(html('<div class="stop"><b>{}</b><br>{}{}</div>', title, trip.text, remedy))
     return html("<h2>Stops</h2>{}", joined(lines))
+
+
+def _requests(content: "ReportContent") -> Html:
+    """Return a table of the requests with their replies, the newest ones if there are many."""
+    if not content.requests:
+        return html("")
+    rows = (
+        (
+            f"{at_s:.2f}",
+            served.request.removeprefix("request/"),
+            shortened(served.payload, LONGEST_CELL),
+            "" if served.reply is None else shortened(served.reply.text, LONGEST_CELL),
+            served.sender,
+        )
+        for at_s, served in content.requests[-MOST_LISTED:]
+    )
+    columns = ("time [s]", "request", "fields", "reply", "sender")
+    omitted = len(content.requests) - MOST_LISTED
+    note = html('<p class="sub">without the first {}</p>', omitted) if omitted > 0 else html("")
+    return html('<h2>Requests</h2>{}<div class="scroll">{}</div>', note, table(columns, rows))
 
 
 def _topics(content: "ReportContent") -> Html:

@@ -54,8 +54,10 @@ def replay(
     to_service: Annotated[
         str | None,
         Option(
-            metavar="ROLE",
-            help="Feed only this service, in this process, and compare its output.",
+            metavar="ROLES",
+            help="Play inputs and requests through these services, in this process, and compare "
+            "their output: wrench, regulator, arbiter, several with commas, or cell for the last "
+            "two. Exit code 1 when it differs.",
         ),
     ] = None,
 ) -> None:

@@ -1,135 +1,185 @@
-"""Regression replay of one service: recorded inputs go in, its outputs are compared.
+"""Regression replay of services: recorded inputs and requests go in, the output is compared.
 
-The service runs in this process on the clock of the recording. Requests are not recorded: their
-effect shows as a difference.
+The services run in this process on the clock of the recording. Several of them are coupled: each
+receives what the others publish now.
 """
 
-from collections.abc import Callable, Iterable
-from itertools import groupby
-from typing import Any
+from collections import Counter
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
 
-from cli.context import exit_with_error, waiting
-from cli.recording_tables import flat_fields
-from common.bus.memory_bus import MemoryTransport
+from typer import Exit
+
+from cli.context import NOT_WELL, exit_with_error, waiting
+from cli.replay_differences import Differences, Published, compared
+from cli.replay_parts import (
+    NEVER_NS,
+    PLACES,
+    REPLAYED_ROLES,
+    RecordedPart,
+    SeededBus,
+    Step,
+    recorded_part,
+    topics_written_by,
+)
+from common.bus.memory_bus import MemoryCall, MemoryTransport
 from common.config.cell import CellConfig
-from common.runtime.service import HealthReporter, Runner, Service
-from forcemesh.bus import Bus
+from common.runtime.service import Containment, Service
 from forcemesh.clock import NS_PER_S, ManualClock
-from forcemesh.codec import Header
-from forcemesh.messages import Message
-from forcemesh.recorded_messages import decode_recorded, readdressed
-from forcemesh.topics import TOPICS, Topic
-from services.arbiter.service import ArbiterService
+from forcemesh.errors import DataError
+from forcemesh.recorded_messages import readdressed
+from forcemesh.served_requests import request_data
+from forcemesh.topics import TOPICS
 from services.recorder.reading import RecordedBytes, RecordedFile
-from services.regulator.service import Regulator
-from services.wrench.service import WrenchService
 
-REPLAY_TICK_NS = 1_000_000
-SETTLES_NS = NS_PER_S  # filters start empty
-SERVICE_QUEUE = 1_000_000
-Published = list[tuple[Header, Message]]
+CELL_ROLES = ("regulator", "arbiter")  # of `--to-service cell`
+SERVICE_QUEUE = 10_000  # messages of one topic in one step
 
 
-def replay_to_service(read: "RecordedFile", cell: "CellConfig", role: str) -> None:
-    """Feed a service and print the differences of its output."""
-    makers: dict[str, Callable[[Bus, Any], Service]] = {
-        "wrench": WrenchService,
-        "regulator": Regulator,
-        "arbiter": ArbiterService,
-    }
-    if role not in makers:
-        exit_with_error(f"--to-service {role}: it must be one of {', '.join(makers)}")
-    with waiting(f"feeding {role}"):
+def replay_to_service(read: RecordedFile, cell: CellConfig, named: str) -> None:
+    """Play a recording through services, print the differences of their output.
+
+    Ends with an exit code that is not zero when there is a difference.
+    """
+    roles = CELL_ROLES if named == "cell" else tuple(dict.fromkeys(named.split(",")))
+    if unknown := [role for role in roles if role not in REPLAYED_ROLES]:
+        choices = f"{', '.join(REPLAYED_ROLES)}, several of them with commas, or cell"
+        exit_with_error(f"--to-service {','.join(unknown)}: it must be one of {choices}")
+    with waiting(f"feeding {', '.join(roles)}"):
         messages = list(read.raw_messages())
         if not messages:
             exit_with_error(f"{read.path}: the recording contains no message")
-        output = service_output(messages, cell, role, make=makers[role], about=read.about)
-    for topic in topics_written_by(role):
-        data = (each.data for each in messages if each.topic == topic.key)
-        recorded = _decoded_messages(data, topic)
-        pairs = message_pairs(recorded, output[topic.key])
-        print(f"{topic.key}: {len(output[topic.key])} published, {len(recorded)} recorded")
-        print(f"  {len(pairs)} compared, without the first second")
-        for name, largest in field_differences(pairs).items():
-            print(f"  {name}: {largest}")
+        try:
+            parts = [recorded_part(messages, role) for role in roles]
+            replays = replayed(messages, parts, cell)
+            found = [compared(part, replays[part.role], messages[0].at_ns) for part in parts]
+        except DataError as error:
+            raise DataError(f"{read.path}: {error}") from error
+    for part, differences in zip(parts, found, strict=True):
+        _print_part(part, differences, messages[0].at_ns)
+    if any(differences.count for differences in found):
+        raise Exit(NOT_WELL)
 
 
-def topics_written_by(role: str) -> list[Topic[Any]]:
-    """Return the streams of a role, without its health, which describes the process."""
-    return [topic for topic in TOPICS if topic.writer == role and not topic.key.endswith("health")]
+def _print_part(part: RecordedPart, differences: Differences, first_ns: int) -> None:
+    requests = sum(len(step.requests) for step in part.steps)
+    counts = f"{len(part.steps)} steps and {requests} requests"
+    begin_s = (part.begin_ns - first_ns) / NS_PER_S
+    compared_s = (part.compared_ns - first_ns) / NS_PER_S
+    since = "its start" if part.state is None else f"compared from {compared_s:.3f} s on"
+    print(f"{part.role}: {counts} from {begin_s:.3f} s: {since}")
+    for note in dict.fromkeys(part.notes):
+        print(f"  note: {note}")
+    for line in differences.lines():
+        print(f"  {line}")
 
 
-def service_output(
-    messages: "list[RecordedBytes]",
-    cell: "CellConfig",
-    role: str,
-    *,
-    make: Callable[[Bus, Any], Service],
-    about: dict[str, str],
+class ReplayEvent(NamedTuple):
+    """Input, start or step, in the order of time."""
+
+    at_ns: int
+    place: int  # at one time: in the order of the signal path
+    act: Callable[[], None]
+
+
+class ReplayedPart:
+    """Service that is replayed, on its own clock."""
+
+    def __init__(self, part: RecordedPart, cell: CellConfig, transport: MemoryTransport) -> None:
+        """Prepare the bus of the service; `start` makes it."""
+        header = part.own[0].header
+        self.recorded, self.published = part, Published()
+        self._cell, self._transport, self._number = cell, transport, 0
+        self._clock = ManualClock(part.begin_ns - part.offset_ns, boot=header.boot)
+        self._bus = SeededBus(
+            part.role, cell.cell, transport, cell, self._clock, header.epoch,
+            first_seq=part.first_seq(),
+        )  # fmt: skip
+        self._taps = {
+            topic.key: transport.subscribe(f"{cell.cell}/{topic.key}", SERVICE_QUEUE)
+            for topic in topics_written_by(part.role)
+        }
+        self._service: Service
+        self._contained = Containment(part.role)
+
+    def start(self) -> None:
+        """Start the service: it receives what is published from now on."""
+        self._service = REPLAYED_ROLES[self.recorded.role].make(
+            self._bus, self._cell, self.recorded.state
+        )
+
+    def step(self) -> None:
+        """Execute the next recorded step; keep what is published."""
+        number, self._number = self._number, self._number + 1
+        step = self.recorded.steps[number]
+        now_ns = step.at_ns - self.recorded.offset_ns
+        self._clock.advance_ns(now_ns - self._clock.now_ns())
+        self._ask(step)
+        self._contained.step(self._service, now_ns)
+        counts: Counter[str] = Counter()
+        for key, tap in self._taps.items():
+            while (data := tap.take()) is not None:
+                self.published[key, number, counts[key]] = data
+                counts[key] += 1
+
+    def _ask(self, step: Step) -> None:
+        """Queue the requests that were served in a step."""
+        for served in step.requests:
+            address = f"{self._cell.cell}/{served.request}"
+            try:
+                data = request_data(served, address)
+            except DataError as error:
+                self.recorded.notes.append(f"not replayed: {error}")
+                continue
+            self._transport.serve(address).waiting.append(MemoryCall(data))
+
+
+def replayed(
+    messages: list[RecordedBytes], parts: list[RecordedPart], cell: CellConfig
 ) -> dict[str, Published]:
-    """Return the output of a service by topic when it receives the messages in their time.
+    """Return what each role publishes when it receives recorded inputs and requests.
 
-    It starts at its first message in the recording, so that its cycles are in phase.
+    What a replayed role published itself is not taken from the recording, from its first step on.
     """
-    offset_ns = int(about["wall_minus_monotonic_ns"])
-    written = {topic.key: topic for topic in topics_written_by(role)}
-    begin_ns = next((each.at_ns for each in messages if each.topic in written), messages[0].at_ns)
-    clock = ManualClock(begin_ns - offset_ns, boot=about["clock"])
     transport = MemoryTransport()
-    bus = Bus(role, cell.cell, transport, cell, clock)
-    taps = {key: transport.subscribe(f"{cell.cell}/{key}", SERVICE_QUEUE) for key in written}
-    runner = Runner(make(bus, cell), [HealthReporter(bus, cell)], clock)
-    keys = [topic.key for topic in TOPICS if role in topic.readers]
-    publishers = {key: transport.publish(f"{cell.cell}/{key}", "report") for key in keys}
-    replayed = (each for each in messages if each.topic in publishers and each.at_ns >= begin_ns)
-    for at_ns, batch in groupby(replayed, key=lambda each: each.at_ns - offset_ns):
-        while at_ns - clock.now_ns() > REPLAY_TICK_NS:
-            clock.advance_ns(REPLAY_TICK_NS)
-            runner.step(clock.now_ns())
-        clock.advance_ns(max(at_ns - clock.now_ns(), 0))
-        for each in batch:
-            publishers[each.topic](readdressed(each.data, f"{cell.cell}/{each.topic}"))
-        runner.step(clock.now_ns())
-    return {
-        key: _decoded_messages(iter(taps[key].take, None), topic) for key, topic in written.items()
+    made = [ReplayedPart(part, cell, transport) for part in parts]
+    for part in made:
+        if part.recorded.state is not None:  # it has received the inputs before its first step, too
+            part.start()
+    for *_, act in sorted([*_inputs(messages, parts, cell, transport), *_steps(made)], key=_order):
+        act()
+    return {part.recorded.role: part.published for part in made}
+
+
+def _order(event: ReplayEvent) -> tuple[int, int]:
+    return event.at_ns, event.place
+
+
+def _steps(parts: list[ReplayedPart]) -> Iterator[ReplayEvent]:
+    for part in parts:
+        recorded = part.recorded
+        if recorded.state is None:
+            yield ReplayEvent(recorded.begin_ns, -1, part.start)
+        place = PLACES[REPLAYED_ROLES[recorded.role].output.key]
+        for step in recorded.steps:
+            yield ReplayEvent(step.at_ns, place, part.step)
+
+
+def _inputs(
+    messages: list[RecordedBytes],
+    parts: list[RecordedPart],
+    cell: CellConfig,
+    transport: MemoryTransport,
+) -> Iterator[ReplayEvent]:
+    roles = {part.role for part in parts}
+    puts = {
+        topic.key: transport.publish(f"{cell.cell}/{topic.key}", topic.qos)
+        for topic in TOPICS
+        if roles & set(topic.readers)
     }
-
-
-def message_pairs(recorded: Published, published: Published) -> list[tuple[Message, Message]]:
-    """Return pairs of messages about the same sensor sample, else those nearest in time."""
-    if not recorded or not published:
-        return []
-    begin_ns = published[0][0].stamp_ns + SETTLES_NS
-    late = [(header, message) for header, message in published if header.stamp_ns >= begin_ns]
-    by_sample = {h.sensor_seq: message for h, message in recorded if h.sensor_seq is not None}
-    if by_sample:
-        return [(by_sample[h.sensor_seq], m) for h, m in late if h.sensor_seq in by_sample]
-    pairs, at = [], 0
-    for header, message in late:
-        while at + 1 < len(recorded) and recorded[at + 1][0].stamp_ns <= header.stamp_ns:
-            at += 1
-        pairs.append((recorded[at][1], message))
-    return pairs
-
-
-def field_differences(pairs: list[tuple[Message, Message]]) -> dict[str, str]:
-    """Return for each differing field the largest difference, or the number of messages."""
-    numbers: dict[str, float] = {}
-    counts: dict[str, int] = {}
-    for recorded, replayed in pairs:
-        then, now = (dict(flat_fields(each.as_dict())) for each in (recorded, replayed))
-        for name in dict.fromkeys((*then, *now)):
-            a, b = then.get(name), now.get(name)
-            if isinstance(a, float) and isinstance(b, float):
-                numbers[name] = max(numbers.get(name, 0.0), abs(a - b))
-            elif a != b:
-                counts[name] = counts.get(name, 0) + 1
-    found = {
-        name: f"differs by at most {largest:.3g}" for name, largest in numbers.items() if largest
-    }
-    found |= {name: f"differs in {count} messages" for name, count in counts.items()}
-    return found or {"all fields": "equal"}
-
-
-def _decoded_messages(data: Iterable[bytes], topic: Topic[Any]) -> Published:
-    return [decode_recorded(each, topic.message, topic.key) for each in data]
+    begins = {topic.key: part.begin_ns for part in parts for topic in topics_written_by(part.role)}
+    for each in messages:
+        if each.topic in puts and each.at_ns < begins.get(each.topic, NEVER_NS):
+            data = readdressed(each.data, f"{cell.cell}/{each.topic}")
+            yield ReplayEvent(each.at_ns, PLACES[each.topic], partial(puts[each.topic], data))

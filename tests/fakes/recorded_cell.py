@@ -1,0 +1,95 @@
+"""A cell on the virtual clock with its recorder, and recordings of it."""
+
+from pathlib import Path
+from typing import Any
+
+from common.config.load import load_cell
+from common.runtime.service import HealthReporter, Runner
+from forcemesh import topics
+from forcemesh.records import Record
+from forcemesh.requests import (
+    ArmRequest,
+    Empty,
+    ForceStartRequest,
+    GainsRequest,
+    HoldRequest,
+    MoveRequest,
+    RecordRequest,
+    Reply,
+)
+from forcemesh.topics import Request
+from launch.virtual_cell import VirtualCell
+from services.recorder.service import Recorder
+from tests.fakes.bench import DEMO
+
+READY_S = 1.5  # until the arm can be armed
+Job = tuple[tuple[Request[Any], Record, float], ...]
+PRESS = ForceStartRequest(mode="position", setpoint_N=15.0)
+# Every kind of step of the arbiter and the regulator: request, message, time until the next one.
+JOB: Job = (
+    (topics.TARE, Empty(), 0.1),
+    (topics.ARM, ArmRequest(), 0.1),
+    (topics.MOVE, MoveRequest(kind="by", joint_rad=(0.01, 0.0, 0.0, 0.0, 0.0, 0.0)), 0.6),
+    (topics.FORCE_START, PRESS, 1.0),
+    (topics.GAINS, GainsRequest(preset="gentle"), 0.2),
+    (topics.FORCE_STOP, Empty(), 0.1),
+    (topics.HOLD, HoldRequest(reason="<enough>"), 0.1),
+    (topics.CLEAR, Empty(), 0.3),
+    (topics.ARM, ArmRequest(), 0.1),
+)
+
+
+class RecordedCell:
+    """The demo cell with its recorder."""
+
+    def __init__(self, folder: Path) -> None:
+        """Start; recordings are written to a folder."""
+        settings = {"recorder.folder": str(folder), "recorder.least_free_GB": 0.0}
+        self.folder = folder
+        self.world = VirtualCell(load_cell(DEMO, settings))
+        bus = self.world._bus("recorder")
+        self.recorder = Recorder(bus, self.world.cell)
+        reporters = [HealthReporter(bus, self.world.cell)]
+        self.world.runners["recorder"] = Runner(self.recorder, reporters, self.world.clock)
+
+    def ask(self, request: Request[Any], message: Record) -> Reply:
+        """Send a request that is accepted."""
+        reply = self.world.client.ask(request, message)
+        assert reply.accepted, f"{request.key}: {reply.text}"
+        return reply
+
+    def play(self, job: Job) -> None:
+        """Send the requests of a job, each with the time until the next one."""
+        for request, message, then_s in job:
+            self.ask(request, message)
+            self.world.advance(then_s)
+
+    def record(self, label: str, *, past: bool = False) -> None:
+        """Start a recording, with what is in memory or from now on."""
+        self.ask(topics.RECORD_START, RecordRequest(label=label, past=past))
+
+    def stop(self, label: str) -> Path:
+        """End the recording; return its file."""
+        self.ask(topics.RECORD_STOP, Empty())
+        (path,) = self.folder.glob(f"*-{label}-01.mcap")
+        return path
+
+
+def recorded_from_start(folder: Path, job: Job = JOB) -> Path:
+    """Return a recording from the start of the cell to the end of a job."""
+    cell = RecordedCell(folder)
+    cell.world.advance(READY_S)
+    cell.record("whole", past=True)
+    cell.play(job)
+    return cell.stop("whole")
+
+
+def recorded_later(folder: Path, before: Job, job: Job = JOB) -> Path:
+    """Return a recording of a job that begins after another one, and two seconds earlier."""
+    cell = RecordedCell(folder)
+    cell.world.advance(READY_S)
+    cell.play(before)
+    cell.record("later")
+    cell.world.advance(2.0)
+    cell.play(job)
+    return cell.stop("later")

@@ -1,0 +1,190 @@
+"""Start of a service within a recording: where its state is known, and what is unknown of it."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from cli.replay_differences import compared
+from cli.replay_parts import SETTLES_NS, recorded_part
+from cli.replay_service import replayed
+from common.config.cell import CellConfig
+from common.runtime.service import HealthReporter, Runner
+from forcemesh import topics
+from forcemesh.clock import NS_PER_S
+from forcemesh.errors import DataError
+from forcemesh.requests import ArmRequest, Empty, HoldRequest
+from services.arbiter.service import ArbiterService
+from services.recorder.reading import RecordedBytes, RecordedFile
+from tests.fakes.recorded_cell import PRESS, READY_S, Job, RecordedCell, recorded_later
+
+HOLD: Job = ((topics.HOLD, HoldRequest(), 0.2), (topics.CLEAR, Empty(), 0.2))
+ARM: Job = ((topics.ARM, ArmRequest(), 0.3),)
+START: Job = ((topics.FORCE_START, PRESS, 0.3),)
+STOP: Job = ((topics.FORCE_STOP, Empty(), 0.1),)
+
+
+def messages_of(path: Path) -> tuple[list[RecordedBytes], CellConfig]:
+    """Return the messages of a recording, and its cell."""
+    read = RecordedFile(path)
+    assert read.cell is not None
+    return list(read.raw_messages()), read.cell
+
+
+def differences(path: Path, role: str) -> int:
+    """Return how many fields of a role differ in a replay."""
+    messages, cell = messages_of(path)
+    part = recorded_part(messages, role)
+    return compared(part, replayed(messages, [part], cell)[role], messages[0].at_ns).count
+
+
+def test_an_arbiter_continues_the_leases_of_before(tmp_path: Path) -> None:
+    """The recording begins in IDLE, after two leases."""
+    path = recorded_later(tmp_path, (*ARM, *HOLD, *ARM, *HOLD), (*ARM, *HOLD))
+    part = recorded_part(messages_of(path)[0], "arbiter")
+    assert part.state is not None
+    assert part.state.as_dict()["lease"] == 2
+    assert part.compared_ns == part.begin_ns + SETTLES_NS
+    assert differences(path, "arbiter") == 0
+
+
+def test_a_regulator_repeats_why_the_last_session_ended(tmp_path: Path) -> None:
+    """It is published until the next start."""
+    path = recorded_later(tmp_path, (*ARM, *START, *HOLD, *ARM, *HOLD), (*ARM, *START, *STOP))
+    part = recorded_part(messages_of(path)[0], "regulator")
+    assert part.state is not None
+    assert part.state.reason == "the arbiter is HOLDING"
+    assert differences(path, "regulator") == 0
+
+
+def test_what_was_requested_before_is_counted(tmp_path: Path) -> None:
+    """By the number in the health of the role; those in the recording are played."""
+    path = recorded_later(tmp_path, (*ARM, *HOLD), (*ARM, *HOLD))
+    messages, _ = messages_of(path)
+    (note,) = recorded_part(messages, "arbiter").notes
+    assert note.startswith("3 requests were served before this, or are not in the recording: ")
+    assert recorded_part(messages, "regulator").notes == []
+    lost = [each for each in messages if each.topic != "arbiter/requests"]
+    assert recorded_part(lost, "arbiter").notes[0].startswith("6 requests were served before")
+
+
+def test_a_recording_of_before_the_requests_were_published_is_noted() -> None:
+    """Its health has no number of requests."""
+    old = Path(__file__).resolve().parents[2] / "corpus" / "recording-version-2.mcap"
+    messages = list(RecordedFile(old).raw_messages())
+    (note,) = recorded_part(messages, "regulator").notes
+    assert note == "recorded without requests: what they changed appears as a difference"
+
+
+def test_without_its_health_the_requests_of_before_are_unknown(tmp_path: Path) -> None:
+    """A note says so."""
+    path = recorded_later(tmp_path, (), ())
+    messages = [each for each in messages_of(path)[0] if each.topic != "regulator/health"]
+    (note,) = recorded_part(messages, "regulator").notes
+    assert note == "its health is not in the recording: requests served before are unknown"
+
+
+@pytest.mark.parametrize(
+    ("role", "before", "text"),
+    [
+        ("regulator", (*ARM, *START), "a moment at which no force feedback runs"),
+        ("arbiter", ARM, r"the arbiter is IDLE, 1\.5 s before the arm is armed"),
+    ],
+)
+def test_a_recording_that_does_not_reach_back_far_enough_is_one_sentence(
+    tmp_path: Path, role: str, before: Job, text: str
+) -> None:
+    """It names what the recording must contain, and how to record that."""
+    path = recorded_later(tmp_path, before, ())
+    with pytest.raises(DataError, match=f"does not reach back far enough for {role}: .*{text}"):
+        recorded_part(messages_of(path)[0], role)
+    result = CliRunner().invoke(app, ["replay", str(path), "--to-service", role])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.startswith(f"{path}: the recording does not reach back far enough")
+    assert "`forcemesh record start --past` includes the minutes in memory" in result.stderr
+
+
+def test_an_arm_that_is_armed_at_once_is_replayed_from_its_next_rest(tmp_path: Path) -> None:
+    """A new arbiter would refuse to arm without a second of inputs."""
+    cell = RecordedCell(tmp_path)
+    cell.world.advance(READY_S)
+    cell.record("soon")
+    cell.world.advance(0.5)
+    cell.play((*ARM, *HOLD))
+    cell.world.advance(2.0)
+    cell.play((*ARM, *HOLD))
+    path = cell.stop("soon")
+    part = recorded_part(messages_of(path)[0], "arbiter")
+    assert part.state is not None
+    assert part.state.as_dict()["lease"] == 1
+    assert differences(path, "arbiter") == 0
+
+
+def test_a_recording_without_the_service_has_nothing_to_compare(tmp_path: Path) -> None:
+    """Neither its output nor anything else."""
+    messages, _ = messages_of(recorded_later(tmp_path, (), ()))
+    others = [each for each in messages if each.topic != "regulator/target"]
+    with pytest.raises(DataError, match="no regulator/target: regulator has nothing to compare"):
+        recorded_part(others, "regulator")
+
+
+def test_a_short_recording_has_nothing_to_compare(tmp_path: Path) -> None:
+    """Shorter than a service needs to settle."""
+    messages, cell = messages_of(recorded_later(tmp_path, (), ()))
+    short = [each for each in messages if each.at_ns < messages[0].at_ns + NS_PER_S]
+    part = recorded_part(short, "wrench")
+    published = replayed(short, [part], cell)["wrench"]
+    with pytest.raises(DataError, match=r"too short: the output of wrench is compared from 1\.5 s"):
+        compared(part, published, 0)
+
+
+def restart(cell: RecordedCell) -> None:
+    """Start another arbiter in place of the present one."""
+    world: Any = cell.world
+    world.kill("arbiter")
+    bus = world._bus("arbiter")
+    service = ArbiterService(bus, world.cell)
+    world.runners["arbiter"] = Runner(service, [HealthReporter(bus, world.cell)], world.clock)
+
+
+def test_a_process_that_was_restarted_is_replayed_until_then(tmp_path: Path) -> None:
+    """What another process published is not compared with the first one."""
+    cell = RecordedCell(tmp_path)
+    cell.world.advance(READY_S)
+    cell.record("first", past=True)
+    restart(cell)
+    cell.world.advance(1.0)
+    path = cell.stop("first")
+    (note,) = recorded_part(messages_of(path)[0], "arbiter").notes
+    assert note == "only until its process was restarted 1.600 s later"
+    assert differences(path, "arbiter") == 0
+
+
+def test_a_process_that_starts_within_a_recording_is_replayed_from_then(tmp_path: Path) -> None:
+    """From its first message, with nothing left out."""
+    cell = RecordedCell(tmp_path)
+    cell.world.advance(READY_S)
+    cell.play(ARM)
+    cell.record("second")
+    cell.world.advance(0.5)
+    restart(cell)
+    cell.world.advance(READY_S)
+    path = cell.stop("second")
+    part = recorded_part(messages_of(path)[0], "arbiter")
+    assert part.state is None
+    assert part.compared_ns == part.begin_ns
+    assert part.own[0].header.seq == 1
+
+
+def test_a_message_that_cannot_be_decoded_is_a_difference(tmp_path: Path) -> None:
+    """One of the output: the replay publishes it."""
+    messages, cell = messages_of(recorded_later(tmp_path, (), ()))
+    place = next(
+        i for i, each in enumerate(messages) if each.topic == "arbiter/status" and i > 2900
+    )
+    messages[place] = messages[place]._replace(data=b"\xc1")
+    part = recorded_part(messages, "arbiter")
+    found = compared(part, replayed(messages, [part], cell)["arbiter"], 0)
+    assert [(each.topic, each.name) for each in found.found] == [("arbiter/status", "message")]

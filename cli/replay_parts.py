@@ -1,8 +1,9 @@
 """Service of a recording, played again: its known start, its recorded steps, and what it published.
 
 A process reads, computes and publishes in one step, and the recording has the time of publication.
-So the replayed service steps at these times. Before a step it receives all recorded inputs that
-were published before, and the requests that the process took from its queue in that step.
+So the replayed service steps at these times. Before a step it receives the recorded inputs that
+were published before, without those that are newer than the sample which its output names, and the
+requests that the process took from its queue in that step.
 """
 
 from bisect import bisect_left, bisect_right
@@ -33,7 +34,8 @@ SETTLES_NS = 3 * NS_PER_S // 2
 # The recorder reads one topic after another: outputs of the end may lack the inputs behind them.
 ENDS_NS = NS_PER_S // 50
 # Order of the messages of one time: that of the signal path, from the robot to the arbiter.
-PLACES = {topic.key: [*ROLES, *HELPERS].index(topic.writer) for topic in TOPICS}
+PLACES = {topic.key: 2 * [*ROLES, *HELPERS].index(topic.writer) for topic in TOPICS}
+MOST_DELAYED = 100  # messages between reading and publishing of one step
 
 
 class ReplayedRole(NamedTuple):
@@ -41,7 +43,8 @@ class ReplayedRole(NamedTuple):
 
     make: Callable[[Bus, CellConfig, Any], Service]
     output: Topic[Any]  # published in every step; of the wrench service only in some of them
-    trigger: Topic[Any] | None  # steps without a publication, at each message of this topic
+    trigger: Topic[Any]  # the output names the sensor sample of the newest message of this topic
+    has_silent_steps: bool  # at each of these messages, without an output
     state: Topic[Any]  # by which a known state is recognised
     is_known: Callable[[Any], bool]
     known_text: str
@@ -61,15 +64,15 @@ def _regulator(bus: Bus, cell: CellConfig, target: RegulatorTarget | None) -> Re
 REPLAYED_ROLES = {
     "wrench": ReplayedRole(
         lambda bus, cell, _: WrenchService(bus, cell), topics.WRENCH, topics.SENSOR_WRENCH,
-        topics.WRENCH, lambda _: True, "its inputs are received",
+        True, topics.WRENCH, lambda _: True, "its inputs are received",
     ),
     "regulator": ReplayedRole(
-        _regulator, topics.REGULATOR_TARGET, None,
+        _regulator, topics.REGULATOR_TARGET, topics.WRENCH, False,
         topics.REGULATOR_TARGET, lambda target: not target.valid and target.mode is None,
         "no force feedback runs",
     ),
     "arbiter": ReplayedRole(
-        _arbiter, topics.ROBOT_COMMAND, None,
+        _arbiter, topics.ROBOT_COMMAND, topics.REGULATOR_TARGET, False,
         topics.ARBITER_STATUS, lambda status: status.state == "IDLE",
         f"the arbiter is IDLE, {SETTLES_NS / NS_PER_S:g} s before the arm is armed",
     ),
@@ -90,7 +93,9 @@ class Recorded(NamedTuple):
 class Step:
     """One step of a service."""
 
-    at_ns: int
+    at_ns: int  # time of its clock: that of the publication
+    read_ns: int  # it receives what was published before
+    place: int  # order of reading among the messages of that time
     until_ns: int  # requests taken until then were served in this step
     requests: list[ServedRequest] = field(default_factory=list)
 
@@ -150,33 +155,22 @@ def recorded_part(messages: list[RecordedBytes], role: str) -> RecordedPart:
         DataError: It has nothing of it, or no moment at which its state is known.
     """
     row = REPLAYED_ROLES[role]
-    own = list(_decoded(messages, topics_written_by(role)))
-    outputs = [each for each in own if each.topic == row.output.key]
-    if not outputs:
+    everything = list(_decoded(messages, topics_written_by(role)))
+    if not any(each.topic == row.output.key for each in everything):
         raise DataError(f"the recording has no {row.output.key}: {role} has nothing to compare")
-    start = next((each.at_ns for each in outputs if each.header.seq == 1), None)
-    known = _known_start(messages, own, role) if start is None else Start(None, start, start)
-    begin_ns = max(each.at_ns for each in outputs if each.at_ns <= known.at_ns)
-    own = [each for each in own if each.at_ns >= begin_ns]
-    epoch = own[0].header.epoch
-    end_ns = next((each.at_ns for each in own if each.header.epoch != epoch), NEVER_NS)
-    own = [each for each in own if each.at_ns < end_ns]
+    start = _start(messages, everything, role)
+    own, end_ns = _of_one_process(everything, start.at_ns)
     notes = _notes(messages, own, role)
     if end_ns != NEVER_NS:
-        after_s = (end_ns - begin_ns) / NS_PER_S
+        after_s = (end_ns - own[0].at_ns) / NS_PER_S
         notes.append(f"only until its process was restarted {after_s:.3f} s later")
-    triggers = [
-        each.at_ns
-        for each in messages
-        if row.trigger and each.topic == row.trigger.key and begin_ns <= each.at_ns < end_ns
-    ]
     part = RecordedPart(
         role,
-        known.state,
+        start.state,
         own,
-        _steps([each.at_ns for each in own if each.topic == row.output.key], triggers),
+        _steps(messages, own, row, end_ns),
         offset_ns=own[0].at_ns - own[0].header.stamp_ns,
-        compared_ns=known.compared_ns,
+        compared_ns=start.compared_ns,
         until_ns=messages[-1].at_ns - ENDS_NS,
         notes=notes,
     )
@@ -184,6 +178,14 @@ def recorded_part(messages: list[RecordedBytes], role: str) -> RecordedPart:
     part.own = [each for each in part.own if part.step_of(each) < len(part.steps)]
     _add_requests(part)
     return part
+
+
+def _of_one_process(everything: list[Recorded], begin_ns: int) -> tuple[list[Recorded], int]:
+    """Return the messages of a process from a time on, and when another one has replaced it."""
+    own = [each for each in everything if each.at_ns >= begin_ns]
+    epoch = own[0].header.epoch
+    end_ns = next((each.at_ns for each in own if each.header.epoch != epoch), NEVER_NS)
+    return [each for each in own if each.at_ns < end_ns], end_ns
 
 
 def _decoded(messages: list[RecordedBytes], chosen: list[Topic[Any]]) -> Iterator[Recorded]:
@@ -198,14 +200,60 @@ def _decoded(messages: list[RecordedBytes], chosen: list[Topic[Any]]) -> Iterato
             yield Recorded(*each, header, message)
 
 
-def _steps(outputs: list[int], triggers: list[int]) -> list[Step]:
-    """Return the steps: at each output, and at each trigger that no output follows."""
-    steps = [Step(at_ns, at_ns) for at_ns in outputs]
-    for at_ns, next_ns in pairwise([*triggers, NEVER_NS]):
-        place = bisect_left(outputs, at_ns)
-        if place == len(outputs) or outputs[place] >= next_ns:
-            steps.append(Step(at_ns, next_ns - 1))
+def _sample(each: Recorded) -> int | None:
+    """Return the number of the sensor sample that a message is based on."""
+    return each.header.seq if each.topic == topics.SENSOR_WRENCH.key else each.header.sensor_seq
+
+
+def _steps(
+    messages: list[RecordedBytes], own: list[Recorded], row: ReplayedRole, end_ns: int
+) -> list[Step]:
+    """Return the steps of a process until it was replaced."""
+    outputs = [each for each in own if each.topic == row.output.key]
+    triggers = list(_decoded(messages, [row.trigger]))
+    steps = [_step(each, triggers) for each in outputs]
+    if row.has_silent_steps:
+        within = [each for each in triggers if own[0].at_ns <= each.at_ns < end_ns]
+        steps += _silent_steps(steps, outputs, within)
     return sorted(steps, key=lambda step: step.at_ns)
+
+
+def _step(output: Recorded, triggers: list[Recorded]) -> Step:
+    """Return the step of an output: it read its inputs before a newer sample was published.
+
+    The output names the sample of the newest trigger that it had received. So a process that was
+    interrupted between reading and publishing is replayed with the inputs that it had.
+    """
+    at_ns, place = output.at_ns, PLACES[output.topic]
+    end = bisect_right(triggers, (at_ns, place), key=lambda each: (each.at_ns, PLACES[each.topic]))
+    for number in range(end - 1, max(end - MOST_DELAYED, 0) - 1, -1):
+        if _sample(triggers[number]) == output.header.sensor_seq:
+            if number + 1 < end:
+                newer = triggers[number + 1]
+                return Step(at_ns, newer.at_ns, PLACES[newer.topic] - 1, at_ns)
+            break
+    return Step(at_ns, at_ns, place, at_ns)
+
+
+def _silent_steps(
+    steps: list[Step], outputs: list[Recorded], triggers: list[Recorded]
+) -> Iterator[Step]:
+    """Yield the steps without an output: at each trigger that no output names.
+
+    A trigger during another step waits for its end, unless a newer one replaces it before.
+    """
+    named = {each.header.sensor_seq for each in outputs}
+    place = PLACES[outputs[0].topic]
+    for each, newer in pairwise([*triggers, None]):
+        if each is None or each.header.seq in named:
+            continue
+        following = bisect_left(steps, each.at_ns, key=lambda step: step.at_ns)
+        at_ns = each.at_ns
+        if following < len(steps) and steps[following].read_ns <= at_ns < steps[following].at_ns:
+            at_ns = steps[following].at_ns
+        newer_ns = NEVER_NS if newer is None else newer.at_ns
+        if newer_ns > at_ns:
+            yield Step(at_ns, at_ns, place, newer_ns - 1)
 
 
 def _add_requests(part: RecordedPart) -> None:
@@ -226,23 +274,30 @@ class Start(NamedTuple):
     compared_ns: int
 
 
-def _known_start(messages: list[RecordedBytes], own: list[Recorded], role: str) -> Start:
-    """Return the first moment at which the inputs are received and the state is known.
+def _start(messages: list[RecordedBytes], own: list[Recorded], role: str) -> Start:
+    """Return the start of the process, or the first moment at which its state is known.
+
+    That is when it has received all inputs, and publishes what a new process publishes.
 
     Raises:
         DataError: There is none.
     """
     row = REPLAYED_ROLES[role]
+    outputs = [each for each in own if each.topic == row.output.key]
+    for each in outputs:
+        if each.header.seq == 1:
+            return Start(None, each.at_ns, each.at_ns)
     keys = {topic.key for topic in TOPICS if role in topic.readers and not topic.occasional}
     first_ns = {each.topic: each.at_ns for each in reversed(messages) if each.topic in keys}
-    first_ns["own"] = next(each.at_ns for each in own if each.topic == row.output.key)
+    first_ns["own"] = outputs[0].at_ns
     states = [each for each in own if each.topic == row.state.key]
     for number, each in enumerate(states):
         if each.at_ns >= max(first_ns.values()) and row.is_known(each.message):
             settled_ns = each.at_ns + SETTLES_NS
             soon = (later.message for later in states[number:] if later.at_ns <= settled_ns)
             if all(_lease(later) == _lease(each.message) for later in soon):
-                return Start(each.message, each.at_ns, settled_ns)
+                step_ns = max(out.at_ns for out in outputs if out.at_ns <= each.at_ns)
+                return Start(each.message, step_ns, settled_ns)
     raise DataError(
         f"the recording does not reach back far enough for {role}: it must contain the start of "
         f"its process, or a moment at which {row.known_text}. Start the recording earlier: "

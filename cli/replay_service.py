@@ -90,7 +90,7 @@ class ReplayedPart:
         """Prepare the bus of the service; `start` makes it."""
         header = part.own[0].header
         self.recorded, self.published = part, Published()
-        self._cell, self._transport, self._number = cell, transport, 0
+        self._cell, self._transport = cell, transport
         self._clock = ManualClock(part.begin_ns - part.offset_ns, boot=header.boot)
         self._bus = SeededBus(
             part.role, cell.cell, transport, cell, self._clock, header.epoch,
@@ -109,12 +109,11 @@ class ReplayedPart:
             self._bus, self._cell, self.recorded.state
         )
 
-    def step(self) -> None:
-        """Execute the next recorded step; keep what is published."""
-        number, self._number = self._number, self._number + 1
+    def step(self, number: int) -> None:
+        """Execute a recorded step; keep what is published."""
         step = self.recorded.steps[number]
         now_ns = step.at_ns - self.recorded.offset_ns
-        self._clock.advance_ns(now_ns - self._clock.now_ns())
+        self._clock.advance_ns(max(now_ns - self._clock.now_ns(), 0))
         self._ask(step)
         self._contained.step(self._service, now_ns)
         counts: Counter[str] = Counter()
@@ -161,9 +160,8 @@ def _steps(parts: list[ReplayedPart]) -> Iterator[ReplayEvent]:
         recorded = part.recorded
         if recorded.state is None:
             yield ReplayEvent(recorded.begin_ns, -1, part.start)
-        place = PLACES[REPLAYED_ROLES[recorded.role].output.key]
-        for step in recorded.steps:
-            yield ReplayEvent(step.at_ns, place, part.step)
+        for number, step in enumerate(recorded.steps):
+            yield ReplayEvent(step.read_ns, step.place, partial(part.step, number))
 
 
 def _inputs(

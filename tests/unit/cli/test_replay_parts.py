@@ -8,12 +8,21 @@ from typer.testing import CliRunner
 
 from cli.__main__ import app
 from cli.replay_differences import compared
-from cli.replay_parts import SETTLES_NS, recorded_part
+from cli.replay_parts import (
+    MOST_DELAYED,
+    PLACES,
+    SETTLES_NS,
+    Recorded,
+    _silent_steps,
+    _step,
+    recorded_part,
+)
 from cli.replay_service import replayed
 from common.config.cell import CellConfig
 from common.runtime.service import HealthReporter, Runner
 from forcemesh import topics
 from forcemesh.clock import NS_PER_S
+from forcemesh.codec import Header
 from forcemesh.errors import DataError
 from forcemesh.requests import ArmRequest, Empty, HoldRequest
 from services.arbiter.service import ArbiterService
@@ -188,3 +197,98 @@ def test_a_message_that_cannot_be_decoded_is_a_difference(tmp_path: Path) -> Non
     part = recorded_part(messages, "arbiter")
     found = compared(part, replayed(messages, [part], cell)["arbiter"], 0)
     assert [(each.topic, each.name) for each in found.found] == [("arbiter/status", "message")]
+
+
+# --- when a step has read its inputs --------------------------------------------------------------
+
+MS = 1_000_000
+
+
+def message(topic: topics.Topic[Any], at_ms: float, sample: int) -> Recorded:
+    """Return a message about a sensor sample."""
+    of_sensor = topic is topics.SENSOR_WRENCH
+    header = Header(
+        seq=sample if of_sensor else 1,
+        epoch=1,
+        boot="virtual",
+        stamp_ns=round(at_ms * MS),
+        sensor_seq=None if of_sensor else sample,
+    )
+    return Recorded(topic.key, header.stamp_ns, b"", header, topic.message())
+
+
+def wrenches(*times_ms: float) -> list[Recorded]:
+    """Return wrenches with the sample numbers 0, 1, 2, ... at times."""
+    return [message(topics.WRENCH, at_ms, number) for number, at_ms in enumerate(times_ms)]
+
+
+@pytest.mark.parametrize(
+    ("at_ms", "sample", "read_ms"),
+    [
+        (9.0, 2, 9.0),  # the newest
+        (8.0, 2, 8.0),  # of the same time
+        (9.0, 1, 8.0),  # before the newer one
+        (15.0, 0, 4.0),  # interrupted for long
+        (9.0, 7, 9.0),  # a sample that is not in the recording
+        (-1.0, 0, -1.0),  # before any
+    ],
+)
+def test_a_step_has_read_the_sample_that_its_output_names(
+    at_ms: float, sample: int, read_ms: float
+) -> None:
+    """Inputs of after that reading are left to the next step; the clock is that of the output."""
+    output = message(topics.REGULATOR_TARGET, at_ms, sample)
+    step = _step(output, wrenches(0.0, 4.0, 8.0))
+    assert (step.at_ns, step.read_ns) == (round(at_ms * MS), round(read_ms * MS))
+    before_newer = PLACES["wrench"] - 1
+    assert step.place == (PLACES["regulator/target"] if read_ms == at_ms else before_newer)
+
+
+def test_a_sample_of_long_before_is_not_searched_for() -> None:
+    """An output that repeats an old sample has read at its own time."""
+    times_ms = [float(number) for number in range(3 * MOST_DELAYED)]
+    step = _step(message(topics.REGULATOR_TARGET, 500.0, 0), wrenches(*times_ms))
+    assert step.read_ns == step.at_ns
+
+
+def silent(outputs: list[Recorded], *samples_ms: float) -> list[tuple[float, float]]:
+    """Return time and end of the steps without an output, for samples 0, 1, 2, ... at times."""
+    samples = [message(topics.SENSOR_WRENCH, at_ms, n) for n, at_ms in enumerate(samples_ms)]
+    steps = [_step(each, samples) for each in outputs]
+    return [(s.at_ns / MS, s.until_ns / MS) for s in _silent_steps(steps, outputs, samples)]
+
+
+def test_a_sample_that_no_output_names_was_filtered_without_one() -> None:
+    """At its time, and requests until the next sample belong to that step."""
+    outputs = [message(topics.WRENCH, 0.0, 0), message(topics.WRENCH, 4.0, 2)]
+    steps = silent(outputs, 0.0, 2.0, 4.0, 6.0)
+    assert [at_ms for at_ms, _ in steps] == [2.0, 6.0]
+    assert steps[0][1] == pytest.approx(4.0, abs=1e-5)
+
+
+def test_a_sample_during_another_step_waits_for_its_end() -> None:
+    """Unless a newer one has replaced it by then."""
+    outputs = [message(topics.WRENCH, 7.0, 0), message(topics.WRENCH, 9.0, 4)]
+    assert [at_ms for at_ms, _ in silent(outputs, 0.0, 2.0, 4.0, 6.0, 8.5)] == [7.0]
+
+
+def test_a_command_that_was_published_late_is_replayed_with_the_inputs_that_it_had(
+    tmp_path: Path,
+) -> None:
+    """Its process was interrupted between reading and publishing, past the next target."""
+    messages, cell = messages_of(recorded_later(tmp_path, (), ()))
+    commands = [each for each in messages if each.topic == "robot/command"]
+    late, following = commands[-60], commands[-59]
+    moved = late._replace(at_ns=following.at_ns - 1)
+    others = [each for each in messages if each is not late]
+    changed = sorted([*others, moved], key=lambda each: each.at_ns)
+    part = recorded_part(changed, "arbiter")
+    assert sum(step.read_ns < step.at_ns for step in part.steps) == 0
+    moved = late._replace(at_ns=following.at_ns + 1)
+    later = following._replace(at_ns=following.at_ns + 2)
+    others = [each for each in others if each is not following]
+    changed = sorted([*others, moved, later], key=lambda each: each.at_ns)
+    part = recorded_part(changed, "arbiter")
+    assert sum(step.read_ns < step.at_ns for step in part.steps) == 1
+    found = compared(part, replayed(changed, [part], cell)["arbiter"], 0)
+    assert found.count == 0

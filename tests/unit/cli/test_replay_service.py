@@ -66,10 +66,21 @@ class Loaded:
     def outcome(
         self, messages: list[RecordedBytes], roles: tuple[str, ...]
     ) -> tuple[dict[str, Published], list[Differences]]:
-        """Return what roles publish from messages, and how it differs from the recording."""
+        """Return what roles publish from messages, and how it differs from the recording.
+
+        Without the last moments of the recording, which are not compared.
+        """
         parts = [recorded_part(messages, role) for role in roles]
         published = replayed(messages, parts, self.cell)
-        return published, [compared(part, published[part.role], 0) for part in parts]
+        within = {
+            part.role: {
+                key: data
+                for key, data in published[part.role].items()
+                if part.steps[key[1]].at_ns <= part.until_ns
+            }
+            for part in parts
+        }
+        return within, [compared(part, published[part.role], 0) for part in parts]
 
 
 @pytest.fixture(scope="module")

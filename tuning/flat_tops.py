@@ -1,0 +1,93 @@
+"""Flat tops of a force: samples clipped at a common extreme value. Pure.
+
+A sensor, a converter or a limit in software clips a signal at one value, so that many samples in a
+row are equal there, and the signal enters or leaves this value at full slope. A coarse resolution,
+samples that are repeated, and a force that comes to rest also give equal samples; three conditions
+leave them out (`flat_tops`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.motion.frames import Array
+
+LEAST_RUN = 3  # equal samples in a row
+LEAST_RESOLUTIONS = 3.0  # height of the edge of a run, in steps of the resolution
+LEAST_SLOPE_SHARE = 0.3  # the same, in median changes between samples
+LEAST_SAMPLES_CLIPPED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class FlatTop:
+    """Clipping of a signal at its largest or smallest value, in its unit."""
+
+    value: float
+    places: int  # runs of equal samples
+    samples: int  # in these runs
+    longest: int  # samples of the longest run
+
+
+@dataclass(frozen=True, slots=True)
+class _Runs:
+    """Runs of equal samples: the first sample and the number of samples of each. Shape (R,)."""
+
+    first: Array
+    length: Array
+
+
+def flat_tops(value: Array) -> list[FlatTop]:
+    """Return the clipping at the largest and the smallest value of a signal. Shape (N,).
+
+    A run counts that has at least LEAST_RUN samples, and this many times the usual number of
+    repeated samples, if the signal changes at one of its ends by LEAST_RESOLUTIONS steps of the
+    resolution and by LEAST_SLOPE_SHARE of the median change. A value of exactly 0 is no clipping
+    but the absence of contact, and a signal that never changes has no top.
+    """
+    low, high = float(np.min(value)), float(np.max(value))
+    if low == high:
+        return []
+    runs = _runs(value)
+    tops = [_top(value, runs, extreme) for extreme in (high, low) if extreme != 0.0]
+    return [top for top in tops if top is not None]
+
+
+def is_constant(value: Array) -> bool:
+    """Return whether a signal never changes: a channel that is not connected."""
+    return bool(np.ptp(value) == 0.0)
+
+
+def _runs(value: Array) -> _Runs:
+    first = np.concatenate(([0], np.flatnonzero(np.diff(value)) + 1))
+    return _Runs(first, np.diff(np.concatenate((first, [len(value)]))))
+
+
+def _top(value: Array, runs: _Runs, extreme: float) -> FlatTop | None:
+    usual = int(np.median(runs.length))  # 4 where each sample of a sensor is logged four times
+    is_here = (value[runs.first] == extreme) & (runs.length >= LEAST_RUN * usual)
+    changes = np.abs(np.diff(value[runs.first]))
+    least = max(
+        LEAST_RESOLUTIONS * _resolution(value), LEAST_SLOPE_SHARE * float(np.median(changes))
+    )
+    kept = [at for at in np.flatnonzero(is_here) if _edge(value[runs.first], int(at)) >= least]
+    lengths = [int(runs.length[at]) for at in kept]
+    if sum(lengths) < LEAST_SAMPLES_CLIPPED:
+        return None
+    return FlatTop(extreme, len(lengths), sum(lengths), max(lengths))
+
+
+def _edge(levels: Array, at: int) -> float:
+    """Return the largest change within two levels before or after a run.
+
+    The level beside a run may by chance be close to it; the next one is a full change away.
+    """
+    beside = levels[max(at - 2, 0) : at + 3]
+    return float(np.max(np.abs(beside - levels[at])))
+
+
+def _resolution(value: Array) -> float:
+    """Return the least difference of two values that occur, 0 where almost all values differ."""
+    levels = np.unique(value)
+    if len(levels) > len(value) / 4:
+        return 0.0
+    return float(np.median(np.diff(levels)))

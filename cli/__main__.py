@@ -32,12 +32,13 @@ from cli.check_axes.verb import check
 from cli.context import EXIT_CODES, INTERRUPTED, OK, exit_code_of, print_note
 from cli.demo.verb import demo
 from cli.doctor.verb import doctor
-from cli.export import export, report
+from cli.export import export
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.probe.verb import probe
 from cli.record import record
 from cli.replay import replay
+from cli.report.verb import report
 from cli.skills import verbs as skills
 from cli.tune.verb import tune
 from forcemesh.errors import ForcemeshError, first_mistake

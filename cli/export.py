@@ -1,4 +1,4 @@
-"""Verbs `export` and `report`: a recording as tables, or as a self-contained HTML page."""
+"""Verb `export`: a recording as tables."""
 
 import json
 from csv import DictWriter
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option, echo
 
 from cli.context import exit_with_error, one_line_errors, print_note, waiting
-from cli.replay import OnlyOption, RecordingArgument, chosen_topics, recorded_cell
+from cli.replay import OnlyOption, RecordingArgument, chosen_topics
 
 if TYPE_CHECKING:
     from cli.recording_tables import Row
@@ -63,34 +63,6 @@ def export(
         echo(f"{path}: {rows} rows")
     if not read.is_whole:
         print_note("the recording is truncated: its recorder was killed")
-
-
-def report(
-    file: RecordingArgument,
-    *,
-    out: Annotated[
-        Path | None,
-        Option("--out", "-o", metavar="FILE", help="Default: next to FILE."),
-    ] = None,
-    no_3d: Annotated[bool, Option("--no-3d", help="Omit the 3D replay.")] = False,
-) -> None:
-    """Write a page with summary, plots, stops and their remedies, and the arm's motion in 3D."""
-    with one_line_errors():
-        from cli.pages import write_page
-        from cli.report.data import report_content
-        from cli.report.page import page_of, scene_of
-        from services.panel.markup import html
-        from services.recorder.reading import RecordedFile
-
-        read = RecordedFile(file)
-        cell = recorded_cell(read)
-        path = out or file.with_suffix(".html")
-        with waiting(f"reading {file}"):
-            content = report_content(read, cell)
-        with waiting("drawing"):
-            scene = html("") if no_3d else scene_of(read, cell, content)
-            write_page(page_of(read, content, scene), path)
-    echo(f"{path}: {content.duration_s:.1f} s, {len(content.stops)} stops")
 
 
 def _topics(

@@ -5,9 +5,7 @@ from datetime import UTC, datetime
 from io import StringIO
 from statistics import median_high
 
-from matplotlib.figure import Figure
-
-from cli.pages import picture, table
+from cli.pages import chart, legend_above, picture, table
 from cli.recording_tables import shortened
 from cli.replay import free_port
 from cli.report.data import ReportContent, sampled_snapshots
@@ -29,7 +27,6 @@ PLOTS: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = (
     ("Latency from sensor sample to robot [ms]", (("chain", "#0c8599"),)),
 )
 LABELS = {"press": "measured"}
-GREY = "#868e96"
 FASTEST_HZ = 20.0  # of the 3D replay
 MOST_FRAMES = 4000
 MOST_LISTED = 200
@@ -143,32 +140,15 @@ def _plots(content: "ReportContent") -> Html:
 
 
 def _plot(content: "ReportContent", title: str, lines: list[tuple[str, str]]) -> Html:
-
-    figure = Figure(figsize=(9, 2.3), layout="constrained")
-    figure.patch.set_alpha(0.0)
-    axes = figure.subplots()
-    axes.patch.set_alpha(0.0)
+    figure, axes = chart(title, "time [s]")
     for name, colour in lines:
         label = LABELS.get(name, name)
         axes.plot(content.times_s, content.series[name], color=colour, linewidth=1.0, label=label)
     for stop in content.stops:
         axes.axvline(stop.at_s, color="#e03131", linewidth=1.0, linestyle=":")
     axes.set_xlim(0.0, max(content.duration_s, 1e-3))
-    axes.set_title(title, loc="left", fontsize=10, color=GREY)
-    axes.set_xlabel("time [s]", fontsize=8, color=GREY)
-    axes.tick_params(colors=GREY, labelsize=8)
-    axes.grid(visible=True, color=GREY, alpha=0.2, linewidth=0.5)
-    axes.spines[:].set_visible(False)
     if len(lines) > 1:
-        axes.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=len(lines),
-            fontsize=8,
-            frameon=False,
-            labelcolor=GREY,
-            borderaxespad=0.0,
-        )
+        legend_above(axes)
     return picture(title, figure)
 
 

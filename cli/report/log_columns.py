@@ -123,16 +123,17 @@ def _completed(table: LogTable, choice: ColumnChoice) -> tuple[ColumnChoice, lis
         choice = replace(choice, time=_found_time(table))
         notes.append(f"time is column {choice.time!r}, by its name")
     if not choice.force and not choice.torque:
-        force = _found_axes(table, "force", ("f",), 0)
-        if not force:
-            raise DataError(
-                f"{table.path}: no column is certainly a force: name them with --force; "
-                f"{columns_text(table)}"
-            )
-        torque = _found_axes(table, "torque", ("t", "m"), 3)
-        choice = replace(choice, force=force, torque=torque)
-        found = f"force is {', '.join(force)}" + (f", torque {', '.join(torque)}" if torque else "")
-        notes.append(f"{found}, by their names")
+        force = _candidates(table, "force", ("f",), 0)
+        torque = _candidates(table, "torque", ("t", "m"), 3)
+        if not any(force) or not _is_unambiguous(force):
+            several = ", ".join(name for names in force for name in names)
+            what = f"{several} may be forces" if several else "no column is certainly a force"
+            raise DataError(f"{table.path}: {what}: name them with --force; {columns_text(table)}")
+        choice = replace(choice, force=sum(force, ()))
+        if _is_unambiguous(torque):
+            choice = replace(choice, torque=sum(torque, ()))
+        and_torque = f", torque {', '.join(choice.torque)}" if choice.torque else ""
+        notes.append(f"force is {', '.join(choice.force)}{and_torque}, by their names")
     if not choice.setpoint:
         columns = [name for name in table.names if _words(name)[-2:] == ["set", "point"]]
         columns += [name for name in table.names if _words(name)[-1:] in (["setpoint"], ["sp"])]
@@ -152,10 +153,10 @@ def _found_time(table: LogTable) -> str:
     raise DataError(f"{table.path}: {what}: name it with --time; {columns_text(table)}")
 
 
-def _found_axes(
+def _candidates(
     table: LogTable, word: str, letters: tuple[str, ...], first: int
-) -> tuple[str, ...]:
-    """Return the columns for x, y and z with exactly one candidate each; none is left in doubt.
+) -> list[tuple[str, ...]]:
+    """Return the columns that may be the component x, y and z of a force or torque.
 
     `fx`, `force_x`, `wrench.force.x`, `Force X [N]`; numbers are those of Universal Robots'
     `actual_TCP_force_0` .. `_5`: forces, then torques.
@@ -164,15 +165,16 @@ def _found_axes(
     for number, axis in enumerate(AXES, first):
         last = {f"{letter}{axis}" for letter in letters} | {f"{word}{axis}"}
         pairs = ([word, axis], ["force", str(number)])
-        names = [
-            name
-            for name in table.names
-            if (words := _words(name)) and (words[-1] in last or words[-2:] in pairs)
-        ]
-        if len(names) > 1:
-            return ()
-        found += names
-    return tuple(found)
+        words = {name: _words(name) for name in table.names}
+        found.append(
+            tuple(name for name in words if words[name][-1:] and words[name][-1] in last)
+            + tuple(name for name in words if words[name][-2:] in pairs)
+        )
+    return found
+
+
+def _is_unambiguous(candidates: Sequence[tuple[str, ...]]) -> bool:
+    return all(len(names) <= 1 for names in candidates)
 
 
 def _words(name: str) -> list[str]:

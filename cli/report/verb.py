@@ -115,16 +115,18 @@ def _listed(text: str) -> tuple[str, ...]:
 def _recording(file: Path) -> "RecordedFile | None":
     """Return a recording of forcemesh; None for a log."""
     from cli.report.log_mcap import is_mcap
-    from cli.report.log_table import TEXT_SUFFIXES
+    from cli.report.log_table import TEXT_SUFFIXES, refuse_other_kinds
     from services.recorder.reading import RecordedFile
 
     is_log = is_mcap(file) or file.suffix.lower() in TEXT_SUFFIXES
     try:
         return RecordedFile(file)
-    except DataError:
-        if not is_log:
-            raise
-        return None
+    except DataError as error:
+        if is_log:
+            return None
+        refuse_other_kinds(file)
+        suffixes = ", ".join(TEXT_SUFFIXES)
+        raise DataError(f"{error}; a log of another robot is {suffixes} or .mcap") from None
 
 
 def _table(file: Path, topic: str) -> "LogTable":

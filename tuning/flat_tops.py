@@ -13,7 +13,8 @@ import numpy as np
 from common.motion.frames import Array
 
 LEAST_RUN = 3  # equal samples in a row
-LEAST_RESOLUTIONS = 3.0  # height of the edge of a run, in steps of the resolution
+EDGE_LEVELS = 4  # beside a run, within which it is entered or left
+LEAST_RESOLUTIONS = 5.0  # height of the edge of a run, in steps of the resolution
 LEAST_SLOPE_SHARE = 0.3  # the same, in median changes between samples
 LEAST_SAMPLES_CLIPPED = 5
 
@@ -40,9 +41,9 @@ def flat_tops(value: Array) -> list[FlatTop]:
     """Return the clipping at the largest and the smallest value of a signal. Shape (N,).
 
     A run counts that has at least LEAST_RUN samples, and this many times the usual number of
-    repeated samples, if the signal changes at one of its ends by LEAST_RESOLUTIONS steps of the
-    resolution and by LEAST_SLOPE_SHARE of the median change. A value of exactly 0 is no clipping
-    but the absence of contact, and a signal that never changes has no top.
+    repeated samples, if the signal changes at an end of one of them by LEAST_RESOLUTIONS steps of
+    the resolution and by LEAST_SLOPE_SHARE of the median change. A value of exactly 0 is the
+    absence of contact, and a signal that never changes has no top.
     """
     low, high = float(np.min(value)), float(np.max(value))
     if low == high:
@@ -69,19 +70,19 @@ def _top(value: Array, runs: _Runs, extreme: float) -> FlatTop | None:
     least = max(
         LEAST_RESOLUTIONS * _resolution(value), LEAST_SLOPE_SHARE * float(np.median(changes))
     )
-    kept = [at for at in np.flatnonzero(is_here) if _edge(value[runs.first], int(at)) >= least]
-    lengths = [int(runs.length[at]) for at in kept]
-    if sum(lengths) < LEAST_SAMPLES_CLIPPED:
+    is_steep = any(_edge(value[runs.first], int(at)) >= least for at in np.flatnonzero(is_here))
+    lengths = [int(length) for length in runs.length[is_here]]
+    if not is_steep or sum(lengths) < LEAST_SAMPLES_CLIPPED:
         return None
     return FlatTop(extreme, len(lengths), sum(lengths), max(lengths))
 
 
 def _edge(levels: Array, at: int) -> float:
-    """Return the largest change within two levels before or after a run.
+    """Return the largest change within EDGE_LEVELS before or after a run.
 
-    The level beside a run may by chance be close to it; the next one is a full change away.
+    With noise the level beside a run may by chance be close to it, or touch it again.
     """
-    beside = levels[max(at - 2, 0) : at + 3]
+    beside = levels[max(at - EDGE_LEVELS, 0) : at + EDGE_LEVELS + 1]
     return float(np.max(np.abs(beside - levels[at])))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from common.motion.frames import Array
 
 LEAST_SAMPLES = 20
+ROUNDING_S = 1e-7  # of times since 1970 in double precision
 GAP_FACTOR = 3.0  # a distance of more periods than this is a gap
 
 
@@ -32,9 +33,10 @@ class Signal:
         """Return centred moving means over `window_s`; a window of 0 changes nothing."""
         if window_s <= 0.0:
             return self
+        half_s = window_s / 2.0 + ROUNDING_S
         sums = np.concatenate(([0.0], np.cumsum(self.value)))
-        first = np.searchsorted(self.time_s, self.time_s - window_s / 2.0, side="left")
-        last = np.searchsorted(self.time_s, self.time_s + window_s / 2.0, side="right")
+        first = np.searchsorted(self.time_s, self.time_s - half_s, side="left")
+        last = np.searchsorted(self.time_s, self.time_s + half_s, side="right")
         return Signal(self.time_s, (sums[last] - sums[first]) / (last - first))
 
 

@@ -121,6 +121,7 @@ def quality_of(
     rows = tuple(column_quality(column) for column in columns)
     findings = (
         *_of_times(sampling),
+        *_of_steps(segments),
         *(
             each
             for number, row in enumerate(segments, 1)
@@ -222,6 +223,12 @@ def _of_times(sampling: Sampling) -> Iterator[LogFinding]:
             f"{sampling.repeated} of {sampling.count} samples have the time of the sample before: "
             "the clock of the log is too coarse, or samples are stored twice",
         )
+
+
+def _of_steps(segments: Sequence[SegmentQuality]) -> Iterator[LogFinding]:
+    if all(row.band is None for row in segments):
+        text = "no step was found: settling, overshoot and rise need one, or its set point"
+        yield LogFinding("no_step", text)
 
 
 def _of_segment(place: str, row: SegmentQuality, unit: str) -> Iterator[LogFinding]:

@@ -15,10 +15,13 @@ from tuning.force_log import Signal
 JOINED_S = 0.25  # changes of the set point that are closer are one step: a ramp
 SAME_SETPOINT = 1e-6  # share of its range below which a change is rounding
 WINDOW_SHARE = 0.1  # of the log: length of the windows of the search
+LEAST_WINDOW_SHARE = 0.03  # of the log: shorter ones at its ends are not at rest for certain
 LEAST_WINDOW = 5  # samples
 LEAST_STEP_SHARE = 0.3  # of the range of the force
 LEAST_STEP_NOISE = 6.0  # times the standard deviation before the step
 SECOND_STEP_SHARE = 0.5  # of the largest step: smaller ones are not steps of their own
+REST_SHARE = 0.25  # of the step: largest unrest in the second halves of the parts beside it
+BLOCKS = 5
 START_SHARE = 0.02  # of the step: the force has left its level
 START_NOISE = 4.0  # times the noise of single samples
 FINAL_SHARE = 0.2  # of a segment: its end, whose median is the final level
@@ -105,25 +108,43 @@ def _final_level(signal: Signal, begin_s: float, end_s: float) -> float:
 def steps_in(value: Array) -> list[tuple[int, float]]:
     """Return sample and level before each step in a force, in order. Shape of `value` (N,).
 
-    A step begins at rest. It is at least LEAST_STEP_SHARE of the range, LEAST_STEP_NOISE times the
-    standard deviation before it, and SECOND_STEP_SHARE of the largest step.
+    A step is at least LEAST_STEP_SHARE of the range, LEAST_STEP_NOISE times the standard deviation
+    before it, and SECOND_STEP_SHARE of the largest step. It leads from rest to rest: an oscillation
+    is no series of steps. (A slow swing with fewer than five periods in a log is one.)
     """
     window = max(LEAST_WINDOW, int(WINDOW_SHARE * len(value)))
-    at = np.arange(LEAST_WINDOW, len(value) - LEAST_WINDOW)
+    least = max(LEAST_WINDOW, int(LEAST_WINDOW_SHARE * len(value)))
+    at = np.arange(least, len(value) - least)
     if len(at) == 0:
         return []
     before, deviation = _window_means(value, np.maximum(at - window, 0), at)
     after, _ = _window_means(value, at, np.minimum(at + window, len(value)))
     height = np.abs(after - before)
-    least = np.maximum(LEAST_STEP_SHARE * float(np.ptp(value)), LEAST_STEP_NOISE * deviation)
-    height = np.where((height >= least) & (height > 0.0), height, 0.0)
+    needed = np.maximum(LEAST_STEP_SHARE * float(np.ptp(value)), LEAST_STEP_NOISE * deviation)
+    height = np.where(height >= needed, height, 0.0)
     largest = float(np.max(height))
     found: list[int] = []
     while np.any(height > 0.0) and np.max(height) >= SECOND_STEP_SHARE * largest:
         best = int(np.argmax(height))
         found.append(int(at[best]))
         height[max(best - window, 0) : best + window] = 0.0
-    return [_start(value, sample, window) for sample in sorted(found)]
+    found.sort()
+    starts = [_start(value, sample, window) for sample in found]
+    begins, ends = [0, *found], [*(sample for sample, _ in starts), len(value)]
+    unrest = [_unrest(value[first:last]) for first, last in zip(begins, ends, strict=True)]
+    heights = [abs(float(after[each - at[0]] - before[each - at[0]])) for each in found]
+    return [
+        start
+        for number, start in enumerate(starts)
+        if max(unrest[number : number + 2]) < REST_SHARE * heights[number]
+    ]
+
+
+def _unrest(part: Array) -> float:
+    """Return the motion in the second half of a part: slow, or faster than its blocks."""
+    half = part[len(part) // 2 :]
+    means = [float(np.mean(block)) for block in np.array_split(half, min(BLOCKS, len(half)))]
+    return max(max(means) - min(means), float(np.std(half)))
 
 
 def _window_means(value: Array, first: Indices, last: Indices) -> tuple[Array, Array]:

@@ -18,6 +18,7 @@ FALSE_ALARM = 1e-3  # probability of a peak in a log of noise alone
 LOBE = 3  # bins on each side of a peak that are its own: the main lobe of Hann's window
 FLOOR_BINS = 10  # bins on each side from which the floor is taken
 LEAST_FLOOR_BINS = 3
+FIRST_BIN = 1 + LOBE + LEAST_FLOOR_BINS  # of a peak: 14 periods in the shortest signal
 MOST_PEAKS = 5
 OVERLAPPED = 9.0 / 11.0  # independent share of blocks that overlap by half (Welch 1967)
 
@@ -127,7 +128,7 @@ def _peaks(density: Array, bin_hz: float, freedom: float) -> tuple[Peak, ...]:
     shape = 2.0 / (9.0 * freedom)  # Wilson and Hilferty 1931: quantiles of chi-squared
     z = NormalDist().inv_cdf(1.0 - FALSE_ALARM / len(density))
     factor = ((1.0 - shape + z * sqrt(shape)) / (1.0 - shape)) ** 3
-    inner = np.arange(LOBE, len(density) - 1)
+    inner = np.arange(FIRST_BIN, len(density) - 1)
     is_top = (density[inner] > density[inner - 1]) & (density[inner] >= density[inner + 1])
     found = []
     for at in inner[is_top]:

@@ -13,9 +13,9 @@ import numpy as np
 from common.motion.frames import Array
 
 LEAST_RUN = 3  # equal samples in a row
-EDGE_LEVELS = 4  # beside a run, within which it is entered or left
-LEAST_RESOLUTIONS = 5.0  # height of the edge of a run, in steps of the resolution
-LEAST_SLOPE_SHARE = 0.3  # the same, in median changes between samples
+EDGE_LEVELS = 8  # beside a run, within which it is entered or left
+LEAST_RESOLUTIONS = 9.0  # height of the edge in steps of the resolution: more than EDGE_LEVELS
+LEAST_SLOPE_SHARE = 0.3  # height of the edge in median changes between samples
 LEAST_SAMPLES_CLIPPED = 5
 
 

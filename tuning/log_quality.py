@@ -8,8 +8,10 @@ Definitions, for a segment that begins with a step from `before` to `target`:
 - overshoot: largest excess of a sample over the target in the direction of the step, in percent of
   the step; the noise of the sensor is in it;
 - rise: time from 10 % to 90 % of the step, of single samples;
-- steady part: from settling to the end; the second half of a segment that does not settle; the
-  whole segment where no step begins it. Error, ripple, drift and spectrum are of this part.
+- steady part: from twice the settling time to the end, so that the rest of the response is neither
+  ripple nor drift, and at least the second half of the settled part; the second half of a segment
+  that does not settle; the whole segment where no step begins it. Error, ripple, drift and spectrum
+  are of this part.
 """
 
 from collections.abc import Iterator, Sequence
@@ -153,8 +155,7 @@ def segment_quality(
         settling_s = _settling_s(means, segment, width)
         overshoot = _overshoot_pct(inside, segment.target, segment.step)
         rise_s = _rise_s(inside, segment.target - segment.step, segment.step)
-        half_s = 0.5 * (segment.end_s - segment.begin_s)
-        begin_s += half_s if settling_s is None else settling_s
+        begin_s = _steady_begin_s(segment, settling_s)
     steady = signal.between(begin_s, segment.end_s)
     enough = len(steady.value) >= LEAST_SAMPLES
     has_error = enough and segment.target is not None
@@ -176,6 +177,12 @@ def column_quality(column: LogColumn) -> ColumnQuality:
     """Return the figures of one column."""
     value = column.signal.value
     return ColumnQuality(column, tuple(flat_tops(value)), is_constant(value))
+
+
+def _steady_begin_s(segment: LogSegment, settling_s: float | None) -> float:
+    settled_s = segment.begin_s + (settling_s or 0.0)
+    half_s = 0.5 * (segment.end_s - settled_s)
+    return settled_s + (half_s if settling_s is None else min(settling_s, half_s))
 
 
 def _settling_s(inside: Signal, segment: LogSegment, width: float) -> float | None:

@@ -29,7 +29,7 @@ from tuning.force_log import LEAST_SAMPLES, Signal
 from tuning.log_quality import Band, LogColumn
 
 UNIT_WORDS = frozenset(("n", "nm", "s", "ms", "us", "ns"))  # of a name, beside its words
-TIME_WORDS = frozenset(("t", "time", "timestamp", "stamp", "seconds"))
+TIME_WORDS = (("t", "time", "timestamp", "seconds"), ("stamp",))  # the first that occurs
 AXES = "xyz"
 MOST_PERIOD_S = 0.5  # a longer median distance is probably a time in another unit
 BAND = re.compile(r"([0-9.eE+-]+)\s*(%|[A-Za-z][\w·.-]*)?")
@@ -146,7 +146,9 @@ def _completed(table: LogTable, choice: ColumnChoice) -> tuple[ColumnChoice, lis
 def _found_time(table: LogTable) -> str:
     if table.time_names:
         return table.time_names[0]
-    found = [name for name in table.names if _words(name)[-1:] and _words(name)[-1] in TIME_WORDS]
+    last = {name: _words(name)[-1:] for name in table.names}
+    ranks = ([name for name in last if set(last[name]) & set(words)] for words in TIME_WORDS)
+    found = next(filter(None, ranks), [])
     if len(found) == 1:
         return found[0]
     what = "no column is certainly the time" if not found else f"{' and '.join(found)} may be time"

@@ -117,7 +117,9 @@ def _target_plot(judged: JudgedLog) -> Html:
         axes.fill_between(span_s, low, high, color=TARGET, alpha=0.25, linewidth=0.0)
         axes.plot(span_s, (segment.target,) * 2, color=TARGET, linewidth=1.0)
         if row.settling_s is not None:
-            axes.axvline(row.steady_begin_s, color=COLOURS[1], linewidth=1.0, linestyle="--")
+            axes.axvline(
+                segment.begin_s + row.settling_s, color=COLOURS[1], linewidth=1.0, linestyle="--"
+            )
     return picture(title, figure)
 
 
@@ -200,11 +202,12 @@ def _definitions(judged: JudgedLog) -> Html:
         f"Settling: time from the step until the force{mean} stays within {_band(judged)} of the "
         f"target, for at least {100.0 * HELD_SHARE:.0f} % of the segment. Overshoot: largest "
         "excess over the target, in percent of the step. Rise: from 10 % to 90 % of the step.",
-        "Steady part: from settling to the end of the segment; its second half if the force does "
-        "not settle. Error: mean minus target. Ripple: RMS about the straight line of least "
-        "squares. Drift: slope of this line with its 95 % interval, for correlated samples "
-        "(Santer et al. 2000). Spectrum: Welch 1967, Hann's window; a peak would be reached by "
-        "noise alone in one log of a thousand.",
+        "Steady part: from twice the settling time to the end of the segment, at least the second "
+        "half of what is settled; the second half of a segment that does not settle. Error: mean "
+        "minus target. Ripple: RMS about the straight line of least squares. Drift: slope of this "
+        "line with its 95 % interval, for correlated samples (Santer et al. 2000). Spectrum: Welch "
+        "1967, Hann's window; a peak would be reached by noise alone in one log of a thousand, and "
+        "needs 14 periods.",
         f"Findings: overshoot above {MOST_OVERSHOOT_PCT:.0f} %; a significant drift by more than "
         f"half the band; one frequency with more than {100.0 * OSCILLATION_SHARE:.0f} % of the "
         f"ripple's power; at least {LEAST_RUN} equal samples in a row at an extreme value, entered "

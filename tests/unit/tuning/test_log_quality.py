@@ -70,11 +70,12 @@ def test_the_overshoot_of_a_second_order_response_is_that_of_its_damping(
     """In percent of the step, whatever its sign."""
     force = level * second_order(times(), damping=damping, rad_s=20.0)
     found = judged(force, setpoint_at(times(), level))
-    assert found.segments[1].overshoot_pct == pytest.approx(overshoot_of(damping), abs=0.2)
-    assert ("overshoot" in kinds(found)) == (found.segments[1].overshoot_pct > 10.0)
+    overshoot_pct = found.segments[1].overshoot_pct
+    assert overshoot_pct == pytest.approx(overshoot_of(damping), abs=0.2)
+    assert ("overshoot" in kinds(found)) == (overshoot_pct is not None and overshoot_pct > 10.0)
 
 
-@given(error=st.floats(-0.4, 0.4), ripple=st.floats(0.005, 0.05), slope=st.floats(-0.01, 0.01))
+@given(error=st.floats(-0.25, 0.25), ripple=st.floats(0.005, 0.03), slope=st.floats(-0.01, 0.01))
 def test_error_ripple_and_drift_are_those_of_the_steady_part(
     error: float, ripple: float, slope: float
 ) -> None:

@@ -1,0 +1,141 @@
+"""MCAP files of other programs: JSON and WrenchStamped, and everything that is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cli.report.log_mcap import McapTable, is_mcap
+from cli.report.log_table import read_numbers
+from forcemesh.errors import DataError
+from tests.fakes.force_logs import WRENCH_STAMPED, Message, json_messages, wrench_cdr, write_mcap
+
+SIX = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
+JSON = {"t": [10.0, 10.5, 11.0], "fz": [1.0, 2.0, 3.0]}
+FORCES = ("wrench.force.x", "wrench.force.y", "wrench.force.z")
+TORQUES = ("wrench.torque.x", "wrench.torque.y", "wrench.torque.z")
+numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
+
+
+@given(six=st.tuples(*[numbers] * 6), frame=st.text("abc_", max_size=20), big=st.booleans())
+def test_a_wrench_in_cdr_is_read_to_the_last_digit(
+    six: tuple[float, ...], frame: str, big: bool, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Whatever the length of the frame's name, which moves the alignment, and the byte order."""
+    path = tmp_path_factory.mktemp("bag") / "log.mcap"
+    data = wrench_cdr(7.25, six, frame=frame, order=">" if big else "<")
+    write_mcap(path, {("/ft", WRENCH_STAMPED, "cdr"): [(9.0, data)]})
+    found = read_numbers(McapTable(path, None), ("stamp_s", "log_time_s", *FORCES, *TORQUES))
+    assert [found[name][0] for name in (*FORCES, *TORQUES)] == list(six)
+    assert (found["stamp_s"][0], found["log_time_s"][0]) == (7.25, 9.0)
+
+
+def test_a_wrench_stamped_has_the_published_size() -> None:
+    """76 bytes for a name of 11 letters: 4 + 12 + 12 + 48."""
+    assert len(wrench_cdr(1.0, SIX, frame="tool_sensor")) == 76
+
+
+def test_a_wrench_without_a_stamp_has_the_time_of_the_file(tmp_path: Path) -> None:
+    """As geometry_msgs/Wrench, in the older form of its name too."""
+    data = wrench_cdr(0.0, SIX, frame="")[-48:]
+    for name in ("geometry_msgs/msg/Wrench", "geometry_msgs/Wrench"):
+        messages: list[Message] = [(3.0, b"\x00\x01\x00\x00" + data)]
+        path = write_mcap(tmp_path / "log.mcap", {("/ft", name, "cdr"): messages})
+        table = McapTable(path, None)
+        assert table.time_names == ("log_time_s",)
+        assert read_numbers(table, ("force.z",))["force.z"].tolist() == [3.0]
+
+
+def test_json_fields_are_joined_by_dots_and_stamped(tmp_path: Path) -> None:
+    """Times are those of the message's header where it has one; a missing field is missing."""
+    trees = [
+        {"header": {"stamp": {"sec": 5, "nanosec": 500_000_000}}, "wrench": {"force": {"z": 2.0}}},
+        {"header": {"stamp": {"sec": 6, "nanosec": 0}}, "wrench": {"force": {}}, "note": "x"},
+    ]
+    messages = [(float(at), json.dumps(tree).encode()) for at, tree in enumerate(trees, 10)]
+    table = McapTable(write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): messages}), None)
+    assert table.time_names[0] == "stamp_s"
+    found = read_numbers(table, ("stamp_s", "wrench.force.z"))
+    assert found["stamp_s"].tolist() == [5.5, 6.0]
+    assert found["wrench.force.z"][0] == 2.0
+    assert str(found["wrench.force.z"][1]) == "nan"
+    with pytest.raises(DataError, match=r"message 2, column 'note': 'x' is not a finite number"):
+        read_numbers(table, ("note",))
+
+
+def test_messages_are_in_the_order_of_the_files_times(tmp_path: Path) -> None:
+    """A recorder may write them in another order."""
+    messages = json_messages(JSON)[::-1]
+    table = McapTable(write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): messages}), "/ft")
+    assert read_numbers(table, ("fz",))["fz"].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_the_only_topic_that_can_be_read_is_taken_and_noted(tmp_path: Path) -> None:
+    """Beside others; two that can be read must be named."""
+    topics = {
+        ("/camera", "sensor_msgs/msg/Image", "cdr"): [(1.0, b"\0" * 8)],
+        ("/ft", "", "json"): json_messages(JSON),
+    }
+    table = McapTable(write_mcap(tmp_path / "a.mcap", topics), None)
+    assert table.topic == "/ft"
+    assert table.notes == ["the topic is /ft, the only one that can be read"]
+    topics[("/other", "W", "json")] = json_messages(JSON)
+    path = write_mcap(tmp_path / "b.mcap", topics)
+    with pytest.raises(DataError, match=r"b.mcap: name one topic with --topic; the topics are: "):
+        McapTable(path, None)
+    assert McapTable(path, "/other").notes == []
+
+
+@pytest.mark.parametrize(
+    ("schema", "encoding", "data", "sentence"),
+    [
+        (WRENCH_STAMPED, "ros1", b"", "topic /ft is geometry_msgs/msg/WrenchStamped, ros1 and"),
+        ("foxglove.Pose", "protobuf", b"", "cannot be read: read are JSON and"),
+        ("", "", b"", "topic /ft is no schema, no encoding and cannot be read"),
+        (WRENCH_STAMPED, "cdr", b"\0\1\0\0\0", "message 1 cannot be decoded"),
+        (WRENCH_STAMPED, "cdr", b"\0", "message 1 cannot be decoded: it is shorter"),
+        ("W", "json", b"{", "message 1 cannot be decoded"),
+        ("W", "json", b"{}", "topic /ft has no message with fields"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_its_kind(
+    tmp_path: Path, schema: str, encoding: str, data: bytes, sentence: str
+) -> None:
+    """And with the conversion."""
+    path = write_mcap(tmp_path / "a.mcap", {("/ft", schema, encoding): [(1.0, data)]})
+    with pytest.raises(DataError, match=r"a\.mcap: ") as raised:
+        McapTable(path, "/ft")
+    assert sentence in str(raised.value)
+
+
+def test_an_unknown_topic_and_a_file_without_messages_are_refused(tmp_path: Path) -> None:
+    """The message lists the topics with schema and encoding."""
+    path = write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): json_messages(JSON)})
+    with pytest.raises(DataError, match=r"topic '/f' is missing; the topics are: /ft \(W, json\)"):
+        McapTable(path, "/f")
+    with pytest.raises(DataError, match=r"b.mcap: not a recording, or truncated"):
+        McapTable(write_mcap(tmp_path / "b.mcap", {}), None)
+
+
+def test_a_truncated_file_is_read_up_to_its_end_and_noted(tmp_path: Path) -> None:
+    """Once, however often it is read."""
+    rows = 40_000
+    messages = json_messages({"t": range(rows), "fz": range(rows)})
+    path = write_mcap(tmp_path / "a.mcap", {("/ft", "W", "json"): messages})
+    path.write_bytes(path.read_bytes()[:500_000])
+    table = McapTable(path, None)
+    found = read_numbers(table, ("fz",))["fz"]
+    assert 1000 < len(found) < rows
+    assert table.notes == ["the file is truncated: read up to its end"]
+
+
+def test_mcap_is_recognised_by_its_first_bytes(tmp_path: Path) -> None:
+    """Whatever its name."""
+    path = write_mcap(tmp_path / "a.bin", {})
+    assert is_mcap(path)
+    path.write_text("t,fz\n")
+    assert not is_mcap(path)
+    with pytest.raises(DataError, match="cannot be read"):
+        is_mcap(tmp_path / "none")

@@ -1,0 +1,117 @@
+"""CSV files of any robot: delimiters, headers, missing values, and errors that name the cell."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cli.report.log_table import KINDS, MISSING, CsvTable, number_in, read_numbers
+from forcemesh.errors import DataError
+
+
+def table(tmp_path: Path, text: str) -> CsvTable:
+    """Return a table of a text."""
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8")
+    return CsvTable(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t,fz\n0,1.5\n0.5,2\n",
+        "t;fz\n0;1,5\n0,5;2\n",
+        "t\tfz\r\n0\t1,5\r\n0.5\t2\r\n",
+        "t  fz\n0  1.5\n 0.5 2\n",
+        "\ufeff# a comment\n\nt , fz\n0, 1.5\n# another\n0.5, 2,\n",
+        '"t","fz"\n"0","1.5"\n"0.5","2"\n',
+    ],
+)
+def test_every_usual_form_of_a_csv_file_is_read(tmp_path: Path, text: str) -> None:
+    """Comma, semicolon with decimal commas, tab, spaces, byte order mark, comments, quotes."""
+    found = read_numbers(table(tmp_path, text), ("fz", "t"))
+    assert found["t"].tolist() == [0.0, 0.5]
+    assert found["fz"].tolist() == [1.5, 2.0]
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_every_number_is_read_to_the_last_digit(value: float) -> None:
+    """As text and as a number."""
+    assert number_in(repr(value)) == value
+    assert number_in(value) == value
+
+
+@pytest.mark.parametrize("cell", [*sorted(MISSING), " NaN ", None])
+def test_a_missing_value_is_nan_and_never_zero(cell: object) -> None:
+    """An empty cell, a dash, and the usual words."""
+    assert math.isnan(number_in(cell))
+
+
+@pytest.mark.parametrize("cell", ["inf", "-Infinity", "1e999", "x", "1.5 N", True, [1.0], {}])
+def test_anything_else_is_no_number(cell: object) -> None:
+    """Also an infinite number, which no sensor reports."""
+    with pytest.raises(ValueError):  # noqa: PT011 - its text is not used
+        number_in(cell)
+
+
+def test_text_in_a_number_column_is_named_with_line_and_column(tmp_path: Path) -> None:
+    """The number of the line is that of an editor."""
+    with pytest.raises(DataError, match=r"log.csv: line 4, column 'fz': 'high' is not a finite"):
+        read_numbers(table(tmp_path, "t,fz\n0,1\n# c\n1,high\n"), ("t", "fz"))
+
+
+def test_a_missing_column_and_a_column_that_occurs_twice_are_named(tmp_path: Path) -> None:
+    """With the list of the columns."""
+    log = table(tmp_path, "t,fz,fz\n0,1,2\n")
+    with pytest.raises(DataError, match=r"column 'fx' is missing; the columns are: t, fz, fz"):
+        read_numbers(log, ("t", "fx"))
+    with pytest.raises(DataError, match=r"column 'fz' occurs twice; the columns are: t, fz, fz"):
+        read_numbers(log, ("t", "fz"))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "the file is empty: the first line must name the columns"),
+        ("0,1\n1,2\n", "line 1 has only numbers: a header line must name the columns"),
+        ("t,fz\n0,1\n1\n", "line 3 has 1 values, the header has 2 columns"),
+    ],
+)
+def test_a_file_without_header_or_with_a_short_line_is_refused(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
+    """The message names the line."""
+    with pytest.raises(DataError, match=sentence):
+        read_numbers(table(tmp_path, text), ("t", "fz"))
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [(magic, text) for magic, text in KINDS]
+    + [(b"t,fz\n\0\0", "is not a text file"), (b"t,f\xe4z\n", "is not text in UTF-8")],
+)
+def test_a_file_of_another_kind_is_refused_with_the_remedy(
+    tmp_path: Path, data: bytes, sentence: str
+) -> None:
+    """By its first bytes, whatever its name."""
+    path = tmp_path / "log.csv"
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=r"log\.csv: ") as raised:
+        CsvTable(path)
+    assert sentence in str(raised.value)
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    """With the reason of the system."""
+    with pytest.raises(DataError, match=r"none.csv: cannot be read: No such file"):
+        CsvTable(tmp_path / "none.csv")
+
+
+def test_a_header_alone_is_a_table_without_rows(tmp_path: Path) -> None:
+    """Its columns are empty arrays."""
+    found = read_numbers(table(tmp_path, "t,fz\n"), ("t", "fz"))
+    assert [len(values) for values in found.values()] == [0, 0]
+    assert isinstance(found["t"], np.ndarray)

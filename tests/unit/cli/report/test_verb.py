@@ -1,0 +1,240 @@
+"""Verb `report` on logs of other robots: page, summary, JSON, and refusals."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from cli.__main__ import app
+from cli.context import OK, USAGE
+from tests.fakes.force_logs import (
+    WRENCH_STAMPED,
+    first_order,
+    json_messages,
+    noise,
+    press_csv,
+    second_order,
+    setpoint_at,
+    times,
+    wrench_cdr,
+    write_csv,
+    write_mcap,
+)
+from tools.tree import ROOT
+
+RECORDING = ROOT / "tests" / "corpus" / "recording-version-2.mcap"
+TAU_S = 0.05
+
+
+def run(*words: object) -> tuple[int, str, str]:
+    """Run `report`; return exit code, standard output and error."""
+    result = CliRunner().invoke(app, ["report", *(str(word) for word in words)])
+    return result.exit_code, result.stdout, result.stderr
+
+
+def judged(path: Path, *options: object) -> dict[str, Any]:
+    """Return what `report --json` prints."""
+    code, out, error = run(path, *options, "--json", "-o", path.with_suffix(".page.html"))
+    assert code == OK, error
+    found: dict[str, Any] = json.loads(out)
+    return found
+
+
+def test_a_log_of_any_robot_becomes_a_page_and_a_summary(tmp_path: Path) -> None:
+    """Without an option: the columns are found by their names, which is noted in both."""
+    code, out, error = run(press_csv(tmp_path / "press.csv"))
+    assert (code, error) == (OK, "")
+    assert out.startswith("press.csv: 5.0 s, 2500 samples, 500 per s; judged: fz [N]\n")
+    assert "0\u00a0→\u00a010" in out
+    assert "no findings" in out
+    assert "note: fz is judged, because it changes most; --axis names another" in out
+    page = (tmp_path / "press.html").read_text(encoding="utf-8")
+    for part in ("Force log press.csv", "Segments", "Definitions", "± 5 % of the step", "1 of 1"):
+        assert part in page
+    assert page.count("<img") == 3
+    assert "http" not in page.replace("http://www.w3.org", "")
+
+
+def test_json_has_the_figures_of_the_known_response(tmp_path: Path) -> None:
+    """Settling of a first-order response to 5 %, within half a moving mean."""
+    tree = judged(press_csv(tmp_path / "press.csv"))
+    before, after = tree["segments"]
+    assert (before["settled"], before["settling_s"], before["target"]) == (None, None, None)
+    assert after["settled"]
+    assert after["settling_s"] == pytest.approx(TAU_S * math.log(20.0), abs=0.012)
+    assert after["ripple_rms"] == pytest.approx(0.02, rel=0.2)
+    assert (tree["axis"], tree["unit"], tree["findings"]) == ("fz", "N", [])
+    assert tree["band"] == {"value": 5.0, "unit": "%"}
+    assert tree["sampling"]["samples"] == 2500
+    assert [column["name"] for column in tree["columns"]] == ["fx", "fy", "fz"]
+
+
+def test_a_log_with_faults_has_them_on_the_page_and_in_the_summary(tmp_path: Path) -> None:
+    """Clipping, an oscillation, a gap, missing values, a dead channel."""
+    time_s = times()
+    force = 20.0 * second_order(time_s, damping=0.3, rad_s=20.0) + noise(2500, 0.05)
+    force += (
+        0.5
+        * setpoint_at(time_s, 1.0)
+        * (time_s > 2.0)
+        * second_order(time_s - 2.0, damping=0.001, rad_s=150.0, at_s=0.0)
+    )
+    rows = [number for number in range(2500) if not 1000 <= number < 1050]
+    columns: dict[str, list[object]] = {
+        "t": [time_s[number] for number in rows],
+        "fx": ["" if number < 3 else 0.25 for number in rows],
+        "fz": [min(force[number], 24.0) for number in rows],
+    }
+    code, out, _ = run(write_csv(tmp_path / "log.csv", columns), "--setpoint", 20)
+    page = (tmp_path / "log.html").read_text(encoding="utf-8")
+    assert code == OK
+    sentences = ("gaps in the samples: 1", "overshoot", "is an oscillation of 23.9 Hz")
+    for sentence in (
+        *sentences,
+        "fx never changes",
+        "fx has no value in 3 rows",
+        "is flat at 24 N",
+    ):
+        assert sentence in out
+        assert sentence in page
+
+
+def test_a_rosbag_is_judged_by_the_stamps_of_its_messages(tmp_path: Path) -> None:
+    """WrenchStamped of ROS 2, beside another topic; the times of the file are late and uneven."""
+    force = 10.0 * first_order(times(), TAU_S) + noise(2500, 0.02)
+    late = noise(2500, 0.0002) + 0.01
+    wrenches = [
+        (at + delay, wrench_cdr(at, (0.0, 0.0, each, 0.0, 0.0, 0.0), frame="ft"))
+        for at, each, delay in zip(times() + 100.0, force, late, strict=True)
+    ]
+    topics = {
+        ("/joints", "sensor_msgs/msg/JointState", "cdr"): [(100.0, b"\0" * 8)],
+        ("/ft/wrench", WRENCH_STAMPED, "cdr"): wrenches,
+    }
+    path = write_mcap(tmp_path / "bag.mcap", topics)
+    tree = judged(path, "--setpoint", 10)
+    assert tree["segments"][1]["settling_s"] == pytest.approx(TAU_S * math.log(20.0), abs=0.015)
+    assert tree["notes"][:2] == [
+        "the topic is /ft/wrench, the only one that can be read",
+        "time is column 'stamp_s', by its name",
+    ]
+    assert tree["sampling"]["largest_jitter_s"] < 1e-6
+    assert judged(path, "--time", "log_time_s")["sampling"]["largest_jitter_s"] > 1e-4
+
+
+def test_json_messages_are_judged_by_the_times_of_the_file(tmp_path: Path) -> None:
+    """If they have no header; a band in newtons and single samples are options."""
+    messages = json_messages({"t": times(), "fz": 10.0 * first_order(times(), TAU_S)})
+    path = write_mcap(tmp_path / "log.mcap", {("/ft", "W", "json"): messages})
+    tree = judged(path, "--band", "1N", "--mean-ms", 0, "--axis", "fz", "--setpoint", "10")
+    assert tree["segments"][1]["settling_s"] == pytest.approx(TAU_S * math.log(10.0), abs=0.005)
+    assert tree["band"] == {"value": 1.0, "unit": "N"}
+    page = path.with_suffix(".page.html").read_text(encoding="utf-8")
+    assert "± 1 N" in page
+    assert "moving means" not in page
+
+
+def test_a_log_without_a_step_or_a_spectrum_has_a_page(tmp_path: Path) -> None:
+    """Forty samples at rest: nothing to settle, too few for a spectrum; a torque alone."""
+    path = write_csv(tmp_path / "log.csv", {"t": times(0.08), "tz": noise(40, 0.01)})
+    code, out, _ = run(path, "--torque", "tz")
+    page = (tmp_path / "log.html").read_text(encoding="utf-8")
+    assert code == OK
+    assert "finding: no step was found" in out
+    assert "No steady part is long enough for a spectrum." in page
+    assert "0 of 0" in page
+    assert "tz [N m]" in out
+
+
+def test_a_constant_force_has_a_page_without_peaks(tmp_path: Path) -> None:
+    """Its density is zero, which has no logarithm; ten steady samples have no figures."""
+    constant = {"t": times(1.0), "fz": np.full(500, 3.0)}
+    assert run(write_csv(tmp_path / "log.csv", constant))[0] == OK
+    page = (tmp_path / "log.html").read_text(encoding="utf-8")
+    assert "No frequency stands out from the noise." in page
+    aimed = setpoint_at(times(0.04), 1.0, 0.02)
+    short = {"t": times(0.04), "fz": aimed, "setpoint": aimed}
+    assert judged(write_csv(tmp_path / "b.csv", short))["segments"][1]["ripple_rms"] is None
+    assert run(tmp_path / "b.csv")[0] == OK
+
+
+def test_a_slow_wave_has_a_drift_without_an_interval(tmp_path: Path) -> None:
+    """It is shown as unknown."""
+    force = [math.cos(0.6 * at) for at in times()]
+    code, out, _ = run(write_csv(tmp_path / "log.csv", {"t": times(), "fz": force}))
+    assert code == OK
+    assert "\u00a0±\u00a0?" in out
+
+
+def test_a_force_that_does_not_settle_is_said_so(tmp_path: Path) -> None:
+    """In the table and as a finding."""
+    path = press_csv(tmp_path / "press.csv")
+    code, out, _ = run(path, "--setpoint", "12")
+    assert code == OK
+    assert "not settled" in out
+    assert "the force does not stay within 0.6 N of its target; ripple" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (("--force", "fx,fq"), "column 'fq' is missing; the columns are: t, fx, fy, fz, setpoint"),
+        (("--units", "newton"), "--units: unknown unit 'newton'"),
+        (("--band", "wide"), "--band 'wide': must be a positive number with % or a unit"),
+        (("--axis", "f"), "--axis 'f' is no force or torque of the log"),
+        (("--topic", "/ft"), "--topic /ft: a text file has no topics"),
+        (("--mean-ms", "-1"), "must be at least 0"),
+        (("-o", "{}"), "is the file that is read: choose another name"),
+        (("-o", "/proc/none"), "/proc/none: cannot be written"),
+    ],
+)
+def test_every_mistake_is_one_sentence(
+    tmp_path: Path, options: tuple[str, ...], sentence: str
+) -> None:
+    """With exit code 2, without a page."""
+    path = press_csv(tmp_path / "press.csv")
+    code, out, error = run(path, *(option.replace("{}", str(path)) for option in options))
+    assert (code, out) == (USAGE, "")
+    assert sentence in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "press.html").exists()
+
+
+def test_a_recording_keeps_its_report_and_takes_no_columns(tmp_path: Path) -> None:
+    """One of its topics is judged as a log on request."""
+    page = tmp_path / "page.html"
+    code, _, error = run(RECORDING, "--force", "fz", "-o", page)
+    assert code == USAGE
+    assert "--topic judges one of its topics as a log" in error
+    assert run(RECORDING, "--json", "-o", page)[0] == USAGE
+    assert run(RECORDING, "--no-3d", "-o", page)[0] == OK
+    assert "Arbiter states" in page.read_text(encoding="utf-8")
+    forces = "force_N.x,force_N.y,force_N.z"
+    code, out, error = run(RECORDING, "--topic", "wrench", "--force", forces, "-o", page)
+    assert code == OK, error
+    assert "judged: force_N." in out
+
+
+def test_a_file_that_is_neither_is_refused_with_the_kinds(tmp_path: Path) -> None:
+    """By its content where that is known, else by its name."""
+    table = tmp_path / "log.xlsx"
+    table.write_bytes(b"PK\x03\x04")
+    assert "is a spreadsheet or a zip file; save it as CSV" in run(table)[2]
+    code, _, error = run(__file__)
+    assert code == USAGE
+    assert "test_verb.py: not a recording, or truncated; a log of another robot is .csv" in error
+
+
+def test_foreign_text_is_no_markup_on_the_page(tmp_path: Path) -> None:
+    """Names of columns and of the file are escaped."""
+    name = "<script>fz</script>"
+    path = tmp_path / "<b>.csv"
+    write_csv(path, {"t": times(1.0), name: noise(500, 1.0)})
+    assert run(path, "--force", name)[0] == OK
+    page = path.with_suffix(".html").read_text(encoding="utf-8")
+    assert "<script>" not in page
+    assert "&lt;script&gt;fz" in page

@@ -20,7 +20,7 @@ LEAST_WINDOW = 5  # samples
 LEAST_STEP_SHARE = 0.3  # of the range of the force
 LEAST_STEP_NOISE = 6.0  # times the standard deviation before the step
 SECOND_STEP_SHARE = 0.5  # of the largest step: smaller ones are not steps of their own
-REST_SHARE = 0.25  # of the step: largest unrest in the second halves of the parts beside it
+REST_SHARE = 0.25  # of the step: largest motion in the second halves of the parts beside it
 BLOCKS = 5
 START_SHARE = 0.02  # of the step: the force has left its level
 START_NOISE = 4.0  # times the noise of single samples
@@ -131,16 +131,16 @@ def steps_in(value: Array) -> list[tuple[int, float]]:
     found.sort()
     starts = [_start(value, sample, window) for sample in found]
     begins, ends = [0, *found], [*(sample for sample, _ in starts), len(value)]
-    unrest = [_unrest(value[first:last]) for first, last in zip(begins, ends, strict=True)]
+    motions = [_motion(value[first:last]) for first, last in zip(begins, ends, strict=True)]
     heights = [abs(float(after[each - at[0]] - before[each - at[0]])) for each in found]
     return [
         start
         for number, start in enumerate(starts)
-        if max(unrest[number : number + 2]) < REST_SHARE * heights[number]
+        if max(motions[number : number + 2]) < REST_SHARE * heights[number]
     ]
 
 
-def _unrest(part: Array) -> float:
+def _motion(part: Array) -> float:
     """Return the motion in the second half of a part: slow, or faster than its blocks."""
     half = part[len(part) // 2 :]
     means = [float(np.mean(block)) for block in np.array_split(half, min(BLOCKS, len(half)))]

@@ -170,7 +170,7 @@ def test_a_slow_wave_has_a_drift_without_an_interval(tmp_path: Path) -> None:
     assert "\u00a0±\u00a0?" in out
 
 
-def test_a_force_that_does_not_settle_is_said_so(tmp_path: Path) -> None:
+def test_a_force_that_does_not_settle_is_reported(tmp_path: Path) -> None:
     """In the table and as a finding."""
     path = press_csv(tmp_path / "press.csv")
     code, out, _ = run(path, "--setpoint", "12")

@@ -17,6 +17,7 @@ EDGE_LEVELS = 8  # beside a run, within which it is entered or left
 LEAST_RESOLUTIONS = 9.0  # height of the edge in steps of the resolution: more than EDGE_LEVELS
 LEAST_SLOPE_SHARE = 0.3  # height of the edge in median changes between samples
 LEAST_SAMPLES_CLIPPED = 5
+NEXT_LEVELS = 2  # of a coarse resolution; unclipped, an extreme level is rarer than the next ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +42,10 @@ def flat_tops(value: Array) -> list[FlatTop]:
     """Return the clipping at the largest and the smallest value of a signal. Shape (N,).
 
     A run counts that has at least LEAST_RUN samples, and this many times the usual number of
-    repeated samples, if the signal changes at an end of one of them by LEAST_RESOLUTIONS steps of
-    the resolution and by LEAST_SLOPE_SHARE of the median change. A value of exactly 0 is the
-    absence of contact, and a signal that never changes has no top.
+    repeated samples, if the signal leaves or reaches its value somewhere by LEAST_RESOLUTIONS steps
+    of the resolution and by LEAST_SLOPE_SHARE of the median change, and if this value is not rarer
+    than the NEXT_LEVELS beside it. A value of exactly 0 is the absence of contact, and a signal
+    that never changes has no top.
     """
     low, high = float(np.min(value)), float(np.max(value))
     if low == high:
@@ -65,14 +67,15 @@ def _runs(value: Array) -> _Runs:
 
 def _top(value: Array, runs: _Runs, extreme: float) -> FlatTop | None:
     usual = int(np.median(runs.length))  # 4 where each sample of a sensor is logged four times
-    is_here = (value[runs.first] == extreme) & (runs.length >= LEAST_RUN * usual)
+    is_here = value[runs.first] == extreme
     changes = np.abs(np.diff(value[runs.first]))
-    least = max(
-        LEAST_RESOLUTIONS * _resolution(value), LEAST_SLOPE_SHARE * float(np.median(changes))
-    )
+    resolution = _resolution(value)
+    least = max(LEAST_RESOLUTIONS * resolution, LEAST_SLOPE_SHARE * float(np.median(changes)))
     is_steep = any(_edge(value[runs.first], int(at)) >= least for at in np.flatnonzero(is_here))
-    lengths = [int(length) for length in runs.length[is_here]]
-    if not is_steep or sum(lengths) < LEAST_SAMPLES_CLIPPED:
+    lengths = [int(each) for each in runs.length[is_here] if each >= LEAST_RUN * usual]
+    distance = np.abs(value - extreme)
+    beside = np.count_nonzero((distance > 0.0) & (distance < (NEXT_LEVELS + 0.5) * resolution))
+    if not is_steep or sum(lengths) < max(LEAST_SAMPLES_CLIPPED, beside):
         return None
     return FlatTop(extreme, len(lengths), sum(lengths), max(lengths))
 

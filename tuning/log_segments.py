@@ -101,8 +101,9 @@ def _by_force(signal: Signal, target: float | None) -> list[LogSegment]:
 
 
 def _final_level(signal: Signal, begin_s: float, end_s: float) -> float:
-    end = signal.between(end_s - FINAL_SHARE * (end_s - begin_s), end_s)
-    return float(np.median(end.value))
+    end = signal.between(end_s - FINAL_SHARE * (end_s - begin_s), end_s).value
+    whole = signal.between(begin_s, end_s).value
+    return float(np.median(end if len(end) else whole[-1:]))  # a gap may be all of the end
 
 
 def steps_in(value: Array) -> list[tuple[int, float]]:

@@ -105,6 +105,16 @@ def test_a_set_point_that_changes_with_the_first_sample_leaves_no_empty_segment(
     assert [each.target for each in segments_of(late, Signal(time_s, aimed))] == [5.0]
 
 
+def test_a_gap_at_the_end_of_a_segment_leaves_its_last_sample_as_the_level() -> None:
+    """The next step begins with the first sample after the gap."""
+    time_s = times()
+    force = 10.0 * (first_order(time_s, 0.01) - first_order(time_s, 0.01, 3.0))
+    kept = (time_s < 1.8) | (time_s >= 3.0)
+    found = segments_of(Signal(time_s[kept], force[kept]), None)
+    assert found[1].target == pytest.approx(10.0)
+    assert found[2].begin_s == pytest.approx(3.0)
+
+
 def test_too_few_samples_have_no_step() -> None:
     """The windows need five samples on each side."""
     assert steps_in(np.array([0.0] * 5 + [1.0] * 5)) == []

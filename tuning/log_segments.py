@@ -166,4 +166,4 @@ def _start(value: Array, sample: int, window: int) -> tuple[int, float]:
     steps = np.diff(value[max(sample - window, 0) : sample])
     noise = MAD_TO_STD * float(np.median(np.abs(steps - np.median(steps)))) / np.sqrt(2.0)
     near = np.abs(value[: sample + 1] - level) <= max(START_SHARE * height, START_NOISE * noise)
-    return int(np.flatnonzero(near)[-1]), level
+    return max(np.flatnonzero(near).tolist(), default=sample), level

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cli.report.log_table import LogTable, columns_text, read_numbers
+from cli.report.log_table import MOST_NUMBER, LogTable, columns_text, read_numbers
 from cli.report.log_units import (
     DEFAULTS,
     FORCE,
@@ -190,8 +190,8 @@ def _level_or_column(text: str) -> tuple[float | None, str]:
         level = float(text)
     except ValueError:
         return None, text
-    if not math.isfinite(level):
-        raise DataError(f"--setpoint {text}: must be a finite number or the name of a column")
+    if not abs(level) <= MOST_NUMBER:
+        raise DataError(f"--setpoint {text}: must be a number within ±1e30 or a column")
     return level, ""
 
 

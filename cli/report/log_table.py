@@ -30,6 +30,7 @@ KINDS = (  # how files of other kinds begin, and the remedy
     (b"\x89HDF", "is an HDF5 file; save it as CSV"),
     (b"\x1f\x8b", "is compressed; unpack it"),
 )
+MOST_NUMBER = 1e30  # beyond any force, torque and time: squares of such numbers are finite
 LONGEST_START_B = 4096
 
 
@@ -140,7 +141,7 @@ def read_numbers(table: LogTable, chosen: Sequence[str]) -> dict[str, Array]:
             )
             raise DataError(
                 f"{table.path}: {table.row_word} {number}, column {name!r}: {cell!r} is not a "
-                "finite number; a missing value is an empty cell or nan"
+                "number within ±1e30; a missing value is an empty cell or nan"
             ) from None
     values = np.array(found, dtype=float).reshape(len(found), len(chosen))
     return {name: values[:, place].copy() for place, name in enumerate(chosen)}
@@ -157,7 +158,7 @@ def number_in(cell: object) -> float:
         return math.nan
     is_scalar = isinstance(cell, str | int | float) and not isinstance(cell, bool)
     value = float(str(cell)) if is_scalar else math.inf
-    if math.isinf(value):
+    if abs(value) > MOST_NUMBER:
         raise ValueError(cell)
     return value
 

@@ -115,6 +115,12 @@ def test_a_gap_at_the_end_of_a_segment_leaves_its_last_sample_as_the_level() -> 
     assert found[2].begin_s == pytest.approx(3.0)
 
 
+def test_a_step_between_two_levels_that_no_sample_has_begins_where_it_was_found() -> None:
+    """The median of two values may be near neither of them."""
+    value = np.array([0.0] * 45 + [1.0] * 5 + [10.0] * 50)
+    assert steps_in(value) == [(50, 0.5)]
+
+
 def test_too_few_samples_have_no_step() -> None:
     """The windows need five samples on each side."""
     assert steps_in(np.array([0.0] * 5 + [1.0] * 5)) == []

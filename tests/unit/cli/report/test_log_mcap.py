@@ -16,7 +16,7 @@ SIX = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
 JSON = {"t": [10.0, 10.5, 11.0], "fz": [1.0, 2.0, 3.0]}
 FORCES = ("wrench.force.x", "wrench.force.y", "wrench.force.z")
 TORQUES = ("wrench.torque.x", "wrench.torque.y", "wrench.torque.z")
-numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
+numbers = st.floats(-1e30, 1e30)
 
 
 @given(six=st.tuples(*[numbers] * 6), frame=st.text("abc_", max_size=20), big=st.booleans())
@@ -61,7 +61,7 @@ def test_json_fields_are_joined_by_dots_and_stamped(tmp_path: Path) -> None:
     assert found["stamp_s"].tolist() == [5.5, 6.0]
     assert found["wrench.force.z"][0] == 2.0
     assert str(found["wrench.force.z"][1]) == "nan"
-    with pytest.raises(DataError, match=r"message 2, column 'note': 'x' is not a finite number"):
+    with pytest.raises(DataError, match=r"message 2, column 'note': 'x' is not a number within"):
         read_numbers(table, ("note",))
 
 

@@ -74,8 +74,8 @@ def _top(value: Array, runs: _Runs, extreme: float) -> FlatTop | None:
     is_steep = any(_edge(value[runs.first], int(at)) >= least for at in np.flatnonzero(is_here))
     lengths = [int(each) for each in runs.length[is_here] if each >= LEAST_RUN * usual]
     distance = np.abs(value - extreme)
-    beside = np.count_nonzero((distance > 0.0) & (distance < (NEXT_LEVELS + 0.5) * resolution))
-    if not is_steep or sum(lengths) < max(LEAST_SAMPLES_CLIPPED, beside):
+    is_beside = (distance > 0.0) & (distance < (NEXT_LEVELS + 0.5) * resolution)
+    if not is_steep or sum(lengths) < max(LEAST_SAMPLES_CLIPPED, int(np.sum(is_beside))):
         return None
     return FlatTop(extreme, len(lengths), sum(lengths), max(lengths))
 

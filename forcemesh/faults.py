@@ -127,6 +127,7 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(521, "axes_unproved",     "REFUSAL", "the sensor's axes and signs are not yet verified with this calibration, and law admittance would follow a wrong one", "run `forcemesh check axes` once for each calibration and each start of the cell"),
     FaultCode(522, "no_direction",      "REFUSAL", "backing off has no force direction to follow: no valid wrench, a force too small, or one that pulls the tool forward", "check the tool: if 5 mm back along its axis are free, `forcemesh back-off --without-force`"),
     FaultCode(523, "tare",              "REFUSAL", "the last tare is too old for the sensor's drift", "run `forcemesh tare` in free space"),
+    FaultCode(524, "stiffness",         "REFUSAL", "the contact is stiffer than the segments, or the packet, of this controller bear (docs/over-tcp.md)", "put a compliant element between tool and contact; or shorten gateway.least_segment_s, or raise gateway.position_per_mm"),
     # --- 6xx: recordings ---------------------------------------------------------------------------
     FaultCode(601, "recording",         "REFUSAL", "the recorder cannot write: no disk space, or no folder", "free disk space, or set another recorder.folder in the cell file"),
 )}

@@ -32,6 +32,25 @@ ADAPTIVE = (
     AdaptiveRange(15.0, 0.030, 2e3),
     AdaptiveRange(15.0, 0.060, 5e3),
 )
+
+
+class SegmentRange(NamedTuple):
+    """Longest least segment, and there: stiffest contact, fastest rise of its force."""
+
+    longest_s: float
+    stiffest_N_m: float
+    force_rate_N_s: float  # stiffness times approach speed
+
+
+# Force control over TCP: the table "What a slow loop bears" of docs/over-tcp.md.
+SEGMENTS = (
+    SegmentRange(0.016, 1e5, 112.0),
+    SegmentRange(0.020, 1e5, 112.0),
+    SegmentRange(0.030, 1e5, 112.0),
+    SegmentRange(0.045, 3e4, 75.0),
+    SegmentRange(0.060, 3e4, 56.0),
+)
+ROUNDING_MOST_N = 1.0  # of a set point in the gateway's packet, at the contact's stiffness
 PLAIN = ((125.0, 1e3), (15.0, 5e3))  # slowest loop [Hz] and softest contact [N/m]
 LONGEST_TAU_S, STIFFEST_N_M = 0.17, 2e5  # of the plain law
 SAME = 1.0 - 1e-6  # tolerance of numbers typed with fewer digits
@@ -70,6 +89,12 @@ def restriction(cell: CellConfig) -> str:
         f"at {loop} the adaptive law is valid from {softest:g} N/m upwards: softer contacts use "
         "the plain law's gain"
     )
+
+
+def segment_range(segment_s: float) -> SegmentRange | None:
+    """Return what a controller with such segments bears; None: none as long were measured."""
+    rows = [row for row in SEGMENTS if SAME * segment_s <= row.longest_s]
+    return min(rows, default=None)
 
 
 def range_violation(loop_hz: float, tau_s: float, stiffness_N_m: float) -> str:

@@ -3,6 +3,7 @@
 SI units. Angles of frames are Kawasaki's O, A, T in degrees, as on the teach pendant.
 """
 
+from math import sqrt
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -404,6 +405,16 @@ class CellConfig(ConfigSection):
         waiting_s = 0.5 / self.rates.control_hz
         robot_s = self.robot.delay_s + self.robot.lag_s
         return robot_s + self.filter_delay_s + waiting_s + self.force.chain_s
+
+    @property
+    def setpoint_rounding_m(self) -> float:
+        """Largest distance between a set point and the one in the gateway's packet [m].
+
+        Half the diagonal of a cube of packet units; 0 where no set points are sent as a packet.
+        """
+        if self.gateway is None or self.gateway.protocol == "plain":
+            return 0.0
+        return 0.5e-3 * sqrt(3.0) / self.gateway.position_per_mm
 
     @property
     def filter_delay_s(self) -> float:

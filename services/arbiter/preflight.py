@@ -5,7 +5,7 @@ that it can leave a contact without calibration. Backing off skips the checks of
 workspace, because it serves to leave them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from math import hypot
 from typing import NamedTuple
@@ -22,6 +22,7 @@ from forcemesh.messages import Purpose, Trip
 from forcemesh.version import __version__
 from services.arbiter.inputs import Inputs, missing, robot_faults
 from services.arbiter.watch import slow_start_trip
+from tuning.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 
 PREFLIGHT_S = 1.0  # time for which the inputs must have been good
 REST_POSE_S = 0.2  # least time of the flange at one pose
@@ -36,7 +37,7 @@ class Terms:
     config_hash: str
     bounds: ArmBounds  # the cell's; not of an armed arm
     rest_s: float  # least time at rest
-    approach: Trip | None  # why the approach of this cell is too fast
+    contact: tuple[Trip, ...]  # why the contact of this cell is too stiff, or its approach too fast
 
     @classmethod
     def of(cls, cell: CellConfig) -> "Terms":
@@ -46,7 +47,7 @@ class Terms:
             cell_hash(cell),
             ArmBounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity()),
             max(REST_POSE_S, LEAST_REPORTS / cell.rates.robot_hz),
-            _approach_trip(cell),
+            tuple(contact_trips(cell)),
         )
 
 
@@ -119,15 +120,47 @@ def _calibration(context: PreflightContext) -> list[Trip]:
     return [tripped("payload", wrench.calibration_fault or "the wrench is not calibrated")]
 
 
-def _approach_trip(cell: CellConfig) -> Trip | None:
-    value, limit = cell.force.approach_m_s, cell.approach_limit_m_s
-    if value <= limit:
-        return None
-    text = (
-        f"force.approach_m_s is {value * 1e3:.2f} mm/s: force.approach_budget_N / (stiffness x "
-        f"loop delay) allows {limit * 1e3:.2f} mm/s"
-    )
-    return tripped("approach_speed", text, value=value, limit=limit)
+def contact_trips(cell: CellConfig) -> Iterator[Trip]:
+    """Yield why force control of the cell's stiffest contact would not settle."""
+    k, value, limit = cell.contact.stiffness_N_m, cell.force.approach_m_s, cell.approach_limit_m_s
+    if value > limit:
+        text = (
+            f"force.approach_m_s is {value * 1e3:.2f} mm/s: force.approach_budget_N / (stiffness x "
+            f"loop delay) allows {limit * 1e3:.2f} mm/s"
+        )
+        yield tripped("approach_speed", text, value=value, limit=limit)
+    if cell.gateway is None or cell.gateway.protocol == "plain":
+        return
+    rounding_N = k * cell.setpoint_rounding_m
+    if "pc" in cell.robot.hosts and rounding_N > ROUNDING_MOST_N:
+        text = (
+            f"contact.stiffness_N_m is {k:.3g}: the packet rounds a set point by up to "
+            f"{1e3 * cell.setpoint_rounding_m:.3f} mm, {rounding_N:.1f} N there; "
+            f"{ROUNDING_MOST_N:g} N is allowed: raise gateway.position_per_mm, or choose "
+            "robot.hosts [controller]"
+        )
+        yield tripped("stiffness", text, value=rounding_N, limit=ROUNDING_MOST_N, unit="N")
+    yield from _segment_trips(cell, cell.gateway.least_segment_s)
+
+
+def _segment_trips(cell: CellConfig, segment_s: float) -> Iterator[Trip]:
+    """Yield what is beyond the measured range of segments as long as the cell's."""
+    k, row = cell.contact.stiffness_N_m, segment_range(segment_s)
+    segments = f"with segments of {segment_s * 1e3:g} ms (gateway.least_segment_s)"
+    if row is None:
+        longest_s = max(SEGMENTS).longest_s
+        text = f"no contact was measured {segments}: at most {longest_s * 1e3:g} ms"
+        yield tripped("stiffness", text, value=segment_s, limit=longest_s, unit="s")
+    elif k > row.stiffest_N_m:
+        text = f"contact.stiffness_N_m is {k:.3g}: {segments} {row.stiffest_N_m:g} N/m settle"
+        yield tripped("stiffness", text, value=k, limit=row.stiffest_N_m, unit="N/m")
+    elif (rate := k * cell.force.approach_m_s) > row.force_rate_N_s:
+        text = (
+            f"force.approach_m_s is {cell.force.approach_m_s * 1e3:.2f} mm/s, at which the force "
+            f"rises by {rate:.0f} N/s: {segments} {row.force_rate_N_s:.0f} N/s were measured"
+        )
+        limit_m_s = row.force_rate_N_s / k
+        yield tripped("approach_speed", text, value=cell.force.approach_m_s, limit=limit_m_s)
 
 
 def _tare(context: PreflightContext) -> list[Trip]:
@@ -157,8 +190,8 @@ CHECKS: tuple[Check, ...] = (
     Check("the calibration is valid for tool and sensor", _calibration, FORCE),
     Check("the residual force in free space is small",
           lambda context: [context.inputs.watched.residual], FORCE),
-    Check("the approach is slow enough for the stiffness",
-          lambda context: [context.terms.approach], FORCE),
+    Check("the stiffness suits the controller, the approach is slow enough for it",
+          lambda context: context.terms.contact, FORCE),
     Check("the controller is as fast as in the cell file",
           lambda context: [slow_start_trip(context.inputs, context.terms.cell)], FORCE),
     Check("the last tare is not too old", _tare, FORCE),

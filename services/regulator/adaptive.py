@@ -65,6 +65,7 @@ class AdaptiveSettings:
 
     plain: LawSettings  # of the PI law inside, in free space
     in_contact: LawSettings
+    rounding_m: float  # of set points: within that the force cannot be controlled
     tau_s: float
     delay_model: DelayModelSettings
     wrench_filter: DelayModelSettings  # from the measured pose to the filtered force
@@ -96,6 +97,7 @@ class AdaptiveSettings:
         return cls(
             plain=plain,
             in_contact=replace(plain, deadband_N=DEADBAND_IN_CONTACT * plain.deadband_N),
+            rounding_m=cell.setpoint_rounding_m,
             tau_s=tau_s,
             period_s=1.0 / rates.control_hz,
             delay_model=DelayModelSettings.of(cell),
@@ -211,7 +213,7 @@ def step(
         state.tracking = SurfaceTracking()  # an old estimate is useless later
     plain = settings.in_contact if in_contact else settings.plain
     Ki = limit_gain_for_braking(Ki, error_N, k, settings.brake_m_s2)
-    x, y, z = soft_deadband(error_N, plain.deadband_N)
+    x, y, z = soft_deadband(error_N, plain.deadband_N, settings.rounding_m * max(k))
     speed_m_s = rotated(R_base_tcp, (Ki[0] * x, Ki[1] * y, Ki[2] * z + drift_m_s))
     motion = next_motion(sample, plain, speed_m_s)
     motion.follows = state.tracking.near

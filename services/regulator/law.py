@@ -55,6 +55,7 @@ class LawSettings:
     approach_m_s: float
     approach_accel_m_s2: float  # low enough that the tool's inertia does not look like contact
     touch_N: float
+    rest_N: float = 0.0  # a smaller error is rounding of the set point: it would never come to rest
     accel_max_m_s2: float = inf  # finite for a law with a predictor
 
     @classmethod
@@ -67,6 +68,7 @@ class LawSettings:
         probe_m_s = PROBE_N / (cell.contact.stiffness_N_m * cell.loop_delay_s)
         return cls(
             deadband_N=force.deadband_N,
+            rest_N=cell.setpoint_rounding_m * cell.contact.stiffness_N_m,
             deadband_Nm=force.deadband_Nm,
             speed_max_m_s=min(force.speed_max_m_s, cell.limits.speed_m_s),
             speed_max_rad_s=force.speed_max_rad_s,
@@ -135,7 +137,7 @@ def next_motion(
     press_axis = sample.press_axis
     # The contact pushes against the press axis.
     error_N = plus(sample.force_N, press_axis, sample.setpoint_N)
-    error_N = soft_deadband(error_N, settings.deadband_N)
+    error_N = soft_deadband(error_N, settings.deadband_N, settings.rest_N)
     error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
     contact, lever_m = contact_of(sample, settings.touch_N)
     turn_rad = shift_m = speed_m_s = ZERO3
@@ -224,10 +226,13 @@ def masked(motion: Vec3, sample: LawInput, first: int) -> Vec3:
     return rotated(R_base_tcp, product(rotated_back(R_base_tcp, motion), free))
 
 
-def soft_deadband(error: Vector, width: float) -> Vec3:
-    """Shorten a vector by `width`, to zero when it is shorter: continuous, direction kept."""
+def soft_deadband(error: Vector, width: float, rest: float = 0.0) -> Vec3:
+    """Shorten a vector by `width`, to zero when it is shorter: continuous, direction kept.
+
+    A vector shorter than `rest` is zero as well, with a step at that length.
+    """
     size = hypot(*error)
-    return scaled(error, 1.0 - width / size) if size > width else ZERO3
+    return scaled(error, 1.0 - width / size) if size > max(width, rest) else ZERO3
 
 
 def limit_norm(vector: Vec3, longest: float) -> Vec3:

@@ -85,3 +85,14 @@ def test_delay_and_rate_are_proportional_to_the_step_time():
     slow = demo_cell(CELLS / "demo-tcp.yaml", DemoOverrides(as_step_s=2.0 * plain.sim.as_step_s))
     assert slow.robot.delay_s == pytest.approx(2.0 * plain.robot.delay_s)
     assert slow.rates.robot_hz == pytest.approx(0.5 * plain.rates.robot_hz)
+
+
+@pytest.mark.parametrize(("segment_s", "longer_s"), [(0.016, 0.0), (0.03, 0.0), (0.06, 0.09)])
+def test_longer_segments_are_a_longer_delay(segment_s, longer_s):
+    """Three times as much; shorter ones are limited by the program. Gateway and emulator agree."""
+    plain = load_cell(CELLS / "demo-tcp.yaml")
+    cell = demo_cell(CELLS / "demo-tcp.yaml", DemoOverrides(least_segment_s=segment_s))
+    assert cell.robot.delay_s == pytest.approx(plain.robot.delay_s + longer_s)
+    assert cell.gateway is not None
+    assert cell.sim is not None
+    assert cell.gateway.least_segment_s == cell.sim.as_least_segment_s == segment_s

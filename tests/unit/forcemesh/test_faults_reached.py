@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 
 from common.bus.memory_bus import MemoryCall
-from common.config.load import cell_from_tree
+from common.config.load import cell_from_tree, load_cell
 from common.motion.last_check import LastCheck
 from common.motion.limits import (
     ArmBounds,
@@ -33,7 +33,7 @@ from forcemesh.messages import (
 from forcemesh.reader import RESTART_S
 from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest
 from tests.fakes.arbiter_world import MOVE_DOWN, World
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, DEMO
 from tests.fakes.cellmates import Cellmates
 from tests.fakes.netft_rig import NetftRig
 from tests.fakes.provoked import HOLD_CODES, IN_MOTION, STATE_CODES, WRENCH_CODES
@@ -173,6 +173,13 @@ def too_fast_an_approach() -> str:
     return world.core.arm(world.inputs()).code
 
 
+def too_stiff_a_contact() -> str:
+    """Contact stiffer than any that was measured over TCP."""
+    other = {"contact.stiffness_N_m": 1e6, "force.approach_m_s": 1e-5}
+    world = World(load_cell(DEMO.with_name("demo-tcp.yaml"), other)).make_ready()
+    return world.core.arm(world.inputs()).code
+
+
 def armed_with(role: str, **numbers: float) -> str:
     """Arm where a process has measured something."""
     cell = Cellmates()
@@ -265,6 +272,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "moving":           tare_in_motion,
     "contact":          tare_in_contact,
     "approach_speed":   too_fast_an_approach,
+    "stiffness":        too_stiff_a_contact,
     "payload":          uncalibrated_force,
     "sensor_sign":      push_sideways,
     "travel":           search_too_far,

@@ -1,0 +1,94 @@
+"""Arming in a cell whose controller is too slow, or whose packet is too coarse, for the contact."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config.cell import CellConfig
+from common.config.load import load_cell
+from forcemesh.messages import Trip
+from services.arbiter.preflight import contact_trips
+from tests.fakes.arbiter_world import World
+from tests.fakes.bench import DEMO
+from tuning.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
+
+CELLS = sorted(DEMO.parent.glob("*.yaml"))
+LONGEST_S = max(row.longest_s for row in SEGMENTS)
+
+
+def over_tcp(segment_s: float = 0.03, **changes: Any) -> CellConfig:
+    """Return the cell of the demo over TCP with other values, `section__name`."""
+    other = {name.replace("__", "."): value for name, value in changes.items()}
+    other |= {"gateway.least_segment_s": segment_s, "sim.as_least_segment_s": segment_s}
+    return load_cell(DEMO.with_name("demo-tcp.yaml"), other)
+
+
+def trip_of(cell: CellConfig) -> Trip:
+    """Return the one reason why the contact of a cell is refused."""
+    (trip,) = contact_trips(cell)
+    return trip
+
+
+@pytest.mark.parametrize("path", CELLS, ids=lambda path: path.stem)
+def test_every_cell_file_of_the_project_has_a_contact_that_arming_accepts(path: Path) -> None:
+    """Stiffness, approach, rounding and segments suit each other."""
+    assert list(contact_trips(load_cell(path))) == []
+
+
+@pytest.mark.parametrize("row", SEGMENTS)
+def test_the_stiffest_measured_contact_is_accepted_and_a_stiffer_one_refused(row) -> None:
+    """With the number of the table, for force feedback only."""
+    approach_m_s = 0.9 * row.force_rate_N_s / row.stiffest_N_m
+    common = {"robot__delay_s": 0.01, "force__approach_m_s": approach_m_s}
+    stiffest = over_tcp(row.longest_s, contact__stiffness_N_m=row.stiffest_N_m, **common)
+    assert list(contact_trips(stiffest)) == []
+    cell = over_tcp(row.longest_s, contact__stiffness_N_m=1.05 * row.stiffest_N_m, **common)
+    trip = trip_of(cell)
+    assert (trip.code, trip.limit, trip.unit) == ("stiffness", row.stiffest_N_m, "N/m")
+    assert f"{row.longest_s * 1e3:g} ms (gateway.least_segment_s)" in trip.text
+    world = World(cell).make_ready()
+    assert world.core.arm(world.inputs()).code == "stiffness"
+    assert world.core.arm(world.inputs(), "jog").accepted
+
+
+@given(st.floats(0.002, 0.5), st.floats(0.002, 0.5))
+def test_longer_segments_never_bear_more(one_s: float, other_s: float) -> None:
+    """Stiffness and rise of the force fall with the segment; beyond the last row nothing holds."""
+    shorter, longer = (segment_range(each) for each in sorted((one_s, other_s)))
+    if longer is None:
+        assert max(one_s, other_s) > LONGEST_S
+        return
+    assert shorter is not None
+    assert shorter.stiffest_N_m >= longer.stiffest_N_m
+    assert shorter.force_rate_N_s >= longer.force_rate_N_s
+
+
+def test_longer_segments_than_all_measured_ones_are_refused() -> None:
+    """Whatever the contact is."""
+    trip = trip_of(over_tcp(LONGEST_S + 0.001, robot__delay_s=0.01))
+    assert (trip.code, trip.limit, trip.unit) == ("stiffness", LONGEST_S, "s")
+
+
+def test_an_approach_faster_than_measured_with_such_segments_is_refused() -> None:
+    """A delay that is too short in the cell file would allow it by the formula."""
+    row = segment_range(0.03)
+    assert row is not None
+    cell = over_tcp(robot__delay_s=0.01, force__approach_m_s=0.006)
+    trip = trip_of(cell)
+    limit_m_s = row.force_rate_N_s / cell.contact.stiffness_N_m
+    assert (trip.code, trip.value, trip.limit) == ("approach_speed", 0.006, limit_m_s)
+
+
+def test_a_packet_too_coarse_for_the_contact_is_refused_where_set_points_are_sent() -> None:
+    """Half the diagonal of a cube of packet units, times the stiffness; with host pc only."""
+    coarse = {"contact__stiffness_N_m": 1e5, "force__approach_m_s": 0.001}
+    cell = over_tcp(gateway__position_per_mm=50, **coarse)
+    trip = trip_of(cell)
+    assert (trip.code, trip.limit, trip.unit) == ("stiffness", ROUNDING_MOST_N, "N")
+    assert trip.value == pytest.approx(1e5 * 3**0.5 / 2.0 * 20e-6)
+    assert "gateway.position_per_mm" in trip.text
+    there = over_tcp(gateway__position_per_mm=50, robot__hosts=["controller"], **coarse)
+    assert list(contact_trips(there)) == []

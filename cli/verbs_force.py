@@ -1,6 +1,6 @@
 """Verbs for force feedback: force start, force stop, force gains, tare."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from typer import BadParameter, Option, Typer
 
@@ -13,9 +13,11 @@ from cli.context import (
     print_reply,
     waiting,
 )
-from cli.numbers import NEGATIVE_NUMBERS, parse_gain
-from forcemesh.messages import Host, Mode, Preset
-from forcemesh.requests import ForceStartRequest, GainsRequest
+from cli.numbers import NEGATIVE_NUMBERS, POSE, parse_gain, parse_vector
+from forcemesh.errors import ForcemeshError
+from forcemesh.force_task import AXIS_NAMES, parse_task
+from forcemesh.messages import Host, Mode, PoseRecord, Preset, TaskFrame
+from forcemesh.requests import ForceStartRequest, ForceTask, GainsRequest
 
 force = Typer(no_args_is_help=True, help="Force feedback: start, stop, gains.")
 
@@ -26,7 +28,6 @@ OPTIONS = (  # of the verb `gains`, in the order of the record
     ("--torque-p", "rad/(N m)"),
     ("--torque-i", "rad/(N m s)"),
 )
-AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 def known_law(law: str | None) -> str | None:
@@ -56,13 +57,30 @@ PresetOption = Annotated[
 ]
 
 
+def _task(axes: str, frame: TaskFrame, pose: str | None) -> ForceTask:
+    """Return the task of the options; a mistake ends the verb."""
+    record = None
+    if pose is not None:
+        from forcemesh.client.rotations import from_oat_deg
+
+        x, y, z, o, a, t = parse_vector(pose, POSE)
+        record = PoseRecord(
+            position_m=(x / 1e3, y / 1e3, z / 1e3), orientation_xyzw=from_oat_deg((o, a, t))
+        )
+    try:
+        return parse_task(axes, frame, record)
+    except ForcemeshError as error:
+        exit_with_error(f"--axes: {error}")
+
+
 def _axes(text: str) -> tuple[bool, bool, bool, bool, bool, bool]:
     """Return a mask of the named axes; an unknown name ends the verb."""
     named = [name.strip() for name in text.split(",")]
-    unknown = [name for name in named if name not in AXES]
+    unknown = [name for name in named if name not in AXIS_NAMES]
     if unknown:
-        exit_with_error(f"--axes: unknown axis {', '.join(unknown)}: choose from {', '.join(AXES)}")
-    x, y, z, rx, ry, rz = (axis in named for axis in AXES)
+        known = ", ".join(AXIS_NAMES)
+        exit_with_error(f"--axes: unknown axis {', '.join(unknown)}: choose from {known}")
+    x, y, z, rx, ry, rz = (axis in named for axis in AXIS_NAMES)
     return (x, y, z, rx, ry, rz)
 
 
@@ -82,21 +100,40 @@ def force_start(
     preset: PresetOption = None,
     axes: Annotated[
         str,
-        Option(help="Controlled axes, separated by commas: x, y, z, rotations rx, ry, rz."),
-    ] = ",".join(AXES),
-    frame: Annotated[Literal["base", "tool"], Option(help="Frame of the axes.")] = "base",
+        Option(
+            help="Controlled axes, separated by commas: x, y, z, rotations rx, ry, rz. Or the "
+            'control of each axis: "z=force:15 rx=torque:0 x=admittance,mass=10,stiffness=500"; '
+            "the others are held."
+        ),
+    ] = ",".join(AXIS_NAMES),
+    frame: Annotated[
+        TaskFrame | None,
+        Option(help="Frame of the axes: by default base, and tool with a control of each axis."),
+    ] = None,
+    pose: Annotated[
+        str | None,
+        Option(metavar=str(POSE), help="Of frame pose in base; rotations are about its origin."),
+    ] = None,
     cell: CellOption = None,
 ) -> None:
-    """Start force feedback; in free space the tool approaches along its axis until contact."""
-    request = ForceStartRequest(
-        mode=mode,
-        host=host,
-        setpoint_N=setpoint,
-        law=law,
-        preset=preset,
-        axes=_axes(axes),
-        frame=frame,
-    )
+    """Start force feedback; in free space the tool approaches along its set point until contact."""
+    if "=" in axes:
+        if setpoint or mode != "position":
+            exit_with_error("--axes NAME=CONTROL holds the set points: omit --setpoint and --mode")
+        task = _task(axes, frame or "tool", pose)
+        request = ForceStartRequest(task=task, host=host, law=law, preset=preset)
+    else:
+        if frame not in (None, "base", "tool"):
+            exit_with_error(f'--frame {frame}: needs --axes "NAME=CONTROL ..."')
+        request = ForceStartRequest(
+            mode=mode,
+            host=host,
+            setpoint_N=setpoint,
+            law=law,
+            preset=preset,
+            axes=_axes(axes),
+            frame="tool" if frame == "tool" else "base",
+        )
     with cell_of(cell) as client:
         print_reply(client.force.begin(request))
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         Feed,
         Force,
         ForcemeshError,
+        ForceTask,
         LostError,
         Move,
         Moves,
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
         PressResult,
         Received,
         RefusedError,
+        TaskAxis,
+        parse_task,
     )
 
 __all__ = [
@@ -43,6 +46,7 @@ __all__ = [
     "DataError",
     "Feed",
     "Force",
+    "ForceTask",
     "ForcemeshError",
     "LostError",
     "Move",
@@ -52,7 +56,9 @@ __all__ = [
     "PressResult",
     "Received",
     "RefusedError",
+    "TaskAxis",
     "__version__",
+    "parse_task",
 ]
 
 

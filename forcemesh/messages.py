@@ -40,6 +40,9 @@ Asker = Literal["operator", "program"]  # clients that may request motion
 ArmPurpose = Literal["all", "jog"]  # purpose of arming
 Purpose = Literal["all", "jog", "back_off"]  # the same, plus the arbiter's back-off
 
+AxisControl = Literal["held", "force", "admittance", "free"]  # of one axis of a task frame
+TaskFrame = Literal["base", "tool", "sensor", "pose", "path"]
+
 ZERO3: Vec3 = (0.0, 0.0, 0.0)
 UNIT_QUATERNION: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
@@ -202,8 +205,19 @@ class Feedback(Record):
 
     mode: Mode
     setpoint_force_N: Vec3 = ZERO3  # force of the environment on the tool, base axes
+    setpoint_torque_Nm: Vec3 = ZERO3  # its torque about the TCP, base axes
     lever_m: Vec3 = ZERO3  # from the TCP to the tool's centre of rotation, flange axes
     gains: Gains
+
+
+class AxisState(Record):
+    """Present state of one axis of the task frame: in N and m along it, in N m and rad about it."""
+
+    control: AxisControl
+    setpoint: Finite  # ramped
+    exerted: Finite  # force or torque of the tool on its environment
+    deviation: Finite  # from the reference
+    at_limit: bool = False  # of its deviation
 
 
 class RegulatorTarget(Message):
@@ -218,6 +232,8 @@ class RegulatorTarget(Message):
     contact: Literal["free", "approach", "contact"] = "free"
     error_force_N: Vec3 = ZERO3
     error_torque_Nm: Vec3 = ZERO3
+    frame: TaskFrame | None = None  # of a task, None for a mode
+    axes: tuple[AxisState, ...] = ()  # of a task: x y z, about x y z
     path_left_m: Finite | None = None  # remaining length of the path
     wrench_stamp_ns: int | None = None  # stamp of the wrench that the pose follows
 

@@ -9,6 +9,7 @@ from forcemesh.errors import MessageError
 from forcemesh.messages import (
     ArmPurpose,
     Asker,
+    AxisControl,
     Finite,
     Gains,
     Host,
@@ -17,6 +18,7 @@ from forcemesh.messages import (
     Mode,
     PoseRecord,
     Preset,
+    TaskFrame,
     Text,
 )
 from forcemesh.records import Record
@@ -85,10 +87,45 @@ class MoveRequest(Record):
         return request
 
 
-class ForceStartRequest(Record):
-    """Request to start force feedback; the set point acts along the tool's z axis."""
+class TaskAxis(Record):
+    """Control of one axis of a task frame: along it in SI units of length and force, or about it.
 
-    mode: Mode
+    Omitted limits are those of the cell file; a mass and a damping below what is stable are raised.
+    """
+
+    control: AxisControl = "held"
+    setpoint: Annotated[float, Meta(ge=-LARGEST_SETPOINT_N, le=LARGEST_SETPOINT_N)] = 0.0
+    deadband: Annotated[float, Meta(ge=0.0, le=1000.0)] | None = None  # [N] or [N m]
+    speed_max: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None  # [m/s] or [rad/s]
+    deviation_max: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None  # from the reference
+    mass: Annotated[float, Meta(gt=0.0, le=1e4)] | None = None  # [kg] or [kg m2]
+    damping: Annotated[float, Meta(gt=0.0, le=1e6)] | None = None  # [N s/m] or [N m s/rad]
+    stiffness: Annotated[float, Meta(ge=0.0, le=1e6)] = 0.0  # [N/m] or [N m/rad]
+
+
+HELD = TaskAxis()
+
+
+class ForceTask(Record):
+    """Force control along and about each axis of a task frame.
+
+    A set point is the force or torque of the tool on its environment. An admittance is a virtual
+    mass, damper and spring about the pose at the start, which a path moves.
+    """
+
+    frame: TaskFrame = "tool"
+    pose: PoseRecord | None = None  # of the frame in base, for frame `pose`
+    axes: tuple[TaskAxis, TaskAxis, TaskAxis, TaskAxis, TaskAxis, TaskAxis]  # x y z rx ry rz
+
+
+class ForceStartRequest(Record):
+    """Request to start force feedback: a mode of the specification, or a task.
+
+    The set point of a mode acts along the tool's z axis.
+    """
+
+    mode: Mode = "position"
+    task: ForceTask | None = None  # in place of mode, set point, axes and frame
     host: Host = "pc"
     setpoint_N: Annotated[float, Meta(ge=0.0, le=LARGEST_SETPOINT_N)] = 0.0
     law: Law | None = None  # default: that of the cell file; admittance: hand guiding

@@ -10,6 +10,7 @@ from common.config.cell import CellConfig
 from common.motion.convert import vec3
 from common.motion.frames import Array
 from forcemesh.messages import Mode
+from services.regulator.axis_task import mode_task
 from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, LawMotion, back_calculate, start_at
 from services.regulator.laws import LAWS
@@ -53,17 +54,15 @@ class LawRunner:
         motion, led = self.motion, bool(self.across_m_s.any())
         if law_sample.limited:
             motion = back_calculate(motion, law_sample.T_let_through)
+        axes = (not led, not led, True, True, True, True)
         sample = LawInput(
             vec3(law_sample.force_N),
             vec3(law_sample.torque_Nm),
-            self.setpoint_N,
-            self.mode,
+            mode_task(self.mode, self.setpoint_N, axes=axes),
             law_sample.dt_s,
             self._gains,
             motion,
             law_sample.T_base_tcp,
-            frame="tool",
-            axes=(not led, not led, True, True, True, True),
         )
         self.state, motion = self._law.step(self.state, sample, self._settings)
         self.motion = with_lateral_travel(motion, self.across_m_s * law_sample.dt_s)

@@ -129,6 +129,10 @@ class LastCheck:
         if setpoint_N > self._setpoint_max_N:
             text = f"a set point of {setpoint_N:.1f} N"
             return tripped("setpoint", text, value=setpoint_N, limit=self._setpoint_max_N, unit="N")
+        setpoint_Nm = hypot(*feedback.setpoint_torque_Nm)
+        if setpoint_Nm > self._limits.torque_Nm:
+            text, most_Nm = f"a torque set point of {setpoint_Nm:.2f} N m", self._limits.torque_Nm
+            return tripped("setpoint", text, value=setpoint_Nm, limit=most_Nm, unit="N m")
         lever_m = hypot(*feedback.lever_m)
         if lever_m > LONGEST_CENTRE_M:
             text = f"centre of rotation {lever_m * 1e3:.0f} mm away from the TCP"

@@ -20,6 +20,8 @@ from forcemesh.errors import (
     NotValidError,
     RefusedError,
 )
+from forcemesh.force_task import parse_task
+from forcemesh.requests import ForceTask, TaskAxis
 
 __all__ = [
     "ArmStoppedError",
@@ -29,6 +31,7 @@ __all__ = [
     "DataError",
     "Feed",
     "Force",
+    "ForceTask",
     "ForcemeshError",
     "LostError",
     "Move",
@@ -38,4 +41,6 @@ __all__ = [
     "PressResult",
     "Received",
     "RefusedError",
+    "TaskAxis",
+    "parse_task",
 ]

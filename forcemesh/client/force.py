@@ -9,6 +9,7 @@ from forcemesh.client.ask import stopped_error
 from forcemesh.client.session import ClientSession
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError, NotReachedError
+from forcemesh.force_task import parse_task
 from forcemesh.messages import (
     Gain3,
     Gains,
@@ -18,12 +19,14 @@ from forcemesh.messages import (
     PoseRecord,
     Preset,
     RobotState,
+    TaskFrame,
     Vec3,
     WrenchAtTcp,
 )
-from forcemesh.requests import Empty, ForceStartRequest, GainsRequest, PathRequest, Reply
+from forcemesh.requests import Empty, ForceStartRequest, ForceTask, GainsRequest, PathRequest, Reply
 
 POLL_S = 0.01
+TORQUE_LEVER_M = 0.1  # band of a torque over that of a force
 STARTED_WITHIN_S = 0.5  # after that, the mode that the regulator reports is the requested one
 NOT_STARTED = "force feedback was not started by this client: use start"
 ALL: tuple[bool, bool, bool, bool, bool, bool] = (True, True, True, True, True, True)
@@ -62,12 +65,37 @@ class Force:
     ) -> Reply:
         """Start or change force feedback; `ForceStartRequest` describes the arguments.
 
-        Raises RefusedError and LostError, as every method here.
+        Raises RefusedError and LostError, as every method here. For single axes: `start_task`.
         """
         request = ForceStartRequest(
             mode=mode, host=host, setpoint_N=setpoint_N, law=law, preset=preset, axes=axes
         )
         return self.begin(request)
+
+    def start_task(
+        self,
+        task: ForceTask | str,
+        *,
+        frame: TaskFrame = "tool",
+        host: Host = "pc",
+        law: Law | None = None,
+        preset: Preset | None = None,
+    ) -> Reply:
+        """Start or change force feedback along and about each axis of a task frame.
+
+        Args:
+            task: Task, or the text of its axes: `z=force:15 rx=torque:0`, the others held.
+            frame: Of the axes of a text.
+            host: Host of the control loop; the controller refuses what its commands cannot do.
+            law: Of the axes with set points.
+            preset: Initial gains.
+
+        Raises:
+            ForcemeshError: The text names an axis or a control that does not exist.
+        """
+        if isinstance(task, str):
+            task = parse_task(task, frame)
+        return self.begin(ForceStartRequest(task=task, host=host, law=law, preset=preset))
 
     def begin(self, request: ForceStartRequest) -> Reply:
         """Start force feedback with a complete request."""
@@ -79,11 +107,14 @@ class Force:
     def set(self, setpoint_N: float) -> Reply:
         """Change the set point [N] of the force feedback of this client; the force follows a ramp.
 
-        Raises ForcemeshError when this client has not started any: mode and axes are unknown.
+        Of a task with several axes, `start_task` changes the set points. Raises ForcemeshError when
+        this client has not started any: mode and axes are unknown.
         """
         start_request = self._last_request
         if start_request is None:
             raise ForcemeshError(NOT_STARTED)
+        if start_request.task is not None:
+            raise ForcemeshError("a task has a set point for each axis: change it by start_task")
         return self.begin(start_request.replaced(setpoint_N=setpoint_N))
 
     def stop(self) -> Reply:
@@ -179,7 +210,7 @@ class Force:
         """
         if self._last_request is None:
             raise ForcemeshError(NOT_STARTED)
-        force_N, clock = self._last_request.setpoint_N, self._session.clock
+        request, clock = self._last_request, self._session.clock
         began_ns, inside_ns = clock.now_ns(), None
         while True:
             clock.sleep_s(POLL_S)
@@ -188,14 +219,15 @@ class Force:
             if progress is not None:
                 progress(found_N)
             self._raise_when_ended(now_ns - began_ns)
-            if abs(found_N - force_N) > band_N or not self._is_in_contact(force_N):
+            if not self._is_near(request, found_N, band_N):
                 inside_ns = None
             else:
                 inside_ns = now_ns if inside_ns is None else inside_ns
                 if now_ns - inside_ns >= steady_s * NS_PER_S:
                     return PressResult(found_N, (inside_ns - began_ns) / NS_PER_S)
             if now_ns - began_ns > within_s * NS_PER_S:
-                text = f"{force_N:g} N were not reached within {within_s:g} s: {found_N:.1f} N"
+                goal = f"{request.setpoint_N:g} N" if request.task is None else "the set points"
+                text = f"{goal} were not reached within {within_s:g} s: {found_N:.1f} N"
                 raise NotReachedError(text)
 
     def pressed_N(self) -> float:
@@ -203,6 +235,24 @@ class Force:
         robot = self._session.feed(topics.ROBOT_STATE)()
         wrench = self._session.feed(topics.WRENCH)()
         return press_force_N(robot, wrench, self._session.info.T_flange_tcp)
+
+    def _is_near(self, request: ForceStartRequest, found_N: float, band_N: float) -> bool:
+        """Return whether the force is within a band; of a task that along each controlled axis.
+
+        The band of a torque is that of a force at TORQUE_LEVER_M.
+        """
+        if request.task is None:
+            force_N = request.setpoint_N
+            return abs(found_N - force_N) <= band_N and self._is_in_contact(force_N)
+        target = self._session.feed(topics.REGULATOR_TARGET).reading().fresh
+        bands = (band_N,) * 3 + (TORQUE_LEVER_M * band_N,) * 3
+        if target is None or not target.axes:
+            return False
+        return all(
+            abs(state.exerted - asked.setpoint) <= band
+            for asked, state, band in zip(request.task.axes, target.axes, bands, strict=True)
+            if asked.control == "force"
+        )
 
     def _is_in_contact(self, force_N: float) -> bool:
         """Return whether the tool is in contact; a small force is also measured in free space."""

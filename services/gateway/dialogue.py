@@ -22,7 +22,7 @@ from controller.packet_table import (
     Status,
 )
 from forcemesh.errors import LocalProtocolError
-from forcemesh.messages import Gains, Joints, Mode, Speed, Vec3
+from forcemesh.messages import ZERO3, Gains, Joints, Mode, Speed, Vec3
 from services.gateway import packets
 from services.gateway.packet_window import NONE_YET, PacketWindow, id_of
 from services.gateway.packets import (
@@ -77,7 +77,7 @@ class Dialogue:
         self._carry = packets.NO_CARRY
         self._sent_gains = sent_gains
         # The controller's set point is zero after a hold, a stop and hello.
-        self._sent_set_point = packets.force_set_point((0.0, 0.0, 0.0), self.scales)
+        self._sent_set_point = packets.force_set_point(ZERO3, ZERO3, self.scales)
         self.window.streamed.in_flight.clear()
         self._drop_pending()
 
@@ -212,10 +212,12 @@ class Dialogue:
         self._encoded = packets.pose(Com.SET_POINT, T_base_flange, self.scales, self._carry)
         self._set_point = T_base_flange
 
-    def offer_wrench(self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3) -> None:
+    def offer_wrench(
+        self, force_N: Vec3, torque_Nm: Vec3, setpoint_N: Vec3, setpoint_Nm: Vec3 = ZERO3
+    ) -> None:
         """Store the newest wrench and its set point."""
         self._refuse_without_feedback("that could use a wrench")
-        set_point = packets.force_set_point(setpoint_N, self.scales)
+        set_point = packets.force_set_point(setpoint_N, setpoint_Nm, self.scales)
         self._wrench = (set_point, packets.wrench(force_N, torque_Nm, self.scales))
 
     def show_wrench(self, force_N: Vec3, torque_Nm: Vec3) -> None:

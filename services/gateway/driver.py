@@ -304,6 +304,6 @@ class Driver:
                 return tripped("feedback", "the controller did not start force feedback")
         elif sample != self._last_wrench:
             self._last_wrench = sample
-            setpoint_N = feedback.setpoint_force_N
-            self._dialogue.offer_wrench(wrench.force_N, wrench.torque_Nm, setpoint_N)
+            setpoint = feedback.setpoint_force_N, feedback.setpoint_torque_Nm
+            self._dialogue.offer_wrench(wrench.force_N, wrench.torque_Nm, *setpoint)
         return None

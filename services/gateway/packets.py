@@ -182,9 +182,9 @@ def wrench(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> Command:
     return encoded(Com.WRENCH, (*force_N, *torque_Nm), scales)
 
 
-def force_set_point(force_N: Vec3, scales: Scales) -> Command:
+def force_set_point(force_N: Vec3, torque_Nm: Vec3, scales: Scales) -> Command:
     """Return command 14: the set point of force feedback in the controller."""
-    return encoded(Com.FORCE_SET_POINT, (*force_N, 0.0, 0.0, 0.0), scales)
+    return encoded(Com.FORCE_SET_POINT, (*force_N, *torque_Nm), scales)
 
 
 def speeds(speed: Speed, scales: Scales) -> Command:

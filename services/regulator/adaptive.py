@@ -1,6 +1,6 @@
 """Adaptive law: PI law with gain scheduling, Smith predictor and surface feed-forward. Pure.
 
-Along each axis of the tool, with k the estimated contact stiffness and tau the loop delay:
+Along each axis of the task frame, with k the estimated contact stiffness and tau the loop delay:
 
     Ki  = min(c / (k tau), 1.5 / (m w_b))  c: 0.45 to 3.4 with the prediction w
     F'  = F + 0.7 m a - w k (x_command - x_filtered)  force once all commands have arrived
@@ -29,10 +29,11 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.frames import Rows, Vector, apart, plus, product, rotated, rotated_back, scaled
 from forcemesh.messages import Vec3
+from services.regulator.axis_task import IDENTITY
 from services.regulator.delay_model import ContactTravel, DelayModelSettings
 from services.regulator.estimates import FitSettings, ResponseShare, Stiffness
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion, soft_deadband
+from services.regulator.law import LawInput, LawMotion, LawSettings, next_motion, task_deadband
 from services.regulator.surface_tracking import SurfaceTracking
 from tuning.gain_rule import INERTIA_MARGIN, LOOP_GAIN, tune
 from tuning.measured_range import softest_N_m
@@ -120,7 +121,7 @@ class AdaptiveSettings:
 class AdaptiveState:
     """State of the adaptive law, advanced in place.
 
-    Travel is of the contact point; estimates are along the three tool axes.
+    Travel is of the contact point; estimates are along the three axes of the task frame.
     """
 
     command: ContactTravel
@@ -128,6 +129,8 @@ class AdaptiveState:
     stiffness: list[Stiffness]
     response: list[ResponseShare]
     k_N_m: Vector  # as seen by the commands
+    R_base_task: Rows = IDENTITY  # of the last sample
+    press_index: int = 2  # axis of the task frame with the largest set point
     since_report_s: float = 0.0  # since the last pose report
     tracking: SurfaceTracking = field(default_factory=SurfaceTracking)
     free_s: float = 0.0  # time without contact
@@ -137,8 +140,8 @@ class AdaptiveState:
 class ContactStiffness:
     """Contact stiffness identified last, with its pose: valid after a stop and a start in place."""
 
-    k: Vector  # shape (3,), tool axes
-    T_base_tcp: pin.SE3
+    k: Vector  # shape (3,), axes of the task frame
+    T_base_tcp: pin.SE3  # of the TCP, with the axes of the task frame
     touch_N: float  # contact force below which it is no longer valid
 
     def at_pose(self, T_base_tcp: pin.SE3) -> Vector | None:
@@ -164,10 +167,11 @@ def begin(
 
 def identified(state: AdaptiveState, settings: AdaptiveSettings) -> ContactStiffness | None:
     """Return the stiffness that a session identified; None out of contact or if it did not."""
-    if state.free_s > 0.0 or not state.stiffness[2].is_identified:
+    if state.free_s > 0.0 or not state.stiffness[state.press_index].is_identified:
         return None
     k = tuple(each.k_N_m for each in state.stiffness)
-    return ContactStiffness(k, state.measured.T_base_tcp, settings.touch_N)
+    T = pin.SE3(np.array(state.R_base_task), state.measured.T_base_tcp.translation)
+    return ContactStiffness(k, T, settings.touch_N)
 
 
 def step(
@@ -177,51 +181,57 @@ def step(
 
     Requested force integral gains below the gain rule's reduce this law's gain.
     """
-    R_base_tcp = sample.R_base_tcp
+    R_base_task = state.R_base_task = sample.R_base_task
     update_estimates(state, sample, settings)
     estimates = zip(state.response, state.stiffness, strict=True)
     k = state.k_N_m = [response.share * stiffness.k_N_m for response, stiffness in estimates]
     model, in_contact = state.command.delay_model, state.free_s == 0.0
-    requested_Ki = rotated_back(squared(R_base_tcp), sample.gains.force_i_m_per_Ns)
+    requested_Ki = rotated_back(squared(R_base_task), sample.gains.force_i_m_per_Ns)
     Ki, w = gain_for(k, requested_Ki, settings, sample.dt_s)
-    in_flight_m = rotated_back(R_base_tcp, plus(model.command, model.filtered, -1.0))
+    in_flight_m = rotated_back(R_base_task, plus(model.command, model.filtered, -1.0))
     inertia_kg = INERTIA_SHARE * settings.inertia_kg
-    inertial_N = rotated_back(R_base_tcp, scaled(model.acceleration, inertia_kg))
-    force_N, drift_m_s = rotated_back(R_base_tcp, sample.force_N), 0.0
+    inertial_N = rotated_back(R_base_task, scaled(model.acceleration, inertia_kg))
+    force_N, drift_m_s = rotated_back(R_base_task, sample.force_N), 0.0
     error_N = [  # F' - F_set
         force + inertial * (stiffness >= settings.softest_N_m) - weight * stiffness * travel_m
         for force, inertial, weight, stiffness, travel_m in zip(
             force_N, inertial_N, w, k, in_flight_m, strict=True
         )
     ]
-    error_N[2] += sample.setpoint_N
-    if settings.tracks and sample.mode != "orientation" and k[2] >= settings.softest_N_m:
+    axis = sample.task.press_index
+    error_N = [*plus(error_N, sample.task.force_N)]
+    if axis != state.press_index:
+        state.tracking, state.press_index = SurfaceTracking(), axis
+    if settings.tracks and sample.moves and k[axis] >= settings.softest_N_m:
         ahead_m, drift_m_s = state.tracking.update(
-            sample,
-            force_N=force_N[2],
-            k_N_m=k[2],
-            may_begin=state.stiffness[2].is_identified,
+            force_N=force_N[axis],
+            setpoint_N=sample.task.force_N[axis],
+            dt_s=sample.dt_s,
+            k_N_m=k[axis],
+            may_begin=state.stiffness[axis].is_identified,
             in_contact=in_contact,
-            filtered_travel_m=state.command.filtered_travel_m[2],
-            in_flight_m=in_flight_m[2],
-            inertial_N=inertial_N[2],
-            Ki=Ki[2],
+            filtered_travel_m=state.command.filtered_travel_m[axis],
+            in_flight_m=in_flight_m[axis],
+            inertial_N=inertial_N[axis],
+            Ki=Ki[axis],
             tau_s=settings.tau_s,
         )
-        error_N[2] += w[2] * k[2] * ahead_m
+        error_N[axis] += w[axis] * k[axis] * ahead_m
     else:
         state.tracking = SurfaceTracking()  # an old estimate is useless later
     plain = settings.in_contact if in_contact else settings.plain
     Ki = limit_gain_for_braking(Ki, error_N, k, settings.brake_m_s2)
-    x, y, z = soft_deadband(error_N, plain.deadband_N, settings.rounding_m * max(k))
-    speed_m_s = rotated(R_base_tcp, (Ki[0] * x, Ki[1] * y, Ki[2] * z + drift_m_s))
-    motion = next_motion(sample, plain, speed_m_s)
+    rest_N = settings.rounding_m * max(k)
+    beyond_N = task_deadband(error_N, plain.deadband_N, rest_N, sample.task.deadbands[0])
+    speed_m_s = [*product(Ki, beyond_N)]
+    speed_m_s[axis] += drift_m_s
+    motion = next_motion(sample, plain, rotated(R_base_task, speed_m_s))
     motion.follows = state.tracking.near
     return state, motion
 
 
 def controller_gain(
-    state: AdaptiveState, gains: PiGains, R_base_tcp: Rows, settings: AdaptiveSettings
+    state: AdaptiveState, gains: PiGains, R_base_task: Rows, settings: AdaptiveSettings
 ) -> Vec3:
     """Return the integral gains of the host controller, base axes [m/(N s)]. Shape (3,).
 
@@ -229,7 +239,7 @@ def controller_gain(
     to the estimated stiffness.
     """
     cap_m_per_Ns = INERTIA_MARGIN * settings.inertia_cap_m_per_Ns
-    squares, rule = squared(R_base_tcp), settings.plain_gain_m_per_Ns
+    squares, rule = squared(R_base_task), settings.plain_gain_m_per_Ns
     requested_Ki = rotated_back(squares, gains.force_i_m_per_Ns)
     Ki = [
         min(LOOP_GAIN / (k * settings.tau_s), cap_m_per_Ns) * min(requested / rule, 1.0)
@@ -267,9 +277,9 @@ def update_estimates(state: AdaptiveState, sample: LawInput, settings: AdaptiveS
         return
     state.free_s, model, tracks = 0.0, command.delay_model, state.tracking.near
     inertia_kg = IDENTIFICATION_INERTIA_SHARE * settings.inertia_kg
-    R_base_tcp, travels_m = sample.R_base_tcp, state.measured.filtered_travel_m
-    forces_N = rotated_back(R_base_tcp, plus(sample.force_N, model.acceleration, inertia_kg))
-    speeds_m_s = rotated_back(R_base_tcp, model.speed)
+    R_base_task, travels_m = sample.R_base_task, state.measured.filtered_travel_m
+    forces_N = rotated_back(R_base_task, plus(sample.force_N, model.acceleration, inertia_kg))
+    speeds_m_s = rotated_back(R_base_task, model.speed)
     for axis, force_N in enumerate(forces_N):
         stiffness = state.stiffness[axis]
         if sample.pose_is_new:

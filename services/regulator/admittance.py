@@ -19,8 +19,9 @@ from math import exp, hypot
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Vector, plus, product, rotated, rotated_back, scaled
+from common.motion.frames import Vector, plus, product, rotated, rotated_back
 from forcemesh.messages import ZERO3, Vec3
+from services.regulator.axis_task import VirtualMass
 from services.regulator.delay_model import DelayModelSettings, LoopDelayModel
 from services.regulator.law import (
     LawInput,
@@ -28,10 +29,11 @@ from services.regulator.law import (
     LawSettings,
     limit_norm,
     next_motion,
-    soft_deadband,
+    task_deadband,
 )
 from tuning.gain_rule import LOOP_GAIN
 
+FREE = (VirtualMass(),) * 3
 HAND_N_M = 1500.0  # largest stiffness of a hand's grip
 MASSES = 4.0  # M relative to the mass in front of the sensor
 NARROWS = 0.5  # of D v: below one, so that a force within the deadband comes to rest
@@ -73,7 +75,7 @@ class AdmittanceSettings:
 
 @dataclass(slots=True)
 class AdmittanceState:
-    """State of hand guiding, advanced in place; vectors along the tool's axes."""
+    """State of hand guiding, advanced in place; vectors along the axes of the task frame."""
 
     T_measured: pin.SE3  # of the TCP
     measured: LoopDelayModel  # measured travel through the wrench filter's model, base axes
@@ -95,31 +97,80 @@ def step(
     state: AdmittanceState, sample: LawInput, settings: AdmittanceSettings
 ) -> tuple[AdmittanceState, LawMotion]:
     """Advance the state; return it and the motion. The PI law's torque gains turn the tool."""
-    R_base_tcp, plain, dt_s = sample.R_base_tcp, settings.plain, sample.dt_s
-    force_N = rotated_back(R_base_tcp, sample.force_N)
+    speed_m_s = rotated(sample.R_base_task, virtual_speed(state, sample, settings))
+    guided = replace(sample, gains=replace(sample.gains, force_p_m_per_N=ZERO3))
+    return state, next_motion(guided, settings.plain, speed_m_s)
+
+
+def virtual_speed(
+    state: AdmittanceState,
+    sample: LawInput,
+    settings: AdmittanceSettings,
+    *,
+    masses: tuple[VirtualMass | None, ...] = FREE,
+    deviation_m: Vector = ZERO3,
+) -> Vector:
+    """Advance the state; return the speed along the axes of the task frame [m/s]. Shape (3,).
+
+    Args:
+        state: Advanced in place.
+        sample: Wrench and task.
+        settings: Constants of the cell.
+        masses: Virtual mass, damper and spring of each axis; None: the axis does not comply.
+        deviation_m: From the reference of the springs.
+    """
+    plain, dt_s = settings.plain, sample.dt_s
+    force_N = rotated_back(sample.R_base_task, sample.force_N)
     _update_stiffness(state, sample, force_N, settings)
-    damping_Ns_m = scaled(state.k_N_m, settings.tau_s / LOOP_GAIN)
+    rule_s = settings.tau_s / LOOP_GAIN  # damping over stiffness
+    used = [each or VirtualMass() for each in masses]
+    damping_Ns_m = [
+        max(rule_s * (k + each.stiffness), each.damping or 0.0)
+        for k, each in zip(state.k_N_m, used, strict=True)
+    ]
     drag_N = product(damping_Ns_m, state.speed_m_s)
     width_N = max(plain.deadband_N - NARROWS * hypot(*drag_N), NARROWEST * plain.deadband_N)
-    push_N = soft_deadband(force_N, width_N)
-    share = dt_s / settings.mass_kg
-    x, y, z = [
-        (v + share * F) / (1.0 + share * D)
-        for v, F, D in zip(state.speed_m_s, push_N, damping_Ns_m, strict=True)
+    complies = [each is not None for each in masses]
+    push_N = task_deadband(product(force_N, complies), width_N, 0.0, sample.task.deadbands[0])
+    loads = zip(state.speed_m_s, push_N, damping_Ns_m, used, deviation_m, strict=True)
+    speeds = [
+        virtual_step(
+            v, F, damping=D, virtual=each, least_mass=settings.mass_kg, deviation=x, dt_s=dt_s
+        )
+        for v, F, D, each, x in loads
     ]
-    state.speed_m_s = limit_norm((x, y, z), plain.speed_max_m_s)
-    guided = replace(sample, gains=replace(sample.gains, force_p_m_per_N=ZERO3))
-    return state, next_motion(guided, plain, rotated(R_base_tcp, state.speed_m_s))
+    state.speed_m_s = limit_norm(product(speeds, complies), plain.speed_max_m_s)
+    return state.speed_m_s
+
+
+def virtual_step(
+    speed: float,
+    load: float,
+    *,
+    damping: float,
+    virtual: VirtualMass,
+    least_mass: float,
+    deviation: float,
+    dt_s: float,
+) -> float:
+    """Return the speed of a virtual mass after a period, by the implicit Euler method.
+
+    M dv/dt = F - D v - K x. Units of one axis: N, m and kg, or N m, rad and kg m2.
+    """
+    K = virtual.stiffness
+    share = dt_s / max(virtual.mass or 0.0, least_mass)
+    pushed = speed + share * (load - K * deviation)
+    return pushed / (1.0 + share * damping + share * dt_s * K)
 
 
 def _update_stiffness(
     state: AdmittanceState, sample: LawInput, force_N: Vec3, settings: AdmittanceSettings
 ) -> None:
-    """Update the stiffness estimate by this sample; the force is along the tool's axes."""
+    """Update the stiffness estimate by this sample; the force is along the task's axes."""
     dt_s, T, model = sample.dt_s, sample.T_measured, state.measured
     moved_m: Vec3 = (T.translation - state.T_measured.translation).tolist()
     model.follow(plus(model.command, moved_m), dt_s, settings.wrench_filter)
-    travel_m = rotated_back(sample.R_base_tcp, model.filtered)
+    travel_m = rotated_back(sample.R_base_task, model.filtered)
     state.T_measured = T
     share = 1.0 - exp(-dt_s / RECENT_S)
     for axis in range(3):

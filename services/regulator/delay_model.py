@@ -107,6 +107,6 @@ class ContactTravel:
         model, before_m = self.delay_model, self.delay_model.filtered
         moved_m, _ = motion_between(self.T_base_tcp, T_base_tcp, sample.motion.lever_m)
         model.follow(plus(model.command, moved_m), dt_s, settings)
-        travel_m = rotated_back(sample.R_base_tcp, plus(model.filtered, before_m, -1.0))
+        travel_m = rotated_back(sample.R_base_task, plus(model.filtered, before_m, -1.0))
         self.filtered_travel_m = plus(self.filtered_travel_m, travel_m)
         self.T_base_tcp = T_base_tcp

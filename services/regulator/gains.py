@@ -6,11 +6,14 @@ import numpy as np
 
 from common.config.cell import CellConfig
 from common.motion.convert import vec3
+from common.motion.frames import Rows, product
 from forcemesh.messages import Gains, Vec3
 from forcemesh.requests import GainsRequest
+from services.regulator.axis_task import AxisTask
 from tuning.gain_rule import tune
 
 GAIN_RAMP_S = 0.1  # time constant
+HALF = 0.5  # component of an axis along the base axis that it is
 SAME_GAIN = 0.15  # relative change of the controller's gains below which no command is sent
 
 
@@ -44,6 +47,30 @@ def merged_gains(gains: Gains, change: GainsRequest, cell: CellConfig) -> Gains:
         gains = tune(cell, change.preset).gains
     named = change.replaced(preset=None).as_dict()
     return gains.replaced(**{name: value for name, value in named.items() if value is not None})
+
+
+def held_gains(gains: Gains, task: AxisTask, R_base_task: Rows) -> Gains:
+    """Return the controller's gains with zeros for the held axes, which are base axes then.
+
+    A task that the controller can run has either no held axis of a kind or base axes
+    (`refusals.refused_task`).
+    """
+    along, about = (
+        [
+            any(flag and abs(part) > HALF for flag, part in zip(flags, row, strict=True))
+            or not moves
+            for row in R_base_task
+        ]
+        for flags, moves in ((task.yields, any(task.yields)), (task.turns, any(task.turns)))
+    )
+    if all(along) and all(about):
+        return gains
+    return gains.replaced(
+        force_p_m_per_N=product(gains.force_p_m_per_N, along),
+        force_i_m_per_Ns=product(gains.force_i_m_per_Ns, along),
+        torque_p_rad_per_Nm=product(gains.torque_p_rad_per_Nm, about),
+        torque_i_rad_per_Nms=product(gains.torque_i_rad_per_Nms, about),
+    )
 
 
 def gains_to_send(sent: Gains | None, requested: Gains, Ki: Vec3) -> Gains:

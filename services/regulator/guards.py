@@ -20,15 +20,17 @@ from math import copysign, hypot
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.frames import Vector, dot, plus, rotated_back
+from common.motion.frames import Vector, dot, plus, rotated, rotated_back
 from forcemesh.faults import tripped
 from forcemesh.messages import ZERO3, Trip, Vec3, WrenchAtTcp
 from services.regulator import unverified_axes
-from services.regulator.law import Contact, LawInput, LawMotion, masked, motion_between
+from services.regulator.axis_task import masked
+from services.regulator.law import Contact, LawInput, LawMotion, motion_between
 from services.regulator.unverified_axes import Flags, YieldTravel
 
 WORK_STEP_M, WORK_STEP_RAD = 2e-5, 2e-4  # smaller steps are pose noise
 SWUNG_PART = 0.5  # of the work done by the tool: a delayed force seems to return that much
+ALONG_TOOL = 0.99  # cosine of the angle from which a press verifies the tool's axis
 MAIN_PART = 0.7  # share of the first force along the tool axis: within 45 degrees of it
 RISE_PART = 0.5  # of the set point, plus touch_N: no correct rotation raises the force as much
 HALF_WAVES = 10  # five periods
@@ -110,7 +112,7 @@ def no_swing() -> list[HalfWaves]:
 
 @dataclass(slots=True)
 class GuardSample:
-    """One sample for the monitors: wrench in base axes about the TCP, pose and mode."""
+    """One sample for the monitors: wrench in base axes about the TCP, pose and task."""
 
     force_N: Vec3
     torque_Nm: Vec3
@@ -121,8 +123,10 @@ class GuardSample:
     error: Vector  # of force and torque beyond their deadbands. Shape (6,)
     limited: Flags  # unverified axes of the tool
     setpoint_N: float
+    press_axis: Vec3  # direction of the set point, base axes
+    along_tool: bool  # it is the tool's z axis
     presses: bool  # the set point is not zero: the environment must not move the tool
-    rotates: bool  # the mode controls torques
+    rotates: bool  # torques are controlled
     follows: bool  # tracks a moving surface, whose work along the tool axis is its own
     dt_s: float
 
@@ -136,7 +140,7 @@ class GuardSample:
         wrench: WrenchAtTcp,
         touched: str,
     ) -> "GuardSample":
-        """Return the monitors' view of one sample; mode orientation has no approach.
+        """Return the monitors' view of one sample; only a press has an approach.
 
         The errors are those along the free axes, the only ones that the loop controls. The motion
         is the measured one: a command in flight has changed no force yet.
@@ -148,20 +152,23 @@ class GuardSample:
             wrench: With its calibration, and whether `forcemesh check axes` passed with it.
             touched: Calibration verified along the tool by a touch from free space.
         """
-        moves, rotates = sample.mode != "orientation", sample.mode != "position"
+        task, rotates = sample.task, sample.rotates
         unchecked = not wrench.axes_checked
-        error_N = masked(law.error_force_N or ZERO3, sample, 0) if moves else ZERO3
-        error_Nm = masked(law.error_torque_Nm or ZERO3, sample, 3) if rotates else ZERO3
+        error_N = masked(law.error_force_N or ZERO3, task.yields, sample.R_base_task)
+        error_Nm = masked(law.error_torque_Nm or ZERO3, task.turns, sample.R_base_task)
         moved_m, turned_rad = motion_between(T_before, sample.T_measured, law.lever_m)
         # A wrong torque turns the tool into its contact, and the force then pushes it back along
         # every axis: while the tool may turn, a touch alone exempts no axis.
         is_touched = touched == wrench.calibration.removesuffix(TARED) and not rotates
         limited = (unchecked, unchecked, unchecked and not is_touched)
-        contact, presses = law.contact if moves else "free", moves and sample.setpoint_N > 0.0
+        contact, presses = law.contact if sample.moves else "free", task.press_N > 0.0
+        R_base_tcp = sample.T_measured.rotation.tolist()
+        press_axis = rotated(task.R_base_task(R_base_tcp), task.press_axis)
+        along_tool = rotated_back(R_base_tcp, press_axis)[2] > ALONG_TOOL
         return cls(
             sample.force_N, sample.torque_Nm, sample.T_measured, moved_m, turned_rad, contact,
-            (*error_N, *error_Nm), limited, sample.setpoint_N, presses, rotates, law.follows,
-            sample.dt_s,
+            (*error_N, *error_Nm), limited, task.press_N, press_axis, along_tool, presses, rotates,
+            law.follows, sample.dt_s,
         )  # fmt: skip
 
 
@@ -196,14 +203,14 @@ def kept_over_restart(before: GuardState) -> GuardState:
 
 def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip | None:
     """Advance the state by one sample; return the trip of the first monitor that fired."""
-    x, y, z = R_base_tcp = sample.T_base_tcp.rotation.tolist()
-    force_tool_N, press_axis = rotated_back(R_base_tcp, sample.force_N), (x[2], y[2], z[2])
-    pushed_back_N = -force_tool_N[2]
-    _count_work(now, sample, press_axis)
+    R_base_tcp = sample.T_base_tcp.rotation.tolist()
+    force_tool_N = rotated_back(R_base_tcp, sample.force_N)
+    pushed_back_N = -dot(sample.force_N, sample.press_axis)
+    _count_work(now, sample)
     now.first = first = now.first or sample
     now.began_free = first.contact == "approach"
     now.touched = now.touched or sample.contact == "contact"
-    now.verified, touch_trip = _first_touch(first, sample, press_axis, settings)
+    now.verified, touch_trip = _first_touch(first, sample, settings)
     now.found = now.found or pushed_back_N <= sample.setpoint_N
     if sample.contact != "approach":
         now.p_search_m = None
@@ -228,7 +235,7 @@ def watch(now: GuardState, sample: GuardSample, settings: GuardSettings) -> Trip
     return _monitor_trip(now, sample, settings, force_tool_N, half_waves=max(half_waves))
 
 
-def _count_work(now: GuardState, sample: GuardSample, press_axis: Vector) -> None:
+def _count_work(now: GuardState, sample: GuardSample) -> None:
     """Add the work between tool and environment since the last counted sample."""
     last = now.worked
     if last is None or not now.touched:
@@ -236,7 +243,7 @@ def _count_work(now: GuardState, sample: GuardSample, press_axis: Vector) -> Non
         return
     travel_m, turn_rad = motion_between(last.T_base_tcp, sample.T_base_tcp)
     if sample.follows:  # the press verified the sign along this axis, not along the other two
-        travel_m = plus(travel_m, press_axis, -dot(travel_m, press_axis))
+        travel_m = plus(travel_m, sample.press_axis, -dot(travel_m, sample.press_axis))
     if hypot(*travel_m) < WORK_STEP_M and hypot(*turn_rad) < WORK_STEP_RAD:
         return
     work_J = 0.5 * dot(plus(sample.force_N, last.force_N), travel_m)
@@ -251,21 +258,23 @@ def _count_work(now: GuardState, sample: GuardSample, press_axis: Vector) -> Non
 
 
 def _first_touch(
-    first: GuardSample, sample: GuardSample, press_axis: Vector, settings: GuardSettings
+    first: GuardSample, sample: GuardSample, settings: GuardSettings
 ) -> tuple[bool, Trip | None]:
     """Return whether a touch from free space verifies the tool's axis, and the trip otherwise.
 
-    The force must push back along the tool axis: only its increase since the first sample counts.
+    The force must push back along the press axis: only its increase since the first sample counts.
     """
     if first.contact != "approach":
         return False, None
     grown_N = plus(sample.force_N, first.force_N, -1.0)
     length_N = hypot(*grown_N)
-    back_N, least_N = -dot(grown_N, press_axis), MAIN_PART * length_N
+    back_N, least_N = -dot(grown_N, sample.press_axis), MAIN_PART * length_N
     if length_N <= settings.touch_N or back_N >= least_N:
-        return sample.presses and back_N > max(settings.touch_N, least_N), None
+        verifies = sample.presses and sample.along_tool
+        return verifies and back_N > max(settings.touch_N, least_N), None
+    axis = "tool axis" if sample.along_tool else "axis of the set point"
     text = (
-        f"the first touch reads {back_N:.1f} N back along the tool axis, of {length_N:.1f} N: "
+        f"the first touch reads {back_N:.1f} N back along the {axis}, of {length_N:.1f} N: "
         "a sign, an axis or a frame of the sensor is wrong, or the tool touches with its side"
     )
     return False, tripped("sensor_sign", text, value=back_N, limit=least_N, unit="N")
@@ -286,7 +295,7 @@ def _monitor_trip(
     - Travel along unverified axes and in a search for contact is limited.
     - The force does not oscillate.
     """
-    pushed_back_N, presses = -force_tool_N[2], sample.presses
+    pushed_back_N, presses = -dot(sample.force_N, sample.press_axis), sample.presses
     more_J = now.environment_work_J - (1.0 + SWUNG_PART) * now.tool_work_J
     if presses and now.began_free and more_J > settings.environment_work_J:
         text = (
@@ -307,11 +316,11 @@ def _monitor_trip(
         return tripped("sensor_sign", text, value=pushed_back_N, limit=limit_N, unit="N")
     trip = now.yielding.trip(force_tool_N, sample.limited, rotates=sample.rotates)
     if trip is None and now.p_search_m is not None:
-        T = sample.T_base_tcp
-        searched_m = plus(T.translation.tolist(), now.p_search_m, -1.0)
-        travel_m = dot(searched_m, T.rotation[:, 2].tolist())
+        searched_m = plus(sample.T_base_tcp.translation.tolist(), now.p_search_m, -1.0)
+        travel_m = dot(searched_m, sample.press_axis)
         limit_m = settings.lost_m if now.touched else settings.search_m
-        if now.touched and sample.limited[2] and not now.began_free:
+        limited = sample.limited[2] if sample.along_tool else any(sample.limited)
+        if now.touched and limited and not now.began_free:
             # A wrong axis may look like a lost contact.
             limit_m = min(limit_m, unverified_axes.LIMIT_M)
         if travel_m > limit_m:

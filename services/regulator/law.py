@@ -14,7 +14,7 @@ Positive force is exerted by the environment on the robot; yielding means moving
 """
 
 from dataclasses import dataclass, field, replace
-from math import hypot, inf
+from math import copysign, hypot, inf
 from typing import Literal
 
 import pinocchio as pin
@@ -33,13 +33,13 @@ from common.motion.frames import (
     scaled,
     speeds_between,
 )
-from forcemesh.messages import ZERO3, Mode, Vec3
+from forcemesh.messages import ZERO3, Vec3
+from services.regulator.axis_task import CELLS, AxisTask, Limits, masked
 from services.regulator.gains import PiGains
 
 Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
 LONGEST_CONTACT_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
-ALL_AXES = (True,) * 6
 PROBE_N = 5.0  # overshoot of the first touch, which verifies the signs and must stay gentle
 APPROACH_INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
@@ -98,22 +98,40 @@ class LawInput:
 
     force_N: Vec3  # of the environment on the tool, base axes
     torque_Nm: Vec3  # about the TCP, base axes
-    setpoint_N: float  # press along the tool's z axis
-    mode: Mode
+    task: AxisTask  # task frame, controlled axes and set points
     dt_s: float  # since the last sample
     gains: PiGains
     motion: LawMotion  # so far; its pose is the last command after the arbiter's limits
     T_measured: pin.SE3  # of the TCP in base
-    frame: Literal["base", "tool"] = "base"  # task frame of `axes`
-    axes: tuple[bool, ...] = ALL_AXES  # free axes of the task frame: x y z, about x y z
     pose_is_new: bool = True  # the robot has reported a pose since the last sample
-    R_base_tcp: Rows = field(init=False)  # of the motion so far
-    press_axis: Vec3 = field(init=False)  # the tool's z axis, base axes
+    R_base_task: Rows = field(init=False)  # at the motion so far
+    press_axis: Vec3 = field(init=False)  # direction of the force set point, base axes
 
     def __post_init__(self) -> None:
         """Convert the orientation once for all that use it."""
-        x, y, z = self.R_base_tcp = self.motion.T_base_tcp.rotation.tolist()
-        self.press_axis = (x[2], y[2], z[2])
+        R_base_tcp = self.motion.T_base_tcp.rotation.tolist()
+        self.R_base_task = self.task.R_base_task(R_base_tcp)
+        self.press_axis = rotated(self.R_base_task, self.task.press_axis)
+
+    @property
+    def moves(self) -> bool:
+        """Whether force control moves the tool along any axis."""
+        return any(self.task.yields)
+
+    @property
+    def rotates(self) -> bool:
+        """Whether torque control turns it about any axis."""
+        return any(self.task.turns)
+
+    def along(self, motion: Vec3, dt_s: float = 1.0) -> Vec3:
+        """Return a translation in `dt_s` [s] as the axes permit it, base axes. Shape (3,)."""
+        task = self.task
+        return masked(motion, task.yields, self.R_base_task, task.speeds[0], share=dt_s)
+
+    def about(self, turn: Vec3, dt_s: float = 1.0) -> Vec3:
+        """Return a rotation vector in `dt_s` [s] as the axes permit it, base axes. Shape (3,)."""
+        task = self.task
+        return masked(turn, task.turns, self.R_base_task, task.speeds[1], share=dt_s)
 
 
 def start_at(T_base_tcp: pin.SE3) -> LawMotion:
@@ -133,33 +151,52 @@ def next_motion(
 
     A law around this one gives `integral_m_s` [m/s] in place of Ki e, base axes.
     """
-    before, gains, dt_s = sample.motion, sample.gains, sample.dt_s
-    press_axis = sample.press_axis
+    before, gains, dt_s, task = sample.motion, sample.gains, sample.dt_s, sample.task
     # The contact pushes against the press axis.
-    error_N = plus(sample.force_N, press_axis, sample.setpoint_N)
-    error_N = soft_deadband(error_N, settings.deadband_N, settings.rest_N)
-    error_Nm = soft_deadband(sample.torque_Nm, settings.deadband_Nm)
+    error_N = plus(sample.force_N, sample.press_axis, task.press_N)
+    torque_Nm, centre_m = sample.torque_Nm, None
+    if task.origin_m is not None:
+        centre_m = plus(before.T_base_tcp.translation.tolist(), task.origin_m, -1.0)
+        torque_Nm = plus(torque_Nm, cross(centre_m, sample.force_N))
+    error_Nm = plus(torque_Nm, rotated(sample.R_base_task, task.torque_Nm))
+    error_N, error_Nm = _beyond_deadbands(sample, settings, error_N, error_Nm)
     contact, lever_m = contact_of(sample, settings.touch_N)
     turn_rad = shift_m = speed_m_s = ZERO3
     approach_m_s = 0.0
-    if sample.mode != "position":
+    if sample.rotates:
         change_Nm = plus(error_Nm, before.error_torque_Nm or error_Nm, -1.0)
         step_rad = product(gains.torque_p_rad_per_Nm, change_Nm)
         step_rad = plus(step_rad, product(gains.torque_i_rad_per_Nms, error_Nm), dt_s)
-        turn_rad = limit_norm(masked(step_rad, sample, 3), settings.speed_max_rad_s * dt_s)
-    if sample.mode != "orientation" and contact == "approach":
+        turn_rad = limit_norm(sample.about(step_rad, dt_s), settings.speed_max_rad_s * dt_s)
+    if sample.moves and contact == "approach":
         faster_m_s = before.approach_m_s + settings.approach_accel_m_s2 * dt_s
         approach_m_s = min(faster_m_s, settings.approach_m_s)
-        speed_m_s = masked(scaled(press_axis, approach_m_s), sample, 0)
+        speed_m_s = sample.along(scaled(sample.press_axis, approach_m_s))
         shift_m = scaled(speed_m_s, dt_s)
-    elif sample.mode != "orientation":
+    elif sample.moves:
         shift_m = _yielding(sample, settings, error_N, integral_m_s)
         speed_m_s = scaled(shift_m, 1.0 / dt_s)
         if lever_m is not None:
             shift_m = plus(shift_m, cross(turn_rad, lever_m), -1.0)
-            shift_m = limit_norm(masked(shift_m, sample, 0), settings.speed_max_m_s * dt_s)
+            shift_m = limit_norm(sample.along(shift_m, dt_s), settings.speed_max_m_s * dt_s)
+    if centre_m is not None:  # the TCP is on an arc about the origin of the frame
+        shift_m = plus(shift_m, cross(turn_rad, centre_m))
     T_base_tcp = moved(before.T_base_tcp, (shift_m, turn_rad), 1.0)
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
+
+
+def _beyond_deadbands(
+    sample: LawInput, settings: LawSettings, error_N: Vec3, error_Nm: Vec3
+) -> tuple[Vec3, Vec3]:
+    """Return the errors of force and torque beyond their deadbands, base axes. Shapes (3,)."""
+    R, (bands_N, bands_Nm) = sample.R_base_task, sample.task.deadbands
+    if bands_N == bands_Nm == CELLS:
+        force_N = soft_deadband(error_N, settings.deadband_N, settings.rest_N)
+        return force_N, soft_deadband(error_Nm, settings.deadband_Nm)
+    along_N, about_Nm = rotated_back(R, error_N), rotated_back(R, error_Nm)
+    along_N = task_deadband(along_N, settings.deadband_N, settings.rest_N, bands_N)
+    about_Nm = task_deadband(about_Nm, settings.deadband_Nm, 0.0, bands_Nm)
+    return rotated(R, along_N), rotated(R, about_Nm)
 
 
 def _yielding(
@@ -170,10 +207,10 @@ def _yielding(
     change_N = plus(error_N, before.error_force_N or error_N, -1.0)
     step_m = product(gains.force_p_m_per_N, change_N)
     step_m = plus(step_m, integral_m_s or product(gains.force_i_m_per_Ns, error_N), dt_s)
-    shift_m = limit_norm(masked(step_m, sample, 0), settings.speed_max_m_s * dt_s)
+    shift_m = limit_norm(sample.along(step_m, dt_s), settings.speed_max_m_s * dt_s)
     if settings.accel_max_m_s2 == inf:
         return shift_m
-    before_m = scaled(masked(before.speed_m_s, sample, 0), dt_s)
+    before_m = scaled(sample.along(before.speed_m_s), dt_s)
     change_m = limit_norm(plus(shift_m, before_m, -1.0), settings.accel_max_m_s2 * dt_s**2)
     return plus(before_m, change_m)
 
@@ -186,14 +223,15 @@ def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Vector | None
     moves the contact point by turn x r; compensating that motion keeps the force constant, without
     waiting for the force loop and its delay.
     """
-    force_N, before, presses = sample.force_N, sample.motion, sample.setpoint_N > 0.0
-    threshold_N = min(touch_N, 0.5 * sample.setpoint_N) if presses else touch_N
+    force_N, before, press_N = sample.force_N, sample.motion, sample.task.press_N
+    presses = press_N > 0.0
+    threshold_N = min(touch_N, 0.5 * press_N) if presses else touch_N
     if before.contact == "contact":
         threshold_N *= RELEASE_FRACTION
     contact: Contact = "approach" if presses else "free"
     if -dot(force_N, sample.press_axis) > threshold_N:
         contact = "contact"
-    if sample.mode != "both":
+    if not (sample.moves and sample.rotates) or sample.task.origin_m is not None:
         return contact, None
     square = dot(force_N, force_N)
     if square < touch_N * touch_N:
@@ -215,17 +253,6 @@ def motion_between(
     return moved_m, turned_rad
 
 
-def masked(motion: Vec3, sample: LawInput, first: int) -> Vec3:
-    """Return a motion without its parts along the locked axes of the task frame."""
-    free = sample.axes[first : first + 3]
-    if all(free):
-        return motion
-    if sample.frame == "base":
-        return product(motion, free)
-    R_base_tcp = sample.R_base_tcp
-    return rotated(R_base_tcp, product(rotated_back(R_base_tcp, motion), free))
-
-
 def soft_deadband(error: Vector, width: float, rest: float = 0.0) -> Vec3:
     """Shorten a vector by `width`, to zero when it is shorter: continuous, direction kept.
 
@@ -233,6 +260,26 @@ def soft_deadband(error: Vector, width: float, rest: float = 0.0) -> Vec3:
     """
     size = hypot(*error)
     return scaled(error, 1.0 - width / size) if size > max(width, rest) else ZERO3
+
+
+def task_deadband(error: Vector, width: float, rest: float, own: Limits) -> Vec3:
+    """Return an error beyond its deadband, along the axes of the task frame. Shape (3,).
+
+    Args:
+        error: Force or torque. Shape (3,).
+        width: Deadband that the axes without one of their own share.
+        rest: A smaller error is zero as well.
+        own: Deadband of each axis.
+    """
+    if own == CELLS:
+        return soft_deadband(error, width, rest)
+    pairs = [*zip(error, own, strict=True)]
+    shared = soft_deadband([e if band is None else 0.0 for e, band in pairs], width, rest)
+    x, y, z = [
+        kept if band is None else copysign(max(abs(e) - band, 0.0), e)
+        for (e, band), kept in zip(pairs, shared, strict=True)
+    ]
+    return (x, y, z)
 
 
 def limit_norm(vector: Vec3, longest: float) -> Vec3:

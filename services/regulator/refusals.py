@@ -10,14 +10,16 @@ from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from forcemesh.bus import Reading
 from forcemesh.faults import refusal, refused
+from forcemesh.force_task import AXIS_NAMES
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.laws import LAWS
 from services.regulator.session import ForceSession, active_commander
+from services.regulator.task_refusals import complying, task_mistake
 from services.regulator.tcp_path import MOST_PATH_POINTS, component_across
 
+ACROSS = 0.1  # sine of the angle to the tool's axis from which an axis moves across it
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
-AXIS_NAMES = ("x", "y", "z", "rx", "ry", "rz")  # as on the command line
 
 
 def refused_start(
@@ -33,6 +35,8 @@ def refused_start(
         return refusal("host", text)
     if request.host == "controller" and not all(request.axes):
         return refusal("host", "axes: host controller cannot lock single axes, host pc can")
+    if request.task is not None and (text := task_mistake(request, cell)):
+        return refusal("malformed", text)
     law = request.law or cell.force.law
     if law not in LAWS:
         return refusal("malformed", f"law: must be {' or '.join(LAWS)}, found {law!r}")
@@ -44,6 +48,11 @@ def refused_start(
     if request.setpoint_N > largest_N:
         text = "set point above force.setpoint_max_N"
         return refusal("setpoint", text, value=request.setpoint_N, limit=largest_N)
+    return _not_ready(arbiter, worse)
+
+
+def _not_ready(arbiter: ArbiterStatus | None, worse: Reading[Any]) -> Reply | None:
+    """Return why nothing can start now, None when it can."""
     if arbiter is None or not arbiter.operational:
         state = "silent" if arbiter is None else arbiter.state
         return refusal("not_armed", f"the arbiter is {state}: arm first")
@@ -65,7 +74,7 @@ def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
         request: The request.
         R_base_tcp: Measured orientation of the tool, shape (3, 3).
     """
-    if request.mode == "orientation" or request.setpoint_N <= 0.0:
+    if request.task or request.mode == "orientation" or request.setpoint_N <= 0.0:
         return None
     press_axis = np.array([0.0, 0.0, 1.0]) if request.frame == "tool" else R_base_tcp[:, 2]
     share = float(np.linalg.norm(press_axis * np.array(request.axes[:3])))
@@ -80,15 +89,17 @@ def refused_axes(request: ForceStartRequest, R_base_tcp: Array) -> Reply | None:
     return refusal("axes", text)
 
 
-def refused_guide(law: str, wrench: WrenchAtTcp) -> Reply | None:
-    """Return why hand guiding cannot start yet, None when it can.
+def refused_guide(request: ForceStartRequest, law: str, wrench: WrenchAtTcp) -> Reply | None:
+    """Return why hand guiding or an admittance cannot start yet, None when it can.
 
     The effect of a wrong sign cannot be distinguished from a hand by the readings.
     """
-    if not LAWS[law].guides or wrench.axes_checked:
+    complies = request.task is not None and any(map(complying, request.task.axes))
+    if not (LAWS[law].guides or complies) or wrench.axes_checked:
         return None
+    what = "a compliant axis" if complies else f"law {law}"
     text = (
-        f"law {law} follows the sensor's readings, and its axes and "
+        f"{what} follows the sensor's readings, and its axes and "
         f"signs are not verified for calibration {wrench.calibration or 'none'}: run `forcemesh "
         "check axes`, or with --push"
     )
@@ -100,12 +111,10 @@ def refused_path(request: PathRequest, session: ForceSession, cell: CellConfig) 
     started = session.request
     if started.host != "pc":
         return refusal("host", "host controller cannot follow a path, host pc can")
-    # A path moves the tool across its axis: may force feedback do that as well?
-    is_shared = started.mode != "orientation" and (started.frame != "tool" or any(started.axes[:2]))
-    if request.points_m and LAWS[session.law].predicts and is_shared:
+    if request.points_m and LAWS[session.law].predicts and shares_path(session):
         text = (
             f"the {session.law} law would take the path for an external push and return: start "
-            "force feedback in frame tool, with axes that leave out x and y"
+            "force feedback in frame tool, with axes x and y held"
         )
         return refusal("axes", text)
     if request.speed_m_s > cell.force.speed_max_m_s:
@@ -117,6 +126,19 @@ def refused_path(request: PathRequest, session: ForceSession, cell: CellConfig) 
     if count > MOST_PATH_POINTS:
         return refusal("busy", "too many pending path points", value=count, limit=MOST_PATH_POINTS)
     return _point_outside(request, session.motion.T_base_tcp, cell)
+
+
+def shares_path(session: ForceSession) -> bool:
+    """Return whether force control may move the tool across its axis, as a path does.
+
+    The lateral axis of the tangent frame is left to force control.
+    """
+    if session.follows_tangent:
+        return False
+    R_base_tcp = session.motion.T_base_tcp.rotation
+    R_base_task = np.array(session.goal.R_base_task(R_base_tcp.tolist()))
+    across = np.sqrt(1.0 - np.minimum((R_base_tcp[:, 2] @ R_base_task) ** 2, 1.0))
+    return bool(np.any(across[np.array(session.goal.yields)] > ACROSS))
 
 
 def _point_outside(request: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) -> Reply | None:

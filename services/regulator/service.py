@@ -4,11 +4,12 @@ from dataclasses import replace
 from math import hypot
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
-from common.motion.convert import pose_of, record_of, vec3
-from common.motion.frames import dot, product, rotated_back
+from common.motion.convert import pose_of, record_of
+from common.motion.frames import dot, product, rotated, rotated_back, scaled
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.clock import NS_PER_S
@@ -25,28 +26,40 @@ from forcemesh.messages import (
 )
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.adaptive import ContactStiffness
-from services.regulator.gains import PiGains, gains_to_send, merged_gains
+from services.regulator.axis_task import IDENTITY, AxisTask
+from services.regulator.compliance import ComplianceSettings, ComplianceState, axis_states
+from services.regulator.gains import PiGains, gains_to_send, held_gains, merged_gains
 from services.regulator.guards import (
     TARED,
     GuardSample,
     GuardSettings,
     GuardState,
-    kept_over_restart,
     watch,
 )
 from services.regulator.law import LawInput, back_calculate, start_at
 from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
-from services.regulator.refusals import refused_axes, refused_guide, refused_path, refused_start
+from services.regulator.refusals import (
+    refused_axes,
+    refused_guide,
+    refused_path,
+    refused_start,
+)
 from services.regulator.session import (
     ForceSession,
     active_commander,
+    change_task,
     describe,
-    first_setpoint_N,
     move,
     next_path,
 )
-from services.regulator.tcp_path import remaining_m
+from services.regulator.task_refusals import refused_task
+from services.regulator.task_request import (
+    first_setpoint,
+    ramped,
+    request_task,
+)
+from services.regulator.tcp_path import remaining_m, tangent_frame
 from services.regulator.unverified_axes import YieldTravel
 from tuning.gain_rule import instability, tune
 
@@ -73,6 +86,7 @@ class Regulator:
         self._late_report_s = LATE_INPUT_PERIODS / min(cell.rates.control_hz, cell.rates.robot_hz)
         refuse_unknown_law(cell, f"cell {cell.cell}")
         self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
+        self._compliance = ComplianceSettings.of(cell)
         self._guards = GuardSettings.of(cell)
         self._contact: ContactStiffness | None = None  # identified by the last session
         self._touched = ""  # calibration verified along the tool by a touch from free space
@@ -164,35 +178,39 @@ class Regulator:
         return self._valid_target(session)
 
     def _valid_target(self, session: ForceSession) -> RegulatorTarget:
-        request, motion = session.request, session.motion
+        request, motion, mode = session.request, session.motion, session.mode
         T, path, pose, feedback = motion.T_base_tcp, session.path, None, None
         T_base_flange = T * self._T_tcp_flange
         if request.host == "pc":
             pose = record_of(T_base_flange)
         else:
+            R = session.task.R_base_task(T.rotation.tolist())
             feedback = Feedback(
-                mode=request.mode,
-                setpoint_force_N=vec3(-session.setpoint_N * T.rotation[:, 2]),
+                mode=mode,
+                setpoint_force_N=scaled(rotated(R, session.task.force_N), -1.0),
+                setpoint_torque_Nm=scaled(rotated(R, session.task.torque_Nm), -1.0),
                 lever_m=rotated_back(T_base_flange.rotation.tolist(), motion.lever_m or ZERO3),
-                gains=session.sent or self._gains,
+                gains=held_gains(session.sent or self._gains, session.goal, R),
             )
         return RegulatorTarget(
-            mode=request.mode,
+            mode=mode,
             host=request.host,
             law=session.law,
-            setpoint_N=request.setpoint_N,
+            setpoint_N=session.goal.press_N if request.task else request.setpoint_N,
             pose=pose,
             feedback=feedback,
             contact=motion.contact,
             error_force_N=motion.error_force_N or ZERO3,
             error_torque_Nm=motion.error_torque_Nm or ZERO3,
+            frame=request.task.frame if request.task else None,
+            axes=session.axes,
             path_left_m=remaining_m(path, T.translation, T.rotation[:, 2]) if path else None,
             wrench_stamp_ns=session.last_sample_ns,
         )
 
     def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
-        mode, host = session.request.mode, session.request.host
+        mode, host = session.mode, session.request.host
         failed = RegulatorTarget(valid=False, reason=text, code=code, mode=mode, host=host)
         session.failed, self.fault = failed, text
         return failed
@@ -221,22 +239,23 @@ class Regulator:
             pose = command.pose
             if command.limited:
                 before = back_calculate(before, pose_of(pose) * self._T_flange_tcp)  # anti-windup
-        session.setpoint_N = self._ramped_setpoint_N(session, dt_s)
+        session.task = self._ramped_task(session, dt_s)
         if session.gains is not self._pi_gains:
             session.gains = session.gains.ramped(self._pi_gains, dt_s)
         sample = LawInput(
-            wrench.force_N, wrench.torque_Nm, session.setpoint_N, request.mode, dt_s,
-            session.gains, before, T_measured, request.frame, request.axes, pose_is_new,
+            wrench.force_N, wrench.torque_Nm, session.task, dt_s, session.gains, before,
+            T_measured, pose_is_new,
         )  # fmt: skip
         move(
             session, sample, command=pose, sent=robot.sent, is_late=is_late,
-            T_flange_tcp=self._T_flange_tcp, settings=settings,
+            T_flange_tcp=self._T_flange_tcp, settings=settings, compliance=self._compliance,
             speed_max_m_s=self._cell.force.speed_max_m_s,
         )  # fmt: skip
+        if request.task is not None:
+            session.axes = axis_states(request.task, sample, session.compliance)
         if request.host == "controller":
-            R_base_tcp = session.motion.T_base_tcp.rotation.tolist()
             Ki = LAWS[session.law].controller_gain(
-                session.state, self._pi_gains, R_base_tcp, settings
+                session.state, self._pi_gains, sample.R_base_task, settings
             )
             session.sent = None if Ki is None else gains_to_send(session.sent, self._gains, Ki)
         T_before, session.T_measured = session.T_measured or T_measured, T_measured
@@ -248,21 +267,27 @@ class Regulator:
             self._touched = wrench.calibration.removesuffix(TARED)
         return trip
 
-    def _ramped_setpoint_N(self, session: ForceSession, dt_s: float) -> float:
-        """Return the set point of this sample, smaller while a controller approaches.
+    def _ramped_task(self, session: ForceSession, dt_s: float) -> AxisTask:
+        """Return the task of this sample, with a smaller press while a controller approaches.
 
         The controller has no approach speed: without contact it moves at gain times set point, also
         while no wrench is received. This limits it to the approach speed of the law on the PC.
         """
-        target_N, now_N = session.request.setpoint_N, session.setpoint_N
+        goal = session.goal
+        if session.path is not None and session.follows_tangent:
+            R = tangent_frame(
+                goal.R_task or IDENTITY, session.path, session.motion.T_base_tcp, dt_s
+            )
+            goal = session.goal = replace(goal, R_task=R)
         if session.request.host == "controller" and session.motion.contact == "approach":
-            press_axis = session.motion.T_base_tcp.rotation[:, 2].tolist()
+            R = goal.R_base_task(session.motion.T_base_tcp.rotation.tolist())
+            press_axis = rotated(R, goal.press_axis)
             Ki = (session.sent or self._gains).force_i_m_per_Ns
             gain = dot(product(press_axis, press_axis), Ki)
-            if gain > 0.0:
-                target_N = min(target_N, self._settings["plain"].approach_m_s / gain)
-        step_N = self._cell.force.setpoint_ramp_N_s * dt_s
-        return min(max(target_N, now_N - step_N), now_N + step_N)
+            if gain > 0.0 and goal.press_N > 0.0:
+                most_N = self._settings["plain"].approach_m_s / gain
+                goal = replace(goal, force_N=scaled(goal.press_axis, min(goal.press_N, most_N)))
+        return ramped(session.task, goal, self._cell.force.setpoint_ramp_N_s * dt_s)
 
     def _use_gains(self, gains: Gains) -> None:
         self._gains, self._pi_gains = gains, PiGains.of(gains)
@@ -287,12 +312,18 @@ class Regulator:
             return refused or refusal(worse.code, worse.fault)
         T_measured = pose_of(robot.fresh) * self._T_flange_tcp
         requested = request.law or cell.force.law
-        refused = refused_axes(request, T_measured.rotation) or refused_guide(requested, fresh)
+        refused = (
+            refused_task(request, cell, T_measured.rotation)
+            or refused_axes(request, T_measured.rotation)
+            or refused_guide(request, requested, fresh)
+        )
         if refused is not None:
             return refused
         if request.preset is not None:
             self._use_gains(tune(cell, request.preset).gains)
         law = requested if LAWS[requested].covers(cell) else "plain"
+        goal = request_task(request, T_measured, cell)
+        first = first_setpoint(goal, fresh.force_N, fresh.torque_Nm, T_measured)
         session = self._session
         if session is None or session.failed or session.request.host != request.host:
             lease, yielded = self._yielded
@@ -300,31 +331,39 @@ class Regulator:
                 request,
                 law,
                 arbiter.lease,
-                first_setpoint_N(fresh.force_N, T_measured, request.setpoint_N),
+                goal,
+                first,
                 self._pi_gains,
                 start_at(T_measured),
-                self._begin(law, T_measured, T_measured),
+                self._begin(law, goal, T_measured, T_measured),
                 last_sample_ns=wrench.header.stamp_ns if wrench.header else self._now_ns,
                 # A copy: a session that fails leaves the travel of the last one as it was.
                 watch=GuardState(
                     yielding=replace(yielded) if lease == arbiter.lease else YieldTravel()
                 ),
+                compliance=ComplianceState.at(goal, T_measured, T_measured, self._compliance),
                 commanded=CommandHistory.of(cell),
             )
         else:
-            session.request, session.path = request, None
-            session.watch = kept_over_restart(session.watch)
-        if law != session.law:
-            session.motion.follows = False
-            session.state = self._begin(law, session.motion.T_base_tcp, T_measured)
-            session.law = law
+            is_same = change_task(session, request, goal, first)
+            T_command = session.motion.T_base_tcp
+            if not (is_same and session.compliance.covers(goal)):
+                session.compliance = ComplianceState.at(
+                    goal, T_command, T_measured, self._compliance
+                )
+            if law != session.law or not is_same:
+                session.motion.follows = False
+                session.state = self._begin(law, goal, T_command, T_measured)
+                session.law = law
         self._session, remark = session, LAWS[requested].remark(cell)
         text = describe(session)
         return Reply(accepted=True, text=f"{text}; {remark}" if remark else text)
 
-    def _begin(self, law: str, T_command: pin.SE3, T_measured: pin.SE3) -> Any:
+    def _begin(self, law: str, task: AxisTask, T_command: pin.SE3, T_measured: pin.SE3) -> Any:
         """Return the initial state of a law, with the stiffness identified here before."""
-        k = None if self._contact is None else self._contact.at_pose(T_measured)
+        R_base_task = np.array(task.R_base_task(T_measured.rotation.tolist()))
+        T_task = pin.SE3(R_base_task, T_measured.translation)
+        k = None if self._contact is None else self._contact.at_pose(T_task)
         return LAWS[law].begin(T_command, T_measured, k, self._settings[law])
 
     def _follow_path(self, request: PathRequest) -> Reply:

@@ -7,17 +7,27 @@ import numpy as np
 import pinocchio as pin
 
 from common.motion.convert import pose_of
-from common.motion.frames import dot
 from forcemesh.codec import Header
-from forcemesh.messages import ArbiterStatus, Gains, PoseRecord, RegulatorTarget, Vec3
+from forcemesh.force_task import task_text
+from forcemesh.messages import (
+    ArbiterStatus,
+    AxisState,
+    Gains,
+    Mode,
+    PoseRecord,
+    RegulatorTarget,
+)
 from forcemesh.reader import Origin
 from forcemesh.requests import ForceStartRequest, PathRequest
+from services.regulator.axis_task import AxisTask
+from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
 from services.regulator.gains import PiGains
-from services.regulator.guards import GuardState
+from services.regulator.guards import GuardState, kept_over_restart
 from services.regulator.law import LawInput, LawMotion, back_calculate
 from services.regulator.laws import LAWS
 from services.regulator.link_lag import CommandHistory
-from services.regulator.tcp_path import TcpPath, advance, path_along
+from services.regulator.task_request import next_setpoint, same_frame, task_mode
+from services.regulator.tcp_path import TcpPath, advance, aside, path_along
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
 
@@ -29,13 +39,16 @@ class ForceSession:
     request: ForceStartRequest
     law: str
     lease: int  # under which it was started
-    setpoint_N: float  # ramped
+    goal: AxisTask  # with the requested set points
+    task: AxisTask  # with the ramped ones
     gains: PiGains  # ramped
     motion: LawMotion
     state: Any  # of the law
     last_sample_ns: int
     watch: GuardState
+    compliance: ComplianceState
     commanded: CommandHistory  # recent commands, with the PC as host
+    axes: tuple[AxisState, ...] = ()  # of a task, at the last sample
     rest_s: float = 0.0  # until the commands released before a late input have arrived
     path: TcpPath | None = None  # path across the tool's axis, if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
@@ -43,6 +56,16 @@ class ForceSession:
     report: Header | None = None  # of the robot's last one
     T_measured: pin.SE3 | None = None  # of the TCP, at the last sample
     failed: RegulatorTarget | None = None  # latched: an input failed, or a monitor tripped
+
+    @property
+    def mode(self) -> Mode:
+        """Mode of the request, or the one of its task."""
+        return self.request.mode if self.request.task is None else task_mode(self.goal)
+
+    @property
+    def follows_tangent(self) -> bool:
+        """Whether the task frame turns with the path."""
+        return self.request.task is not None and self.request.task.frame == "path"
 
 
 def move(
@@ -54,9 +77,10 @@ def move(
     is_late: bool,
     T_flange_tcp: pin.SE3,
     settings: Any,
+    compliance: ComplianceSettings,
     speed_max_m_s: float,
 ) -> None:
-    """Advance the session by one sample: law and path, or rest while an input or the link is late.
+    """Advance the session by one sample: law, compliance, path; or rest while late.
 
     A late input does not tell what the commands have done: more of them would add up to a step.
     The session then restarts at the released command, behind a stalled link at the oldest one:
@@ -70,7 +94,8 @@ def move(
     if is_late and law.predicts and session.path is None:
         session.rest_s = commanded.window_s
     if not is_late and session.rest_s == 0.0:
-        session.state, session.motion = law.step(session.state, sample, settings)
+        session.state, motion = law.step(session.state, sample, settings)
+        session.motion = comply(session.compliance, sample, motion, compliance)
         if session.path is not None:
             _move_along(session, session.path, sample, most_m=speed_max_m_s * sample.dt_s)
     elif session.path is not None:  # the pending commands contain path motion
@@ -94,29 +119,39 @@ def _move_along(session: ForceSession, path: TcpPath, sample: LawInput, *, most_
         session.path = replace(path, now_m_s=0.0)
         return
     T = session.motion.T_base_tcp
+    pushed_m = T.translation - sample.motion.T_base_tcp.translation
+    if session.follows_tangent and sample.task.yields[1]:
+        path = aside(path, pushed_m, np.array(sample.R_base_task)[:, 1])
     session.path, shift_m = advance(
         path,
         T.translation,
         T.rotation[:, 2],
         dt_s=sample.dt_s,
-        pushed_m=T.translation - sample.motion.T_base_tcp.translation,
+        pushed_m=pushed_m,
         most_m=most_m,
     )
     session.motion.T_base_tcp = pin.SE3(T.rotation, T.translation + shift_m)
+    session.compliance.move(shift_m)
 
 
-def first_setpoint_N(force_N: Vec3, T_base_tcp: pin.SE3, target_N: float) -> float:
-    """Return the initial value of the set-point ramp: the measured press, at most the target.
-
-    An arm that already presses does not release first, and a release does not wait for a ramp.
+def change_task(
+    session: ForceSession, request: ForceStartRequest, goal: AxisTask, first: AxisTask
+) -> bool:
+    """Change the task of a running session; return whether its frame stays.
 
     Args:
-        force_N: Force of the environment on the tool, base axes.
-        T_base_tcp: Measured pose of the TCP in base.
-        target_N: Target press along the tool's z axis [N].
+        session: Advanced in place.
+        request: The changed request.
+        goal: Its task.
+        first: The set points of a start, for axes that were not controlled.
     """
-    measured_N = -dot(force_N, T_base_tcp.rotation[:, 2].tolist())
-    return min(max(measured_N, 0.0), target_N)
+    is_same = same_frame(session.goal, goal)
+    session.task = next_setpoint(session.task, first) if is_same else first
+    if not is_same:  # the errors are about other axes: no proportional kick
+        session.motion.error_force_N = session.motion.error_torque_Nm = None
+    session.request, session.goal, session.path = request, goal, None
+    session.axes, session.watch = (), kept_over_restart(session.watch)
+    return is_same
 
 
 def describe(session: ForceSession) -> str:
@@ -124,10 +159,11 @@ def describe(session: ForceSession) -> str:
     request = session.request
     preset = f" with preset {request.preset}" if request.preset else ""
     host = "the PC" if request.host == "pc" else "the controller"
-    return (
-        f"force feedback is on: mode {request.mode}, set point {request.setpoint_N:g} N, "
-        f"law {session.law}{preset}, on {host}"
-    )
+    if request.task is None:
+        what = f"mode {request.mode}, set point {request.setpoint_N:g} N"
+    else:
+        what = f"frame {request.task.frame}, {task_text(request.task)}"
+    return f"force feedback is on: {what}, law {session.law}{preset}, on {host}"
 
 
 def active_commander(arbiter: ArbiterStatus) -> str:

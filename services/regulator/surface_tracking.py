@@ -15,8 +15,6 @@ low-passed derivative of that speed compensates for the lag.
 from dataclasses import dataclass, field
 from math import exp
 
-from services.regulator.law import LawInput
-
 NEAR_N = 2.0  # force error at which surface tracking starts
 FADE_S = 0.05
 DRIFT_TAUS, DRIFT_LEAST_S, DRIFT_NOISE_N = 0.7, 0.025, 0.2
@@ -73,9 +71,10 @@ class SurfaceTracking:
 
     def update(
         self,
-        sample: LawInput,
         *,
         force_N: float,
+        setpoint_N: float,
+        dt_s: float,
         k_N_m: float,
         may_begin: bool,
         in_contact: bool,
@@ -93,8 +92,9 @@ class SurfaceTracking:
         All quantities are those along the press axis.
 
         Args:
-            sample: Set point and length of this period.
             force_N: Of the environment on the tool.
+            setpoint_N: Of the tool on the environment.
+            dt_s: Length of this period.
             k_N_m: Stiffness of the contact.
             may_begin: Whether k is identified, not only bounded.
             in_contact: Whether the tool touches the surface.
@@ -104,11 +104,11 @@ class SurfaceTracking:
             Ki: Integral gain [m/(N s)].
             tau_s: The loop's delay.
         """
-        dt_s, drift, error_N = sample.dt_s, self.drift, force_N + sample.setpoint_N
+        drift, error_N = self.drift, force_N + setpoint_N
         is_near = max(abs(error_N), abs(k_N_m * in_flight_m)) < NEAR_N
-        may_track = in_contact and sample.setpoint_N == self.setpoint_N
+        may_track = in_contact and setpoint_N == self.setpoint_N
         self.near = may_track and (self.near or (is_near and may_begin))
-        self.setpoint_N = sample.setpoint_N
+        self.setpoint_N = setpoint_N
         self.share += (self.near - self.share) * min(1.0, dt_s / FADE_S)
         if not self.near:
             self.drift, self.steadiness, self.trim_m_s = SurfaceMotion(), 0.0, 0.0

@@ -10,12 +10,14 @@ from itertools import pairwise
 from math import sqrt
 
 import numpy as np
+import pinocchio as pin
 
-from common.motion.frames import Array
+from common.motion.frames import Array, Rows
 
 MOST_PATH_POINTS = 600  # pending at once
 SHARP = 0.9  # cosine of the corner angle from which the path stops at a point
 POINT_REACHED_M = 1e-6
+TURN_RAD_S = 6.0  # fastest turn of the tangent frame: lateral set points turn with it
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +31,7 @@ class TcpPath:
     accel_m_s2: float
     in_contact: bool  # stand still without contact
     now_m_s: float = 0.0
+    aside_m: Array | None = None  # lateral motion by force control, which the path goes along with
 
 
 def path_along(
@@ -84,6 +87,8 @@ def advance(
         most_m: Longest motion of a period.
     """
     points = path.points
+    if path.aside_m is not None:
+        p = p - path.aside_m
     while points and np.linalg.norm(component_across(points[0] - p, axis)) < POINT_REACHED_M:
         points, beyond_m, stops_m = points[1:], path.beyond_m[1:], path.stops_m[1:]
         path = replace(path, points=points, beyond_m=beyond_m, stops_m=stops_m)
@@ -106,6 +111,40 @@ def advance(
     )
     step_m = min(speed_m_s * dt_s, length_m, max(0.0, room_m))
     return replace(path, now_m_s=speed_m_s), step_m * direction
+
+
+def aside(path: TcpPath, pushed_m: Array, lateral: Array) -> TcpPath:
+    """Return the path that goes along with lateral motion by force control.
+
+    Args:
+        path: The path.
+        pushed_m: Motion by force control in this period, base axes. Shape (3,).
+        lateral: Lateral axis of the tangent frame, unit vector. Shape (3,).
+    """
+    before_m = np.zeros(3) if path.aside_m is None else path.aside_m
+    return replace(path, aside_m=before_m + (pushed_m @ lateral) * lateral)
+
+
+def tangent_frame(R_base_task: Rows, path: TcpPath, T_base_tcp: pin.SE3, dt_s: float) -> Rows:
+    """Return the tangent frame after a period: x along the path, z the tool's axis.
+
+    It turns about the tool's axis towards the next point, at TURN_RAD_S at most, and keeps its
+    direction at the end of the path.
+    """
+    z = T_base_tcp.rotation[:, 2]
+    x = component_across(np.array(R_base_task)[:, 0], z)
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    if path.points:
+        p = T_base_tcp.translation - (0.0 if path.aside_m is None else path.aside_m)
+        ahead = component_across(path.points[0] - p, z)
+        if np.linalg.norm(ahead) > POINT_REACHED_M:
+            most = TURN_RAD_S * dt_s
+            angle = min(max(float(np.arctan2(ahead @ y, ahead @ x)), -most), most)
+            x = np.cos(angle) * x + np.sin(angle) * y
+            y = np.cross(z, x)
+    rows: Rows = np.column_stack((x, y, z)).tolist()
+    return rows
 
 
 def component_across(vector: Array, axis: Array) -> Array:

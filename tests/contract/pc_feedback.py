@@ -9,7 +9,8 @@ from common.motion.convert import record_of
 from forcemesh.clock import NS_PER_S
 from forcemesh.messages import Gains, Mode, PoseRecord, WrenchAtTcp
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawSettings, next_motion, start_at
+from services.regulator.law import LawSettings, next_motion, start_at
+from tests.fakes.law_input import mode_input
 
 
 class PcFeedback:
@@ -33,7 +34,7 @@ class PcFeedback:
 
     def next_pose(self, wrench: WrenchAtTcp, now_ns: int) -> PoseRecord:
         """Return the set point of the next sample."""
-        sample = LawInput(
+        sample = mode_input(
             force_N=wrench.force_N,
             torque_Nm=wrench.torque_Nm,
             setpoint_N=0.0,

@@ -174,7 +174,9 @@ def test_each_command_has_the_numbers_of_the_table() -> None:
             (11, 1, (5000, -10000, 15000, 5000, 45000, -10000))),
         (packets.pose(Com.SET_POINT, T, SCALES, PoseCarry())[0],
             (13, 0, (5000, -10000, 15000, 5000, 45000, -10000))),
-        (packets.force_set_point((0.0, -5.0, 30.0), SCALES), (14, 0, (0, -500, 3000, 0, 0, 0))),
+        (packets.force_set_point((0.0, -5.0, 30.0), (0.0, 0.5, -1.0), SCALES),
+            (14, 0, (0, -500, 3000, 0, 500, -1000)),
+        ),
         (packets.HEARTBEAT, (12, 0, (0,) * 6)),
     ]  # fmt: skip
     for command, numbers in expected:

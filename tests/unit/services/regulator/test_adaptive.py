@@ -14,9 +14,11 @@ from hypothesis.extra import numpy as hnp
 from common.motion.convert import vec3
 from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
 from services.regulator.adaptive import AdaptiveSettings, begin, limit_gain_for_braking, step
+from services.regulator.axis_task import mode_task
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawMotion, start_at
+from services.regulator.law import LawMotion, start_at
 from tests.fakes.bench import CELL
+from tests.fakes.law_input import mode_input
 from tuning.gain_rule import tune
 
 DT_S = 0.004
@@ -47,7 +49,7 @@ def run(samples, *, gains=GAINS, chosen=SETTINGS, arm=None):
 
 def pushed(force_N, setpoint_N=0.0, mode="position", torque_Nm=(0.0, 0.0, 0.0)):
     """Return one sample."""
-    return LawInput(
+    return mode_input(
         vec3(np.array(force_N)),
         vec3(np.array(torque_Nm)),
         setpoint_N,
@@ -216,7 +218,8 @@ def test_each_part_can_be_switched_off(without) -> None:
 def test_a_masked_axis_does_not_move(force_N, axes, frame) -> None:
     """Masked axes of the task frame do not move; the others do."""
     R = START.rotation if frame == "tool" else np.eye(3)
-    sample = replace(pushed(force_N), axes=axes, frame=frame)
+    task = mode_task("position", 0.0, axes=axes, in_base=frame == "base")
+    sample = replace(pushed(force_N), task=task)
     end, _ = run([sample])[-1]
     moved = R.T @ (end.T_base_tcp.translation - START.translation)
     assert moved[~np.array(axes[:3])] == pytest.approx(0.0, abs=1e-15)

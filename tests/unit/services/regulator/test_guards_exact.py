@@ -20,9 +20,10 @@ from services.regulator.guards import (
     GuardState,
     HalfWaves,
 )
-from services.regulator.law import LawInput, LawMotion, start_at
+from services.regulator.law import LawMotion, start_at
 from tests.fakes.bench import CELL
 from tests.fakes.guard_steps import DOWN, guard_sample, watched
+from tests.fakes.law_input import mode_input
 from tuning.gain_rule import tune
 
 Z_ONLY = (False, False, True)
@@ -59,7 +60,7 @@ def test_an_axis_is_unverified_until_it_was_checked_or_touched(
 ) -> None:
     """A touch verifies the tool's axis for its calibration, tared or not, unless the tool turns."""
     T = pin.SE3(DOWN, np.zeros(3))
-    sample = LawInput(ZERO3, ZERO3, 8.0, mode, 0.004, GAINS, start_at(T), T)
+    sample = mode_input(ZERO3, ZERO3, 8.0, mode, 0.004, GAINS, start_at(T), T)
     wrench = WrenchAtTcp(calibration=calibration, axes_checked=checked)
     found = GuardSample.of(sample, start_at(T), T_before=T, wrench=wrench, touched="rev")
     is_touched = calibration != "other" and mode == "position"
@@ -72,7 +73,7 @@ def test_the_errors_of_a_sample_are_those_that_the_loop_controls(mode: Any) -> N
     """Of force and torque as the mode has it, along and about the free axes alone."""
     T, axes = pin.SE3(DOWN, np.zeros(3)), (True, False, True, False, True, True)
     law = LawMotion(T, error_force_N=(1.0, 2.0, 3.0), error_torque_Nm=(4.0, 5.0, 6.0))
-    sample = LawInput(ZERO3, ZERO3, 8.0, mode, 0.004, GAINS, law, T, axes=axes)
+    sample = mode_input(ZERO3, ZERO3, 8.0, mode, 0.004, GAINS, law, T, axes=axes)
     wrench, error_N, error_Nm = WrenchAtTcp(), (1.0, 0.0, 3.0), (0.0, 5.0, 6.0)
     found = GuardSample.of(sample, law, T_before=T, wrench=wrench, touched="")
     expected = {
@@ -93,18 +94,18 @@ def test_a_sample_presses_with_any_set_point_above_0_unless_it_only_turns(
     """Whether it turns and follows is the mode's and the law's."""
     T = pin.SE3(DOWN, np.zeros(3))
     for law in (LawMotion(T), LawMotion(T, follows=True)):
-        sample = LawInput(ZERO3, ZERO3, setpoint_N, mode, 0.004, GAINS, law, T)
+        sample = mode_input(ZERO3, ZERO3, setpoint_N, mode, 0.004, GAINS, law, T)
         found = GuardSample.of(sample, law, T_before=T, wrench=WrenchAtTcp(), touched="")
         assert found.presses == (mode != "orientation" and setpoint_N > 0.0)
         assert found.rotates == (mode != "position")
         assert found.follows == law.follows
-        assert (found.setpoint_N, found.dt_s) == (setpoint_N, 0.004)
+        assert (found.setpoint_N, found.dt_s) == (setpoint_N * (mode != "orientation"), 0.004)
 
 
 def test_the_motion_of_a_sample_is_that_of_the_point_of_contact() -> None:
     """Measured since the last sample, with the part of a rotation about the TCP."""
     T = pin.SE3(pin.utils.rotate("z", 0.1) @ DOWN, np.array([0.001, 0.002, 0.003]))
-    sample = LawInput(ZERO3, ZERO3, 8.0, "both", 0.004, GAINS, start_at(T), T)
+    sample = mode_input(ZERO3, ZERO3, 8.0, "both", 0.004, GAINS, start_at(T), T)
     law = replace(start_at(T), lever_m=(0.05, 0.0, 0.0))
     before = pin.SE3(DOWN, np.zeros(3))
     found = GuardSample.of(sample, law, T_before=before, wrench=WrenchAtTcp(), touched="")

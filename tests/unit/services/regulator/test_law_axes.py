@@ -13,9 +13,10 @@ from forcemesh.messages import ZERO3
 from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
 from launch.virtual_cell import VirtualCell
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawSettings, next_motion, start_at
+from services.regulator.law import LawSettings, next_motion, start_at
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, HALF_CELL
+from tests.fakes.law_input import mode_input
 from tests.fakes.regulator_bench import T_FLANGE_TCP, RegulatorBench
 
 X_ONLY = (True, False, False, False, False, False)
@@ -82,7 +83,7 @@ def test_masked_axes_hold_under_every_law(axes, turn, frame, force_N, setpoint_N
     law, settings_ = start_at(T), LawSettings.of(CELL)
     held = ~np.array(axes)
     for size in (0.0, 0.05, 1.0, 1.0, 0.5, 0.0):  # free, approach, contact, lost
-        sample = LawInput(
+        sample = mode_input(
             plus(ZERO3, force_N, size), plus(ZERO3, force_N, 0.1 * size), setpoint_N, mode, 0.004,
             GAINS, law, T, frame=frame, axes=axes,
         )  # fmt: skip

@@ -14,8 +14,9 @@ from common.motion.frames import Oat, R_from_oat
 from services.regulator import adaptive
 from services.regulator.adaptive import AdaptiveSettings
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, LawSettings, next_motion, soft_deadband, start_at
+from services.regulator.law import LawSettings, next_motion, soft_deadband, start_at
 from tests.fakes.bench import CELL, DEMO
+from tests.fakes.law_input import mode_input
 from tuning.gain_rule import tune
 
 PER_MM = 98
@@ -45,7 +46,7 @@ def packets(cell: CellConfig, law: str, k_N_m: float, centre_m: np.ndarray) -> n
     late = round(cell.loop_delay_s / dt_s)
     for _ in range(round((SETTLES_S + RESTS_S) / dt_s)):
         at_m = sent[-late] if len(sent) >= late else start.translation
-        sample = LawInput(
+        sample = mode_input(
             vec3(-k_N_m * (at_m - centre_m)), (0.0, 0.0, 0.0), 0.0, "position", dt_s, gains, motion,
             pin.SE3(AXES, at_m),
         )  # fmt: skip

@@ -14,10 +14,11 @@ from forcemesh.requests import ForceStartRequest, GainsRequest, PathRequest
 from services.regulator import admittance
 from services.regulator.admittance import AdmittanceSettings
 from services.regulator.gains import PiGains
-from services.regulator.law import LawInput, start_at
+from services.regulator.law import start_at
 from services.regulator.tcp_path import advance, path_along, remaining_m
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
+from tests.fakes.law_input import mode_input
 from tests.fakes.regulator_bench import PERIOD_S, T_FLANGE_TCP, FollowingBench
 from tuning.gain_rule import LOOP_GAINS, tune
 
@@ -37,7 +38,7 @@ def guided(force_N, seconds: float) -> tuple[np.ndarray, np.ndarray]:
     before = T_START.translation
     for number in range(round(seconds / PERIOD_S)):
         force = vec3(np.array(force_N(number * PERIOD_S)))
-        sample = LawInput(force, ZERO3, 0.0, "position", PERIOD_S, GAINS, law, law.T_base_tcp)
+        sample = mode_input(force, ZERO3, 0.0, "position", PERIOD_S, GAINS, law, law.T_base_tcp)
         before = law.T_base_tcp.translation
         memory, law = admittance.step(memory, sample, SETTINGS)
     speed = (law.T_base_tcp.translation - before) / PERIOD_S
@@ -80,7 +81,7 @@ def test_a_contact_stiffer_than_a_hand_is_damped_at_once(stiffness_N_m: float) -
         deep_m = max(0.0, float(T_START.translation[2] - 0.002 - places[0].translation[2]))
         forces.append(stiffness_N_m * deep_m)
         force_N = (0.0, 0.0, forces[-1] - (10.0 if number < 600 else 0.0))
-        sample = LawInput(force_N, ZERO3, 0.0, "position", PERIOD_S, GAINS, law, places[0])
+        sample = mode_input(force_N, ZERO3, 0.0, "position", PERIOD_S, GAINS, law, places[0])
         memory, law = admittance.step(memory, sample, SETTINGS)
         places = [*places[1:], law.T_base_tcp]
     resting = np.array(forces[400:600])
@@ -199,7 +200,8 @@ def test_a_pressed_tool_follows_points_and_stops_where_contact_ends() -> None:
     ("changes", "code"),
     [
         ({"law": "plain"}, "ok"),
-        ({"frame": "base"}, "axes"),
+        ({"frame": "base"}, "ok"),
+        ({"frame": "base", "axes": (False, True, True) * 2}, "axes"),
         ({"frame": "tool"}, "ok"),
         ({"frame": "tool", "axes": (True, False, True) * 2}, "axes"),
         ({"mode": "orientation"}, "ok"),

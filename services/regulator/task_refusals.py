@@ -1,0 +1,116 @@
+"""Preconditions of a task per axis: what is contradictory, too large, or beyond a host. Pure."""
+
+from math import hypot
+
+import numpy as np
+import pinocchio as pin
+
+from common.config.cell import CellConfig
+from common.motion.frames import Array
+from forcemesh.faults import refusal
+from forcemesh.force_task import AXIS_NAMES
+from forcemesh.requests import ForceStartRequest, ForceTask, Reply, TaskAxis
+from services.regulator.laws import LAWS
+from services.regulator.task_request import request_task
+
+TORQUE_SHARE = 0.7  # of the torque ceiling: as force.setpoint_max_N of the force ceiling
+BASE_AXIS = 0.999  # least component of an axis along the base axis that it is: 2.5 degrees
+
+
+def complying(axis: TaskAxis) -> bool:
+    """Return whether an axis follows the force instead of a set point."""
+    return axis.control in ("admittance", "free")
+
+
+def task_mistake(request: ForceStartRequest, cell: CellConfig) -> str:
+    """Return what is contradictory in a request with a task, empty if nothing is."""
+    task, law = request.task, request.law or cell.force.law
+    if task is None:
+        return ""
+    if request.setpoint_N > 0.0 or not all(request.axes):
+        return "task: set points and held axes belong to the axes of the task"
+    if law in LAWS and LAWS[law].guides:
+        return f"law {law}: in a task an axis is guided by control free"
+    if (task.frame == "pose") != (task.pose is not None):
+        return "task: frame pose needs the pose of the frame in base, the others have none"
+    if task.frame == "path" and task.axes[0].control != "held":
+        return "task: the path moves the tool along x of frame path, so that axis must be held"
+    for name, axis in zip(AXIS_NAMES, task.axes, strict=True):
+        if axis.setpoint != 0.0 and axis.control != "force":
+            return f"axis {name}: control {axis.control} has no set point"
+        virtual = (axis.mass, axis.damping, axis.stiffness or None)
+        if any(part is not None for part in virtual) and not complying(axis):
+            return f"axis {name}: mass, damping and stiffness need control admittance or free"
+        if axis.control == "free" and axis.stiffness > 0.0:
+            return f"axis {name}: a free axis has no stiffness, control admittance has"
+    return ""
+
+
+def refused_task(request: ForceStartRequest, cell: CellConfig, R_base_tcp: Array) -> Reply | None:
+    """Return why the set points or the host of a task are refused, None when they are not.
+
+    Args:
+        request: The request, without contradictions.
+        cell: Ceilings of force and torque.
+        R_base_tcp: Measured orientation of the tool, shape (3, 3).
+    """
+    task = request.task
+    if task is None:
+        return None
+    largest_N = cell.force.setpoint_max_N
+    largest_Nm = TORQUE_SHARE * cell.limits.torque_Nm
+    press_N, twist_Nm = (hypot(*(axis.setpoint for axis in group)) for group in halves(task))
+    if press_N > largest_N:
+        text = "force set point of the task above force.setpoint_max_N"
+        return refusal("setpoint", text, value=press_N, limit=largest_N)
+    if twist_Nm > largest_Nm:
+        text = f"torque set point of the task above {TORQUE_SHARE:g} of limits.torque_Nm"
+        return refusal("setpoint", text, value=twist_Nm, limit=largest_Nm)
+    if request.host == "controller":
+        text = beyond_controller(request, cell, R_base_tcp)
+        return refusal("host", f"{text}; host pc can") if text else None
+    return None
+
+
+def halves(task: ForceTask) -> tuple[tuple[TaskAxis, ...], tuple[TaskAxis, ...]]:
+    """Return the axes along which and about which the tool moves."""
+    return task.axes[:3], task.axes[3:]
+
+
+def beyond_controller(request: ForceStartRequest, cell: CellConfig, R_base_tcp: Array) -> str:
+    """Return what the host controller's commands cannot do of a task, empty if they can do it.
+
+    They hold set points of force and torque about the TCP in base axes, and gains of the base axes:
+    a held axis is one of gain zero.
+    """
+    task = request.task
+    if task is None:
+        return ""
+    if task.frame == "path":
+        return "frame path: host controller cannot follow a path"
+    if task.frame == "pose":
+        return "frame pose: host controller turns about the contact, not about the frame"
+    own = ("deadband", "speed_max", "deviation_max")
+    for name, axis in zip(AXIS_NAMES, task.axes, strict=True):
+        if complying(axis):
+            return f"axis {name}: host controller has no control {axis.control}"
+        if field := next((key for key in own if getattr(axis, key) is not None), ""):
+            return f"axis {name}: host controller has no {field} for single axes"
+    return _held_beyond_controller(request, task, cell, R_base_tcp)
+
+
+def _held_beyond_controller(
+    request: ForceStartRequest, task: ForceTask, cell: CellConfig, R_base_tcp: Array
+) -> str:
+    """Return which held axes gains of the base axes cannot hold, empty if none."""
+    T = pin.SE3(R_base_tcp, np.zeros(3))
+    R = np.array(request_task(request, T, cell).R_base_task(R_base_tcp.tolist()))
+    for group, what in zip(halves(task), ("along", "about"), strict=True):
+        held = [axis.control == "held" for axis in group]
+        if all(held) or not any(held):
+            continue
+        if task.frame != "base" and any(axis.control != "held" for axis in task.axes[3:]):
+            return f"held axes {what} frame {task.frame}: host controller turns them away"
+        if np.abs(R).max(axis=0).min() < BASE_AXIS:
+            return f"held axes {what} frame {task.frame}: host controller can hold base axes only"
+    return ""

@@ -52,6 +52,9 @@ test-long: setup ## run the tests that make test leaves out
 test-bringup: setup ## walk the whole bring-up against the emulator, with two planted mistakes: five minutes
 	@$(BIN)/python -m pytest -q -m ladder tests/scenario/test_bringup_processes.py $(ARGS)
 
+test-axes: setup ## a thousand drawn tasks per axis, in every frame and on every loop host: eight minutes
+	@$(BIN)/python -m pytest -q -m axes -n auto -o timeout=600 tests/scenario/test_force_axes.py $(ARGS)
+
 test-browser: setup ## drive the panel in /usr/bin/chromium against a simulated cell; pictures into out/
 	@$(BIN)/python -m pytest -q -m browser tests/browser $(ARGS)
 

@@ -19,6 +19,7 @@ from common.config.cell import CellConfig
 from common.motion.frames import (
     Array,
     Vector,
+    cross,
     moved,
     plus,
     product,
@@ -111,6 +112,8 @@ def comply(
         moved_m, turned_rad = speeds_between(before, T, 1.0)
         most_m = settings.guiding.plain.speed_max_m_s * sample.dt_s
         most_rad = settings.speed_max_rad_s * sample.dt_s
+        if task.origin_m is not None:  # the TCP is on an arc about it
+            shift_m = plus(shift_m, cross(turn_rad, sample.arm_m))
         shift_m = limit_norm(plus(moved_m, shift_m), most_m)
         turn_rad = limit_norm(plus(turned_rad, turn_rad), most_rad)
         T = moved(before, (shift_m, turn_rad), 1.0)
@@ -121,7 +124,7 @@ def comply(
 def axis_states(task: ForceTask, sample: LawInput, state: ComplianceState) -> tuple[AxisState, ...]:
     """Return the present state of each axis, for the target of the regulator."""
     R, now = sample.R_base_task, sample.task
-    loads = (*rotated_back(R, sample.force_N), *rotated_back(R, sample.torque_Nm))
+    loads = (*rotated_back(R, sample.force_N), *rotated_back(R, sample.task_torque_Nm()))
     away_m, away_rad = state.deviation(sample.motion.T_base_tcp, sample)
     values = zip(
         task.axes,
@@ -166,7 +169,7 @@ def _swing_speeds(
     if not any(task.swings):
         return ZERO3
     complies = [each is not None for each in task.swings]
-    torque_Nm = product(rotated_back(sample.R_base_task, sample.torque_Nm), complies)
+    torque_Nm = product(rotated_back(sample.R_base_task, sample.task_torque_Nm()), complies)
     width_Nm = settings.guiding.plain.deadband_Nm
     load_Nm = task_deadband(torque_Nm, width_Nm, 0.0, task.deadbands[1])
     least = 1.0 / max(min(gains), LEAST_GAIN)

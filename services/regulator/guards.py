@@ -125,6 +125,7 @@ class GuardSample:
     setpoint_N: float
     press_axis: Vec3  # direction of the set point, base axes
     along_tool: bool  # it is the tool's z axis
+    side_trips: bool  # a first touch across the press axis is a fault
     presses: bool  # the set point is not zero: the environment must not move the tool
     rotates: bool  # torques are controlled
     follows: bool  # tracks a moving surface, whose work along the tool axis is its own
@@ -165,10 +166,12 @@ class GuardSample:
         R_base_tcp = sample.T_measured.rotation.tolist()
         press_axis = rotated(task.R_base_task(R_base_tcp), task.press_axis)
         along_tool = rotated_back(R_base_tcp, press_axis)[2] > ALONG_TOOL
+        # Verified axes may meet any contact; a tool that only presses must not meet it sideways.
+        side_trips = unchecked or (along_tool and not task.complies)
         return cls(
             sample.force_N, sample.torque_Nm, sample.T_measured, moved_m, turned_rad, contact,
-            (*error_N, *error_Nm), limited, task.press_N, press_axis, along_tool, presses, rotates,
-            law.follows, sample.dt_s,
+            (*error_N, *error_Nm), limited, task.press_N, press_axis, along_tool, side_trips,
+            presses, rotates, law.follows, sample.dt_s,
         )  # fmt: skip
 
 
@@ -269,7 +272,7 @@ def _first_touch(
     grown_N = plus(sample.force_N, first.force_N, -1.0)
     length_N = hypot(*grown_N)
     back_N, least_N = -dot(grown_N, sample.press_axis), MAIN_PART * length_N
-    if length_N <= settings.touch_N or back_N >= least_N:
+    if length_N <= settings.touch_N or back_N >= least_N or not sample.side_trips:
         verifies = sample.presses and sample.along_tool
         return verifies and back_N > max(settings.touch_N, least_N), None
     axis = "tool axis" if sample.along_tool else "axis of the set point"

@@ -105,6 +105,7 @@ class LawInput:
     T_measured: pin.SE3  # of the TCP in base
     pose_is_new: bool = True  # the robot has reported a pose since the last sample
     R_base_task: Rows = field(init=False)  # at the motion so far
+    arm_m: Vec3 = field(init=False, default=ZERO3)  # from the frame's origin to the TCP
     press_axis: Vec3 = field(init=False)  # direction of the force set point, base axes
 
     def __post_init__(self) -> None:
@@ -112,6 +113,9 @@ class LawInput:
         R_base_tcp = self.motion.T_base_tcp.rotation.tolist()
         self.R_base_task = self.task.R_base_task(R_base_tcp)
         self.press_axis = rotated(self.R_base_task, self.task.press_axis)
+        if self.task.origin_m is not None:
+            p_m = self.motion.T_base_tcp.translation.tolist()
+            self.arm_m = plus(p_m, self.task.origin_m, -1.0)
 
     @property
     def moves(self) -> bool:
@@ -122,6 +126,12 @@ class LawInput:
     def rotates(self) -> bool:
         """Whether torque control turns it about any axis."""
         return any(self.task.turns)
+
+    def task_torque_Nm(self) -> Vec3:
+        """Return the torque about the origin of the frame, or about the TCP. Shape (3,)."""
+        if self.task.origin_m is None:
+            return self.torque_Nm
+        return plus(self.torque_Nm, cross(self.arm_m, self.force_N))
 
     def along(self, motion: Vec3, dt_s: float = 1.0) -> Vec3:
         """Return a translation in `dt_s` [s] as the axes permit it, base axes. Shape (3,)."""
@@ -154,11 +164,7 @@ def next_motion(
     before, gains, dt_s, task = sample.motion, sample.gains, sample.dt_s, sample.task
     # The contact pushes against the press axis.
     error_N = plus(sample.force_N, sample.press_axis, task.press_N)
-    torque_Nm, centre_m = sample.torque_Nm, None
-    if task.origin_m is not None:
-        centre_m = plus(before.T_base_tcp.translation.tolist(), task.origin_m, -1.0)
-        torque_Nm = plus(torque_Nm, cross(centre_m, sample.force_N))
-    error_Nm = plus(torque_Nm, rotated(sample.R_base_task, task.torque_Nm))
+    error_Nm = plus(sample.task_torque_Nm(), rotated(sample.R_base_task, task.torque_Nm))
     error_N, error_Nm = _beyond_deadbands(sample, settings, error_N, error_Nm)
     contact, lever_m = contact_of(sample, settings.touch_N)
     turn_rad = shift_m = speed_m_s = ZERO3
@@ -179,8 +185,8 @@ def next_motion(
         if lever_m is not None:
             shift_m = plus(shift_m, cross(turn_rad, lever_m), -1.0)
             shift_m = limit_norm(sample.along(shift_m, dt_s), settings.speed_max_m_s * dt_s)
-    if centre_m is not None:  # the TCP is on an arc about the origin of the frame
-        shift_m = plus(shift_m, cross(turn_rad, centre_m))
+    if task.origin_m is not None:  # the TCP is on an arc about it
+        shift_m = plus(shift_m, cross(turn_rad, sample.arm_m))
     T_base_tcp = moved(before.T_base_tcp, (shift_m, turn_rad), 1.0)
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
 

@@ -185,11 +185,13 @@ class Regulator:
             pose = record_of(T_base_flange)
         else:
             R = session.task.R_base_task(T.rotation.tolist())
+            # A turn about the contact moves the TCP, also along a held axis.
+            lever_m = motion.lever_m if all(session.goal.yields) else None
             feedback = Feedback(
                 mode=mode,
                 setpoint_force_N=scaled(rotated(R, session.task.force_N), -1.0),
                 setpoint_torque_Nm=scaled(rotated(R, session.task.torque_Nm), -1.0),
-                lever_m=rotated_back(T_base_flange.rotation.tolist(), motion.lever_m or ZERO3),
+                lever_m=rotated_back(T_base_flange.rotation.tolist(), lever_m or ZERO3),
                 gains=held_gains(session.sent or self._gains, session.goal, R),
             )
         return RegulatorTarget(

@@ -38,6 +38,10 @@ class CoupledContact:
             data.xmat[self._body].reshape(3, 3).copy(),
         )
 
+    def shift(self, travel_m: np.ndarray, turn_rad: np.ndarray) -> None:
+        """Move the bushing, which loads the tool. Base axes, shapes (3,)."""
+        self._p_m, self._R = self._p_m + travel_m, pin.exp3(turn_rad) @ self._R
+
     def act(self) -> None:
         """Apply the wrench to the disc for the model's next time step."""
         data = self._arm.data

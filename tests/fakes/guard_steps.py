@@ -23,7 +23,7 @@ def guard_sample(
     T = pin.SE3(changes.pop("R", DOWN), np.array(p_m))
     fields: dict[str, Any] = {"torque_Nm": ZERO3, "moved_m": ZERO3, "turned_rad": ZERO3}
     fields |= {"error": (0.0,) * 6, "limited": (False,) * 3, "setpoint_N": 8.0}
-    fields |= {"press_axis": T.rotation[:, 2].tolist(), "along_tool": True}
+    fields |= {"press_axis": T.rotation[:, 2].tolist(), "along_tool": True, "side_trips": True}
     fields |= {"presses": True, "rotates": False, "follows": False, "dt_s": 0.004} | changes
     return GuardSample(force_N=force_N, T_base_tcp=T, contact=contact, **fields)
 

@@ -130,7 +130,7 @@ def test_turning_does_work_only_where_the_mode_turns_the_tool(turns: bool) -> No
     sample = GuardSample(
         ZERO3, (0.0, 0.0, 2.0), T_START, ZERO3, ZERO3, contact="contact", error=(0.0,) * 6,
         limited=(False,) * 3, setpoint_N=0.0, press_axis=(0.0, 0.0, -1.0), along_tool=True,
-        presses=True, rotates=turns, follows=False, dt_s=0.004,
+        side_trips=True, presses=True, rotates=turns, follows=False, dt_s=0.004,
     )  # fmt: skip
     remembered = GuardState(touched=True)
     watch(remembered, sample, settings)

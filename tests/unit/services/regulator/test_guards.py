@@ -124,7 +124,7 @@ def sample_at(contact: Any, z_m: float = 0.0, force_N: float = 0.0) -> GuardSamp
     return GuardSample(
         (0.0, 0.0, force_N), ZERO3, T, ZERO3, ZERO3, contact=contact, error=(0.0,) * 6,
         limited=(False,) * 3, setpoint_N=0.0, press_axis=(0.0, 0.0, -1.0), along_tool=True,
-        presses=True, rotates=False, follows=False, dt_s=DT_S,
+        side_trips=True, presses=True, rotates=False, follows=False, dt_s=DT_S,
     )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ from services.regulator.admittance import (
 )
 from services.regulator.admittance import begin as begin_guiding
 from services.regulator.axis_task import AxisTask, VirtualMass, clipped
-from services.regulator.law import LawInput, LawMotion, limit_norm, task_deadband
+from services.regulator.law import LawInput, LawMotion, about_origin, limit_norm, task_deadband
 
 LEAST_GAIN = 1e-9  # a request may set the torque gain to zero
 
@@ -111,11 +111,12 @@ def comply(
         shift_m, turn_rad = _compliant_steps(state, sample, settings)
         moved_m, turned_rad = speeds_between(before, T, 1.0)
         most_m = settings.guiding.plain.speed_max_m_s * sample.dt_s
-        most_rad = settings.speed_max_rad_s * sample.dt_s
-        if task.origin_m is not None:  # the TCP is on an arc about it
-            shift_m = plus(shift_m, cross(turn_rad, sample.arm_m))
+        turn_rad = limit_norm(plus(turned_rad, turn_rad), settings.speed_max_rad_s * sample.dt_s)
         shift_m = limit_norm(plus(moved_m, shift_m), most_m)
-        turn_rad = limit_norm(plus(turned_rad, turn_rad), most_rad)
+        if task.origin_m is not None:  # what force control turned is on its arc already
+            swung_m = cross(turned_rad, sample.arm_m)
+            shift_m = plus(shift_m, swung_m, -1.0)
+            shift_m, turn_rad = about_origin(sample, shift_m, turn_rad, most_m)
         T = moved(before, (shift_m, turn_rad), 1.0)
     motion.T_base_tcp = _within_deviations(state, sample, T)
     return motion

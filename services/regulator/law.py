@@ -41,6 +41,7 @@ Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
 LONGEST_CONTACT_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
 PROBE_N = 5.0  # overshoot of the first touch, which verifies the signs and must stay gentle
+LEAST_TRAVEL_M = 1e-12  # of a period: below it there is no travel to slow
 APPROACH_INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
 
@@ -185,8 +186,9 @@ def next_motion(
         if lever_m is not None:
             shift_m = plus(shift_m, cross(turn_rad, lever_m), -1.0)
             shift_m = limit_norm(sample.along(shift_m, dt_s), settings.speed_max_m_s * dt_s)
-    if task.origin_m is not None:  # the TCP is on an arc about it
-        shift_m = plus(shift_m, cross(turn_rad, sample.arm_m))
+    if task.origin_m is not None:
+        most_m = settings.speed_max_m_s * dt_s
+        shift_m, turn_rad = about_origin(sample, shift_m, turn_rad, most_m)
     T_base_tcp = moved(before.T_base_tcp, (shift_m, turn_rad), 1.0)
     return LawMotion(T_base_tcp, error_N, error_Nm, contact, approach_m_s, speed_m_s, lever_m)
 
@@ -257,6 +259,18 @@ def motion_between(
     if lever_m is not None:
         moved_m = plus(moved_m, cross(turned_rad, lever_m))
     return moved_m, turned_rad
+
+
+def about_origin(
+    sample: LawInput, shift_m: Vec3, turn_rad: Vec3, most_m: float
+) -> tuple[Vec3, Vec3]:
+    """Return the motion of a TCP that is on an arc about the origin of the frame, base axes.
+
+    Far from the origin a slow turn is a fast travel: both are slowed to `most_m` in this period.
+    """
+    shift_m = plus(shift_m, cross(turn_rad, sample.arm_m))
+    slowed = min(1.0, most_m / max(hypot(*shift_m), LEAST_TRAVEL_M))
+    return scaled(shift_m, slowed), scaled(turn_rad, slowed)
 
 
 def soft_deadband(error: Vector, width: float, rest: float = 0.0) -> Vec3:

@@ -11,6 +11,7 @@ from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError
 from forcemesh.messages import LAWS_THAT_SHIP, Gains, Mode, Preset, Vec3
 from forcemesh.requests import ForceStartRequest, GainsRequest
+from services.panel.axes_form import add_axes
 from services.panel.markup import Html, html, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Prose, Viewer, in_background, put
@@ -47,12 +48,15 @@ def build(viewer: Viewer) -> Refresh:
     )
     with gui.add_folder("Press"):
         refresh_press = _add_press(viewer)
+    with gui.add_folder("Axes", expand_by_default=False):
+        refresh_axes = add_axes(viewer)
     with gui.add_folder("Gains", expand_by_default=False):
         gains = _GainsForm(viewer)
 
     def refresh(snapshot: Snapshot) -> None:
         now.show(now_text(snapshot))
         refresh_press(snapshot)
+        refresh_axes(snapshot)
         gains.refresh(snapshot)
         status = snapshot.arbiter.fresh
         put(arm, visible=status is None or not status.operational)

@@ -293,14 +293,16 @@ def _monitor_trip(
 ) -> Trip | None:
     """Return the trip of the first of these monitors that fires; the force is along tool axes.
 
-    - A press is passive: the environment cannot return more work than it received.
+    - A press is passive: the environment cannot return more work than it received. Along compliant
+      axes anything may push the tool, once its sensor is verified.
     - The force of a press must not keep rising while the tool turns on unverified torques.
     - Travel along unverified axes and in a search for contact is limited.
     - The force does not oscillate.
     """
     pushed_back_N, presses = -dot(sample.force_N, sample.press_axis), sample.presses
     more_J = now.environment_work_J - (1.0 + SWUNG_PART) * now.tool_work_J
-    if presses and now.began_free and more_J > settings.environment_work_J:
+    is_passive = presses and now.began_free and sample.side_trips
+    if is_passive and more_J > settings.environment_work_J:
         text = (
             f"the contact did {now.environment_work_J * 1e3:.0f} mJ of work on the tool and "
             f"received {now.tool_work_J * 1e3:.0f} mJ: a sign or an axis of the sensor is wrong, "

@@ -56,7 +56,7 @@ def request_task(request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConf
         in_base=asked.frame in ("base", "pose", "path"),
         origin_m=asked.pose.position_m if asked.pose is not None else None,
         deadbands=(
-            _limits([axis.deadband for axis in axes[:3]]),
+            _limits([_shift_deadband(axis, cell) for axis in axes[:3]]),
             _limits([_turn_deadband(axis, cell) for axis in axes[3:]]),
         ),
         speeds=(_speeds(axes[:3]), _speeds(axes[3:])),
@@ -152,6 +152,17 @@ def _virtual_mass(axis: TaskAxis) -> VirtualMass | None:
     if axis.control not in ("admittance", "free"):
         return None
     return VirtualMass(axis.mass, axis.damping, axis.stiffness)
+
+
+def _shift_deadband(axis: TaskAxis, cell: CellConfig) -> float | None:
+    """Return the deadband along an axis, constant for a spring.
+
+    Where the deadband of hand guiding widens as the tool comes to rest, a spring would pull it back
+    into motion: a limit cycle.
+    """
+    if axis.deadband is None and axis.stiffness > 0.0:
+        return max(cell.force.idle_max_N, cell.force.deadband_N)
+    return axis.deadband
 
 
 def _turn_deadband(axis: TaskAxis, cell: CellConfig) -> float | None:

@@ -35,7 +35,7 @@ def refused_start(
         return refusal("host", text)
     if request.host == "controller" and not all(request.axes):
         return refusal("host", "axes: host controller cannot lock single axes, host pc can")
-    if request.task is not None and (text := task_mistake(request, cell)):
+    if request.task is not None and (text := task_mistake(request.task, request, cell)):
         return refusal("malformed", text)
     law = request.law or cell.force.law
     if law not in LAWS:

@@ -22,11 +22,9 @@ def complying(axis: TaskAxis) -> bool:
     return axis.control in ("admittance", "free")
 
 
-def task_mistake(request: ForceStartRequest, cell: CellConfig) -> str:
+def task_mistake(task: ForceTask, request: ForceStartRequest, cell: CellConfig) -> str:
     """Return what is contradictory in a request with a task, empty if nothing is."""
-    task, law = request.task, request.law or cell.force.law
-    if task is None:
-        return ""
+    law = request.law or cell.force.law
     if request.setpoint_N > 0.0 or not all(request.axes):
         return "task: set points and held axes belong to the axes of the task"
     if law in LAWS and LAWS[law].guides:
@@ -67,7 +65,7 @@ def refused_task(request: ForceStartRequest, cell: CellConfig, R_base_tcp: Array
         text = f"torque set point of the task above {TORQUE_SHARE:g} of limits.torque_Nm"
         return refusal("setpoint", text, value=twist_Nm, limit=largest_Nm)
     if request.host == "controller":
-        text = beyond_controller(request, cell, R_base_tcp)
+        text = beyond_controller(task, request, cell, R_base_tcp)
         return refusal("host", f"{text}; host pc can") if text else None
     return None
 
@@ -77,15 +75,14 @@ def halves(task: ForceTask) -> tuple[tuple[TaskAxis, ...], tuple[TaskAxis, ...]]
     return task.axes[:3], task.axes[3:]
 
 
-def beyond_controller(request: ForceStartRequest, cell: CellConfig, R_base_tcp: Array) -> str:
+def beyond_controller(
+    task: ForceTask, request: ForceStartRequest, cell: CellConfig, R_base_tcp: Array
+) -> str:
     """Return what the host controller's commands cannot do of a task, empty if they can do it.
 
     They hold set points of force and torque about the TCP in base axes, and gains of the base axes:
     a held axis is one of gain zero.
     """
-    task = request.task
-    if task is None:
-        return ""
     if task.frame == "path":
         return "frame path: host controller cannot follow a path"
     if task.frame == "pose":

@@ -14,7 +14,7 @@ from forcemesh.messages import RegulatorTarget
 from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.axis_task import IDENTITY, AxisTask
 from services.regulator.gains import held_gains
-from services.regulator.task_request import first_setpoint, next_setpoint, ramped
+from services.regulator.task_request import first_setpoint, next_setpoint, ramped, request_task
 from services.regulator.tcp_path import path_along, tangent_frame
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
@@ -155,6 +155,30 @@ def test_the_controller_gets_set_points_in_base_and_gains_of_free_axes() -> None
     assert feedback.lever_m == (0.0, 0.0, 0.0)
     assert [gain > 0.0 for gain in feedback.gains.force_i_m_per_Ns] == [False, True, True]
     assert [gain > 0.0 for gain in feedback.gains.torque_i_rad_per_Nms] == [True, True, False]
+
+
+def test_the_controller_runs_a_turned_frame_without_held_axes() -> None:
+    """The set point is in base then; all gains are those of the cell."""
+    bench = RegulatorBench(TWO_HOSTS)
+    bench.push((0.0, 0.0, 8.0))
+    bench.pass_s(0.1)
+    asked = request("x=force:0 y=force:0 z=force:5", "sensor", host="controller")
+    assert bench.start(asked).accepted
+    bench.pass_s(0.5)
+    feedback = bench.published().feedback
+    assert feedback is not None
+    assert np.linalg.norm(feedback.setpoint_force_N) == pytest.approx(5.0)
+    assert feedback.gains == tune(CELL).gains
+
+
+def test_the_deadband_of_a_spring_is_that_of_hand_guiding_at_rest() -> None:
+    """It does not narrow in motion, unless the request has one of its own."""
+    T = T_START
+    for text, width in (("x=admittance,stiffness=9", CELL.force.idle_max_N), ("x=free", None)):
+        task = request_task(request(text), T, CELL)
+        assert task.deadbands[0] == (width, None, None)
+    task = request_task(request("x=admittance,stiffness=9,deadband=0.5"), T, CELL)
+    assert task.deadbands[0] == (0.5, None, None)
 
 
 def test_gains_stay_where_nothing_of_a_kind_is_held_or_all_of_it() -> None:

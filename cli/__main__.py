@@ -24,6 +24,7 @@ from cli import (
     verbs_move,
     verbs_read,
     verbs_run,
+    verbs_signals,
     verbs_watch,
 )
 from cli.bringup.verb import bringup
@@ -117,6 +118,7 @@ GROUPS = {
     "pki": (pki.app, "Cell"),
     "move": (verbs_move.move, "Motion"),
     "force": (verbs_force.force, "Force"),
+    "signals": (verbs_signals.signals, "Motion"),
     "check": (check, "Force"),
     "payload": (payload.app, "Force"),
     "bench": (verbs_run.bench, "Cell"),

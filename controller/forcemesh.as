@@ -2,8 +2,8 @@
   ; forcemesh, the program inside the controller. Protocol 3.
   ; This is not a safety function. Load, start and stop: README.md beside this file.
   ; fm.main  robot program: takes 1-3, 5, 6, 7 (start), 10, 11, 13 from the ring; moves
-  ; fm.send  PC program 1: sends 101, 102, 103 without end
-  ; fm.recv  PC program 2: the socket; checks every packet; does 4, 8, 9, 12, 14, 7 (stop) at once
+  ; fm.send  PC program 1: sends 101, 102, 103, 104 without end
+  ; fm.recv  PC program 2: the socket; checks packets; does 4, 8, 9, 12, 14, 15, 7 (stop) at once
   ; fm.watch PC program 3: watchdog; brakes, latches, watches the pendant and the other tasks
   ; No subroutine is called by two of them. Every variable has one task that writes it, named
   ; in fm.init; the exceptions are named there too. Loops carry their comments at line ends and
@@ -124,6 +124,7 @@ other: ;never aborted: it may guard something else
   fm.wb=0 ;bank of the newest one
   fm.zn=0 ;set points of force received, modulo 1000000
   fm.zb=4 ;bank of the newest one; 4: none came, it is zero
+  fm.sgc=-1 ;the fm.conn on which command 15 has chosen what 104 reports
   $fm.next="" ;ID and space of the packet that comes next; empty: hello does
   fm.sp=50 ;scales, set by hello: packet units per mm,
   fm.so=500 ;degree of O, A, T,
@@ -219,16 +220,19 @@ other: ;never aborted: it may guard something else
     fm.ringe[.i]=-1 ;fm.hseq+fm.wseq when it came
     fm.rings[.i]=-1 ;fm.stopn when it came
   END
-  FOR .i=1 TO 21
-    $fm.t[.i]="" ;fields to send
+  FOR .i=1 TO 6
+    fm.sg[.i]=0 ;where the groups of 16 signals begin that 104 reports, 0: none
+    $fm.s[.i]="" ;fields of 104
   END
   FOR .i=1 TO 22
+    $fm.t[.i]="" ;fields to send, 21 of them
     $fm.rx[.i]="" ;what TCP_RECV brought
   END
+  $fm.s[7]=""
   $fm.hi[1]="" ;our hello
   ; every Com but hello, every Param: fm.recv finds them by place
   $fm.coms="000004 000013 000001 000002 000003 000005 000006 "
-  $fm.coms=$fm.coms+"000010 000011 000012 000008 000007 000014 "
+  $fm.coms=$fm.coms+"000010 000011 000012 000008 000007 000014 000015 "
   $fm.pars="000000 000001 000002 000003 000004 000005 "
 .END
 .PROGRAM fm.halt() ;a hold came: forget what was under way; old ring entries show by their tag
@@ -899,6 +903,20 @@ health: ;now and then
   TCP_SEND .r,fm.sock,$fm.t[17],5,1
   IF .r<0 GOTO spoiled
   fm.busy=0
+  IF fm.sgc<>fm.conn GOTO again
+  $fm.s[1]=$RIGHT($ENCODE(/I7,1E6+fm.framed),6)+" 000104 000000 "
+  FOR .n=1 TO 6
+    .b=0
+    IF fm.sg[.n]>0 THEN
+      .b=BITS(fm.sg[.n],16)
+    END
+    $fm.s[1+.n]=$RIGHT($ENCODE(/I7,1E6+.b),6)+" "
+  END
+  fm.busy=1
+  IF fm.link==0 GOTO idle
+  TCP_SEND .r,fm.sock,$fm.s[1],7,1
+  IF .r<0 GOTO spoiled
+  fm.busy=0
   GOTO again
 idle:
   fm.busy=0
@@ -1004,6 +1022,9 @@ stop:
     fm.zb=4
     fm.hid=(fm.framed+1) MOD 500000
     GOTO framed
+  VALUE 192,892: ;15, signals; they arm nothing
+    CALL fm.signal(.$q,.a)
+    IF .a<>0 GOTO framed
   END
   GOTO wrong
 vector: ;six numbers: the spaces and no power of ten, the first characters, the other five
@@ -1092,8 +1113,8 @@ lost: ;hold, close, and listen for the next
   WAIT (fm.busy==0) OR (TIMER(4)>3) ;the next socket may get the same number
   fm.sock=0
   GOTO accept
-  ; The key of a packet: 1, 8, 15 and so on for 4, 13, 1, 2, 3, 5, 6, 10, 11, 12, 8, 7, 14, and
-  ; 100, 800 and so on to 3600 for Param 0 to 5; a match in between is no VALUE.
+  ; The key of a packet: 1, 8, 15 and so on for 4, 13, 1, 2, 3, 5, 6, 10, 11, 12, 8, 7, 14, 15,
+  ; and 100, 800 and so on to 3600 for Param 0 to 5; a match in between is no VALUE.
   ; A number is right when it ends where its space belongs (the
   ; places add up to 273), when a sign or a digit below 5 leads, and when "1" with the other five
   ; is 100000 or more: anything but digits would end the number for VAL before. 5 to 9 begin an
@@ -1141,6 +1162,33 @@ done:
   RETURN
 strange: ;a fault of before a good hello stays until the next motion
   fm.fault=4
+  RETURN
+.END
+.PROGRAM fm.signal(.$q,.ok) ;command 15: an output, or the groups of 104; .ok=0: wrong numbers
+  .ok=0
+  IF INSTR(.$q,"E")>0 GOTO done
+  FOR .i=1 TO 6
+    .$v=$MID(.$q,7*.i+15,7)
+    IF INSTR("-01234",$LEFT(.$v,1))==0 GOTO done
+    IF (VAL("1"+$MID(.$v,2,5))<100000) OR ($RIGHT(.$v,1)<>" ") GOTO done
+    .v[.i]=VAL($LEFT(.$v,6))
+  END
+  IF $MID(.$q,15,6)=="000001" GOTO groups
+  IF (ABS(.v[1])<1) OR (ABS(.v[1])>960) GOTO done
+  SIGNAL .v[1]
+  .ok=1
+  RETURN
+groups: ;all of them are tested before the sender sees one
+  FOR .i=1 TO 6
+    .a=.v[.i]
+    IF (.a<>0) AND ((.a<1) OR (.a>1945) OR ((.a>945) AND (.a<1001))) GOTO done
+  END
+  FOR .i=1 TO 6
+    fm.sg[.i]=.v[.i]
+  END
+  fm.sgc=fm.conn
+  .ok=1
+done:
   RETURN
 .END
 .PROGRAM fm.watch() ;PC program 3, the watchdog

@@ -36,7 +36,7 @@ GAIN_I = 5_000  # per mm/(N s) and per deg/(N m s)
 
 
 class Com(IntEnum):
-    """Number of a command (PC to controller, 1 to 14) or report (controller to PC, 101 to 103)."""
+    """Number of a command (PC to controller, 1 to 15) or report (controller to PC, 101 to 104)."""
 
     MOVE_POSE = 1
     MOVE_JOINTS = 2
@@ -52,9 +52,11 @@ class Com(IntEnum):
     HEARTBEAT = 12
     SET_POINT = 13
     FORCE_SET_POINT = 14
+    SIGNAL = 15
     POSE = 101
     JOINTS = 102
     HEALTH = 103
+    SIGNALS = 104
 
 
 class GainKind(IntEnum):
@@ -80,6 +82,13 @@ class CentreParam(IntEnum):
 
     TCP = 0
     CENTRE = 1
+
+
+class SignalParam(IntEnum):
+    """Param of command 15: switch one output, or choose the six groups that 104 reports."""
+
+    SWITCH = 0
+    GROUPS = 1
 
 
 class FeedbackSwitch(IntEnum):
@@ -239,6 +248,12 @@ _HEALTH = (
         (_PERCENT, "monitor speed"), (_PLAIN, f"held ID - {ID_FIRST}, any peer"),
     ),
 )  # fmt: skip
+_GROUPS = ", ".join(f"first of group {k}" for k in range(1, 7))
+_SIGNAL = (
+    _values((_PLAIN, "output (off: negative)")),
+    _values((_PLAIN, _GROUPS)),
+)
+_SIGNALS = (_values((_PLAIN, ", ".join(f"group {k}" for k in range(1, 7)))),)
 _NONE: tuple[PacketValues, ...] = ((),)
 _COUNT = range(ID_FIRST)
 _CODE = range(-99_999, ID_FIRST)  # AS error codes are negative
@@ -263,14 +278,18 @@ TABLE: dict[int, Row] = {row.com: row for row in (
     Row(Com.HEARTBEAT,      range(1), _NONE,   "keep-alive, when nothing else is sent"),
     Row(Com.SET_POINT,      range(1), _POSE,   "one pose of a stream", range(1)),
     Row(Com.FORCE_SET_POINT, range(1), _WRENCH, "set point of the wrench, base axes"),
+    Row(Com.SIGNAL,         range(2), _SIGNAL,
+        "signals: 0 switch an output, 1 groups of 16 that 104 reports, 0 for none"),
     Row(Com.POSE,           _COUNT,   _POSE,   "flange pose; ID = last command accepted"),
     Row(Com.JOINTS,         _COUNT,   _JOINTS, "joint angles; ID = last command framed"),
     Row(Com.HEALTH,         _CODE,    _HEALTH, "health; Param = error code"),
+    Row(Com.SIGNALS,        range(1), _SIGNALS,
+        "signals, the first of a group is bit 0; ID = last command framed"),
 )}
 # fmt: on
 
-REPORTS = frozenset({Com.HELLO, Com.POSE, Com.JOINTS, Com.HEALTH})
-COMMANDS = frozenset(set(Com) - {Com.POSE, Com.JOINTS, Com.HEALTH})
+REPORTS = frozenset({Com.HELLO, Com.POSE, Com.JOINTS, Com.HEALTH, Com.SIGNALS})
+COMMANDS = frozenset(set(Com) - REPORTS | {Com.HELLO})
 MODES: dict[Mode, Status] = {
     "position": Status.POSITION_FEEDBACK,
     "orientation": Status.ORIENTATION_FEEDBACK,

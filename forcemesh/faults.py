@@ -128,6 +128,9 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(522, "no_direction",      "REFUSAL", "backing off has no force direction to follow: no valid wrench, a force too small, or one that pulls the tool forward", "check the tool: if 5 mm back along its axis are free, `forcemesh back-off --without-force`"),
     FaultCode(523, "tare",              "REFUSAL", "the last tare is too old for the sensor's drift", "run `forcemesh tare` in free space"),
     FaultCode(524, "stiffness",         "REFUSAL", "the contact is stiffer than the segments, or the packet, of this controller bear (docs/over-tcp.md)", "put a compliant element between tool and contact; or shorten gateway.least_segment_s, or raise gateway.position_per_mm"),
+    FaultCode(525, "signal_unknown",    "REFUSAL", "the cell file names no such signal", "name it in the section signals of the cell file"),
+    FaultCode(526, "signal_not_permitted", "REFUSAL", "the signal is an input, or set_by of the cell file does not permit this commander to set it", "change signals.NAME.set_by in the cell file, if that is intended"),
+    FaultCode(527, "signal_held",       "REFUSAL", "this output is not set while the robot holds", "arm first; or, where switching it can do no harm, write while_held: true for it"),
     # --- 6xx: recordings ---------------------------------------------------------------------------
     FaultCode(601, "recording",         "REFUSAL", "the recorder cannot write: no disk space, or no folder", "free disk space, or set another recorder.folder in the cell file"),
 )}

@@ -26,6 +26,7 @@ Gain3 = tuple[Gain, Gain, Gain]
 Fraction = Annotated[float, Meta(gt=0.0, le=1.0)]
 Text = Annotated[str, Meta(max_length=500)]
 MAX_ITEMS = 64  # of any list or map
+MAX_SIGNALS = 24  # in one message, which stays below 1 kB
 Texts = Annotated[tuple[Text, ...], Meta(max_length=MAX_ITEMS)]
 Counters = Annotated[dict[str, int], Meta(max_length=MAX_ITEMS)]
 Numbers = Annotated[dict[str, Finite], Meta(max_length=MAX_ITEMS)]
@@ -160,6 +161,15 @@ class RobotState(Message):
     def hold_code(self) -> str:
         """Code of `hold`, empty while the robot may move."""
         return "" if self.hold is None else self.hold.code
+
+
+class RobotSignals(Message):
+    """`robot/signals`: digital signals that the cell file names, by name; True is on.
+
+    Not valid and empty while the robot does not report them: a state is never assumed.
+    """
+
+    on: Annotated[dict[Text, bool], Meta(max_length=MAX_ITEMS)] = field(default_factory=dict)
 
 
 class SensorWrench(Message):

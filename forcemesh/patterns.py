@@ -3,6 +3,7 @@
 CELL_NAME = r"^[a-z][a-z0-9_-]{0,30}$"
 ENDPOINT = r"^[a-z-]+/.+$"
 LAW_NAME = r"^[a-z][a-z0-9_]{0,30}$"
+SIGNAL_NAME = LAW_NAME
 NO_BREAK = r"(?!\n)"  # for Python's `re`, whose `$` also matches before a final line break
 TOKEN = r"^[A-Za-z0-9_-]*$"  # noqa: S105 - the characters of tokens
 WORDS = {

@@ -87,6 +87,14 @@ class MoveRequest(Record):
         return request
 
 
+class SignalRequest(Record):
+    """Request to switch a digital output that the cell file names."""
+
+    signal: Annotated[str, Meta(max_length=40)]  # name, or number in the controller
+    on: bool
+    commander: Asker = "operator"
+
+
 class TaskAxis(Record):
     """Control of one axis of a task frame: along it in SI units of length and force, or about it.
 

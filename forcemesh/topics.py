@@ -82,6 +82,7 @@ UNREADABLE_HOLD = q.HoldRequest(reason="hold requested by a message that cannot 
 
 # fmt: off
 ROBOT_STATE      = Topic("robot/state",      m.RobotState,      "robot",   "command", "robot",     ("wrench", "regulator", "arbiter", CLIENT),         "stream", "flange pose in base, joints, status bits, last accepted command, link health")
+ROBOT_SIGNALS    = Topic("robot/signals",    m.RobotSignals,    "status",  "status",  "robot",     (CLIENT,),                                          "report", "state of the digital signals that the cell file names, when it names any", occasional=True)
 SENSOR_WRENCH    = Topic("sensor/wrench",    m.SensorWrench,    "sensor",  "sensor",  "sensor",    ("wrench", "arbiter", CLIENT),                      "stream", "load on the sensor, sensor axes, status, sample counter")
 WRENCH           = Topic("wrench",           m.WrenchAtTcp,     "control", "sensor",  "wrench",    ("regulator", "arbiter", "robot", CLIENT),          "stream", "force and torque of the environment, base axes, about the TCP; raw values alongside")
 REGULATOR_TARGET = Topic("regulator/target", m.RegulatorTarget, "control", "command", "regulator", ("wrench", "arbiter", CLIENT),                      "stream", "proposed flange pose, mode, contact state, reason when not valid")
@@ -100,6 +101,7 @@ FORCE_START = Request("request/force/start", q.ForceStartRequest,  "regulator", 
 FORCE_STOP  = Request("request/force/stop",  q.Empty,              "regulator", "stop force feedback; the arm stays where it is")
 GAINS       = Request("request/force/gains", q.GainsRequest,       "regulator", "set the regulator's gains")
 FORCE_PATH  = Request("request/force/path",  q.PathRequest,        "regulator", "follow points perpendicular to the tool axis while the force is controlled along it")
+SIGNAL      = Request("request/signal",      q.SignalRequest,      "robot",     "switch a digital output that the cell file names, as far as it permits")
 TARE        = Request("request/tare",        q.Empty,              "wrench",    "take the present reading as zero; refused in motion or contact")
 AXES        = Request("request/axes",        q.AxesRequest,        "wrench",    "record that `forcemesh check axes` verified axes and signs with the calibration in use")
 CALIBRATE   = Request("request/calibration", q.CalibrationRequest, "wrench",    "use the calibration found by `forcemesh calibrate`; refused in motion or contact")

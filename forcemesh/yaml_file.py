@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -86,10 +86,13 @@ def _mistake(model: type[BaseModel], item: Mapping[str, Any]) -> str:
 
 def _names_at(section: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
     """Return the field names of the section at a location."""
-    for part in location:
+    parts = iter(location)
+    for part in parts:
         if isinstance(part, int):  # index in a list of sections
             continue
         annotation = section.model_fields[part].annotation
+        if get_origin(annotation) is dict:  # a map of sections: the next part is a free name
+            next(parts, None)
         choices = (annotation, *get_args(annotation))
         section = next(c for c in choices if isinstance(c, type) and issubclass(c, BaseModel))
     return list(section.model_fields)

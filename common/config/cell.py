@@ -14,6 +14,7 @@ from common.config.cell_helpers import PanelSection, RecorderSection
 from common.config.cell_sim import SimSection
 from common.config.cell_terms import Fraction, FrameSection, Positive
 from common.config.payload import Payload
+from common.config.signals import Dedicated, Signals, signals_mistake
 from controller import plain
 from controller.packet_table import Scales
 from controller.plain import PlainSection
@@ -248,6 +249,7 @@ class GatewaySection(Scales):
     # Command 4 also while the loop runs on the PC, rates.status_hz times a second: for a display
     # or a log in the controller. No motion follows from it.
     send_wrench: bool = False
+    dedicated_signals: Dedicated = ()  # used by the controller itself: its DEFSIG lists them
     # plain: the specification's packet, of controller/plain.as, which has no protection:
     # no watchdog, hold, limits, test of reach, hello, check of IDs, status or address of the PC
     # (docs/controller.md). The limits of the cell file must be lower, see controller/plain.py.
@@ -279,6 +281,7 @@ class CellConfig(ConfigSection):
     contact: ContactSection
     force: ForceSection = ForceSection()
     limits: LimitsSection
+    signals: Signals = Field({})  # digital; an output that is not here cannot be set
     gateway: GatewaySection | None = None
     sim: SimSection | None = None
 
@@ -393,6 +396,13 @@ class CellConfig(ConfigSection):
             for section, field in (name.split("."),)
         }
         if mistake := plain.terms_mistake(self.robot.hosts, limits):
+            raise ValueError(mistake)
+        return self
+
+    @model_validator(mode="after")
+    def _signals_can_be_used(self) -> "CellConfig":
+        follows = {} if self.sim is None else self.sim.inputs_follow
+        if mistake := signals_mistake(self.signals, self.gateway, follows):
             raise ValueError(mistake)
         return self
 

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from common.config.payload import BiasForce, ComPart
 from forcemesh.connection import ConfigSection
+from forcemesh.messages import MAX_SIGNALS
 
 SimTorque = Annotated[float, Field(ge=-20.0, le=20.0)]  # [N m] of the simulated sensor's bias
 
@@ -42,6 +43,9 @@ class SimSection(ConfigSection):
     bias_torque_Nm: tuple[SimTorque, SimTorque, SimTorque] = (0.05, -0.04, 0.03)
     quantum_force_N: float = Field(0.01, ge=0.0, le=2.0)
     quantum_torque_Nm: float = Field(0.0005, ge=0.0, le=0.1)
+
+    # Digital inputs that follow an output, by name: {part_gripped: gripper_close}.
+    inputs_follow: dict[str, str] = Field({}, max_length=MAX_SIGNALS)
 
     @property
     def noiseless(self) -> bool:

@@ -9,6 +9,7 @@ from forcemesh.client.cell import Cell
 from forcemesh.client.feed import Feed, Received
 from forcemesh.client.force import Force, PressResult
 from forcemesh.client.moves import Move, Moves
+from forcemesh.client.signals import DigitalSignals
 from forcemesh.errors import (
     ArmStoppedError,
     BusError,
@@ -29,6 +30,7 @@ __all__ = [
     "Cell",
     "ConfigError",
     "DataError",
+    "DigitalSignals",
     "Feed",
     "Force",
     "ForceTask",

@@ -14,6 +14,7 @@ from forcemesh.client.feed import Feed
 from forcemesh.client.force import Force
 from forcemesh.client.moves import Moves
 from forcemesh.client.session import ClientSession
+from forcemesh.client.signals import DigitalSignals
 from forcemesh.clock import MonotonicClock, wait_until
 from forcemesh.connection import Reachable, connection, read_connection
 from forcemesh.errors import NotReachedError
@@ -107,6 +108,7 @@ class Cell:
         self.move = Moves(session)
         self.jog = self.move.jog
         self.force = Force(session)
+        self.signals = DigitalSignals(session)
 
     def __enter__(self) -> Self:
         """Return the client; it is closed on exit."""

@@ -2,6 +2,7 @@
 
 from typing import Protocol
 
+from common.runtime.signal_service import SignalReading
 from controller.packet_table import FEEDBACK_BITS, MODES, Status
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RemoteProtocolError
@@ -10,14 +11,21 @@ from forcemesh.messages import CONTROLLER_BITS, KawasakiStatus, LinkHealth, Robo
 from services.gateway.dialogue import Dialogue
 from services.gateway.goals import REPORTS_TO_CONFIRM, ControllerReport
 from services.gateway.link import LinkEvents
-from services.gateway.packet_window import LEAST_STREAMED, Rate, WrappingCounterRate
+from services.gateway.packet_window import (
+    LEAST_STREAMED,
+    NONE_YET,
+    Rate,
+    WrappingCounterRate,
+)
 from services.gateway.packets import (
     ControllerLimits,
     Event,
     HealthReport,
     HelloReceived,
     PoseReport,
+    SignalReport,
 )
+from services.gateway.signals import ControllerSignals, switch_output
 
 SET_UP_WITHIN_NS = NS_PER_S  # time for the controller to execute its limits
 LOOPS_SPAN = 500_000  # modulus of the loop counter of 103
@@ -64,9 +72,17 @@ class ControllerConnection:
     """State of the connection to the controller."""
 
     def __init__(
-        self, wire: ByteLink, dialogue: Dialogue, kept: ControllerLimits, *, stale_after_s: float
+        self,
+        wire: ByteLink,
+        dialogue: Dialogue,
+        kept: ControllerLimits,
+        *,
+        stale_after_s: float,
+        signals: ControllerSignals | None = None,
     ) -> None:
         """Join the two; `poll` connects. `kept` is sent after every hello and hold."""
+        self._signals = signals or ControllerSignals({})
+        self._switched = NONE_YET  # the last command that switched an output
         self.dialogue = dialogue
         self.errors = 0  # connections closed for a protocol error of the controller
         self.code = "robot_link"  # of `trouble`
@@ -114,6 +130,23 @@ class ControllerConnection:
         """Send the dialogue's bytes; a failure is reported by the next poll."""
         if data:
             self._wire.send(data, now_ns)
+
+    def switch(self, number: int, *, on: bool, now_ns: int) -> Trip | None:
+        """Switch an output, which the controller's receiver executes at once; or return why not.
+
+        One at a time: a flood of requests must not delay the packets of a motion.
+        """
+        if self.dialogue.window.framed < self._switched:
+            return tripped("wait", "the controller has not executed the output before it yet")
+        self.send(self.dialogue.command_now(switch_output(number, on=on), now_ns), now_ns)
+        self._switched = self.dialogue.window.last
+        return None
+
+    def signals(self, now_ns: int) -> SignalReading:
+        """Return the state of the signals; unknown while the link has a fault."""
+        if fault := self.link_fault(now_ns):
+            return SignalReading(code=self.code, reason=fault)
+        return self._signals.reading(now_ns)
 
     def link_fault(self, now_ns: int) -> str:
         """Return why the robot cannot be commanded, empty when it can."""
@@ -176,6 +209,8 @@ class ControllerConnection:
     def _down(self) -> None:
         """Forget what was received over a connection."""
         self.dialogue.disconnected()
+        self._signals.disconnected()
+        self._switched = NONE_YET
         self._pose: PoseReport | None = None
         self.measured: ControllerReport | None = None
         self.health: HealthReport | None = None
@@ -188,6 +223,9 @@ class ControllerConnection:
             self._wire.greeted()
             self._greeted_ns = now_ns
             self.send(self.dialogue.set_up(self._kept, now_ns), now_ns)
+            self.send(self.dialogue.choose_signals(self._signals.selection, now_ns), now_ns)
+        elif isinstance(event, SignalReport):
+            self._signals.take(event, now_ns)
         elif isinstance(event, HealthReport):
             if self.health is None or event.error_code != self.health.error_code:
                 bits = Status(0) if self.measured is None else self.measured.status

@@ -33,6 +33,7 @@ from services.gateway.packets import (
     Pacing,
     PoseCarry,
     PoseReport,
+    SignalReport,
     parse_hello,
     parse_report,
 )
@@ -66,6 +67,7 @@ class Dialogue:
         self._motion = self._hold = NONE_YET  # the last ones; a hold voids the motion before
         self._setting_up: tuple[Command, ...] = ()
         self._set_up = NONE_YET  # the last of these
+        self._chosen = NONE_YET  # the choice of signals to report
         self._speed: Speed | None = None
         self._requested_bits = _NO_BITS  # requested force feedback
         self._was_running = False
@@ -116,6 +118,8 @@ class Dialogue:
                 self.window.receipts.in_flight.clear()  # the wait for this hello is no round trip
                 continue
             event = parse_report(packet, self.scales)
+            if isinstance(event, SignalReport) and not self._has_chosen(event):
+                continue
             events.append(event)
             if isinstance(event, PoseReport):
                 self.window.taken_up_to(event.taken_id, now_ns)
@@ -165,6 +169,16 @@ class Dialogue:
         self._setting_up = packets.set_up(kept, self.scales)
         self._set_up = self.window.last + 1  # not executed
         return self.hold(now_ns)
+
+    def choose_signals(self, selection: tuple[Command, ...], now_ns: int) -> bytes:
+        """Return command 15 that chooses the signals to report; reports before it are ignored."""
+        data = self._send(now_ns, *selection)
+        self._chosen = self.window.last if selection else NONE_YET
+        return data
+
+    def command_now(self, command: Command, now_ns: int) -> bytes:
+        """Return a command that the receiver executes at once and that moves nothing."""
+        return self._send(now_ns, command)
 
     def set_speed(self, speed: Speed, now_ns: int) -> bytes:
         """Return the speeds command, empty if the controller has these speeds already."""
@@ -287,6 +301,10 @@ class Dialogue:
         self._reset_motion()
         self._requested_bits, self._was_running = _NO_BITS, False
         self.window.void()
+
+    def _has_chosen(self, report: SignalReport) -> bool:
+        """Return whether the receiver had executed our choice of signals before a report."""
+        return self._chosen != NONE_YET and self.window.number_of(report.framed_id) >= self._chosen
 
     def _goal(self, command: Command, speed: Speed, now_ns: int) -> bytes:
         self._refuse_during_feedback(command.com)

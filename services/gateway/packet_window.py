@@ -118,6 +118,10 @@ class PacketWindow:
         self.framed = self._echoed(id_, self.last, self.framed)
         self.receipts.reached(self.framed, now_ns)
 
+    def number_of(self, framed_id: int) -> int:
+        """Return the packet number of an ID that a report echoes as framed, without effect."""
+        return self._echoed(framed_id, self.last, NONE_YET)
+
     def taken_up_to(self, id_: int, now_ns: int) -> None:
         """Register the ID that 101 echoes: the last packet executed by the robot program."""
         self.taken = self._echoed(id_, self._last_for_ring, self.taken)

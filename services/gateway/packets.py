@@ -103,6 +103,7 @@ class ControllerLimits:
     joint_speed_rad_s: Joints  # at 100 %
 
 
+GROUP_SPAN = 1 << 16  # of a group of 16 signals in 104
 HOLD = Command(Com.HOLD)
 HEARTBEAT = Command(Com.HEARTBEAT)
 STOP_FEEDBACK = Command(Com.FEEDBACK, int(FeedbackSwitch.STOP))
@@ -292,7 +293,15 @@ class HealthReport:
     any_peer: bool  # fm.peer names no address: any client may connect
 
 
-Event = HelloReceived | PoseReport | JointReport | HealthReport
+@dataclass(frozen=True, slots=True)
+class SignalReport:
+    """104: signals by group of 16, the first of a group in bit 0; ID as in 102."""
+
+    groups: VecInt
+    framed_id: int
+
+
+Event = HelloReceived | PoseReport | JointReport | HealthReport | SignalReport
 
 
 def parse_hello(packet: Packet, asked: Scales, arm: int) -> HelloReceived:
@@ -323,13 +332,17 @@ def parse_hello(packet: Packet, asked: Scales, arm: int) -> HelloReceived:
     return HelloReceived()
 
 
-def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | HealthReport:
+def parse_report(
+    packet: Packet, scales: Scales
+) -> PoseReport | JointReport | HealthReport | SignalReport:
     """Return a report in SI. Raise RemoteProtocolError for any other packet."""
     com = known(packet.com, packet.param)
     if com not in REPORTS:
         raise RemoteProtocolError(f"the controller sent a gateway command, {packet.com}")
     if com == Com.HELLO:
         raise RemoteProtocolError("the controller sent hello twice")
+    if com == Com.SIGNALS:
+        return _parse_signals(packet)
     numbers = zip(packet.vec, _numbers(com, 0, scales.vec), strict=True)
     a, b, c, d, e, f = [
         units / scale / number.quantity.per_si for units, (number, scale) in numbers
@@ -341,3 +354,13 @@ def parse_report(packet: Packet, scales: Scales) -> PoseReport | JointReport | H
         T_base_flange = pin.SE3(R_from_oat(Oat(d, e, f)), np.array([a, b, c]))
         return PoseReport(T_base_flange, packet.id, counter, status)
     return JointReport((a, b, c, d, e, f), packet.id, counter, status)
+
+
+def _parse_signals(packet: Packet) -> SignalReport:
+    """Return 104. Raise RemoteProtocolError for a number that is no group of 16 signals."""
+    if not all(0 <= group < GROUP_SPAN for group in packet.vec):
+        worst = next(group for group in packet.vec if not 0 <= group < GROUP_SPAN)
+        raise RemoteProtocolError(
+            f"104 has {worst} for a group of 16 signals, it must be 0 to {GROUP_SPAN - 1}"
+        )
+    return SignalReport(packet.vec, packet.id)

@@ -8,6 +8,7 @@ from common.config.cell import CellConfig, GatewaySection
 from common.motion.convert import record_of, vec3
 from common.motion.last_check import MEASURED_SLACK_M, LastCheck
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
+from common.runtime.signal_service import SignalService
 from controller.packet_table import ID_COUNT, ID_FIRST
 from forcemesh import topics
 from forcemesh.bus import Bus
@@ -23,6 +24,7 @@ from services.gateway.link import Link, LinkSettings
 from services.gateway.packets import ControllerLimits, Pacing
 from services.gateway.plain_link import PlainLink, reach_of
 from services.gateway.setpoint_shaper import CatchUp, SetpointShaper
+from services.gateway.signals import ControllerSignals
 
 STEP_S = 0.002  # longest time that a report of the controller waits in the socket
 # Margins of the controller's own limits over those of this process.
@@ -64,6 +66,7 @@ class Gateway:
             self._dialogue,
             kept,
             stale_after_s=cell.stale_after_s(topics.ROBOT_STATE),
+            signals=ControllerSignals(cell.signals),
         )
         self._driver = Driver(
             cell, self._dialogue, self._connection.send, guard=guard, shaper=shaper, reach=reach
@@ -76,6 +79,7 @@ class Gateway:
         self._command = bus.reader(topics.ROBOT_COMMAND)
         self._wrench = bus.reader(topics.WRENCH)
         self._state = bus.publisher(topics.ROBOT_STATE)
+        self._signals = SignalService(bus, cell)
         self.trigger = self._command
 
     @property
@@ -124,6 +128,12 @@ class Gateway:
         if is_due:
             self._reported_ns = now_ns
             self._state.put(self._robot_state())
+        self._signals.step(
+            now_ns,
+            self._connection.signals(now_ns),
+            hold=self.verdict.hold,
+            switch=lambda number, on: self._connection.switch(number, on=on, now_ns=now_ns),
+        )
 
     # --- commands ---------------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from sim.netft.server import NetftServer
 from sim.robot.arm import SimArm
 from sim.robot.service import SensorFeed
 from sim.robot.settings import TICK_S, SimSettings
+from sim.robot.signals import followed_numbers
 from sim.robot.trace import trace_from_environment
 
 
@@ -48,6 +49,15 @@ class EmulatedController:
         trace = trace_from_environment(self.arm, clock)
         if trace is not None:
             self.machine.after_tick.append(trace.ticked)
+        if cell.sim.inputs_follow:
+            self._follows = followed_numbers(cell)
+            self.machine.after_tick.append(self._follow_outputs)
+
+    def _follow_outputs(self) -> None:
+        """Switch each input that follows an output."""
+        signals = self.machine.hardware.signals
+        for follower, output in self._follows.items():
+            signals.set(follower if signals.holds(output) else -follower)
 
     @property
     def fault(self) -> str:

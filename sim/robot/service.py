@@ -6,6 +6,7 @@ from common.config.cell import CellConfig
 from common.motion.convert import record_of
 from common.motion.permission import NO_COMMAND_YET, CommandGate
 from common.motion.setpoint_monitor import SPEED_MARGIN
+from common.runtime.signal_service import SignalService
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.clock import NS_PER_S
@@ -23,6 +24,7 @@ from sim.robot.driver import SimDriver
 from sim.robot.ft_sensor import FtStatus
 from sim.robot.motion import MotionGenerator
 from sim.robot.settings import TICK_S, SimSettings
+from sim.robot.signals import SimSignals
 from sim.robot.trace import trace_from_environment
 
 MOST_TICKS_PER_STEP = 50  # a process delayed for longer drops simulated time instead
@@ -59,6 +61,8 @@ class SimRobot:
         self.trigger = self._command = bus.reader(topics.ROBOT_COMMAND)
         self._wrench = bus.reader(topics.WRENCH)
         self._state = bus.publisher(topics.ROBOT_STATE)
+        self.signals = SimSignals(cell)
+        self._signal_service = SignalService(bus, cell)
         self._sensor = SensorFeed(bus.playing("sensor"), cell, self.arm)
         self.wake_ticks = gcd(self._state_ticks, self._sensor.ticks)
         self._trace = trace_from_environment(self.arm, bus.clock)
@@ -101,6 +105,9 @@ class SimRobot:
             self._driver.hold(self.verdict.hold_reason)
         if elapsed > 0:
             self._tick()
+        self._signal_service.step(
+            now_ns, self.signals.reading(), hold=self.verdict.hold, switch=self.signals.switch
+        )
         # The tick of the next message: ticks and messages have one grid.
         next_tick = (self.arm.ticks // self.wake_ticks + 1) * self.wake_ticks
         self.due_ns = self._start_ns + (next_tick + self._ticks_lost) * TICK_NS

@@ -5,12 +5,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from common.config.load import load_cell
 from common.motion.limits import Limits
 from common.motion.setpoint_monitor import SetpointMonitor
 from common.motion.tracking import TrackingMonitor
 from forcemesh import topics
 from forcemesh.bus import Origin
 from forcemesh.messages import (
+    Asker,
     Feedback,
     Gains,
     Message,
@@ -20,14 +22,15 @@ from forcemesh.messages import (
     Trip,
     WrenchAtTcp,
 )
-from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply
+from forcemesh.requests import Empty, ForceStartRequest, PathRequest, Reply, SignalRequest
 from services.gateway.link import LinkEvents
 from services.gateway.service import Gateway
 from sim.controller.network import LockStepLink, MemoryNetwork
 from sim.robot.service import SimRobot
 from tests.contract.rig import gateway_cell
-from tests.fakes.bench import CELL, Bench
+from tests.fakes.bench import CELL, DEMO, Bench
 from tests.fakes.regulator_bench import RegulatorBench
+from tests.fakes.signals import NAMED
 from tests.fakes.wrench_bench import WrenchBench
 
 LIMITS = Limits.of(CELL)
@@ -162,3 +165,10 @@ def an_arm_that_stays_behind(rule: TrackingMonitor) -> Trip | None:
         rule.stream(HERE, now_ns)
         trips.append(rule.judge(BEYOND, (0.0,) * 6, now_ns))
     return trips[-1]
+
+
+def request_signal(signal: str, commander: Asker = "operator") -> str:
+    """Request an output of a simulated robot that holds."""
+    bench = Bench("robot", SimRobot, load_cell(DEMO, {"signals": NAMED}))
+    request = SignalRequest(signal=signal, on=True, commander=commander)
+    return bench.ask(topics.SIGNAL, request).code

@@ -6,7 +6,7 @@ fuzzer compares all three.
 
 from dataclasses import dataclass, field
 
-from controller.packet_table import NO_ID, TABLE, Com, greeting, next_id
+from controller.packet_table import NO_ID, TABLE, Com, SignalParam, greeting, next_id
 
 FRAMES, CHARS = 9, 63
 ARM = 1  # fm.num as it ships
@@ -17,6 +17,7 @@ AT_ONCE = {
     Com.FORCE_SET_POINT,
     Com.HOLD,
     Com.HEARTBEAT,
+    Com.SIGNAL,
 }  # also 7 with Param 2; all other commands are queued
 MOTIONS = {Com.MOVE_POSE, Com.MOVE_JOINTS, Com.MOVE_BY_JOINTS, Com.SET_POINT, Com.FEEDBACK}
 
@@ -97,8 +98,17 @@ def _take(chars: bytes, framed: Framed) -> None:
         return
     if not row.numbers(param) and chars[21:] != ZERO_VEC:
         return
+    if com == Com.SIGNAL and not names_signals(param, found[3:]):
+        return
     framed.last_id, framed.closed = found[0], False
     framed.packets.append((com, param, found[3:], chars))
+
+
+def names_signals(param: int, vec: tuple[int, ...]) -> bool:
+    """Whether command 15 has an output, or places where a group of 16 signals can begin."""
+    if param == SignalParam.SWITCH:
+        return 1 <= abs(vec[0]) <= 960
+    return all(first == 0 or 1 <= first <= 945 or 1001 <= first <= 1945 for first in vec)
 
 
 def numbers(chars: bytes) -> tuple[int, ...] | None:

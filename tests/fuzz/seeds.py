@@ -41,11 +41,20 @@ CONVERSATIONS = {
     "hold-first": (*HOLD, *SETTINGS, *BEAT),
     "both": ((7, 0, (0,) * 6), (7, 1, (0,) * 6), (4, 0, NUMBERS), *HOLD),
     "second-hello": (*BEAT, (9, 1, SCALES), *BEAT),
-    "unknown": (*BEAT, (15, 0, (0,) * 6), *BEAT),
+    "unknown": (*BEAT, (16, 0, (0,) * 6), *BEAT),
+    "signals": (
+        (15, 1, (1, 1001, 945, 1945, 0, 17)), (15, 0, (9, 0, 0, 0, 0, 0)), *BEAT,
+        (15, 0, (-960, 0, 0, 0, 0, 0)), *HOLD,
+    ),
+    "no-output": (*BEAT, (15, 0, (1001, 0, 0, 0, 0, 0)), *BEAT),
+    "no-group": (*BEAT, (15, 1, (1, 946, 0, 0, 0, 0)), *BEAT),
     "wrong-param": (*BEAT, (7, 3, (0,) * 6)),
     "not-zero": ((12, 0, (0, 0, 0, 0, 0, 1)), *BEAT),
-}
-REPORTS = ((101, 2079, NUMBERS), (102, 2079, NUMBERS), (103, -34024, (7, 12, 0, 100, 0, 0)))
+}  # fmt: skip
+REPORTS = (
+    (101, 2079, NUMBERS), (102, 2079, NUMBERS), (103, -34024, (7, 12, 0, 100, 0, 0)),
+    (104, 0, (0x8001, 0, 0xFFFF, 1, 0, 0)),
+)  # fmt: skip
 
 
 def conversation(

@@ -45,6 +45,8 @@ WORDS = {
     "move by": "0,0,0,0,0,0",
     "jog": "x 1",
     "press": "15",
+    "signals set": "lamp on",
+    "signals wait": "lamp",
     "follow": "HERE",
     "pki issue": "operator",
 }

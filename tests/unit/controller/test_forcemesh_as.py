@@ -22,8 +22,8 @@ BY_HAND = {"fm.restore"}  # a person may EXECUTE it when no task runs
 # Instructions of the E series manual (90209-1022), chapters 6 and 10, and of the TCP/IP manual.
 INSTRUCTIONS = """
     ABS.SPEED ACCEL ACCURACY BASE BRAKE BREAK CALL CASE CP DECEL DECOMPOSE ELSE END FOR GOTO HERE
-    IF JMOVE LMOVE MC PCABORT PCEXECUTE POINT PRINT QTOOL RETURN SPEED TCP_ACCEPT TCP_CLOSE
-    TCP_END_LISTEN TCP_LISTEN TCP_RECV TCP_SEND TIMER TOOL TWAIT VALUE WAIT WHILE
+    IF JMOVE LMOVE MC PCABORT PCEXECUTE POINT PRINT QTOOL RETURN SIGNAL SPEED TCP_ACCEPT
+    TCP_CLOSE TCP_END_LISTEN TCP_LISTEN TCP_RECV TCP_SEND TIMER TOOL TWAIT VALUE WAIT WHILE
 """
 DOCUMENTED = set(INSTRUCTIONS.split())
 NOT_IN_PC_PROGRAMS = {"LMOVE", "JMOVE", "BASE", "TOOL", "BREAK", "PCEXECUTE", "PCABORT"}
@@ -273,6 +273,7 @@ def test_receiver_knows_every_command_with_every_param() -> None:
         [(7, 2)],
         [(14, 0)],
         [(8, 0)],
+        [(15, 0), (15, 1)],
     )
     assert {pair for group in groups for pair in group} == expected
     assert branches == [tuple(places[pair] for pair in group) for group in groups]

@@ -23,12 +23,14 @@ from controller.packet_table import (
     ID_LAST,
     TABLE,
     Com,
+    SignalParam,
     Status,
     known,
     next_id,
 )
 from forcemesh.errors import RemoteProtocolError
 from tests.fakes.controller_talk import HELLO_PARAM, LIMITS, NO_TCP, SCALES, SET_UP, Talk
+from tests.fuzz.framer import names_signals
 
 LEAST: VecInt = (10, 100, 50, 1, 10, 1)
 MOST: VecInt = (99, 555, 277, 999, 9999, 1000)
@@ -54,6 +56,7 @@ HARMLESS: dict[int, VecInt] = {
     Com.GAINS: (1, 2, 3, 4, 5, 6),
     Com.TCP: (0, 0, 8000, 0, 0, 0),
     Com.WRENCH: (-1, 2, -3, 4, -5, 6),
+    Com.SIGNAL: (-9, 0, 0, 0, 0, 0),
 }
 
 
@@ -209,6 +212,8 @@ def test_every_command_of_the_table_is_framed(com: Com, param: int) -> None:
         vec = talk.shifted_vec()
     if com == Com.MOVE_JOINTS:
         vec = (0, 0, -22_500, 0, -22_500, 0)
+    if (com, param) == (Com.SIGNAL, SignalParam.GROUPS):
+        vec = (1, 1001, 0, 0, 0, 0)
     talk.send(com, param, vec)
     talk.wait(lambda: talk.framed == ID_FIRST + 1, 1.0, beat=False)
     talk.send(com, TABLE[com].params[-1] + 1, vec)
@@ -269,6 +274,8 @@ def is_due(data: bytes, id_: int) -> bool:
         return False
     fixed = len(data) if not row.numbers(packet.param) else HEAD
     expected = encode(Packet(id_, packet.com, packet.param))
+    if row.com == Com.SIGNAL and not names_signals(packet.param, packet.vec):
+        return False
     return row.com in COMMANDS - {Com.HELLO} and data[:fixed] == expected[:fixed]
 
 

@@ -283,11 +283,11 @@ def test_each_mode_of_force_feedback_has_its_bits() -> None:
 def test_every_command_has_its_row() -> None:
     """Numbers without gaps from 1 and from 101, each sent by PC, controller, or both (hello)."""
     assert set(TABLE) == set(Com) == COMMANDS | REPORTS
-    assert sorted(Com) == [*range(1, LAST_COMMAND + 1), 101, 102, 103]
+    assert sorted(Com) == [*range(1, LAST_COMMAND + 1), 101, 102, 103, 104]
     assert {Com.HELLO} == COMMANDS & REPORTS
 
 
-@pytest.mark.parametrize("com", [-1, 0, LAST_COMMAND + 1, 100, 104, 999_999])
+@pytest.mark.parametrize("com", [-1, 0, LAST_COMMAND + 1, 100, 105, 999_999])
 def test_an_unknown_command_is_refused(com: int) -> None:
     """A number that is not in the table is not a command."""
     with pytest.raises(RemoteProtocolError, match=str(com)):

@@ -49,6 +49,7 @@ from tests.fakes.provoked_elsewhere import (
     from_the_wrench,
     guide_without_axes_check,
     request_path_in_force_direction,
+    request_signal,
     reverse_at_once,
     ruled,
     start,
@@ -289,6 +290,9 @@ REACHED: dict[str, Callable[[], str]] = {
     "back_off":         partial(backing_off, falls_N_per_s=80.0),
     "still_loaded":     partial(backing_off, falls_N_per_s=0.0),
     "no_direction":     backing_off_from_nothing_known,
+    "signal_unknown":   partial(request_signal, "none"),
+    "signal_not_permitted": partial(request_signal, "lamp", "program"),
+    "signal_held":      partial(request_signal, "gripper_close"),
 }
 # fmt: on
 

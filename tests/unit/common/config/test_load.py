@@ -44,10 +44,11 @@ def mistakes(damaged: object) -> list[str]:
 
 
 def sections(model: type[BaseModel] = CellConfig, path: str = "") -> dict[str, type[BaseModel]]:
-    """Return every section of a cell file by its path; of a list of them the first."""
+    """Return every section of a cell file by its path; of a list or a map of them one."""
     found: dict[str, type[BaseModel]] = {}
     for field, info in model.model_fields.items():
-        name = f"{field}.0" if get_origin(info.annotation) is tuple else field
+        origin = get_origin(info.annotation)
+        name = field + (".0" if origin is tuple else ".any" if origin is dict else "")
         for kind in (info.annotation, *getattr(info.annotation, "__args__", ())):
             if isinstance(kind, type) and issubclass(kind, BaseModel):
                 found[f"{path}{name}"] = kind

@@ -127,7 +127,7 @@ def test_each_command_has_its_echo(com: Com) -> None:
     for trips in (window.receipts, window.executions):
         trips.reached(window.last, MS)
     assert window.receipts.last_s == pytest.approx(0.001)
-    at_once = {Com.WRENCH, Com.FORCE_SET_POINT, Com.HOLD, Com.HELLO, Com.HEARTBEAT}
+    at_once = {Com.WRENCH, Com.FORCE_SET_POINT, Com.HOLD, Com.HELLO, Com.HEARTBEAT, Com.SIGNAL}
     assert (window.executions.last_s is None) == (com in at_once)
 
 

@@ -301,7 +301,7 @@ def test_health_arrives_in_si() -> None:
     "packet",
     [
         Packet(ID_FIRST, com, param)
-        for com, param in ((1, 0), (12, 0), (9, 1), (104, 0), (0, 0), (101, -1), (102, 499_999))
+        for com, param in ((1, 0), (12, 0), (9, 1), (105, 0), (0, 0), (101, -1), (102, 499_999))
     ],
 )
 def test_a_packet_that_no_controller_sends_is_refused(packet: Packet) -> None:

@@ -1,0 +1,150 @@
+"""Signals of the role robot on the bus: requests are judged, the state is published or unknown."""
+
+from typing import Any
+
+import pytest
+
+from common.config.load import load_cell
+from common.runtime.signal_service import SignalReading, SignalService
+from forcemesh import topics
+from forcemesh.faults import tripped
+from forcemesh.messages import RobotSignals, Trip
+from forcemesh.requests import Reply, SignalRequest
+from tests.fakes.bench import CELL, DEMO, Bench
+from tests.fakes.signals import ALL_OFF, NAMED
+
+KNOWN = SignalReading({9: False, 10: False, 11: False, 1001: False})
+LOST = SignalReading(code="robot_link", reason="a test pulled the cable")
+
+
+class Role:
+    """The role robot, of which only the signals are there."""
+
+    period_s, trigger, fault = 0.004, None, ""
+
+    def __init__(self, bus: Any, cell: Any) -> None:
+        """Start with a known state and no hold."""
+        self.service = SignalService(bus, cell)
+        self.reading = KNOWN
+        self.hold: Trip | None = None
+        self.switched: list[tuple[int, bool]] = []
+        self.busy: Trip | None = None
+
+    def switch(self, number: int, on: bool) -> Trip | None:
+        """Record what is switched."""
+        if self.busy is None:
+            self.switched.append((number, on))
+        return self.busy
+
+    def step(self, now_ns: int) -> None:
+        """Serve."""
+        self.service.step(now_ns, self.reading, hold=self.hold, switch=self.switch)
+
+    def counters(self) -> dict[str, int]:
+        """Return none."""
+        return {}
+
+
+@pytest.fixture
+def bench() -> Bench:
+    """The role on a bus, with the named signals."""
+    return Bench("robot", Role, load_cell(DEMO, {"signals": NAMED}))
+
+
+def role(bench: Bench) -> Role:
+    """Return the role of a bench."""
+    assert isinstance(bench.service, Role)
+    return bench.service
+
+
+def ask(bench: Bench, signal: str, *, on: bool = True, commander: Any = "operator") -> Reply:
+    """Request an output."""
+    request = SignalRequest(signal=signal, on=on, commander=commander)
+    return bench.ask(topics.SIGNAL, request)
+
+
+@pytest.mark.parametrize("on", [True, False])
+@pytest.mark.parametrize("signal", ["lamp", "10"])
+def test_a_permitted_output_is_switched(bench: Bench, signal: str, on: bool) -> None:
+    """Once, by its number; the reply has name, number and state."""
+    reply = ask(bench, signal, on=on)
+    assert reply.accepted
+    assert reply.text == f"lamp (output 10) is switched {'on' if on else 'off'}"
+    assert role(bench).switched == [(10, on)]
+
+
+@pytest.mark.parametrize(
+    ("signal", "commander", "code"),
+    [
+        ("part", "operator", "signal_not_permitted"),
+        ("motor", "operator", "signal_not_permitted"),
+        ("lamp", "program", "signal_not_permitted"),
+        ("other", "operator", "signal_unknown"),
+        ("12", "operator", "signal_unknown"),
+    ],
+)
+def test_what_is_not_permitted_is_not_switched(
+    bench: Bench, signal: str, commander: str, code: str
+) -> None:
+    """It is refused with a code."""
+    reply = ask(bench, signal, commander=commander)
+    assert (reply.accepted, reply.code) == (False, code)
+    assert role(bench).switched == []
+
+
+def test_while_the_robot_holds_only_outputs_with_permission_are_switched(bench: Bench) -> None:
+    """The refusal has the reason of the hold."""
+    role(bench).hold = tripped("hold", "a person asked")
+    reply = ask(bench, "gripper_close")
+    assert reply.code == "signal_held"
+    assert "a person asked" in reply.text
+    assert ask(bench, "lamp").accepted
+    assert role(bench).switched == [(10, True)]
+
+
+def test_over_a_lost_link_nothing_is_switched_or_invented(bench: Bench) -> None:
+    """The state is not valid and empty, and returns with the link."""
+    assert bench.after_step(topics.ROBOT_SIGNALS) == RobotSignals(on=ALL_OFF)
+    role(bench).reading = LOST
+    message = bench.after_step(topics.ROBOT_SIGNALS)
+    assert (message.valid, message.code, message.on) == (False, "robot_link", {})
+    assert "pulled the cable" in message.reason
+    reply = ask(bench, "lamp")
+    assert (reply.accepted, reply.code) == (False, "robot_link")
+    assert role(bench).switched == []
+    role(bench).reading = KNOWN
+    assert bench.after_step(topics.ROBOT_SIGNALS).valid
+
+
+def test_what_the_robot_cannot_do_now_is_refused(bench: Bench) -> None:
+    """With its reason."""
+    role(bench).busy = tripped("wait", "one at a time")
+    reply = ask(bench, "lamp")
+    assert (reply.accepted, reply.code, reply.text) == (False, "wait", "one at a time")
+
+
+def test_a_change_is_published_at_once_and_else_at_the_rate(bench: Bench) -> None:
+    """A reader waits for no period; an unchanged state is repeated, so that it does not expire."""
+    reader = bench.watch(topics.ROBOT_SIGNALS)
+    bench.step()
+    first = reader.read(bench.clock.now_ns()).header
+    role(bench).reading = SignalReading({**KNOWN.on, 1001: True})
+    bench.step()
+    second = reader.read(bench.clock.now_ns())
+    assert second.message is not None
+    assert second.message.on == {**ALL_OFF, "part": True}
+    assert first is not None
+    assert second.header is not None
+    assert second.header.seq == first.seq + 1
+    bench.pass_s(1.0)
+    last = reader.read(bench.clock.now_ns()).header
+    assert last is not None
+    assert last.seq - second.header.seq == pytest.approx(bench.cell.rates.status_hz, abs=2)
+
+
+def test_a_cell_without_signals_publishes_none_and_refuses_all() -> None:
+    """The request is answered, so that a client does not wait."""
+    bench = Bench("robot", Role, CELL)
+    assert bench.after_step(topics.ROBOT_SIGNALS) is None
+    reply = ask(bench, "lamp")
+    assert (reply.accepted, reply.code) == (False, "signal_unknown")

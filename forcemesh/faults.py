@@ -103,6 +103,7 @@ FAULTS: dict[str, FaultCode] = {fault.code: fault for fault in (
     FaultCode(413, "back_off",          "HOLD",    "backing off has freed the arm", "arm when the path is clear; if in contact, arm for jog, then `forcemesh retract`"),
     FaultCode(414, "still_loaded",      "HOLD",    "backing off ended before the arm was free: full distance travelled, too long, or the force does not fall as a contact force does", "run `forcemesh back-off` again; if the force does not change, tare in free space"),
     FaultCode(415, "joint_count",       "FAULT",   "the number of joint angles is not that of the arm in the cell file", "use the cell file of this arm; give one angle for each of its joints"),
+    FaultCode(416, "unreachable",       "HOLD",    "the arm cannot reach a pose: it is too far away, or a singularity is on the way", "choose another pose; bring the arm away from the singularity with a joint move"),
     # --- 5xx: commands and requests ----------------------------------------------------------------
     FaultCode(501, "hold",              "HOLD",    "a client requested a hold", "arm again when the path is clear"),
     FaultCode(502, "regulator",         "HOLD",    "the regulator stopped on its own", "fix what its reason names, then start it again"),

@@ -102,6 +102,7 @@ robot's own process enforces them again (`common/motion/last_check.py`).
 | `workspace_min_m`, `workspace_max_m`, `planes` | the TCP, measured and commanded; a plane's normal points inside | hold or fade |
 | `robot.joint_min_deg`, `joint_max_deg` | commanded and measured (half a degree of tolerance) | refused; hold |
 | `joint_speed_share` of `robot.joint_speed_max_deg_s` | measured joints, mean of 100 ms | fade, hold |
+| four fifths of that, and full joint speed in 125 ms | set points, by the model of the arm | slowed near a singularity; hold (`acceleration`, `joint_speed`, `unreachable`) |
 | `step_m`, `step_deg` | from the measured pose to the set point | hold |
 | `speed_m_s`, `speed_deg_s` | set points; the requested speed of moves | limited; refused |
 | `accel_m_s2`, `accel_deg_s2` | set points, over the time between the wrenches that they follow | limited: the set points catch up later |

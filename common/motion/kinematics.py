@@ -17,6 +17,8 @@ _MAX_ITERATIONS = 40
 _MAX_STEP_RAD = 0.3  # of one Newton step: keeps the iteration from diverging at a far start
 _DAMPING = 0.1  # times the error: vanishes at the solution and keeps quadratic convergence
 _LEAST_DAMPING = 1e-7
+_STEP_DAMPING = 1e-6  # of a single step: joints turn finitely at a singularity
+DAMPED_GAIN = 0.1 / _STEP_DAMPING  # a singular value is below ten times the damping
 _EYE = np.eye(6)
 _LOCAL = pin.ReferenceFrame.LOCAL
 
@@ -26,6 +28,19 @@ class IkResult(NamedTuple):
 
     q: Array | None
     reason: str = ""
+
+
+class NewtonStep(NamedTuple):
+    """One step of inverse kinematics: the inverse times the twist, in flange axes [m and rad]."""
+
+    inverse: Array  # J^T (J J^T + d^2 I)^-1, shape (n, 6)
+    twist: Array  # to the pose, shape (6,)
+    gain: float  # at least the norm of the inverse, at a singularity of the undamped one
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether the step leaves out directions in which joints turn fast: at a singularity."""
+        return self.gain > DAMPED_GAIN
 
 
 @cache
@@ -105,6 +120,14 @@ class ArmKinematics:
             f" limit {math.degrees(jump_rad):.1f} deg"
         )
         return IkResult(None, text)
+
+    def step_towards(self, T_base_flange: pin.SE3, q: Array) -> NewtonStep:
+        """Return one damped Newton step from q towards a finite pose."""
+        J = self.jacobian(q)
+        twist = pin.log6(self._data.oMf[self._flange].actInv(T_base_flange)).vector
+        A = J.dot(J.T) + _STEP_DAMPING * _STEP_DAMPING * _EYE
+        inverse = LLT(A).solve(_EYE)
+        return NewtonStep(J.T.dot(inverse), twist, math.sqrt(inverse.trace()))
 
     def limit_violation(self, q: Array) -> str:
         """Return a message about the first joint outside its limits, or an empty string."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import pinocchio as pin
 
-from common.motion.frames import Speeds, apart, moved, plus, speeds_between
+from common.motion.frames import Speeds, apart, moved, plus, scaled, speeds_between
 from common.motion.limits import Limits
 from forcemesh.messages import ZERO3
 
@@ -82,9 +82,23 @@ def brake(limits: Limits, before: CommandedMotion, dt_s: float) -> CommandedMoti
 
 def resting_place(limits: Limits, motion: CommandedMotion) -> pin.SE3:
     """Return the flange pose at the end of braking from now."""
-    speed, angular = motion.speeds
-    half_s = 0.5 * max(hypot(*speed) / limits.accel_m_s2, hypot(*angular) / limits.accel_rad_s2)
-    return moved(motion.T_base_flange, motion.speeds, half_s)
+    return moved(motion.T_base_flange, motion.speeds, half_braking_s(limits, motion.speeds))
+
+
+def half_braking_s(limits: Limits, speeds: Speeds) -> float:
+    """Return half of the time in which speeds are braked: times them, the way until then."""
+    speed, angular = speeds
+    return 0.5 * max(hypot(*speed) / limits.accel_m_s2, hypot(*angular) / limits.accel_rad_s2)
+
+
+def slowed(
+    motion: CommandedMotion, before: CommandedMotion, share: float, dt_s: float
+) -> CommandedMotion:
+    """Return a motion at a share of its speeds, 0 to 1; it lags behind its target."""
+    v, w = motion.speeds
+    speeds = scaled(v, share), scaled(w, share)
+    T = moved(before.T_base_flange, speeds, dt_s)
+    return CommandedMotion(T, motion.T_target, speeds, lags=True)
 
 
 def _braked_within(speed: float, change: float) -> float:

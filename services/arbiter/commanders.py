@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 from common.motion.convert import pose_of, record_of
+from common.motion.joint_paths import move_obstacle
+from common.motion.joint_space import JointSpace, JointStream
 from common.motion.limits import ArmBounds, check_speed
 from common.motion.rate_limiter import CommandedMotion, at_rest, brake
 from forcemesh.clock import NS_PER_S
@@ -27,7 +29,7 @@ from forcemesh.messages import (
     Trip,
 )
 from forcemesh.requests import Reply
-from services.arbiter.stream import SampleClock, Tick, follow
+from services.arbiter.stream import SampleClock, Tick, follow, released
 
 # fmt: off
 RANKS: dict[Commander, int] = {
@@ -61,6 +63,7 @@ class Ownership:
     speed: Speed | None = None  # of this goal
     motion: CommandedMotion | None = None  # of the regulator's set points, if streamed
     clock: SampleClock | None = None  # of them
+    joints: JointStream | None = None  # of them, if the arm has a model
 
     def next(self) -> "Ownership":
         """Return the next ownership period, without an owner yet."""
@@ -93,8 +96,9 @@ class CommandStep(NamedTuple):
 class Commanders:
     """Owner of the arm, and at most one pending move."""
 
-    def __init__(self, rest_needed_s: float) -> None:
-        """Start without an owner."""
+    def __init__(self, rest_needed_s: float, space: JointSpace | None = None) -> None:
+        """Start without an owner; without a joint space, joints are not checked ahead."""
+        self._space = space
         self.ownership = Ownership()
         self.pending_move: PendingMove | None = None
         self._rest_since_ns: int | None = None  # reported under the present ownership number
@@ -130,7 +134,11 @@ class Commanders:
         holder = (self.pending_move or self.ownership).commander
         if not outranks(move.commander, holder):
             return refusal("busy", f"the {holder} commands the arm; stop that first"), CommandStep()
-        trip = bounds.goal(move.goal, robot.joint_rad) or check_speed(bounds.limits, move.speed)
+        trip = (
+            bounds.goal(move.goal, robot.joint_rad)
+            or check_speed(bounds.limits, move.speed)
+            or move_obstacle(self._space, move.goal, robot)
+        )
         if trip is not None:
             return refused(trip), CommandStep()
         # Above the robot's number too: a restarted arbiter must not repeat one.
@@ -142,7 +150,7 @@ class Commanders:
             self.ownership, self._rest_since_ns = self.ownership.next(), None
         step = CommandStep(event="take", trips=trips)
         if self._rests(move.since_ns):
-            step = self._begin(self.pending_move, robot, bounds, trips)
+            step = self._begin(self.pending_move, trips)
         text = f"move accepted: goal {number}"
         return Reply(accepted=True, text=text, value=float(number)), step
 
@@ -150,16 +158,22 @@ class Commanders:
         since_ns = self._rest_since_ns
         return since_ns is not None and (now_ns - since_ns) / NS_PER_S >= self._rest_needed_s
 
-    def _begin(
-        self, move: PendingMove, robot: RobotState, bounds: ArmBounds, trips: tuple[Trip, ...]
-    ) -> CommandStep:
+    def _begin(self, move: PendingMove, trips: tuple[Trip, ...]) -> CommandStep:
         self.pending_move = None
-        trip = bounds.goal(move.goal, robot.joint_rad)  # angles count from where the arm rests
-        if trip is not None:
-            return CommandStep(event="end", trips=(*trips, tripped("goal_refused", trip.text)))
         ownership = self.ownership
         ownership.commander, ownership.goal, ownership.speed = move.commander, move.goal, move.speed
         return CommandStep("goal", goal=move.goal, event="begin", trips=trips)
+
+    def _begin_pending(
+        self, move: PendingMove, robot: RobotState, bounds: ArmBounds, trips: tuple[Trip, ...]
+    ) -> CommandStep:
+        """Begin a move that waited: its path, and angles, count from where the arm rests."""
+        trip = bounds.goal(move.goal, robot.joint_rad)
+        trip = trip or move_obstacle(self._space, move.goal, robot)
+        if trip is None:
+            return self._begin(move, trips)
+        self.pending_move = None
+        return CommandStep(event="end", trips=(*trips, tripped("goal_refused", trip.text)))
 
     # --- every period -----------------------------------------------------------------------------
 
@@ -186,7 +200,7 @@ class Commanders:
             self._regulator_rested = target is None
         if move is not None:
             if self._rests(tick.now_ns):
-                return self._begin(move, robot, bounds, trips)
+                return self._begin_pending(move, robot, bounds, trips)
             if tick.now_ns - move.since_ns <= SETTLE_WITHIN_S * NS_PER_S:
                 return CommandStep()
             text = f"the arm is not at rest {SETTLE_WITHIN_S:g} s after the {move.commander}'s"
@@ -202,10 +216,17 @@ class Commanders:
             return CommandStep()
         if not self._rests(tick.now_ns):  # the regulator continues from here until it may begin
             return CommandStep(pose=record_of(tick.T_measured), limited=True)
-        ownership = self.ownership
-        ownership.commander, ownership.host = "regulator", target.host
-        ownership.motion = at_rest(tick.T_measured) if target.host == "pc" else None
+        self._begin_regulator(robot, target, tick)
         return self._regulate(target, bounds, tick)._replace(event="begin", trips=())
+
+    def _begin_regulator(self, robot: RobotState, target: RegulatorTarget, tick: Tick) -> None:
+        """Give the arm to the regulator; set points begin at rest, at the measured arm."""
+        ownership, space = self.ownership, self._space
+        ownership.commander, ownership.host = "regulator", target.host
+        if target.host == "pc":
+            ownership.motion = at_rest(tick.T_measured)
+            if space is not None:
+                ownership.joints = space.begin(tick.T_measured, robot.joint_rad)
 
     def _end(self, trips: tuple[Trip, ...] | None = None) -> CommandStep:
         self.ownership = self.ownership.next()
@@ -216,8 +237,11 @@ class Commanders:
     ) -> CommandStep:
         """Follow the regulator; set points of a stopped one are braked first."""
         ownership, motion = self.ownership, self.ownership.motion
+        joints = ownership.joints
+        followed: CommandedMotion | Trip
         if target is None and motion is not None and not motion.is_at_rest:
-            motion, ownership.clock = brake(bounds.limits, motion, tick.dt_s), None
+            braked, ownership.clock = brake(bounds.limits, motion, tick.dt_s), None
+            followed = released(joints, motion, braked, tick.dt_s)
         elif target is None or target.host != ownership.host:
             return self._end()
         elif motion is None and target.feedback is not None:
@@ -231,9 +255,10 @@ class Commanders:
                 ownership.clock, dt_s = clock.next(stamp_ns, tick.now_ns, tick.longest_s)
             elif stamp_ns is not None:
                 ownership.clock = SampleClock(stamp_ns, tick.now_ns)
-            followed = follow(motion, pose_of(target.pose), bounds, tick, dt_s=dt_s)
-            if isinstance(followed, Trip):
-                return CommandStep(stop=followed)
-            motion = followed
-        ownership.motion = motion
-        return CommandStep("setpoint", pose=record_of(motion.T_base_flange), limited=motion.lags)
+            T_target = pose_of(target.pose)
+            followed = follow(motion, T_target, bounds, tick, dt_s=dt_s, joints=joints)
+        if isinstance(followed, Trip):
+            return CommandStep(stop=followed)
+        ownership.motion = followed
+        pose = record_of(followed.T_base_flange)
+        return CommandStep("setpoint", pose=pose, limited=followed.lags)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from common.config.cell import CellConfig
 from common.motion.back_off import LoadRatchet, in_move
 from common.motion.convert import pose_of, record_of
+from common.motion.joint_space import JointSpace, checks_off_text
 from common.motion.limits import (
     ArmBounds,
     JointTrack,
@@ -69,7 +70,9 @@ class Arbiter:
         self._cells = self._bounds = self._stream_bounds = self._terms.bounds
         self._freeing: Freeing | None = None
         self._load: LoadRatchet | None = None  # of the move under way
-        self._commanders = Commanders(max(REST_S, LEAST_REPORTS / cell.rates.robot_hz))
+        self._space = JointSpace.of(cell)
+        rest_s = max(REST_S, LEAST_REPORTS / cell.rates.robot_hz)
+        self._commanders = Commanders(rest_s, self._space)
         self._stopping: Stopping | None = None
         self._speed = Speed()
         self._joints = JointTrack()
@@ -238,7 +241,8 @@ class Arbiter:
             return
         motion, wrench = self._commanders.ownership.motion, inputs.wrench.fresh
         if motion is not None:
-            start = Stopping(trip, motion, inputs.now_ns)
+            joints = self._commanders.ownership.joints
+            start = Stopping(trip, motion, inputs.now_ns, joints=joints)
             self._stopping = begin_stop(start, self._bounds, self._terms.cell.force, wrench)
         if self._stopping is None:
             self.stop("hold", trip)
@@ -279,7 +283,9 @@ class Arbiter:
         bounds = replace(self._cells, T_armed=pose_of(robot))
         self._begin_lease("arm", purpose, bounds, inputs)
         load = load_text(inputs, self._terms)
-        return Reply(accepted=True, text=f"{ARMED_TEXTS[purpose]} (lease {self._lease}){load}")
+        unchecked = checks_off_text(self._space, bounds.T_armed, robot.joint_rad)
+        text = f"{ARMED_TEXTS[purpose]} (lease {self._lease}){load}{unchecked}"
+        return Reply(accepted=True, text=clipped(text))
 
     def _begin_lease(self, event: str, purpose: Purpose, bounds: ArmBounds, inputs: Inputs) -> None:
         self._armed_for, self._joints = purpose, JointTrack()

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from common.config.cell import ForceSection
 from common.motion.frames import apart, dot, is_finite_pose
+from common.motion.joint_space import JointStream
 from common.motion.limits import NS_PER_S, ArmBounds, Limits, check_apart, check_workspace
 from common.motion.rate_limiter import CommandedMotion, at_rest, brake, limit_motion, resting_place
 from forcemesh.faults import clipped
@@ -72,12 +73,18 @@ class SampleClock(NamedTuple):
 
 
 def follow(
-    motion: CommandedMotion, T_target: pin.SE3, bounds: ArmBounds, tick: Tick, *, dt_s: float
+    motion: CommandedMotion,
+    T_target: pin.SE3,
+    bounds: ArmBounds,
+    tick: Tick,
+    *,
+    dt_s: float,
+    joints: JointStream | None = None,
 ) -> CommandedMotion | Trip:
     """Return the motion towards a target pose, or the limit that it violates.
 
-    Speed and acceleration are limited; from every accepted set point the arm can be braked inside
-    the bounds.
+    Speed and acceleration of flange and joints are limited; from every accepted set point the arm
+    can be braked inside the bounds.
 
     Args:
         motion: Up to the last set point.
@@ -85,18 +92,28 @@ def follow(
         bounds: Limits of the arm.
         tick: This period.
         dt_s: Time since the last set point; 0 when the target is still the same one.
+        joints: Joint angles up to the last set point; None: the arm has no model.
     """
     limits = bounds.limits
     if not is_finite_pose(T_target):
         return check_workspace(limits, T_target) or motion
     if dt_s > tick.longest_s:
         motion, dt_s = at_rest(motion.T_base_flange), tick.longest_s
-    after = limit_motion(limits, motion, T_target, dt_s)
+    after = released(joints, motion, limit_motion(limits, motion, T_target, dt_s), dt_s)
+    if isinstance(after, Trip):
+        return after
     return (
         bounds.place(resting_place(limits, after))
         or check_apart("step", limits, tick.T_measured, after.T_base_flange)
         or after
     )
+
+
+def released(
+    joints: JointStream | None, before: CommandedMotion, after: CommandedMotion, dt_s: float
+) -> CommandedMotion | Trip:
+    """Return the motion of a period that the joints can follow, or the limit that it violates."""
+    return after if joints is None else joints.follow(before, after, dt_s)
 
 
 # --- stops ----------------------------------------------------------------------------------------
@@ -121,6 +138,7 @@ class Stopping:
     T_back: pin.SE3 | None = None  # end pose of a retreat; None for a fade
     travel_m: float = 0.0  # travel of a retreat
     done: bool = False
+    joints: JointStream | None = None  # advanced with the motion
 
 
 def begin_stop(
@@ -147,7 +165,10 @@ def begin_stop(
 def step_stop(stopping: Stopping, bounds: ArmBounds, tick: Tick) -> Stopping:
     """Return the stop one period later; at its end the trip contains cause and travel."""
     if stopping.T_back is None:
-        motion = brake(bounds.limits, stopping.motion, tick.dt_s)
+        before, dt_s = stopping.motion, tick.dt_s
+        motion = released(stopping.joints, before, brake(bounds.limits, before, dt_s), dt_s)
+        if isinstance(motion, Trip):
+            return replace(stopping, done=True)
         return replace(stopping, motion=motion, done=motion.is_at_rest)
     slow = replace(bounds.limits, speed_m_s=stopping.speed_m_s)
     motion = limit_motion(slow, stopping.motion, stopping.T_back, tick.dt_s)

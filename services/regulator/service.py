@@ -10,6 +10,8 @@ import pinocchio as pin
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import dot, product, rotated, rotated_back, scaled
+from common.motion.joint_paths import tool_path_refusal
+from common.motion.joint_space import JointSpace
 from forcemesh import topics
 from forcemesh.bus import Bus, Reading
 from forcemesh.clock import NS_PER_S
@@ -94,6 +96,7 @@ class Regulator:
         self._use_gains(tune(cell).gains)
         self._T_flange_tcp = cell.tool.T_flange_tcp.pose
         self._T_tcp_flange = self._T_flange_tcp.inverse()
+        self._space = JointSpace.of(cell)
         self._session: ForceSession | None = None
         self._stop_reason = stop_reason
         self._now_ns = 0
@@ -372,7 +375,10 @@ class Regulator:
         session = self._session
         if session is None or session.failed is not None:
             return refusal("not_armed", "no force feedback is running: start it first")
-        refused = refused_path(request, session, self._cell)
+        refused = refused_path(request, session, self._cell) or tool_path_refusal(
+            self._space, request.points_m, self._robot.read(self._now_ns).fresh,
+            session.motion.T_base_tcp, T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
+        )  # fmt: skip
         if refused is not None:
             return refused
         session.path = next_path(session.path, request)

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from common.config.load import cell_from_tree, cell_hash
 from common.motion.convert import record_of
+from common.motion.joint_space import JointSpace
 from common.motion.permission import NO_COMMAND_YET, CommandGate, GateDecision
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
@@ -122,7 +123,7 @@ def never_changes(kind: type) -> bool:
     if is_dataclass(kind) and kind is not Inputs:
         return bool(kind.__dataclass_params__.frozen)  # type: ignore[attr-defined]
     values = (str, int, float, tuple, frozenset, type(None), np.ndarray, pin.SE3, Record, Inputs)
-    return issubclass(kind, values)
+    return issubclass(kind, (*values, JointSpace))
 
 
 def fork(original: Any) -> Any:

@@ -35,6 +35,7 @@ from forcemesh.requests import ArmRequest, BackOffRequest, MoveRequest
 from tests.fakes.arbiter_world import MOVE_DOWN, World
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.cellmates import Cellmates
+from tests.fakes.lab import Lab
 from tests.fakes.netft_rig import NetftRig
 from tests.fakes.provoked import HOLD_CODES, IN_MOTION, STATE_CODES, WRENCH_CODES
 from tests.fakes.provoked_elsewhere import (
@@ -214,6 +215,13 @@ def backing_off_from_nothing_known() -> str:
     return cell.ask(topics.BACK_OFF, BackOffRequest()).code
 
 
+def ask_too_far() -> str:
+    """Move to a pose beyond the arm's reach, in a workspace that is larger than the arm."""
+    lab = Lab(load_cell(DEMO, {"limits.workspace_max_m": [2.0, 2.0, 2.0], "limits.tether_m": 3.0}))
+    pose = lab.target(y_m=0.8)
+    return str(lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=pose)).code)
+
+
 FAR = MoveRequest(kind="joints", joint_rad=(9.0,) * 6)
 OTHER_ARM = MoveRequest(kind="joints", joint_rad=(0.0,) * 7)
 NOWHERE = pin.SE3(np.eye(3), np.full(3, np.nan))
@@ -250,6 +258,7 @@ REACHED: dict[str, Callable[[], str]] = {
     "robot_link":       from_a_gateway_alone,
     "robot_refuses":    from_a_bare_arm,
     "joint":            lambda: ask_armed((topics.MOVE, FAR)),
+    "unreachable":      ask_too_far,
     "joint_count":      lambda: ask_armed((topics.MOVE, OTHER_ARM)),
     "step":             lambda: ruled(check_apart("step", LIMITS, HERE, BEYOND)),
     "tether":           lambda: ruled(BOUNDS.place(UPSIDE_DOWN)),

@@ -1,0 +1,145 @@
+"""Check of a path in joint space before it starts: reach, joint ranges, joint speeds. Pure.
+
+The path is sampled and followed by inverse kinematics from the measured joint angles on, each
+sample starting at the last one. A joint that already is beyond its range may move back.
+"""
+
+from collections.abc import Iterable, Sequence
+from math import ceil, hypot, pi
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from common.motion.convert import pose_of
+from common.motion.frames import Array, apart, interpolated
+from common.motion.joint_space import JointSpace
+from common.motion.limits import check_joints
+from common.motion.paths import TURN_RADIUS_M
+from forcemesh.faults import clipped, refused, tripped
+from forcemesh.messages import Goal, RobotState, Trip, Vec3
+from forcemesh.requests import Reply
+
+SAMPLE_M = 0.02
+MOST_SAMPLES = 25  # of one segment: bounds the time, which a control loop waits for
+REACHED = 1e-5  # m and rad together
+MOST_NEWTON_STEPS = 8
+LONGEST_STEP_RAD = 0.3  # of one iteration
+
+
+class Obstacle(NamedTuple):
+    """Why a path cannot be followed."""
+
+    point: int  # whose segment it is on, counted from 1
+    trip: Trip
+
+
+def move_obstacle(space: JointSpace | None, goal: Goal, robot: RobotState) -> Trip | None:
+    """Return why a straight move to a pose cannot be followed; the robot limits its joint speeds.
+
+    Moves by joint angles, and arms without a fitting model, are not checked.
+    """
+    if goal.pose is None or goal.kind != "pose":
+        return None
+    found = path_obstacle(space, [pose_of(goal.pose)], robot, pose_of(robot))
+    if found is None:
+        return None
+    return found.trip.replaced(text=clipped(f"on the path: {found.trip.text}"))
+
+
+def path_obstacle(
+    space: JointSpace | None,
+    poses: Iterable[pin.SE3],
+    robot: RobotState,
+    T_from: pin.SE3,
+    *,
+    speed_m_s: float | None = None,
+) -> Obstacle | None:
+    """Return why straight segments from one flange pose to the next cannot be followed.
+
+    Args:
+        space: Joint space of the arm.
+        poses: Ends of the segments, flange in base.
+        robot: Measured arm.
+        T_from: Start of the first segment, near the measured pose.
+        speed_m_s: Speed along the path; None: the robot reduces it where a joint limits it.
+    """
+    T_measured = pose_of(robot)
+    if space is None or space.misfit(T_measured, robot.joint_rad):
+        return None
+    q = np.array(robot.joint_rad)
+    T_flange_model = T_measured.actInv(space.arm.flange_pose(q))
+    walk = _Walk(space, q, T_flange_model)
+    for number, T_to in enumerate(poses, start=1):
+        length_m, turn_rad = apart(T_from, T_to)
+        extent_m = max(length_m, TURN_RADIUS_M * turn_rad)
+        count = min(max(1, ceil(extent_m / SAMPLE_M)), MOST_SAMPLES)
+        time_s = None if speed_m_s is None else extent_m / speed_m_s / count
+        for sample in range(1, count + 1):
+            trip = walk.to(interpolated(T_from, T_to, sample / count), time_s)
+            if trip is not None:
+                return Obstacle(number, trip)
+        T_from = T_to
+    return None
+
+
+def tool_path_refusal(
+    space: JointSpace | None,
+    points_m: Sequence[Vec3],
+    robot: RobotState | None,
+    T_base_tcp: pin.SE3,
+    *,
+    T_tcp_flange: pin.SE3,
+    speed_m_s: float,
+) -> Reply | None:
+    """Return why the joints cannot follow a path of the tool, None when they can.
+
+    Along the axis of the tool the force decides: the path is checked at the present height.
+
+    Args:
+        space: Joint space of the arm.
+        points_m: Points of the TCP in base [m].
+        robot: Measured arm; None: unknown, and the path is not checked.
+        T_base_tcp: Commanded pose of the TCP, whose orientation the path keeps.
+        T_tcp_flange: Pose of the flange in the TCP's frame.
+        speed_m_s: Speed along the path.
+    """
+    if robot is None:
+        return None
+    R, p = T_base_tcp.rotation, T_base_tcp.translation
+    axis, poses = R[:, 2], []
+    for point in points_m:
+        shift_m = np.array(point) - p
+        poses.append(pin.SE3(R, p + shift_m - axis * axis.dot(shift_m)) * T_tcp_flange)
+    found = path_obstacle(space, poses, robot, T_base_tcp * T_tcp_flange, speed_m_s=speed_m_s)
+    if found is None:
+        return None
+    return refused(found.trip.replaced(text=clipped(f"point {found.point}: {found.trip.text}")))
+
+
+class _Walk:
+    """Joint angles along a path."""
+
+    def __init__(self, space: JointSpace, q: Array, T_flange_model: pin.SE3) -> None:
+        self._space, self._q, self._T_flange_model = space, q, T_flange_model
+        self._limits = space.ranges_from(q)
+
+    def to(self, T_base_flange: pin.SE3, time_s: float | None) -> Trip | None:
+        """Go to the next sample; return the limit that it violates."""
+        arm, T_model = self._space.arm, T_base_flange * self._T_flange_model
+        q = self._q
+        for _ in range(MOST_NEWTON_STEPS):
+            newton = arm.step_towards(T_model, q)
+            if hypot(*newton.twist.tolist()) < REACHED:
+                break
+            step = newton.inverse.dot(newton.twist)
+            q = q + step * min(1.0, LONGEST_STEP_RAD / float(abs(step).max()))
+        else:
+            reason = arm.solve(T_model, self._q, jump_rad=pi).reason or "a singularity is near"
+            return tripped("unreachable", reason)
+        turn, self._q = q - self._q, q
+        if (trip := check_joints(self._limits, q)) is not None or not time_s:
+            return trip
+        speed_rad_s = turn / time_s
+        is_slow = (abs(speed_rad_s) <= self._space.speed_rad_s).all()
+        return None if is_slow else self._space.speed_trip(speed_rad_s)

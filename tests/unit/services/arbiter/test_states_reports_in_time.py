@@ -16,8 +16,8 @@ BY_WRITER = {"writer"}
 # Limits of set points and of commanders, and the regulator's reports of its own contact: they
 # stop a present motion in the period in which they are found (test_arbiter_*.py).
 IN_THE_STREAM = {
-    "joint", "step", "tether", "unreachable", "speed", "travel", "oscillation", "sensor_sign",
-    "no_lease",
+    "unreachable",
+    "joint", "step", "tether", "speed", "travel", "oscillation", "sensor_sign", "no_lease",
     "preempted", "handover", "back_off", "still_loaded",
     "monitor_speed", "delay",
 }  # fmt: skip

@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.convert import pose_of
+from common.motion.joint_space import JointStream
 from common.motion.limits import ArmBounds, Limits
-from common.motion.rate_limiter import at_rest
+from common.motion.rate_limiter import CommandedMotion, at_rest
 from forcemesh.faults import FAULTS, tripped
 from forcemesh.messages import Trip, WrenchAtTcp
 from services.arbiter.stream import (
@@ -369,3 +370,26 @@ def test_a_retreat_that_does_not_arrive_ends_after_two_seconds() -> None:
 def test_without_a_press_there_is_no_retreat(press_N: float) -> None:
     """Exactly zero is no press: it has no direction."""
     assert retreat(0.002, 0.01, press_N) is None
+
+
+class Refusing(JointStream):
+    """Joints that cannot follow."""
+
+    def __init__(self) -> None:
+        """Start without an arm."""
+
+    def follow(self, before: CommandedMotion, after: CommandedMotion, dt_s: float) -> Trip:
+        """Refuse every set point."""
+        return tripped("acceleration", "set by the test")
+
+
+def test_a_fade_that_the_joints_cannot_follow_ends_at_once() -> None:
+    """The arm is held with the first cause; no set point is released."""
+    moving = at_rest(T_START)._replace(speeds=((0.1, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    cause = tripped("workspace", "set by the test")
+    bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
+    tick = Tick(T_START, 0, DT_S, 3.0 * DT_S)
+    stopping = step_stop(Stopping(cause, moving, 0, joints=Refusing()), bounds, tick)
+    assert stopping.done
+    assert stopping.trip is cause
+    assert stopping.motion is moving

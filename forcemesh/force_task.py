@@ -37,15 +37,15 @@ def parse_task(text: str, frame: TaskFrame = "tool", pose: PoseRecord | None = N
         ForcemeshError: An axis, a control, an option or a number that does not exist.
     """
     axes = dict.fromkeys(AXIS_NAMES, HELD)
-    seen: set[str] = set()
+    named: set[str] = set()
     for part in text.split():
         name, sign, rest = part.partition("=")
         if name not in axes or not sign:
             known = ", ".join(AXIS_NAMES)
             raise ForcemeshError(f"axis {part!r}: must be NAME=CONTROL, as in {EXAMPLE}: {known}")
-        if name in seen:
+        if name in named:
             raise ForcemeshError(f"axis {name}: named twice")
-        seen.add(name)
+        named.add(name)
         axes[name] = _axis(name, rest)
     x, y, z, rx, ry, rz = axes.values()
     return ForceTask(frame=frame, pose=pose, axes=(x, y, z, rx, ry, rz))

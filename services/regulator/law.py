@@ -41,7 +41,7 @@ Contact = Literal["free", "approach", "contact"]
 RELEASE_FRACTION = 0.5  # contact ends below this share of the touch force
 LONGEST_CONTACT_LEVER_M = 0.1  # a contact farther from the TCP is treated as noise
 PROBE_N = 5.0  # overshoot of the first touch, which verifies the signs and must stay gentle
-LEAST_TRAVEL_M = 1e-12  # of a period: below it there is no travel to slow
+NO_TRAVEL_M = 1e-12  # of a period: below it there is no travel to slow
 APPROACH_INERTIA_SHARE = 0.1  # largest inertial force of the approach, relative to the touch force
 
 
@@ -269,7 +269,7 @@ def about_origin(
     Far from the origin a slow turn is a fast travel: both are slowed to `most_m` in this period.
     """
     shift_m = plus(shift_m, cross(turn_rad, sample.arm_m))
-    slowed = min(1.0, most_m / max(hypot(*shift_m), LEAST_TRAVEL_M))
+    slowed = min(1.0, most_m / max(hypot(*shift_m), NO_TRAVEL_M))
     return scaled(shift_m, slowed), scaled(turn_rad, slowed)
 
 

@@ -90,7 +90,7 @@ def test_contradictions_that_no_text_can_hold_are_refused_too(changes, named) ->
 
 
 def test_a_compliant_axis_needs_verified_axes() -> None:
-    """A wrong sign cannot be told from a hand."""
+    """A wrong sign cannot be distinguished from a hand."""
     bench = RegulatorBench()
     bench.wrench = bench.wrench.replaced(axes_checked=False)
     bench.pass_s(0.1)

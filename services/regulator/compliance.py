@@ -41,6 +41,7 @@ from services.regulator.admittance import begin as begin_guiding
 from services.regulator.axis_task import AxisTask, VirtualMass, clipped
 from services.regulator.law import LawInput, LawMotion, about_origin, limit_norm, task_deadband
 
+AT_LIMIT = 0.999  # of its deviation: an axis there is at the limit
 LEAST_GAIN = 1e-9  # a request may set the torque gain to zero
 
 
@@ -193,10 +194,9 @@ def _within_deviations(state: ComplianceState, sample: LawInput, T_base_tcp: pin
         return T_base_tcp
     away_m, away_rad = state.deviation(T_base_tcp, sample)
     kept_m, kept_rad = clipped(away_m, limits_m), clipped(away_rad, limits_rad)
-    state.at_limit = [
-        a != b for a, b in zip((*away_m, *away_rad), (*kept_m, *kept_rad), strict=True)
-    ]
-    if not any(state.at_limit):
+    pairs = zip((*away_m, *away_rad), (*limits_m, *limits_rad), strict=True)
+    state.at_limit = [limit is not None and abs(away) > AT_LIMIT * limit for away, limit in pairs]
+    if (kept_m, kept_rad) == (away_m, away_rad):
         return T_base_tcp
     R = sample.R_base_task
     return moved(state.T_reference, (rotated(R, kept_m), rotated(R, kept_rad)), 1.0)

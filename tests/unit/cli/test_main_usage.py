@@ -133,7 +133,7 @@ def output_of(variables: dict[str, str], *words: str) -> str:
 def test_the_shell_completes_verbs_and_topics() -> None:
     """The environment is the one of `--install-completion`."""
     completion = {"_FORCEMESH_COMPLETE": "complete_bash", "COMP_CWORD": "2"}
-    assert output_of({**completion, "COMP_WORDS": "forcemesh watch robot/s"}).split() == [
+    assert output_of({**completion, "COMP_WORDS": "forcemesh watch robot/st"}).split() == [
         "robot/state"
     ]
     assert output_of({**completion, "COMP_WORDS": "forcemesh force sto"}).split() == ["stop"]

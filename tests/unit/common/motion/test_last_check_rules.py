@@ -362,6 +362,17 @@ def test_force_feedback_is_asked_for_within_bounds(
         assert (trip.value, trip.limit) == found
 
 
+def test_a_torque_set_point_is_within_the_torque_ceiling() -> None:
+    """A task may have one; the controller does not compare it with a limit."""
+    most_Nm = CELL.limits.torque_Nm
+    turning = Feedback(mode="both", setpoint_torque_Nm=(0.0, 0.0, most_Nm), gains=Gains())
+    assert guard_at().feedback(turning) is None
+    above = turning.replaced(setpoint_torque_Nm=(0.0, 0.0, 1.01 * most_Nm))
+    trip = guard_at().feedback(above)
+    assert trip is not None
+    assert (trip.code, trip.limit, trip.unit) == ("setpoint", most_Nm, "N m")
+
+
 MOVE = Goal(id=1, kind="pose", pose=record_of(shifted(DOWN, x_m=0.1)))
 TOO_FAR = Goal(id=1, kind="pose", pose=record_of(shifted(DOWN, x_m=0.35)))
 TURN = Goal(id=1, kind="by", joint_rad=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))

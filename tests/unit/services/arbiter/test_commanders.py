@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.config.arm import UNKNOWN_ARM
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import rotation_from_vector
 from forcemesh.messages import Feedback, Gains, GoalReport, PoseRecord, Speed
@@ -265,6 +266,14 @@ def test_force_feedback_that_returns_from_the_controller_starts_at_the_arm() -> 
     command = world.pass_s(0.2)
     assert command.kind == "setpoint"
     assert distance_m(command.pose, away) <= 1e-12
+
+
+def test_an_arm_without_a_model_follows_set_points_too() -> None:
+    """Its joints are not checked ahead, which the reply to `arm` says."""
+    robot = CELL.robot.model_copy(update={"model": UNKNOWN_ARM})
+    world = World(CELL.model_copy(update={"robot": robot})).make_active("regulator")
+    world.propose(shifted(x_m=0.001))
+    assert world.tick().kind == "setpoint"
 
 
 def test_a_set_point_too_far_from_the_arm_holds() -> None:

@@ -393,3 +393,12 @@ def test_a_fade_that_the_joints_cannot_follow_ends_at_once() -> None:
     assert stopping.done
     assert stopping.trip is cause
     assert stopping.motion is moving
+
+
+def test_a_set_point_that_the_joints_cannot_follow_is_the_joints_refusal() -> None:
+    """The limit that it violates, before any limit of the flange behind it."""
+    bounds = ArmBounds(Limits.of(CELL), CELL.tool.T_flange_tcp.pose, T_START)
+    tick = Tick(T_START, 0, DT_S, 3.0 * DT_S)
+    found = follow(at_rest(T_START), T_START, bounds, tick, dt_s=DT_S, joints=Refusing())
+    assert isinstance(found, Trip)
+    assert found.code == "acceleration"

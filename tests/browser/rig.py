@@ -94,6 +94,15 @@ class Cockpit:
         field.fill(f"{value:g}")
         field.press("Enter")
 
+    def choose(self, label: str, option: str) -> None:
+        """Choose an option of the list behind a label."""
+        name = self.page.locator("label:visible").filter(has_text=re.compile(rf"^{label}$")).first
+        row = name.locator("xpath=ancestor::div[contains(@class, 'Flex-root')][1]")
+        row.locator("input:visible").first.click()
+        self.page.locator("[role=option]:visible").filter(
+            has_text=re.compile(rf"^{option}$")
+        ).first.click()
+
     @property
     def state(self) -> str:
         """Return the arm's state in the bar."""

@@ -45,6 +45,16 @@ STIFFER_THAN_CONTACT = 1.1
 RELAX_M, RELAX_S = 0.001, 0.5  # decay of k per travel and time while the force moves the tool
 
 
+def resting_deadband_N(cell: CellConfig) -> float:
+    """Return the force within which a guided tool at rest does not drift [N]."""
+    return max(cell.force.idle_max_N, cell.force.deadband_N)
+
+
+def resting_deadband_Nm(cell: CellConfig) -> float:
+    """Return the torque within which a guided tool does not turn [N m]."""
+    return max(TORQUE_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm)
+
+
 @dataclass(frozen=True, slots=True)
 class AdmittanceSettings:
     """Constants of hand guiding for one cell."""
@@ -58,11 +68,11 @@ class AdmittanceSettings:
     @classmethod
     def of(cls, cell: CellConfig) -> "AdmittanceSettings":
         """Return the constants of a cell."""
-        force, contact = cell.force, cell.contact
+        contact = cell.contact
         plain = replace(
             LawSettings.of(cell),
-            deadband_N=max(force.idle_max_N, force.deadband_N),
-            deadband_Nm=max(TORQUE_DEADBAND * force.idle_max_Nm, force.deadband_Nm),
+            deadband_N=resting_deadband_N(cell),
+            deadband_Nm=resting_deadband_Nm(cell),
         )
         return cls(
             plain,

@@ -1,4 +1,4 @@
-"""Compliance of single axes of a task frame beside force control along the others. Pure.
+"""Compliance of single axes of a task frame, with force control along the others. Pure.
 
 Along each compliant axis a virtual mass, damper and spring respond to the force (N. Hogan,
 Impedance control, 1985):

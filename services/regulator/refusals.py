@@ -15,7 +15,8 @@ from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.laws import LAWS
 from services.regulator.session import ForceSession, active_commander
-from services.regulator.task_refusals import complying, task_mistake
+from services.regulator.task_refusals import task_mistake
+from services.regulator.task_request import complying
 from services.regulator.tcp_path import MOST_PATH_POINTS, component_across
 
 ACROSS = 0.1  # sine of the angle to the tool's axis from which an axis moves across it

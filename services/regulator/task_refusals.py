@@ -11,15 +11,10 @@ from forcemesh.faults import refusal
 from forcemesh.force_task import AXIS_NAMES
 from forcemesh.requests import ForceStartRequest, ForceTask, Reply, TaskAxis
 from services.regulator.laws import LAWS
-from services.regulator.task_request import request_task
+from services.regulator.task_request import complying, request_task
 
 TORQUE_SHARE = 0.7  # of the torque ceiling: as force.setpoint_max_N of the force ceiling
 BASE_AXIS = 0.999  # least component of an axis along the base axis that it is: 2.5 degrees
-
-
-def complying(axis: TaskAxis) -> bool:
-    """Return whether an axis follows the force instead of a set point."""
-    return axis.control in ("admittance", "free")
 
 
 def task_mistake(task: ForceTask, request: ForceStartRequest, cell: CellConfig) -> str:

@@ -13,7 +13,7 @@ from common.motion.convert import pose_of
 from common.motion.frames import Rows, rotated_back
 from forcemesh.messages import Mode, Vec3
 from forcemesh.requests import ForceStartRequest, TaskAxis
-from services.regulator.admittance import TORQUE_DEADBAND
+from services.regulator.admittance import resting_deadband_N, resting_deadband_Nm
 from services.regulator.axis_task import (
     IDENTITY,
     AxisTask,
@@ -67,6 +67,11 @@ def request_task(request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConf
             _limits([_turn_limit(axis) for axis in axes[3:]]),
         ),
     )
+
+
+def complying(axis: TaskAxis) -> bool:
+    """Return whether an axis follows the force instead of a set point."""
+    return axis.control in ("admittance", "free")
 
 
 def task_mode(task: AxisTask) -> Mode:
@@ -149,7 +154,7 @@ def _rotation(request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConfig)
 
 
 def _virtual_mass(axis: TaskAxis) -> VirtualMass | None:
-    if axis.control not in ("admittance", "free"):
+    if not complying(axis):
         return None
     return VirtualMass(axis.mass, axis.damping, axis.stiffness)
 
@@ -161,14 +166,14 @@ def _shift_deadband(axis: TaskAxis, cell: CellConfig) -> float | None:
     into motion: a limit cycle.
     """
     if axis.deadband is None and axis.stiffness > 0.0:
-        return max(cell.force.idle_max_N, cell.force.deadband_N)
+        return resting_deadband_N(cell)
     return axis.deadband
 
 
 def _turn_deadband(axis: TaskAxis, cell: CellConfig) -> float | None:
     """Return the deadband about an axis; a free one must not drift on the residual torque."""
     if axis.deadband is None and axis.control == "free":
-        return max(TORQUE_DEADBAND * cell.force.idle_max_Nm, cell.force.deadband_Nm)
+        return resting_deadband_Nm(cell)
     return axis.deadband
 
 

@@ -12,6 +12,7 @@ from common.motion.frames import rotate_about_base_axes
 from forcemesh import topics
 from forcemesh.messages import (
     ArbiterStatus,
+    Host,
     PoseRecord,
     RobotState,
 )
@@ -22,6 +23,8 @@ from sim.controller.service import ControllerSensor
 from tests.fakes.bench import HALF_CELL
 
 PRESS_N = 20.0
+FOUND_PART = 0.9  # of the force: the plate is found
+FOUND_S, SETTLED_S = 6.0, 0.7
 STILL_M = 5e-5
 BRAKE_S = 0.25
 
@@ -89,10 +92,14 @@ class Lab:
         assert self.ask(topics.FORCE_START, start).accepted
         self.cell.advance(0.2)
 
-    def press(self) -> None:
-        """Press on the plate."""
+    def press(self, host: Host = "pc") -> None:
+        """Find the plate on the PC, then let a host hold the force."""
         self.approach()
-        self.cell.advance(1.0)
+        self.seconds_until(lambda: self.force_N > FOUND_PART * PRESS_N, FOUND_S)
+        if host == "controller":
+            start = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
+            assert self.ask(topics.FORCE_START, start).accepted
+        self.cell.advance(SETTLED_S)
         assert self.force_N == pytest.approx(PRESS_N, abs=1.0)
 
     def lift(self) -> None:

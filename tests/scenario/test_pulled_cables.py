@@ -12,7 +12,7 @@ import pytest
 from common.config.load import load_cell
 from forcemesh import topics
 from forcemesh.messages import Host
-from forcemesh.requests import Empty, ForceStartRequest
+from forcemesh.requests import Empty
 from sim.controller.network import MemoryNetwork, MemoryStream
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
@@ -20,18 +20,8 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 TCP_CELL = load_cell(Path(__file__).resolve().parents[2] / "cells" / "demo-tcp.yaml")
 PULLS = 100
-FOUND_S, BACK_S = 6.0, 8.0
+BACK_S = 8.0
 STANDING = {"tcp_error_stands": True, "pc_error_stops_robot": True}
-
-
-def press(lab: Lab, host: Host) -> None:
-    """Touch the plate and let the law of a host hold the force."""
-    lab.approach()
-    lab.seconds_until(lambda: lab.force_N > 0.5 * PRESS_N, FOUND_S)
-    if host == "controller":
-        request = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
-        assert lab.ask(topics.FORCE_START, request).accepted
-    lab.cell.advance(0.3)
 
 
 @pytest.mark.parametrize("host", get_args(Host))
@@ -51,7 +41,7 @@ def test_the_arm_holds_each_time_and_the_link_returns_without_the_pendant(
     machine = lab.machine
     machine.hardware.behaviour = machine.hardware.behaviour.model_copy(update=STANDING)
     for _ in range(PULLS):
-        press(lab, host)
+        lab.press(host)
         cables[-1].reset()
         lab.seconds_until(lambda: not lab.status.operational, 0.3)
         lab.cell.advance(BRAKE_S)

@@ -11,9 +11,7 @@ import pytest
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
 from common.motion.convert import vec3
-from forcemesh import topics
 from forcemesh.messages import Host
-from forcemesh.requests import ForceStartRequest
 from sim.controller.machine import Pendant
 from tests.fakes.lab import BRAKE_S, PRESS_N, Lab
 
@@ -21,7 +19,6 @@ TCP_CELL = load_cell(Path(__file__).resolve().parents[4] / "cells" / "demo-tcp.y
 HELD_S, NAMED_S = 0.2, 1.0  # the hold may be reported first, its cause a report later
 SANK_RAD = (0.0, -0.004, 0.0, 0.0, 0.0, 0.0)  # of the joints while nothing but the brakes holds
 UP_M = 0.01
-FOUND_S, SETTLED_S = 6.0, 0.7
 CUTS = {
     "emergency stop": lambda pendant: pendant.emergency_stop(),
     "motor power off": lambda pendant: pendant.motor_power(on=False),
@@ -34,17 +31,6 @@ def reset(pendant: Pendant) -> None:
     pendant.motor_power(on=True)
     pendant.error_reset()
     pendant.run()
-
-
-def press(lab: Lab, host: Host) -> None:
-    """Find the plate, then let the law of a host hold the force."""
-    lab.approach()
-    lab.seconds_until(lambda: lab.force_N > 0.9 * PRESS_N, FOUND_S)
-    if host == "controller":
-        request = ForceStartRequest(mode="position", host=host, setpoint_N=PRESS_N)
-        assert lab.ask(topics.FORCE_START, request).accepted
-    lab.cell.advance(SETTLED_S)
-    assert lab.force_N == pytest.approx(PRESS_N, abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +47,7 @@ def test_power_that_goes_while_it_presses_is_not_made_up_for_when_it_comes_back(
 ) -> None:
     """Held at once and under its name; after the reset held; armed again it stands where it is."""
     lab = Lab(TCP_CELL)
-    press(lab, host)
+    lab.press(host)
     machine = lab.machine
     CUTS[cut](machine.pendant)
     lab.seconds_until(lambda: not lab.status.operational, HELD_S)
@@ -87,4 +73,4 @@ def test_power_that_goes_while_it_presses_is_not_made_up_for_when_it_comes_back(
     client.hold()
     lab.cell.advance(1.2)
     assert client.arm("all").accepted
-    press(lab, host)
+    lab.press(host)

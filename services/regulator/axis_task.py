@@ -10,7 +10,7 @@ from math import hypot
 
 import numpy as np
 
-from common.motion.frames import Rows, Vector, product, rotated, rotated_back, scaled
+from common.motion.frames import Rows, Vector, plus, product, rotated, rotated_back, scaled
 from forcemesh.messages import ZERO3, Mode, Vec3
 
 Flags = tuple[bool, bool, bool]
@@ -80,6 +80,10 @@ class AxisTask:
             return self.R_task
         product_: Rows = (np.array(R_base_tcp) @ np.array(self.R_task)).tolist()
         return product_
+
+    def arm_m(self, p_tcp_m: Vec3) -> Vec3:
+        """Return the vector from the origin of the frame to the TCP, zero without one [m]."""
+        return ZERO3 if self.origin_m is None else plus(p_tcp_m, self.origin_m, -1.0)
 
 
 def mode_task(

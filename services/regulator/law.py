@@ -115,8 +115,7 @@ class LawInput:
         self.R_base_task = self.task.R_base_task(R_base_tcp)
         self.press_axis = rotated(self.R_base_task, self.task.press_axis)
         if self.task.origin_m is not None:
-            p_m = self.motion.T_base_tcp.translation.tolist()
-            self.arm_m = plus(p_m, self.task.origin_m, -1.0)
+            self.arm_m = self.task.arm_m(self.motion.T_base_tcp.translation.tolist())
 
     @property
     def moves(self) -> bool:

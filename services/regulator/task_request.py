@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import Rows, rotated_back
+from common.motion.frames import Rows, cross, plus, rotated_back
 from forcemesh.messages import Mode, Vec3
 from forcemesh.requests import ForceStartRequest, TaskAxis
 from services.regulator.admittance import resting_deadband_N, resting_deadband_Nm
@@ -98,6 +98,8 @@ def first_setpoint(goal: AxisTask, force_N: Vec3, torque_Nm: Vec3, T_base_tcp: p
         T_base_tcp: Measured pose of the TCP in base.
     """
     R = goal.R_base_task(T_base_tcp.rotation.tolist())
+    arm_m = goal.arm_m(T_base_tcp.translation.tolist())
+    torque_Nm = plus(torque_Nm, cross(arm_m, force_N))
     return replace(
         goal,
         force_N=_toward(goal.force_N, rotated_back(R, force_N)),

@@ -204,6 +204,19 @@ def test_a_set_point_begins_at_the_load_and_rises_on_a_ramp() -> None:
     assert continued.torque_Nm == pytest.approx((0.5, 0.0, -0.2))
 
 
+def test_a_torque_about_an_origin_begins_at_the_load_about_it() -> None:
+    """A force through the origin is no load there, whatever its torque about the TCP."""
+    goal = AxisTask(
+        (True,) * 3, (True,) * 3, torque_Nm=(0.0, 2.0, 0.0),
+        R_task=IDENTITY, in_base=True, origin_m=(0.1, 0.0, 0.0),
+    )  # fmt: skip
+    T = pin.SE3.Identity()
+    through = first_setpoint(goal, (0.0, 0.0, -10.0), (0.0, 1.0, 0.0), T)
+    beside = first_setpoint(goal, (0.0, 0.0, -10.0), (0.0, 0.0, 0.0), T)
+    assert through.torque_Nm == pytest.approx((0.0, 0.0, 0.0))
+    assert beside.torque_Nm == pytest.approx((0.0, 1.0, 0.0))
+
+
 def test_the_frame_of_a_path_turns_with_it() -> None:
     """The lateral axis stays lateral; at the end of the path the frame keeps its direction."""
     bench = FollowingBench()

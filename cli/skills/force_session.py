@@ -4,7 +4,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Option
 
 from cli.context import INTERRUPTED, cell_of, exit_with_error, print_note
 from forcemesh.errors import ForcemeshError
@@ -17,12 +19,26 @@ ALREADY_RUNNING = (
     "force feedback is already running: this verb takes it over and stops it at its end"
 )
 
+AWAITED = "waiting until {} is on"
 LOADED = "the tool is already loaded with {:.1f} N: `forcemesh retract` leaves a contact"
 
 
+WhenOption = Annotated[
+    str | None,
+    Option(metavar="SIGNAL", help="Start once this digital signal is on, within a minute."),
+]
+
+
 @contextmanager
-def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportProgress]]":
-    """Connect and show a progress bar; Ctrl-C, a closed terminal and SIGTERM hold the arm."""
+def force_session(
+    named: Path | None, when: str | None = None
+) -> "Iterator[tuple[ConfiguredCell, ReportProgress]]":
+    """Connect and show a progress bar; Ctrl-C, a closed terminal and SIGTERM hold the arm.
+
+    Args:
+        named: Cell file.
+        when: Digital signal that must be on before the skill begins.
+    """
     from cli.terminal import ignore_sigint, interrupt_on_signals
 
     with cell_of(named) as cell:
@@ -32,6 +48,9 @@ def force_session(named: Path | None) -> "Iterator[tuple[ConfiguredCell, ReportP
             print_note(LOADED.format(load_N))
         try:
             with progress_bar() as progress, interrupt_on_signals():
+                if when is not None:
+                    print_note(AWAITED.format(when))
+                    cell.signals.wait(when)
                 yield cell, progress
         except KeyboardInterrupt:
             text = "the arm holds"

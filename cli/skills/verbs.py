@@ -11,7 +11,7 @@ from typer import Argument, Option, echo
 
 from cli.context import CellOption, JsonOption, exit_with_error, print_note
 from cli.numbers import from_milli
-from cli.skills.force_session import force_session
+from cli.skills.force_session import WhenOption, force_session
 from cli.verbs_force import LawOption, PresetOption
 from forcemesh.messages import Mode
 from forcemesh.requests import ForceStartRequest
@@ -37,11 +37,12 @@ def touch(
     back: Annotated[
         float, Option(min=0.0, max=100.0, help="Distance to retract afterwards [mm].")
     ] = 0.0,
+    when: WhenOption = None,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
     """Approach along the tool's axis until contact; print the contact position."""
-    with force_session(cell) as (client, progress):
+    with force_session(cell, when) as (client, progress):
         from cli.skills import pressing
 
         limit_mm = 1e3 * client.config.force.search_m
@@ -66,12 +67,13 @@ def press(
     timeout: WithinOption = 30.0,
     law: LawOption = None,
     preset: PresetOption = None,
+    when: WhenOption = None,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
     """Press along the tool's axis, hold the force; print its mean, ripple and peak."""
     request = ForceStartRequest(mode="position", setpoint_N=force, law=law, preset=preset)
-    with force_session(cell) as (client, progress):
+    with force_session(cell, when) as (client, progress):
         from cli.skills import pressing
 
         held = pressing.press(client, request, hold_s=seconds, within_s=timeout, progress=progress)
@@ -85,12 +87,13 @@ def align(
     timeout: WithinOption = 30.0,
     law: LawOption = None,
     preset: PresetOption = None,
+    when: WhenOption = None,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
     """Lay the tool's face flat: press and rotate about the TCP until no torque is left."""
     request = ForceStartRequest(mode="both", setpoint_N=force, law=law, preset=preset)
-    with force_session(cell) as (client, progress):
+    with force_session(cell, when) as (client, progress):
         from cli.skills import pressing
 
         flat = pressing.align(client, request, within_s=timeout, progress=progress)
@@ -114,11 +117,12 @@ def follow(
     timeout: WithinOption = 30.0,
     law: LawOption = None,
     preset: PresetOption = None,
+    when: WhenOption = None,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
     """Follow a path at constant force along the tool's axis; default law: adaptive."""
-    with force_session(cell) as (client, progress):
+    with force_session(cell, when) as (client, progress):
         from cli.skills import following, path_file
 
         limit_mm_s = 1e3 * client.config.force.speed_max_m_s

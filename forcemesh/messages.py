@@ -245,6 +245,8 @@ class RegulatorTarget(Message):
     frame: TaskFrame | None = None  # of a task, None for a mode
     axes: tuple[AxisState, ...] = ()  # of a task: x y z, about x y z
     path_left_m: Finite | None = None  # remaining length of the path
+    path_missed_m: Finite | None = None  # travelled without contact or with another force; of poses
+    path_speed_m_s: Finite | None = None  # present speed along a path of poses
     wrench_stamp_ns: int | None = None  # stamp of the wrench that the pose follows
 
 

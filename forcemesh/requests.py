@@ -77,13 +77,7 @@ class MoveRequest(Record):
         """Reject numbers that no pose of an arm has as well."""
         request = super().from_dict(values)
         if request.pose is not None:
-            farthest_m = max(map(abs, request.pose.position_m))
-            quaternion = request.pose.orientation_xyzw
-            if farthest_m > FARTHEST_M:
-                what = f"a position of {farthest_m:g} m is beyond {FARTHEST_M:g} m"
-                raise MessageError(f"MoveRequest.pose: {what}")
-            if max(map(abs, quaternion)) > LONGEST_QUATERNION:
-                raise MessageError(f"MoveRequest.pose: quaternion {quaternion} is longer than one")
+            _check_pose("MoveRequest.pose", request.pose)
         return request
 
 
@@ -145,16 +139,29 @@ class ForceStartRequest(Record):
 
 
 class PathRequest(Record):
-    """Request to follow points while force feedback runs on the PC; without points: stop.
+    """Request to follow points or poses while force feedback runs on the PC; without both: stop.
 
-    The path acts only perpendicular to the tool axis; along that axis the force is controlled.
+    Points act only perpendicular to the tool axis; along that axis the force is controlled. Poses
+    turn the tool as well, and act along every axis that the force does not control.
     """
 
     points_m: Annotated[tuple[Place, ...], Meta(max_length=60)] = ()  # of the TCP, base axes
+    poses: Annotated[tuple[PoseRecord, ...], Meta(max_length=30)] = ()  # of the TCP in base
+    blend_m: Annotated[float, Meta(ge=0.0, le=0.1)] = 0.0  # before and after a corner, of poses
     append: bool = False  # append to the remaining points; otherwise replace them
     speed_m_s: Annotated[float, Meta(gt=0.0, le=2.0)] = 0.02
     accel_m_s2: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.3
     in_contact: bool = True  # pause while there is no contact
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Reject numbers that no pose of an arm has as well."""
+        request = super().from_dict(values)
+        for number, each in enumerate(request.poses, start=1):
+            _check_pose(f"PathRequest.poses: pose {number}", each)
+        if request.points_m and request.poses:
+            raise MessageError("PathRequest: points_m or poses, not both")
+        return request
 
 
 class GainsRequest(Record):
@@ -214,3 +221,12 @@ class ServedRequest(Message):
     received_ns: int = 0  # when the role took it from its queue, before it was served
     reply: Reply | None = None
     skipped: int = 0  # requests since the last message that were served and not published
+
+
+def _check_pose(what: str, pose: PoseRecord) -> None:
+    """Raise MessageError for numbers that no pose of an arm has."""
+    farthest_m, quaternion = max(map(abs, pose.position_m)), pose.orientation_xyzw
+    if farthest_m > FARTHEST_M:
+        raise MessageError(f"{what}: a position of {farthest_m:g} m is beyond {FARTHEST_M:g} m")
+    if max(map(abs, quaternion)) > LONGEST_QUATERNION:
+        raise MessageError(f"{what}: quaternion {quaternion} is longer than one")

@@ -17,7 +17,7 @@ from common.motion.joint_space import JointSpace
 from common.motion.limits import check_joints
 from common.motion.paths import TURN_RADIUS_M
 from forcemesh.faults import clipped, refused, tripped
-from forcemesh.messages import Goal, RobotState, Trip, Vec3
+from forcemesh.messages import Goal, RobotState, Trip
 from forcemesh.requests import Reply
 
 SAMPLE_M = 0.02
@@ -85,7 +85,7 @@ def path_obstacle(
 
 def tool_path_refusal(
     space: JointSpace | None,
-    points_m: Sequence[Vec3],
+    poses: Sequence[pin.SE3],
     robot: RobotState | None,
     T_base_tcp: pin.SE3,
     *,
@@ -94,24 +94,20 @@ def tool_path_refusal(
 ) -> Reply | None:
     """Return why the joints cannot follow a path of the tool, None when they can.
 
-    Along the axis of the tool the force decides: the path is checked at the present height.
-
     Args:
         space: Joint space of the arm.
-        points_m: Points of the TCP in base [m].
+        poses: Of the TCP in base.
         robot: Measured arm; None: unknown, and the path is not checked.
-        T_base_tcp: Commanded pose of the TCP, whose orientation the path keeps.
+        T_base_tcp: Commanded pose of the TCP.
         T_tcp_flange: Pose of the flange in the TCP's frame.
         speed_m_s: Speed along the path.
     """
     if robot is None:
         return None
-    R, p = T_base_tcp.rotation, T_base_tcp.translation
-    axis, poses = R[:, 2], []
-    for point in points_m:
-        shift_m = np.array(point) - p
-        poses.append(pin.SE3(R, p + shift_m - axis * axis.dot(shift_m)) * T_tcp_flange)
-    found = path_obstacle(space, poses, robot, T_base_tcp * T_tcp_flange, speed_m_s=speed_m_s)
+    flange_poses = (T * T_tcp_flange for T in poses)
+    found = path_obstacle(
+        space, flange_poses, robot, T_base_tcp * T_tcp_flange, speed_m_s=speed_m_s
+    )
     if found is None:
         return None
     return refused(found.trip.replaced(text=clipped(f"point {found.point}: {found.trip.text}")))

@@ -87,6 +87,10 @@ class ComplianceState:
         T = self.T_reference
         self.T_reference = pin.SE3(T.rotation, T.translation + shift_m)
 
+    def turn(self, T_before: pin.SE3, T_after: pin.SE3) -> None:
+        """Move the reference as another pose moves in base: travel, and rotation about the TCP."""
+        self.T_reference = moved(self.T_reference, speeds_between(T_before, T_after, 1.0), 1.0)
+
     def deviation(self, T_base_tcp: pin.SE3, sample: LawInput) -> tuple[Vec3, Vec3]:
         """Return travel [m] and rotation [rad] from the reference, task axes. Shapes (3,)."""
         moved_m, turned_rad = speeds_between(self.T_reference, T_base_tcp, 1.0)

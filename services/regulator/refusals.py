@@ -1,5 +1,6 @@
 """Preconditions of a start of force feedback and of a path. Pure."""
 
+from math import degrees
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,12 @@ from forcemesh.force_task import AXIS_NAMES
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.laws import LAWS
+from services.regulator.path_request import largest_turn, pending
+from services.regulator.pose_path import LARGEST_TURN_RAD, PosePath
 from services.regulator.session import ForceSession, active_commander
 from services.regulator.task_refusals import task_mistake
 from services.regulator.task_request import complying
-from services.regulator.tcp_path import MOST_PATH_POINTS, component_across
+from services.regulator.tcp_path import MOST_PATH_POINTS, TcpPath
 
 ACROSS = 0.1  # sine of the angle to the tool's axis from which an axis moves across it
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
@@ -107,8 +110,17 @@ def refused_guide(request: ForceStartRequest, law: str, wrench: WrenchAtTcp) -> 
     return refusal("axes_unproved", text)
 
 
-def refused_path(request: PathRequest, session: ForceSession, cell: CellConfig) -> Reply | None:
-    """Return why a path cannot be followed, None when it can."""
+def refused_path(
+    request: PathRequest, session: ForceSession, poses: list[pin.SE3], cell: CellConfig
+) -> Reply | None:
+    """Return why a path cannot be followed, None when it can.
+
+    Args:
+        request: Points or poses.
+        session: That runs.
+        poses: Those of the TCP that the request means.
+        cell: The cell.
+    """
     started = session.request
     if started.host != "pc":
         return refusal("host", "host controller cannot follow a path, host pc can")
@@ -122,11 +134,37 @@ def refused_path(request: PathRequest, session: ForceSession, cell: CellConfig) 
         most_m_s = cell.force.speed_max_m_s
         text = "path speed above force.speed_max_m_s"
         return refusal("setpoint", text, value=request.speed_m_s, limit=most_m_s)
-    ahead = len(session.path.points) if request.append and session.path else 0
-    count = ahead + len(request.points_m)
+    count = len(poses) + (pending(session.path) if request.append else 0)
     if count > MOST_PATH_POINTS:
         return refusal("busy", "too many pending path points", value=count, limit=MOST_PATH_POINTS)
-    return _point_outside(request, session.motion.T_base_tcp, cell)
+    return _refused_poses(request, session, poses) or _pose_outside(poses, cell)
+
+
+def _refused_poses(
+    request: PathRequest, session: ForceSession, poses: list[pin.SE3]
+) -> Reply | None:
+    """Return why a path of poses cannot be followed by this task, None when it can."""
+    if not request.poses:
+        if request.append and request.points_m and isinstance(session.path, PosePath):
+            return refusal("setpoint", "points cannot continue a path of poses: send poses")
+        return None
+    if request.append and isinstance(session.path, TcpPath):
+        return refusal("setpoint", "poses cannot continue a path of points: send points")
+    if all(session.goal.yields):
+        text = (
+            "the force controls every axis, none is left to a path of poses: start force feedback "
+            "with axes held, such as --axes z=force:10"
+        )
+        return refusal("axes", text)
+    T_from = session.motion.T_base_tcp
+    if request.append and isinstance(session.path, PosePath):
+        T_from = session.path.T_end
+    number, turn_rad = largest_turn(T_from, poses)
+    if turn_rad > LARGEST_TURN_RAD:
+        text = f"pose {number} is turned by {degrees(turn_rad):.0f} degrees from the one before it"
+        limit = LARGEST_TURN_RAD
+        return refusal("setpoint", text, value=turn_rad, limit=limit)
+    return None
 
 
 def shares_path(session: ForceSession) -> bool:
@@ -142,12 +180,11 @@ def shares_path(session: ForceSession) -> bool:
     return bool(np.any(across[np.array(session.goal.yields)] > ACROSS))
 
 
-def _point_outside(request: PathRequest, T_base_tcp: pin.SE3, cell: CellConfig) -> Reply | None:
-    """Refuse a point outside the workspace; along the tool's axis the force decides."""
-    limits, p, axis = Limits.of(cell), T_base_tcp.translation, T_base_tcp.rotation[:, 2]
-    for number, point in enumerate(request.points_m, start=1):
-        aim = p + component_across(np.array(point) - p, axis)
-        trip = check_workspace(limits, pin.SE3(T_base_tcp.rotation, aim))
+def _pose_outside(poses: list[pin.SE3], cell: CellConfig) -> Reply | None:
+    """Refuse a pose of the TCP outside the workspace."""
+    limits = Limits.of(cell)
+    for number, T_base_tcp in enumerate(poses, start=1):
+        trip = check_workspace(limits, T_base_tcp)
         if trip is not None:
             return refused(trip.replaced(text=f"point {number}: {trip.text}"))
     return None

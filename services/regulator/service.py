@@ -41,6 +41,7 @@ from services.regulator.guards import (
 from services.regulator.law import LawInput, back_calculate, start_at
 from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
+from services.regulator.path_request import next_path, path_ahead, path_report, tool_poses
 from services.regulator.refusals import (
     refused_axes,
     refused_guide,
@@ -53,7 +54,6 @@ from services.regulator.session import (
     change_task,
     describe,
     move,
-    next_path,
 )
 from services.regulator.task_refusals import refused_task
 from services.regulator.task_request import (
@@ -61,7 +61,7 @@ from services.regulator.task_request import (
     ramped,
     request_task,
 )
-from services.regulator.tcp_path import remaining_m, tangent_frame
+from services.regulator.tcp_path import tangent_frame
 from services.regulator.unverified_axes import YieldTravel
 from tuning.gain_rule import instability, tune
 
@@ -182,7 +182,7 @@ class Regulator:
 
     def _valid_target(self, session: ForceSession) -> RegulatorTarget:
         request, motion, mode = session.request, session.motion, session.mode
-        T, path, pose, feedback = motion.T_base_tcp, session.path, None, None
+        T, pose, feedback = motion.T_base_tcp, None, None
         T_base_flange = T * self._T_tcp_flange
         if request.host == "pc":
             pose = record_of(T_base_flange)
@@ -197,7 +197,7 @@ class Regulator:
                 lever_m=rotated_back(T_base_flange.rotation.tolist(), lever_m or ZERO3),
                 gains=held_gains(session.sent or self._gains, session.goal, R),
             )
-        return RegulatorTarget(
+        target = RegulatorTarget(
             mode=mode,
             host=request.host,
             law=session.law,
@@ -209,9 +209,10 @@ class Regulator:
             error_torque_Nm=motion.error_torque_Nm or ZERO3,
             frame=request.task.frame if request.task else None,
             axes=session.axes,
-            path_left_m=remaining_m(path, T.translation, T.rotation[:, 2]) if path else None,
             wrench_stamp_ns=session.last_sample_ns,
         )
+        path = session.path
+        return target if path is None else target.replaced(**path_report(path, T))
 
     def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
@@ -280,9 +281,9 @@ class Regulator:
         """
         goal = session.goal
         if session.path is not None and session.follows_tangent:
-            R = tangent_frame(
-                goal.R_task or IDENTITY, session.path, session.motion.T_base_tcp, dt_s
-            )
+            T = session.motion.T_base_tcp
+            ahead = path_ahead(session.path, T)
+            R = tangent_frame(goal.R_task or IDENTITY, ahead, T.rotation, dt_s)
             goal = session.goal = replace(goal, R_task=R)
         if session.request.host == "controller" and session.motion.contact == "approach":
             R = goal.R_base_task(session.motion.T_base_tcp.rotation.tolist())
@@ -375,11 +376,17 @@ class Regulator:
         session = self._session
         if session is None or session.failed is not None:
             return refusal("not_armed", "no force feedback is running: start it first")
-        refused = refused_path(request, session, self._cell) or tool_path_refusal(
-            self._space, request.points_m, self._robot.read(self._now_ns).fresh,
-            session.motion.T_base_tcp, T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
+        T_base_tcp = session.motion.T_base_tcp
+        poses = tool_poses(request, T_base_tcp)
+        refused = refused_path(request, session, poses, self._cell) or tool_path_refusal(
+            self._space, poses, self._robot.read(self._now_ns).fresh, T_base_tcp,
+            T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
         )  # fmt: skip
         if refused is not None:
             return refused
-        session.path = next_path(session.path, request)
-        return Reply(accepted=True, text=f"the tool follows {len(request.points_m)} points")
+        session.path = next_path(
+            session.path, request, T_base_tcp=T_base_tcp, task=session.goal,
+            turn_rad_s=self._cell.force.speed_max_rad_s,
+        )  # fmt: skip
+        what = f"{len(poses)} poses" if request.poses else f"{len(poses)} points"
+        return Reply(accepted=True, text=f"the tool follows {what}")

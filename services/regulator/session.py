@@ -18,7 +18,7 @@ from forcemesh.messages import (
     RegulatorTarget,
 )
 from forcemesh.reader import Origin
-from forcemesh.requests import ForceStartRequest, PathRequest
+from forcemesh.requests import ForceStartRequest
 from services.regulator.axis_task import AxisTask
 from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
 from services.regulator.gains import PiGains
@@ -26,8 +26,11 @@ from services.regulator.guards import GuardState, kept_over_restart
 from services.regulator.law import LawInput, LawMotion, back_calculate
 from services.regulator.laws import LAWS
 from services.regulator.link_lag import CommandHistory
+from services.regulator.path_request import Path
+from services.regulator.pose_following import follow_poses
+from services.regulator.pose_path import PosePath
 from services.regulator.task_request import next_setpoint, same_frame, task_mode
-from services.regulator.tcp_path import TcpPath, advance, aside, path_along
+from services.regulator.tcp_path import advance, aside
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
 
@@ -50,7 +53,7 @@ class ForceSession:
     commanded: CommandHistory  # recent commands, with the PC as host
     axes: tuple[AxisState, ...] = ()  # of a task, at the last sample
     rest_s: float = 0.0  # until the commands released before a late input have arrived
-    path: TcpPath | None = None  # path across the tool's axis, if there is one
+    path: Path | None = None  # if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
     origin: Origin | None = None  # sensor sample of the last wrench
     report: Header | None = None  # of the robot's last one
@@ -97,7 +100,10 @@ def move(
         session.state, motion = law.step(session.state, sample, settings)
         session.motion = comply(session.compliance, sample, motion, compliance)
         if session.path is not None:
-            _move_along(session, session.path, sample, most_m=speed_max_m_s * sample.dt_s)
+            _move_along(
+                session, session.path, sample,
+                predicts=law.predicts, most_m=speed_max_m_s * sample.dt_s,
+            )  # fmt: skip
     elif session.path is not None:  # the pending commands contain path motion
         session.motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
     else:
@@ -110,11 +116,25 @@ def move(
             session.motion.follows = False
 
 
-def _move_along(session: ForceSession, path: TcpPath, sample: LawInput, *, most_m: float) -> None:
+def _move_along(
+    session: ForceSession,
+    path: Path,
+    sample: LawInput,
+    *,
+    predicts: bool,
+    most_m: float,
+) -> None:
     """Add one period along the path to the motion.
 
     Force control and path together keep the regulator's speed limit.
     """
+    if isinstance(path, PosePath):
+        before = path.T_reference
+        session.path, session.motion.T_base_tcp = follow_poses(
+            path, sample, session.motion, predicts=predicts, most_m=most_m
+        )
+        session.compliance.turn(before, session.path.T_reference)
+        return
     if path.in_contact and session.motion.contact != "contact":
         session.path = replace(path, now_m_s=0.0)
         return
@@ -170,15 +190,3 @@ def active_commander(arbiter: ArbiterStatus) -> str:
     """Return the commander that moves the arm or is next, empty if only the regulator may."""
     both = (arbiter.commander, arbiter.next_commander)
     return next(filter(MOVERS.__contains__, both), "")
-
-
-def next_path(before: TcpPath | None, request: PathRequest) -> TcpPath:
-    """Return the path to follow from now on, from the speed along the present one."""
-    ahead = () if before is None or not request.append else before.points
-    return path_along(
-        ahead + tuple(np.array(point) for point in request.points_m),
-        speed_m_s=request.speed_m_s,
-        accel_m_s2=request.accel_m_s2,
-        in_contact=request.in_contact,
-        now_m_s=0.0 if before is None else before.now_m_s,
-    )

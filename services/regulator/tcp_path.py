@@ -10,7 +10,6 @@ from itertools import pairwise
 from math import sqrt
 
 import numpy as np
-import pinocchio as pin
 
 from common.motion.frames import Array, Rows
 
@@ -104,13 +103,14 @@ def advance(
     faster_m_s = path.now_m_s + path.accel_m_s2 * dt_s
     speed_m_s = min(path.speed_m_s, stops_m_s, faster_m_s)
     direction = aim / length_m
-    pushed_distance_m = float(pushed_m @ direction)
-    room_m = (
-        sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + pushed_distance_m**2))
-        - pushed_distance_m
-    )
-    step_m = min(speed_m_s * dt_s, length_m, max(0.0, room_m))
+    step_m = min(speed_m_s * dt_s, length_m, room_m(pushed_m, direction, most_m))
     return replace(path, now_m_s=speed_m_s), step_m * direction
+
+
+def room_m(pushed_m: Array, direction: Array, most_m: float) -> float:
+    """Return the longest motion along a direction that stays, with another one, within most_m."""
+    along_m = float(pushed_m @ direction)
+    return max(0.0, sqrt(max(0.0, most_m**2 - float(pushed_m @ pushed_m) + along_m**2)) - along_m)
 
 
 def aside(path: TcpPath, pushed_m: Array, lateral: Array) -> TcpPath:
@@ -125,24 +125,29 @@ def aside(path: TcpPath, pushed_m: Array, lateral: Array) -> TcpPath:
     return replace(path, aside_m=before_m + (pushed_m @ lateral) * lateral)
 
 
-def tangent_frame(R_base_task: Rows, path: TcpPath, T_base_tcp: pin.SE3, dt_s: float) -> Rows:
+def ahead_of(path: TcpPath, p: Array) -> Array:
+    """Return the vector from `p` to the next point, zero at the end of the path. Shape (3,)."""
+    if not path.points:
+        return np.zeros(3)
+    return path.points[0] - (p if path.aside_m is None else p - path.aside_m)
+
+
+def tangent_frame(R_base_task: Rows, ahead: Array, R_base_tcp: Array, dt_s: float) -> Rows:
     """Return the tangent frame after a period: x along the path, z the tool's axis.
 
-    It turns about the tool's axis towards the next point, at TURN_RAD_S at most, and keeps its
-    direction at the end of the path.
+    It turns about the tool's axis towards `ahead` (base axes, shape (3,)), at TURN_RAD_S at most,
+    and keeps its direction at the end of the path.
     """
-    z = T_base_tcp.rotation[:, 2]
+    z = R_base_tcp[:, 2]
     x = component_across(np.array(R_base_task)[:, 0], z)
     x /= np.linalg.norm(x)
     y = np.cross(z, x)
-    if path.points:
-        p = T_base_tcp.translation - (0.0 if path.aside_m is None else path.aside_m)
-        ahead = component_across(path.points[0] - p, z)
-        if np.linalg.norm(ahead) > POINT_REACHED_M:
-            most = TURN_RAD_S * dt_s
-            angle = min(max(float(np.arctan2(ahead @ y, ahead @ x)), -most), most)
-            x = np.cos(angle) * x + np.sin(angle) * y
-            y = np.cross(z, x)
+    ahead = component_across(ahead, z)
+    if np.linalg.norm(ahead) > POINT_REACHED_M:
+        most = TURN_RAD_S * dt_s
+        angle = min(max(float(np.arctan2(ahead @ y, ahead @ x)), -most), most)
+        x = np.cos(angle) * x + np.sin(angle) * y
+        y = np.cross(z, x)
     rows: Rows = np.column_stack((x, y, z)).tolist()
     return rows
 

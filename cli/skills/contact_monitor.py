@@ -34,6 +34,7 @@ class ContactSample:
     T_base_tcp: pin.SE3  # measured
     contact: str
     path_left_m: float | None  # remaining path
+    path_missed_m: float | None  # of a path of poses
 
 
 class ContactMonitor:
@@ -90,6 +91,7 @@ class ContactMonitor:
             T_base_tcp=T,
             contact="free" if target is None else target.contact,
             path_left_m=None if target is None else target.path_left_m,
+            path_missed_m=None if target is None else target.path_missed_m,
         )
 
     def peak_N(self, duration_s: float) -> float:

@@ -1,6 +1,6 @@
 """Path following at constant press force: press at the start, then move along the path."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot
@@ -23,6 +23,7 @@ from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from forcemesh import topics
 from forcemesh.errors import DataError
+from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
 
 CHUNK = 50  # points in one request
@@ -49,6 +50,8 @@ class FollowResult:
     peak_error_N: float
     contacts_lost: int
     height_mm: float  # height range of the surface
+    worst_press_N: float
+    missed_mm: float | None  # path without contact or with another force; of poses
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,10 @@ class PathParameters:
     speed_m_s: float
     from_here: bool = False  # shift the path so that it starts at the tool
     flat: bool = False  # orient the tool along the surface
+    # Of a path of poses:
+    blend_m: float = 0.0  # before and after each corner
+    waits: bool = True  # for contact; otherwise the path goes on
+    direction: Vec3 | None = None  # of the force, base axes; None: the tool's axis
 
 
 def follow(
@@ -97,14 +104,17 @@ def follow(
         frame="tool",
     )
     force_N = request.setpoint_N
+
+    def part(first: int) -> PathRequest:
+        points_m = tuple(vec3(point) for point in placed[first : first + CHUNK])
+        return PathRequest(points_m=points_m, append=first > 0, speed_m_s=parameters.speed_m_s)
+
     with stop_force_at_end(cell):
         cell.force.begin(start_request)
         pressed = Debounce(lambda sample: abs(sample.press_N - force_N) <= BAND_N, STEADY_S)
         monitor.until(pressed, within_s=within_s, label="pressing")
-        samples = _follow_points(
-            cell, monitor, placed, parameters=parameters, remaining_m=remaining_m
-        )
-    return _follow_result(samples, force_N, remaining_m[0])
+        samples = send_parts(cell, monitor, part, chunk=CHUNK, remaining_m=remaining_m)
+    return follow_result(samples, force_N, remaining_m[0])
 
 
 def _placed_points(
@@ -136,16 +146,27 @@ def _remaining_m(points: list[Array], p_tcp_m: Array, axis: Array, limits: Limit
     return lengths_m[::-1]
 
 
-def _follow_points(
+def send_parts(
     cell: ConfiguredCell,
     monitor: ContactMonitor,
-    points: list[Array],
+    part: Callable[[int], PathRequest],
     *,
-    parameters: PathParameters,
+    chunk: int,
     remaining_m: list[float],
 ) -> list[ContactSample]:
-    """Send the points in chunks until the end of the path is reached; return the samples."""
-    length_m = remaining_m[0]
+    """Send a path in parts until its end is reached; return the samples.
+
+    Args:
+        cell: A cell that presses.
+        monitor: Of its contact.
+        part: Returns the request for `chunk` places from a number on.
+        chunk: Places in one request.
+        remaining_m: Path length left at each place.
+
+    Raises:
+        NotReachedError, RefusedError, ArmStoppedError, LostError: As raised by the client.
+    """
+    length_m, count = remaining_m[0], len(remaining_m)
     done = Debounce(
         lambda sample: sample.path_left_m is not None and sample.path_left_m <= DONE_M, AT_REST_S
     )
@@ -153,26 +174,35 @@ def _follow_points(
     while True:
         path_left_m = length_m
         if sent and samples[-1].path_left_m is not None:
-            path_left_m = samples[-1].path_left_m + remaining_m[min(sent, len(points)) - 1]
-        while passed < len(points) - 1 and remaining_m[passed] > path_left_m:
+            path_left_m = samples[-1].path_left_m + remaining_m[min(sent, count) - 1]
+        while passed < count - 1 and remaining_m[passed] > path_left_m:
             passed += 1
-        if sent < len(points) and sent - passed < MOST_QUEUED:
-            points_m = tuple(vec3(point) for point in points[sent : sent + CHUNK])
-            request = PathRequest(
-                points_m=points_m, append=sent > 0, speed_m_s=parameters.speed_m_s
-            )
-            cell.ask(topics.FORCE_PATH, request)
-            sent += CHUNK
+        if sent < count and sent - passed < MOST_QUEUED:
+            cell.ask(topics.FORCE_PATH, part(sent))
+            sent += chunk
         samples.append(monitor.next())
         text = f"following: {samples[-1].press_N:.1f} N"
         monitor.progress(length_m - path_left_m, length_m, text)
-        if done(samples[-1]) and sent >= len(points):
+        if done(samples[-1]) and sent >= count:
             return samples
 
 
-def _follow_result(samples: list[ContactSample], force_N: float, length_m: float) -> FollowResult:
+def follow_result(
+    samples: list[ContactSample], force_N: float, length_m: float, direction: Array | None = None
+) -> FollowResult:
+    """Return what was measured along a path.
+
+    Args:
+        samples: From its start to its end.
+        force_N: Set point.
+        length_m: Of the path.
+        direction: Of the force, unit vector in base axes; None: the tool's axis. Shape (3,).
+    """
     began_s = samples[0].t_s
-    errors_N = np.array([abs(sample.press_N - force_N) for sample in samples])
+    forces_N = np.array(
+        [s.press_N if direction is None else -float(s.force_N @ direction) for s in samples]
+    )
+    errors_N = abs(forces_N - force_N)
     is_counted = np.array([sample.t_s - began_s > BEGINNING_S for sample in samples])
     counted = errors_N[is_counted] if is_counted.any() else errors_N
     is_in_contact = [sample.contact == "contact" for sample in samples]
@@ -186,4 +216,6 @@ def _follow_result(samples: list[ContactSample], force_N: float, length_m: float
         peak_error_N=float(errors_N.max()),
         contacts_lost=sum(a and not b for a, b in pairwise(is_in_contact)),
         height_mm=1e3 * (max(heights_m) - min(heights_m)),
+        worst_press_N=float(forces_N.max()),
+        missed_mm=None if samples[-1].path_missed_m is None else 1e3 * samples[-1].path_missed_m,
     )

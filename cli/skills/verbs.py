@@ -5,7 +5,7 @@ import sys
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from typer import Argument, Option, echo
 
@@ -104,7 +104,10 @@ def align(
 
 
 def follow(
-    path: Annotated[Path, Argument(metavar="PATH.csv", help="TCP: columns x_mm,y_mm,z_mm.")],
+    path: Annotated[
+        Path,
+        Argument(metavar="PATH.csv", help="TCP: columns x_mm,y_mm,z_mm, with --poses also o_deg.."),
+    ],
     *,
     force: Annotated[float, Option(min=0.5, help="Press force [N].")] = 10.0,
     speed: Annotated[float, Option(min=0.1, help="Speed along the path [mm/s].")] = 20.0,
@@ -114,6 +117,20 @@ def follow(
     flat: Annotated[
         bool, Option("--flat", help="Orient the tool along the surface: face flat.")
     ] = False,
+    poses: Annotated[
+        Literal["tcp", "flange"] | None,
+        Option(help="The file has poses, of the TCP or of the flange: a path in three dimensions."),
+    ] = None,
+    blend: Annotated[
+        float, Option(min=0.0, max=100.0, help="Round corners from this distance on [mm].")
+    ] = 0.0,
+    direction: Annotated[
+        tuple[float, float, float] | None,
+        Option(metavar="X Y Z", help="Direction of the force in base axes; default: tool axis."),
+    ] = None,
+    go_on: Annotated[
+        bool, Option("--go-on", help="Move on without contact; what was missed is reported.")
+    ] = False,
     timeout: WithinOption = 30.0,
     law: LawOption = None,
     preset: PresetOption = None,
@@ -121,23 +138,31 @@ def follow(
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Follow a path at constant force along the tool's axis; default law: adaptive."""
+    """Follow a path at constant force along the tool's axis; default law: adaptive.
+
+    With --poses the tool follows a curve in three dimensions and turns with it: file columns
+    x_mm,y_mm,z_mm,o_deg,a_deg,t_deg of the TCP, or of the flange as `forcemesh guide` records them.
+    """
+    if poses is None and (blend or direction or go_on):
+        exit_with_error("--blend, --direction and --go-on need --poses")
     with force_session(cell, when) as (client, progress):
-        from cli.skills import following, path_file
+        from cli.skills import following, following_poses
 
         limit_mm_s = 1e3 * client.config.force.speed_max_m_s
         if speed > limit_mm_s:
             exit_with_error(f"--speed {speed:g}: force.speed_max_m_s allows {limit_mm_s:g} mm/s")
-        done = following.follow(
-            client,
-            path_file.read_points(path),
-            following.PathParameters(speed / 1e3, from_here, flat),
-            ForceStartRequest(mode="position", setpoint_N=force, law=law, preset=preset),
-            within_s=timeout,
-            progress=progress,
+        parameters = following.PathParameters(
+            speed / 1e3, from_here, flat,
+            blend_m=blend / 1e3, waits=not go_on, direction=direction,
+        )  # fmt: skip
+        request = ForceStartRequest(mode="position", setpoint_N=force, law=law, preset=preset)
+        done = following_poses.follow_file(
+            client, path, poses, parameters, request=request, within_s=timeout, progress=progress
         )
     text = f"{done.length_mm:.0f} mm in {done.took_s:.1f} s at {done.setpoint_N:g} N: force error "
     text += f"{done.mean_error_N:.2f} N mean, {done.peak_error_N:.1f} N peak"
+    if done.missed_mm is not None:
+        text += f"; {done.missed_mm:.1f} mm of the path missed"
     lost = f"contact lost {done.contacts_lost} times" if done.contacts_lost else "contact kept"
     _print_result(as_json, done, f"{text}; {lost}; height range {done.height_mm:.2f} mm")
 

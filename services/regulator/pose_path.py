@@ -25,8 +25,9 @@ from services.regulator.tcp_path import SHARP
 
 ROTATION_RADIUS_M = 0.02
 LARGEST_TURN_RAD = 1.6  # between two poses: a larger one has no clear direction
+LEAST_BEND = 0.01  # sine of the angle of a corner that is blended
 LEAST_PIECE_M = 1e-6  # shorter ones are left out
-BLEND_PARTS = 16  # of a blend, in which its arc length is measured
+BLEND = np.linspace(0.0, 1.0, 65)  # parameters at which the arc length of a blend is measured
 FULL_FEED_SHARE, FULL_FEED_N = 0.1, 1.0  # force error, of the set point and at least, at full feed
 LEAST_FEED_SHARE, LEAST_FEED_N = 0.5, 3.0  # and from which on the feed is the least
 LEAST_FEED = 0.1  # of the feed: an error that only motion removes must not stop it
@@ -67,7 +68,7 @@ class Piece:
 
     def _parameter(self, s_m: float) -> float:
         assert self.travelled_m is not None  # noqa: S101 - a blend has it
-        return float(np.interp(s_m, self.travelled_m, np.linspace(0.0, 1.0, BLEND_PARTS + 1)))
+        return float(np.interp(s_m, self.travelled_m, BLEND))
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +180,7 @@ def _straight(T_from: pin.SE3, T_to: pin.SE3, turn_rad_s: float) -> Piece:
 def _joined(before: Piece, after: Piece, blend_m: float, path: PosePath) -> list[Piece]:
     """Return two straight pieces with a blend about their corner, where there is one."""
     a, b = before.tangent(0.0), after.tangent(0.0)
-    if blend_m < LEAST_PIECE_M or not a.any() or not b.any() or a @ b > 1.0 - LEAST_PIECE_M:
+    if blend_m < LEAST_PIECE_M or hypot(*np.cross(a, b)) < LEAST_BEND:  # straight on, or back
         return [before, after]
     T_in = interpolated(before.T_from, before.T_to, 1.0 - blend_m / before.length_m)
     T_out = interpolated(after.T_from, after.T_to, blend_m / after.length_m)
@@ -195,7 +196,7 @@ def _joined(before: Piece, after: Piece, blend_m: float, path: PosePath) -> list
 def _blend(T_from: pin.SE3, corner_m: Array, T_to: pin.SE3, path: PosePath) -> Piece:
     """Return a blend; its curvature is largest in the middle, for both legs are equally long."""
     a, b = T_from.translation, T_to.translation
-    t = np.linspace(0.0, 1.0, BLEND_PARTS + 1)[:, np.newaxis]
+    t = BLEND[:, np.newaxis]
     places = (1 - t) ** 2 * a + 2 * t * (1 - t) * corner_m + t**2 * b
     parts_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
     travelled_m = np.concatenate(([0.0], np.cumsum(parts_m)))

@@ -23,6 +23,7 @@ from services.regulator.tcp_path import room_m
 
 BEHIND_M = 0.002  # deviation along a held axis at which the path waits for the tool
 BEHIND_RAD = 0.02
+SEARCH_M = 0.001  # below the height of the last contact, where a path goes on without contact
 
 
 def path_start(T_base_tcp: pin.SE3, T_first: pin.SE3, task: AxisTask) -> pin.SE3:
@@ -50,13 +51,20 @@ def follow_poses(
         most_m: Longest motion of the period, of force control and path together.
     """
     T, task, before = motion.T_base_tcp, sample.task, path.T_reference
-    if path.in_contact and motion.contact != "contact":
+    touches = motion.contact == "contact"
+    if path.in_contact and not touches:
         return replace(path, now_m_s=0.0), T
+    height_m = dot(sample.press_axis, vec3(before.translation - T.translation))
+    if touches:
+        path = replace(path, height_m=height_m)
+    elif path.height_m - height_m > SEARCH_M:  # a gap: it goes on over it, and does not dive in
+        T = pin.SE3(T.rotation, sample.motion.T_base_tcp.translation)
     error_N = -dot(motion.error_force_N or ZERO3, sample.press_axis)
     pushed_m = T.translation - sample.motion.T_base_tcp.translation
-    share = 0.0 if _is_behind(before, sample) else feed_share(error_N, task.press_N)
+    share = feed_share(error_N, task.press_N) if touches else 1.0
+    share = 0.0 if _is_behind(before, sample) else share
     path = path.advanced(sample.dt_s, share=share, most_m=room_m(pushed_m, path.tangent, most_m))
-    if motion.contact != "contact" or is_missed(error_N, task.press_N):
+    if not touches or is_missed(error_N, task.press_N):
         path = replace(path, missed_m=path.missed_m + path.now_m_s * sample.dt_s)
     after = path.T_reference
     shift_m, turn_rad = speeds_between(before, after, 1.0)

@@ -87,6 +87,7 @@ class PosePath:
     done_m: float = 0.0  # within the first piece
     now_m_s: float = 0.0
     missed_m: float = 0.0  # length travelled without contact, or with another force
+    height_m: float = 0.0  # of the tool over the curve when it last had contact, press axis
 
     @property
     def left_m(self) -> float:

@@ -1,6 +1,7 @@
 """Section `sim` of a cell file: simulated arm, controller, sensor and contact plate."""
 
-from typing import Annotated
+from math import acos, cos, pi, sin
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -8,6 +9,7 @@ from common.config.payload import BiasForce, ComPart
 from forcemesh.connection import ConfigSection
 from forcemesh.messages import MAX_SIGNALS
 
+DRAWN_DEPTH_M, DRAWN_HALF_M, DRAWN_PARTS = 0.08, 0.08, 24
 SimTorque = Annotated[float, Field(ge=-20.0, le=20.0)]  # [N m] of the simulated sensor's bias
 
 
@@ -29,6 +31,8 @@ class SimSection(ConfigSection):
     stiffness_N_m: float = Field(2e4, ge=1e3, le=2e5)  # of the plate
     tilt_stiffness_Nm_rad: float | None = Field(None, gt=0.0, le=1e4)
     tilt_deg: float = Field(0.0, ge=0.0, le=20.0)
+    surface: Literal["plane", "cylinder", "hemisphere"] = "plane"  # in place of the plate
+    radius_m: float = Field(0.08, ge=0.02, le=1.0)  # of a curved one
     gap_m: float = Field(0.005, ge=0.0005, le=0.1)
     tool_mass_kg: float = Field(1.0, ge=0.05, le=7.0)
     tool_com_m: tuple[ComPart, ComPart, ComPart] = (
@@ -52,3 +56,17 @@ class SimSection(ConfigSection):
         """Whether readings may repeat at rest: the noise is below the quantization step."""
         forces = self.noise_force_N <= self.quantum_force_N
         return forces and self.noise_torque_Nm <= self.quantum_torque_Nm
+
+    def curved_points_m(self) -> list[tuple[float, float, float]]:
+        """Return points whose convex hull is the curved surface, from its top on, to draw it."""
+        radius_m, points = self.radius_m, []
+        reach_rad = acos(max(0.0, 1.0 - DRAWN_DEPTH_M / radius_m))
+        for part in range(-DRAWN_PARTS, DRAWN_PARTS + 1):
+            angle = reach_rad * part / DRAWN_PARTS
+            x, z = radius_m * sin(angle), radius_m * (cos(angle) - 1.0)
+            if self.surface == "cylinder":
+                points += [(x, -DRAWN_HALF_M, z), (x, DRAWN_HALF_M, z)]
+                continue
+            turns = (2.0 * pi * turn / DRAWN_PARTS for turn in range(DRAWN_PARTS))
+            points += [(x * cos(turn), x * sin(turn), z) for turn in turns]
+        return points

@@ -39,6 +39,7 @@ BLUE, STEEL, DARK = [0.10, 0.36, 0.80, 1.0], [0.72, 0.74, 0.77, 1.0], [0.17, 0.1
 ORANGE, GREEN = [0.93, 0.55, 0.13, 1.0], [0.20, 0.58, 0.34, 1.0]
 Wxyz = tuple[float, float, float, float]
 CYLINDER, BOX = mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX
+MESH = mujoco.mjtGeom.mjGEOM_MESH
 
 
 class Scene:
@@ -181,7 +182,7 @@ class DrawnArm:
         _add_tool(spec, cell)
         if cell.sim is not None:
             T_base_tcp = ArmKinematics(name).flange_pose(home_rad) * cell.tool.T_flange_tcp.pose
-            _add_plate(spec.worldbody, cell.sim, T_base_tcp.translation)
+            _add_surface(spec, cell.sim, T_base_tcp.translation)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._drawn = ViserMujocoScene(server, self.model, num_envs=1)
@@ -218,16 +219,21 @@ def _add_tool(spec: mujoco.MjSpec, cell: CellConfig) -> None:
     _show(tool, CYLINDER, face, pos=middle, rgba=ORANGE, quat=quat)
 
 
-def _add_plate(world: mujoco.MjsBody, sim: SimSection, p_tcp_m: Array) -> None:
-    """Draw the simulated plate below the tool at home, and its stand."""
-    tilt = math.radians(sim.tilt_deg)
+def _add_surface(spec: mujoco.MjSpec, sim: SimSection, p_tcp_m: Array) -> None:
+    """Draw the simulated plate, or curved surface, below the tool at home, and its stand."""
+    world, tilt = spec.worldbody, math.radians(sim.tilt_deg)
     rim_m = sim.disc_radius_m * math.tan(tilt)
     x, y, z = (float(v) for v in p_tcp_m - np.array([0.0, 0.0, sim.gap_m + rim_m]))
     quat = (math.cos(tilt / 2), math.sin(tilt / 2), 0.0, 0.0)
     thick = PLATE_HALF_M[2]
     middle = [x, y + thick * math.sin(tilt), z - thick * math.cos(tilt)]
     top = z - 0.085
-    _show(world, BOX, [*PLATE_HALF_M], pos=middle, rgba=GREEN, quat=quat)
+    if sim.surface == "plane":
+        _show(world, BOX, [*PLATE_HALF_M], pos=middle, rgba=GREEN, quat=quat)
+    else:
+        spec.add_mesh(name="curved", uservert=np.ravel(sim.curved_points_m()))
+        body = world.add_body(name="curved", pos=[x, y, z], quat=quat)
+        body.add_geom(type=MESH, meshname="curved", rgba=GREEN, contype=0, conaffinity=0, group=1)
     for sx, sy in product((-0.05, 0.05), repeat=2):
         spring = [x + sx, y + sy, (top + z - 0.016) / 2]
         _show(world, CYLINDER, [0.009, (z - 0.016 - top) / 2, 0], pos=spring, rgba=STEEL)

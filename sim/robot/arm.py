@@ -13,6 +13,7 @@ import pinocchio as pin
 from common.motion.frames import Array
 from common.motion.kinematics import ArmKinematics
 from forcemesh.errors import SimulationError
+from sim.robot.curved import SprungSurface
 from sim.robot.engine import mujoco
 from sim.robot.ft_sensor import FtSensor
 from sim.robot.plate import Disc, SprungPlate, lift_off_m
@@ -60,7 +61,7 @@ class SetPointLine:
 
 
 class PlateContact:
-    """Plate under the disc: its pose, its springs, and the contact wrench of each step.
+    """Surface under the disc: its pose, its springs, and the contact wrench of each step.
 
     It acts between `mj_step1` and `mj_step2`, when MuJoCo has computed the state but not used the
     forces yet. The wrench acts on the massless body `disc`, whose origin is the TCP, so the
@@ -68,10 +69,11 @@ class PlateContact:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, settings: SimSettings) -> None:
-        """Place the undeflected plate; `point_m` and `springs` may be changed at any time."""
+        """Place the undeflected surface; `point_m` and `springs` may be changed at any time."""
         rest = plate_at_rest(settings)
         self.point_m, self.normal = rest.point_m.copy(), rest.normal
         self.springs = SprungPlate.of(settings)
+        self._curved = None if settings.surface == "plane" else SprungSurface.of(settings)
         self._option, self._R_base_plate = model.opt, rest.R_base_plate
         self._radius_m = settings.disc_radius_m
         # Views of the state: MuJoCo never reallocates it.
@@ -86,7 +88,8 @@ class PlateContact:
         rows = self._disc.dot(self._R_base_plate).tolist()  # `dot` is twice as fast as `@`
         (x, y, z), (zx, zy, zz), (vx, vy, vz), (wx, wy, wz) = rows  # in plate axes
         ox, oy, oz = self.point_m.dot(self._R_base_plate).tolist()
-        if z - oz > self._radius_m + FAR_M and self.springs.rests:
+        springs = self._curved or self.springs
+        if z - oz > self._radius_m + FAR_M and springs.rests:
             self._pushed[:] = 0.0
             return
         dt_s = self._option.timestep
@@ -101,8 +104,23 @@ class PlateContact:
             turn_rad_s=(wx, wy, wz),
             radius_m=self._radius_m,
         )
-        push = self.springs.step(disc, dt_s)
+        push = springs.step(disc, dt_s)
         self._pushed[:] = np.array((push.force_N, push.torque_Nm)).dot(self._R_base_plate.T)
+
+    def lift_off_m(self, T_base_tcp: pin.SE3) -> float:
+        """Return the distance from the disc to the undeflected surface [m]; > 0 is free."""
+        if self._curved is None:
+            return lift_off_m(
+                T_base_tcp,
+                plate_point_m=self.point_m,
+                plate_normal=self.normal,
+                disc_radius_m=self._radius_m,
+            )
+        R = self._R_base_plate.T
+        x, y, z = (R @ (T_base_tcp.translation - self.point_m)).tolist()
+        bx, by, bz = (-R @ T_base_tcp.rotation[:, 2]).tolist()
+        still = (0.0, 0.0, 0.0)
+        return self._curved.nearest(Disc((x, y, z), (bx, by, bz), still, still, self._radius_m))[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,12 +195,7 @@ class SimArm:
     @property
     def lift_off_m(self) -> float:
         """True distance from the disc's lowest point to the undeflected plate [m]; > 0 is free."""
-        return lift_off_m(
-            self.T_base_tcp,
-            plate_point_m=self.plate.point_m,
-            plate_normal=self.plate.normal,
-            disc_radius_m=self.settings.disc_radius_m,
-        )
+        return self.plate.lift_off_m(self.T_base_tcp)
 
     def command_joints(self, q: Array) -> None:
         """Set the commanded joint angles [rad], shape (n,); they hold until the next command.

@@ -101,6 +101,9 @@ def _tcp_and_plate(settings: SimSettings, q: Array) -> tuple[list[float], float]
     """Return the TCP position [m], and the plate's deflection along its normal [m]."""
     T_base_flange = ArmKinematics(settings.arm).flange_pose(np.asarray(q, dtype=float))
     T_base_tcp = T_base_flange * settings.T_flange_tcp
+    tcp_m = [float(x) for x in T_base_tcp.translation]
+    if settings.surface != "plane":
+        return tcp_m, 0.0
     plate = plate_at_rest(settings)
     lift_m = lift_off_m(
         T_base_tcp,
@@ -108,7 +111,7 @@ def _tcp_and_plate(settings: SimSettings, q: Array) -> tuple[list[float], float]
         plate_normal=plate.normal,
         disc_radius_m=settings.disc_radius_m,
     )
-    return [float(x) for x in T_base_tcp.translation], max(0.0, -lift_m)
+    return tcp_m, max(0.0, -lift_m)
 
 
 def _last_line(done: subprocess.CompletedProcess[str]) -> str:

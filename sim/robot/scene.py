@@ -83,7 +83,10 @@ def build_spec(settings: SimSettings, *, pushed_m: float = 0.0) -> mujoco.MjSpec
     _add_lights(spec)
     _add_stand(spec, plate.point_m, plate.normal)
     _add_tool(spec, settings)
-    _add_plate(spec, plate, pushed_m)
+    if settings.surface == "plane":
+        _add_plate(spec, plate, pushed_m)
+    else:
+        _add_curved(spec, plate, settings)
     return spec
 
 
@@ -150,6 +153,16 @@ def _add_plate(spec: mujoco.MjSpec, plate: Plate, pushed_m: float) -> None:
     _show(body, _BOX, half, pos=[0, 0, -PLATE_THICKNESS_M / 2], rgba=_LIGHT_GREEN)
     size = [HALF_SIDE_M - 0.008, HALF_SIDE_M - 0.008, 0.003]
     _show(body, _BOX, size, pos=[0, 0, -0.019], rgba=_GREEN)
+
+
+def _add_curved(spec: mujoco.MjSpec, plate: Plate, settings: SimSettings) -> None:
+    """Draw a curved surface in place of the plate; its contact model is in sim.robot.curved."""
+    spec.add_mesh(name="curved", uservert=np.ravel(settings.curved_points_m()))
+    body = spec.worldbody.add_body(
+        name="plate", pos=plate.point_m, quat=_quaternion(plate.R_base_plate)
+    )
+    geom = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="curved", rgba=_LIGHT_GREEN)
+    geom.contype, geom.conaffinity, geom.group = 0, 0, 1
 
 
 def _set_inertia(

@@ -12,6 +12,8 @@ from rich.markdown import Markdown
 
 from bench.force import settle
 from bench.force.page import page
+from bench.force.paths import path_rows
+from bench.force.paths_page import paths_page
 from bench.force.promises import Rows
 from bench.force.rig import SceneSettings
 from bench.force.run import QUICK, SHORT, TABLES, Extent
@@ -42,8 +44,11 @@ def main() -> None:
     extents.add_argument(
         "--short", action="store_true", help="fewer combinations: a third of the time"
     )
+    parser.add_argument("--paths", action="store_true", help="only the path with force")
     parser.add_argument("--json", action="store_true", help="plain numbers on standard output")
-    parser.add_argument("--write", action="store_true", help="docs/force.md and its pictures")
+    parser.add_argument(
+        "--write", action="store_true", help="docs/force.md, docs/force-path.md and their pictures"
+    )
     parser.add_argument("--rows", type=Path, help="file of finished tables")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     options = parser.parse_args()
@@ -52,6 +57,9 @@ def main() -> None:
         extent, option = SHORT, "--short "
     command = f'make bench-force ARGS="{option}--write"'
     with ProcessPoolExecutor(options.workers) as pool:
+        _paths(pool, options)
+        if options.paths:
+            return
         rows: Rows = {}
         if options.rows is not None and options.rows.exists():
             rows = json.loads(options.rows.read_text(encoding="utf-8"))
@@ -74,6 +82,18 @@ def main() -> None:
             places = list(product(settle.STIFFNESSES_N_M, settle.DELAYS_MS))
             fixed = dict(zip(places, pool.map(fixed_taus, places), strict=True))
             pictures.map_of(rows["release"], fixed, DOCS / "pictures" / "force-map.png")
+
+
+def _paths(pool: ProcessPoolExecutor, options: argparse.Namespace) -> None:
+    """Run the path with force, print, and write its page."""
+    rows, command = path_rows(pool, quick=options.quick), 'make bench-force ARGS="--paths --write"'
+    if options.json:
+        print(json.dumps(rows))
+    else:
+        Console(width=160).print(Markdown(paths_page(rows, command)))
+    if options.write and not options.quick:
+        text = as_block_page("force-path", paths_page(rows, command), command)
+        (DOCS / "force-path.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ def _promises(rows: Rows) -> str:
         (p.text, f"{p.limit:.3g}", f"{p.found:.3g}", p.where, "yes" if p.kept else "**no**")
         for p in requirements(rows)
     ]
-    return _table(("quantity", "limit", "worst result", "where", "met"), body)
+    return table(("quantity", "limit", "worst result", "where", "met"), body)
 
 
 def _releases(rows: list[Row]) -> Iterable[str]:
@@ -92,7 +92,7 @@ def _releases(rows: list[Row]) -> Iterable[str]:
         for delay, line in groupby(these, key=lambda row: int(row["delay_ms"])):
             cells = [f"{_release(r)}, {r['stiffness_ratio']:.2f} k" for r in line]
             body.append((f"{delay} ms", *cells))
-        yield _table((title, *(f"{k:g}" for k in stiffnesses)), body)
+        yield table((title, *(f"{k:g}" for k in stiffnesses)), body)
 
 
 def _slow(rows: list[Row]) -> str:
@@ -106,7 +106,7 @@ def _slow(rows: list[Row]) -> str:
         )
         for r in rows
     ]
-    return _table(("loop", "stiffness", "first", "identified", "overshoot"), body)
+    return table(("loop", "stiffness", "first", "identified", "overshoot"), body)
 
 
 def _controller(rows: list[Row]) -> str:
@@ -122,7 +122,7 @@ def _controller(rows: list[Row]) -> str:
         )
         for r in rows
     ]
-    return _table(("AS step", "stiffness", "first", "loop", "overshoot"), body)
+    return table(("AS step", "stiffness", "first", "loop", "overshoot"), body)
 
 
 def _limited(rows: list[Row]) -> str:
@@ -136,7 +136,7 @@ def _limited(rows: list[Row]) -> str:
         )
         for r in rows
     ]
-    return _table(("speed limit", "stiffness", "first", "identified", "overshoot"), body)
+    return table(("speed limit", "stiffness", "first", "identified", "overshoot"), body)
 
 
 def _brakes(rows: list[Row]) -> str:
@@ -145,7 +145,7 @@ def _brakes(rows: list[Row]) -> str:
         (f"{accel:g} m/s2, {delay} ms", *(_release(row) for row in line))
         for (accel, delay), line in groupby(rows, key=lambda r: (r["accel_m_s2"], r["delay_ms"]))
     ]
-    return _table(("at most", *(f"{k:g}" for k in stiffnesses)), body)
+    return table(("at most", *(f"{k:g}" for k in stiffnesses)), body)
 
 
 def _release(row: Row) -> str:
@@ -168,7 +168,7 @@ def _peers(rows: list[Row]) -> Iterable[str]:
         one = these[0]["one_setting"]
         chosen = f"{one['gain_m_per_Ns']:.2g} m/(N s), {one['time_s'] * 1e3:g} ms"
         head = (f"{law} ({chosen})", "one setting", "tuned here", "ours, first", "ours, identified")
-        yield _table((*head, "ratio, one setting", "ratio, tuned here"), body)
+        yield table((*head, "ratio, one setting", "ratio, tuned here"), body)
 
 
 def _fixed(row: Row) -> str:
@@ -185,7 +185,7 @@ def _scenes(rows: list[Row]) -> Iterable[str]:
         measures = [name for name in these[0] if name not in named]
         body = [(_who(r), _where(r), *(_number(r[m]) for m in measures)) for r in these]
         yield f"### {scene.capitalize()}\n"
-        yield _table(("law", "where", *(_words(m) for m in measures)), body)
+        yield table(("law", "where", *(_words(m) for m in measures)), body)
 
 
 def _where(row: Row) -> str:
@@ -218,7 +218,8 @@ def _lead(theirs: float | None, ours: float) -> str:
     return "-" if theirs is None else f"{theirs / ours:.2g}"
 
 
-def _table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+def table(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table."""
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     lines += ["| " + " | ".join(row) + " |" for row in body]
     return "\n".join(lines) + "\n"

@@ -31,7 +31,18 @@ class _Body:
         return self.T_base_tcp
 
 
-class Admittance:
+class _Peer:
+    """A law around a virtual body."""
+
+    _body: _Body
+    setpoint_N: float
+
+    def place(self, T_base_tcp: pin.SE3) -> None:
+        """Continue from another commanded pose, at the present speed."""
+        self._body.T_base_tcp = T_base_tcp
+
+
+class Admittance(_Peer):
     """Virtual mass and damper between the force error and the tool."""
 
     def __init__(
@@ -53,7 +64,7 @@ class Admittance:
         return self._body.moved(speed, sample.dt_s, self._longest_m_s)
 
 
-class Fdcc:
+class Fdcc(_Peer):
     """PD on the net force, a virtual mass, a tenth of the speed lost at every step."""
 
     def __init__(

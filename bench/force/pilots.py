@@ -45,13 +45,23 @@ class LawRunner:
             )
         self._settings, self._gains = self._law.settings(cell), gains
         self.mode, self.setpoint_N, self.across_m_s = mode, setpoint_N, np.zeros(3)
+        self.presses_only = False  # force control acts along the tool's axis alone
         self.motion = start_at(T_base_tcp)
         T_measured = T_base_tcp if T_measured is None else T_measured
         self.state = self._law.begin(T_base_tcp, T_measured, None, self._settings)
 
+    @property
+    def predicts(self) -> bool:
+        """Whether the law has a predictor."""
+        return self._law.predicts
+
+    def place(self, T_base_tcp: pin.SE3) -> None:
+        """Continue from another commanded pose."""
+        self.motion = replace(self.motion, T_base_tcp=T_base_tcp)
+
     def step(self, law_sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose; axes of an imposed lateral motion are not controlled."""
-        motion, led = self.motion, bool(self.across_m_s.any())
+        motion, led = self.motion, self.presses_only or bool(self.across_m_s.any())
         if law_sample.limited:
             motion = back_calculate(motion, law_sample.T_let_through)
         axes = (not led, not led, True, True, True, True)

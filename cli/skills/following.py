@@ -53,6 +53,18 @@ class FollowResult:
     worst_press_N: float
     missed_mm: float | None  # path without contact or with another force; of poses
 
+    def text(self) -> str:
+        """Return the result as a line."""
+        parts = [
+            f"{self.length_mm:.0f} mm in {self.took_s:.1f} s at {self.setpoint_N:g} N: force error "
+            f"{self.mean_error_N:.2f} N mean, {self.peak_error_N:.1f} N peak"
+        ]
+        if self.missed_mm is not None:
+            parts.append(f"{self.missed_mm:.1f} mm of the path missed")
+        lost = self.contacts_lost
+        parts.append(f"contact lost {lost} times" if lost else "contact kept")
+        return "; ".join([*parts, f"height range {self.height_mm:.2f} mm"])
+
 
 @dataclass(frozen=True, slots=True)
 class PathParameters:

@@ -38,7 +38,7 @@ from forcemesh.errors import DataError
 from forcemesh.messages import PoseRecord, Vec3
 from forcemesh.requests import HELD, ForceStartRequest, ForceTask, PathRequest, TaskAxis
 
-CHUNK = 30  # poses in one request
+POSES_AT_ONCE = 30  # poses in one request
 START_TOLERANCE_RAD = radians(15.0)  # of the tool's orientation from that of the first pose
 
 
@@ -109,7 +109,7 @@ def follow_poses(
 
     def part(first: int) -> PathRequest:
         return PathRequest(
-            poses=tuple(map(record_of, placed[first : first + CHUNK])),
+            poses=tuple(map(record_of, placed[first : first + POSES_AT_ONCE])),
             append=first > 0,
             speed_m_s=parameters.speed_m_s,
             blend_m=parameters.blend_m,
@@ -119,7 +119,7 @@ def follow_poses(
     with stop_force_at_end(cell):
         cell.force.begin(_start(request, parameters, direction, placed[0]))
         monitor.until(Debounce(is_pressed, STEADY_S), within_s=within_s, label="pressing")
-        samples = send_parts(cell, monitor, part, chunk=CHUNK, remaining_m=remaining_m)
+        samples = send_parts(cell, monitor, part, chunk=POSES_AT_ONCE, remaining_m=remaining_m)
     return follow_result(samples, force_N, remaining_m[0], direction)
 
 

@@ -159,12 +159,7 @@ def follow(
         done = following_poses.follow_file(
             client, path, poses, parameters, request=request, within_s=timeout, progress=progress
         )
-    text = f"{done.length_mm:.0f} mm in {done.took_s:.1f} s at {done.setpoint_N:g} N: force error "
-    text += f"{done.mean_error_N:.2f} N mean, {done.peak_error_N:.1f} N peak"
-    if done.missed_mm is not None:
-        text += f"; {done.missed_mm:.1f} mm of the path missed"
-    lost = f"contact lost {done.contacts_lost} times" if done.contacts_lost else "contact kept"
-    _print_result(as_json, done, f"{text}; {lost}; height range {done.height_mm:.2f} mm")
+    _print_result(as_json, done, done.text())
 
 
 def guide(

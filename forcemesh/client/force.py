@@ -140,6 +140,33 @@ class Force:
         )
         return self._session.ask(topics.FORCE_PATH, request)
 
+    def path_of_poses(
+        self,
+        poses: tuple[PoseRecord, ...],
+        *,
+        speed_m_s: float = 0.02,
+        blend_m: float = 0.0,
+        append: bool = False,
+        in_contact: bool = True,
+    ) -> Reply:
+        """Follow poses of the TCP in base while force feedback runs, in three dimensions.
+
+        The tool turns with the poses, and moves along every axis that the force does not control;
+        along those, force control corrects the path. Start with the others held, for instance
+        `start_task("z=force:10", frame="tool")`.
+
+        Args:
+            poses: At most 30 in one request, the tool's z axis into the surface.
+            speed_m_s: Feed; it drops where the force error grows.
+            blend_m: Corners are rounded from this distance on.
+            append: Continue the present path.
+            in_contact: Wait where there is no contact; otherwise go on, and count what was missed.
+        """
+        request = PathRequest(
+            poses=poses, speed_m_s=speed_m_s, blend_m=blend_m, append=append, in_contact=in_contact
+        )
+        return self._session.ask(topics.FORCE_PATH, request)
+
     def gains(
         self,
         preset: Preset | None = None,

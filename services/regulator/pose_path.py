@@ -2,7 +2,7 @@
 
 The curve: straight segments with uniform rotation about one axis, and around each corner a
 quadratic Bezier curve that begins and ends `blend_m` before and after it. The feed accelerates and
-brakes along the arc length s with a, and looks ahead over all pending pieces:
+brakes along the arc length s with a, and is planned over all pending pieces:
 
     v <= feed,  v^2 <= a r (radius of a blend),  v^2 <= v_end^2 + 2 a (s_end - s)
 
@@ -24,7 +24,7 @@ from common.motion.frames import Array, interpolated, rotate_about_base_axes, ro
 from services.regulator.tcp_path import SHARP
 
 ROTATION_RADIUS_M = 0.02
-LARGEST_TURN_RAD = 1.6  # between two poses: a larger one has no clear direction
+LARGEST_BETWEEN_RAD = 1.6  # between two poses: a larger one has no clear direction
 LEAST_BEND = 0.01  # sine of the angle of a corner that is blended
 LEAST_PIECE_M = 1e-6  # shorter ones are left out
 BLEND = np.linspace(0.0, 1.0, 65)  # parameters at which the arc length of a blend is measured
@@ -121,7 +121,7 @@ class PosePath:
             else:
                 pieces = [straight]
             T_last, last_m = T_to, straight.length_m
-        ends_m_s, beyond_m = _look_ahead(pieces, self.accel_m_s2)
+        ends_m_s, beyond_m = _end_speeds(pieces, self.accel_m_s2)
         return replace(
             self, T_end=T_last, last_m=last_m,
             pieces=tuple(pieces), ends_m_s=ends_m_s, beyond_m=beyond_m,
@@ -211,7 +211,7 @@ def _blend(T_from: pin.SE3, corner_m: Array, T_to: pin.SE3, path: PosePath) -> P
     return Piece(T_from, T_to, turn_rad, length_m, fastest_m_s, corner_m, travelled_m)
 
 
-def _look_ahead(
+def _end_speeds(
     pieces: Sequence[Piece], accel_m_s2: float
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the highest speed at the end of each piece, and the length after it."""

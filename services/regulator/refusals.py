@@ -16,7 +16,7 @@ from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.laws import LAWS
 from services.regulator.path_request import largest_turn, pending
-from services.regulator.pose_path import LARGEST_TURN_RAD, PosePath
+from services.regulator.pose_path import LARGEST_BETWEEN_RAD, PosePath
 from services.regulator.session import ForceSession, active_commander
 from services.regulator.task_refusals import task_mistake
 from services.regulator.task_request import complying
@@ -160,9 +160,9 @@ def _refused_poses(
     if request.append and isinstance(session.path, PosePath):
         T_from = session.path.T_end
     number, turn_rad = largest_turn(T_from, poses)
-    if turn_rad > LARGEST_TURN_RAD:
+    if turn_rad > LARGEST_BETWEEN_RAD:
         text = f"pose {number} is turned by {degrees(turn_rad):.0f} degrees from the one before it"
-        limit = LARGEST_TURN_RAD
+        limit = LARGEST_BETWEEN_RAD
         return refusal("setpoint", text, value=turn_rad, limit=limit)
     return None
 

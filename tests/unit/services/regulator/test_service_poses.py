@@ -28,7 +28,7 @@ class SphereBench(FollowingBench):
     """A tool that presses on the top of a sphere; the arm is where it is commanded, at once."""
 
     centre_m: np.ndarray | None = None
-    lateral_N = 0.0  # somebody pushes the tool aside
+    lateral_N = 0.0  # a push across the path
 
     def __init__(self, lower_m: float = 0.0) -> None:
         """Begin in contact.

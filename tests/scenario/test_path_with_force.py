@@ -1,0 +1,81 @@
+"""Path with force on the MuJoCo robot: the whole cell on a virtual clock, at 250 Hz.
+
+10 N at 20 mm/s over a tilted plane, a cylinder and a hemisphere of 2e4 N/m, as `forcemesh follow
+--poses tcp` does it. The true force counts, not the measured one.
+"""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from cli.skills.following import PathParameters
+from cli.skills.following_poses import follow_poses
+from common.bus.configured_cell import ConfiguredCell
+from common.config.load import load_cell
+from forcemesh.requests import ForceStartRequest
+from launch.virtual_cell import VirtualCell
+from tests.fakes.bench import DEMO
+
+FORCE_N, FEED_M_S, RADIUS_M, LENGTH_M = 10.0, 0.02, 0.08, 0.04
+MEAN_ERROR_N, WORST_PRESS_N = 0.3, 20.0
+CELL = {
+    "rates.control_hz": 250.0,
+    "rates.robot_hz": 250.0,
+    "sim.stiffness_N_m": 2e4,
+    "sim.radius_m": RADIUS_M,
+    "sim.disc_radius_m": 0.01,
+}
+
+
+def program(world: VirtualCell, surface: str, off_m: tuple[float, ...]) -> list[pin.SE3]:
+    """Return poses over a surface, along its normal, off by a constant distance."""
+    arm = world.arm
+    top_m, T_tool = arm.plate.point_m, arm.T_base_tcp
+    R_plate = pin.utils.rotate("x", np.radians(arm.settings.tilt_deg))
+    poses = []
+    for s_m in np.linspace(0.0, LENGTH_M, 20):
+        angle = 0.0 if surface == "plane" else s_m / RADIUS_M
+        up = R_plate @ np.array([np.sin(angle), 0.0, np.cos(angle)])
+        flat_m = R_plate @ np.array([s_m, 0.0, 0.0])
+        place_m = flat_m if surface == "plane" else RADIUS_M * (up - R_plate[:, 2])
+        turn = pin.Quaternion.FromTwoVectors(T_tool.rotation[:, 2], -up).toRotationMatrix()
+        poses.append(pin.SE3(turn @ T_tool.rotation, top_m + place_m + np.array(off_m)))
+    return poses
+
+
+@pytest.mark.parametrize(
+    ("surface", "tilt_deg"), [("plane", 8.0), ("cylinder", 0.0), ("hemisphere", 0.0)]
+)
+def test_the_force_stays_on_its_set_point_along_the_path(surface: str, tilt_deg: float) -> None:
+    """Mean error at most 0.3 N after the first half second, and never twice the set point."""
+    config = load_cell(DEMO, CELL | {"sim.surface": surface, "sim.tilt_deg": tilt_deg})
+    world = VirtualCell(config)
+    client = ConfiguredCell(config, bus=world.client, commander="operator")
+    client.wait_ready()
+    client.tare()
+    client.arm()
+    true_N: list[tuple[float, float]] = []
+
+    def note(done_m: float, _total: float, text: str) -> None:
+        if text.startswith("following"):
+            T = world.arm.T_base_tcp
+            true_N.append((done_m, -float(world.arm.true_wrench().force_N @ T.rotation[:, 2])))
+
+    done = follow_poses(
+        client,
+        program(world, surface, (0.001, 0.0005, 0.001)),
+        PathParameters(FEED_M_S),
+        ForceStartRequest(mode="position", setpoint_N=FORCE_N),
+        within_s=20.0,
+        progress=note,
+    )
+    on_path = np.array([force for done_m, force in true_N if done_m > FEED_M_S * 0.5])
+    assert np.abs(on_path - FORCE_N).mean() < MEAN_ERROR_N
+    assert max(force for _, force in true_N) < WORST_PRESS_N
+    assert done.mean_error_N < MEAN_ERROR_N
+    assert done.worst_press_N < WORST_PRESS_N
+    assert done.contacts_lost == 0
+    assert done.missed_mm is not None
+    assert done.missed_mm < 3.0
+    assert done.length_mm == pytest.approx(1e3 * LENGTH_M, rel=0.01)
+    client.close()

@@ -55,10 +55,9 @@ class FollowResult:
 
     def text(self) -> str:
         """Return the result as a line."""
-        parts = [
-            f"{self.length_mm:.0f} mm in {self.took_s:.1f} s at {self.setpoint_N:g} N: force error "
-            f"{self.mean_error_N:.2f} N mean, {self.peak_error_N:.1f} N peak"
-        ]
+        errors = f"force error {self.mean_error_N:.2f} N mean, {self.peak_error_N:.1f} N peak"
+        length = f"{self.length_mm:.0f} mm in {self.took_s:.1f} s at {self.setpoint_N:g} N"
+        parts = [f"{length}: {errors}"]
         if self.missed_mm is not None:
             parts.append(f"{self.missed_mm:.1f} mm of the path missed")
         lost = self.contacts_lost

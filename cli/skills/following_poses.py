@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 
+from cli.skills import path_file
 from cli.skills.contact_monitor import (
     ContactMonitor,
     ContactSample,
@@ -28,7 +29,6 @@ from cli.skills.following import (
     follow_result,
     send_parts,
 )
-from cli.skills.path_file import read_points, read_poses
 from cli.skills.pressing import BAND_N, STEADY_S
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import record_of
@@ -64,9 +64,9 @@ def follow_file(
         progress: Receives the progress.
     """
     if frame is None:
-        points = read_points(path)
+        points = path_file.read_points(path)
         return follow(cell, points, parameters, request, within_s=within_s, progress=progress)
-    poses = read_poses(path)
+    poses = path_file.read_poses(path)
     if frame == "flange":
         T_flange_tcp = cell.config.tool.T_flange_tcp.pose
         poses = [T * T_flange_tcp for T in poses]

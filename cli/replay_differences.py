@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from cli.recording_tables import flat_fields, shortened
-from cli.replay_parts import ENDS_NS, Recorded, RecordedPart, topics_written_by
+from cli.replay_parts import ENDS_NS, Recorded, RecordedPart
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import DataError
 from forcemesh.recorded_messages import decode_recorded
@@ -84,13 +84,13 @@ def compared(part: RecordedPart, published: Published, first_ns: int) -> Differe
     Raises:
         DataError: There is nothing to compare.
     """
-    result = Differences(first_ns, {t.key: Counter() for t in topics_written_by(part.role)})
+    result = Differences(first_ns, {key: Counter() for key in part.compared_topics()})
     recorded = _by_step(part)
     for key in sorted({*recorded, *published}, key=lambda each: each[1:]):
         topic, number, _ = key
         before, data = recorded.get(key), published.get(key)
         at_ns = part.steps[number].at_ns if before is None else before.at_ns
-        if not part.compared_ns <= at_ns <= part.until_ns:
+        if topic not in result.totals or not part.compared_ns <= at_ns <= part.until_ns:
             continue
         total = result.totals[topic]
         total["recorded"] += before is not None

@@ -19,7 +19,7 @@ from forcemesh.bus import Bus, Publisher
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
 from forcemesh.errors import DataError, MessageError
-from forcemesh.messages import ArbiterStatus, Health, Message, RegulatorTarget
+from forcemesh.messages import ArbiterStatus, ContactEvent, Health, Message
 from forcemesh.recorded_messages import decode_recorded
 from forcemesh.requests import ServedRequest
 from forcemesh.topics import HEALTH, HELPERS, ROLES, TOPICS, Topic
@@ -41,7 +41,7 @@ MOST_DELAYED = 100  # messages between reading and publishing of one step
 class ReplayedRole(NamedTuple):
     """Role that can be replayed."""
 
-    make: Callable[[Bus, CellConfig, Any], Service]
+    make: Callable[[Bus, CellConfig, "RecordedPart"], Service]
     output: Topic[Any]  # published in every step; of the wrench service only in some of them
     trigger: Topic[Any]  # the output names the sensor sample of the newest message of this topic
     has_silent_steps: bool  # at each of these messages, without an output
@@ -50,15 +50,17 @@ class ReplayedRole(NamedTuple):
     known_text: str
 
 
-def _arbiter(bus: Bus, cell: CellConfig, status: ArbiterStatus | None) -> ArbiterService:
+def _arbiter(bus: Bus, cell: CellConfig, part: "RecordedPart") -> ArbiterService:
     """Return an arbiter that has opened as many leases as the recorded one."""
-    numbers = (0, 0) if status is None else (status.lease, status.ownership)
+    status = part.state
+    numbers = (status.lease, status.ownership) if isinstance(status, ArbiterStatus) else (0, 0)
     return ArbiterService(bus, cell, numbers=numbers)
 
 
-def _regulator(bus: Bus, cell: CellConfig, target: RegulatorTarget | None) -> Regulator:
-    """Return a regulator that reports why the last session ended, as the recorded one."""
-    return Regulator(bus, cell, stop_reason=STOPPED if target is None else target.reason)
+def _regulator(bus: Bus, cell: CellConfig, part: "RecordedPart") -> Regulator:
+    """Return a regulator that reports the end of the last session and contact, as the recorded."""
+    reason = STOPPED if part.state is None else part.state.reason
+    return Regulator(bus, cell, stop_reason=reason, contact=part.contact)
 
 
 REPLAYED_ROLES = {
@@ -125,11 +127,18 @@ class RecordedPart:
     compared_ns: int  # wall clock time from which its messages are compared
     until_ns: int
     notes: list[str]
+    contact: ContactEvent | None = None  # of the regulator, before its beginning
 
     @property
     def begin_ns(self) -> int:
         """Wall clock time of its first step."""
         return self.steps[0].at_ns
+
+    def compared_topics(self) -> list[str]:
+        """Return its topics, without those that did not exist when it was recorded."""
+        recorded = {each.topic for each in self.own}
+        written = topics_written_by(self.role)
+        return [row.key for row in written if row.occasional or row.key in recorded]
 
     def first_seq(self) -> dict[str, int]:
         """Return the first sequence number of each of its topics."""
@@ -173,11 +182,20 @@ def recorded_part(messages: list[RecordedBytes], role: str) -> RecordedPart:
         compared_ns=start.compared_ns,
         until_ns=messages[-1].at_ns - ENDS_NS,
         notes=notes,
+        contact=_contact_before(everything, start),
     )
     # The recording may end within a step.
     part.own = [each for each in part.own if part.step_of(each) < len(part.steps)]
     _add_requests(part)
     return part
+
+
+def _contact_before(everything: list[Recorded], start: "Start") -> ContactEvent | None:
+    """Return the last contact that a process published before a start within its life."""
+    if start.state is None:
+        return None
+    before = [each.message for each in everything if each.at_ns < start.at_ns]
+    return next((each for each in reversed(before) if isinstance(each, ContactEvent)), None)
 
 
 def _of_one_process(everything: list[Recorded], begin_ns: int) -> tuple[list[Recorded], int]:
@@ -289,6 +307,9 @@ def _start(messages: list[RecordedBytes], own: list[Recorded], role: str) -> Sta
             return Start(None, each.at_ns, each.at_ns)
     keys = {topic.key for topic in TOPICS if role in topic.readers and not topic.occasional}
     first_ns = {each.topic: each.at_ns for each in reversed(messages) if each.topic in keys}
+    for each in reversed(own):
+        if each.topic == topics.CONTACT.key:
+            first_ns[each.topic] = each.at_ns + 1  # its start continues from this
     first_ns["own"] = outputs[0].at_ns
     states = [each for each in own if each.topic == row.state.key]
     for number, each in enumerate(states):

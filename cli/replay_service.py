@@ -106,7 +106,7 @@ class ReplayedPart:
     def start(self) -> None:
         """Start the service: it receives what is published from now on."""
         self._service = REPLAYED_ROLES[self.recorded.role].make(
-            self._bus, self._cell, self.recorded.state
+            self._bus, self._cell, self.recorded
         )
 
     def step(self, number: int) -> None:

@@ -250,6 +250,31 @@ class RegulatorTarget(Message):
     wrench_stamp_ns: int | None = None  # stamp of the wrench that the pose follows
 
 
+ContactState = Literal["unknown", "free", "approach", "impact", "contact", "sliding", "lost"]
+TOUCHING: tuple[ContactState, ...] = ("impact", "contact", "sliding")
+
+
+class ContactEvent(Message):
+    """`contact`: state of the contact, numbered by its changes, with what ended before it.
+
+    Published at each change and at the status rate; not valid while the state is unknown. Times are
+    those of the wrench, forces are lengths of its force, poses are measured ones.
+    """
+
+    number: int = 0  # of this change, since the start of the regulator
+    state: ContactState = "unknown"
+    since_ns: int = 0  # stamp of the wrench with which it began
+    duration_s: Finite = 0.0  # until this message
+    peak_N: Finite = 0.0  # largest force since it began while the tool touches, else 0
+    position_m: Vec3 = ZERO3  # of the TCP in base when it began
+    normal: Vec3 = ZERO3  # out of the surface, base axes, when it began; zero: not known
+    before: ContactState = "unknown"
+    before_s: Finite = 0.0  # duration of the state before
+    before_peak_N: Finite = 0.0  # its largest force while the tool touched, else 0
+    impact_m_s: Finite = 0.0  # speed against the normal before the last impact
+    slid_m: Finite = 0.0  # path of the contact across the normal since that impact
+
+
 class Speed(Record):
     """Speeds and accelerations of goals (specification 1.4 e).
 

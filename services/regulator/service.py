@@ -19,6 +19,7 @@ from forcemesh.faults import refusal
 from forcemesh.messages import (
     OPERATIONAL,
     ZERO3,
+    ContactEvent,
     Feedback,
     Gains,
     RegulatorTarget,
@@ -30,6 +31,7 @@ from forcemesh.requests import ForceStartRequest, PathRequest, Reply
 from services.regulator.adaptive import ContactStiffness
 from services.regulator.axis_task import IDENTITY, AxisTask
 from services.regulator.compliance import ComplianceSettings, ComplianceState, axis_states
+from services.regulator.contact_events import ContactTracker
 from services.regulator.gains import PiGains, gains_to_send, held_gains, merged_gains
 from services.regulator.guards import (
     TARED,
@@ -72,13 +74,21 @@ LATE_INPUT_PERIODS = 3.0  # of an input: beyond, what it says is over, and the l
 class Regulator:
     """Service that publishes proposed poses while force feedback runs, otherwise valid=False."""
 
-    def __init__(self, bus: Bus, cell: CellConfig, *, stop_reason: str = STOPPED) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        cell: CellConfig,
+        *,
+        stop_reason: str = STOPPED,
+        contact: ContactEvent | None = None,
+    ) -> None:
         """Open the topics of this role and tune the gains for this cell.
 
         Args:
             bus: Bus of the cell.
             cell: The cell.
             stop_reason: Published until force feedback starts; in a replay that of before.
+            contact: In a replay the contact of before.
         """
         self.period_s = 1.0 / cell.rates.control_hz
         self.fault = ""
@@ -106,6 +116,8 @@ class Regulator:
         self._command = bus.reader(topics.ROBOT_COMMAND)
         self._arbiter = bus.reader(topics.ARBITER_STATUS)
         self._target = bus.publisher(topics.REGULATOR_TARGET)
+        self._tracker = ContactTracker(cell, contact)
+        self._contacts = bus.publisher(topics.CONTACT)
         self._starts = bus.inbox(topics.FORCE_START)
         self._stops = bus.inbox(topics.FORCE_STOP)
         self._gain_requests = bus.inbox(topics.GAINS)
@@ -143,8 +155,14 @@ class Regulator:
                 self._end("the arm was armed again")
             elif commander := active_commander(arbiter):
                 self._end(f"the {commander} commands the arm")
+        self._publish(wrench, robot)
+
+    def _publish(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> None:
         self._target.put(self._propose(wrench, robot), wrench.origin)
-        self._put_ns = self._put_ns[1], now_ns
+        self._put_ns = self._put_ns[1], self._now_ns
+        event = self._tracker.next(wrench, robot, self._session)
+        if event is not None:  # after the target, by which a replay tells the steps apart
+            self._contacts.put(event, wrench.origin)
 
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:
         session, fresh, arm = self._session, wrench.fresh, robot.fresh

@@ -230,11 +230,14 @@ class Bus:
         put = self.transport.publish(f"{self.cell}/{topic.key}", topic.qos)
         return Publisher(topic, put, self.clock, self.epoch, cell=self.cell)
 
-    def reader(self, topic: Topic[M]) -> Reader[M]:
-        """Return a reader of a topic. Raise BusError unless the table names this role."""
+    def reader(self, topic: Topic[M], room: int = 1) -> Reader[M]:
+        """Return a reader of a topic, which reads its newest message or every one of a queue.
+
+        Raises BusError unless the table names this role.
+        """
         if self.role not in topic.readers:
             raise BusError(f"{self.role} is not a reader of {topic.key}: {topic.readers} are")
-        source = self.transport.subscribe(f"{self.cell}/{topic.key}")
+        source = self.transport.subscribe(f"{self.cell}/{topic.key}", room)
         stale_after_s = self.timing.stale_after_s(topic)
         return Reader(topic, source, self.clock, stale_after_s, cell=self.cell)
 

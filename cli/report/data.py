@@ -5,13 +5,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from cli.report.contacts import ContactLog
 from common.config.cell import CellConfig
 from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.clock import NS_PER_S
 from forcemesh.codec import Header
 from forcemesh.errors import DataError, MessageError
-from forcemesh.messages import ArbiterStatus, Message, Trip
+from forcemesh.messages import ArbiterStatus, ContactEvent, Message, Trip
 from forcemesh.recorded_messages import decode_recorded
 from forcemesh.requests import ServedRequest
 from forcemesh.topics import TOPICS
@@ -78,6 +79,7 @@ class ReportContent:
     states: list[tuple[float, str]] = field(default_factory=list)  # since when, of the arbiter
     stops: list[StopEvent] = field(default_factory=list)
     requests: list[tuple[float, ServedRequest]] = field(default_factory=list)  # time [s]
+    contacts: ContactLog = field(default_factory=ContactLog)
     statistics: dict[str, TopicStatistics] = field(default_factory=dict)
     force_max_N: float = 0.0
     torque_max_Nm: float = 0.0
@@ -127,14 +129,16 @@ def _snapshots(
             content.unreadable += 1
             continue
         content.statistics.setdefault(raw.topic, TopicStatistics()).add(header, raw.at_ns)
+        at_s = (raw.at_ns - content.begin_ns) / NS_PER_S
         if isinstance(message, ServedRequest):
-            at_s = (raw.at_ns - content.begin_ns) / NS_PER_S
             content.requests.append((at_s, message))
+        elif isinstance(message, ContactEvent):
+            content.contacts.add(at_s, header, message)
         if raw.topic in PLACES:
             reading = Reading(message, header, 0.0, "" if message.valid else message.reason or "-")
             changes: Any = {PLACES[raw.topic]: reading}
             snapshot = replace(snapshot, **changes)
-            yield (raw.at_ns - content.begin_ns) / NS_PER_S, raw.topic, snapshot
+            yield at_s, raw.topic, snapshot
 
 
 def _note_state(content: ReportContent, at_s: float, status: Message | None) -> None:

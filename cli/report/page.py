@@ -8,6 +8,7 @@ from statistics import median_high
 from cli.pages import chart, legend_above, picture, table
 from cli.recording_tables import shortened
 from cli.replay import free_port
+from cli.report.contacts import contact_table
 from cli.report.data import ReportContent, sampled_snapshots
 from common.config.cell import CellConfig
 from forcemesh.client.ask import remedy_of
@@ -54,6 +55,7 @@ def page_of(read: "RecordedFile", content: "ReportContent", scene: Html) -> Html
         states=_states(content),
         stops=_stops(content),
         requests=_requests(content),
+        contacts=contact_table(content.contacts),
         plots=_plots(content),
         scene=scene,
         topics=_topics(content),

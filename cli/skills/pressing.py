@@ -18,15 +18,16 @@ from cli.skills.contact_monitor import (
 from cli.skills.path_file import thinned
 from common.bus.configured_cell import ConfiguredCell
 from common.motion.convert import record_of, vec3
-from common.motion.frames import rotation_between
+from common.motion.frames import Array, rotation_between
 from forcemesh.errors import NotReachedError
-from forcemesh.messages import Mode, Vec3
+from forcemesh.messages import TOUCHING, Mode, Vec3
 from forcemesh.requests import ForceStartRequest
 
 BAND_N, BAND_NM = 1.0, 0.1
 STOP_DELAY_S = 0.2  # an approach continues, and presses, for the delay of its loop
 STEADY_S = 0.3
 TOUCH_S = 120.0
+EVENT_S = 0.5  # until the contact event of a touch is received
 RETRACT_M_S = 0.02
 RECORD_S = 0.02  # between two poses of a guided path
 
@@ -83,11 +84,11 @@ def touch(
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
     monitor = ContactMonitor(cell, progress)
-    start = monitor.tcp_pose()
+    start, before = monitor.tcp_pose(), cell.contact()
     limit_m = cell.config.force.search_m if search_m is None else search_m
 
     def is_touching(sample: ContactSample) -> bool:
-        travel_m = _axial_travel_m(start, sample)
+        travel_m = _axial_travel_m(start, sample.T_base_tcp.translation)
         if travel_m > limit_m:
             raise NotReachedError(f"no contact within {1e3 * limit_m:g} mm")
         return sample.contact == "contact"
@@ -95,13 +96,15 @@ def touch(
     with stop_force_at_end(cell):
         cell.force.begin(ForceStartRequest(mode="position", setpoint_N=force_N))
         samples = monitor.until(is_touching, within_s=TOUCH_S, label="approaching")
-    last = samples[-1]
+    p_tcp_m = samples[-1].T_base_tcp.translation
+    if before.state not in TOUCHING:  # the place of the touch itself, not of its report
+        p_tcp_m = np.array(cell.contact.wait("impact", within_s=EVENT_S, after=before).position_m)
     peak_N = max(*(f.press_N for f in samples), monitor.peak_N(STOP_DELAY_S))
     if retract_m > 0.0:
         speed_m_s = min(RETRACT_M_S, cell.config.limits.speed_m_s)
         cell.jog(shift_m=(0.0, 0.0, -retract_m), axes="tool", speed_m_s=speed_m_s)
-    tcp_mm = vec3(1e3 * last.T_base_tcp.translation)
-    return TouchResult(tcp_mm, max(0.0, 1e3 * _axial_travel_m(start, last)), peak_N)
+    travel_m = _axial_travel_m(start, p_tcp_m)
+    return TouchResult(vec3(1e3 * p_tcp_m), max(0.0, 1e3 * travel_m), peak_N)
 
 
 def press(
@@ -182,10 +185,9 @@ def _first_contact_s(samples: list[ContactSample]) -> float:
     return next((sample.t_s for sample in samples if sample.contact == "contact"), samples[0].t_s)
 
 
-def _axial_travel_m(start: pin.SE3, sample: ContactSample) -> float:
+def _axial_travel_m(start: pin.SE3, p_tcp_m: Array) -> float:
     """Return the travel of the TCP along the tool's axis since the start [m]."""
-    travel = sample.T_base_tcp.translation - start.translation
-    return float(travel @ start.rotation[:, 2])
+    return float((p_tcp_m - start.translation) @ start.rotation[:, 2])
 
 
 # --- hand guiding ---------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ import json
 import sys
 import tempfile
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -35,29 +36,48 @@ def touch(
         Option(min=0.1, help="Longest travel [mm]; default: force.search_m."),
     ] = None,
     back: Annotated[
-        float, Option(min=0.0, max=100.0, help="Distance to retract afterwards [mm].")
-    ] = 0.0,
+        float | None,
+        Option(
+            min=0.0,
+            max=100.0,
+            help="Distance to retract afterwards [mm]; default: 0, with --repeat 5.",
+        ),
+    ] = None,
+    repeat: Annotated[
+        int,
+        Option(min=1, max=100, help="Number of touches, with a retraction after each."),
+    ] = 1,
     when: WhenOption = None,
     as_json: JsonOption = False,
     cell: CellOption = None,
 ) -> None:
-    """Approach along the tool's axis until contact; print the contact position."""
+    """Approach along the tool's axis until contact; print the contact position.
+
+    With --repeat: each contact, mean and standard deviation.
+    """
+    if repeat > 1 and back == 0.0:
+        exit_with_error("--back 0: repeated touches need a distance to retract, such as 5 mm")
     with force_session(cell, when) as (client, progress):
         from cli.skills import pressing
+        from cli.skills.touch_repeats import RETRACT_MM, contact_text, touch_often
 
         limit_mm = 1e3 * client.config.force.search_m
         if within is not None and within > limit_mm:
             exit_with_error(f"--within {within:g}: force.search_m allows {limit_mm:g} mm")
-        found = pressing.touch(
-            client,
-            force_N=force,
-            search_m=from_milli(within),
-            retract_m=back / 1e3,
-            progress=progress,
+        approach = partial(
+            pressing.touch, client, force_N=force, search_m=from_milli(within), progress=progress
         )
-    x, y, z = found.tcp_mm
-    text = f"contact with the TCP at {x:.2f}, {y:.2f}, {z:.2f} mm after {found.travel_mm:.2f} mm"
-    _print_result(as_json, found, f"{text}, peak force {found.peak_N:.1f} N")
+        if repeat == 1:
+            found = approach(retract_m=(back or 0.0) / 1e3)
+            _print_result(as_json, found, contact_text(found))
+            return
+        retract_m = (RETRACT_MM if back is None else back) / 1e3
+        show = print_note if as_json else echo
+        statistics = touch_often(
+            client, partial(approach, retract_m=retract_m), repeat,
+            retract_m=retract_m, found=lambda each: show(contact_text(each)),
+        )  # fmt: skip
+    _print_result(as_json, statistics, statistics.text())
 
 
 def press(

@@ -6,6 +6,7 @@ Command line, panel and notebooks use it; it imports neither physics nor plots.
 """
 
 from forcemesh.client.cell import Cell
+from forcemesh.client.contact import ContactEvents
 from forcemesh.client.feed import Feed, Received
 from forcemesh.client.force import Force, PressResult
 from forcemesh.client.moves import Move, Moves
@@ -29,6 +30,7 @@ __all__ = [
     "BusError",
     "Cell",
     "ConfigError",
+    "ContactEvents",
     "DataError",
     "DigitalSignals",
     "Feed",

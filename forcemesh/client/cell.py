@@ -10,6 +10,7 @@ from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.cell_info import CellInfo, ask_for_info
 from forcemesh.client.ask import stopped_error
+from forcemesh.client.contact import ContactEvents
 from forcemesh.client.feed import Feed
 from forcemesh.client.force import Force
 from forcemesh.client.moves import Moves
@@ -109,6 +110,7 @@ class Cell:
         self.jog = self.move.jog
         self.force = Force(session)
         self.signals = DigitalSignals(session)
+        self.contact = ContactEvents(session)
 
     def __enter__(self) -> Self:
         """Return the client; it is closed on exit."""

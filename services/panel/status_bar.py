@@ -9,7 +9,7 @@ from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.client.force import press_force_N
 from forcemesh.faults import trip_text
-from forcemesh.messages import ArbiterStatus
+from forcemesh.messages import TOUCHING, ArbiterStatus, ContactEvent
 from services.panel.sessions import Rights
 from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
 from services.panel.viewer import RequestOutcome
@@ -48,6 +48,7 @@ def strip(cell: CellConfig, snapshot: Snapshot, rights: Rights) -> dict[str, Any
         "remedy": remedy,
         "force": force_display(cell, snapshot),
         "who": who(snapshot.arbiter.fresh),
+        "contact": contact_text(snapshot.contact.fresh),
         "services": [] if snapshot.hub_fault else services(snapshot),
     }
 
@@ -130,6 +131,14 @@ def force_display(cell: CellConfig, snapshot: Snapshot) -> dict[str, str]:
         "setpoint": setpoint,
         "lost": "",
     }
+
+
+def contact_text(event: ContactEvent | None) -> str:
+    """Return state of the contact, its duration and its peak force; empty while it is unknown."""
+    if event is None:
+        return ""
+    text = f"contact: {event.state} {event.duration_s:.1f} s"
+    return f"{text}, peak {event.peak_N:.1f} N" if event.state in TOUCHING else text
 
 
 def lost(snapshot: Snapshot) -> str:

@@ -13,6 +13,7 @@ from forcemesh.clock import NS_PER_S, Clock, MonotonicClock
 from forcemesh.errors import BusError
 from forcemesh.messages import (
     ArbiterStatus,
+    ContactEvent,
     Health,
     RegulatorTarget,
     RobotCommand,
@@ -39,6 +40,7 @@ class Snapshot:
     target: Reading[RegulatorTarget] = NO_READING
     command: Reading[RobotCommand] = NO_READING
     arbiter: Reading[ArbiterStatus] = NO_READING
+    contact: Reading[ContactEvent] = NO_READING
     health: dict[str, Reading[Health] | Reading[SensorWrench]] = field(default_factory=dict)
 
 
@@ -86,6 +88,7 @@ class CellMonitor:
             target=client.target.reading(),
             command=client.command.reading(),
             arbiter=client.status.reading(),
+            contact=client.contact.feed.reading(),
             health={
                 name: client.health(name).reading() for name in (*topics.ROLES, *topics.HELPERS)
             },

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from math import hypot
 from typing import Any, Literal
 
+import numpy as np
 import pinocchio as pin
 
 from common.config.cell import CellConfig
@@ -38,7 +39,6 @@ from services.regulator.law import (
     RELEASE_FRACTION,
     Contact,
     limit_norm,
-    motion_between,
 )
 from services.regulator.session import ForceSession
 
@@ -246,12 +246,13 @@ class ContactTracker:
         if at_ns == first_ns:
             self._speed_m_s = ZERO3
             return
-        lever_m = None
+        lever_m = ZERO3
         if self._force_N > self._settings.release_N:  # a turn about the contact does not slide
             lever_m = scaled(cross(sample.force_N, sample.torque_Nm), self._force_N**-2)
             lever_m = limit_norm(lever_m, LONGEST_CONTACT_LEVER_M)
-        shift_m, _ = motion_between(T_first, sample.T_base_tcp, lever_m)
-        self._speed_m_s = scaled(shift_m, NS_PER_S / (at_ns - first_ns))
+        p_m = sample.T_base_tcp.translation + np.array(lever_m)
+        before_m = T_first.act(sample.T_base_tcp.actInv(p_m))  # the same point of the tool
+        self._speed_m_s = scaled(vec3(p_m - before_m), NS_PER_S / (at_ns - first_ns))
 
     def _across_m_s(self) -> float:
         along_m_s = dot(self._speed_m_s, self._normal)

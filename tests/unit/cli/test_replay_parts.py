@@ -87,6 +87,26 @@ def test_a_recording_of_before_the_requests_were_published_is_noted() -> None:
     assert note == "recorded without requests: what they changed appears as a difference"
 
 
+def test_a_topic_that_did_not_exist_is_not_compared(tmp_path: Path) -> None:
+    """A recording of before the contact events is equal without them."""
+    path = recorded_later(tmp_path, (), (*ARM, *START, *STOP))
+    messages, cell = messages_of(path)
+    old = [each for each in messages if each.topic != "contact"]
+    part = recorded_part(old, "regulator")
+    found = compared(part, replayed(old, [part], cell)["regulator"], 0)
+    assert found.count == 0
+    assert "contact" not in found.totals
+
+
+def test_a_regulator_continues_the_contact_of_before(tmp_path: Path) -> None:
+    """Its number is that of the last change before the beginning."""
+    path = recorded_later(tmp_path, (*ARM, *START, *STOP, *HOLD), (*ARM, *START, *STOP))
+    part = recorded_part(messages_of(path)[0], "regulator")
+    assert part.contact is not None
+    assert part.contact.number >= 2
+    assert differences(path, "regulator") == 0
+
+
 def test_without_its_health_the_requests_of_before_are_unknown(tmp_path: Path) -> None:
     """A note says so."""
     path = recorded_later(tmp_path, (), ())

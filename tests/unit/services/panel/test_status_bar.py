@@ -17,6 +17,7 @@ from forcemesh.faults import tripped
 from forcemesh.messages import (
     ArbiterState,
     ArbiterStatus,
+    ContactEvent,
     RegulatorTarget,
     RobotState,
     WrenchAtTcp,
@@ -198,3 +199,22 @@ def test_the_bar_names_the_commander_and_the_next_one(status, who):
     """Nothing is shown while nothing is known."""
     received = Snapshot(hub_fault="", arbiter=fresh(status, "" if status else "missing"))
     assert strip(CELL, received, "view")["who"] == who
+
+
+@pytest.mark.parametrize(
+    ("event", "fault", "text"),
+    [
+        (None, "missing", ""),
+        (ContactEvent(valid=False), "wrench stale", ""),
+        (ContactEvent(state="free", duration_s=12.34), "", "contact: free 12.3 s"),
+        (
+            ContactEvent(state="sliding", duration_s=2.31, peak_N=12.38),
+            "",
+            "contact: sliding 2.3 s, peak 12.4 N",
+        ),
+    ],
+)
+def test_the_bar_shows_the_contact_with_its_peak_force(event, fault, text):
+    """Nothing is shown while it is unknown, and no peak without contact."""
+    received = Snapshot(hub_fault="", contact=fresh(event, fault))
+    assert strip(CELL, received, "view")["contact"] == text

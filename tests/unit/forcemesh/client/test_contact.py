@@ -1,0 +1,129 @@
+"""`cell.contact` on a whole cell in virtual time: press, slide and leave; waits and errors."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from common.bus.configured_cell import ConfiguredCell
+from common.config.load import load_cell
+from forcemesh.client import LostError, NotReachedError, NotValidError
+from forcemesh.messages import ContactEvent
+from forcemesh.requests import ForceStartRequest
+from launch.virtual_cell import VirtualCell
+from tests.fakes.bench import CELL, DEMO, HALF_RATES
+
+ALONG_TOOL = (False, False, True) * 2
+SLIDE_M = 0.02
+assert CELL.sim is not None
+GAP_MM = 1e3 * CELL.sim.gap_m
+
+
+class ContactCell:
+    """An armed cell in virtual time with its client."""
+
+    def __init__(self) -> None:
+        self.world = VirtualCell(load_cell(DEMO, {"rates": HALF_RATES}))
+        self.client = ConfiguredCell(self.world.cell, bus=self.world.client, commander="operator")
+        self.client.wait_ready()
+        self.client.tare()
+        self.client.arm()
+        self.world.advance(0.1)
+
+    def press(self) -> None:
+        """Start a press along the tool."""
+        request = ForceStartRequest(mode="position", setpoint_N=10.0, law="adaptive")
+        self.client.force.begin(request.replaced(axes=ALONG_TOOL))
+
+
+@pytest.fixture
+def lab() -> Iterator[ContactCell]:
+    """The demo's cell, armed, the tool above the plate."""
+    made = ContactCell()
+    with made.client:
+        yield made
+
+
+def test_press_slide_and_leave_are_exactly_these_states(lab: ContactCell) -> None:
+    """With place, normal, impact speed, peak force and slid length of the job."""
+    client, start = lab.client, lab.world.arm.T_base_tcp.translation.copy()
+    assert client.contact().state == "free"
+    lab.press()
+    client.contact.wait("contact", within_s=10.0)
+    lab.world.advance(1.0)
+    x, y, z = start
+    client.force.path(((x, y + SLIDE_M, z),), speed_m_s=0.02)
+    client.contact.wait("sliding", within_s=3.0)
+    client.contact.wait("contact", within_s=3.0)
+    client.force.stop()
+    client.jog(shift_m=(0.0, 0.0, -0.01), axes="tool")
+    client.contact.wait("free", within_s=3.0)
+    events = client.contact.changes()
+    states = [event.state for event in events]
+    assert states == ["free", "approach", "impact", "contact", "sliding", "contact", "lost", "free"]
+    numbers = [event.number for event in events]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    impact, contact, sliding, lost = events[2], events[3], events[4], events[-2]
+    assert 1e3 * (start - impact.position_m)[2] == pytest.approx(GAP_MM, abs=0.2)
+    assert impact.normal == pytest.approx((0.0, 0.0, 1.0), abs=1e-3)
+    assert 0.002 < impact.impact_m_s <= CELL.force.approach_m_s
+    assert 5.0 < contact.before_peak_N < 12.0
+    assert 9.0 < sliding.peak_N < 13.0
+    assert lost.slid_m == pytest.approx(SLIDE_M, rel=0.1)
+
+
+def test_an_impact_that_has_passed_is_found(lab: ContactCell) -> None:
+    """Changes are kept from the first use on; `after` excludes earlier ones."""
+    before = lab.client.contact()
+    lab.press()
+    lab.world.advance(4.0)
+    impact = lab.client.contact.wait("impact", within_s=0.0, after=before)
+    assert impact.state == "impact"
+    assert impact.duration_s > 0.0
+    assert lab.client.contact().state == "contact"
+    assert lab.client.contact.wait("impact", "contact", within_s=0.0).state == "contact"
+    with pytest.raises(NotReachedError, match=r"no impact within 0\.1 s: .* is contact"):
+        lab.client.contact.wait("impact", within_s=0.1, after=impact)
+
+
+def test_every_change_is_received_by_an_iteration(lab: ContactCell) -> None:
+    """The feed is as any other feed: messages with their headers."""
+    lab.press()
+    states = {each.message.state for each in lab.client.contact.feed.stream(seconds=3.0)}
+    assert states == {"approach", "impact", "contact"}
+
+
+def test_many_states_are_kept_and_the_oldest_dropped(
+    lab: ContactCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A program that runs for weeks keeps a bounded number."""
+    publisher = lab.world.runners["regulator"].service._contacts  # type: ignore[attr-defined]
+    lab.client.contact.changes()
+    for number in range(100, 700):
+        publisher.put(ContactEvent(number=number, state="contact", since_ns=10**12 + number))
+    kept = lab.client.contact.changes()
+    assert len(kept) == 256
+    assert kept[-1].number == 699
+
+
+def test_a_silent_regulator_is_lost_and_an_unknown_state_not_valid(lab: ContactCell) -> None:
+    """Waiting ends with the error that says which."""
+    lab.client.contact()
+    lab.world.kill("robot")
+    lab.world.advance(0.5)
+    with pytest.raises(NotValidError, match="sensor/wrench stale"):
+        lab.client.contact(within_s=0.1)
+    with pytest.raises(NotReachedError, match="is unknown"):
+        lab.client.contact.wait("impact", within_s=0.1)
+    lab.world.kill("regulator")
+    with pytest.raises(LostError, match="contact is missing or stale"):
+        lab.client.contact.wait("impact", within_s=1.0)
+
+
+def test_without_any_message_it_is_lost() -> None:
+    """From a cell whose regulator has not started."""
+    world = VirtualCell(load_cell(DEMO, {"rates": HALF_RATES}))
+    world.kill("regulator")
+    client = ConfiguredCell(world.cell, bus=world.client, commander="operator")
+    with pytest.raises(LostError, match=r"no impact or contact within 0\.1 s"):
+        client.contact.wait("impact", "contact", within_s=0.1)
+    assert client.contact.changes() == ()

@@ -29,7 +29,7 @@ class ContactLog:
             if event.number == last.number:
                 self.states[-1] = self.states[-1][0], event
                 return
-            if event.number == last.number + 1:  # it tells how long the last one was in full
+            if event.number == last.number + 1:  # it has the whole duration of the last one
                 whole = last.replaced(duration_s=event.before_s, peak_N=event.before_peak_N)
                 self.states[-1] = self.states[-1][0], whole
         self.states.append((at_s - event.duration_s, event))

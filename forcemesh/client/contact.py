@@ -13,7 +13,7 @@ from forcemesh.reader import Reader, Reading
 
 ROOM = 1000  # messages until the next reading: most of them repeat the present state
 MOST_KEPT = 256  # changes
-CONTACT_POLL_S = 0.002
+CHANGE_POLL_S = 0.002
 LONGEST_WAIT_S = 60.0
 
 
@@ -90,7 +90,7 @@ class ContactEvents:
             found = next((event for event in those if _place(event) >= first), None)
             return found is not None
 
-        wait_until(self._session.clock, is_found, within_s=within_s, poll_s=CONTACT_POLL_S)
+        wait_until(self._session.clock, is_found, within_s=within_s, poll_s=CHANGE_POLL_S)
         if found is not None:
             return found
         text, last = f"no {' or '.join(states)} within {within_s:g} s", self._last

@@ -45,10 +45,10 @@ from services.regulator.session import ForceSession
 IMPACT_S = 0.2  # longest impact: a force that only rises has no peak
 PEAK_SHARE = 0.1  # of the peak, by which the force has fallen when it is passed
 LOST_S = 0.3  # until a lost contact is free motion or another approach; bounces are shorter
-WINDOW_S = 0.1  # of the speed of the contact point
+SPEED_WINDOW_S = 0.1  # of the speed of the contact point
 FEWEST_REPORTS = 3.0  # in the window, on a slow link
 SLIDES_M_S, RESTS_M_S = 0.002, 0.001  # rounding of a pose to 0.05 mm is 0.5 mm/s in the window
-STEADY_S = 0.05  # a speed is above or below its limit for this time before it counts
+SLIDE_STEADY_S = 0.05  # a speed is above or below its limit for this time before it counts
 
 Happening = Literal["search", "touch", "settle", "slide", "rest", "release", "clear", "fail"]
 
@@ -82,14 +82,14 @@ class ContactSettings:
             touch_N=at_rest_N + cell.contact.inertia_kg * cell.limits.accel_m_s2,
             release_N=RELEASE_FRACTION * at_rest_N,
             settle_N=cell.force.deadband_N,
-            window_ns=NS_PER_S * max(WINDOW_S, FEWEST_REPORTS / cell.rates.robot_hz),
+            window_ns=NS_PER_S * max(SPEED_WINDOW_S, FEWEST_REPORTS / cell.rates.robot_hz),
             period_ns=round(NS_PER_S / cell.rate_hz(topics.CONTACT)),
             steps=max(1, round(cell.rates.control_hz / cell.rate_hz(topics.CONTACT))),
         )
 
 
 @dataclass(frozen=True, slots=True)
-class ContactSample:
+class ContactInput:
     """Wrench and measured pose at one time."""
 
     at_ns: int  # stamp of the wrench
@@ -144,7 +144,7 @@ class ContactTracker:
             return self._silent("invalid", "robot/state has no orientation: a quaternion of zeros")
         self._silent_steps, number = 0, self.event.number
         law, axis = pressing(session, T)
-        sample = ContactSample(
+        sample = ContactInput(
             header.stamp_ns, robot.header.stamp_ns, fresh.force_N, fresh.torque_Nm, T, law, axis
         )
         self.observe(sample)
@@ -154,7 +154,7 @@ class ContactTracker:
         self._put_ns = self._at_ns
         return self.event
 
-    def observe(self, sample: ContactSample) -> None:
+    def observe(self, sample: ContactInput) -> None:
         """Advance by one sample."""
         if sample.at_ns < self._at_ns:  # another clock: the times do not belong together
             self.fail("invalid", "the clock of the wrench has changed")
@@ -188,7 +188,7 @@ class ContactTracker:
         self._silent_steps += 1
         return self.event if (self._silent_steps - 1) % self._settings.steps == 0 else None
 
-    def _happening(self, sample: ContactSample) -> Happening | None:
+    def _happening(self, sample: ContactInput) -> Happening | None:
         """Return what happened, as far as it matters in the present state; None: nothing."""
         state, touches = self.event.state, self._touches(sample)
         if state not in TOUCHING:
@@ -214,18 +214,18 @@ class ContactTracker:
             self._steady_ns = None
             return None
         self._steady_ns = at_ns if self._steady_ns is None else self._steady_ns
-        if at_ns - self._steady_ns < STEADY_S * NS_PER_S:
+        if at_ns - self._steady_ns < SLIDE_STEADY_S * NS_PER_S:
             return None
         return "slide" if moves else "rest"
 
-    def _touches(self, sample: ContactSample) -> bool:
+    def _touches(self, sample: ContactInput) -> bool:
         if sample.law is not None:
             return sample.law == "contact"
         settings = self._settings
         limit_N = settings.release_N if self.event.state in TOUCHING else settings.touch_N
         return self._force_N > limit_N
 
-    def _take_normal(self, sample: ContactSample) -> None:
+    def _take_normal(self, sample: ContactInput) -> None:
         """Update the normal: against the press, or the direction of the force."""
         if sample.law is not None:
             self._normal = scaled(sample.press_axis, -1.0)
@@ -234,7 +234,7 @@ class ContactTracker:
         else:
             self._normal = ZERO3
 
-    def _take_pose(self, sample: ContactSample) -> None:
+    def _take_pose(self, sample: ContactInput) -> None:
         """Update the speed of the contact point, if the pose is new."""
         poses, at_ns = self._poses, sample.posed_ns
         if poses and at_ns <= poses[-1][0]:

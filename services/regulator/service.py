@@ -161,7 +161,7 @@ class Regulator:
         self._target.put(self._propose(wrench, robot), wrench.origin)
         self._put_ns = self._put_ns[1], self._now_ns
         event = self._tracker.next(wrench, robot, self._session)
-        if event is not None:  # after the target, by which a replay tells the steps apart
+        if event is not None:  # after the target, by which a replay separates the steps
             self._contacts.put(event, wrench.origin)
 
     def _propose(self, wrench: Reading[WrenchAtTcp], robot: Reading[RobotState]) -> RegulatorTarget:

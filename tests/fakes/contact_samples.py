@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from forcemesh.messages import ContactEvent
-from services.regulator.contact_events import ContactSample, ContactTracker
+from services.regulator.contact_events import ContactInput, ContactTracker
 from services.regulator.law import Contact
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
@@ -57,7 +57,7 @@ class ContactRun:
         x, y, z = self.random.normal((0.0, 0.0, phase.up_N), self.noise_N)
         self.sizes.append((self.at_ns, float(np.hypot(np.hypot(x, y), z))))
         self.tracker.observe(
-            ContactSample(
+            ContactInput(
                 at_ns=self.at_ns,
                 posed_ns=self.at_ns,
                 force_N=(float(x), float(y), float(z)),

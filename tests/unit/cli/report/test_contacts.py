@@ -87,7 +87,7 @@ def test_a_message_repeats_a_state_and_the_next_state_completes_it() -> None:
     assert (contact.duration_s, contact.peak_N) == (0.39, 6.0)
 
 
-def test_a_gap_or_a_restart_leaves_a_state_as_it_was_seen() -> None:
+def test_a_gap_or_a_restart_leaves_a_state_as_it_was_published() -> None:
     """What the next message says of the one before is then about another state."""
     log = ContactLog()
     log.add(1.0, header(1), event(4, duration_s=0.2))

@@ -53,17 +53,17 @@ def test_mean_and_deviation_are_those_of_the_places(found, direction) -> None:
 def test_touches_of_a_rigid_plate_repeat_within_a_tenth_of_a_millimetre(cell: SkillCell) -> None:
     """Each approach starts in free space, and the arm ends retracted."""
     start = cell.p_tcp()
-    seen: list[pressing.TouchResult] = []
-    result = touch_often(cell.client, approach(cell, 0.003), 3, retract_m=0.003, found=seen.append)
-    assert list(result.touches) == seen
-    assert len(seen) == 3
+    shown: list[pressing.TouchResult] = []
+    result = touch_often(cell.client, approach(cell, 0.003), 3, retract_m=0.003, found=shown.append)
+    assert list(result.touches) == shown
+    assert len(shown) == 3
     assert result.mean_mm == pytest.approx(1e3 * start - [0.0, 0.0, GAP_MM], abs=0.3)
     assert max(*result.std_mm, result.along_std_mm) < 0.1
     assert abs(result.along_mean_mm) < 0.1
-    travels = [found.travel_mm for found in seen]
+    travels = [found.travel_mm for found in shown]
     assert travels == pytest.approx([GAP_MM, 3.0, 3.0], abs=0.4)
     assert cell.client.contact.wait("free", within_s=1.0).valid
-    assert max(found.peak_N for found in seen) < CELL.force.touch_N + CELL.force.approach_budget_N
+    assert max(found.peak_N for found in shown) < CELL.force.touch_N + CELL.force.approach_budget_N
 
 
 def test_the_place_is_that_of_the_impact(cell: SkillCell) -> None:

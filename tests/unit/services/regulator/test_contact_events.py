@@ -16,10 +16,10 @@ from services.regulator.contact_events import (
     IMPACT_S,
     LOST_S,
     SLIDES_M_S,
-    STEADY_S,
+    SLIDE_STEADY_S,
     TABLE,
-    WINDOW_S,
-    ContactSample,
+    SPEED_WINDOW_S,
+    ContactInput,
     ContactSettings,
     Happening,
 )
@@ -28,7 +28,7 @@ from tests.fakes.contact_samples import PERIOD_NS, ContactRun, Phase
 
 LIMITS = ContactSettings.of(CELL)
 FREE_STATES = ("free", "approach", "lost", "unknown")
-LATE_S = STEADY_S + WINDOW_S  # a change of speed shows in the mean over the window
+LATE_S = SLIDE_STEADY_S + SPEED_WINDOW_S  # a change of speed shows in the mean over the window
 SEARCH, PRESS = Phase(0.5, law="approach"), Phase(0.6, 10.0, law="contact")
 
 phases = st.builds(
@@ -180,7 +180,7 @@ def test_a_turn_about_the_contact_does_not_slide() -> None:
             run.at_ns += PERIOD_NS
             torque = vec3(np.cross(R @ [lever_m, 0.0, 0.0], force))
             place = pin.SE3(R @ T.rotation, contact - R @ beside)
-            run.tracker.observe(ContactSample(
+            run.tracker.observe(ContactInput(
                 run.at_ns, run.at_ns, (0.0, 0.0, 10.0), torque, place, "contact",
                 (0.0, 0.0, -1.0),
             ))  # fmt: skip
@@ -200,7 +200,7 @@ def test_a_pose_that_comes_seldom_is_enough() -> None:
         shift = [0.01 * 0.04 * (number // 10), 0.0, 0.0]
         T = pin.SE3(run.T.rotation, run.T.translation + shift)
         posed_ns = run.at_ns - PERIOD_NS * (number % 10)
-        run.tracker.observe(ContactSample(
+        run.tracker.observe(ContactInput(
             run.at_ns, posed_ns, (0.0, 0.0, 10.0), (0.0,) * 3, T, "contact", (0.0, 0.0, -1.0)
         ))  # fmt: skip
         states.add(run.tracker.event.state)
@@ -208,15 +208,15 @@ def test_a_pose_that_comes_seldom_is_enough() -> None:
     assert run.tracker.event.slid_m == pytest.approx(0.01, abs=0.01 * (LATE_S + 0.04))
 
 
-def test_what_was_not_seen_is_unknown_from_the_last_sample_on() -> None:
+def test_without_inputs_the_state_is_unknown_from_the_last_sample_on() -> None:
     """The state ends there with its peak; a contact found again is no impact."""
     run = ContactRun()
     run.play([SEARCH, PRESS])
-    seen_ns = run.at_ns
+    last_ns = run.at_ns
     run.tracker.fail("stale", "wrench stale")
     unknown = run.tracker.event
     assert (unknown.state, unknown.valid, unknown.code) == ("unknown", False, "stale")
-    assert (unknown.since_ns, unknown.before_peak_N) == (seen_ns, pytest.approx(10.0))
+    assert (unknown.since_ns, unknown.before_peak_N) == (last_ns, pytest.approx(10.0))
     assert unknown.position_m == pytest.approx(run.T.translation)
     run.at_ns += 10**9
     run.play([Phase(0.1, 10.0, law="contact")])

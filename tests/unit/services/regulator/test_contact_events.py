@@ -15,10 +15,10 @@ from forcemesh.messages import TOUCHING, ContactState
 from services.regulator.contact_events import (
     IMPACT_S,
     LOST_S,
-    SLIDES_M_S,
     SLIDE_STEADY_S,
-    TABLE,
+    SLIDES_M_S,
     SPEED_WINDOW_S,
+    TABLE,
     ContactInput,
     ContactSettings,
     Happening,

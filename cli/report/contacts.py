@@ -48,7 +48,7 @@ def contact_table(log: ContactLog) -> Html:
 
 def _row(began_s: float, event: ContactEvent) -> tuple[str, ...]:
     touches, state = event.state in TOUCHING, event.state
-    position = ", ".join(f"{1e3 * part:.2f}" for part in event.position_m)
+    position = ", ".join(f"{1e3 * part:z.2f}" for part in event.position_m)
     normal = ", ".join(f"{part:z.2f}" for part in event.normal) if any(event.normal) else ""
     return (
         f"{began_s:.3f}",

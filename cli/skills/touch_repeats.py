@@ -47,7 +47,7 @@ class TouchStatistics:
         a, b, c = self.std_mm
         count = len(self.touches)
         return (
-            f"mean of {count} contacts: {x:.3f}, {y:.3f}, {z:.3f} mm, along the tool axis "
+            f"mean of {count} contacts: {x:z.3f}, {y:z.3f}, {z:z.3f} mm, along the tool axis "
             f"{self.along_mean_mm:+.3f} mm from the first\n"
             f"standard deviation: {a:.3f}, {b:.3f}, {c:.3f} mm, along the tool axis "
             f"{self.along_std_mm:.3f} mm"
@@ -57,7 +57,7 @@ class TouchStatistics:
 def contact_text(found: TouchResult) -> str:
     """Return place, travel and peak force of one contact as text."""
     x, y, z = found.tcp_mm
-    text = f"contact with the TCP at {x:.2f}, {y:.2f}, {z:.2f} mm after {found.travel_mm:.2f} mm"
+    text = f"contact with the TCP at {x:z.2f}, {y:z.2f}, {z:z.2f} mm after {found.travel_mm:.2f} mm"
     return f"{text}, peak force {found.peak_N:.1f} N"
 
 

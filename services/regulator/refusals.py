@@ -144,6 +144,8 @@ def _refused_poses(
     request: PathRequest, session: ForceSession, poses: list[pin.SE3]
 ) -> Reply | None:
     """Return why a path of poses cannot be followed by this task, None when it can."""
+    if request.points_m and request.poses:
+        return refusal("setpoint", "a path has points or poses, not both")
     if not request.poses:
         if request.append and request.points_m and isinstance(session.path, PosePath):
             return refusal("setpoint", "points cannot continue a path of poses: send poses")

@@ -17,7 +17,7 @@ from forcemesh.errors import MessageError
 from forcemesh.messages import MAX_ITEMS
 from forcemesh.patterns import NO_BREAK
 from forcemesh.records import Record
-from forcemesh.requests import ForceStartRequest, MoveRequest
+from forcemesh.requests import ForceStartRequest, MoveRequest, PathRequest
 from tests.fakes.records import places, put
 from tests.unit.forcemesh.test_codec import anything, each_type, read, spelled_out
 
@@ -104,10 +104,14 @@ def fits_record(fields: dict[str, Any], kind: type[Record]) -> bool:
     known = {name: value for name, value in fields.items() if name in hints}
     if needed - known.keys() or not all(fits(value, hints[n]) for n, value in known.items()):
         return False
-    pose = known.get("pose") if kind is MoveRequest else None
-    return pose is None or (
-        max(map(abs, pose["position_m"])) <= 100.0
-        and max(map(abs, pose["orientation_xyzw"])) <= 1.01
+    poses = [known.get("pose")] if kind is MoveRequest else known.get("poses", ())
+    return kind not in {MoveRequest, PathRequest} or all(
+        pose is None
+        or (
+            max(map(abs, pose["position_m"])) <= 100.0
+            and max(map(abs, pose["orientation_xyzw"])) <= 1.01
+        )
+        for pose in poses
     )
 
 

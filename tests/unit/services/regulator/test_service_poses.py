@@ -220,6 +220,8 @@ def test_paths_that_cannot_be_followed_are_refused_by_name() -> None:
     assert "cannot continue a path of points" in refused(bench, poses=(last,), append=True)
     assert bench.ask(topics.FORCE_PATH, PathRequest(poses=(first,))).accepted
     assert "cannot continue a path of poses" in refused(bench, points_m=((x, y, z),), append=True)
+    both = refused(bench, poses=(first,), points_m=((x, y, z),))
+    assert both == "setpoint: a path has points or poses, not both"
     many = PathRequest(poses=bench.arc(0.3, count=30), append=True)
     codes = [bench.ask(topics.FORCE_PATH, many).code for _ in range(MOST_PATH_POINTS // 30 + 1)]
     assert (codes[0], codes[-1]) == ("ok", "busy")
@@ -240,7 +242,6 @@ def record(x_m: float, w: float) -> dict[str, list[float]]:
     [
         ({"poses": [record(200.0, 1.0)]}, "beyond 100 m"),
         ({"poses": [record(0.0, 2.0)]}, "longer than one"),
-        ({"poses": [record(0.0, 1.0)], "points_m": [[0, 0, 0]]}, "points_m or poses, not both"),
         ({"blend_m": -1.0}, "blend_m"),
     ],
 )

@@ -248,6 +248,9 @@ class RegulatorTarget(Message):
     path_missed_m: Finite | None = None  # travelled without contact or with another force; of poses
     path_speed_m_s: Finite | None = None  # present speed along a path of poses
     wrench_stamp_ns: int | None = None  # stamp of the wrench that the pose follows
+    round_trip_s: Finite | None = None  # estimated delay of the loop, while force feedback runs
+    modelled_round_trip_s: Finite | None = None  # the same by the cell file
+    gain_share: Fraction = 1.0  # of the gains: less while the delay is longer, or after oscillation
 
 
 ContactState = Literal["unknown", "free", "approach", "impact", "contact", "sliding", "lost"]

@@ -42,6 +42,7 @@ INERTIA_SHARE = 0.7  # share of the tool's inertial force removed from the contr
 IDENTIFICATION_INERTIA_SHARE = 0.9  # the same share for identification: it closes no loop
 SURE_INERTIA_MARGIN = (1.5, 0.4)  # of 1 / (m w_b), in a fast loop and a slow one
 FAST_LOOP_S, SLOW_LOOP_S = 0.008, 0.016  # loop periods with full prediction and with none
+UNPREDICTED_AT = 0.2  # fall of the gain share at which nothing is predicted any more
 LEAST_FADE = 0.05  # least share of the gain range over which the prediction fades in, slowest loop
 ROBOT_PERIODS_S = (0.010, 0.025)  # of the rows of gain limits
 LOOP = (3.4, 2.0)
@@ -187,7 +188,7 @@ def step(
     k = state.k_N_m = [response.share * stiffness.k_N_m for response, stiffness in estimates]
     model, in_contact = state.command.delay_model, state.free_s == 0.0
     requested_Ki = rotated_back(squared(R_base_task), sample.gains.force_i_m_per_Ns)
-    Ki, w = gain_for(k, requested_Ki, settings, sample.dt_s)
+    Ki, w = gain_for(k, requested_Ki, settings, sample.dt_s, share=sample.gain_share)
     in_flight_m = rotated_back(R_base_task, plus(model.command, model.filtered, -1.0))
     inertia_kg = INERTIA_SHARE * settings.inertia_kg
     inertial_N = rotated_back(R_base_task, scaled(model.acceleration, inertia_kg))
@@ -292,29 +293,37 @@ def update_estimates(state: AdaptiveState, sample: LawInput, settings: AdaptiveS
 
 
 def gain_for(
-    k: Vector, requested_Ki: Vector, settings: AdaptiveSettings, dt_s: float
+    k: Vector,
+    requested_Ki: Vector,
+    settings: AdaptiveSettings,
+    dt_s: float,
+    *,
+    share: float = 1.0,
 ) -> tuple[list[float], list[float]]:
     """Return integral gain and prediction weight along each axis of the tool. Shapes (3,).
 
     Half the sample period is part of the loop delay, so a late sample lowers the gain; a slow loop
     tolerates less inertia compensation and less prediction. A requested gain below the gain rule's
-    reduces the gain by the same share.
+    reduces the gain by the same share. The gain share of the delay watch, which the requested gains
+    contain, does so too; and as the delay model is wrong then, prediction fades as in a slow loop.
     """
     tau_s = settings.tau_s + 0.5 * (dt_s - settings.period_s)
     slowness = min(max((dt_s - FAST_LOOP_S) / (SLOW_LOOP_S - FAST_LOOP_S), 0.0), 1.0)
+    slowness = max(slowness, min((1.0 - share) / UNPREDICTED_AT, 1.0))
     fast_margin, slow_margin = SURE_INERTIA_MARGIN
     margin = fast_margin + (slow_margin - fast_margin) * slowness
     loop = LOOP_GAIN + (settings.loop - LOOP_GAIN) * (1.0 - slowness)
     fade_range = max(1.0 - slowness, LEAST_FADE) * (settings.full_prediction_loop - LOOP_GAIN)
     cap, rule = margin * settings.inertia_cap_m_per_Ns, settings.plain_gain_m_per_Ns
+    shared_rule = rule * share
     Ki, w = [], []
     for k_N_m, requested in zip(k, requested_Ki, strict=True):
         gain = min(loop / (k_N_m * tau_s), cap)
-        share = (k_N_m * gain * tau_s - LOOP_GAIN) / fade_range
-        weight = min(max(share, 0.0), settings.largest_prediction_weight)
+        faded_in = (k_N_m * gain * tau_s - LOOP_GAIN) / fade_range
+        weight = min(max(faded_in, 0.0), settings.largest_prediction_weight)
         if k_N_m < settings.softest_N_m:  # not measured: the plain law's gain, without prediction
             gain, weight = min(gain, rule), 0.0
-        Ki.append(gain * min(requested / rule, 1.0))
+        Ki.append(gain * share * min(requested / shared_rule, 1.0))
         w.append(weight)
     return Ki, w
 

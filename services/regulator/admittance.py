@@ -132,7 +132,7 @@ def virtual_speed(
     plain, dt_s = settings.plain, sample.dt_s
     force_N = rotated_back(sample.R_base_task, sample.force_N)
     _update_stiffness(state, sample, force_N, settings)
-    rule_s = settings.tau_s / LOOP_GAIN  # damping over stiffness
+    rule_s = settings.tau_s / (LOOP_GAIN * sample.gain_share)  # damping over stiffness
     used = [each or VirtualMass() for each in masses]
     damping_Ns_m = [
         max(rule_s * (k + each.stiffness), each.damping or 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from common.config.cell import CellConfig
 from common.motion.convert import vec3
-from common.motion.frames import Rows, product
+from common.motion.frames import Rows, product, scaled
 from forcemesh.messages import Gains, Vec3
 from forcemesh.requests import GainsRequest
 from services.regulator.axis_task import AxisTask
@@ -30,6 +30,12 @@ class PiGains:
     def of(cls, gains: Gains) -> "PiGains":
         """Return the gains of a message."""
         return cls(**gains.as_dict())
+
+    def times(self, share: float) -> "PiGains":
+        """Return all gains times a share: the same ones at share 1."""
+        if share == 1.0:
+            return self
+        return PiGains(*(scaled(row, share) for row in astuple(self)))
 
     def ramped(self, goal: "PiGains", dt_s: float) -> "PiGains":
         """Return gains one period further towards a goal (first-order low-pass)."""

@@ -105,6 +105,7 @@ class LawInput:
     motion: LawMotion  # so far; its pose is the last command after the arbiter's limits
     T_measured: pin.SE3  # of the TCP in base
     pose_is_new: bool = True  # the robot has reported a pose since the last sample
+    gain_share: float = 1.0  # already in the gains: see delay_watch.py
     R_base_task: Rows = field(init=False)  # at the motion so far
     arm_m: Vec3 = field(init=False, default=ZERO3)  # from the frame's origin to the TCP
     press_axis: Vec3 = field(init=False)  # direction of the force set point, base axes

@@ -32,12 +32,19 @@ from services.regulator.adaptive import ContactStiffness
 from services.regulator.axis_task import IDENTITY, AxisTask
 from services.regulator.compliance import ComplianceSettings, ComplianceState, axis_states
 from services.regulator.contact_events import ContactTracker
+from services.regulator.delay_watch import (
+    DelayWatch,
+    DelayWatchSettings,
+    scaled_gains,
+    share_to_send,
+)
 from services.regulator.gains import PiGains, gains_to_send, held_gains, merged_gains
 from services.regulator.guards import (
     TARED,
     GuardSample,
     GuardSettings,
     GuardState,
+    no_swing,
     watch,
 )
 from services.regulator.law import LawInput, back_calculate, start_at
@@ -53,6 +60,7 @@ from services.regulator.refusals import (
 from services.regulator.session import (
     ForceSession,
     active_commander,
+    borne_share,
     change_task,
     describe,
     move,
@@ -100,6 +108,8 @@ class Regulator:
         self._settings = {name: law.settings(cell) for name, law in LAWS.items()}
         self._compliance = ComplianceSettings.of(cell)
         self._guards = GuardSettings.of(cell)
+        self._delay = DelayWatchSettings.of(cell)
+        self._last_delay: DelayWatch | None = None  # of the last session
         self._contact: ContactStiffness | None = None  # identified by the last session
         self._touched = ""  # calibration verified along the tool by a touch from free space
         self._yielded = (-1, YieldTravel())  # lease, and travel of its last session
@@ -127,6 +137,11 @@ class Regulator:
     def counters(self) -> dict[str, int]:
         """Return the number of wrenches superseded before they were read."""
         return {"wrench_superseded": self._wrench.counters.superseded}
+
+    def numbers(self, _now_ns: int) -> dict[str, float]:
+        """Return delay and gain share of the running session, or of the last one."""
+        delay = self._last_delay if self._session is None else self._session.delay
+        return {} if delay is None else delay.numbers(self._delay)
 
     def step(self, now_ns: int) -> None:
         """Serve requests, integrate the newest wrench, publish the target."""
@@ -213,7 +228,9 @@ class Regulator:
                 setpoint_force_N=scaled(rotated(R, session.task.force_N), -1.0),
                 setpoint_torque_Nm=scaled(rotated(R, session.task.torque_Nm), -1.0),
                 lever_m=rotated_back(T_base_flange.rotation.tolist(), lever_m or ZERO3),
-                gains=held_gains(session.sent or self._gains, session.goal, R),
+                gains=held_gains(
+                    scaled_gains(session.sent or self._gains, session.sent_share), session.goal, R
+                ),
             )
         target = RegulatorTarget(
             mode=mode,
@@ -228,6 +245,9 @@ class Regulator:
             frame=request.task.frame if request.task else None,
             axes=session.axes,
             wrench_stamp_ns=session.last_sample_ns,
+            round_trip_s=self._delay.tau_s + session.delay.excess_now_s,
+            modelled_round_trip_s=self._delay.tau_s,
+            gain_share=session.delay.share,
         )
         path = session.path
         return target if path is None else target.replaced(**path_report(path, T))
@@ -266,9 +286,14 @@ class Regulator:
         session.task = self._ramped_task(session, dt_s)
         if session.gains is not self._pi_gains:
             session.gains = session.gains.ramped(self._pi_gains, dt_s)
+        gain_share = borne_share(
+            session, pose, robot if pose_is_new else None,
+            dt_s=dt_s, is_late=is_late, settings=self._delay,
+        )  # fmt: skip
+        gains = session.gains.times(gain_share)
         sample = LawInput(
-            wrench.force_N, wrench.torque_Nm, session.task, dt_s, session.gains, before,
-            T_measured, pose_is_new,
+            wrench.force_N, wrench.torque_Nm, session.task, dt_s, gains, before,
+            T_measured, pose_is_new, gain_share,
         )  # fmt: skip
         move(
             session, sample, command=pose, sent=robot.sent, is_late=is_late,
@@ -282,11 +307,14 @@ class Regulator:
                 session.state, self._pi_gains, sample.R_base_task, settings
             )
             session.sent = None if Ki is None else gains_to_send(session.sent, self._gains, Ki)
+            session.sent_share = share_to_send(session.sent_share, session.delay.share)
         T_before, session.T_measured = session.T_measured or T_measured, T_measured
         guarded = GuardSample.of(
             sample, session.motion, T_before=T_before, wrench=wrench, touched=self._touched
         )
         trip = watch(session.watch, guarded, self._guards)
+        if trip is not None and trip.code == "oscillation" and session.delay.lower():
+            session.watch.swing, trip = no_swing(), None  # counted anew at the lowered gains
         if trip is None and session.watch.verified:
             self._touched = wrench.calibration.removesuffix(TARED)
         return trip
@@ -321,6 +349,7 @@ class Regulator:
             settings = self._settings[session.law]
             self._contact = LAWS[session.law].identified(session.state, settings)
             self._yielded = session.lease, session.watch.yielding
+            self._last_delay = session.delay
         self._session, self._stop_reason, self.fault = None, reason, ""
 
     def _start(

@@ -1,6 +1,6 @@
 """Session of force feedback: its request, its state and its failure. Pure."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,13 @@ from forcemesh.messages import (
     Mode,
     PoseRecord,
     RegulatorTarget,
+    RobotState,
 )
 from forcemesh.reader import Origin
 from forcemesh.requests import ForceStartRequest
 from services.regulator.axis_task import AxisTask
 from services.regulator.compliance import ComplianceSettings, ComplianceState, comply
+from services.regulator.delay_watch import DelayWatch, DelayWatchSettings
 from services.regulator.gains import PiGains
 from services.regulator.guards import GuardState, kept_over_restart
 from services.regulator.law import LawInput, LawMotion, back_calculate
@@ -52,6 +54,8 @@ class ForceSession:
     compliance: ComplianceState
     commanded: CommandHistory  # recent commands, with the PC as host
     axes: tuple[AxisState, ...] = ()  # of a task, at the last sample
+    delay: DelayWatch = field(default_factory=DelayWatch)
+    sent_share: float = 1.0  # of the gains sent to the controller
     rest_s: float = 0.0  # until the commands released before a late input have arrived
     path: Path | None = None  # if there is one
     sent: Gains | None = None  # gains sent to the controller, from the estimated stiffness
@@ -114,6 +118,35 @@ def move(
         if law.predicts:  # the commands were not sent, so the predicted force does not occur
             session.state = law.begin(T_base_tcp, sample.T_measured, None, settings)
             session.motion.follows = False
+
+
+def borne_share(
+    session: ForceSession,
+    command: PoseRecord,
+    robot: RobotState | None,
+    *,
+    dt_s: float,
+    is_late: bool,
+    settings: DelayWatchSettings,
+) -> float:
+    """Advance the watch of the delay by one sample; return the share of the gains that it permits.
+
+    Args:
+        session: Its watch is advanced.
+        command: Released by the arbiter.
+        robot: A new report, or None.
+        dt_s: Time since the last sample.
+        is_late: An input is late.
+        settings: Constants of the watch.
+    """
+    delay = session.delay
+    if session.request.host == "pc":  # the commands of a controller's own loop are not reported
+        measured_m = None if robot is None else robot.position_m
+        delay.follow(command.position_m, measured_m, dt_s=dt_s, is_late=is_late, settings=settings)
+    if robot is not None:
+        delay.follow_link(robot.link.round_trip_s, dt_s)
+    delay.ramp(dt_s, settings)
+    return delay.share
 
 
 def _move_along(

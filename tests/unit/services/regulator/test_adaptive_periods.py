@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
-from services.regulator.adaptive import AdaptiveSettings, gain_for
+from services.regulator.adaptive import UNPREDICTED_AT, AdaptiveSettings, gain_for
 from tests.fakes.bench import CELL
+from tuning.gain_rule import LOOP_GAIN
 
 
 def at_rate(control_hz: float) -> CellConfig:
@@ -47,3 +48,23 @@ def test_a_longer_period_has_a_lower_gain(one_s, other_s, k_N_m) -> None:
     sooner_s, later_s = sorted((one_s, other_s))
     soon, late = (gain_for([k_N_m] * 3, RULE, settings, t)[0] for t in (sooner_s, later_s))
     assert (np.array(late) <= np.array(soon) + 1e-15).all()
+
+
+@given(st.floats(0.05, 1.0), st.floats(0.05, 1.0), st.floats(200.0, 2e5))
+def test_a_smaller_gain_share_has_a_lower_gain_and_no_more_prediction(one, other, k_N_m) -> None:
+    """Of requests at the rule or above it; from some fall on nothing is predicted."""
+    settings, dt_s = AdaptiveSettings.of(CELL), 1.0 / CELL.rates.control_hz
+    less, more = sorted((one, other))
+    whole = gain_for([k_N_m] * 3, RULE, settings, dt_s)
+    at_more = gain_for([k_N_m] * 3, RULE, settings, dt_s, share=more)
+    at_less = gain_for([k_N_m] * 3, RULE, settings, dt_s, share=less)
+    for value, other_value, first in zip(at_less, at_more, whole, strict=True):
+        assert (np.array(value) <= np.array(other_value) + 1e-15).all()
+        assert (np.array(other_value) <= np.array(first) + 1e-15).all()
+    tau_s = settings.tau_s
+    if less <= 1.0 - UNPREDICTED_AT:
+        assert at_less[1] == pytest.approx([0.0] * 3, abs=1e-9)
+        assert (np.array(at_less[0]) <= less * LOOP_GAIN / (k_N_m * tau_s) + 1e-15).all()
+    rule = settings.plain_gain_m_per_Ns
+    requested = gain_for([k_N_m] * 3, [0.5 * rule * more] * 3, settings, dt_s, share=more)
+    assert np.array(requested[0]) == pytest.approx(0.5 * np.array(at_more[0]))

@@ -19,7 +19,7 @@ from common.motion.convert import pose_of, record_of
 from common.motion.frames import plus, rotation_between
 from forcemesh import topics
 from forcemesh.messages import ZERO3, RegulatorTarget, RobotCommand
-from forcemesh.requests import ArmRequest, Empty, ForceStartRequest
+from forcemesh.requests import ArmRequest, Empty, ForceStartRequest, GainsRequest
 from launch.virtual_cell import VirtualCell
 from services.regulator.guards import (
     HALF_WAVES,
@@ -34,6 +34,7 @@ from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL, cell_with
 from tests.fakes.guard_steps import watched
 from tests.fakes.regulator_bench import KI, PERIOD_S, T_FLANGE_TCP, RegulatorBench
+from tuning.gain_rule import tune
 
 GUARDS = GuardSettings.of(CELL)
 TAU_S = CELL.loop_delay_s
@@ -191,8 +192,8 @@ def test_noise_is_no_oscillation(errors) -> None:
     assert swing.count == 0
 
 
-def test_a_plate_four_times_stiffer_than_in_the_cell_file_is_detected() -> None:
-    """H36: the loop oscillates; it is stopped within some periods of four tau, with the cause."""
+def test_gains_too_high_for_a_plate_four_times_stiffer_are_detected() -> None:
+    """H36: two halvings of the gains are not enough; then it is stopped, with the cause."""
     cell = cell_with(
         sim__gap_m=0.001,
         contact__stiffness_N_m=2e4 * 0.45 / 1.75,  # k Ki tau = 1.75, just beyond pi / 2
@@ -201,7 +202,10 @@ def test_a_plate_four_times_stiffer_than_in_the_cell_file_is_detected() -> None:
         force__approach_m_s=0.001,
     )
     press = Press(cell, 30.0)
-    press.until_stopped(6.0)
+    gain = 5.0 * tune(cell).force_i_m_per_Ns
+    request = GainsRequest(force_i_m_per_Ns=(gain, gain, gain))
+    assert press.cell.client.ask(topics.GAINS, request).accepted
+    press.until_stopped(8.0)
     assert press.stop_code == "oscillation"
     assert "oscillation" in press.codes
 

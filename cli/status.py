@@ -27,6 +27,9 @@ NUMBER_TEXTS = {
     "streamed_round_trip_p50": "round trip of set points (median)",
     "program_loop": "cycles of the robot program",
     "sender": "reports of the controller",
+    "loop_delay": "delay of the force loop",
+    "loop_delay_model": "by the cell file",
+    "gain": "gains in use",
 }
 DOWN = "DOWN"
 STOPPED, ASKED = ("STOPPING", "HOLDING"), "hold"

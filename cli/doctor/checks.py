@@ -211,6 +211,28 @@ def check_round_trip(spread: "Spread | None", watchdog_s: float) -> ReportLine:
     return passed("round trip", found)
 
 
+def check_loop_delay(
+    measured_s: float, modelled_s: float, *, delay_s: float, tolerance_s: float
+) -> ReportLine:
+    """Check the delay of the force loop that a session measured against the cell file's model.
+
+    Args:
+        measured_s: Delay of the loop in the last session.
+        modelled_s: The same by the cell file.
+        delay_s: `robot.delay_s` of the cell file.
+        tolerance_s: Permitted difference.
+    """
+    text = (
+        f"the last force feedback measured {1e3 * measured_s:.1f} ms, the cell file has "
+        f"{1e3 * modelled_s:.1f} ms"
+    )
+    if abs(measured_s - modelled_s) <= tolerance_s:
+        return passed("loop delay", text)
+    fitting_s = max(delay_s + measured_s - modelled_s, 0.0)
+    text = f"{text}: robot.delay_s would be {fitting_s:.3f}"
+    return finding("loop delay", "WARN", text, "loop delay")
+
+
 def check_goodbye(held: bool) -> ReportLine:
     """Check in which state the controller was left."""
     if held:

@@ -57,6 +57,7 @@ REMEDIES = {
     "monitor speed.slow": "actual speeds are this share of the requested ones; delay_s and lag_s must be measured with it",
     "monitor speed.lower": "set the monitor speed back on the pendant (SPEED), or measure again at this one: `forcemesh probe`, then `forcemesh tune`; a lower speed makes the delay longer than the gains allow for",
     "monitor speed.higher": "the delay is shorter than measured, so gains are lower than possible: set it back, or measure again",
+    "loop delay": "set robot.delay_s to that value if the delay stays (docs/tuning.md), or find what delays the commands",
     "round trip.none": "PCSTATUS 2: must show fm.recv; try again",
     "round trip.long": "reduce it (network, other PC programs), or raise gateway.watchdog_s with care",
     "goodbye": "the hold was not confirmed: check the pendant; the program holds when a connection ends",

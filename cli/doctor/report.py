@@ -18,6 +18,7 @@ from cli.doctor.checks import (
     check_error_code,
     check_goodbye,
     check_hello,
+    check_loop_delay,
     check_loops,
     check_monitor_speed,
     check_peer,
@@ -61,6 +62,7 @@ from forcemesh.zenoh_settings import endpoint_of
 from launch.cell_view import CellView
 from launch.run_file import read_run
 from services.gateway.packet_window import Spread
+from services.regulator.delay_watch import DelayWatchSettings
 
 CONNECT_WITHIN_S = 0.5
 OBSERVED_S = 3.0
@@ -222,6 +224,7 @@ def bus_lines(
             share = DECIMATED_BELOW if is_decimated else SLOW_BELOW
             hz = found.stream_hz[row.key]
             lines.append(check_stream(row.key, hz, cell.rate_hz(row), slow_below=share))
+    lines += _loop_delay_lines(cell, found.roles.get("regulator"))
     if cell.gateway is None or cell.roles.robot != "gateway":
         lines += unused_lines(cell, skip=("pose",))
         return [*lines, _state_pose(cell, found.state)]
@@ -245,6 +248,25 @@ def bus_lines(
     lines.append(check_error_code((state.status.kawasaki or KawasakiStatus()).error_code))
     lines.append(_state_pose(cell, state))
     return [*lines, *_number_lines(cell, cell.gateway, found.robot, measured_percent)]
+
+
+def _loop_delay_lines(
+    cell: CellConfig, regulator: Reading[Health] | Reading[SensorWrench] | None
+) -> list[ReportLine]:
+    """Return the line on the loop's delay, if a session has measured it."""
+    health = None if regulator is None else regulator.fresh
+    numbers = health.numbers if isinstance(health, Health) else {}
+    if "loop_delay_s" not in numbers:
+        return []
+    settings = DelayWatchSettings.of(cell)
+    return [
+        check_loop_delay(
+            numbers["loop_delay_s"],
+            settings.tau_s,
+            delay_s=cell.robot.delay_s,
+            tolerance_s=settings.tolerance_s,
+        )
+    ]
 
 
 def _unreported(checks: Iterable[str]) -> list[ReportLine]:

@@ -9,7 +9,7 @@ from forcemesh import topics
 from forcemesh.bus import Reading
 from forcemesh.client.force import press_force_N
 from forcemesh.faults import trip_text
-from forcemesh.messages import TOUCHING, ArbiterStatus, ContactEvent
+from forcemesh.messages import TOUCHING, ArbiterStatus, ContactEvent, RegulatorTarget
 from services.panel.sessions import Rights
 from services.panel.state_colours import NO_STATE, STATE_COLOURS, StateColour
 from services.panel.viewer import RequestOutcome
@@ -125,6 +125,7 @@ def force_display(cell: CellConfig, snapshot: Snapshot) -> dict[str, str]:
         caption = "normal force"
         force_N = press_force_N(robot, wrench, cell_info(cell).T_flange_tcp)
         setpoint = "" if target.setpoint_N is None else f"{target.setpoint_N:.1f}"
+    note += lowered_text(target)
     return {
         "caption": f"{caption}{note}",
         "value": f"{force_N:z.1f}",
@@ -139,6 +140,17 @@ def contact_text(event: ContactEvent | None) -> str:
         return ""
     text = f"contact: {event.state} {event.duration_s:.1f} s"
     return f"{text}, peak {event.peak_N:.1f} N" if event.state in TOUCHING else text
+
+
+def lowered_text(target: RegulatorTarget | None) -> str:
+    """Return by how much the gains are lowered and the loop's delay, empty at full gains."""
+    if target is None or target.gain_share == 1.0:
+        return ""
+    text = f", gains at {100.0 * target.gain_share:.0f} %"
+    if target.round_trip_s is None or target.modelled_round_trip_s is None:
+        return text
+    trips_ms = 1e3 * target.round_trip_s, 1e3 * target.modelled_round_trip_s
+    return "{}: loop delay {:.0f} ms, model {:.0f} ms".format(text, *trips_ms)
 
 
 def lost(snapshot: Snapshot) -> str:

@@ -49,7 +49,7 @@ def search_too_far() -> str:
 def swing() -> str:
     """Alternate too much and too little force, as a loop with too high a gain does."""
     bench = pressing()
-    for number in range(14):
+    for number in range(42):  # twice at lowered gains
         bench.push((0.0, 0.0, SETPOINT_N + (-15.0 if number % 2 else 15.0)))
         bench.pass_s(2.0 * CELL.loop_delay_s)
     return bench.published().code

@@ -18,6 +18,7 @@ from tools.tree import ROOT
 
 READY = RUNNING | Status.HELD
 SCALES = Scales()
+LOOP = {"delay_s": 0.01, "tolerance_s": 0.007}
 RATE = {"robot_hz": 40.0, "stale_after_s": 0.1}
 WELL = Health(rate_hz=250.0, config_hash="this")
 FRESH = Reading(WELL, None, 0.1, "")
@@ -79,6 +80,9 @@ CASES: list[tuple[ReportLine, str, str]] = [
     (checks.check_round_trip(Spread(0.01, 0.03), 0.25), "PASS", ""),
     (checks.check_round_trip(Spread(0.01, 0.13), 0.25), "WARN", "round trip.long"),
     (checks.check_round_trip(None, 0.25), "FAIL", "round trip.none"),
+    (checks.check_loop_delay(0.040, 0.034, **LOOP), "PASS", ""),
+    (checks.check_loop_delay(0.042, 0.034, **LOOP), "WARN", "loop delay"),
+    (checks.check_loop_delay(0.026, 0.034, **LOOP), "WARN", "loop delay"),
     (checks.check_plain(), "WARN", "plain"),
     (checks.check_goodbye(held=True), "PASS", ""),
     (checks.check_goodbye(held=False), "WARN", "goodbye"),
@@ -195,3 +199,10 @@ def test_a_faster_sender_never_gets_a_worse_result(
         for hz in (slow, fast)
     ]
     assert rank[words[0]] <= rank[words[1]]
+
+
+def test_a_longer_loop_delay_names_the_fitting_value_of_the_cell_file() -> None:
+    """It is the present value and the difference, never below zero."""
+    found = checks.check_loop_delay(0.064, 0.034, **LOOP).found
+    assert "measured 64.0 ms, the cell file has 34.0 ms: robot.delay_s would be 0.040" in found
+    assert "would be 0.000" in checks.check_loop_delay(0.010, 0.034, **LOOP).found

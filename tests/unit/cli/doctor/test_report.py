@@ -311,3 +311,14 @@ def test_the_text_report_has_a_remedy_below_each_failure(
         "           -> do [y]",
         "1 passed, 0 warnings, 1 failed, 0 skipped",
     ]
+
+
+def test_the_delay_of_the_loop_is_a_line_once_a_session_has_measured_it() -> None:
+    """It is compared with the cell file's; without a measurement there is no line."""
+    bus = observed(TCP, a_state(), NUMBERS)
+    assert "loop delay" not in words(bus_lines(TCP, bus))
+    for excess_s, result in ((0.0, "PASS"), (0.1, "WARN")):
+        numbers = {"loop_delay_s": TCP.loop_delay_s + excess_s}
+        health = Health(rate_hz=250.0, config_hash=cell_hash(TCP), numbers=numbers)
+        bus.roles = {**bus.roles, "regulator": Reading(health, None, 0.1, "")}
+        assert words(bus_lines(TCP, bus))["loop delay"] == result

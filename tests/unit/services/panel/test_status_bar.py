@@ -167,6 +167,24 @@ def test_a_force_without_calibration_is_marked():
     assert force_display(CELL, received)["caption"] == "force |F|, not calibrated"
 
 
+@pytest.mark.parametrize(
+    ("target", "note"),
+    [
+        (RegulatorTarget(mode="position"), ""),
+        (RegulatorTarget(gain_share=0.5), ", gains at 50 %"),
+        (
+            RegulatorTarget(gain_share=0.543, round_trip_s=0.0618, modelled_round_trip_s=0.0337),
+            ", gains at 54 %: loop delay 62 ms, model 34 ms",
+        ),
+    ],
+)
+def test_lowered_gains_are_shown_with_the_delay_of_the_loop(target, note):
+    """At full gains nothing is added."""
+    wrench = fresh(WrenchAtTcp(calibrated=True))
+    shown = force_display(CELL, Snapshot(hub_fault="", wrench=wrench, target=fresh(target)))
+    assert shown["caption"] == f"force |F|{note}"
+
+
 # --- trips ----------------------------------------------------------------------------------------
 
 

@@ -28,7 +28,7 @@ NO_NEW_BRANCH := mutation_is_detected or mutation_of_the_gateway or gate_breaks_
   or stall_at_first_touch or stall_while_holding or number_survives_the_dump or verbs_open
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
+.PHONY: help setup demo test test-long test-bringup test-browser test-subscribers coverage check format readme bench bench-chain bench-tcp bench-payload bench-force bench-forecast chaos chaos-full chaos-network chaos-flood chaos-clocks soak soak-sensor flips whole-runs mutate mutate-program fuzz fuzz-codec fuzz-commands hostile pki up down sbom compose-test wheel lock clean
 
 help: ## list these targets
 	@grep -hE '^[a-z-]+:.*##' Makefile | sed -E 's/:[^#]*## */\t/' | expand -t 10
@@ -101,6 +101,9 @@ bench-payload: setup ## payload identification beside the published ones: ARGS="
 
 bench-force: setup ## how well laws release, hold, find and follow a force: ARGS=--quick, --json, --write makes docs/force.md
 	@$(BIN)/python -m bench.force $(ARGS)
+
+bench-forecast: setup ## forecasts of 200 drawn jobs compared with what happens: ARGS=--write makes docs/forecast.md, --map the map
+	@$(BIN)/python -m bench.forecast $(ARGS)
 
 chaos: setup ## kill, freeze and starve every process of a moving cell, also two at once, see that it holds: ARGS="--seed 7"
 	@$(BIN)/python -m tests.chaos $(ARGS)

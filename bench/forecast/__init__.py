@@ -1,0 +1,1 @@
+"""Measurement of the forecast map, and of how often forecasts contain what happens."""

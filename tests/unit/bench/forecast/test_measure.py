@@ -1,0 +1,127 @@
+"""Forecasts of drawn jobs: a sample in the rig, and the parts of the measurement."""
+
+from concurrent.futures import Executor, Future
+from math import exp, inf, log
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.forecast import measure
+from bench.forecast.fit import (
+    FEATURES,
+    WIDEST,
+    Measured,
+    cross_validated,
+    fit,
+    force_job,
+    law_map,
+    solved,
+    stamped,
+)
+from bench.forecast.jobs import DrawnJob, Happened, drawn, run
+from bench.forecast.measure import Compared, compared, contained_share, forecast_jobs, map_jobs
+from bench.forecast.page import page
+from tuning.force_map import check_value, terms
+from tuning.forecast import coordinates, models
+
+SAMPLE, LEAST_CONTAINED = 6, 5
+
+
+class Here(Executor):
+    """Runs at once, in this process."""
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Run it."""
+        done: Future[Any] = Future()
+        done.set_result(fn(*args, **kwargs))
+        return done
+
+
+def test_a_sample_of_drawn_jobs_does_what_was_forecast() -> None:
+    """At least five of six in each of three quantities; the whole draw is `make bench-forecast`."""
+    rows = compared(forecast_jobs(SAMPLE, measure.JOBS_SEED), Here())
+    assert len(rows) == SAMPLE
+    assert {row.job.law for row in rows} == {"adaptive", "plain"}
+    assert sum(row.contains_all for row in rows) >= LEAST_CONTAINED
+
+
+def test_what_did_not_settle_is_not_contained() -> None:
+    """Nor is a press that settled a third later than the interval ends."""
+    ((job, found),) = forecast_jobs(1, 5).jobs
+    inside = (
+        Happened(
+            found.settling_s.low * 1.1, found.peak_N.low * 1.01, found.follow_error_N.high * 0.99
+        )
+        if found.follow_error_N
+        else Happened(0.0, 0.0, 0.0)
+    )
+    assert Compared(job, found, inside).contains_all
+    for settling_s in (inf, 1.3 * found.settling_s.high):
+        late = Happened(settling_s, inside.peak_N, inside.follow_error_N)
+        row = Compared(job, found, late)
+        assert not row.contains_all
+        assert (row.contains("settling_s"), row.contains("peak_N")) == (False, True)
+        assert contained_share([row, Compared(job, found, inside)]) == 0.5
+        assert contained_share([row], "peak_N") == 1.0
+
+
+def test_the_draw_is_that_of_its_seed_and_covers_the_stated_ranges() -> None:
+    """The cell's own contact is drawn often; a job's cell file loads."""
+    jobs = [job for job, _ in zip(drawn(("adaptive", "plain"), 3), range(400), strict=False)]
+    again = [job for job, _ in zip(drawn(("adaptive", "plain"), 3), range(400), strict=False)]
+    assert jobs == again
+    assert 0.1 < np.mean([job.stiffest_ratio == 1.0 for job in jobs]) < 0.5
+    assert all(2e3 <= job.stiffness_N_m <= 1e5 and 5.0 <= job.setpoint_N <= 40.0 for job in jobs)
+    assert max(job.delay_ms for job in jobs if job.law == "adaptive") <= 60
+    assert jobs[0].cell().contact.stiffness_N_m == pytest.approx(
+        jobs[0].stiffness_N_m * jobs[0].stiffest_ratio
+    )
+
+
+def test_a_fit_finds_the_correction_and_its_width() -> None:
+    """Of results that are the model times a known factor and noise."""
+    rng, rows = np.random.default_rng(1), []
+    for job in map_jobs("plain", 300):
+        values = coordinates(job.cell(), force_job(job))
+        model = models("plain", values)
+        factor = 1.3 * exp(rng.normal(0.0, 0.03)) * (values["loop_delay_s"] / 0.05) ** 0.2
+        rows.append(Measured(job, values, Happened(*(factor * model[name] for name in FEATURES))))
+    found = fit(rows, "settling_s")
+    assert 0.05 < found["width"] < 0.12
+    assert found["contained"] >= 0.98
+    tree = law_map(rows)
+    assert sorted(tree["fits"]) == sorted(FEATURES)
+    assert tree["ranges"]["setpoint_N"][0] < 5.1
+    made = stamped({"plain": tree}, {"command": "a"})
+    assert made["check"] == check_value(made)
+
+
+def test_outliers_do_not_bend_a_fit_and_no_width_is_beyond_twice() -> None:
+    """One result in thirty is ten times too large."""
+    x = np.linspace(-1.0, 1.0, 120)[:, None]
+    ratio = 0.2 + 0.1 * x[:, 0]
+    ratio[::30] += log(10.0)
+    found = solved(terms(x), ratio)
+    assert found[:2] == pytest.approx([0.2, 0.1], abs=0.03)
+    assert np.abs(cross_validated(terms(x), ratio)).max() > WIDEST
+
+
+def test_a_job_runs_in_the_rig() -> None:
+    """A press of the plain law on 2e4 N/m settles at its set point, and follows the slope."""
+    job = DrawnJob("plain", 2e4, 1.0, 10, 4, 15.0, 0.02, 2.0, 0.05, 1.0, 1.0, 0)
+    happened = run(job)
+    assert 0.05 < happened.settling_s < 0.4
+    assert 14.0 < happened.peak_N < 16.0
+    assert 3.0 < happened.follow_error_N < 9.0
+
+
+def test_the_page_has_shares_refusals_and_misses() -> None:
+    """Of each law and of all; what was not contained is listed."""
+    draw = forecast_jobs(4, 7)
+    rows = [Compared(job, found, Happened(inf, 15.0, 1e3)) for job, found in draw.jobs]
+    text = page(rows, draw, "make bench-forecast")
+    assert text.startswith("# Forecasts\n")
+    assert "| all | **each of them** | 4 | 0.0% |  |  |" in text
+    assert "draws were outside of the map" in text
+    assert "| inf |" in text

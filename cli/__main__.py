@@ -34,6 +34,7 @@ from cli.context import EXIT_CODES, INTERRUPTED, OK, exit_code_of, print_note
 from cli.demo.verb import demo
 from cli.doctor.verb import doctor
 from cli.export import export
+from cli.forecast import forecast
 from cli.numbers import NEGATIVE_NUMBERS
 from cli.panel import panel
 from cli.probe.verb import probe
@@ -110,7 +111,7 @@ VERBS: dict[str, tuple[Callable[..., Any], ...]] = {  # by panel of the help
         verbs_arm.speed,
     ),
     "Skills": (skills.touch, skills.press, skills.follow, skills.align, skills.guide),
-    "Force": (verbs_force.tare, calibrate, tune),
+    "Force": (verbs_force.tare, calibrate, tune, forecast),
 }
 GROUPS = {
     "record": (record, "Recordings"),

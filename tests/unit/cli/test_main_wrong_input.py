@@ -45,13 +45,14 @@ WORDS = {
     "move by": "0,0,0,0,0,0",
     "jog": "x 1",
     "press": "15",
+    "forecast": "15",
     "signals set": "lamp on",
     "signals wait": "lamp",
     "follow": "HERE",
     "pki issue": "operator",
 }
 NEEDS_NO_HUB = (
-    *("topics", "config show", "pki init", "pki check", "pki issue"),
+    *("topics", "config show", "forecast", "pki init", "pki check", "pki issue"),
     *("status", "demo", "up", "probe", "bringup"),  # tested elsewhere
 )
 

@@ -39,7 +39,7 @@ REPLAY = (
 )
 
 
-def page_of(read: "RecordedFile", content: "ReportContent", scene: Html) -> Html:
+def page_of(read: "RecordedFile", content: "ReportContent", scene: Html, forecasts: Html) -> Html:
     """Return the whole page."""
     about = read.about
     begin = datetime.fromtimestamp(content.begin_ns / 1e9, UTC)
@@ -56,6 +56,7 @@ def page_of(read: "RecordedFile", content: "ReportContent", scene: Html) -> Html
         stops=_stops(content),
         requests=_requests(content),
         contacts=contact_table(content.contacts),
+        forecasts=forecasts,
         plots=_plots(content),
         scene=scene,
         topics=_topics(content),

@@ -184,13 +184,17 @@ def _write_log_page(judged: "JudgedLog", path: Path, *, as_json: bool) -> None:
 def _write_recording_page(read: "RecordedFile", path: Path, *, no_3d: bool) -> None:
     from cli.pages import write_page
     from cli.report.data import report_content
+    from cli.report.forecasts import forecast_rows, lines_of, section_of
     from cli.report.page import page_of, scene_of
     from services.panel.markup import html
 
     cell = recorded_cell(read)
     with waiting(f"reading {read.path}"):
         content = report_content(read, cell)
+        forecasts = forecast_rows(read, cell, content)
     with waiting("drawing"):
         scene = html("") if no_3d else scene_of(read, cell, content)
-        write_page(page_of(read, content, scene), path)
+        write_page(page_of(read, content, scene, section_of(forecasts)), path)
     echo(f"{path}: {content.duration_s:.1f} s, {len(content.stops)} stops")
+    for line in lines_of(forecasts):
+        echo(line)

@@ -284,7 +284,8 @@ class Arbiter:
         self._begin_lease("arm", purpose, bounds, inputs)
         load = load_text(inputs, self._terms)
         unchecked = checks_off_text(self._space, bounds.T_armed, robot.joint_rad)
-        text = f"{ARMED_TEXTS[purpose]} (lease {self._lease}){load}{unchecked}"
+        forecast = self._terms.forecast if purpose == "all" else ""
+        text = f"{ARMED_TEXTS[purpose]} (lease {self._lease}){load}{unchecked}{forecast}"
         return Reply(accepted=True, text=clipped(text))
 
     def _begin_lease(self, event: str, purpose: Purpose, bounds: ArmBounds, inputs: Inputs) -> None:

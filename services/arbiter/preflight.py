@@ -22,6 +22,7 @@ from forcemesh.messages import Purpose, Trip
 from forcemesh.version import __version__
 from services.arbiter.inputs import Inputs, missing, robot_faults
 from services.arbiter.watch import slow_start_trip
+from tuning.forecast_text import arming_text
 from tuning.measured_range import ROUNDING_MOST_N, SEGMENTS, segment_range
 
 PREFLIGHT_S = 1.0  # time for which the inputs must have been good
@@ -38,6 +39,7 @@ class Terms:
     bounds: ArmBounds  # the cell's; not of an armed arm
     rest_s: float  # least time at rest
     contact: tuple[Trip, ...]  # why the contact of this cell is too stiff, or its approach too fast
+    forecast: str  # note for the reply to `arm`: the limit that the cell's own press would break
 
     @classmethod
     def of(cls, cell: CellConfig) -> "Terms":
@@ -48,6 +50,7 @@ class Terms:
             ArmBounds(Limits.of(cell), cell.tool.T_flange_tcp.pose, pin.SE3.Identity()),
             max(REST_POSE_S, LEAST_REPORTS / cell.rates.robot_hz),
             tuple(contact_trips(cell)),
+            arming_text(cell),
         )
 
 

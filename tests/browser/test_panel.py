@@ -24,7 +24,7 @@ SECRET = "0123456789abcdef"  # noqa: S105 - of a panel of this test
 
 
 def test_a_person_presses_and_the_force_follows_the_set_point(ready, address, cockpit):
-    """Arm, press, change the set point: each move needs a confirmation, and the force follows."""
+    """Arm, read the forecast, press, change the set point; each move needs a confirmation."""
     page = cockpit(1440, 860).open(address)
     page.click("Arm")
     page.button("Arm now").wait_for()
@@ -32,6 +32,7 @@ def test_a_person_presses_and_the_force_follows_the_set_point(ready, address, co
     page.cancel()
     page.arm()
     page.fill("Set point [N]", 15.0)
+    page.page.get_by_text("forecast: settles").wait_for()
     page.click("Start pressing")
     assert ready.target.reading().fresh is None
     page.click("Press now")

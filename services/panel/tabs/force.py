@@ -6,6 +6,7 @@ from typing import Any, get_args
 
 import viser
 
+from common.config.cell import CellConfig
 from forcemesh.client import Cell
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import ForcemeshError
@@ -16,6 +17,8 @@ from services.panel.markup import Html, html, paragraphs
 from services.panel.tabs import Refresh, Tab
 from services.panel.viewer import Prose, Viewer, in_background, put
 from services.panel.watch import Snapshot
+from tuning.forecast import ForceJob
+from tuning.forecast_text import one_line
 
 READ_S = 5.0  # between two requests for the regulator's gains, which no topic carries
 GAIN_ROWS = (  # field, label, SI value of one unit of the form
@@ -118,6 +121,7 @@ def _add_press(viewer: Viewer) -> Refresh:
         label = "Guide now" if asked.law == "admittance" else "Press now"
         viewer.confirm_and_do("Start pressing", text, label, begin)
 
+    expected = Prose(gui, forecast_line(request(), config))
     start = viewer.button("Start pressing", ask, icon=viser.Icon.PLAYER_PLAY, color="orange")
     change = viewer.button(
         "Change set point",
@@ -137,12 +141,19 @@ def _add_press(viewer: Viewer) -> Refresh:
         """Show the settings of the running press and the buttons that apply."""
         for name, field in followed.items():
             field.follow(getattr(snapshot.target.fresh, name, None))
+        expected.show(forecast_line(request(), config))
         runs = getattr(snapshot.target.message, "mode", None) is not None
         put(start, visible=not runs)
         put(change, visible=runs)
         put(stop, visible=runs)
 
     return refresh
+
+
+def forecast_line(request: ForceStartRequest, cell: CellConfig) -> Html:
+    """Return what a press is forecast to do on the cell's contact, or why there is no forecast."""
+    job = ForceJob(request.setpoint_N, law=request.law, host=request.host, mode=request.mode)
+    return paragraphs(one_line(cell, job))
 
 
 def start_question(request: ForceStartRequest, search_m: float) -> Html:

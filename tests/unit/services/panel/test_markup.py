@@ -68,8 +68,8 @@ def test_any_text_is_shown_literally_and_is_never_an_element(text):
 
 def test_foreign_text_in_a_page_of_the_templates_is_text():
     """A name is filled as a field of `html`; a missing or unknown one is an error."""
-    names = ["origin", "cards", "states", "stops", "requests", "contacts"]
-    names += ["plots", "scene", "topics"]
+    names = ["origin", "cards", "states", "stops", "forecasts", "requests"]
+    names += ["contacts", "plots", "scene", "topics"]
     parts = dict.fromkeys(names, html("")) | {"title": "<b>{{ title }}</b>"}
     found = Elements(filled_page("cli.report", "report.html", **parts))
     assert "b" not in found.tags

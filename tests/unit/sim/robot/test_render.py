@@ -20,11 +20,11 @@ SETTINGS = SimSettings(tilt_deg=10.0)
 SMALL = View(width_px=320, height_px=240)
 
 
-def pixels(tmp_path, force_N) -> np.ndarray:
-    """Return a small picture of the cell at home, 0..1. Shape (240, 320, 3)."""
+def pixels(tmp_path, force_N, settings: SimSettings = SETTINGS) -> np.ndarray:
+    """Return a small picture of a cell at home, 0..1. Shape (240, 320, 3)."""
     path = tmp_path / "cell.png"
     try:
-        render_png(SETTINGS, path, q=SETTINGS.home_rad, force_N=force_N, view=SMALL)
+        render_png(settings, path, q=settings.home_rad, force_N=force_N, view=SMALL)
     except RenderUnavailable as error:
         pytest.skip(str(error))
     return matplotlib.image.imread(path)[:, :, :3]
@@ -43,11 +43,21 @@ def test_a_picture_shows_sensor_plate_and_force(tmp_path):
     assert with_force.shape == without.shape == (240, 320, 3)
     assert share_of(without, 2) > 0.001
     assert share_of(with_force, 0) > share_of(without, 0) + 0.001
-    green = (without[:, :, 1] > 1.3 * without[:, :, 0]) & (
-        without[:, :, 1] > 1.3 * without[:, :, 2]
-    )
-    assert green.mean() > 0.002
+    assert green_share(without) > 0.002
     assert without.std() > 0.05
+
+
+def green_share(picture: np.ndarray) -> float:
+    """Return the share of pixels of the surface under the tool."""
+    red, green, blue = np.moveaxis(picture, 2, 0)
+    return float(((green > 1.3 * red) & (green > 1.3 * blue)).mean())
+
+
+def test_a_picture_shows_a_curved_surface_in_place_of_the_plate(tmp_path):
+    """It is as high as its radius: more of it is in the picture than of the plate's edge."""
+    plate = pixels(tmp_path, None, SimSettings())
+    curved = pixels(tmp_path, None, SimSettings(surface="hemisphere", radius_m=0.08))
+    assert green_share(curved) > 1.5 * green_share(plate)
 
 
 @pytest.mark.parametrize("variable", ["MUJOCO_GL", "__EGL_VENDOR_LIBRARY_FILENAMES"])

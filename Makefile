@@ -99,7 +99,7 @@ bench-tcp: setup ## play the demo over TCP in every combination: ARGS=--write ma
 bench-payload: setup ## payload identification beside the published ones: ARGS="recording.csv" adds it, ARGS=--quick
 	@$(BIN)/python -m bench.payload $(ARGS)
 
-bench-force: setup ## how well laws release, hold, find and follow a force: ARGS=--quick, --json, --write makes docs/force.md
+bench-force: setup ## how well laws release, hold, find and follow a force: ARGS=--quick, --json, --paths or --axes alone; --write makes docs/force*.md
 	@$(BIN)/python -m bench.force $(ARGS)
 
 bench-forecast: setup ## forecasts of 200 drawn jobs compared with what happens: ARGS=--write makes docs/forecast.md, --map the map

@@ -42,6 +42,10 @@ class CoupledContact:
         """Move the bushing, which loads the tool. Base axes, shapes (3,)."""
         self._p_m, self._R = self._p_m + travel_m, pin.exp3(turn_rad) @ self._R
 
+    def lift_off_m(self, _: pin.SE3) -> float:
+        """Return zero: a bushing never lets go of the tool."""
+        return 0.0
+
     def act(self) -> None:
         """Apply the wrench to the disc for the model's next time step."""
         data = self._arm.data

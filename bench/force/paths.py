@@ -35,7 +35,7 @@ LAWS = ("adaptive", "plain, known k", "admittance, known k", "FDCC-like, known k
 TILT_DEG, RADIUS_M, DISC_RADIUS_M = 8.0, 0.08, 0.01
 LENGTH_M, POSES = 0.04, 25  # out, and back again
 OFF_M, OFF_RAD = (0.001, 0.001, 0.001), np.radians(2.0)  # of the program, at its start and about y
-ACCEL_M_S2, TURN_RAD_S = 0.3, 1.0
+ACCEL_M_S2 = 0.3
 PROMISED = (0.02, 2e4, 250.0)  # speed, stiffness and loop that are promised
 PEER_TIME_S = 0.01  # second parameter of both peers
 REACHED_S, LONGEST_S, COUNTED_FROM_S = 2.0, 25.0, 1.0
@@ -57,10 +57,11 @@ class PathScene:
 class OnPath:
     """A law whose tool also moves along a path; without a path it only presses."""
 
-    def __init__(self, law: LawRunner | Admittance | Fdcc, T_base_tcp: pin.SE3) -> None:
-        """Start at rest."""
-        self.law, self._motion = law, start_at(T_base_tcp)
-        self.path = PosePath(T_base_tcp, 0.0, ACCEL_M_S2, TURN_RAD_S, in_contact=True)
+    def __init__(self, law: LawRunner | Admittance | Fdcc, rig: ForceRig) -> None:
+        """Start at rest; the path turns as fast as the cell permits, as in the regulator."""
+        self.law, self._motion = law, start_at(rig.T_base_tcp)
+        turn_rad_s = rig.cell.force.speed_max_rad_s
+        self.path = PosePath(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_rad_s, in_contact=True)
         self._task = mode_task("position", HOLD_N, axes=PRESS_ONLY)
         law.setpoint_N = HOLD_N
 
@@ -110,7 +111,7 @@ def path_measures(scene: PathScene) -> dict[str, float]:
     """Play one scene; NaN where it did not come to the end of its path."""
     rig = ForceRig(_world(scene).cell())
     rig.press(3.0)
-    pilot = OnPath(_law(scene, rig), rig.T_base_tcp)
+    pilot = OnPath(_law(scene, rig), rig)
     rig.run(pilot, REACHED_S if scene.law == "adaptive" else 2.0 * REACHED_S)
     pilot.begin(list(programmed(rig, scene.surface)), scene.speed_m_s)
     trace = rig.run(pilot, 0.1)

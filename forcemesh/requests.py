@@ -26,6 +26,7 @@ from forcemesh.records import Record
 # Bounds beyond any real arm, tool or law: values above them are rejected on decoding.
 FARTHEST_M = 100.0
 LONGEST_QUATERNION = 1.01
+LARGEST_BETWEEN_RAD = 1.6  # between two poses of a path: a larger one has no clear direction
 Coordinate = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 Place = tuple[Coordinate, Coordinate, Coordinate]
 Angle = Annotated[float, Meta(ge=-100.0, le=100.0)]  # [rad]

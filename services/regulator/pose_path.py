@@ -24,7 +24,6 @@ from common.motion.frames import Array, interpolated, rotate_about_base_axes, ro
 from services.regulator.tcp_path import SHARP
 
 ROTATION_RADIUS_M = 0.02
-LARGEST_BETWEEN_RAD = 1.6  # between two poses: a larger one has no clear direction
 LEAST_BEND = 0.01  # sine of the angle of a corner that is blended
 LEAST_PIECE_M = 1e-6  # shorter ones are left out
 BLEND = np.linspace(0.0, 1.0, 65)  # parameters at which the arc length of a blend is measured

@@ -1,6 +1,6 @@
 """Preconditions of a start of force feedback and of a path. Pure."""
 
-from math import degrees
+from math import degrees, hypot
 from typing import Any
 
 import numpy as np
@@ -13,16 +13,17 @@ from forcemesh.bus import Reading
 from forcemesh.faults import refusal, refused
 from forcemesh.force_task import AXIS_NAMES
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
-from forcemesh.requests import ForceStartRequest, PathRequest, Reply
+from forcemesh.requests import LARGEST_BETWEEN_RAD, ForceStartRequest, PathRequest, Reply
 from services.regulator.laws import LAWS
 from services.regulator.path_request import largest_turn, pending
-from services.regulator.pose_path import LARGEST_BETWEEN_RAD, PosePath
+from services.regulator.pose_path import PosePath
 from services.regulator.session import ForceSession, active_commander
 from services.regulator.task_refusals import task_mistake
 from services.regulator.task_request import complying
 from services.regulator.tcp_path import MOST_PATH_POINTS, TcpPath
 
 ACROSS = 0.1  # sine of the angle to the tool's axis from which an axis moves across it
+QUATERNION_NEAR = 0.01  # of the length of one: its rounding, not a mistake
 LEAST_PRESS_SHARE = 0.7  # least share of the tool's axis within the free axes: 45 degrees
 
 
@@ -158,6 +159,8 @@ def _refused_poses(
             "with axes held, such as --axes z=force:10"
         )
         return refusal("axes", text)
+    if text := _not_unit(request):
+        return refusal("setpoint", text)
     T_from = session.motion.T_base_tcp
     if request.append and isinstance(session.path, PosePath):
         T_from = session.path.T_end
@@ -167,6 +170,15 @@ def _refused_poses(
         limit = LARGEST_BETWEEN_RAD
         return refusal("setpoint", text, value=turn_rad, limit=limit)
     return None
+
+
+def _not_unit(request: PathRequest) -> str:
+    """Return which quaternion is no rotation, empty if all are: scaled, it would turn the tool."""
+    for number, pose in enumerate(request.poses, start=1):
+        length = hypot(*pose.orientation_xyzw)
+        if abs(length - 1.0) > QUATERNION_NEAR:
+            return f"pose {number}: its quaternion has the length {length:.3g}, it must be one"
+    return ""
 
 
 def shares_path(session: ForceSession) -> bool:

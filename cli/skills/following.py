@@ -22,7 +22,7 @@ from common.motion.convert import vec3
 from common.motion.frames import Array
 from common.motion.limits import Limits, check_workspace
 from forcemesh import topics
-from forcemesh.errors import DataError
+from forcemesh.errors import DataError, NotReachedError
 from forcemesh.messages import Vec3
 from forcemesh.requests import ForceStartRequest, PathRequest
 
@@ -37,6 +37,7 @@ BEGINNING_S = 1.0  # start of the path, not counted in the mean error
 AT_REST_S = 0.2
 DONE_M = 1e-5
 LEAST_M = 1e-4  # shortest path
+STANDSTILL_M = 1e-6  # change of the path that is left, below which it stands still
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,13 +95,13 @@ def follow(
         points: Of the TCP in base [m], each of shape (3,); their height is ignored.
         parameters: Speed and placement.
         request: Press force, law and gains; default: the adaptive law.
-        within_s: Longest time until the force is reached [s].
+        within_s: Longest time until the force is reached, and longest standstill of the path [s].
         progress: Receives the progress.
 
     Raises:
         DataError: The path starts too far from the tool, leaves the workspace, or has no length
             across the tool's axis.
-        NotReachedError: The force was not reached in time.
+        NotReachedError: The force was not reached in time, or the path stood still for that time.
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
     monitor = ContactMonitor(cell, progress)
@@ -124,7 +125,9 @@ def follow(
         cell.force.begin(start_request)
         pressed = Debounce(lambda sample: abs(sample.press_N - force_N) <= BAND_N, STEADY_S)
         monitor.until(pressed, within_s=within_s, label="pressing")
-        samples = send_parts(cell, monitor, part, chunk=CHUNK, remaining_m=remaining_m)
+        samples = send_parts(
+            cell, monitor, part, chunk=CHUNK, remaining_m=remaining_m, still_s=within_s
+        )
     return follow_result(samples, force_N, remaining_m[0])
 
 
@@ -157,6 +160,25 @@ def _remaining_m(points: list[Array], p_tcp_m: Array, axis: Array, limits: Limit
     return lengths_m[::-1]
 
 
+@dataclass(slots=True)
+class Standstill:
+    """Longest standstill of a path."""
+
+    most_s: float
+    left_m: float = 0.0
+    since_s: float | None = None
+
+    def check(self, sample: ContactSample) -> None:
+        """Raise NotReachedError when the path has not moved for too long."""
+        left_m = self.left_m if sample.path_left_m is None else sample.path_left_m
+        if self.since_s is None or abs(left_m - self.left_m) > STANDSTILL_M:
+            self.left_m, self.since_s = left_m, sample.t_s
+        elif sample.t_s - self.since_s > self.most_s:
+            cause = "a limit keeps the tool behind" if sample.contact == "contact" else "no contact"
+            text = f"the path stood still for {self.most_s:g} s, {1e3 * left_m:.1f} mm before"
+            raise NotReachedError(f"{text} the end of what was sent: {cause}")
+
+
 def send_parts(
     cell: ConfiguredCell,
     monitor: ContactMonitor,
@@ -164,6 +186,7 @@ def send_parts(
     *,
     chunk: int,
     remaining_m: list[float],
+    still_s: float,
 ) -> list[ContactSample]:
     """Send a path in parts until its end is reached; return the samples.
 
@@ -173,15 +196,17 @@ def send_parts(
         part: Returns the request for `chunk` places from a number on.
         chunk: Places in one request.
         remaining_m: Path length left at each place.
+        still_s: Longest standstill: without contact, or where a limit keeps the tool behind [s].
 
     Raises:
-        NotReachedError, RefusedError, ArmStoppedError, LostError: As raised by the client.
+        NotReachedError: The path stood still for too long.
+        RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
     length_m, count = remaining_m[0], len(remaining_m)
     done = Debounce(
         lambda sample: sample.path_left_m is not None and sample.path_left_m <= DONE_M, AT_REST_S
     )
-    sent, passed, samples = 0, 0, [monitor.next()]
+    sent, passed, samples, standstill = 0, 0, [monitor.next()], Standstill(still_s)
     while True:
         path_left_m = length_m
         if sent and samples[-1].path_left_m is not None:
@@ -196,6 +221,7 @@ def send_parts(
         monitor.progress(length_m - path_left_m, length_m, text)
         if done(samples[-1]) and sent >= count:
             return samples
+        standstill.check(samples[-1])
 
 
 def follow_result(

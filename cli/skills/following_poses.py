@@ -31,12 +31,21 @@ from cli.skills.following import (
 )
 from cli.skills.pressing import BAND_N, STEADY_S
 from common.bus.configured_cell import ConfiguredCell
-from common.motion.convert import record_of
+from common.motion.convert import pose_of, record_of
 from common.motion.frames import Array, apart
+from common.motion.joint_paths import path_obstacle
+from common.motion.joint_space import JointSpace
 from common.motion.limits import Limits, check_workspace
 from forcemesh.errors import DataError
 from forcemesh.messages import PoseRecord, Vec3
-from forcemesh.requests import HELD, ForceStartRequest, ForceTask, PathRequest, TaskAxis
+from forcemesh.requests import (
+    HELD,
+    LARGEST_BETWEEN_RAD,
+    ForceStartRequest,
+    ForceTask,
+    PathRequest,
+    TaskAxis,
+)
 
 POSES_AT_ONCE = 30  # poses in one request
 START_TOLERANCE_RAD = radians(15.0)  # of the tool's orientation from that of the first pose
@@ -93,13 +102,15 @@ def follow_poses(
         progress: Receives the progress.
 
     Raises:
-        DataError: The path starts too far from the tool, leaves the workspace, or has no length.
-        NotReachedError: The force was not reached in time.
+        DataError: The path starts too far from the tool, leaves the workspace, turns too far
+            between two poses, cannot be followed by the joints, or has no length.
+        NotReachedError: The force was not reached in time, or the path stood still for that time.
         RefusedError, ArmStoppedError, LostError: As raised by the client.
     """
     monitor = ContactMonitor(cell, progress)
     placed = _placed_poses(poses, monitor.tcp_pose(), from_here=parameters.from_here)
     remaining_m = _remaining_m(placed, Limits.of(cell.config))
+    _check_joints(cell, placed, parameters.speed_m_s)
     direction = None if parameters.direction is None else _unit(parameters.direction)
     force_N = request.setpoint_N
 
@@ -119,7 +130,10 @@ def follow_poses(
     with stop_force_at_end(cell):
         cell.force.begin(_start(request, parameters, direction, placed[0]))
         monitor.until(Debounce(is_pressed, STEADY_S), within_s=within_s, label="pressing")
-        samples = send_parts(cell, monitor, part, chunk=POSES_AT_ONCE, remaining_m=remaining_m)
+        samples = send_parts(
+            cell, monitor, part,
+            chunk=POSES_AT_ONCE, remaining_m=remaining_m, still_s=within_s,
+        )  # fmt: skip
     return follow_result(samples, force_N, remaining_m[0], direction)
 
 
@@ -143,7 +157,7 @@ def _start(
         pose=_frame_along(direction, T_first),
         axes=(HELD, HELD, TaskAxis(control="force", setpoint=request.setpoint_N), HELD, HELD, HELD),
     )
-    return request.replaced(task=task, law=law)
+    return request.replaced(task=task, law=law, setpoint_N=0.0)
 
 
 def _frame_along(direction: Array, T_first: pin.SE3) -> PoseRecord:
@@ -188,8 +202,23 @@ def _remaining_m(poses: Sequence[pin.SE3], limits: Limits) -> list[float]:
         if trip is not None:
             raise DataError(f"pose {number} of the path: {trip.text}")
     lengths_m = [0.0]
-    for a, b in pairwise(reversed(poses)):
-        lengths_m.append(lengths_m[-1] + apart(a, b)[0])
+    for number, (b, a) in zip(range(len(poses), 1, -1), pairwise(reversed(poses)), strict=True):
+        length_m, turn_rad = apart(a, b)
+        if turn_rad > LARGEST_BETWEEN_RAD:
+            text = f"turned by {degrees(turn_rad):.0f} degrees from the one before it"
+            limit = f"{degrees(LARGEST_BETWEEN_RAD):.0f} degrees"
+            raise DataError(f"pose {number} of the path: {text}, at most {limit}: add poses")
+        lengths_m.append(lengths_m[-1] + length_m)
     if lengths_m[-1] < LEAST_M:
         raise DataError("the path has no length: it needs two poses in different places")
     return lengths_m[::-1]
+
+
+def _check_joints(cell: ConfiguredCell, poses: Sequence[pin.SE3], speed_m_s: float) -> None:
+    """Raise DataError when the joints cannot follow the whole path: parts of it are sent later."""
+    T_tcp_flange, robot = cell.config.tool.T_flange_tcp.pose.inverse(), cell.state()
+    flange = (T * T_tcp_flange for T in poses)
+    space = JointSpace.of(cell.config)
+    found = path_obstacle(space, flange, robot, pose_of(robot), speed_m_s=speed_m_s)
+    if found is not None:
+        raise DataError(f"pose {found.point} of the path: {found.trip.text}")

@@ -109,6 +109,9 @@ def plate_of(cell: CellConfig) -> SimSettings:
     if cell.sim is None:
         text = "the demo needs a cell with a section `sim`: it arms and presses without asking"
         raise ConfigError(cell.cell, [text])
+    if cell.sim.surface != "plane":
+        text = f"the demo measures on a plane plate: sim.surface is {cell.sim.surface}, set plane"
+        raise ConfigError(cell.cell, [text])
     return SimSettings.of(cell)
 
 

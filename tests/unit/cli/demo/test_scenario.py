@@ -11,6 +11,7 @@ from cli.demo import scenario
 from cli.demo.cell import DemoOverrides, check_plan, demo_cell, surface_of
 from cli.demo.measures import measure, table
 from cli.demo.scenario import SILENT_READINGS, Scenario, ScenarioPlan
+from common.config.load import dump_cell, load_cell
 from forcemesh import topics
 from forcemesh.bus import Bus
 from forcemesh.errors import ConfigError
@@ -32,6 +33,22 @@ def test_the_demo_never_runs_on_a_real_arm(trial: DemoOverrides) -> None:
     """Its options for the plate do not replace the section `sim` of the cell file."""
     with pytest.raises(ConfigError, match="section `sim`"):
         demo_cell(DEMO.with_name("rs007l-real.yaml"), trial)
+
+
+def test_a_curved_surface_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    """The distances of the demo are those from a plane."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(load_cell(DEMO, {"sim.surface": "hemisphere"})), encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"sim\.surface is hemisphere, set plane"):
+        demo_cell(path, DemoOverrides())
+
+
+def test_a_curved_surface_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    """The distances of the demo are those from a plane."""
+    path = tmp_path / "cell.yaml"
+    path.write_text(dump_cell(load_cell(DEMO, {"sim.surface": "hemisphere"})), encoding="utf-8")
+    with pytest.raises(ConfigError, match="sim.surface is hemisphere, set plane"):
+        demo_cell(path, DemoOverrides())
 
 
 def test_nothing_is_started_for_a_real_arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -43,14 +43,6 @@ def test_a_curved_surface_is_refused_before_anything_starts(tmp_path: Path) -> N
         demo_cell(path, DemoOverrides())
 
 
-def test_a_curved_surface_is_refused_before_anything_starts(tmp_path: Path) -> None:
-    """The distances of the demo are those from a plane."""
-    path = tmp_path / "cell.yaml"
-    path.write_text(dump_cell(load_cell(DEMO, {"sim.surface": "hemisphere"})), encoding="utf-8")
-    with pytest.raises(ConfigError, match="sim.surface is hemisphere, set plane"):
-        demo_cell(path, DemoOverrides())
-
-
 def test_nothing_is_started_for_a_real_arm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The verb ends as wrong usage before any process starts."""
     started: list[object] = []

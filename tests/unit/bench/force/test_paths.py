@@ -1,0 +1,46 @@
+"""Path with force in the benchmark: its path is the regulator's, and one promised point."""
+
+import numpy as np
+import pytest
+
+from bench.force.paths import (
+    LENGTH_M,
+    PROMISED,
+    OnPath,
+    PathScene,
+    path_measures,
+    programmed,
+)
+from bench.force.paths_page import MEAN_N, WORST_SHARE
+from bench.force.rig import ForceRig, SceneSettings
+from bench.force.stage import adaptive
+
+SPEED_M_S, K_N_M, LOOP_HZ = PROMISED
+WORLD = SceneSettings(K_N_M, 10, LOOP_HZ)
+
+
+@pytest.mark.parametrize("most_rad_s", [0.2, 0.5])
+def test_the_tool_turns_no_faster_than_in_the_regulator(most_rad_s: float) -> None:
+    """The limit is that of the cell, not one of the benchmark's own."""
+    rig = ForceRig(SceneSettings(overrides=(("force.speed_max_rad_s", most_rad_s),)).cell())
+    assert OnPath(adaptive(rig), rig).path.turn_rad_s == most_rad_s
+
+
+@pytest.mark.parametrize("surface", ["plane", "cylinder", "hemisphere"])
+def test_the_program_leads_out_and_back_and_is_off(surface: str) -> None:
+    """Its first pose is a millimetre off along each axis, its last one is the first."""
+    rig = ForceRig(WORLD.cell())
+    poses = [*programmed(rig, surface)]
+    away_m = poses[0].translation - rig.arm.plate.point_m
+    assert away_m == pytest.approx([0.001, 0.001, 0.001], abs=1e-9)
+    assert poses[-1].isApprox(poses[0], 1e-9)
+    place_m = np.array([T.translation for T in poses])
+    length_m = float(np.linalg.norm(np.diff(place_m, axis=0), axis=1).sum())
+    assert length_m == pytest.approx(2.0 * LENGTH_M, rel=0.01)
+
+
+def test_the_promise_is_met_on_the_cylinder() -> None:
+    """At the promised speed, stiffness and rate of the loop."""
+    found = path_measures(PathScene("adaptive", "cylinder", SPEED_M_S, WORLD))
+    assert found["mean_error_N"] <= MEAN_N
+    assert found["worst_press_share"] <= WORST_SHARE

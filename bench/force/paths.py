@@ -25,6 +25,7 @@ from common.motion.convert import vec3
 from services.regulator.axis_task import mode_task
 from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, LawMotion, back_calculate, start_at
+from services.regulator.path_request import turn_limit_rad_s
 from services.regulator.pose_following import follow_poses, path_start
 from services.regulator.pose_path import PosePath
 from tuning.gain_rule import tune
@@ -60,7 +61,7 @@ class OnPath:
     def __init__(self, law: LawRunner | Admittance | Fdcc, rig: ForceRig) -> None:
         """Start at rest; the path turns as fast as the cell permits, as in the regulator."""
         self.law, self._motion = law, start_at(rig.T_base_tcp)
-        turn_rad_s = rig.cell.force.speed_max_rad_s
+        turn_rad_s = turn_limit_rad_s(rig.cell)
         self.path = PosePath(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_rad_s, in_contact=True)
         self._task = mode_task("position", HOLD_N, axes=PRESS_ONLY)
         law.setpoint_N = HOLD_N

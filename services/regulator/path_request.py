@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from math import radians
 
 import numpy as np
 import pinocchio as pin
 
+from common.config.cell import CellConfig
 from common.motion.convert import pose_of
 from common.motion.frames import Array, apart
 from forcemesh.requests import PathRequest
@@ -69,6 +71,14 @@ def next_path(
         in_contact=request.in_contact,
         now_m_s=0.0 if before is None else before.now_m_s,
     )
+
+
+def turn_limit_rad_s(cell: CellConfig) -> float:
+    """Return the highest angular speed of a path.
+
+    The arbiter slows travel and turn together: a turn beyond its limit would slow force control.
+    """
+    return min(cell.force.speed_max_rad_s, radians(cell.limits.speed_deg_s))
 
 
 def pending(path: Path | None) -> int:

@@ -50,7 +50,13 @@ from services.regulator.guards import (
 from services.regulator.law import LawInput, back_calculate, start_at
 from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
-from services.regulator.path_request import next_path, path_ahead, path_report, tool_poses
+from services.regulator.path_request import (
+    next_path,
+    path_ahead,
+    path_report,
+    tool_poses,
+    turn_limit_rad_s,
+)
 from services.regulator.refusals import (
     refused_axes,
     refused_guide,
@@ -433,7 +439,7 @@ class Regulator:
             return refused
         session.path = next_path(
             session.path, request, T_base_tcp=T_base_tcp, task=session.goal,
-            turn_rad_s=self._cell.force.speed_max_rad_s,
+            turn_rad_s=turn_limit_rad_s(self._cell),
         )  # fmt: skip
         what = f"{len(poses)} poses" if request.poses else f"{len(poses)} points"
         return Reply(accepted=True, text=f"the tool follows {what}")

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.config.load import load_cell
 from common.motion.convert import pose_of, record_of
 from common.motion.frames import apart
 from forcemesh import topics
@@ -13,8 +14,9 @@ from forcemesh.errors import MessageError
 from forcemesh.force_task import parse_task
 from forcemesh.messages import PoseRecord
 from forcemesh.requests import ForceStartRequest, PathRequest
+from services.regulator.path_request import turn_limit_rad_s
 from services.regulator.tcp_path import MOST_PATH_POINTS
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
 
 STIFFNESS_N_M, RADIUS_M, PRESS_N, FEED_M_S = 2e4, 0.08, 10.0, 0.02
@@ -268,3 +270,10 @@ def test_a_lateral_set_point_keeps_its_correction_along_a_path_of_poses() -> Non
     assert pushed_m > before_m + 1e-4
     bench.pass_s(1.5)
     assert bench.lateral_m > before_m + 0.5 * (pushed_m - before_m)
+
+
+def test_a_path_turns_no_faster_than_the_arbiter_permits() -> None:
+    """It slows travel and turn by one factor, so that a faster turn would slow force control."""
+    fast = load_cell(DEMO, {"force.speed_max_rad_s": 2.0})
+    assert turn_limit_rad_s(fast) == pytest.approx(np.radians(fast.limits.speed_deg_s))
+    assert turn_limit_rad_s(CELL) == CELL.force.speed_max_rad_s

@@ -122,6 +122,10 @@ def _publish(file: str, text: str, command: str, *, prints: bool, writes: bool) 
         Console(width=160).print(Markdown(text))
     if writes:
         (DOCS / f"{file}.md").write_text(as_block_page(file, text, command), encoding="utf-8")
+    if writes and file == "force-path":
+        from bench.force import pictures  # noqa: PLC0415 - matplotlib takes a second
+
+        pictures.paths(DOCS / "pictures" / "force-path.png")
 
 
 def _draw(rows: Rows, pool: Executor) -> None:

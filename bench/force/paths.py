@@ -17,7 +17,7 @@ import pinocchio as pin
 from bench.force.measures import means
 from bench.force.peers import Admittance, Fdcc
 from bench.force.pilots import LawRunner
-from bench.force.rig import ForceRig, LawSample, SceneSettings
+from bench.force.rig import ForceRig, LawSample, SceneSettings, Trace
 from bench.force.run import Row
 from bench.force.settle import true_tau_s
 from bench.force.stage import HOLD_N, adaptive, tuned_plain
@@ -108,8 +108,8 @@ class OnPath:
         )
 
 
-def path_measures(scene: PathScene) -> dict[str, float]:
-    """Play one scene; NaN where it did not come to the end of its path."""
+def played(scene: PathScene) -> tuple[ForceRig, OnPath, Trace]:
+    """Play one scene; return its rig, its law and what happened on the path."""
     rig = ForceRig(_world(scene).cell())
     rig.press(3.0)
     pilot = OnPath(_law(scene, rig), rig)
@@ -118,6 +118,12 @@ def path_measures(scene: PathScene) -> dict[str, float]:
     trace = rig.run(pilot, 0.1)
     while pilot.path.pieces and trace.t_s[-1] < LONGEST_S:
         rig.run(pilot, 0.1, trace)
+    return rig, pilot, trace
+
+
+def path_measures(scene: PathScene) -> dict[str, float]:
+    """Return the measures of one scene; NaN where it did not come to the end of its path."""
+    rig, pilot, trace = played(scene)
     if pilot.path.pieces:
         return {"mean_error_N": nan, "worst_press_share": nan, "missed_mm": nan, "aside_mm": nan}
     t, push = np.array(trace.t_s), np.array(trace.push_N)

@@ -1,4 +1,4 @@
-"""Figures of the benchmark: releases, surface following, map of settling times."""
+"""Figures of the benchmark: releases, paths, surface following, map of settling times."""
 
 from pathlib import Path
 
@@ -7,6 +7,8 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from bench.force import scenes, stage
+from bench.force.paths import LAWS as PATH_LAWS
+from bench.force.paths import PROMISED, PathScene, played
 from bench.force.rig import ForceRig, SceneSettings
 from bench.force.run import LAWS, Row
 from bench.force.settle import PRESS_N
@@ -56,6 +58,24 @@ def map_of(rows: list[Row], fixed: dict[tuple[float, int], float], path: Path) -
         pane.set_ylabel("delay [ms]")
         pane.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
         pane.set_yticks(range(len(ds)), [str(d) for d in ds])
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def paths(path: Path) -> None:
+    """Draw the force along a path over a hemisphere, by each law."""
+    speed_m_s, k_N_m, loop_hz = PROMISED
+    figure, pane = plt.subplots(figsize=(9, 3.4), layout="constrained")
+    for law in PATH_LAWS:
+        scene = PathScene(law, "hemisphere", speed_m_s, SceneSettings(k_N_m, 10, loop_hz))
+        _, _, trace = played(scene)
+        pane.plot(trace.t_s, trace.push_N, label=law)
+    pane.axhline(stage.HOLD_N, color="black", linewidth=0.8)
+    place = f"{1e3 * speed_m_s:g} mm/s over a hemisphere of {k_N_m:g} N/m and back"
+    pane.set(title=f"10 N at {place}, program off by 1 mm and 2 degrees")
+    pane.set(xlabel="time [s]", ylabel="force [N]")
+    pane.grid(alpha=0.3)
+    pane.legend(fontsize=8)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

@@ -9,7 +9,7 @@ from forcemesh import topics
 from forcemesh.messages import RobotCommand
 from forcemesh.requests import Empty
 from tests.fakes.bench import CELL
-from tests.fakes.lab import BRAKE_S, Lab
+from tests.fakes.lab import BRAKE_S, FOUND_S, PRESS_N, Lab
 
 LATE_S = 0.03  # one period of each service in the chain, beyond the deadline
 # The topic whose absence reveals each role's death, and that the trip must name.
@@ -20,7 +20,15 @@ MISSING_TOPIC: dict[str, topics.Topic[Any]] = {
     "hub": topics.HEALTH["hub"],
 }
 ROLES = [*MISSING_TOPIC, "arbiter"]
-MOTIONS = {"approach": Lab.approach, "press": Lab.press, "goal": Lab.lift}
+
+
+def rise(lab: Lab) -> None:
+    """Press until half of the force is there."""
+    lab.approach()
+    lab.seconds_until(lambda: lab.force_N > 0.5 * PRESS_N, FOUND_S)
+
+
+MOTIONS = {"approach": Lab.approach, "press": rise, "goal": Lab.lift}
 FROZEN = [(role, "goal") for role in ROLES] + [(role, "approach") for role in ROLES[1:3]]
 
 

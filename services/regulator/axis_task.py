@@ -41,6 +41,7 @@ class AxisTask:
     torque_Nm: Vec3 = ZERO3  # the same about the TCP, or about the origin
     R_task: Rows | None = None  # axes of the frame in base or in the TCP frame; None: tool axes
     in_base: bool = False  # fixed to base, otherwise to the tool
+    searches: bool = True  # a force set point without contact begins with an approach
     origin_m: Vec3 | None = None  # centre of rotation, base axes; None: the TCP
     deadbands: tuple[Limits, Limits] = (CELLS, CELLS)  # of force [N] and torque [N m]
     speeds: tuple[Limits | None, Limits | None] = (None, None)  # [m/s], [rad/s]

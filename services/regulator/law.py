@@ -232,7 +232,7 @@ def contact_of(sample: LawInput, touch_N: float) -> tuple[Contact, Vector | None
     waiting for the force loop and its delay.
     """
     force_N, before, press_N = sample.force_N, sample.motion, sample.task.press_N
-    presses = press_N > 0.0
+    presses = press_N > 0.0 and sample.task.searches
     threshold_N = min(touch_N, 0.5 * press_N) if presses else touch_N
     if before.contact == "contact":
         threshold_N *= RELEASE_FRACTION

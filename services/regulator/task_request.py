@@ -5,6 +5,7 @@ the rest is held (`axis_task.mode_task`).
 """
 
 from dataclasses import replace
+from math import hypot
 
 import pinocchio as pin
 
@@ -23,6 +24,7 @@ from services.regulator.axis_task import (
     mode_task,
 )
 
+SEARCHED_DEADBANDS = 2.0  # a task with a smaller force set point has no approach
 TORQUE_LEVER_M = 0.1  # a torque set point rises as a force at this distance
 TURN_LIMIT_RAD = 0.5  # default deviation about an axis with a torque set point: no contact ends it
 
@@ -45,12 +47,15 @@ def request_task(request: ForceStartRequest, T_base_tcp: pin.SE3, cell: CellConf
             press_axis=T_base_tcp.rotation[:, 2].tolist(),
         )
     axes = asked.axes
+    force_N = _three([axis.setpoint for axis in axes[:3]])
     x, y, z, rx, ry, rz = (axis.control == "force" for axis in axes)
     *_, free_rx, free_ry, free_rz = (axis.control == "free" for axis in axes)
     return AxisTask(
         yields=(x, y, z),
         turns=(rx or free_rx, ry or free_ry, rz or free_rz),
-        force_N=_three([axis.setpoint for axis in axes[:3]]),
+        force_N=force_N,
+        # Less could be noise: a contact at it would be taken for lost, and searched at full speed.
+        searches=hypot(*force_N) > SEARCHED_DEADBANDS * cell.force.deadband_N,
         torque_Nm=_three([axis.setpoint for axis in axes[3:]]),
         R_task=_rotation(request, T_base_tcp, cell),
         in_base=asked.frame in ("base", "pose", "path"),

@@ -204,6 +204,15 @@ def test_a_set_point_begins_at_the_load_and_rises_on_a_ramp() -> None:
     assert continued.torque_Nm == pytest.approx((0.5, 0.0, -0.2))
 
 
+@pytest.mark.parametrize(("setpoint_N", "contact"), [(0.5, "free"), (0.7, "approach")])
+def test_a_set_point_within_noise_is_not_searched_for(setpoint_N: float, contact: str) -> None:
+    """A contact at it would count as lost whenever noise hides it, and end in a fast search."""
+    bench = FollowingBench()
+    assert bench.start(request(f"z=force:{setpoint_N}")).accepted
+    bench.pass_s(0.1)
+    assert bench.published().contact == contact
+
+
 def test_a_torque_about_an_origin_begins_at_the_load_about_it() -> None:
     """A force through the origin is no load there, whatever its torque about the TCP."""
     goal = AxisTask(

@@ -1,7 +1,7 @@
 """Path with force: 10 N along poses on a tilted plane, a cylinder and a hemisphere.
 
 The program is off, as one taught by hand or taken from CAD is: shifted, and turned about the place
-where it starts. Every law runs the product's own path (services/regulator/pose_following.py), which
+where it starts. Every law runs the product's own path (services/regulator/pose_path.py), which
 differs only in that a law with a predictor foresees the height by itself.
 """
 
@@ -25,9 +25,9 @@ from common.motion.convert import vec3
 from services.regulator.axis_task import mode_task
 from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, LawMotion, back_calculate, start_at
+from services.regulator.path_curve import PathCurve
 from services.regulator.path_request import turn_limit_rad_s
-from services.regulator.pose_following import follow_poses, path_start
-from services.regulator.pose_path import PosePath
+from services.regulator.pose_path import PosePath, path_start
 from tuning.gain_rule import tune
 
 SURFACES = ("plane", "cylinder", "hemisphere")
@@ -62,15 +62,17 @@ class OnPath:
         """Start at rest; the path turns as fast as the cell permits, as in the regulator."""
         self.law, self._motion = law, start_at(rig.T_base_tcp)
         turn_rad_s = turn_limit_rad_s(rig.cell)
-        self.path = PosePath(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_rad_s, in_contact=True)
+        curve = PathCurve(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_rad_s)
+        predicts = isinstance(law, LawRunner) and law.predicts
+        self.path = PosePath(curve, in_contact=True, predicts=predicts)
         self._task = mode_task("position", HOLD_N, axes=PRESS_ONLY)
         law.setpoint_N = HOLD_N
 
     def begin(self, poses: Sequence[pin.SE3], speed_m_s: float) -> None:
         """Begin a path that leads to its first pose and on."""
         T_start = path_start(self._motion.T_base_tcp, poses[0], self._task)
-        path = replace(self.path, T_end=T_start, feed_m_s=speed_m_s)
-        self.path = path.extended(poses, 0.0)
+        curve = replace(self.path.curve, T_end=T_start, feed_m_s=speed_m_s)
+        self.path = replace(self.path, curve=curve.extended(poses, 0.0))
 
     def step(self, law_sample: LawSample) -> pin.SE3:
         """Return the TCP's next pose."""
@@ -78,16 +80,13 @@ class OnPath:
         if law_sample.limited:
             self._motion = back_calculate(self._motion, T_before)
         motion = self._pressed(law_sample)
-        if self.path.pieces:
+        if self.path.pending:
             sample = LawInput(
                 vec3(law_sample.force_N), vec3(law_sample.torque_Nm), self._task,
                 law_sample.dt_s, NO_GAINS, self._motion, law_sample.T_base_tcp,
             )  # fmt: skip
-            predicts = isinstance(self.law, LawRunner) and self.law.predicts
             most_m = MOST_M_S * law_sample.dt_s
-            self.path, motion.T_base_tcp = follow_poses(
-                self.path, sample, motion, predicts=predicts, most_m=most_m
-            )
+            self.path, motion.T_base_tcp, _ = self.path.follow(sample, motion, most_m)
         self._motion = motion
         self.law.place(motion.T_base_tcp)
         return motion.T_base_tcp
@@ -116,7 +115,7 @@ def played(scene: PathScene) -> tuple[ForceRig, OnPath, Trace]:
     rig.run(pilot, REACHED_S if scene.law == "adaptive" else 2.0 * REACHED_S)
     pilot.begin(list(programmed(rig, scene.surface)), scene.speed_m_s)
     trace = rig.run(pilot, 0.1)
-    while pilot.path.pieces and trace.t_s[-1] < LONGEST_S:
+    while pilot.path.pending and trace.t_s[-1] < LONGEST_S:
         rig.run(pilot, 0.1, trace)
     return rig, pilot, trace
 
@@ -124,7 +123,7 @@ def played(scene: PathScene) -> tuple[ForceRig, OnPath, Trace]:
 def path_measures(scene: PathScene) -> dict[str, float]:
     """Return the measures of one scene; NaN where it did not come to the end of its path."""
     rig, pilot, trace = played(scene)
-    if pilot.path.pieces:
+    if pilot.path.pending:
         return {"mean_error_N": nan, "worst_press_share": nan, "missed_mm": nan, "aside_mm": nan}
     t, push = np.array(trace.t_s), np.array(trace.push_N)
     across_m = np.array([T.translation[1] for T in trace.T_base_tcp]) - rig.arm.plate.point_m[1]

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.frames import (
-    Array,
+    Speeds,
     Vector,
     cross,
     moved,
@@ -82,14 +82,9 @@ class ComplianceState:
         """Return whether the reference stays for a changed task: the same axes refer to it."""
         return referring(task) == self.axes
 
-    def move(self, shift_m: Array) -> None:
-        """Move the reference. Base axes, shape (3,)."""
-        T = self.T_reference
-        self.T_reference = pin.SE3(T.rotation, T.translation + shift_m)
-
-    def turn(self, T_before: pin.SE3, T_after: pin.SE3) -> None:
-        """Move the reference as another pose moves in base: travel, and rotation about the TCP."""
-        self.T_reference = moved(self.T_reference, speeds_between(T_before, T_after, 1.0), 1.0)
+    def move(self, travel: Speeds) -> None:
+        """Move the reference by shift and rotation about the TCP, base axes."""
+        self.T_reference = moved(self.T_reference, travel, 1.0)
 
     def deviation(self, T_base_tcp: pin.SE3, sample: LawInput) -> tuple[Vec3, Vec3]:
         """Return travel [m] and rotation [rad] from the reference, task axes. Shapes (3,)."""

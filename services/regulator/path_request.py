@@ -9,18 +9,12 @@ import pinocchio as pin
 
 from common.config.cell import CellConfig
 from common.motion.convert import pose_of
-from common.motion.frames import Array, apart
+from common.motion.frames import apart
 from forcemesh.requests import PathRequest
 from services.regulator.axis_task import AxisTask
-from services.regulator.pose_following import path_start
-from services.regulator.pose_path import PosePath
-from services.regulator.tcp_path import (
-    TcpPath,
-    ahead_of,
-    component_across,
-    path_along,
-    remaining_m,
-)
+from services.regulator.path_curve import PathCurve
+from services.regulator.pose_path import PosePath, path_start
+from services.regulator.tcp_path import TcpPath, component_across, path_along
 
 Path = TcpPath | PosePath
 
@@ -40,8 +34,10 @@ def next_path(
     *,
     T_base_tcp: pin.SE3,
     task: AxisTask,
+    turns_frame: bool,
+    predicts: bool,
     turn_rad_s: float,
-) -> Path | None:
+) -> Path:
     """Return the path to follow from now on, from the speed along the present one.
 
     Args:
@@ -49,26 +45,33 @@ def next_path(
         request: The next one.
         T_base_tcp: Present command.
         task: Task of force control.
+        turns_frame: The task frame turns with the path.
+        predicts: The law has a predictor.
         turn_rad_s: Highest angular speed.
     """
-    feed_m_s, accel_m_s2 = request.speed_m_s, request.accel_m_s2
-    if request.poses:
-        poses = tool_poses(request, T_base_tcp)
-        if not (request.append and isinstance(before, PosePath)):
-            T_start = path_start(T_base_tcp, poses[0], task)
-            before = PosePath(T_start, feed_m_s, accel_m_s2, turn_rad_s, request.in_contact)
-        changed = replace(
-            before, feed_m_s=feed_m_s, accel_m_s2=accel_m_s2, in_contact=request.in_contact
-        )
-        return changed.extended(poses, request.blend_m)
-    if isinstance(before, PosePath):
-        before = None
-    ahead = () if before is None or not request.append else before.points
+    if not request.poses:
+        points = before if isinstance(before, TcpPath) else None
+        return _next_points(points, request, turns_frame=turns_frame)
+    poses = tool_poses(request, T_base_tcp)
+    if request.append and isinstance(before, PosePath):
+        path = before
+    else:
+        T_start = path_start(T_base_tcp, poses[0], task)
+        curve = PathCurve(T_start, request.speed_m_s, request.accel_m_s2, turn_rad_s)
+        path = PosePath(curve, request.in_contact, predicts)
+    curve = replace(path.curve, feed_m_s=request.speed_m_s, accel_m_s2=request.accel_m_s2)
+    curve = curve.extended(poses, request.blend_m)
+    return replace(path, curve=curve, in_contact=request.in_contact)
+
+
+def _next_points(before: TcpPath | None, request: PathRequest, *, turns_frame: bool) -> TcpPath:
+    ahead = before.points if before is not None and request.append else ()
     return path_along(
         ahead + tuple(np.array(point) for point in request.points_m),
-        speed_m_s=feed_m_s,
-        accel_m_s2=accel_m_s2,
+        speed_m_s=request.speed_m_s,
+        accel_m_s2=request.accel_m_s2,
         in_contact=request.in_contact,
+        turns_frame=turns_frame,
         now_m_s=0.0 if before is None else before.now_m_s,
     )
 
@@ -81,34 +84,8 @@ def turn_limit_rad_s(cell: CellConfig) -> float:
     return min(cell.force.speed_max_rad_s, radians(cell.limits.speed_deg_s))
 
 
-def pending(path: Path | None) -> int:
-    """Return the number of points or pieces that are still to be followed."""
-    if path is None:
-        return 0
-    return len(path.points) if isinstance(path, TcpPath) else len(path.pieces)
-
-
 def largest_turn(T_from: pin.SE3, poses: list[pin.SE3]) -> tuple[int, float]:
     """Return the pose, from 1, that turns farthest from the one before it, and the angle [rad]."""
     turns_rad = [apart(a, b)[1] for a, b in pairwise([T_from, *poses])]
     largest_rad = max(turns_rad)
     return turns_rad.index(largest_rad) + 1, largest_rad
-
-
-def path_ahead(path: Path, T_base_tcp: pin.SE3) -> Array:
-    """Return a vector in the direction of travel, zero at the end. Base axes, shape (3,)."""
-    if isinstance(path, PosePath):
-        return path.tangent
-    return ahead_of(path, T_base_tcp.translation)
-
-
-def path_report(path: Path, T_base_tcp: pin.SE3) -> dict[str, float]:
-    """Return the fields of the target that describe a path."""
-    if isinstance(path, TcpPath):
-        left_m = remaining_m(path, T_base_tcp.translation, T_base_tcp.rotation[:, 2])
-        return {"path_left_m": left_m}
-    return {
-        "path_left_m": path.left_m,
-        "path_missed_m": path.missed_m,
-        "path_speed_m_s": path.now_m_s,
-    }

@@ -15,7 +15,7 @@ from forcemesh.force_task import AXIS_NAMES
 from forcemesh.messages import ArbiterStatus, WrenchAtTcp
 from forcemesh.requests import LARGEST_BETWEEN_RAD, ForceStartRequest, PathRequest, Reply
 from services.regulator.laws import LAWS
-from services.regulator.path_request import largest_turn, pending
+from services.regulator.path_request import largest_turn
 from services.regulator.pose_path import PosePath
 from services.regulator.session import ForceSession, active_commander
 from services.regulator.task_refusals import task_mistake
@@ -135,7 +135,8 @@ def refused_path(
         most_m_s = cell.force.speed_max_m_s
         text = "path speed above force.speed_max_m_s"
         return refusal("setpoint", text, value=request.speed_m_s, limit=most_m_s)
-    count = len(poses) + (pending(session.path) if request.append else 0)
+    before = session.path if request.append else None
+    count = len(poses) + (0 if before is None else before.pending)
     if count > MOST_PATH_POINTS:
         return refusal("busy", "too many pending path points", value=count, limit=MOST_PATH_POINTS)
     return _refused_poses(request, session, poses) or _pose_outside(poses, cell)
@@ -147,11 +148,12 @@ def _refused_poses(
     """Return why a path of poses cannot be followed by this task, None when it can."""
     if request.points_m and request.poses:
         return refusal("setpoint", "a path has points or poses, not both")
+    before = session.path if request.append else None
     if not request.poses:
-        if request.append and request.points_m and isinstance(session.path, PosePath):
+        if request.points_m and isinstance(before, PosePath):
             return refusal("setpoint", "points cannot continue a path of poses: send poses")
         return None
-    if request.append and isinstance(session.path, TcpPath):
+    if isinstance(before, TcpPath):
         return refusal("setpoint", "poses cannot continue a path of points: send points")
     if all(session.goal.yields):
         text = (
@@ -161,9 +163,7 @@ def _refused_poses(
         return refusal("axes", text)
     if text := _not_unit(request):
         return refusal("setpoint", text)
-    T_from = session.motion.T_base_tcp
-    if request.append and isinstance(session.path, PosePath):
-        T_from = session.path.T_end
+    T_from = session.motion.T_base_tcp if before is None else before.curve.T_end
     number, turn_rad = largest_turn(T_from, poses)
     if turn_rad > LARGEST_BETWEEN_RAD:
         text = f"pose {number} is turned by {degrees(turn_rad):.0f} degrees from the one before it"

@@ -52,8 +52,6 @@ from services.regulator.laws import LAWS, refuse_unknown_law
 from services.regulator.link_lag import CommandHistory
 from services.regulator.path_request import (
     next_path,
-    path_ahead,
-    path_report,
     tool_poses,
     turn_limit_rad_s,
 )
@@ -256,7 +254,7 @@ class Regulator:
             gain_share=session.delay.share,
         )
         path = session.path
-        return target if path is None else target.replaced(**path_report(path, T))
+        return target if path is None else target.replaced(**path.report(T))
 
     def _fail(self, session: ForceSession, code: str, text: str) -> RegulatorTarget:
         """Latch the failure; the mode stays in the message, so the arbiter stops the motion."""
@@ -334,7 +332,7 @@ class Regulator:
         goal = session.goal
         if session.path is not None and session.follows_tangent:
             T = session.motion.T_base_tcp
-            ahead = path_ahead(session.path, T)
+            ahead = session.path.ahead(T)
             R = tangent_frame(goal.R_task or IDENTITY, ahead, T.rotation, dt_s)
             goal = session.goal = replace(goal, R_task=R)
         if session.request.host == "controller" and session.motion.contact == "approach":
@@ -439,6 +437,7 @@ class Regulator:
             return refused
         session.path = next_path(
             session.path, request, T_base_tcp=T_base_tcp, task=session.goal,
+            turns_frame=session.follows_tangent, predicts=LAWS[session.law].predicts,
             turn_rad_s=turn_limit_rad_s(self._cell),
         )  # fmt: skip
         what = f"{len(poses)} poses" if request.poses else f"{len(poses)} points"

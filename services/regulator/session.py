@@ -1,9 +1,8 @@
 """Session of force feedback: its request, its state and its failure. Pure."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
 from common.motion.convert import pose_of
@@ -29,10 +28,7 @@ from services.regulator.law import LawInput, LawMotion, back_calculate
 from services.regulator.laws import LAWS
 from services.regulator.link_lag import CommandHistory
 from services.regulator.path_request import Path
-from services.regulator.pose_following import follow_poses
-from services.regulator.pose_path import PosePath
 from services.regulator.task_request import next_setpoint, same_frame, task_mode
-from services.regulator.tcp_path import advance, aside
 
 MOVERS = ("operator", "program")  # commanders that suspend the regulator
 
@@ -104,10 +100,10 @@ def move(
         session.state, motion = law.step(session.state, sample, settings)
         session.motion = comply(session.compliance, sample, motion, compliance)
         if session.path is not None:
-            _move_along(
-                session, session.path, sample,
-                predicts=law.predicts, most_m=speed_max_m_s * sample.dt_s,
-            )  # fmt: skip
+            session.path, session.motion.T_base_tcp, travel = session.path.follow(
+                sample, session.motion, speed_max_m_s * sample.dt_s
+            )
+            session.compliance.move(travel)
     elif session.path is not None:  # the pending commands contain path motion
         session.motion = back_calculate(sample.motion, sample.motion.T_base_tcp)
     else:
@@ -147,44 +143,6 @@ def borne_share(
         delay.follow_link(robot.link.round_trip_s, dt_s)
     delay.ramp(dt_s, settings)
     return delay.share
-
-
-def _move_along(
-    session: ForceSession,
-    path: Path,
-    sample: LawInput,
-    *,
-    predicts: bool,
-    most_m: float,
-) -> None:
-    """Add one period along the path to the motion.
-
-    Force control and path together keep the regulator's speed limit.
-    """
-    if isinstance(path, PosePath):
-        before = path.T_reference
-        session.path, session.motion.T_base_tcp = follow_poses(
-            path, sample, session.motion, predicts=predicts, most_m=most_m
-        )
-        session.compliance.turn(before, session.path.T_reference)
-        return
-    if path.in_contact and session.motion.contact != "contact":
-        session.path = replace(path, now_m_s=0.0)
-        return
-    T = session.motion.T_base_tcp
-    pushed_m = T.translation - sample.motion.T_base_tcp.translation
-    if session.follows_tangent and sample.task.yields[1]:
-        path = aside(path, pushed_m, np.array(sample.R_base_task)[:, 1])
-    session.path, shift_m = advance(
-        path,
-        T.translation,
-        T.rotation[:, 2],
-        dt_s=sample.dt_s,
-        pushed_m=pushed_m,
-        most_m=most_m,
-    )
-    session.motion.T_base_tcp = pin.SE3(T.rotation, T.translation + shift_m)
-    session.compliance.move(shift_m)
 
 
 def change_task(

@@ -10,8 +10,13 @@ from itertools import pairwise
 from math import sqrt
 
 import numpy as np
+import pinocchio as pin
 
-from common.motion.frames import Array, Rows
+from common.motion.convert import vec3
+from common.motion.frames import Array, Rows, Speeds
+from common.motion.rate_limiter import REST
+from forcemesh.messages import ZERO3
+from services.regulator.law import LawInput, LawMotion
 
 MOST_PATH_POINTS = 600  # pending at once
 SHARP = 0.9  # cosine of the corner angle from which the path stops at a point
@@ -29,8 +34,56 @@ class TcpPath:
     speed_m_s: float
     accel_m_s2: float
     in_contact: bool  # stand still without contact
+    turns_frame: bool  # the task frame is its tangent frame
     now_m_s: float = 0.0
     aside_m: Array | None = None  # lateral motion by force control, which the path goes along with
+
+    @property
+    def pending(self) -> int:
+        """Number of points that are still to be followed."""
+        return len(self.points)
+
+    def ahead(self, T_base_tcp: pin.SE3) -> Array:
+        """Return the vector to the next point, zero at the end. Base axes, shape (3,)."""
+        if not self.points:
+            return np.zeros(3)
+        p: Array = T_base_tcp.translation
+        return self.points[0] - (p if self.aside_m is None else p - self.aside_m)
+
+    def report(self, T_base_tcp: pin.SE3) -> dict[str, float]:
+        """Return the fields of the target that describe the path: its length from the TCP on [m].
+
+        The first part counts across the tool's axis.
+        """
+        left_m = 0.0
+        if self.points:
+            ahead = component_across(
+                self.points[0] - T_base_tcp.translation, T_base_tcp.rotation[:, 2]
+            )
+            left_m = float(np.linalg.norm(ahead)) + self.beyond_m[0]
+        return {"path_left_m": left_m}
+
+    def follow(
+        self, sample: LawInput, motion: LawMotion, most_m: float
+    ) -> tuple["TcpPath", pin.SE3, Speeds]:
+        """Return the path and the command after one period, and the motion of the reference in it.
+
+        Args:
+            sample: Input of the law.
+            motion: What the law has returned.
+            most_m: Longest motion of the period, of force control and path together.
+        """
+        path, T = self, motion.T_base_tcp
+        if path.in_contact and motion.contact != "contact":
+            return replace(path, now_m_s=0.0), T, REST
+        pushed_m = T.translation - sample.motion.T_base_tcp.translation
+        if path.turns_frame and sample.task.yields[1]:
+            path = aside(path, pushed_m, np.array(sample.R_base_task)[:, 1])
+        path, shift_m = advance(
+            path, T.translation, T.rotation[:, 2],
+            dt_s=sample.dt_s, pushed_m=pushed_m, most_m=most_m,
+        )  # fmt: skip
+        return path, pin.SE3(T.rotation, T.translation + shift_m), (vec3(shift_m), ZERO3)
 
 
 def path_along(
@@ -39,6 +92,7 @@ def path_along(
     speed_m_s: float,
     accel_m_s2: float,
     in_contact: bool,
+    turns_frame: bool = False,
     now_m_s: float = 0.0,
 ) -> TcpPath:
     """Return the path along points that begins at a speed `now_m_s`."""
@@ -61,15 +115,9 @@ def path_along(
         speed_m_s,
         accel_m_s2,
         in_contact,
+        turns_frame,
         now_m_s,
     )
-
-
-def remaining_m(path: TcpPath, p: Array, axis: Array) -> float:
-    """Return the path length from `p` to the last point [m], its first part across the axis."""
-    if not path.points:
-        return 0.0
-    return float(np.linalg.norm(component_across(path.points[0] - p, axis))) + path.beyond_m[0]
 
 
 def advance(
@@ -123,13 +171,6 @@ def aside(path: TcpPath, pushed_m: Array, lateral: Array) -> TcpPath:
     """
     before_m = np.zeros(3) if path.aside_m is None else path.aside_m
     return replace(path, aside_m=before_m + (pushed_m @ lateral) * lateral)
-
-
-def ahead_of(path: TcpPath, p: Array) -> Array:
-    """Return the vector from `p` to the next point, zero at the end of the path. Shape (3,)."""
-    if not path.points:
-        return np.zeros(3)
-    return path.points[0] - (p if path.aside_m is None else p - path.aside_m)
 
 
 def tangent_frame(R_base_task: Rows, ahead: Array, R_base_tcp: Array, dt_s: float) -> Rows:

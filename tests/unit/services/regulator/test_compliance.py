@@ -138,7 +138,7 @@ def test_the_reference_moves_with_a_path_and_stays_for_the_same_axes() -> None:
     """A changed set point keeps it; other compliant axes begin where they are."""
     task = AxisTask(NONE, shifts=(SPRING, None, None))
     state = ComplianceState.at(task, START, START, SETTINGS)
-    state.move(np.array([0.0, 0.01, 0.0]))
+    state.move(((0.0, 0.01, 0.0), (0.0, 0.0, 0.0)))
     assert state.T_reference.translation - START.translation == pytest.approx([0.0, 0.01, 0.0])
     assert state.covers(replace(task, force_N=(0.0, 0.0, 5.0)))
     assert not state.covers(replace(task, shifts=(None, SPRING, None)))

@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,7 +16,7 @@ from services.regulator import admittance
 from services.regulator.admittance import AdmittanceSettings
 from services.regulator.gains import PiGains
 from services.regulator.law import start_at
-from services.regulator.tcp_path import advance, path_along, remaining_m
+from services.regulator.tcp_path import advance, path_along
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.law_input import mode_input
@@ -123,14 +124,14 @@ def test_a_path_visits_its_points_across_the_axis_within_its_speed(
     direction, speed_m_s, accel_m_s2
 ) -> None:
     """Each point is passed within a period's travel, without motion along the axis."""
-    axis, p = np.array([0.0, 0.6, 0.8]), np.zeros(3)
+    R = pin.exp3(np.array([-np.arcsin(0.6), 0.0, 0.0]))
+    axis, p = R[:, 2], np.zeros(3)
     route = path_along(
         tuple(direction), speed_m_s=speed_m_s, accel_m_s2=accel_m_s2, in_contact=False
     )
     rest, visited, speeds = np.zeros(3), [p], [0.0]
-    expected_s = (
-        remaining_m(route, p, axis) / speed_m_s + len(direction) * speed_m_s / accel_m_s2 + 1.0
-    )
+    left_m = route.report(pin.SE3(R, p))["path_left_m"]
+    expected_s = left_m / speed_m_s + len(direction) * speed_m_s / accel_m_s2 + 1.0
     for _ in range(round(3.0 * expected_s / PERIOD_S)):
         route, shift = advance(route, p, axis, dt_s=PERIOD_S, pushed_m=rest, most_m=1.0)
         p = p + shift

@@ -15,7 +15,7 @@ from forcemesh.requests import ForceStartRequest, PathRequest
 from services.regulator.axis_task import IDENTITY, AxisTask
 from services.regulator.gains import held_gains
 from services.regulator.task_request import first_setpoint, next_setpoint, ramped, request_task
-from services.regulator.tcp_path import ahead_of, path_along, tangent_frame
+from services.regulator.tcp_path import path_along, tangent_frame
 from tests.fakes.arbiter_world import T_START
 from tests.fakes.bench import CELL
 from tests.fakes.regulator_bench import FollowingBench, RegulatorBench
@@ -255,7 +255,8 @@ def test_a_tangent_frame_turns_no_faster_than_its_limit() -> None:
     path = path_along(
         (np.array([0.0, 0.01, 0.0]),), speed_m_s=0.02, accel_m_s2=1.0, in_contact=False
     )
-    R = np.array(tangent_frame(IDENTITY, ahead_of(path, np.zeros(3)), np.eye(3), 0.01))
+    ahead = path.ahead(pin.SE3.Identity())
+    R = np.array(tangent_frame(IDENTITY, ahead, np.eye(3), 0.01))
     assert np.arctan2(R[1, 0], R[0, 0]) == pytest.approx(0.06)
-    there = ahead_of(path, np.array([0.0, 0.01, 0.0]))
+    there = path.ahead(pin.SE3(np.eye(3), path.points[0]))
     assert np.array(tangent_frame(IDENTITY, there, np.eye(3), 0.01)) == pytest.approx(np.eye(3))

@@ -1,0 +1,137 @@
+"""Curve, feed and look-ahead of a path of poses."""
+
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.motion.frames import apart
+from services.regulator.path_curve import (
+    ROTATION_RADIUS_M,
+    PathCurve,
+)
+
+DT_S, FEED_M_S, ACCEL_M_S2, TURN_RAD_S = 0.004, 0.02, 0.3, 1.0
+MOST_M, SLOW_S = 1.0, 0.05
+coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
+angles = st.floats(-0.5, 0.5).map(lambda x: round(x, 3))
+places = st.tuples(*[coordinates] * 3, *[angles] * 3)
+routes = st.lists(places, min_size=1, max_size=6)
+blends = st.sampled_from([0.0, 0.002, 0.02])
+
+
+def pose_at(place: tuple[float, ...]) -> pin.SE3:
+    """Return a pose of three coordinates and a rotation vector."""
+    return pin.SE3(pin.exp3(np.array(place[3:])), np.array(place[:3]))
+
+
+def start(**changes: float) -> PathCurve:
+    """Return a path without poses at the origin."""
+    return PathCurve(pin.SE3.Identity(), FEED_M_S, ACCEL_M_S2, TURN_RAD_S)
+
+
+def followed(path: PathCurve, dt_s: float = DT_S) -> list[PathCurve]:
+    """Return the path at each period until it stands at its end."""
+    passed = [path]
+    while passed[-1].pieces:
+        assert len(passed) < 20_000, "the path does not end"
+        passed.append(passed[-1].advanced(dt_s, share=1.0, most_m=MOST_M))
+    return passed
+
+
+@settings(max_examples=10)
+@given(routes, blends)
+def test_the_feed_never_exceeds_its_limits_and_the_end_is_reached_exactly(route, blend_m) -> None:
+    """Travel, turn and acceleration of each period; the length that is left only falls."""
+    poses = [pose_at(place) for place in route]
+    passed = followed(start().extended(poses, blend_m), SLOW_S)
+    assert apart(passed[-1].T_reference, poses[-1]) == pytest.approx((0.0, 0.0), abs=1e-9)
+    for before, after in pairwise(passed):
+        moved_m, turned_rad = apart(before.T_reference, after.T_reference)
+        assert moved_m <= FEED_M_S * SLOW_S * 1.01
+        assert turned_rad <= TURN_RAD_S * SLOW_S * 1.05 + 1e-9
+        assert after.left_m <= before.left_m
+        assert after.now_m_s <= before.now_m_s + ACCEL_M_S2 * SLOW_S + 1e-12
+
+
+@settings(max_examples=40)
+@given(routes, blends)
+def test_the_curve_is_continuous_and_passes_near_every_pose(route, blend_m) -> None:
+    """Each piece begins where the last one ends; a blend cuts a corner within its distance."""
+    poses = [pose_at(place) for place in route]
+    path = start().extended(poses, blend_m)
+    for a, b in pairwise(path.pieces):
+        assert apart(a.at(a.length_m), b.at(0.0)) == pytest.approx((0.0, 0.0), abs=1e-9)
+    samples = [
+        piece.at(share * piece.length_m) for piece in path.pieces for share in np.linspace(0, 1, 60)
+    ]
+    for T in poses:
+        nearest_m = min(
+            (apart(T, sample)[0] for sample in samples), default=apart(T, pin.SE3.Identity())[0]
+        )
+        assert nearest_m <= blend_m / np.sqrt(2.0) + 2e-3
+
+
+@settings(max_examples=40)
+@given(routes, routes, blends)
+def test_poses_in_two_requests_are_the_same_curve_as_in_one(first, second, blend_m) -> None:
+    """Also the corner between both is blended, as long as the tool is before it."""
+    a, b = [[pose_at(place) for place in route] for route in (first, second)]
+    at_once = start().extended(a + b, blend_m)
+    in_two = start().extended(a, blend_m).extended(b, blend_m)
+    assert len(at_once.pieces) == len(in_two.pieces)
+    assert at_once.ends_m_s == pytest.approx(in_two.ends_m_s)
+    for one, other in zip(at_once.pieces, in_two.pieces, strict=True):
+        assert apart(one.T_to, other.T_to) == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_a_path_that_grows_while_the_tool_moves_goes_on_without_a_stop() -> None:
+    """The next poses arrive before it brakes; a near corner is blended less."""
+    path = start().extended([pose_at((0.02, 0, 0, 0, 0, 0))], 0.0)
+    while path.left_m > 0.004:
+        path = path.advanced(DT_S, share=1.0, most_m=MOST_M)
+    before = path.T_reference
+    path = path.extended([pose_at((0.02, 0.02, 0, 0, 0, 0))], 0.01)
+    assert apart(before, path.T_reference) == pytest.approx((0.0, 0.0), abs=1e-12)
+    speeds = [each.now_m_s for each in followed(path)[:-1]]
+    assert min(speeds[:100]) > 0.015
+
+
+def test_the_tool_stops_at_a_sharp_corner_and_not_at_a_blended_one() -> None:
+    """A blend of 3 mm is passed at the speed that its curvature and the acceleration permit."""
+    corner = [pose_at((0.02, 0, 0, 0, 0, 0)), pose_at((0.02, 0.02, 0, 0, 0, 0))]
+    slowest = [
+        min(each.now_m_s for each in followed(start().extended(corner, blend_m))[20:-40])
+        for blend_m in (0.0, 0.003)
+    ]
+    assert slowest[0] < 0.003
+    assert slowest[1] == pytest.approx(FEED_M_S)
+
+
+def test_a_tool_turns_in_place_at_the_feed_of_a_small_radius() -> None:
+    """A rotation has no direction of travel, so the path stops before and after it."""
+    turn = pose_at((0.0, 0.0, 0.0, 0.0, 0.0, 0.4))
+    path = start().extended([turn, turn, pose_at((0.01, 0, 0, 0, 0, 0.4))], 0.005)
+    assert len(path.pieces) == 2
+    assert path.pieces[0].length_m == pytest.approx(0.4 * ROTATION_RADIUS_M)
+    assert path.tangent == pytest.approx(np.zeros(3))
+    assert path.ends_m_s == (0.0, 0.0)
+    assert len(followed(path)) > 0.4 / TURN_RAD_S / DT_S
+
+
+def test_the_feed_changes_with_the_acceleration_of_the_curve() -> None:
+    """The room of a period limits it at once."""
+    path = start().extended([pose_at((0.05, 0, 0, 0, 0, 0))], 0.0)
+    for _ in range(100):
+        path = path.advanced(DT_S, share=1.0, most_m=MOST_M)
+    slower = path.advanced(DT_S, share=0.1, most_m=MOST_M)
+    assert path.now_m_s - slower.now_m_s == pytest.approx(ACCEL_M_S2 * DT_S)
+    squeezed = path.advanced(DT_S, share=1.0, most_m=1e-5)
+    assert path.left_m - squeezed.left_m == pytest.approx(1e-5)
+    assert squeezed.now_m_s == pytest.approx(1e-5 / DT_S)
+    ended = followed(path)[-1]
+    assert ended.advanced(DT_S, share=1.0, most_m=MOST_M).now_m_s == 0.0
+    assert (ended.left_m, ended.tangent.tolist()) == (0.0, [0.0, 0.0, 0.0])

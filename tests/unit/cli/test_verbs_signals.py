@@ -2,36 +2,24 @@
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
 
 import pytest
 
 from cli import verbs_signals
-from cli.context import NOT_WELL, OK, REFUSED, USAGE, one_line_errors
+from cli.context import NOT_WELL, OK, REFUSED, USAGE
 from common.bus.configured_cell import ConfiguredCell
 from common.config.load import load_cell
-from tests.fakes.bench import DEMO, HALF_RATES
-from tests.fakes.lab import Lab
-from tests.fakes.signals import ALL_OFF, FOLLOWING
+from tests.fakes.bench import DEMO
+from tests.fakes.signals import ALL_OFF, armed_with_signals
 from tests.fakes.verb_calls import run
 
 
 @pytest.fixture(autouse=True)
 def cell(monkeypatch: pytest.MonkeyPatch) -> Iterator[ConfiguredCell]:
-    """An armed cell with signals, on which the verbs work."""
-    lab = Lab(load_cell(DEMO, {**FOLLOWING, "rates": HALF_RATES}))
-    client = ConfiguredCell(lab.cell.cell, bus=lab.cell.client, commander="operator")
-
-    @contextmanager
-    def connected(_named: Any) -> Iterator[ConfiguredCell]:
-        with one_line_errors():
-            yield client
-
-    monkeypatch.setattr(verbs_signals, "cell_of", connected)
+    """An armed cell with signals."""
     monkeypatch.setenv("COLUMNS", "200")
-    yield client
-    client.close()
+    with armed_with_signals(monkeypatch, verbs_signals) as client:
+        yield client
 
 
 def test_the_signals_are_listed_with_who_may_set_them() -> None:

@@ -1,35 +1,21 @@
 """A skill that starts once a digital signal is on."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
 
 import pytest
 
-from cli.context import OK, USAGE, one_line_errors
+from cli.context import OK, USAGE
 from cli.skills import force_session
 from common.bus.configured_cell import ConfiguredCell
-from common.config.load import load_cell
-from tests.fakes.bench import DEMO, HALF_RATES
-from tests.fakes.lab import Lab
-from tests.fakes.signals import FOLLOWING
+from tests.fakes.signals import armed_with_signals
 from tests.fakes.verb_calls import run
 
 
 @pytest.fixture(autouse=True)
 def cell(monkeypatch: pytest.MonkeyPatch) -> Iterator[ConfiguredCell]:
-    """An armed cell with signals, on which the skills work."""
-    lab = Lab(load_cell(DEMO, {**FOLLOWING, "rates": HALF_RATES}))
-    client = ConfiguredCell(lab.cell.cell, bus=lab.cell.client, commander="operator")
-
-    @contextmanager
-    def connected(_named: Any) -> Iterator[ConfiguredCell]:
-        with one_line_errors():
-            yield client
-
-    monkeypatch.setattr(force_session, "cell_of", connected)
-    yield client
-    client.close()
+    """An armed cell with signals."""
+    with armed_with_signals(monkeypatch, force_session) as client:
+        yield client
 
 
 def test_a_skill_starts_once_its_signal_is_on(cell: ConfiguredCell) -> None:

@@ -5,6 +5,7 @@ sample starting at the last one. A joint that already is beyond its range may mo
 """
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from math import ceil, hypot, pi
 from typing import NamedTuple
 
@@ -21,7 +22,7 @@ from forcemesh.messages import Goal, RobotState, Trip
 from forcemesh.requests import Reply
 
 SAMPLE_M = 0.02
-MOST_SAMPLES = 25  # of one segment: bounds the time, which a control loop waits for
+MOST_SAMPLES = 60  # beyond one for each segment: bounds the time, which a control loop waits for
 REACHED = 1e-5  # m and rad together
 MOST_NEWTON_STEPS = 8
 LONGEST_STEP_RAD = 0.3  # of one iteration
@@ -61,7 +62,8 @@ def path_obstacle(
         space: Joint space of the arm.
         poses: Ends of the segments, flange in base.
         robot: Measured arm.
-        T_from: Start of the first segment, near the measured pose.
+        T_from: Start of the first segment: the commanded pose, or the end of a path that the arm
+            is still on. What leads there is not judged.
         speed_m_s: Speed along the path; None: the robot reduces it where a joint limits it.
     """
     T_measured = pose_of(robot)
@@ -70,17 +72,23 @@ def path_obstacle(
     q = np.array(robot.joint_rad)
     T_flange_model = T_measured.actInv(space.arm.flange_pose(q))
     walk = _Walk(space, q, T_flange_model)
-    for number, T_to in enumerate(poses, start=1):
-        length_m, turn_rad = apart(T_from, T_to)
-        extent_m = max(length_m, TURN_RADIUS_M * turn_rad)
-        count = min(max(1, ceil(extent_m / SAMPLE_M)), MOST_SAMPLES)
-        time_s = None if speed_m_s is None else extent_m / speed_m_s / count
+    segments = list(pairwise([T_measured, T_from, *poses]))
+    extents_m = [_extent_m(*segment) for segment in segments]
+    sample_m = max(SAMPLE_M, sum(extents_m) / MOST_SAMPLES)
+    for number, (segment, extent_m) in enumerate(zip(segments, extents_m, strict=True)):
+        count = max(1, ceil(extent_m / sample_m))
+        time_s = None if speed_m_s is None or number == 0 else extent_m / speed_m_s / count
         for sample in range(1, count + 1):
-            trip = walk.to(interpolated(T_from, T_to, sample / count), time_s)
-            if trip is not None:
+            trip = walk.to(interpolated(*segment, sample / count), time_s)
+            if trip is not None and number > 0:
                 return Obstacle(number, trip)
-        T_from = T_to
     return None
+
+
+def _extent_m(T_from: pin.SE3, T_to: pin.SE3) -> float:
+    """Return the length of a segment, at least the arc of a point of the tool."""
+    length_m, turn_rad = apart(T_from, T_to)
+    return max(length_m, TURN_RADIUS_M * turn_rad)
 
 
 def tool_path_refusal(
@@ -98,7 +106,7 @@ def tool_path_refusal(
         space: Joint space of the arm.
         poses: Of the TCP in base.
         robot: Measured arm; None: unknown, and the path is not checked.
-        T_base_tcp: Commanded pose of the TCP.
+        T_base_tcp: Pose of the TCP at which the path begins.
         T_tcp_flange: Pose of the flange in the TCP's frame.
         speed_m_s: Speed along the path.
     """

@@ -48,6 +48,10 @@ class PosePath:
         """Number of pieces that are still to be followed."""
         return len(self.curve.pieces)
 
+    def end(self, _T_base_tcp: pin.SE3) -> pin.SE3:
+        """Return the pose at the end."""
+        return self.curve.T_end
+
     def ahead(self, _T_base_tcp: pin.SE3) -> Array:
         """Return the direction of travel, zero at the end. Base axes, shape (3,)."""
         return self.curve.tangent

@@ -163,7 +163,8 @@ def _refused_poses(
         return refusal("axes", text)
     if text := _not_unit(request):
         return refusal("setpoint", text)
-    T_from = session.motion.T_base_tcp if before is None else before.curve.T_end
+    T_base_tcp = session.motion.T_base_tcp
+    T_from = T_base_tcp if before is None else before.end(T_base_tcp)
     number, turn_rad = largest_turn(T_from, poses)
     if turn_rad > LARGEST_BETWEEN_RAD:
         text = f"pose {number} is turned by {degrees(turn_rad):.0f} degrees from the one before it"

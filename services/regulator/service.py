@@ -428,9 +428,10 @@ class Regulator:
         if session is None or session.failed is not None:
             return refusal("not_armed", "no force feedback is running: start it first")
         T_base_tcp = session.motion.T_base_tcp
-        poses = tool_poses(request, T_base_tcp)
+        poses, ahead = tool_poses(request, T_base_tcp), session.path if request.append else None
         refused = refused_path(request, session, poses, self._cell) or tool_path_refusal(
-            self._space, poses, self._robot.read(self._now_ns).fresh, T_base_tcp,
+            self._space, poses, self._robot.read(self._now_ns).fresh,
+            T_base_tcp if ahead is None else ahead.end(T_base_tcp),
             T_tcp_flange=self._T_tcp_flange, speed_m_s=request.speed_m_s,
         )  # fmt: skip
         if refused is not None:

@@ -43,6 +43,13 @@ class TcpPath:
         """Number of points that are still to be followed."""
         return len(self.points)
 
+    def end(self, T_base_tcp: pin.SE3) -> pin.SE3:
+        """Return the pose at the end, at the present height and orientation."""
+        p, R = T_base_tcp.translation, T_base_tcp.rotation
+        if not self.points:
+            return T_base_tcp
+        return pin.SE3(R, p + component_across(self.points[-1] - p, R[:, 2]))
+
     def ahead(self, T_base_tcp: pin.SE3) -> Array:
         """Return the vector to the next point, zero at the end. Base axes, shape (3,)."""
         if not self.points:

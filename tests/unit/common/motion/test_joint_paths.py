@@ -127,3 +127,15 @@ def test_a_tool_path_is_refused_with_the_number_of_its_point() -> None:
     assert refusal(near, p) == ""
     assert refusal(near, far).startswith(("unreachable: point 2: ", "joint: point 2: "))
     assert refusal(near, far, robot=None) == ""
+
+
+@given(hnp.arrays(float, 3, elements=st.floats(-0.15, 0.15)))
+def test_a_path_that_begins_elsewhere_is_judged_from_its_beginning_on(shift_m) -> None:
+    """What leads there is followed already: it has no speed and no number."""
+    T_from = pin.SE3(T_HOME.rotation, T_HOME.translation + shift_m)
+    near = pin.SE3(T_from.rotation, T_from.translation + 0.001)
+    far = pin.SE3(T_from.rotation, np.array([0.0, 3.0, 0.0]))
+    assert path_obstacle(SPACE, [near], AT_HOME, T_from, speed_m_s=0.02) is None
+    found = path_obstacle(SPACE, [near, far], AT_HOME, T_from, speed_m_s=0.02)
+    assert found is not None
+    assert (found.point, found.trip.code) == (2, "unreachable")

@@ -8,7 +8,7 @@ feedback the length of the force does, above what a tool in acceleration shows:
 
 An impact ends when the force has passed its first peak, or after IMPACT_S. The tool slides when the
 contact point moves across the normal, at a speed that is the mean over a window of poses. Without a
-valid input the state is unknown from the last sample on: what happened meanwhile was not seen.
+valid input, or with a wrench that is not calibrated, the state is unknown from the last sample on.
 """
 
 from collections import deque
@@ -137,6 +137,10 @@ class ContactTracker:
         if fresh is None or arm is None or header is None or robot.header is None:
             worse: Reading[Any] = wrench if wrench.fault else robot
             return self._silent(worse.code, worse.fault)
+        if not fresh.calibrated:
+            return self._silent(
+                "payload", fresh.calibration_fault or "the wrench is not calibrated"
+            )
         if header.stamp_ns == self._at_ns:
             return None
         T = pose_of(arm) * self._T_flange_tcp

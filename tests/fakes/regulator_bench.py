@@ -36,7 +36,7 @@ class RegulatorBench(Bench):
     def __init__(self, cell: CellConfig = CELL) -> None:
         """Start armed, free of contact, with every process running."""
         super().__init__("regulator", Regulator, cell)
-        self.wrench = WrenchAtTcp(axes_checked=True)
+        self.wrench = WrenchAtTcp(calibrated=True, axes_checked=True)
         self.arbiter = ArbiterStatus(state="ARMED", lease=3)
         self.robot = good_messages(CELL)["robot"]
         self.command = RobotCommand(kind="idle")
@@ -60,7 +60,7 @@ class RegulatorBench(Bench):
 
     def push(self, force_N=(0.0, 0.0, 0.0), torque_Nm=(0.0, 0.0, 0.0)) -> None:
         """Apply a force of the environment from now on."""
-        self.wrench = WrenchAtTcp(force_N=force_N, torque_Nm=torque_Nm, axes_checked=True)
+        self.wrench = self.wrench.replaced(force_N=force_N, torque_Nm=torque_Nm)
 
     def start(self, request: ForceStartRequest = POSITION) -> Reply:
         """Send a request to start force feedback."""

@@ -112,6 +112,15 @@ def test_without_a_valid_input_the_state_is_unknown(bench: ContactBench, key: st
     assert (event.state, event.before, event.valid) == ("contact", "unknown", True)
 
 
+def test_a_wrench_that_is_not_calibrated_tells_no_contact(bench: ContactBench) -> None:
+    """What is left of the tool's weight would be one."""
+    bench.push((0.0, 0.0, 20.0))
+    bench.wrench = bench.wrench.replaced(calibrated=False, calibration_fault="residual 4 N")
+    event = bench.after_step(topics.CONTACT)
+    assert (event.state, event.valid, event.code) == ("unknown", False, "payload")
+    assert event.reason == "residual 4 N"
+
+
 def test_a_pose_without_orientation_is_no_input(bench: ContactBench) -> None:
     """A quaternion of zeros has no meaning: the state is unknown, and every number finite."""
     bench.robot = bench.robot.replaced(orientation_xyzw=(0.0, 0.0, 0.0, 0.0))

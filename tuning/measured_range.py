@@ -13,6 +13,7 @@ Plain law with the gain rule's gains (`tuned_plain`), 0 to 150 ms of delay: in l
 cap ignores the loop period.
 """
 
+from math import inf
 from typing import NamedTuple
 
 from common.config.cell import CellConfig
@@ -95,6 +96,17 @@ def segment_range(segment_s: float) -> SegmentRange | None:
     """Return what a controller with such segments bears; None: none as long were measured."""
     rows = [row for row in SEGMENTS if SAME * segment_s <= row.longest_s]
     return min(rows, default=None)
+
+
+def segment_approach_m_s(cell: CellConfig) -> float:
+    """Return the fastest approach that the segments of a cell's controller bear [m/s].
+
+    Infinite without segments, and where arming refuses the contact for another reason.
+    """
+    if cell.gateway is None or cell.gateway.protocol == "plain":
+        return inf
+    row = segment_range(cell.gateway.least_segment_s)
+    return inf if row is None else SAME * row.force_rate_N_s / cell.contact.stiffness_N_m
 
 
 def range_violation(loop_hz: float, tau_s: float, stiffness_N_m: float) -> str:

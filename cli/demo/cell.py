@@ -13,6 +13,7 @@ from forcemesh.errors import ConfigError
 from forcemesh.messages import Law
 from sim.robot.scene import plate_at_rest
 from sim.robot.settings import SimSettings
+from tuning.measured_range import segment_approach_m_s
 
 DEFAULT_TILT_DEG = {"position": 0.0, "orientation": 5.0, "both": 5.0}
 DEFAULT_SETPOINT_N = {"position": 0.0, "orientation": 0.0, "both": 10.0}
@@ -68,8 +69,9 @@ def demo_cell(path: Path, trial: DemoOverrides) -> CellConfig:
         stiffer = plate_of(load_cell(path, overrides))
         overrides["contact.tilt_stiffness_Nm_rad"] = stiffer.plate_tilt_stiffness_Nm_rad
     cell = load_cell(path, overrides)
-    if cell.force.approach_m_s > cell.approach_limit_m_s:  # the file's value is for its own plate
-        cell = load_cell(path, overrides | {"force.approach_m_s": cell.approach_limit_m_s})
+    fastest_m_s = min(cell.approach_limit_m_s, segment_approach_m_s(cell))
+    if cell.force.approach_m_s > fastest_m_s:  # the file's value is for its own plate
+        cell = load_cell(path, overrides | {"force.approach_m_s": fastest_m_s})
     plate_of(cell)
     return cell
 

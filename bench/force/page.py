@@ -30,7 +30,8 @@ estimate of the effective stiffness then: it includes the servos in series, abou
 CONTROLLER = """Above, host pc: the robot accepts one pose per iteration of the loop. Below, host
 controller, first contact: the emulated controller executes the shipped program, whose loop rate
 is that of its own counter; the PC sends wrenches over TCP, and gains as the stiffness estimate
-improves. It starts from the gain for 1e5 N/m, and has no prediction.
+improves. It starts from the gain for 1e5 N/m, and has no prediction. With the longer steps the
+delay is beyond the range of the adaptive law: nothing is estimated, and the gain stays.
 """
 LIMITED = """At 10 ms of delay, with a lower speed limit. At 1e3 N/m the speed limit bounds the
 first part of the travel and the inertia limit the rest, so the times of both add up.
@@ -56,11 +57,11 @@ def page(rows: Rows, command: str) -> str:
         IDENTIFIED,
         *_releases(rows["release"]),
         "## Slow loops\n",
-        _slow(rows["slow loops"]),
+        slow_table(rows["slow loops"]),
         CONTROLLER,
-        _controller(rows["controller host"]),
+        controller_table(rows["controller host"]),
         LIMITED,
-        _limited(rows["limited speed"]),
+        limited_table(rows["limited speed"]),
         "## Arms with low braking acceleration\n",
         LOW_ACCELERATION,
         _brakes(rows["slow brakes"]),
@@ -95,7 +96,8 @@ def _releases(rows: list[Row]) -> Iterable[str]:
         yield table((title, *(f"{k:g}" for k in stiffnesses)), body)
 
 
-def _slow(rows: list[Row]) -> str:
+def slow_table(rows: list[Row]) -> str:
+    """Return the releases with a robot of low pose rate."""
     body = [
         (
             f"{r['loop_hz']:g} Hz",
@@ -109,7 +111,8 @@ def _slow(rows: list[Row]) -> str:
     return table(("loop", "stiffness", "first", "identified", "overshoot"), body)
 
 
-def _controller(rows: list[Row]) -> str:
+def controller_table(rows: list[Row]) -> str:
+    """Return the releases with the loop in the controller, some of them stopped."""
     body = [
         (f"{1e3 * r['as_step_s']:g} ms", f"{r['stiffness_N_m']:g}", r["stopped"], "", "")
         if "stopped" in r
@@ -125,7 +128,8 @@ def _controller(rows: list[Row]) -> str:
     return table(("AS step", "stiffness", "first", "loop", "overshoot"), body)
 
 
-def _limited(rows: list[Row]) -> str:
+def limited_table(rows: list[Row]) -> str:
+    """Return the releases with a lower speed limit."""
     body = [
         (
             f"{r['speed_m_s'] * 1e3:g} mm/s",

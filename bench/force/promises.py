@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
+from bench.force.on_controller import FASTEST_STEP_S
 from bench.force.run import Row
 from bench.force.settle import BAND_N, PRESS_N
 
@@ -31,6 +33,7 @@ def requirements(rows: Rows) -> list[Requirement]:
     made: list[Requirement | None] = [
         *_releases(rows["release"]),
         *_slow(rows["slow loops"]),
+        *_controller(rows["controller host"]),
         *_limited(rows["limited speed"]),
         *_brakes(rows["slow brakes"]),
         *_scenes(rows["scenes"]),
@@ -48,10 +51,9 @@ def _worst(
     values = [of(row) for row in chosen]
     worst = int(np.argmax(values))
     row = chosen[worst]
-    loop = f", {row['loop_hz']:g} Hz" if row.get("loop_hz", 250.0) != 250.0 else ""
-    return Requirement(
-        text, limit, values[worst], f"{row['stiffness_N_m']:g} N/m, {row['delay_ms']} ms{loop}"
-    )
+    delay = f", {row['delay_ms']} ms" if "delay_ms" in row else ""
+    loop = f", {row['loop_hz']:.3g} Hz" if row.get("loop_hz", 250.0) != 250.0 else ""
+    return Requirement(text, limit, values[worst], f"{row['stiffness_N_m']:g} N/m{delay}{loop}")
 
 
 def _or_never(seconds: float | None) -> float:
@@ -138,6 +140,16 @@ def _slow(rows: list[Row]) -> Iterable[Requirement | None]:
             lambda r: _or_never(r["identified_s"]),
         )
     yield _worst("slow loops, overshoot, %", 5.0, rows, _overshoot)
+
+
+def _controller(rows: list[Row]) -> Iterable[Requirement | None]:
+    """Yield what holds where the adaptive law does; slower controllers are only reported."""
+    fastest = [row for row in rows if row["as_step_s"] == FASTEST_STEP_S]
+    never = {"first_s": None, "tau_s": 1.0, "overshoot_pct": inf, "loop_hz": 250.0}
+    ran = [never | row for row in fastest]
+    yield _worst("loop in the controller, first, tau", 10.0, ran, _taus("first"))
+    text = "the same, overshoot, %"
+    yield _worst(text, 5.0, ran, lambda row: float(row["overshoot_pct"]))
 
 
 def _scenes(rows: list[Row]) -> Iterable[Requirement | None]:

@@ -1,10 +1,15 @@
 """Figures measured on the virtual clock: a page shows the present output of its command."""
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 import pytest
 
 from bench import over_tcp, settling
+from bench.force import on_controller
+from bench.force.page import controller_table, limited_table, slow_table
+from bench.force.run import LIMITED, TABLES, Extent, Row
 from bench.tables import as_markdown
 from tools.figures import BLOCK, ROOT
 
@@ -34,3 +39,21 @@ def test_a_row_over_tcp_is_what_make_bench_tcp_prints(number: int) -> None:
     cases = over_tcp.cases()
     stated = rows_of("docs/over-tcp.md", "over-tcp")[-len(cases) :]
     assert stated[number] == f"| {' | '.join(over_tcp.row(over_tcp.run(cases[number])))} |"
+
+
+@pytest.mark.parametrize(
+    ("name", "extent", "table"),
+    [
+        ("slow loops", Extent(), slow_table),
+        ("controller host", Extent(controller=on_controller.CASES[::4]), controller_table),
+        ("limited speed", Extent(limited=LIMITED[::2]), limited_table),
+    ],
+)
+def test_rows_of_the_force_page_are_what_make_bench_force_prints(
+    name: str, extent: Extent, table: Callable[[list[Row]], str]
+) -> None:
+    """All or some of three tables; the whole page takes ten minutes."""
+    with ThreadPoolExecutor(1) as pool:
+        _, _, *rows = table(TABLES[name](extent, pool)).splitlines()
+    assert rows
+    assert set(rows) <= set(rows_of("docs/force.md", "force"))

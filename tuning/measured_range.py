@@ -31,7 +31,7 @@ ADAPTIVE = (
     AdaptiveRange(60.0, 0.060, 1e3),
     AdaptiveRange(125.0, 0.070, 1e3),
     AdaptiveRange(15.0, 0.030, 2e3),
-    AdaptiveRange(15.0, 0.060, 5e3),
+    AdaptiveRange(15.0, 0.120, 5e3),
 )
 
 

@@ -231,6 +231,7 @@ def run(row: Values, seed: int) -> Outcome:
     reply = rig.start(task)
     if not reply.accepted:
         return Outcome(reply)
+    assert f"law {row[1]}" in reply.text, reply.text  # not another in its place
     R_task = frame_axes(task, rig.T_start, rig.cell)
     steady = rig.steady(task)
     cross = rig.cross(task, R_task)

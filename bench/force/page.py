@@ -5,6 +5,7 @@ from itertools import groupby
 
 from bench.force.promises import Rows, requirements, with_own_results
 from bench.force.run import Row
+from bench.force.tcp_releases import LAWS
 
 HEAD = """# Force control benchmark
 
@@ -27,11 +28,15 @@ The speed ratio to a peer law is given as its reciprocal, so smaller is better i
 IDENTIFIED = """First contact (the law starts from 2e5 N/m) / with the stiffness identified, and the
 estimate of the effective stiffness then: it includes the servos in series, about 8e5 N/m.
 """
-CONTROLLER = """Above, host pc: the robot accepts one pose per iteration of the loop. Below, host
-controller, first contact: the emulated controller executes the shipped program, whose loop rate
-is that of its own counter; the PC sends wrenches over TCP, and gains as the stiffness estimate
-improves. It starts from the gain for 1e5 N/m, and has no prediction. With the longer steps the
-delay is beyond the range of the adaptive law: nothing is estimated, and the gain stays.
+SLOW = """The robot accepts one pose per iteration of the loop.
+"""
+OVER_TCP = """## Over TCP, contact unknown
+
+The emulated controller executes the shipped program (cells/demo-tcp.yaml; delay 66 ms at its step
+of 0.125 ms). Every cell is configured for 1e5 N/m; the contact is softer or the same. Loop: its
+iterations per second, by its own counter. Host controller: the PC sends wrenches, and with the
+adaptive law also gains as the stiffness estimate improves; there is no prediction. The contact
+known in advance: [over-tcp.md](over-tcp.md). A set point is rounded to 0.01 mm.
 """
 LIMITED = """At 10 ms of delay, with a lower speed limit. At 1e3 N/m the speed limit bounds the
 first part of the travel and the inertia limit the rest, so the times of both add up.
@@ -57,9 +62,10 @@ def page(rows: Rows, command: str) -> str:
         IDENTIFIED,
         *_releases(rows["release"]),
         "## Slow loops\n",
+        SLOW,
         slow_table(rows["slow loops"]),
-        CONTROLLER,
-        controller_table(rows["controller host"]),
+        OVER_TCP,
+        tcp_table(rows["over TCP"]),
         LIMITED,
         limited_table(rows["limited speed"]),
         "## Arms with low braking acceleration\n",
@@ -100,7 +106,7 @@ def slow_table(rows: list[Row]) -> str:
     """Return the releases with a robot of low pose rate."""
     body = [
         (
-            f"{r['loop_hz']:g} Hz",
+            f"{r['loop_hz']:g} Hz, {r['delay_ms']} ms",
             f"{r['stiffness_N_m']:g}",
             _s(r["first_s"]),
             _s(r["identified_s"]),
@@ -108,24 +114,29 @@ def slow_table(rows: list[Row]) -> str:
         )
         for r in rows
     ]
-    return table(("loop", "stiffness", "first", "identified", "overshoot"), body)
+    return table(("loop, delay", "stiffness", "first", "identified", "overshoot"), body)
 
 
-def controller_table(rows: list[Row]) -> str:
-    """Return the releases with the loop in the controller, some of them stopped."""
+def tcp_table(rows: list[Row]) -> str:
+    """Return the releases over TCP with each law, some of them stopped."""
     body = [
-        (f"{1e3 * r['as_step_s']:g} ms", f"{r['stiffness_N_m']:g}", r["stopped"], "", "")
-        if "stopped" in r
-        else (
-            f"{1e3 * r['as_step_s']:g} ms",
+        (
+            f"{r['host']}, {1e3 * r['as_step_s']:g} ms",
             f"{r['stiffness_N_m']:g}",
-            _s(r["first_s"]),
-            "unknown" if r["loop_hz"] is None else f"{r['loop_hz']:.0f} /s",
-            f"{r['overshoot_pct']:.1f} %",
+            *(cell for law in LAWS for cell in _over_tcp(r, law)),
         )
         for r in rows
     ]
-    return table(("AS step", "stiffness", "first", "loop", "overshoot"), body)
+    measures = [f"{law}: {what}" for law in LAWS for what in ("first", "overshoot", "loop")]
+    return table(("host, AS step", "stiffness", *measures), body)
+
+
+def _over_tcp(row: Row, law: str) -> tuple[str, str, str]:
+    if f"{law}_stopped" in row:
+        return str(row[f"{law}_stopped"]), "", ""
+    loop_hz = row[f"{law}_loop_hz"]
+    loop = "unknown" if loop_hz is None else f"{loop_hz:.0f} /s"
+    return _s(row[f"{law}_first_s"]), f"{row[f'{law}_overshoot_pct']:.1f} %", loop
 
 
 def limited_table(rows: list[Row]) -> str:

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from bench.force import on_controller, scenes, search, settle, stage
+from bench.force import scenes, search, settle, stage, tcp_releases
 from bench.force.rig import SceneSettings
 from bench.force.settle import Release
 
 Row = dict[str, Any]
 DELAY_ERRORS_MS = (0.0, 5.0, 10.0, -5.0)
 LOOPS_HZ = (60.0, 30.0, 15.0)
+SLOW_DELAYS_MS = (10, 120)
 LAWS: dict[str, stage.Make] = {
     "adaptive": stage.adaptive,
     "plain, safe at 2e5 N/m": stage.plain,
@@ -49,7 +50,7 @@ class Extent:
     search_part: int = 1
     limited: Sequence[SceneSettings] = LIMITED
     brakes: Sequence[SceneSettings] = BRAKES
-    controller: Sequence[on_controller.Case] = on_controller.CASES
+    over_tcp: Sequence[tcp_releases.TcpRelease] = tcp_releases.CASES
 
 
 SHORT = Extent(
@@ -65,7 +66,7 @@ QUICK = Extent(
     5,
     LIMITED[-1:],
     BRAKES[-1:],
-    on_controller.CASES[:1],
+    tcp_releases.CASES[:1],
 )
 
 
@@ -80,13 +81,14 @@ def release_rows(extent: Extent, pool: Executor) -> list[Row]:
 
 def slow_rows(_: Extent, pool: Executor) -> list[Row]:
     """Return the releases with a controller of low pose rate."""
-    slow = [SceneSettings(k, 10, hz) for hz, k in product(LOOPS_HZ, (5e3, 2e4, 1e5))]
+    places = product(SLOW_DELAYS_MS, LOOPS_HZ, (5e3, 2e4, 1e5))
+    slow = [SceneSettings(k, delay_ms, hz) for delay_ms, hz, k in places]
     return list(pool.map(release_row, slow))
 
 
-def controller_rows(extent: Extent, pool: Executor) -> list[Row]:
-    """Return the releases with force feedback inside the emulated controller."""
-    return list(pool.map(on_controller.row, extent.controller))
+def tcp_rows(extent: Extent, pool: Executor) -> list[Row]:
+    """Return the releases over TCP, on both loop hosts."""
+    return list(pool.map(tcp_releases.row, extent.over_tcp))
 
 
 def limited_rows(extent: Extent, pool: Executor) -> list[Row]:
@@ -186,7 +188,7 @@ def scene_row(job: tuple[str, str, SceneSettings]) -> Row:
 TABLES: dict[str, Callable[[Extent, Executor], list[Row]]] = {
     "release": release_rows,
     "slow loops": slow_rows,
-    "controller host": controller_rows,
+    "over TCP": tcp_rows,
     "limited speed": limited_rows,
     "slow brakes": brake_rows,
     "fixed gain": fixed_gain_rows,

@@ -16,6 +16,7 @@ STIFFNESSES_N_M = (1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5, 2e5)
 DELAYS_MS = (0, 10, 30, 60)
 CHUNK_S, ENOUGH_S = 0.1, 0.4  # the end of a run: so long within the band
 LONGEST_S = 3.0
+LONGEST_TAUS = 15.0
 
 
 class Presser(Protocol):
@@ -83,7 +84,7 @@ def ours(world: SceneSettings) -> tuple[Release, Release]:
     rig = ForceRig(cell)
     rig.press(PRESS_N)
     pilot = LawRunner("adaptive", cell, rig.T_base_tcp, rig.arm.T_base_tcp)
-    longest_s = max(1.0, 8.0 / (5e-3 * world.stiffness_N_m))
+    longest_s = max(1.0, LONGEST_TAUS * true_tau_s(world), 8.0 / (5e-3 * world.stiffness_N_m))
     first = release(rig, pilot, world, longest_s)
     for setpoint_N in (0.5 * PRESS_N, PRESS_N):
         pilot.setpoint_N = setpoint_N

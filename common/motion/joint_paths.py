@@ -73,7 +73,10 @@ def path_obstacle(
     T_flange_model = T_measured.actInv(space.arm.flange_pose(q))
     walk = _Walk(space, q, T_flange_model)
     segments = list(pairwise([T_measured, T_from, *poses]))
-    extents_m = [_extent_m(*segment) for segment in segments]
+    extents_m = [
+        max(length_m, TURN_RADIUS_M * turn_rad)
+        for length_m, turn_rad in (apart(*segment) for segment in segments)
+    ]
     sample_m = max(SAMPLE_M, sum(extents_m) / MOST_SAMPLES)
     for number, (segment, extent_m) in enumerate(zip(segments, extents_m, strict=True)):
         count = max(1, ceil(extent_m / sample_m))
@@ -83,12 +86,6 @@ def path_obstacle(
             if trip is not None and number > 0:
                 return Obstacle(number, trip)
     return None
-
-
-def _extent_m(T_from: pin.SE3, T_to: pin.SE3) -> float:
-    """Return the length of a segment, at least the arc of a point of the tool."""
-    length_m, turn_rad = apart(T_from, T_to)
-    return max(length_m, TURN_RADIUS_M * turn_rad)
 
 
 def tool_path_refusal(

@@ -237,13 +237,14 @@ def controller_gain(
     """Return the integral gains of the host controller, base axes [m/(N s)]. Shape (3,).
 
     The controller has neither predictor nor inertia compensation, so the plain gain rule applies,
-    to the estimated stiffness.
+    to the estimated stiffness; below the softest one that was measured, to the cell's stiffest.
     """
     cap_m_per_Ns = INERTIA_MARGIN * settings.inertia_cap_m_per_Ns
     squares, rule = squared(R_base_task), settings.plain_gain_m_per_Ns
     requested_Ki = rotated_back(squares, gains.force_i_m_per_Ns)
     Ki = [
-        min(LOOP_GAIN / (k * settings.tau_s), cap_m_per_Ns) * min(requested / rule, 1.0)
+        min(LOOP_GAIN / (k * settings.tau_s), cap_m_per_Ns if k >= settings.softest_N_m else rule)
+        * min(requested / rule, 1.0)
         for k, requested in zip(state.k_N_m, requested_Ki, strict=True)
     ]
     return rotated(squares, Ki)
@@ -260,7 +261,8 @@ def update_estimates(state: AdaptiveState, sample: LawInput, settings: AdaptiveS
 
     Between two reports the measured pose is older than the force: paired with it, a stiff contact
     would look soft. So each report counts once. While a moving surface is tracked, travel without
-    force carries no stiffness information.
+    force carries no stiffness information. Nor does travel along an axis that is held, by a path or
+    a turn: the force there is that of the motion along the others, and the contact would look soft.
     """
     motion, dt_s, fit = sample.motion, sample.dt_s, settings.stiffness
     command, report_s = state.command, state.since_report_s + dt_s
@@ -282,6 +284,8 @@ def update_estimates(state: AdaptiveState, sample: LawInput, settings: AdaptiveS
     forces_N = rotated_back(R_base_task, plus(sample.force_N, model.acceleration, inertia_kg))
     speeds_m_s = rotated_back(R_base_task, model.speed)
     for axis, force_N in enumerate(forces_N):
+        if not sample.task.yields[axis]:
+            continue
         stiffness = state.stiffness[axis]
         if sample.pose_is_new:
             stiffness.update(

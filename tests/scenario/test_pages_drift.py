@@ -7,8 +7,8 @@ from itertools import product
 import pytest
 
 from bench import over_tcp, settling
-from bench.force import on_controller
-from bench.force.page import controller_table, limited_table, slow_table
+from bench.force import tcp_releases
+from bench.force.page import limited_table, slow_table, tcp_table
 from bench.force.run import LIMITED, TABLES, Extent, Row
 from bench.tables import as_markdown
 from tools.figures import BLOCK, ROOT
@@ -45,7 +45,7 @@ def test_a_row_over_tcp_is_what_make_bench_tcp_prints(number: int) -> None:
     ("name", "extent", "table"),
     [
         ("slow loops", Extent(), slow_table),
-        ("controller host", Extent(controller=on_controller.CASES[::4]), controller_table),
+        ("over TCP", Extent(over_tcp=tcp_releases.CASES[::5]), tcp_table),
         ("limited speed", Extent(limited=LIMITED[::2]), limited_table),
     ],
 )

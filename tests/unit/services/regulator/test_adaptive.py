@@ -11,15 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from common.config.load import load_cell
 from common.motion.convert import vec3
 from common.motion.frames import Oat, R_from_oat, rotation_between, rotation_from_vector
-from services.regulator.adaptive import AdaptiveSettings, begin, limit_gain_for_braking, step
-from services.regulator.axis_task import mode_task
+from services.regulator.adaptive import (
+    AdaptiveSettings,
+    begin,
+    controller_gain,
+    limit_gain_for_braking,
+    step,
+)
+from services.regulator.axis_task import IDENTITY, mode_task
 from services.regulator.gains import PiGains
 from services.regulator.law import LawMotion, start_at
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, DEMO
 from tests.fakes.law_input import mode_input
-from tuning.gain_rule import tune
+from tuning.gain_rule import LOOP_GAIN, tune
 
 DT_S = 0.004
 SETTINGS = AdaptiveSettings.of(CELL)
@@ -155,6 +162,33 @@ def test_every_axis_is_estimated_by_itself() -> None:
     assert found[:2] == pytest.approx(k[:2], rel=0.4)
     assert found[2] == SETTINGS.stiffness.stiffest_N_m
     assert [axis.is_identified for axis in adaptive.stiffness] == [True, True, False]
+
+
+def test_an_axis_that_is_held_keeps_its_upper_bound_whatever_path_moves_along_it() -> None:
+    """Its force is that of motion along the others: the contact along it would look soft."""
+    law, adaptive = start_at(START), begin(START, START, None, SETTINGS)
+    task = mode_task("position", 10.0, axes=(False, False, True) * 2)
+    for number in range(100):
+        force_N = np.array([0.02 * number, 0.0, 10.0 + 0.05 * number])
+        shift_m = START.rotation @ np.array([-4e-5 * number, 0.0, -5e-6 * number])
+        T_measured = pin.SE3(START.rotation, START.translation + shift_m)
+        sample = replace(pushed(START.rotation @ force_N), task=task, T_measured=T_measured)
+        adaptive, _ = step(adaptive, replace(sample, motion=law), SETTINGS)
+    stiffest = SETTINGS.stiffness.stiffest_N_m
+    assert [axis.k_N_m for axis in adaptive.stiffness][:2] == [stiffest, stiffest]
+    assert adaptive.stiffness[2].k_N_m == pytest.approx(1e4, rel=0.3)
+
+
+@given(st.floats(200.0, 2e5))
+def test_the_controllers_gain_below_the_measured_stiffness_is_the_plain_laws(k_N_m: float) -> None:
+    """A loop over TCP: an estimate that is too soft must not make the controller fast."""
+    tcp = load_cell(DEMO.with_name("demo-tcp.yaml"))
+    chosen = AdaptiveSettings.of(tcp)
+    state, gains = begin(START, START, (k_N_m,) * 3, chosen), PiGains.of(tune(tcp).gains)
+    largest = max(controller_gain(state, gains, IDENTITY, chosen))
+    if k_N_m < chosen.softest_N_m:
+        assert largest == pytest.approx(chosen.plain_gain_m_per_Ns)
+    assert largest <= LOOP_GAIN / (chosen.softest_N_m * chosen.tau_s) * (1.0 + 1e-9)
 
 
 @pytest.mark.parametrize("report_s", [0.004, 0.02, 0.08])

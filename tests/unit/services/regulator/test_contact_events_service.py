@@ -112,7 +112,7 @@ def test_without_a_valid_input_the_state_is_unknown(bench: ContactBench, key: st
     assert (event.state, event.before, event.valid) == ("contact", "unknown", True)
 
 
-def test_a_wrench_that_is_not_calibrated_tells_no_contact(bench: ContactBench) -> None:
+def test_a_wrench_that_is_not_calibrated_is_no_input(bench: ContactBench) -> None:
     """What is left of the tool's weight would be one."""
     bench.push((0.0, 0.0, 20.0))
     bench.wrench = bench.wrench.replaced(calibrated=False, calibration_fault="residual 4 N")

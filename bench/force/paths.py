@@ -26,7 +26,7 @@ from services.regulator.axis_task import mode_task
 from services.regulator.gains import PiGains
 from services.regulator.law import LawInput, LawMotion, back_calculate, start_at
 from services.regulator.path_curve import PathCurve
-from services.regulator.path_request import turn_limit_rad_s
+from services.regulator.path_request import turn_limits
 from services.regulator.pose_path import PosePath, path_start
 from tuning.gain_rule import tune
 
@@ -61,8 +61,7 @@ class OnPath:
     def __init__(self, law: LawRunner | Admittance | Fdcc, rig: ForceRig) -> None:
         """Start at rest; the path turns as fast as the cell permits, as in the regulator."""
         self.law, self._motion = law, start_at(rig.T_base_tcp)
-        turn_rad_s = turn_limit_rad_s(rig.cell)
-        curve = PathCurve(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_rad_s)
+        curve = PathCurve(rig.T_base_tcp, 0.0, ACCEL_M_S2, turn_limits(rig.cell))
         predicts = isinstance(law, LawRunner) and law.predicts
         self.path = PosePath(curve, in_contact=True, predicts=predicts)
         self._task = mode_task("position", HOLD_N, axes=PRESS_ONLY)

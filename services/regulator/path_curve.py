@@ -8,12 +8,20 @@ brakes along the arc length s with a, and is planned over all pending pieces:
 
 v_end is zero at a sharp corner without a blend and at the end. A rotation counts as the travel of a
 point ROTATION_RADIUS_M away, so the tool may also turn in place.
+
+A face that turns on its contact pushes its edge into the surface, unlike one that travels over a
+convex body and turns with its normal. So the share of a rotation that the travel x does not explain
+
+    1 - x / (ROTATION_RADIUS_M angle)
+
+has an angular speed of its own, at most `in_place_rad_s`.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import hypot, inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -25,6 +33,21 @@ ROTATION_RADIUS_M = 0.02
 LEAST_BEND = 0.01  # sine of the angle of a corner that is blended
 LEAST_PIECE_M = 1e-6  # shorter ones are left out
 BLEND = np.linspace(0.0, 1.0, 65)  # parameters at which the arc length of a blend is measured
+
+
+class TurnLimits(NamedTuple):
+    """Highest angular speeds of a path."""
+
+    rad_s: float
+    in_place_rad_s: float
+
+    def fastest_m_s(self, travel_m: float, angle_rad: float, length_m: float) -> float:
+        """Return the highest speed along a piece that travels and turns uniformly."""
+        if angle_rad == 0.0:
+            return inf
+        in_place = max(1.0 - travel_m / (ROTATION_RADIUS_M * angle_rad), 0.0)
+        rad_s = min(self.rad_s, self.in_place_rad_s / in_place) if in_place else self.rad_s
+        return rad_s * length_m / angle_rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +94,7 @@ class PathCurve:
     T_end: pin.SE3
     feed_m_s: float
     accel_m_s2: float
-    turn_rad_s: float  # highest
+    turns: TurnLimits
     pieces: tuple[Piece, ...] = ()
     ends_m_s: tuple[float, ...] = ()  # highest speed at the end of each piece
     beyond_m: tuple[float, ...] = ()  # length after each piece
@@ -100,7 +123,7 @@ class PathCurve:
         """Return the curve with more poses at its end."""
         pieces, T_last, last_m = list(self.pieces), self.T_end, self.last_m
         for T_to in poses:
-            straight = _straight(T_last, T_to, self.turn_rad_s)
+            straight = _straight(T_last, T_to, self.turns)
             if straight.length_m < LEAST_PIECE_M:
                 continue
             if pieces:
@@ -148,11 +171,11 @@ class PathCurve:
         )
 
 
-def _straight(T_from: pin.SE3, T_to: pin.SE3, turn_rad_s: float) -> Piece:
+def _straight(T_from: pin.SE3, T_to: pin.SE3, turns: TurnLimits) -> Piece:
     turn_rad = rotation_between(T_from.rotation, T_to.rotation)
-    angle_rad = hypot(*turn_rad)
-    length_m = max(hypot(*T_to.translation - T_from.translation), ROTATION_RADIUS_M * angle_rad)
-    fastest_m_s = turn_rad_s * length_m / angle_rad if angle_rad > 0.0 else inf
+    travel_m, angle_rad = hypot(*T_to.translation - T_from.translation), hypot(*turn_rad)
+    length_m = max(travel_m, ROTATION_RADIUS_M * angle_rad)
+    fastest_m_s = turns.fastest_m_s(travel_m, angle_rad, length_m)
     return Piece(T_from, T_to, turn_rad, length_m, fastest_m_s)
 
 
@@ -164,8 +187,8 @@ def _joined(before: Piece, after: Piece, blend_m: float, curve: PathCurve) -> li
     T_in = interpolated(before.T_from, before.T_to, 1.0 - blend_m / before.length_m)
     T_out = interpolated(after.T_from, after.T_to, blend_m / after.length_m)
     straights = [
-        _straight(before.T_from, T_in, curve.turn_rad_s),
-        _straight(T_out, after.T_to, curve.turn_rad_s),
+        _straight(before.T_from, T_in, curve.turns),
+        _straight(T_out, after.T_to, curve.turns),
     ]
     blend = _blend(T_in, before.T_to.translation, T_out, curve)
     pieces = [straights[0], blend, straights[1]]
@@ -183,9 +206,8 @@ def _blend(T_from: pin.SE3, corner_m: Array, T_to: pin.SE3, curve: PathCurve) ->
     length_m, angle_rad = float(travelled_m[-1]), hypot(*turn_rad)
     chord_m, bend_m = b - a, 2.0 * (a - 2.0 * corner_m + b)
     curvature = hypot(*np.cross(chord_m, bend_m)) / max(hypot(*chord_m) ** 3, LEAST_PIECE_M**3)
-    fastest_m_s = sqrt(curve.accel_m_s2 / curvature)
-    if angle_rad > 0.0:
-        fastest_m_s = min(fastest_m_s, curve.turn_rad_s * length_m / angle_rad)
+    turning_m_s = curve.turns.fastest_m_s(length_m, angle_rad, length_m)
+    fastest_m_s = min(sqrt(curve.accel_m_s2 / curvature), turning_m_s)
     return Piece(T_from, T_to, turn_rad, length_m, fastest_m_s, corner_m, travelled_m)
 
 

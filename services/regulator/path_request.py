@@ -12,9 +12,11 @@ from common.motion.convert import pose_of
 from common.motion.frames import apart
 from forcemesh.requests import PathRequest
 from services.regulator.axis_task import AxisTask
-from services.regulator.path_curve import PathCurve
+from services.regulator.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
 from services.regulator.pose_path import PosePath, path_start
 from services.regulator.tcp_path import TcpPath, component_across, path_along
+
+IN_PLACE_SHARE = 0.25  # of the speed of an approach, at the edge of the tool
 
 Path = TcpPath | PosePath
 
@@ -36,7 +38,7 @@ def next_path(
     task: AxisTask,
     turns_frame: bool,
     predicts: bool,
-    turn_rad_s: float,
+    turns: TurnLimits,
 ) -> Path:
     """Return the path to follow from now on, from the speed along the present one.
 
@@ -47,7 +49,7 @@ def next_path(
         task: Task of force control.
         turns_frame: The task frame turns with the path.
         predicts: The law has a predictor.
-        turn_rad_s: Highest angular speed.
+        turns: Highest angular speeds.
     """
     if not request.poses:
         points = before if isinstance(before, TcpPath) else None
@@ -57,7 +59,7 @@ def next_path(
         path = before
     else:
         T_start = path_start(T_base_tcp, poses[0], task)
-        curve = PathCurve(T_start, request.speed_m_s, request.accel_m_s2, turn_rad_s)
+        curve = PathCurve(T_start, request.speed_m_s, request.accel_m_s2, turns)
         path = PosePath(curve, request.in_contact, predicts)
     curve = replace(path.curve, feed_m_s=request.speed_m_s, accel_m_s2=request.accel_m_s2)
     curve = curve.extended(poses, request.blend_m)
@@ -76,12 +78,16 @@ def _next_points(before: TcpPath | None, request: PathRequest, *, turns_frame: b
     )
 
 
-def turn_limit_rad_s(cell: CellConfig) -> float:
-    """Return the highest angular speed of a path.
+def turn_limits(cell: CellConfig) -> TurnLimits:
+    """Return the highest angular speeds of a path.
 
-    The arbiter slows travel and turn together: a turn beyond its limit would slow force control.
+    The arbiter slows travel and turn together: a turn beyond its limit would slow force control. In
+    place, the edge of the tool moves at a quarter of an approach: that one may use the whole force
+    budget.
     """
-    return min(cell.force.speed_max_rad_s, radians(cell.limits.speed_deg_s))
+    rad_s = min(cell.force.speed_max_rad_s, radians(cell.limits.speed_deg_s))
+    approach_m_s = min(cell.force.approach_m_s, cell.approach_limit_m_s)
+    return TurnLimits(rad_s, IN_PLACE_SHARE * approach_m_s / ROTATION_RADIUS_M)
 
 
 def largest_turn(T_from: pin.SE3, poses: list[pin.SE3]) -> tuple[int, float]:

@@ -118,7 +118,7 @@ class PosePath:
             shift_m = masked(shift_m, held[0], R_base_task)
         shift_m = plus(shift_m, masked(away_m, held[0], R_base_task), -1.0)
         back_rad = masked(away_rad, held[1], R_base_task)
-        most_rad = self.curve.turn_rad_s * sample.dt_s
+        most_rad = self.curve.turns.rad_s * sample.dt_s
         turn_rad = plus(turn_rad, limit_norm(back_rad, most_rad), -1.0)
         return moved(T, (limit_norm(shift_m, most_m), turn_rad), 1.0)
 

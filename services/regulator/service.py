@@ -53,7 +53,7 @@ from services.regulator.link_lag import CommandHistory
 from services.regulator.path_request import (
     next_path,
     tool_poses,
-    turn_limit_rad_s,
+    turn_limits,
 )
 from services.regulator.refusals import (
     refused_axes,
@@ -439,7 +439,7 @@ class Regulator:
         session.path = next_path(
             session.path, request, T_base_tcp=T_base_tcp, task=session.goal,
             turns_frame=session.follows_tangent, predicts=LAWS[session.law].predicts,
-            turn_rad_s=turn_limit_rad_s(self._cell),
+            turns=turn_limits(self._cell),
         )  # fmt: skip
         what = f"{len(poses)} poses" if request.poses else f"{len(poses)} points"
         return Reply(accepted=True, text=f"the tool follows {what}")

@@ -1,11 +1,12 @@
-"""Path with force on the MuJoCo robot: the whole cell on a virtual clock, at 250 Hz.
+"""Path with force, the whole cell on a virtual clock: MuJoCo robot at 250 Hz, controller over TCP.
 
 10 N at 20 mm/s over a tilted plane, a cylinder and a hemisphere of 2e4 N/m, as `forcemesh follow
 --poses tcp` does it. The program is off by a millimetre and two degrees. The true force of every
-millisecond counts, not the measured one.
+millisecond counts, not the measured one. A loop over TCP promises less.
 """
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -22,10 +23,10 @@ from tests.fakes.bench import DEMO
 
 FORCE_N, FEED_M_S, RADIUS_M, LENGTH_M = 10.0, 0.02, 0.08, 0.04
 OFF_M, OFF_RAD = (0.001, 0.0005, 0.001), np.radians(2.0)  # of the program, and about y
-MEAN_ERROR_N, WORST_PRESS_N, COUNTED_FROM_S = 0.3, 20.0, 1.0
+WORST_PRESS_N, COUNTED_FROM_S = 20.0, 1.0
+FAST, OVER_TCP = DEMO, DEMO.with_name("demo-tcp.yaml")
+RATES = {FAST: {"rates.control_hz": 250.0, "rates.robot_hz": 250.0}, OVER_TCP: {}}
 CELL = {
-    "rates.control_hz": 250.0,
-    "rates.robot_hz": 250.0,
     "sim.stiffness_N_m": 2e4,
     "sim.radius_m": RADIUS_M,
     "sim.disc_radius_m": 0.01,
@@ -65,11 +66,22 @@ def pushes_N(world: VirtualCell, active: Callable[[], bool]) -> list[float]:
 
 
 @pytest.mark.parametrize(
-    ("surface", "tilt_deg"), [("plane", 8.0), ("cylinder", 0.0), ("hemisphere", 0.0)]
+    ("path", "surface", "tilt_deg", "most_N"),
+    [
+        (FAST, "plane", 8.0, 0.3),
+        (FAST, "cylinder", 0.0, 0.3),
+        (FAST, "hemisphere", 0.0, 0.3),
+        (OVER_TCP, "plane", 8.0, 0.6),
+        (OVER_TCP, "hemisphere", 0.0, 1.5),
+    ],
 )
-def test_the_force_stays_on_its_set_point_along_the_path(surface: str, tilt_deg: float) -> None:
-    """Mean error at most 0.3 N after the first second, and never twice the set point."""
-    config = load_cell(DEMO, CELL | {"sim.surface": surface, "sim.tilt_deg": tilt_deg})
+def test_the_force_stays_on_its_set_point_along_the_path(
+    path: Path, surface: str, tilt_deg: float, most_N: float
+) -> None:
+    """The mean error after the first second, and never twice the set point."""
+    config = load_cell(
+        path, CELL | RATES[path] | {"sim.surface": surface, "sim.tilt_deg": tilt_deg}
+    )
     world = VirtualCell(config)
     client = ConfiguredCell(config, bus=world.client, commander="operator")
     client.wait_ready()
@@ -87,12 +99,12 @@ def test_the_force_stays_on_its_set_point_along_the_path(surface: str, tilt_deg:
     )
     on_path = np.array(true_N[round(COUNTED_FROM_S / TICK_S) :])
     assert len(on_path) * TICK_S > 0.5 * LENGTH_M / FEED_M_S
-    assert np.abs(on_path - FORCE_N).mean() < MEAN_ERROR_N
+    assert np.abs(on_path - FORCE_N).mean() < most_N
     assert max(true_N) < WORST_PRESS_N
-    assert done.mean_error_N < MEAN_ERROR_N
+    assert done.mean_error_N < most_N
     assert done.worst_press_N < WORST_PRESS_N
     assert done.contacts_lost == 0
     assert done.missed_mm is not None
-    assert done.missed_mm < 3.0
+    assert done.missed_mm < (3.0 if path is FAST else 10.0)
     assert done.length_mm == pytest.approx(1e3 * LENGTH_M, rel=0.01)
     client.close()

@@ -23,7 +23,7 @@ WORLD = SceneSettings(K_N_M, 10, LOOP_HZ)
 def test_the_tool_turns_no_faster_than_in_the_regulator(most_rad_s: float) -> None:
     """The limit is that of the cell, not one of the benchmark's own."""
     rig = ForceRig(SceneSettings(overrides=(("force.speed_max_rad_s", most_rad_s),)).cell())
-    assert OnPath(adaptive(rig), rig).path.curve.turn_rad_s == most_rad_s
+    assert OnPath(adaptive(rig), rig).path.curve.turns.rad_s == most_rad_s
 
 
 @pytest.mark.parametrize("surface", ["plane", "cylinder", "hemisphere"])

@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.motion.frames import apart
-from services.regulator.path_curve import (
-    ROTATION_RADIUS_M,
-    PathCurve,
-)
+from services.regulator.path_curve import ROTATION_RADIUS_M, PathCurve, TurnLimits
 
 DT_S, FEED_M_S, ACCEL_M_S2, TURN_RAD_S = 0.004, 0.02, 0.3, 1.0
+IN_PLACE_RAD_S = 0.3
+TURNS = TurnLimits(TURN_RAD_S, IN_PLACE_RAD_S)
 MOST_M, SLOW_S = 1.0, 0.05
 coordinates = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
 angles = st.floats(-0.5, 0.5).map(lambda x: round(x, 3))
@@ -30,7 +29,7 @@ def pose_at(place: tuple[float, ...]) -> pin.SE3:
 
 def start(**changes: float) -> PathCurve:
     """Return a path without poses at the origin."""
-    return PathCurve(pin.SE3.Identity(), FEED_M_S, ACCEL_M_S2, TURN_RAD_S)
+    return PathCurve(pin.SE3.Identity(), FEED_M_S, ACCEL_M_S2, TURNS)
 
 
 def followed(path: PathCurve, dt_s: float = DT_S) -> list[PathCurve]:
@@ -119,7 +118,18 @@ def test_a_tool_turns_in_place_at_the_feed_of_a_small_radius() -> None:
     assert path.pieces[0].length_m == pytest.approx(0.4 * ROTATION_RADIUS_M)
     assert path.tangent == pytest.approx(np.zeros(3))
     assert path.ends_m_s == (0.0, 0.0)
-    assert len(followed(path)) > 0.4 / TURN_RAD_S / DT_S
+    assert len(followed(path)) > 0.4 / IN_PLACE_RAD_S / DT_S
+
+
+@given(st.floats(0.0, 0.1), st.floats(1e-3, 1.0))
+def test_a_turn_that_the_travel_does_not_explain_has_a_speed_of_its_own(travel_m, angle) -> None:
+    """A tool that travels over a convex body turns as fast as its feed; in place it is slow."""
+    (piece,) = start().extended([pose_at((travel_m, 0, 0, 0, angle, 0))], 0.0).pieces
+    turn_rad_s = piece.fastest_m_s * angle / piece.length_m
+    explained = min(travel_m / (ROTATION_RADIUS_M * angle), 1.0)
+    assert turn_rad_s <= TURN_RAD_S * (1 + 1e-6)
+    assert turn_rad_s * (1.0 - explained) <= IN_PLACE_RAD_S * (1 + 1e-6)
+    assert turn_rad_s >= IN_PLACE_RAD_S * (1 - 1e-6)
 
 
 def test_the_feed_changes_with_the_acceleration_of_the_curve() -> None:

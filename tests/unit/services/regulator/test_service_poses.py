@@ -14,7 +14,7 @@ from forcemesh.errors import MessageError
 from forcemesh.force_task import parse_task
 from forcemesh.messages import PoseRecord
 from forcemesh.requests import ForceStartRequest, PathRequest
-from services.regulator.path_request import turn_limit_rad_s
+from services.regulator.path_request import turn_limits
 from services.regulator.tcp_path import MOST_PATH_POINTS
 from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import PERIOD_S, FollowingBench
@@ -275,5 +275,5 @@ def test_a_lateral_set_point_keeps_its_correction_along_a_path_of_poses() -> Non
 def test_a_path_turns_no_faster_than_the_arbiter_permits() -> None:
     """It slows travel and turn by one factor, so that a faster turn would slow force control."""
     fast = load_cell(DEMO, {"force.speed_max_rad_s": 2.0})
-    assert turn_limit_rad_s(fast) == pytest.approx(np.radians(fast.limits.speed_deg_s))
-    assert turn_limit_rad_s(CELL) == CELL.force.speed_max_rad_s
+    assert turn_limits(fast).rad_s == pytest.approx(np.radians(fast.limits.speed_deg_s))
+    assert turn_limits(CELL).rad_s == CELL.force.speed_max_rad_s

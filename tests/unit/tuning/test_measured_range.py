@@ -7,13 +7,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config.cell import CellConfig
+from common.config.load import load_cell
 from forcemesh.requests import ForceStartRequest
 from services.regulator.adaptive import AdaptiveSettings, gain_for
 from services.regulator.law import LawSettings
-from tests.fakes.bench import CELL
+from tests.fakes.bench import CELL, DEMO
 from tests.fakes.regulator_bench import RegulatorBench
 from tuning import measured_range
-from tuning.measured_range import range_violation, restriction, softest_N_m
+from tuning.measured_range import (
+    range_violation,
+    restriction,
+    segment_approach_m_s,
+    segment_range,
+    softest_N_m,
+)
 
 ADAPTIVE = ForceStartRequest(mode="position", law="adaptive")
 
@@ -90,3 +97,18 @@ def test_the_plain_law_names_what_is_outside_its_range(
     found = range_violation(loop_hz, tau_s, k_N_m)
     assert found.startswith(reason)
     assert bool(found) == bool(reason)
+
+
+def test_the_approach_that_segments_bear_is_unlimited_without_them() -> None:
+    """No gateway, a packet of the specification, or segments longer than all that were measured."""
+    over_tcp = load_cell(DEMO.with_name("demo-tcp.yaml"))
+    assert over_tcp.gateway is not None
+    row = segment_range(over_tcp.gateway.least_segment_s)
+    assert row is not None
+    rate_N_s = segment_approach_m_s(over_tcp) * over_tcp.contact.stiffness_N_m
+    assert rate_N_s == pytest.approx(row.force_rate_N_s, rel=1e-5)
+    assert rate_N_s < row.force_rate_N_s
+    for changes in ({"protocol": "plain"}, {"least_segment_s": 0.5}):
+        gateway = over_tcp.gateway.model_copy(update=changes)
+        assert segment_approach_m_s(over_tcp.model_copy(update={"gateway": gateway})) == inf
+    assert segment_approach_m_s(CELL) == inf

@@ -1,5 +1,6 @@
 """The regulator's part of the skills: hand guiding, a path across the tool's axis, presets."""
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -159,6 +160,19 @@ def test_force_and_path_together_are_within_the_speed_limit(direction, share) ->
     )
     _, shift = advance(route, np.zeros(3), axis, dt_s=PERIOD_S, pushed_m=pushed_m, most_m=2e-4)
     assert np.linalg.norm(pushed_m + shift) <= 2e-4 * (1 + 1e-9)
+
+
+def test_a_path_of_points_ends_at_the_present_height_and_orientation() -> None:
+    """Without pending points it ends where the tool is."""
+    T = pin.SE3(pin.exp3(np.array([0.3, 0.0, 0.0])), np.array([0.1, 0.5, 0.2]))
+    path_to = partial(path_along, speed_m_s=0.02, accel_m_s2=1.0, in_contact=False)
+    end = path_to((np.zeros(3), np.array([0.2, 0.4, 0.9]))).end(T)
+    assert end.rotation == pytest.approx(T.rotation)
+    assert T.actInv(end).translation[2] == pytest.approx(0.0, abs=1e-12)
+    assert T.actInv(end).translation[:2] == pytest.approx(
+        (T.rotation.T @ (np.array([0.2, 0.4, 0.9]) - T.translation))[:2]
+    )
+    assert path_to(()).end(T) is T
 
 
 def test_a_pressed_tool_follows_points_and_stops_where_contact_ends() -> None:

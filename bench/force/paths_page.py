@@ -16,8 +16,9 @@ HEAD = """# Path with force: benchmark
 radius (`forcemesh follow PATH.csv --poses tcp`): 40 mm out and back, the tool turned along the
 normal. The program is off by 1 mm along each axis and by 2 degrees; the tool begins upright, so on
 the tilted plane it turns by 8 degrees in contact first. The rig is that of [force.md](force.md):
-MuJoCo, delay 10 ms, friction 0.3. Mean error: after the first second, which the first turn needs.
-Worst press: the highest force, in means of 8 ms, relative to the set point. Made by `{command}`.
+MuJoCo, delay 10 ms, friction 0.3. Mean error and deviation: after the first second; on stiff
+contacts the first turn takes longer, and counts. Worst press: the highest force, in means of 8 ms,
+relative to the set point. Made by `{command}`.
 
 ## Requirements and results
 """

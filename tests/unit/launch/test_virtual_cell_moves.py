@@ -50,7 +50,7 @@ def test_moves_of_the_joints_arrive_there(lab: Lab) -> None:
 
 def test_a_pose_that_the_joints_do_not_reach_is_refused_before_the_start(lab: Lab) -> None:
     """Inside the workspace box but beyond the arm: nothing moves, the arm stays armed."""
-    far = PoseRecord(position_m=(0.39, 0.79, 0.7), orientation_xyzw=lab.state.orientation_xyzw)
+    far = PoseRecord(position_m=(0.39, 0.79, 0.6), orientation_xyzw=lab.state.orientation_xyzw)
     reply = lab.ask(topics.MOVE, MoveRequest(kind="pose", pose=far))
     assert (reply.accepted, reply.code) == (False, "unreachable")
     assert reply.text.startswith("on the path: ")

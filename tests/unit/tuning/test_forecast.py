@@ -73,7 +73,7 @@ def test_the_cells_own_contact_and_law_are_the_default() -> None:
 
 def test_outside_of_its_range_the_plain_law_is_forecast() -> None:
     """As the regulator runs it in place of the adaptive law."""
-    long_delay = cell_with(robot__delay_s=0.08, force__approach_m_s=0.001)
+    long_delay = cell_with(robot__delay_s=0.13, force__approach_m_s=0.001)
     assert running_law(long_delay, ForceJob(15.0, law="adaptive")) == "plain"
     assert forecast(long_delay, ForceJob(15.0, law="adaptive")).law == "plain"
     assert running_law(CELL, ForceJob(15.0, law="adaptive")) == "adaptive"
@@ -89,6 +89,11 @@ REFUSED: tuple[tuple[CellConfig, ForceJob, str], ...] = (
     (CELL, ForceJob(15.0, 1500.0), "contact stiffness is 1.5e+03 N/m"),
     (CELL, ForceJob(15.0, 3e4), "relative to this contact is 0.667 times"),
     (slow_cell(), ForceJob(15.0), "too slow: the loop runs at 10 Hz"),
+    (
+        cell_with(robot__delay_s=0.08, force__approach_m_s=0.001),
+        ForceJob(15.0, law="adaptive"),
+        "delay of the whole loop is 104 ms",
+    ),
     (
         cell_with(robot__delay_s=0.15, force__approach_m_s=0.001),
         ForceJob(15.0),

@@ -70,7 +70,7 @@ def played(trial: DemoOverrides, plan: ScenarioPlan) -> str:
 def test_the_table_names_the_law_that_ran() -> None:
     """Outside the measured map the plain law replaces the adaptive one, and is named."""
     title = played(
-        DemoOverrides(law="adaptive", delay_s=0.09), ScenarioPlan(press_N=10.0, settled_for_s=0.2)
+        DemoOverrides(law="adaptive", delay_s=0.13), ScenarioPlan(press_N=10.0, settled_for_s=0.2)
     )
     assert "law plain" in title
     assert "the plain law runs in its place" in title

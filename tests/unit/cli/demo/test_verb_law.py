@@ -3,6 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
+from bench.over_tcp import OVERSHOOT_MOST_PCT
 from cli.__main__ import app
 from cli.demo.cell import DemoOverrides, demo_cell, surface_of
 from cli.demo.measures import measure
@@ -18,17 +19,16 @@ from tuning.gain_rule import tune
 def test_the_main_job_is_done_in_five_tau_with_the_adaptive_law(file, stiffness_N_m, taus) -> None:
     """From 30 N to zero, with the stiffness identified while pressing; at most 5 % overshoot.
 
-    On a soft plate the speed limit of force feedback determines the time. On a stiff one over TCP
-    the shortest segment is 3.6 N.
+    On a soft plate the speed limit of force feedback determines the time. Over TCP, where a segment
+    may be several newtons, it is what docs/over-tcp.md allows.
     """
     cell = demo_cell(DEMO.parent / file, DemoOverrides(law="adaptive", stiffness_N_m=stiffness_N_m))
     plan = ScenarioPlan()
     trace = play_virtual(cell, plan, lambda *_: None)
     found = measure(trace, plan, surface_of(cell), tune(cell).tau_s)
     assert found.settling_s is not None
-    is_coarse = file == "demo-tcp.yaml" and stiffness_N_m == 1e5
-    assert found.settling_s <= (7.0 if is_coarse else taus) * found.tau_s
-    assert found.overshoot_pct <= (6.5 if is_coarse else 5.0)
+    assert found.settling_s <= taus * found.tau_s
+    assert found.overshoot_pct <= (5.0 if file == "demo.yaml" else OVERSHOOT_MOST_PCT)
 
 
 @pytest.mark.long

@@ -13,6 +13,7 @@ import pytest
 
 from common.motion.frames import plus
 from forcemesh.messages import ZERO3, Trip, WrenchAtTcp
+from services.regulator.axis_task import AxisTask, VirtualMass
 from services.regulator.gains import PiGains
 from services.regulator.guards import (
     GuardSample,
@@ -100,6 +101,26 @@ def test_a_sample_presses_with_any_set_point_above_0_unless_it_only_turns(
         assert found.rotates == (mode != "position")
         assert found.follows == law.follows
         assert (found.setpoint_N, found.dt_s) == (setpoint_N * (mode != "orientation"), 0.004)
+
+
+@pytest.mark.parametrize("checked", [False, True])
+@pytest.mark.parametrize("complies", [False, True])
+@pytest.mark.parametrize("aside", [False, True])
+def test_a_first_touch_aside_is_a_fault_of_unverified_axes_and_of_a_tool_that_only_presses(
+    checked: bool, complies: bool, aside: bool
+) -> None:
+    """Verified axes may be touched sideways by a task that presses elsewhere or complies."""
+    T = pin.SE3(DOWN, np.zeros(3))
+    sample = mode_input(ZERO3, ZERO3, 8.0, "position", 0.004, GAINS, start_at(T), T)
+    press_N = (8.0, 0.0, 0.0) if aside else (0.0, 0.0, 8.0)
+    shifts = (VirtualMass() if complies else None, None, None)
+    task = AxisTask((True,) * 3, force_N=press_N, shifts=shifts)
+    wrench = WrenchAtTcp(axes_checked=checked)
+    found = GuardSample.of(
+        replace(sample, task=task), start_at(T), T_before=T, wrench=wrench, touched=""
+    )
+    assert found.along_tool == (not aside)
+    assert found.side_trips == (not checked or (not aside and not complies))
 
 
 def test_the_motion_of_a_sample_is_that_of_the_point_of_contact() -> None:

@@ -88,6 +88,7 @@ JUDGES = {
     ),
     "services.arbiter.preflight": (
         "unit/services/arbiter/test_preflight",
+        "unit/services/arbiter/test_preflight_contact",
         "unit/services/arbiter/test_watch_controller",
         "unit/services/arbiter/test_core",
     ),

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from cli.doctor.remedies import BITS, FAULTS, REMEDIES, CheckResult
+from controller.error_codes import error_shown
 from controller.packet import VecInt
 from controller.packet_table import PROTOCOL_VERSION, Scales, Status
 from controller.plain import NOT_PROTECTED
@@ -157,7 +158,7 @@ def check_error_code(code: int | None) -> ReportLine:
     if code == 0:
         return passed("error code", "0")
     if code < 0:
-        return finding("error code", "FAIL", f"{code}: AS error", "error.as")
+        return finding("error code", "FAIL", error_shown(code), "error.as")
     if code not in FAULTS:
         return finding("error code", "WARN", f"{code}", "error.unknown")
     text, result, remedy = FAULTS[code]

@@ -49,7 +49,7 @@ REMEDIES = {
     "sender.stale": "set rates.robot_hz to the measured rate: robot/state would be stale, and the arm would hold",
     "sender.gap": "check the other load of the controller (PC programs, logging, TRACE ON); or lower rates.robot_hz",
     "error.none": "103 is sent with each eighth sample: check PCSTATUS 1:",
-    "error.as": "read the code on the pendant; check the arm; ERESET, then EXECUTE fm.main",
+    "error.as": "check the arm, then do what the code asks for; the program is fm.main",
     "error.unknown": "not a code of this version: LOAD controller/forcemesh.as of this version",
     "loops.stand": "fm.main is blocked in a motion or held: check the pendant; RUN, or EXECUTE fm.main",
     "loops.unknown": "too few 103 received: check the sender's rate",

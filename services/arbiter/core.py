@@ -117,6 +117,8 @@ class Arbiter:
                 command = self._move_on(robot, inputs, tick)
         if command is not None:
             return command
+        if self.state == "FAULT":
+            self.trips = recent((*self.trips, *input_checks.late_error(self.trips, inputs)))
         cause = self.trips[-1].text if self.trips else "not armed"
         reason = clipped(f"the arbiter is {self.state}: {cause}")
         return RobotCommand(kind="hold", speed=self._speed, reason=reason)

@@ -124,14 +124,26 @@ def robot_faults(inputs: Inputs) -> list[Trip]:
     robot = inputs.robot.fresh
     if robot is None or (robot.status.ready and not robot.status.faults):
         return []
-    # A code may be of another version.
-    faults = [
-        fault.replaced(text=FAULTS[fault.code].remedy)
-        if fault.code in FAULTS
-        else fault.replaced(code="robot_error", rule=FAULTS["robot_error"].rule)
-        for fault in robot.status.faults
-    ]
+    faults = [_robot_fault(fault) for fault in robot.status.faults]
     return faults or [tripped("robot_error", "the robot is not ready and names no cause")]
+
+
+def _robot_fault(fault: Trip) -> Trip:
+    """Return a fault of the robot with its own text, or with the remedy if that is the table's."""
+    row = FAULTS.get(fault.code)
+    if row is None:  # of another version
+        return fault.replaced(code="robot_error", rule=FAULTS["robot_error"].rule)
+    return fault if fault.text != row.cause else fault.replaced(text=row.remedy)
+
+
+def late_error(trips: tuple[Trip, ...], inputs: Inputs) -> list[Trip]:
+    """Return the robot's error that is read after the arm has stopped, unless it is a cause."""
+    known = {trip.value for trip in trips if trip.code == "robot_error"}
+    return [
+        fault
+        for fault in robot_faults(inputs)
+        if fault.code == "robot_error" and fault.value is not None and fault.value not in known
+    ]
 
 
 def fault_trips(inputs: Inputs) -> list[Trip]:

@@ -3,6 +3,7 @@
 from typing import Protocol
 
 from common.runtime.signal_service import SignalReading
+from controller.error_codes import error_shown
 from controller.packet_table import FEEDBACK_BITS, MODES, Status
 from forcemesh.clock import NS_PER_S
 from forcemesh.errors import RemoteProtocolError
@@ -260,7 +261,7 @@ class ControllerConnection:
 def robot_status(status: Status, error_code: int) -> RobotStatus:
     """Return the status of any robot, with its faults, and the controller's own bits by name."""
     faults = tuple(
-        tripped(code, FAULTS[code].cause, value=error_code if code == "robot_error" else None)
+        _error(error_code) if bit == Status.ERROR else tripped(code, FAULTS[code].cause)
         for bit, (good, code) in FAULT_BITS.items()
         if bool(status & bit) != good
     )
@@ -273,3 +274,11 @@ def robot_status(status: Status, error_code: int) -> RobotStatus:
         faults=faults,
         kawasaki=KawasakiStatus(**own, error_code=error_code),
     )
+
+
+def _error(error_code: int) -> Trip:
+    """Return the fault of an error of AS; its code comes with the next 103, and is 0 before."""
+    if error_code >= 0:
+        return tripped("robot_error", FAULTS["robot_error"].cause)
+    text = f"the controller reports {error_shown(error_code)}"
+    return tripped("robot_error", text, value=error_code)

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from sim.as_language.errors import AsError, code_of, error_text
+from controller.error_codes import code_of
+from sim.as_language.errors import AsError, error_text
 from sim.as_language.machine_api import EvaluationContext, MachineInterface, Read, ReadOf
 from sim.as_language.values import (
     Joints,

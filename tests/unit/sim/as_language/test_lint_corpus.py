@@ -7,8 +7,9 @@ from typing import get_args
 
 import pytest
 
+from controller.error_codes import code_of
 from sim.as_language import keywords, syntax
-from sim.as_language.errors import TEXTS, code_of
+from sim.as_language.errors import TEXTS
 from sim.as_language.formats import WRITERS
 from sim.as_language.lint import check_text
 from sim.as_language.lint_rules import nodes
